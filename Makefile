@@ -1,0 +1,50 @@
+# Two commands set everything up: `make demo` and `make test`. `make help` lists the rest.
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/.installed
+
+.PHONY: help demo test lint types contracts bench docs samples check clean
+
+help:  ## List the targets
+	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/'
+
+$(INSTALLED): pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "quadid-logs needs Python 3.11 or newer; try: make PYTHON=python3.12 $(MAKECMDGOALS)" >&2; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade pip
+	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	@touch $@
+
+demo: $(INSTALLED)  ## Simulate a flight, analyze it, say where the report is
+	$(BIN)/quadid-log simulate sysid-quad-x -o demo/flight.bin --force
+	$(BIN)/quadid-log analyze demo/flight.bin -o demo/report --force
+	@echo "Open demo/report/flight/report.html in a browser."
+
+test: $(INSTALLED)  ## Run the tests
+	$(BIN)/python -m pytest -q -n auto
+
+lint: $(INSTALLED)  ## Style and format
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(INSTALLED)  ## Strict types
+	$(BIN)/mypy
+
+contracts: $(INSTALLED)  ## Import contracts
+	$(BIN)/lint-imports
+
+bench: $(INSTALLED)  ## Speed and memory against the reference readers
+	$(BIN)/python benchmarks/run.py
+
+docs: $(INSTALLED)  ## Build the documentation into site/
+	$(BIN)/python -m pip install --quiet --editable '.[docs]'
+	$(BIN)/mkdocs build --strict --quiet
+
+samples: $(INSTALLED)  ## Write sample_logs/ anew with our own simulator
+	$(BIN)/python sample_logs/make.py
+
+check: lint types contracts test  ## All that must hold before a commit
+
+clean:  ## Remove what was generated
+	rm -rf $(VENV) demo site build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

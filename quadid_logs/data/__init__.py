@@ -1,0 +1,1 @@
+"""Frozen dataclasses that travel between the stages: no I/O, no algorithms."""

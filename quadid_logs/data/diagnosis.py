@@ -1,0 +1,51 @@
+"""What `diagnose` hands on: findings and a verdict per axis."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+Level = Literal["info", "warning", "error"]
+Verdict = Literal["usable", "caution", "refused"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finding:
+    """A doubt about the flight, with what it rests on and what to do.
+
+    ``axes`` names the axes that the finding touches; empty means all. The
+    texts may quote the log, so they are escaped wherever they are shown.
+    """
+
+    code: str
+    level: Level
+    title: str
+    evidence: Mapping[str, object]
+    advice: str
+    axes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxisVerdict:
+    """Whether the numbers of one axis can be used, and the codes of the reasons.
+
+    ``sentence`` says it in plain words.
+    """
+
+    verdict: Verdict
+    reasons: tuple[str, ...]
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Diagnosis:
+    """All findings, the most severe first, and the verdicts by axis name."""
+
+    findings: tuple[Finding, ...]
+    axes: Mapping[str, AxisVerdict]
+
+    @property
+    def usable(self) -> bool:
+        """True if no axis must be distrusted: exit code 0."""
+        return all(axis.verdict != "refused" for axis in self.axes.values())

@@ -1,0 +1,156 @@
+"""What `align` hands on: one clock, one period, segments without gaps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.data.log import LogText, ModeChange
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SourceChoice:
+    """Which source of a signal was taken, and how it was really sampled.
+
+    Attributes
+    ----------
+    signal, source, reason : str
+        Canonical name, vendor's fields, and why this one.
+    rate_hz : float
+        Median rate inside the flight segments (whole log where there is none).
+    mean_rate_hz : float
+        Samples over time covered: below `rate_hz` where samples are missing.
+    longest_gap_s : float
+        Longest pause between samples inside the flight segments.
+    n_gaps : int
+        Pauses of more than three periods.
+    n_duplicate, n_out_of_order, n_wild, n_not_finite : int
+        Rows with a repeated stamp, put back in order, thrown away for an
+        impossible stamp, or for NaN or infinite values.
+    others : tuple of (source, rate_hz)
+        The sources that were not taken.
+    """
+
+    signal: str
+    source: str
+    reason: str
+    n_samples: int
+    rate_hz: float
+    mean_rate_hz: float
+    longest_gap_s: float
+    n_gaps: int = 0
+    n_duplicate: int = 0
+    n_out_of_order: int = 0
+    n_wild: int = 0
+    n_not_finite: int = 0
+    others: tuple[tuple[str, float], ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Segment:
+    """A stretch of flight on a uniform time grid, without gaps.
+
+    Attributes
+    ----------
+    time_s : ndarray, shape (n_samples,)
+        Uniform, on the log's clock [s].
+    body_rate_rad_s, torque : ndarray, shape (n_samples, 3)
+        Torque is in the unit that `InputDescription` names.
+    attitude_rad : ndarray, shape (n_samples, 3), or None
+        Euler angles, yaw unwrapped; None where the log has none.
+    throttle : ndarray, shape (n_samples,), or None
+    saturated : ndarray of bool, shape (n_samples,)
+        The torque could not be realised, or was clipped.
+    flight : int
+        Number of the flight (from take-off to landing), from 0.
+    """
+
+    time_s: FloatArray
+    body_rate_rad_s: FloatArray
+    torque: FloatArray
+    attitude_rad: FloatArray | None
+    throttle: FloatArray | None
+    saturated: BoolArray
+    flight: int = 0
+
+    @property
+    def n_samples(self) -> int:
+        """Number of grid points."""
+        return int(self.time_s.shape[0])
+
+    @property
+    def start_s(self) -> float:
+        """Time of the first sample [s]."""
+        return float(self.time_s[0])
+
+    @property
+    def end_s(self) -> float:
+        """Time of the last sample [s]."""
+        return float(self.time_s[-1])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InputDescription:
+    """What L, M, N are in this log: kind is "torque_n_m" or "torque_command"."""
+
+    kind: str
+    unit: str
+    source: str
+    saturated_fraction: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Overview:
+    """A cleaned series of the whole log, not resampled, for figures of the flight.
+
+    ``time_s`` has shape (n_samples,), ``values`` (n_samples, n_columns).
+    """
+
+    signal: str
+    columns: tuple[str, ...]
+    time_s: FloatArray
+    values: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FlightData:
+    """The aligned log.
+
+    Attributes
+    ----------
+    sample_period_s : float
+        Of every segment; NaN where there is nothing to resample.
+    segments : tuple of Segment
+        Stretches that can be identified from, in order of time.
+    flights : tuple of (start_s, end_s)
+        Take-off to landing, whether or not signals suffice for a segment.
+    sources : mapping of str to SourceChoice
+        By canonical name.
+    clock_resets : int
+        Reboots and clock jumps; later epochs are shifted to follow the earlier ones.
+    start_s, duration_s : float
+        Of the whole log on that clock.
+    on_ground_reason : str
+        Why no flight was found, "" where there is one.
+    modes, texts
+        Of the log, on this clock.
+    """
+
+    sample_period_s: float
+    segments: tuple[Segment, ...]
+    flights: tuple[tuple[float, float], ...]
+    sources: Mapping[str, SourceChoice]
+    input: InputDescription | None
+    start_s: float
+    duration_s: float
+    clock_resets: int = 0
+    on_ground_reason: str = ""
+    overview: Mapping[str, Overview] = field(default_factory=dict)
+    modes: tuple[ModeChange, ...] = ()
+    texts: tuple[LogText, ...] = ()
+
+    @property
+    def n_samples(self) -> int:
+        """Number of grid points."""
+        return sum(segment.n_samples for segment in self.segments)

@@ -1,0 +1,201 @@
+"""What a reader hands on: the log's signals under canonical names, in file order."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray, IntArray
+from quadid_logs.errors import ShapeError
+from quadid_logs.vocabulary import SIGNALS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Signal:
+    """One source of one canonical signal, exactly as logged.
+
+    Nothing is sorted, merged or dropped: rows stand in file order, times may
+    fall, repeat or be wild. `align` deals with that, and needs `position` to
+    tell a reboot from an out-of-order row.
+
+    Attributes
+    ----------
+    name : str
+        Canonical name, a key of `vocabulary.SIGNALS`.
+    time_s : ndarray, shape (n_samples,)
+        When the value was *sampled*, on the log's main clock [s].
+    values : ndarray, shape (n_samples, n_columns)
+        In the unit, frame and sign that the vocabulary fixes.
+    position : ndarray of int64, shape (n_samples,)
+        Byte offset of the row in the file (row number for a table).
+    source : str
+        The vendor's message and fields, for the reader of the report.
+    reason : str
+        Why this source has its place in the order of preference.
+    nominal_rate_hz : float
+        The rate that the log's settings promise, NaN where they do not say.
+    """
+
+    name: str
+    time_s: FloatArray
+    values: FloatArray
+    position: IntArray
+    source: str
+    reason: str = ""
+    nominal_rate_hz: float = float("nan")
+
+    def __post_init__(self) -> None:
+        if self.name not in SIGNALS:
+            raise ShapeError(f"{self.name!r} is not a canonical signal name.")
+        columns = len(SIGNALS[self.name].columns)
+        if self.values.ndim != 2 or (columns and self.values.shape[1] != columns):
+            raise ShapeError(f"{self.name} needs {columns or 'some'} columns, found {self.values.shape}.")
+        if not self.time_s.shape == self.position.shape == self.values.shape[:1]:
+            raise ShapeError(
+                f"{self.name}: {self.time_s.shape} times, {self.values.shape} values and "
+                f"{self.position.shape} positions do not belong together."
+            )
+        for name in ("time_s", "values", "position"):
+            view = getattr(self, name).view()
+            view.flags.writeable = False
+            object.__setattr__(self, name, view)
+
+    @property
+    def n_samples(self) -> int:
+        """Number of rows."""
+        return int(self.time_s.shape[0])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModeChange:
+    """The flight mode from `time_s` [s] on."""
+
+    time_s: float
+    position: int
+    name: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogText:
+    """A text message of the autopilot. Untrusted: escape before showing."""
+
+    time_s: float
+    position: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LostStretch:
+    """Bytes of the file that could not be read as messages."""
+
+    offset: int
+    n_bytes: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoggedSystem:
+    """One vehicle or component that speaks in the file."""
+
+    system_id: int
+    component_id: int
+    autopilot: str
+    vehicle_type: str
+    n_messages: int
+    chosen: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MessageCount:
+    """How often a message type occurs: what `info` lists."""
+
+    name: str
+    count: int
+    rate_hz: float = float("nan")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FlightLog:
+    """Everything that the later stages may know about a log file.
+
+    Attributes
+    ----------
+    path : str
+        As given by the user.
+    format : str
+        One of `vocabulary.LOG_FORMATS`.
+    dialect : str
+        A variant of the format, "" for the ordinary one ("sdlog2").
+    autopilot : str
+        "ardupilot", "px4" or "other".
+    firmware, frame, vehicle_name : str
+        As the log states them; untrusted text.
+    vehicle_type : str
+        One of `vocabulary.VEHICLE_TYPES`.
+    signals : mapping of str to tuple of Signal
+        All sources found per canonical name, the preferred one first.
+    parameters : mapping of str to float
+        The last value of each parameter.
+    n_bytes : int
+        Size of the file [bytes].
+    lost : tuple of LostStretch
+        What could not be read. A header cut off at the file's end counts too.
+    n_dropped : int
+        Messages that the autopilot itself reports as not written.
+    has_time : bool
+        False where the log's rows carry no time at all.
+    remarks : tuple of str
+        What the reader had to decide or assume, in plain words.
+    """
+
+    path: str
+    format: str
+    autopilot: str
+    n_bytes: int
+    signals: Mapping[str, tuple[Signal, ...]]
+    dialect: str = ""
+    firmware: str = ""
+    vehicle_type: str = "unknown"
+    vehicle_name: str = ""
+    frame: str = ""
+    hardware_id: str = ""
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    modes: tuple[ModeChange, ...] = ()
+    texts: tuple[LogText, ...] = ()
+    lost: tuple[LostStretch, ...] = ()
+    n_dropped: int = 0
+    systems: tuple[LoggedSystem, ...] = ()
+    counts: tuple[MessageCount, ...] = ()
+    has_time: bool = True
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def corrupt_bytes(self) -> int:
+        """Sum of all lost stretches [bytes]."""
+        return sum(stretch.n_bytes for stretch in self.lost)
+
+    def candidates(self, name: str) -> tuple[Signal, ...]:
+        """Return the sources of a canonical signal, the preferred one first."""
+        return tuple(self.signals.get(name, ()))
+
+
+def signal_from_columns(
+    name: str,
+    time_s: FloatArray,
+    columns: list[FloatArray],
+    position: IntArray,
+    *,
+    source: str,
+    reason: str = "",
+) -> Signal:
+    """Stack one array per column into a `Signal`."""
+    return Signal(
+        name=name,
+        time_s=np.asarray(time_s, dtype=np.float64),
+        values=np.column_stack([np.asarray(column, dtype=np.float64) for column in columns]),
+        position=np.asarray(position, dtype=np.int64),
+        source=source,
+        reason=reason,
+    )

@@ -1,0 +1,198 @@
+"""What `identify` hands on: models with their doubts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parameter:
+    """One element of A or B with its interval.
+
+    ``regressor`` multiplies ``value`` in the equation of ``target``; ``unit``
+    is the target's over the regressor's; ``ci95`` is the 95 % interval.
+    """
+
+    name: str
+    target: str
+    regressor: str
+    value: float
+    unit: str
+    ci95: tuple[float, float]
+    identifiable: bool
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Actuator:
+    """Lag and delay between logged torque and angular acceleration.
+
+    ``lag_s`` and ``delay_s`` with 95 % intervals; ``loss`` of shape
+    (n_lags, n_delays) is one minus the held-out R2 over ``lag_grid_s`` and ``delay_grid_s``.
+    """
+
+    lag_s: float
+    lag_ci95_s: tuple[float, float]
+    delay_s: float
+    delay_ci95_s: tuple[float, float]
+    acts_on: str
+    lag_grid_s: FloatArray
+    delay_grid_s: FloatArray
+    loss: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Windows:
+    """One solution of H_k per window.
+
+    Attributes
+    ----------
+    time_s : ndarray, shape (n_windows,)
+        Middle of the window [s].
+    coefficients : ndarray, shape (n_windows, n_targets, n_regressors)
+        [A B] of the window.
+    condition_number : ndarray, shape (n_windows,)
+        Of the column-scaled H_k; infinite where it is rank deficient.
+    rank : ndarray of int, shape (n_windows,)
+    residual_rms : ndarray, shape (n_windows, n_targets)
+    singular_values : ndarray, shape (n_windows, n_regressors)
+        Of the column-scaled H_k, over the square root of the width.
+    noise_floor : ndarray, shape (n_windows,)
+        What the smallest of them would be if that direction held noise only.
+    used : ndarray of bool, shape (n_windows,)
+        Full rank and above the noise floor.
+    width, stride : int
+    period_s : float
+        Between the samples inside a window.
+    """
+
+    time_s: FloatArray
+    coefficients: FloatArray
+    condition_number: FloatArray
+    rank: IntArray
+    residual_rms: FloatArray
+    singular_values: FloatArray
+    noise_floor: FloatArray
+    used: BoolArray
+    width: int
+    stride: int
+    period_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Validation:
+    """How the model does on data that it was not fitted to; empty maps where there were none."""
+
+    held_out_s: float
+    r2_acceleration: Mapping[str, float] = field(default_factory=dict)
+    r2_simulated_rate: Mapping[str, float] = field(default_factory=dict)
+    fit_percent: Mapping[str, float] = field(default_factory=dict)
+    horizon_s: tuple[float, ...] = ()
+    horizon_rmse_rad_s: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FitSeries:
+    """Measured and modelled series for figures, NaN between segments.
+
+    All of shape (n_samples, 3) but ``time_s`` (n_samples,) and ``held_out``
+    (n_samples,) of bool. Acceleration [rad/s^2] is smoothed as in the fit;
+    rate [rad/s]; ``simulated_rate`` restarts from the measured one after
+    every horizon.
+    """
+
+    time_s: FloatArray
+    acceleration: FloatArray
+    modelled_acceleration: FloatArray
+    rate: FloatArray
+    simulated_rate: FloatArray
+    held_out: BoolArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Discrete:
+    """x(k+1) = A_d x(k) + B_d u(k) at the sample period."""
+
+    sample_period_s: float
+    states: tuple[str, ...]
+    A_d: FloatArray
+    B_d: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Inertia:
+    """Inertia tensor [kg m^2] with 95 % intervals, each of shape (3, 3)."""
+
+    matrix: FloatArray
+    ci95_low: FloatArray
+    ci95_high: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Model:
+    """One structure fitted to the flight: target = A @ regressors + B @ inputs.
+
+    Attributes
+    ----------
+    A : ndarray, shape (n_targets, n_regressors)
+    B : ndarray, shape (n_targets, 3)
+        [rad/s^2 per unit of regressor or input].
+    smoothing_hz : float
+        Cut-off of the filter that regressors and targets passed alike.
+    """
+
+    structure: str
+    recommended: bool
+    states: tuple[str, ...]
+    regressors: tuple[str, ...]
+    targets: tuple[str, ...]
+    inputs: tuple[str, ...]
+    A: FloatArray
+    B: FloatArray
+    parameters: tuple[Parameter, ...]
+    windows: Windows | None
+    validation: Validation
+    actuator: Actuator | None = None
+    inertia: Inertia | None = None
+    discrete: Discrete | None = None
+    fit: FitSeries | None = None
+    smoothing_hz: float = float("nan")
+    condition_number: float = float("nan")
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Excitation:
+    """How much an axis was moved, against what noise alone would show.
+
+    ``torque_rms`` in the input's unit, ``rate_rms_rad_s``; ``signal_to_noise``
+    is the ratio of explained to unexplained acceleration in the fitted band;
+    spectra of the rate and the torque over ``frequency_hz`` (n_frequencies,)
+    with their ``coherence``.
+    """
+
+    axis: str
+    torque_rms: float
+    rate_rms_rad_s: float
+    signal_to_noise: float
+    frequency_hz: FloatArray
+    rate_psd: FloatArray
+    torque_psd: FloatArray
+    coherence: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Identification:
+    """All structures fitted to one flight, the recommended one first."""
+
+    models: tuple[Model, ...] = ()
+    excitation: tuple[Excitation, ...] = ()
+    skipped: str = ""
+
+    @property
+    def recommended(self) -> Model | None:
+        """The model to use, None where nothing could be fitted."""
+        return next((model for model in self.models if model.recommended), None)

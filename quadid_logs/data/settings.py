@@ -1,0 +1,93 @@
+"""Every choice and threshold of the analysis in one frozen object, each with its reason."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from quadid_logs.errors import SettingsError
+
+STRUCTURES = ("damped", "quadrotor-6", "linear-9")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settings:
+    """Settings of one analysis; the first block is what the command line sets."""
+
+    structure: str = ""
+    """Structure to recommend; "" lets held-out error decide."""
+    start_s: float = -math.inf
+    end_s: float = math.inf
+    """Part of the log to analyze, on the log's clock."""
+    sample_rate_hz: float = 0.0
+    """Rate to resample to; 0 takes the rate of the torque series, at most `max_sample_rate_hz`."""
+    window: int = 0
+    """Samples per window of the paper's structures; 0 takes as many as there are unknowns."""
+    stride: int = 0
+    """Samples between windows; 0 takes every window (the paper)."""
+    system: int = 0
+    """MAVLink system id to analyze; 0 chooses the autopilot with most messages."""
+
+    max_sample_rate_hz: float = 400.0
+    """The rigid body's content ends far below; loop rates above only add noise and time."""
+    gap_periods: float = 3.0
+    """A pause longer than this many periods stays a gap: interpolating over it invents data."""
+    min_rate_hz: float = 40.0
+    """Below, a 50 ms motor lag and the rate loop (2 to 8 Hz) leave under five samples per
+    cycle between them, and the torque between two samples is a guess: B comes out wrong by
+    factors (measured: factor 2 at 11 Hz)."""
+    caution_rate_hz: float = 90.0
+    """Between `min_rate_hz` and this, lag and gain can only be told apart on calm data."""
+    min_segment_s: float = 2.0
+    """Shorter stretches hold no full cycle of the slowest motion that the model must explain."""
+    min_flight_s: float = 10.0
+    """Twenty fits of half a second: below, held-out validation says nothing."""
+    clock_reset_s: float = 1.0
+    """Logged rows are out of order by at most some 100 ms; time falling by more is a reboot."""
+    clock_jump_s: float = 3600.0
+    """A longer pause than any battery lasts is a clock that was set, not a flight."""
+    wild_stamp_s: float = 5.0
+    """A single stamp this far from both its neighbours in the file is damaged."""
+
+    smoothing_hz: float = 0.0
+    """Cut-off of the one filter that target and regressors pass; 0 chooses it from the data."""
+    held_out_fraction: float = 0.3
+    """Share of the flight that no fit sees; taken in blocks, never shuffled."""
+    held_out_block_s: float = 5.0
+    """Longer than the memory of the dynamics (under 1 s), short enough for both
+    sets to see all manoeuvres."""
+    horizons_s: tuple[float, ...] = (0.1, 0.2, 0.5)
+    max_delay_s: float = 0.06
+    """Loop, filter and radio-free output delay of known autopilots stay below 30 ms; twice that."""
+    max_lag_s: float = 0.25
+    """Published motor lags reach 80 ms; three times that."""
+    min_signal_to_noise: float = 3.0
+    """Explained over unexplained acceleration variance in the fitted band: R2 of 0.75."""
+    caution_signal_to_noise: float = 9.0
+    """R2 of 0.9."""
+    max_relative_ci: float = 0.3
+    """A coefficient whose 95 % interval is wider than this half-width is not identified."""
+
+    def __post_init__(self) -> None:
+        if self.structure and self.structure not in STRUCTURES:
+            raise SettingsError(
+                f"There is no structure {self.structure!r}.", hint=f"Choose one of {', '.join(STRUCTURES)}."
+            )
+        if not self.start_s < self.end_s:
+            raise SettingsError(
+                f"The part of the log to analyze is empty: start {self.start_s:g} s, end {self.end_s:g} s.",
+                hint="Give --start-s below --end-s.",
+            )
+        self._check_at_least("sample_rate_hz", 0.0)
+        self._check_at_least("window", 0)
+        self._check_at_least("stride", 0)
+        self._check_at_least("system", 0)
+        if self.sample_rate_hz and not 1.0 <= self.sample_rate_hz <= 10_000.0:
+            raise SettingsError(
+                f"A sample rate of {self.sample_rate_hz:g} Hz is out of range.", hint="Give 1 to 10000 Hz."
+            )
+
+    def _check_at_least(self, name: str, lowest: float) -> None:
+        value = getattr(self, name)
+        if not (math.isfinite(value) and value >= lowest):
+            raise SettingsError(f"{name} is {value}, but must be at least {lowest:g}.")

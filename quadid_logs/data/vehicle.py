@@ -1,0 +1,32 @@
+"""What a user can tell about the vehicle in a TOML file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from quadid_logs.arrays import FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rotor:
+    """Position in FRD from the centre of mass [m]; spin "ccw" or "cw" seen from above."""
+
+    position_m: tuple[float, float, float]
+    spin: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Vehicle:
+    """Values given here win over the log's parameters; None means not given.
+
+    ``inertia_kg_m2`` (3, 3) is only ever compared with, never used in a fit.
+    """
+
+    name: str = ""
+    mass_kg: float | None = None
+    arm_length_m: float | None = None
+    rotors: tuple[Rotor, ...] = ()
+    max_thrust_n: float | None = None
+    thrust_curve: FloatArray | None = None
+    torque_to_thrust_m: float | None = None
+    inertia_kg_m2: FloatArray | None = None

@@ -1,0 +1,76 @@
+"""Every exception that quadid_logs raises on purpose.
+
+::
+
+    QuadidError
+    ├── LogError                 the input file
+    │   ├── LogNotFoundError     no such file, or not a regular readable file
+    │   ├── UnknownFormatError   the content is no flight log that we know
+    │   └── EmptyLogError        the right format, but nothing usable inside
+    ├── SettingsError            a setting or option that makes no sense (also ValueError)
+    ├── VehicleFileError         the vehicle TOML is malformed
+    ├── OutputError              the result cannot be written (exists, read-only, disk full)
+    ├── SimulationError          a scenario that cannot be flown
+    └── ShapeError               arrays that do not fit together (also ValueError)
+
+Bad *data* is never an exception: it becomes a finding in the report. An
+exception says that a contract was broken, and its ``hint`` says what to do.
+"""
+
+from __future__ import annotations
+
+
+class QuadidError(Exception):
+    """Base of all errors of this package.
+
+    Parameters
+    ----------
+    message : str
+        What was expected and what was found.
+    hint : str, optional
+        What the user can do about it.
+    """
+
+    def __init__(self, message: str, *, hint: str = "") -> None:
+        super().__init__(message)
+        self.hint = hint
+
+    def __str__(self) -> str:
+        message = str(self.args[0]) if self.args else ""
+        return f"{message} {self.hint}".strip()
+
+
+class LogError(QuadidError):
+    """The input file cannot be used."""
+
+
+class LogNotFoundError(LogError):
+    """There is no readable regular file at the path."""
+
+
+class UnknownFormatError(LogError):
+    """The file's content is not a flight log that we can read."""
+
+
+class EmptyLogError(LogError):
+    """The file has a known format but holds no usable message."""
+
+
+class SettingsError(QuadidError, ValueError):
+    """An option or setting is out of range or contradicts another."""
+
+
+class VehicleFileError(QuadidError):
+    """The vehicle file is malformed or lacks a needed value."""
+
+
+class OutputError(QuadidError):
+    """A result cannot be written."""
+
+
+class SimulationError(QuadidError):
+    """A scenario cannot be simulated as asked."""
+
+
+class ShapeError(QuadidError, ValueError):
+    """Arrays do not have the shapes that the function needs."""

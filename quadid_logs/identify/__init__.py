@@ -1,0 +1,1 @@
+"""From aligned flight data to models with intervals."""

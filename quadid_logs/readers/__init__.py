@@ -1,0 +1,1 @@
+"""Read flight logs, by content: the only place that knows the vendors' names."""

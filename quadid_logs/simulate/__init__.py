@@ -1,0 +1,1 @@
+"""A nonlinear multirotor with known truth, flown closed-loop, logged like a real one."""

@@ -1,0 +1,1 @@
+"""Frame geometry and thrust curves: from logged outputs to L, M, N."""

@@ -1,0 +1,122 @@
+"""THE table of canonical signals: name, columns, unit, frame and sign.
+
+Body axes are FRD (x forward, y right, z down), Earth axes NED, attitude is
+Euler 3-2-1 (yaw, pitch, roll), signs are right-handed, units are SI. A reader
+turns a vendor's fields into these names; nothing behind the readers knows any
+other name.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+
+class SignalSpec(NamedTuple):
+    """What a canonical signal means.
+
+    ``columns`` is empty where the number of columns depends on the vehicle
+    (one per motor or output channel).
+    """
+
+    name: str
+    columns: tuple[str, ...]
+    symbols: tuple[str, ...]
+    unit: str
+    meaning: str
+
+
+_SPECS = (
+    SignalSpec(
+        "body_rate",
+        ("p_rad_s", "q_rad_s", "r_rad_s"),
+        ("p", "q", "r"),
+        "rad/s",
+        "angular velocity of the body, in body axes; p>0 right side down, q>0 nose up, "
+        "r>0 nose right; not the Euler rates",
+    ),
+    SignalSpec(
+        "body_rate_setpoint",
+        ("p_setpoint_rad_s", "q_setpoint_rad_s", "r_setpoint_rad_s"),
+        ("p_sp", "q_sp", "r_sp"),
+        "rad/s",
+        "what the rate controller was asked for",
+    ),
+    SignalSpec(
+        "attitude",
+        ("phi_rad", "theta_rad", "psi_rad"),
+        ("phi", "theta", "psi"),
+        "rad",
+        "Euler 3-2-1 angles roll, pitch, yaw of the body against NED",
+    ),
+    SignalSpec(
+        "torque_command",
+        ("L_command", "M_command", "N_command"),
+        ("L", "M", "N"),
+        "1",
+        "normalised roll, pitch and yaw torque on the scale of the autopilot's own command; not N m",
+    ),
+    SignalSpec(
+        "torque_n_m",
+        ("L_n_m", "M_n_m", "N_n_m"),
+        ("L", "M", "N"),
+        "N m",
+        "roll, pitch and yaw torque about the centre of mass, in body axes",
+    ),
+    SignalSpec("throttle", ("throttle",), ("T",), "1", "collective thrust command, 0 to 1, up positive"),
+    SignalSpec("thrust_n", ("thrust_n",), ("T",), "N", "collective thrust, up (-z) positive"),
+    SignalSpec("motor_thrust", (), (), "1", "thrust command per motor, 0 to 1, before the thrust curve"),
+    SignalSpec("output_pwm", (), (), "us", "pulse width per output channel (a channel is not a motor)"),
+    SignalSpec("rotor_speed", (), (), "rad/s", "measured speed per rotor, unsigned"),
+    SignalSpec(
+        "specific_force",
+        ("ax_m_s2", "ay_m_s2", "az_m_s2"),
+        ("ax", "ay", "az"),
+        "m/s^2",
+        "accelerometer: non-gravitational acceleration in body axes (-9.8 on z at rest)",
+    ),
+    SignalSpec("battery_voltage", ("battery_v",), ("V",), "V", "battery voltage"),
+    SignalSpec(
+        "battery_ratio",
+        ("battery_ratio",),
+        ("v",),
+        "1",
+        "filtered battery voltage over the full one, as the thrust compensation uses it",
+    ),
+    SignalSpec("lift_max", ("lift_max",), ("lift_max",), "1", "available lift against a full battery"),
+    SignalSpec("air_density_ratio", ("air_density_ratio",), ("rho",), "1", "air density over 1.225 kg/m^3"),
+    SignalSpec(
+        "unallocated_torque",
+        ("L_unallocated", "M_unallocated", "N_unallocated"),
+        ("L", "M", "N"),
+        "1",
+        "torque that the mixer could not realise, normalised",
+    ),
+    SignalSpec("armed", ("armed",), ("armed",), "1", "1 while the motors are armed"),
+    SignalSpec("landed", ("landed",), ("landed",), "1", "1 while the autopilot believes it stands on ground"),
+    SignalSpec("sysid_chirp", ("sysid_chirp",), ("chirp",), "1", "excitation injected by a system-ID mode"),
+)
+
+SIGNALS: Final[dict[str, SignalSpec]] = {spec.name: spec for spec in _SPECS}
+
+#: The three axes, in the order of every 3-column array.
+AXES: Final = ("roll", "pitch", "yaw")
+RATE_SYMBOLS: Final = ("p", "q", "r")
+TORQUE_SYMBOLS: Final = ("L", "M", "N")
+ACCELERATION_SYMBOLS: Final = ("p_dot", "q_dot", "r_dot")
+
+#: What a vehicle can be. Only a multirotor is analysed.
+MULTIROTOR: Final = "multirotor"
+VEHICLE_TYPES: Final = (
+    MULTIROTOR,
+    "helicopter",
+    "fixed-wing",
+    "vtol",
+    "rover",
+    "boat",
+    "submarine",
+    "tracker",
+    "unknown",
+)
+
+#: ``format`` in result.json. PX4's old sdlog2 shares the framing of dataflash; `FlightLog.dialect` tells.
+LOG_FORMATS: Final = ("dataflash", "dataflash-text", "ulog", "tlog", "table")

@@ -1,0 +1,1 @@
+"""Write a FlightLog as the autopilot would have."""
