@@ -1,0 +1,34 @@
+"""Fixtures shared by all tests."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+
+
+def corpus_folder() -> Path:
+    """Return where the flown and firmware-in-the-loop logs are, present or not."""
+    default = REPOSITORY.parent / "shared" / "logs"
+    return Path(os.environ.get("QUADID_LOG_CORPUS", default)).resolve()
+
+
+@pytest.fixture(scope="session")
+def corpus() -> Path:
+    """Return the folder of real logs; skip the test where it is absent."""
+    folder = corpus_folder()
+    if not (folder / "firmware").is_dir():
+        pytest.skip(f"no log corpus at {folder}; set QUADID_LOG_CORPUS to run this test")
+    return folder
+
+
+@pytest.fixture
+def corpus_log(corpus: Path, request: pytest.FixtureRequest) -> Path:
+    """Return one log of the corpus, named by indirect parametrisation."""
+    path = corpus / str(request.param)
+    if not path.exists():
+        pytest.skip(f"{path} is not in the log corpus")
+    return path
