@@ -1,0 +1,81 @@
+"""Figures of how much the vehicle was moved, and at which frequencies."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.data.model import Excitation
+from quadid_logs.data.result import Result
+from quadid_logs.figures.flight import torque_axis
+from quadid_logs.figures.spec import Axis, Band, Curve, Figure, LeftOut, Level, Panel
+from quadid_logs.figures.thinning import thin_line
+
+_FREQUENCY = Axis(label="frequency", unit="Hz", log=True)
+#: Coherence above this means that noise takes less than half of what is seen.
+_HALF = 0.5
+
+
+def excitation_spectra(result: Result) -> Figure | LeftOut:
+    """Show spectra of rate and torque and their coherence, one line per axis."""
+    title = "Excitation"
+    shown = [item for item in result.identification.excitation if item.frequency_hz.size > 1]
+    if not shown:
+        return LeftOut(key="excitation", title=title, reason="No stretch was long enough for a spectrum.")
+    unit = torque_axis(result.data.input).unit
+    density = "1/Hz" if unit == "normalised" else f"({unit})²/Hz"
+    bands = _fitted_band(result)
+    panels = (
+        Panel(
+            title="How fast it turned",
+            x=_FREQUENCY,
+            y=Axis(label="rate density", unit="(deg/s)²/Hz", log=True),
+            curves=tuple(_curve(item, item.rate_psd * np.degrees(1.0) ** 2) for item in shown),
+            bands=bands,
+        ),
+        Panel(
+            title="How hard it was pushed",
+            x=_FREQUENCY,
+            y=Axis(label="torque density", unit=density, log=True),
+            curves=tuple(_curve(item, item.torque_psd) for item in shown),
+            bands=bands,
+        ),
+        Panel(
+            title="How much of the turning the torque explains",
+            x=_FREQUENCY,
+            y=Axis(label="coherence", low=0.0, high=1.02),
+            curves=tuple(_curve(item, item.coherence) for item in shown),
+            bands=bands,
+            levels=(Level(value=_HALF, role="muted", label="half is noise"),),
+        ),
+    )
+    caption = (
+        "An axis can be identified where its torque has power and the coherence is near 1. Coherence below "
+        "0.5 means that noise, wind or the other axes move the vehicle more than this torque does."
+    )
+    if bands:
+        caption += " Shaded: the band that the fit looks at."
+    return Figure(key="excitation", title=title, caption=caption, panels=panels)
+
+
+def _curve(item: Excitation, density: FloatArray) -> Curve:
+    """Return the line of one axis; frequency 0 has no place on a logarithmic axis."""
+    keep = (item.frequency_hz > 0.0) & np.isfinite(density) & (density > 0.0)
+    x, y = thin_line(item.frequency_hz[keep], density[keep])
+    return Curve(label=item.axis, x=x, y=y, role=item.axis)
+
+
+def _fitted_band(result: Result) -> tuple[Band, ...]:
+    """Return the band below the cut-off of the fit's filter."""
+    model = result.identification.recommended
+    if model is None or not np.isfinite(model.smoothing_hz):
+        return ()
+    first = min(
+        (
+            float(item.frequency_hz[1])
+            for item in result.identification.excitation
+            if item.frequency_hz.size > 1
+        ),
+        default=0.0,
+    )
+    return (Band(start=first, end=model.smoothing_hz, role="held-out", label="fitted band"),)

@@ -1,0 +1,328 @@
+"""Figures of the fitted model against the flight that it did not see."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.data.model import Actuator, FitSeries, Model
+from quadid_logs.data.result import Result
+from quadid_logs.figures.flight import MOST_BANDS, TIME, spans
+from quadid_logs.figures.spec import Axis, Band, Curve, Figure, LeftOut, Level, Panel
+from quadid_logs.figures.thinning import thin_line
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS, TORQUE_SYMBOLS
+
+_ACCELERATION = Axis(label="angular acceleration", unit="deg/s²")
+_RATE = Axis(label="body rate", unit="deg/s")
+_HELD_OUT = " Shaded: held-out data, which the fit never saw; judge the model there."
+_SERIES_ROLES = 4
+_CLOSE_LOOK_S = 5.0
+
+
+def fit_figures(result: Result) -> list[Figure | LeftOut]:
+    """Show measured and modelled acceleration, measured and simulated rate, and what is left over."""
+    model = result.identification.recommended
+    fit = None if model is None else model.fit
+    if model is None or fit is None or not fit.time_s.size:
+        reason = "No model was fitted." if model is None else "The model keeps no series to compare."
+        return [LeftOut(key="fit", title="Fit", reason=reason)]
+    return [
+        _close_look(model, fit),
+        _acceleration(model, fit),
+        _simulation(model, fit),
+        _residuals(model, fit),
+    ]
+
+
+def _close_look(model: Model, fit: FitSeries) -> Figure | LeftOut:
+    """Show the liveliest held-out seconds at full resolution."""
+    title = f"A close look at held-out data: {model.structure}"
+    stretches = [_first_seconds(fit, *span) for span in spans(fit.time_s, fit.held_out)]
+    stretches = [chosen for chosen in stretches if np.count_nonzero(chosen) > 1]
+    if not stretches:
+        return LeftOut(key="held-out", title=title, reason="No data were held out.")
+    chosen = max(stretches, key=lambda part: float(np.nanstd(np.nan_to_num(fit.acceleration[part]))))
+    time_s = fit.time_s[chosen]
+    acceleration = (fit.acceleration[chosen], fit.modelled_acceleration[chosen])
+    rate = (fit.rate[chosen], fit.simulated_rate[chosen])
+    columns = (
+        _pair(time_s, acceleration, ("measured", "model"), _ACCELERATION),
+        _pair(time_s, rate, ("measured", "model"), _RATE),
+    )
+    return Figure(
+        key="held-out",
+        title=title,
+        caption=f"{time_s[-1] - time_s[0]:.1f} s of flight that the fit never saw (the liveliest of the "
+        "held-out stretches). Left: the angular acceleration that the torque should cause. Right: the rate "
+        "when the model flies on the torque alone. Where the lines part, the model is wrong.",
+        panels=tuple(panel for row in zip(*columns, strict=True) for panel in row),
+        columns=2,
+    )
+
+
+def _first_seconds(fit: FitSeries, start_s: float, end_s: float) -> BoolArray:
+    """Return the samples of a stretch, at most as many seconds as an eye can follow."""
+    end_s = min(end_s, start_s + _CLOSE_LOOK_S)
+    return np.asarray((fit.time_s >= start_s) & (fit.time_s <= end_s))
+
+
+def _held_out(fit: FitSeries) -> tuple[Band, ...]:
+    """Return a band per held-out stretch."""
+    stretches = spans(fit.time_s, fit.held_out)[: 2 * MOST_BANDS]
+    return tuple(Band(start=start, end=end, role="held-out", label="held out") for start, end in stretches)
+
+
+def _pair(
+    time_s: FloatArray,
+    series: tuple[FloatArray, FloatArray],
+    labels: tuple[str, str],
+    axis: Axis,
+    bands: tuple[Band, ...] = (),
+) -> list[Panel]:
+    """Return a panel per axis with a measured and a modelled line."""
+    panels = []
+    for column, name in enumerate(AXES):
+        curves = []
+        for label, role, values in zip(labels, ("measured", "modelled"), series, strict=True):
+            x, y = thin_line(time_s, np.degrees(values[:, column]))
+            curves.append(Curve(label=label, x=x, y=y, role=role))
+        panels.append(Panel(title=name.capitalize(), x=TIME, y=axis, curves=tuple(curves), bands=bands))
+    return panels
+
+
+def _noted(panels: list[Panel], notes: list[str]) -> tuple[Panel, ...]:
+    """Return the panels with a note inside each."""
+    return tuple(
+        Panel(title=panel.title, x=panel.x, y=panel.y, curves=panel.curves, bands=panel.bands, note=note)
+        for panel, note in zip(panels, notes, strict=True)
+    )
+
+
+def _acceleration(model: Model, fit: FitSeries) -> Figure:
+    """Compare the acceleration of the model with the measured one."""
+    series = (fit.acceleration, fit.modelled_acceleration)
+    panels = _pair(fit.time_s, series, ("measured", "model"), _ACCELERATION, _held_out(fit))
+    known = model.validation.r2_acceleration
+    notes = [_r2_note(known.get(symbol)) for symbol in ACCELERATION_SYMBOLS]
+    return Figure(
+        key="fit",
+        title=f"Measured and modelled acceleration: {model.structure}",
+        caption="The two lines should lie on each other, peaks included." + _HELD_OUT,
+        panels=_noted(panels, notes),
+        over_time=True,
+    )
+
+
+def _simulation(model: Model, fit: FitSeries) -> Figure:
+    """Compare the rates that the model predicts with the measured ones."""
+    series = (fit.rate, fit.simulated_rate)
+    panels = _pair(fit.time_s, series, ("measured", "simulated"), _RATE, _held_out(fit))
+    known = model.validation.r2_simulated_rate
+    notes = [_r2_note(known.get(symbol)) for symbol in RATE_SYMBOLS]
+    horizon = max(model.validation.horizon_s, default=0.0)
+    restart = f", restarted every {horizon:g} s" if horizon else ", restarted at intervals"
+    return Figure(
+        key="simulation",
+        title=f"Measured and simulated rates: {model.structure}",
+        caption=f"The model flies on the logged torque alone{restart} from the measured rate. This is the "
+        "hardest test: errors add up." + _HELD_OUT,
+        panels=_noted(panels, notes),
+        over_time=True,
+    )
+
+
+def _r2_note(r2: float | None) -> str:
+    """Say R2 on held-out data, or nothing."""
+    return "" if r2 is None or not np.isfinite(r2) else f"held-out R² {r2:.3f}"
+
+
+def _residuals(model: Model, fit: FitSeries) -> Figure:
+    """Show what the model leaves unexplained, over time and as a distribution."""
+    bands = _held_out(fit)
+    left_over = np.degrees(fit.acceleration - fit.modelled_acceleration)
+    panels: list[Panel] = []
+    for column, axis in enumerate(AXES):
+        x, y = thin_line(fit.time_s, left_over[:, column])
+        line = Curve(label="measured − model", x=x, y=y, role=axis)
+        panels.append(Panel(title=axis.capitalize(), x=TIME, y=_ACCELERATION, curves=(line,), bands=bands))
+        panels.append(_distribution(axis, left_over[:, column], fit))
+    return Figure(
+        key="residuals",
+        title=f"Residuals: {model.structure}",
+        caption="What the model does not explain. It should look like even noise: a bulge that comes with a "
+        "manoeuvre is missing physics. On the right, fitted and held-out data should have the same width.",
+        panels=tuple(panels),
+        columns=2,
+    )
+
+
+def _distribution(axis: str, left_over: FloatArray, fit: FitSeries) -> Panel:
+    """Return histograms of the residual of fitted and of held-out samples."""
+    finite = np.isfinite(left_over)
+    reach = float(np.quantile(np.abs(left_over[finite]), 0.998)) if finite.any() else 1.0
+    edges = np.linspace(-reach or -1.0, reach or 1.0, 61)
+    curves = []
+    for label, role, chosen in (("fitted", axis, ~fit.held_out), ("held out", "ink", fit.held_out)):
+        values = left_over[finite & chosen]
+        if values.size:
+            share = np.histogram(values, edges)[0] * (100.0 / values.size)
+            curves.append(Curve(label=label, x=(edges[1:] + edges[:-1]) / 2.0, y=share, role=role))
+    return Panel(
+        title=f"{axis.capitalize()}: distribution",
+        x=Axis(label="residual", unit="deg/s²"),
+        y=Axis(label="share of samples", unit="%"),
+        curves=tuple(curves),
+    )
+
+
+def lag_profile(result: Result) -> Figure | LeftOut:
+    """Show how the held-out error changes with actuator lag and with delay."""
+    title = "Actuator lag and delay"
+    model = result.identification.recommended
+    actuator = None if model is None else model.actuator
+    if actuator is None or actuator.loss.size == 0:
+        return LeftOut(key="lag", title=title, reason="No lag or delay was fitted.")
+    panels = (
+        _profile(
+            "Lag", actuator.lag_grid_s, np.nanmin(actuator.loss, axis=1), actuator.lag_s, actuator.lag_ci95_s
+        ),
+        _profile(
+            "Delay",
+            actuator.delay_grid_s,
+            np.nanmin(actuator.loss, axis=0),
+            actuator.delay_s,
+            actuator.delay_ci95_s,
+        ),
+    )
+    return Figure(
+        key="lag",
+        title=title,
+        caption="How much of the acceleration stays unexplained for each assumed lag (left) and delay "
+        f"(right), the other one at its best; the lag acts on {_acts_on(actuator)}. A deep valley is a value well "
+        "known; a flat floor means that lag and delay cannot be told apart in this flight.",
+        panels=panels,
+        columns=2,
+    )
+
+
+def _acts_on(actuator: Actuator) -> str:
+    """Return what the lag acts on, in words."""
+    return f"the {actuator.acts_on}" if actuator.acts_on else "the torque"
+
+
+def _profile(
+    name: str, grid_s: FloatArray, loss: FloatArray, best_s: float, ci95_s: tuple[float, float]
+) -> Panel:
+    """Return the error along one grid, with the estimate and its interval."""
+    milliseconds = 1e3
+    low, high = ci95_s
+    bands: tuple[Band, ...] = ()
+    if np.isfinite(low) and np.isfinite(high):
+        bands = (
+            Band(start=low * milliseconds, end=high * milliseconds, role="interval", label="95 % interval"),
+        )
+    level = Level(value=best_s * milliseconds, role="ink", label=f"{best_s * milliseconds:.1f} ms", along="x")
+    curve = Curve(label="unexplained share", x=grid_s * milliseconds, y=loss, role="estimate")
+    return Panel(
+        title=name,
+        x=Axis(label=name.lower(), unit="ms"),
+        y=Axis(label="unexplained share, 1 − R²"),
+        curves=(curve,),
+        bands=bands,
+        levels=(level,) if np.isfinite(best_s) else (),
+    )
+
+
+def horizon_error(result: Result) -> Figure | LeftOut:
+    """Show how the error of a prediction grows with its length, for every structure."""
+    title = "Prediction error by horizon"
+    models = [model for model in result.identification.models if model.validation.horizon_rmse_rad_s]
+    if not models:
+        return LeftOut(key="horizon", title=title, reason="No data were held out to predict.")
+    panels = tuple(
+        Panel(
+            title=axis.capitalize(),
+            x=Axis(label="prediction horizon", unit="s", low=0.0),
+            y=Axis(label="rate error (RMS)", unit="deg/s", low=0.0),
+            curves=_horizon_curves(models, symbol),
+        )
+        for axis, symbol in zip(AXES, RATE_SYMBOLS, strict=True)
+    )
+    return Figure(
+        key="horizon",
+        title=title,
+        caption="How far the model's rate is off after flying ahead for 0.1 s and longer, on held-out data. "
+        "The lowest line is the best structure; a controller design needs the first tenths of a second.",
+        panels=panels,
+        columns=3,
+    )
+
+
+def _horizon_curves(models: list[Model], symbol: str) -> tuple[Curve, ...]:
+    """Return one line per structure that predicts this rate."""
+    curves = []
+    for number, model in enumerate(models):
+        errors = np.degrees(np.array(model.validation.horizon_rmse_rad_s.get(symbol, ()), dtype=np.float64))
+        horizons = np.array(model.validation.horizon_s[: errors.size], dtype=np.float64)
+        if errors.size:
+            curves.append(
+                Curve(label=model.structure, x=horizons, y=errors[: horizons.size], role=_series_role(number))
+            )
+    return tuple(curves)
+
+
+def _series_role(number: int) -> str:
+    """Return a colour per structure."""
+    return f"series-{number % _SERIES_ROLES + 1}"
+
+
+def structure_comparison(result: Result) -> Figure | LeftOut:
+    """Show the diagonal of B with its interval for every structure."""
+    title = "Torque effectiveness by structure"
+    models = result.identification.models
+    panels = [
+        panel
+        for axis, target, torque in zip(AXES, ACCELERATION_SYMBOLS, TORQUE_SYMBOLS, strict=True)
+        if (panel := _structure_panel(models, axis, target, torque)) is not None
+    ]
+    if len(models) < 2 or not panels:
+        return LeftOut(key="structures", title=title, reason="There are no two structures to compare.")
+    return Figure(
+        key="structures",
+        title=title,
+        caption="The same quantity from every structure, with 95 % intervals. Structures that agree within "
+        "their intervals support each other; an interval that spans zero says: not known.",
+        panels=tuple(panels),
+        columns=3,
+    )
+
+
+def _structure_panel(models: tuple[Model, ...], axis: str, target: str, torque: str) -> Panel | None:
+    """Return one point with an error bar per structure."""
+    found = [
+        (number, model.structure, parameter)
+        for number, model in enumerate(models)
+        for parameter in model.parameters
+        if parameter.target == target and parameter.regressor == torque and np.isfinite(parameter.value)
+    ]
+    if not found:
+        return None
+    curves = tuple(
+        Curve(
+            label=structure,
+            x=np.array([float(number)]),
+            y=np.array([parameter.value]),
+            low=np.array([parameter.ci95[0]]),
+            high=np.array([parameter.ci95[1]]),
+            role=_series_role(number),
+            mark="bars",
+        )
+        for number, structure, parameter in found
+    )
+    ticks = tuple((float(number), model.structure) for number, model in enumerate(models))
+    return Panel(
+        title=axis.capitalize(),
+        x=Axis(label="", ticks=ticks, low=-0.6, high=len(models) - 0.4),
+        y=Axis(label=found[0][2].name, unit=found[0][2].unit),
+        curves=curves,
+    )

@@ -1,0 +1,192 @@
+"""Figures of the flight itself: the whole log, and the part that was analysed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.data.flight import FlightData, InputDescription, Overview
+from quadid_logs.data.result import Result
+from quadid_logs.figures.spec import Axis, Band, Curve, Figure, LeftOut, Panel
+from quadid_logs.figures.thinning import break_at_gaps, thin_line
+from quadid_logs.untrusted import printable
+from quadid_logs.vocabulary import AXES, RATE_SYMBOLS, TORQUE_SYMBOLS
+
+TIME = Axis(label="time on the log's clock", unit="s")
+RATE_AXIS = Axis(label="body rate", unit="deg/s")
+ANGLE_AXIS = Axis(label="angle", unit="deg")
+ANGLE_NAMES = ("roll angle", "pitch angle", "yaw angle")
+#: More shaded stretches than this are noise to the eye and weight to the file.
+MOST_BANDS = 60
+_MODE_ROLES = 6
+
+
+def torque_axis(description: InputDescription | None, kind: str = "") -> Axis:
+    """Return the axis of the torque, which says whether it is N m or a normalised command."""
+    if (description.kind if description else kind) == "torque_n_m":
+        return Axis(label="torque", unit="N m")
+    return Axis(label="torque command", unit="normalised")
+
+
+def flight_overview(result: Result) -> Figure | LeftOut:
+    """Show rates, attitude and torque over the whole log, with modes and the analysed stretches."""
+    data = result.data
+    title = "The whole flight"
+    candidates = (_overview_panel(data, *wanted) for wanted in _overview_order(data))
+    panels = [panel for panel in candidates if panel is not None]
+    if not panels:
+        return LeftOut(key="flight", title=title, reason="The log holds neither rates, attitude nor torque.")
+    bands, hidden = mode_bands(data)
+    more = f" Only the first {MOST_BANDS} of {MOST_BANDS + hidden} modes are shaded." if hidden else ""
+    caption = (
+        "Shading shows the flight modes. The bars below show when the vehicle flew and which stretches were "
+        "analysed. Where a line is missing, the log holds nothing." + more
+    )
+    shaded = [
+        Panel(title=panel.title, x=TIME, y=panel.y, curves=panel.curves, bands=bands) for panel in panels
+    ]
+    return Figure(
+        key="flight", title=title, caption=caption, panels=(*shaded, _timeline(result)), over_time=True
+    )
+
+
+def _overview_order(data: FlightData) -> list[tuple[str, Axis, tuple[str, ...], float]]:
+    """Return signal, axis, curve names and scale of each panel."""
+    torque = "torque_n_m" if "torque_n_m" in data.overview else "torque_command"
+    return [
+        ("body_rate", RATE_AXIS, RATE_SYMBOLS, np.degrees(1.0)),
+        ("attitude", ANGLE_AXIS, ANGLE_NAMES, np.degrees(1.0)),
+        (torque, torque_axis(None, torque), TORQUE_SYMBOLS, 1.0),
+    ]
+
+
+def _overview_panel(
+    data: FlightData, signal: str, axis: Axis, names: tuple[str, ...], scale: float
+) -> Panel | None:
+    """Return the panel of one signal, None where the log has none."""
+    overview = data.overview.get(signal)
+    if overview is None or not overview.time_s.size:
+        return None
+    return Panel(title=axis.label.capitalize(), x=TIME, y=axis, curves=_curves(overview, names, scale))
+
+
+def _curves(overview: Overview, names: tuple[str, ...], scale: float) -> tuple[Curve, ...]:
+    """Return one thinned line per axis of the vehicle."""
+    time_s, values = break_at_gaps(overview.time_s, overview.values * scale)
+    return axis_curves(time_s, values, names)
+
+
+def axis_curves(time_s: FloatArray, values: FloatArray, names: tuple[str, ...]) -> tuple[Curve, ...]:
+    """Return roll, pitch and yaw lines of (n_samples, 3) values, thinned for display."""
+    curves = []
+    for column, (name, role) in enumerate(zip(names, AXES, strict=True)):
+        x, y = thin_line(time_s, values[:, column])
+        curves.append(Curve(label=name, x=x, y=y, role=role))
+    return tuple(curves)
+
+
+def mode_bands(data: FlightData) -> tuple[tuple[Band, ...], int]:
+    """Return a band per flight mode, and how many more there would be."""
+    end_s = data.start_s + data.duration_s
+    edges = [*(mode.time_s for mode in data.modes[1:]), end_s]
+    names = list(dict.fromkeys(mode.name for mode in data.modes))
+    bands = tuple(
+        Band(
+            start=mode.time_s,
+            end=until_s,
+            role=f"mode-{names.index(mode.name) % _MODE_ROLES + 1}",
+            label=printable(mode.name, 24),
+        )
+        for mode, until_s in zip(data.modes[:MOST_BANDS], edges[:MOST_BANDS], strict=True)
+        if until_s > mode.time_s
+    )
+    return bands, max(0, len(data.modes) - MOST_BANDS)
+
+
+def _timeline(result: Result) -> Panel:
+    """Return the bars of what was flown, analysed and kept for validation."""
+    data = result.data
+    model = result.identification.recommended
+    held_out = () if model is None or model.fit is None else spans(model.fit.time_s, model.fit.held_out)
+    rows = (
+        ("held out", "held-out", held_out),
+        ("analysed", "estimate", tuple((segment.start_s, segment.end_s) for segment in data.segments)),
+        ("in the air", "muted", data.flights),
+    )
+    curves = tuple(
+        Curve(label=name, role=role, mark="thick", **_bars(stretches, float(height)))
+        for height, (name, role, stretches) in enumerate(rows)
+    )
+    ticks = tuple((float(height), name) for height, (name, _, _) in enumerate(rows))
+    y = Axis(label="", low=-0.6, high=2.6, ticks=ticks)
+    return Panel(title="Use of the data", x=TIME, y=y, curves=curves, height=0.45)
+
+
+def _bars(stretches: tuple[tuple[float, float], ...], height: float) -> dict[str, FloatArray]:
+    """Return x and y of horizontal bars, NaN between them."""
+    x = np.array([value for start, end in stretches[:MOST_BANDS] for value in (start, end, end)])
+    y = np.full(x.shape, height)
+    y[2::3] = np.nan
+    return {"x": x, "y": y}
+
+
+def spans(time_s: FloatArray, mask: BoolArray) -> tuple[tuple[float, float], ...]:
+    """Return start and end [s] of each run of True in `mask` (n_samples,)."""
+    edges = np.diff(np.concatenate([[0], np.asarray(mask, dtype=np.int8), [0]]))
+    first, last = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    return tuple((float(time_s[i]), float(time_s[j])) for i, j in zip(first, last, strict=True))
+
+
+def aligned_series(result: Result) -> Figure | LeftOut:
+    """Show rate and torque of each axis as they went into the identification."""
+    data = result.data
+    title = "The aligned series"
+    if not data.segments:
+        reason = data.on_ground_reason or "No stretch of the log can be analysed."
+        return LeftOut(key="aligned", title=title, reason=printable(reason))
+    time_s, rate, torque, saturated = _joined(data)
+    y_torque = torque_axis(data.input)
+    panels = []
+    for column, axis in enumerate(AXES):
+        x, y = thin_line(time_s, np.degrees(rate[:, column]))
+        line = Curve(label=RATE_SYMBOLS[column], x=x, y=y, role=axis)
+        panels.append(Panel(title=f"{axis.capitalize()} rate", x=TIME, y=RATE_AXIS, curves=(line,)))
+        x, y = thin_line(time_s, torque[:, column])
+        line = Curve(label=TORQUE_SYMBOLS[column], x=x, y=y, role=axis)
+        bands = tuple(
+            Band(start=start, end=end, role="interval", label="saturated") for start, end in saturated
+        )
+        panels.append(
+            Panel(title=f"{axis.capitalize()} torque", x=TIME, y=y_torque, curves=(line,), bands=bands)
+        )
+    caption = (
+        f"What the model was fitted to: both series on one clock, {1.0 / data.sample_period_s:.0f} samples "
+        "a second. A rate should answer every move of its torque; a flat torque teaches nothing."
+    )
+    if saturated:
+        caption += " Shaded: the torque could not be realised or was clipped."
+    return Figure(
+        key="aligned", title=title, caption=caption, panels=tuple(panels), columns=2, over_time=True
+    )
+
+
+def _joined(
+    data: FlightData,
+) -> tuple[FloatArray, FloatArray, FloatArray, tuple[tuple[float, float], ...]]:
+    """Return time, rates and torques of all segments, a NaN row between them, and saturated spans."""
+    gap = np.full((1, 3), np.nan)
+    times: list[FloatArray] = []
+    rates: list[FloatArray] = []
+    torques: list[FloatArray] = []
+    saturated: list[tuple[float, float]] = []
+    for segment in data.segments:
+        times += [segment.time_s, np.array([segment.end_s + data.sample_period_s])]
+        rates += [segment.body_rate_rad_s, gap]
+        torques += [segment.torque, gap]
+        saturated += spans(segment.time_s, segment.saturated)
+    return (
+        np.concatenate(times),
+        np.concatenate(rates),
+        np.concatenate(torques),
+        tuple(saturated[:MOST_BANDS]),
+    )

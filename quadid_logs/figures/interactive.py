@@ -1,0 +1,287 @@
+"""Turn a figure into what Plotly.js draws: plain dictionaries, with colours as "@role".
+
+The page replaces "@role" by the colour of the light or the dark palette. The
+plotly package is not imported (that takes a second); only its script is used.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+from typing import Any
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.figures.palette import band_opacity
+from quadid_logs.figures.spec import Axis, Curve, Figure, Panel
+
+_ROW_PX = {1: 190.0, 2: 180.0, 3: 300.0}
+_NARROW_ROW_PX = 200.0
+_TOP_PX, _BOTTOM_PX = 64.0, 54.0
+_GAP_PX, _GAP_WITH_LABEL_PX = 34.0, 74.0
+_COLUMN_GAP = 0.09
+_MOST_LEGEND_BANDS = 12
+
+
+def interactive(figure: Figure) -> dict[str, Any]:
+    """Return traces, and one layout for wide and one for narrow screens.
+
+    Parameters
+    ----------
+    figure : Figure
+
+    Returns
+    -------
+    dict
+        ``key``, ``over_time``, ``data`` and ``layouts`` (``wide``,
+        ``narrow``), ready for `json.dumps`; arrays are base64 typed arrays, in
+        which a gap is NaN.
+    """
+    seen: set[str] = set()
+    traces = [
+        _trace(curve, panel, number, seen)
+        for number, panel in enumerate(figure.panels, start=1)
+        for curve in panel.curves
+    ]
+    return {
+        "key": figure.key,
+        "over_time": figure.over_time,
+        "data": traces + _band_legend(figure),
+        "layouts": {"wide": _layout(figure, figure.columns), "narrow": _layout(figure, 1)},
+    }
+
+
+def _trace(curve: Curve, panel: Panel, number: int, seen: set[str]) -> dict[str, Any]:
+    """Return one Plotly trace; a label enters the legend once."""
+    name = html.escape(curve.label, quote=False)
+    colour = f"@{curve.role}"
+    unit = f" {panel.y.unit}" if panel.y.unit else ""
+    trace: dict[str, Any] = {
+        "type": "scatter",
+        "name": name,
+        "legendgroup": name,
+        "showlegend": curve.mark != "thick" and name not in seen,
+        "xaxis": _axis_id("x", number),
+        "yaxis": _axis_id("y", number),
+        "x": _typed(curve.x, "f8"),
+        "y": _typed(curve.y, "f4"),
+        "mode": "markers" if curve.mark in {"points", "bars"} else "lines",
+        "hovertemplate": f"%{{y:.4~g}}{html.escape(unit, quote=False)}",
+    }
+    seen.add(name)
+    if curve.mark == "points":
+        trace["marker"] = {"color": colour, "size": 4, "opacity": 0.55}
+    elif curve.mark == "bars":
+        trace |= {"marker": {"color": colour, "size": 8}} | _error_bars(curve, colour)
+    else:
+        width = {"line": 1.3, "dashed": 1.3, "thick": 10}[curve.mark]
+        trace["line"] = {
+            "color": colour,
+            "width": width,
+            "dash": "dash" if curve.mark == "dashed" else "solid",
+        }
+    if curve.mark == "thick":
+        trace["hovertemplate"] = "%{x:.4~g} s"
+    return trace
+
+
+def _error_bars(curve: Curve, colour: str) -> dict[str, Any]:
+    """Return asymmetric error bars, none where they are not known."""
+    if curve.low is None or curve.high is None:
+        return {}
+    up, down = curve.high - curve.y, curve.y - curve.low
+    return {
+        "error_y": {
+            "type": "data",
+            "symmetric": False,
+            "array": _typed(np.where(np.isfinite(up), up, 0.0), "f4"),
+            "arrayminus": _typed(np.where(np.isfinite(down), down, 0.0), "f4"),
+            "color": colour,
+            "thickness": 1.6,
+        }
+    }
+
+
+def _band_legend(figure: Figure) -> list[dict[str, Any]]:
+    """Return empty traces that explain the shading in the legend."""
+    labels = {band.label: band for panel in figure.panels for band in panel.bands if band.label}
+    return [
+        {
+            "type": "scatter",
+            "name": html.escape(label, quote=False),
+            "x": [None],
+            "y": [None],
+            "mode": "markers",
+            "hoverinfo": "skip",
+            "marker": {
+                "symbol": "square",
+                "size": 11,
+                "color": f"@{band.role}",
+                "opacity": min(1.0, 2.5 * band_opacity(band.role)),
+            },
+        }
+        for label, band in list(labels.items())[:_MOST_LEGEND_BANDS]
+    ]
+
+
+def _layout(figure: Figure, columns: int) -> dict[str, Any]:
+    """Return axes, shading and notes for a given number of columns."""
+    rows = [figure.panels[first : first + columns] for first in range(0, len(figure.panels), columns)]
+    base_px = _ROW_PX[columns] if columns == figure.columns else _NARROW_ROW_PX
+    if len(rows) == 1 and columns < 3:
+        base_px = _ROW_PX[3]
+    heights = [base_px * max(panel.height for panel in row) for row in rows]
+    gap_px = _GAP_PX if figure.over_time else _GAP_WITH_LABEL_PX
+    inside_px = sum(heights) + gap_px * (len(rows) - 1)
+    layout: dict[str, Any] = {
+        "height": round(inside_px + _TOP_PX + _BOTTOM_PX),
+        "margin": {"l": 66, "r": 14, "t": _TOP_PX, "b": _BOTTOM_PX},
+        "paper_bgcolor": "@paper",
+        "plot_bgcolor": "@paper",
+        "font": {"color": "@ink", "size": 12, "family": "system-ui, sans-serif"},
+        "hovermode": "x unified" if figure.over_time else "closest",
+        "hoverlabel": {"bgcolor": "@paper", "font": {"color": "@ink"}},
+        "dragmode": "zoom",
+        "legend": {
+            "orientation": "h",
+            "x": 0,
+            "y": 1 + 24 / inside_px,
+            "yanchor": "bottom",
+            "xanchor": "left",
+        },
+        "shapes": [],
+        "annotations": [],
+    }
+    top = 1.0
+    for row, (panels, height) in enumerate(zip(rows, heights, strict=True)):
+        bottom = max(0.0, top - height / inside_px)
+        for column, panel in enumerate(panels):
+            number = row * columns + column + 1
+            labelled = not figure.over_time or number > len(figure.panels) - columns
+            x_domain = _column_domain(column, columns)
+            _add_axes(layout, figure, panel, number, (x_domain, (bottom, top)), labelled=labelled)
+        top = bottom - gap_px / inside_px
+    return layout
+
+
+def _column_domain(column: int, columns: int) -> tuple[float, float]:
+    """Return left and right end of a column, as shares of the width."""
+    width = (1.0 - _COLUMN_GAP * (columns - 1)) / columns
+    left = column * (width + _COLUMN_GAP)
+    return left, min(1.0, left + width)
+
+
+def _add_axes(
+    layout: dict[str, Any],
+    figure: Figure,
+    panel: Panel,
+    number: int,
+    domains: tuple[tuple[float, float], tuple[float, float]],
+    *,
+    labelled: bool,
+) -> None:
+    """Add both axes, the title, the shading and the reference lines of one panel."""
+    x_id, y_id = _axis_id("x", number), _axis_id("y", number)
+    x_axis = _axis(panel.x, domains[0]) | {"anchor": y_id, "showticklabels": labelled}
+    if not labelled:
+        x_axis.pop("title")
+    if figure.over_time and number > 1:
+        x_axis["matches"] = "x"
+    layout[_axis_id("xaxis", number)] = x_axis
+    layout[_axis_id("yaxis", number)] = _axis(panel.y, domains[1]) | {"anchor": x_id}
+    layout["shapes"] += _shapes(panel, x_id, y_id)
+    title = f"<b>{html.escape(panel.title, quote=False)}</b>"
+    layout["annotations"].append(_text(title, (x_id, y_id), (0.0, 1.0), ("left", "bottom")))
+    words = [panel.note, *(level.label for level in panel.levels)]
+    note = "<br>".join(html.escape(word, quote=False) for word in words if word)
+    if note:
+        boxed = {"bgcolor": "@paper", "opacity": 0.85}
+        layout["annotations"].append(_text(note, (x_id, y_id), (1.0, 1.0), ("right", "top")) | boxed)
+
+
+def _axis(axis: Axis, domain: tuple[float, float]) -> dict[str, Any]:
+    """Return one Plotly axis."""
+    plotly: dict[str, Any] = {
+        "domain": [round(end, 5) for end in domain],
+        "title": {"text": html.escape(axis.title, quote=False), "standoff": 6},
+        "type": "log" if axis.log else "linear",
+        "gridcolor": "@grid",
+        "linecolor": "@muted",
+        "zeroline": False,
+        "automargin": False,
+    }
+    if axis.log:
+        plotly |= {"exponentformat": "power", "dtick": 1}
+    if axis.low is not None and axis.high is not None:
+        ends = [axis.low, axis.high]
+        plotly["range"] = [float(np.log10(end)) for end in ends] if axis.log else ends
+    elif axis.low is not None:
+        plotly["rangemode"] = "tozero"
+    if axis.ticks:
+        plotly["tickvals"] = [position for position, _ in axis.ticks]
+        plotly["ticktext"] = [html.escape(word, quote=False) for _, word in axis.ticks]
+    return plotly
+
+
+def _shapes(panel: Panel, x_id: str, y_id: str) -> list[dict[str, Any]]:
+    """Return bands below the curves and reference lines above them."""
+    shapes: list[dict[str, Any]] = []
+    for band in panel.bands:
+        along, across = ("x", "y") if band.along == "x" else ("y", "x")
+        shapes.append(
+            _across(x_id, y_id, band.along)
+            | {
+                "type": "rect",
+                "layer": "below",
+                f"{along}0": band.start,
+                f"{along}1": band.end,
+                f"{across}0": 0,
+                f"{across}1": 1,
+                "fillcolor": f"@{band.role}",
+                "opacity": band_opacity(band.role),
+                "line": {"width": 0},
+            }
+        )
+    for level in panel.levels:
+        along, across = ("x", "y") if level.along == "x" else ("y", "x")
+        ends = {f"{along}0": level.value, f"{along}1": level.value, f"{across}0": 0, f"{across}1": 1}
+        line = {"color": f"@{level.role}", "width": 1.4, "dash": "dash"}
+        shapes.append(_across(x_id, y_id, level.along) | {"type": "line", "line": line} | ends)
+    return shapes
+
+
+def _across(x_id: str, y_id: str, along: str) -> dict[str, str]:
+    """Return the references of a shape that spans the panel in the other direction."""
+    if along == "x":
+        return {"xref": x_id, "yref": f"{y_id} domain"}
+    return {"xref": f"{x_id} domain", "yref": y_id}
+
+
+def _text(
+    text: str, axes: tuple[str, str], at: tuple[float, float], anchor: tuple[str, str]
+) -> dict[str, Any]:
+    """Return an annotation at a place given as shares of its panel."""
+    return {
+        "text": text,
+        "xref": f"{axes[0]} domain",
+        "yref": f"{axes[1]} domain",
+        "x": at[0],
+        "y": at[1],
+        "xanchor": anchor[0],
+        "yanchor": anchor[1],
+        "showarrow": False,
+        "align": anchor[0],
+        "font": {"size": 12},
+    }
+
+
+def _axis_id(name: str, number: int) -> str:
+    """Return Plotly's name of an axis: the first one bears no number."""
+    return name if number == 1 else f"{name}{number}"
+
+
+def _typed(values: FloatArray, dtype: str) -> dict[str, str]:
+    """Return a base64 typed array, as Plotly.js reads it (since 2.28)."""
+    data = np.ascontiguousarray(values, dtype=f"<{dtype}").tobytes()
+    return {"dtype": dtype, "bdata": base64.b64encode(data).decode("ascii")}

@@ -1,0 +1,104 @@
+"""The vocabulary of figures: what is shown, without saying how it is drawn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from quadid_logs.arrays import FloatArray
+
+Mark = Literal["line", "dashed", "thick", "points", "bars"]
+Along = Literal["x", "y"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Axis:
+    """An axis: what it measures, its unit, and its range where the data's own would mislead.
+
+    ``ticks`` replaces numbers by words: (position, word) pairs.
+    """
+
+    label: str
+    unit: str = ""
+    log: bool = False
+    low: float | None = None
+    high: float | None = None
+    ticks: tuple[tuple[float, str], ...] = ()
+
+    @property
+    def title(self) -> str:
+        """Label and unit as printed along the axis."""
+        return f"{self.label} [{self.unit}]" if self.unit else self.label
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Curve:
+    """A series of a panel; NaN in ``y`` (n_points,) is a gap. ``low`` and ``high`` are error bars."""
+
+    label: str
+    x: FloatArray
+    y: FloatArray
+    role: str
+    mark: Mark = "line"
+    low: FloatArray | None = None
+    high: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Band:
+    """A shaded stretch along one axis."""
+
+    start: float
+    end: float
+    role: str
+    label: str = ""
+    along: Along = "x"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Level:
+    """A reference line at one value of an axis."""
+
+    value: float
+    role: str
+    label: str = ""
+    along: Along = "y"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Panel:
+    """One pair of axes; ``height`` is relative to the other panels', ``note`` stands inside."""
+
+    title: str
+    x: Axis
+    y: Axis
+    curves: tuple[Curve, ...]
+    bands: tuple[Band, ...] = ()
+    levels: tuple[Level, ...] = ()
+    height: float = 1.0
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Figure:
+    """Panels in rows of ``columns``; ``caption`` tells a pilot how to read them.
+
+    ``over_time`` says that every x axis is the log's clock [s], so that
+    panels and figures can be zoomed together.
+    """
+
+    key: str
+    title: str
+    caption: str
+    panels: tuple[Panel, ...]
+    columns: int = 1
+    over_time: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LeftOut:
+    """A figure that this log has nothing to show in, and why."""
+
+    key: str
+    title: str
+    reason: str

@@ -1,0 +1,88 @@
+"""Fewer points for the same picture."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray, IntArray
+
+#: Two points per bucket: more than the pixels of a full-width chart on a wide screen.
+BUCKETS = 2000
+
+
+def thin_line(x: FloatArray, y: FloatArray, buckets: int = BUCKETS) -> tuple[FloatArray, FloatArray]:
+    """Keep the lowest and the highest point of each of `buckets` equal stretches.
+
+    No peak is lost, no point is moved, and a gap (NaN) stays a gap.
+
+    Parameters
+    ----------
+    x, y : ndarray, shape (n_points,)
+
+    Returns
+    -------
+    x, y : ndarray, shape (n_kept,)
+        At most 3 * buckets + 2 points, in the same order.
+
+    Examples
+    --------
+    >>> y = np.zeros(100_000)
+    >>> y[777] = 9.0
+    >>> kept = thin_line(np.arange(100_000.0), y, 10)[1]
+    >>> bool(kept.max() == 9.0 and kept.size <= 32)
+    True
+    """
+    n_points = y.shape[0]
+    if n_points <= 2 * buckets:
+        return x, y
+    width = -(-n_points // buckets)
+    padded = np.full((-(-n_points // width), width), np.nan)
+    padded.reshape(-1)[:n_points] = y
+    missing = np.isnan(padded)
+    picks = (np.where(missing, np.inf, padded).argmin(1), np.where(missing, -np.inf, padded).argmax(1))
+    rows = np.arange(padded.shape[0]) * width
+    has_gap = missing.any(1)
+    kept = np.concatenate(
+        [rows + picks[0], rows + picks[1], (rows + missing.argmax(1))[has_gap], [0, n_points - 1]]
+    )
+    kept = np.unique(kept[kept < n_points])
+    return x[kept], y[kept]
+
+
+def thin_points(
+    x: FloatArray, y: FloatArray, cells: tuple[int, int] = (110, 60)
+) -> tuple[FloatArray, FloatArray]:
+    """Keep the first point in each cell of a grid over the data: a scatter looks the same.
+
+    Points that are not finite are left out.
+    """
+    finite = np.isfinite(x) & np.isfinite(y)
+    x, y = x[finite], y[finite]
+    if x.size <= cells[0]:
+        return x, y
+    cell = _cell(x, cells[0]) * cells[1] + _cell(y, cells[1])
+    kept = np.sort(np.unique(cell, return_index=True)[1])
+    return x[kept], y[kept]
+
+
+def _cell(values: FloatArray, n_cells: int) -> IntArray:
+    """Return the number of the cell that each value falls into."""
+    low, high = values.min(), values.max()
+    share = (values - low) / (high - low if high > low else 1.0)
+    return np.asarray(np.minimum(share * n_cells, n_cells - 1), dtype=np.int64)
+
+
+def break_at_gaps(
+    time_s: FloatArray, values: FloatArray, *, periods: float = 3.0
+) -> tuple[FloatArray, FloatArray]:
+    """Put a NaN row into every pause of more than `periods` median periods.
+
+    ``values`` has shape (n_samples, n_columns).
+    """
+    step_s = np.diff(time_s)
+    forward = step_s[step_s > 0.0]
+    if not forward.size:
+        return time_s, values
+    period_s = float(np.median(forward))
+    after = np.flatnonzero(step_s > periods * period_s) + 1
+    return np.insert(time_s, after, time_s[after - 1] + period_s), np.insert(values, after, np.nan, axis=0)
