@@ -1,1 +1,67 @@
 """Write a FlightLog as the autopilot would have."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import BinaryIO
+
+from quadid_logs.data.log import FlightLog
+from quadid_logs.errors import OutputError, SettingsError
+
+__all__ = ["write_log"]
+
+
+def write_log(log: FlightLog, path: Path) -> None:
+    """Write a log in the format that the suffix names.
+
+    The bytes depend on the FlightLog alone. They are written beside the
+    target and renamed, so that an interrupted run leaves no half a log; an
+    existing file is replaced.
+
+    Parameters
+    ----------
+    log : FlightLog
+        What to write. Series that the format has no message for are left out.
+    path : Path
+        Ends in ``.bin`` (ArduPilot DataFlash), ``.ulg`` (PX4 ULog) or ``.tlog`` (MAVLink).
+
+    Raises
+    ------
+    SettingsError
+        If the suffix is none of the three.
+    OutputError
+        If the file cannot be written, or a row has no finite time.
+    """
+    write = _writer(path.suffix)
+    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with beside.open("wb") as file:
+            write(log, file)
+        beside.replace(path)
+    except OSError as error:
+        raise OutputError(
+            f"{path} cannot be written: {error.strerror or error}.",
+            hint="Check that the folder exists, is writable and has room.",
+        ) from error
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def _writer(suffix: str) -> Callable[[FlightLog, BinaryIO], None]:
+    """Return the function that writes the format of a file name's suffix."""
+    # Imported here: one format's writer never costs the time of the others.
+    if suffix.lower() == ".bin":
+        from quadid_logs.writers.dataflash import write_dataflash
+
+        return write_dataflash
+    if suffix.lower() == ".ulg":
+        from quadid_logs.writers.ulog import write_ulog
+
+        return write_ulog
+    if suffix.lower() == ".tlog":
+        from quadid_logs.writers.tlog import write_tlog
+
+        return write_tlog
+    raise SettingsError(f"No log format has the suffix {suffix!r}.", hint="Use .bin, .ulg or .tlog.")

@@ -1,0 +1,341 @@
+"""DataFlash .bin as ArduCopter writes it.
+
+What the FlightLog does not hold is written as a quiet NaN, as ArduPilot does
+with values that it does not have; integer fields are then zero.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from itertools import chain
+from typing import BinaryIO
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray, IntArray
+from quadid_logs.data.log import FlightLog, Signal
+from quadid_logs.writers.dataflash_formats import HEADER, MESSAGES, MULTIPLIERS, UNITS
+from quadid_logs.writers.flight_modes import find_mode
+from quadid_logs.writers.records import Column, Field, Records, write_merged
+from quadid_logs.writers.series import (
+    Stamps,
+    WriteClock,
+    changes,
+    clip_text,
+    controller_rate,
+    event_stamps,
+    first,
+    held,
+    imu_rates,
+    write_clock,
+)
+
+DEG = 180.0 / math.pi
+RPM = 30.0 / math.pi
+#: ArduCopter/defines.h, `LogEvent`.
+ARMED, DISARMED, LAND_COMPLETE, NOT_LANDED = 10, 11, 18, 28
+#: Rate of ATT whatever the bitmask (ArduCopter/Copter.cpp, `ten_hz_logging_loop`) [µs].
+ATT_PERIOD_US = 100_000
+#: The version that the message definitions are taken from.
+DEFAULT_FIRMWARE = "ArduCopter V4.7.0-dev (90700977)"
+#: VER.BU: AP_Vehicle_Type.
+BUILDS = {"ArduRover": 1, "ArduCopter": 2, "ArduPlane": 3, "ArduSub": 7}
+
+
+def write_dataflash(log: FlightLog, file: BinaryIO) -> None:
+    """Write a FlightLog as DataFlash binary.
+
+    RATE stands at the times of `body_rate` or of `torque_command`, whichever
+    has more rows; the other series in it hold their last value.
+
+    Parameters
+    ----------
+    log : FlightLog
+        Any autopilot's; only what ArduCopter logs is written.
+    file : binary file
+        Open for writing.
+
+    Raises
+    ------
+    OutputError
+        If a row has no finite time.
+    """
+    clock = write_clock(log)
+    streams = [
+        *_rate(log, clock),
+        *_imu(log, clock),
+        *_attitude(log, clock),
+        *_outputs(log, clock),
+        *_battery(log, clock),
+        *_rotor_speed(log, clock),
+        *_chirp(log, clock),
+        *_events(log, clock),
+    ]
+    start_us = min((int(stream.key_us[0]) for stream in streams if stream.key_us.size), default=0)
+    _write_header(file, log, start_us)
+    write_merged(file, streams)
+
+
+def _records(name: str, stamps: Stamps, fields: Mapping[str, Field]) -> Records:
+    """Make the rows of one message type."""
+    message = MESSAGES[name]
+    every_row: dict[str, Field] = {"header": HEADER, "number": message.number}
+    if name != "FMT":
+        every_row["TimeUS"] = stamps.time_us
+    return Records(dtype=message.dtype, key_us=stamps.key_us, fields=every_row | dict(fields))
+
+
+def _stamps(clock: WriteClock, signal: Signal) -> Stamps:
+    """Stamp a signal's rows."""
+    return clock.stamps(signal.time_s, signal.position)
+
+
+def _held(clock: WriteClock, signal: Signal | None, stamps: Stamps, n_columns: int) -> FloatArray:
+    """Hold a signal at other rows; NaN where there is none."""
+    if signal is None:
+        return np.full((stamps.key_us.size, n_columns), np.nan)
+    own = _stamps(clock, signal)
+    if np.array_equal(own.key_us, stamps.key_us):
+        return signal.values
+    return held(own, signal.values, stamps.key_us)
+
+
+def _rate(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
+    """RATE: the rate controller's input and output."""
+    rate, torque = controller_rate(log), first(log, "torque_command")
+    present = [signal for signal in (rate, torque) if signal is not None and signal.n_samples]
+    if not present:
+        return
+    stamps = _stamps(clock, max(present, key=lambda signal: signal.n_samples))
+    measured = _held(clock, rate, stamps, 3)
+    wanted = _held(clock, first(log, "body_rate_setpoint"), stamps, 3)
+    torque_out = _held(clock, torque, stamps, 3)
+    fields: dict[str, Field] = {"ADes": math.nan, "A": math.nan, "AOutSlew": math.nan}
+    for axis, letter in enumerate("RPY"):
+        fields[f"{letter}Des"] = Column(values=wanted[:, axis], scale=DEG)
+        fields[letter] = Column(values=measured[:, axis], scale=DEG)
+        fields[f"{letter}Out"] = torque_out[:, axis]
+    fields["AOut"] = _held(clock, first(log, "throttle"), stamps, 1)[:, 0]
+    yield _records("RATE", stamps, fields)
+
+
+def _vector(prefix: str, values: FloatArray, *, scale: float = 1.0) -> dict[str, Field]:
+    """Name the fields of a vector's components, such as GyrX, GyrY, GyrZ."""
+    return {
+        f"{prefix}{letter}": Column(values=values[:, axis], scale=scale) for axis, letter in enumerate("XYZ")
+    }
+
+
+def _imu(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
+    """IMU per instance; accelerometers without a gyro become ACC."""
+    rates, forces = imu_rates(log), log.candidates("specific_force")
+    for instance, rate in enumerate(rates):
+        stamps = _stamps(clock, rate)
+        force = _held(clock, forces[instance] if instance < len(forces) else None, stamps, 3)
+        hertz = _mean_rate_hz(stamps)
+        fields = _vector("Gyr", rate.values) | _vector("Acc", force)
+        state = {"I": instance, "T": math.nan, "GH": 1, "AH": 1, "GHz": hertz, "AHz": hertz}
+        yield _records("IMU", stamps, fields | state)
+    for instance, force_signal in enumerate(forces[len(rates) :], start=len(rates)):
+        stamps = _stamps(clock, force_signal)
+        yield _records(
+            "ACC",
+            stamps,
+            _vector("Acc", force_signal.values) | {"I": instance, "SampleUS": stamps.time_us},
+        )
+
+
+def _mean_rate_hz(stamps: Stamps) -> float:
+    """Return rows per second, 0 for a single row."""
+    span_us = int(stamps.key_us[-1] - stamps.key_us[0]) if stamps.key_us.size else 0
+    return (stamps.key_us.size - 1) * 1e6 / span_us if span_us else 0.0
+
+
+def _attitude(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
+    """ATT at 10 Hz, and ANG with every row where there are more."""
+    attitude = first(log, "attitude")
+    if attitude is None:
+        return
+    stamps = _stamps(clock, attitude)
+    tenths = stamps.key_us // ATT_PERIOD_US
+    slow = np.flatnonzero(np.diff(tenths, prepend=tenths[0] - 1))
+    if slow.size < stamps.key_us.size:
+        period_s = np.diff(stamps.key_us, prepend=stamps.key_us[0]) * 1e-6
+        yield _records("ANG", stamps, _angles(attitude.values) | {"Dt": period_s})
+    few = Stamps(time_us=stamps.time_us[slow], key_us=stamps.key_us[slow])
+    yield _records("ATT", few, _angles(attitude.values[slow]) | {"AEKF": 3})
+
+
+def _angles(attitude_rad: FloatArray) -> dict[str, Field]:
+    """Angles in degrees, yaw as a heading from 0 to 360; the desired ones are unknown."""
+    heading_rad = np.mod(attitude_rad[:, 2], 2.0 * math.pi)
+    return {
+        "DesRoll": math.nan,
+        "Roll": Column(values=attitude_rad[:, 0], scale=DEG),
+        "DesPitch": math.nan,
+        "Pitch": Column(values=attitude_rad[:, 1], scale=DEG),
+        "DesYaw": math.nan,
+        "Yaw": Column(values=heading_rad, scale=DEG),
+    }
+
+
+def _outputs(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
+    """RCOU, and RCO2 and RCO3 where there are more than 14 channels."""
+    outputs = first(log, "output_pwm")
+    if outputs is None:
+        return
+    stamps = _stamps(clock, outputs)
+    n_channels = outputs.values.shape[1]
+    for name, first_channel, last_channel in (("RCOU", 0, 14), ("RCO2", 14, 18), ("RCO3", 18, 32)):
+        channels = range(first_channel, min(last_channel, n_channels))
+        if channels:
+            yield _records(name, stamps, {f"C{i + 1}": outputs.values[:, i] for i in channels})
+
+
+def _battery(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
+    """MOTB, the thrust compensation's state, and BAT."""
+    ratio, lift = first(log, "battery_ratio"), first(log, "lift_max")
+    base = ratio or lift
+    if base is not None:
+        stamps = _stamps(clock, base)
+        fields: dict[str, Field] = {
+            "LiftMax": _held(clock, lift, stamps, 1)[:, 0],
+            "BatVolt": _held(clock, ratio, stamps, 1)[:, 0],
+            "ThLimit": 1.0,
+            "ThrAvMx": math.nan,
+            "ThrOut": _held(clock, first(log, "throttle"), stamps, 1)[:, 0],
+            # Bit 1: no motor has failed (AP_MotorsMulticopter.cpp, Log_Write).
+            "FailFlags": 2,
+        }
+        yield _records("MOTB", stamps, fields)
+    voltage = first(log, "battery_voltage")
+    if voltage is not None:
+        unknown: dict[str, Field] = dict.fromkeys(("VoltR", "Curr", "CurrTot", "EnrgTot", "Res"), math.nan)
+        known: dict[str, Field] = {"Volt": voltage.values[:, 0], "RemPct": 255, "H": 1}
+        yield _records("BAT", _stamps(clock, voltage), unknown | known)
+
+
+def _rotor_speed(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
+    """ESC, one instance per rotor."""
+    speed = first(log, "rotor_speed")
+    if speed is None:
+        return
+    stamps = _stamps(clock, speed)
+    for instance in range(speed.values.shape[1]):
+        rpm = Column(values=speed.values[:, instance], scale=RPM)
+        unknown: dict[str, Field] = dict.fromkeys(("Volt", "Curr", "CTot"), math.nan)
+        yield _records("ESC", stamps, unknown | {"Instance": instance, "RPM": rpm, "RawRPM": rpm})
+
+
+def _chirp(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
+    """SIDD: a system-ID mode's excitation beside the unfiltered IMU."""
+    chirp = first(log, "sysid_chirp")
+    if chirp is None:
+        return
+    stamps = _stamps(clock, chirp)
+    rate = next(iter(imu_rates(log)), None)
+    gyro = _held(clock, rate, stamps, 3)
+    force = _held(clock, first(log, "specific_force"), stamps, 3)
+    fields: dict[str, Field] = {
+        "Time": (stamps.key_us - stamps.key_us[0]) * 1e-6,
+        "Targ": chirp.values[:, 0],
+        "F": math.nan,
+    }
+    for axis, letter in enumerate("xyz"):
+        fields[f"G{letter}"] = Column(values=gyro[:, axis], scale=DEG)
+        fields[f"A{letter}"] = force[:, axis]
+    yield _records("SIDD", stamps, fields)
+
+
+def _events(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
+    """ARM and EV where the state changes, MODE, MSG."""
+    yield from _switches(clock, first(log, "armed"), before=0.0, on=ARMED, off=DISARMED, arm=True)
+    yield from _switches(clock, first(log, "landed"), before=1.0, on=LAND_COMPLETE, off=NOT_LANDED, arm=False)
+    if log.modes:
+        numbers = np.array([find_mode(mode.name).ardupilot for mode in log.modes])
+        yield _records("MODE", event_stamps(clock, log.modes), {"Mode": numbers, "ModeNum": numbers})
+    if log.texts:
+        texts = np.array([clip_text(text.text, 64) for text in log.texts])
+        yield _records("MSG", event_stamps(clock, log.texts), {"Message": texts})
+
+
+def _switches(
+    clock: WriteClock, signal: Signal | None, *, before: float, on: int, off: int, arm: bool
+) -> Iterator[Records]:
+    """EV, and for arming ARM, at the rows at which a two-valued signal changes."""
+    if signal is None:
+        return
+    rows: IntArray = changes(signal.values[:, 0], before=before)
+    if not rows.size:
+        return
+    every = _stamps(clock, signal)
+    stamps = Stamps(time_us=every.time_us[rows], key_us=every.key_us[rows])
+    state = (signal.values[rows, 0] > 0.5).astype(np.int64)
+    if arm:
+        yield _records("ARM", stamps, {"ArmState": state})
+    yield _records("EV", stamps, {"Id": np.where(state, on, off)})
+
+
+def firmware_line(log: FlightLog) -> str:
+    """Return the version as ArduPilot announces it, the default where the log is another firmware's."""
+    return log.firmware if re.match(r"Ardu[A-Z]\w+ V\d+\.\d+", log.firmware) else DEFAULT_FIRMWARE
+
+
+def _write_header(file: BinaryIO, log: FlightLog, start_us: int) -> None:
+    """Write what ArduPilot puts in front: definitions, version, parameters."""
+    moment = np.array([start_us], dtype=np.int64)
+    stamps = Stamps(time_us=moment, key_us=moment)
+    for name, fields in chain(_definitions(), _settings(log)):
+        file.write(_records(name, stamps, fields).encode(0, 1).tobytes())
+
+
+def _definitions() -> Iterator[tuple[str, dict[str, Field]]]:
+    """FMT of every type, then what their units and multipliers mean."""
+    for message in MESSAGES.values():
+        yield (
+            "FMT",
+            {
+                "Type": message.number,
+                "Length": message.dtype.itemsize,
+                "Name": message.name.encode(),
+                "Format": message.format.encode(),
+                "Columns": message.columns.encode(),
+            },
+        )
+    for letter, unit in UNITS.items():
+        yield "UNIT", {"Id": ord(letter), "Label": unit.encode()}
+    for letter, factor in MULTIPLIERS.items():
+        yield "MULT", {"Id": ord(letter), "Mult": factor}
+    for message in MESSAGES.values():
+        ids: dict[str, Field] = {"UnitIds": message.units.encode(), "MultIds": message.multipliers.encode()}
+        yield "FMTU", {"FmtType": message.number} | ids
+
+
+def _settings(log: FlightLog) -> Iterator[tuple[str, dict[str, Field]]]:
+    """MSG with firmware and frame unless the log's texts tell them, VER, PARM."""
+    firmware = firmware_line(log)
+    if not any(text.text.startswith("Ardu") for text in log.texts):
+        yield "MSG", {"Message": clip_text(firmware, 64)}
+        if log.frame:
+            yield "MSG", {"Message": clip_text(f"Frame: {log.frame}", 64)}
+    yield "VER", _version(firmware)
+    for name, value in ({"FORMAT_VERSION": 120.0} | dict(log.parameters)).items():
+        yield "PARM", {"Name": clip_text(name, 16), "Value": value, "Default": math.nan}
+
+
+def _version(firmware: str) -> dict[str, Field]:
+    """VER: the version's parts, board type 3 (simulated)."""
+    found = re.match(r"(\w+) V(\d+)\.(\d+)(?:\.(\d+))?", firmware)
+    name, *numbers = found.groups(default="0") if found else ("", "0", "0", "0")
+    major, minor, patch = (min(int(number), 255) for number in numbers)
+    return {
+        "BT": 3,
+        "BST": 65535,
+        "Maj": major,
+        "Min": minor,
+        "Pat": patch,
+        "FWS": clip_text(firmware, 64),
+        "BU": BUILDS.get(name, 0),
+    }

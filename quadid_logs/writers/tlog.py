@@ -1,0 +1,331 @@
+"""MAVLink telemetry log (.tlog) as a ground station records it, through pymavlink's dialect.
+
+Field meanings: mavlink common.xml and ardupilotmega.xml; RAW_IMU in mG and
+mrad/s as ArduPilot fills it (GCS_Common.cpp, `send_raw_imu`).
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+import re
+import struct
+from collections.abc import Iterator
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from quadid_logs.arrays import AnyArray, FloatArray, IntArray
+from quadid_logs.data.log import FlightLog, Signal
+from quadid_logs.writers.flight_modes import find_mode
+from quadid_logs.writers.records import fit
+from quadid_logs.writers.series import (
+    Stamps,
+    WriteClock,
+    clip_text,
+    controller_rate,
+    event_stamps,
+    first,
+    held,
+    imu_rates,
+    mav_type,
+    write_clock,
+)
+from quadid_logs.writers.ulog_topics import INTEGER_PARAMETERS
+
+#: Host time of the log's zero: 2025-01-01 00:00 UTC [µs]. Fixed, so that the bytes are.
+HOST_EPOCH_US = 1_735_689_600_000_000
+HEARTBEAT_PERIOD_US = 1_000_000
+GRAVITY = 9.80665
+RPM = 30.0 / math.pi
+TEXT_BYTES = 50
+SYSTEM_ID, COMPONENT_ID = 1, 1
+#: MAV_AUTOPILOT_*.
+AUTOPILOTS = {"ardupilot": 3, "px4": 12}
+#: MAV_MODE_FLAG: custom mode, stabilised, manual input; and armed.
+BASE_MODE, ARMED_FLAG = 1 + 16 + 64, 128
+#: MAV_STATE_*, MAV_LANDED_STATE_*, MAV_PARAM_TYPE_*, MAV_SEVERITY_INFO.
+STANDBY, ACTIVE = 3, 4
+ON_GROUND, IN_AIR = 1, 2
+PARAM_INT32, PARAM_REAL32 = 6, 9
+SEVERITY_INFO = 6
+
+#: A message and its place in the file [µs].
+Timed = tuple[int, Any]
+
+
+def write_tlog(log: FlightLog, file: BinaryIO) -> None:
+    """Write a FlightLog as a MAVLink 2 telemetry log.
+
+    ATTITUDE stands at the times of `attitude` or of `body_rate`, whichever
+    has more rows; the other one holds its last value.
+
+    Parameters
+    ----------
+    log : FlightLog
+        `autopilot` chooses between ArduPilot's and PX4's messages.
+    file : binary file
+        Open for writing.
+
+    Raises
+    ------
+    OutputError
+        If a row has no finite time.
+    """
+    from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+    clock = write_clock(log)
+    streams = [
+        _greeting(dialect, log, clock),
+        _heartbeats(dialect, log, clock),
+        _attitude(dialect, log, clock),
+        _targets(dialect, log, clock),
+        *_imus(dialect, log, clock),
+        _outputs(dialect, log, clock),
+        _rotor_speed(dialect, log, clock),
+        _battery(dialect, log, clock),
+        _landed(dialect, log, clock),
+        _texts(dialect, log, clock),
+    ]
+    sender = dialect.MAVLink(None, srcSystem=SYSTEM_ID, srcComponent=COMPONENT_ID)
+    for key_us, message in heapq.merge(*streams, key=lambda timed: timed[0]):
+        file.write(struct.pack(">Q", HOST_EPOCH_US + key_us) + message.pack(sender))
+        sender.seq = (sender.seq + 1) % 256
+
+
+def _stamps(clock: WriteClock, signal: Signal) -> Stamps:
+    """Stamp a signal's rows."""
+    return clock.stamps(signal.time_s, signal.position)
+
+
+def _held(clock: WriteClock, signal: Signal | None, key_us: IntArray, n_columns: int) -> FloatArray:
+    """Hold a signal at other rows; NaN where there is none."""
+    if signal is None:
+        return np.full((key_us.size, n_columns), np.nan)
+    return held(_stamps(clock, signal), signal.values, key_us)
+
+
+def _boot_ms(stamps: Stamps) -> list[int]:
+    """Return time_boot_ms: whole milliseconds, cut off as the autopilot does; wraps after 49 days."""
+    return list((stamps.time_us // 1000 % 2**32).tolist())
+
+
+def _span(log: FlightLog, clock: WriteClock) -> tuple[int, int]:
+    """Return the first and the last place that a series has in the file [µs]."""
+    series = [signal for candidates in log.signals.values() for signal in candidates if signal.n_samples]
+    keys = [_stamps(clock, signal).key_us for signal in series] + [event_stamps(clock, log.modes).key_us]
+    edges = [(int(key[0]), int(key[-1])) for key in keys if key.size]
+    return min((low for low, _ in edges), default=0), max((high for _, high in edges), default=0)
+
+
+def _greeting(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
+    """AUTOPILOT_VERSION and all parameters, as a ground station asks for them on connecting."""
+    start_us, _ = _span(log, clock)
+    none = bytes(8)
+    yield (
+        start_us,
+        dialect.MAVLink_autopilot_version_message(
+            0, _version(log.firmware), 0, 0, 0, none, none, none, 0, 0, 0
+        ),
+    )
+    for index, (name, value) in enumerate(log.parameters.items()):
+        number, kind = _parameter(log, name, value)
+        yield (
+            start_us,
+            dialect.MAVLink_param_value_message(
+                clip_text(name, 16), number, kind, len(log.parameters), index
+            ),
+        )
+
+
+def _version(firmware: str) -> int:
+    """Pack a version such as "ArduCopter V4.6.0"; the lowest byte 255 is a release."""
+    found = re.search(r"[Vv]?(\d+)\.(\d+)(?:\.(\d+))?", firmware)
+    if not found:
+        return 0
+    major, minor, patch = (min(int(number), 255) for number in found.groups(default="0"))
+    return major << 24 | minor << 16 | patch << 8 | 0xFF
+
+
+def _parameter(log: FlightLog, name: str, value: float) -> tuple[float, int]:
+    """Return PARAM_VALUE's number and type: PX4 sends an integer's bytes in the float."""
+    if log.autopilot == "px4" and name in INTEGER_PARAMETERS and math.isfinite(value):
+        whole = max(-(2**31), min(round(value), 2**31 - 1))
+        (number,) = struct.unpack("<f", struct.pack("<i", whole))
+        return number, PARAM_INT32
+    return float(np.float32(value)), PARAM_REAL32
+
+
+def _heartbeats(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
+    """HEARTBEAT once a second: type, mode, armed."""
+    start_us, end_us = _span(log, clock)
+    key_us = np.arange(start_us, end_us + 1, HEARTBEAT_PERIOD_US, dtype=np.int64)
+    modes = event_stamps(clock, log.modes)
+    custom = np.array([_custom_mode(log, mode.name) for mode in log.modes], dtype=np.float64)
+    mode = np.nan_to_num(held(modes, custom, key_us)).astype(np.int64)
+    armed = _held(clock, first(log, "armed"), key_us, 1)[:, 0] > 0.5
+    autopilot, vehicle = AUTOPILOTS.get(log.autopilot, 0), mav_type(log)
+    for key, number, is_armed in zip(key_us.tolist(), mode.tolist(), armed.tolist(), strict=True):
+        base = BASE_MODE | (ARMED_FLAG if is_armed else 0)
+        state = ACTIVE if is_armed else STANDBY
+        yield key, dialect.MAVLink_heartbeat_message(vehicle, autopilot, base, number, state, 3)
+
+
+def _custom_mode(log: FlightLog, name: str) -> int:
+    """Return HEARTBEAT.custom_mode; PX4 puts main and sub mode into its upper bytes."""
+    mode = find_mode(name)
+    return mode.px4_main << 16 | mode.px4_sub << 24 if log.autopilot == "px4" else mode.ardupilot
+
+
+def _attitude(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
+    """ATTITUDE: angles and body rates together."""
+    candidates = (first(log, "attitude"), controller_rate(log))
+    present = [signal for signal in candidates if signal is not None and signal.n_samples]
+    if not present:
+        return
+    stamps = _stamps(clock, max(present, key=lambda signal: signal.n_samples))
+    angles, rates = (_held(clock, signal, stamps.key_us, 3) for signal in candidates)
+    rows = np.concatenate((angles, rates), axis=1).tolist()
+    for key, boot_ms, row in zip(stamps.key_us.tolist(), _boot_ms(stamps), rows, strict=True):
+        yield key, dialect.MAVLink_attitude_message(boot_ms, *row)
+
+
+def _targets(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
+    """ATTITUDE_TARGET: wanted rates and thrust; the wanted attitude is unknown."""
+    wanted = first(log, "body_rate_setpoint")
+    if wanted is None:
+        return
+    stamps = _stamps(clock, wanted)
+    thrust = _held(clock, first(log, "throttle"), stamps.key_us, 1)
+    rows = np.concatenate((wanted.values, thrust), axis=1).tolist()
+    unknown = [math.nan] * 4
+    for key, boot_ms, row in zip(stamps.key_us.tolist(), _boot_ms(stamps), rows, strict=True):
+        yield key, dialect.MAVLink_attitude_target_message(boot_ms, 0, unknown, *row)
+
+
+def _imus(dialect: Any, log: FlightLog, clock: WriteClock) -> list[Iterator[Timed]]:
+    """RAW_IMU, SCALED_IMU2 and SCALED_IMU3 of ArduPilot; HIGHRES_IMU of PX4."""
+    rates, forces = list(imu_rates(log)), list(log.candidates("specific_force"))
+    makers = [_raw_imu, _scaled_imu2, _scaled_imu3]
+    if log.autopilot == "px4":
+        makers = [_highres_imu]
+    n_imus = min(max(len(rates), len(forces)), len(makers))
+    streams: list[Iterator[Timed]] = []
+    for instance in range(n_imus):
+        rate = rates[instance] if instance < len(rates) else None
+        force = forces[instance] if instance < len(forces) else None
+        streams.append(makers[instance](dialect, *_imu_rows(clock, rate, force)))
+    return streams
+
+
+def _imu_rows(clock: WriteClock, rate: Signal | None, force: Signal | None) -> tuple[Stamps, FloatArray]:
+    """Put an accelerometer [m/s^2] and a gyro [rad/s] side by side at the gyro's times."""
+    base = rate if rate is not None else force
+    if base is None or not base.n_samples:
+        none = np.zeros(0, dtype=np.int64)
+        return Stamps(time_us=none, key_us=none), np.zeros((0, 6))
+    stamps = _stamps(clock, base)
+    parts = [_held(clock, signal, stamps.key_us, 3) for signal in (force, rate)]
+    return stamps, np.concatenate(parts, axis=1)
+
+
+def _thousandths(rows: FloatArray) -> list[list[int]]:
+    """Turn m/s^2 and rad/s into mG and mrad/s."""
+    scale = np.repeat([1000.0 / GRAVITY, 1000.0], 3)
+    return list(fit(rows * scale, np.dtype(np.int16)).tolist())
+
+
+def _raw_imu(dialect: Any, stamps: Stamps, rows: FloatArray) -> Iterator[Timed]:
+    """First IMU, with microseconds."""
+    for key, time_us, row in zip(
+        stamps.key_us.tolist(), stamps.time_us.tolist(), _thousandths(rows), strict=True
+    ):
+        yield key, dialect.MAVLink_raw_imu_message(time_us, *row, 0, 0, 0)
+
+
+def _scaled_imu2(dialect: Any, stamps: Stamps, rows: FloatArray) -> Iterator[Timed]:
+    """Second IMU, with milliseconds."""
+    for key, boot_ms, row in zip(stamps.key_us.tolist(), _boot_ms(stamps), _thousandths(rows), strict=True):
+        yield key, dialect.MAVLink_scaled_imu2_message(boot_ms, *row, 0, 0, 0)
+
+
+def _scaled_imu3(dialect: Any, stamps: Stamps, rows: FloatArray) -> Iterator[Timed]:
+    """Third IMU, with milliseconds."""
+    for key, boot_ms, row in zip(stamps.key_us.tolist(), _boot_ms(stamps), _thousandths(rows), strict=True):
+        yield key, dialect.MAVLink_scaled_imu3_message(boot_ms, *row, 0, 0, 0)
+
+
+def _highres_imu(dialect: Any, stamps: Stamps, rows: FloatArray) -> Iterator[Timed]:
+    """PX4's IMU in SI units; the lowest six bits name the updated fields."""
+    unknown = [math.nan] * 7
+    for key, time_us, row in zip(stamps.key_us.tolist(), stamps.time_us.tolist(), rows.tolist(), strict=True):
+        yield key, dialect.MAVLink_highres_imu_message(time_us, *row, *unknown, 0b111111)
+
+
+def _outputs(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
+    """SERVO_OUTPUT_RAW, one port per 16 channels."""
+    outputs = first(log, "output_pwm")
+    if outputs is None:
+        return
+    stamps = _stamps(clock, outputs)
+    pulses = fit(outputs.values, np.dtype(np.uint16))
+    # The field has 32 bits and wraps after 71 minutes.
+    times = (stamps.time_us % 2**32).tolist()
+    ports = [_filled(pulses[:, start : start + 16], 16) for start in range(0, pulses.shape[1], 16)]
+    for row, (key, time_us) in enumerate(zip(stamps.key_us.tolist(), times, strict=True)):
+        for port, channels in enumerate(ports):
+            yield key, dialect.MAVLink_servo_output_raw_message(time_us, port, *channels[row])
+
+
+def _filled(values: AnyArray, n_columns: int) -> list[list[int]]:
+    """Fill rows up with zeros."""
+    return list(np.pad(values, ((0, 0), (0, n_columns - values.shape[1]))).tolist())
+
+
+def _rotor_speed(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
+    """ESC_TELEMETRY for up to twelve rotors, in whole revolutions per minute."""
+    speed = first(log, "rotor_speed")
+    if speed is None:
+        return
+    rpm = fit(speed.values * RPM, np.dtype(np.uint16))
+    makers = (
+        dialect.MAVLink_esc_telemetry_1_to_4_message,
+        dialect.MAVLink_esc_telemetry_5_to_8_message,
+        dialect.MAVLink_esc_telemetry_9_to_12_message,
+    )
+    groups = [_filled(rpm[:, start : start + 4], 4) for start in range(0, min(rpm.shape[1], 12), 4)]
+    none = [0] * 4
+    for row, key in enumerate(_stamps(clock, speed).key_us.tolist()):
+        for make, group in zip(makers, groups, strict=False):
+            yield key, make(bytes(4), none, none, none, group[row], none)
+
+
+def _battery(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
+    """SYS_STATUS: the voltage in mV, no current sensor."""
+    voltage = first(log, "battery_voltage")
+    if voltage is None:
+        return
+    millivolts = fit(voltage.values[:, 0] * 1000.0, np.dtype(np.uint16)).tolist()
+    for key, value in zip(_stamps(clock, voltage).key_us.tolist(), millivolts, strict=True):
+        yield key, dialect.MAVLink_sys_status_message(0, 0, 0, 0, value, -1, -1, 0, 0, 0, 0, 0, 0)
+
+
+def _landed(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
+    """EXTENDED_SYS_STATE: on ground or in the air."""
+    landed = first(log, "landed")
+    if landed is None:
+        return
+    states = np.where(landed.values[:, 0] > 0.5, ON_GROUND, IN_AIR).tolist()
+    for key, state in zip(_stamps(clock, landed).key_us.tolist(), states, strict=True):
+        yield key, dialect.MAVLink_extended_sys_state_message(0, state)
+
+
+def _texts(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
+    """STATUSTEXT; a long text in chunks that share an id."""
+    keys = event_stamps(clock, log.texts).key_us.tolist()
+    for number, (key, text) in enumerate(zip(keys, log.texts, strict=True), start=1):
+        encoded = clip_text(text.text, TEXT_BYTES * 255)
+        chunks = [encoded[i : i + TEXT_BYTES] for i in range(0, len(encoded), TEXT_BYTES)] or [b""]
+        shared_id = number % 2**16 if len(chunks) > 1 else 0
+        for sequence, chunk in enumerate(chunks):
+            yield key, dialect.MAVLink_statustext_message(SEVERITY_INFO, chunk, shared_id, sequence)

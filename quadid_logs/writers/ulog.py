@@ -1,0 +1,365 @@
+"""ULog as PX4 main writes it.
+
+Source: docs.px4.io, "ULog File Format". What the FlightLog does not hold is
+NaN, as PX4 does with values that it does not have; integer fields are zero.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import struct
+from collections.abc import Iterator, Mapping
+from typing import BinaryIO
+
+import numpy as np
+
+from quadid_logs.arrays import AnyArray, FloatArray, IntArray
+from quadid_logs.data.log import FlightLog, Signal
+from quadid_logs.maths.rotations import quaternion_from_euler
+from quadid_logs.writers.flight_modes import find_mode
+from quadid_logs.writers.records import Column, Field, Records, write_merged
+from quadid_logs.writers.series import (
+    Stamps,
+    WriteClock,
+    clip_text,
+    controller_rate,
+    event_stamps,
+    first,
+    held,
+    imu_rates,
+    mav_type,
+    write_clock,
+)
+from quadid_logs.writers.ulog_topics import INTEGER_PARAMETERS, TOPICS, row_type
+
+MAGIC = b"ULog\x01\x12\x35"
+VERSION = 1
+#: The bytes of a sync message, by which a reader finds its way after damage.
+SYNC = bytes.fromhex("2f731320250cbb12")
+SYNC_PERIOD_US = 500_000
+RPM = 30.0 / math.pi
+#: The PX4 release whose topics are written: 1.18.0, as ver_sw_release stores it.
+DEFAULT_RELEASE = 0x011200FF
+#: From the gyro's sample to the publication of what follows from it: medians
+#: of flights with PX4 1.16 on an FMU v6C [µs].
+LATENCY_US = {
+    "vehicle_angular_velocity": 63,
+    "vehicle_acceleration": 68,
+    "vehicle_attitude": 219,
+    "vehicle_torque_setpoint": 73,
+    "vehicle_thrust_setpoint": 73,
+    "actuator_motors": 91,
+}
+MOTORS, OUTPUTS, ESCS = 12, 16, 12
+#: msg/VehicleStatus.msg: ARMING_STATE_*, VEHICLE_TYPE_ROTARY_WING.
+STATE_DISARMED, STATE_ARMED, ROTARY_WING = 1, 2, 1
+#: msg/EscReport.msg: ACTUATOR_FUNCTION_MOTOR1.
+FUNCTION_MOTOR1 = 101
+
+Topic = tuple[str, int, Stamps, dict[str, Field]]
+
+
+def write_ulog(log: FlightLog, file: BinaryIO) -> None:
+    """Write a FlightLog as ULog.
+
+    Parameters
+    ----------
+    log : FlightLog
+        Any autopilot's; only what PX4 logs is written. Of several IMUs the first one.
+    file : binary file
+        Open for writing.
+
+    Raises
+    ------
+    OutputError
+        If a row has no finite time.
+    """
+    clock = write_clock(log)
+    topics = [*_rates(log, clock), *_actuators(log, clock), *_sensors(log, clock), *_states(log, clock)]
+    streams = [_records(number, *topic) for number, topic in enumerate(topics)]
+    starts = [int(stream.key_us[0]) for stream in streams]
+    ends = [int(stream.key_us[-1]) for stream in streams]
+    start_us, end_us = min(starts, default=0), max(ends, default=0)
+    file.write(MAGIC + struct.pack("<BQ", VERSION, start_us))
+    _write_definitions(file, log)
+    for number, (name, instance, _, _) in enumerate(topics):
+        file.write(_message("A", struct.pack("<BH", instance, number) + name.encode()))
+    write_merged(file, [*streams, *_texts(log, clock), _syncs(start_us, end_us)])
+
+
+def _message(kind: str, content: bytes) -> bytes:
+    """Put the header of size and type in front of a message."""
+    return struct.pack("<HB", len(content), ord(kind)) + content
+
+
+def _record_type(row: np.dtype[np.void]) -> np.dtype[np.void]:
+    """Return a data message's packed row, its header included."""
+    return np.dtype([("size", "<u2"), ("kind", "u1"), ("number", "<u2"), ("row", row)])
+
+
+def _records(number: int, name: str, _instance: int, stamps: Stamps, fields: Mapping[str, Field]) -> Records:
+    """Make the data messages of a topic."""
+    row = row_type(name)
+    dtype = _record_type(row)
+    latency_us = LATENCY_US.get(name, 0)
+    every_row: dict[str, Field] = {
+        "size": dtype.itemsize - 3,
+        "kind": ord("D"),
+        "number": number,
+        "row.timestamp": stamps.time_us + latency_us,
+    }
+    if "timestamp_sample" in (row.names or ()):
+        every_row["row.timestamp_sample"] = stamps.time_us
+    own = {f"row.{field}": values for field, values in fields.items()}
+    return Records(dtype=dtype, key_us=stamps.key_us + latency_us, fields=every_row | own)
+
+
+def _stamps(clock: WriteClock, signal: Signal) -> Stamps:
+    """Stamp a signal's rows."""
+    return clock.stamps(signal.time_s, signal.position)
+
+
+def _held(clock: WriteClock, signal: Signal | None, key_us: IntArray, n_columns: int) -> FloatArray:
+    """Hold a signal at other rows; NaN where there is none."""
+    if signal is None:
+        return np.full((key_us.size, n_columns), np.nan)
+    return held(_stamps(clock, signal), signal.values, key_us)
+
+
+def _padded(values: FloatArray, n_columns: int, *, fill: float) -> FloatArray:
+    """Fill up an array field that is longer than the vehicle needs, or cut it."""
+    used = values[:, :n_columns]
+    rest = np.full((values.shape[0], n_columns - used.shape[1]), fill)
+    return np.concatenate((used, rest), axis=1)
+
+
+def _upwards(throttle: FloatArray) -> FloatArray:
+    """Turn a collective thrust command (n, 1) into a thrust vector in body axes (n, 3)."""
+    return np.asarray(throttle * np.array([0.0, 0.0, -1.0]))
+
+
+def _rates(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
+    """Measured and wanted body rates, torque and thrust set-points."""
+    rate = controller_rate(log)
+    if rate is not None and rate.n_samples:
+        fields: dict[str, Field] = {"xyz": rate.values, "xyz_derivative": math.nan}
+        yield "vehicle_angular_velocity", 0, _stamps(clock, rate), fields
+    wanted, throttle = first(log, "body_rate_setpoint"), first(log, "throttle")
+    if wanted is not None:
+        stamps = _stamps(clock, wanted)
+        fields = {name: wanted.values[:, axis] for axis, name in enumerate(("roll", "pitch", "yaw"))}
+        fields["thrust_body"] = _upwards(_held(clock, throttle, stamps.key_us, 1))
+        yield "vehicle_rates_setpoint", 0, stamps, fields
+    torque = first(log, "torque_command")
+    if torque is not None:
+        yield "vehicle_torque_setpoint", 0, _stamps(clock, torque), {"xyz": torque.values}
+    if throttle is not None:
+        thrust = _upwards(throttle.values)
+        yield "vehicle_thrust_setpoint", 0, _stamps(clock, throttle), {"xyz": thrust}
+    unallocated = first(log, "unallocated_torque")
+    if unallocated is not None:
+        # ControlAllocator.cpp: achieved below a squared norm of 1e-6.
+        achieved = (unallocated.values**2).sum(axis=1) < 1e-6
+        fields = {
+            "unallocated_torque": unallocated.values,
+            "torque_setpoint_achieved": achieved.astype(np.uint8),
+            "thrust_setpoint_achieved": 1,
+        }
+        yield "control_allocator_status", 0, _stamps(clock, unallocated), fields
+
+
+def _actuators(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
+    """Motor commands before the thrust curve, output pulses, ESC speeds."""
+    motors = first(log, "motor_thrust")
+    if motors is not None:
+        control = _padded(motors.values, MOTORS, fill=math.nan)
+        yield "actuator_motors", 0, _stamps(clock, motors), {"control": control}
+    outputs = first(log, "output_pwm")
+    if outputs is not None:
+        stamps = _stamps(clock, outputs)
+        for instance, channel in enumerate(range(0, outputs.values.shape[1], OUTPUTS)):
+            part = outputs.values[:, channel : channel + OUTPUTS]
+            fields: dict[str, Field] = {
+                "noutputs": part.shape[1],
+                "output": _padded(part, OUTPUTS, fill=0.0),
+            }
+            yield "actuator_outputs", instance, stamps, fields
+    speed = first(log, "rotor_speed")
+    if speed is not None:
+        yield "esc_status", 0, *_esc_status(_stamps(clock, speed), speed)
+
+
+def _esc_status(stamps: Stamps, speed: Signal) -> tuple[Stamps, dict[str, Field]]:
+    """Whole revolutions per minute, one report per motor."""
+    n_escs = min(speed.values.shape[1], ESCS)
+    online = (1 << n_escs) - 1
+    used = np.arange(ESCS) < n_escs
+    fields: dict[str, Field] = {
+        "counter": np.arange(stamps.time_us.size) % 2**16,
+        "esc_online_flags": online,
+        "esc_armed_flags": online,
+        "esc_count": n_escs,
+        "esc.timestamp": stamps.time_us[:, np.newaxis] * used,
+        "esc.esc_rpm": Column(values=_padded(speed.values, ESCS, fill=0.0), scale=RPM),
+        "esc.actuator_function": (FUNCTION_MOTOR1 + np.arange(ESCS)) * used,
+    }
+    return stamps, _every_row(fields, "esc.actuator_function", stamps.time_us.size)
+
+
+def _every_row(fields: dict[str, Field], name: str, n_rows: int) -> dict[str, Field]:
+    """Repeat an array that is the same in every row, without copying it."""
+    row: AnyArray = np.asarray(fields[name])
+    return fields | {name: np.broadcast_to(row, (n_rows, *row.shape))}
+
+
+def _sensors(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
+    """Attitude as a quaternion, the first IMU, the battery."""
+    attitude = first(log, "attitude")
+    if attitude is not None:
+        fields: dict[str, Field] = {"q": quaternion_from_euler(attitude.values), "delta_q_reset": math.nan}
+        yield "vehicle_attitude", 0, _stamps(clock, attitude), fields
+    rate, force = next(iter(imu_rates(log)), None), first(log, "specific_force")
+    if rate is not None and rate.n_samples:
+        stamps = _stamps(clock, rate)
+        period_us = float(np.median(np.diff(stamps.time_us))) if rate.n_samples > 1 else 0.0
+        fields = {
+            "gyro_rad": rate.values,
+            "gyro_integral_dt": period_us,
+            "accelerometer_m_s2": _held(clock, force, stamps.key_us, 3),
+            "accelerometer_integral_dt": period_us,
+        }
+        yield "sensor_combined", 0, stamps, fields
+    elif force is not None:
+        yield "vehicle_acceleration", 0, _stamps(clock, force), {"xyz": force.values}
+    voltage = first(log, "battery_voltage")
+    if voltage is not None:
+        unknown: dict[str, Field] = dict.fromkeys(
+            ("current_a", "current_average_a", "discharged_mah", "remaining", "time_remaining_s"), math.nan
+        )
+        known: dict[str, Field] = {
+            "voltage_v": voltage.values[:, 0],
+            # msg/BatteryStatus.msg: -1 says that the scale is unknown.
+            "scale": -1.0,
+            "temperature": math.nan,
+            "connected": 1,
+            "id": 1,
+        }
+        yield "battery_status", 0, _stamps(clock, voltage), unknown | known
+
+
+def _states(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
+    """Arming, landing and flight mode."""
+    armed, landed = first(log, "armed"), first(log, "landed")
+    if armed is not None:
+        is_armed = armed.values[:, 0] > 0.5
+        fields: dict[str, Field] = {"armed": is_armed.astype(np.uint8), "ready_to_arm": 1}
+        yield "actuator_armed", 0, _stamps(clock, armed), fields
+    if landed is not None:
+        is_landed = (landed.values[:, 0] > 0.5).astype(np.uint8)
+        fields = dict.fromkeys(("landed", "maybe_landed", "ground_contact"), is_landed)
+        yield "vehicle_land_detected", 0, _stamps(clock, landed), fields
+    yield from _status(log, clock, armed)
+
+
+def _status(log: FlightLog, clock: WriteClock, armed: Signal | None) -> Iterator[Topic]:
+    """vehicle_status whenever the mode changes or the arming state is logged."""
+    modes = event_stamps(clock, log.modes)
+    parts = [modes] if armed is None else [modes, _stamps(clock, armed)]
+    key_us = np.concatenate([part.key_us for part in parts])
+    if not key_us.size:
+        return
+    order = np.argsort(key_us, kind="stable")
+    time_us = np.concatenate([part.time_us for part in parts])[order]
+    stamps = Stamps(time_us=time_us, key_us=key_us[order])
+    numbers = np.array([find_mode(mode.name).nav_state for mode in log.modes], dtype=np.float64)
+    is_armed = _held(clock, armed, stamps.key_us, 1)[:, 0] > 0.5
+    fields: dict[str, Field] = {
+        "arming_state": np.where(is_armed, STATE_ARMED, STATE_DISARMED),
+        "nav_state": held(modes, numbers, stamps.key_us),
+        "nav_state_user_intention": held(modes, numbers, stamps.key_us),
+        "vehicle_type": ROTARY_WING,
+        "system_type": mav_type(log),
+        "system_id": 1,
+        "component_id": 1,
+        "pre_flight_checks_pass": 1,
+    }
+    yield "vehicle_status", 0, stamps, fields
+
+
+def _texts(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
+    """Make the logged text messages: one record type per length."""
+    stamps = event_stamps(clock, log.texts)
+    texts = [clip_text(text.text, 127) for text in log.texts]
+    for row, text in enumerate(texts):
+        dtype = np.dtype(
+            [
+                ("size", "<u2"),
+                ("kind", "u1"),
+                ("level", "u1"),
+                ("timestamp", "<u8"),
+                ("text", f"V{len(text)}"),
+            ]
+        )
+        fields: dict[str, Field] = {
+            "size": dtype.itemsize - 3,
+            "kind": ord("L"),
+            "level": ord("6"),
+            "timestamp": stamps.time_us[row : row + 1],
+            "text": np.frombuffer(text, dtype=f"V{len(text)}") if text else np.zeros(1, dtype="V0"),
+        }
+        yield Records(dtype=dtype, key_us=stamps.key_us[row : row + 1], fields=fields)
+
+
+def _syncs(start_us: int, end_us: int) -> Records:
+    """Sync messages at the logger's period."""
+    key_us = np.arange(start_us, end_us + 1, SYNC_PERIOD_US, dtype=np.int64)
+    dtype = np.dtype([("size", "<u2"), ("kind", "u1"), ("magic", f"V{len(SYNC)}")])
+    magic = np.broadcast_to(np.frombuffer(SYNC, dtype=f"V{len(SYNC)}"), key_us.shape)
+    return Records(dtype=dtype, key_us=key_us, fields={"size": len(SYNC), "kind": ord("S"), "magic": magic})
+
+
+def _write_definitions(file: BinaryIO, log: FlightLog) -> None:
+    """Write flag bits, formats, information and parameters."""
+    file.write(_message("B", bytes(40)))
+    for name, fields in TOPICS.items():
+        file.write(_message("F", f"{name}:{fields}".encode()))
+    release = _release(log.firmware)
+    texts = {
+        "sys_name": "PX4",
+        "ver_hw": "PX4_SITL",
+        "ver_sw": "0" * 40,
+        "sys_uuid": log.hardware_id or "0" * 36,
+        "sys_os_name": "NuttX",
+    }
+    for key, text in texts.items():
+        content = clip_text(text, 64)
+        file.write(_message("I", _keyed(f"char[{len(content)}] {key}", content)))
+    numbers = {"ver_sw_release": ("uint32_t", release), "time_ref_utc": ("int32_t", 0)}
+    for key, (kind, number) in numbers.items():
+        file.write(_message("I", _keyed(f"{kind} {key}", struct.pack("<I", number))))
+    for name, value in log.parameters.items():
+        file.write(_message("P", _parameter(clip_text(name, 16).decode(), value)))
+
+
+def _keyed(key: str, value: bytes) -> bytes:
+    """Put a key's length and text in front of its value."""
+    encoded = key.encode()
+    return bytes([len(encoded)]) + encoded + value
+
+
+def _parameter(name: str, value: float) -> bytes:
+    """Pack a parameter as the type that PX4 gives it."""
+    if name in INTEGER_PARAMETERS and math.isfinite(value):
+        whole = max(-(2**31), min(round(value), 2**31 - 1))
+        return _keyed(f"int32_t {name}", struct.pack("<i", whole))
+    return _keyed(f"float {name}", np.float32(value).tobytes())
+
+
+def _release(firmware: str) -> int:
+    """Pack a version such as "PX4 v1.16.1" into ver_sw_release; the lowest byte 255 is a release."""
+    found = re.search(r"v?(\d+)\.(\d+)(?:\.(\d+))?", firmware)
+    if not found or not firmware.upper().startswith("PX4"):
+        return DEFAULT_RELEASE
+    major, minor, patch = (min(int(number), 255) for number in found.groups(default="0"))
+    return major << 24 | minor << 16 | patch << 8 | 0xFF
