@@ -1,0 +1,373 @@
+"""ArduPilot's DataFlash binary log (.bin): messages as columns, and the flight log made of them."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import mmap
+from collections.abc import Collection
+from pathlib import Path
+from types import TracebackType
+from typing import Final, Self
+
+import numpy as np
+
+from quadid_logs.arrays import AnyArray, IntArray
+from quadid_logs.data.log import FlightLog, LostStretch
+from quadid_logs.errors import EmptyLogError, LogNotFoundError
+from quadid_logs.readers.dataflash_index import (
+    FMT_ID,
+    ByteArray,
+    FormatCharacter,
+    MessageDefinition,
+    MessageIndex,
+    definition_at,
+    index_messages,
+    looks_like_dataflash,
+    release_pages,
+)
+from quadid_logs.readers.message_table import MessageTable, Unit, join_tables
+
+#: Rows gathered at once: they stay in the processor's cache until their columns are copied out.
+_GATHER_ROWS: Final = 10_000
+#: The file is gathered in parts of this size, each given back to the system before the next is touched.
+_GATHER_BYTES: Final = 1 << 26
+
+
+class DataFlashFile:
+    """An open DataFlash binary file: an index of its messages over a map of the file.
+
+    Examples
+    --------
+    >>> with DataFlashFile.open("flight.bin") as file:  # doctest: +SKIP
+    ...     rate = file.read_messages({"RATE"})["RATE"]
+    ...     rate.columns["R"]  # [deg/s]
+    """
+
+    def __init__(self, path: str, data: ByteArray, pages: mmap.mmap | None) -> None:
+        self.path = path
+        self.n_bytes = len(data)
+        self._data = data
+        self._pages = pages
+        self._index = index_messages(data, pages)
+        self._order, self._bounds = _group_by_type(self._index)
+        self._units: dict[int, dict[str, Unit]] | None = None
+
+    @classmethod
+    def open(cls, path: str | Path) -> Self:
+        """Map and index a file.
+
+        Raises
+        ------
+        LogNotFoundError
+            If there is no readable regular file.
+        EmptyLogError
+            If the file has no content.
+        """
+        try:
+            with Path(path).open("rb") as stream:
+                pages = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
+        except ValueError as error:
+            raise EmptyLogError(f"{path} is empty.", hint="Copy the log from the vehicle again.") from error
+        except OSError as error:
+            raise LogNotFoundError(f"Cannot read {path}: {error.strerror}.") from error
+        return cls(str(path), np.frombuffer(pages, np.uint8), pages)
+
+    @classmethod
+    def from_bytes(cls, content: bytes, path: str = "") -> Self:
+        """Index the content of a file that is already in memory."""
+        return cls(path, np.frombuffer(content, np.uint8), None)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the map; the tables read so far stay valid."""
+        self._data = np.zeros(0, np.uint8)
+        if self._pages is not None:
+            # A traceback may still hold a view of the map; the map then goes with it.
+            with contextlib.suppress(BufferError):
+                self._pages.close()
+            self._pages = None
+
+    @property
+    def lost(self) -> tuple[LostStretch, ...]:
+        """What could not be read as messages, in file order."""
+        return self._index.lost
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Rows per message name, in the order of their definition; only names that occur."""
+        counts: dict[str, int] = {}
+        for definition, positions in self._pieces(None):
+            counts[definition.name] = counts.get(definition.name, 0) + len(positions)
+        return counts
+
+    @property
+    def definitions(self) -> tuple[MessageDefinition, ...]:
+        """Every definition in the file."""
+        return tuple(version for versions in self._index.definitions.values() for version in versions)
+
+    def read_messages(self, types: Collection[str] | None = None) -> dict[str, MessageTable]:
+        """Decode the rows of some message types, of all where None.
+
+        Returns
+        -------
+        dict of str to MessageTable
+            Only types that occur. Values are scaled by their format character
+            (``c C e E`` by 1/100, ``L`` by 1e-7) and otherwise as logged.
+        """
+        return self._decode(
+            [piece for piece in self._pieces(types) if piece[0].type_id != FMT_ID or not types]
+        )
+
+    def sample_messages(self, n_rows: int) -> dict[str, MessageTable]:
+        """Decode at most `n_rows` rows of every type, evenly spread, with the first and the last."""
+        chosen = []
+        for definition, positions in self._pieces(None):
+            rows = np.unique(np.linspace(0, len(positions) - 1, n_rows).round().astype(np.int64))
+            chosen.append((definition, positions[rows]))
+        return self._decode(chosen)
+
+    def _decode(self, pieces: list[tuple[MessageDefinition, AnyArray]]) -> dict[str, MessageTable]:
+        """Decode the rows of each piece and join pieces of one name."""
+        units = self._units_by_type()
+        tables: dict[str, list[MessageTable]] = {}
+        for definition, columns in _gather(self._data, pieces, self._pages):
+            table = MessageTable(
+                name=definition.name,
+                columns=columns,
+                position=columns.pop(_POSITION).astype(np.int64),
+                units=units.get(definition.type_id, {}),
+            )
+            tables.setdefault(definition.name, []).append(table)
+        return {name: join_tables(parts) for name, parts in tables.items()}
+
+    def _pieces(self, types: Collection[str] | None) -> list[tuple[MessageDefinition, AnyArray]]:
+        """Return each definition of the named types with the positions of its rows."""
+        pieces = []
+        for type_id, versions in self._index.definitions.items():
+            wanted = [types is None or version.name in types for version in versions]
+            rows = slice(int(self._bounds[type_id]), int(self._bounds[type_id + 1]))
+            if not any(wanted) or rows.start == rows.stop:
+                continue
+            positions = self._index.position[self._order[rows]]
+            bounds = np.searchsorted(definition_at(versions, positions), np.arange(len(versions) + 1))
+            pieces += [
+                (version, positions[bounds[number] : bounds[number + 1]])
+                for number, version in enumerate(versions)
+                if wanted[number] and bounds[number + 1] > bounds[number]
+            ]
+        return pieces
+
+    def _units_by_type(self) -> dict[int, dict[str, Unit]]:
+        """Read FMTU, UNIT and MULT once."""
+        if self._units is None:
+            self._units = {}  # the tables that hold the units have none themselves
+            self._units = _read_units(self, self._index)
+        return self._units
+
+
+def read_messages(path: str | Path, types: Collection[str] | None = None) -> dict[str, MessageTable]:
+    """Decode the rows of some message types of a DataFlash binary file, of all where None.
+
+    Raises
+    ------
+    LogNotFoundError, EmptyLogError
+        As `DataFlashFile.open`.
+    """
+    with DataFlashFile.open(path) as file:
+        return file.read_messages(types)
+
+
+def is_mine(head: bytes) -> bool:
+    """Say whether a file that begins with these (up to 64 kB) bytes is an ArduPilot DataFlash log."""
+    return looks_like_dataflash(head, lambda definitions: not is_sdlog2(definitions))
+
+
+def is_sdlog2(definitions: Collection[MessageDefinition]) -> bool:
+    """Say whether definitions are those of PX4's sdlog2, which shares DataFlash's framing.
+
+    Its rows carry no time; a TIME message with the field StartTime precedes
+    them (PX4 v1.0 src/modules/sdlog2/sdlog2_messages.h).
+    """
+    return any(
+        (definition.name == "TIME" and definition.columns[:1] == ("StartTime",))
+        or (definition.name == "ATT" and "RollRate" in definition.columns)
+        for definition in definitions
+    )
+
+
+def read(path: str | Path, *, system: int = 0) -> FlightLog:  # noqa: ARG001 (one vehicle per file)
+    """Read an ArduPilot DataFlash binary log.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    system : int
+        Not used: a DataFlash file holds one vehicle.
+
+    Raises
+    ------
+    LogNotFoundError
+        If there is no readable regular file.
+    EmptyLogError
+        If the file holds definitions but no data, or rows without their definitions.
+    """
+    from quadid_logs.readers.ardupilot import flight_log
+
+    with DataFlashFile.open(path) as file:
+        check_not_empty(file)
+        return flight_log(file, log_format="dataflash")
+
+
+def check_not_empty(file: DataFlashFile) -> None:
+    """Raise `EmptyLogError` where a file has no definitions or no rows besides them."""
+    if not file.definitions:
+        raise EmptyLogError(
+            f"{file.path} holds no message definition (FMT): its beginning is missing.",
+            hint="Download the log again from its first byte; without definitions no row can be read.",
+        )
+    if not set(file.counts) - {"FMT", "FMTU", "UNIT", "MULT"}:
+        raise EmptyLogError(
+            f"{file.path} holds {len(file.definitions)} message definitions, but not one row of data.",
+            hint="The log ended before anything was written; fetch the complete file from the vehicle.",
+        )
+
+
+_POSITION: Final = "\0position"
+
+
+def _group_by_type(index: MessageIndex) -> tuple[AnyArray, IntArray]:
+    """Return the order that sorts messages by id (stable) and where each id begins in it."""
+    bounds = np.concatenate([[0], np.cumsum(np.bincount(index.type_id, minlength=256))])
+    order = np.argsort(index.type_id, kind="stable")  # a radix sort for one byte
+    return order.astype(np.uint32 if len(order) < 1 << 32 else np.int64, copy=False), bounds
+
+
+def _gather(
+    data: ByteArray, pieces: list[tuple[MessageDefinition, AnyArray]], pages: mmap.mmap | None
+) -> list[tuple[MessageDefinition, dict[str, AnyArray]]]:
+    """Copy the rows of each piece into columns, part of the file by part of the file."""
+    fields = [definition.fields() for definition, _ in pieces]
+    columns = [_empty_columns(of, len(positions)) for of, (_, positions) in zip(fields, pieces, strict=True)]
+    edges = [*range(0, len(data), _GATHER_BYTES), len(data)]
+    for start, stop in itertools.pairwise(edges):
+        for (definition, positions), of, into in zip(pieces, fields, columns, strict=True):
+            first, last = np.searchsorted(positions, np.array([start, stop], positions.dtype))
+            _gather_rows(data, definition.length, of, positions, range(int(first), int(last)), into)
+        if len(data) > _GATHER_BYTES:
+            release_pages(pages, stop)
+    result = []
+    for (definition, positions), of, into in zip(pieces, fields, columns, strict=True):
+        finished = {label: _finish(values, of[label][0]) for label, values in into.items()}
+        result.append((definition, {**finished, _POSITION: positions}))
+    return result
+
+
+def _empty_columns(fields: dict[str, tuple[FormatCharacter, int]], n_rows: int) -> dict[str, AnyArray]:
+    """Allocate one column per field, of the stored type, or float where a scale applies."""
+    columns = {}
+    for label, (kind, _) in fields.items():
+        dtype = np.dtype(kind.dtype if kind.divisor == 1.0 else "<f8")
+        columns[label] = np.empty((n_rows, *dtype.shape), dtype.base)
+    return columns
+
+
+def _gather_rows(
+    data: ByteArray,
+    length: int,
+    fields: dict[str, tuple[FormatCharacter, int]],
+    positions: AnyArray,
+    rows: range,
+    into: dict[str, AnyArray],
+) -> None:
+    """Copy some rows, whole message by whole message, then field by field while they are in the cache."""
+    if not fields or not rows:
+        return
+    whole = np.ndarray((len(data) - length + 1,), f"V{length}", data, 0, (1,))
+    dtype = np.dtype(
+        {
+            "names": list(fields),
+            "formats": [kind.dtype for kind, _ in fields.values()],
+            "offsets": [offset for _, offset in fields.values()],
+            "itemsize": length,
+        }
+    )
+    for start in range(rows.start, rows.stop, _GATHER_ROWS):
+        part = slice(start, min(start + _GATHER_ROWS, rows.stop))
+        messages = whole[positions[part]].view(dtype)
+        for label, (kind, _) in fields.items():
+            if kind.divisor == 1.0:
+                into[label][part] = messages[label]
+            else:
+                np.divide(messages[label], kind.divisor, out=into[label][part])
+
+
+def _finish(values: AnyArray, kind: FormatCharacter) -> AnyArray:
+    """Turn stored text into strings; numbers pass."""
+    if not kind.is_text:
+        return values
+    decoded = {raw: decode_text(raw) for raw in set(values.tolist())}
+    return np.array([decoded[raw] for raw in values.tolist()], dtype=np.str_)
+
+
+def decode_text(raw: bytes) -> str:
+    """Decode a text field up to its first NUL: UTF-8, else Latin-1, so that no byte is refused."""
+    raw = raw.split(b"\0", 1)[0]
+    try:
+        return raw.decode("utf-8")
+    except UnicodeDecodeError:
+        return raw.decode("latin-1")
+
+
+def _read_units(file: DataFlashFile, index: MessageIndex) -> dict[int, dict[str, Unit]]:
+    """Combine FMTU (which unit has which field), UNIT (names) and MULT (factors)."""
+    tables = file.read_messages({"FMTU", "UNIT", "MULT"})
+    if not {"FMTU", "UNIT"} <= set(tables) or not tables["FMTU"].has("FmtType", "UnitIds", "MultIds"):
+        return {}
+    labels = _lookup(tables.get("UNIT"), "Label")
+    factors = _lookup(tables.get("MULT"), "Mult")
+    units: dict[int, dict[str, Unit]] = {}
+    columns = tables["FMTU"].columns
+    for type_id, unit_ids, factor_ids in zip(
+        columns["FmtType"].tolist(), columns["UnitIds"].tolist(), columns["MultIds"].tolist(), strict=True
+    ):
+        for definition in index.definitions.get(type_id, ()):
+            units[type_id] = _units_of(definition, unit_ids, factor_ids, labels, factors)
+    return units
+
+
+def _lookup(table: MessageTable | None, column: str) -> dict[str, object]:
+    """Map the character of UNIT.Id or MULT.Id to its meaning."""
+    if table is None or not table.has("Id", column):
+        return {}
+    pairs = zip(table.columns["Id"].tolist(), table.columns[column].tolist(), strict=True)
+    return {chr(number): value for number, value in pairs if number > 0}
+
+
+def _units_of(
+    definition: MessageDefinition,
+    unit_ids: str,
+    factor_ids: str,
+    labels: dict[str, object],
+    factors: dict[str, object],
+) -> dict[str, Unit]:
+    """Return the unit of every column of one message type that has one."""
+    units = {}
+    for number, (label, (kind, _)) in enumerate(definition.fields().items()):
+        name = str(labels.get(unit_ids[number : number + 1], ""))
+        if not name:
+            continue
+        factor = factors.get(factor_ids[number : number + 1])
+        # A format character with a scale of its own has been applied; "no factor" is logged as 0.
+        applied = kind.divisor != 1.0 or not isinstance(factor, float) or factor == 0.0
+        # The factors are single-precision values written as doubles: 0.00999999977648258.
+        units[label] = Unit(name, 1.0 if applied else float(f"{factor:.7g}"))
+    return units

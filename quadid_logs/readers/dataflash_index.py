@@ -1,0 +1,439 @@
+"""Where every message of a DataFlash file starts: the format table, definitions, the chain of lengths.
+
+A DataFlash file is a string of messages ``A3 95 id payload``. Messages carry
+neither a length nor a checksum: the length comes from the ``FMT`` message that
+defines the id (libraries/AP_Logger/LogStructure.h in ArduPilot). A message is
+therefore believed only if another header, or the end of the file, stands where
+its length says.
+"""
+
+from __future__ import annotations
+
+import mmap
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadid_logs.arrays import AnyArray, BoolArray, IntArray
+from quadid_logs.data.log import LostStretch
+from quadid_logs.readers.content import merge_stretches
+
+ByteArray = NDArray[np.uint8]
+
+HEADER: Final = b"\xa3\x95"
+FMT_ID: Final = 0x80
+FMT_LENGTH: Final = 89
+
+#: Bytes scanned at once: the comparison's result stays in the processor's cache.
+_SCAN_BYTES: Final = 1 << 19
+#: Mapped pages are given back after this many bytes, so that a long log is never resident as a whole.
+_RELEASE_BYTES: Final = 1 << 26
+#: Headers whose successors are worked out at once (three int64 arrays of this length).
+_CHAIN_HEADERS: Final = 1 << 18
+#: More headers than this inside one payload, and that densely, are a flood of headers, no data.
+_FLOOD_HEADERS: Final = 3
+_FLOOD_SPACING: Final = 8
+
+
+class FormatCharacter(NamedTuple):
+    """How one character of a format string is stored."""
+
+    dtype: str
+    divisor: float = 1.0
+    is_text: bool = False
+
+
+#: ArduPilot libraries/AP_Logger/README.md and LogStructure.h, "Format characters".
+FORMAT_CHARACTERS: Final[dict[str, FormatCharacter]] = {
+    "a": FormatCharacter("(32,)<i2"),
+    "b": FormatCharacter("i1"),
+    "B": FormatCharacter("u1"),
+    "h": FormatCharacter("<i2"),
+    "H": FormatCharacter("<u2"),
+    "i": FormatCharacter("<i4"),
+    "I": FormatCharacter("<u4"),
+    "f": FormatCharacter("<f4"),
+    "d": FormatCharacter("<f8"),
+    "g": FormatCharacter("<f2"),
+    "n": FormatCharacter("S4", is_text=True),
+    "N": FormatCharacter("S16", is_text=True),
+    "Z": FormatCharacter("S64", is_text=True),
+    "c": FormatCharacter("<i2", 100.0),
+    "C": FormatCharacter("<u2", 100.0),
+    "e": FormatCharacter("<i4", 100.0),
+    "E": FormatCharacter("<u4", 100.0),
+    "L": FormatCharacter("<i4", 1e7),
+    "M": FormatCharacter("i1"),
+    "q": FormatCharacter("<i8"),
+    "Q": FormatCharacter("<u8"),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MessageDefinition:
+    """What an ``FMT`` message says about a message id, from `offset` in the file on."""
+
+    type_id: int
+    length: int
+    name: str
+    format: str
+    columns: tuple[str, ...]
+    offset: int
+
+    @property
+    def payload_length(self) -> int:
+        """Bytes that the format characters take, without the header."""
+        return sum(np.dtype(FORMAT_CHARACTERS[character].dtype).itemsize for character in self.format)
+
+    def fields(self) -> dict[str, tuple[FormatCharacter, int]]:
+        """Return for each column its format character and its offset in the message [bytes].
+
+        A field that does not fit into the stated length is left out.
+        """
+        found: dict[str, tuple[FormatCharacter, int]] = {}
+        offset = 3
+        for character, label in zip(self.format, self.columns, strict=False):
+            kind = FORMAT_CHARACTERS[character]
+            size = np.dtype(kind.dtype).itemsize
+            if offset + size > self.length:
+                break
+            found[label] = (kind, offset)
+            offset += size
+        return found
+
+
+Definitions = dict[int, list[MessageDefinition]]
+
+
+class Headers(NamedTuple):
+    """Every ``A3 95 id`` in the file, real or not, in file order."""
+
+    position: AnyArray
+    type_id: ByteArray
+
+
+class MessageIndex(NamedTuple):
+    """The messages of a file: where each starts, its id, and what lies between them."""
+
+    position: AnyArray
+    type_id: ByteArray
+    definitions: Definitions
+    lost: tuple[LostStretch, ...]
+
+
+def index_messages(data: ByteArray, pages: mmap.mmap | None = None) -> MessageIndex:
+    """Find all messages of a DataFlash file.
+
+    Parameters
+    ----------
+    data : ndarray of uint8, shape (n_bytes,)
+        The file.
+    pages : mmap, optional
+        The map behind `data`; pages that were scanned are given back to the system.
+
+    Returns
+    -------
+    MessageIndex
+        The messages in file order. Bytes outside them are in `lost`. Work and
+        memory grow linearly with the file, whatever is in it.
+    """
+    headers = find_headers(data, pages)
+    definitions = read_definitions(data, headers)
+    keep, lost = _follow_chain(data, headers, definitions)
+    return MessageIndex(headers.position[keep], headers.type_id[keep], definitions, lost)
+
+
+def find_headers(data: ByteArray, pages: mmap.mmap | None = None) -> Headers:
+    """Find every ``A3 95`` that is followed by an id byte."""
+    n_bytes = len(data)
+    offset_type = np.uint32 if n_bytes < 1 << 32 else np.int64
+    positions: list[AnyArray] = [np.zeros(0, offset_type)]
+    type_ids: list[ByteArray] = [np.zeros(0, np.uint8)]
+    for start in range(0, n_bytes - 2, _SCAN_BYTES):
+        block = data[start : start + _SCAN_BYTES + 2]
+        found = np.flatnonzero((block[:-2] == HEADER[0]) & (block[1:-1] == HEADER[1]))
+        type_ids.append(block[found + 2])
+        positions.append((found + start).astype(offset_type))
+        if start % _RELEASE_BYTES == 0:
+            release_pages(pages, start)
+    release_pages(pages, n_bytes if n_bytes > _RELEASE_BYTES else 0)
+    return Headers(np.concatenate(positions), np.concatenate(type_ids))
+
+
+def release_pages(pages: mmap.mmap | None, end: int) -> None:
+    """Give the map's pages before `end` back to the system; they can be read again."""
+    if pages is None or end < mmap.PAGESIZE or not hasattr(mmap, "MADV_DONTNEED"):
+        return
+    pages.madvise(mmap.MADV_DONTNEED, 0, end - end % mmap.PAGESIZE)
+
+
+def read_definitions(data: ByteArray, headers: Headers) -> Definitions:
+    """Read all credible ``FMT`` messages.
+
+    The first definition of an id also holds for messages before it (an
+    autopilot that drops messages may log rows first); a later one that says
+    something else holds from its offset on. Repetitions are skipped.
+    """
+    definitions: Definitions = {}
+    candidates = headers.position[headers.type_id == FMT_ID].astype(np.int64)
+    previous: dict[int, bytes] = {}
+    for position in candidates[candidates + FMT_LENGTH <= len(data)].tolist():
+        record = data[position : position + FMT_LENGTH].tobytes()
+        type_id = record[3]
+        if previous.get(type_id) == record:
+            continue
+        definition = parse_definition(record, position)
+        if definition is None:
+            continue
+        previous[type_id] = record
+        definition = _with_credible_length(definition, data, headers)
+        definitions.setdefault(type_id, []).append(definition)
+    if FMT_ID not in definitions and definitions:
+        definitions[FMT_ID] = [_FMT_DEFINITION]
+    return definitions
+
+
+def parse_definition(record: bytes, offset: int = 0) -> MessageDefinition | None:
+    """Parse one ``FMT`` message of 89 bytes; None where its content is not credible."""
+    name, format_, labels = (
+        part.split(b"\0", 1)[0] for part in (record[5:9], record[9:25], record[25:FMT_LENGTH])
+    )
+    type_id, length = record[3], record[4]
+    credible = (
+        record[:3] == HEADER + bytes([FMT_ID])
+        and length >= 3
+        and (name == b"FMT") == (type_id == FMT_ID)
+        and name.replace(b"_", b"").isalnum()
+        and (not labels or (labels.isascii() and labels.decode("ascii").isprintable()))
+        and all(chr(character) in FORMAT_CHARACTERS for character in format_)
+    )
+    if not credible or (type_id == FMT_ID and length != FMT_LENGTH):
+        return None
+    return MessageDefinition(
+        type_id=type_id,
+        length=length,
+        name=name.decode("ascii"),
+        format=format_.decode("ascii"),
+        columns=tuple(labels.decode("ascii").split(",")) if labels else (),
+        offset=offset,
+    )
+
+
+_FMT_DEFINITION: Final = MessageDefinition(
+    type_id=FMT_ID,
+    length=FMT_LENGTH,
+    name="FMT",
+    format="BBnNZ",
+    columns=("Type", "Length", "Name", "Format", "Columns"),
+    offset=0,
+)
+
+
+def _with_credible_length(
+    definition: MessageDefinition, data: ByteArray, headers: Headers
+) -> MessageDefinition:
+    """Where length and format contradict each other, take the length after which more headers stand."""
+    from_format = definition.payload_length + 3
+    if from_format in (definition.length, 3) or from_format > 255:
+        return definition
+    starts = headers.position[headers.type_id == definition.type_id].astype(np.int64)
+    votes = [
+        int(np.count_nonzero(_has_header(data, starts + length)))
+        for length in (definition.length, from_format)
+    ]
+    length = from_format if votes[1] > votes[0] else definition.length
+    return MessageDefinition(
+        type_id=definition.type_id,
+        length=length,
+        name=definition.name,
+        format=definition.format,
+        columns=definition.columns,
+        offset=definition.offset,
+    )
+
+
+def _has_header(data: ByteArray, positions: IntArray) -> BoolArray:
+    """Say where a header, the beginning of one cut off, or exactly the end of the file stands."""
+    n_bytes = len(data)
+    inside = np.minimum(positions, n_bytes - 1)
+    after = np.minimum(positions + 1, n_bytes - 1)
+    first = (data[inside] == HEADER[0]) & (positions < n_bytes)
+    second = (data[after] == HEADER[1]) | (positions + 1 >= n_bytes)
+    found: BoolArray = (first & second) | (positions == n_bytes)
+    return found
+
+
+def definition_at(definitions: list[MessageDefinition], positions: AnyArray) -> IntArray:
+    """Return for each position the number of the definition in force there."""
+    offsets = np.array([definition.offset for definition in definitions[1:]], dtype=np.int64)
+    return np.searchsorted(offsets, positions, side="right")
+
+
+def _message_lengths(headers: Headers, part: slice, definitions: Definitions) -> IntArray:
+    """Return the length of the message at each header, 0 for an id without definition."""
+    table = np.zeros(256, np.int64)
+    for type_id, versions in definitions.items():
+        table[type_id] = versions[0].length
+    type_ids = headers.type_id[part]
+    lengths = table[type_ids]
+    for type_id, versions in definitions.items():
+        if len({version.length for version in versions}) > 1:
+            rows = np.flatnonzero(type_ids == type_id)
+            of_version = np.array([version.length for version in versions], dtype=np.int64)
+            lengths[rows] = of_version[definition_at(versions, headers.position[part][rows])]
+    return lengths
+
+
+class _Breaks(NamedTuple):
+    """Headers that are not directly followed by the next header of the list."""
+
+    header: IntArray
+    successor: IntArray  # number of the header that follows it; -1 where nothing credible does
+    length: IntArray
+
+
+def _find_breaks(data: ByteArray, headers: Headers, definitions: Definitions) -> _Breaks:
+    """Find the headers at which the chain of lengths does not simply go on to the next header."""
+    parts: list[tuple[IntArray, IntArray, IntArray]] = []
+    n_headers = len(headers.position)
+    for start in range(0, n_headers, _CHAIN_HEADERS):
+        part = slice(start, min(start + _CHAIN_HEADERS, n_headers))
+        length = _message_lengths(headers, part, definitions)
+        end = headers.position[part] + length
+        following = headers.position[start + 1 : part.stop + 1]
+        linked = np.zeros(len(end), np.bool_)
+        linked[: len(following)] = (end[: len(following)] == following) & (length[: len(following)] > 0)
+        local = np.flatnonzero(~linked)
+        parts.append((local + start, end[local], length[local]))
+    header, end, length = (np.concatenate(column) for column in zip(*parts, strict=True))
+    successor = _find_successors(data, headers, header, end)
+    successor[(length == 0) | _is_flood(header, successor, length)] = -1
+    return _Breaks(header, successor, length)
+
+
+def _find_successors(data: ByteArray, headers: Headers, header: IntArray, end: IntArray) -> IntArray:
+    """Find the header that stands at `end`; the number of headers stands for the file's end, -1 for none."""
+    n_headers = len(headers.position)
+    # Casting the few sought values, not the many headers, keeps the search free of copies.
+    sought = np.minimum(end, len(data)).astype(headers.position.dtype)
+    successor = np.searchsorted(headers.position, sought).astype(np.int64)
+    here = headers.position[np.minimum(successor, n_headers - 1)].astype(np.int64)
+    at_header = (successor < n_headers) & (here == end) & (successor > header)
+    at_end = (end > len(data) - 3) & _has_header(data, end)
+    return np.where(at_header, successor, np.where(at_end, n_headers, -1))
+
+
+def _is_flood(header: IntArray, successor: IntArray, length: IntArray) -> BoolArray:
+    """Say which messages hold so many headers in their payload that they are no messages.
+
+    A stretch filled with copies of one header otherwise looks like a chain. Real
+    payloads hold ``A3 95`` by chance only: once in 1300 messages of 50 bytes.
+    """
+    inside = successor - header - 1
+    flood: BoolArray = (inside >= _FLOOD_HEADERS) & ((inside + 1) * _FLOOD_SPACING >= length)
+    return flood
+
+
+def _follow_chain(
+    data: ByteArray, headers: Headers, definitions: Definitions
+) -> tuple[BoolArray, tuple[LostStretch, ...]]:
+    """Keep the headers that form chains; return the mask and what lies between the chains."""
+    n_headers, n_bytes = len(headers.position), len(data)
+    if n_headers == 0 or not definitions:
+        nothing = LostStretch(offset=0, n_bytes=n_bytes, reason="no message header")
+        return np.zeros(n_headers, np.bool_), merge_stretches([nothing])
+    breaks = _find_breaks(data, headers, definitions)
+    starts, stops, gaps = _walk(breaks, n_headers)
+    step = np.zeros(n_headers + 1, np.int8)
+    step[np.array(starts, np.int64)] += 1
+    step[np.array(stops, np.int64)] -= 1
+    keep = np.cumsum(step[:-1], dtype=np.int8).view(np.bool_)
+    lost = [_describe_gap(data, headers, breaks, first, resumed) for first, resumed in gaps]
+    lost.append(LostStretch(offset=0, n_bytes=int(headers.position[0]), reason="no message header"))
+    lost += _cut_tail(data, headers, keep, definitions)
+    return keep, merge_stretches(lost)
+
+
+def _walk(breaks: _Breaks, n_headers: int) -> tuple[list[int], list[int], list[tuple[int, int]]]:
+    """Follow the chain from break to break; one step per break that a chain really passes.
+
+    Returns the beginnings and ends of the accepted stretches and, for every
+    interruption, the header that could not be followed and the one that could again.
+    """
+    target = np.searchsorted(breaks.header, np.maximum(breaks.successor, 0))
+    dead = np.flatnonzero(breaks.successor < 0)
+    resume = _next_credible(breaks, dead)
+    starts: list[int] = []
+    stops: list[int] = []
+    gaps: list[tuple[int, int]] = []
+    here, number = 0, 0
+    while here < n_headers:
+        header, successor = int(breaks.header[number]), int(breaks.successor[number])
+        stop = header + 1 if successor >= 0 else header
+        if stop > here:
+            starts.append(here)
+            stops.append(stop)
+        if successor >= 0:
+            here, number = successor, int(target[number])
+        else:
+            here = int(resume[np.searchsorted(dead, number)])
+            number = int(np.searchsorted(breaks.header, here))
+            gaps.append((header, here))
+    return starts, stops, gaps
+
+
+def _next_credible(breaks: _Breaks, dead: IntArray) -> IntArray:
+    """Return for each break that leads nowhere the next header that leads somewhere."""
+    if not len(dead):
+        return dead
+    header = breaks.header[dead]
+    last = np.append(np.flatnonzero(np.diff(header) != 1), len(header) - 1)
+    following: IntArray = header[last[np.searchsorted(last, np.arange(len(header)))]] + 1
+    return following
+
+
+def _describe_gap(
+    data: ByteArray, headers: Headers, breaks: _Breaks, first: int, resumed: int
+) -> LostStretch:
+    """Say what was lost from header `first` to header `resumed`, and why."""
+    start = int(headers.position[first])
+    stop = int(headers.position[resumed]) if resumed < len(headers.position) else len(data)
+    length = int(breaks.length[np.searchsorted(breaks.header, first)])
+    if length == 0:
+        reason = f"message id {int(headers.type_id[first])} has no definition"
+    elif start + length > len(data):
+        reason = "cut off by the end of the file"
+    else:
+        reason = "no message follows where the length says"
+    return LostStretch(offset=start, n_bytes=stop - start, reason=reason)
+
+
+def _cut_tail(
+    data: ByteArray, headers: Headers, keep: BoolArray, definitions: Definitions
+) -> list[LostStretch]:
+    """Report one or two bytes of a header that the end of the file cut off."""
+    last = np.flatnonzero(keep[-1:]) + len(keep) - 1
+    if not len(last):
+        return []
+    part = slice(int(last[0]), int(last[0]) + 1)
+    end = int(headers.position[part][0]) + int(_message_lengths(headers, part, definitions)[0])
+    if end >= len(data):
+        return []
+    return [LostStretch(offset=end, n_bytes=len(data) - end, reason="cut off by the end of the file")]
+
+
+def looks_like_dataflash(head: bytes, known: Callable[[list[MessageDefinition]], bool]) -> bool:
+    """Judge the first bytes of a file by the definitions in them.
+
+    Without any credible definition, only a density of headers far beyond
+    chance (one per 64 kB) speaks for a DataFlash file that lost its beginning.
+    """
+    data = np.frombuffer(head, np.uint8)
+    headers = find_headers(data)
+    definitions = [version for versions in read_definitions(data, headers).values() for version in versions]
+    if definitions:
+        return known(definitions)
+    return known([]) and len(headers.position) >= max(16, len(head) // 512)
