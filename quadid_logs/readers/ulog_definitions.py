@@ -1,0 +1,301 @@
+"""What the messages of a ULog file mean, apart from the data: formats, topics, parameters, texts.
+
+Every message is decoded on its own, so that a damaged one costs only itself.
+(pyulog decodes the same messages, but it ends at the first short one, prints
+to stdout and forgets where in the file they stood; it is the reference in the
+tests.) Format: https://docs.px4.io/main/en/dev_log/ulog_file_format.html
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from dataclasses import dataclass, field
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+HEADER_MAGIC: Final = b"\x55\x4c\x6f\x67\x01\x12\x35"
+HEADER_SIZE: Final = 16
+SYNC_MAGIC: Final = b"\x2f\x73\x13\x20\x25\x0c\xbb\x12"
+#: Where an id is not subscribed, no size fits: the least one is larger than any message.
+NO_SIZE: Final = 1 << 17
+MESSAGE_TYPES: Final = frozenset(b"BFIMPQARDSOLC")
+
+_NUMPY_TYPES: Final = {
+    "int8_t": "i1", "uint8_t": "u1", "int16_t": "<i2", "uint16_t": "<u2", "int32_t": "<i4", "uint32_t": "<u4",
+    "int64_t": "<i8", "uint64_t": "<u8", "float": "<f4", "double": "<f8", "bool": "i1", "char": "i1",
+}  # fmt: skip
+_MAX_ROW: Final = 65_533
+_MAX_NESTING: Final = 8
+_FIELD = re.compile(r"^([A-Za-z0-9_]+)(?:\[(\d{1,5})\])? ([A-Za-z0-9_]+)$")
+_FORMAT = re.compile(r"^[A-Za-z0-9_\-/]+:")
+_KEY = re.compile(r"^([a-z0-9_]+)(?:\[(\d{1,5})\])? (\S+)$")
+
+
+class Field(NamedTuple):
+    """One field of a format: a basic type or the name of another format; 0 means no array."""
+
+    type_name: str
+    n_elements: int
+    name: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Subscription:
+    """One topic instance and the layout of its data messages (without padding at the end)."""
+
+    name: str
+    multi_id: int
+    msg_id: int
+    dtype: np.dtype[np.void]
+    max_size: int
+
+
+class Text(NamedTuple):
+    """A logged message; `timestamp_us` is the autopilot's."""
+
+    offset: int
+    timestamp_us: int
+    level: int
+    text: str
+
+
+class Dropout(NamedTuple):
+    """Messages were not written for `duration_ms` before this place in the file."""
+
+    offset: int
+    duration_ms: int
+
+
+class BrokenMessageError(ValueError):
+    """The message's content does not follow the format; never leaves this package."""
+
+
+@dataclass(slots=True, kw_only=True)
+class Definitions:
+    """All that is known so far while the messages of a file are gone through in order."""
+
+    start_timestamp_us: int = 0
+    formats: dict[str, list[Field]] = field(default_factory=dict)
+    layouts: dict[str, tuple[np.dtype[np.void], int]] = field(default_factory=dict)
+    subscriptions: list[Subscription] = field(default_factory=list)
+    index_by_id: dict[int, int] = field(default_factory=dict)
+    information: dict[str, object] = field(default_factory=dict)
+    parameters: dict[str, float] = field(default_factory=dict)
+    n_changed_parameters: int = 0
+    texts: list[Text] = field(default_factory=list)
+    dropouts: list[Dropout] = field(default_factory=list)
+    appended_at: list[int] = field(default_factory=list)
+    unknown_flags: bool = False
+    has_data_section: bool = False
+
+    def forget_topics(self) -> None:
+        """Start a further file that was joined to the one before."""
+        self.formats = {}
+        self.layouts = {}
+        self.index_by_id = {}
+        self.has_data_section = False
+
+    def take(self, kind: int, body: bytes, offset: int) -> None:
+        """Decode one message other than data.
+
+        Raises
+        ------
+        BrokenMessageError
+            If the body does not follow the format of its type.
+        """
+        try:
+            _TAKE[chr(kind)](self, body, offset)
+        except (struct.error, UnicodeDecodeError, IndexError) as error:
+            raise BrokenMessageError(str(error)) from error
+
+
+def _text_of(body: bytes) -> str:
+    """Decode UTF-8 and leave out what is none."""
+    return body.decode("utf-8", errors="ignore")
+
+
+def _take_flags(known: Definitions, body: bytes, offset: int) -> None:
+    incompatible = body[8:16]
+    offsets = struct.unpack("<3Q", body[16:40])
+    known.unknown_flags |= bool(incompatible[0] & ~1 or any(incompatible[1:]))
+    if incompatible[0] & 1:
+        # The offsets count from the start of this file, which can be joined to another one.
+        start = offset - HEADER_SIZE
+        known.appended_at += [start + position for position in offsets if position]
+
+
+def _take_format(known: Definitions, body: bytes, offset: int) -> None:  # noqa: ARG001
+    text = _text_of(body)
+    if not _FORMAT.match(text):
+        raise BrokenMessageError("a format without a name")
+    name, _, definition = text.partition(":")
+    fields = []
+    for part in definition.split(";"):
+        if not part:
+            continue
+        match = _FIELD.match(part)
+        if match is None:
+            raise BrokenMessageError(f"a field {part!r}")
+        fields.append(Field(match[1], int(match[2] or 0), match[3]))
+    known.formats[name] = fields
+    known.layouts.clear()
+
+
+def _take_subscription(known: Definitions, body: bytes, offset: int) -> None:  # noqa: ARG001
+    multi_id, msg_id = struct.unpack("<BH", body[:3])
+    name = _text_of(body[3:])
+    if name not in known.layouts:
+        known.layouts[name] = row_layout(known.formats, name)
+    dtype, max_size = known.layouts[name]
+    known.index_by_id[msg_id] = len(known.subscriptions)
+    known.subscriptions.append(
+        Subscription(name=name, multi_id=multi_id, msg_id=msg_id, dtype=dtype, max_size=max_size)
+    )
+    known.has_data_section = True
+
+
+def _take_end_of_subscription(known: Definitions, body: bytes, offset: int) -> None:  # noqa: ARG001
+    # A topic that is no longer logged may still have messages in the writer's
+    # queue, so its layout stays known.
+    struct.unpack("<H", body)
+
+
+def _key_and_value(body: bytes) -> tuple[str, object]:
+    """Split "type name" and value of an information or parameter message."""
+    key_end = 1 + body[0]
+    match = _KEY.match(_text_of(body[1:key_end]))
+    if match is None or key_end > len(body):
+        raise BrokenMessageError("a key without type and name")
+    type_name, name = match[1], match[3]
+    raw = body[key_end:]
+    if match[2]:
+        # The size in the brackets is not checked: PX4's performance counters get it wrong.
+        return name, _text_of(raw) if type_name == "char" else raw
+    if type_name not in _NUMPY_TYPES:
+        return name, raw
+    dtype = np.dtype(_NUMPY_TYPES[type_name])
+    if len(raw) != dtype.itemsize:
+        raise BrokenMessageError("a value of the wrong size")
+    return name, np.frombuffer(raw, dtype)[0].item()
+
+
+def _take_information(known: Definitions, body: bytes, offset: int) -> None:  # noqa: ARG001
+    name, value = _key_and_value(body)
+    known.information[name] = value
+
+
+def _take_information_multiple(known: Definitions, body: bytes, offset: int) -> None:  # noqa: ARG001
+    # Boot messages and performance counters: nothing that the analysis uses.
+    _key_and_value(body[1:])
+
+
+def _take_parameter(known: Definitions, body: bytes, offset: int) -> None:  # noqa: ARG001
+    name, value = _key_and_value(body)
+    if not isinstance(value, int | float):
+        raise BrokenMessageError("a parameter that is no number")
+    known.parameters[name] = float(value)
+    known.n_changed_parameters += known.has_data_section
+
+
+def _take_parameter_default(known: Definitions, body: bytes, offset: int) -> None:  # noqa: ARG001
+    _key_and_value(body[1:])
+
+
+def _check_level(level: int) -> None:
+    """Levels are the digits of syslog."""
+    if not ord("0") <= level <= ord("7"):
+        raise BrokenMessageError("a text without a level")
+
+
+def _take_text(known: Definitions, body: bytes, offset: int) -> None:
+    level, timestamp_us = struct.unpack("<BQ", body[:9])
+    _check_level(level)
+    known.texts.append(Text(offset, timestamp_us, level, _text_of(body[9:])))
+
+
+def _take_tagged_text(known: Definitions, body: bytes, offset: int) -> None:
+    level, _, timestamp_us = struct.unpack("<BHQ", body[:11])
+    _check_level(level)
+    known.texts.append(Text(offset, timestamp_us, level, _text_of(body[11:])))
+
+
+def _take_dropout(known: Definitions, body: bytes, offset: int) -> None:
+    (duration_ms,) = struct.unpack("<H", body)
+    known.dropouts.append(Dropout(offset, duration_ms))
+
+
+def _take_sync(known: Definitions, body: bytes, offset: int) -> None:  # noqa: ARG001
+    if body != SYNC_MAGIC:
+        raise BrokenMessageError("a sync message without its mark")
+
+
+_TAKE: Final = {
+    "B": _take_flags,
+    "F": _take_format,
+    "A": _take_subscription,
+    "R": _take_end_of_subscription,
+    "I": _take_information,
+    "M": _take_information_multiple,
+    "P": _take_parameter,
+    "Q": _take_parameter_default,
+    "L": _take_text,
+    "C": _take_tagged_text,
+    "O": _take_dropout,
+    "S": _take_sync,
+}
+
+
+def row_layout(formats: dict[str, list[Field]], name: str) -> tuple[np.dtype[np.void], int]:
+    """Return the structured dtype of a topic's row and the row's size with padding at the end.
+
+    Nested types become nested dtypes, arrays sub-arrays; padding at the end is
+    left out because the autopilot does not write it.
+
+    Raises
+    ------
+    BrokenMessageError
+        If a format is missing, contains itself, or describes more bytes than a
+        message can have.
+    """
+    full = _layout(formats, name, ())
+    kept = list(full.names or ())
+    while kept and kept[-1].startswith("_padding"):
+        kept.pop()
+    fields: Any = full.fields
+    if not kept:
+        raise BrokenMessageError(f"{name} has no field")
+    end = fields[kept[-1]][1] + fields[kept[-1]][0].itemsize
+    dtype = np.dtype(
+        {
+            "names": kept,
+            "formats": [fields[part][0] for part in kept],
+            "offsets": [fields[part][1] for part in kept],
+            "itemsize": end,
+        }
+    )
+    return dtype, full.itemsize
+
+
+def _layout(formats: dict[str, list[Field]], name: str, outer: tuple[str, ...]) -> np.dtype[np.void]:
+    """Return the dtype of one format with all its padding."""
+    if name not in formats or name in outer or len(outer) >= _MAX_NESTING:
+        raise BrokenMessageError(f"no usable format {name!r}")
+    names: list[str] = []
+    seen: set[str] = set()
+    types: list[np.dtype[np.generic]] = []
+    size = 0
+    for type_name, n_elements, field_name in formats[name]:
+        basic = _NUMPY_TYPES.get(type_name)
+        element: np.dtype[np.generic] = (
+            np.dtype(basic) if basic else _layout(formats, type_name, (*outer, name))
+        )
+        size += element.itemsize * max(1, n_elements)
+        # A field without bytes would let a small file describe an endless row.
+        if size > _MAX_ROW or not element.itemsize or field_name in seen:
+            raise BrokenMessageError(f"format {name!r} cannot be right")
+        names.append(field_name)
+        seen.add(field_name)
+        types.append(np.dtype((element, (n_elements,))) if n_elements else element)
+    return np.dtype(list(zip(names, types, strict=True)))

@@ -1,0 +1,319 @@
+"""Where the messages of a ULog file are: the length chain followed in numpy, with resynchronisation.
+
+A data message is known by five bytes (size, 'D', id) that must fit a subscribed
+topic, so its image hardly ever occurs by chance. All images of a block are
+found at once; the chain of lengths is followed from image to image by runs, and
+only what stands between the runs (some messages per second) is handled one by
+one. Where the chain breaks, the next image is where the damage ends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadid_logs.arrays import IntArray
+from quadid_logs.data.log import LostStretch
+from quadid_logs.readers.content import Bytes, little_endian, merge_stretches
+from quadid_logs.readers.ulog_definitions import (
+    HEADER_MAGIC,
+    HEADER_SIZE,
+    MESSAGE_TYPES,
+    NO_SIZE,
+    BrokenMessageError,
+    Definitions,
+)
+
+_DATA: Final = ord("D")
+_BLOCK: Final = 1 << 20
+_LONGEST: Final = 3 + 0xFFFF
+#: Longest message of a type other than data that is believed without looking into it.
+_LONGEST_OTHER: Final = 4096
+#: How many unknown messages in a row are believed before a known one must follow.
+_CHAIN: Final = 8
+
+
+class Frames(NamedTuple):
+    """What stands where in a ULog file.
+
+    ``starts[i]`` holds the byte offsets of the data messages of
+    ``definitions.subscriptions[i]``; `n_unknown` counts data messages without a
+    subscription and messages of unknown type.
+    """
+
+    definitions: Definitions
+    starts: tuple[IntArray, ...]
+    lost: tuple[LostStretch, ...]
+    n_unknown: int
+    n_joined: int
+
+
+class _Images(NamedTuple):
+    """Images of data messages in a block: where, to where, whose, and where a run of them ends."""
+
+    starts: IntArray
+    ends: IntArray
+    topics: IntArray
+    breaks: IntArray
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class _Walk:
+    """The state of one pass through a file.
+
+    `images` is complete up to `covered`, apart from those of topics subscribed
+    since it was made (`stale`). `end` is that of the file or of the section before
+    appended data, `stop` that of the block.
+    """
+
+    data: Bytes
+    end: int = 0
+    stop: int = 0
+    known: Definitions = field(default_factory=Definitions)
+    least: NDArray[np.int32] = field(default_factory=lambda: np.full(1 << 16, NO_SIZE, np.int32))
+    most: NDArray[np.int32] = field(default_factory=lambda: np.zeros(1 << 16, np.int32))
+    topic: NDArray[np.int32] = field(default_factory=lambda: np.zeros(1 << 16, np.int32))
+    images: _Images = field(default_factory=lambda: _Images(*(np.zeros(0, np.int64) for _ in range(4))))
+    covered: int = 0
+    stale: bool = False
+    accepted: list[tuple[IntArray, IntArray]] = field(default_factory=list)
+    lost: list[LostStretch] = field(default_factory=list)
+    n_unknown: int = 0
+    n_joined: int = 0
+
+
+def frame(data: Bytes) -> Frames:
+    """Find every message of a ULog file.
+
+    Parameters
+    ----------
+    data : ndarray of uint8
+        The whole file, beginning with the ULog header.
+
+    Returns
+    -------
+    Frames
+        With everything that could not be read in `lost`. A message is only
+        taken where its size fits its type; the last one before a break in the
+        chain is dropped if another message begins inside it.
+    """
+    walk = _Walk(data=data)
+    position = _enter_file(walk, 0)
+    while position < len(data):
+        walk.end = min([offset for offset in walk.known.appended_at if offset > position] + [len(data)])
+        position = _walk_block(walk, position)
+    starts = _starts_by_topic(walk)
+    return Frames(walk.known, starts, merge_stretches(walk.lost), walk.n_unknown, walk.n_joined)
+
+
+def _enter_file(walk: _Walk, position: int) -> int:
+    """Read the header of the file, or of a further one joined to it; return where its messages begin."""
+    header = walk.data[position : position + HEADER_SIZE].tobytes()
+    if position:
+        walk.n_joined += 1
+        walk.known.forget_topics()
+        walk.least[:] = NO_SIZE
+        walk.most[:] = 0
+    else:
+        walk.known.start_timestamp_us = int.from_bytes(header[8:16], "little")
+    if len(header) < HEADER_SIZE:
+        _lose(walk, position, position + len(header), "cut off at the end of the file")
+    return position + HEADER_SIZE
+
+
+def _lose(walk: _Walk, begin: int, end: int, reason: str) -> None:
+    walk.lost.append(LostStretch(offset=begin, n_bytes=end - begin, reason=reason))
+
+
+def _walk_block(walk: _Walk, position: int) -> int:
+    """Follow the chain through about `_BLOCK` bytes; return where it goes on."""
+    walk.stop = min(position + _BLOCK, walk.end)
+    walk.covered = min(walk.stop + _LONGEST, walk.end)
+    walk.images = _find_images(walk, position)
+    walk.stale = False
+    while position < walk.stop:
+        after = _follow_run(walk, position)
+        if after == position:
+            after = _take_other(walk, position)
+        if after == position:
+            # New topics have new images: look again from here.
+            return position
+        position = after
+    return position
+
+
+def _find_images(walk: _Walk, begin: int) -> _Images:
+    """Find what looks exactly like a data message of a subscribed topic."""
+    data, end = walk.data, walk.end
+    starts = np.flatnonzero(data[begin + 2 : max(begin + 2, walk.covered - 2)] == _DATA) + begin
+    size, msg_id = little_endian(data, starts, 2), little_endian(data, starts + 3, 2)
+    fits = (size - 2 >= walk.least[msg_id]) & (size - 2 <= walk.most[msg_id]) & (starts + 3 + size <= end)
+    starts, size, msg_id = starts[fits], size[fits], msg_id[fits]
+    ends = starts + 3 + size
+    broken = np.ones(len(starts), bool)
+    broken[:-1] = starts[1:] != ends[:-1]
+    return _Images(starts, ends, walk.topic[msg_id].astype(np.int64), np.flatnonzero(broken))
+
+
+def _follow_run(walk: _Walk, position: int) -> int:
+    """Take the data messages that follow each other from `position` on; return where they end."""
+    images = walk.images
+    first = int(np.searchsorted(images.starts, position))
+    if first == len(images.starts) or images.starts[first] != position:
+        return position
+    last = int(images.breaks[np.searchsorted(images.breaks, first)])
+    # What stands behind the last message of the block is the next block's business.
+    last = min(last, int(np.searchsorted(images.starts, walk.stop)) - 1)
+    after = int(images.ends[last])
+    if not _ends_well(walk, after):
+        # Bytes are missing in the last message, or what follows is damaged: its end cannot be trusted.
+        after = min(_next_image(walk, int(images.starts[last]) + 1), after)
+        _lose(walk, int(images.starts[last]), after, "a message was cut short")
+        last -= 1
+    walk.accepted.append((images.starts[first : last + 1], images.topics[first : last + 1]))
+    return after
+
+
+def _ends_well(walk: _Walk, position: int) -> bool:
+    """Tell whether what stands at `position` speaks for the message before it being whole.
+
+    Damage rarely begins exactly between two messages, but a 'D' in the right
+    place, if only its size or id is wrong, is there by accident once in 256.
+    """
+    return _continues(walk, position) or int(walk.data[position + 2]) == _DATA
+
+
+def _continues(walk: _Walk, position: int, further: int = _CHAIN) -> bool:
+    """Tell whether a message, also one cut off by the end of the section, stands at `position`."""
+    if walk.end - position < len(HEADER_MAGIC) or _is_image(walk, position):
+        return position <= walk.end
+    head = walk.data[position : position + 7].tobytes()
+    kind, after = head[2], position + 3 + head[0] + 256 * head[1]
+    if kind in MESSAGE_TYPES and kind != _DATA:
+        return after - position < _LONGEST_OTHER
+    if head == HEADER_MAGIC:
+        return True
+    size, msg_id = after - position - 5, head[3] + 256 * head[4]
+    if kind == _DATA and walk.least[msg_id] < NO_SIZE:
+        return after > walk.end and bool(walk.least[msg_id] <= size <= walk.most[msg_id])
+    # A topic that was never announced, or a type of the future: believe it if a message follows.
+    is_letter = ord("A") <= kind <= ord("z")
+    fits = position + 3 < after <= min(walk.end, _next_image(walk, position))
+    return is_letter and fits and further > 0 and _continues(walk, after, further - 1)
+
+
+def _is_image(walk: _Walk, position: int) -> bool:
+    images = walk.images
+    found = int(np.searchsorted(images.starts, position))
+    return found < len(images.starts) and int(images.starts[found]) == position
+
+
+def _next_image(walk: _Walk, position: int) -> int:
+    """Return where the next data message begins, or a place behind the file."""
+    images = walk.images
+    found = int(np.searchsorted(images.starts, position))
+    return int(images.starts[found]) if found < len(images.starts) else len(walk.data) + 1
+
+
+def _take_other(walk: _Walk, position: int) -> int:
+    """Take the message at `position`, which is no subscribed data message; return where it ends."""
+    data, end = walk.data, walk.end
+    head = data[position : position + 7].tobytes()
+    if head == HEADER_MAGIC:
+        return _enter_file(walk, position)
+    if position + 3 > end:
+        _lose(walk, position, end, "cut off at the end of the file")
+        return end
+    kind, after = head[2], position + 3 + head[0] + 256 * head[1]
+    if after > end or _next_image(walk, position) < after:
+        return _resynchronise(walk, position)
+    body = data[position + 3 : after].tobytes()
+    if kind == _DATA or kind not in MESSAGE_TYPES:
+        if walk.stale or end - position < len(HEADER_MAGIC) or not _continues(walk, position):
+            return _resynchronise(walk, position)
+        walk.n_unknown += 1
+        return after
+    try:
+        _take(walk, kind, body, position)
+    except BrokenMessageError:
+        if not _continues(walk, after):
+            return _resynchronise(walk, position)
+        _lose(walk, position, after, "a message that makes no sense")
+    return after
+
+
+def _take(walk: _Walk, kind: int, body: bytes, position: int) -> None:
+    """Decode a message other than data, and learn the sizes of a new topic."""
+    known = walk.known
+    n_topics = len(known.subscriptions)
+    known.take(kind, body, position)
+    if len(known.subscriptions) > n_topics:
+        topic = known.subscriptions[-1]
+        walk.least[topic.msg_id] = topic.dtype.itemsize
+        walk.most[topic.msg_id] = topic.max_size
+        walk.topic[topic.msg_id] = n_topics
+        walk.stale = True
+
+
+def _resynchronise(walk: _Walk, position: int) -> int:
+    """Find where the messages go on after `position`, and note what was lost."""
+    if walk.stale:
+        return position
+    end = walk.end
+    stop = min(_next_image(walk, position + 1), end, max(walk.covered - 4, position + 1))
+    restart = _next_other(walk, position + 1, stop)
+    if restart == stop and stop == end:
+        _lose(walk, position, end, "cut off or unreadable up to the end")
+    else:
+        _lose(walk, position, restart, "damaged")
+    return restart
+
+
+def _next_other(walk: _Walk, begin: int, stop: int) -> int:
+    """Return the first place before `stop` where a message other than data makes sense, else `stop`."""
+    data = walk.data
+    window = data[begin : min(stop + 2, len(data))]
+    if len(window) < 3:
+        return stop
+    is_type = np.zeros(256, bool)
+    is_type[list(MESSAGE_TYPES - {_DATA})] = True
+    short = window[1:-1] < _LONGEST_OTHER // 256
+    places = np.flatnonzero(is_type[window[2:]] & short) + begin
+    header = window.tobytes().find(HEADER_MAGIC)
+    places = np.sort(np.append(places, begin + header)) if header >= 0 else places
+    for place in places.tolist():
+        if place < stop and _makes_sense(walk, place):
+            return int(place)
+    return stop
+
+
+def _makes_sense(walk: _Walk, position: int) -> bool:
+    """Tell whether the message at `position` can be decoded and another one follows it."""
+    head = walk.data[position : position + 7].tobytes()
+    if head == HEADER_MAGIC:
+        return True
+    after = position + 3 + head[0] + 256 * head[1]
+    if after > len(walk.data) or not _continues(walk, after):
+        return False
+    trial = Definitions(formats=walk.known.formats)
+    try:
+        trial.take(head[2], walk.data[position + 3 : after].tobytes(), position)
+    except BrokenMessageError:
+        return False
+    return True
+
+
+def _starts_by_topic(walk: _Walk) -> tuple[IntArray, ...]:
+    """Sort the accepted data messages by topic, in file order within each."""
+    n_topics = len(walk.known.subscriptions)
+    if not walk.accepted:
+        return tuple(np.zeros(0, np.int64) for _ in range(n_topics))
+    starts = np.concatenate([run[0] for run in walk.accepted])
+    topics = np.concatenate([run[1] for run in walk.accepted]).astype(np.int32)
+    walk.accepted.clear()
+    order = np.argsort(topics, kind="stable")
+    cuts = np.cumsum(np.bincount(topics, minlength=n_topics))[:-1]
+    return tuple(np.split(starts[order], cuts))
