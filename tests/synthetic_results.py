@@ -28,7 +28,10 @@ from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS, TOR
 
 RATE_HZ = 400.0
 TRUE_B = np.diag([440.0, 395.0, 61.0])
-HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(2)>\x1b[31m\x00\u202e$\\frac$ {{7*7}} \u2028 & 'q' \"d\""
+HOSTILE = (
+    "<script>alert(1)</script><img src=x onerror=alert(2)>"
+    "\x1b[31m\x00\u202e$\\frac$ {{7*7}} \u2028 & 'q' \"d\""
+)
 
 
 def usable_result(duration_s: float = 80.0, path: str = "flight.bin") -> Result:

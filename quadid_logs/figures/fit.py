@@ -198,8 +198,8 @@ def lag_profile(result: Result) -> Figure | LeftOut:
         key="lag",
         title=title,
         caption="How much of the acceleration stays unexplained for each assumed lag (left) and delay "
-        f"(right), the other one at its best; the lag acts on {_acts_on(actuator)}. A deep valley is a value well "
-        "known; a flat floor means that lag and delay cannot be told apart in this flight.",
+        f"(right), the other one at its best; the lag acts on {_acts_on(actuator)}. A deep valley "
+        "is a value well known; a flat floor means that lag and delay cannot be told apart in this flight.",
         panels=panels,
         columns=2,
     )

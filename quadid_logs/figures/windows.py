@@ -11,12 +11,12 @@ from quadid_logs.data.model import Model, Parameter, Windows
 from quadid_logs.data.result import Result
 from quadid_logs.figures.flight import TIME
 from quadid_logs.figures.spec import Axis, Band, Curve, Figure, LeftOut, Level, Panel
-from quadid_logs.figures.thinning import thin_line, thin_points
+from quadid_logs.figures.thinning import break_at_gaps, thin_line, thin_points
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, TORQUE_SYMBOLS
 
 #: Share of the windows that a panel must show; the wildest rest would flatten the picture.
 _SHOWN_SHARE = 0.85
-_CONDITION = Axis(label="condition number of the column-scaled H_k", log=True)
+_CONDITION = Axis(label="condition number of H_k (columns scaled)", log=True)
 
 
 class _Effect(NamedTuple):
@@ -72,9 +72,9 @@ def _against_condition(model: Model, windows: Windows) -> Figure:
     panels = tuple(_condition_panel(effect, windows) for effect in _effects(model, windows))
     caption = (
         f"Each point is one window of {windows.width} samples ({windows.period_s * 1e3:.3g} ms apart). "
-        "To the right, small errors in the log are blown up by the condition number: the points scatter. The line "
-        "with its band is the pooled estimate with its 95 % interval. If the median of the windows stays on "
-        "the line, windows and pooled estimate agree."
+        "To the right, small errors in the log are blown up by the condition number: the points scatter. "
+        "The line with its band is the pooled estimate with its 95 % interval. If the "
+        "median of the windows stays on the line, windows and pooled estimate agree."
     )
     return Figure(
         key=f"condition-{model.structure}",
@@ -248,7 +248,8 @@ def _smallest_panel(windows: Windows) -> Panel:
         ("smallest", "estimate", smallest),
         ("noise floor", "noise", windows.noise_floor),
     ):
-        x, y = thin_line(windows.time_s, _positive(values), 700)
+        time_s, broken = break_at_gaps(windows.time_s, _positive(values)[:, np.newaxis])
+        x, y = thin_line(time_s, broken[:, 0], 700)
         curves.append(Curve(label=label, x=x, y=y, role=role))
     return Panel(
         title="The weakest direction over time",

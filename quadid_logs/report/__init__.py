@@ -1,1 +1,6 @@
 """The result for people and for programs: view, HTML, text, JSON."""
+
+from quadid_logs.report.files import check_folder, json_text, report_folders, write_report
+from quadid_logs.report.json import result_dict
+
+__all__ = ["check_folder", "json_text", "report_folders", "result_dict", "write_report"]

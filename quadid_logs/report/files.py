@@ -1,0 +1,191 @@
+"""Write a result into a folder: all of it or nothing, and nothing over what is there."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from quadid_logs.data.result import Result
+from quadid_logs.errors import OutputError
+from quadid_logs.figures import figures_of
+from quadid_logs.report.json import result_dict
+from quadid_logs.report.provenance import Provenance, provenance_of
+from quadid_logs.untrusted import printable
+
+RESULT_FILE, REPORT_FILE = "result.json", "report.html"
+
+
+def report_folders(logs: Iterable[Path], parent: Path) -> tuple[Path, ...]:
+    """Return one folder per log, named after its stem; no two logs share one.
+
+    Parameters
+    ----------
+    logs : iterable of Path
+    parent : Path
+
+    Examples
+    --------
+    >>> logs = [Path("a/f.bin"), Path("b/f.tlog"), Path("c/f.tlog")]
+    >>> [folder.name for folder in report_folders(logs, Path("out"))]
+    ['f', 'f-tlog', 'f-tlog-2']
+    """
+    taken: set[str] = set()
+    folders = []
+    for log in logs:
+        stem = "".join(letter if letter.isprintable() else "_" for letter in log.stem).strip(". ") or "log"
+        suffix = log.suffix.lstrip(".").lower()
+        longer = f"{stem}-{suffix}" if suffix else stem
+        names = (stem, longer, *(f"{longer}-{number}" for number in range(2, len(taken) + 3)))
+        name = next(name for name in names if name.lower() not in taken)
+        taken.add(name.lower())
+        folders.append(parent / name)
+    return tuple(folders)
+
+
+def check_folder(folder: Path, *, force: bool = False) -> None:
+    """Refuse early what `write_report` would refuse after the work.
+
+    Raises
+    ------
+    OutputError
+        If the folder is a file or a symbolic link, or holds a result and
+        `force` is not set.
+    """
+    for part in (folder, *folder.parents):
+        if part.exists() and not part.is_dir():
+            raise OutputError(
+                f"{_shown(part)} is a file, but a folder is needed there.", hint="Choose another -o."
+            )
+    if folder.is_symlink():
+        raise OutputError(
+            f"{_shown(folder)} is a symbolic link; reports are not written through links.",
+            hint="Choose another -o.",
+        )
+    if not force:
+        _refuse_existing(folder, (RESULT_FILE, REPORT_FILE))
+
+
+def write_report(
+    result: Result,
+    folder: Path,
+    *,
+    force: bool = False,
+    drawings: bool = True,
+    command: str = "",
+) -> Result:
+    """Write result.json, and report.html and every figure as PNG unless told not to.
+
+    Everything is first written into a new folder beside the target and moved
+    into place at the end, so that a full disk or Ctrl-C leaves nothing
+    half-written.
+
+    Parameters
+    ----------
+    result : Result
+    folder : Path
+        Made if it does not exist.
+    force : bool
+        Replace files of an earlier run.
+    drawings : bool
+        False writes result.json only.
+    command : str
+        The command line, for the report.
+
+    Returns
+    -------
+    Result
+        With the time that the report took in ``timings_s``.
+
+    Raises
+    ------
+    OutputError
+        If a file exists and `force` is not set, or something cannot be written.
+    """
+    check_folder(folder, force=force)
+    started = time.perf_counter()
+    provenance = provenance_of(result.log.path, command)
+    with _writing_beside(folder) as beside:
+        if drawings:
+            write_drawings(result, provenance, beside)
+        timed = _with_report_time(result, time.perf_counter() - started)
+        text = json_text(timed, provenance)
+        (beside / RESULT_FILE).write_text(text, encoding="utf-8")
+        _move_into(beside, folder, force=force)
+    return timed
+
+
+def json_text(result: Result, provenance: Provenance | None = None) -> str:
+    """Return result.json's text: strict JSON in ASCII."""
+    return json.dumps(result_dict(result, provenance), indent=1, allow_nan=False) + "\n"
+
+
+def write_drawings(result: Result, provenance: Provenance, folder: Path) -> None:
+    """Write report.html and the PNG files into an existing folder."""
+    from quadid_logs.figures.png import write_png
+    from quadid_logs.report.html import render_html
+    from quadid_logs.report.view import view_of
+
+    figures = figures_of(result)
+    page = render_html(view_of(result, provenance), figures)
+    (folder / REPORT_FILE).write_text(page, encoding="utf-8", newline="\n")
+    for figure in figures.shown:
+        write_png(figure, folder / f"{figure.key}.png")
+
+
+def _with_report_time(result: Result, report_s: float) -> Result:
+    """Return the result with the seconds that the report took."""
+    timings = dict(result.timings_s)
+    timings["report"] = report_s
+    timings["total"] = timings.get("total", 0.0) + report_s
+    return replace(result, timings_s=timings)
+
+
+@contextmanager
+def _writing_beside(folder: Path) -> Iterator[Path]:
+    """Give a new folder beside the target and remove it in the end; say clearly what went wrong."""
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(
+            prefix=".quadid-", dir=folder.parent, ignore_cleanup_errors=True
+        ) as beside:
+            yield Path(beside)
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        raise OutputError(
+            f"Cannot write to {_shown(folder)}: {reason}.",
+            hint="Nothing was left half-written; choose another -o.",
+        ) from error
+
+
+def _move_into(beside: Path, folder: Path, *, force: bool) -> None:
+    """Move every finished file into the folder, result.json last."""
+    names = sorted((path.name for path in beside.iterdir()), key=lambda name: (name == RESULT_FILE, name))
+    if not force:
+        _refuse_existing(folder, names)
+    for name in names:
+        if (folder / name).is_dir():
+            raise OutputError(
+                f"{_shown(folder / name)} is a folder.", hint="Move it away or choose another -o."
+            )
+    folder.mkdir(exist_ok=True)
+    for name in names:
+        # A rename replaces a symbolic link itself and never writes through it.
+        (beside / name).replace(folder / name)
+
+
+def _refuse_existing(folder: Path, names: Iterable[str]) -> None:
+    """Raise if one of the files is there already."""
+    for name in names:
+        if os.path.lexists(folder / name):
+            raise OutputError(f"{_shown(folder / name)} exists already.", hint="Add --force to replace it.")
+
+
+def _shown(path: Path) -> str:
+    """Return a path as one visible line."""
+    return printable(str(path))

@@ -1,0 +1,118 @@
+"""report.html: one file with everything in it, that asks no host for anything."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import importlib.util
+import json
+from pathlib import Path
+from typing import Any
+
+from quadid_logs.errors import OutputError
+from quadid_logs.figures import Figures
+from quadid_logs.figures.interactive import interactive
+from quadid_logs.figures.palette import DARK, LIGHT
+from quadid_logs.figures.spec import Figure
+from quadid_logs.report.view import View
+
+#: Which figures belong to which chapter, by the beginning of their key.
+_CHAPTERS = {
+    "flight": ("flight", "aligned"),
+    "excitation": ("excitation",),
+    "windows": ("condition", "over-time", "singular"),
+    "fit": ("lag", "held-out", "fit", "simulation", "horizon", "residuals"),
+    "structures": ("structures",),
+}
+
+
+def render_html(view: View, figures: Figures) -> str:
+    """Return the page.
+
+    Every text is escaped by the template; a content security policy lets only
+    the two scripts of this package run and forbids every connection.
+
+    Parameters
+    ----------
+    view : View
+    figures : Figures
+
+    Returns
+    -------
+    str
+        A complete HTML document.
+
+    Raises
+    ------
+    OutputError
+        If the installed plotly package does not hold its script.
+    """
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("quadid_logs.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    loader = environment.loader
+    if loader is None:  # only for the type checker: it was given above
+        raise OutputError("The templates of the report are missing.")
+    script = loader.get_source(environment, "report.js")[0]
+    plotly = _plotly_script() if figures.shown else ""
+    page: str = environment.get_template("report.html").render(
+        view=view,
+        chapters={name: _of_chapter(figures.shown, keys) for name, keys in _CHAPTERS.items()},
+        left_out=figures.left_out,
+        figure_json={figure.key: script_json(interactive(figure)) for figure in figures.shown},
+        palettes=script_json({"light": dict(LIGHT), "dark": dict(DARK)}),
+        style=loader.get_source(environment, "report.css")[0],
+        script=script,
+        plotly=plotly,
+        script_hashes=" ".join(_csp_hash(text) for text in (plotly, script)),
+    )
+    return page
+
+
+def _of_chapter(figures: tuple[Figure, ...], keys: tuple[str, ...]) -> list[Figure]:
+    """Return the figures whose key is one of `keys` or an extension of one by "-"."""
+    return [
+        figure for key in keys for figure in figures if figure.key == key or figure.key.startswith(f"{key}-")
+    ]
+
+
+def script_json(value: Any) -> str:
+    r"""Return JSON that may stand inside a script element.
+
+    Examples
+    --------
+    >>> script_json({"a": "</script>"})
+    '{"a":"\\u003c/script\\u003e"}'
+    """
+    text = json.dumps(value, allow_nan=False, separators=(",", ":"))
+    for letter in "<>&\u2028\u2029":
+        text = text.replace(letter, f"\\u{ord(letter):04x}")
+    return text
+
+
+def _plotly_script() -> str:
+    """Return plotly.min.js of the installed package, without importing it."""
+    found = importlib.util.find_spec("plotly")
+    if found is None or found.origin is None:
+        raise OutputError("The plotly package is not installed.", hint="Install it: pip install plotly.")
+    path = Path(found.origin).parent / "package_data" / "plotly.min.js"
+    try:
+        # The CSP hash is of what the browser sees, and it turns CRLF into LF.
+        return path.read_text(encoding="utf-8").replace("\r\n", "\n")
+    except OSError as error:
+        raise OutputError(
+            f"The plotly package has no script ({error}).",
+            hint="Reinstall it: pip install --force-reinstall plotly.",
+        ) from error
+
+
+def _csp_hash(script: str) -> str:
+    """Return what a content security policy needs to let exactly this script run."""
+    digest = hashlib.sha256(script.encode("utf-8")).digest()
+    return f"'sha256-{base64.b64encode(digest).decode('ascii')}'"

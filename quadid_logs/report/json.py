@@ -1,0 +1,253 @@
+"""result.json: the machine-readable result, with the keys that docs/result.schema.json fixes."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.data.diagnosis import Diagnosis
+from quadid_logs.data.flight import FlightData, SourceChoice
+from quadid_logs.data.log import FlightLog
+from quadid_logs.data.model import Actuator, Excitation, Inertia, Model, Parameter, Validation, Windows
+from quadid_logs.data.result import Result
+from quadid_logs.report.provenance import Provenance
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+#: Minor steps add keys, a major step changes or removes one.
+SCHEMA_VERSION = "1.0"
+
+
+def result_dict(result: Result, provenance: Provenance | None = None) -> dict[str, Any]:
+    """Return the result as plain JSON values: no NaN, no infinity, no arrays.
+
+    Parameters
+    ----------
+    result : Result
+    provenance : Provenance, optional
+        Adds ``tool``: version, command, hash of the log.
+
+    Returns
+    -------
+    dict
+        Keys, units and meanings as docs/result.schema.json says. What is
+        unknown or not finite is None.
+    """
+    content: dict[str, Any] = {
+        "schema_version": SCHEMA_VERSION,
+        "log": _log(result.log, result.data),
+        "data": _data(result.data),
+        "models": [_model(model) for model in result.identification.models],
+        "axes": {name: _verdict(result.diagnosis, name) for name in result.diagnosis.axes},
+        "findings": [
+            {
+                "code": finding.code,
+                "level": finding.level,
+                "title": finding.title,
+                "evidence": dict(finding.evidence),
+                "advice": finding.advice,
+                "axes": list(finding.axes),
+            }
+            for finding in result.diagnosis.findings
+        ],
+        "excitation": {item.axis: _excitation(item) for item in result.identification.excitation},
+        "skipped": result.identification.skipped,
+        "timings_s": _timings(result),
+        "settings": _fields(result.settings),
+    }
+    if provenance is not None:
+        content["tool"] = {"name": "quadid-logs", **_fields(provenance)}
+    plain: dict[str, Any] = _plain(content)
+    return plain
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as JSON knows it."""
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, Iterable):
+        return [_plain(item) for item in value]
+    return str(value)
+
+
+def _fields(value: DataclassInstance) -> dict[str, Any]:
+    """Return the fields of a dataclass by name, without copying them."""
+    return {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+
+
+def _log(log: FlightLog, data: FlightData) -> dict[str, Any]:
+    """Return ``log``."""
+    return {
+        "path": log.path,
+        "format": log.format,
+        "dialect": log.dialect,
+        "autopilot": log.autopilot,
+        "firmware": log.firmware,
+        "vehicle_type": log.vehicle_type,
+        "vehicle_name": log.vehicle_name,
+        "frame": log.frame,
+        "n_bytes": log.n_bytes,
+        "start_s": data.start_s,
+        "duration_s": data.duration_s,
+        "corrupt_bytes": log.corrupt_bytes,
+        "lost": [_fields(stretch) for stretch in log.lost],
+        "n_dropped": log.n_dropped,
+        "clock_resets": data.clock_resets,
+        "remarks": log.remarks,
+    }
+
+
+def _data(data: FlightData) -> dict[str, Any]:
+    """Return ``data``."""
+    described = data.input
+    return {
+        "sample_period_s": data.sample_period_s,
+        "segments": [[segment.start_s, segment.end_s] for segment in data.segments],
+        "flights": data.flights,
+        "n_samples": data.n_samples,
+        "rates": {name: _rate(choice) for name, choice in data.sources.items()},
+        "input": None
+        if described is None
+        else {
+            "kind": described.kind,
+            "unit": described.unit,
+            "source": described.source,
+            "saturated_fraction": described.saturated_fraction,
+        },
+        "on_ground_reason": data.on_ground_reason,
+    }
+
+
+def _rate(choice: SourceChoice) -> dict[str, Any]:
+    """Return an entry of ``data.rates``."""
+    content = _fields(choice)
+    content.pop("signal")
+    content["others"] = [{"source": source, "rate_hz": rate_hz} for source, rate_hz in choice.others]
+    return content
+
+
+def _model(model: Model) -> dict[str, Any]:
+    """Return an entry of ``models``."""
+    return {
+        "structure": model.structure,
+        "recommended": model.recommended,
+        "states": model.states,
+        "regressors": model.regressors,
+        "targets": model.targets,
+        "inputs": model.inputs,
+        "A": model.A,
+        "B": model.B,
+        "parameters": [_fields(parameter) for parameter in model.parameters],
+        "actuator": None if model.actuator is None else _actuator(model.actuator),
+        "inertia_kg_m2": None if model.inertia is None else _inertia(model.inertia),
+        "windows": None if model.windows is None else _windows(model, model.windows),
+        "validation": _validation(model.validation),
+        "discrete": None
+        if model.discrete is None
+        else {
+            "sample_period_s": model.discrete.sample_period_s,
+            "states": model.discrete.states,
+            "A_d": model.discrete.A_d,
+            "B_d": model.discrete.B_d,
+        },
+        "smoothing_hz": model.smoothing_hz,
+        "condition_number": model.condition_number,
+        "note": model.note,
+    }
+
+
+def _actuator(actuator: Actuator) -> dict[str, Any]:
+    """Return ``actuator``."""
+    return {
+        "lag_s": {"value": actuator.lag_s, "ci95": actuator.lag_ci95_s},
+        "delay_s": {"value": actuator.delay_s, "ci95": actuator.delay_ci95_s},
+        "acts_on": actuator.acts_on,
+    }
+
+
+def _inertia(inertia: Inertia) -> dict[str, Any]:
+    """Return ``inertia_kg_m2``."""
+    return {"matrix": inertia.matrix, "ci95_low": inertia.ci95_low, "ci95_high": inertia.ci95_high}
+
+
+def _windows(model: Model, windows: Windows) -> dict[str, Any]:
+    """Return ``windows``: statistics over all of them, estimates over the used ones."""
+    ranks, counts = np.unique(windows.rank, return_counts=True)
+    return {
+        "n": windows.time_s.shape[0],
+        "width": windows.width,
+        "stride": windows.stride,
+        "period_s": windows.period_s,
+        "used": int(np.count_nonzero(windows.used)),
+        "condition_number": _spread(windows.condition_number),
+        "rank": {str(rank): int(count) for rank, count in zip(ranks, counts, strict=True)},
+        "estimates": {
+            parameter.name: _estimate(windows.coefficients[windows.used][:, row, column])
+            for parameter, row, column in _places(model)
+        },
+    }
+
+
+def _places(model: Model) -> list[tuple[Parameter, int, int]]:
+    """Return each parameter with its row and column in the windows' coefficients [A B]."""
+    columns = (*model.regressors, *model.inputs)
+    return [
+        (parameter, model.targets.index(parameter.target), columns.index(parameter.regressor))
+        for parameter in model.parameters
+        if parameter.target in model.targets and parameter.regressor in columns
+    ]
+
+
+def _spread(values: FloatArray) -> dict[str, float | None]:
+    """Return median and 5 and 95 % quantiles; infinite values count, and are reported as None."""
+    if not values.size:
+        return {"median": None, "p05": None, "p95": None}
+    # Quantiles of the order statistics themselves: interpolating beside an infinity gives NaN.
+    low, middle, high = np.quantile(values, [0.05, 0.5, 0.95], method="nearest")
+    return {"median": float(middle), "p05": float(low), "p95": float(high)}
+
+
+def _estimate(values: FloatArray) -> dict[str, Any]:
+    """Return median and quartiles of one coefficient over the windows."""
+    finite = values[np.isfinite(values)]
+    if not finite.size:
+        return {"median": None, "iqr": [None, None]}
+    low, middle, high = np.quantile(finite, [0.25, 0.5, 0.75])
+    return {"median": float(middle), "iqr": [float(low), float(high)]}
+
+
+def _validation(validation: Validation) -> dict[str, Any]:
+    """Return ``validation``."""
+    return _fields(validation)
+
+
+def _verdict(diagnosis: Diagnosis, axis: str) -> dict[str, Any]:
+    """Return an entry of ``axes``."""
+    verdict = diagnosis.axes[axis]
+    return {"verdict": verdict.verdict, "reasons": verdict.reasons, "sentence": verdict.sentence}
+
+
+def _excitation(item: Excitation) -> dict[str, Any]:
+    """Return an entry of ``excitation``, without the spectra."""
+    return {
+        "torque_rms": item.torque_rms,
+        "rate_rms_rad_s": item.rate_rms_rad_s,
+        "signal_to_noise": item.signal_to_noise,
+    }
+
+
+def _timings(result: Result) -> dict[str, float]:
+    """Return ``timings_s`` with every key of the contract."""
+    return {"read": 0.0, "align": 0.0, "identify": 0.0, "report": 0.0, "total": 0.0, **result.timings_s}

@@ -1,0 +1,85 @@
+"""Numbers as people read them."""
+
+from __future__ import annotations
+
+import math
+
+
+def number(value: float, digits: int = 4) -> str:
+    """Return a value with the digits that matter, "–" where there is none.
+
+    Examples
+    --------
+    >>> number(439.8123), number(0.00081234), number(float("nan")), number(38_000_000.0)
+    ('439.8', '0.0008123', '–', '38000000')
+    """
+    if math.isnan(value):
+        return "–"
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    if value and abs(value) < 1e-4:
+        return f"{value:.{digits - 1}e}".replace("-", "−")
+    decimals = max(0, digits - 1 - (math.floor(math.log10(abs(value))) if value else 0))
+    shown = f"{value:.{min(decimals, 10)}f}"
+    return (shown.rstrip("0").rstrip(".") if "." in shown else shown).replace("-", "−")
+
+
+def interval(low: float, high: float) -> str:
+    """Return a 95 % interval, or that there is none.
+
+    Examples
+    --------
+    >>> interval(432.1, 447.9)
+    '432.1 to 447.9'
+    """
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return "not bounded"
+    width = high - low
+    digits = 4 if not width else min(6, max(2, 3 + _magnitude(max(abs(low), abs(high))) - _magnitude(width)))
+    return f"{number(low, digits)} to {number(high, digits)}"
+
+
+def _magnitude(value: float) -> int:
+    """Return the power of ten of a value."""
+    return math.floor(math.log10(abs(value))) if value else 0
+
+
+def seconds(value: float) -> str:
+    """Return a duration.
+
+    Examples
+    --------
+    >>> seconds(83.02), seconds(754.0)
+    ('83.0 s', '12 min 34 s')
+    """
+    if not math.isfinite(value):
+        return "–"
+    if abs(value) < 120.0:
+        return f"{value:.1f} s"
+    minutes, rest = divmod(round(value), 60)
+    return f"{minutes} min {rest} s"
+
+
+def size(n_bytes: int) -> str:
+    """Return a file size in decimal units.
+
+    Examples
+    --------
+    >>> size(512), size(38_000_000)
+    ('512 bytes', '38.0 MB')
+    """
+    for unit, scale in (("GB", 10**9), ("MB", 10**6), ("kB", 10**3)):
+        if n_bytes >= scale:
+            return f"{n_bytes / scale:.1f} {unit}"
+    return f"{n_bytes} bytes"
+
+
+def percent(share: float) -> str:
+    """Return a share of 1 in per cent.
+
+    Examples
+    --------
+    >>> percent(0.021), percent(float("nan"))
+    ('2.1 %', '–')
+    """
+    return "–" if math.isnan(share) else f"{number(100.0 * share, 3)} %"

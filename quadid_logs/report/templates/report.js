@@ -1,0 +1,99 @@
+
+"use strict";
+(() => {
+  const palettes = JSON.parse(document.getElementById("palettes").textContent);
+  const dark = matchMedia("(prefers-color-scheme: dark)");
+  const narrow = matchMedia("(max-width: 640px)");
+  const charts = [...document.querySelectorAll(".chart")];
+  const drawn = new Map();
+  const config = { responsive: true, displaylogo: false, modeBarButtonsToRemove: ["lasso2d", "select2d"] };
+  let printing = false;
+  let shared = null;  // the range of time that all charts show, null for everything
+  let spreading = false;
+
+  // "@role" stands for the colour of that role on the present background.
+  const coloured = (value, palette) => {
+    if (typeof value === "string" && value[0] === "@") return palette[value.slice(1)] || value;
+    if (Array.isArray(value)) return value.map((item) => coloured(item, palette));
+    if (value && typeof value === "object")
+      return Object.fromEntries(Object.entries(value).map(([key, item]) => [key, coloured(item, palette)]));
+    return value;
+  };
+
+  const plan = (chart) => {
+    const figure = drawn.get(chart) || JSON.parse(document.getElementById("data-" + chart.dataset.key).textContent);
+    drawn.set(chart, figure);
+    const palette = palettes[dark.matches && !printing ? "dark" : "light"];
+    const layout = coloured(figure.layouts[narrow.matches && !printing ? "narrow" : "wide"], palette);
+    if (printing) layout.width = 690;
+    if (figure.over_time && shared) layout.xaxis = { ...layout.xaxis, range: [...shared], autorange: false };
+    return [coloured(figure.data, palette), layout, config];
+  };
+
+  const draw = (chart) => {
+    const first = !drawn.has(chart);
+    const done = Plotly.react(chart, ...plan(chart));
+    if (!first) return done;
+    if (drawn.get(chart).over_time) chart.on("plotly_relayout", (change) => followTime(chart, change));
+    chart.addEventListener("keydown", (event) => onKey(chart, event));
+    return done;
+  };
+
+  const showTime = (range, except) => {
+    shared = range;
+    spreading = true;
+    const moved = [...drawn].filter(([chart, figure]) => figure.over_time && chart !== except).map(([chart]) =>
+      Plotly.relayout(chart, range ? { "xaxis.range": [...range] } : { "xaxis.autorange": true }));
+    Promise.all(moved).finally(() => { spreading = false; });
+  };
+
+  const followTime = (chart, change) => {
+    if (spreading) return;
+    const axis = Object.keys(change).map((key) => /^xaxis\d*/.exec(key)).find(Boolean);
+    if (!axis) return;
+    const from = change[axis[0] + ".range[0]"], to = change[axis[0] + ".range[1]"];
+    if (from !== undefined) showTime([from, to], chart);
+    else if (change[axis[0] + ".range"]) showTime(change[axis[0] + ".range"], chart);
+    else if (change[axis[0] + ".autorange"]) showTime(null, chart);
+  };
+
+  const onKey = (chart, event) => {
+    if (event.target !== chart || !drawn.get(chart).over_time) return;
+    const [from, to] = chart.layout.xaxis.range;
+    const width = to - from;
+    const ranges = {
+      "+": [from + width / 4, to - width / 4],
+      "-": [from - width / 2, to + width / 2],
+      "−": [from - width / 2, to + width / 2],
+      ArrowLeft: [from - width / 4, to - width / 4],
+      ArrowRight: [from + width / 4, to + width / 4],
+      0: null,
+    };
+    if (!(event.key in ranges)) return;
+    event.preventDefault();
+    showTime(ranges[event.key], null);
+  };
+
+  const watcher = new IntersectionObserver((entries) => {
+    for (const entry of entries) {
+      if (!entry.isIntersecting) continue;
+      watcher.unobserve(entry.target);
+      draw(entry.target);
+    }
+  }, { rootMargin: "600px" });
+
+  for (const chart of charts) {
+    const layouts = JSON.parse(document.getElementById("data-" + chart.dataset.key).textContent).layouts;
+    const resize = () => {
+      if (!drawn.has(chart)) chart.style.minHeight = layouts[narrow.matches ? "narrow" : "wide"].height + "px";
+    };
+    resize();
+    narrow.addEventListener("change", resize);
+    watcher.observe(chart);
+  }
+  const redraw = () => { for (const chart of drawn.keys()) draw(chart); };
+  dark.addEventListener("change", redraw);
+  narrow.addEventListener("change", redraw);
+  addEventListener("beforeprint", () => { printing = true; charts.forEach(draw); });
+  addEventListener("afterprint", () => { printing = false; redraw(); });
+})();

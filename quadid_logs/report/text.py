@@ -1,0 +1,62 @@
+"""The verdict in a few lines of plain text, for a terminal or a pipe."""
+
+from __future__ import annotations
+
+from pathlib import PurePath
+
+from quadid_logs.data.result import Result
+from quadid_logs.report.view import effect_sentence, next_steps
+from quadid_logs.untrusted import printable
+from quadid_logs.vocabulary import AXES
+
+
+def result_lines(result: Result) -> tuple[str, ...]:
+    """Return the verdict per axis with its main number, and what to do next.
+
+    Parameters
+    ----------
+    result : Result
+
+    Returns
+    -------
+    tuple of str
+        Lines without control characters, whatever the log holds.
+    """
+    model = result.identification.recommended
+    structure = f"structure {model.structure}" if model else "no model"
+    lines = [f"{_name(result)}: {structure}, {_flown(result)}"]
+    for axis in AXES:
+        if axis in result.diagnosis.axes:
+            lines += _axis_lines(result, axis)
+    lines += [f"  next: {step}" for step in next_steps(result)[:3]]
+    return tuple(lines)
+
+
+def one_line(result: Result) -> str:
+    """Return file and verdicts in one line."""
+    verdicts = ", ".join(
+        f"{axis} {verdict.verdict}"
+        + (f" ({' '.join(printable(c, 20) for c in verdict.reasons)})" if verdict.reasons else "")
+        for axis, verdict in result.diagnosis.axes.items()
+    )
+    return f"{_name(result)}: {verdicts}"
+
+
+def _name(result: Result) -> str:
+    """Return the log's file name."""
+    return printable(PurePath(result.log.path).name, 120)
+
+
+def _flown(result: Result) -> str:
+    """Say how much was analysed."""
+    used_s = sum(segment.end_s - segment.start_s for segment in result.data.segments)
+    return f"{used_s:.1f} s of {result.data.duration_s:.1f} s analysed"
+
+
+def _axis_lines(result: Result, axis: str) -> list[str]:
+    """Return the verdict of one axis, and its number below."""
+    verdict = result.diagnosis.axes[axis]
+    codes = f" [{' '.join(printable(code, 20) for code in verdict.reasons)}]" if verdict.reasons else ""
+    lines = [f"  {axis:<5}  {verdict.verdict:<7}  {printable(verdict.sentence, 400)}{codes}"]
+    effect = effect_sentence(result, axis) if verdict.verdict != "refused" else ""
+    return [*lines, f"{'':18}{effect}"] if effect else lines

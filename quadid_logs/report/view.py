@@ -1,0 +1,560 @@
+"""What the report says, computed before any template sees it: sentences, tables and lists of strings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import PurePath
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.data.diagnosis import Finding
+from quadid_logs.data.flight import SourceChoice
+from quadid_logs.data.model import Inertia, Model, Parameter, Windows
+from quadid_logs.data.result import Result
+from quadid_logs.report.numbers import interval, number, percent, seconds, size
+from quadid_logs.report.provenance import Provenance
+from quadid_logs.untrusted import printable
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS, SIGNALS
+
+_TARGETS = {"p_dot": "dp/dt", "q_dot": "dq/dt", "r_dot": "dr/dt"}
+_MOST_STEPS = 5
+_MOST_ROWS = 60
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cell:
+    """One entry of a table: ``text`` in large, ``detail`` below it; ``weak`` is greyed."""
+
+    text: str
+    detail: str = ""
+    weak: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table:
+    """A table with a caption; the first cell of every row is its heading."""
+
+    caption: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxisView:
+    """The verdict of one axis in one sentence; ``reasons`` are codes with the number of their finding."""
+
+    axis: str
+    verdict: str
+    sentence: str
+    effect: str
+    reasons: tuple[tuple[str, int], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FindingView:
+    """A finding with its evidence as name and value."""
+
+    code: str
+    level: str
+    title: str
+    advice: str
+    axes: str
+    evidence: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class View:
+    """Everything that the page shows, in its order."""
+
+    name: str
+    subtitle: str
+    overall: str
+    headline: str
+    axes: tuple[AxisView, ...]
+    model_sentence: str
+    model_tables: tuple[Table, ...]
+    steps: tuple[str, ...]
+    facts: tuple[tuple[str, str], ...]
+    signals: Table
+    stretches: tuple[str, ...]
+    remarks: tuple[str, ...]
+    messages: tuple[str, ...]
+    structures: Table | None
+    windows: Table | None
+    excitation: Table | None
+    validation_sentence: str
+    findings: tuple[FindingView, ...]
+    reproduction: tuple[tuple[str, str], ...]
+
+
+def view_of(result: Result, provenance: Provenance) -> View:
+    """Turn a result into texts.
+
+    Parameters
+    ----------
+    result : Result
+    provenance : Provenance
+
+    Returns
+    -------
+    View
+        Plain, visible text; not yet escaped for HTML.
+    """
+    model = result.identification.recommended
+    overall = _overall(result)
+    return View(
+        name=printable(PurePath(result.log.path).name, 120),
+        subtitle=_subtitle(result),
+        overall=overall,
+        headline=_HEADLINES[overall],
+        axes=tuple(_axis(result, axis) for axis in AXES if axis in result.diagnosis.axes),
+        model_sentence=_model_sentence(result, model),
+        model_tables=() if model is None else _model_tables(model, _input_unit(result)),
+        steps=next_steps(result),
+        facts=_facts(result),
+        signals=_signals(result),
+        stretches=_stretches(result),
+        remarks=tuple(printable(remark) for remark in result.log.remarks[:_MOST_ROWS]),
+        messages=tuple(
+            f"{text.time_s:.1f} s: {printable(text.text)}" for text in result.data.texts[:_MOST_ROWS]
+        ),
+        structures=_structures(result),
+        windows=_windows(result),
+        excitation=_excitation(result),
+        validation_sentence=_validation_sentence(model),
+        findings=tuple(_finding(finding) for finding in result.diagnosis.findings),
+        reproduction=_reproduction(result, provenance),
+    )
+
+
+_HEADLINES = {
+    "usable": "The model can be used on all three axes.",
+    "caution": "The model can be used, with the doubts named below.",
+    "refused": "At least one axis must not be trusted.",
+}
+
+
+def _overall(result: Result) -> str:
+    """Return the worst verdict of the axes."""
+    verdicts = {axis.verdict for axis in result.diagnosis.axes.values()}
+    return next((level for level in ("refused", "caution") if level in verdicts), "usable")
+
+
+def _subtitle(result: Result) -> str:
+    """Say in one line which vehicle flew for how long."""
+    log = result.log
+    parts = [
+        printable(log.vehicle_name, 60),
+        printable(log.frame, 60),
+        printable(log.vehicle_type, 40) if log.vehicle_type != "unknown" else "",
+        printable(log.firmware, 80) or printable(log.autopilot, 40),
+        f"{seconds(result.data.duration_s)} of log",
+        f"{seconds(_used_s(result))} analysed",
+    ]
+    return " · ".join(part for part in parts if part)
+
+
+def _used_s(result: Result) -> float:
+    """Return the length of all segments [s]."""
+    return float(sum(segment.end_s - segment.start_s for segment in result.data.segments))
+
+
+def _input_unit(result: Result) -> str:
+    """Return "N m" or "1"."""
+    return result.data.input.unit if result.data.input else "1"
+
+
+def _axis(result: Result, axis: str) -> AxisView:
+    """Return verdict, sentence and main number of an axis."""
+    verdict = result.diagnosis.axes[axis]
+    codes = [finding.code for finding in result.diagnosis.findings]
+    return AxisView(
+        axis=axis,
+        verdict=verdict.verdict,
+        sentence=printable(verdict.sentence, 400),
+        effect=effect_sentence(result, axis) if verdict.verdict != "refused" else "",
+        reasons=tuple(
+            (printable(code, 20), codes.index(code) + 1 if code in codes else 0) for code in verdict.reasons
+        ),
+    )
+
+
+def effect_sentence(result: Result, axis: str) -> str:
+    """Return the axis' torque effectiveness with its interval, "" where there is none."""
+    model = result.identification.recommended
+    number_of = AXES.index(axis)
+    target, torque = ACCELERATION_SYMBOLS[number_of], ("L", "M", "N")[number_of]
+    found = () if model is None else model.parameters
+    for parameter in found:
+        if parameter.target == target and parameter.regressor == torque and math.isfinite(parameter.value):
+            bounds = interval(*parameter.ci95)
+            return f"{parameter.name} = {number(parameter.value)} ({bounds}) {printable(parameter.unit, 60)}"
+    return ""
+
+
+def _model_sentence(result: Result, model: Model | None) -> str:
+    """Say what the recommended model is, or why there is none."""
+    if model is None:
+        return printable(result.identification.skipped) or "No model could be fitted to this log."
+    parts = [
+        f"Structure {model.structure}, fitted to {seconds(_used_s(result))} of flight: "
+        "[dp/dt, dq/dt, dr/dt] = A · regressors + B · [L, M, N]."
+    ]
+    actuator = model.actuator
+    if actuator is not None:
+        lag, delay = actuator.lag_s * 1e3, actuator.delay_s * 1e3
+        lag_ci, delay_ci = (
+            interval(low * 1e3, high * 1e3) for low, high in (actuator.lag_ci95_s, actuator.delay_ci95_s)
+        )
+        parts.append(
+            f"The {printable(actuator.acts_on, 30) or 'torque'} follows its command with a lag of "
+            f"{number(lag, 3)} ms ({lag_ci}) after a delay of {number(delay, 3)} ms ({delay_ci})."
+        )
+    if _input_unit(result) == "1":
+        parts.append("L, M and N are the autopilot's normalised commands, not N m.")
+    if model.note:
+        parts.append(printable(model.note))
+    return " ".join(parts)
+
+
+def _model_tables(model: Model, input_unit: str) -> tuple[Table, ...]:
+    """Return A, B and, where it is known, the inertia tensor."""
+    unit = "N m" if input_unit == "N m" else "unit of normalised command"
+    known = {(parameter.target, parameter.regressor): parameter for parameter in model.parameters}
+    tables = [
+        _matrix("B", f"B: angular acceleration per torque [rad/s² per {unit}]", model, model.inputs, known)
+    ]
+    if model.regressors:
+        caption = "A: angular acceleration per regressor [rad/s² per unit of the regressor]"
+        tables.append(_matrix("A", caption, model, model.regressors, known))
+    if model.inertia is not None:
+        tables.append(_inertia(model.inertia))
+    return tuple(tables)
+
+
+def _matrix(
+    letter: str,
+    caption: str,
+    model: Model,
+    columns: tuple[str, ...],
+    known: Mapping[tuple[str, str], Parameter],
+) -> Table:
+    """Return one matrix with its intervals."""
+    values = model.B if letter == "B" else model.A
+    rows = tuple(
+        (
+            Cell(text=_TARGETS.get(target, target)),
+            *(
+                _entry(known.get((target, regressor)), float(values[row, column]))
+                for column, regressor in enumerate(columns)
+            ),
+        )
+        for row, target in enumerate(model.targets)
+    )
+    weak = any(cell.weak for row in rows for cell in row)
+    note = "Grey: this flight cannot tell the value; do not read it as a property of the vehicle."
+    return Table(caption=caption, head=("", *columns), rows=rows, note=note if weak else "")
+
+
+def _entry(parameter: Parameter | None, value: float) -> Cell:
+    """Return value and interval of one element, grey where it is not identifiable."""
+    if parameter is None:
+        return Cell(text=number(value), weak=True, detail="no interval")
+    detail = interval(*parameter.ci95)
+    if not parameter.identifiable and parameter.reason:
+        detail += f"; {printable(parameter.reason, 120)}"
+    return Cell(text=number(parameter.value), detail=detail, weak=not parameter.identifiable)
+
+
+def _inertia(inertia: Inertia) -> Table:
+    """Return the inertia tensor with its intervals."""
+    names = ("x", "y", "z")
+    rows = tuple(
+        (
+            Cell(text=name),
+            *(
+                Cell(
+                    text=number(float(inertia.matrix[i, j])),
+                    detail=interval(float(inertia.ci95_low[i, j]), float(inertia.ci95_high[i, j])),
+                )
+                for j in range(3)
+            ),
+        )
+        for i, name in enumerate(names)
+    )
+    return Table(caption="Inertia tensor about the centre of mass [kg m²]", head=("", *names), rows=rows)
+
+
+def next_steps(result: Result) -> tuple[str, ...]:
+    """Return what to do next: the advice of the gravest findings, each once."""
+    graded = [
+        printable(finding.advice, 400)
+        for level in ("error", "warning")
+        for finding in result.diagnosis.findings
+        if finding.level == level and finding.advice
+    ]
+    return tuple(dict.fromkeys(graded))[:_MOST_STEPS]
+
+
+def _facts(result: Result) -> tuple[tuple[str, str], ...]:
+    """Return what the log is."""
+    log, data = result.log, result.data
+    described = data.input
+    torque = "none found"
+    if described is not None:
+        torque = (
+            f"{printable(described.source, 120)}, "
+            + ("in N m" if described.unit == "N m" else "normalised command, not N m")
+            + f"; {percent(described.saturated_fraction)} of the samples saturated"
+        )
+    period_s = data.sample_period_s
+    facts = [
+        ("File", f"{printable(log.path)} ({size(log.n_bytes)})"),
+        ("Format", " ".join(part for part in (log.format, printable(log.dialect, 40)) if part)),
+        ("Autopilot", printable(log.autopilot, 40)),
+        ("Firmware", printable(log.firmware, 120) or "not stated"),
+        (
+            "Vehicle",
+            ", ".join(filter(None, (printable(log.vehicle_type, 40), printable(log.vehicle_name, 60)))),
+        ),
+        ("Frame", printable(log.frame, 80) or "not stated"),
+        ("Clock", f"from {data.start_s:.1f} s, {seconds(data.duration_s)}; {data.clock_resets} resets"),
+        ("Torque", torque),
+        ("Flights", _spans(data.flights) or printable(data.on_ground_reason) or "none"),
+        ("Analysed", _spans((item.start_s, item.end_s) for item in data.segments) or "nothing"),
+        ("Resampled to", f"{1.0 / period_s:.4g} Hz" if math.isfinite(period_s) and period_s > 0 else "–"),
+        (
+            "Unreadable",
+            f"{size(log.corrupt_bytes)} in {len(log.lost)} stretches; {log.n_dropped} messages dropped",
+        ),
+    ]
+    if log.systems:
+        spoken = ", ".join(
+            f"{system.system_id}/{system.component_id} {printable(system.vehicle_type, 30)}"
+            + (" (chosen)" if system.chosen else "")
+            for system in log.systems[:12]
+        )
+        facts.append(("MAVLink systems", spoken))
+    return tuple(facts)
+
+
+def _spans(spans: Iterable[tuple[float, float]]) -> str:
+    """Return stretches of time, the first few in full."""
+    listed = list(spans)
+    shown = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in listed[:6])
+    return shown + (f" and {len(listed) - 6} more" if len(listed) > 6 else "")
+
+
+def _signals(result: Result) -> Table:
+    """Return each signal with its source, true rate, gaps and losses."""
+    rows = tuple(_signal(choice) for choice in list(result.data.sources.values())[:_MOST_ROWS])
+    return Table(
+        caption="Signals, where they come from, and how they were really sampled",
+        head=("signal", "source and why", "true rate [Hz]", "longest gap [s]", "gaps", "rows put aside"),
+        rows=rows,
+    )
+
+
+def _signal(choice: SourceChoice) -> tuple[Cell, ...]:
+    """Return one row of the table of signals."""
+    name = printable(choice.signal, 40)
+    why = printable(choice.reason, 160)
+    if choice.others:
+        others = ", ".join(
+            f"{printable(source, 60)} ({number(rate, 3)} Hz)" for source, rate in choice.others[:4]
+        )
+        why += f". Not taken: {others}"
+    aside = {
+        "repeated": choice.n_duplicate,
+        "reordered": choice.n_out_of_order,
+        "impossible time": choice.n_wild,
+        "not finite": choice.n_not_finite,
+    }
+    return (
+        Cell(text=name, detail=SIGNALS[choice.signal].unit if choice.signal in SIGNALS else ""),
+        Cell(text=printable(choice.source, 120), detail=why),
+        Cell(text=number(choice.rate_hz), detail=f"mean {number(choice.mean_rate_hz)}"),
+        Cell(text=number(choice.longest_gap_s, 3)),
+        Cell(text=str(choice.n_gaps)),
+        Cell(text=", ".join(f"{count} {word}" for word, count in aside.items() if count) or "none"),
+    )
+
+
+def _stretches(result: Result) -> tuple[str, ...]:
+    """Return what could not be read, each stretch in a line."""
+    lost = result.log.lost
+    lines = [
+        f"{stretch.n_bytes} bytes at offset {stretch.offset}: {printable(stretch.reason, 160)}"
+        for stretch in lost[:_MOST_ROWS]
+    ]
+    if len(lost) > _MOST_ROWS:
+        lines.append(f"and {len(lost) - _MOST_ROWS} more")
+    return tuple(lines)
+
+
+def _structures(result: Result) -> Table | None:
+    """Compare all structures by what they predict of held-out data."""
+    models = result.identification.models
+    if not models:
+        return None
+    return Table(
+        caption="All structures, judged on held-out data (roll / pitch / yaw)",
+        head=(
+            "structure",
+            "diagonal of B",
+            "R² acceleration",
+            "R² simulated rate",
+            "fit [%]",
+            "condition number",
+        ),
+        rows=tuple(_structure(model) for model in models),
+        note="R² is 1 and fit 100 % at best; noise in the acceleration is in R², and no model explains it.",
+    )
+
+
+def _structure(model: Model) -> tuple[Cell, ...]:
+    """Return one row of the table of structures."""
+    found = {(parameter.target, parameter.regressor): parameter.value for parameter in model.parameters}
+    diagonal = [
+        found.get((target, torque), math.nan)
+        for target, torque in zip(ACCELERATION_SYMBOLS, ("L", "M", "N"), strict=True)
+    ]
+    checked = model.validation
+    return (
+        Cell(text=model.structure, detail="recommended" if model.recommended else printable(model.note, 160)),
+        Cell(text=_three(diagonal)),
+        Cell(text=_three(checked.r2_acceleration.get(name, math.nan) for name in ACCELERATION_SYMBOLS)),
+        Cell(text=_three(checked.r2_simulated_rate.get(name, math.nan) for name in RATE_SYMBOLS)),
+        Cell(text=_three(checked.fit_percent.get(name, math.nan) for name in RATE_SYMBOLS)),
+        Cell(text=number(model.condition_number, 3)),
+    )
+
+
+def _three(values: Iterable[float]) -> str:
+    """Return three values in one cell."""
+    return " / ".join(number(value, 3) for value in values)
+
+
+def _windows(result: Result) -> Table | None:
+    """Return how well the windows of each structure could be solved."""
+    rows = tuple(
+        _window_row(model.structure, model.windows)
+        for model in result.identification.models
+        if model.windows is not None and model.windows.time_s.size
+    )
+    if not rows:
+        return None
+    return Table(
+        caption="Windows: each one solves H_k by itself",
+        head=("structure", "windows", "used", "width × stride", "condition number", "full rank"),
+        rows=rows,
+        note="Condition number of the column-scaled H_k: median, then 5 to 95 %. Noise grows by as much.",
+    )
+
+
+def _window_row(structure: str, windows: Windows) -> tuple[Cell, ...]:
+    """Return one row of the table of windows."""
+    low, middle, high = np.quantile(windows.condition_number, [0.05, 0.5, 0.95], method="nearest")
+    full = float(np.mean(windows.rank == windows.coefficients.shape[2]))
+    return (
+        Cell(text=structure),
+        Cell(text=str(windows.time_s.size)),
+        Cell(text=percent(float(np.mean(windows.used)))),
+        Cell(
+            text=f"{windows.width} × {windows.stride}", detail=f"{number(windows.period_s * 1e3, 3)} ms apart"
+        ),
+        Cell(text=number(float(middle), 3), detail=f"{number(float(low), 3)} to {number(float(high), 3)}"),
+        Cell(text=percent(full)),
+    )
+
+
+def _excitation(result: Result) -> Table | None:
+    """Return how much each axis was moved."""
+    items = result.identification.excitation
+    if not items:
+        return None
+    unit = "N m" if _input_unit(result) == "N m" else "normalised"
+    rows = tuple(
+        (
+            Cell(text=item.axis),
+            Cell(text=number(item.torque_rms, 3)),
+            Cell(text=number(math.degrees(item.rate_rms_rad_s), 3)),
+            Cell(text=number(item.signal_to_noise, 3)),
+            Cell(text=_coherent(item.frequency_hz, item.coherence)),
+        )
+        for item in items
+    )
+    return Table(
+        caption="Excitation",
+        head=("axis", f"torque RMS [{unit}]", "rate RMS [deg/s]", "signal to noise", "coherent above 0.5"),
+        rows=rows,
+        note="Signal to noise: acceleration that the torque explains over what it does not, as power.",
+    )
+
+
+def _coherent(frequency_hz: FloatArray, coherence: FloatArray) -> str:
+    """Return the span of frequencies in which torque and rate belong together."""
+    good = frequency_hz[(coherence > 0.5) & (frequency_hz > 0.0)]
+    return f"{number(float(good.min()), 2)} to {number(float(good.max()), 2)} Hz" if good.size else "nowhere"
+
+
+def _validation_sentence(model: Model | None) -> str:
+    """Say how the model does on held-out data."""
+    if model is None:
+        return "There is no model to validate."
+    if not model.validation.held_out_s > 0.0:
+        return "No data could be held out, so the model is not validated."
+    r2 = [model.validation.r2_simulated_rate.get(name, math.nan) for name in RATE_SYMBOLS]
+    return (
+        f"{seconds(model.validation.held_out_s)} of the flight were kept from the fit. There, the simulated "
+        f"rates explain {' / '.join(percent(value) for value in r2)} of roll / pitch / yaw."
+    )
+
+
+def _finding(finding: Finding) -> FindingView:
+    """Return a finding as text."""
+    return FindingView(
+        code=printable(finding.code, 20),
+        level=finding.level,
+        title=printable(finding.title, 200),
+        advice=printable(finding.advice, 600),
+        axes=", ".join(finding.axes),
+        evidence=tuple((printable(name, 60), shown(value)) for name, value in finding.evidence.items()),
+    )
+
+
+def shown(value: object) -> str:
+    """Return a value of the evidence as text."""
+    if isinstance(value, bool | np.bool_):
+        return "yes" if value else "no"
+    if isinstance(value, float | np.floating):
+        return number(float(value))
+    if isinstance(value, Mapping):
+        return ", ".join(f"{printable(key, 60)}: {shown(item)}" for key, item in list(value.items())[:12])
+    if isinstance(value, Iterable) and not isinstance(value, str):
+        return ", ".join(shown(item) for item in list(value)[:12])
+    return printable(value)
+
+
+def _reproduction(result: Result, provenance: Provenance) -> tuple[tuple[str, str], ...]:
+    """Return all that is needed to make the result again."""
+    settings = result.settings
+    values = ", ".join(f"{name} = {getattr(settings, name)}" for name in type(settings).__dataclass_fields__)
+    timings = ", ".join(f"{name} {value:.2f} s" for name, value in result.timings_s.items())
+    vehicle = result.vehicle
+    return (
+        ("quadid-logs", provenance.version),
+        ("Command", printable(provenance.command, 500) or "(called from Python)"),
+        ("Log", printable(result.log.path)),
+        ("SHA-256 of the log", provenance.log_sha256 or "the file cannot be read any more"),
+        (
+            "Vehicle file",
+            "none" if vehicle is None else printable(vehicle.name, 80) or "given, without a name",
+        ),
+        ("Settings", values),
+        ("Time taken", timings or "–"),
+    )
