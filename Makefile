@@ -3,6 +3,8 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
+INSTALLED_DOCS := $(VENV)/.installed-docs
+BENCH ?= --output benchmarks/results.md
 
 .PHONY: help demo test lint types contracts bench docs samples check clean
 
@@ -14,6 +16,10 @@ $(INSTALLED): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
 	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	@touch $@
+
+$(INSTALLED_DOCS): $(INSTALLED)
+	$(BIN)/python -m pip install --quiet --editable '.[docs]'
 	@touch $@
 
 demo: $(INSTALLED)  ## Simulate a flight, analyze it, say where the report is
@@ -34,12 +40,11 @@ types: $(INSTALLED)  ## Strict types
 contracts: $(INSTALLED)  ## Import contracts
 	$(BIN)/lint-imports
 
-bench: $(INSTALLED)  ## Speed and memory against the reference readers
-	$(BIN)/python benchmarks/run.py
+bench: $(INSTALLED)  ## Speed and memory against the reference readers; BENCH=--short for a quick look
+	$(BIN)/python benchmarks/run.py $(BENCH)
 
-docs: $(INSTALLED)  ## Build the documentation into site/
-	$(BIN)/python -m pip install --quiet --editable '.[docs]'
-	$(BIN)/mkdocs build --strict --quiet
+docs: $(INSTALLED_DOCS)  ## Build the documentation into site/
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 samples: $(INSTALLED)  ## Write sample_logs/ anew with our own simulator
 	$(BIN)/python sample_logs/make.py
