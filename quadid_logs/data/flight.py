@@ -127,6 +127,8 @@ class FlightData:
         Take-off to landing, whether or not signals suffice for a segment.
     sources : mapping of str to SourceChoice
         By canonical name.
+    rate_low_pass_hz : float
+        Cut-off of the second-order low-pass that the logged body rates passed, NaN if unknown.
     clock_resets : int
         Reboots and clock jumps; later epochs are shifted to follow the earlier ones.
     start_s, duration_s : float
@@ -144,6 +146,7 @@ class FlightData:
     input: InputDescription | None
     start_s: float
     duration_s: float
+    rate_low_pass_hz: float = float("nan")
     clock_resets: int = 0
     on_ground_reason: str = ""
     overview: Mapping[str, Overview] = field(default_factory=dict)

@@ -36,6 +36,9 @@ class Signal:
         Why this source has its place in the order of preference.
     nominal_rate_hz : float
         The rate that the log's settings promise, NaN where they do not say.
+    low_pass_hz : float
+        Cut-off of the second-order low-pass that the autopilot applied before
+        logging, NaN where there is none or it is not known.
     """
 
     name: str
@@ -45,6 +48,7 @@ class Signal:
     source: str
     reason: str = ""
     nominal_rate_hz: float = float("nan")
+    low_pass_hz: float = float("nan")
 
     def __post_init__(self) -> None:
         if self.name not in SIGNALS:

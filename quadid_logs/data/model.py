@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 
 
@@ -59,7 +61,7 @@ class Windows:
     rank : ndarray of int, shape (n_windows,)
     residual_rms : ndarray, shape (n_windows, n_targets)
     singular_values : ndarray, shape (n_windows, n_regressors)
-        Of the column-scaled H_k, over the square root of the width.
+        Of H_k with its columns scaled to unit length, largest first.
     noise_floor : ndarray, shape (n_windows,)
         What the smallest of them would be if that direction held noise only.
     used : ndarray of bool, shape (n_windows,)
@@ -132,6 +134,27 @@ class Inertia:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BandCheck:
+    """The same fit in other frequency bands: a true gain does not depend on the band.
+
+    ``cutoff_hz`` (n_bands,) of the smoothing filter, the model's own first;
+    ``own_gain`` (n_bands, 3) is B11, B22, B33 in each.
+    """
+
+    cutoff_hz: FloatArray
+    own_gain: FloatArray
+
+    @property
+    def spread(self) -> FloatArray:
+        """Largest deviation from the model's own gain, relative to it; shape (3,)."""
+        own = np.abs(self.own_gain[0])
+        deviation = np.max(np.abs(self.own_gain - self.own_gain[0]), axis=0)
+        relative: FloatArray = np.full_like(own, np.inf)
+        np.divide(deviation, own, out=relative, where=own > 0.0)
+        return relative
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Model:
     """One structure fitted to the flight: target = A @ regressors + B @ inputs.
 
@@ -161,6 +184,7 @@ class Model:
     fit: FitSeries | None = None
     smoothing_hz: float = float("nan")
     condition_number: float = float("nan")
+    band: BandCheck | None = None
     note: str = ""
 
 

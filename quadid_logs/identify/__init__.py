@@ -1,1 +1,80 @@
-"""From aligned flight data to models with intervals."""
+"""FlightData -> Identification: every structure fitted, the best one recommended."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from quadid_logs.data.flight import FlightData
+from quadid_logs.data.model import Identification, Model
+from quadid_logs.data.settings import Settings
+from quadid_logs.identify.design import build_design
+from quadid_logs.identify.excitation import measure_excitation
+from quadid_logs.identify.model import fit_actuated, fit_as_published
+from quadid_logs.identify.structures import DAMPED, LINEAR_9, QUADROTOR_6
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS
+
+__all__ = ["identify"]
+
+#: Rigid-body motion and rate loops live below 5 Hz; above, the gyro's filters,
+#: blade and frame dynamics add phase that no lag and delay describe.
+_SMOOTHING_HZ = 5.0
+#: At least eight samples per cycle at the cut-off, or the torque between samples is a guess.
+_SAMPLES_PER_CYCLE = 8.0
+#: Rows per unknown below which a fit is arithmetic, not evidence.
+_ROWS_PER_UNKNOWN = 5
+
+
+def identify(data: FlightData, settings: Settings) -> Identification:
+    """Fit all structures to the aligned flight.
+
+    Parameters
+    ----------
+    data : FlightData
+    settings : Settings
+
+    Returns
+    -------
+    Identification
+        Without models, and with ``skipped`` saying why, where the data hold
+        too little to fit anything. Doubtful models are returned: `diagnose`
+        judges them.
+    """
+    if not data.segments or data.input is None:
+        return Identification(skipped="there is no stretch of flight with both body rates and torque")
+    smoothing_hz = settings.smoothing_hz or min(
+        _SMOOTHING_HZ, 1.0 / (data.sample_period_s * _SAMPLES_PER_CYCLE)
+    )
+    design = build_design(data, smoothing_hz, settings)
+    n_needed = _ROWS_PER_UNKNOWN * len(DAMPED.columns)
+    if design is None or np.count_nonzero(design.train) < n_needed:
+        return Identification(skipped="the flight is too short for the number of unknowns")
+    models = [
+        fit_actuated(DAMPED, data, design, settings),
+        fit_as_published(QUADROTOR_6, data, design, settings),
+    ]
+    if all(name in design.columns for name in LINEAR_9.regressors):
+        models.append(fit_as_published(LINEAR_9, data, design, settings))
+    ordered = _recommend(models, settings)
+    return Identification(models=ordered, excitation=measure_excitation(data, _signal_to_noise(ordered[0])))
+
+
+def _recommend(models: list[Model], settings: Settings) -> tuple[Model, ...]:
+    """Put the structure first that the user asked for, or that explains held-out flight best."""
+    import dataclasses
+
+    wanted = next((model for model in models if model.structure == settings.structure), None)
+    best = wanted or max(models, key=_held_out_score)
+    ordered = sorted(models, key=lambda model: model is not best)
+    return tuple(dataclasses.replace(model, recommended=model is best) for model in ordered)
+
+
+def _held_out_score(model: Model) -> float:
+    """Return the mean held-out R2 of the accelerations, each at least zero."""
+    scores = [model.validation.r2_acceleration.get(name, 0.0) for name in ACCELERATION_SYMBOLS]
+    return float(np.mean(np.nan_to_num(np.maximum(scores, 0.0))))
+
+
+def _signal_to_noise(model: Model) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """Return explained over unexplained variance of held-out acceleration per axis; shape (3,)."""
+    r2 = np.array([model.validation.r2_acceleration.get(name, float("nan")) for name in ACCELERATION_SYMBOLS])
+    return np.asarray(np.maximum(r2, 0.0) / np.maximum(1.0 - r2, 1e-9), dtype=np.float64)

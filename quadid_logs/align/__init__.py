@@ -1,0 +1,190 @@
+"""FlightLog -> FlightData: one clock, one period, gaps kept as gaps, flights found."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from quadid_logs.align.clock import Clock, find_clock
+from quadid_logs.align.flights import Interval, find_flights
+from quadid_logs.align.series import CleanSeries, clean
+from quadid_logs.align.sources import choose_sources, describe
+from quadid_logs.arrays import FloatArray
+from quadid_logs.data.flight import FlightData, InputDescription, Overview, Segment
+from quadid_logs.data.log import FlightLog, LogText, ModeChange, Signal
+from quadid_logs.data.settings import Settings
+from quadid_logs.maths.resampling import resample
+from quadid_logs.vocabulary import SIGNALS
+
+__all__ = ["align"]
+
+
+def align(log: FlightLog, settings: Settings) -> FlightData:
+    """Bring the log's signals onto one clock and a fixed period.
+
+    Parameters
+    ----------
+    log : FlightLog
+        As a reader returns it.
+    settings : Settings
+        ``sample_rate_hz``, ``start_s``, ``end_s`` and the thresholds on gaps and clocks.
+
+    Returns
+    -------
+    FlightData
+        Without segments where the log lacks time, torque, rates or flight;
+        what was found is described all the same.
+    """
+    clock = find_clock(_signals_with_time(log), settings)
+    candidates = {
+        name: [clean(signal, clock, settings) for signal in log.candidates(name)]
+        for name in (log.signals if log.has_time else ())
+    }
+    span = _span(clock)
+    series = choose_sources(candidates)
+    flights = find_flights(series, span)
+    intervals = _clip(flights.intervals, settings)
+    torque = series.get("torque_n_m") or series.get("torque_command")
+    period_s = _period_s(torque, settings)
+    segments = _segments(series, torque, intervals, period_s, settings)
+    return FlightData(
+        sample_period_s=period_s,
+        segments=segments,
+        flights=intervals,
+        sources={
+            name: describe(chosen, candidates[name], intervals, settings) for name, chosen in series.items()
+        },
+        input=_input(torque, segments),
+        start_s=span[0],
+        duration_s=span[1] - span[0],
+        rate_low_pass_hz=series["body_rate"].signal.low_pass_hz if "body_rate" in series else float("nan"),
+        clock_resets=clock.n_resets,
+        on_ground_reason=flights.reason
+        or ("" if intervals else "the chosen part of the log holds no flight"),
+        overview={name: _overview(series[name]) for name in series if SIGNALS[name].columns},
+        modes=_on_clock(log.modes, clock),
+        texts=_on_clock_texts(log.texts, clock),
+    )
+
+
+def _signals_with_time(log: FlightLog) -> Iterable[Signal]:
+    if not log.has_time:
+        return ()
+    return [signal for sources in log.signals.values() for signal in sources]
+
+
+def _span(clock: Clock) -> Interval:
+    return float(clock.first_s[0] + clock.shift_s[0]), float(clock.last_s[-1] + clock.shift_s[-1])
+
+
+def _clip(intervals: Iterable[Interval], settings: Settings) -> tuple[Interval, ...]:
+    """Keep what lies inside the part of the log that the user asked for."""
+    clipped = [(max(a, settings.start_s), min(b, settings.end_s)) for a, b in intervals]
+    return tuple((a, b) for a, b in clipped if b > a)
+
+
+def _period_s(torque: CleanSeries | None, settings: Settings) -> float:
+    """Return the period to resample to: as asked, or that of the torque series, within bounds."""
+    if settings.sample_rate_hz:
+        return 1.0 / settings.sample_rate_hz
+    if torque is None or not torque.period_s > 0.0:
+        return float("nan")
+    return max(torque.period_s, 1.0 / settings.max_sample_rate_hz)
+
+
+def _segments(
+    series: Mapping[str, CleanSeries],
+    torque: CleanSeries | None,
+    intervals: tuple[Interval, ...],
+    period_s: float,
+    settings: Settings,
+) -> tuple[Segment, ...]:
+    """Resample the needed signals on every gap-free stretch of every flight."""
+    rate = series.get("body_rate")
+    if torque is None or rate is None or not np.isfinite(period_s):
+        return ()
+    found = []
+    for flight, interval in enumerate(intervals):
+        stretches = _without_gaps(rate, interval, settings)
+        for stretch in stretches:
+            for start_s, end_s in _without_gaps(torque, stretch, settings):
+                if end_s - start_s >= settings.min_segment_s:
+                    n_samples = int((end_s - start_s) / period_s + 1e-6) + 1
+                    grid = start_s + period_s * np.arange(n_samples, dtype=np.float64)
+                    found.append(_segment(series, torque, rate, grid, flight))
+    return tuple(found)
+
+
+def _without_gaps(series: CleanSeries, interval: Interval, settings: Settings) -> list[Interval]:
+    """Return the stretches of the interval between samples that follow each other without a gap."""
+    time_s = series.time_s[series.within(*interval)]
+    if time_s.size < 2:
+        return []
+    # Half a microsecond of slack: stamps are rounded.
+    breaks = np.flatnonzero(np.diff(time_s) > settings.gap_periods * series.period_s + 5e-7)
+    first = np.concatenate([[0], breaks + 1])
+    last = np.concatenate([breaks, [time_s.size - 1]])
+    return [(float(time_s[a]), float(time_s[b])) for a, b in zip(first, last, strict=True) if b > a]
+
+
+def _segment(
+    series: Mapping[str, CleanSeries], torque: CleanSeries, rate: CleanSeries, grid: FloatArray, flight: int
+) -> Segment:
+    attitude = series.get("attitude")
+    throttle = series.get("throttle")
+    return Segment(
+        time_s=grid,
+        body_rate_rad_s=resample(rate.time_s, rate.values, grid),
+        torque=resample(torque.time_s, torque.values, grid),
+        attitude_rad=None if attitude is None else _attitude(attitude, grid),
+        throttle=None if throttle is None else resample(throttle.time_s, throttle.values, grid)[:, 0],
+        saturated=np.zeros(grid.shape, dtype=bool),
+        flight=flight,
+    )
+
+
+def _attitude(attitude: CleanSeries, grid: FloatArray) -> FloatArray | None:
+    """Return the angles on the grid, unwrapped so that no interpolation crosses a jump of 2 pi."""
+    near = attitude.within(float(grid[0]) - 1.0, float(grid[-1]) + 1.0)
+    time_s, values = attitude.time_s[near], attitude.values[near]
+    if (
+        time_s.size < 2
+        or time_s[0] > grid[0] + attitude.period_s
+        or time_s[-1] < grid[-1] - attitude.period_s
+    ):
+        return None
+    return resample(time_s, np.unwrap(values, axis=0), grid)
+
+
+def _input(torque: CleanSeries | None, segments: tuple[Segment, ...]) -> InputDescription | None:
+    if torque is None:
+        return None
+    name = torque.signal.name
+    n_samples = sum(segment.n_samples for segment in segments)
+    n_saturated = sum(int(np.count_nonzero(segment.saturated)) for segment in segments)
+    return InputDescription(
+        kind=name,
+        unit="N m" if name == "torque_n_m" else "1",
+        source=torque.signal.source,
+        saturated_fraction=n_saturated / n_samples if n_samples else 0.0,
+    )
+
+
+def _overview(series: CleanSeries) -> Overview:
+    name = series.signal.name
+    return Overview(signal=name, columns=SIGNALS[name].columns, time_s=series.time_s, values=series.values)
+
+
+def _on_clock(modes: Iterable[ModeChange], clock: Clock) -> tuple[ModeChange, ...]:
+    return tuple(
+        ModeChange(time_s=clock.time_at(mode.time_s, mode.position), position=mode.position, name=mode.name)
+        for mode in modes
+    )
+
+
+def _on_clock_texts(texts: Iterable[LogText], clock: Clock) -> tuple[LogText, ...]:
+    return tuple(
+        LogText(time_s=clock.time_at(text.time_s, text.position), position=text.position, text=text.text)
+        for text in texts
+    )

@@ -1,0 +1,119 @@
+"""One clock for a log that may have rebooted, jumped, or logged rows out of order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray
+from quadid_logs.data.log import Signal
+from quadid_logs.data.settings import Settings
+
+#: Neighbours on each side that a stamp is compared with. Four outvote a burst
+#: of three damaged rows, and a reboot still has a clean edge.
+_NEIGHBOURS = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Clock:
+    """The epochs of a log: stretches of the file over which its clock ran on.
+
+    Attributes
+    ----------
+    start_position : ndarray of int64, shape (n_epochs,)
+        Where in the file each epoch begins; the first is minimal.
+    first_s, last_s : ndarray, shape (n_epochs,)
+        Earliest and latest logged time of each epoch [s].
+    shift_s : ndarray, shape (n_epochs,)
+        To be added to logged times, so that every epoch follows the one before.
+    """
+
+    start_position: IntArray
+    first_s: FloatArray
+    last_s: FloatArray
+    shift_s: FloatArray
+
+    @property
+    def n_resets(self) -> int:
+        """How often the clock fell or jumped."""
+        return len(self.start_position) - 1
+
+    def epoch_of(self, position: IntArray) -> IntArray:
+        """Return the number of the epoch that each file position lies in."""
+        return np.clip(np.searchsorted(self.start_position, position, side="right") - 1, 0, None)
+
+    def time_at(self, time_s: float, position: int) -> float:
+        """Bring one logged time onto the common clock."""
+        return float(time_s + self.shift_s[self.epoch_of(np.array([position]))[0]])
+
+
+def find_clock(signals: Iterable[Signal], settings: Settings) -> Clock:
+    """Split a log where its clock fell (a reboot) or jumped ahead.
+
+    All signals vote together in file order: one late row is out of order, but
+    when every row from here on is earlier than every row before, the clock
+    was reset.
+    """
+    position, time_s = _merged(signals)
+    wild = is_wild(time_s, settings.wild_stamp_s)
+    position, time_s = position[~wild], time_s[~wild]
+    if time_s.size == 0:
+        zero = np.zeros(1)
+        return Clock(start_position=np.zeros(1, np.int64), first_s=zero, last_s=zero, shift_s=zero)
+    starts = np.concatenate([[0], _breaks(time_s, settings)])
+    first_s = np.minimum.reduceat(time_s, starts)
+    last_s = np.maximum.reduceat(time_s, starts)
+    shift_s = np.zeros(len(starts))
+    for epoch in range(1, len(starts)):
+        # One second apart: enough to be a gap at every rate that can be used.
+        shift_s[epoch] = last_s[epoch - 1] + shift_s[epoch - 1] + 1.0 - first_s[epoch]
+    return Clock(start_position=position[starts], first_s=first_s, last_s=last_s, shift_s=shift_s)
+
+
+def is_wild(time_s: FloatArray, tolerance_s: float) -> BoolArray:
+    """Mark stamps that are not finite or far from the median of their neighbours in the file.
+
+    At a pause or a reset a good stamp has its neighbours of one side within
+    reach, so it stays.
+    """
+    finite = np.isfinite(time_s)
+    if np.count_nonzero(finite) <= 2 * _NEIGHBOURS:
+        return ~finite
+    known = time_s[finite]
+    padded = np.pad(known, _NEIGHBOURS, mode="edge")
+    around = np.lib.stride_tricks.sliding_window_view(padded, 2 * _NEIGHBOURS + 1)
+    wild = ~finite
+    wild[finite] = np.abs(known - np.median(around, axis=1)) > tolerance_s
+    return wild
+
+
+def _merged(signals: Iterable[Signal]) -> tuple[IntArray, FloatArray]:
+    """Return positions and times of all signals in file order, each message counted once."""
+    distinct: dict[tuple[int, int, int], Signal] = {}
+    for signal in signals:
+        if signal.n_samples:
+            key = (int(signal.position[0]), int(signal.position[-1]), signal.n_samples)
+            distinct.setdefault(key, signal)
+    if not distinct:
+        return np.zeros(0, np.int64), np.zeros(0)
+    position = np.concatenate([signal.position for signal in distinct.values()])
+    time_s = np.concatenate([signal.time_s for signal in distinct.values()])
+    order = np.argsort(position, kind="stable")
+    return position[order], time_s[order]
+
+
+def _breaks(time_s: FloatArray, settings: Settings) -> IntArray:
+    """Return the indices at which a new epoch begins."""
+    n = 2 * _NEIGHBOURS
+    if time_s.size < 2:
+        return np.zeros(0, np.int64)
+    before = np.lib.stride_tricks.sliding_window_view(np.pad(time_s[:-1], (n - 1, 0), mode="edge"), n)
+    after = np.lib.stride_tricks.sliding_window_view(np.pad(time_s[1:], (0, n - 1), mode="edge"), n)
+    # Almost all rows are in order: look closely only where the clock moved a lot.
+    step = np.diff(time_s)
+    suspect = np.flatnonzero((step < -settings.clock_reset_s) | (step > settings.clock_jump_s))
+    fell = after[suspect].max(axis=1) < before[suspect].min(axis=1) - settings.clock_reset_s
+    jumped = after[suspect].min(axis=1) > before[suspect].max(axis=1) + settings.clock_jump_s
+    return np.asarray(suspect[fell | jumped] + 1, dtype=np.int64)

@@ -1,0 +1,121 @@
+"""When the vehicle flew: from arming, land detector, motor output and motion."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from quadid_logs.align.series import CleanSeries
+from quadid_logs.arrays import BoolArray, FloatArray
+
+#: Take-off and touch-down push on the vehicle with forces that no model of free flight has.
+_GROUND_MARGIN_S = 1.0
+#: Motors of a flying multirotor never rest below this share of full throttle.
+_IDLE_THROTTLE = 0.05
+#: Two flights lie at least this far apart; a shorter dip of the evidence is a bounce.
+_MIN_PAUSE_S = 1.0
+#: Between two samples of slow evidence (1 Hz land detector) its value is held.
+_GRID_S = 0.1
+
+Interval = tuple[float, float]
+
+
+class Flights(NamedTuple):
+    """Intervals of flight (start_s, end_s), and why there is none or what they rest on."""
+
+    intervals: tuple[Interval, ...]
+    reason: str
+
+
+def find_flights(series: Mapping[str, CleanSeries], span: Interval) -> Flights:
+    """Find the intervals between take-off and landing.
+
+    Every kind of evidence that the log holds must agree: armed, not landed,
+    motors turning. Without any of these (a bare table), the vehicle is taken
+    to fly while its torque is not constant.
+
+    Parameters
+    ----------
+    series : mapping of str to CleanSeries
+        By canonical name.
+    span : (start_s, end_s)
+        Of the whole log.
+
+    Returns
+    -------
+    Flights
+        Trimmed by a second at both ends, where the ground still pushes.
+    """
+    if not span[1] > span[0]:
+        return Flights((), "the log covers no time")
+    # A clock that jumped far ahead must not cost memory: at most a million points.
+    grid = np.linspace(*span, min(int((span[1] - span[0]) / _GRID_S) + 2, 1_000_000))
+    flying = np.ones(grid.shape, dtype=bool)
+    evidence = 0
+    for name, believe, failure in (
+        ("armed", _is_set, "the motors were never armed"),
+        ("landed", _is_clear, "the land detector saw no take-off"),
+        ("throttle", _above_idle, "the throttle never left idle"),
+    ):
+        if name not in series:
+            continue
+        evidence += 1
+        flying &= believe(series[name], grid)
+        if not flying.any():
+            return Flights((), failure)
+    if not evidence:
+        return _from_motion(series)
+    intervals = _intervals(flying, grid)
+    trimmed = tuple((a + _GROUND_MARGIN_S, b - _GROUND_MARGIN_S) for a, b in intervals)
+    lasting = tuple((a, b) for a, b in trimmed if b > a)
+    return Flights(lasting, "" if lasting else "the vehicle was in the air for less than two seconds")
+
+
+def _from_motion(series: Mapping[str, CleanSeries]) -> Flights:
+    """Without any other evidence, take the span over which the torque changes."""
+    torque = series.get("torque_n_m") or series.get("torque_command")
+    if torque is None:
+        return Flights((), "the log tells neither arming, nor landing, nor throttle, nor torque")
+    moving = np.flatnonzero(np.any(np.diff(torque.values, axis=0) != 0.0, axis=1))
+    if moving.size == 0:
+        return Flights((), "the torque never changes")
+    return Flights(((float(torque.time_s[moving[0]]), float(torque.time_s[moving[-1] + 1])),), "")
+
+
+def _held(series: CleanSeries, grid: FloatArray, before: float) -> FloatArray:
+    """Return the last known value at each grid point, `before` ahead of the first one."""
+    index = np.searchsorted(series.time_s, grid + 1e-9, side="right")
+    return np.concatenate([[before], series.values[:, 0]])[index]
+
+
+def _state(series: CleanSeries, grid: FloatArray) -> BoolArray:
+    """Return a switch's state; an event says that the state was the opposite before."""
+    first = float(series.values[0, 0])
+    return _held(series, grid, before=float(first < 0.5)) > 0.5
+
+
+def _is_set(series: CleanSeries, grid: FloatArray) -> BoolArray:
+    return _state(series, grid)
+
+
+def _is_clear(series: CleanSeries, grid: FloatArray) -> BoolArray:
+    return ~_state(series, grid)
+
+
+def _above_idle(series: CleanSeries, grid: FloatArray) -> BoolArray:
+    return _held(series, grid, before=float(series.values[0, 0])) > _IDLE_THROTTLE
+
+
+def _intervals(mask: BoolArray, grid: FloatArray) -> list[Interval]:
+    """Return the stretches where the mask holds, bridging short dips."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    found: list[Interval] = []
+    for first, after in zip(edges[::2], edges[1::2], strict=True):
+        start, end = float(grid[first]), float(grid[after - 1])
+        if found and start - found[-1][1] < _MIN_PAUSE_S:
+            found[-1] = (found[-1][0], end)
+        else:
+            found.append((start, end))
+    return found

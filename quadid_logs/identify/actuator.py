@@ -1,0 +1,117 @@
+"""One lag and one delay between the logged torque and the angular acceleration."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.data.settings import Settings
+from quadid_logs.identify.design import Design
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS
+
+#: Coarse grid as shares of the largest lag and delay, denser where real ones lie.
+_LAG_SHARES = (0.0, 0.02, 0.04, 0.06, 0.08, 0.12, 0.16, 0.2, 0.24, 0.32, 0.4, 0.52, 0.64, 0.8, 1.0)
+_DELAY_SHARES = (0.0, 0.04, 0.08, 0.13, 0.17, 0.21, 0.25, 0.33, 0.42, 0.5, 0.67, 0.83, 1.0)
+#: Each refinement shrinks the step by four; three leave below 0.1 ms of delay.
+_REFINEMENTS = 3
+
+
+class ActuatorFit(NamedTuple):
+    """Best lag and delay [s], and ``loss`` (n_lags, n_delays): 1 - cross-validated R2."""
+
+    lag_s: float
+    delay_s: float
+    lag_grid_s: FloatArray
+    delay_grid_s: FloatArray
+    loss: FloatArray
+
+
+class _Fold(NamedTuple):
+    """One way to split the training rows: fit to one part, score on the other."""
+
+    fit: BoolArray
+    score: BoolArray
+
+
+def fit_actuator(
+    design: Design, regressors: Sequence[str], axes: Sequence[int], settings: Settings
+) -> ActuatorFit:
+    """Find the lag and delay that predict training blocks left out of the fit best.
+
+    Parameters
+    ----------
+    design : Design
+    regressors : sequence of str
+        Columns beside the torque.
+    axes : sequence of int
+        Axes (0 roll, 1 pitch, 2 yaw) that are moved enough to tell.
+    settings : Settings
+        ``max_lag_s``, ``max_delay_s``.
+
+    Returns
+    -------
+    ActuatorFit
+
+    Notes
+    -----
+    Half of the training blocks predicts the other half and vice versa. The
+    axes enter by the logarithm of their error, so that none outweighs the
+    others by its units. The held-out blocks stay unseen.
+    """
+    score = _Scorer(design, regressors, axes)
+    lags = settings.max_lag_s * np.array(_LAG_SHARES)
+    delays = settings.max_delay_s * np.array(_DELAY_SHARES)
+    loss = np.array([[score(lag, delay) for delay in delays] for lag in lags])
+    row, column = divmod(int(np.argmin(loss)), delays.size)
+    lag_s, delay_s = float(lags[row]), float(delays[column])
+    lag_step, delay_step = _step_at(lags, row), _step_at(delays, column)
+    for _ in range(_REFINEMENTS):
+        trial = [
+            (score(lag, delay), lag, delay)
+            for lag in _around(lag_s, lag_step, settings.max_lag_s)
+            for delay in _around(delay_s, delay_step, settings.max_delay_s)
+        ]
+        _, lag_s, delay_s = min(trial)
+        lag_step, delay_step = lag_step / 4.0, delay_step / 4.0
+    return ActuatorFit(lag_s, delay_s, lags, delays, np.exp(loss))
+
+
+class _Scorer:
+    """Cross-validated error for one lag and delay; everything that does not depend on them is kept."""
+
+    def __init__(self, design: Design, regressors: Sequence[str], axes: Sequence[int]) -> None:
+        self._design = design
+        self._axes = list(axes)
+        self._fixed = np.column_stack([design.columns[name] for name in regressors])
+        targets = np.column_stack([design.columns[name] for name in ACCELERATION_SYMBOLS])
+        self._targets = targets[:, self._axes]
+        even = design.block % 4 < 2
+        train = design.train
+        self._folds = [_Fold(train & even, train & ~even), _Fold(train & ~even, train & even)]
+        self._solvers = [np.linalg.pinv(self._fixed[fold.fit]) for fold in self._folds]
+        self._spread = np.sum((self._targets[train] - self._targets[train].mean(axis=0)) ** 2, axis=0)
+
+    def __call__(self, lag_s: float, delay_s: float) -> float:
+        torque = self._design.torque(lag_s, delay_s)
+        error = np.zeros(len(self._axes))
+        for fold, solver in zip(self._folds, self._solvers, strict=True):
+            both = np.column_stack([torque, self._targets])
+            slope = solver @ both[fold.fit]
+            inside = both[fold.fit] - self._fixed[fold.fit] @ slope
+            outside = both[fold.score] - self._fixed[fold.score] @ slope
+            theta, *_ = np.linalg.lstsq(inside[:, :3], inside[:, 3:], rcond=None)
+            error += np.sum((outside[:, 3:] - outside[:, :3] @ theta) ** 2, axis=0)
+        return float(np.mean(np.log(np.maximum(error, 1e-300) / np.maximum(self._spread, 1e-300))))
+
+
+def _step_at(grid: FloatArray, index: int) -> float:
+    """Return the larger distance from a grid point to its neighbours."""
+    return float(np.max(np.abs(grid - grid[index])[max(index - 1, 0) : index + 2])) / 2.0
+
+
+def _around(centre: float, step: float, largest: float) -> list[float]:
+    """Return five points around the best one, inside the physical range."""
+    return sorted({float(np.clip(centre + k * step / 2.0, 0.0, largest)) for k in (-2, -1, 0, 1, 2)})

@@ -1,0 +1,268 @@
+"""Regressors and targets of the whole flight, smoothed alike, cut into blocks.
+
+Every column passes the same zero-phase Gaussian, and the target is its
+derivative applied to the measured rate (the weak form with Gaussian test
+functions). The work is done on spectra, one FFT per segment, so that a trial
+of another lag costs three inverse FFTs and no more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray
+from quadid_logs.data.flight import FlightData, Segment
+from quadid_logs.data.settings import Settings
+from quadid_logs.maths.band import (
+    ComplexArray,
+    angular_frequency,
+    butterworth_response,
+    delay_response,
+    filtered,
+    gaussian_reach_s,
+    gaussian_response,
+    lag_response,
+)
+
+#: Rows per second over the smoothing cut-off: the Gaussian is down to 2e-4 at
+#: five times its cut-off, the Nyquist frequency of the rows.
+_ROWS_PER_CUTOFF = 10.0
+#: Dropped at the start of a segment, where the actuator's past is unknown:
+#: seven time constants of the slowest published motor (72 ms).
+_ACTUATOR_MEMORY_S = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SegmentSpectra:
+    """Real FFTs of one segment's columns, by name, and what is needed to go back."""
+
+    n_samples: int
+    n_out: int
+    s: ComplexArray
+    smoothing: FloatArray
+    torque: ComplexArray
+    rows: slice
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Design:
+    """Rows of the regression, all segments one after the other.
+
+    Attributes
+    ----------
+    time_s : ndarray, shape (n_rows,)
+    columns : dict of str to ndarray, shape (n_rows,)
+        Smoothed regressors and targets by name; "1" is the constant. Torques
+        are not among them: see `torque`.
+    segment : ndarray of int, shape (n_rows,)
+    block : ndarray of int, shape (n_rows,)
+        Consecutive stretches of `Settings.held_out_block_s`.
+    held_out : ndarray of bool, shape (n_rows,)
+        Rows of blocks that no fit may see.
+    edge : ndarray of bool, shape (n_rows,)
+        Rows whose kernel reaches across from one set into the other; in neither.
+    period_s, smoothing_hz : float
+    rate_low_pass_hz : float
+        Known filter of the logged rates; the torque passes it too.
+    """
+
+    time_s: FloatArray
+    columns: dict[str, FloatArray]
+    segment: IntArray
+    block: IntArray
+    held_out: BoolArray
+    edge: BoolArray
+    period_s: float
+    smoothing_hz: float
+    rate_low_pass_hz: float
+    spectra: tuple[SegmentSpectra, ...]
+
+    @property
+    def train(self) -> BoolArray:
+        """Rows to fit to."""
+        return ~(self.held_out | self.edge)
+
+    def stack(self, names: Sequence[str], torque: FloatArray) -> FloatArray:
+        """Return the named columns with L, M, N taken from `torque`; shape (n_rows, n_names)."""
+        inputs = dict(zip(("L", "M", "N"), torque.T, strict=True))
+        return np.column_stack([inputs[name] if name in inputs else self.columns[name] for name in names])
+
+    def torque(self, lag_s: float, delay_s: float) -> FloatArray:
+        """Return the torque behind lag, delay and gyro filter, smoothed; shape (n_rows, 3)."""
+        return self._shaped(lambda s: lag_response(s, lag_s) * delay_response(s, delay_s) * self._gyro(s))
+
+    def torque_by_lag(self, lag_s: float, delay_s: float) -> FloatArray:
+        """Return the derivative of `torque` by the lag [unit/s]; shape (n_rows, 3)."""
+        return self._shaped(
+            lambda s: -s * lag_response(s, lag_s) ** 2 * delay_response(s, delay_s) * self._gyro(s)
+        )
+
+    def torque_by_delay(self, lag_s: float, delay_s: float) -> FloatArray:
+        """Return the derivative of `torque` by the delay [unit/s]; shape (n_rows, 3)."""
+        return self._shaped(
+            lambda s: -s * lag_response(s, lag_s) * delay_response(s, delay_s) * self._gyro(s)
+        )
+
+    def torque_as_logged(self) -> FloatArray:
+        """Return the torque smoothed but without any actuator, as the paper takes it."""
+        return self._shaped(np.ones_like)
+
+    def _gyro(self, s: ComplexArray) -> ComplexArray:
+        if np.isfinite(self.rate_low_pass_hz):
+            return butterworth_response(s, self.rate_low_pass_hz)
+        return np.ones_like(s)
+
+    def _shaped(self, response: Callable[[ComplexArray], ComplexArray]) -> FloatArray:
+        parts = [
+            filtered(
+                part.torque,
+                response(part.s[: part.n_out // 2 + 1]) * part.smoothing[: part.n_out // 2 + 1],
+                n_samples=part.n_samples,
+                n_out=part.n_out,
+            )[part.rows]
+            for part in self.spectra
+        ]
+        return np.concatenate(parts)
+
+
+def build_design(data: FlightData, smoothing_hz: float, settings: Settings) -> Design | None:
+    """Smooth every segment and lay the rows out in blocks.
+
+    Parameters
+    ----------
+    data : FlightData
+        With segments.
+    smoothing_hz : float
+        Cut-off of the Gaussian [Hz].
+    settings : Settings
+
+    Returns
+    -------
+    Design, or None if no segment is longer than the filters' memory.
+    """
+    parts = [
+        part
+        for number, segment in enumerate(data.segments)
+        if (part := _segment_rows(segment, number, data.sample_period_s, smoothing_hz)) is not None
+    ]
+    if not parts:
+        return None
+    names = set.intersection(*(set(columns) for _, columns, _, _ in parts))
+    columns = {name: np.concatenate([columns[name] for _, columns, _, _ in parts]) for name in names}
+    time_s = np.concatenate([time for time, _, _, _ in parts])
+    segment_of = np.concatenate([number for _, _, number, _ in parts])
+    period_s = float(np.median(np.diff(time_s)))
+    block, held_out, edge = _blocks(segment_of, period_s, gaussian_reach_s(smoothing_hz), settings)
+    return Design(
+        time_s=time_s,
+        columns=columns,
+        segment=segment_of,
+        block=block,
+        held_out=held_out,
+        edge=edge,
+        period_s=period_s,
+        smoothing_hz=smoothing_hz,
+        rate_low_pass_hz=data.rate_low_pass_hz,
+        spectra=tuple(spectra for _, _, _, spectra in parts),
+    )
+
+
+def smooth_segment(
+    segment: Segment, period_s: float, smoothing_hz: float
+) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """Return times and smoothed columns of one segment at its full rate, torque as logged.
+
+    This is what the paper's windows are cut from. The filter's reach is
+    dropped at both ends, so the result may be empty.
+    """
+    reach = int(np.ceil(gaussian_reach_s(smoothing_hz) / period_s))
+    rows = slice(reach, segment.n_samples - reach)
+    if rows.stop <= rows.start:
+        return np.zeros(0), {}
+    columns = _smooth_columns(segment, period_s, smoothing_hz, n_out=segment.n_samples, rows=rows)
+    s = angular_frequency(segment.n_samples, period_s)
+    torque = filtered(
+        np.asarray(np.fft.rfft(segment.torque, axis=0), dtype=np.complex128),
+        gaussian_response(s, smoothing_hz),
+        n_samples=segment.n_samples,
+        n_out=segment.n_samples,
+    )[rows]
+    columns |= dict(zip(("L", "M", "N"), torque.T, strict=True))
+    return segment.time_s[rows], columns
+
+
+def _segment_rows(
+    segment: Segment, number: int, period_s: float, smoothing_hz: float
+) -> tuple[FloatArray, dict[str, FloatArray], IntArray, SegmentSpectra] | None:
+    """Return times, columns, segment numbers and spectra of one segment."""
+    n_samples = segment.n_samples
+    n_out = min(n_samples, int(np.ceil(n_samples * period_s * _ROWS_PER_CUTOFF * smoothing_hz)))
+    row_period_s = period_s * n_samples / n_out
+    reach = int(np.ceil(gaussian_reach_s(smoothing_hz) / row_period_s))
+    rows = slice(reach + int(np.ceil(_ACTUATOR_MEMORY_S / row_period_s)), n_out - reach)
+    if rows.stop <= rows.start:
+        return None
+    columns = _smooth_columns(segment, period_s, smoothing_hz, n_out=n_out, rows=rows)
+    time_s = segment.start_s + row_period_s * np.arange(rows.start, rows.stop, dtype=np.float64)
+    s = angular_frequency(n_samples, period_s)
+    spectra = SegmentSpectra(
+        n_samples=n_samples,
+        n_out=n_out,
+        s=s,
+        smoothing=gaussian_response(s, smoothing_hz),
+        torque=np.asarray(np.fft.rfft(segment.torque, axis=0), dtype=np.complex128),
+        rows=rows,
+    )
+    return time_s, columns, np.full(len(time_s), number, dtype=np.int64), spectra
+
+
+def _smooth_columns(
+    segment: Segment, period_s: float, smoothing_hz: float, *, n_out: int, rows: slice
+) -> dict[str, FloatArray]:
+    """Return the smoothed regressors and the smoothed derivatives of rates and angles, by name."""
+    raw = _raw_columns(segment)
+    s = angular_frequency(segment.n_samples, period_s)
+    smoothing = gaussian_response(s, smoothing_hz)
+    spectrum = np.asarray(np.fft.rfft(np.column_stack(list(raw.values())), axis=0), dtype=np.complex128)
+    smooth = filtered(spectrum, smoothing, n_samples=segment.n_samples, n_out=n_out)[rows]
+    slopes = filtered(spectrum, s * smoothing, n_samples=segment.n_samples, n_out=n_out)[rows]
+    columns = dict(zip(raw, smooth.T, strict=True))
+    for position, name in enumerate(raw):
+        if name in ("p", "q", "r", "phi", "theta", "psi"):
+            columns[f"{name}_dot"] = slopes[:, position]
+    columns["1"] = np.ones(len(smooth))
+    return columns
+
+
+def _raw_columns(segment: Segment) -> dict[str, FloatArray]:
+    """Return rates, their products and the angles; the products before smoothing, as in eq. (11)."""
+    p, q, r = segment.body_rate_rad_s.T
+    columns = {"p": p, "q": q, "r": r, "qr": q * r, "pr": p * r, "pq": p * q}
+    if segment.attitude_rad is not None:
+        columns |= dict(zip(("phi", "theta", "psi"), segment.attitude_rad.T, strict=True))
+    return columns
+
+
+def _blocks(
+    segment: IntArray, period_s: float, reach_s: float, settings: Settings
+) -> tuple[IntArray, BoolArray, BoolArray]:
+    """Cut the rows into blocks and set every third or so aside."""
+    n_rows = segment.size
+    # At least six blocks, so that a short flight can still be held out and cross-validated.
+    length = max(1, int(min(settings.held_out_block_s, n_rows * period_s / 6.0) / period_s))
+    new_block = np.zeros(n_rows, dtype=bool)
+    for first in np.flatnonzero(np.diff(segment, prepend=segment[0] - 1)):
+        end = np.searchsorted(segment, segment[first], side="right")
+        new_block[first:end:length] = True
+    block = np.cumsum(new_block) - 1
+    share = settings.held_out_fraction
+    held_out = np.floor((block + 1) * share) > np.floor(block * share)
+    reach = int(np.ceil(reach_s / period_s))
+    change = np.flatnonzero((np.diff(held_out.astype(np.int8)) != 0) & (np.diff(segment) == 0))
+    edge = np.zeros(n_rows, dtype=bool)
+    for index in change:
+        edge[max(index + 1 - reach, 0) : index + 1 + reach] = True
+    return block.astype(np.int64), held_out, edge & ~held_out

@@ -1,0 +1,91 @@
+"""How much each axis was moved, and how much noise stands beside it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.data.flight import FlightData, Segment
+from quadid_logs.data.model import Excitation
+from quadid_logs.maths.spectra import averaged_spectra
+from quadid_logs.vocabulary import AXES, RATE_SYMBOLS, TORQUE_SYMBOLS
+
+#: Resolution of the spectra: half a hertz separates the lines of usual manoeuvres.
+_STRETCH_S = 4.0
+#: Above this share of the Nyquist frequency a multirotor's motion has died out
+#: and what is left is noise (and vibration, which counts as noise here).
+_NOISE_BAND = 0.6
+_ANGLES = ("phi", "theta", "psi")
+
+
+def measure_excitation(data: FlightData, signal_to_noise: FloatArray) -> tuple[Excitation, ...]:
+    """Return spectra, coherence and sizes per axis; `signal_to_noise` (3,) is the models'."""
+    return tuple(_axis(data, axis, float(signal_to_noise[axis])) for axis in range(3))
+
+
+def _axis(data: FlightData, axis: int, signal_to_noise: float) -> Excitation:
+    rate = np.concatenate([segment.body_rate_rad_s[:, axis] for segment in data.segments])
+    torque = np.concatenate([segment.torque[:, axis] for segment in data.segments])
+    longest = max(segment.n_samples for segment in data.segments)
+    spectra = averaged_spectra(
+        ((segment.torque[:, axis], segment.body_rate_rad_s[:, axis]) for segment in data.segments),
+        period_s=data.sample_period_s,
+        n_stretch=min(int(_STRETCH_S / data.sample_period_s), longest),
+    )
+    return Excitation(
+        axis=AXES[axis],
+        torque_rms=float(np.std(torque)),
+        rate_rms_rad_s=float(np.std(rate)),
+        signal_to_noise=signal_to_noise,
+        frequency_hz=spectra.frequency_hz,
+        rate_psd=spectra.output_psd,
+        torque_psd=spectra.input_psd,
+        coherence=spectra.coherence,
+    )
+
+
+def noise_density(data: FlightData) -> dict[str, float]:
+    """Return the one-sided noise density [unit^2/Hz] of p, q, r, L, M, N and the angles.
+
+    Taken as the median density in the upper part of the band, where no
+    rotation is left. A gyro filter makes it an underestimate: the noise floor
+    that follows from it is the least there can be.
+    """
+    density = {}
+    for name in (*RATE_SYMBOLS, *TORQUE_SYMBOLS, *_ANGLES):
+        found = [_column(segment, name) for segment in data.segments]
+        pairs = [(column, column) for column in found if column is not None]
+        if not pairs:
+            continue
+        n_stretch = min(int(_STRETCH_S / data.sample_period_s), max(len(first) for first, _ in pairs))
+        spectra = averaged_spectra(pairs, period_s=data.sample_period_s, n_stretch=n_stretch)
+        upper = spectra.frequency_hz > _NOISE_BAND * spectra.frequency_hz[-1]
+        density[name] = float(np.median(spectra.input_psd[upper])) if upper.any() else 0.0
+    return density
+
+
+def column_noise(
+    density: dict[str, float], columns: dict[str, FloatArray], bandwidth_hz: float
+) -> dict[str, float]:
+    """Return the noise (rms) of each smoothed column of H_k.
+
+    A product of rates carries the noise of each factor times the other.
+    """
+    rms = {name: float(np.sqrt(value * bandwidth_hz)) for name, value in density.items()}
+    for first, second in ("qr", "pr", "pq"):
+        size_first, size_second = (float(np.sqrt(np.mean(columns[name] ** 2))) for name in (first, second))
+        rms[first + second] = float(np.hypot(size_first * rms[second], size_second * rms[first]))
+    rms["1"] = 0.0
+    return rms
+
+
+def _column(segment: Segment, name: str) -> FloatArray | None:
+    """Return one column of a segment, None where the log has no attitude."""
+    for names, values in (
+        (RATE_SYMBOLS, segment.body_rate_rad_s),
+        (TORQUE_SYMBOLS, segment.torque),
+        (_ANGLES, segment.attitude_rad),
+    ):
+        if name in names and values is not None:
+            return values[:, names.index(name)]
+    return None

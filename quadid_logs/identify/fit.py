@@ -1,0 +1,159 @@
+"""Pooled estimate of one structure with intervals that survive coloured residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray
+from quadid_logs.identify.actuator import ActuatorFit
+from quadid_logs.identify.design import Design
+from quadid_logs.identify.structures import Structure
+from quadid_logs.maths.least_squares import clustered_covariance, solve_least_squares
+
+#: Residuals of flight data are correlated over some tenths of a second (rate
+#: loop, gusts); a second holds that memory, and thirty of them a variance.
+_CLUSTER_S = 1.0
+_MIN_CLUSTERS = 12
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PooledFit:
+    """One structure fitted to all training rows.
+
+    Attributes
+    ----------
+    theta : ndarray, shape (n_targets, n_columns)
+        [A B]; zero where a column was left out.
+    half_width : ndarray, shape (n_targets, n_columns)
+        Of the 95 % interval, infinite where it cannot be told.
+    kept : ndarray of bool, shape (n_targets, n_columns)
+    r2 : ndarray, shape (n_targets,)
+        On the training rows.
+    condition_number : float
+        Of the column-scaled regressor matrix.
+    lag_half_width_s, delay_half_width_s : float
+        NaN for a structure without actuator.
+    """
+
+    theta: FloatArray
+    half_width: FloatArray
+    kept: BoolArray
+    r2: FloatArray
+    condition_number: float
+    rank: int
+    lag_half_width_s: float = float("nan")
+    delay_half_width_s: float = float("nan")
+
+
+def fit_pooled(
+    design: Design, structure: Structure, actuator: ActuatorFit | None, kept: BoolArray | None = None
+) -> PooledFit:
+    """Fit all targets of a structure to the training rows.
+
+    Parameters
+    ----------
+    design : Design
+    structure : Structure
+    actuator : ActuatorFit or None
+        Lag and delay that the torque passes; their uncertainty widens the
+        intervals. None for the torque as logged.
+    kept : ndarray of bool, shape (n_targets, n_columns), optional
+        Columns that each target may use; all by default.
+
+    Returns
+    -------
+    PooledFit
+    """
+    train = design.train
+    torque = (
+        design.torque_as_logged() if actuator is None else design.torque(actuator.lag_s, actuator.delay_s)
+    )
+    Z = design.stack(structure.columns, torque)[train]
+    Y = np.column_stack([design.columns[name] for name in structure.targets])[train]
+    if kept is None:
+        kept = np.ones((Y.shape[1], Z.shape[1]), dtype=bool)
+    theta, residual = np.zeros(kept.shape), np.empty_like(Y)
+    for row, columns in enumerate(kept):
+        solution = solve_least_squares(Z[:, columns], Y[:, row : row + 1])
+        theta[row, columns] = solution.coefficients[0]
+        residual[:, row] = solution.residuals[:, 0]
+    whole = solve_least_squares(Z, Y)
+    half_width, actuator_half_width = _half_widths(
+        Z, residual, kept, _clusters(design), _actuator_columns(design, actuator, theta)
+    )
+    spread = np.sum((Y - Y.mean(axis=0)) ** 2, axis=0)
+    return PooledFit(
+        theta=theta,
+        half_width=half_width,
+        kept=kept,
+        r2=1.0 - np.sum(residual**2, axis=0) / np.where(spread > 0.0, spread, np.inf),
+        condition_number=whole.condition_number,
+        rank=whole.rank,
+        lag_half_width_s=actuator_half_width["lag"],
+        delay_half_width_s=actuator_half_width["delay"],
+    )
+
+
+def _clusters(design: Design) -> IntArray:
+    """Return the number of the stretch that each row is in; residuals are correlated inside one only."""
+    train = design.train
+    length_s = min(_CLUSTER_S, np.count_nonzero(train) * design.period_s / _MIN_CLUSTERS)
+    # Stretches end where a segment or a block ends: only neighbours in time are correlated.
+    elapsed = np.floor((design.time_s - design.time_s[0]) / length_s)
+    key = np.stack([design.block, elapsed.astype(np.int64)])[:, train]
+    return np.asarray(np.unique(key, axis=1, return_inverse=True)[1].ravel(), dtype=np.int64)
+
+
+def _actuator_columns(
+    design: Design, actuator: ActuatorFit | None, theta: FloatArray
+) -> Mapping[str, FloatArray]:
+    """Return the derivatives of all targets by lag and delay, each (n_train, n_targets)."""
+    if actuator is None:
+        return {}
+    B = theta[:, -3:]
+    train = design.train
+    return {
+        "lag": design.torque_by_lag(actuator.lag_s, actuator.delay_s)[train] @ B.T,
+        "delay": design.torque_by_delay(actuator.lag_s, actuator.delay_s)[train] @ B.T,
+    }
+
+
+def _half_widths(
+    Z: FloatArray,
+    residual: FloatArray,
+    kept: BoolArray,
+    clusters: IntArray,
+    shared: Mapping[str, FloatArray],
+) -> tuple[FloatArray, dict[str, float]]:
+    """Return half widths of the 95 % intervals of theta, and of lag and delay.
+
+    All targets are stacked into one problem, because lag and delay are common
+    to them; each target is weighted by its residual.
+    """
+    from scipy.special import stdtrit
+
+    n_samples, n_targets = residual.shape
+    weight = 1.0 / np.maximum(np.sqrt(np.mean(residual**2, axis=0)), 1e-12)
+    own = [Z[:, columns] for columns in kept]
+    offsets = np.concatenate([[0], np.cumsum([block.shape[1] for block in own])])
+    jacobian = np.zeros((n_samples * n_targets, int(offsets[-1]) + len(shared)))
+    for row, block in enumerate(own):
+        span = slice(row * n_samples, (row + 1) * n_samples)
+        jacobian[span, offsets[row] : offsets[row + 1]] = block * weight[row]
+        for position, derivative in enumerate(shared.values()):
+            jacobian[span, int(offsets[-1]) + position] = derivative[:, row] * weight[row]
+    covariance = clustered_covariance(jacobian, (residual * weight).T.ravel(), np.tile(clusters, n_targets))
+    n_clusters = int(clusters.max()) + 1
+    factor = float(stdtrit(max(n_clusters - 1, 1), 0.975))
+    half = factor * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    half_width = np.full(kept.shape, np.inf)
+    for row, columns in enumerate(kept):
+        half_width[row, columns] = half[offsets[row] : offsets[row + 1]]
+    names = list(shared)
+    return half_width, {
+        name: float(half[int(offsets[-1]) + names.index(name)]) if name in shared else float("nan")
+        for name in ("lag", "delay")
+    }

@@ -1,0 +1,270 @@
+"""From a design to one fitted model of a structure."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.data.flight import FlightData
+from quadid_logs.data.model import (
+    Actuator,
+    BandCheck,
+    Discrete,
+    FitSeries,
+    Inertia,
+    Model,
+    Validation,
+    Windows,
+)
+from quadid_logs.data.settings import Settings
+from quadid_logs.identify.actuator import ActuatorFit, fit_actuator
+from quadid_logs.identify.design import Design, build_design, smooth_segment
+from quadid_logs.identify.excitation import column_noise, noise_density
+from quadid_logs.identify.fit import PooledFit, fit_pooled
+from quadid_logs.identify.parameters import Estimate, build_parameters, plausible_size
+from quadid_logs.identify.structures import Structure
+from quadid_logs.identify.validate import validate
+from quadid_logs.identify.windows import join, solve_over_time
+from quadid_logs.maths.discretise import zero_order_hold
+
+#: The fit is repeated with the smoothing cut-off times these: half an octave
+#: and more to either side. A gain that slides with the band is no gain.
+_OTHER_BANDS = (0.5, 1.6)
+#: An axis tells of the actuator if the model explains this share of its acceleration.
+_TELLING_R2 = 0.75
+#: Equivalent noise bandwidth of the Gaussian over its cut-off: sqrt(pi / ln 2) / 2.
+_NOISE_BANDWIDTH = 1.0645
+#: Windows of structures that the paper does not fix: long enough for a full
+#: cycle of the rate loop, short enough to see the model change.
+_WINDOW_S = 1.0
+
+
+def fit_actuated(structure: Structure, data: FlightData, design: Design, settings: Settings) -> Model:
+    """Fit a structure whose torque passes lag, delay and gyro filter."""
+    actuator, fit = _fit_with_actuator(structure, design, settings)
+    band = _other_bands(structure, data, design, fit, settings)
+    torque = design.torque(actuator.lag_s, actuator.delay_s)
+    validation, series = validate(design, structure, fit.theta, torque, settings)
+    windows = _windows_on_rows(structure, data, design, torque, settings)
+    described = Actuator(
+        lag_s=actuator.lag_s,
+        lag_ci95_s=_interval(actuator.lag_s, fit.lag_half_width_s),
+        delay_s=actuator.delay_s,
+        delay_ci95_s=_interval(actuator.delay_s, fit.delay_half_width_s),
+        acts_on="torque",
+        lag_grid_s=actuator.lag_grid_s,
+        delay_grid_s=actuator.delay_grid_s,
+        loss=actuator.loss,
+    )
+    return _model(
+        structure,
+        data,
+        design,
+        fit,
+        settings,
+        actuator=described,
+        band=band,
+        validation=validation,
+        series=series,
+        windows=windows,
+    )
+
+
+def fit_as_published(structure: Structure, data: FlightData, design: Design, settings: Settings) -> Model:
+    """Fit a structure of the paper: torque as logged, windows of consecutive samples."""
+    fit = fit_pooled(design, structure, None)
+    validation, series = validate(design, structure, fit.theta, design.torque_as_logged(), settings)
+    windows = _windows_at_full_rate(structure, data, design, settings)
+    return _model(
+        structure,
+        data,
+        design,
+        fit,
+        settings,
+        actuator=None,
+        band=None,
+        validation=validation,
+        series=series,
+        windows=windows,
+    )
+
+
+def _fit_with_actuator(
+    structure: Structure, design: Design, settings: Settings
+) -> tuple[ActuatorFit, PooledFit]:
+    """Find lag and delay on the axes that tell, then fit, leaving out what cannot be seen."""
+    axes = [0, 1, 2]
+    actuator = fit_actuator(design, structure.regressors, axes, settings)
+    fit = fit_pooled(design, structure, actuator)
+    telling = [axis for axis in axes if fit.r2[axis] >= _TELLING_R2]
+    if telling and telling != axes:
+        actuator = fit_actuator(design, structure.regressors, telling, settings)
+        fit = fit_pooled(design, structure, actuator)
+    kept = _visible(structure, fit)
+    return actuator, fit if kept.all() else fit_pooled(design, structure, actuator, kept)
+
+
+def _visible(structure: Structure, fit: PooledFit) -> BoolArray:
+    """Keep a column if its interval is narrower than what the coefficient can be at all.
+
+    The own torque and the trim stay in any case: they are the model.
+    """
+    n_regressors = len(structure.regressors)
+    gain = np.abs(np.diag(fit.theta[:3, n_regressors:]))
+    kept = fit.half_width < plausible_size(structure, gain)
+    for row in range(3):
+        kept[row, n_regressors + row] = True
+        if "1" in structure.regressors:
+            kept[row, structure.regressors.index("1")] = True
+    return np.asarray(kept, dtype=np.bool_)
+
+
+def _other_bands(
+    structure: Structure, data: FlightData, design: Design, fit: PooledFit, settings: Settings
+) -> BandCheck:
+    """Repeat the fit in a narrower and a wider band."""
+    cutoffs, gains = [design.smoothing_hz], [_own_gain(structure, fit)]
+    for factor in _OTHER_BANDS:
+        other = build_design(data, factor * design.smoothing_hz, settings)
+        if other is not None and np.count_nonzero(other.train) > 2 * len(structure.columns):
+            cutoffs.append(other.smoothing_hz)
+            gains.append(_own_gain(structure, _fit_with_actuator(structure, other, settings)[1]))
+    return BandCheck(cutoff_hz=np.array(cutoffs), own_gain=np.array(gains))
+
+
+def _own_gain(structure: Structure, fit: PooledFit) -> FloatArray:
+    return np.diag(fit.theta[:3, len(structure.regressors) :]).copy()
+
+
+def _interval(value: float, half_width: float) -> tuple[float, float]:
+    """Return the interval of a quantity that cannot be negative."""
+    return max(0.0, value - half_width), value + half_width
+
+
+def _estimate(structure: Structure, fit: PooledFit, band: BandCheck | None) -> Estimate:
+    """Return theta with intervals that also cover how the own gains move with the band."""
+    low, high = fit.theta - fit.half_width, fit.theta + fit.half_width
+    if band is not None:
+        for axis in range(3):
+            column = len(structure.regressors) + axis
+            low[axis, column] = min(low[axis, column], *band.own_gain[:, axis])
+            high[axis, column] = max(high[axis, column], *band.own_gain[:, axis])
+    return Estimate(theta=fit.theta, low=low, high=high, kept=fit.kept)
+
+
+def _model(
+    structure: Structure,
+    data: FlightData,
+    design: Design,
+    fit: PooledFit,
+    settings: Settings,
+    *,
+    actuator: Actuator | None,
+    band: BandCheck | None,
+    validation: Validation,
+    series: FitSeries,
+    windows: Windows | None,
+) -> Model:
+    """Put the parts of a model together."""
+    n_regressors = len(structure.regressors)
+    unit = data.input.unit if data.input is not None else "1"
+    estimate = _estimate(structure, fit, band)
+    A, B = fit.theta[:, :n_regressors], fit.theta[:, n_regressors:]
+    return Model(
+        structure=structure.name,
+        recommended=False,
+        states=structure.states,
+        regressors=structure.regressors,
+        targets=structure.targets,
+        inputs=("L", "M", "N"),
+        A=A,
+        B=B,
+        parameters=build_parameters(structure, estimate, input_unit=unit, settings=settings),
+        windows=windows,
+        validation=validation,
+        actuator=actuator,
+        inertia=_inertia(estimate, n_regressors) if unit == "N m" else None,
+        discrete=_discrete(structure, A, B, data.sample_period_s),
+        fit=series,
+        smoothing_hz=design.smoothing_hz,
+        condition_number=fit.condition_number,
+        band=band,
+    )
+
+
+def _discrete(structure: Structure, A: FloatArray, B: FloatArray, period_s: float) -> Discrete:
+    """Discretise the part that is linear in the states; products and trim are left out."""
+    linear = np.zeros((len(structure.states), len(structure.states)))
+    for column, name in enumerate(structure.states):
+        if name in structure.regressors:
+            linear[:, column] = A[:, structure.regressors.index(name)]
+    A_d, B_d = zero_order_hold(linear, B, period_s)
+    return Discrete(sample_period_s=period_s, states=structure.states, A_d=A_d, B_d=B_d)
+
+
+def _inertia(estimate: Estimate, n_regressors: int) -> Inertia | None:
+    """Return J = B^-1 for torque in N m, eq. (8), with intervals to first order.
+
+    dJ = -J dB J, and the elements of B are taken as independent.
+    """
+    B = estimate.theta[:3, n_regressors:]
+    if np.linalg.cond(B) > 1e6:
+        return None
+    J = np.linalg.inv(B)
+    half_B = (estimate.high - estimate.low)[:3, n_regressors:] / 2.0
+    half_B = np.where(np.isfinite(half_B), half_B, 0.0)
+    half_J = np.sqrt(np.abs(J) ** 2 @ half_B**2 @ np.abs(J) ** 2)
+    symmetric = 0.5 * (J + J.T)
+    half_J = np.maximum(half_J, half_J.T)
+    return Inertia(matrix=symmetric, ci95_low=symmetric - half_J, ci95_high=symmetric + half_J)
+
+
+def _windows_on_rows(
+    structure: Structure, data: FlightData, design: Design, torque: FloatArray, settings: Settings
+) -> Windows | None:
+    """Solve one-second windows on the rows of the design."""
+    columns = design.stack(structure.columns, torque)
+    targets = np.column_stack([design.columns[name] for name in structure.targets])
+    noise = _noise(structure, data, design)
+    width = settings.window or max(len(structure.columns), int(_WINDOW_S / design.period_s))
+    stride = settings.stride or max(1, width // 2)
+    parts = []
+    for number in np.unique(design.segment):
+        rows = design.segment == number
+        part = solve_over_time(
+            columns[rows], targets[rows], design.time_s[rows], width=width, stride=stride, noise=noise
+        )
+        if part is not None:
+            parts.append(part)
+    return join(parts)
+
+
+def _windows_at_full_rate(
+    structure: Structure, data: FlightData, design: Design, settings: Settings
+) -> Windows | None:
+    """Solve the paper's windows: consecutive samples, every k."""
+    noise = _noise(structure, data, design)
+    width = settings.window or structure.width
+    stride = settings.stride or 1
+    parts = []
+    for segment in data.segments:
+        time_s, columns = smooth_segment(segment, data.sample_period_s, design.smoothing_hz)
+        if time_s.size < max(width, 2):
+            continue
+        part = solve_over_time(
+            np.column_stack([columns[name] for name in structure.columns]),
+            np.column_stack([columns[name] for name in structure.targets]),
+            time_s,
+            width=width,
+            stride=stride,
+            noise=noise,
+        )
+        if part is not None:
+            parts.append(part)
+    return join(parts)
+
+
+def _noise(structure: Structure, data: FlightData, design: Design) -> FloatArray:
+    """Return the noise of each column of H_k; shape (n_columns,)."""
+    noise = column_noise(noise_density(data), design.columns, _NOISE_BANDWIDTH * design.smoothing_hz)
+    return np.array([noise.get(name, 0.0) for name in structure.columns])

@@ -1,0 +1,166 @@
+"""How the model predicts flight that it was not fitted to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray
+from quadid_logs.data.model import FitSeries, Validation
+from quadid_logs.data.settings import Settings
+from quadid_logs.identify.design import Design
+from quadid_logs.identify.structures import Structure
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS
+
+#: Distance between the starts of simulated horizons: several per second of
+#: flight, so that the error is an average and not one lucky start.
+_START_EVERY_S = 0.1
+
+
+def validate(
+    design: Design, structure: Structure, theta: FloatArray, torque: FloatArray, settings: Settings
+) -> tuple[Validation, FitSeries]:
+    """Compare the model with held-out acceleration and with rates simulated from held-out torque.
+
+    Parameters
+    ----------
+    design : Design
+    structure : Structure
+    theta : ndarray, shape (n_targets, n_columns)
+        [A B]; the rows of p_dot, q_dot, r_dot are used.
+    torque : ndarray, shape (n_rows, 3)
+        As the structure takes it (behind the actuator or as logged).
+    settings : Settings
+        ``horizons_s``.
+
+    Returns
+    -------
+    Validation, FitSeries
+    """
+    rate = np.column_stack([design.columns[name] for name in RATE_SYMBOLS])
+    acceleration = np.column_stack([design.columns[name] for name in ACCELERATION_SYMBOLS])
+    modelled = design.stack(structure.columns, torque) @ theta[:3].T
+    derivative = _derivative(design, structure, theta[:3], torque)
+    simulated = _simulate_blocks(derivative, rate, design)
+    held_out = design.held_out
+    series = FitSeries(
+        time_s=design.time_s,
+        acceleration=acceleration,
+        modelled_acceleration=modelled,
+        rate=rate,
+        simulated_rate=simulated,
+        held_out=held_out,
+    )
+    if np.count_nonzero(held_out) < 2:
+        return Validation(held_out_s=0.0), series
+    return Validation(
+        held_out_s=float(np.count_nonzero(held_out) * design.period_s),
+        r2_acceleration=dict(
+            zip(ACCELERATION_SYMBOLS, _r2(acceleration[held_out], modelled[held_out]), strict=True)
+        ),
+        r2_simulated_rate=dict(zip(RATE_SYMBOLS, _r2(rate[held_out], simulated[held_out]), strict=True)),
+        fit_percent=dict(zip(RATE_SYMBOLS, _fit_percent(rate[held_out], simulated[held_out]), strict=True)),
+        horizon_s=settings.horizons_s,
+        horizon_rmse_rad_s=_horizon_errors(derivative, rate, design, settings.horizons_s),
+    ), series
+
+
+Derivative = Callable[[FloatArray, IntArray], FloatArray]
+
+
+def _derivative(design: Design, structure: Structure, theta: FloatArray, torque: FloatArray) -> Derivative:
+    """Return f(rate, row): the model's acceleration for rates (n, 3) at the rows (n,)."""
+    names = structure.columns
+    measured = design.stack(names, torque)
+    of_state = [index for index, name in enumerate(names) if name in _OF_RATE]
+    given = [index for index in range(len(names)) if index not in of_state]
+    forcing = measured[:, given] @ theta[:, given].T
+    coupling = theta[:, of_state].T
+
+    def derivative(rate: FloatArray, row: IntArray) -> FloatArray:
+        # Angles (linear-9), trim and torque come from the log; the rates are the model's own.
+        given_now = forcing[np.minimum(row, len(forcing) - 1)]
+        own = np.stack([_OF_RATE[names[index]](rate) for index in of_state], axis=1)
+        return np.asarray(given_now + own @ coupling, dtype=np.float64)
+
+    return derivative
+
+
+_OF_RATE: dict[str, Callable[[FloatArray], FloatArray]] = {
+    "p": lambda rate: rate[:, 0],
+    "q": lambda rate: rate[:, 1],
+    "r": lambda rate: rate[:, 2],
+    "qr": lambda rate: rate[:, 1] * rate[:, 2],
+    "pr": lambda rate: rate[:, 0] * rate[:, 2],
+    "pq": lambda rate: rate[:, 0] * rate[:, 1],
+}
+
+
+def _advance(
+    derivative: Derivative, start_rate: FloatArray, start_row: IntArray, n_steps: int, period_s: float
+) -> FloatArray:
+    """Integrate from many starts at once by Heun's method; shape (n_steps + 1, n_starts, 3)."""
+    rate, row = start_rate, start_row
+    path = [rate]
+    # A wrong model may be unstable: far outside any flight its error is known well enough.
+    limit = 100.0 * max(1.0, float(np.abs(start_rate).max(initial=0.0)))
+    for _ in range(n_steps):
+        slope = derivative(rate, row)
+        ahead = derivative(np.clip(rate + period_s * slope, -limit, limit), row + 1)
+        rate = np.clip(rate + 0.5 * period_s * (slope + ahead), -limit, limit)
+        row = row + 1
+        path.append(rate)
+    return np.stack(path)
+
+
+def _simulate_blocks(derivative: Derivative, rate: FloatArray, design: Design) -> FloatArray:
+    """Simulate every block from its first measured rate; shape (n_rows, 3)."""
+    first = np.flatnonzero(np.diff(design.block, prepend=design.block[0] - 1)).astype(np.int64)
+    length = np.diff(np.append(first, design.block.size))
+    path = _advance(derivative, rate[first], first, int(length.max()) - 1, design.period_s)
+    simulated = np.empty_like(rate)
+    for block, (start, count) in enumerate(zip(first, length, strict=True)):
+        simulated[start : start + count] = path[:count, block]
+    return simulated
+
+
+def _horizon_errors(
+    derivative: Derivative, rate: FloatArray, design: Design, horizons_s: Sequence[float]
+) -> dict[str, tuple[float, ...]]:
+    """Return the root mean square error of the rate per axis after each horizon [rad/s]."""
+    steps = [max(1, round(horizon / design.period_s)) for horizon in horizons_s]
+    starts = np.flatnonzero(design.held_out).astype(np.int64)[
+        :: max(1, round(_START_EVERY_S / design.period_s))
+    ]
+    starts = starts[_stays_in_block(starts, max(steps), design)]
+    if starts.size == 0:
+        return {}
+    path = _advance(derivative, rate[starts], starts, max(steps), design.period_s)
+    error = [np.sqrt(np.mean((path[n] - rate[starts + n]) ** 2, axis=0)) for n in steps]
+    return {
+        name: tuple(float(at_horizon[axis]) for at_horizon in error) for axis, name in enumerate(RATE_SYMBOLS)
+    }
+
+
+def _stays_in_block(starts: IntArray, n_steps: int, design: Design) -> BoolArray:
+    """Return which starts have the whole horizon inside their own block."""
+    end = np.minimum(starts + n_steps, design.block.size - 1)
+    return np.asarray(
+        (starts + n_steps < design.block.size) & (design.block[end] == design.block[starts]), dtype=np.bool_
+    )
+
+
+def _r2(measured: FloatArray, modelled: FloatArray) -> list[float]:
+    """Return one minus the unexplained share of the variance, per column."""
+    error = np.sum((measured - modelled) ** 2, axis=0)
+    spread = np.sum((measured - measured.mean(axis=0)) ** 2, axis=0)
+    return [float(1.0 - e / s) if s > 0.0 else float("nan") for e, s in zip(error, spread, strict=True)]
+
+
+def _fit_percent(measured: FloatArray, modelled: FloatArray) -> list[float]:
+    """Return 100 (1 - |y - y_model| / |y - mean y|), as System Identification Toolbox defines fit."""
+    return [
+        float(100.0 * (1.0 - np.sqrt(max(0.0, 1.0 - r2)))) if np.isfinite(r2) else r2
+        for r2 in _r2(measured, modelled)
+    ]
