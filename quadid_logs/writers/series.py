@@ -56,11 +56,14 @@ class WriteClock:
     ----------
     position : ndarray of int64, shape (n_epochs,)
         Where each epoch begins in the positions of the signal with most rows.
+    end_us : ndarray of int64, shape (n_epochs,)
+        The log's latest time in each epoch [µs].
     offset_us : ndarray of int64, shape (n_epochs,)
         To be added to the log's time in each epoch [µs].
     """
 
     position: IntArray
+    end_us: IntArray
     offset_us: IntArray
 
     def stamps(self, time_s: FloatArray, position: IntArray) -> Stamps:
@@ -71,9 +74,11 @@ class WriteClock:
         if falls.size == self.offset_us.size - 1:
             epoch = np.searchsorted(falls, np.arange(time_us.size), side="right")
         elif self.offset_us.size > 1:
-            # Too few rows to show every reset: only their place in the log tells the epoch.
-            epoch = np.searchsorted(self.position, position, side="right") - 1
-            epoch = np.maximum(epoch, 0)
+            # Too few rows to show every reset: their place in the log tells the epoch,
+            # or, where it is not known (0), a time that comes only later.
+            epoch = np.maximum(np.searchsorted(self.position, position, side="right") - 1, 0)
+            for earlier, end_us in enumerate(self.end_us[:-1]):
+                epoch[(epoch == earlier) & (time_us > end_us)] += 1
         key_us = np.maximum.accumulate(time_us + self.offset_us[epoch])
         return Stamps(time_us=time_us, key_us=key_us)
 
@@ -88,15 +93,15 @@ def write_clock(log: FlightLog) -> WriteClock:
     series = [signal for candidates in log.signals.values() for signal in candidates]
     longest = max(series, key=lambda signal: signal.n_samples, default=None)
     if longest is None or longest.n_samples == 0:
-        return WriteClock(position=np.zeros(1, dtype=np.int64), offset_us=np.zeros(1, dtype=np.int64))
+        nothing = np.zeros(1, dtype=np.int64)
+        return WriteClock(position=nothing, end_us=nothing, offset_us=nothing)
     time_us = microseconds(longest.time_s)
     starts = np.concatenate(([0], _reset_rows(time_us)))
-    ends = np.concatenate((starts[1:], [time_us.size]))
+    end_us = np.maximum.reduceat(time_us, starts)
     offset_us = np.zeros(starts.size, dtype=np.int64)
     for epoch in range(1, starts.size):
-        last = time_us[starts[epoch - 1] : ends[epoch - 1]].max() + offset_us[epoch - 1]
-        offset_us[epoch] = last + RESET_US - time_us[starts[epoch]]
-    return WriteClock(position=longest.position[starts], offset_us=offset_us)
+        offset_us[epoch] = end_us[epoch - 1] + offset_us[epoch - 1] + RESET_US - time_us[starts[epoch]]
+    return WriteClock(position=longest.position[starts], end_us=end_us, offset_us=offset_us)
 
 
 def event_stamps(clock: WriteClock, events: tuple[ModeChange, ...] | tuple[LogText, ...]) -> Stamps:

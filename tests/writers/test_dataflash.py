@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from quadid_logs.data.log import FlightLog, ModeChange
+from quadid_logs.data.log import FlightLog, ModeChange, Signal
 
 from .conftest import START_S, flight, px4_flight, series, twice
 
@@ -38,12 +38,20 @@ FIELDS = [
 
 def rows(path: Path) -> Rows:
     """Read all messages with pymavlink."""
+    found: Rows = defaultdict(list)
+    for message in stream(path):
+        found[message.get_type()].append(message)
+    return found
+
+
+def stream(path: Path) -> list[Any]:
+    """Read all messages with pymavlink, in the order of the file."""
     from pymavlink.DFReader import DFReader_binary
 
     reader = DFReader_binary(str(path))
-    found: Rows = defaultdict(list)
+    found = []
     while (message := reader.recv_msg()) is not None:
-        found[message.get_type()].append(message)
+        found.append(message)
     reader.filehandle.close()
     return found
 
@@ -104,16 +112,9 @@ def test_att_is_ten_hertz(written: Write) -> None:
 
 def test_all_messages_stand_in_order_of_time(written: Write) -> None:
     """A reader that streams the file meets no time that falls."""
-    found = rows(written(flight(), "a.bin"))
-    from pymavlink.DFReader import DFReader_binary
-
-    reader = DFReader_binary(str(written(flight(), "b.bin")))
-    times = []
-    while (message := reader.recv_msg()) is not None:
-        if message.get_type() in ("RATE", "IMU", "MOTB", "MODE", "EV", "ESC"):
-            times.append(message.TimeUS)
-    reader.filehandle.close()
-    assert len(times) > len(found["RATE"])
+    kinds = ("RATE", "IMU", "MOTB", "MODE", "EV", "ESC")
+    times = [message.TimeUS for message in stream(written(flight(), "a.bin")) if message.get_type() in kinds]
+    assert len(times) > 2400
     assert np.all(np.diff(times) >= 0)
 
 
@@ -193,6 +194,28 @@ def test_a_clock_that_starts_again_is_written_as_two_boots(written: Write) -> No
         assert np.count_nonzero(np.diff(times) < 0) == 1
     boots = [message.TimeUS for message in found["MODE"]]
     assert boots == [12_500_000, 13_500_000, 12_500_000, 13_500_000]
+
+
+def test_a_mode_without_a_place_is_put_where_its_time_first_fits(written: Write) -> None:
+    """It shows no reset itself; a time beyond the first boot's end belongs to a later one."""
+    both = twice(flight())
+    late = (
+        ModeChange(time_s=START_S + 0.5, position=0, name="LOITER"),
+        ModeChange(time_s=START_S + 5.0, position=0, name="LAND"),
+    )
+    stretched = Signal(
+        name="attitude",
+        time_s=np.concatenate((START_S + np.arange(2000) / 1000.0, START_S + np.arange(6000) / 1000.0)),
+        values=np.zeros((8000, 3)),
+        position=np.arange(8000),
+        source="ANG",
+    )
+    log = replace(both, signals={"attitude": (stretched,)}, modes=late, texts=())
+    path = written(log, "a.bin")
+    place = [message.TimeUS for message in stream(path) if message.get_type() in ("ANG", "MODE")]
+    assert place[500:502] == [13_000_000, 13_000_000]
+    assert place.count(17_500_000) == 2
+    assert np.count_nonzero(np.diff(place) < 0) == 1
 
 
 def test_a_px4_flight_is_a_valid_dataflash_log_too(written: Write) -> None:
