@@ -17,6 +17,9 @@ from quadid_logs.maths.least_squares import clustered_covariance, solve_least_sq
 #: loop, gusts); a second holds that memory, and thirty of them a variance.
 _CLUSTER_S = 1.0
 _MIN_CLUSTERS = 12
+#: A lag with less phase than this [rad] at the smoothing cut-off acts as a
+#: delay does; their derivatives are then parallel and only the sum is known.
+_LAG_SEEN = 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -115,10 +118,10 @@ def _actuator_columns(
         return {}
     B = theta[:, -3:]
     train = design.train
-    return {
-        "lag": design.torque_by_lag(actuator.lag_s, actuator.delay_s)[train] @ B.T,
-        "delay": design.torque_by_delay(actuator.lag_s, actuator.delay_s)[train] @ B.T,
-    }
+    delay = design.torque_by_delay(actuator.lag_s, actuator.delay_s)[train] @ B.T
+    if actuator.lag_s * 2.0 * np.pi * design.smoothing_hz < _LAG_SEEN:
+        return {"delay": delay}
+    return {"lag": design.torque_by_lag(actuator.lag_s, actuator.delay_s)[train] @ B.T, "delay": delay}
 
 
 def _half_widths(

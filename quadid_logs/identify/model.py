@@ -26,6 +26,7 @@ from quadid_logs.identify.structures import Structure
 from quadid_logs.identify.validate import validate
 from quadid_logs.identify.windows import join, solve_over_time
 from quadid_logs.maths.discretise import zero_order_hold
+from quadid_logs.vocabulary import RATE_SYMBOLS, TORQUE_SYMBOLS
 
 #: The fit is repeated with the smoothing cut-off times these: half an octave
 #: and more to either side. A gain that slides with the band is no gain.
@@ -48,9 +49,9 @@ def fit_actuated(structure: Structure, data: FlightData, design: Design, setting
     windows = _windows_on_rows(structure, data, design, torque, settings)
     described = Actuator(
         lag_s=actuator.lag_s,
-        lag_ci95_s=_interval(actuator.lag_s, fit.lag_half_width_s),
+        lag_ci95_s=_lag_interval(actuator, fit),
         delay_s=actuator.delay_s,
-        delay_ci95_s=_interval(actuator.delay_s, fit.delay_half_width_s),
+        delay_ci95_s=_delay_interval(actuator, fit),
         acts_on="torque",
         lag_grid_s=actuator.lag_grid_s,
         delay_grid_s=actuator.delay_grid_s,
@@ -112,6 +113,12 @@ def _visible(structure: Structure, fit: PooledFit) -> BoolArray:
     n_regressors = len(structure.regressors)
     gain = np.abs(np.diag(fit.theta[:3, n_regressors:]))
     kept = fit.half_width < plausible_size(structure, gain)
+    # An axis that does not answer to its own torque is moved by noise, and its
+    # rate and torque are no causes that another axis could answer to.
+    for axis in np.flatnonzero(fit.r2[:3] < _TELLING_R2):
+        for name in (RATE_SYMBOLS[axis], TORQUE_SYMBOLS[axis]):
+            column = structure.columns.index(name)
+            kept[np.arange(len(kept)) != axis, column] = False
     for row in range(3):
         kept[row, n_regressors + row] = True
         if "1" in structure.regressors:
@@ -136,9 +143,18 @@ def _own_gain(structure: Structure, fit: PooledFit) -> FloatArray:
     return np.diag(fit.theta[:3, len(structure.regressors) :]).copy()
 
 
-def _interval(value: float, half_width: float) -> tuple[float, float]:
-    """Return the interval of a quantity that cannot be negative."""
-    return max(0.0, value - half_width), value + half_width
+def _lag_interval(actuator: ActuatorFit, fit: PooledFit) -> tuple[float, float]:
+    """Return the interval of the lag, up to where it could not be told from a delay."""
+    half_width = np.nan_to_num(fit.lag_half_width_s)
+    low = max(0.0, actuator.lag_s - half_width) if np.isfinite(fit.lag_half_width_s) else 0.0
+    return low, max(actuator.lag_s + half_width, actuator.lag_limit_s)
+
+
+def _delay_interval(actuator: ActuatorFit, fit: PooledFit) -> tuple[float, float]:
+    """Return the interval of the delay; what might be lag is taken off its lower end."""
+    low = actuator.delay_s - fit.delay_half_width_s
+    mistaken_s = actuator.lag_limit_s - actuator.lag_s
+    return max(0.0, min(low, actuator.delay_s - mistaken_s)), actuator.delay_s + fit.delay_half_width_s
 
 
 def _estimate(structure: Structure, fit: PooledFit, band: BandCheck | None) -> Estimate:
@@ -179,7 +195,13 @@ def _model(
         inputs=("L", "M", "N"),
         A=A,
         B=B,
-        parameters=build_parameters(structure, estimate, input_unit=unit, settings=settings),
+        parameters=build_parameters(
+            structure,
+            estimate,
+            input_unit=unit,
+            settings=settings,
+            unexplained=_unexplained(validation, settings),
+        ),
         windows=windows,
         validation=validation,
         actuator=actuator,
@@ -190,6 +212,12 @@ def _model(
         condition_number=fit.condition_number,
         band=band,
     )
+
+
+def _unexplained(validation: Validation, settings: Settings) -> dict[str, float]:
+    """Return the held-out R2 of the targets whose motion the model does not explain."""
+    least = settings.min_signal_to_noise / (1.0 + settings.min_signal_to_noise)
+    return {target: r2 for target, r2 in validation.r2_acceleration.items() if not r2 >= least}
 
 
 def _discrete(structure: Structure, A: FloatArray, B: FloatArray, period_s: float) -> Discrete:

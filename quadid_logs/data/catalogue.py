@@ -1,0 +1,212 @@
+"""What every finding means and what to do about it: the one text for report, `explain` and docs.
+
+Codes: QL1xx the file, QL2xx the vehicle, QL3xx what was logged and how fast,
+QL4xx the flight, QL5xx the model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CatalogueEntry:
+    """A kind of finding: its title, what it means, and what to fly or set next."""
+
+    code: str
+    title: str
+    meaning: str
+    advice: str
+
+
+def _entry(code: str, title: str, meaning: str, advice: str) -> tuple[str, CatalogueEntry]:
+    return code, CatalogueEntry(code=code, title=title, meaning=meaning, advice=advice)
+
+
+CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
+    dict(
+        (
+            _entry(
+                "QL101",
+                "Part of the file could not be read",
+                "Some bytes are not valid messages: the file was cut off, copied badly, or the card "
+                "dropped blocks. Only the rows in those bytes are lost; the rest is used.",
+                "If the lost stretch lies in the manoeuvre, download the log again or fly once more.",
+            ),
+            _entry(
+                "QL102",
+                "The autopilot dropped log messages",
+                "The logger could not keep up and left messages out. The places show as gaps and "
+                "nothing is interpolated across them.",
+                "Use a faster card, or log fewer message types.",
+            ),
+            _entry(
+                "QL103",
+                "The clock was reset or jumped",
+                "Times fall or leap inside the file: a reboot, or a clock that was set. The parts are "
+                "kept apart and shown one after the other.",
+                "Nothing to do if each part is a flight of its own.",
+            ),
+            _entry(
+                "QL104",
+                "The log has no time column",
+                "Its rows carry no time stamps (very old firmware), so no rate of change can be computed.",
+                "Update the autopilot's firmware; any release of the last ten years stamps its rows.",
+            ),
+            _entry(
+                "QL105",
+                "Several systems speak in this file",
+                "More than one vehicle or autopilot was recorded. One was chosen, the others are listed.",
+                "Choose another one with --system ID.",
+            ),
+            _entry(
+                "QL106",
+                "Some time stamps were repaired",
+                "Rows were out of order, repeated a stamp, or carried an impossible one. They were "
+                "put in order, merged, or left out.",
+                "Nothing to do while it stays a small share of the rows.",
+            ),
+            _entry(
+                "QL201",
+                "This is not a multirotor",
+                "The model (torque to angular acceleration of a hovering body) does not describe "
+                "aeroplanes, helicopters, rovers or boats.",
+                "Use a log of a multirotor.",
+            ),
+            _entry(
+                "QL202",
+                "The log does not say what the vehicle is",
+                "No message or parameter names the vehicle type, so it is taken for a multirotor.",
+                "Check the report against what you flew.",
+            ),
+            _entry(
+                "QL301",
+                "The log holds no body rates",
+                "Neither the rate controller's nor a gyro's angular rates were logged.",
+                "Switch the logging of rates and IMU on.",
+            ),
+            _entry(
+                "QL302",
+                "The log holds no torque",
+                "Nothing in the log says what torque the autopilot asked for, so there is no input "
+                "to identify a model from.",
+                "Log the rate controller's outputs.",
+            ),
+            _entry(
+                "QL303",
+                "Logged too slowly to identify anything",
+                "Between two samples the torque and the rates change in ways that the log does not "
+                "show. Interpolating gives inertias that are wrong by factors, so no number is given.",
+                "Log rates and torque at 100 Hz or more.",
+            ),
+            _entry(
+                "QL304",
+                "Logged rather slowly",
+                "The rate is enough for the gain, but lag and gain are hard to tell apart.",
+                "Log rates and torque at 200 Hz or more.",
+            ),
+            _entry(
+                "QL305",
+                "The true rate is far below the nominal one",
+                "Many samples are missing between those that are there: on average the signal is much "
+                "slower than its typical period suggests.",
+                "Use a faster card, or log fewer message types.",
+            ),
+            _entry(
+                "QL306",
+                "No attitude at a useful rate",
+                "The structure with angles (linear-9) needs roll, pitch and yaw; it is left out or rests "
+                "on interpolated angles. The other structures do not need them.",
+                "Log the attitude at the rate of the rates if you want linear-9.",
+            ),
+            _entry(
+                "QL401",
+                "No flight in this log",
+                "By the evidence that the log holds, the vehicle did not fly.",
+                "Use a log with a flight of at least half a minute.",
+            ),
+            _entry(
+                "QL402",
+                "The flight is too short",
+                "There is less gap-free flight than a model and its check on held-out data need.",
+                "Fly for a minute with the manoeuvre, without landing in between.",
+            ),
+            _entry(
+                "QL403",
+                "This axis was hardly moved",
+                "What the axis did is mostly noise and gusts, not an answer to the torque. A number fitted "
+                "to that would look fine and be wrong.",
+                "Move this axis: quick stick doublets for half a minute, or a system-ID chirp.",
+            ),
+            _entry(
+                "QL404",
+                "This axis was moved only a little",
+                "The torque explains most, but not nearly all, of the motion.",
+                "Fly quicker and larger stick doublets on this axis, in calm air.",
+            ),
+            _entry(
+                "QL501",
+                "The published windows are singular or filled with noise",
+                "Consecutive samples differ by little more than noise, so the square matrix H_k can hardly "
+                "be inverted. The pooled estimate does not suffer from it.",
+                "Try --sample-rate-hz 20 and a wider --window to see the published method at its best.",
+            ),
+            _entry(
+                "QL503",
+                "The estimate depends on the frequency band",
+                "Fitted to slower or faster motion the gain comes out differently. A true gain does not "
+                "do that: noise, wind, or feedback from the controller is in the way.",
+                "Fly with stronger excitation on this axis, in calm air.",
+            ),
+            _entry(
+                "QL504",
+                "The model fails on flight that it was not fitted to",
+                "On held-out parts of the flight the model predicts the acceleration badly.",
+                "Do not use this axis. Fly with stronger excitation, in calm air, without saturation.",
+            ),
+            _entry(
+                "QL505",
+                "The interval is too wide",
+                "The data allow values of the gain that differ too much for the number to be useful.",
+                "Fly longer, with stronger excitation on this axis.",
+            ),
+            _entry(
+                "QL506",
+                "The gain has the wrong sign",
+                "More torque would turn the vehicle the other way. That is not physics: the signs of a "
+                "signal are wrong, or the controller's feedback was identified instead of the vehicle.",
+                "Check the axes of the log; fly with stronger excitation.",
+            ),
+            _entry(
+                "QL507",
+                "The lag lies at the end of the searched range",
+                "The best lag or delay is the largest that was tried, so it is not a motor's.",
+                "Check that torque and rates come from the same clock.",
+            ),
+            _entry(
+                "QL508",
+                "The gain changes with the size of the command",
+                "Large commands turn the vehicle less than small ones promise: the mixer or the "
+                "motors saturate. The gain is a mean over the flight and too small for small commands.",
+                "Fly smaller manoeuvres on this axis, or with more throttle in reserve.",
+            ),
+            _entry(
+                "QL509",
+                "The gain differs between parts of the flight",
+                "Fitted to the first and to the second half of the flight, the gain is not the same: the "
+                "vehicle changed (battery, payload, damage), or something else than torque moved it.",
+                "Compare the halves in the figure of estimates over time.",
+            ),
+            _entry(
+                "QL510",
+                "The torque is a normalised command",
+                "The log holds no torque in N m. Gains are per unit of command and no inertia in kg m^2 "
+                "can be given.",
+                "Describe the vehicle with --vehicle FILE.toml to get physical units.",
+            ),
+        )
+    )
+)

@@ -1,0 +1,70 @@
+"""FlightLog + FlightData + Identification -> Diagnosis: findings, and a verdict per axis."""
+
+from __future__ import annotations
+
+from quadid_logs.data.diagnosis import AxisVerdict, Diagnosis, Finding
+from quadid_logs.data.flight import FlightData
+from quadid_logs.data.log import FlightLog
+from quadid_logs.data.model import Identification
+from quadid_logs.data.settings import Settings
+from quadid_logs.diagnose.data_findings import find_in_data
+from quadid_logs.diagnose.file_findings import find_in_file
+from quadid_logs.diagnose.model_findings import find_in_models
+from quadid_logs.vocabulary import AXES
+
+__all__ = ["diagnose"]
+
+_SEVERITY = {"error": 0, "warning": 1, "info": 2}
+
+
+def diagnose(
+    log: FlightLog, data: FlightData, identification: Identification, settings: Settings
+) -> Diagnosis:
+    """Judge what was read, aligned and identified.
+
+    Parameters
+    ----------
+    log : FlightLog
+    data : FlightData
+    identification : Identification
+    settings : Settings
+
+    Returns
+    -------
+    Diagnosis
+        An axis is *refused* if any error touches it, *caution* if any warning
+        does, else *usable*.
+    """
+    findings = [
+        *find_in_file(log, data),
+        *find_in_data(log, data, identification, settings),
+        *find_in_models(log, identification, settings),
+    ]
+    findings.sort(key=lambda finding: _SEVERITY[finding.level])
+    return Diagnosis(
+        findings=tuple(findings),
+        axes={axis: _verdict(axis, findings) for axis in AXES},
+    )
+
+
+def _verdict(axis: str, findings: list[Finding]) -> AxisVerdict:
+    """Sum up what touches one axis."""
+    touching = [finding for finding in findings if not finding.axes or axis in finding.axes]
+    errors = [finding for finding in touching if finding.level == "error"]
+    warnings = [finding for finding in touching if finding.level == "warning"]
+    if errors:
+        sentence = f"{axis.capitalize()} is refused: {_lower(errors[0].title)}."
+        return AxisVerdict(verdict="refused", reasons=_codes(errors), sentence=sentence)
+    if warnings:
+        sentence = f"{axis.capitalize()} can be used with caution: {_lower(warnings[0].title)}."
+        return AxisVerdict(verdict="caution", reasons=_codes(warnings), sentence=sentence)
+    sentence = f"{axis.capitalize()} is usable: the model explains flight that it was not fitted to."
+    return AxisVerdict(verdict="usable", reasons=(), sentence=sentence)
+
+
+def _codes(findings: list[Finding]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(finding.code for finding in findings))
+
+
+def _lower(title: str) -> str:
+    return title[:1].lower() + title[1:]

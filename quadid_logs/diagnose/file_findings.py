@@ -1,0 +1,88 @@
+"""Doubts about the file itself: damage, clocks, whose log it is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from quadid_logs.data.diagnosis import Finding
+from quadid_logs.data.flight import FlightData
+from quadid_logs.data.log import FlightLog
+from quadid_logs.diagnose.findings import finding
+from quadid_logs.vocabulary import MULTIROTOR
+
+#: Under one per thousand of the rows a repaired stamp changes no estimate.
+_NOTABLE_REPAIRS = 1e-3
+#: Lost bytes beyond this share of the file may well hide a part of the manoeuvre.
+_NOTABLE_LOSS = 0.01
+
+
+def find_in_file(log: FlightLog, data: FlightData) -> Iterator[Finding]:
+    """Yield the findings about damage, dropped messages, clocks, systems and the kind of vehicle."""
+    yield from _damage(log)
+    yield from _clock(log, data)
+    yield from _vehicle(log)
+
+
+def _damage(log: FlightLog) -> Iterator[Finding]:
+    if log.corrupt_bytes:
+        largest = sorted(log.lost, key=lambda stretch: -stretch.n_bytes)[:5]
+        share = log.corrupt_bytes / max(log.n_bytes, 1)
+        yield finding(
+            "QL101",
+            "warning" if share > _NOTABLE_LOSS else "info",
+            {
+                "corrupt_bytes": log.corrupt_bytes,
+                "file_bytes": log.n_bytes,
+                "stretches": len(log.lost),
+                "largest": [f"{s.n_bytes} bytes at offset {s.offset}: {s.reason}" for s in largest],
+            },
+        )
+    if log.n_dropped:
+        yield finding("QL102", "info", {"dropped_messages": log.n_dropped})
+
+
+def _clock(log: FlightLog, data: FlightData) -> Iterator[Finding]:
+    if not log.has_time:
+        yield finding("QL104", "error", {"format": log.format, "firmware": log.firmware})
+    if data.clock_resets:
+        yield finding("QL103", "info", {"clock_resets": data.clock_resets})
+    repaired = {
+        name: {
+            "source": source.source,
+            "rows": source.n_samples,
+            "repeated": source.n_duplicate,
+            "out_of_order": source.n_out_of_order,
+            "impossible": source.n_wild,
+            "not_finite": source.n_not_finite,
+        }
+        for name, source in data.sources.items()
+        if name in ("body_rate", "torque_command", "torque_n_m")
+        and source.n_duplicate + source.n_out_of_order + source.n_wild + source.n_not_finite
+        > _NOTABLE_REPAIRS * source.n_samples
+    }
+    if repaired:
+        yield finding("QL106", "info", repaired)
+
+
+def _vehicle(log: FlightLog) -> Iterator[Finding]:
+    if len(log.systems) > 1:
+        yield finding(
+            "QL105",
+            "info",
+            {
+                "systems": [
+                    f"system {s.system_id} component {s.component_id}: {s.vehicle_type} ({s.autopilot}), "
+                    f"{s.n_messages} messages{', chosen' if s.chosen else ''}"
+                    for s in log.systems
+                ]
+            },
+        )
+    if log.vehicle_type == "unknown":
+        yield finding("QL202", "info", {"firmware": log.firmware})
+    elif log.vehicle_type != MULTIROTOR:
+        yield finding(
+            "QL201",
+            "error",
+            {"vehicle_type": log.vehicle_type, "firmware": log.firmware},
+            title=f"This is not a multirotor but a {log.vehicle_type} vehicle",
+        )
