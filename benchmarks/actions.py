@@ -1,0 +1,143 @@
+"""What is measured: one function per action, each taking the file's path (or the problem's size).
+
+An action's result is kept until the memory has been read.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable
+
+import numpy as np
+
+#: What `analyze` needs from each format: the fair task for a reader that can select.
+DATAFLASH_NEEDED = [
+    "RATE", "ANG", "ATT", "IMU", "RCOU", "MOTB", "ESC", "BAT", "PARM", "MODE", "ARM", "EV", "MSG", "SIDD",
+    "SIDS",
+]  # fmt: skip
+TLOG_NEEDED = [
+    "ATTITUDE", "ATTITUDE_QUATERNION", "ATTITUDE_TARGET", "RAW_IMU", "SCALED_IMU2", "HIGHRES_IMU",
+    "SERVO_OUTPUT_RAW", "PARAM_VALUE", "HEARTBEAT", "SYS_STATUS", "EXTENDED_SYS_STATE", "STATUSTEXT",
+]  # fmt: skip
+ULOG_NEEDED = [
+    "vehicle_angular_velocity", "vehicle_attitude", "vehicle_torque_setpoint", "vehicle_thrust_setpoint",
+    "vehicle_rates_setpoint", "actuator_motors", "actuator_outputs", "esc_status", "sensor_combined",
+    "vehicle_status", "vehicle_land_detected", "battery_status", "control_allocator_status", "actuator_armed",
+]  # fmt: skip
+
+
+def quadid_read_log(path: str) -> object:
+    """Ours: everything that `analyze` takes from a log."""
+    from quadid_logs.readers import read_log
+
+    return read_log(path)
+
+
+def quadid_dataflash_all(path: str) -> object:
+    """Ours: every column of every message."""
+    from quadid_logs.readers.dataflash import read_messages
+
+    return read_messages(path)
+
+
+def quadid_ulog_all(path: str) -> object:
+    """Ours: every column of every topic."""
+    from quadid_logs.readers.ulog import read_topics
+
+    return read_topics(path)
+
+
+def quadid_tlog_all(path: str) -> object:
+    """Ours: every column of every message."""
+    from quadid_logs.readers.tlog import read_messages
+
+    return read_messages(path)
+
+
+def _columns(receive: Callable[[], object]) -> dict[str, dict[str, np.ndarray]]:
+    """Gather a reader's messages into columns, which is what any analysis needs."""
+    rows: defaultdict[str, defaultdict[str, list[object]]] = defaultdict(lambda: defaultdict(list))
+    while (message := receive()) is not None:
+        table = rows[message.get_type()]  # type: ignore[attr-defined]
+        for name in message.get_fieldnames():  # type: ignore[attr-defined]
+            table[name].append(getattr(message, name))
+    return {
+        kind: {
+            name: np.array(values, dtype=None if _plain(values) else object) for name, values in table.items()
+        }
+        for kind, table in rows.items()
+    }
+
+
+def _plain(values: list[object]) -> bool:
+    """Tell numbers and texts from lists, whose lengths may differ."""
+    return not isinstance(values[0], list)
+
+
+def pymavlink_dataflash_all(path: str) -> object:
+    """pymavlink: every message."""
+    from pymavlink.DFReader import DFReader_binary
+
+    return _columns(DFReader_binary(path).recv_msg)
+
+
+def pymavlink_dataflash_needed(path: str) -> object:
+    """pymavlink: the messages that `analyze` needs, by its own fast skipping."""
+    from pymavlink.DFReader import DFReader_binary
+
+    reader = DFReader_binary(path)
+    return _columns(lambda: reader.recv_match(type=DATAFLASH_NEEDED))
+
+
+def pymavlink_tlog_all(path: str) -> object:
+    """pymavlink: every message."""
+    from pymavlink import mavutil
+
+    return _columns(mavutil.mavlink_connection(path, dialect="ardupilotmega").recv_msg)
+
+
+def pymavlink_tlog_needed(path: str) -> object:
+    """pymavlink: the messages that `analyze` needs."""
+    from pymavlink import mavutil
+
+    connection = mavutil.mavlink_connection(path, dialect="ardupilotmega")
+    return _columns(lambda: connection.recv_match(type=TLOG_NEEDED))
+
+
+def pyulog_all(path: str) -> object:
+    """pyulog: every topic."""
+    from pyulog import ULog
+
+    return ULog(path)
+
+
+def pyulog_needed(path: str) -> object:
+    """pyulog: the topics that `analyze` needs."""
+    from pyulog import ULog
+
+    return ULog(path, ULOG_NEEDED)
+
+
+def quadid_windows(count: str) -> object:
+    """Ours: so many H_k of eq. (5), 9 samples by 9 unknowns, six targets each."""
+    from quadid_logs.maths.windows import solve_windows, stack_windows
+
+    rng = np.random.default_rng(0)
+    n = int(count) + 8
+    regressors = stack_windows(rng.standard_normal((n, 9)), width=9, stride=1)
+    targets = stack_windows(rng.standard_normal((n, 6)), width=9, stride=1)
+    return solve_windows(regressors, targets)
+
+
+def quadid_simulate(duration_s: str) -> object:
+    """Ours: a closed-loop flight of that length, logged at 400 Hz."""
+    from quadid_logs.simulate import simulate
+
+    return simulate("sysid-quad-x", seed=0, duration_s=float(duration_s), rate_hz=400.0)
+
+
+def quadid_analyze(path: str) -> object:
+    """Ours: the whole chain without a report."""
+    from quadid_logs.pipeline import analyze
+
+    return analyze(path)

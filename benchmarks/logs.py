@@ -1,0 +1,68 @@
+"""Logs to measure on: flown by firmware where the corpus is, and generated ones of any size."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from quadid_logs.data.log import FlightLog, Signal
+from quadid_logs.writers import write_log
+
+HERE = Path(__file__).resolve().parent
+CACHE = HERE / ".cache"
+#: Flown by ArduCopter and PX4 firmware in the loop.
+CORPUS_LOGS = (
+    "firmware/ac47_quadx_multisine.BIN",
+    "firmware/ac47_quadx_multisine.tlog",
+    "firmware/px4_quad_multisine.ulg",
+)
+#: Rate [Hz], columns, source of what an autopilot logs for system identification.
+SERIES = {
+    "body_rate_setpoint": (400.0, 3, "RATE.RDes,PDes,YDes"),
+    "attitude": (400.0, 3, "ANG.Roll,Pitch,Yaw"),
+    "torque_command": (400.0, 3, "RATE.ROut,POut,YOut"),
+    "throttle": (400.0, 1, "RATE.AOut"),
+    "motor_thrust": (400.0, 4, "actuator_motors.control"),
+    "output_pwm": (50.0, 4, "RCOU.C1-C4"),
+    "specific_force": (400.0, 3, "IMU[0].AccX,AccY,AccZ"),
+    "battery_voltage": (10.0, 1, "BAT.Volt"),
+    "battery_ratio": (10.0, 1, "MOTB.BatVolt"),
+    "lift_max": (10.0, 1, "MOTB.LiftMax"),
+}
+
+
+def corpus_logs() -> list[Path]:
+    """Return the firmware logs that are there."""
+    folder = Path(os.environ.get("QUADID_LOG_CORPUS", HERE.parents[1] / "shared" / "logs"))
+    return [folder / name for name in CORPUS_LOGS if (folder / name).is_file()]
+
+
+def generated_log(suffix: str, size_mb: float) -> Path:
+    """Return a generated log of about that size, written once and kept in `CACHE`."""
+    path = CACHE / f"generated-{size_mb:g}MB{suffix}"
+    if not path.exists():
+        CACHE.mkdir(exist_ok=True)
+        probe = CACHE / f"probe{suffix}"
+        write_log(_flight(10.0), probe)
+        write_log(_flight(10.0 * size_mb * 1e6 / probe.stat().st_size), path)
+        probe.unlink()
+    return path
+
+
+def _flight(duration_s: float) -> FlightLog:
+    """Return smooth series at the autopilot's rates; the values do not matter for reading."""
+    signals = {name: (_signal(name, duration_s, *specification),) for name, specification in SERIES.items()}
+    signals["body_rate"] = (
+        _signal("body_rate", duration_s, 400.0, 3, "RATE.R,P,Y"),
+        _signal("body_rate", duration_s, 400.0, 3, "IMU[0].GyrX,GyrY,GyrZ"),
+    )
+    return FlightLog(path="", format="dataflash", autopilot="ardupilot", n_bytes=0, signals=signals)
+
+
+def _signal(name: str, duration_s: float, rate_hz: float, n_columns: int, source: str) -> Signal:
+    """Return one series of sines."""
+    row = np.arange(int(duration_s * rate_hz))
+    values = 0.5 + 0.4 * np.sin(row[:, np.newaxis] / rate_hz + np.arange(n_columns))
+    return Signal(name=name, time_s=10.0 + row / rate_hz, values=values, position=row, source=source)
