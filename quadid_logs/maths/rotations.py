@@ -1,0 +1,122 @@
+"""Attitude: Euler 3-2-1 angles, quaternions, and their kinematics.
+
+A quaternion (w, x, y, z) turns body (FRD) into Earth (NED) vectors. Arrays
+carry the components on the last axis; `quaternion_rate` takes them one by one,
+so that it works on floats (one flight) and on arrays (many flights) alike.
+"""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+
+Component: TypeAlias = Any
+"""A float, or an ndarray of one value per flight."""
+
+
+def quaternion_from_euler(euler_rad: FloatArray) -> FloatArray:
+    """Return the unit quaternion of Euler 3-2-1 angles.
+
+    Parameters
+    ----------
+    euler_rad : ndarray, shape (..., 3)
+        Roll, pitch, yaw [rad].
+
+    Returns
+    -------
+    ndarray, shape (..., 4)
+    """
+    half = 0.5 * np.asarray(euler_rad, dtype=np.float64)
+    (cr, cp, cy), (sr, sp, sy) = np.moveaxis(np.cos(half), -1, 0), np.moveaxis(np.sin(half), -1, 0)
+    return np.stack(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ],
+        axis=-1,
+    )
+
+
+def euler_from_quaternion(quaternion: FloatArray) -> FloatArray:
+    """Return roll, pitch, yaw [rad] of shape (..., 3); the quaternion need not be of unit length."""
+    w, x, y, z = np.moveaxis(np.asarray(quaternion, dtype=np.float64), -1, 0)
+    norm = w * w + x * x + y * y + z * z
+    roll = np.arctan2(2.0 * (w * x + y * z), norm - 2.0 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x) / norm, -1.0, 1.0))
+    yaw = np.arctan2(2.0 * (w * z + x * y), norm - 2.0 * (y * y + z * z))
+    return np.stack([roll, pitch, yaw], axis=-1)
+
+
+def multiply_quaternions(left: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the Hamilton product: first `right`, then `left`; shape (..., 4)."""
+    a, b, c, d = np.moveaxis(left, -1, 0)
+    w, x, y, z = np.moveaxis(right, -1, 0)
+    return np.stack(
+        [
+            a * w - b * x - c * y - d * z,
+            a * x + b * w + c * z - d * y,
+            a * y - b * z + c * w + d * x,
+            a * z + b * y - c * x + d * w,
+        ],
+        axis=-1,
+    )
+
+
+def rotation_matrix(quaternion: FloatArray) -> FloatArray:
+    """Return the body-to-Earth matrix of shape (..., 3, 3) of a unit quaternion."""
+    w, x, y, z = np.moveaxis(np.asarray(quaternion, dtype=np.float64), -1, 0)
+    rows = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def euler_rates(euler_rad: FloatArray, body_rate_rad_s: FloatArray) -> FloatArray:
+    """Return the time derivatives of roll, pitch and yaw [rad/s], shape (..., 3).
+
+    Singular at a pitch of 90 degrees. Stevens and Lewis, *Aircraft Control and
+    Simulation*, eq. (1.4-4).
+    """
+    phi, theta, _ = np.moveaxis(euler_rad, -1, 0)
+    p, q, r = np.moveaxis(body_rate_rad_s, -1, 0)
+    turn = q * np.sin(phi) + r * np.cos(phi)
+    return np.stack(
+        [p + np.tan(theta) * turn, q * np.cos(phi) - r * np.sin(phi), turn / np.cos(theta)], axis=-1
+    )
+
+
+def body_rates(euler_rad: FloatArray, euler_rate_rad_s: FloatArray) -> FloatArray:
+    """Return p, q, r [rad/s], shape (..., 3): the inverse of `euler_rates`, nowhere singular."""
+    phi, theta, _ = np.moveaxis(euler_rad, -1, 0)
+    roll_rate, pitch_rate, yaw_rate = np.moveaxis(euler_rate_rad_s, -1, 0)
+    return np.stack(
+        [
+            roll_rate - yaw_rate * np.sin(theta),
+            pitch_rate * np.cos(phi) + yaw_rate * np.sin(phi) * np.cos(theta),
+            -pitch_rate * np.sin(phi) + yaw_rate * np.cos(phi) * np.cos(theta),
+        ],
+        axis=-1,
+    )
+
+
+def quaternion_rate(
+    quaternion: tuple[Component, Component, Component, Component],
+    rate: tuple[Component, Component, Component],
+) -> tuple[Component, Component, Component, Component]:
+    """Return the quaternion's time derivative, half its product with (0, p, q, r)."""
+    w, x, y, z = quaternion
+    p, q, r = rate
+    p, q, r = 0.5 * p, 0.5 * q, 0.5 * r
+    return (
+        -x * p - y * q - z * r,
+        w * p + y * r - z * q,
+        w * q + z * p - x * r,
+        w * r + x * q - y * p,
+    )

@@ -1,0 +1,591 @@
+"""Fly: the closed loop of plant, sensors and autopilot, one flight or many at once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.errors import SimulationError
+from quadid_logs.maths.frames import frame_geometry, normalised_allocation
+from quadid_logs.maths.rigid_body import Component, Quadruple, Triple, inertia_terms
+from quadid_logs.maths.rotations import body_rates, quaternion_from_euler
+from quadid_logs.simulate.airframe import GRAVITY_M_S2, Airframe
+from quadid_logs.simulate.control import (
+    Arithmetic,
+    Gains,
+    Mixer,
+    RateMemory,
+    altitude_throttle,
+    arithmetic,
+    butterworth,
+    filter_rates,
+    mix,
+    rate_setpoint,
+    throttle_for_thrust,
+    thrust_of_throttle,
+    torque_command,
+)
+from quadid_logs.simulate.manoeuvres import Reference
+from quadid_logs.simulate.plant import Body, State, advance, at_rest
+from quadid_logs.simulate.wind import Wind, dryden_wind
+
+SPIN_MIN: Final = 0.15
+SPIN_MAX: Final = 0.95
+BATTERY_PERIOD_S: Final = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Noise:
+    """Of the inertial sensors: densities, residual and raw gyro bias, gyro resolution."""
+
+    gyro_rad_s_per_rthz: float = 1.0e-4
+    gyro_bias_rad_s: tuple[float, float, float] = (0.004, -0.003, 0.002)
+    gyro_resolution_rad_s: float = math.radians(2000.0) / 32768.0
+    accelerometer_m_s2_per_rthz: float = 2.0e-3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Schedule:
+    """When the flight's phases begin [s from the first control period], and the height flown [m]."""
+
+    arm_s: float
+    take_off_s: float
+    manoeuvre_s: float
+    land_s: float
+    touch_down_s: float
+    disarm_s: float
+    end_s: float
+    height_m: float = 5.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Setup:
+    """Everything that one flight depends on.
+
+    ``reference`` covers the manoeuvre (`Schedule.manoeuvre_s` to
+    `Schedule.land_s`) with one row per control period; ``delay_steps`` are
+    the control periods between mixer and motors.
+    """
+
+    airframe: Airframe
+    reference: Reference
+    schedule: Schedule
+    autopilot: str = "ardupilot"
+    loop_hz: float = 400.0
+    gyro_filter_hz: float = 40.0
+    delay_steps: int = 0
+    noise: Noise = field(default_factory=Noise)
+    wind: Wind = field(default_factory=Wind)
+    seed: int = 0
+
+
+class Channel(NamedTuple):
+    """A recorded quantity and how many columns it has (0: one per rotor)."""
+
+    name: str
+    columns: int
+
+
+CORE: Final = (
+    Channel("gyro_filtered", 3),
+    Channel("setpoint", 3),
+    Channel("command", 3),
+    Channel("throttle", 1),
+    Channel("limited", 1),
+    Channel("attitude", 4),
+    Channel("voltage", 1),
+    Channel("voltage_filtered", 1),
+)
+EXTRA: Final = (
+    Channel("rate", 3),
+    Channel("gyro", 3),
+    Channel("acceleration", 3),
+    Channel("velocity", 3),
+    Channel("height", 1),
+    Channel("torque", 3),
+    Channel("realised", 3),
+    Channel("actuator", 0),
+    Channel("thrust_share", 0),
+    Channel("rotor_speed", 0),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Record:
+    """What happened, sampled at the beginning of every control period.
+
+    Attributes
+    ----------
+    time_s : ndarray, shape (n_steps,)
+    channels : mapping of str to ndarray, shape (n_steps, n_columns) or (n_flights, n_steps, n_columns)
+        By the names of `CORE` and `EXTRA`. ``command`` is exactly what enters
+        the mixer, ``realised`` what it made of it; ``gyro`` is unfiltered,
+        ``torque`` [N m] and ``rate`` [rad/s] are true.
+    setups : tuple of Setup
+    """
+
+    time_s: FloatArray
+    channels: dict[str, FloatArray]
+    setups: tuple[Setup, ...]
+
+
+def fly(setup: Setup) -> Record:
+    """Fly once and record everything."""
+    values = _fly((setup,), CORE + EXTRA)
+    return Record(time_s=_times(setup), channels=_by_name(values, (setup,), CORE + EXTRA), setups=(setup,))
+
+
+def fly_many(setups: Sequence[Setup]) -> Record:
+    """Fly many at once, recording the `CORE` channels in single precision.
+
+    The flights may differ in everything but frame, schedule, autopilot and
+    control rate. 200 flights of 60 s at 400 Hz take about 1 GB while they fly.
+
+    Raises
+    ------
+    SimulationError
+        If they differ in what they must share.
+    """
+    first = setups[0]
+    for other in setups:
+        shared = (
+            other.schedule == first.schedule
+            and other.autopilot == first.autopilot
+            and other.loop_hz == first.loop_hz
+            and other.delay_steps == first.delay_steps
+            and other.airframe.n_rotors == first.airframe.n_rotors
+        )
+        if not shared:
+            raise SimulationError(
+                "Flights of one batch must share number of rotors, schedule, autopilot, delay and loop rate."
+            )
+    values = _fly(tuple(setups), CORE)
+    if len(setups) == 1:
+        values = values[:, :, np.newaxis]
+    by_flight = np.moveaxis(values, 2, 0)
+    return Record(time_s=_times(first), channels=_by_name(by_flight, setups, CORE), setups=tuple(setups))
+
+
+def _times(setup: Setup) -> FloatArray:
+    """Beginning of every control period [s]."""
+    return np.arange(n_steps(setup)) / setup.loop_hz
+
+
+def n_steps(setup: Setup) -> int:
+    """Return the number of control periods of the flight."""
+    return round(setup.schedule.end_s * setup.loop_hz)
+
+
+def _by_name(
+    values: FloatArray, setups: Sequence[Setup], channels: tuple[Channel, ...]
+) -> dict[str, FloatArray]:
+    """Cut the record's last axis into its channels."""
+    named, begin = {}, 0
+    for channel in channels:
+        end = begin + (channel.columns or setups[0].airframe.n_rotors)
+        named[channel.name] = values[..., begin:end]
+        begin = end
+    return named
+
+
+class Autopilot(NamedTuple):
+    """What the control loop needs to know, as components."""
+
+    gains: Gains
+    mixer: Mixer
+    expo: Component
+    speed_max: Component
+    compensates_voltage: bool
+
+
+def _fly(setups: tuple[Setup, ...], channels: tuple[Channel, ...]) -> FloatArray:
+    """Run the loop; rows of shape (n_columns,) or (n_columns, n_flights)."""
+    first = setups[0]
+    n, width = n_steps(first), sum(c.columns or first.airframe.n_rotors for c in channels)
+    rows = _periods(setups, full=channels != CORE)
+    if len(setups) == 1:
+        return np.array(list(rows), dtype=np.float64).reshape(n, width)
+    values = np.empty((n, width, len(setups)), dtype=np.float32)
+    for k, row in enumerate(rows):
+        for column, value in enumerate(row):
+            values[k, column] = value
+    return values  # type: ignore[return-value]
+
+
+class Decision(NamedTuple):
+    """What the autopilot makes of one control period."""
+
+    setpoint: Triple
+    command: Triple
+    throttle: Component
+    limited: Component
+    realised: Triple
+    shares: tuple[Component, ...]
+    actuators: tuple[Component, ...]
+    targets: tuple[Component, ...]
+
+
+class Wish(NamedTuple):
+    """What is asked of the autopilot in one control period."""
+
+    height: float
+    climb: float
+    attitude: Quadruple
+    feedforward: Triple
+    injected: Triple
+
+
+def _periods(setups: tuple[Setup, ...], *, full: bool) -> Iterator[tuple[Component, ...]]:
+    """Yield one record row per control period."""
+    first = setups[0]
+    ops = arithmetic(len(setups))
+    body, autopilot, battery, gyro = _body(setups), _autopilot(setups), _Battery(setups), _Gyro(setups)
+    zero = _stacked([0.0 for _ in setups])
+    idle = _idle(first.airframe.n_rotors, zero)
+    state = at_rest(first.airframe.n_rotors, zero)
+    rates, height_integral, decision = RateMemory(*[idle.command] * 3), zero, idle
+    queue = [idle.targets] * first.delay_steps
+    battery_period = round(BATTERY_PERIOD_S * first.loop_hz)
+    for k, (active, wish, noise, wind) in enumerate(_inputs(setups)):
+        if k % battery_period == 0:
+            battery.update(state.wrench.thrust, ops)
+        raw, filtered = gyro.read(state.rate, noise)
+        if active:
+            lift = wish.height - state.height
+            height_integral = ops.higher(ops.lower(height_integral + 0.5 * body.step_s * lift, 2.0), -2.0)
+            setpoint = rate_setpoint(state.attitude, wish.attitude, wish.feedforward, autopilot.gains)
+            command, rates = torque_command(
+                setpoint, filtered, rates, autopilot.gains, limited=decision.limited, ops=ops
+            )
+            throttle = altitude_throttle(
+                lift,
+                wish.climb + state.velocity[2],
+                height_integral,
+                hover=autopilot.mixer.hover,
+                attitude=state.attitude,
+                ops=ops,
+            )
+            command = _injected(command, wish.injected, ops)
+            decision = _decide(setpoint, command, throttle, autopilot, battery, ops)
+        else:
+            rates, height_integral, decision = RateMemory(idle.command, filtered, idle.command), zero, idle
+        yield _row(state, decision, raw, filtered, battery, full=full)
+        queue.append(decision.targets)
+        state = advance(state, queue.pop(0), wind, body)
+
+
+def _idle(n_rotors: int, zero: Component) -> Decision:
+    """Decide to do nothing."""
+    nothing, still = (zero, zero, zero), (zero,) * n_rotors
+    return Decision(nothing, nothing, zero, zero, nothing, still, still, still)
+
+
+def _row(
+    state: State, decision: Decision, raw: Triple, filtered: Triple, battery: _Battery, *, full: bool
+) -> tuple[Component, ...]:
+    """Return the values of the `CORE` channels, and of `EXTRA` behind them if asked for."""
+    core = (
+        *filtered,
+        *decision.setpoint,
+        *decision.command,
+        decision.throttle,
+        decision.limited,
+        *state.attitude,
+        battery.ratio,
+        battery.filtered,
+    )
+    if not full:
+        return core
+    return (
+        *core,
+        *state.rate,
+        *raw,
+        *state.acceleration,
+        *state.velocity,
+        state.height,
+        *state.wrench.torque,
+        *decision.realised,
+        *decision.actuators,
+        *decision.shares,
+        *state.speeds,
+    )
+
+
+class _Gyro:
+    """The gyro with its noise and resolution, and the autopilot's low-pass."""
+
+    def __init__(self, setups: tuple[Setup, ...]) -> None:
+        first = setups[0]
+        self._biquad = butterworth(first.gyro_filter_hz, first.loop_hz)
+        self._quantum = _stacked([s.noise.gyro_resolution_rad_s for s in setups])
+        # The estimator has found nine tenths of the bias before take-off.
+        self._bias = _vector([0.1 * np.array(s.noise.gyro_bias_rad_s) for s in setups])
+        zero = 0.0 * self._quantum
+        self._memory = ((zero, zero, zero), (zero, zero, zero))
+
+    def read(self, rate: Triple, noise: Triple) -> tuple[Triple, Triple]:
+        """Return the sample and what the filter makes of it."""
+        quantum, bias = self._quantum, self._bias
+        sample = (
+            ((rate[0] + bias[0] + noise[0]) / quantum + 0.5) // 1.0 * quantum,
+            ((rate[1] + bias[1] + noise[1]) / quantum + 0.5) // 1.0 * quantum,
+            ((rate[2] + bias[2] + noise[2]) / quantum + 0.5) // 1.0 * quantum,
+        )
+        filtered, self._memory = filter_rates(sample, self._memory, self._biquad)
+        return sample, filtered
+
+
+def _injected(command: Triple, injected: Triple, ops: Arithmetic) -> Triple:
+    """Add the excitation to the controller's torque; a command stays within -1 to 1."""
+    return (
+        ops.higher(ops.lower(command[0] + injected[0], 1.0), -1.0),
+        ops.higher(ops.lower(command[1] + injected[1], 1.0), -1.0),
+        ops.higher(ops.lower(command[2] + injected[2], 1.0), -1.0),
+    )
+
+
+def _decide(
+    setpoint: Triple,
+    command: Triple,
+    throttle: Component,
+    autopilot: Autopilot,
+    battery: _Battery,
+    ops: Arithmetic,
+) -> Decision:
+    """Mix the command and turn it into rotor speeds, on the way that the autopilot goes."""
+    gain = 1.0 / battery.lift if autopilot.compensates_voltage else 1.0
+    scaled = (command[0] * gain, command[1] * gain, command[2] * gain)
+    mixed = mix(scaled, throttle * gain, autopilot.mixer, ops)
+    roll, pitch, yaw = mixed.torque
+    expo = autopilot.expo
+    actuators, targets = [], []
+    for share in mixed.thrust:
+        if autopilot.compensates_voltage:
+            value = throttle_for_thrust(battery.lift * share, expo) / battery.filtered
+        else:
+            value = throttle_for_thrust(share, expo)
+        value = ops.lower(value, 1.0)
+        actuators.append(value)
+        targets.append(autopilot.speed_max * thrust_of_throttle(value * battery.ratio, expo) ** 0.5)
+    return Decision(
+        setpoint=setpoint,
+        command=command,
+        throttle=throttle,
+        limited=mixed.limited,
+        realised=(roll / gain, pitch / gain, yaw / gain),
+        shares=mixed.thrust,
+        actuators=tuple(actuators),
+        targets=tuple(targets),
+    )
+
+
+class _Battery:
+    """The pack's voltage over its full one, and the autopilot's filtered view of it."""
+
+    def __init__(self, setups: tuple[Setup, ...]) -> None:
+        packs = [s.airframe.battery for s in setups]
+        self._weight = _stacked([s.airframe.mass_kg * GRAVITY_M_S2 for s in setups])
+        self._current = _stacked([pack.hover_current_a for pack in packs])
+        self._drop = _stacked([pack.resistance_ohm / pack.full_v for pack in packs])
+        self._fall = _stacked([pack.sag / pack.capacity_a_s for pack in packs])
+        self._expo = _stacked([s.airframe.thrust_expo for s in setups])
+        self._used = self._current * 0.0
+        self.ratio = self.filtered = self.lift = self._used + 1.0
+
+    def update(self, thrust: Component, ops: Arithmetic) -> None:
+        """Draw the current of this thrust for one period."""
+        current = self._current * (thrust / self._weight) ** 1.5
+        self._used = self._used + current * BATTERY_PERIOD_S
+        self.ratio = ops.higher(1.0 - self._fall * self._used - self._drop * current, 0.5)
+        # A 0.5 Hz low-pass, as AP_Motors_Thrust_Linearization filters the voltage.
+        self.filtered = self.filtered + 0.24 * (self.ratio - self.filtered)
+        self.lift = thrust_of_throttle(self.filtered, self._expo)
+
+
+def _stacked(values: Sequence[float]) -> Component:
+    """Make a float of one flight's value, an array of many flights' values."""
+    return float(values[0]) if len(values) == 1 else np.asarray(values, dtype=np.float64)
+
+
+def _body(setups: tuple[Setup, ...]) -> Body:
+    """Collect the plants' constants."""
+    frames = [s.airframe for s in setups]
+    step_s = 1.0 / setups[0].loop_hz
+    inertia = np.array([frame.inertia_kg_m2 for frame in frames])
+    arms = np.array([frame.torque_per_thrust for frame in frames])
+    return Body(
+        step_s=step_s,
+        mass=_stacked([frame.mass_kg for frame in frames]),
+        inertia=inertia_terms(inertia[0] if len(frames) == 1 else inertia),
+        damping=_vector([frame.rate_damping_n_m_s for frame in frames]),
+        thrust_per_speed2=_stacked([f.max_thrust_n / f.rotor_speed_max_rad_s**2 for f in frames]),
+        arms=tuple(_vector(list(arms[:, :, i])) for i in range(frames[0].n_rotors)),
+        decay_up=_decay([frame.lag_up_s for frame in frames], step_s),
+        decay_down=_decay([frame.lag_down_s for frame in frames], step_s),
+        drag=_stacked([frame.drag_n_s_m for frame in frames]),
+        drag_area=_stacked([frame.drag_area_m2 for frame in frames]),
+        drag_height=_stacked([frame.drag_height_m for frame in frames]),
+    )
+
+
+def _vector(vectors: Sequence[FloatArray]) -> Triple:
+    """Stack one 3-vector per flight into components."""
+    p, q, r = (_stacked([float(vector[axis]) for vector in vectors]) for axis in range(3))
+    return p, q, r
+
+
+def _decay(lags_s: Sequence[float], step_s: float) -> tuple[Component, Component]:
+    """Return what is left of a gap after half and after the whole step; nothing without lag."""
+    half = [math.exp(-0.5 * step_s / lag) if lag > 0.0 else 0.0 for lag in lags_s]
+    return _stacked(half), _stacked([value * value for value in half])
+
+
+def mixer_factors(airframe: Airframe, autopilot: str) -> FloatArray:
+    """Return motor command per unit of roll, pitch, yaw and throttle, shape (n_rotors, 4)."""
+    if autopilot == "px4":
+        effectiveness = np.vstack([airframe.torque_per_thrust, -np.ones(airframe.n_rotors)])
+        return normalised_allocation(airframe.max_thrust_n * effectiveness)
+    factors = frame_geometry(airframe.frame_class, airframe.frame_type).mixer
+    return np.column_stack([factors, np.ones(airframe.n_rotors)])
+
+
+def torque_gain(airframe: Airframe, autopilot: str) -> FloatArray:
+    """Return N m per unit torque command with a full battery, shape (3, 3), at rest of the curve."""
+    factors = mixer_factors(airframe, autopilot)[:, :3]
+    return airframe.max_thrust_n * airframe.torque_per_thrust @ factors
+
+
+def controller_gains(setup: Setup) -> Gains:
+    """Tune the loops to the vehicle, as an autotune would.
+
+    The rate loop's crossover is set by everything that delays it; the
+    derivative makes up for part of the motors' lag.
+    """
+    frame = setup.airframe
+    gain = np.diagonal(np.linalg.solve(frame.inertia_kg_m2, torque_gain(frame, setup.autopilot)))
+    lag = 0.5 * (frame.lag_up_s + frame.lag_down_s)
+    waiting = math.sqrt(2.0) / (2.0 * math.pi * setup.gyro_filter_hz)
+    waiting += (1.5 + setup.delay_steps) / setup.loop_hz
+    crossover = np.array([1.0, 1.0, 0.4]) * min(0.4 / (waiting + 0.5 * lag), 25.0)
+    proportional = crossover / gain
+    lead_s = np.array([0.6, 0.6, 0.0]) * lag
+    return Gains(
+        attitude=_vector([np.minimum(0.25 * crossover, (6.0, 6.0, 2.5))]),
+        proportional=_vector([proportional]),
+        integral=_vector([0.25 * crossover * proportional]),
+        derivative=_vector([lead_s * proportional]),
+        derivative_share=1.0 / (1.0 + setup.loop_hz / (2.0 * math.pi * 25.0)),
+        step_s=1.0 / setup.loop_hz,
+    )
+
+
+def _autopilot(setups: tuple[Setup, ...]) -> Autopilot:
+    """Collect what the control loop needs."""
+    gains = [controller_gains(s) for s in setups]
+    factors = np.array([mixer_factors(s.airframe, s.autopilot) for s in setups])
+    roll, pitch, yaw, throttle = (
+        tuple(_stacked([float(f[motor, axis]) for f in factors]) for motor in range(factors.shape[1]))
+        for axis in range(4)
+    )
+    return Autopilot(
+        gains=gains[0]._replace(
+            attitude=_vector([np.array(g.attitude) for g in gains]),
+            proportional=_vector([np.array(g.proportional) for g in gains]),
+            integral=_vector([np.array(g.integral) for g in gains]),
+            derivative=_vector([np.array(g.derivative) for g in gains]),
+        ),
+        mixer=Mixer(
+            roll=roll,
+            pitch=pitch,
+            yaw=yaw,
+            throttle=throttle,
+            hover=_stacked([s.airframe.hover_throttle for s in setups]),
+        ),
+        expo=_stacked([s.airframe.thrust_expo for s in setups]),
+        speed_max=_stacked([s.airframe.rotor_speed_max_rad_s for s in setups]),
+        compensates_voltage=setups[0].autopilot == "ardupilot",
+    )
+
+
+def _inputs(setups: tuple[Setup, ...]) -> Iterator[tuple[bool, Wish, Triple, Triple]]:
+    """Yield for every control period: motors run, what is wanted, gyro noise, wind."""
+    first = setups[0]
+    time_s, phases = _times(first), first.schedule
+    active = (time_s >= phases.take_off_s) & (time_s < phases.disarm_s)
+    height = _height(time_s, phases)
+    rows = zip(
+        active.tolist(),
+        height.tolist(),
+        np.gradient(height, time_s).tolist(),
+        _rows(setups, lambda s: _plan(s)[0]),
+        _rows(setups, lambda s: _plan(s)[1]),
+        _rows(setups, lambda s: _plan(s)[2]),
+        _rows(setups, _gyro_noise),
+        _rows(setups, _wind),
+        strict=True,
+    )
+    for run, above, climb, attitude, feedforward, injected, noise, wind in rows:
+        yield run, Wish(above, climb, attitude, feedforward, injected), noise, wind
+
+
+def _rows(setups: tuple[Setup, ...], series: Callable[[Setup], FloatArray]) -> Any:
+    """Rows of floats for one flight, of (n_columns, n_flights) in single precision for many."""
+    one = series(setups[0])
+    if len(setups) == 1:
+        return one.tolist()
+    rows = np.empty((*one.shape, len(setups)), dtype=np.float32)
+    for flight, setup in enumerate(setups):
+        rows[..., flight] = series(setup)
+    return rows
+
+
+def _height(time_s: FloatArray, phases: Schedule) -> FloatArray:
+    """Wanted height: climb, hold, come down, and press on below the ground until disarmed."""
+    climb_end = 0.5 * (phases.take_off_s + phases.manoeuvre_s)
+    return np.interp(
+        time_s,
+        [phases.take_off_s, climb_end, phases.land_s, phases.touch_down_s, phases.disarm_s],
+        [0.0, phases.height_m, phases.height_m, 0.0, -3.0],
+    )
+
+
+def _plan(setup: Setup) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Wanted attitude, rates to add, torque to add, over the whole flight."""
+    from scipy.signal import lfilter
+
+    n, reference = n_steps(setup), setup.reference
+    begin = round(setup.schedule.manoeuvre_s * setup.loop_hz)
+    rows = slice(begin, begin + reference.tilt_rad.shape[0])
+    euler, rate, torque = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
+    euler[rows, :2] = reference.tilt_rad
+    euler[rows, 2] = reference.yaw_rate_rad_s
+    euler[:, 2] = np.cumsum(euler[:, 2]) / setup.loop_hz
+    # The autopilot shapes the pilot's steps (ATC_INPUT_TC): two lags of 0.1 s.
+    share = 1.0 / (1.0 + 0.1 * setup.loop_hz)
+    shaping = np.polymul([1.0, share - 1.0], [1.0, share - 1.0])
+    euler = np.asarray(lfilter([share * share], shaping, euler, axis=0), dtype=np.float64)
+    rate[rows], torque[rows] = reference.rate_rad_s, reference.torque
+    slopes = np.asarray(np.gradient(euler, 1.0 / setup.loop_hz, axis=0), dtype=np.float64)
+    return quaternion_from_euler(euler), rate + body_rates(euler, slopes), torque
+
+
+def _gyro_noise(setup: Setup) -> FloatArray:
+    """White noise of the gyro over its sampled bandwidth [rad/s], shape (n_steps, 3)."""
+    rng = generator(setup, "gyro")
+    sigma = setup.noise.gyro_rad_s_per_rthz * math.sqrt(0.5 * setup.loop_hz)
+    return sigma * rng.standard_normal((n_steps(setup), 3))
+
+
+def _wind(setup: Setup) -> FloatArray:
+    """Wind in NED [m/s], shape (n_steps, 3)."""
+    return dryden_wind(setup.wind, n_steps(setup), 1.0 / setup.loop_hz, generator(setup, "wind"))
+
+
+def generator(setup: Setup, purpose: str) -> np.random.Generator:
+    """Return an own stream of random numbers for each purpose, so that none shifts another."""
+    return np.random.default_rng([setup.seed, *purpose.encode()])

@@ -1,0 +1,344 @@
+"""What the autopilot's logger makes of a flight: its rates, stamps, delays and losses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray
+from quadid_logs.data.log import FlightLog, LoggedSystem, LogText, ModeChange, Signal
+from quadid_logs.maths.rotations import euler_from_quaternion, rotation_matrix
+from quadid_logs.simulate.airframe import GRAVITY_M_S2
+from quadid_logs.simulate.control import thrust_of_throttle
+from quadid_logs.simulate.flight import Record, Setup, generator
+from quadid_logs.simulate.vendors import (
+    SYSID_STREAM,
+    Stream,
+    Vendor,
+    frame_name,
+    parameters,
+    pulse_widths,
+    start_texts,
+    vendor,
+)
+from quadid_logs.vocabulary import MULTIROTOR
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Logging:
+    """How a flight is logged.
+
+    Attributes
+    ----------
+    rate_hz : float
+        Of the main messages; each is limited by the control rate.
+    boot_s : float
+        The autopilot's clock when the simulation begins [s].
+    start_s : float
+        The log begins this long after the simulation [s]; a late start loses the take-off.
+    jitter_s : float
+        Standard deviation of the stamps around their samples' times [s].
+    drop_fraction : float
+        Share of the time that is lost in bursts of about 20 ms.
+    clock_jump_s, clock_jump_at : float
+        The clock is set by so much [s] at this share of the log.
+    """
+
+    rate_hz: float = 400.0
+    boot_s: float = 31.0
+    start_s: float = 0.3
+    jitter_s: float = 10e-6
+    drop_fraction: float = 0.0
+    clock_jump_s: float = 0.0
+    clock_jump_at: float = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Rows:
+    """Rows of one message: true time [s], stamp [s], and its signals' values."""
+
+    stream: Stream
+    true_s: FloatArray
+    stamp_s: FloatArray
+    values: Mapping[str, FloatArray]
+
+
+def write_logbook(records: tuple[Record, ...], logging: Logging) -> FlightLog:
+    """Log one or several flights into one `FlightLog`.
+
+    Each further flight begins where the one before ended. Rows stand in the
+    order of their true time, whatever the clock says; `Signal.position` is
+    that order, the same for all signals of one row.
+    """
+    setup = records[0].setups[0]
+    kind = vendor(setup.autopilot)
+    offsets = np.cumsum([0.0, *(record.time_s.size / setup.loop_hz for record in records)])
+    streams = kind.streams if logging.rate_hz > kind.default_rate_hz else _default_streams(kind)
+    if kind.name == "ardupilot" and np.any(setup.reference.torque):
+        streams = (*streams, SYSID_STREAM)
+    messages = [_collect(stream, records, offsets, logging) for stream in streams]
+    messages += _events(records, offsets, logging)
+    kept, n_dropped = _drop(messages, setup, logging, float(offsets[-1]))
+    positions = _positions([rows.true_s for rows in kept])
+    return FlightLog(
+        path="",
+        format=kind.log_format,
+        autopilot=kind.name,
+        n_bytes=0,
+        signals=_signals(kept, positions, kind),
+        firmware=kind.firmware,
+        vehicle_type=MULTIROTOR,
+        frame=frame_name(setup),
+        parameters=parameters(setup, rate_hz=logging.rate_hz),
+        modes=_modes(records, offsets, logging, np.sort(np.concatenate([rows.true_s for rows in kept]))),
+        texts=tuple(
+            LogText(time_s=logging.boot_s + logging.start_s, position=0, text=text)
+            for text in start_texts(setup)
+        ),
+        n_dropped=n_dropped,
+        systems=(
+            LoggedSystem(
+                system_id=1,
+                component_id=1,
+                autopilot=kind.name,
+                vehicle_type=MULTIROTOR,
+                n_messages=sum(rows.true_s.size for rows in kept),
+                chosen=True,
+            ),
+        ),
+    )
+
+
+def _default_streams(kind: Vendor) -> tuple[Stream, ...]:
+    """Without changed log settings, attitude, IMU and motors come at their own, lower rates."""
+    slow = {
+        "ANG": ("ATT", 10.0),
+        "IMU": ("IMU", 25.0),
+        "vehicle_attitude": ("vehicle_attitude", 20.0),
+        "actuator_motors": ("actuator_motors", 10.0),
+        "vehicle_rates_setpoint": ("vehicle_rates_setpoint", 50.0),
+    }
+    return tuple(
+        Stream(
+            message=slow.get(s.message, (s.message, s.rate_hz))[0],
+            signals=s.signals,
+            rate_hz=slow.get(s.message, (s.message, s.rate_hz))[1],
+            latency_s=s.latency_s,
+        )
+        for s in kind.streams
+    )
+
+
+def _collect(stream: Stream, records: tuple[Record, ...], offsets: FloatArray, logging: Logging) -> _Rows:
+    """Take every n-th control period of all flights."""
+    true, sampled, parts = [], [], []
+    for record, offset in zip(records, offsets[:-1], strict=True):
+        setup = record.setups[0]
+        rate = min(stream.rate_hz or logging.rate_hz, setup.loop_hz)
+        index = np.arange(0, record.time_s.size, max(round(setup.loop_hz / rate), 1))
+        late = np.maximum(index - round(stream.latency_s * setup.loop_hz), 0)
+        true.append(offset + record.time_s[index])
+        sampled.append(_values(stream, record, late))
+        parts.append(index)
+    time = np.concatenate(true)
+    columns = {name: np.concatenate([part[name] for part in sampled]) for name, _ in stream.signals}
+    inside = time >= logging.start_s
+    for values in columns.values():
+        inside &= np.isfinite(values).all(axis=1)
+    stamps = _stamp(time, records[0].setups[0], logging, float(offsets[-1]))
+    return _Rows(
+        stream=stream,
+        true_s=time[inside],
+        stamp_s=stamps[inside],
+        values={name: values[inside] for name, values in columns.items()},
+    )
+
+
+def _stamp(time_s: FloatArray, setup: Setup, logging: Logging, end_s: float) -> FloatArray:
+    """Put the autopilot's clock on the true times: whole microseconds, jitter, a jump."""
+    n = round(end_s * setup.loop_hz) + 1
+    jitter = logging.jitter_s * generator(setup, "stamps").standard_normal(n)
+    stamps = logging.boot_s + time_s + jitter[np.round(time_s * setup.loop_hz).astype(np.int64)]
+    stamps = stamps + logging.clock_jump_s * (time_s >= logging.clock_jump_at * end_s)
+    return np.asarray(np.round(stamps * 1e6) / 1e6, dtype=np.float64)
+
+
+def _values(stream: Stream, record: Record, index: IntArray) -> dict[str, FloatArray]:
+    """Values of the stream's signals at control periods."""
+    return {name: _signal_values(name, record, index) for name, _ in stream.signals}
+
+
+def _signal_values(name: str, record: Record, index: IntArray) -> FloatArray:
+    """One canonical signal from the recorded channels, in single precision like every log."""
+    setup, channels = record.setups[0], record.channels
+    direct = {
+        "body_rate": "gyro_filtered",
+        "body_rate_setpoint": "setpoint",
+        "torque_command": "command",
+        "throttle": "throttle",
+        "rotor_speed": "rotor_speed",
+        "motor_thrust": "thrust_share",
+        "battery_ratio": "voltage_filtered",
+    }
+    if name in direct:
+        values = channels[direct[name]][index]
+    elif name == "body_rate_raw":
+        raw = "gyro" if setup.autopilot == "px4" else "gyro_filtered"
+        values = channels[raw][index] + 0.9 * np.array(setup.noise.gyro_bias_rad_s)
+    elif name == "attitude":
+        values = euler_from_quaternion(channels["attitude"][index])
+    elif name == "specific_force":
+        values = _specific_force(record, index)
+    elif name == "output_pwm":
+        values = _pulse_width(record, index)
+    elif name == "sysid_chirp":
+        values = _injection(record)[index]
+    elif name == "lift_max":
+        values = thrust_of_throttle(channels["voltage_filtered"][index], setup.airframe.thrust_expo)
+    elif name == "battery_voltage":
+        values = channels["voltage"][index] * setup.airframe.battery.full_v
+    else:
+        values = channels["command"][index] - channels["realised"][index]
+    return values.astype(np.float32).astype(np.float64)
+
+
+def _injection(record: Record) -> FloatArray:
+    """Torque that the test mode adds; NaN, which is not logged, outside the manoeuvre."""
+    setup = record.setups[0]
+    values = np.full((record.time_s.size, 1), np.nan)
+    begin = round(setup.schedule.manoeuvre_s * setup.loop_hz)
+    torque = setup.reference.torque.sum(axis=1, keepdims=True)
+    values[begin : begin + torque.shape[0]] = torque
+    return values
+
+
+def _specific_force(record: Record, index: IntArray) -> FloatArray:
+    """Accelerometer in body axes: everything but gravity, with noise [m/s^2]."""
+    setup = record.setups[0]
+    felt = record.channels["acceleration"][index] - np.array([0.0, 0.0, GRAVITY_M_S2])
+    body = np.einsum("nij,ni->nj", rotation_matrix(record.channels["attitude"][index]), felt)
+    sigma = setup.noise.accelerometer_m_s2_per_rthz * np.sqrt(0.5 * setup.loop_hz)
+    noise = generator(setup, "accelerometer").standard_normal((record.time_s.size, 3))
+    return np.asarray(body + sigma * noise[index], dtype=np.float64)
+
+
+def _pulse_width(record: Record, index: IntArray) -> FloatArray:
+    """Whole microseconds per channel: spinning, idling when armed, or off."""
+    setup = record.setups[0]
+    low, high, idle = pulse_widths(setup)
+    time = record.time_s[index]
+    spinning = (time >= setup.schedule.take_off_s) & (time < setup.schedule.disarm_s)
+    pwm = np.where(spinning[:, np.newaxis], low + (high - low) * record.channels["actuator"][index], idle)
+    pulses = np.where(_armed(setup, time)[:, np.newaxis], pwm, 1000.0)
+    return np.asarray(np.round(pulses), dtype=np.float64)
+
+
+def _armed(setup: Setup, time_s: FloatArray) -> BoolArray:
+    """Say when the motors are armed: from arming to disarming."""
+    return (time_s >= setup.schedule.arm_s) & (time_s < setup.schedule.disarm_s)
+
+
+def _events(records: tuple[Record, ...], offsets: FloatArray, logging: Logging) -> list[_Rows]:
+    """Rows at the moments when the vehicle arms, takes off, lands and disarms."""
+    armed, landed = [(logging.start_s, 0.0)], [(logging.start_s, 1.0)]
+    for record, offset in zip(records, offsets[:-1], strict=True):
+        setup = record.setups[0]
+        flying = record.time_s[record.channels["height"][:, 0] > 0.05]
+        armed += [(offset + setup.schedule.arm_s, 1.0), (offset + setup.schedule.disarm_s, 0.0)]
+        if flying.size:
+            landed += [(offset + float(flying[0]), 0.0), (offset + float(flying[-1]), 1.0)]
+    setup, end_s = records[0].setups[0], float(offsets[-1])
+    names = {"ardupilot": ("ARM", "EV")}.get(setup.autopilot, ("actuator_armed", "vehicle_land_detected"))
+    fields = {"ardupilot": ("ArmState", "Id")}.get(setup.autopilot, ("armed", "landed"))
+    rows = []
+    for signal, message, column, events in zip(
+        ("armed", "landed"), names, fields, (armed, landed), strict=True
+    ):
+        time, values = np.array([event for event in events if event[0] >= logging.start_s]).T
+        time = np.round(time * setup.loop_hz) / setup.loop_hz
+        rows.append(
+            _Rows(
+                stream=Stream(message=message, signals=((signal, column),)),
+                true_s=time,
+                stamp_s=_stamp(time, setup, logging, end_s),
+                values={signal: values[:, np.newaxis]},
+            )
+        )
+    return rows
+
+
+def _drop(messages: list[_Rows], setup: Setup, logging: Logging, end_s: float) -> tuple[list[_Rows], int]:
+    """Lose all rows of random short bursts, and count them; events are never lost."""
+    if logging.drop_fraction <= 0.0:
+        return messages, 0
+    rng = generator(setup, "drops")
+    bursts = rng.exponential(0.02, round(logging.drop_fraction * end_s / 0.02) + 1)
+    begins = rng.uniform(0.0, end_s, bursts.size)
+    kept, n_dropped = [], 0
+    for rows in messages:
+        lost = np.zeros(rows.true_s.size, dtype=np.bool_)
+        if len(rows.true_s) > 16:
+            for begin, length in zip(begins, bursts, strict=True):
+                lost |= (rows.true_s >= begin) & (rows.true_s < begin + length)
+        n_dropped += int(lost.sum())
+        kept.append(
+            _Rows(
+                stream=rows.stream,
+                true_s=rows.true_s[~lost],
+                stamp_s=rows.stamp_s[~lost],
+                values={name: values[~lost] for name, values in rows.values.items()},
+            )
+        )
+    return kept, n_dropped
+
+
+def _positions(times: list[FloatArray]) -> list[IntArray]:
+    """Give all rows of all messages a number in the order of true time, 1 first."""
+    message = np.concatenate([np.full(time.size, i) for i, time in enumerate(times)])
+    order = np.lexsort((message, np.concatenate(times)))
+    rank = np.empty(order.size, dtype=np.int64)
+    rank[order] = np.arange(1, order.size + 1)
+    return np.split(rank, np.cumsum([time.size for time in times])[:-1])
+
+
+def _signals(messages: list[_Rows], positions: list[IntArray], kind: Vendor) -> dict[str, tuple[Signal, ...]]:
+    """Signals by canonical name, in the order of the vendor's messages."""
+    found: dict[str, tuple[Signal, ...]] = {}
+    for rows, position in zip(messages, positions, strict=True):
+        instance = "[0]" if rows.stream.message == "IMU" else ""
+        for raw_name, fields in rows.stream.signals:
+            name = "body_rate" if raw_name == "body_rate_raw" else raw_name
+            signal = Signal(
+                name=name,
+                time_s=rows.stamp_s,
+                values=rows.values[raw_name],
+                position=position,
+                source=f"{rows.stream.message}{instance}.{fields}",
+                reason=f"as {kind.firmware} logs it",
+            )
+            found[name] = (*found.get(name, ()), signal)
+    return found
+
+
+def _modes(
+    records: tuple[Record, ...], offsets: FloatArray, logging: Logging, row_s: FloatArray
+) -> tuple[ModeChange, ...]:
+    """Flying mode from the beginning, the test mode during torque injection, then landing."""
+    setup = records[0].setups[0]
+    kind = vendor(setup.autopilot)
+    changes: list[tuple[float, str]] = []
+    for record, offset in zip(records, offsets[:-1].tolist(), strict=True):
+        flown = record.setups[0]
+        changes.append((max(offset, logging.start_s), kind.flying_mode))
+        if np.any(flown.reference.torque):
+            changes.append((offset + flown.schedule.manoeuvre_s, kind.sysid_mode))
+        changes.append((offset + flown.schedule.land_s, kind.landing_mode))
+    times = np.round(np.array([time for time, _ in changes]) * setup.loop_hz) / setup.loop_hz
+    stamps = _stamp(times, setup, logging, float(offsets[-1]))
+    positions = np.searchsorted(row_s, times) + 1
+    return tuple(
+        ModeChange(time_s=stamp, position=position, name=name)
+        for stamp, position, (_, name) in zip(stamps.tolist(), positions.tolist(), changes, strict=True)
+    )

@@ -1,0 +1,220 @@
+"""The named scenarios: one for every case that a user meets."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.simulate import manoeuvres
+from quadid_logs.simulate.airframe import Airframe, hexa_x, octa_coaxial, quad_x
+from quadid_logs.simulate.damage import Damage
+from quadid_logs.simulate.flight import Noise
+from quadid_logs.simulate.logbook import Logging
+from quadid_logs.simulate.manoeuvres import Reference
+from quadid_logs.simulate.wind import Wind
+
+_GOOD: Final = ("usable",)
+_DOUBTFUL: Final = ("usable", "caution")
+_BAD: Final = ("refused",)
+_ANY: Final = ("usable", "caution", "refused")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scenario:
+    """A flight that can be asked for by name.
+
+    Attributes
+    ----------
+    sentence : str
+        What it is for.
+    airframe : callable
+        Makes the vehicle.
+    manoeuvre : callable
+        Makes the `Reference` from the manoeuvre's times and a random generator.
+    n_flights : int
+        Take-offs in the one log; the duration is divided among them.
+    verdicts : mapping of str to tuple of str
+        Which verdicts of `analyze` the truth allows, by axis.
+    """
+
+    name: str
+    sentence: str
+    manoeuvre: Callable[[FloatArray, np.random.Generator], Reference] = manoeuvres.multisine
+    airframe: Callable[[], Airframe] = quad_x
+    duration_s: float = 60.0
+    gyro_filter_hz: float = 40.0
+    delay_steps: int = 0
+    noise: Noise = field(default_factory=Noise)
+    wind: Wind = field(default_factory=Wind)
+    logging: Logging = field(default_factory=Logging)
+    damage: tuple[Damage, ...] = ()
+    n_flights: int = 1
+    verdicts: Mapping[str, tuple[str, ...]] = field(
+        default_factory=lambda: {"roll": _GOOD, "pitch": _GOOD, "yaw": _GOOD}
+    )
+
+
+def _all(verdicts: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+    """Allow the same verdicts on every axis."""
+    return dict.fromkeys(("roll", "pitch", "yaw"), verdicts)
+
+
+def with_products() -> Airframe:
+    """Return the quadrotor with its load mounted askew: all products of inertia."""
+    inertia = np.array([[0.0150, -0.0011, 0.0017], [-0.0011, 0.0172, 0.0008], [0.0017, 0.0008, 0.0268]])
+    return dataclasses.replace(quad_x(), name="quad 450, load askew", inertia_kg_m2=inertia)
+
+
+def underpowered() -> Airframe:
+    """Return the quadrotor with weak rotors: little thrust and little yaw torque in reserve."""
+    return dataclasses.replace(
+        quad_x(), name="quad 450, underpowered", max_thrust_n=7.0, torque_to_thrust_m=0.013
+    )
+
+
+def slow_motors() -> Airframe:
+    """Return the quadrotor with large propellers: 45 ms up, 70 ms down."""
+    return dataclasses.replace(quad_x(), name="quad 450, slow motors", lag_up_s=0.045, lag_down_s=0.07)
+
+
+def paper_vehicle() -> Airframe:
+    """Return the quadrotor with the inertia of the source paper's Table I."""
+    inertia = np.diag([0.008, 0.008, 0.01])
+    return dataclasses.replace(
+        quad_x(), name="Table I", inertia_kg_m2=inertia, rate_damping_n_m_s=0.9 * np.diagonal(inertia)
+    )
+
+
+_LIST: Final = (
+    Scenario(
+        name="sysid-quad-x",
+        sentence="A good system-identification flight: multisines on all axes at once, logged at 400 Hz.",
+    ),
+    Scenario(
+        name="doublets",
+        sentence="Doublets on roll, pitch and yaw in turn, logged at 400 Hz.",
+        manoeuvre=manoeuvres.doublets,
+    ),
+    Scenario(
+        name="steps-3211",
+        sentence="3-2-1-1 steps on roll, pitch and yaw in turn, logged at 400 Hz.",
+        manoeuvre=manoeuvres.steps_3211,
+    ),
+    Scenario(
+        name="pilot-sticks",
+        sentence="A pilot moves the sticks at random, logged at 400 Hz.",
+        manoeuvre=manoeuvres.sticks,
+        verdicts=_all(_DOUBTFUL),
+    ),
+    Scenario(
+        name="hover",
+        sentence="Nothing but hovering in calm air: no axis is excited.",
+        manoeuvre=manoeuvres.hover,
+        verdicts=_all(_BAD),
+    ),
+    Scenario(
+        name="gentle-hover",
+        sentence="A careful pilot in a light breeze: hardly any excitation.",
+        manoeuvre=manoeuvres.gentle_sticks,
+        wind=Wind(speed_m_s=2.0),
+        verdicts=_all(_ANY),
+    ),
+    Scenario(
+        name="default-logging",
+        sentence="The good flight, but logged with the autopilot's default settings (10 Hz).",
+        logging=Logging(rate_hz=10.0),
+        verdicts=_all(_BAD),
+    ),
+    Scenario(
+        name="single-axis",
+        sentence="A chirp on roll only: pitch and yaw are not excited.",
+        manoeuvre=manoeuvres.chirp,
+        verdicts={"roll": _GOOD, "pitch": _BAD, "yaw": _BAD},
+    ),
+    Scenario(
+        name="saturation",
+        sentence="Too much excitation for weak motors: the mixer is at its limits for much of the flight.",
+        manoeuvre=partial(manoeuvres.multisine, rms_rad_s=(1.5, 1.5, 0.6)),
+        airframe=underpowered,
+        verdicts=_all(_DOUBTFUL),
+    ),
+    Scenario(
+        name="wind",
+        sentence="The good flight in 8 m/s of wind with turbulence.",
+        wind=Wind(speed_m_s=8.0),
+        verdicts=_all(_DOUBTFUL),
+    ),
+    Scenario(
+        name="products-of-inertia",
+        sentence="A load mounted askew: the inertia tensor has all its products.",
+        airframe=with_products,
+    ),
+    Scenario(
+        name="slow-motors",
+        sentence="Large propellers that speed up in 45 ms and slow down in 70 ms.",
+        airframe=slow_motors,
+    ),
+    Scenario(
+        name="noisy-gyro",
+        sentence="A badly damped flight controller: ten times the gyro noise.",
+        noise=Noise(gyro_rad_s_per_rthz=1.0e-3),
+        gyro_filter_hz=20.0,
+        verdicts=_all(_DOUBTFUL),
+    ),
+    Scenario(
+        name="hexa-x",
+        sentence="A hexarotor with multisines on all axes.",
+        airframe=hexa_x,
+    ),
+    Scenario(
+        name="octa-coax",
+        sentence="A coaxial octorotor (X8) with multisines on all axes.",
+        airframe=octa_coaxial,
+    ),
+    Scenario(
+        name="damaged",
+        sentence="The good flight on a bad card: noise, zeros and a lost stretch in the file, no end.",
+        damage=(
+            Damage(kind="noise", at=0.3, n_bytes=3000),
+            Damage(kind="zeros", at=0.5, n_bytes=4096),
+            Damage(kind="missing", at=0.7, n_bytes=1777),
+            Damage(kind="cut", at=0.97),
+        ),
+        verdicts=_all(_DOUBTFUL),
+    ),
+    Scenario(
+        name="dropouts",
+        sentence="A slow card: 5 % of the rows missing in short bursts, late start, stamps that jitter.",
+        logging=Logging(drop_fraction=0.05, start_s=4.0, jitter_s=150e-6),
+        verdicts=_all(_DOUBTFUL),
+    ),
+    Scenario(
+        name="two-flights",
+        sentence="Two flights in one file, disarmed on the ground between them.",
+        n_flights=2,
+        duration_s=80.0,
+    ),
+    Scenario(
+        name="clock-jump",
+        sentence="The autopilot's clock is set back by 20 s in the middle of the flight.",
+        logging=Logging(clock_jump_s=-20.0),
+        verdicts=_all(_DOUBTFUL),
+    ),
+    Scenario(
+        name="paper",
+        sentence="The paper's input on a flying vehicle: 1 rad/s on roll alone, logged every 200 ms.",
+        manoeuvre=manoeuvres.sinusoid,
+        airframe=paper_vehicle,
+        logging=Logging(rate_hz=5.0),
+        verdicts=_all(_BAD),
+    ),
+)
+
+SCENARIOS: Final[Mapping[str, Scenario]] = MappingProxyType({one.name: one for one in _LIST})

@@ -1,0 +1,262 @@
+"""What the two autopilots call things: parameters, messages, modes and texts of their logs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from quadid_logs.errors import SimulationError
+from quadid_logs.maths.frames import FRAME_CLASSES, FRAME_TYPES
+from quadid_logs.simulate.control import Gains
+from quadid_logs.simulate.flight import SPIN_MAX, SPIN_MIN, Setup, controller_gains
+
+_PWM_MIN: Final = 1000.0
+_PWM_MAX: Final = 2000.0
+_SPIN_ARM: Final = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stream:
+    """One message of the log: the signals it holds with their field names, and its rate [Hz].
+
+    ``rate_hz`` 0 means the log's main rate.
+    """
+
+    message: str
+    signals: tuple[tuple[str, str], ...]
+    rate_hz: float = 0.0
+    latency_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Vendor:
+    """How an autopilot logs. ``default_rate_hz`` is the main rate without changed log settings."""
+
+    name: str
+    log_format: str
+    firmware: str
+    default_rate_hz: float
+    streams: tuple[Stream, ...]
+    flying_mode: str
+    sysid_mode: str
+    landing_mode: str
+
+
+ARDUPILOT: Final = Vendor(
+    name="ardupilot",
+    log_format="dataflash",
+    firmware="ArduCopter V4.5.7 (quadid-logs simulator)",
+    default_rate_hz=10.0,
+    streams=(
+        Stream(
+            message="RATE",
+            signals=(
+                ("body_rate", "R,P,Y"),
+                ("body_rate_setpoint", "RDes,PDes,YDes"),
+                ("torque_command", "ROut,POut,YOut"),
+                ("throttle", "AOut"),
+            ),
+        ),
+        Stream(message="ANG", signals=(("attitude", "Roll,Pitch,Yaw"),)),
+        Stream(
+            message="IMU",
+            signals=(("body_rate_raw", "GyrX,GyrY,GyrZ"), ("specific_force", "AccX,AccY,AccZ")),
+        ),
+        Stream(message="RCOU", signals=(("output_pwm", "C1.."),), rate_hz=10.0),
+        Stream(message="MOTB", signals=(("battery_ratio", "BatVolt"), ("lift_max", "LiftMax")), rate_hz=10.0),
+        Stream(message="BAT", signals=(("battery_voltage", "Volt"),), rate_hz=10.0),
+        Stream(message="ESC", signals=(("rotor_speed", "RPM"),), rate_hz=20.0, latency_s=0.01),
+    ),
+    flying_mode="ALT_HOLD",
+    sysid_mode="SYSTEMID",
+    landing_mode="LAND",
+)
+
+#: Logged in the System ID mode only.
+SYSID_STREAM: Final = Stream(message="SIDD", signals=(("sysid_chirp", "Targ"),))
+
+PX4: Final = Vendor(
+    name="px4",
+    log_format="ulog",
+    firmware="PX4 v1.15.4 (quadid-logs simulator)",
+    default_rate_hz=50.0,
+    streams=(
+        Stream(message="vehicle_angular_velocity", signals=(("body_rate", "xyz[0..2]"),)),
+        Stream(message="vehicle_rates_setpoint", signals=(("body_rate_setpoint", "roll,pitch,yaw"),)),
+        Stream(message="vehicle_torque_setpoint", signals=(("torque_command", "xyz[0..2]"),)),
+        Stream(message="vehicle_thrust_setpoint", signals=(("throttle", "xyz[2]"),)),
+        Stream(message="vehicle_attitude", signals=(("attitude", "q[0..3]"),)),
+        Stream(
+            message="sensor_combined",
+            signals=(
+                ("body_rate_raw", "gyro_rad[0..2]"),
+                ("specific_force", "accelerometer_m_s2[0..2]"),
+            ),
+        ),
+        Stream(message="actuator_motors", signals=(("motor_thrust", "control[0..]"),)),
+        Stream(message="actuator_outputs", signals=(("output_pwm", "output[0..]"),), rate_hz=10.0),
+        Stream(
+            message="control_allocator_status",
+            signals=(("unallocated_torque", "unallocated_torque[0..2]"),),
+            rate_hz=5.0,
+        ),
+        Stream(message="battery_status", signals=(("battery_voltage", "voltage_v"),), rate_hz=10.0),
+        Stream(
+            message="esc_status", signals=(("rotor_speed", "esc[].esc_rpm"),), rate_hz=10.0, latency_s=0.01
+        ),
+    ),
+    flying_mode="ALTCTL",
+    sysid_mode="ALTCTL",
+    landing_mode="AUTO_LAND",
+)
+
+
+def vendor(autopilot: str) -> Vendor:
+    """Return the autopilot's way of logging.
+
+    Raises
+    ------
+    SimulationError
+        If it is neither "ardupilot" nor "px4".
+    """
+    for known in (ARDUPILOT, PX4):
+        if known.name == autopilot:
+            return known
+    raise SimulationError(f"There is no simulated autopilot {autopilot!r}.", hint="Choose ardupilot or px4.")
+
+
+def frame_name(setup: Setup) -> str:
+    """Return the frame as ArduPilot's start-up message names it, for example QUAD/X."""
+    airframe = setup.airframe
+    return f"{FRAME_CLASSES[airframe.frame_class]}/{FRAME_TYPES[airframe.frame_type]}".upper()
+
+
+def start_texts(setup: Setup) -> tuple[str, ...]:
+    """Return the messages of the log's first second."""
+    if setup.autopilot == "px4":
+        return ("[logger] logging started",)
+    return (ARDUPILOT.firmware, f"Frame: {frame_name(setup)}")
+
+
+def pulse_widths(setup: Setup) -> tuple[float, float, float]:
+    """Return the pulse width [us] of actuator 0, of actuator 1, and of an armed motor that idles."""
+    if setup.autopilot == "px4":
+        return _PWM_MIN, _PWM_MAX, _PWM_MIN
+    span = _PWM_MAX - _PWM_MIN
+    return _PWM_MIN + span * SPIN_MIN, _PWM_MIN + span * SPIN_MAX, _PWM_MIN + span * _SPIN_ARM
+
+
+def parameters(setup: Setup, *, rate_hz: float) -> dict[str, float]:
+    """Return the parameters that the autopilot would log, the interesting ones of many."""
+    listed = _px4(setup, rate_hz) if setup.autopilot == "px4" else _ardupilot(setup, rate_hz)
+    # Parameters are stored in single precision, and single precision is what a log returns.
+    return {name: float(np.float32(value)) for name, value in sorted(listed.items())}
+
+
+def _ardupilot(setup: Setup, rate_hz: float) -> dict[str, float]:
+    """ArduCopter: frame, motors, rate loops, filters, logging."""
+    airframe = setup.airframe
+    default, fast_attitude, fast_imu = 176126, 1, 1 << 18
+    values = {
+        "FRAME_CLASS": airframe.frame_class,
+        "FRAME_TYPE": airframe.frame_type,
+        "MOT_THST_EXPO": airframe.thrust_expo,
+        "MOT_SPIN_MIN": SPIN_MIN,
+        "MOT_SPIN_MAX": SPIN_MAX,
+        "MOT_SPIN_ARM": _SPIN_ARM,
+        "MOT_PWM_MIN": _PWM_MIN,
+        "MOT_PWM_MAX": _PWM_MAX,
+        "MOT_PWM_TYPE": 0,
+        "MOT_BAT_VOLT_MAX": airframe.battery.full_v,
+        "MOT_BAT_VOLT_MIN": 0.5 * airframe.battery.full_v,
+        "MOT_THST_HOVER": airframe.hover_throttle,
+        "MOT_YAW_HEADROOM": 200,
+        "MOT_OPTIONS": 0,
+        "ATC_THR_MIX_MAN": 0.5,
+        "ATC_THR_MIX_MAX": 0.5,
+        "INS_GYRO_FILTER": setup.gyro_filter_hz,
+        "INS_ACCEL_FILTER": 20,
+        "INS_HNTCH_ENABLE": 0,
+        "SCHED_LOOP_RATE": setup.loop_hz,
+        "LOG_BITMASK": default
+        if rate_hz <= ARDUPILOT.default_rate_hz
+        else default | fast_attitude | fast_imu,
+        "LOG_DISARMED": 0,
+        "LOG_FILE_DSRMROT": 0,
+        "SYSID_THISMAV": 1,
+    }
+    for motor in range(airframe.n_rotors):
+        values[f"SERVO{motor + 1}_FUNCTION"] = 33 + motor if motor < 8 else 82 + motor - 8
+    return values | _ardupilot_gains(controller_gains(setup))
+
+
+def _ardupilot_gains(gains: Gains) -> dict[str, float]:
+    """ATC_*: the loops that flew."""
+    values: dict[str, float] = {}
+    for axis, name in enumerate(("RLL", "PIT", "YAW")):
+        values |= {
+            f"ATC_ANG_{name}_P": gains.attitude[axis],
+            f"ATC_RAT_{name}_P": gains.proportional[axis],
+            f"ATC_RAT_{name}_I": gains.integral[axis],
+            f"ATC_RAT_{name}_D": gains.derivative[axis],
+            f"ATC_RAT_{name}_FF": 0.0,
+            f"ATC_RAT_{name}_IMAX": gains.integral_limit,
+            f"ATC_RAT_{name}_FLTD": 25.0,
+            f"ATC_RAT_{name}_FLTE": 0.0,
+            f"ATC_RAT_{name}_FLTT": 0.0,
+        }
+    return values
+
+
+def _px4(setup: Setup, rate_hz: float) -> dict[str, float]:
+    """PX4: geometry, outputs, rate loops, filters, logging; CT and KM as a careful owner sets them."""
+    airframe = setup.airframe
+    default, sysid_and_high_rate = 1, 8 + 16
+    values: dict[str, float] = {
+        "MAV_TYPE": {4: 2, 6: 13}.get(airframe.n_rotors, 14),
+        "MAV_SYS_ID": 1,
+        "CA_AIRFRAME": 0,
+        "CA_METHOD": 2,
+        "CA_R_REV": 0,
+        "CA_ROTOR_COUNT": airframe.n_rotors,
+        "THR_MDL_FAC": airframe.thrust_expo,
+        "MC_BAT_SCALE_EN": 0,
+        "MPC_THR_HOVER": airframe.hover_throttle,
+        "IMU_GYRO_CUTOFF": setup.gyro_filter_hz,
+        "IMU_DGYRO_CUTOFF": 25.0,
+        "IMU_GYRO_RATEMAX": setup.loop_hz,
+        "SDLOG_PROFILE": default if rate_hz <= PX4.default_rate_hz else default | sysid_and_high_rate,
+        "SDLOG_MODE": 0,
+        "SYS_AUTOSTART": 4001,
+    }
+    for i, ((x, y, z), spin) in enumerate(zip(airframe.position_m.tolist(), airframe.spin, strict=True)):
+        values |= {
+            f"CA_ROTOR{i}_PX": x,
+            f"CA_ROTOR{i}_PY": y,
+            f"CA_ROTOR{i}_PZ": z,
+            f"CA_ROTOR{i}_AX": 0.0,
+            f"CA_ROTOR{i}_AY": 0.0,
+            f"CA_ROTOR{i}_AZ": -1.0,
+            f"CA_ROTOR{i}_CT": airframe.max_thrust_n,
+            f"CA_ROTOR{i}_KM": float(spin) * airframe.torque_to_thrust_m,
+            f"PWM_MAIN_FUNC{i + 1}": 101 + i,
+            f"PWM_MAIN_MIN{i + 1}": _PWM_MIN,
+            f"PWM_MAIN_MAX{i + 1}": _PWM_MAX,
+        }
+    return values | _px4_gains(controller_gains(setup))
+
+
+def _px4_gains(gains: Gains) -> dict[str, float]:
+    """MC_*: the loops that flew."""
+    values: dict[str, float] = {}
+    for axis, name in enumerate(("ROLL", "PITCH", "YAW")):
+        values |= {
+            f"MC_{name}_P": gains.attitude[axis],
+            f"MC_{name}RATE_P": gains.proportional[axis],
+            f"MC_{name}RATE_I": gains.integral[axis],
+            f"MC_{name}RATE_D": gains.derivative[axis],
+            f"MC_{name}RATE_K": 1.0,
+        }
+    return values
