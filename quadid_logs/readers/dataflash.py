@@ -14,7 +14,7 @@ import numpy as np
 
 from quadid_logs.arrays import AnyArray, IntArray
 from quadid_logs.data.log import FlightLog, LostStretch
-from quadid_logs.errors import EmptyLogError, LogNotFoundError
+from quadid_logs.errors import EmptyLogError, LogNotFoundError, UnknownFormatError
 from quadid_logs.readers.dataflash_index import (
     FMT_ID,
     ByteArray,
@@ -112,6 +112,16 @@ class DataFlashFile:
     def definitions(self) -> tuple[MessageDefinition, ...]:
         """Every definition in the file."""
         return tuple(version for versions in self._index.definitions.values() for version in versions)
+
+    @property
+    def n_motors(self) -> int:
+        """Fields of the message MOT of old firmware, 0 where it is not defined."""
+        return next((len(each.columns) for each in self.definitions if each.name == "MOT"), 0)
+
+    @property
+    def has_headers(self) -> bool:
+        """Say whether message headers are far denser than chance, one in 64 kB, makes them."""
+        return self._index.n_headers >= max(16, self.n_bytes // 512)
 
     def read_messages(self, types: Collection[str] | None = None) -> dict[str, MessageTable]:
         """Decode the rows of some message types, of all where None.
@@ -219,6 +229,8 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:  # noqa: ARG001 (on
         If there is no readable regular file.
     EmptyLogError
         If the file holds definitions but no data, or rows without their definitions.
+    UnknownFormatError
+        If the file holds neither.
     """
     from quadid_logs.readers.ardupilot import flight_log
 
@@ -228,7 +240,20 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:  # noqa: ARG001 (on
 
 
 def check_not_empty(file: DataFlashFile) -> None:
-    """Raise `EmptyLogError` where a file has no definitions or no rows besides them."""
+    """Refuse a file without definitions or without rows besides them.
+
+    Raises
+    ------
+    EmptyLogError
+        If rows or definitions are missing.
+    UnknownFormatError
+        If both are.
+    """
+    if not file.definitions and not file.has_headers:
+        raise UnknownFormatError(
+            f"{file.path} is no DataFlash log: it holds no message definition (FMT).",
+            hint="Give a .bin log as the autopilot wrote it.",
+        )
     if not file.definitions:
         raise EmptyLogError(
             f"{file.path} holds no message definition (FMT): its beginning is missing.",

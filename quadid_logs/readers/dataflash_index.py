@@ -116,12 +116,16 @@ class Headers(NamedTuple):
 
 
 class MessageIndex(NamedTuple):
-    """The messages of a file: where each starts, its id, and what lies between them."""
+    """The messages of a file: where each starts, its id, and what lies between them.
+
+    `n_headers` counts every ``A3 95``, real or not.
+    """
 
     position: AnyArray
     type_id: ByteArray
     definitions: Definitions
     lost: tuple[LostStretch, ...]
+    n_headers: int
 
 
 def index_messages(data: ByteArray, pages: mmap.mmap | None = None) -> MessageIndex:
@@ -143,7 +147,9 @@ def index_messages(data: ByteArray, pages: mmap.mmap | None = None) -> MessageIn
     headers = find_headers(data, pages)
     definitions = read_definitions(data, headers)
     keep, lost = _follow_chain(data, headers, definitions)
-    return MessageIndex(headers.position[keep], headers.type_id[keep], definitions, lost)
+    return MessageIndex(
+        headers.position[keep], headers.type_id[keep], definitions, lost, len(headers.position)
+    )
 
 
 def find_headers(data: ByteArray, pages: mmap.mmap | None = None) -> Headers:

@@ -10,7 +10,7 @@ import numpy as np
 
 from quadid_logs.arrays import AnyArray, IntArray
 from quadid_logs.data.log import FlightLog, LostStretch
-from quadid_logs.errors import EmptyLogError, LogNotFoundError
+from quadid_logs.errors import EmptyLogError, LogNotFoundError, UnknownFormatError
 from quadid_logs.readers.content import merge_stretches
 from quadid_logs.readers.dataflash_index import FORMAT_CHARACTERS, MessageDefinition, definition_at
 from quadid_logs.readers.message_table import MessageTable, join_tables
@@ -18,6 +18,9 @@ from quadid_logs.readers.message_table import MessageTable, join_tables
 #: Printed as they are; all other numbers are printed with a decimal point, already scaled.
 _INTEGERS: Final = frozenset("bBhHiIqQM")
 _TEXTS: Final = frozenset("nNZa")
+#: Old firmware prints a handful of short lines (log number, version, memory, board) before the first FMT.
+_PREAMBLE_LINES: Final = 20
+_LONGEST_LINE: Final = 200
 
 
 class TextLog:
@@ -38,7 +41,11 @@ class TextLog:
         self._by_name = self._sort_lines()
         self._definitions = self._read_definitions()
         first = self._by_name["FMT"][0] if self._definitions else len(self._lines)
-        self.preamble = tuple(filter(None, (_decode(line) for line in self._lines[:first])))
+        self.preamble = tuple(
+            filter(
+                None, (_decode(line[:_LONGEST_LINE]) for line in self._lines[: min(first, _PREAMBLE_LINES)])
+            )
+        )
         self._bad = self._unreadable_lines(first)
 
     @classmethod
@@ -63,6 +70,16 @@ class TextLog:
             for name in self._definitions
             if (readable := sum(line not in self._bad for line in self._by_name.get(name, ())))
         }
+
+    @property
+    def definitions(self) -> tuple[MessageDefinition, ...]:
+        """Every definition in the file."""
+        return tuple(version for versions in self._definitions.values() for version in versions)
+
+    @property
+    def n_motors(self) -> int:
+        """Fields of the message MOT of old firmware, 0 where it is not defined."""
+        return len(self._definitions["MOT"][0].columns) if "MOT" in self._definitions else 0
 
     @property
     def lost(self) -> tuple[LostStretch, ...]:
@@ -220,10 +237,17 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:  # noqa: ARG001 (on
         If there is no readable regular file.
     EmptyLogError
         If there is no line of data.
+    UnknownFormatError
+        If there is not even a definition.
     """
     from quadid_logs.readers.ardupilot import flight_log
 
     log = TextLog.open(path)
+    if not log.definitions:
+        raise UnknownFormatError(
+            f"{path} is no DataFlash text log: it holds no message definition (FMT).",
+            hint="Give a .log or .bin file as the autopilot wrote it.",
+        )
     if not set(log.counts) - {"FMT", "FMTU", "UNIT", "MULT"}:
         raise EmptyLogError(
             f"{path} holds message definitions (FMT), but not one line of data.",
@@ -261,7 +285,7 @@ def _parse_columns(rows: list[list[bytes]], parsers: list[Callable[[bytes], Any]
     """Parse rows of fields into one array per column."""
     if any(len(row) < len(parsers) for row in rows):
         raise ValueError("too few fields")
-    columns = []
+    columns: list[AnyArray] = []
     for number, parse in enumerate(parsers):
         values = [parse(row[number]) for row in rows]
         dtype = np.float64 if parse is float else np.str_ if parse is _decode else _integer_type(values)

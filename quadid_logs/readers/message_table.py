@@ -83,6 +83,10 @@ class MessageSource(Protocol):
         """Rows per message type."""
 
     @property
+    def n_motors(self) -> int:
+        """Fields of the message MOT of old firmware, 0 where it is not defined."""
+
+    @property
     def lost(self) -> tuple[LostStretch, ...]:
         """What could not be read."""
 
