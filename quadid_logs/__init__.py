@@ -1,3 +1,59 @@
-"""quadid-logs: a multirotor's flight log in, a rotational model with its doubts out."""
+"""quadid-logs: a multirotor's flight log in, a rotational model with its doubts out.
+
+>>> from quadid_logs import analyze
+>>> result = analyze("flight.bin")  # doctest: +SKIP
+>>> result.identification.recommended.B  # doctest: +SKIP
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from quadid_logs.data.result import Result
+    from quadid_logs.data.settings import Settings
+    from quadid_logs.data.vehicle import Vehicle
+    from quadid_logs.errors import QuadidError
+    from quadid_logs.pipeline import analyze
+    from quadid_logs.readers import read_log
+    from quadid_logs.report import result_dict, write_report
+    from quadid_logs.vehicle.file import read_vehicle
 
 __version__ = "0.1.0"
+
+__all__ = [
+    "QuadidError",
+    "Result",
+    "Settings",
+    "Vehicle",
+    "__version__",
+    "analyze",
+    "read_log",
+    "read_vehicle",
+    "result_dict",
+    "write_report",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first used (PEP 562): importing the package stays quick."""
+    homes = {
+        "analyze": "quadid_logs.pipeline",
+        "read_log": "quadid_logs.readers",
+        "read_vehicle": "quadid_logs.vehicle.file",
+        "result_dict": "quadid_logs.report",
+        "write_report": "quadid_logs.report",
+        "QuadidError": "quadid_logs.errors",
+        "Result": "quadid_logs.data.result",
+        "Settings": "quadid_logs.data.settings",
+        "Vehicle": "quadid_logs.data.vehicle",
+    }
+    if name not in homes:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(homes[name]), name)
+
+
+def __dir__() -> list[str]:
+    """List the public names."""
+    return sorted(__all__)

@@ -1,1 +1,56 @@
-"""The command line: one module per verb."""
+"""The command line: one module per verb; `main` is the only place that catches.
+
+Exit codes: 0 usable, 1 at least one axis must not be trusted, 2 unreadable
+input or wrong usage, 130 interrupted, 141 the reader of the output went away.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+
+from quadid_logs.cli.failure import ReaderGoneError, exit_code_of, report_problem
+
+__all__ = ["main", "run"]
+
+
+def run() -> None:
+    """Run the command line and leave with its exit code: the console entry."""
+    sys.exit(main())
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run one command.
+
+    Parameters
+    ----------
+    argv : list of str, optional
+        Arguments without the program's name; `sys.argv` by default.
+
+    Returns
+    -------
+    int
+        The exit code.
+    """
+    arguments = sys.argv[1:] if argv is None else list(argv)
+    try:
+        code = exit_code_of(lambda: _dispatch(arguments))
+        sys.stdout.flush()
+    except KeyboardInterrupt:
+        report_problem("interrupted; nothing was left half-written.")
+        return 130
+    except (ReaderGoneError, BrokenPipeError):
+        # What is still buffered would raise again when Python closes stdout.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        return 141
+    return code
+
+
+def _dispatch(arguments: list[str]) -> int:
+    """Parse the arguments and run their verb."""
+    from quadid_logs.cli.app import make_app
+
+    command = shlex.join(["quadid-log", *arguments])
+    code = make_app()(args=arguments, prog_name="quadid-log", standalone_mode=False, obj=command)
+    return int(code or 0)

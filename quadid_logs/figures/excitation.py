@@ -18,7 +18,7 @@ _HALF = 0.5
 
 def excitation_spectra(result: Result) -> Figure | LeftOut:
     """Show spectra of rate and torque and their coherence, one line per axis."""
-    title = "Excitation"
+    title = "Spectra and coherence"
     shown = [item for item in result.identification.excitation if item.frequency_hz.size > 1]
     if not shown:
         return LeftOut(key="excitation", title=title, reason="No stretch was long enough for a spectrum.")

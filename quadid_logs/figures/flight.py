@@ -8,7 +8,7 @@ from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.flight import FlightData, InputDescription, Overview
 from quadid_logs.data.result import Result
 from quadid_logs.figures.spec import Axis, Band, Curve, Figure, LeftOut, Panel
-from quadid_logs.figures.thinning import break_at_gaps, thin_line
+from quadid_logs.figures.thinning import break_at_gaps, thin_line, thin_points
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES, RATE_SYMBOLS, TORQUE_SYMBOLS
 
@@ -25,7 +25,7 @@ def torque_axis(description: InputDescription | None, kind: str = "") -> Axis:
     """Return the axis of the torque, which says whether it is N m or a normalised command."""
     if (description.kind if description else kind) == "torque_n_m":
         return Axis(label="torque", unit="N m")
-    return Axis(label="torque command", unit="normalised")
+    return Axis(label="torque", unit="normalised")
 
 
 def flight_overview(result: Result) -> Figure | LeftOut:
@@ -153,40 +153,36 @@ def aligned_series(result: Result) -> Figure | LeftOut:
         panels.append(Panel(title=f"{axis.capitalize()} rate", x=TIME, y=RATE_AXIS, curves=(line,)))
         x, y = thin_line(time_s, torque[:, column])
         line = Curve(label=TORQUE_SYMBOLS[column], x=x, y=y, role=axis)
-        bands = tuple(
-            Band(start=start, end=end, role="interval", label="saturated") for start, end in saturated
-        )
-        panels.append(
-            Panel(title=f"{axis.capitalize()} torque", x=TIME, y=y_torque, curves=(line,), bands=bands)
-        )
+        x, y = thin_points(time_s[saturated], torque[saturated, column], (400, 60))
+        marks = Curve(label="saturated", x=x, y=y, role="interval", mark="points")
+        curves = (line, marks) if x.size else (line,)
+        panels.append(Panel(title=f"{axis.capitalize()} torque", x=TIME, y=y_torque, curves=curves))
     caption = (
         f"What the model was fitted to: both series on one clock, {1.0 / data.sample_period_s:.0f} samples "
         "a second. A rate should answer every move of its torque; a flat torque teaches nothing."
     )
-    if saturated:
-        caption += " Shaded: the torque could not be realised or was clipped."
+    if saturated.any():
+        caption += " Orange points: the torque could not be realised or was clipped."
     return Figure(
         key="aligned", title=title, caption=caption, panels=tuple(panels), columns=2, over_time=True
     )
 
 
-def _joined(
-    data: FlightData,
-) -> tuple[FloatArray, FloatArray, FloatArray, tuple[tuple[float, float], ...]]:
-    """Return time, rates and torques of all segments, a NaN row between them, and saturated spans."""
+def _joined(data: FlightData) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
+    """Return time, rates, torques and saturation of all segments, a NaN row between them."""
     gap = np.full((1, 3), np.nan)
     times: list[FloatArray] = []
     rates: list[FloatArray] = []
     torques: list[FloatArray] = []
-    saturated: list[tuple[float, float]] = []
+    saturated: list[BoolArray] = []
     for segment in data.segments:
         times += [segment.time_s, np.array([segment.end_s + data.sample_period_s])]
         rates += [segment.body_rate_rad_s, gap]
         torques += [segment.torque, gap]
-        saturated += spans(segment.time_s, segment.saturated)
+        saturated += [segment.saturated, np.array([False])]
     return (
         np.concatenate(times),
         np.concatenate(rates),
         np.concatenate(torques),
-        tuple(saturated[:MOST_BANDS]),
+        np.concatenate(saturated),
     )

@@ -18,7 +18,8 @@ from quadid_logs.figures.spec import Axis, Curve, Figure, Panel
 
 _ROW_PX = {1: 190.0, 2: 180.0, 3: 300.0}
 _NARROW_ROW_PX = 200.0
-_TOP_PX, _BOTTOM_PX = 64.0, 54.0
+_TOP_PX, _BOTTOM_PX = 56.0, 54.0
+_LEGEND_ROW_PX, _LEGEND_WIDE_PX, _LEGEND_NARROW_PX = 20.0, 900.0, 290.0
 _GAP_PX, _GAP_WITH_LABEL_PX = 34.0, 74.0
 _COLUMN_GAP = 0.09
 _MOST_LEGEND_BANDS = 12
@@ -48,7 +49,7 @@ def interactive(figure: Figure) -> dict[str, Any]:
         "key": figure.key,
         "over_time": figure.over_time,
         "data": traces + _band_legend(figure),
-        "layouts": {"wide": _layout(figure, figure.columns), "narrow": _layout(figure, 1)},
+        "layouts": {"wide": _layout(figure, figure.columns), "narrow": _layout(figure, 1, narrow=True)},
     }
 
 
@@ -125,7 +126,7 @@ def _band_legend(figure: Figure) -> list[dict[str, Any]]:
     ]
 
 
-def _layout(figure: Figure, columns: int) -> dict[str, Any]:
+def _layout(figure: Figure, columns: int, *, narrow: bool = False) -> dict[str, Any]:
     """Return axes, shading and notes for a given number of columns."""
     rows = [figure.panels[first : first + columns] for first in range(0, len(figure.panels), columns)]
     base_px = _ROW_PX[columns] if columns == figure.columns else _NARROW_ROW_PX
@@ -134,9 +135,11 @@ def _layout(figure: Figure, columns: int) -> dict[str, Any]:
     heights = [base_px * max(panel.height for panel in row) for row in rows]
     gap_px = _GAP_PX if figure.over_time else _GAP_WITH_LABEL_PX
     inside_px = sum(heights) + gap_px * (len(rows) - 1)
+    legend_px = _LEGEND_NARROW_PX if narrow else _LEGEND_WIDE_PX
+    top_px = _TOP_PX + _LEGEND_ROW_PX * _legend_rows(figure, legend_px)
     layout: dict[str, Any] = {
-        "height": round(inside_px + _TOP_PX + _BOTTOM_PX),
-        "margin": {"l": 66, "r": 14, "t": _TOP_PX, "b": _BOTTOM_PX},
+        "height": round(inside_px + top_px + _BOTTOM_PX),
+        "margin": {"l": 56 if narrow else 66, "r": 14, "t": top_px, "b": _BOTTOM_PX},
         "paper_bgcolor": "@paper",
         "plot_bgcolor": "@paper",
         "font": {"color": "@ink", "size": 12, "family": "system-ui, sans-serif"},
@@ -163,6 +166,14 @@ def _layout(figure: Figure, columns: int) -> dict[str, Any]:
             _add_axes(layout, figure, panel, number, (x_domain, (bottom, top)), labelled=labelled)
         top = bottom - gap_px / inside_px
     return layout
+
+
+def _legend_rows(figure: Figure, width_px: float) -> int:
+    """Return how many rows the legend needs: Plotly gives every entry the width of the longest."""
+    labels = {curve.label for panel in figure.panels for curve in panel.curves if curve.mark != "thick"}
+    labels |= {band.label for panel in figure.panels for band in panel.bands if band.label}
+    longest_px = 7.0 * max(map(len, labels), default=0) + 48.0
+    return -(-len(labels) // max(1, int(width_px / longest_px)))
 
 
 def _column_domain(column: int, columns: int) -> tuple[float, float]:

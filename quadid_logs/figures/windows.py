@@ -16,7 +16,7 @@ from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, TORQUE_SYMBOLS
 
 #: Share of the windows that a panel must show; the wildest rest would flatten the picture.
 _SHOWN_SHARE = 0.85
-_CONDITION = Axis(label="condition number of H_k (columns scaled)", log=True)
+_CONDITION = Axis(label="condition number of H_k", log=True)
 
 
 class _Effect(NamedTuple):
@@ -71,9 +71,9 @@ def _against_condition(model: Model, windows: Windows) -> Figure:
     """Plot each window's estimate over how well its equations could be solved."""
     panels = tuple(_condition_panel(effect, windows) for effect in _effects(model, windows))
     caption = (
-        f"Each point is one window of {windows.width} samples ({windows.period_s * 1e3:.3g} ms apart). "
-        "To the right, small errors in the log are blown up by the condition number: the points scatter. "
-        "The line with its band is the pooled estimate with its 95 % interval. If the "
+        f"Each point is one window of {windows.width} samples ({windows.period_s * 1e3:.3g} ms apart), its "
+        "columns scaled. To the right, the condition number blows up small errors of the log: the points "
+        "scatter. The line with its band is the pooled estimate with its 95 % interval. If the "
         "median of the windows stays on the line, windows and pooled estimate agree."
     )
     return Figure(

@@ -120,9 +120,10 @@ def write_report(
     return timed
 
 
-def json_text(result: Result, provenance: Provenance | None = None) -> str:
-    """Return result.json's text: strict JSON in ASCII."""
-    return json.dumps(result_dict(result, provenance), indent=1, allow_nan=False) + "\n"
+def json_text(result: Result, provenance: Provenance | None = None, *, compact: bool = False) -> str:
+    """Return result.json's text: strict JSON in ASCII, in one line if `compact`."""
+    indent = None if compact else 1
+    return json.dumps(result_dict(result, provenance), indent=indent, allow_nan=False) + "\n"
 
 
 def write_drawings(result: Result, provenance: Provenance, folder: Path) -> None:

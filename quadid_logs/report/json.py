@@ -41,8 +41,8 @@ def result_dict(result: Result, provenance: Provenance | None = None) -> dict[st
     """
     content: dict[str, Any] = {
         "schema_version": SCHEMA_VERSION,
-        "log": _log(result.log, result.data),
-        "data": _data(result.data),
+        "log": log_dict(result.log, result.data),
+        "data": data_dict(result.data),
         "models": [_model(model) for model in result.identification.models],
         "axes": {name: _verdict(result.diagnosis, name) for name in result.diagnosis.axes},
         "findings": [
@@ -63,22 +63,22 @@ def result_dict(result: Result, provenance: Provenance | None = None) -> dict[st
     }
     if provenance is not None:
         content["tool"] = {"name": "quadid-logs", **_fields(provenance)}
-    plain: dict[str, Any] = _plain(content)
-    return plain
+    values: dict[str, Any] = plain(content)
+    return values
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Return a value as JSON knows it."""
     if value is None or isinstance(value, bool | int | str):
         return value
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, Iterable):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     return str(value)
 
 
@@ -87,7 +87,7 @@ def _fields(value: DataclassInstance) -> dict[str, Any]:
     return {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
 
 
-def _log(log: FlightLog, data: FlightData) -> dict[str, Any]:
+def log_dict(log: FlightLog, data: FlightData) -> dict[str, Any]:
     """Return ``log``."""
     return {
         "path": log.path,
@@ -109,7 +109,7 @@ def _log(log: FlightLog, data: FlightData) -> dict[str, Any]:
     }
 
 
-def _data(data: FlightData) -> dict[str, Any]:
+def data_dict(data: FlightData) -> dict[str, Any]:
     """Return ``data``."""
     described = data.input
     return {

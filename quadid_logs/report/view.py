@@ -192,8 +192,19 @@ def effect_sentence(result: Result, axis: str) -> str:
     for parameter in found:
         if parameter.target == target and parameter.regressor == torque and math.isfinite(parameter.value):
             bounds = interval(*parameter.ci95)
-            return f"{parameter.name} = {number(parameter.value)} ({bounds}) {printable(parameter.unit, 60)}"
+            return f"{parameter.name} = {number(parameter.value)} ({bounds}) {pretty_unit(parameter.unit)}"
     return ""
+
+
+def pretty_unit(unit: str) -> str:
+    """Return a unit with raised exponents.
+
+    Examples
+    --------
+    >>> pretty_unit("rad/s^2")
+    'rad/s²'
+    """
+    return printable(unit, 60).replace("^2", "²").replace("^-1", "⁻¹")
 
 
 def _model_sentence(result: Result, model: Model | None) -> str:
@@ -255,9 +266,9 @@ def _matrix(
         )
         for row, target in enumerate(model.targets)
     )
-    weak = any(cell.weak for row in rows for cell in row)
-    note = "Grey: this flight cannot tell the value; do not read it as a property of the vehicle."
-    return Table(caption=caption, head=("", *columns), rows=rows, note=note if weak else "")
+    places = [(target, regressor) for target in model.targets for regressor in columns]
+    note = _weak_note(known[place] for place in places if place in known)
+    return Table(caption=caption, head=("", *columns), rows=rows, note=note)
 
 
 def _entry(parameter: Parameter | None, value: float) -> Cell:
@@ -265,9 +276,19 @@ def _entry(parameter: Parameter | None, value: float) -> Cell:
     if parameter is None:
         return Cell(text=number(value), weak=True, detail="no interval")
     detail = interval(*parameter.ci95)
-    if not parameter.identifiable and parameter.reason:
-        detail += f"; {printable(parameter.reason, 120)}"
     return Cell(text=number(parameter.value), detail=detail, weak=not parameter.identifiable)
+
+
+def _weak_note(parameters: Iterable[Parameter]) -> str:
+    """Say which elements are grey and why, those with the same reason together."""
+    reasons: dict[str, list[str]] = {}
+    for parameter in parameters:
+        if not parameter.identifiable:
+            reasons.setdefault(printable(parameter.reason, 160), []).append(printable(parameter.name, 20))
+    if not reasons:
+        return ""
+    why = "; ".join(f"{', '.join(names)}: {reason or 'not known'}" for reason, names in reasons.items())
+    return f"Grey: this flight cannot tell the value; do not read it as a property of the vehicle. {why}."
 
 
 def _inertia(inertia: Inertia) -> Table:
@@ -375,13 +396,19 @@ def _signal(choice: SourceChoice) -> tuple[Cell, ...]:
         "not finite": choice.n_not_finite,
     }
     return (
-        Cell(text=name, detail=SIGNALS[choice.signal].unit if choice.signal in SIGNALS else ""),
+        Cell(text=name, detail=_unit(choice.signal)),
         Cell(text=printable(choice.source, 120), detail=why),
         Cell(text=number(choice.rate_hz), detail=f"mean {number(choice.mean_rate_hz)}"),
         Cell(text=number(choice.longest_gap_s, 3)),
         Cell(text=str(choice.n_gaps)),
         Cell(text=", ".join(f"{count} {word}" for word, count in aside.items() if count) or "none"),
     )
+
+
+def _unit(signal: str) -> str:
+    """Return the unit of a canonical signal as people read it."""
+    unit = SIGNALS[signal].unit if signal in SIGNALS else ""
+    return "normalised" if unit == "1" else unit
 
 
 def _stretches(result: Result) -> tuple[str, ...]:
@@ -489,7 +516,7 @@ def _excitation(result: Result) -> Table | None:
         for item in items
     )
     return Table(
-        caption="Excitation",
+        caption="How much each axis was moved",
         head=("axis", f"torque RMS [{unit}]", "rate RMS [deg/s]", "signal to noise", "coherent above 0.5"),
         rows=rows,
         note="Signal to noise: acceleration that the torque explains over what it does not, as power.",

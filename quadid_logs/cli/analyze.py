@@ -1,0 +1,151 @@
+"""``quadid-log analyze``: logs in, verdicts on stdout, reports into a folder."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from quadid_logs.cli.failure import exit_code_of, say
+from quadid_logs.cli.progress import Progress
+
+if TYPE_CHECKING:
+    from quadid_logs.data.result import Result
+    from quadid_logs.data.settings import Settings
+    from quadid_logs.data.vehicle import Vehicle
+
+_DEFAULT_FOLDER = Path("quadid-report")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Wish:
+    """What the options ask for, the same for every log."""
+
+    settings: Settings
+    vehicle: Vehicle | None
+    force: bool
+    as_json: bool
+    drawings: bool
+    files: bool
+    one_line: bool
+    command: str
+
+
+def analyze(
+    context: typer.Context,
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Flight logs, told by their content.")],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="DIR", help="Folder for the reports [default: quadid-report]."
+        ),
+    ] = None,
+    vehicle: Annotated[
+        Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="Mass, arms, thrust of the vehicle.")
+    ] = None,
+    structure: Annotated[
+        str, typer.Option("--structure", metavar="NAME", help="Recommend this structure, whatever fits best.")
+    ] = "",
+    start_s: Annotated[
+        float | None, typer.Option("--start-s", metavar="S", help="Leave out what is before [s].")
+    ] = None,
+    end_s: Annotated[
+        float | None, typer.Option("--end-s", metavar="S", help="Leave out what is after [s].")
+    ] = None,
+    sample_rate_hz: Annotated[
+        float, typer.Option("--sample-rate-hz", metavar="HZ", help="Resample to this rate; 0 chooses.")
+    ] = 0.0,
+    window: Annotated[
+        int, typer.Option("--window", metavar="N", help="Samples per window; 0 takes as many as unknowns.")
+    ] = 0,
+    stride: Annotated[
+        int, typer.Option("--stride", metavar="N", help="Samples from window to window; 0 takes every one.")
+    ] = 0,
+    system: Annotated[
+        int, typer.Option("--system", metavar="ID", help="MAVLink system to analyze; 0 chooses.")
+    ] = 0,
+    pool: Annotated[bool, typer.Option("--pool", help="Pool all logs into one model.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print result.json to stdout.")] = False,
+    no_report: Annotated[bool, typer.Option("--no-report", help="Write neither HTML nor PNG.")] = False,
+) -> int:
+    """Identify the rotational model of each log and write a report.
+
+    Exit code 0: usable. 1: at least one axis must not be trusted. 2: a log
+    could not be read, or the options make no sense.
+    """
+    from quadid_logs.data.settings import Settings
+    from quadid_logs.errors import SettingsError
+    from quadid_logs.report import report_folders
+    from quadid_logs.vehicle.file import read_vehicle
+
+    if pool:
+        raise SettingsError(
+            "Pooling several logs into one model is not possible yet.",
+            hint="Leave --pool out: each log gets its model.",
+        )
+    wish = _Wish(
+        settings=Settings(
+            structure=structure,
+            start_s=-math.inf if start_s is None else start_s,
+            end_s=math.inf if end_s is None else end_s,
+            sample_rate_hz=sample_rate_hz,
+            window=window,
+            stride=stride,
+            system=system,
+        ),
+        vehicle=None if vehicle is None else read_vehicle(vehicle),
+        force=force,
+        as_json=as_json,
+        drawings=not no_report,
+        # A script that takes the result from stdout and wants no report needs no folder either.
+        files=not (as_json and no_report and output is None),
+        one_line=len(logs) > 1,
+        command=str(context.obj or ""),
+    )
+    folders = report_folders(logs, output or _DEFAULT_FOLDER)
+    codes = [
+        exit_code_of(lambda log=log, folder=folder: _analyze_one(log, folder, wish))  # type: ignore[misc]
+        for log, folder in zip(logs, folders, strict=True)
+    ]
+    return max(codes)
+
+
+def _analyze_one(log: Path, folder: Path, wish: _Wish) -> int:
+    """Analyze one log, write its files, say its verdict."""
+    from quadid_logs.pipeline import analyze as analyze_log
+    from quadid_logs.report import check_folder, write_report
+
+    if wish.files:
+        check_folder(folder, force=wish.force)
+    with Progress(log.name) as progress:
+        result = analyze_log(log, wish.settings, vehicle=wish.vehicle, progress=progress)
+        if wish.files:
+            progress("writing the report")
+            result = write_report(
+                result, folder, force=wish.force, drawings=wish.drawings, command=wish.command
+            )
+    _say_result(result, folder, wish)
+    return 0 if result.diagnosis.usable else 1
+
+
+def _say_result(result: Result, folder: Path, wish: _Wish) -> None:
+    """Print the result as the options ask for."""
+    from quadid_logs.report import json_text, provenance_of
+    from quadid_logs.report.text import one_line, result_lines
+    from quadid_logs.untrusted import printable
+
+    if wish.as_json:
+        provenance = provenance_of(result.log.path, wish.command)
+        say(json_text(result, provenance, compact=wish.one_line).rstrip("\n"))
+        return
+    written = printable(folder / ("report.html" if wish.drawings else "result.json"))
+    if wish.one_line:
+        say(f"{one_line(result)} -> {written}")
+        return
+    for line in result_lines(result):
+        say(line)
+    say(f"  report: {written}")

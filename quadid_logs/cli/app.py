@@ -1,0 +1,44 @@
+"""The application: its verbs, in the order of the help."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from quadid_logs import __version__
+from quadid_logs.cli.analyze import analyze
+from quadid_logs.cli.explain import explain
+from quadid_logs.cli.export import export
+from quadid_logs.cli.failure import say
+from quadid_logs.cli.info import info
+
+
+def make_app() -> typer.Typer:
+    """Return the application.
+
+    Plain help without rich: it starts at once, and reads the same in a pipe.
+    """
+    app = typer.Typer(
+        help="A multirotor's flight log in, a rotational state-space model with error bars out.",
+        rich_markup_mode=None,
+        pretty_exceptions_enable=False,
+        no_args_is_help=False,
+    )
+    app.callback(invoke_without_command=True)(_top)
+    for verb in (analyze, info, export, explain):
+        app.command()(verb)
+    return app
+
+
+def _top(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Show the version and stop.")] = False,
+) -> None:
+    """Turn a multirotor's flight log into a rotational state-space model with error bars."""
+    if version:
+        say(f"quadid-log {__version__}")
+        raise typer.Exit(0)
+    if context.invoked_subcommand is None:
+        say(context.get_help())
+        raise typer.Exit(0)

@@ -1,0 +1,41 @@
+"""``quadid-log explain``: what a finding means and what to do."""
+
+from __future__ import annotations
+
+import difflib
+import textwrap
+from typing import Annotated
+
+import typer
+
+from quadid_logs.cli.failure import say
+from quadid_logs.errors import SettingsError
+from quadid_logs.untrusted import printable
+
+_WIDTH = 88
+
+
+def explain(
+    code: Annotated[
+        str, typer.Argument(metavar="[CODE]", help="A finding's code; all are listed without.")
+    ] = "",
+) -> int:
+    """Explain a finding: what it means and what to fly or set next."""
+    from quadid_logs.data.catalogue import CATALOGUE
+
+    if not code:
+        for entry in CATALOGUE.values():
+            say(f"{entry.code}  {entry.title}")
+        return 0
+    entry_or_none = CATALOGUE.get(code.strip().upper())
+    if entry_or_none is None:
+        close = difflib.get_close_matches(code.upper(), CATALOGUE, n=1)
+        hint = f"Did you mean {close[0]}?" if close else "quadid-log explain lists them all."
+        raise SettingsError(f"There is no finding {printable(code, 40)!r}.", hint=hint)
+    entry = entry_or_none
+    say(f"{entry.code}: {entry.title}")
+    for text in (entry.meaning, f"What to do: {entry.advice}" if entry.advice else ""):
+        if text:
+            say("")
+            say(textwrap.fill(text, _WIDTH))
+    return 0

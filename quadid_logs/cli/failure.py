@@ -1,0 +1,65 @@
+"""How a failure reaches the user: one clear line on stderr and an exit code."""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from collections.abc import Callable
+
+from quadid_logs.errors import QuadidError
+from quadid_logs.untrusted import printable
+
+_LONGEST = 600
+
+
+class ReaderGoneError(Exception):
+    """Nobody reads our output any more, as in ``quadid-log ... | head``."""
+
+
+def exit_code_of(action: Callable[[], int]) -> int:
+    """Run an action and return its exit code; a failure becomes one line and 2.
+
+    With QUADID_DEBUG=1 the traceback is shown as well. Interruption and a
+    closed pipe are passed on.
+    """
+    try:
+        return action()
+    except ReaderGoneError:
+        raise
+    except QuadidError as error:
+        report_problem(f"error: {error}")
+    except Exception as error:  # noqa: BLE001 - the one place that must let nothing through
+        usage = getattr(error, "format_message", None)
+        if usage is not None:
+            report_problem(f"error: {usage()} See quadid-log --help.")
+        else:
+            report_problem(
+                f"error: unexpected {type(error).__name__}: {error}. This is a bug in quadid-logs; please "
+                "report it with the log. QUADID_DEBUG=1 shows the details."
+            )
+    if os.environ.get("QUADID_DEBUG") == "1":
+        traceback.print_exc()
+    return 2
+
+
+def report_problem(text: str) -> None:
+    """Write one line to stderr."""
+    sys.stderr.write(f"quadid-log: {printable(text, _LONGEST)}\n")
+
+
+def say(line: str) -> None:
+    """Write one line of a result to stdout.
+
+    Raises
+    ------
+    ReaderGoneError
+        If nobody reads it.
+    """
+    try:
+        sys.stdout.write(f"{line}\n")
+    except BrokenPipeError:
+        raise ReaderGoneError from None
+    except UnicodeEncodeError:
+        encoding = sys.stdout.encoding or "ascii"
+        sys.stdout.write(line.encode(encoding, "replace").decode(encoding) + "\n")

@@ -1,0 +1,38 @@
+"""``quadid-log info``: what is in a log, and what is missing for `analyze`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from quadid_logs.cli.failure import say
+from quadid_logs.cli.progress import Progress
+
+
+def info(
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="Flight log, told by its content.")],
+    system: Annotated[
+        int, typer.Option("--system", metavar="ID", help="MAVLink system to look at; 0 chooses.")
+    ] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> int:
+    """Say what is in a log, at which true rates, and what is missing for analyze."""
+    from quadid_logs.align import align
+    from quadid_logs.data.settings import Settings
+    from quadid_logs.readers import read_log
+    from quadid_logs.report.inventory import inventory_lines, inventory_text
+
+    settings = Settings(system=system)
+    with Progress(log.name) as progress:
+        progress("reading")
+        content = read_log(log, system=system)
+        progress("aligning")
+        data = align(content, settings)
+    if as_json:
+        say(inventory_text(content, data, settings).rstrip("\n"))
+        return 0
+    for line in inventory_lines(content, data, settings):
+        say(line)
+    return 0

@@ -1,0 +1,139 @@
+"""What is in a log, and what is missing for an analysis: the content of ``quadid-log info``."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from quadid_logs.data.flight import FlightData, SourceChoice
+from quadid_logs.data.log import FlightLog
+from quadid_logs.data.settings import Settings
+from quadid_logs.report.json import SCHEMA_VERSION, data_dict, log_dict, plain
+from quadid_logs.report.numbers import number, seconds, size
+from quadid_logs.untrusted import printable
+from quadid_logs.vocabulary import MULTIROTOR
+
+_TORQUES = ("torque_n_m", "torque_command")
+_MOST_TYPES = 14
+_HOW_TO_LOG = {
+    "ardupilot": "Set LOG_BITMASK so that ATTITUDE_FAST (bit 0) and PID (bit 12) are logged.",
+    "px4": "Set the high-rate and system-identification bits of SDLOG_PROFILE.",
+}
+
+
+def missing_for_analysis(log: FlightLog, data: FlightData, settings: Settings) -> tuple[str, ...]:
+    """Say what keeps `analyze` from a model, and what to set or fly.
+
+    Parameters
+    ----------
+    log : FlightLog
+    data : FlightData
+    settings : Settings
+        ``min_rate_hz`` is the lowest rate of rates and torque.
+
+    Returns
+    -------
+    tuple of str
+        Empty where nothing is missing. Whether the flight excited every axis
+        only `analyze` can tell.
+    """
+    how = _HOW_TO_LOG.get(log.autopilot, "Log them at 100 Hz or more.")
+    lacks = []
+    if log.vehicle_type not in (MULTIROTOR, "unknown"):
+        lacks.append(f"This is not a multirotor but a {printable(log.vehicle_type, 40)}.")
+    if not log.has_time:
+        lacks.append("The rows carry no time.")
+    if "body_rate" not in data.sources:
+        lacks.append(f"No body rates (p, q, r). {how}")
+    torque = next((data.sources[name] for name in _TORQUES if name in data.sources), None)
+    if torque is None:
+        lacks.append(f"No torque (L, M, N) or its command. {how}")
+    for choice in (data.sources.get("body_rate"), torque):
+        if choice is not None and choice.rate_hz < settings.min_rate_hz:
+            rate = f"{printable(choice.signal, 40)} is logged at {number(choice.rate_hz, 3)} Hz"
+            lacks.append(f"{rate}, too slow: at least {settings.min_rate_hz:g} Hz are needed. {how}")
+    if not data.flights:
+        lacks.append(f"No flight was found. {printable(data.on_ground_reason)}".strip())
+    elif not data.segments and not lacks:
+        lacks.append("No stretch of the flight has rates and torque without gaps.")
+    return tuple(lacks)
+
+
+def inventory_text(log: FlightLog, data: FlightData, settings: Settings) -> str:
+    """Return the inventory as JSON."""
+    content: dict[str, Any] = {
+        "schema_version": SCHEMA_VERSION,
+        "log": log_dict(log, data),
+        "data": data_dict(data),
+        "messages": [
+            {"name": count.name, "count": count.count, "rate_hz": count.rate_hz} for count in log.counts
+        ],
+        "modes": [{"time_s": mode.time_s, "name": mode.name} for mode in data.modes],
+        "n_parameters": len(log.parameters),
+        "missing_for_analysis": missing_for_analysis(log, data, settings),
+    }
+    return json.dumps(plain(content), indent=1, allow_nan=False) + "\n"
+
+
+def inventory_lines(log: FlightLog, data: FlightData, settings: Settings) -> Iterator[str]:
+    """Yield the inventory as lines for people."""
+    yield f"{printable(log.path)}  {size(log.n_bytes)}, {log.format} {printable(log.dialect, 40)}".rstrip()
+    for name, value in (
+        ("autopilot", printable(log.autopilot, 40)),
+        ("firmware", printable(log.firmware, 120)),
+        ("vehicle", ", ".join(filter(None, map(printable, (log.vehicle_type, log.frame, log.vehicle_name))))),
+        ("time", f"{data.start_s:.1f} s, for {seconds(data.duration_s)}; {data.clock_resets} clock resets"),
+        ("flights", _spans(data.flights) or printable(data.on_ground_reason) or "none"),
+        ("analysable", _spans(tuple((part.start_s, part.end_s) for part in data.segments)) or "nothing"),
+        ("lost", f"{size(log.corrupt_bytes)} unreadable, {log.n_dropped} messages dropped by the autopilot"),
+        ("modes", ", ".join(dict.fromkeys(printable(mode.name, 24) for mode in data.modes[:200]))),
+        ("systems", _systems(log)),
+        ("messages", _types(log)),
+    ):
+        if value:
+            yield f"  {name:<11}{value}"
+    yield ""
+    yield f"  {'signal':<21}{'true rate':>10}{'longest gap':>13}  source"
+    for choice in data.sources.values():
+        yield from _signal_lines(choice)
+    yield ""
+    lacks = missing_for_analysis(log, data, settings)
+    yield "  Missing for analyze:" if lacks else "  Nothing is missing for analyze."
+    for line in lacks:
+        yield f"  - {line}"
+    for remark in log.remarks[:20]:
+        yield f"  Note: {printable(remark)}"
+
+
+def _signal_lines(choice: SourceChoice) -> Iterator[str]:
+    """Yield the source of one signal, and those not taken."""
+    rate = f"{number(choice.rate_hz, 4)} Hz"
+    gap = f"{number(choice.longest_gap_s, 3)} s" if math.isfinite(choice.longest_gap_s) else "–"
+    why = f"  ({printable(choice.reason, 120)})" if choice.reason else ""
+    yield f"  {printable(choice.signal, 20):<21}{rate:>10}{gap:>13}  {printable(choice.source, 80)}{why}"
+    for source, other_hz in choice.others[:4]:
+        yield f"  {'':<44}  not taken: {printable(source, 80)} at {number(other_hz, 4)} Hz"
+
+
+def _spans(spans: tuple[tuple[float, float], ...]) -> str:
+    """Return stretches of time, the first few in full."""
+    shown = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in spans[:6])
+    return shown + (f" and {len(spans) - 6} more" if len(spans) > 6 else "")
+
+
+def _systems(log: FlightLog) -> str:
+    """Return the MAVLink systems, the chosen one marked."""
+    return ", ".join(
+        f"{system.system_id}/{system.component_id} {printable(system.vehicle_type, 30)}"
+        f" {system.n_messages} messages" + (" (chosen)" if system.chosen else "")
+        for system in log.systems[:12]
+    )
+
+
+def _types(log: FlightLog) -> str:
+    """Return the most frequent message types with their counts."""
+    most = sorted(log.counts, key=lambda count: -count.count)[:_MOST_TYPES]
+    shown = ", ".join(f"{printable(count.name, 30)} {count.count}" for count in most)
+    return shown + (f" and {len(log.counts) - len(most)} more types" if len(log.counts) > len(most) else "")

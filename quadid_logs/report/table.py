@@ -1,0 +1,142 @@
+"""The aligned series as one table, for other programs."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from quadid_logs.arrays import AnyArray, FloatArray
+from quadid_logs.data.flight import FlightData, Segment
+from quadid_logs.errors import EmptyLogError, OutputError, SettingsError
+from quadid_logs.untrusted import printable
+from quadid_logs.vocabulary import SIGNALS
+
+TABLE_FORMATS = (".csv", ".parquet", ".mat")
+
+
+def check_table_path(path: Path, *, force: bool = False) -> None:
+    """Refuse early what `write_table` would refuse after the work.
+
+    Raises
+    ------
+    SettingsError
+        If the ending is not one of `TABLE_FORMATS`.
+    OutputError
+        If the file exists and `force` is not set, or the path is a folder.
+    """
+    if path.suffix.lower() not in TABLE_FORMATS:
+        raise SettingsError(
+            f"Cannot tell the format from the name {printable(path.name, 80)!r}.",
+            hint=f"Let it end in {', '.join(TABLE_FORMATS)}.",
+        )
+    if path.is_dir():
+        raise OutputError(f"{printable(path)} is a folder.", hint="Give the name of a file.")
+    if os.path.lexists(path) and not force:
+        raise OutputError(f"{printable(path)} exists already.", hint="Add --force to replace it.")
+
+
+def aligned_table(data: FlightData) -> dict[str, AnyArray]:
+    """Return the aligned series by column name, all segments one after the other.
+
+    Parameters
+    ----------
+    data : FlightData
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n_samples,)
+        ``time_s`` [s], rates [rad/s], attitude [rad], torque (in the unit that
+        its column name says), throttle, ``saturated`` (0 or 1), ``segment`` and
+        ``flight`` (numbers from 0). NaN where a segment lacks a signal.
+
+    Raises
+    ------
+    EmptyLogError
+        If there is no segment.
+    """
+    if not data.segments or data.input is None:
+        reason = printable(data.on_ground_reason) or "Nothing in this log can be aligned."
+        raise EmptyLogError(f"There is no aligned series to export. {reason}", hint="See quadid-log info.")
+    blocks: dict[str, AnyArray] = {"time_s": np.concatenate([segment.time_s for segment in data.segments])}
+    for name, values in (
+        ("body_rate", [segment.body_rate_rad_s for segment in data.segments]),
+        ("attitude", [_or_nan(segment.attitude_rad, segment, 3) for segment in data.segments]),
+        (data.input.kind, [segment.torque for segment in data.segments]),
+        ("throttle", [_or_nan(segment.throttle, segment, 1) for segment in data.segments]),
+    ):
+        joined = np.concatenate(values)
+        columns = joined.reshape(joined.shape[0], -1).T
+        blocks |= dict(zip(SIGNALS[name].columns, columns, strict=True))
+    counts = [segment.n_samples for segment in data.segments]
+    blocks["saturated"] = np.concatenate([segment.saturated for segment in data.segments]).astype(np.int8)
+    blocks["segment"] = _numbers(range(len(counts)), counts)
+    blocks["flight"] = _numbers((segment.flight for segment in data.segments), counts)
+    return blocks
+
+
+def _or_nan(values: FloatArray | None, segment: Segment, n_columns: int) -> FloatArray:
+    """Return the values, or NaN in their place."""
+    return (
+        np.full((segment.n_samples, n_columns), np.nan) if values is None else values.reshape(-1, n_columns)
+    )
+
+
+def _numbers(numbers: Iterable[int], counts: list[int]) -> AnyArray:
+    """Return each number as often as its segment has samples."""
+    return np.repeat(np.array(list(numbers), dtype=np.int32), counts)
+
+
+def write_table(data: FlightData, path: Path, *, force: bool = False) -> int:
+    """Write the aligned series to CSV, Parquet or MAT, as the ending says.
+
+    The file is written beside and renamed, so it is whole or not there.
+
+    Returns
+    -------
+    int
+        Number of rows.
+
+    Raises
+    ------
+    EmptyLogError
+        If there is no segment.
+    SettingsError, OutputError
+        See `check_table_path`; also if the file cannot be written.
+    """
+    check_table_path(path, force=force)
+    table = aligned_table(data)
+    try:
+        with tempfile.TemporaryDirectory(
+            prefix=".quadid-", dir=path.parent, ignore_cleanup_errors=True
+        ) as beside:
+            written = Path(beside) / f"table{path.suffix.lower()}"
+            _write(table, written)
+            written.replace(path)
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        raise OutputError(f"Cannot write {printable(path)}: {reason}.") from error
+    return int(table["time_s"].shape[0])
+
+
+def _write(table: dict[str, AnyArray], path: Path) -> None:
+    """Write the table in the format of the ending."""
+    if path.suffix == ".mat":
+        from scipy.io import savemat
+
+        savemat(path, {name: values[:, np.newaxis] for name, values in table.items()}, do_compression=True)
+        return
+    import pyarrow
+
+    arrow = pyarrow.table(table)
+    if path.suffix == ".csv":
+        from pyarrow import csv
+
+        csv.write_csv(arrow, path)
+    else:
+        from pyarrow import parquet
+
+        parquet.write_table(arrow, path)

@@ -1,0 +1,172 @@
+"""Read what a user knows about the vehicle from a TOML file."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import tomllib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.data.vehicle import Rotor, Vehicle
+from quadid_logs.errors import VehicleFileError
+from quadid_logs.untrusted import printable
+
+_POSITIVE = ("mass_kg", "arm_length_m", "max_thrust_n", "torque_to_thrust_m")
+_KEYS = ("name", *_POSITIVE, "rotor", "thrust_curve", "inertia_kg_m2")
+_ROTOR_KEYS = ("position_m", "spin")
+_SPINS = ("ccw", "cw")
+#: No vehicle has more; a longer list is a mistake.
+_MOST_BYTES, _MOST_ROTORS = 1_000_000, 64
+
+
+def read_vehicle(path: Path) -> Vehicle:
+    """Read a vehicle file.
+
+    Parameters
+    ----------
+    path : Path
+        TOML with any of ``name``, ``mass_kg``, ``arm_length_m`` or
+        ``[[rotor]]`` tables (``position_m = [x, y, z]`` in FRD [m], ``spin =
+        "ccw"`` or ``"cw"`` seen from above), ``max_thrust_n`` or
+        ``thrust_curve`` ([[command, thrust in N], ...]), both per rotor,
+        ``torque_to_thrust_m``, and ``inertia_kg_m2`` (three moments or a
+        symmetric 3 by 3 tensor).
+
+    Returns
+    -------
+    Vehicle
+
+    Raises
+    ------
+    VehicleFileError
+        If the file cannot be read, is no TOML, or holds an unknown key, a
+        value of the wrong type, or one that is not positive.
+    """
+    content = _toml(path)
+    _refuse_unknown(path, content, _KEYS)
+    if "max_thrust_n" in content and "thrust_curve" in content:
+        raise _wrong(path, "max_thrust_n and thrust_curve say the same thing", "Give one of them.")
+    if "arm_length_m" in content and "rotor" in content:
+        raise _wrong(path, "arm_length_m and [[rotor]] say the same thing", "Give one of them.")
+    name = content.get("name", "")
+    if not isinstance(name, str):
+        raise _wrong(path, "name must be a text", 'For example: name = "my quad".')
+    numbers = {key: _positive(path, key, content[key]) for key in _POSITIVE if key in content}
+    return Vehicle(
+        name=name,
+        rotors=_rotors(path, content.get("rotor", [])),
+        thrust_curve=_thrust_curve(path, content["thrust_curve"]) if "thrust_curve" in content else None,
+        inertia_kg_m2=_inertia(path, content["inertia_kg_m2"]) if "inertia_kg_m2" in content else None,
+        **numbers,
+    )
+
+
+def _toml(path: Path) -> dict[str, Any]:
+    """Return the parsed file."""
+    try:
+        with path.open("rb") as file:
+            raw = file.read(_MOST_BYTES + 1)
+        if len(raw) > _MOST_BYTES:
+            raise _wrong(path, "the file is far too long for a vehicle file", "Is it the right file?")
+        return tomllib.loads(raw.decode("utf-8"))
+    except OSError as error:
+        raise VehicleFileError(
+            f"Cannot read the vehicle file {printable(path)}: {error.strerror}."
+        ) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise _wrong(path, f"it is no valid TOML ({printable(error)})", "See docs for an example.") from error
+
+
+def _wrong(path: Path, what: str, hint: str) -> VehicleFileError:
+    """Return the error of a malformed file."""
+    return VehicleFileError(f"Vehicle file {printable(path)}: {what}.", hint=hint)
+
+
+def _refuse_unknown(path: Path, content: Mapping[str, Any], keys: Iterable[str]) -> None:
+    """Raise if there is a key that nothing reads: a misspelt value would be silently missing."""
+    known = tuple(keys)
+    for key in content:
+        if key not in known:
+            close = difflib.get_close_matches(key, known, n=1)
+            hint = f"Did you mean {close[0]}?" if close else f"Known keys: {', '.join(known)}."
+            raise _wrong(path, f"there is no key {printable(key, 60)!r}", hint)
+
+
+def _positive(path: Path, key: str, value: Any) -> float:
+    """Return a finite positive number."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise _wrong(path, f"{key} must be a number, not {printable(value, 60)!r}", "Leave the unit out.")
+    if not (math.isfinite(value) and value > 0.0):
+        raise _wrong(
+            path, f"{key} is {value:g}, but must be above 0", "Leave the key out if it is not known."
+        )
+    return float(value)
+
+
+def _array(path: Path, key: str, value: Any, shapes: tuple[tuple[int, ...], ...], hint: str) -> FloatArray:
+    """Return an array of finite numbers of one of the shapes; -1 stands for any length."""
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise _wrong(path, f"{key} must hold numbers only", hint) from None
+    fits = any(
+        array.ndim == len(shape)
+        and all(want in (-1, have) for want, have in zip(shape, array.shape, strict=True))
+        for shape in shapes
+    )
+    if not fits or not np.isfinite(array).all():
+        raise _wrong(path, f"{key} has the wrong shape or a number that is not finite", hint)
+    return array
+
+
+def _rotors(path: Path, tables: Any) -> tuple[Rotor, ...]:
+    """Return the rotors."""
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+        raise _wrong(path, "rotor must be a list of tables", "Write [[rotor]] above each.")
+    if len(tables) > _MOST_ROTORS:
+        raise _wrong(path, f"{len(tables)} rotors are too many", f"At most {_MOST_ROTORS}.")
+    return tuple(_rotor(path, table) for table in tables)
+
+
+def _rotor(path: Path, table: Mapping[str, Any]) -> Rotor:
+    """Return one rotor."""
+    _refuse_unknown(path, table, _ROTOR_KEYS)
+    missing = [key for key in _ROTOR_KEYS if key not in table]
+    if missing:
+        raise _wrong(
+            path, f"a [[rotor]] lacks {' and '.join(missing)}", "Give position_m = [x, y, z] and spin."
+        )
+    if table["spin"] not in _SPINS:
+        raise _wrong(
+            path, f"spin is {printable(table['spin'], 40)!r}", 'Give "ccw" or "cw", seen from above.'
+        )
+    position = _array(path, "position_m", table["position_m"], ((3,),), "Give [x, y, z] in metres, FRD.")
+    x, y, z = (float(value) for value in position)
+    return Rotor(position_m=(x, y, z), spin=table["spin"])
+
+
+def _thrust_curve(path: Path, value: Any) -> FloatArray:
+    """Return commands and thrusts (n_points, 2), rising."""
+    hint = "Give [[command, thrust in N], ...] with rising commands from 0 to 1."
+    curve = _array(path, "thrust_curve", value, ((-1, 2),), hint)
+    rising = (
+        curve.shape[0] >= 2 and (np.diff(curve[:, 0]) > 0.0).all() and (np.diff(curve[:, 1]) >= 0.0).all()
+    )
+    if not rising or (curve < 0.0).any() or curve[-1, 0] > 1.0:
+        raise _wrong(path, "thrust_curve does not rise from 0", hint)
+    return curve
+
+
+def _inertia(path: Path, value: Any) -> FloatArray:
+    """Return the tensor (3, 3): symmetric and positive definite."""
+    hint = "Give [Ixx, Iyy, Izz] or a symmetric 3 by 3 tensor, in kg m^2."
+    given = _array(path, "inertia_kg_m2", value, ((3,), (3, 3)), hint)
+    tensor = np.diag(given) if given.ndim == 1 else given
+    if not np.allclose(tensor, tensor.T, rtol=1e-9, atol=0.0) or (np.linalg.eigvalsh(tensor) <= 0.0).any():
+        raise _wrong(path, "inertia_kg_m2 is not symmetric and positive definite", hint)
+    return np.asarray(tensor, dtype=np.float64)
