@@ -327,7 +327,7 @@ def _write_definitions(file: BinaryIO, log: FlightLog) -> None:
     release = _release(log.firmware)
     texts = {
         "sys_name": "PX4",
-        "ver_hw": "PX4_SITL",
+        "ver_hw": "QUADID_SIMULATOR",
         "ver_sw": "0" * 40,
         "sys_uuid": log.hardware_id or "0" * 36,
         "sys_os_name": "NuttX",
