@@ -1,0 +1,87 @@
+"""Every MAVLink message's layout, taken from pymavlink's generated dialect: nothing by hand."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: `dialects.v20.all` holds every message that has no rival for its number.
+_LARGEST_ID = 1 << 24
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MessageType:
+    """Name and layout of a message; `dtype` is the untruncated payload in wire order."""
+
+    name: str
+    msg_id: int
+    dtype: np.dtype[np.void]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Dialect:
+    """All known messages.
+
+    Attributes
+    ----------
+    types : dict of int to MessageType
+        By message number.
+    extra : ndarray of int32, shape (n,)
+        Last byte that goes into a message's checksum, by number; -1 where unknown.
+    longest : ndarray of int32, shape (n,)
+        Size of the untruncated payload, by number.
+    """
+
+    types: dict[int, MessageType]
+    extra: NDArray[np.int32]
+    longest: NDArray[np.int32]
+
+    def type_named(self, name: str) -> MessageType | None:
+        """Return the message of that name."""
+        return next((kind for kind in self.types.values() if kind.name == name), None)
+
+
+def load_dialect() -> Dialect:
+    """Return the layouts of all messages of pymavlink's dialect "all"."""
+    from pymavlink.dialects.v20 import all as generated
+
+    known = {
+        int(msg_id): message for msg_id, message in generated.mavlink_map.items() if 0 <= msg_id < _LARGEST_ID
+    }
+    extra = np.full(max(known) + 2, -1, np.int32)
+    longest = np.zeros(max(known) + 2, np.int32)
+    types = {}
+    for msg_id, message in known.items():
+        dtype = _payload_dtype(message.unpacker.format, message.ordered_fieldnames)
+        types[msg_id] = MessageType(name=str(message.msgname), msg_id=msg_id, dtype=dtype)
+        extra[msg_id] = message.crc_extra
+        longest[msg_id] = dtype.itemsize
+    return Dialect(types=types, extra=extra, longest=longest)
+
+
+def _payload_dtype(struct_format: str, names: list[str]) -> np.dtype[np.void]:
+    """Translate a struct format with one item per field, as "<fHH16sB"."""
+    fields: list[tuple[str, object]] = []
+    for (count, code), name in zip(re.findall(r"(\d*)([A-Za-z])", struct_format), names, strict=True):
+        if code == "s":
+            fields.append((name, f"S{count or 1}"))
+        elif code == "c":
+            fields.append((name, "S1"))
+        else:
+            fields.append((name, (f"<{code}", (int(count),)) if count else f"<{code}"))
+    return np.dtype(fields)
+
+
+def enum_names(enum: str, prefix: str) -> dict[int, str]:
+    """Return the entries of an enumeration without their common prefix, by value; empty if there is none."""
+    from pymavlink.dialects.v20 import all as generated
+
+    entries = generated.enums.get(enum, {})
+    return {
+        int(value): str(entry.name).removeprefix(prefix)
+        for value, entry in entries.items()
+        if not str(entry.name).endswith("_ENUM_END")
+    }

@@ -1,0 +1,247 @@
+"""Where the packets of a MAVLink log are: a packet is only taken if its checksum is right.
+
+Framing of MAVLink 1 and 2: https://mavlink.io/en/guide/serialization.html. A
+telemetry log puts 8 bytes of host time before each packet.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadid_logs.arrays import AnyArray, BoolArray, FloatArray
+from quadid_logs.data.log import LostStretch
+from quadid_logs.readers.content import Bytes, little_endian, merge_stretches
+from quadid_logs.readers.mavlink_dialect import Dialect
+
+MAGIC_1: Final = 0xFE
+MAGIC_2: Final = 0xFD
+STAMP_SIZE: Final = 8
+_HEADER_1: Final = 6
+_HEADER_2: Final = 10
+_CHECKSUM: Final = 2
+_SIGNATURE: Final = 13
+_SIGNED: Final = 1
+_LONGEST: Final = STAMP_SIZE + _HEADER_2 + 255 + _CHECKSUM + _SIGNATURE
+_BLOCK: Final = 1 << 22
+
+
+class Packets(NamedTuple):
+    """Packets with a right checksum, in file order; every array has one entry per packet.
+
+    ``start`` is the byte offset of the magic byte, ``payload`` that of the
+    payload, ``length`` the payload's (zero-truncated) size.
+    """
+
+    start: AnyArray
+    end: AnyArray
+    payload: AnyArray
+    length: AnyArray
+    msg_id: AnyArray
+    system: AnyArray
+    component: AnyArray
+
+    def where(self, chosen: BoolArray) -> Packets:
+        """Return the packets that `chosen` marks."""
+        return Packets(*(part[chosen] for part in self))
+
+
+class Framing(NamedTuple):
+    """The packets of a file and what is between them.
+
+    `stamped` is False for a bare MAVLink stream without host times;
+    `n_unknown` counts packets of unknown type, `n_bad` those whose checksum is wrong.
+    """
+
+    packets: Packets
+    stamped: bool
+    lost: tuple[LostStretch, ...]
+    n_unknown: int
+    n_bad: int
+
+
+def frame(data: Bytes, dialect: Dialect) -> Framing:
+    """Find every packet of a telemetry log.
+
+    Parameters
+    ----------
+    data : ndarray of uint8
+        The whole file.
+    dialect : Dialect
+
+    Returns
+    -------
+    Framing
+        Bytes that belong to no packet are in `lost`, except packets of unknown
+        type, whose checksum cannot be known, where they fill a gap exactly.
+    """
+    blocks = [_candidates(data, begin, dialect) for begin in range(0, len(data), _BLOCK)]
+    found = Packets(*(np.concatenate(parts) for parts in zip(*blocks, strict=True))) if blocks else _none()
+    packets = found.where(_without_overlap(found))
+    before = packets.start[1:] - packets.end[:-1]
+    stamped = not len(before) or bool((before >= STAMP_SIZE).mean() > 0.5)
+    lost, n_unknown, n_bad = _between(data, packets, dialect, STAMP_SIZE if stamped else 0)
+    return Framing(packets, stamped, lost, n_unknown, n_bad)
+
+
+def host_time_s(data: Bytes, packets: Packets) -> FloatArray:
+    """Return the host's stamps before the packets [s since 1970]; NaN where none is possible.
+
+    Big-endian microseconds. The host's clock can run wrong by factors.
+    """
+    time_s = np.full(len(packets.start), np.nan)
+    has_stamp = packets.start >= STAMP_SIZE
+    place = packets.start[has_stamp] - STAMP_SIZE
+    seconds = np.zeros(len(place))
+    for k in range(STAMP_SIZE):
+        seconds = seconds * 256.0 + data[place + k]
+    time_s[has_stamp] = seconds * 1e-6
+    return time_s
+
+
+def _none() -> Packets:
+    long, int32, byte = np.zeros(0, np.int64), np.zeros(0, np.int32), np.zeros(0, np.uint8)
+    return Packets(long, long, long, int32, int32, byte, byte)
+
+
+def _candidates(data: Bytes, begin: int, dialect: Dialect) -> Packets:
+    """Find the packets with a right checksum that begin in one block."""
+    # Packets that reach into the next block are found whole; only their start decides.
+    block = data[begin : begin + _BLOCK]
+    start = np.flatnonzero((block == MAGIC_1) | (block == MAGIC_2)) + begin
+    start = start[start + _HEADER_1 + _CHECKSUM <= len(data)]
+    is_2 = data[start] == MAGIC_2
+    start = start[~is_2 | (start + _HEADER_2 + _CHECKSUM <= len(data))]
+    is_2 = data[start] == MAGIC_2
+    length = data[start + 1].astype(np.int32)
+    header = np.where(is_2, _HEADER_2, _HEADER_1)
+    flags = np.where(is_2, data[start + 2], 0)
+    wide = np.where(is_2, start + 7, start + 5)
+    msg_id = np.where(is_2, little_endian(data, np.minimum(wide, len(data) - 3), 3), data[wide]).astype(
+        np.int32
+    )
+    end = start + header + length + _CHECKSUM + np.where(flags & _SIGNED, _SIGNATURE, 0)
+    msg_id = np.where(msg_id < len(dialect.extra), msg_id, len(dialect.extra) - 1)
+    # A MAVLink 1 payload never exceeds the known layout; MAVLink 2 may bring new extensions.
+    fits = is_2 | (length <= dialect.longest[msg_id])
+    possible = (dialect.extra[msg_id] >= 0) & (flags <= _SIGNED) & (end <= len(data)) & fits
+    sender = start + np.where(is_2, 5, 3)
+    packets = Packets(
+        start, end, start + header, length, msg_id, data[np.minimum(sender, len(data) - 2)],
+        data[np.minimum(sender, len(data) - 2) + 1],
+    ).where(possible)  # fmt: skip
+    return packets.where(_has_right_checksum(data, packets, dialect))
+
+
+def _has_right_checksum(data: Bytes, packets: Packets, dialect: Dialect) -> BoolArray:
+    """Compare every packet's CRC-16/MCRF4XX, over all but the magic byte plus the extra byte.
+
+    Packets of equal size are done together, two bytes a step.
+    """
+    right = np.zeros(len(packets.start), bool)
+    if not len(right):
+        return right
+    size = packets.payload + packets.length - packets.start - 1
+    order = np.argsort(size.astype(np.uint16), kind="stable")  # radix sort
+    cuts = np.flatnonzero(np.diff(size[order])) + 1
+    one_byte, two_bytes = crc_tables()
+    extra = dialect.extra[packets.msg_id].astype(np.uint8)
+    for group in np.split(order, cuts):
+        n_bytes = int(size[group[0]])
+        row = np.dtype((np.void, n_bytes))
+        view = np.ndarray((len(data) - n_bytes + 1,), row, buffer=data, strides=(1,))
+        body = np.empty((len(group), n_bytes + 1), np.uint8)
+        body[:, :n_bytes] = view[packets.start[group] + 1].view(np.uint8).reshape(len(group), n_bytes)
+        body[:, n_bytes] = extra[group]
+        expected = little_endian(data, packets.payload[group] + packets.length[group], 2)
+        right[group] = _crc(body, one_byte, two_bytes) == expected
+    return right
+
+
+def crc_tables() -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
+    """Return what one and what two zero bytes make of a CRC-16/MCRF4XX state.
+
+    Polynomial 0x1021 reflected (0x8408). Because the step is linear, a byte or
+    a little-endian pair of bytes is first combined with the state by exclusive or.
+    """
+    state = np.arange(256, dtype=np.uint16)
+    for _ in range(8):
+        state = np.where(state & 1, (state >> 1) ^ np.uint16(0x8408), state >> 1).astype(np.uint16)
+    pair = np.arange(1 << 16, dtype=np.uint16)
+    for _ in range(2):
+        pair = (pair >> 8) ^ state[pair & 0xFF]
+    return state, pair
+
+
+def _crc(body: Bytes, one_byte: NDArray[np.uint16], two_bytes: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """Return the checksum of each row."""
+    n_pairs = body.shape[1] // 2
+    pairs = np.ascontiguousarray(np.ascontiguousarray(body[:, : 2 * n_pairs]).view("<u2").T)
+    crc = np.full(len(body), 0xFFFF, np.uint16)
+    for words in pairs:
+        crc = two_bytes[crc ^ words]
+    if body.shape[1] % 2:
+        crc = (crc >> 8) ^ one_byte[(crc ^ body[:, -1]) & 0xFF]
+    return crc
+
+
+def _without_overlap(found: Packets) -> BoolArray:
+    """Mark the packets that do not begin inside an earlier one: a checksum can be right by chance."""
+    keep = np.ones(len(found.start), bool)
+    latest_end = np.maximum.accumulate(found.end) if len(keep) else found.end
+    if not (found.start[1:] < latest_end[:-1]).any():
+        return keep
+    end = 0
+    for k, (start, stop) in enumerate(zip(found.start.tolist(), found.end.tolist(), strict=True)):
+        keep[k] = start >= end
+        end = stop if keep[k] else end
+    return keep
+
+
+def _between(
+    data: Bytes, packets: Packets, dialect: Dialect, stamp: int
+) -> tuple[tuple[LostStretch, ...], int, int]:
+    """Explain the bytes between the packets: lost stretches, unknown packets, wrong checksums."""
+    begins = np.concatenate([[0], packets.end])
+    ends = np.concatenate([packets.start - stamp, [len(data)]])
+    lost: list[LostStretch] = []
+    n_unknown = n_bad = 0
+    for k in np.flatnonzero(ends > begins).tolist():
+        begin, end = int(begins[k]), int(ends[k])
+        bad = _explain_gap(data, begin, end, dialect, stamp)
+        if bad is None:
+            at_end = end == len(data)
+            reason = "cut off or unreadable up to the end" if at_end else "no packet with a right checksum"
+            lost.append(LostStretch(offset=begin, n_bytes=end - begin, reason=reason))
+            continue
+        unknown, wrong = bad
+        n_unknown, n_bad = n_unknown + unknown, n_bad + len(wrong)
+        lost += [LostStretch(offset=a, n_bytes=b - a, reason="wrong checksum") for a, b in wrong]
+    return merge_stretches(lost), n_unknown, n_bad
+
+
+def _explain_gap(
+    data: Bytes, begin: int, end: int, dialect: Dialect, stamp: int
+) -> tuple[int, list[tuple[int, int]]] | None:
+    """Count unknown packets and list those with wrong checksum; None if they do not fill the gap."""
+    n_unknown, wrong = 0, []
+    while begin < end:
+        head = data[begin + stamp : begin + stamp + _HEADER_2].tobytes()
+        if len(head) < _HEADER_1 or head[0] not in (MAGIC_1, MAGIC_2):
+            return None
+        if head[0] == MAGIC_1:
+            msg_id, size = head[5], _HEADER_1 + head[1] + _CHECKSUM
+        elif len(head) == _HEADER_2:
+            msg_id = int.from_bytes(head[7:10], "little")
+            size = _HEADER_2 + head[1] + _CHECKSUM + (_SIGNATURE if head[2] & _SIGNED else 0)
+        else:
+            return None
+        after = begin + stamp + size
+        if msg_id < len(dialect.extra) and dialect.extra[msg_id] >= 0:
+            wrong.append((begin, after))
+        else:
+            n_unknown += 1
+        begin = after
+    return (n_unknown, wrong) if begin == end else None

@@ -1,0 +1,317 @@
+"""MAVLink telemetry logs: messages as columns, systems told apart, one clock.
+
+A bare MAVLink stream without host stamps is read the same way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from quadid_logs.arrays import AnyArray, FloatArray, IntArray
+from quadid_logs.data.log import FlightLog, LoggedSystem, LostStretch, MessageCount
+from quadid_logs.errors import EmptyLogError, SettingsError
+from quadid_logs.readers.content import Bytes, load_bytes
+from quadid_logs.readers.mav_type import vehicle_type_of
+from quadid_logs.readers.mavlink_clock import (
+    BOOT_MS,
+    USEC,
+    BootClock,
+    boot_ms_s,
+    merge_clocks,
+    usec_to_boot_s,
+)
+from quadid_logs.readers.mavlink_dialect import Dialect, MessageType, enum_names, load_dialect
+from quadid_logs.readers.mavlink_frames import MAGIC_1, MAGIC_2, STAMP_SIZE, Packets, frame, host_time_s
+
+_INVALID_AUTOPILOT: Final = 8
+_GROUND_STATION: Final = 6
+_FEW: Final = 2
+"""Packets with a right checksum that make a file a MAVLink log, unless it begins with one."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MessageRows:
+    """All messages of one type, in file order.
+
+    Attributes
+    ----------
+    rows : structured ndarray, shape (n_rows,)
+        Truncated payloads are filled up with zeros.
+    position : ndarray of int64, shape (n_rows,)
+        Byte offset of each packet in the file.
+    system_id, component_id : ndarray of uint8, shape (n_rows,)
+        Who sent it.
+    """
+
+    name: str
+    rows: AnyArray
+    position: IntArray
+    system_id: AnyArray
+    component_id: AnyArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TlogContent:
+    """What a telemetry log says about the chosen system.
+
+    `clock` is the boot clock; `on_host_clock` tells that it had to be taken
+    from the host's stamps.
+    """
+
+    messages: Mapping[str, MessageRows]
+    clock: BootClock
+    on_host_clock: bool
+    systems: tuple[LoggedSystem, ...]
+    autopilot_id: int
+    mav_type: int
+    counts: tuple[MessageCount, ...]
+    lost: tuple[LostStretch, ...]
+    n_unknown: int
+    n_bytes: int
+
+    def time_s(self, message: MessageRows) -> FloatArray:
+        """Return when each row was sampled [s since boot]: its own time, else that of its neighbours."""
+        names = message.rows.dtype.names or ()
+        if BOOT_MS in names:
+            own = boot_ms_s(message.rows[BOOT_MS])
+        elif USEC in names:
+            own = usec_to_boot_s(message.rows[USEC], message.position, self.clock)
+        else:
+            return self.clock.at(message.position)
+        return np.where(np.isfinite(own), own, self.clock.at(message.position))
+
+
+def is_mine(head: bytes) -> bool:
+    """Tell whether a file beginning with `head` holds MAVLink packets."""
+    data = np.frombuffer(head, np.uint8)
+    if not ((data == MAGIC_1) | (data == MAGIC_2)).any():
+        return False
+    start = frame(data, load_dialect()).packets.start
+    return len(start) >= _FEW or (len(start) == 1 and int(start[0]) in (0, STAMP_SIZE))
+
+
+def read_messages(
+    path: str | Path, names: Collection[str] | None = None, *, system: int = 0
+) -> dict[str, MessageRows]:
+    """Return the messages of a telemetry log by type.
+
+    Parameters
+    ----------
+    path : str or Path
+    names : collection of str, optional
+        Message names to decode; all by default.
+    system : int
+        System id to keep; 0 keeps all.
+
+    Returns
+    -------
+    dict of str to MessageRows
+    """
+    data, dialect = load_bytes(path), load_dialect()
+    packets = frame(data, dialect).packets
+    if system:
+        packets = packets.where(packets.system == system)
+    return _decode(data, packets, dialect, names)
+
+
+def read_content(path: str | Path, names: Collection[str], *, system: int = 0) -> TlogContent:
+    """Read a telemetry log, decoding the given messages of one system.
+
+    Parameters
+    ----------
+    path : str or Path
+    names : collection of str
+        Message names to decode.
+    system : int
+        System id; 0 chooses the autopilot with most messages.
+
+    Raises
+    ------
+    EmptyLogError
+        If there is no packet with a right checksum.
+    SettingsError
+        If the file holds no system of that id.
+    """
+    data, dialect = load_bytes(path), load_dialect()
+    framing = frame(data, dialect)
+    packets = framing.packets
+    if not len(packets.start):
+        raise EmptyLogError(
+            f"{path} holds no MAVLink packet with a right checksum.", hint="Copy the log again."
+        )
+    systems = _systems(data, packets, dialect, system)
+    if not any(one.chosen for one in systems):
+        present = ", ".join(str(one) for one in sorted({one.system_id for one in systems}))
+        raise SettingsError(f"There is no system {system} in {path}.", hint=f"It holds {present}.")
+    chosen = next(one for one in systems if one.chosen)
+    own = packets.where((packets.system == chosen.system_id) & (packets.component == chosen.component_id))
+    clock, on_host_clock = _boot_clock(data, own, dialect)
+    heartbeat = _decode(data, own, dialect, {"HEARTBEAT"}).get("HEARTBEAT")
+    return TlogContent(
+        messages=_decode(data, own, dialect, names),
+        clock=clock,
+        on_host_clock=on_host_clock,
+        systems=systems,
+        autopilot_id=_most_frequent(heartbeat.rows["autopilot"]) if heartbeat else _INVALID_AUTOPILOT,
+        mav_type=_most_frequent(heartbeat.rows["type"]) if heartbeat else 0,
+        counts=_counts(own, dialect, clock),
+        lost=framing.lost,
+        n_unknown=framing.n_unknown,
+        n_bytes=len(data),
+    )
+
+
+def read(path: str | Path, *, system: int = 0) -> FlightLog:
+    """Read a telemetry log into canonical signals.
+
+    Parameters
+    ----------
+    path : str or Path
+    system : int
+        System id; 0 chooses the autopilot with most messages.
+
+    Returns
+    -------
+    FlightLog
+
+    Raises
+    ------
+    EmptyLogError
+        If there is no packet with a right checksum.
+    SettingsError
+        If the file holds no system of that id.
+    """
+    from quadid_logs.readers import mavlink
+
+    return mavlink.flight_log(str(path), read_content(path, mavlink.MESSAGES, system=system))
+
+
+def _decode(
+    data: Bytes, packets: Packets, dialect: Dialect, names: Collection[str] | None
+) -> dict[str, MessageRows]:
+    """Decode the packets by type."""
+    order = np.argsort(packets.msg_id.astype(np.uint16), kind="stable")
+    ids, first = np.unique(packets.msg_id[order], return_index=True)
+    decoded = {}
+    for msg_id, chosen in zip(ids.tolist(), np.split(order, first[1:]), strict=True):
+        kind = dialect.types[msg_id]
+        if names is None or kind.name in names:
+            some = Packets(*(part[chosen] for part in packets))
+            decoded[kind.name] = MessageRows(
+                name=kind.name,
+                rows=_payloads(data, some, kind),
+                position=some.start,
+                system_id=some.system,
+                component_id=some.component,
+            )
+    return decoded
+
+
+def _payloads(data: Bytes, packets: Packets, kind: MessageType) -> AnyArray:
+    """Return the payloads as rows; what the sender truncated is zero, what we do not know is left out."""
+    n_bytes = kind.dtype.itemsize
+    body = np.zeros((len(packets.start), n_bytes), np.uint8)
+    kept = np.minimum(packets.length, n_bytes)
+    for size in np.unique(kept).tolist():
+        if size:
+            group = np.flatnonzero(kept == size)
+            row = np.dtype((np.void, size))
+            view = np.ndarray((len(data) - size + 1,), row, buffer=data, strides=(1,))
+            part = view[packets.payload[group]].view(np.uint8).reshape(len(group), size)
+            body[group, :size] = part
+    rows: AnyArray = body.reshape(-1).view(kind.dtype)
+    return rows
+
+
+def _boot_clock(data: Bytes, packets: Packets, dialect: Dialect) -> tuple[BootClock, bool]:
+    """Return the boot clock, and whether it had to be taken from the host's stamps."""
+    present = {int(msg_id): dialect.types[int(msg_id)] for msg_id in np.unique(packets.msg_id)}
+    for name in (BOOT_MS, USEC):
+        timed = {kind.name for kind in present.values() if name in (kind.dtype.names or ())}
+        messages = _decode(data, packets, dialect, timed).values()
+        clock = merge_clocks(
+            [BootClock(message.position, _own_time_s(message, name)) for message in messages]
+        )
+        usable = np.isfinite(clock.time_s)
+        if usable.any():
+            return BootClock(clock.position[usable], clock.time_s[usable]), False
+    host_s = host_time_s(data, packets)
+    return BootClock(packets.start, host_s - host_s[0]), True
+
+
+def _own_time_s(message: MessageRows, name: str) -> FloatArray:
+    """Return a message's own time as it stands [s]; NaN where not filled in."""
+    stamp = message.rows[name]
+    return boot_ms_s(stamp) if name == BOOT_MS else np.where(stamp > 0, stamp * 1e-6, np.nan)
+
+
+def _most_frequent(values: AnyArray) -> int:
+    """Return the most frequent small integer."""
+    return int(np.bincount(values).argmax())
+
+
+def _systems(data: Bytes, packets: Packets, dialect: Dialect, system: int) -> tuple[LoggedSystem, ...]:
+    """List who speaks in the file, and choose the autopilot (of the given system) with most messages."""
+    autopilots, types = enum_names("MAV_AUTOPILOT", "MAV_AUTOPILOT_"), enum_names("MAV_TYPE", "MAV_TYPE_")
+    heartbeats = _decode(data, packets, dialect, {"HEARTBEAT"}).get("HEARTBEAT")
+    found: list[tuple[tuple[bool, int], LoggedSystem]] = []
+    address = packets.system.astype(np.int64) * 256 + packets.component
+    for key, count in zip(*(part.tolist() for part in np.unique(address, return_counts=True)), strict=True):
+        autopilot, mav_type = _identity(heartbeats, key // 256, key % 256)
+        is_autopilot = autopilot not in (-1, _INVALID_AUTOPILOT) and mav_type != _GROUND_STATION
+        vehicle = vehicle_type_of(mav_type)
+        one = LoggedSystem(
+            system_id=key // 256,
+            component_id=key % 256,
+            autopilot=autopilots.get(autopilot, "unknown").lower(),
+            vehicle_type=types.get(mav_type, "unknown").lower() if vehicle == "unknown" else vehicle,
+            n_messages=count,
+            chosen=False,
+        )
+        found.append(((is_autopilot, count), one))
+    eligible = [entry for entry in found if not system or entry[1].system_id == system]
+    best = max(eligible, key=lambda entry: entry[0])[1] if eligible else None
+    return tuple(
+        LoggedSystem(
+            system_id=one.system_id,
+            component_id=one.component_id,
+            autopilot=one.autopilot,
+            vehicle_type=one.vehicle_type,
+            n_messages=one.n_messages,
+            chosen=one is best,
+        )
+        for _, one in found
+    )
+
+
+def _identity(heartbeats: MessageRows | None, system: int, component: int) -> tuple[int, int]:
+    """Return what its heartbeats say a sender is: MAV_AUTOPILOT and MAV_TYPE, -1 and 0 without heartbeats."""
+    if heartbeats is None:
+        return -1, 0
+    own = (heartbeats.system_id == system) & (heartbeats.component_id == component)
+    if not own.any():
+        return -1, 0
+    rows = heartbeats.rows[own]
+    return _most_frequent(rows["autopilot"]), _most_frequent(rows["type"])
+
+
+def _counts(packets: Packets, dialect: Dialect, clock: BootClock) -> tuple[MessageCount, ...]:
+    """Count the messages by type, with their mean rate over the time that the clock covers."""
+    running = np.diff(clock.time_s)
+    duration_s = float(running[(running > 0.0) & (running < 3600.0)].sum())
+    ids, counts = np.unique(packets.msg_id, return_counts=True)
+    rate = 1.0 / duration_s if duration_s > 0.0 else float("nan")
+    return tuple(
+        sorted(
+            (
+                MessageCount(name=dialect.types[msg_id].name, count=count, rate_hz=count * rate)
+                for msg_id, count in zip(ids.tolist(), counts.tolist(), strict=True)
+            ),
+            key=lambda count: count.name,
+        )
+    )
