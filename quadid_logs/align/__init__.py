@@ -15,7 +15,7 @@ from quadid_logs.data.flight import FlightData, InputDescription, Overview, Segm
 from quadid_logs.data.log import FlightLog, LogText, ModeChange, Signal
 from quadid_logs.data.settings import Settings
 from quadid_logs.maths.resampling import resample
-from quadid_logs.vocabulary import SIGNALS
+from quadid_logs.vocabulary import MULTIROTOR, SIGNALS
 
 __all__ = ["align"]
 
@@ -47,7 +47,7 @@ def align(log: FlightLog, settings: Settings) -> FlightData:
     intervals = _clip(flights.intervals, settings)
     torque = series.get("torque_n_m") or series.get("torque_command")
     period_s = _period_s(torque, settings)
-    segments = _segments(series, torque, intervals, period_s, settings)
+    segments = _segments(series, torque, intervals, period_s, settings) if _may_be_multirotor(log) else ()
     return FlightData(
         sample_period_s=period_s,
         segments=segments,
@@ -66,6 +66,11 @@ def align(log: FlightLog, settings: Settings) -> FlightData:
         modes=_on_clock(log.modes, clock),
         texts=_on_clock_texts(log.texts, clock),
     )
+
+
+def _may_be_multirotor(log: FlightLog) -> bool:
+    """Of any other vehicle nothing is cut out to identify: the model would not fit it."""
+    return log.vehicle_type in (MULTIROTOR, "unknown")
 
 
 def _signals_with_time(log: FlightLog) -> Iterable[Signal]:
@@ -106,9 +111,8 @@ def _segments(
         return ()
     found = []
     for flight, interval in enumerate(intervals):
-        stretches = _without_gaps(rate, interval, settings)
-        for stretch in stretches:
-            for start_s, end_s in _without_gaps(torque, stretch, settings):
+        for stretch in _without_gaps(rate, interval, period_s, settings):
+            for start_s, end_s in _without_gaps(torque, stretch, period_s, settings):
                 if end_s - start_s >= settings.min_segment_s:
                     n_samples = int((end_s - start_s) / period_s + 1e-6) + 1
                     grid = start_s + period_s * np.arange(n_samples, dtype=np.float64)
@@ -116,13 +120,19 @@ def _segments(
     return tuple(found)
 
 
-def _without_gaps(series: CleanSeries, interval: Interval, settings: Settings) -> list[Interval]:
-    """Return the stretches of the interval between samples that follow each other without a gap."""
+def _without_gaps(
+    series: CleanSeries, interval: Interval, period_s: float, settings: Settings
+) -> list[Interval]:
+    """Return the stretches of the interval between samples that follow each other without a gap.
+
+    Faster logging than the grid needs may pause for as long as the grid's own period allows.
+    """
     time_s = series.time_s[series.within(*interval)]
     if time_s.size < 2:
         return []
-    # Half a microsecond of slack: stamps are rounded.
-    breaks = np.flatnonzero(np.diff(time_s) > settings.gap_periods * series.period_s + 5e-7)
+    # A microsecond of slack: stamps are rounded to it.
+    longest_s = settings.gap_periods * max(series.period_s, period_s) + 1e-6
+    breaks = np.flatnonzero(np.diff(time_s) > longest_s)
     first = np.concatenate([[0], breaks + 1])
     last = np.concatenate([breaks, [time_s.size - 1]])
     return [(float(time_s[a]), float(time_s[b])) for a, b in zip(first, last, strict=True) if b > a]

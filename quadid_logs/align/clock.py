@@ -14,6 +14,8 @@ from quadid_logs.data.settings import Settings
 #: Neighbours on each side that a stamp is compared with. Four outvote a burst
 #: of three damaged rows, and a reboot still has a clean edge.
 _NEIGHBOURS = 4
+#: Logged when they change, not periodically: too few rows to vote on the clock.
+EVENTS = frozenset({"armed", "landed"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -28,12 +30,16 @@ class Clock:
         Earliest and latest logged time of each epoch [s].
     shift_s : ndarray, shape (n_epochs,)
         To be added to logged times, so that every epoch follows the one before.
+    position, time_s : ndarray, shape (n_rows,)
+        Every believable row of the log: what the clock showed where in the file.
     """
 
     start_position: IntArray
     first_s: FloatArray
     last_s: FloatArray
     shift_s: FloatArray
+    position: IntArray
+    time_s: FloatArray
 
     @property
     def n_resets(self) -> int:
@@ -43,6 +49,16 @@ class Clock:
     def epoch_of(self, position: IntArray) -> IntArray:
         """Return the number of the epoch that each file position lies in."""
         return np.clip(np.searchsorted(self.start_position, position, side="right") - 1, 0, None)
+
+    def is_wild(self, time_s: FloatArray, position: IntArray, tolerance_s: float) -> BoolArray:
+        """Mark stamps that are not finite or far from what the clock showed at that place in the file."""
+        if self.time_s.size == 0:
+            return ~np.isfinite(time_s)
+        nearest = np.clip(np.searchsorted(self.position, position), 0, self.position.size - 1)
+        off = np.abs(time_s - self.time_s[nearest])
+        before = np.abs(time_s - self.time_s[np.clip(nearest - 1, 0, None)])
+        # At a reset the rows on either side disagree: being near one of them is enough.
+        return ~(np.minimum(off, before) <= tolerance_s)
 
     def time_at(self, time_s: float, position: int) -> float:
         """Bring one logged time onto the common clock."""
@@ -61,7 +77,15 @@ def find_clock(signals: Iterable[Signal], settings: Settings) -> Clock:
     position, time_s = position[~wild], time_s[~wild]
     if time_s.size == 0:
         zero = np.zeros(1)
-        return Clock(start_position=np.zeros(1, np.int64), first_s=zero, last_s=zero, shift_s=zero)
+        nowhere = np.zeros(0, np.int64)
+        return Clock(
+            start_position=np.zeros(1, np.int64),
+            first_s=zero,
+            last_s=zero,
+            shift_s=zero,
+            position=nowhere,
+            time_s=np.zeros(0),
+        )
     starts = np.concatenate([[0], _breaks(time_s, settings)])
     first_s = np.minimum.reduceat(time_s, starts)
     last_s = np.maximum.reduceat(time_s, starts)
@@ -69,7 +93,14 @@ def find_clock(signals: Iterable[Signal], settings: Settings) -> Clock:
     for epoch in range(1, len(starts)):
         # One second apart: enough to be a gap at every rate that can be used.
         shift_s[epoch] = last_s[epoch - 1] + shift_s[epoch - 1] + 1.0 - first_s[epoch]
-    return Clock(start_position=position[starts], first_s=first_s, last_s=last_s, shift_s=shift_s)
+    return Clock(
+        start_position=position[starts],
+        first_s=first_s,
+        last_s=last_s,
+        shift_s=shift_s,
+        position=position,
+        time_s=time_s,
+    )
 
 
 def is_wild(time_s: FloatArray, tolerance_s: float) -> BoolArray:
@@ -93,7 +124,7 @@ def _merged(signals: Iterable[Signal]) -> tuple[IntArray, FloatArray]:
     """Return positions and times of all signals in file order, each message counted once."""
     distinct: dict[tuple[int, int, int], Signal] = {}
     for signal in signals:
-        if signal.n_samples:
+        if signal.n_samples and signal.name not in EVENTS:
             key = (int(signal.position[0]), int(signal.position[-1]), signal.n_samples)
             distinct.setdefault(key, signal)
     if not distinct:

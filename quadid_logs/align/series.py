@@ -6,11 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadid_logs.align.clock import Clock, is_wild
+from quadid_logs.align.clock import EVENTS, Clock
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.log import Signal
 from quadid_logs.data.settings import Settings
-from quadid_logs.maths.resampling import median_period
+from quadid_logs.maths.resampling import typical_period
+
+_ONE_COLUMN_PER_MOTOR = frozenset({"motor_thrust", "rotor_speed", "output_pwm"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -31,12 +33,12 @@ class CleanSeries:
 
     @property
     def period_s(self) -> float:
-        """Median sample period [s]."""
-        return median_period(self.time_s)
+        """Typical sample period [s], NaN for fewer than two samples."""
+        return typical_period(self.time_s)
 
     @property
     def rate_hz(self) -> float:
-        """Median sample rate [Hz], 0 for a single sample."""
+        """Typical sample rate [Hz], 0 for a single sample."""
         period = self.period_s
         return 1.0 / period if period > 0.0 else 0.0
 
@@ -53,16 +55,13 @@ def clean(signal: Signal, clock: Clock, settings: Settings) -> CleanSeries:
     away. Of rows with the same stamp the last stands: it is what the
     autopilot knew last at that time.
     """
-    wild = is_wild(signal.time_s, _tolerance_s(signal, settings))
+    # An event may stand alone, minutes from the periodic rows around it in the file.
+    tolerance_s = settings.clock_jump_s if signal.name in EVENTS else settings.wild_stamp_s
+    wild = clock.is_wild(signal.time_s, signal.position, tolerance_s)
     epoch = clock.epoch_of(signal.position)
-    outside = (signal.time_s < clock.first_s[epoch]) | (signal.time_s > clock.last_s[epoch])
-    wild |= outside & np.isfinite(signal.time_s)
-    # A motor that does not turn is logged as NaN: a row counts as lost only if it says nothing.
-    finite = (
-        np.isfinite(signal.values).any(axis=1)
-        if _may_be_nan(signal)
-        else np.isfinite(signal.values).all(axis=1)
-    )
+    # A motor that does not turn is logged as NaN: such a row is lost only if it says nothing.
+    known = np.isfinite(signal.values)
+    finite = known.any(axis=1) if signal.name in _ONE_COLUMN_PER_MOTOR else known.all(axis=1)
     keep = np.flatnonzero(~wild & finite)
     time_s = signal.time_s[keep] + clock.shift_s[epoch[keep]]
     n_out_of_order = int(np.count_nonzero(np.diff(time_s) < 0.0))
@@ -80,14 +79,3 @@ def clean(signal: Signal, clock: Clock, settings: Settings) -> CleanSeries:
         n_wild=int(np.count_nonzero(wild)),
         n_not_finite=int(np.count_nonzero(~wild & ~finite)),
     )
-
-
-def _may_be_nan(signal: Signal) -> bool:
-    return signal.name in {"motor_thrust", "rotor_speed", "output_pwm"}
-
-
-def _tolerance_s(signal: Signal, settings: Settings) -> float:
-    """Return how far a stamp may stray: out-of-order logging, or some periods of a slow signal."""
-    steps = np.abs(np.diff(signal.time_s[np.isfinite(signal.time_s)]))
-    typical = float(np.median(steps)) if steps.size else 0.0
-    return max(settings.wild_stamp_s, 20.0 * typical)

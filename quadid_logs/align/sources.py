@@ -10,6 +10,7 @@ from quadid_logs.align.flights import Interval
 from quadid_logs.align.series import CleanSeries
 from quadid_logs.data.flight import SourceChoice
 from quadid_logs.data.settings import Settings
+from quadid_logs.maths.resampling import typical_period
 
 #: A preferred source may be this much slower than the fastest one before its
 #: other merits (same clock as the torque, less processing) no longer pay.
@@ -66,9 +67,8 @@ def describe(
 ) -> SourceChoice:
     """Tell where a signal came from and how it was really sampled while flying."""
     steps = _steps_in_flight(series, flights)
-    steps = steps[steps > 0.0]
-    period = float(np.median(steps)) if steps.size else float("nan")
-    gaps = steps[steps > settings.gap_periods * period] if steps.size else steps
+    period = typical_period(np.cumsum(steps))
+    gaps = steps[steps > settings.gap_periods * period]
     return SourceChoice(
         signal=series.signal.name,
         source=series.signal.source,

@@ -64,6 +64,15 @@ def _rate(source: SourceChoice, advice: str, settings: Settings) -> Iterator[Fin
         yield finding("QL305", "info", {**evidence, "gaps": source.n_gaps})
 
 
+def _too_slow(data: FlightData, settings: Settings) -> bool:
+    """Return whether a rate is the reason that nothing was identified."""
+    return any(
+        source.rate_hz < settings.min_rate_hz
+        for name, source in data.sources.items()
+        if name in ("body_rate", "torque_command", "torque_n_m")
+    )
+
+
 def _spoken(signal: str) -> str:
     return {"body_rate": "The body rate", "torque_command": "The torque", "torque_n_m": "The torque"}[signal]
 
@@ -102,5 +111,5 @@ def _flight(data: FlightData, identification: Identification, settings: Settings
             },
             title="The flight without gaps is too short",
         )
-    elif data.segments and identification.skipped:
+    elif data.segments and identification.skipped and not _too_slow(data, settings):
         yield finding("QL402", "error", {"reason": identification.skipped, "gap_free_s": round(usable_s, 2)})

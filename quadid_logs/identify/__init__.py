@@ -20,6 +20,9 @@ __all__ = ["identify"]
 _SMOOTHING_HZ = 5.0
 #: At least eight samples per cycle at the cut-off, or the torque between samples is a guess.
 _SAMPLES_PER_CYCLE = 8.0
+#: Another structure must explain this much more of the acceleration before it
+#: is preferred to the physical one: less is chance.
+_HEAD_START = 0.02
 #: Rows per unknown below which a fit is arithmetic, not evidence.
 _ROWS_PER_UNKNOWN = 5
 
@@ -41,6 +44,9 @@ def identify(data: FlightData, settings: Settings) -> Identification:
     """
     if not data.segments or data.input is None:
         return Identification(skipped="there is no stretch of flight with both body rates and torque")
+    slowest_hz = min(data.sources[name].rate_hz for name in (data.input.kind, "body_rate"))
+    if slowest_hz < settings.min_rate_hz:
+        return Identification(skipped=f"torque and rates were logged at {slowest_hz:.3g} Hz only")
     smoothing_hz = settings.smoothing_hz or min(
         _SMOOTHING_HZ, 1.0 / (data.sample_period_s * _SAMPLES_PER_CYCLE)
     )
@@ -63,7 +69,9 @@ def _recommend(models: list[Model], settings: Settings) -> tuple[Model, ...]:
     import dataclasses
 
     wanted = next((model for model in models if model.structure == settings.structure), None)
-    best = wanted or max(models, key=_held_out_score)
+    best = wanted or max(
+        models, key=lambda model: _held_out_score(model) + _HEAD_START * (model is models[0])
+    )
     ordered = sorted(models, key=lambda model: model is not best)
     return tuple(dataclasses.replace(model, recommended=model is best) for model in ordered)
 

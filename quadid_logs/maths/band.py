@@ -53,7 +53,7 @@ def butterworth_response(s: ComplexArray, cutoff_hz: float) -> ComplexArray:
     ArduPilot INS_GYRO_FILTER and PX4 IMU_GYRO_CUTOFF (LowPassFilter2p).
     """
     x = s / (2.0 * np.pi * cutoff_hz)
-    return 1.0 / (1.0 + np.sqrt(2.0) * x + x * x)
+    return np.asarray(1.0 / (1.0 + np.sqrt(2.0) * x + x * x), dtype=np.complex128)
 
 
 def filtered(

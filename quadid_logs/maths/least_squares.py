@@ -56,7 +56,8 @@ def solve_least_squares(regressors: FloatArray, targets: FloatArray) -> LeastSqu
     n_samples, n_regressors = regressors.shape
     if targets.shape[0] != n_samples or n_samples < n_regressors:
         raise ShapeError(
-            f"{n_samples} samples of {n_regressors} regressors do not determine targets of shape {targets.shape}."
+            f"{n_samples} samples of {n_regressors} regressors do not determine "
+            f"targets of shape {targets.shape}."
         )
     scale = column_scale(regressors)
     u, singular, vt = np.linalg.svd(regressors / scale, full_matrices=False)
@@ -112,4 +113,4 @@ def clustered_covariance(jacobian: FloatArray, residuals: FloatArray, clusters: 
     n_filled = np.unique(clusters).size
     small_sample = n_filled / max(n_filled - 1, 1) * (n_samples - 1) / max(n_samples - n_parameters, 1)
     covariance = small_sample * bread @ (scores.T @ scores) @ bread
-    return covariance / np.outer(scale, scale)
+    return np.asarray(covariance / np.outer(scale, scale), dtype=np.float64)

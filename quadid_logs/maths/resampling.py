@@ -11,11 +11,23 @@ from quadid_logs.arrays import FloatArray
 _FILTER_PERIODS = 8
 
 
-def median_period(time_s: FloatArray) -> float:
-    """Return the median of the positive steps [s]; NaN for fewer than two distinct times."""
+def typical_period(time_s: FloatArray) -> float:
+    """Return the mean of the steps [s] that are no pauses; NaN for fewer than two times.
+
+    The median alone misleads where stamps lie on a coarse grid or come in
+    bunches; the mean alone where there are gaps. A pause is a step of more
+    than five medians, far above any jitter.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (n_samples,)
+        Increasing [s].
+    """
     steps = np.diff(time_s)
     steps = steps[steps > 0.0]
-    return float(np.median(steps)) if steps.size else float("nan")
+    if steps.size == 0:
+        return float("nan")
+    return float(np.mean(steps[steps <= 5.0 * np.median(steps)]))
 
 
 def resample(time_s: FloatArray, values: FloatArray, grid_s: FloatArray) -> FloatArray:
@@ -50,7 +62,7 @@ def _decimation_factor(time_s: FloatArray, grid_s: FloatArray) -> int:
     """Return how many input samples fall into one grid period (1 if about as many or fewer)."""
     if len(grid_s) < 2 or len(time_s) < 2:
         return 1
-    ratio = (grid_s[-1] - grid_s[0]) / (len(grid_s) - 1) / median_period(time_s)
+    ratio = (grid_s[-1] - grid_s[0]) / (len(grid_s) - 1) / typical_period(time_s)
     return int(np.ceil(ratio)) if ratio > 1.25 else 1
 
 

@@ -27,7 +27,9 @@ class Spectra(NamedTuple):
     def coherence(self) -> FloatArray:
         """Share of the output's power that a linear system explains; shape (n_frequencies,)."""
         product = self.input_psd * self.output_psd
-        return np.divide(np.abs(self.cross) ** 2, product, out=np.zeros_like(product), where=product > 0.0)
+        explained = np.zeros_like(product)
+        np.divide(np.abs(self.cross) ** 2, product, out=explained, where=product > 0.0)
+        return explained
 
 
 def averaged_spectra(
@@ -71,5 +73,5 @@ def averaged_spectra(
         cross += np.sum(np.conj(x) * y, axis=0)
         n_averages += x.shape[0]
     norm = 2.0 * period_s / (np.sum(window**2) * max(n_averages, 1))
-    frequency = np.fft.rfftfreq(n_stretch, period_s)
+    frequency = np.asarray(np.fft.rfftfreq(n_stretch, period_s), dtype=np.float64)
     return Spectra(frequency, input_psd * norm, output_psd * norm, cross * norm, n_averages)

@@ -253,7 +253,7 @@ class SignalBuilder:
         yield from self._events("landed", {18: 1.0, 28: 0.0}, "")
 
     def _events(self, name: str, meaning: dict[int, float], extra: str) -> Iterator[Signal]:
-        """Build a state from the events that change it, with the state before the first of them."""
+        """Build a state from the events that change it."""
         positions: list[IntArray] = []
         values: list[FloatArray] = []
         events = self._tables.get("EV")
@@ -274,11 +274,11 @@ class SignalBuilder:
         source = " ".join(filter(None, (extra, f"EV.Id {' '.join(map(str, meaning))}")))
         yield Signal(
             name=name,
-            time_s=np.concatenate([[self._clock.start_s], time]),
-            values=np.concatenate([[1.0 - state[0]], state])[:, None],
-            position=np.concatenate([[0], position[order]]),
+            time_s=time,
+            values=state[:, None],
+            position=position[order],
             source=source,
-            reason="changes of state; the first row is the state before the first change",
+            reason="changes of state",
         )
 
     def _event_times(self, position: IntArray) -> FloatArray:
