@@ -5,8 +5,10 @@ An action's result is kept until the memory has been read.
 
 from __future__ import annotations
 
+import tempfile
 from collections import defaultdict
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
@@ -130,10 +132,25 @@ def quadid_windows(count: str) -> object:
 
 
 def quadid_simulate(duration_s: str) -> object:
-    """Ours: a closed-loop flight of that length, logged at 400 Hz."""
+    """Ours: a closed-loop flight of that length, logged at 400 Hz and written as .bin."""
     from quadid_logs.simulate import simulate
+    from quadid_logs.writers import write_log
 
-    return simulate("sysid-quad-x", seed=0, duration_s=float(duration_s), rate_hz=400.0)
+    flight = simulate("sysid-quad-x", seed=0, duration_s=float(duration_s), rate_hz=400.0)
+    with tempfile.TemporaryDirectory() as folder:
+        write_log(flight.log, Path(folder) / "flight.bin")
+    return flight
+
+
+def quadid_simulate_many(count: str) -> object:
+    """Ours: so many 60 s flights at 400 Hz at once, for a Monte Carlo study."""
+    from quadid_logs.simulate import find_scenario, fly_many, plan_flights
+
+    scenario = find_scenario("sysid-quad-x")
+    setups = [
+        plan_flights(scenario, seed=seed, duration_s=60.0, rate_hz=400.0)[0] for seed in range(int(count))
+    ]
+    return fly_many(setups)
 
 
 def quadid_analyze(path: str) -> object:

@@ -151,8 +151,10 @@ def _computations(short: bool, repeats: int) -> Iterator[str]:
     windows = "10000" if short else "100000"
     tasks = [
         (f"{windows} windows of 9x9 (`solve_windows`)", "quadid_windows", "100", windows),
-        ("60 s flight simulated and logged at 400 Hz", "quadid_simulate", "8", "60"),
+        ("60 s flight simulated, logged at 400 Hz, written as .bin", "quadid_simulate", "15", "60"),
     ]
+    if not short:
+        tasks.append(("200 such flights at once, not written", "quadid_simulate_many", "1", "200"))
     logs = [] if short else [path for path in corpus_logs() if path.suffix.lower() != ".tlog"]
     tasks += [(f"analyze {path.name}, no report", "quadid_analyze", str(path), str(path)) for path in logs]
     for what, action, warm_up, argument in tasks:

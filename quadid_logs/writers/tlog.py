@@ -57,8 +57,8 @@ Timed = tuple[int, Any]
 def write_tlog(log: FlightLog, file: BinaryIO) -> None:
     """Write a FlightLog as a MAVLink 2 telemetry log.
 
-    ATTITUDE stands at the times of `attitude` or of `body_rate`, whichever
-    has more rows; the other one holds its last value.
+    ATTITUDE stands at the times of `body_rate`, where there is one: angles
+    hold their last value there, rates are never repeated.
 
     Parameters
     ----------
@@ -179,12 +179,12 @@ def _custom_mode(log: FlightLog, name: str) -> int:
 
 def _attitude(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
     """ATTITUDE: angles and body rates together."""
-    candidates = (first(log, "attitude"), controller_rate(log))
-    present = [signal for signal in candidates if signal is not None and signal.n_samples]
-    if not present:
+    attitude, rate = first(log, "attitude"), controller_rate(log)
+    base = rate if rate is not None and rate.n_samples else attitude
+    if base is None:
         return
-    stamps = _stamps(clock, max(present, key=lambda signal: signal.n_samples))
-    angles, rates = (_held(clock, signal, stamps.key_us, 3) for signal in candidates)
+    stamps = _stamps(clock, base)
+    angles, rates = (_held(clock, signal, stamps.key_us, 3) for signal in (attitude, rate))
     rows = np.concatenate((angles, rates), axis=1).tolist()
     for key, boot_ms, row in zip(stamps.key_us.tolist(), _boot_ms(stamps), rows, strict=True):
         yield key, dialect.MAVLink_attitude_message(boot_ms, *row)

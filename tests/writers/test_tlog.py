@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections import defaultdict
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +52,16 @@ def test_attitude_and_rates_arrive_together(written: Write) -> None:
     boot_ms = column(found, "time_boot_ms")[:, 0]
     assert np.all(rate.time_s * 1e3 - boot_ms < 1.0 + 1e-6)
     assert np.all(rate.time_s * 1e3 - boot_ms > -1e-6)
+
+
+def test_a_faster_attitude_does_not_repeat_rates(written: Write) -> None:
+    """ATTITUDE stands at the rates' times: a repeated rate would look like a measured one."""
+    log = flight()
+    slow = series("body_rate", rate_hz=100.0, n_columns=3, source="RATE.R,P,Y")
+    found = rows(written(replace(log, signals={**log.signals, "body_rate": (slow,)}), "a.tlog"))["ATTITUDE"]
+    np.testing.assert_allclose(column(found, "rollspeed")[:, 0], slow.values[:, 0], rtol=2e-7, atol=1e-9)
+    angles = log.signals["attitude"][0].values[::4, 0]
+    np.testing.assert_allclose(column(found, "roll")[:, 0], angles, rtol=2e-7, atol=1e-9)
 
 
 def test_ardupilot_s_imu_is_in_thousandths(written: Write) -> None:
