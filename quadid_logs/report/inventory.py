@@ -7,58 +7,37 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
+from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.flight import FlightData, SourceChoice
 from quadid_logs.data.log import FlightLog
+from quadid_logs.data.model import Identification
 from quadid_logs.data.settings import Settings
-from quadid_logs.report.json import SCHEMA_VERSION, data_dict, log_dict, plain
+from quadid_logs.diagnose.data_findings import find_in_data
+from quadid_logs.diagnose.file_findings import find_in_file
+from quadid_logs.report.json import SCHEMA_VERSION, data_dict, finding_dict, log_dict, plain
 from quadid_logs.report.numbers import number, seconds, size
 from quadid_logs.untrusted import printable
-from quadid_logs.vocabulary import MULTIROTOR
 
-_TORQUES = ("torque_n_m", "torque_command")
 _MOST_TYPES = 14
-_HOW_TO_LOG = {
-    "ardupilot": "Set LOG_BITMASK so that ATTITUDE_FAST (bit 0) and PID (bit 12) are logged.",
-    "px4": "Set the high-rate and system-identification bits of SDLOG_PROFILE.",
-}
 
 
-def missing_for_analysis(log: FlightLog, data: FlightData, settings: Settings) -> tuple[str, ...]:
-    """Say what keeps `analyze` from a model, and what to set or fly.
+def missing_for_analysis(log: FlightLog, data: FlightData, settings: Settings) -> tuple[Finding, ...]:
+    """Return what `analyze` would complain about before it has looked at the motion.
 
     Parameters
     ----------
     log : FlightLog
     data : FlightData
     settings : Settings
-        ``min_rate_hz`` is the lowest rate of rates and torque.
 
     Returns
     -------
-    tuple of str
-        Empty where nothing is missing. Whether the flight excited every axis
-        only `analyze` can tell.
+    tuple of Finding
+        Errors first, then warnings. Whether the flight excited every axis only
+        `analyze` can tell.
     """
-    how = _HOW_TO_LOG.get(log.autopilot, "Log them at 100 Hz or more.")
-    lacks = []
-    if log.vehicle_type not in (MULTIROTOR, "unknown"):
-        lacks.append(f"This is not a multirotor but a {printable(log.vehicle_type, 40)}.")
-    if not log.has_time:
-        lacks.append("The rows carry no time.")
-    if "body_rate" not in data.sources:
-        lacks.append(f"No body rates (p, q, r). {how}")
-    torque = next((data.sources[name] for name in _TORQUES if name in data.sources), None)
-    if torque is None:
-        lacks.append(f"No torque (L, M, N) or its command. {how}")
-    for choice in (data.sources.get("body_rate"), torque):
-        if choice is not None and choice.rate_hz < settings.min_rate_hz:
-            rate = f"{printable(choice.signal, 40)} is logged at {number(choice.rate_hz, 3)} Hz"
-            lacks.append(f"{rate}, too slow: at least {settings.min_rate_hz:g} Hz are needed. {how}")
-    if not data.flights:
-        lacks.append(f"No flight was found. {printable(data.on_ground_reason)}".strip())
-    elif not data.segments and not lacks:
-        lacks.append("No stretch of the flight has rates and torque without gaps.")
-    return tuple(lacks)
+    found = [*find_in_file(log, data), *find_in_data(log, data, Identification(), settings)]
+    return tuple(finding for level in ("error", "warning") for finding in found if finding.level == level)
 
 
 def inventory_text(log: FlightLog, data: FlightData, settings: Settings) -> str:
@@ -72,7 +51,9 @@ def inventory_text(log: FlightLog, data: FlightData, settings: Settings) -> str:
         ],
         "modes": [{"time_s": mode.time_s, "name": mode.name} for mode in data.modes],
         "n_parameters": len(log.parameters),
-        "missing_for_analysis": missing_for_analysis(log, data, settings),
+        "missing_for_analysis": [
+            finding_dict(finding) for finding in missing_for_analysis(log, data, settings)
+        ],
     }
     return json.dumps(plain(content), indent=1, allow_nan=False) + "\n"
 
@@ -100,9 +81,13 @@ def inventory_lines(log: FlightLog, data: FlightData, settings: Settings) -> Ite
         yield from _signal_lines(choice)
     yield ""
     lacks = missing_for_analysis(log, data, settings)
-    yield "  Missing for analyze:" if lacks else "  Nothing is missing for analyze."
-    for line in lacks:
-        yield f"  - {line}"
+    if not lacks:
+        yield "  Nothing is missing for analyze."
+    for finding in lacks:
+        word = "missing" if finding.level == "error" else "doubtful"
+        yield f"  {word} for analyze: {printable(finding.title)} [{finding.code}]"
+        if finding.advice:
+            yield f"    {printable(finding.advice, 600)}"
     for remark in log.remarks[:20]:
         yield f"  Note: {printable(remark)}"
 

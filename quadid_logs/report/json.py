@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.data.diagnosis import Diagnosis
+from quadid_logs.data.diagnosis import Diagnosis, Finding
 from quadid_logs.data.flight import FlightData, SourceChoice
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Actuator, Excitation, Inertia, Model, Parameter, Validation, Windows
@@ -45,17 +45,7 @@ def result_dict(result: Result, provenance: Provenance | None = None) -> dict[st
         "data": data_dict(result.data),
         "models": [_model(model) for model in result.identification.models],
         "axes": {name: _verdict(result.diagnosis, name) for name in result.diagnosis.axes},
-        "findings": [
-            {
-                "code": finding.code,
-                "level": finding.level,
-                "title": finding.title,
-                "evidence": dict(finding.evidence),
-                "advice": finding.advice,
-                "axes": list(finding.axes),
-            }
-            for finding in result.diagnosis.findings
-        ],
+        "findings": [finding_dict(finding) for finding in result.diagnosis.findings],
         "excitation": {item.axis: _excitation(item) for item in result.identification.excitation},
         "skipped": result.identification.skipped,
         "timings_s": _timings(result),
@@ -231,6 +221,11 @@ def _estimate(values: FloatArray) -> dict[str, Any]:
 def _validation(validation: Validation) -> dict[str, Any]:
     """Return ``validation``."""
     return _fields(validation)
+
+
+def finding_dict(finding: Finding) -> dict[str, Any]:
+    """Return an entry of ``findings``."""
+    return _fields(finding)
 
 
 def _verdict(diagnosis: Diagnosis, axis: str) -> dict[str, Any]:
