@@ -14,7 +14,7 @@ import numpy as np
 
 from quadid_logs.arrays import AnyArray, FloatArray, IntArray
 from quadid_logs.data.log import FlightLog, LogText, ModeChange, Signal
-from quadid_logs.maths.rotations import euler_from_quaternion
+from quadid_logs.readers.columns import attitude_columns, used_columns
 from quadid_logs.readers.mav_type import frame_words, vehicle_type_of
 from quadid_logs.readers.mavlink_dialect import enum_names
 from quadid_logs.readers.tlog import MessageRows, TlogContent
@@ -63,8 +63,7 @@ def _sensor(*names: str, scale: float = 1.0) -> Build:
 def _attitude(rows: AnyArray) -> FloatArray:
     """Euler 3-2-1 angles of the quaternion w, x, y, z; NaN where it is zero."""
     quaternion = np.column_stack([rows[name].astype(np.float64) for name in ("q1", "q2", "q3", "q4")])
-    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        return euler_from_quaternion(quaternion)
+    return attitude_columns(quaternion)
 
 
 def _outputs(rows: AnyArray) -> FloatArray | None:
@@ -72,13 +71,8 @@ def _outputs(rows: AnyArray) -> FloatArray | None:
     names = [f"servo{k}_raw" for k in range(1, 17)]
     output = np.column_stack([rows[name].astype(np.float64) for name in names])
     output[rows["port"] != 0] = np.nan
-    return _up_to_last_used(output)
-
-
-def _up_to_last_used(values: FloatArray) -> FloatArray | None:
-    """Leave out the columns behind the last one that is ever above zero."""
-    columns = np.flatnonzero((values > 0.0).any(axis=0))
-    return values[:, : columns[-1] + 1] if len(columns) else None
+    used = used_columns(output, output > 0.0)
+    return used if used.size else None
 
 
 def _armed(rows: AnyArray) -> FloatArray:
@@ -275,8 +269,9 @@ def _rotor_speed(content: TlogContent) -> Signal | None:
     for group in groups:
         speed = group.rows["rpm"].astype(np.float64) * _RPM
         columns += [_following(speed[:, k], group.position, first.position) for k in range(speed.shape[1])]
-    used = _up_to_last_used(np.column_stack(columns))
-    if used is None or not np.nanstd(used, axis=0).any():
+    speeds = np.column_stack(columns)
+    used = used_columns(speeds, speeds > 0.0)
+    if not used.size or not (np.nanmax(used, axis=0) > np.nanmin(used, axis=0)).any():
         return None
     return Signal(
         name="rotor_speed",

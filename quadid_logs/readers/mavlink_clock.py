@@ -48,7 +48,7 @@ def merge_clocks(clocks: list[BootClock]) -> BootClock:
 
 def boot_ms_s(boot_ms: AnyArray) -> FloatArray:
     """Return milliseconds since boot in seconds; zero means not filled in and becomes NaN."""
-    return np.where(boot_ms > 0, boot_ms * 1e-3, np.nan)
+    return np.where(boot_ms > 0, boot_ms / 1e3, np.nan)
 
 
 def usec_to_boot_s(usec: AnyArray, position: IntArray, clock: BootClock) -> FloatArray:
@@ -71,7 +71,7 @@ def usec_to_boot_s(usec: AnyArray, position: IntArray, clock: BootClock) -> Floa
     ndarray, shape (n_rows,)
         Seconds since boot; NaN where not filled in.
     """
-    time_s = np.where(usec > 0, usec.astype(np.float64) * 1e-6, np.nan)
+    time_s = np.where(usec > 0, usec.astype(np.float64) / 1e6, np.nan)
     near_s = clock.at(position)
     if usec.dtype.itemsize == 4:
         wraps = np.round((near_s - time_s) / _WRAP_S)

@@ -11,9 +11,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.arrays import FloatArray
 from quadid_logs.data.log import FlightLog, LogText, ModeChange, Signal
-from quadid_logs.maths.rotations import euler_from_quaternion
+from quadid_logs.readers.columns import attitude_columns, used_columns
 from quadid_logs.readers.mav_type import airframe_words, frame_words, vehicle_type_of
 from quadid_logs.readers.ulog import TopicTable, UlogContent
 
@@ -66,16 +66,13 @@ def _take(*names: str, scale: float = 1.0) -> Build:
 def _attitude(table: TopicTable) -> FloatArray | None:
     """Euler 3-2-1 angles of the quaternion w, x, y, z (body FRD to Earth NED); NaN where it is zero."""
     quaternion = _columns(table, "q[0]", "q[1]", "q[2]", "q[3]")
-    if quaternion is None:
-        return None
-    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        return euler_from_quaternion(quaternion)
+    return None if quaternion is None else attitude_columns(quaternion)
 
 
 def _motors(table: TopicTable) -> FloatArray | None:
     """Thrust per motor up to the last motor in use; NaN means stopped and stays NaN."""
     control = _columns(table, "control")
-    return None if control is None else _up_to_last_used(control, np.isfinite(control))
+    return None if control is None else used_columns(control, np.isfinite(control))
 
 
 def _outputs(table: TopicTable) -> FloatArray | None:
@@ -83,7 +80,7 @@ def _outputs(table: TopicTable) -> FloatArray | None:
     output = _columns(table, "output")
     if output is None:
         return None
-    used = _up_to_last_used(output, output > 0.0)
+    used = used_columns(output, output > 0.0)
     pulse = (used >= 800.0) & (used <= 2200.0)
     # CAN escs and simulators use 0..8191 or -1..1 in the same field.
     return used if used.size and pulse.any() and not (used > 2200.0).any() else None
@@ -94,14 +91,8 @@ def _rotor_speed(table: TopicTable) -> FloatArray | None:
     if "esc" not in table.fields or "esc_rpm" not in (table.rows["esc"].dtype.names or ()):
         return None
     rpm = np.abs(table.rows["esc"]["esc_rpm"].astype(np.float64))
-    used = _up_to_last_used(rpm, rpm > 0.0)
+    used = used_columns(rpm, rpm > 0.0)
     return used * _RPM if used.size and np.ptp(used, axis=0).any() else None
-
-
-def _up_to_last_used(values: FloatArray, used: BoolArray) -> FloatArray:
-    """Leave out the columns behind the last one that is used at any time."""
-    columns = np.flatnonzero(used.any(axis=0))
-    return values[:, : columns[-1] + 1] if len(columns) else values[:, :0]
 
 
 def _armed(table: TopicTable) -> FloatArray | None:
@@ -201,7 +192,7 @@ def flight_log(path: str, content: UlogContent, *, system: int = 0) -> FlightLog
         parameters=dict(known.parameters),
         modes=_modes(content),
         texts=tuple(
-            LogText(time_s=text.timestamp_us * 1e-6, position=text.offset, text=text.text)
+            LogText(time_s=text.timestamp_us / 1e6, position=text.offset, text=text.text)
             for text in known.texts
         ),
         lost=content.lost,
@@ -221,10 +212,10 @@ def sample_time_s(table: TopicTable) -> FloatArray | None:
         return None
     published = table.rows["timestamp"].astype(np.float64)
     if "timestamp_sample" not in table.fields or table.rows["timestamp_sample"].dtype.kind != "u":
-        return published * 1e-6
+        return published / 1e6
     sampled = table.rows["timestamp_sample"].astype(np.float64)
     plausible = (sampled > 0.0) & (np.abs(published - sampled) <= _MAX_SAMPLE_AGE_US)
-    return np.where(plausible, sampled, published) * 1e-6
+    return np.where(plausible, sampled, published) / 1e6
 
 
 def _signals(content: UlogContent) -> dict[str, tuple[Signal, ...]]:

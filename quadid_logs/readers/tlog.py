@@ -247,7 +247,7 @@ def _boot_clock(data: Bytes, packets: Packets, dialect: Dialect) -> tuple[BootCl
 def _own_time_s(message: MessageRows, name: str) -> FloatArray:
     """Return a message's own time as it stands [s]; NaN where not filled in."""
     stamp = message.rows[name]
-    return boot_ms_s(stamp) if name == BOOT_MS else np.where(stamp > 0, stamp * 1e-6, np.nan)
+    return boot_ms_s(stamp) if name == BOOT_MS else np.where(stamp > 0, stamp / 1e6, np.nan)
 
 
 def _most_frequent(values: AnyArray) -> int:

@@ -117,11 +117,19 @@ def _enter_file(walk: _Walk, position: int) -> int:
         walk.known.forget_topics()
         walk.least[:] = NO_SIZE
         walk.most[:] = 0
+        _forget_images(walk)
     else:
         walk.known.start_timestamp_us = int.from_bytes(header[8:16], "little")
     if len(header) < HEADER_SIZE:
         _lose(walk, position, position + len(header), "cut off at the end of the file")
     return position + HEADER_SIZE
+
+
+def _forget_images(walk: _Walk) -> None:
+    """Ids have a new meaning from here on: the images found before are void."""
+    nothing = np.zeros(0, np.int64)
+    walk.images = _Images(nothing, nothing, nothing, nothing)
+    walk.stale = True
 
 
 def _lose(walk: _Walk, begin: int, end: int, reason: str) -> None:
@@ -252,6 +260,8 @@ def _take(walk: _Walk, kind: int, body: bytes, position: int) -> None:
     known.take(kind, body, position)
     if len(known.subscriptions) > n_topics:
         topic = known.subscriptions[-1]
+        if walk.least[topic.msg_id] < NO_SIZE:
+            _forget_images(walk)
         walk.least[topic.msg_id] = topic.dtype.itemsize
         walk.most[topic.msg_id] = topic.max_size
         walk.topic[topic.msg_id] = n_topics
