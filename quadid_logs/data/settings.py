@@ -61,6 +61,8 @@ class Settings:
     """Loop, filter and radio-free output delay of known autopilots stay below 30 ms; twice that."""
     max_lag_s: float = 0.25
     """Published motor lags reach 80 ms; three times that."""
+    min_rate_rms_deg_s: float = 2.0
+    """A vehicle that hovers by itself turns at 1 to 2 deg/s rms; a manoeuvre must stand above that."""
     min_signal_to_noise: float = 3.0
     """Explained over unexplained acceleration variance in the fitted band: R2 of 0.75."""
     caution_signal_to_noise: float = 9.0

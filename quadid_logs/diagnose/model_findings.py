@@ -47,15 +47,27 @@ def _axis(
     }
     own = next(p for p in model.parameters if p.target == target and p.regressor == model.inputs[number])
     gain = {"gain": _rounded(own.value), "ci95": [_rounded(own.ci95[0]), _rounded(own.ci95[1])]}
-    if not excitation.signal_to_noise >= settings.min_signal_to_noise:
+    advice = excitation_advice(log.autopilot, axis)
+    moved_deg_s = float(np.degrees(excitation.rate_rms_rad_s))
+    if moved_deg_s < settings.min_rate_rms_deg_s:
         yield finding(
             "QL403",
             "error",
+            {**evidence, "needed_deg_s": settings.min_rate_rms_deg_s},
+            axes=(axis,),
+            advice=advice,
+            title=f"{axis.capitalize()} was hardly moved ({moved_deg_s:.2g} deg/s rms)",
+        )
+        return
+    if not excitation.signal_to_noise >= settings.min_signal_to_noise:
+        yield finding(
+            "QL504",
+            "error",
             evidence,
             axes=(axis,),
-            advice=excitation_advice(log.autopilot, axis),
-            title=f"{axis.capitalize()} was hardly moved: torque explains "
-            f"{100.0 * max(0.0, np.nan_to_num(r2)):.0f} % of its motion",
+            advice=advice,
+            title=f"The torque explains only {100.0 * max(0.0, np.nan_to_num(r2)):.0f} % of the "
+            f"{axis} acceleration on flight that the model was not fitted to",
         )
         return
     if not own.value > 0.0:
@@ -68,17 +80,17 @@ def _axis(
             "error",
             {**evidence, **gain},
             axes=(axis,),
-            advice=excitation_advice(log.autopilot, axis),
+            advice=advice,
         )
         return
-    yield from _band(model, number, axis, excitation_advice(log.autopilot, axis))
+    yield from _band(model, number, axis, advice)
     if excitation.signal_to_noise < settings.caution_signal_to_noise:
         yield finding(
             "QL404",
             "warning",
             evidence,
             axes=(axis,),
-            advice=excitation_advice(log.autopilot, axis),
+            advice=advice,
             title=f"{axis.capitalize()} was moved only a little",
         )
 

@@ -44,7 +44,8 @@ def identify(data: FlightData, settings: Settings) -> Identification:
     """
     if not data.segments or data.input is None:
         return Identification(skipped="there is no stretch of flight with both body rates and torque")
-    slowest_hz = min(data.sources[name].rate_hz for name in (data.input.kind, "body_rate"))
+    needed = [data.sources[name] for name in (data.input.kind, "body_rate") if name in data.sources]
+    slowest_hz = min((source.rate_hz for source in needed), default=np.inf)
     if slowest_hz < settings.min_rate_hz:
         return Identification(skipped=f"torque and rates were logged at {slowest_hz:.3g} Hz only")
     smoothing_hz = settings.smoothing_hz or min(

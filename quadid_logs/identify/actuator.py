@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.data.settings import Settings
 from quadid_logs.identify.design import Design
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS
@@ -37,14 +37,24 @@ class ActuatorFit(NamedTuple):
 
 
 class _Fold(NamedTuple):
-    """One way to split the training rows: fit to one part, score on the other."""
+    """One way to split the training rows: fit to one part, score on the other.
 
-    fit: BoolArray
-    score: BoolArray
+    ``slope`` solves for the fixed regressors on the rows of ``fit``.
+    """
+
+    fit: IntArray
+    score: IntArray
+    fixed_fit: FloatArray
+    fixed_score: FloatArray
+    slope: FloatArray
 
 
 def fit_actuator(
-    design: Design, regressors: Sequence[str], axes: Sequence[int], settings: Settings
+    design: Design,
+    regressors: Sequence[str],
+    axes: Sequence[int],
+    settings: Settings,
+    start: ActuatorFit | None = None,
 ) -> ActuatorFit:
     """Find the lag and delay that predict training blocks left out of the fit best.
 
@@ -57,6 +67,8 @@ def fit_actuator(
         Axes (0 roll, 1 pitch, 2 yaw) that are moved enough to tell.
     settings : Settings
         ``max_lag_s``, ``max_delay_s``.
+    start : ActuatorFit, optional
+        A fit to almost the same data: only its neighbourhood is searched.
 
     Returns
     -------
@@ -71,9 +83,13 @@ def fit_actuator(
     score = _Scorer(design, regressors, axes)
     lags = settings.max_lag_s * np.array(_LAG_SHARES)
     delays = settings.max_delay_s * np.array(_DELAY_SHARES)
-    loss = np.array([[score(lag, delay) for delay in delays] for lag in lags])
-    row, column = divmod(int(np.argmin(loss)), delays.size)
-    lag_s, delay_s = float(lags[row]), float(delays[column])
+    if start is None:
+        loss = np.exp([[score(lag, delay) for delay in delays] for lag in lags])
+        row, column = divmod(int(np.argmin(loss)), delays.size)
+        lag_s, delay_s = float(lags[row]), float(delays[column])
+    else:
+        loss, lag_s, delay_s = start.loss, start.lag_s, start.delay_s
+        row, column = int(np.argmin(np.abs(lags - lag_s))), int(np.argmin(np.abs(delays - delay_s)))
     lag_step, delay_step = _step_at(lags, row), _step_at(delays, column)
     for _ in range(_REFINEMENTS):
         trial = [
@@ -84,7 +100,7 @@ def fit_actuator(
         _, lag_s, delay_s = min(trial)
         lag_step, delay_step = lag_step / 4.0, delay_step / 4.0
     limit_s = _lag_limit(score, lag_s, delay_s)
-    return ActuatorFit(lag_s, delay_s, limit_s, lags, delays, np.exp(loss))
+    return ActuatorFit(lag_s, delay_s, limit_s, lags, delays, loss)
 
 
 def _lag_limit(score: Callable[[float, float], float], lag_s: float, delay_s: float) -> float:
@@ -111,18 +127,25 @@ class _Scorer:
         self._targets = targets[:, self._axes]
         even = design.block % 4 < 2
         train = design.train
-        self._folds = [_Fold(train & even, train & ~even), _Fold(train & ~even, train & even)]
-        self._solvers = [np.linalg.pinv(self._fixed[fold.fit]) for fold in self._folds]
+        first, second = np.flatnonzero(train & even), np.flatnonzero(train & ~even)
+        self._folds = [self._fold(first, second), self._fold(second, first)]
         self._spread = np.sum((self._targets[train] - self._targets[train].mean(axis=0)) ** 2, axis=0)
+
+    def _fold(self, fit: IntArray, score: IntArray) -> _Fold:
+        fixed = self._fixed[fit]
+        return _Fold(
+            fit, score, fixed, self._fixed[score], np.asarray(np.linalg.pinv(fixed), dtype=np.float64)
+        )
 
     def __call__(self, lag_s: float, delay_s: float) -> float:
         torque = self._design.torque(lag_s, delay_s)
         error = np.zeros(len(self._axes))
-        for fold, solver in zip(self._folds, self._solvers, strict=True):
-            both = np.column_stack([torque, self._targets])
-            slope = solver @ both[fold.fit]
-            inside = both[fold.fit] - self._fixed[fold.fit] @ slope
-            outside = both[fold.score] - self._fixed[fold.score] @ slope
+        both = np.column_stack([torque, self._targets])
+        for fold in self._folds:
+            fit = both[fold.fit]
+            slope = fold.slope @ fit
+            inside = fit - fold.fixed_fit @ slope
+            outside = both[fold.score] - fold.fixed_score @ slope
             theta, *_ = np.linalg.lstsq(inside[:, :3], inside[:, 3:], rcond=None)
             error += np.sum((outside[:, 3:] - outside[:, :3] @ theta) ** 2, axis=0)
         return float(np.mean(np.log(np.maximum(error, 1e-300) / np.maximum(self._spread, 1e-300))))

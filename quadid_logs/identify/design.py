@@ -198,8 +198,12 @@ def _segment_rows(
     segment: Segment, number: int, period_s: float, smoothing_hz: float
 ) -> tuple[FloatArray, dict[str, FloatArray], IntArray, SegmentSpectra] | None:
     """Return times, columns, segment numbers and spectra of one segment."""
+    from scipy.fft import next_fast_len
+
     n_samples = segment.n_samples
-    n_out = min(n_samples, int(np.ceil(n_samples * period_s * _ROWS_PER_CUTOFF * smoothing_hz)))
+    # Trying lags takes hundreds of FFTs of this length: let it be a fast one.
+    n_needed = int(np.ceil(n_samples * period_s * _ROWS_PER_CUTOFF * smoothing_hz))
+    n_out = min(n_samples, int(next_fast_len(n_needed, real=True)))
     row_period_s = period_s * n_samples / n_out
     reach = int(np.ceil(gaussian_reach_s(smoothing_hz) / row_period_s))
     rows = slice(reach + int(np.ceil(_ACTUATOR_MEMORY_S / row_period_s)), n_out - reach)

@@ -11,7 +11,7 @@ from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.identify.actuator import ActuatorFit
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.structures import Structure
-from quadid_logs.maths.least_squares import clustered_covariance, solve_least_squares
+from quadid_logs.maths.least_squares import Equation, clustered_covariance, solve_least_squares
 
 #: Residuals of flight data are correlated over some tenths of a second (rate
 #: loop, gusts); a second holds that memory, and thirty of them a variance.
@@ -138,17 +138,21 @@ def _half_widths(
     """
     from scipy.special import stdtrit
 
-    n_samples, n_targets = residual.shape
     weight = 1.0 / np.maximum(np.sqrt(np.mean(residual**2, axis=0)), 1e-12)
-    own = [Z[:, columns] for columns in kept]
-    offsets = np.concatenate([[0], np.cumsum([block.shape[1] for block in own])])
-    jacobian = np.zeros((n_samples * n_targets, int(offsets[-1]) + len(shared)))
-    for row, block in enumerate(own):
-        span = slice(row * n_samples, (row + 1) * n_samples)
-        jacobian[span, offsets[row] : offsets[row + 1]] = block * weight[row]
-        for position, derivative in enumerate(shared.values()):
-            jacobian[span, int(offsets[-1]) + position] = derivative[:, row] * weight[row]
-    covariance = clustered_covariance(jacobian, (residual * weight).T.ravel(), np.tile(clusters, n_targets))
+    offsets = np.concatenate([[0], np.cumsum(np.count_nonzero(kept, axis=1))]).astype(np.int64)
+    n_own = int(offsets[-1])
+    of_actuator = np.arange(n_own, n_own + len(shared), dtype=np.int64)
+    equations = []
+    for row, columns in enumerate(kept):
+        derivatives = [derivative[:, row : row + 1] for derivative in shared.values()]
+        equations.append(
+            Equation(
+                jacobian=np.concatenate([Z[:, columns], *derivatives], axis=1) * weight[row],
+                residuals=residual[:, row] * weight[row],
+                parameters=np.concatenate([np.arange(offsets[row], offsets[row + 1]), of_actuator]),
+            )
+        )
+    covariance = clustered_covariance(equations, clusters, n_own + len(shared))
     n_clusters = int(clusters.max()) + 1
     factor = float(stdtrit(max(n_clusters - 1, 1), 0.975))
     half = factor * np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -157,6 +161,6 @@ def _half_widths(
         half_width[row, columns] = half[offsets[row] : offsets[row + 1]]
     names = list(shared)
     return half_width, {
-        name: float(half[int(offsets[-1]) + names.index(name)]) if name in shared else float("nan")
+        name: float(half[n_own + names.index(name)]) if name in shared else float("nan")
         for name in ("lag", "delay")
     }

@@ -43,7 +43,7 @@ _WINDOW_S = 1.0
 def fit_actuated(structure: Structure, data: FlightData, design: Design, settings: Settings) -> Model:
     """Fit a structure whose torque passes lag, delay and gyro filter."""
     actuator, fit = _fit_with_actuator(structure, design, settings)
-    band = _other_bands(structure, data, design, fit, settings)
+    band = _other_bands(structure, data, design, (actuator, fit), settings)
     torque = design.torque(actuator.lag_s, actuator.delay_s)
     validation, series = validate(design, structure, fit.theta, torque, settings)
     windows = _windows_on_rows(structure, data, design, torque, settings)
@@ -91,15 +91,15 @@ def fit_as_published(structure: Structure, data: FlightData, design: Design, set
 
 
 def _fit_with_actuator(
-    structure: Structure, design: Design, settings: Settings
+    structure: Structure, design: Design, settings: Settings, start: ActuatorFit | None = None
 ) -> tuple[ActuatorFit, PooledFit]:
     """Find lag and delay on the axes that tell, then fit, leaving out what cannot be seen."""
     axes = [0, 1, 2]
-    actuator = fit_actuator(design, structure.regressors, axes, settings)
+    actuator = fit_actuator(design, structure.regressors, axes, settings, start)
     fit = fit_pooled(design, structure, actuator)
     telling = [axis for axis in axes if fit.r2[axis] >= _TELLING_R2]
     if telling and telling != axes:
-        actuator = fit_actuator(design, structure.regressors, telling, settings)
+        actuator = fit_actuator(design, structure.regressors, telling, settings, start)
         fit = fit_pooled(design, structure, actuator)
     kept = _visible(structure, fit)
     return actuator, fit if kept.all() else fit_pooled(design, structure, actuator, kept)
@@ -127,15 +127,21 @@ def _visible(structure: Structure, fit: PooledFit) -> BoolArray:
 
 
 def _other_bands(
-    structure: Structure, data: FlightData, design: Design, fit: PooledFit, settings: Settings
+    structure: Structure,
+    data: FlightData,
+    design: Design,
+    own: tuple[ActuatorFit, PooledFit],
+    settings: Settings,
 ) -> BandCheck:
     """Repeat the fit in a narrower and a wider band."""
+    actuator, fit = own
     cutoffs, gains = [design.smoothing_hz], [_own_gain(structure, fit)]
     for factor in _OTHER_BANDS:
         other = build_design(data, factor * design.smoothing_hz, settings)
         if other is not None and np.count_nonzero(other.train) > 2 * len(structure.columns):
             cutoffs.append(other.smoothing_hz)
-            gains.append(_own_gain(structure, _fit_with_actuator(structure, other, settings)[1]))
+            _, other_fit = _fit_with_actuator(structure, other, settings, actuator)
+            gains.append(_own_gain(structure, other_fit))
     return BandCheck(cutoff_hz=np.array(cutoffs), own_gain=np.array(gains))
 
 
