@@ -35,12 +35,12 @@ def damage_bytes(content: bytes, damages: tuple[Damage, ...], seed: int) -> byte
     >>> damage_bytes(b"abcdefgh", (Damage(kind="zeros", at=0.5, n_bytes=2),), 0)
     b'abcd\x00\x00gh'
     """
-    rng = np.random.default_rng(seed)
+    rng, n_bytes = np.random.default_rng(seed), len(content)
     for damage in sorted(damages, key=lambda one: -one.at):
         if not 0.0 <= damage.at <= 1.0 or damage.n_bytes < 0:
             raise SimulationError(f"A damage at {damage.at:g} of the file with {damage.n_bytes} bytes.")
-        begin = int(damage.at * len(content))
-        end = min(begin + damage.n_bytes, len(content))
+        begin = int(damage.at * n_bytes)
+        end = max(min(begin + damage.n_bytes, len(content)), begin)
         if damage.kind == "cut":
             content = content[:begin]
             continue

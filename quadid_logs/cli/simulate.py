@@ -1,0 +1,139 @@
+"""``quadid-log simulate``: a flight whose truth is known, as a log file."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from quadid_logs.cli.failure import say
+from quadid_logs.cli.progress import Progress
+from quadid_logs.errors import OutputError, SettingsError
+from quadid_logs.untrusted import printable
+
+if TYPE_CHECKING:
+    from quadid_logs.simulate import Simulation
+
+#: Whose flight a file of this ending holds, unless --autopilot says otherwise.
+_AUTOPILOTS = {".bin": "ardupilot", ".ulg": "px4", ".tlog": "ardupilot"}
+
+
+def simulate(
+    scenario: Annotated[str, typer.Argument(metavar="SCENARIO", help="A name that --list shows.")] = "",
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="FILE.(bin|ulg|tlog)", help="The ending says the format."),
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Another seed, another flight.")] = 0,
+    duration_s: Annotated[
+        float | None, typer.Option("--duration-s", metavar="S", help="Length of the log [s].")
+    ] = None,
+    rate_hz: Annotated[
+        float | None, typer.Option("--rate-hz", metavar="HZ", help="Rate of the main messages [Hz].")
+    ] = None,
+    vehicle: Annotated[
+        Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="Fly this vehicle instead.")
+    ] = None,
+    autopilot: Annotated[
+        str, typer.Option("--autopilot", metavar="NAME", help="ardupilot or px4 [default: by the ending].")
+    ] = "",
+    list_scenarios: Annotated[bool, typer.Option("--list", help="List the scenarios and stop.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace the files if they exist.")] = False,
+) -> int:
+    """Fly a simulated vehicle and write the log that its autopilot would have written.
+
+    What is true about the flight goes into FILE.truth.json beside the log.
+    """
+    from quadid_logs.simulate import SCENARIOS
+    from quadid_logs.simulate import simulate as fly_scenario
+    from quadid_logs.vehicle.file import read_vehicle
+
+    if list_scenarios:
+        for one in SCENARIOS.values():
+            say(f"{one.name:20}  {one.sentence}")
+        return 0
+    if not scenario or output is None:
+        raise SettingsError(
+            "What to fly and where to write it is missing.",
+            hint="Give SCENARIO -o FILE, or --list to see the scenarios.",
+        )
+    _check_output(output, seed=seed, force=force)
+    with Progress(scenario) as progress:
+        progress("flying")
+        simulation = fly_scenario(
+            scenario,
+            seed=seed,
+            duration_s=duration_s,
+            rate_hz=rate_hz,
+            vehicle=None if vehicle is None else read_vehicle(vehicle),
+            autopilot=autopilot or _AUTOPILOTS[output.suffix.lower()],
+        )
+        progress("writing")
+        write_simulation(simulation, output)
+    size_mb = output.stat().st_size / 1e6
+    say(f"Wrote {printable(output)} ({size_mb:.1f} MB) and {printable(truth_path(output).name)}")
+    return 0
+
+
+def truth_path(log: Path) -> Path:
+    """Return where the truth about a log stands: flight.bin has flight.truth.json."""
+    return log.with_suffix(".truth.json")
+
+
+def _check_output(output: Path, *, seed: int, force: bool) -> None:
+    """Refuse before the work what could not be written after it."""
+    if seed < 0:
+        raise SettingsError(f"A seed of {seed} is negative.", hint="Give 0 or more.")
+    if output.suffix.lower() not in _AUTOPILOTS:
+        raise SettingsError(
+            f"Cannot tell the format from the name {printable(output.name, 80)!r}.",
+            hint="Let it end in .bin, .ulg or .tlog.",
+        )
+    for path in (output, truth_path(output)):
+        if path.is_dir():
+            raise OutputError(f"{printable(path)} is a folder.", hint="Give the name of a file.")
+        if os.path.lexists(path) and not force:
+            raise OutputError(f"{printable(path)} exists already.", hint="Add --force to replace it.")
+
+
+def write_simulation(simulation: Simulation, output: Path) -> None:
+    """Write log and truth, and damage the log if the scenario says so.
+
+    Raises
+    ------
+    OutputError
+        If they cannot be written.
+    """
+    from quadid_logs.simulate import damage_bytes
+    from quadid_logs.writers import write_log
+
+    _make_folder(output.parent)
+    write_log(simulation.log, output)
+    if simulation.damage:
+        seed = int(simulation.truth["seed"])
+        _write_beside(output, damage_bytes(output.read_bytes(), simulation.damage, seed))
+    text = json.dumps(simulation.truth, indent=1, allow_nan=False) + "\n"
+    _write_beside(truth_path(output), text.encode("utf-8"))
+
+
+def _make_folder(folder: Path) -> None:
+    """Make the folder and those above it."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{printable(folder)} cannot be made: {error.strerror or error}.") from error
+
+
+def _write_beside(path: Path, content: bytes) -> None:
+    """Write a file beside its place and rename it, so that none is ever half-written."""
+    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        beside.write_bytes(content)
+        beside.replace(path)
+    except OSError as error:
+        raise OutputError(f"{printable(path)} cannot be written: {error.strerror or error}.") from error
+    finally:
+        beside.unlink(missing_ok=True)

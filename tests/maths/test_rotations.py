@@ -1,0 +1,61 @@
+"""Attitude algebra against itself and against SciPy."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from quadid_logs.maths.rotations import (
+    body_rates,
+    euler_from_quaternion,
+    euler_rates,
+    multiply_quaternions,
+    quaternion_from_euler,
+    quaternion_rate,
+    rotation_matrix,
+)
+
+angles = st.tuples(st.floats(-3.1, 3.1), st.floats(-1.5, 1.5), st.floats(-3.1, 3.1)).map(np.array)
+vectors = st.tuples(*[st.floats(-5.0, 5.0)] * 3).map(np.array)
+
+
+@given(angles)
+def test_angles_survive_the_way_through_a_quaternion(euler):
+    """Euler angles to quaternion and back are the same angles."""
+    np.testing.assert_allclose(euler_from_quaternion(quaternion_from_euler(euler)), euler, atol=1e-7)
+
+
+@given(angles)
+def test_the_rotation_matrix_is_scipys(euler):
+    """Our 3-2-1 convention is SciPy's intrinsic ZYX."""
+    ours = rotation_matrix(quaternion_from_euler(euler))
+    theirs = Rotation.from_euler("ZYX", euler[::-1]).as_matrix()
+    np.testing.assert_allclose(ours, theirs, atol=1e-12)
+
+
+@given(angles, angles)
+def test_a_quaternion_product_is_a_matrix_product(first, second):
+    """Composing rotations commutes with making matrices of them."""
+    left, right = quaternion_from_euler(first), quaternion_from_euler(second)
+    product = rotation_matrix(multiply_quaternions(left, right))
+    np.testing.assert_allclose(product, rotation_matrix(left) @ rotation_matrix(right), atol=1e-12)
+
+
+@given(angles, vectors)
+def test_euler_rates_and_body_rates_are_inverse(euler, rate):
+    """p, q, r to Euler rates and back are the same rates."""
+    euler = euler * np.array([1.0, 0.8, 1.0])
+    np.testing.assert_allclose(body_rates(euler, euler_rates(euler, rate)), rate, atol=1e-9)
+
+
+@given(angles, vectors)
+def test_the_quaternion_rate_is_the_derivative_of_the_attitude(euler, rate):
+    """A small rotation about the body axes changes the quaternion by its rate."""
+    step = 1e-6
+    quaternion = quaternion_from_euler(euler)
+    turn = np.concatenate([[1.0], 0.5 * step * rate])
+    moved = multiply_quaternions(quaternion, turn)
+    slope = np.array(quaternion_rate(tuple(quaternion), tuple(rate)))
+    np.testing.assert_allclose((moved - quaternion) / step, slope, atol=1e-8)
