@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.data.log import FlightLog, LogText, MessageCount, ModeChange, Signal
-from quadid_logs.readers.ardupilot_clock import LogClock, own_time
-from quadid_logs.readers.ardupilot_signals import MAIN_TYPES, PID_TYPES, SignalBuilder
+from quadid_logs.readers.ardupilot_clock import TIME_LABELS, LogClock, own_time
+from quadid_logs.readers.ardupilot_signals import MAIN_TYPES, PID_TYPES, SIGNAL_LABELS, SignalBuilder
 from quadid_logs.readers.ardupilot_vehicle import (
     VehicleIdentity,
     identify_vehicle,
@@ -22,6 +22,7 @@ from quadid_logs.readers.message_table import MessageSource, MessageTable
 #: Their PIDR, PIDP and PIDY steer surfaces and work in degrees.
 _OTHER_PIDS: Final = frozenset({"fixed-wing", "vtol"})
 _DESCRIPTIONS: Final = frozenset({"PARM", "MSG", "MODE", "VER", "DSF", "PM"})
+_LABELS: Final = frozenset({"Name", "Value", "Message", "Mode", "BU", "FWS", "Dp", "LogDrop"})
 #: ArduCopter/defines.h: MASK_LOG_ATTITUDE_FAST logs at the loop rate, MASK_LOG_ATTITUDE_MED at 10 Hz.
 _FAST_ATTITUDE: Final = 1
 _MEDIUM_ATTITUDE: Final = 2
@@ -47,8 +48,8 @@ def flight_log(source: MessageSource, *, log_format: str, preamble: tuple[str, .
         are as logged, NaN where the log has none.
     """
     wanted = MAIN_TYPES | _DESCRIPTIONS | (frozenset() if "RATE" in source.counts else PID_TYPES)
-    tables = source.read_messages(wanted)
-    samples = source.sample_messages(2)
+    tables = source.read_messages(wanted, SIGNAL_LABELS | TIME_LABELS | _LABELS)
+    samples = source.first_and_last()
     clock = LogClock(tables.values())
     parameters = _parameters(tables.get("PARM"))
     texts = _texts(tables.get("MSG"), clock)
@@ -63,7 +64,7 @@ def flight_log(source: MessageSource, *, log_format: str, preamble: tuple[str, .
         format=log_format,
         autopilot="ardupilot",
         n_bytes=source.n_bytes,
-        signals=_with_nominal_rates(builder.build(), parameters),
+        signals=_with_gyro_filter(_with_nominal_rates(builder.build(), parameters), parameters),
         firmware=identity.firmware,
         vehicle_type=identity.vehicle_type,
         frame=identity.frame,
@@ -167,6 +168,24 @@ def _with_nominal_rates(
         )
         for name, sources in signals.items()
     }
+
+
+def _with_gyro_filter(
+    signals: dict[str, tuple[Signal, ...]], parameters: Mapping[str, float]
+) -> dict[str, tuple[Signal, ...]]:
+    """Note the low-pass that RATE's and IMU's gyros passed.
+
+    AP_InertialSensor logs IMU from get_gyro(), behind INS_GYRO_FILTER (a
+    LowPassFilter2p); only GYR (raw samples) and SIDD come from before it.
+    """
+    cutoff_hz = parameters.get("INS_GYRO_FILTER", 0.0)
+    if not cutoff_hz > 0.0 or "body_rate" not in signals:
+        return signals
+    rates = tuple(
+        replace(signal, low_pass_hz=cutoff_hz) if signal.source.startswith(("RATE", "IMU")) else signal
+        for signal in signals["body_rate"]
+    )
+    return {**signals, "body_rate": rates}
 
 
 def _remarks(tables: Mapping[str, MessageTable], clock: LogClock, builder: SignalBuilder) -> tuple[str, ...]:

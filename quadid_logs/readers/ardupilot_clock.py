@@ -12,7 +12,8 @@ from quadid_logs.readers.message_table import MessageTable
 
 #: Seconds per count. `SampleUS` is when a raw sensor was read, `TimeUS` when it was logged.
 _SAMPLE_COLUMN: Final = "SampleUS"
-_TIME_COLUMNS: Final = {"TimeUS": 1e-6, "TimeMS": 1e-3, "T": 1e-3}
+_TIME_COLUMNS: Final = {"TimeUS": 1e-6, "TimeMS": 1e-3}
+TIME_LABELS: Final = frozenset({*_TIME_COLUMNS, _SAMPLE_COLUMN})
 #: Their TimeMS is not this clock: it is the time of week of the GPS receiver.
 _FOREIGN_CLOCK: Final = frozenset({"GPS", "GPS2"})
 
@@ -21,7 +22,7 @@ def own_time(table: MessageTable) -> FloatArray | None:
     """Return the rows' own time [s], None where the message type has no time column.
 
     A time column is the first column: the same labels mean other things
-    elsewhere (`T` is a temperature in IMU). Values pass untouched, however wild.
+    elsewhere. Values pass untouched, however wild.
     """
     first = next(iter(table.columns), "")
     if first == "TimeMS" and table.name in _FOREIGN_CLOCK:

@@ -45,6 +45,18 @@ MAIN_TYPES: Final = frozenset(
 PID_TYPES: Final = frozenset({"PIDR", "PIDP", "PIDY"})
 
 
+#: Every column that a signal is built from.
+SIGNAL_LABELS: Final = frozenset(
+    {"I", "C", "Instance", "Inst", "Id", "PI", "ArmState", "Armed", "AOut", "ThO", "ThrOut", "RPM", "Volt"}
+    | {"R", "P", "Y", "RDes", "PDes", "YDes", "ROut", "POut", "YOut", "Roll", "Pitch", "Yaw"}
+    | {"Rll", "Pit", "RllDes", "PitDes", "YawDes", "RllOut", "PitOut", "YawOut"}
+    | {"RollDes", "PitchDes", "RollOut", "PitchOut", "Act", "Tar", "Des", "D", "FF", "DFF"}
+    | {"GyrX", "GyrY", "GyrZ", "AccX", "AccY", "AccZ", "Gx", "Gy", "Gz", "Targ"}
+    | {"BatVolt", "LiftMax", "Press", "GndTemp", "Alt"}
+    | {f"{prefix}{number}" for prefix in ("C", "Ch", "Chan", "Mot") for number in range(1, 33)}
+)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RateScale:
     """Radians per second in one count of RATE's rates, and how that is known."""
@@ -93,7 +105,7 @@ class SignalBuilder:
                 f"the rate controller's own gyro-filtered input, in step with its output; logged in "
                 f"{self.rate_scale.unit} ({self.rate_scale.evidence})",
             )
-        yield from self._sensors("body_rate", "GYR", _GYRO, "unfiltered gyro of sensor {}")
+        yield from self._sensors("body_rate", "GYR", _GYRO, "gyro of sensor {}")
         yield from self._labelled(
             "body_rate",
             "SIDD",

@@ -16,7 +16,6 @@ from quadid_logs.arrays import AnyArray, IntArray
 from quadid_logs.data.log import FlightLog, LostStretch
 from quadid_logs.errors import EmptyLogError, LogNotFoundError, UnknownFormatError
 from quadid_logs.readers.dataflash_index import (
-    FMT_ID,
     ByteArray,
     FormatCharacter,
     MessageDefinition,
@@ -30,6 +29,8 @@ from quadid_logs.readers.message_table import MessageTable, Unit, join_tables
 
 #: Rows gathered at once: they stay in the processor's cache until their columns are copied out.
 _GATHER_ROWS: Final = 10_000
+#: Rows in which the first and last of each id are sought at once.
+_SEARCH_ROWS: Final = 1 << 20
 #: The file is gathered in parts of this size, each given back to the system before the next is touched.
 _GATHER_BYTES: Final = 1 << 26
 
@@ -50,7 +51,7 @@ class DataFlashFile:
         self._data = data
         self._pages = pages
         self._index = index_messages(data, pages)
-        self._order, self._bounds = _group_by_type(self._index)
+        self._rows_per_id = np.bincount(self._index.type_id, minlength=256)
         self._units: dict[int, dict[str, Unit]] | None = None
 
     @classmethod
@@ -104,8 +105,15 @@ class DataFlashFile:
     def counts(self) -> dict[str, int]:
         """Rows per message name, in the order of their definition; only names that occur."""
         counts: dict[str, int] = {}
-        for definition, positions in self._pieces(None):
-            counts[definition.name] = counts.get(definition.name, 0) + len(positions)
+        for type_id, versions in self._index.definitions.items():
+            if len(versions) == 1:
+                pieces = [(versions[0], int(self._rows_per_id[type_id]))]
+            else:
+                rows = self._index.position[self._index.type_id == type_id]
+                pieces = [(version, len(positions)) for version, positions in _by_version(versions, rows)]
+            for definition, count in pieces:
+                if count:
+                    counts[definition.name] = counts.get(definition.name, 0) + count
         return counts
 
     @property
@@ -123,8 +131,10 @@ class DataFlashFile:
         """Say whether message headers are far denser than chance, one in 64 kB, makes them."""
         return self._index.n_headers >= max(16, self.n_bytes // 512)
 
-    def read_messages(self, types: Collection[str] | None = None) -> dict[str, MessageTable]:
-        """Decode the rows of some message types, of all where None.
+    def read_messages(
+        self, types: Collection[str] | None = None, labels: Collection[str] | None = None
+    ) -> dict[str, MessageTable]:
+        """Decode some columns of some message types, all where None.
 
         Returns
         -------
@@ -132,23 +142,25 @@ class DataFlashFile:
             Only types that occur. Values are scaled by their format character
             (``c C e E`` by 1/100, ``L`` by 1e-7) and otherwise as logged.
         """
-        return self._decode(
-            [piece for piece in self._pieces(types) if piece[0].type_id != FMT_ID or not types]
-        )
+        return self._decode(self._pieces(types), labels)
 
-    def sample_messages(self, n_rows: int) -> dict[str, MessageTable]:
-        """Decode at most `n_rows` rows of every type, evenly spread, with the first and the last."""
-        chosen = []
-        for definition, positions in self._pieces(None):
-            rows = np.unique(np.linspace(0, len(positions) - 1, n_rows).round().astype(np.int64))
-            chosen.append((definition, positions[rows]))
-        return self._decode(chosen)
+    def first_and_last(self) -> dict[str, MessageTable]:
+        """Decode the first and the last row of every message id."""
+        first, last = _first_and_last(self._index.type_id)
+        pieces = []
+        for type_id, versions in self._index.definitions.items():
+            if first[type_id] >= 0:
+                rows = np.unique([first[type_id], last[type_id]])
+                pieces += _by_version(versions, self._index.position[rows])
+        return self._decode(pieces)
 
-    def _decode(self, pieces: list[tuple[MessageDefinition, AnyArray]]) -> dict[str, MessageTable]:
+    def _decode(
+        self, pieces: list[tuple[MessageDefinition, AnyArray]], labels: Collection[str] | None = None
+    ) -> dict[str, MessageTable]:
         """Decode the rows of each piece and join pieces of one name."""
         units = self._units_by_type()
         tables: dict[str, list[MessageTable]] = {}
-        for definition, columns in _gather(self._data, pieces, self._pages):
+        for definition, columns in _gather(self._data, pieces, labels, self._pages):
             table = MessageTable(
                 name=definition.name,
                 columns=columns,
@@ -160,20 +172,25 @@ class DataFlashFile:
 
     def _pieces(self, types: Collection[str] | None) -> list[tuple[MessageDefinition, AnyArray]]:
         """Return each definition of the named types with the positions of its rows."""
-        pieces = []
-        for type_id, versions in self._index.definitions.items():
-            wanted = [types is None or version.name in types for version in versions]
-            rows = slice(int(self._bounds[type_id]), int(self._bounds[type_id + 1]))
-            if not any(wanted) or rows.start == rows.stop:
-                continue
-            positions = self._index.position[self._order[rows]]
-            bounds = np.searchsorted(definition_at(versions, positions), np.arange(len(versions) + 1))
-            pieces += [
-                (version, positions[bounds[number] : bounds[number + 1]])
-                for number, version in enumerate(versions)
-                if wanted[number] and bounds[number + 1] > bounds[number]
-            ]
-        return pieces
+        index = self._index
+        wanted = {
+            type_id: versions
+            for type_id, versions in index.definitions.items()
+            if types is None or any(version.name in types for version in versions)
+        }
+        is_wanted = np.zeros(256, np.bool_)
+        is_wanted[list(wanted)] = True
+        rows = np.flatnonzero(is_wanted[index.type_id])
+        type_ids = index.type_id[rows]
+        # Stable, so rows stay in file order; a radix sort for one byte.
+        positions = index.position[rows][np.argsort(type_ids, kind="stable")]
+        bounds = np.concatenate([[0], np.cumsum(np.bincount(type_ids, minlength=256))]).tolist()
+        return [
+            piece
+            for type_id, versions in wanted.items()
+            for piece in _by_version(versions, positions[bounds[type_id] : bounds[type_id + 1]])
+            if types is None or piece[0].name in types
+        ]
 
     def _units_by_type(self) -> dict[int, dict[str, Unit]]:
         """Read FMTU, UNIT and MULT once."""
@@ -269,18 +286,41 @@ def check_not_empty(file: DataFlashFile) -> None:
 _POSITION: Final = "\0position"
 
 
-def _group_by_type(index: MessageIndex) -> tuple[AnyArray, IntArray]:
-    """Return the order that sorts messages by id (stable) and where each id begins in it."""
-    bounds = np.concatenate([[0], np.cumsum(np.bincount(index.type_id, minlength=256))])
-    order = np.argsort(index.type_id, kind="stable")  # a radix sort for one byte
-    return order.astype(np.uint32 if len(order) < 1 << 32 else np.int64, copy=False), bounds
+def _by_version(
+    versions: list[MessageDefinition], positions: AnyArray
+) -> list[tuple[MessageDefinition, AnyArray]]:
+    """Split the positions of one id's rows by the definition in force; only definitions with rows."""
+    if len(versions) == 1:
+        return [(versions[0], positions)] if len(positions) else []
+    bounds = np.searchsorted(definition_at(versions, positions), np.arange(len(versions) + 1)).tolist()
+    return [
+        (version, positions[bounds[number] : bounds[number + 1]])
+        for number, version in enumerate(versions)
+        if bounds[number + 1] > bounds[number]
+    ]
+
+
+def _first_and_last(type_ids: ByteArray) -> tuple[IntArray, IntArray]:
+    """Return the first and the last row of each id, -1 for ids that do not occur."""
+    first, last = np.full(256, -1, np.int64), np.full(256, -1, np.int64)
+    for start in range(0, len(type_ids), _SEARCH_ROWS):
+        part = type_ids[start : start + _SEARCH_ROWS]
+        rows = np.arange(start, start + len(part))
+        last[part] = rows  # of repeated indices, the last value stays
+        new = np.full(256, -1, np.int64)
+        new[part[::-1]] = rows[::-1]
+        first = np.where(first < 0, new, first)
+    return first, last
 
 
 def _gather(
-    data: ByteArray, pieces: list[tuple[MessageDefinition, AnyArray]], pages: mmap.mmap | None
+    data: ByteArray,
+    pieces: list[tuple[MessageDefinition, AnyArray]],
+    labels: Collection[str] | None,
+    pages: mmap.mmap | None,
 ) -> list[tuple[MessageDefinition, dict[str, AnyArray]]]:
     """Copy the rows of each piece into columns, part of the file by part of the file."""
-    fields = [definition.fields() for definition, _ in pieces]
+    fields = [_wanted_fields(definition, labels) for definition, _ in pieces]
     columns = [_empty_columns(of, len(positions)) for of, (_, positions) in zip(fields, pieces, strict=True)]
     edges = [*range(0, len(data), _GATHER_BYTES), len(data)]
     for start, stop in itertools.pairwise(edges):
@@ -294,6 +334,16 @@ def _gather(
         finished = {label: _finish(values, of[label][0]) for label, values in into.items()}
         result.append((definition, {**finished, _POSITION: positions}))
     return result
+
+
+def _wanted_fields(
+    definition: MessageDefinition, labels: Collection[str] | None
+) -> dict[str, tuple[FormatCharacter, int]]:
+    """Return the fields of a definition that have one of the labels."""
+    fields = definition.fields()
+    if labels is None:
+        return fields
+    return {label: field for label, field in fields.items() if label in labels}
 
 
 def _empty_columns(fields: dict[str, tuple[FormatCharacter, int]], n_rows: int) -> dict[str, AnyArray]:

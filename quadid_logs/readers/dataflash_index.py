@@ -328,7 +328,8 @@ def _find_successors(data: ByteArray, headers: Headers, header: IntArray, end: I
     successor = np.searchsorted(headers.position, sought).astype(np.int64)
     here = headers.position[np.minimum(successor, n_headers - 1)].astype(np.int64)
     at_header = (successor < n_headers) & (here == end) & (successor > header)
-    at_end = (end > len(data) - 3) & _has_header(data, end)
+    at_end = end > len(data) - 3
+    at_end[at_end] = _has_header(data, end[at_end])  # touching the file elsewhere would load its pages
     return np.where(at_header, successor, np.where(at_end, n_headers, -1))
 
 

@@ -95,8 +95,10 @@ class TextLog:
             ]
         )
 
-    def read_messages(self, types: Collection[str] | None = None) -> dict[str, MessageTable]:
-        """Read the tables of some message types, of all where None.
+    def read_messages(
+        self, types: Collection[str] | None = None, labels: Collection[str] | None = None
+    ) -> dict[str, MessageTable]:
+        """Read some columns of some message types, all where None.
 
         Returns
         -------
@@ -104,16 +106,15 @@ class TextLog:
             Only types that occur. Values are as printed, that is already scaled.
         """
         names = [name for name in self._definitions if types is None or name in types]
-        return self._parse({name: self._by_name.get(name, []) for name in names if name != "FMT"})
+        tables = self._parse({name: self._by_name.get(name, []) for name in names if name != "FMT"})
+        return {name: table.only(labels) for name, table in tables.items()}
 
-    def sample_messages(self, n_rows: int) -> dict[str, MessageTable]:
-        """Read at most `n_rows` rows of every type, evenly spread, with the first and the last."""
-        chosen = {}
-        for name in self._definitions:
-            lines = self._by_name.get(name, [])
-            rows = np.unique(np.linspace(0, max(len(lines) - 1, 0), n_rows).round().astype(np.int64))
-            chosen[name] = [lines[row] for row in rows.tolist()] if lines else []
-        return self._parse(chosen)
+    def first_and_last(self) -> dict[str, MessageTable]:
+        """Read the first and the last row of every type."""
+        ends = {
+            name: list(dict.fromkeys([rows[0], rows[-1]])) for name, rows in self._by_name.items() if rows
+        }
+        return self._parse({name: ends[name] for name in self._definitions if name in ends and name != "FMT"})
 
     def _sort_lines(self) -> dict[str, list[int]]:
         """Group the numbers of the lines by what stands before their first comma."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -57,6 +57,12 @@ class MessageTable:
         """Say whether all these columns exist."""
         return all(label in self.columns for label in labels)
 
+    def only(self, labels: Collection[str] | None) -> MessageTable:
+        """Return the columns with these labels, all where None."""
+        if labels is None:
+            return self
+        return replace(self, columns={label: v for label, v in self.columns.items() if label in labels})
+
     def rows(self, mask: AnyArray) -> MessageTable:
         """Return the rows that a mask or an index array selects."""
         return MessageTable(
@@ -90,11 +96,13 @@ class MessageSource(Protocol):
     def lost(self) -> tuple[LostStretch, ...]:
         """What could not be read."""
 
-    def read_messages(self, types: Collection[str] | None = None) -> dict[str, MessageTable]:
-        """Read the tables of some message types, of all where None."""
+    def read_messages(
+        self, types: Collection[str] | None = None, labels: Collection[str] | None = None
+    ) -> dict[str, MessageTable]:
+        """Read some columns of some message types, all where None."""
 
-    def sample_messages(self, n_rows: int) -> dict[str, MessageTable]:
-        """Read a few rows of every type, the first and the last among them."""
+    def first_and_last(self) -> dict[str, MessageTable]:
+        """Read the first and the last row of every type."""
 
 
 def join_tables(tables: list[MessageTable]) -> MessageTable:

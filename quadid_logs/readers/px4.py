@@ -7,6 +7,7 @@ FRD and NED like we do; only thrust points the other way.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -184,7 +185,7 @@ def flight_log(path: str, content: UlogContent, *, system: int = 0) -> FlightLog
         format="ulog",
         autopilot="px4" if known.information.get("sys_name", "PX4") == "PX4" else "other",
         n_bytes=content.n_bytes,
-        signals=_signals(content),
+        signals=_with_gyro_filter(_signals(content), known.parameters.get("IMU_GYRO_CUTOFF", 0.0)),
         firmware=_firmware(content),
         vehicle_type=_vehicle_type(content),
         frame=_frame(content),
@@ -229,6 +230,21 @@ def _signals(content: UlogContent) -> dict[str, tuple[Signal, ...]]:
         # Several drivers publish outputs; the motors are on the one that moves most.
         found["output_pwm"].sort(key=_liveliness, reverse=True)
     return {name: tuple(signals) for name, signals in found.items() if signals}
+
+
+def _with_gyro_filter(
+    signals: dict[str, tuple[Signal, ...]], cutoff_hz: float
+) -> dict[str, tuple[Signal, ...]]:
+    """Note the low-pass of vehicle_angular_velocity (VehicleAngularVelocity.cpp, LowPassFilter2p)."""
+    if not cutoff_hz > 0.0 or "body_rate" not in signals:
+        return signals
+    rates = tuple(
+        replace(signal, low_pass_hz=float(cutoff_hz))
+        if signal.source.startswith("vehicle_angular_velocity")
+        else signal
+        for signal in signals["body_rate"]
+    )
+    return {**signals, "body_rate": rates}
 
 
 def _signal(source: _Source, table: TopicTable) -> Signal | None:

@@ -203,7 +203,7 @@ def _modes(table: MessageTable | None, clock: _TimeRecords) -> tuple[ModeChange,
 
 def _counts(file: DataFlashFile, clock: _TimeRecords) -> tuple[MessageCount, ...]:
     """Return rows and mean rate of every message type."""
-    samples = file.sample_messages(2)
+    samples = file.first_and_last()
     result = []
     for name, count in sorted(file.counts.items()):
         time = clock.times(samples[name]) if name in samples else np.zeros(0)

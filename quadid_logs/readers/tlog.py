@@ -198,7 +198,7 @@ def _decode(
     order = np.argsort(packets.msg_id.astype(np.uint16), kind="stable")
     ids, first = np.unique(packets.msg_id[order], return_index=True)
     decoded = {}
-    for msg_id, chosen in zip(ids.tolist(), np.split(order, first[1:]), strict=True):
+    for msg_id, chosen in zip(ids.tolist(), np.split(order, first)[1:], strict=True):
         kind = dialect.types[msg_id]
         if names is None or kind.name in names:
             some = Packets(*(part[chosen] for part in packets))

@@ -188,10 +188,17 @@ def _follow_run(walk: _Walk, position: int) -> int:
 def _ends_well(walk: _Walk, position: int) -> bool:
     """Tell whether what stands at `position` speaks for the message before it being whole.
 
-    Damage rarely begins exactly between two messages, but a 'D' in the right
-    place, if only its size or id is wrong, is there by accident once in 256.
+    Damage rarely begins exactly between two messages, so it takes a message
+    that can be decoded, or at least the head of a known topic with a wrong size.
     """
-    return _continues(walk, position) or int(walk.data[position + 2]) == _DATA
+    if _is_image(walk, position) or walk.end - position < len(HEADER_MAGIC):
+        return position <= walk.end
+    head = walk.data[position : position + 5].tobytes()
+    if head[2] == _DATA and walk.least[head[3] + 256 * head[4]] < NO_SIZE:
+        return True
+    if head[2] in MESSAGE_TYPES and head[2] != _DATA:
+        return _makes_sense(walk, position)
+    return _continues(walk, position)
 
 
 def _continues(walk: _Walk, position: int, further: int = _CHAIN) -> bool:
