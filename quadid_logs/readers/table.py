@@ -138,7 +138,10 @@ def _header(head: bytes) -> _Header | None:
         text = line.decode("utf-8", errors="replace").strip()
         if text and not text.startswith("#"):
             delimiter = max(_DELIMITERS, key=text.count)
-            names = [name.strip() for name in next(csv.reader([text], delimiter=delimiter), [])]
+            names = [
+                name.strip()
+                for name in next(csv.reader([text], delimiter=delimiter, skipinitialspace=True), [])
+            ]
             return _Header(names, delimiter, offset)
     return None
 
