@@ -154,6 +154,15 @@ class FlightData:
     texts: tuple[LogText, ...] = ()
 
     @property
+    def flight_segments(self) -> tuple[tuple[float, float], ...]:
+        """First and last time [s] of the usable samples of each flight, whatever gaps lie between."""
+        spans: dict[int, tuple[float, float]] = {}
+        for segment in self.segments:
+            start_s, _ = spans.get(segment.flight, (segment.start_s, 0.0))
+            spans[segment.flight] = (start_s, segment.end_s)
+        return tuple(spans.values())
+
+    @property
     def n_samples(self) -> int:
         """Number of grid points."""
         return sum(segment.n_samples for segment in self.segments)

@@ -104,7 +104,8 @@ def data_dict(data: FlightData) -> dict[str, Any]:
     described = data.input
     return {
         "sample_period_s": data.sample_period_s,
-        "segments": [[segment.start_s, segment.end_s] for segment in data.segments],
+        "segments": data.flight_segments,
+        "gap_free": [[segment.start_s, segment.end_s] for segment in data.segments],
         "flights": data.flights,
         "n_samples": data.n_samples,
         "rates": {name: _rate(choice) for name, choice in data.sources.items()},
