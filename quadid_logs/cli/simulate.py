@@ -110,16 +110,16 @@ def write_simulation(simulation: Simulation, output: Path) -> None:
     from quadid_logs.simulate import damage_bytes
     from quadid_logs.writers import write_log
 
-    _make_folder(output.parent)
+    make_folder(output.parent)
     write_log(simulation.log, output)
     if simulation.damage:
         seed = int(simulation.truth["seed"])
-        _write_beside(output, damage_bytes(output.read_bytes(), simulation.damage, seed))
+        write_beside(output, damage_bytes(output.read_bytes(), simulation.damage, seed))
     text = json.dumps(simulation.truth, indent=1, allow_nan=False) + "\n"
-    _write_beside(truth_path(output), text.encode("utf-8"))
+    write_beside(truth_path(output), text.encode("utf-8"))
 
 
-def _make_folder(folder: Path) -> None:
+def make_folder(folder: Path) -> None:
     """Make the folder and those above it."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -127,7 +127,7 @@ def _make_folder(folder: Path) -> None:
         raise OutputError(f"{printable(folder)} cannot be made: {error.strerror or error}.") from error
 
 
-def _write_beside(path: Path, content: bytes) -> None:
+def write_beside(path: Path, content: bytes) -> None:
     """Write a file beside its place and rename it, so that none is ever half-written."""
     beside = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:

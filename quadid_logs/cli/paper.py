@@ -1,0 +1,47 @@
+"""``quadid-log paper``: the source paper's experiment beside ours and the truth."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from quadid_logs.cli.failure import say
+from quadid_logs.cli.progress import Progress
+from quadid_logs.cli.simulate import make_folder, write_beside
+from quadid_logs.errors import OutputError
+from quadid_logs.untrusted import printable
+
+_FILES = ("paper.md", "windows.csv", "fig4.png", "windows.png", "tables.png")
+
+
+def paper(
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for page and figures.")
+    ] = Path("quadid-paper"),
+    force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run.")] = False,
+) -> int:
+    """Re-run the source paper's experiment and say what agrees with eq. (12), what cannot, and why."""
+    from quadid_logs.simulate.paper import run_experiment
+    from quadid_logs.simulate.paper_page import figures, page_text, windows_csv
+
+    for name in _FILES:
+        if os.path.lexists(output / name) and not force:
+            raise OutputError(
+                f"{printable(output / name)} exists already.", hint="Add --force to replace it."
+            )
+    with Progress("paper") as progress:
+        progress("flying")
+        experiment = run_experiment()
+        progress("drawing")
+        text = page_text(experiment)
+        files = {"paper.md": text.encode(), "windows.csv": windows_csv(experiment).encode()}
+        files |= figures(experiment)
+    make_folder(output)
+    for name in _FILES:
+        write_beside(output / name, files[name])
+    say(text.rstrip("\n"))
+    say(f"\nWrote {', '.join(_FILES)} into {printable(output)}")
+    return 0
