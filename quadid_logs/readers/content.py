@@ -40,8 +40,8 @@ def rows_at(data: Bytes, offsets: IntArray, dtype: np.dtype[np.void]) -> AnyArra
     ndarray of `dtype`, shape (n_rows,)
     """
     size = dtype.itemsize
-    if not len(offsets):
-        return np.zeros(0, dtype)
+    if not len(offsets) or not size:
+        return np.zeros(len(offsets), dtype)
     opaque = np.ndarray(
         shape=(len(data) - size + 1,), dtype=np.dtype((np.void, size)), buffer=data, strides=(1,)
     )

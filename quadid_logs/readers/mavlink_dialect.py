@@ -15,11 +15,17 @@ _NUMBERS: Final = 1 << 16
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MessageType:
-    """Name and layout of a message; `dtype` is the untruncated payload in wire order."""
+    """Name and layout of a message: `struct_format` has one item per field, in wire order."""
 
     name: str
     msg_id: int
-    dtype: np.dtype[np.void]
+    struct_format: str
+    fields: tuple[str, ...]
+
+    @property
+    def dtype(self) -> np.dtype[np.void]:
+        """The untruncated payload."""
+        return _payload_dtype(self.struct_format, self.fields)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -40,10 +46,6 @@ class Dialect:
     extra: NDArray[np.int32]
     longest: NDArray[np.int32]
 
-    def type_named(self, name: str) -> MessageType | None:
-        """Return the message of that name."""
-        return next((kind for kind in self.types.values() if kind.name == name), None)
-
 
 def load_dialect() -> Dialect:
     """Return the layouts of pymavlink's dialect "all", which holds every message with a number of its own."""
@@ -56,14 +58,18 @@ def load_dialect() -> Dialect:
     longest = np.zeros(max(known) + 2, np.int32)
     types = {}
     for msg_id, message in known.items():
-        dtype = _payload_dtype(message.unpacker.format, message.ordered_fieldnames)
-        types[msg_id] = MessageType(name=str(message.msgname), msg_id=msg_id, dtype=dtype)
+        types[msg_id] = MessageType(
+            name=str(message.msgname),
+            msg_id=msg_id,
+            struct_format=str(message.unpacker.format),
+            fields=tuple(message.ordered_fieldnames),
+        )
         extra[msg_id] = message.crc_extra
-        longest[msg_id] = dtype.itemsize
+        longest[msg_id] = message.unpacker.size
     return Dialect(types=types, extra=extra, longest=longest)
 
 
-def _payload_dtype(struct_format: str, names: list[str]) -> np.dtype[np.void]:
+def _payload_dtype(struct_format: str, names: tuple[str, ...]) -> np.dtype[np.void]:
     """Translate a struct format with one item per field, as "<fHH16sB"."""
     fields: list[tuple[str, object]] = []
     for (count, code), name in zip(re.findall(r"(\d*)([A-Za-z])", struct_format), names, strict=True):

@@ -11,9 +11,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from quadid_logs.arrays import AnyArray, BoolArray, FloatArray
+from quadid_logs.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from quadid_logs.data.log import LostStretch
-from quadid_logs.readers.content import Bytes, little_endian, merge_stretches
+from quadid_logs.readers.content import Bytes, little_endian, merge_stretches, rows_at
 from quadid_logs.readers.mavlink_dialect import Dialect
 
 MAGIC_1: Final = 0xFE
@@ -24,27 +24,37 @@ _HEADER_2: Final = 10
 _CHECKSUM: Final = 2
 _SIGNATURE: Final = 13
 _SIGNED: Final = 1
-_LONGEST: Final = STAMP_SIZE + _HEADER_2 + 255 + _CHECKSUM + _SIGNATURE
-_BLOCK: Final = 1 << 22
+_BLOCK: Final = 1 << 20
 
 
 class Packets(NamedTuple):
     """Packets with a right checksum, in file order; every array has one entry per packet.
 
-    ``start`` is the byte offset of the magic byte, ``payload`` that of the
-    payload, ``length`` the payload's (zero-truncated) size.
+    ``start`` is the byte offset of the magic byte (int64), ``header`` the size
+    before the payload, ``length`` that of the (zero-truncated) payload (uint8),
+    ``size`` that of the whole packet without host stamp (uint16).
     """
 
     start: AnyArray
-    end: AnyArray
-    payload: AnyArray
+    header: AnyArray
     length: AnyArray
+    size: AnyArray
     msg_id: AnyArray
     system: AnyArray
     component: AnyArray
 
-    def where(self, chosen: BoolArray) -> Packets:
-        """Return the packets that `chosen` marks."""
+    @property
+    def payload(self) -> IntArray:
+        """Byte offsets of the payloads."""
+        return self.start + self.header
+
+    @property
+    def end(self) -> IntArray:
+        """Byte offsets behind the packets."""
+        return self.start + self.size
+
+    def where(self, chosen: BoolArray | IntArray) -> Packets:
+        """Return the packets that `chosen` marks or lists."""
         return Packets(*(part[chosen] for part in self))
 
 
@@ -77,9 +87,11 @@ def frame(data: Bytes, dialect: Dialect) -> Framing:
         Bytes that belong to no packet are in `lost`, except packets of unknown
         type, whose checksum cannot be known, where they fill a gap exactly.
     """
-    blocks = [_candidates(data, begin, dialect) for begin in range(0, len(data), _BLOCK)]
-    found = Packets(*(np.concatenate(parts) for parts in zip(*blocks, strict=True))) if blocks else _none()
-    packets = found.where(_without_overlap(found))
+    blocks = [_candidates(data, begin, dialect) for begin in range(0, max(1, len(data)), _BLOCK)]
+    packets = Packets(*(np.concatenate(parts) for parts in zip(*blocks, strict=True)))
+    del blocks  # as large as the packets themselves
+    keep = _without_overlap(packets)
+    packets = packets if keep.all() else packets.where(keep)
     before = packets.start[1:] - packets.end[:-1]
     stamped = not len(before) or bool((before >= STAMP_SIZE).mean() > 0.5)
     lost, n_unknown, n_bad = _between(data, packets, dialect, STAMP_SIZE if stamped else 0)
@@ -101,38 +113,40 @@ def host_time_s(data: Bytes, packets: Packets) -> FloatArray:
     return time_s
 
 
-def _none() -> Packets:
-    long, int32, byte = np.zeros(0, np.int64), np.zeros(0, np.int32), np.zeros(0, np.uint8)
-    return Packets(long, long, long, int32, int32, byte, byte)
-
-
 def _candidates(data: Bytes, begin: int, dialect: Dialect) -> Packets:
-    """Find the packets with a right checksum that begin in one block."""
-    # Packets that reach into the next block are found whole; only their start decides.
+    """Find the packets with a right checksum that begin in one block, also where they end behind it."""
     block = data[begin : begin + _BLOCK]
-    start = np.flatnonzero((block == MAGIC_1) | (block == MAGIC_2)) + begin
-    start = start[start + _HEADER_1 + _CHECKSUM <= len(data)]
-    is_2 = data[start] == MAGIC_2
-    start = start[~is_2 | (start + _HEADER_2 + _CHECKSUM <= len(data))]
-    is_2 = data[start] == MAGIC_2
-    length = data[start + 1].astype(np.int32)
-    header = np.where(is_2, _HEADER_2, _HEADER_1)
-    flags = np.where(is_2, data[start + 2], 0)
-    wide = np.where(is_2, start + 7, start + 5)
-    msg_id = np.where(is_2, little_endian(data, np.minimum(wide, len(data) - 3), 3), data[wide]).astype(
-        np.int32
-    )
-    end = start + header + length + _CHECKSUM + np.where(flags & _SIGNED, _SIGNATURE, 0)
-    msg_id = np.where(msg_id < len(dialect.extra), msg_id, len(dialect.extra) - 1)
-    # A MAVLink 1 payload never exceeds the known layout; MAVLink 2 may bring new extensions.
-    fits = is_2 | (length <= dialect.longest[msg_id])
-    possible = (dialect.extra[msg_id] >= 0) & (flags <= _SIGNED) & (end <= len(data)) & fits
-    sender = start + np.where(is_2, 5, 3)
-    packets = Packets(
-        start, end, start + header, length, msg_id, data[np.minimum(sender, len(data) - 2)],
-        data[np.minimum(sender, len(data) - 2) + 1],
-    ).where(possible)  # fmt: skip
-    return packets.where(_has_right_checksum(data, packets, dialect))
+    versions = [
+        _headers(data, np.flatnonzero(block == magic) + begin, header, dialect)
+        for magic, header in ((MAGIC_1, _HEADER_1), (MAGIC_2, _HEADER_2))
+    ]
+    packets = Packets(*(np.concatenate(parts) for parts in zip(*versions, strict=True)))
+    packets = packets.where(_has_right_checksum(data, packets, dialect))
+    return packets.where(np.argsort(packets.start, kind="stable"))
+
+
+def _headers(data: Bytes, start: IntArray, header: int, dialect: Dialect) -> Packets:
+    """Read the headers of one version, and keep those that can be of a known message inside the file."""
+    start = start[start + header + _CHECKSUM <= len(data)]
+    head = rows_at(data, start, np.dtype((np.void, header))).view(np.uint8).reshape(len(start), header)
+    length = head[:, 1]
+    size = length.astype(np.uint16) + np.uint16(header + _CHECKSUM)
+    if header == _HEADER_1:
+        msg_id = head[:, 5].astype(np.int32)
+        # The payload of version 1 never exceeds the known layout; version 2 may bring new extensions.
+        possible = length <= dialect.longest[msg_id]
+    else:
+        msg_id = (
+            head[:, 7].astype(np.int32) | head[:, 8].astype(np.int32) << 8 | head[:, 9].astype(np.int32) << 16
+        )
+        possible = (msg_id < len(dialect.extra)) & (head[:, 2] <= _SIGNED)
+        msg_id[~possible] = 0
+        size[head[:, 2] == _SIGNED] += np.uint16(_SIGNATURE)
+    possible &= (dialect.extra[msg_id] >= 0) & (start + size <= len(data))
+    sender = header - 3 if header == _HEADER_1 else header - 5
+    system, component = head[:, sender], head[:, sender + 1]
+    before_payload = np.full(len(start), header, np.uint8)
+    return Packets(start, before_payload, length, size, msg_id, system, component).where(possible)
 
 
 def _has_right_checksum(data: Bytes, packets: Packets, dialect: Dialect) -> BoolArray:
@@ -143,20 +157,21 @@ def _has_right_checksum(data: Bytes, packets: Packets, dialect: Dialect) -> Bool
     right = np.zeros(len(packets.start), bool)
     if not len(right):
         return right
-    size = packets.payload + packets.length - packets.start - 1
-    order = np.argsort(size.astype(np.uint16), kind="stable")  # radix sort
-    cuts = np.flatnonzero(np.diff(size[order])) + 1
+    covered = packets.header.astype(np.uint16) + packets.length - np.uint16(1)
+    order = np.argsort(covered, kind="stable")  # radix sort
+    cuts = np.flatnonzero(np.diff(covered[order])) + 1
     one_byte, two_bytes = crc_tables()
     extra = dialect.extra[packets.msg_id].astype(np.uint8)
+    checksum = packets.payload + packets.length
     for group in np.split(order, cuts):
-        n_bytes = int(size[group[0]])
+        n_bytes = int(covered[group[0]])
         row = np.dtype((np.void, n_bytes))
-        view = np.ndarray((len(data) - n_bytes + 1,), row, buffer=data, strides=(1,))
         body = np.empty((len(group), n_bytes + 1), np.uint8)
-        body[:, :n_bytes] = view[packets.start[group] + 1].view(np.uint8).reshape(len(group), n_bytes)
+        body[:, :n_bytes] = (
+            rows_at(data, packets.start[group] + 1, row).view(np.uint8).reshape(len(group), n_bytes)
+        )
         body[:, n_bytes] = extra[group]
-        expected = little_endian(data, packets.payload[group] + packets.length[group], 2)
-        right[group] = _crc(body, one_byte, two_bytes) == expected
+        right[group] = _crc(body, one_byte, two_bytes) == little_endian(data, checksum[group], 2)
     return right
 
 
@@ -190,8 +205,7 @@ def _crc(body: Bytes, one_byte: NDArray[np.uint16], two_bytes: NDArray[np.uint16
 def _without_overlap(found: Packets) -> BoolArray:
     """Mark the packets that do not begin inside an earlier one: a checksum can be right by chance."""
     keep = np.ones(len(found.start), bool)
-    latest_end = np.maximum.accumulate(found.end) if len(keep) else found.end
-    if not (found.start[1:] < latest_end[:-1]).any():
+    if not (found.start[1:] < np.maximum.accumulate(found.end)[:-1]).any():
         return keep
     end = 0
     for k, (start, stop) in enumerate(zip(found.start.tolist(), found.end.tolist(), strict=True)):

@@ -15,7 +15,7 @@ import numpy as np
 from quadid_logs.arrays import AnyArray, FloatArray, IntArray
 from quadid_logs.data.log import FlightLog, LoggedSystem, LostStretch, MessageCount
 from quadid_logs.errors import EmptyLogError, SettingsError
-from quadid_logs.readers.content import Bytes, load_bytes
+from quadid_logs.readers.content import Bytes, load_bytes, rows_at
 from quadid_logs.readers.mav_type import vehicle_type_of
 from quadid_logs.readers.mavlink_clock import (
     BOOT_MS,
@@ -150,10 +150,11 @@ def read_content(path: str | Path, names: Collection[str], *, system: int = 0) -
         raise SettingsError(f"There is no system {system} in {path}.", hint=f"It holds {present}.")
     chosen = next(one for one in systems if one.chosen)
     own = packets.where((packets.system == chosen.system_id) & (packets.component == chosen.component_id))
-    clock, on_host_clock = _boot_clock(data, own, dialect)
-    heartbeat = _decode(data, own, dialect, {"HEARTBEAT"}).get("HEARTBEAT")
+    messages = _decode(data, own, dialect, {*names, "HEARTBEAT"})
+    clock, on_host_clock = _boot_clock(data, own, dialect, messages)
+    heartbeat = messages.get("HEARTBEAT")
     return TlogContent(
-        messages=_decode(data, own, dialect, names),
+        messages=messages,
         clock=clock,
         on_host_clock=on_host_clock,
         systems=systems,
@@ -201,7 +202,7 @@ def _decode(
     for msg_id, chosen in zip(ids.tolist(), np.split(order, first)[1:], strict=True):
         kind = dialect.types[msg_id]
         if names is None or kind.name in names:
-            some = Packets(*(part[chosen] for part in packets))
+            some = packets.where(chosen)
             decoded[kind.name] = MessageRows(
                 name=kind.name,
                 rows=_payloads(data, some, kind),
@@ -216,32 +217,41 @@ def _payloads(data: Bytes, packets: Packets, kind: MessageType) -> AnyArray:
     """Return the payloads as rows; what the sender truncated is zero, what we do not know is left out."""
     n_bytes = kind.dtype.itemsize
     body = np.zeros((len(packets.start), n_bytes), np.uint8)
-    kept = np.minimum(packets.length, n_bytes)
-    for size in np.unique(kept).tolist():
-        if size:
-            group = np.flatnonzero(kept == size)
-            row = np.dtype((np.void, size))
-            view = np.ndarray((len(data) - size + 1,), row, buffer=data, strides=(1,))
-            part = view[packets.payload[group]].view(np.uint8).reshape(len(group), size)
-            body[group, :size] = part
+    kept = np.minimum(packets.length, min(n_bytes, 255))
+    payload = packets.payload
+    for size in np.flatnonzero(np.bincount(kept, minlength=1)).tolist():
+        group = np.flatnonzero(kept == size)
+        part = rows_at(data, payload[group], np.dtype((np.void, size)))
+        body[group, :size] = part.view(np.uint8).reshape(len(group), size)
     rows: AnyArray = body.reshape(-1).view(kind.dtype)
     return rows
 
 
-def _boot_clock(data: Bytes, packets: Packets, dialect: Dialect) -> tuple[BootClock, bool]:
-    """Return the boot clock, and whether it had to be taken from the host's stamps."""
-    present = {int(msg_id): dialect.types[int(msg_id)] for msg_id in np.unique(packets.msg_id)}
+def _boot_clock(
+    data: Bytes, packets: Packets, dialect: Dialect, decoded: Mapping[str, MessageRows]
+) -> tuple[BootClock, bool]:
+    """Return the boot clock, and whether it had to be taken from the host's stamps.
+
+    What is already decoded usually tells the time; only where it does not, all messages are asked.
+    """
     for name in (BOOT_MS, USEC):
-        timed = {kind.name for kind in present.values() if name in (kind.dtype.names or ())}
-        messages = _decode(data, packets, dialect, timed).values()
-        clock = merge_clocks(
-            [BootClock(message.position, _own_time_s(message, name)) for message in messages]
-        )
-        usable = np.isfinite(clock.time_s)
-        if usable.any():
-            return BootClock(clock.position[usable], clock.time_s[usable]), False
+        clock = _clock_of(decoded, name)
+        if not len(clock.position):
+            present = [dialect.types[int(msg_id)] for msg_id in np.unique(packets.msg_id)]
+            timed = {kind.name for kind in present if name in (kind.dtype.names or ())}
+            clock = _clock_of(_decode(data, packets, dialect, timed), name)
+        if len(clock.position):
+            return clock, False
     host_s = host_time_s(data, packets)
     return BootClock(packets.start, host_s - host_s[0]), True
+
+
+def _clock_of(messages: Mapping[str, MessageRows], name: str) -> BootClock:
+    """Return the clock that a time field of these messages shows, without rows where it is not filled in."""
+    timed = [message for message in messages.values() if name in (message.rows.dtype.names or ())]
+    clock = merge_clocks([BootClock(message.position, _own_time_s(message, name)) for message in timed])
+    usable = np.isfinite(clock.time_s)
+    return BootClock(clock.position[usable], clock.time_s[usable])
 
 
 def _own_time_s(message: MessageRows, name: str) -> FloatArray:
