@@ -12,6 +12,8 @@ from quadid_logs.cli.explain import explain
 from quadid_logs.cli.export import export
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.info import info
+from quadid_logs.cli.paper import paper
+from quadid_logs.cli.simulate import simulate
 
 
 def make_app() -> typer.Typer:
@@ -26,7 +28,7 @@ def make_app() -> typer.Typer:
         no_args_is_help=False,
     )
     app.callback(invoke_without_command=True)(_top)
-    for verb in (analyze, info, export, explain):
+    for verb in (analyze, info, export, explain, simulate, paper):
         app.command()(verb)
     return app
 

@@ -109,10 +109,11 @@ def _findings(experiment: Experiment) -> list[str]:
         f"B_nn. The published non-zero A and off-diagonal B are therefore no property of that vehicle "
         f"under that input, and the conclusion that they show strong cross-coupling does not follow.",
         f"**What makes the method exact.** With the true derivative instead of increments, one axis at a "
-        f"time gives B_nn exactly. With all axes excited at once as well, {full.sum()} of {full.size} windows "
-        f"have full rank (the first begins at rest), and each of these returns all of A and B: the largest "
-        f"error of B is {together:.1e} of {truth.max():.0f}. Excitation alone does not help: with increments, "
-        f"a condition number of {condition:.0e} turns the half sample of delay into wrong couplings.",
+        f"time gives B_nn exactly. With all axes excited at once as well, {full.sum()} of {full.size} "
+        f"windows have full rank (the first begins at rest), and each of these returns all of A and B: the "
+        f"largest error of B is {together:.1e} of {truth.max():.0f}. Excitation alone does not help: with "
+        f"increments, a condition number of {condition:.0e} turns the half sample of delay into wrong "
+        f"couplings.",
     ]
 
 
