@@ -28,19 +28,24 @@ def exit_code_of(action: Callable[[], int]) -> int:
     except ReaderGoneError:
         raise
     except QuadidError as error:
-        report_problem(f"error: {error}")
+        _report(f"error: {error}")
     except Exception as error:  # noqa: BLE001 - the one place that must let nothing through
         usage = getattr(error, "format_message", None)
         if usage is not None:
-            report_problem(f"error: {usage()} See quadid-log --help.")
+            _report(f"error: {usage()} See quadid-log --help.")
         else:
-            report_problem(
+            _report(
                 f"error: unexpected {type(error).__name__}: {error}. This is a bug in quadid-logs; please "
                 "report it with the log. QUADID_DEBUG=1 shows the details."
             )
+    return 2
+
+
+def _report(text: str) -> None:
+    """Write one line, and the traceback of the present exception if it is asked for."""
+    report_problem(text)
     if os.environ.get("QUADID_DEBUG") == "1":
         traceback.print_exc()
-    return 2
 
 
 def report_problem(text: str) -> None:

@@ -1,0 +1,46 @@
+"""Results to report on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from synthetic_results import hostile_result, refused_result, usable_result, write_placeholder_log
+
+from quadid_logs.data.result import Result
+from quadid_logs.report import write_report
+
+
+@pytest.fixture(scope="session")
+def usable() -> Result:
+    """Return a good flight."""
+    return usable_result()
+
+
+@pytest.fixture(scope="session")
+def refused() -> Result:
+    """Return a log without a flight."""
+    return refused_result()
+
+
+@pytest.fixture(scope="session")
+def hostile() -> Result:
+    """Return a result whose every text is an attack."""
+    return hostile_result()
+
+
+@pytest.fixture(scope="session")
+def report_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the written report of a good flight."""
+    folder = tmp_path_factory.mktemp("reports")
+    log = write_placeholder_log(folder / "flight.bin")
+    write_report(usable_result(path=str(log)), folder / "flight", command="quadid-log analyze flight.bin")
+    return folder / "flight"
+
+
+@pytest.fixture(scope="session")
+def hostile_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the written report of the hostile result."""
+    folder = tmp_path_factory.mktemp("reports") / "hostile"
+    write_report(hostile_result(), folder, command="quadid-log analyze '<script>'")
+    return folder

@@ -1,0 +1,198 @@
+"""The report in a real browser: no error, no request, charts drawn, no sideways scrolling."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import chromium
+import pytest
+from synthetic_results import hostile_result, usable_result
+
+from quadid_logs.data.result import Result
+from quadid_logs.figures import figures_of
+from quadid_logs.report.html import render_html
+from quadid_logs.report.provenance import provenance_of
+from quadid_logs.report.view import view_of
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(chromium.PATH is None, reason="no Chromium on this machine"),
+]
+
+SCROLL = """(async () => {
+  for (const chart of document.querySelectorAll(".chart")) {
+    chart.scrollIntoView({behavior: "instant"});
+    for (let turn = 0; turn < 50 && !chart.querySelector(".main-svg"); turn++)
+      await new Promise((done) => setTimeout(done, 40));
+  }
+  scrollTo(0, 0);
+})()"""
+DRAWN = 'document.querySelectorAll(".chart .main-svg").length > 0 && [...document.querySelectorAll(".chart")]'
+COUNT = f"({DRAWN}).filter((chart) => chart.querySelector('.main-svg .trace')).length"
+RANGE = "document.getElementById('chart-{}').layout.xaxis.range"
+PAUSE = "new Promise((done) => setTimeout(done, 500))"
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[chromium.Browser]:
+    """Start a browser with a profile of its own."""
+    with chromium.Browser(tmp_path_factory.mktemp("browser") / "profile") as started:
+        yield started
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the report of a short flight, which a browser without a graphics card draws quickly."""
+    return write_page(usable_result(8.0), tmp_path_factory.mktemp("page"))
+
+
+@pytest.fixture(scope="module")
+def hostile_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the report of a log in which every text is an attack."""
+    return write_page(hostile_result(), tmp_path_factory.mktemp("page"))
+
+
+def write_page(result: Result, folder: Path) -> Path:
+    """Write the page alone, without pictures."""
+    view = view_of(result, provenance_of(result.log.path, "quadid-log analyze"))
+    (folder / "report.html").write_text(render_html(view, figures_of(result)), encoding="utf-8")
+    return folder / "report.html"
+
+
+@pytest.mark.parametrize(("width", "dark"), [(1280, False), (400, True)])
+def test_every_chart_is_drawn_and_nothing_scrolls_sideways(
+    browser: chromium.Browser, page: Path, width: int, dark: bool
+) -> None:
+    """On a desk and on a phone, light and dark, without a message in the console."""
+    browser.show(width, dark=dark)
+    browser.open(page)
+    browser.run(SCROLL)
+    charts = browser.run("document.querySelectorAll('.chart').length")
+    assert charts >= 14
+    assert browser.run(COUNT) == charts
+    assert browser.run("document.documentElement.scrollWidth") <= width
+    assert browser.problems == []
+
+
+def test_charts_wait_until_they_are_scrolled_into_view(browser: chromium.Browser, page: Path) -> None:
+    """The first screen is there before the last chart is drawn."""
+    browser.show(1280)
+    browser.open(page)
+    browser.run(PAUSE)
+    assert browser.run("document.querySelectorAll('.chart .main-svg').length") == 0
+    assert "The model" in browser.run("document.body.innerText")
+
+
+def test_the_report_asks_no_host_for_anything(browser: chromium.Browser, page: Path) -> None:
+    """The only thing that is loaded is the file itself (and its empty icon)."""
+    browser.show(1280)
+    browser.open(page)
+    browser.run(SCROLL)
+    outside = [address for address in browser.requests if not address.startswith(("file:", "data:", "blob:"))]
+    assert outside == []
+    assert sum(address.startswith("file:") for address in browser.requests) == 1
+
+
+def test_the_policy_forbids_what_a_log_could_try(browser: chromium.Browser, page: Path) -> None:
+    """Even if an attack became markup, it would not run and could not call home."""
+    browser.show(1280)
+    browser.open(page)
+    browser.run(
+        """(async () => {
+          const script = document.createElement("script");
+          script.textContent = "window.attacked = true";
+          document.body.append(script);
+          document.body.insertAdjacentHTML(
+            "beforeend", "<img src='https://example.org/x' onerror='window.attacked = 1'>");
+          await fetch("https://example.org/").catch(() => null);
+        })()"""
+    )
+    assert browser.run("window.attacked === undefined")
+    assert any("Content Security Policy" in problem for problem in browser.problems)
+
+
+def test_charts_over_time_zoom_together(browser: chromium.Browser, page: Path) -> None:
+    """Zooming the first chart moves the others; charts of other things stay; a double click resets all."""
+    browser.show(1280)
+    browser.open(page)
+    browser.run(SCROLL)
+    whole = browser.run(RANGE.format("fit"))
+    structures = browser.run(RANGE.format("structures"))
+    flight = "document.getElementById('chart-flight')"
+    browser.run(
+        f"Plotly.relayout({flight}, {{'xaxis.range[0]': 26, 'xaxis.range[1]': 28}}).then(() => {PAUSE})"
+    )
+    for key in ("flight", "aligned", "over-time", "fit", "simulation"):
+        assert browser.run(RANGE.format(key)) == pytest.approx([26, 28]), key
+    assert browser.run(RANGE.format("structures")) == pytest.approx(structures)
+    browser.run(f"Plotly.relayout({flight}, {{'xaxis.autorange': true}}).then(() => {PAUSE})")
+    assert browser.run(RANGE.format("fit")) == pytest.approx(whole, abs=0.5)
+    assert browser.problems == []
+
+
+def test_a_chart_can_be_zoomed_with_the_keyboard(browser: chromium.Browser, page: Path) -> None:
+    """Plus halves the span that all charts over time show, zero shows everything again."""
+    browser.show(1280)
+    browser.open(page)
+    browser.run(SCROLL)
+    start, end = browser.run(RANGE.format("fit"))
+    press = """(document.getElementById("chart-fit").dispatchEvent(
+        new KeyboardEvent("keydown", {key: "%s", bubbles: true})), %s)"""
+    browser.run(press % ("+", PAUSE))
+    for key in ("fit", "aligned"):
+        closer = browser.run(RANGE.format(key))
+        assert closer[1] - closer[0] == pytest.approx((end - start) / 2.0), key
+    browser.run(press % ("0", PAUSE))
+    assert browser.run(RANGE.format("fit")) == pytest.approx([start, end], abs=0.5)
+
+
+def test_turning_the_phone_lays_the_charts_out_anew(browser: chromium.Browser, page: Path) -> None:
+    """Three columns on a wide screen become one on a narrow one."""
+    domain = "document.getElementById('chart-horizon').layout.xaxis.domain[1]"
+    browser.show(1280)
+    browser.open(page)
+    browser.run(SCROLL)
+    assert browser.run(domain) < 0.4
+    browser.show(400)
+    browser.run(PAUSE)
+    assert browser.run(domain) == 1
+    assert browser.run("document.documentElement.scrollWidth") <= 400
+
+
+def test_a_hostile_log_runs_no_script(browser: chromium.Browser, hostile_page: Path) -> None:
+    """The attack is visible text: nothing of it became an element, and nothing had to be blocked."""
+    browser.show(1280)
+    browser.open(hostile_page)
+    browser.run("document.getElementById('chart-flight').scrollIntoView()")
+    browser.run(PAUSE)
+    assert browser.run("document.querySelectorAll('#chart-flight .main-svg').length") > 0
+    assert "<script>alert(1)</script>" in browser.run("document.body.innerText")
+    assert browser.run("document.querySelectorAll('img[src]:not(.chart img), [onerror]').length") == 0
+    assert browser.problems == []
+
+
+def test_a_printed_report_shows_every_chart(browser: chromium.Browser, page: Path) -> None:
+    """Also those that were never scrolled into view, in light colours on a dark screen."""
+    browser.show(1280, dark=True)
+    browser.open(page)
+    colour = "document.getElementById('chart-fit').layout.paper_bgcolor"
+    browser.run(f"addEventListener('beforeprint', () => {{ window.printed = {colour}; }})")
+    assert len(browser.pdf()) > 100_000
+    assert browser.run("window.printed") == "#ffffff"
+    assert browser.run(COUNT) == browser.run("document.querySelectorAll('.chart').length")
+    assert browser.run(colour) == "#171a1f"
+    assert browser.problems == []
+
+
+def test_every_control_can_be_reached_by_keyboard(browser: chromium.Browser, page: Path) -> None:
+    """The first stop is the jump to the model; links, charts and wide tables are all stops."""
+    browser.show(1280)
+    browser.open(page)
+    key = {"type": "keyDown", "key": "Tab", "code": "Tab", "windowsVirtualKeyCode": 9}
+    browser.send("Input.dispatchKeyEvent", key)
+    assert browser.run("document.activeElement.className") == "skip"
+    unreachable = browser.run(
+        "document.querySelectorAll('.scroll:not([tabindex]), .chart:not([tabindex])').length"
+    )
+    assert unreachable == 0

@@ -1,0 +1,200 @@
+"""report.html: complete, self-contained, and deaf to what a log says."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from quadid_logs.data.result import Result
+from quadid_logs.figures import figures_of
+from quadid_logs.report.html import render_html, script_json
+from quadid_logs.report.provenance import provenance_of
+from quadid_logs.report.view import view_of
+
+
+class Page(HTMLParser):
+    """What a browser would find: elements, their attributes, scripts, and visible text."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.scripts: list[tuple[str, str]] = []
+        self.text = ""
+        self.style = ""
+        self._inside = ""
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        self._inside = tag if tag in {"script", "style"} else ""
+        if tag == "script":
+            self.scripts.append((dict(attrs).get("type") or "", ""))
+
+    def handle_endtag(self, tag: str) -> None:  # noqa: ARG002 - the parser's name
+        self._inside = ""
+
+    def handle_data(self, data: str) -> None:
+        if self._inside == "script":
+            kind, before = self.scripts[-1]
+            self.scripts[-1] = (kind, before + data)
+        elif self._inside == "style":
+            self.style += data
+        else:
+            self.text += data
+
+
+def page_of(result: Result) -> Page:
+    """Return the parsed page of a result."""
+    figures = figures_of(result)
+    return Page(render_html(view_of(result, provenance_of(result.log.path, "quadid-log analyze x")), figures))
+
+
+@pytest.fixture(scope="module")
+def usable_page(report_folder: Path) -> Page:
+    """Return the parsed report of a good flight."""
+    return Page((report_folder / "report.html").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def hostile_page(hostile_folder: Path) -> Page:
+    """Return the parsed report of the hostile result."""
+    return Page((hostile_folder / "report.html").read_text(encoding="utf-8"))
+
+
+def test_the_report_of_a_good_flight_is_small_enough(report_folder: Path) -> None:
+    """Plotly's script alone has 4.8 MB; the rest stays below 3.2 MB."""
+    assert (report_folder / "report.html").stat().st_size < 8e6
+
+
+def test_a_ten_minute_log_still_fits() -> None:
+    """The size does not grow with the flight."""
+    from synthetic_results import usable_result
+
+    result = usable_result(600.0)
+    text = render_html(view_of(result, provenance_of("x")), figures_of(result))
+    assert len(text.encode()) < 8e6
+
+
+def test_the_first_screen_has_verdict_model_and_next_step(usable_page: Page) -> None:
+    """In this order, before anything about the log."""
+    text = usable_page.text
+    places = [
+        text.index(words)
+        for words in (
+            "Usable: 98 % of the motion is explained.",
+            "With caution: the torque was clipped",
+            "What to do next",
+            "Fly gentler yaw",
+            "B: angular acceleration per torque",
+            "A: angular acceleration per regressor",
+            "The log",
+        )
+    ]
+    assert places == sorted(places)
+
+
+def test_every_parameter_is_shown_with_its_interval(usable: Result, usable_page: Page) -> None:
+    """The diagonal of B is there to the digit, and the unidentifiable entries are grey."""
+    assert "439.8" in usable_page.text
+    assert "433.8 to 445.8" in usable_page.text
+    weak = [attrs for tag, attrs in usable_page.tags if tag == "td" and attrs.get("class") == "weak"]
+    model = usable.identification.models[0]
+    assert len(weak) == sum(not parameter.identifiable for parameter in model.parameters)
+
+
+def test_the_page_loads_nothing_from_anywhere(usable_page: Page) -> None:
+    """No element names another file or host; links stay inside the page."""
+    for tag, attrs in usable_page.tags:
+        assert "src" not in attrs, (tag, attrs)
+        href = attrs.get("href") or "#"
+        assert href.startswith("#") or href == "data:,", (tag, attrs)
+    assert "@media" in usable_page.style
+    assert re.findall(r"url\(|@import", usable_page.style) == []
+
+
+def test_the_policy_lets_exactly_our_two_scripts_run(hostile_page: Page) -> None:
+    """The hashes are those of the two executable scripts; everything else is forbidden."""
+    policy = next(
+        attrs["content"] or ""
+        for tag, attrs in hostile_page.tags
+        if attrs.get("http-equiv") == "Content-Security-Policy"
+    )
+    executable = [text for kind, text in hostile_page.scripts if not kind]
+    hashes = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in executable]
+    assert len(hashes) == 2
+    assert re.findall(r"sha256-([^']+)'", policy) == hashes
+    assert "default-src 'none'" in policy
+    assert "unsafe-eval" not in policy
+
+
+def test_hostile_text_stays_text(hostile_page: Page) -> None:
+    """Script tags of the log are visible words; no element and no attribute comes from them."""
+    assert "<script>alert(1)</script>" in hostile_page.text
+    assert "{{7*7}}" in hostile_page.text
+    kinds = {kind for kind, _ in hostile_page.scripts}
+    assert kinds == {"", "application/json"}
+    assert not any(tag == "img" for tag, _ in hostile_page.tags)
+    assert not any(name.startswith("on") for _, attrs in hostile_page.tags for name in attrs)
+
+
+def test_hostile_text_adds_no_element(usable: Result, hostile_page: Page) -> None:
+    """The only scripts are ours: one per figure, the palettes, Plotly and the page's own."""
+    data = [text for kind, text in hostile_page.scripts if kind == "application/json"]
+    charts = [attrs for tag, attrs in hostile_page.tags if "data-key" in attrs]
+    assert len(data) == len(charts) + 1
+    for text in data:
+        assert not set(text) & set("<>&\u2028\u2029")
+        json.loads(text)
+
+
+def test_control_characters_never_reach_the_page(hostile_page: Page) -> None:
+    """Neither terminal sequences nor overrides of the writing direction."""
+    assert not set(hostile_page.text) & {"\x1b", "\x00", "\u202e", "\u2028"}
+
+
+def test_json_inside_a_script_cannot_close_it() -> None:
+    """The sequences that a browser looks for are gone, the value is the same."""
+    value = {"</script><!--": "\u2028]]>&"}
+    text = script_json(value)
+    assert not set(text) & set("<>&\u2028")
+    assert json.loads(text) == value
+
+
+def test_every_chart_has_a_name_and_a_caption(usable_page: Page) -> None:
+    """A screen reader says what is seen and how to read it."""
+    ids = {attrs.get("id") for _, attrs in usable_page.tags}
+    charts = [attrs for _, attrs in usable_page.tags if "data-key" in attrs]
+    assert len(charts) >= 14
+    for attrs in charts:
+        assert attrs["aria-label"]
+        assert attrs["aria-describedby"] in ids
+        assert attrs["tabindex"] == "0"
+
+
+def test_no_id_is_used_twice(usable_page: Page) -> None:
+    """Links and labels are unambiguous."""
+    ids = [attrs["id"] for _, attrs in usable_page.tags if "id" in attrs]
+    assert len(ids) == len(set(ids))
+
+
+def test_a_refused_log_says_why_and_carries_no_charting_script(refused: Result) -> None:
+    """The reason and the advice are on the page; the figures left out are listed."""
+    page = page_of(refused)
+    assert "Refused: the vehicle never flew." in page.text
+    assert "LOG_BITMASK" in page.text
+    assert "never armed" in page.text
+    assert sum(len(text) for _, text in page.scripts) < 50_000
+
+
+def test_the_report_can_be_made_again(usable_page: Page) -> None:
+    """Version, command, settings and the file's hash are there."""
+    digest = hashlib.sha256(b"\xa3\x95" * 1000).hexdigest()
+    assert digest in usable_page.text
+    assert "quadid-log analyze flight.bin" in usable_page.text
+    assert "held_out_fraction = 0.3" in usable_page.text

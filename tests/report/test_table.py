@@ -1,0 +1,70 @@
+"""The exported table: the aligned series, unchanged, in three formats."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.io import loadmat
+
+from quadid_logs.data.result import Result
+from quadid_logs.errors import EmptyLogError, OutputError, SettingsError
+from quadid_logs.report.table import aligned_table, write_table
+
+
+def read(path: Path) -> pd.DataFrame:
+    """Read a table back with a library that we do not write with, where there is one."""
+    if path.suffix == ".mat":
+        return pd.DataFrame(
+            {name: values[:, 0] for name, values in loadmat(path).items() if not name.startswith("_")}
+        )
+    return pd.read_csv(path) if path.suffix == ".csv" else pd.read_parquet(path)
+
+
+@pytest.mark.parametrize("ending", [".csv", ".parquet", ".mat"])
+def test_the_table_comes_back_as_it_was(ending: str, usable: Result, tmp_path: Path) -> None:
+    """Every column of every segment, to the last digit."""
+    n_rows = write_table(usable.data, tmp_path / f"series{ending}")
+    table = read(tmp_path / f"series{ending}")
+    assert len(table) == n_rows == usable.data.n_samples
+    first, second = usable.data.segments
+    np.testing.assert_array_equal(table["q_rad_s"][: first.n_samples], first.body_rate_rad_s[:, 1])
+    np.testing.assert_array_equal(table["N_command"][first.n_samples :], second.torque[:, 2])
+    assert table["segment"].tolist() == [0] * first.n_samples + [1] * second.n_samples
+    assert table["saturated"].sum() == first.saturated.sum() + second.saturated.sum()
+
+
+def test_a_signal_that_a_segment_lacks_is_nan(usable: Result) -> None:
+    """Columns are always the same."""
+    from dataclasses import replace
+
+    segments = tuple(replace(segment, attitude_rad=None, throttle=None) for segment in usable.data.segments)
+    table = aligned_table(replace(usable.data, segments=segments))
+    assert np.isnan(table["phi_rad"]).all()
+    assert np.isnan(table["throttle"]).all()
+
+
+def test_a_log_without_flight_has_no_table(refused: Result, tmp_path: Path) -> None:
+    """The reason is in the error, and no file is made."""
+    with pytest.raises(EmptyLogError, match="never armed"):
+        write_table(refused.data, tmp_path / "series.csv")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_existing_table_is_kept_without_force(usable: Result, tmp_path: Path) -> None:
+    """And replaced with it."""
+    path = tmp_path / "series.csv"
+    path.write_text("mine")
+    with pytest.raises(OutputError, match="exists already"):
+        write_table(usable.data, path)
+    assert path.read_text() == "mine"
+    write_table(usable.data, path, force=True)
+    assert path.read_text().startswith('"time_s"')
+
+
+def test_an_unknown_ending_is_refused(usable: Result, tmp_path: Path) -> None:
+    """The known ones are named."""
+    with pytest.raises(SettingsError, match=r"\.parquet"):
+        write_table(usable.data, tmp_path / "series.xlsx")

@@ -1,0 +1,195 @@
+"""Figures as data: what is shown, what is left out, and that nothing is lost on the way to the eye."""
+
+from __future__ import annotations
+
+import base64
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from synthetic_results import hostile_result, refused_result, usable_result
+
+from quadid_logs.data.result import Result
+from quadid_logs.figures import figures_of
+from quadid_logs.figures.interactive import interactive
+from quadid_logs.figures.palette import DARK, LIGHT
+from quadid_logs.figures.png import write_png
+from quadid_logs.figures.thinning import break_at_gaps, thin_line, thin_points
+
+
+@pytest.fixture(scope="module")
+def usable() -> Result:
+    """Return a good flight."""
+    return usable_result()
+
+
+def test_a_good_flight_shows_every_figure(usable: Result) -> None:
+    """Nothing is left out, and each promised figure is there once."""
+    figures = figures_of(usable)
+    keys = [figure.key for figure in figures.shown]
+    assert figures.left_out == ()
+    assert len(keys) == len(set(keys))
+    assert {
+        "flight",
+        "aligned",
+        "excitation",
+        "condition-quadrotor-6",
+        "condition-linear-9",
+        "over-time",
+    } <= {*keys}
+    assert {"singular", "structures", "lag", "held-out", "fit", "simulation", "residuals", "horizon"} <= {
+        *keys
+    }
+
+
+def test_a_figure_with_nothing_to_show_is_left_out_with_a_reason() -> None:
+    """A bench log has no series, no windows and no fit, and the reasons say so."""
+    figures = figures_of(refused_result())
+    assert figures.shown == ()
+    assert all(item.reason for item in figures.left_out)
+    assert "never armed" in next(item.reason for item in figures.left_out if item.key == "aligned")
+
+
+def test_every_axis_has_a_label_and_every_physical_one_a_unit(usable: Result) -> None:
+    """Only words, counts and ratios go without a unit."""
+    without_unit = {
+        "",
+        "coherence",
+        "condition number of H_k",
+        "singular value",
+        "singular value, strongest first",
+    }
+    for figure in figures_of(usable).shown:
+        for panel in figure.panels:
+            for axis in (panel.x, panel.y):
+                assert axis.unit or axis.label in without_unit or "1 − R²" in axis.label, (figure.key, axis)
+
+
+def test_every_role_has_a_colour_in_both_palettes(usable: Result) -> None:
+    """A figure never names a role that a palette lacks."""
+    assert LIGHT.keys() == DARK.keys()
+    for figure in figures_of(usable).shown:
+        for panel in figure.panels:
+            for item in (*panel.curves, *panel.bands, *panel.levels):
+                assert item.role in LIGHT
+
+
+def test_rates_are_shown_in_degrees(usable: Result) -> None:
+    """The panel's values are those of the log times 180 / pi, and its axis says so."""
+    panel = figures_of(usable).shown[0].panels[0]
+    truth = np.degrees(usable.data.overview["body_rate"].values[:, 0])
+    assert panel.y.unit == "deg/s"
+    assert np.nanmax(panel.curves[0].y) == pytest.approx(truth.max())
+    assert np.nanmin(panel.curves[0].y) == pytest.approx(truth.min())
+
+
+def test_a_pause_in_the_log_is_left_blank() -> None:
+    """A NaN stands where samples are missing, and nowhere else."""
+    time_s = np.concatenate([np.arange(10.0), np.arange(30.0, 40.0)])
+    broken_s, values = break_at_gaps(time_s, np.ones((20, 3)))
+    assert broken_s.shape == (21,)
+    assert np.flatnonzero(np.isnan(values[:, 0])).tolist() == [10]
+
+
+@given(
+    values=hnp.arrays(np.float64, st.integers(0, 3000), elements=st.floats(-1e6, 1e6) | st.just(np.nan)),
+    buckets=st.integers(1, 200),
+)
+def test_thinning_keeps_the_peaks_and_the_order(values: np.ndarray, buckets: int) -> None:
+    """Highest and lowest value survive, time rises, and there are few points."""
+    x, y = thin_line(np.arange(float(values.size)), values, buckets)
+    assert (np.diff(x) > 0.0).all()
+    assert x.size <= max(2 * buckets, 3 * buckets + 2)
+    if np.isfinite(values).any():
+        assert np.nanmax(y) == np.nanmax(values)
+        assert np.nanmin(y) == np.nanmin(values)
+    assert np.array_equal(y, values[x.astype(int)], equal_nan=True)
+
+
+def test_thinning_keeps_a_gap() -> None:
+    """One missing sample among a million is still a break in the line."""
+    values = np.sin(np.arange(1e6))
+    values[123_456] = np.nan
+    assert np.isnan(thin_line(np.arange(1e6), values)[1]).any()
+
+
+def test_a_thinned_scatter_covers_the_same_area() -> None:
+    """No region of the cloud is emptied."""
+    points = np.random.default_rng(0).standard_normal((2, 100_000))
+    x, y = thin_points(points[0], points[1])
+    assert x.size < 7000
+    assert x.min() == pytest.approx(points[0].min(), abs=0.1)
+    assert y.max() == pytest.approx(points[1].max(), abs=0.2)
+
+
+def test_windows_that_could_not_be_solved_do_not_stop_the_figures(usable: Result, tmp_path: Path) -> None:
+    """Infinite condition numbers and NaN coefficients are left out of the picture."""
+    model = usable.identification.models[1]
+    assert model.windows is not None
+    broken = replace(
+        model,
+        windows=replace(
+            model.windows,
+            condition_number=np.full_like(model.windows.condition_number, np.inf),
+            coefficients=np.full_like(model.windows.coefficients, np.nan),
+            singular_values=np.zeros_like(model.windows.singular_values),
+        ),
+    )
+    result = replace(usable, identification=replace(usable.identification, models=(broken,)))
+    figures = {figure.key: figure for figure in figures_of(result).shown}
+    for key in ("condition-quadrotor-6", "over-time", "singular"):
+        write_png(figures[key], tmp_path / "figure.png")
+    figure = figures["condition-quadrotor-6"]
+    assert all(curve.mark != "points" for panel in figure.panels for curve in panel.curves)
+
+
+def test_the_png_of_every_figure_is_a_picture(usable: Result, tmp_path: Path) -> None:
+    """Every file is a PNG with content: more than one colour over more than an empty frame."""
+    from PIL import Image
+
+    for figure in figures_of(usable).shown:
+        path = tmp_path / f"{figure.key}.png"
+        write_png(figure, path)
+        with Image.open(path) as image:
+            colours = image.convert("RGB").getcolors(maxcolors=1 << 24) or []
+            assert image.width >= 1200, figure.key
+            assert len(colours) > 50, figure.key
+
+
+def test_a_hostile_mode_name_is_drawn_as_text(tmp_path: Path) -> None:
+    """TeX, control characters and unknown letters neither raise nor warn."""
+    result = hostile_result()
+    overview = figures_of(result).shown[0]
+    assert any("script" in band.label for band in overview.panels[0].bands)
+    write_png(overview, tmp_path / "flight.png")
+    assert (tmp_path / "flight.png").stat().st_size > 10_000
+
+
+def test_the_browser_gets_the_same_points_as_the_paper(usable: Result) -> None:
+    """Every curve of the figure arrives unchanged but for the rounding to single precision."""
+    figure = next(item for item in figures_of(usable).shown if item.key == "lag")
+    content = interactive(figure)
+    curves = [curve for panel in figure.panels for curve in panel.curves]
+    for curve, trace in zip(curves, content["data"], strict=False):
+        values = np.frombuffer(base64.b64decode(trace["y"]["bdata"]), dtype="<f4")
+        np.testing.assert_allclose(values, curve.y, rtol=1e-6)
+
+
+def test_the_browser_s_content_is_strict_json(usable: Result) -> None:
+    """No NaN and no infinity outside the typed arrays."""
+    for figure in figures_of(usable).shown:
+        json.dumps(interactive(figure), allow_nan=False)
+
+
+def test_time_late_on_the_clock_keeps_its_resolution(usable: Result) -> None:
+    """With an uptime of weeks, neighbouring samples still have different times."""
+    figure = figures_of(usable).shown[1]
+    late = replace(figure.panels[0].curves[0], x=figure.panels[0].curves[0].x + 3e6)
+    panel = replace(figure.panels[0], curves=(late,))
+    content = interactive(replace(figure, panels=(panel,), columns=1))
+    assert content["data"][0]["x"]["dtype"] == "f8"
