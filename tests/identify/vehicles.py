@@ -1,0 +1,113 @@
+"""Flights with known truth, integrated here and not by the package's own simulator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from quadid_logs.data.flight import FlightData, InputDescription, Segment
+from quadid_logs.maths.band import angular_frequency, butterworth_response
+
+PERIOD_S = 0.0025
+_SUBSTEPS = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Truth:
+    """A rigid body with damping behind a lag and a delay on the torque."""
+
+    inertia: np.ndarray
+    damping: np.ndarray
+    lag_s: float = 0.03
+    delay_s: float = 0.005
+    noise_rad_s: float = 0.002
+    gyro_filter_hz: float = float("nan")
+
+    @property
+    def B(self) -> np.ndarray:
+        """Acceleration per torque."""
+        return np.linalg.inv(self.inertia)
+
+
+QUAD = Truth(inertia=np.diag([0.010, 0.012, 0.020]), damping=np.diag([1.5, 1.2, 0.6]))
+
+
+def multisine(duration_s: float, axes: tuple[int, ...] = (0, 1, 2), size: float = 0.15) -> np.ndarray:
+    """Return torques that move all axes at different frequencies; shape (n_samples, 3)."""
+    t = np.arange(0.0, duration_s, PERIOD_S)
+    torque = np.zeros((t.size, 3))
+    for axis in axes:
+        for k in range(6):
+            frequency = 0.35 + 0.55 * k + 0.13 * axis
+            torque[:, axis] += np.sin(2 * np.pi * frequency * t + 1.7 * k * k + axis)
+    return size * torque * np.diag(QUAD.inertia) / 0.014
+
+
+def fly(truth: Truth, excitation: np.ndarray, *, seed: int = 0, feedback: float = 0.0) -> FlightData:
+    """Integrate J w_dot = u - w x J w - J D w and log it at 400 Hz with noise.
+
+    ``feedback`` [1/s] adds a rate controller, -feedback * J * measured rate,
+    so that the noise of the gyro reaches the torque as in real flight.
+    """
+    rng = np.random.default_rng(seed)
+    n, step = len(excitation), PERIOD_S / _SUBSTEPS
+    noise = truth.noise_rad_s * rng.standard_normal((n, 3))
+    decay = np.exp(-step / truth.lag_s) if truth.lag_s else 0.0
+    behind = round(truth.delay_s / step)
+    command, rate, actual = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(3)
+    history = np.zeros((n * _SUBSTEPS + 1, 3))
+    w = np.zeros(3)
+    J, B, D = truth.inertia.tolist(), truth.B.tolist(), truth.damping.tolist()
+    for k in range(n):
+        rate[k] = w + noise[k]
+        command[k] = excitation[k] - feedback * truth.inertia @ rate[k]
+        for sub in range(_SUBSTEPS):
+            now = k * _SUBSTEPS + sub
+            history[now] = command[k]
+            wanted = history[now - behind] if now >= behind else np.zeros(3)
+            actual = wanted + (actual - wanted) * decay
+            push = truth.B @ actual
+            middle = w + 0.5 * step * (push - _resistance(w, J, B, D))
+            w = w + step * (push - _resistance(middle, J, B, D))
+    if np.isfinite(truth.gyro_filter_hz):
+        s = angular_frequency(n, PERIOD_S)
+        response = butterworth_response(s, truth.gyro_filter_hz)[:, np.newaxis]
+        rate = np.fft.irfft(np.fft.rfft(rate, axis=0) * response, n, axis=0)
+    return flight_data(rate, command, rate_low_pass_hz=truth.gyro_filter_hz)
+
+
+def _resistance(rate: np.ndarray, J: list, B: list, D: list) -> np.ndarray:  # type: ignore[type-arg]
+    """J^-1 (w x J w) + D w in plain floats: this runs a hundred thousand times."""
+    p, q, r = rate.tolist()
+    x, y, z = (row[0] * p + row[1] * q + row[2] * r for row in J)
+    gx, gy, gz = q * z - r * y, r * x - p * z, p * y - q * x
+    return np.array(
+        [
+            b[0] * gx + b[1] * gy + b[2] * gz + d[0] * p + d[1] * q + d[2] * r
+            for b, d in zip(B, D, strict=True)
+        ]
+    )
+
+
+def flight_data(rate: np.ndarray, torque: np.ndarray, **changes: object) -> FlightData:
+    """Return one aligned segment of the given series at 400 Hz, torque in N m."""
+    time_s = PERIOD_S * np.arange(len(rate))
+    segment = Segment(
+        time_s=time_s,
+        body_rate_rad_s=rate,
+        torque=torque,
+        attitude_rad=None,
+        throttle=None,
+        saturated=np.zeros(len(rate), dtype=bool),
+    )
+    fields: dict[str, object] = {
+        "sample_period_s": PERIOD_S,
+        "segments": (segment,),
+        "flights": ((0.0, float(time_s[-1])),),
+        "sources": {},
+        "input": InputDescription(kind="torque_n_m", unit="N m", source="test"),
+        "start_s": 0.0,
+        "duration_s": float(time_s[-1]),
+    }
+    return FlightData(**{**fields, **changes})  # type: ignore[arg-type]

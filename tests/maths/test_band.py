@@ -1,0 +1,75 @@
+"""Filters as frequency responses: no phase error, right time constants."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from quadid_logs.maths.band import (
+    angular_frequency,
+    butterworth_response,
+    delay_response,
+    filtered,
+    gaussian_reach_s,
+    gaussian_response,
+    lag_response,
+)
+
+N, PERIOD_S = 2000, 0.005
+
+
+def _apply(signal: np.ndarray, response: np.ndarray, n_out: int = N) -> np.ndarray:
+    spectrum = np.fft.rfft(signal[:, np.newaxis], axis=0)
+    return filtered(spectrum, response, n_samples=N, n_out=n_out)[:, 0]
+
+
+def test_smoothing_and_differentiating_a_sine_gives_its_derivative_without_delay() -> None:
+    """The derivative of a smoothed 1 Hz sine is a cosine of known size, in phase."""
+    t = np.arange(N) * PERIOD_S
+    s = angular_frequency(N, PERIOD_S)
+    slope = _apply(np.sin(2 * np.pi * t), s * gaussian_response(s, 5.0))
+    expected = 2 * np.pi * np.cos(2 * np.pi * t) * 2.0 ** (-0.5 / 25.0)
+    np.testing.assert_allclose(slope, expected, atol=1e-9)
+
+
+def test_the_gaussian_is_three_decibels_down_at_its_cutoff() -> None:
+    """-3 dB is a factor of sqrt(1/2)."""
+    s = np.array([2j * np.pi * 4.0])
+    assert gaussian_response(s, 4.0)[0] == pytest.approx(np.sqrt(0.5))
+
+
+def test_the_kernel_has_died_out_at_its_reach() -> None:
+    """Beyond the reach an impulse leaves less than 1e-6 of its peak."""
+    s = angular_frequency(N, PERIOD_S)
+    impulse = np.zeros(N)
+    impulse[N // 2] = 1.0
+    kernel = np.abs(_apply(impulse, gaussian_response(s, 5.0)))
+    reach = int(np.ceil(gaussian_reach_s(5.0) / PERIOD_S))
+    assert kernel[: N // 2 - reach].max() < 1.01e-6 * kernel.max()
+
+
+def test_lag_and_delay_move_a_step_as_their_closed_forms_say() -> None:
+    """1 - exp(-(t - tau) / T) after a smooth step; the period wraps far away."""
+    t = np.arange(N) * PERIOD_S
+    step = (t > 2.0).astype(float) - (t > 7.0).astype(float)
+    s = angular_frequency(N, PERIOD_S)
+    response = _apply(step, lag_response(s, 0.2) * delay_response(s, 0.05))
+    inside = (t > 2.3) & (t < 6.5)
+    # The step lies half a sample before the first sample that shows it.
+    expected = 1.0 - np.exp(-(t - 2.0 - 0.5 * PERIOD_S - 0.05) / 0.2)
+    np.testing.assert_allclose(response[inside], expected[inside], atol=2e-3)
+
+
+def test_the_gyro_filter_delays_slow_motion_by_its_known_group_delay() -> None:
+    """sqrt(2) / (2 pi f_c), the group delay of a second-order Butterworth filter at zero."""
+    s = np.array([2j * np.pi * 0.01])
+    delay = -np.angle(butterworth_response(s, 20.0)[0]) / (2 * np.pi * 0.01)
+    assert delay == pytest.approx(np.sqrt(2.0) / (2 * np.pi * 20.0), rel=1e-6)
+
+
+def test_a_coarser_grid_shows_the_same_signal() -> None:
+    """Every tenth sample of the smoothed signal, without filtering at full rate first."""
+    rng = np.random.default_rng(1)
+    signal = rng.standard_normal(N)
+    smoothing = gaussian_response(angular_frequency(N, PERIOD_S), 1.5)
+    np.testing.assert_allclose(_apply(signal, smoothing, N // 10), _apply(signal, smoothing)[::10], atol=1e-7)

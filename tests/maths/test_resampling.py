@@ -1,0 +1,51 @@
+"""Resampling: exact for what the grid can hold, nothing folded down from above."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from quadid_logs.maths.resampling import resample, typical_period
+
+
+def test_a_straight_line_stays_a_straight_line_on_jittered_times() -> None:
+    """Linear interpolation is exact for it."""
+    rng = np.random.default_rng(0)
+    time = np.sort(rng.uniform(0.0, 1.0, 400))
+    grid = np.arange(0.1, 0.9, 0.004)
+    np.testing.assert_allclose(resample(time, (3.0 * time)[:, np.newaxis], grid)[:, 0], 3.0 * grid, atol=1e-9)
+
+
+def test_a_tone_above_the_new_nyquist_frequency_does_not_alias() -> None:
+    """45 Hz sampled at 50 Hz would look like 5 Hz; less than 1 % of it may remain."""
+    time = np.arange(0.0, 10.0, 0.0025)
+    grid = np.arange(1.0, 9.0, 0.02)
+    remains = resample(time, np.sin(2 * np.pi * 45.0 * time)[:, np.newaxis], grid)
+    assert np.abs(remains).max() < 0.01
+
+
+def test_a_slow_tone_passes_the_anti_alias_filter_unchanged() -> None:
+    """3 Hz at 50 Hz: size and phase within a thousandth."""
+    time = np.arange(0.0, 10.0, 0.0025)
+    grid = np.arange(1.0, 9.0, 0.02)
+    passed = resample(time, np.sin(2 * np.pi * 3.0 * time)[:, np.newaxis], grid)[:, 0]
+    np.testing.assert_allclose(passed, np.sin(2 * np.pi * 3.0 * grid), atol=1e-3)
+
+
+def test_bunched_stamps_do_not_hide_the_true_rate() -> None:
+    """Pairs of stamps 1 us apart every 10 ms are 200 rows per second."""
+    time = np.repeat(np.arange(0.0, 1.0, 0.01), 2) + np.tile([0.0, 1e-6], 100)
+    # Half of the steps are 1 us, so their median alone would promise a megahertz.
+    assert 1.0 / typical_period(np.arange(0.0, 1.0, 0.005)) == pytest.approx(200.0)
+    assert 1.0 / typical_period(time[::2]) == pytest.approx(100.0)
+
+
+def test_a_pause_does_not_lower_the_typical_rate() -> None:
+    """Ten seconds without a sample are a gap, not a slower sensor."""
+    time = np.concatenate([np.arange(0.0, 1.0, 0.01), np.arange(11.0, 12.0, 0.01)])
+    assert 1.0 / typical_period(time) == pytest.approx(100.0)
+
+
+def test_a_single_sample_has_no_rate() -> None:
+    """NaN, not a division by zero."""
+    assert np.isnan(typical_period(np.array([1.0])))
