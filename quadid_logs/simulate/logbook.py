@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -25,6 +26,8 @@ from quadid_logs.simulate.vendors import (
 )
 from quadid_logs.vocabulary import MULTIROTOR
 
+_BURST_S: Final = 0.1
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Logging:
@@ -41,7 +44,7 @@ class Logging:
     jitter_s : float
         Standard deviation of the stamps around their samples' times [s].
     drop_fraction : float
-        Share of the time that is lost in bursts of about 20 ms.
+        Share of the time that is lost in bursts of about 0.1 s.
     clock_jump_s, clock_jump_at : float
         The clock is set by so much [s] at this share of the log.
     """
@@ -274,7 +277,7 @@ def _drop(messages: list[_Rows], setup: Setup, logging: Logging, end_s: float) -
     if logging.drop_fraction <= 0.0:
         return messages, 0
     rng = generator(setup, "drops")
-    bursts = rng.exponential(0.02, round(logging.drop_fraction * end_s / 0.02) + 1)
+    bursts = rng.exponential(_BURST_S, round(logging.drop_fraction * end_s / _BURST_S) + 1)
     begins = rng.uniform(0.0, end_s, bursts.size)
     kept, n_dropped = [], 0
     for rows in messages:

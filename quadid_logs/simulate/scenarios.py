@@ -128,9 +128,9 @@ _LIST: Final = (
     ),
     Scenario(
         name="default-logging",
-        sentence="The good flight, but logged with the autopilot's default settings (10 Hz).",
+        sentence="The good flight, but logged with default settings: 10 Hz (ArduPilot) or 50 Hz (PX4).",
         logging=Logging(rate_hz=10.0),
-        verdicts=_all(_BAD),
+        verdicts=_all(("caution", "refused")),
     ),
     Scenario(
         name="single-axis",
@@ -191,8 +191,8 @@ _LIST: Final = (
     ),
     Scenario(
         name="dropouts",
-        sentence="A slow card: 5 % of the rows missing in short bursts, late start, stamps that jitter.",
-        logging=Logging(drop_fraction=0.05, start_s=4.0, jitter_s=150e-6),
+        sentence="A slow card: 2 % of the rows missing in bursts of 0.1 s, late start, stamps that jitter.",
+        logging=Logging(drop_fraction=0.02, start_s=4.0, jitter_s=150e-6),
         verdicts=_all(_DOUBTFUL),
     ),
     Scenario(
