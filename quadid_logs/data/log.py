@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from quadid_logs.arrays import FloatArray, IntArray
+from quadid_logs.data.torque import TorqueModel
 from quadid_logs.errors import ShapeError
 from quadid_logs.vocabulary import SIGNALS
 
@@ -39,6 +40,8 @@ class Signal:
     low_pass_hz : float
         Cut-off of the second-order low-pass that the autopilot applied before
         logging, NaN where there is none or it is not known.
+    realised : bool
+        Of a torque: what the actuators did, saturation included, not what was asked of them.
     """
 
     name: str
@@ -49,6 +52,7 @@ class Signal:
     reason: str = ""
     nominal_rate_hz: float = float("nan")
     low_pass_hz: float = float("nan")
+    realised: bool = False
 
     def __post_init__(self) -> None:
         if self.name not in SIGNALS:
@@ -152,6 +156,8 @@ class FlightLog:
         False where the log's rows carry no time at all.
     remarks : tuple of str
         What the reader had to decide or assume, in plain words.
+    torque : TorqueModel, optional
+        How torque follows from the logged outputs; None where nobody looked.
     """
 
     path: str
@@ -174,6 +180,7 @@ class FlightLog:
     counts: tuple[MessageCount, ...] = ()
     has_time: bool = True
     remarks: tuple[str, ...] = ()
+    torque: TorqueModel | None = None
 
     @property
     def corrupt_bytes(self) -> int:

@@ -32,6 +32,9 @@ _LARGEST_BATTERY_V: Final = 100.0
 _LAPSE_K_M: Final = 0.0065
 _GAS_CONSTANT: Final = 287.26
 _SEA_LEVEL_DENSITY: Final = 1.225
+#: Density in the troposphere of the 1976 standard atmosphere: (1 - 0.0065 h / 288.15)^(g/(R L) - 1).
+_STANDARD_LAPSE_1_M: Final = 0.0065 / 288.15
+_STANDARD_EXPONENT: Final = 4.2559
 #: ESC telemetry of one cycle lies closer together than this.
 _ESC_CYCLE_S: Final = 0.5
 
@@ -52,7 +55,7 @@ SIGNAL_LABELS: Final = frozenset(
     | {"Rll", "Pit", "RllDes", "PitDes", "YawDes", "RllOut", "PitOut", "YawOut"}
     | {"RollDes", "PitchDes", "RollOut", "PitchOut", "Act", "Tar", "Des", "D", "FF", "DFF"}
     | {"GyrX", "GyrY", "GyrZ", "AccX", "AccY", "AccZ", "Gx", "Gy", "Gz", "Targ"}
-    | {"BatVolt", "LiftMax", "Press", "GndTemp", "Alt"}
+    | {"BatVolt", "LiftMax", "ThLimit", "ThrAvMx", "Press", "GndTemp", "Alt", "AltAMSL"}
     | {f"{prefix}{number}" for prefix in ("C", "Ch", "Chan", "Mot") for number in range(1, 33)}
 )
 
@@ -238,9 +241,30 @@ class SignalBuilder:
             "lift_max", "MOTB", ("LiftMax",), 1.0, "as the mixer's compensation uses it"
         )
 
+    def throttle_limit(self) -> Iterator[Signal]:
+        """MOTB.ThLimit."""
+        yield from self._labelled(
+            "throttle_limit", "MOTB", ("ThLimit",), 1.0, "by spool-up and battery current"
+        )
+
+    def throttle_average_max(self) -> Iterator[Signal]:
+        """MOTB.ThrAvMx."""
+        yield from self._labelled(
+            "throttle_average_max", "MOTB", ("ThrAvMx",), 1.0, "ATC_THR_MIX_* and MOT_THST_HOVER at work"
+        )
+
     def air_density_ratio(self) -> Iterator[Signal]:
-        """BARO, as AP_Baro::get_EAS2TAS and get_air_density_ratio derive it."""
+        """BARO, as AP_Baro::get_EAS2TAS derives it: from the altitude (4.7), from the pressure (before)."""
         table = self._first_instance("BARO")
+        if table is not None and table.has("AltAMSL"):
+            altitude = _columns(table, ("AltAMSL",))
+            yield self._made(
+                "air_density_ratio",
+                table,
+                np.clip(1.0 - _STANDARD_LAPSE_1_M * altitude, 0.0, 2.0) ** _STANDARD_EXPONENT,
+                "BARO.AltAMSL",
+                "standard atmosphere 1976 at this altitude as AP_Baro::get_EAS2TAS_extended",
+            )
         if table is None or not table.has("Press", "GndTemp", "Alt"):
             return
         press, ground, altitude = _columns(table, ("Press", "GndTemp", "Alt")).T
@@ -503,6 +527,8 @@ _SOURCES: Final[dict[str, Callable[[SignalBuilder], Iterator[Signal]]]] = {
     "battery_voltage": SignalBuilder.battery_voltage,
     "battery_ratio": SignalBuilder.battery_ratio,
     "lift_max": SignalBuilder.lift_max,
+    "throttle_limit": SignalBuilder.throttle_limit,
+    "throttle_average_max": SignalBuilder.throttle_average_max,
     "air_density_ratio": SignalBuilder.air_density_ratio,
     "armed": SignalBuilder.armed,
     "landed": SignalBuilder.landed,

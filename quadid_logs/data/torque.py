@@ -1,0 +1,124 @@
+"""How torque follows from the logged outputs, and how far that is known."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MixerCheck:
+    """Pulse widths recomputed from the torque command against the logged ones, unsaturated samples only.
+
+    Mean, standard deviation and largest error [us] over ``n_samples`` rows of
+    all motors; ``density`` names the air density law that explains them.
+    """
+
+    n_samples: int
+    mean_us: float
+    std_us: float
+    largest_us: float
+    density: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Calibration:
+    """From command to newton metre.
+
+    Attributes
+    ----------
+    route : str
+        In words; "" where nothing is calibrated.
+    n_m_per_command : tuple of 3 floats
+        Torque per unit of normalised command [N m], mean over the flight; NaN where it is not known.
+    relative_sigma : tuple of 3 floats
+        One standard deviation of that, as a share; NaN where it is not known.
+    max_thrust_n : float
+        Thrust of one rotor at full command [N], in the air of this flight.
+    torque_to_thrust_m : float
+        Drag torque over thrust [m].
+    mass_kg, arm_length_m : float
+        As given; for the check of the inertia against m r^2.
+    hover_ratio : float
+        Mass times specific force over the calibrated thrust [-]: 1 if both routes agree.
+    """
+
+    route: str = ""
+    n_m_per_command: tuple[float, float, float] = (math.nan, math.nan, math.nan)
+    relative_sigma: tuple[float, float, float] = (math.nan, math.nan, math.nan)
+    max_thrust_n: float = math.nan
+    torque_to_thrust_m: float = math.nan
+    mass_kg: float = math.nan
+    arm_length_m: float = math.nan
+    hover_ratio: float = math.nan
+
+    @property
+    def known(self) -> tuple[bool, bool, bool]:
+        """Which of L, M, N are known in N m."""
+        roll, pitch, yaw = (math.isfinite(value) for value in self.n_m_per_command)
+        return roll, pitch, yaw
+
+
+def _no_rotors() -> FloatArray:
+    return np.zeros((0, 3))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TorqueModel:
+    """The airframe as it is understood, and what its outputs say about torque.
+
+    Attributes
+    ----------
+    frame : str
+        In words, "" where it is not known.
+    frame_source : str
+        The parameters or the file that say so.
+    position : ndarray, shape (n_rotors, 3)
+        FRD from the centre of mass, in ``position_unit``.
+    position_unit : str
+        "m", or "arm length" where only the shape is known.
+    spin : ndarray, shape (n_rotors,)
+        +1 counter-clockwise from above, -1 clockwise, 0 unknown or none.
+    channels : tuple of int
+        Output channel of each motor, counted from 1; empty where outputs are logged per motor.
+    channel_source : str
+        What says so.
+    calibration : Calibration
+    check : MixerCheck, optional
+    saturated_fraction : tuple of 3 floats
+        Share of flown samples in which the axis did not get what it asked for; NaN where unknown.
+    rotor_speed : str
+        What the ESCs' speeds turned out to be, "" where there are none.
+    remarks : tuple of str
+        What had to be decided or refused.
+    needs : tuple of str
+        What to pass with --vehicle to learn more.
+    """
+
+    frame: str = ""
+    frame_source: str = ""
+    position: FloatArray = field(default_factory=_no_rotors)
+    position_unit: str = "arm length"
+    spin: FloatArray = field(default_factory=lambda: np.zeros(0))
+    channels: tuple[int, ...] = ()
+    channel_source: str = ""
+    calibration: Calibration = field(default_factory=Calibration)
+    check: MixerCheck | None = None
+    saturated_fraction: tuple[float, float, float] = (math.nan, math.nan, math.nan)
+    rotor_speed: str = ""
+    remarks: tuple[str, ...] = ()
+    needs: tuple[str, ...] = ()
+
+    @property
+    def n_rotors(self) -> int:
+        """Number of rotors, 0 where the frame is not known."""
+        return int(self.spin.shape[0])
+
+    @property
+    def refused_parameters(self) -> bool:
+        """Whether untouched default geometry in the log was refused as calibration."""
+        return any("untouched defaults" in remark for remark in self.remarks)
