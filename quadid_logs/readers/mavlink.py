@@ -178,8 +178,9 @@ def flight_log(path: str, content: TlogContent) -> FlightLog:
     -------
     FlightLog
     """
+    with np.errstate(invalid="ignore"):  # any four bytes can be a signalling NaN
+        signals, parameters = _signals(content), _parameters(content)
     texts = _texts(content)
-    parameters = _parameters(content)
     chosen = next(one for one in content.systems if one.chosen)
     autopilot = {_ARDUPILOT: "ardupilot", _PX4: "px4"}.get(content.autopilot_id, "other")
     return FlightLog(
@@ -187,7 +188,7 @@ def flight_log(path: str, content: TlogContent) -> FlightLog:
         format="tlog",
         autopilot=autopilot,
         n_bytes=content.n_bytes,
-        signals=_signals(content),
+        signals=signals,
         firmware=_firmware(content, texts),
         vehicle_type=vehicle_type_of(content.mav_type),
         vehicle_name=f"system {chosen.system_id}",

@@ -51,7 +51,8 @@ def _columns(table: TopicTable, *names: str) -> FloatArray | None:
         if values.dtype.names is not None:
             return None
         found.append(values.reshape(len(values), -1))
-    return np.concatenate(found, axis=1, dtype=np.float64)
+    with np.errstate(invalid="ignore"):  # damaged bytes can be signalling NaN
+        return np.concatenate(found, axis=1, dtype=np.float64)
 
 
 def _take(*names: str, scale: float = 1.0) -> Build:

@@ -155,7 +155,7 @@ def _read_csv(path: str | Path) -> tuple[_Cells, list[str]]:
     header = _header(content[:_LONGEST_HEADER])
     wanted = _check_names(path, header.names if header else [])
     assert header is not None  # noqa: S101
-    body = content[header.n_bytes :]
+    body = _as_utf8(content[header.n_bytes :])
     if not body.strip():
         return _Cells({name: np.zeros(0) for name in wanted}, 0, 0), header.names
     columns = {name: f"f{header.names.index(name)}" for name in wanted}
@@ -185,6 +185,15 @@ def _read_csv(path: str | Path) -> tuple[_Cells, list[str]]:
 
     cells = _numbers(lambda: load(pa.float64()), lambda: load(pa.binary()), columns, path)
     return cells._replace(n_broken_rows=n_broken[0]), header.names
+
+
+def _as_utf8(content: bytes) -> bytes:
+    """Return the text as UTF-8: old spreadsheets write Latin-1 in columns that we do not even use."""
+    try:
+        content.decode("utf-8")
+    except UnicodeDecodeError:
+        return content.decode("latin-1").encode("utf-8")
+    return content
 
 
 def _read_parquet(path: str | Path) -> tuple[_Cells, list[str]]:

@@ -90,13 +90,6 @@ class Definitions:
     unknown_flags: bool = False
     has_data_section: bool = False
 
-    def forget_topics(self) -> None:
-        """Start a further file that was joined to the one before."""
-        self.formats = {}
-        self.layouts = {}
-        self.index_by_id = {}
-        self.has_data_section = False
-
     def take(self, kind: int, body: bytes, offset: int) -> None:
         """Decode one message other than data.
 

@@ -32,6 +32,8 @@ _BLOCK: Final = 1 << 20
 _LONGEST: Final = 3 + 0xFFFF
 #: Longest message of a type other than data that is believed without looking into it.
 _LONGEST_OTHER: Final = 4096
+#: Bytes that are searched at first for a message other than data after damage; then twice as many.
+_FIRST_SEARCH: Final = 4096
 #: How many unknown messages in a row are believed before a known one must follow.
 _CHAIN: Final = 8
 
@@ -110,18 +112,17 @@ def frame(data: Bytes) -> Frames:
 
 
 def _enter_file(walk: _Walk, position: int) -> int:
-    """Read the header of the file, or of a further one joined to it; return where its messages begin."""
+    """Read the header of the file, or of a further one joined to it; return where its messages begin.
+
+    The topics known so far stay until the further file announces its own: what
+    looks like its header can be a copy of the first one's.
+    """
     header = walk.data[position : position + HEADER_SIZE].tobytes()
     if position:
         walk.n_joined += 1
-        walk.known.forget_topics()
-        walk.least[:] = NO_SIZE
-        walk.most[:] = 0
-        _forget_images(walk)
+        walk.known.has_data_section = False
     else:
         walk.known.start_timestamp_us = int.from_bytes(header[8:16], "little")
-    if len(header) < HEADER_SIZE:
-        _lose(walk, position, position + len(header), "cut off at the end of the file")
     return position + HEADER_SIZE
 
 
@@ -210,7 +211,7 @@ def _continues(walk: _Walk, position: int, further: int = _CHAIN) -> bool:
     if kind in MESSAGE_TYPES and kind != _DATA:
         return after - position < _LONGEST_OTHER
     if head == HEADER_MAGIC:
-        return True
+        return _is_header(walk, position)
     size, msg_id = after - position - 5, head[3] + 256 * head[4]
     if kind == _DATA and walk.least[msg_id] < NO_SIZE:
         return after > walk.end and bool(walk.least[msg_id] <= size <= walk.most[msg_id])
@@ -237,7 +238,7 @@ def _take_other(walk: _Walk, position: int) -> int:
     """Take the message at `position`, which is no subscribed data message; return where it ends."""
     data, end = walk.data, walk.end
     head = data[position : position + 7].tobytes()
-    if head == HEADER_MAGIC:
+    if head == HEADER_MAGIC and _is_header(walk, position):
         return _enter_file(walk, position)
     if position + 3 > end:
         _lose(walk, position, end, "cut off at the end of the file")
@@ -291,29 +292,47 @@ def _resynchronise(walk: _Walk, position: int) -> int:
 
 def _next_other(walk: _Walk, begin: int, stop: int) -> int:
     """Return the first place before `stop` where a message other than data makes sense, else `stop`."""
-    data = walk.data
-    window = data[begin : min(stop + 2, len(data))]
-    if len(window) < 3:
-        return stop
-    is_type = np.zeros(256, bool)
-    is_type[list(MESSAGE_TYPES - {_DATA})] = True
-    short = window[1:-1] < _LONGEST_OTHER // 256
-    places = np.flatnonzero(is_type[window[2:]] & short) + begin
-    header = window.tobytes().find(HEADER_MAGIC)
-    places = np.sort(np.append(places, begin + header)) if header >= 0 else places
-    for place in places.tolist():
-        if place < stop and _makes_sense(walk, place):
-            return int(place)
+    span = _FIRST_SEARCH
+    while begin < stop:
+        end = min(begin + span, stop)
+        for place in _other_heads(walk.data[begin : end + len(HEADER_MAGIC) - 1]).tolist():
+            if begin + place < end and _makes_sense(walk, begin + place):
+                return int(begin + place)
+        begin, span = end, 2 * span
     return stop
 
 
+def _other_heads(window: Bytes) -> IntArray:
+    """Return where the head of a message other than data, or of a file, can stand in a window."""
+    if len(window) < 3:
+        return np.zeros(0, np.int64)
+    is_type = np.zeros(256, bool)
+    is_type[list(MESSAGE_TYPES - {_DATA})] = True
+    places = np.flatnonzero(is_type[window[2:]] & (window[1:-1] < _LONGEST_OTHER // 256))
+    header = window.tobytes().find(HEADER_MAGIC)
+    return np.sort(np.append(places, header)) if header >= 0 else places
+
+
+def _is_header(walk: _Walk, position: int) -> bool:
+    """Tell whether a message that can be decoded follows what looks like the header of a file."""
+    return _decodes(walk, position + HEADER_SIZE)
+
+
 def _makes_sense(walk: _Walk, position: int) -> bool:
-    """Tell whether the message at `position` can be decoded and another one follows it."""
+    """Tell whether the message (or header) at `position` can be decoded and another one follows it."""
     head = walk.data[position : position + 7].tobytes()
     if head == HEADER_MAGIC:
-        return True
+        return _is_header(walk, position)
+    return _decodes(walk, position) and _continues(walk, position + 3 + head[0] + 256 * head[1])
+
+
+def _decodes(walk: _Walk, position: int) -> bool:
+    """Tell whether a message other than data stands at `position` and can be decoded."""
+    head = walk.data[position : position + 3].tobytes()
+    if len(head) < 3 or head[2] not in MESSAGE_TYPES or head[2] == _DATA:
+        return False
     after = position + 3 + head[0] + 256 * head[1]
-    if after > len(walk.data) or not _continues(walk, after):
+    if after > len(walk.data):
         return False
     trial = Definitions(formats=walk.known.formats)
     try:

@@ -85,6 +85,14 @@ def test_rows_of_another_length_are_skipped_and_counted(tmp_path: Path) -> None:
     assert any(remark.startswith("2 rows have too few") for remark in log.remarks)
 
 
+def test_text_that_is_not_utf8_is_read_all_the_same(tmp_path: Path) -> None:
+    """Latin-1 in a note, also in a row of another length, raises nothing."""
+    path = write(
+        tmp_path, ",".join([*NAMES, "note"]), "0,1,2,3,B\xf6e", "\xe9,1", "1,1,2,3,x", encoding="latin-1"
+    )
+    assert read_log(path).candidates("body_rate")[0].time_s.tolist() == [0.0, 1.0]
+
+
 def test_a_table_without_time_is_refused_with_what_is_there(tmp_path: Path) -> None:
     """The message lists the columns and the hint the names."""
     with pytest.raises(

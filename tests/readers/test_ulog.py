@@ -337,3 +337,22 @@ def test_a_log_without_data_is_called_empty(tmp_path: Path) -> None:
     """Definitions alone are no flight."""
     with pytest.raises(EmptyLogError, match="no data message"):
         read_log(write(tmp_path, make.header() + make.definitions()))
+
+
+@pytest.mark.parametrize("step", [7, 16, 23])
+def test_a_flood_of_file_headers_costs_only_itself(step: int, tmp_path: Path) -> None:
+    """What looks like a joined file is none unless its messages follow."""
+    flood = make.header()[:step].ljust(step, b"S") * 3000
+    content = make.header() + make.definitions() + make.rows(20) + flood + make.rows(20, 20)
+    found = ulog.read_content(write(tmp_path, content))
+    assert n_rows(found.topics) >= 2 * 40 - 1
+    assert found.n_joined == 0
+
+
+def test_signalling_nan_in_a_row_raises_no_warning(tmp_path: Path) -> None:
+    """Damaged bytes can be any NaN; they arrive as NaN."""
+    broken = bytearray(make.row(make.RATE_ID, 1))
+    broken[21:25] = struct.pack("<I", 0x7F800001)
+    content = make.header() + make.definitions() + make.rows(1) + bytes(broken) + make.rows(1, 2)
+    values = read_log(write(tmp_path, content)).candidates("body_rate")[0].values
+    assert np.isnan(values[:, 0]).tolist() == [False, True, False]
