@@ -17,7 +17,7 @@ from quadid_logs.readers.ardupilot_vehicle import (
     mode_name,
     parameter_table,
 )
-from quadid_logs.readers.message_table import MessageSource, MessageTable
+from quadid_logs.readers.message_table import MessageSource, MessageTable, damaged_numbers_pass
 
 #: Their PIDR, PIDP and PIDY steer surfaces and work in degrees.
 _OTHER_PIDS: Final = frozenset({"fixed-wing", "vtol"})
@@ -29,6 +29,7 @@ _MEDIUM_ATTITUDE: Final = 2
 _MEDIUM_HZ: Final = 10.0
 
 
+@damaged_numbers_pass()
 def flight_log(source: MessageSource, *, log_format: str, preamble: tuple[str, ...] = ()) -> FlightLog:
     """Turn an ArduPilot log's messages into canonical signals and descriptions.
 
@@ -58,7 +59,8 @@ def flight_log(source: MessageSource, *, log_format: str, preamble: tuple[str, .
     )
     if identity.vehicle_type in _OTHER_PIDS:
         tables = {name: table for name, table in tables.items() if name not in PID_TYPES}
-    builder = SignalBuilder(tables, clock, identity.version)
+    numbers = {name: table.numbers() for name, table in tables.items()}
+    builder = SignalBuilder(numbers, clock, identity.version)
     return FlightLog(
         path=source.path,
         format=log_format,
@@ -85,23 +87,23 @@ def _identity(
 ) -> VehicleIdentity:
     """Tell what flew from VER, texts and parameters."""
     build_type = None
-    if version is not None and version.has("BU"):
-        build_type = int(version.columns["BU"][-1])
-    if version is not None and version.has("FWS"):
+    if version is not None and version.has_numbers("BU"):
+        build_type = int(version.integers("BU")[-1])
+    if version is not None and version.has_text("FWS"):
         texts = [str(version.columns["FWS"][-1]), *texts]
     return identify_vehicle(texts, parameters, build_type=build_type, n_motors=n_motors)
 
 
 def _parameters(table: MessageTable | None) -> dict[str, float]:
     """Return the last value of each parameter."""
-    if table is None or not table.has("Name", "Value"):
+    if table is None or not (table.has_text("Name") and table.has_numbers("Value")):
         return {}
-    return parameter_table(map(str, table.columns["Name"].tolist()), table.columns["Value"].tolist())
+    return parameter_table(table.columns["Name"].tolist(), table.columns["Value"].tolist())
 
 
 def _texts(table: MessageTable | None, clock: LogClock) -> tuple[LogText, ...]:
     """Return the autopilot's messages, line by line."""
-    if table is None or not table.has("Message"):
+    if table is None or not table.has_text("Message"):
         return ()
     rows = zip(
         clock.times(table).tolist(),
@@ -114,7 +116,7 @@ def _texts(table: MessageTable | None, clock: LogClock) -> tuple[LogText, ...]:
 
 def _modes(table: MessageTable | None, clock: LogClock, vehicle_type: str) -> tuple[ModeChange, ...]:
     """Return the flight modes by name."""
-    if table is None or not table.has("Mode"):
+    if table is None or not (table.has_numbers("Mode") or table.has_text("Mode")):
         return ()
     rows = zip(
         clock.times(table).tolist(), table.position.tolist(), table.columns["Mode"].tolist(), strict=True
@@ -128,12 +130,14 @@ def _modes(table: MessageTable | None, clock: LogClock, vehicle_type: str) -> tu
 def _dropped(tables: Mapping[str, MessageTable]) -> int:
     """Count the messages that the logger could not write: DSF.Dp counts up, PM.LogDrop per period."""
     status = tables.get("DSF")
-    if status is not None and status.has("Dp"):
-        counter = status.columns["Dp"].astype(np.int64)
-        return int(counter[0] + np.clip(np.diff(counter), 0, None).sum())  # a reboot resets the counter
+    if status is not None and status.has_numbers("Dp"):
+        counter = status.integers("Dp")
+        return int(
+            max(counter[0], 0) + np.clip(np.diff(counter), 0, None).sum()
+        )  # a reboot resets the counter
     performance = tables.get("PM")
-    if performance is not None and performance.has("LogDrop"):
-        return int(performance.columns["LogDrop"].astype(np.int64).sum())
+    if performance is not None and performance.has_numbers("LogDrop"):
+        return int(np.clip(performance.integers("LogDrop"), 0, None).sum())
     return 0
 
 

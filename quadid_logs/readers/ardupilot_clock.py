@@ -29,7 +29,7 @@ def own_time(table: MessageTable) -> FloatArray | None:
         first = ""
     label = _SAMPLE_COLUMN if _SAMPLE_COLUMN in table.columns else first
     factor = _TIME_COLUMNS.get(first)
-    if factor is None or table.columns[label].dtype.kind not in "iuf":
+    if factor is None or not table.has_numbers(label):
         return None
     factor = 1e-6 if label == _SAMPLE_COLUMN else factor
     # Division keeps whole microseconds at the double nearest to their decimal value.

@@ -294,7 +294,7 @@ class SignalBuilder:
         values: list[FloatArray] = []
         events = self._tables.get("EV")
         if events is not None and events.has("Id"):
-            ids = events.columns["Id"]
+            ids = events.integers("Id")
             rows = np.isin(ids, list(meaning))
             positions.append(events.position[rows])
             values.append(np.array([meaning[int(number)] for number in ids[rows]], dtype=np.float64))
@@ -381,8 +381,8 @@ class SignalBuilder:
         status = self._tables.get(table.name.replace("F1", "F4"))
         if len(cores) < 2 or status is None or not status.has("PI"):
             return cores
-        primary = status.columns["PI"][status.columns["PI"] >= 0]
-        most = int(np.bincount(primary.astype(np.int64)).argmax()) if len(primary) else 0
+        primary = status.integers("PI")
+        most = max((core[0] or 0 for core in cores), key=lambda core: np.count_nonzero(primary == core))
         return sorted(cores, key=lambda core: (core[0] != most, core[0]))
 
     def _attitude(

@@ -161,7 +161,7 @@ def identify_vehicle(
 
 def mode_name(mode: str | float, vehicle_type: str) -> str:
     """Return a flight mode's name: as logged, from the table for copters, or its number."""
-    if isinstance(mode, str) and not mode.isdigit():
+    if isinstance(mode, str) and not (mode.isascii() and mode.isdigit()):
         return mode.upper()
     number = _whole(float(mode))
     if vehicle_type in ("multirotor", "helicopter") and number in COPTER_MODES:

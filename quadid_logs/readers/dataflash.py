@@ -405,26 +405,34 @@ def decode_text(raw: bytes) -> str:
 def _read_units(file: DataFlashFile, index: MessageIndex) -> dict[int, dict[str, Unit]]:
     """Combine FMTU (which unit has which field), UNIT (names) and MULT (factors)."""
     tables = file.read_messages({"FMTU", "UNIT", "MULT"})
-    if not {"FMTU", "UNIT"} <= set(tables) or not tables["FMTU"].has("FmtType", "UnitIds", "MultIds"):
+    if not {"FMTU", "UNIT"} <= set(tables) or not _describes_units(tables["FMTU"]):
         return {}
     labels = _lookup(tables.get("UNIT"), "Label")
     factors = _lookup(tables.get("MULT"), "Mult")
     units: dict[int, dict[str, Unit]] = {}
     columns = tables["FMTU"].columns
     for type_id, unit_ids, factor_ids in zip(
-        columns["FmtType"].tolist(), columns["UnitIds"].tolist(), columns["MultIds"].tolist(), strict=True
+        tables["FMTU"].integers("FmtType").tolist(),
+        columns["UnitIds"].tolist(),
+        columns["MultIds"].tolist(),
+        strict=True,
     ):
         for definition in index.definitions.get(type_id, ()):
             units[type_id] = _units_of(definition, unit_ids, factor_ids, labels, factors)
     return units
 
 
+def _describes_units(table: MessageTable) -> bool:
+    """Say whether FMTU has the columns that it should have."""
+    return table.has_numbers("FmtType") and table.has_text("UnitIds", "MultIds")
+
+
 def _lookup(table: MessageTable | None, column: str) -> dict[str, object]:
     """Map the character of UNIT.Id or MULT.Id to its meaning."""
-    if table is None or not table.has("Id", column):
+    if table is None or not table.has_numbers("Id") or not table.has(column):
         return {}
-    pairs = zip(table.columns["Id"].tolist(), table.columns[column].tolist(), strict=True)
-    return {chr(number): value for number, value in pairs if number > 0}
+    pairs = zip(table.integers("Id").tolist(), table.columns[column].tolist(), strict=True)
+    return {chr(number): value for number, value in pairs if 0 < number < 256}
 
 
 def _units_of(

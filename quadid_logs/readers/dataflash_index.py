@@ -33,6 +33,8 @@ _SCAN_BYTES: Final = 1 << 19
 _RELEASE_BYTES: Final = 1 << 26
 #: Headers whose successors are worked out at once (three int64 arrays of this length).
 _CHAIN_HEADERS: Final = 1 << 18
+#: Headers among which the next credible one is sought at once.
+_SEARCH_HEADERS: Final = 1 << 14
 #: More headers than this inside one payload, and that densely, are a flood of headers, no data.
 _FLOOD_HEADERS: Final = 3
 _FLOOD_SPACING: Final = 8
@@ -293,18 +295,27 @@ def _message_lengths(headers: Headers, part: slice, definitions: Definitions) ->
     return lengths
 
 
-class _Breaks(NamedTuple):
-    """Headers that are not directly followed by the next header of the list."""
+class _Chain(NamedTuple):
+    """Where the chain of lengths leads on, and where it does not."""
 
-    header: IntArray
-    successor: IntArray  # number of the header that follows it; -1 where nothing credible does
-    length: IntArray
+    leads_on: BoolArray
+    """For every header, whether a credible one, or the end of the file, stands at its end."""
+    break_header: IntArray
+    """Headers not directly followed by the next of the list, as far as a chain can reach them."""
+    successor: IntArray
+    """For each break the number of the header that follows it; -1 where nothing credible does."""
 
 
-def _find_breaks(data: ByteArray, headers: Headers, definitions: Definitions) -> _Breaks:
-    """Find the headers at which the chain of lengths does not simply go on to the next header."""
-    parts: list[tuple[IntArray, IntArray, IntArray]] = []
+def _find_chain(data: ByteArray, headers: Headers, definitions: Definitions) -> _Chain:
+    """Find for every header whether, and where, the chain of lengths goes on.
+
+    Of headers that lead nowhere only those right behind a chain are listed: a
+    flood of headers then costs no more memory than the headers themselves.
+    """
     n_headers = len(headers.position)
+    leads_on = np.zeros(n_headers, np.bool_)
+    listed: list[tuple[IntArray, IntArray]] = []
+    behind_chain = False
     for start in range(0, n_headers, _CHAIN_HEADERS):
         part = slice(start, min(start + _CHAIN_HEADERS, n_headers))
         length = _message_lengths(headers, part, definitions)
@@ -313,11 +324,15 @@ def _find_breaks(data: ByteArray, headers: Headers, definitions: Definitions) ->
         linked = np.zeros(len(end), np.bool_)
         linked[: len(following)] = (end[: len(following)] == following) & (length[: len(following)] > 0)
         local = np.flatnonzero(~linked)
-        parts.append((local + start, end[local], length[local]))
-    header, end, length = (np.concatenate(column) for column in zip(*parts, strict=True))
-    successor = _find_successors(data, headers, header, end)
-    successor[(length == 0) | _is_flood(header, successor, length)] = -1
-    return _Breaks(header, successor, length)
+        successor = _find_successors(data, headers, local + start, end[local])
+        successor[(length[local] == 0) | _is_flood(local + start, successor, length[local])] = -1
+        reached = np.concatenate([[behind_chain], linked[:-1]])[local]
+        behind_chain = bool(linked[-1])
+        linked[local] = successor >= 0
+        leads_on[part] = linked
+        wanted = reached | (successor >= 0)
+        listed.append((local[wanted] + start, successor[wanted]))
+    return _Chain(leads_on, *(np.concatenate(column) for column in zip(*listed, strict=True)))
 
 
 def _find_successors(data: ByteArray, headers: Headers, header: IntArray, end: IntArray) -> IntArray:
@@ -352,70 +367,81 @@ def _follow_chain(
     if n_headers == 0 or not definitions:
         nothing = LostStretch(offset=0, n_bytes=n_bytes, reason="no message header")
         return np.zeros(n_headers, np.bool_), merge_stretches([nothing])
-    breaks = _find_breaks(data, headers, definitions)
-    starts, stops, gaps = _walk(breaks, n_headers)
+    starts, stops, gaps = _walk(_find_chain(data, headers, definitions))
     step = np.zeros(n_headers + 1, np.int8)
     step[np.array(starts, np.int64)] += 1
     step[np.array(stops, np.int64)] -= 1
     keep = np.cumsum(step[:-1], dtype=np.int8).view(np.bool_)
-    lost = [_describe_gap(data, headers, breaks, first, resumed) for first, resumed in gaps]
+    lost = _describe_gaps(data, headers, definitions, gaps)
     lost.append(LostStretch(offset=0, n_bytes=int(headers.position[0]), reason="no message header"))
     lost += _cut_tail(data, headers, keep, definitions)
     return keep, merge_stretches(lost)
 
 
-def _walk(breaks: _Breaks, n_headers: int) -> tuple[list[int], list[int], list[tuple[int, int]]]:
+def _walk(chain: _Chain) -> tuple[list[int], list[int], list[tuple[int, int]]]:
     """Follow the chain from break to break; one step per break that a chain really passes.
 
     Returns the beginnings and ends of the accepted stretches and, for every
     interruption, the header that could not be followed and the one that could again.
     """
-    target = np.searchsorted(breaks.header, np.maximum(breaks.successor, 0))
-    dead = np.flatnonzero(breaks.successor < 0)
-    resume = _next_credible(breaks, dead)
+    n_headers = len(chain.leads_on)
     starts: list[int] = []
     stops: list[int] = []
     gaps: list[tuple[int, int]] = []
     here, number = 0, 0
+    target = np.searchsorted(chain.break_header, np.maximum(chain.successor, 0))
     while here < n_headers:
-        header, successor = int(breaks.header[number]), int(breaks.successor[number])
-        stop = header + 1 if successor >= 0 else header
-        if stop > here:
-            starts.append(here)
-            stops.append(stop)
+        if not chain.leads_on[here]:
+            resumed = _next_credible(chain.leads_on, here)
+            gaps.append((here, resumed))
+            here = resumed
+            number = int(np.searchsorted(chain.break_header, here))
+            continue
+        header, successor = int(chain.break_header[number]), int(chain.successor[number])
+        starts.append(here)
         if successor >= 0:
+            stops.append(header + 1)
             here, number = successor, int(target[number])
         else:
-            here = int(resume[np.searchsorted(dead, number)])
-            number = int(np.searchsorted(breaks.header, here))
-            gaps.append((header, here))
+            stops.append(header)
+            here = header
     return starts, stops, gaps
 
 
-def _next_credible(breaks: _Breaks, dead: IntArray) -> IntArray:
-    """Return for each break that leads nowhere the next header that leads somewhere."""
-    if not len(dead):
-        return dead
-    header = breaks.header[dead]
-    last = np.append(np.flatnonzero(np.diff(header) != 1), len(header) - 1)
-    following: IntArray = header[last[np.searchsorted(last, np.arange(len(header)))]] + 1
-    return following
+def _next_credible(leads_on: BoolArray, here: int) -> int:
+    """Return the next header that leads on, the number of headers where none does."""
+    for start in range(here, len(leads_on), _SEARCH_HEADERS):
+        part = leads_on[start : start + _SEARCH_HEADERS]
+        found = int(part.argmax())
+        if part[found]:
+            return start + found
+    return len(leads_on)
 
 
-def _describe_gap(
-    data: ByteArray, headers: Headers, breaks: _Breaks, first: int, resumed: int
-) -> LostStretch:
-    """Say what was lost from header `first` to header `resumed`, and why."""
-    start = int(headers.position[first])
-    stop = int(headers.position[resumed]) if resumed < len(headers.position) else len(data)
-    length = int(breaks.length[np.searchsorted(breaks.header, first)])
+def _describe_gaps(
+    data: ByteArray, headers: Headers, definitions: Definitions, gaps: list[tuple[int, int]]
+) -> list[LostStretch]:
+    """Say what was lost between the first header that leads nowhere and the one where the chain resumes."""
+    first, resumed = np.array(gaps, np.int64).reshape(-1, 2).T
+    type_ids = headers.type_id[first]
+    start = headers.position[first].astype(np.int64)
+    ends = np.append(headers.position, headers.position.dtype.type(len(data)))[resumed].astype(np.int64)
+    length = _message_lengths(Headers(headers.position[first], type_ids), slice(None), definitions)
+    return [
+        LostStretch(
+            offset=offset, n_bytes=end - offset, reason=_reason(type_id, size, offset + size > len(data))
+        )
+        for offset, end, type_id, size in zip(
+            start.tolist(), ends.tolist(), type_ids.tolist(), length.tolist(), strict=True
+        )
+    ]
+
+
+def _reason(type_id: int, length: int, beyond_end: bool) -> str:
+    """Say why a header could not be followed."""
     if length == 0:
-        reason = f"message id {int(headers.type_id[first])} has no definition"
-    elif start + length > len(data):
-        reason = "cut off by the end of the file"
-    else:
-        reason = "no message follows where the length says"
-    return LostStretch(offset=start, n_bytes=stop - start, reason=reason)
+        return f"message id {type_id} has no definition"
+    return "cut off by the end of the file" if beyond_end else "no message follows where the length says"
 
 
 def _cut_tail(

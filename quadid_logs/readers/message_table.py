@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -57,6 +58,29 @@ class MessageTable:
         """Say whether all these columns exist."""
         return all(label in self.columns for label in labels)
 
+    def has_numbers(self, *labels: str) -> bool:
+        """Say whether all these columns exist and hold one number per row."""
+        return all(_is_numeric(self.columns[label]) for label in labels) if self.has(*labels) else False
+
+    def has_text(self, *labels: str) -> bool:
+        """Say whether all these columns exist and hold text."""
+        return all(self.columns[label].dtype.kind == "U" for label in labels) if self.has(*labels) else False
+
+    def integers(self, label: str) -> IntArray:
+        """Return a column of numbers as int64, -1 where it holds no integer of 63 bits."""
+        values = self.columns[label]
+        if values.dtype.kind == "i":
+            return values.astype(np.int64)
+        inside = np.abs(values.astype(np.float64)) < 2.0**63  # false for NaN
+        return np.where(inside, values, 0).astype(np.int64) - np.where(inside, 0, 1)
+
+    def numbers(self) -> MessageTable:
+        """Return the columns that hold one number per row.
+
+        A damaged or foreign definition may turn any column into text.
+        """
+        return replace(self, columns={label: v for label, v in self.columns.items() if _is_numeric(v)})
+
     def only(self, labels: Collection[str] | None) -> MessageTable:
         """Return the columns with these labels, all where None."""
         if labels is None:
@@ -103,6 +127,15 @@ class MessageSource(Protocol):
 
     def first_and_last(self) -> dict[str, MessageTable]:
         """Read the first and the last row of every type."""
+
+
+def _is_numeric(values: AnyArray) -> bool:
+    """Say whether a column holds one number per row."""
+    return values.ndim == 1 and values.dtype.kind in "iuf"
+
+
+#: Damaged numbers may be signalling NaN or near overflow: they pass on as NaN or infinity, silently.
+damaged_numbers_pass = partial(np.errstate, invalid="ignore", over="ignore")
 
 
 def join_tables(tables: list[MessageTable]) -> MessageTable:

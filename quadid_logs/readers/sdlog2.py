@@ -17,7 +17,7 @@ from quadid_logs.readers.ardupilot_vehicle import parameter_table
 from quadid_logs.readers.dataflash import DataFlashFile, check_not_empty, is_sdlog2
 from quadid_logs.readers.dataflash_index import looks_like_dataflash
 from quadid_logs.readers.mav_type import airframe_words, frame_words, vehicle_type_of
-from quadid_logs.readers.message_table import MessageTable
+from quadid_logs.readers.message_table import MessageTable, damaged_numbers_pass
 
 #: ARMING_STATE_ARMED and ARMING_STATE_ARMED_ERROR of vehicle_status.msg.
 _ARMED_STATES: Final = (2, 3)
@@ -76,7 +76,7 @@ class _TimeRecords:
     """The TIME records of a file: each holds for the rows that follow it."""
 
     def __init__(self, table: MessageTable | None) -> None:
-        known = table is not None and table.has("StartTime")
+        known = table is not None and table.has_numbers("StartTime")
         self.position = table.position if table is not None and known else np.zeros(0, np.int64)
         self.time_s = (
             table.columns["StartTime"].astype(np.float64) / 1e6
@@ -117,6 +117,7 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:  # noqa: ARG001 (on
         return _flight_log(file)
 
 
+@damaged_numbers_pass()
 def _flight_log(file: DataFlashFile) -> FlightLog:
     """Turn the messages into canonical signals and descriptions."""
     tables = file.read_messages({source.message for source in _SOURCES} | _DESCRIPTIONS)
@@ -149,7 +150,7 @@ def _signals(tables: dict[str, MessageTable], clock: _TimeRecords) -> dict[str, 
     found: dict[str, list[Signal]] = {}
     for source in _SOURCES:
         table = tables.get(source.message)
-        if table is None or not table.has(*source.labels):
+        if table is None or not table.has_numbers(*source.labels):
             continue
         columns = [table.columns[label].astype(np.float64) for label in source.labels]
         if source.signal == "armed":
@@ -168,9 +169,9 @@ def _signals(tables: dict[str, MessageTable], clock: _TimeRecords) -> dict[str, 
 
 def _parameters(table: MessageTable | None) -> dict[str, float]:
     """Return the last value of each parameter."""
-    if table is None or not table.has("Name", "Value"):
+    if table is None or not (table.has_text("Name") and table.has_numbers("Value")):
         return {}
-    return parameter_table(map(str, table.columns["Name"].tolist()), table.columns["Value"].tolist())
+    return parameter_table(table.columns["Name"].tolist(), table.columns["Value"].tolist())
 
 
 def _firmware(table: MessageTable | None) -> str:
@@ -186,9 +187,9 @@ def _text(table: MessageTable | None, label: str) -> str:
 
 def _modes(table: MessageTable | None, clock: _TimeRecords) -> tuple[ModeChange, ...]:
     """Return the main states where they change."""
-    if table is None or not table.has("MainState"):
+    if table is None or not table.has_numbers("MainState"):
         return ()
-    state = table.columns["MainState"].astype(np.int64)
+    state = table.integers("MainState")
     changes = np.flatnonzero(np.diff(state, prepend=-1))
     time = clock.times(table)
     return tuple(
