@@ -26,7 +26,7 @@ from quadid_logs.identify.structures import Structure
 from quadid_logs.identify.validate import validate
 from quadid_logs.identify.windows import join, solve_over_time
 from quadid_logs.maths.discretise import zero_order_hold
-from quadid_logs.vocabulary import RATE_SYMBOLS, TORQUE_SYMBOLS
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS, TORQUE_SYMBOLS
 
 #: The fit is repeated with the smoothing cut-off times these: half an octave
 #: and more to either side. A gain that slides with the band is no gain.
@@ -94,18 +94,32 @@ def _fit_with_actuator(
     structure: Structure, design: Design, settings: Settings, start: ActuatorFit | None = None
 ) -> tuple[ActuatorFit, PooledFit]:
     """Find lag and delay on the axes that tell, then fit, leaving out what cannot be seen."""
-    axes = [0, 1, 2]
+    axes = _moved_axes(design, settings)
     actuator = fit_actuator(design, structure.regressors, axes, settings, start)
     fit = fit_pooled(design, structure, actuator)
     telling = [axis for axis in axes if fit.r2[axis] >= _TELLING_R2]
     if telling and telling != axes:
         actuator = fit_actuator(design, structure.regressors, telling, settings, start)
         fit = fit_pooled(design, structure, actuator)
-    kept = _visible(structure, fit)
+    kept = _visible(structure, fit, telling)
     return actuator, fit if kept.all() else fit_pooled(design, structure, actuator, kept)
 
 
-def _visible(structure: Structure, fit: PooledFit) -> BoolArray:
+def _moved_axes(design: Design, settings: Settings) -> list[int]:
+    """Return the axes that turn more than a hovering vehicle does, all if none does.
+
+    On an axis at rest, the controller turns gyro noise into torque, and a
+    model with a short delay explains that noise perfectly: its R2 is no proof.
+    """
+    moved = [
+        axis
+        for axis, name in enumerate(RATE_SYMBOLS)
+        if np.degrees(np.std(design.columns[name])) >= settings.min_rate_rms_deg_s
+    ]
+    return moved or [0, 1, 2]
+
+
+def _visible(structure: Structure, fit: PooledFit, telling: list[int]) -> BoolArray:
     """Keep a column if its interval is narrower than what the coefficient can be at all.
 
     The own torque and the trim stay in any case: they are the model.
@@ -115,7 +129,7 @@ def _visible(structure: Structure, fit: PooledFit) -> BoolArray:
     kept = fit.half_width < plausible_size(structure, gain)
     # An axis that does not answer to its own torque is moved by noise, and its
     # rate and torque are no causes that another axis could answer to.
-    for axis in np.flatnonzero(fit.r2[:3] < _TELLING_R2):
+    for axis in {0, 1, 2}.difference(telling):
         for name in (RATE_SYMBOLS[axis], TORQUE_SYMBOLS[axis]):
             column = structure.columns.index(name)
             kept[np.arange(len(kept)) != axis, column] = False
@@ -206,7 +220,7 @@ def _model(
             estimate,
             input_unit=unit,
             settings=settings,
-            unexplained=_unexplained(validation, settings),
+            doubts=_doubts_by_target(design, validation, settings),
         ),
         windows=windows,
         validation=validation,
@@ -220,10 +234,17 @@ def _model(
     )
 
 
-def _unexplained(validation: Validation, settings: Settings) -> dict[str, float]:
-    """Return the held-out R2 of the targets whose motion the model does not explain."""
+def _doubts_by_target(design: Design, validation: Validation, settings: Settings) -> dict[str, str]:
+    """Return the targets of whose equations nothing is identified, with the reason."""
     least = settings.min_signal_to_noise / (1.0 + settings.min_signal_to_noise)
-    return {target: r2 for target, r2 in validation.r2_acceleration.items() if not r2 >= least}
+    doubts = {
+        target: f"the model explains only {100.0 * max(0.0, np.nan_to_num(r2)):.0f} % of held-out {target}"
+        for target, r2 in validation.r2_acceleration.items()
+        if not r2 >= least
+    }
+    for axis in {0, 1, 2}.difference(_moved_axes(design, settings)):
+        doubts[ACCELERATION_SYMBOLS[axis]] = "the axis was hardly moved"
+    return doubts
 
 
 def _discrete(structure: Structure, A: FloatArray, B: FloatArray, period_s: float) -> Discrete:

@@ -56,13 +56,12 @@ def build_parameters(
     *,
     input_unit: str,
     settings: Settings,
-    unexplained: Mapping[str, float],
+    doubts: Mapping[str, str],
 ) -> tuple[Parameter, ...]:
     """Name every element of A and B and say whether the data identify it.
 
-    ``unexplained`` holds the held-out R2 of targets that the model does not
-    explain: nothing in their equations is identified, however narrow the
-    interval.
+    ``doubts`` gives the targets of whose equations nothing is identified,
+    however narrow the intervals, with the reason.
     """
     n_regressors = len(structure.regressors)
     gain = np.abs(np.diag(estimate.theta[:3, n_regressors:]))
@@ -74,7 +73,7 @@ def build_parameters(
             low, high = float(estimate.low[row, column]), float(estimate.high[row, column])
             own = column == n_regressors + row
             scale = abs(value) if own else max(abs(value), min(size[row, column], _NOTABLE[_kind(regressor)]))
-            reason = _unexplained_target(target, unexplained) or _doubt(
+            reason = doubts.get(target, "") or _doubt(
                 (high - low) / 2.0,
                 scale,
                 settings,
@@ -99,12 +98,6 @@ def build_parameters(
 #: A coefficient of this size changes how the vehicle flies; an interval that is
 #: narrow against it is an answer even if it contains zero.
 _NOTABLE = {"product": 0.5, "rate": 1.0, "angle": 1.0, "constant": np.inf, "torque": np.inf}
-
-
-def _unexplained_target(target: str, unexplained: Mapping[str, float]) -> str:
-    if target not in unexplained:
-        return ""
-    return f"the model explains only {100.0 * max(0.0, unexplained[target]):.0f} % of held-out {target}"
 
 
 def _kind(regressor: str) -> str:

@@ -182,7 +182,9 @@ def test_a_vehicle_on_the_bench_has_no_flight_and_the_reason_is_given() -> None:
     """Throttle at idle all the time."""
     log = flown(STEADY)
     idle = signal("throttle", STEADY, np.zeros((STEADY.size, 1)))
-    data = align(flight_log(*log.candidates("body_rate"), *log.candidates("torque_command"), idle), Settings())
+    data = align(
+        flight_log(*log.candidates("body_rate"), *log.candidates("torque_command"), idle), Settings()
+    )
     assert data.segments == ()
     assert data.on_ground_reason == "the throttle never left idle"
 

@@ -1,0 +1,170 @@
+"""Verdicts: what may be trusted, what may not, and what to do about it."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+
+import numpy as np
+import pytest
+
+from quadid_logs.align import align
+from quadid_logs.data.catalogue import CATALOGUE
+from quadid_logs.data.diagnosis import Diagnosis
+from quadid_logs.data.flight import FlightData, SourceChoice
+from quadid_logs.data.log import FlightLog, LoggedSystem, LostStretch
+from quadid_logs.data.model import Identification
+from quadid_logs.data.settings import Settings
+from quadid_logs.diagnose import diagnose
+from quadid_logs.identify import identify
+from tests.align.flights import flight_log, flown
+from tests.identify.vehicles import QUAD, fly, multisine
+
+ROLL_ONLY = (0,)
+
+
+def judge(data: FlightData, log: FlightLog | None = None) -> Diagnosis:
+    settings = Settings()
+    return diagnose(log or flight_log(), data, identify(data, settings), settings)
+
+
+def logged_at(rate_hz: float) -> dict[str, SourceChoice]:
+    """Return sources of that rate."""
+    return {
+        name: SourceChoice(
+            signal=name, source="RATE", reason="", n_samples=100, rate_hz=rate_hz,
+            mean_rate_hz=rate_hz, longest_gap_s=1.0 / rate_hz,
+        )
+        for name in ("torque_n_m", "body_rate")
+    }  # fmt: skip
+
+
+def codes(diagnosis: Diagnosis) -> set[str]:
+    return {finding.code for finding in diagnosis.findings}
+
+
+@pytest.fixture(scope="module")
+def good() -> FlightData:
+    return dataclasses.replace(fly(QUAD, multisine(30.0), feedback=8.0), sources=logged_at(400.0))
+
+
+def test_a_good_flight_is_usable_on_all_axes(good: FlightData) -> None:
+    """And the exit code is 0."""
+    diagnosis = judge(good)
+    assert {axis: verdict.verdict for axis, verdict in diagnosis.axes.items()} == {
+        "roll": "usable", "pitch": "usable", "yaw": "usable",
+    }  # fmt: skip
+    assert diagnosis.usable
+
+
+def test_axes_that_were_not_moved_are_refused_by_name() -> None:
+    """Roll alone was excited."""
+    data = dataclasses.replace(
+        fly(QUAD, multisine(30.0, axes=ROLL_ONLY), feedback=8.0), sources=logged_at(400.0)
+    )
+    axes = judge(data).axes
+    assert axes["roll"].verdict == "usable"
+    assert axes["pitch"].reasons == ("QL403",)
+    assert axes["yaw"].reasons == ("QL403",)
+
+
+def test_motion_that_the_torque_does_not_explain_is_refused() -> None:
+    """Wind shakes the vehicle by tens of degrees per second."""
+    rng = np.random.default_rng(1)
+    data = fly(QUAD, multisine(30.0, size=0.01))
+    segment = data.segments[0]
+    gusts = np.cumsum(rng.standard_normal((segment.n_samples, 3)), axis=0) * 0.01
+    shaken = dataclasses.replace(segment, body_rate_rad_s=segment.body_rate_rad_s + gusts)
+    diagnosis = judge(dataclasses.replace(data, segments=(shaken,), sources=logged_at(400.0)))
+    assert not diagnosis.usable
+    assert codes(diagnosis) & {"QL504", "QL505", "QL506"}
+
+
+def test_ten_hertz_logging_is_refused_with_the_parameter_to_set() -> None:
+    """LOG_BITMASK with the bit added to what the log says it was."""
+    log = flown(np.arange(0.0, 60.0, 0.1), parameters={"LOG_BITMASK": 176126.0})
+    settings = Settings()
+    data = align(log, settings)
+    diagnosis = diagnose(log, data, identify(data, settings), settings)
+    finding = next(each for each in diagnosis.findings if each.code == "QL303")
+    assert "LOG_BITMASK to 176127" in finding.advice
+    assert not diagnosis.usable
+
+
+def test_px4_is_told_its_own_parameter() -> None:
+    """SDLOG_PROFILE, not LOG_BITMASK."""
+    log = flown(np.arange(0.0, 60.0, 0.1), autopilot="px4", format="ulog")
+    data = align(log, Settings())
+    (finding, *_) = diagnose(log, data, Identification(), Settings()).findings
+    assert "SDLOG_PROFILE to 25" in finding.advice
+    assert "LOG_BITMASK" not in finding.advice
+
+
+@pytest.mark.parametrize(
+    ("changes", "code"),
+    [
+        ({"vehicle_type": "rover"}, "QL201"),
+        ({"vehicle_type": "unknown"}, "QL202"),
+        ({"has_time": False}, "QL104"),
+        ({"n_dropped": 12}, "QL102"),
+        ({"lost": (LostStretch(offset=100, n_bytes=50, reason="no header"),)}, "QL101"),
+    ],
+)
+def test_each_doubt_about_the_file_has_its_finding(changes: dict[str, object], code: str) -> None:
+    """One cause, one code."""
+    log = flown(np.arange(0.0, 60.0, 0.0025), **changes)
+    assert code in codes(judge(align(log, Settings()), log))
+
+
+def test_several_systems_in_one_file_are_named() -> None:
+    """With which one was chosen."""
+    systems = tuple(
+        LoggedSystem(
+            system_id=n, component_id=1, autopilot="ardupilot", vehicle_type="multirotor", n_messages=10 * n,
+            chosen=n == 2,
+        )
+        for n in (1, 2)
+    )  # fmt: skip
+    log = flown(np.arange(0.0, 60.0, 0.0025), systems=systems)
+    finding = next(each for each in judge(align(log, Settings()), log).findings if each.code == "QL105")
+    assert "system 2 component 1: multirotor (ardupilot), 20 messages, chosen" in str(finding.evidence)
+
+
+def test_a_log_without_torque_or_rates_says_which_is_missing() -> None:
+    """Two findings, two codes."""
+    log = flight_log()
+    diagnosis = judge(align(log, Settings()), log)
+    assert {"QL301", "QL302"} <= codes(diagnosis)
+
+
+def test_a_vehicle_that_stayed_on_the_ground_is_refused() -> None:
+    """The evidence is quoted in the title."""
+    log = flown(np.arange(0.0, 60.0, 0.0025))
+    idle = dataclasses.replace(log.candidates("throttle")[0], values=np.zeros((24_000, 1)))
+    grounded = dataclasses.replace(log, signals={**log.signals, "throttle": (idle,)})
+    finding = next(f for f in judge(align(grounded, Settings()), grounded).findings if f.code == "QL401")
+    assert "the throttle never left idle" in finding.title
+
+
+def test_a_gain_of_the_wrong_sign_is_refused(good: FlightData) -> None:
+    """Torque logged with its sign turned."""
+    segment = good.segments[0]
+    turned = dataclasses.replace(segment, torque=-segment.torque)
+    diagnosis = judge(dataclasses.replace(good, segments=(turned,)))
+    assert diagnosis.axes["roll"].reasons == ("QL506",)
+
+
+def test_the_most_severe_finding_comes_first(good: FlightData) -> None:
+    """Errors, then warnings, then information."""
+    log = flown(np.arange(0.0, 60.0, 0.1), n_dropped=3)
+    levels = [finding.level for finding in judge(align(log, Settings()), log).findings]
+    assert levels == sorted(levels, key=["error", "warning", "info"].index)
+
+
+def test_every_catalogue_entry_says_what_it_means_and_what_to_do() -> None:
+    """Full sentences, under a code of the scheme."""
+    for code, entry in CATALOGUE.items():
+        assert re.fullmatch(r"QL[1-5]\d\d", code)
+        assert code == entry.code
+        assert entry.meaning.endswith(".")
+        assert entry.advice.endswith(".")

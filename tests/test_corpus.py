@@ -1,0 +1,163 @@
+"""The whole chain on flown and firmware-in-the-loop logs whose truth is known."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from quadid_logs import pipeline
+from quadid_logs.data.result import Result
+from quadid_logs.errors import LogError
+
+pytestmark = pytest.mark.corpus
+
+ARDUPILOT_TRUTH = ("at_segment_mean", "B_rad_s2_per_unit")
+
+
+def codes(result: Result) -> set[str]:
+    """Return the codes of all findings."""
+    return {finding.code for finding in result.diagnosis.findings}
+
+
+def true_gain(log: Path) -> tuple[float, float, float]:
+    """Return the diagonal of B from the truth file beside a firmware log."""
+    truth = json.loads(log.with_suffix(".truth.json").read_text())
+    rows = (
+        truth["B_rad_s2_per_torque_setpoint"]
+        if "B_rad_s2_per_torque_setpoint" in truth
+        else (truth["at_segment_mean"]["B_rad_s2_per_unit"])
+    )
+    return rows[0][0], rows[1][1], rows[2][2]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "ac47_quadx_multisine.BIN",
+        "ac47_quadx_doublets.BIN",
+        "ac47_quadx_esc_rpm.BIN",
+        "ac47_two_flights.BIN",
+        "ac47_rate_thread.BIN",
+        "px4_quad_multisine.ulg",
+    ],
+)
+def test_roll_and_pitch_gains_of_firmware_logs_are_within_six_per_cent(corpus: Path, name: str) -> None:
+    """The truth is the simulator's inertia and geometry."""
+    log = corpus / "firmware" / name
+    result = pipeline.analyze(log)
+    model = result.identification.recommended
+    assert model is not None
+    expected = true_gain(log)
+    assert result.diagnosis.usable
+    for axis in (0, 1):
+        assert model.B[axis, axis] == pytest.approx(expected[axis], rel=0.06)
+    assert model.validation.held_out_s > 5.0
+
+
+def test_a_system_id_run_on_roll_identifies_roll_and_refuses_the_rest(corpus: Path) -> None:
+    """Pitch and yaw hover beside it."""
+    result = pipeline.analyze(corpus / "firmware" / "ac47_quadx_sid_roll.BIN")
+    model = result.identification.recommended
+    assert model is not None
+    assert model.B[0, 0] == pytest.approx(436.8, rel=0.015)
+    verdicts = {axis: verdict.verdict for axis, verdict in result.diagnosis.axes.items()}
+    assert verdicts == {"roll": "usable", "pitch": "refused", "yaw": "refused"}
+
+
+def test_default_logging_of_ardupilot_is_refused_with_the_bitmask_to_set(corpus: Path) -> None:
+    """10 Hz, and the advice names LOG_BITMASK."""
+    result = pipeline.analyze(corpus / "firmware" / "ac47_quadx_default_logging.BIN")
+    assert not result.diagnosis.usable
+    assert any("LOG_BITMASK" in finding.advice for finding in result.diagnosis.findings)
+    assert result.identification.models == ()
+
+
+def test_two_flights_in_one_file_are_two_segments(corpus: Path) -> None:
+    """Near the two manoeuvres that the truth names."""
+    result = pipeline.analyze(corpus / "firmware" / "ac47_two_flights.BIN")
+    (first, second) = result.data.flight_segments
+    assert first[0] < 60.6
+    assert first[1] > 95.5
+    assert second[0] < 159.6
+    assert second[1] > 194.5
+
+
+#: What each flown log must be told about itself.
+REASONS = {
+    "ac33dev-erle-quadx-RATE50Hz-2015-03-31.bin": {"QL504"},
+    "ac34rc2-erlebrain3-quadx-265s.bin": {"QL303"},
+    "ac413-quadx-goodprop-hover1.bin": {"QL303"},
+    "ac413-quadx-25mmcut-hover1.bin": {"QL303"},
+    "ac457-quadx-noATT-noRATE-50s.bin": {"QL303"},
+    "ac364-quadx-RATE1Hz-700s.bin": {"QL303"},
+    "ac313-y6b-331s.bin": {"QL302"},
+    "ac41-quadplus-mission-113s.bin": {"QL303"},
+    "plane423-fastlog-real.bin": {"QL201"},
+    "rover246-real-61.bin": {"QL201"},
+    "ac30-quadV-underpowered.log": {"QL104"},
+    "ac301-octo-apm2-MOT.log": {"QL104"},
+    "ac311-quadx-nan.log": {"QL302"},
+    "ac32dev-quad-handrotated-52s.tlog": {"QL302"},
+    "px4-1.16-quad-v6c-indoor-85s.ulg": {"QL504"},
+    "px4-1.14-octocoax-cubeorange-75s.ulg": {"QL504"},
+    "px4-1.9-quad-escstatus-39s.ulg": {"QL303"},
+    "px4-1.12-f450-tumble-3s.ulg": {"QL302"},
+    "px4-1.6-sample-auavx21-handheld-69s.ulg": {"QL401"},
+    "px4-1.11-vtol-babyshark-sysid-branch-1174s.ulg": {"QL201"},
+    "sdlog2-quad-70s.px4log": {"QL504"},
+}
+
+
+@pytest.mark.parametrize("name", sorted(REASONS))
+def test_each_flown_log_is_refused_for_its_own_reason(corpus: Path, name: str) -> None:
+    """None of them was flown or logged for this purpose."""
+    result = pipeline.analyze(corpus / "real" / name)
+    assert not result.diagnosis.usable
+    assert REASONS[name] <= codes(result)
+
+
+def test_a_gentle_flight_with_moments_in_n_m_is_refused(corpus: Path) -> None:
+    """Plain least squares there gives inertias that slide by a factor of two with band and lag."""
+    result = pipeline.analyze(corpus / "real" / "x8coax_moments_hover.csv")
+    assert not result.diagnosis.usable
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("git-lfs-pointer.bin", "git lfs pull"),
+        ("eeprom.bin", "eeprom"),
+        ("not-a-flightlog-aeroprobe.log", "column time_s"),
+        ("only-header-600B.bin", "not one row of data"),
+    ],
+)
+def test_a_file_that_is_no_log_is_refused_with_a_hint(corpus: Path, name: str, hint: str) -> None:
+    """One clear error, which the command line turns into exit code 2."""
+    with pytest.raises(LogError, match=hint) as caught:
+        pipeline.analyze(corpus / "damaged" / name)
+    assert caught.value.hint
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "appended-multiple.ulg",
+        "corrupt-format-not-utf8.ulg",
+        "corrupt-wrong-size.ulg",
+        "garbage-tail-ac47-sitl.bin",
+        "px4-1.17-x500-v6xrt-outdoor-89s-corrupt.ulg",
+        "sitl-flightlogs-bad-packets-4MB.tlog",
+        "truncated-80k-ac462-real.bin",
+        "one-packet-70B.tlog",
+    ],
+)
+def test_a_damaged_log_is_judged_and_says_what_was_lost(corpus: Path, name: str) -> None:
+    """Never a crash; either a verdict or a clear error."""
+    judged: object
+    try:
+        judged = set(pipeline.analyze(corpus / "damaged" / name).diagnosis.axes)
+    except LogError as error:
+        judged = bool(error.hint)
+    assert judged in ({"roll", "pitch", "yaw"}, True)
