@@ -244,32 +244,42 @@ def _armed(setup: Setup, time_s: FloatArray) -> BoolArray:
 
 
 def _events(records: tuple[Record, ...], offsets: FloatArray, logging: Logging) -> list[_Rows]:
-    """Rows at the moments when the vehicle arms, takes off, lands and disarms."""
-    armed, landed = [(logging.start_s, 0.0)], [(logging.start_s, 1.0)]
-    for record, offset in zip(records, offsets[:-1], strict=True):
-        setup = record.setups[0]
+    """Rows where the log begins, and where the vehicle arms, takes off, lands and disarms."""
+    armed, landed = [(0.0, 0.0)], [(0.0, 1.0)]
+    for record, offset in zip(records, offsets[:-1].tolist(), strict=True):
+        schedule = record.setups[0].schedule
         flying = record.time_s[record.channels["height"][:, 0] > 0.05]
-        armed += [(offset + setup.schedule.arm_s, 1.0), (offset + setup.schedule.disarm_s, 0.0)]
+        armed += [(offset + schedule.arm_s, 1.0), (offset + schedule.disarm_s, 0.0)]
         if flying.size:
             landed += [(offset + float(flying[0]), 0.0), (offset + float(flying[-1]), 1.0)]
-    setup, end_s = records[0].setups[0], float(offsets[-1])
-    names = {"ardupilot": ("ARM", "EV")}.get(setup.autopilot, ("actuator_armed", "vehicle_land_detected"))
-    fields = {"ardupilot": ("ArmState", "Id")}.get(setup.autopilot, ("armed", "landed"))
-    rows = []
-    for signal, message, column, events in zip(
-        ("armed", "landed"), names, fields, (armed, landed), strict=True
-    ):
-        time, values = np.array([event for event in events if event[0] >= logging.start_s]).T
-        time = np.round(time * setup.loop_hz) / setup.loop_hz
-        rows.append(
-            _Rows(
-                stream=Stream(message=message, signals=((signal, column),)),
-                true_s=time,
-                stamp_s=_stamp(time, setup, logging, end_s),
-                values={signal: values[:, np.newaxis]},
-            )
-        )
-    return rows
+    ardupilot = records[0].setups[0].autopilot == "ardupilot"
+    streams = (
+        Stream(message="ARM", signals=(("armed", "ArmState"),)),
+        Stream(message="EV", signals=(("landed", "Id"),)),
+        Stream(message="actuator_armed", signals=(("armed", "armed"),)),
+        Stream(message="vehicle_land_detected", signals=(("landed", "landed"),)),
+    )
+    chosen = streams[:2] if ardupilot else streams[2:]
+    return [
+        _event_rows(stream, events, records[0].setups[0], logging, float(offsets[-1]))
+        for stream, events in zip(chosen, (armed, landed), strict=True)
+    ]
+
+
+def _event_rows(
+    stream: Stream, events: list[tuple[float, float]], setup: Setup, logging: Logging, end_s: float
+) -> _Rows:
+    """Log the state in which the log finds the vehicle, and every change from then on."""
+    before = [state for time, state in events if time <= logging.start_s]
+    kept = [(logging.start_s, before[-1]), *(event for event in events if event[0] > logging.start_s)]
+    time, values = np.array(kept).T
+    time = np.round(time * setup.loop_hz) / setup.loop_hz
+    return _Rows(
+        stream=stream,
+        true_s=time,
+        stamp_s=_stamp(time, setup, logging, end_s),
+        values={stream.signals[0][0]: values[:, np.newaxis]},
+    )
 
 
 def _drop(messages: list[_Rows], setup: Setup, logging: Logging, end_s: float) -> tuple[list[_Rows], int]:

@@ -142,6 +142,14 @@ def test_two_flights_arm_twice():
     assert len(simulation.truth["segments_s"]) == 2
 
 
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_a_late_log_finds_the_vehicle_armed(autopilot):
+    """A log that begins in flight begins with the motors armed and off the ground."""
+    log = simulate("dropouts", duration_s=15.0, autopilot=autopilot).log
+    assert log.signals["armed"][0].values[:, 0].tolist() == [1.0, 0.0]
+    assert log.signals["landed"][0].values[:, 0].tolist() == [0.0, 1.0]
+
+
 def test_dropped_rows_are_counted():
     """What is missing in the log is what `n_dropped` says."""
     log = simulate("dropouts", duration_s=30.0).log
