@@ -10,6 +10,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from quadid_logs.version import __version__
+
 if TYPE_CHECKING:
     from quadid_logs.data.result import Result
     from quadid_logs.data.settings import Settings
@@ -19,8 +21,6 @@ if TYPE_CHECKING:
     from quadid_logs.readers import read_log
     from quadid_logs.report import result_dict, write_report
     from quadid_logs.vehicle.file import read_vehicle
-
-__version__ = "0.1.0"
 
 __all__ = [
     "QuadidError",

@@ -12,14 +12,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from synthetic_results import hostile_result, refused_result, usable_result
 
+from quadid_logs.data.log import ModeChange
 from quadid_logs.data.result import Result
 from quadid_logs.figures import figures_of
 from quadid_logs.figures.interactive import interactive
 from quadid_logs.figures.palette import DARK, LIGHT
 from quadid_logs.figures.png import write_png
 from quadid_logs.figures.thinning import break_at_gaps, thin_line, thin_points
+from tests.synthetic_results import hostile_result, refused_result, usable_result
 
 
 @pytest.fixture(scope="module")
@@ -88,6 +89,15 @@ def test_rates_are_shown_in_degrees(usable: Result) -> None:
     assert np.nanmin(panel.curves[0].y) == pytest.approx(truth.min())
 
 
+@pytest.mark.parametrize("n_modes", [0, 1, 59, 60, 61, 500])
+def test_any_number_of_mode_changes_is_shaded_within_reason(usable: Result, n_modes: int) -> None:
+    """A table has no modes at all; a broken log has thousands, and the caption says what is left out."""
+    modes = tuple(ModeChange(time_s=20.0 + 0.1 * i, position=i, name=f"M{i % 7}") for i in range(n_modes))
+    figure = figures_of(replace(usable, data=replace(usable.data, modes=modes))).shown[0]
+    assert len(figure.panels[0].bands) == min(n_modes, 60)
+    assert ("Only the first" in figure.caption) == (n_modes > 60)
+
+
 def test_a_pause_in_the_log_is_left_blank() -> None:
     """A NaN stands where samples are missing, and nowhere else."""
     time_s = np.concatenate([np.arange(10.0), np.arange(30.0, 40.0)])
@@ -104,11 +114,14 @@ def test_thinning_keeps_the_peaks_and_the_order(values: np.ndarray, buckets: int
     """Highest and lowest value survive, time rises, and there are few points."""
     x, y = thin_line(np.arange(float(values.size)), values, buckets)
     assert (np.diff(x) > 0.0).all()
-    assert x.size <= max(2 * buckets, 3 * buckets + 2)
+    assert x.size <= 4 * buckets + 4
     if np.isfinite(values).any():
         assert np.nanmax(y) == np.nanmax(values)
         assert np.nanmin(y) == np.nanmin(values)
     assert np.array_equal(y, values[x.astype(int)], equal_nan=True)
+    for start, end in zip(x[:-1].astype(int), x[1:].astype(int), strict=True):
+        if np.isfinite(values[start]) and np.isfinite(values[end]):
+            assert not np.isnan(values[start:end]).any(), "a gap was bridged"
 
 
 def test_thinning_keeps_a_gap() -> None:

@@ -6,7 +6,6 @@ from typing import Annotated
 
 import typer
 
-from quadid_logs import __version__
 from quadid_logs.cli.analyze import analyze
 from quadid_logs.cli.explain import explain
 from quadid_logs.cli.export import export
@@ -14,6 +13,7 @@ from quadid_logs.cli.failure import say
 from quadid_logs.cli.info import info
 from quadid_logs.cli.paper import paper
 from quadid_logs.cli.simulate import simulate
+from quadid_logs.version import __version__
 
 
 def make_app() -> typer.Typer:

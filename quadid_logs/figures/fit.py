@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
@@ -86,8 +88,21 @@ def _pair(
         for label, role, values in zip(labels, ("measured", "modelled"), series, strict=True):
             x, y = thin_line(time_s, np.degrees(values[:, column]))
             curves.append(Curve(label=label, x=x, y=y, role=role))
-        panels.append(Panel(title=name.capitalize(), x=TIME, y=axis, curves=tuple(curves), bands=bands))
+        y_axis = _around(axis, np.degrees(series[0][:, column]), np.degrees(series[1][:, column]))
+        panels.append(Panel(title=name.capitalize(), x=TIME, y=y_axis, curves=tuple(curves), bands=bands))
     return panels
+
+
+def _around(axis: Axis, measured: FloatArray, modelled: FloatArray) -> Axis:
+    """Return the axis, held to the measured values where a diverging model would flatten them."""
+    if not (np.isfinite(measured).any() and np.isfinite(modelled).any()):
+        return axis
+    low, high = float(np.nanmin(measured)), float(np.nanmax(measured))
+    margin = (high - low) or 1.0
+    shown = modelled[np.isfinite(modelled)]
+    if shown.min() > low - margin and shown.max() < high + margin:
+        return axis
+    return replace(axis, low=low - margin, high=high + margin)
 
 
 def _noted(panels: list[Panel], notes: list[str]) -> tuple[Panel, ...]:

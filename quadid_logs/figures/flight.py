@@ -88,7 +88,7 @@ def axis_curves(time_s: FloatArray, values: FloatArray, names: tuple[str, ...]) 
 def mode_bands(data: FlightData) -> tuple[tuple[Band, ...], int]:
     """Return a band per flight mode, and how many more there would be."""
     end_s = data.start_s + data.duration_s
-    edges = [*(mode.time_s for mode in data.modes[1:]), end_s]
+    edges = [*(mode.time_s for mode in data.modes), end_s][1:]
     names = list(dict.fromkeys(mode.name for mode in data.modes))
     bands = tuple(
         Band(

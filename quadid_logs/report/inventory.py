@@ -94,8 +94,9 @@ def inventory_lines(log: FlightLog, data: FlightData, settings: Settings) -> Ite
 
 def _signal_lines(choice: SourceChoice) -> Iterator[str]:
     """Yield the source of one signal, and those not taken."""
-    rate = f"{number(choice.rate_hz, 4)} Hz"
-    gap = f"{number(choice.longest_gap_s, 3)} s" if math.isfinite(choice.longest_gap_s) else "–"
+    sampled = choice.rate_hz > 0.0
+    rate = f"{number(choice.rate_hz, 4)} Hz" if sampled else "events"
+    gap = f"{number(choice.longest_gap_s, 3)} s" if sampled and math.isfinite(choice.longest_gap_s) else "–"
     why = f"  ({printable(choice.reason, 120)})" if choice.reason else ""
     yield f"  {printable(choice.signal, 20):<21}{rate:>10}{gap:>13}  {printable(choice.source, 80)}{why}"
     for source, other_hz in choice.others[:4]:

@@ -11,14 +11,16 @@ def number(value: float, digits: int = 4) -> str:
     Examples
     --------
     >>> number(439.8123), number(0.00081234), number(float("nan")), number(38_000_000.0)
-    ('439.8', '0.0008123', '–', '38000000')
+    ('439.8', '0.0008123', '–', '3.8e7')
     """
     if math.isnan(value):
         return "–"
     if math.isinf(value):
         return "∞" if value > 0 else "−∞"
-    if value and abs(value) < 1e-4:
-        return f"{value:.{digits - 1}e}".replace("-", "−")
+    if value and not 1e-4 <= abs(value) < 1e6:
+        digit, power = f"{value:.{digits - 1}e}".split("e")
+        digit = digit.rstrip("0").rstrip(".") if "." in digit else digit
+        return f"{digit}e{int(power)}".replace("-", "−")
     decimals = max(0, digits - 1 - (math.floor(math.log10(abs(value))) if value else 0))
     shown = f"{value:.{min(decimals, 10)}f}"
     return (shown.rstrip("0").rstrip(".") if "." in shown else shown).replace("-", "−")

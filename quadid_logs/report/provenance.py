@@ -6,7 +6,7 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from quadid_logs import __version__
+from quadid_logs.version import __version__
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,18 +6,20 @@ import json
 import subprocess
 import sys
 import time
+import tomllib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from synthetic_results import hostile_result, refused_result, usable_result, write_placeholder_log
 
+import quadid_logs
 from quadid_logs.cli import main
 from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.errors import UnknownFormatError
+from tests.synthetic_results import hostile_result, refused_result, usable_result, write_placeholder_log
 
 
 class FakePipeline:
@@ -324,6 +326,12 @@ def test_the_version_is_printed() -> None:
     assert done.stdout.startswith("quadid-log 0.")
 
 
+def test_the_version_is_that_of_the_project() -> None:
+    """pyproject.toml and the package agree."""
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))
+    assert project["project"]["version"] == quadid_logs.__version__
+
+
 def test_a_reader_that_goes_away_is_no_error() -> None:
     """``quadid-log explain | head -0``: quiet, and neither 0, 1 nor 2."""
     script = (
@@ -338,8 +346,6 @@ def test_a_reader_that_goes_away_is_no_error() -> None:
 
 def test_the_public_names_are_what_the_package_says() -> None:
     """Every name in __all__ can be had, and an unknown one is refused."""
-    import quadid_logs
-
     for name in quadid_logs.__all__:
         assert getattr(quadid_logs, name) is not None
     assert set(quadid_logs.__all__) <= set(dir(quadid_logs))

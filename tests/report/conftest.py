@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from synthetic_results import hostile_result, refused_result, usable_result, write_placeholder_log
 
 from quadid_logs.data.result import Result
 from quadid_logs.report import write_report
+from tests.synthetic_results import hostile_result, refused_result, usable_result, write_placeholder_log
 
 
 @pytest.fixture(scope="session")

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-import chromium
 import pytest
-from synthetic_results import hostile_result, usable_result
 
 from quadid_logs.data.result import Result
 from quadid_logs.figures import figures_of
 from quadid_logs.report.html import render_html
 from quadid_logs.report.provenance import provenance_of
 from quadid_logs.report.view import view_of
+from tests import chromium
+from tests.synthetic_results import hostile_result, usable_result
 
 pytestmark = [
     pytest.mark.browser,

@@ -74,7 +74,7 @@ def test_the_report_of_a_good_flight_is_small_enough(report_folder: Path) -> Non
 
 def test_a_ten_minute_log_still_fits() -> None:
     """The size does not grow with the flight."""
-    from synthetic_results import usable_result
+    from tests.synthetic_results import usable_result
 
     result = usable_result(600.0)
     text = render_html(view_of(result, provenance_of("x")), figures_of(result))

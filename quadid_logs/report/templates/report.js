@@ -27,7 +27,7 @@
     const layout = coloured(figure.layouts[narrow.matches && !printing ? "narrow" : "wide"], palette);
     if (printing) layout.width = 690;
     if (figure.over_time && shared) layout.xaxis = { ...layout.xaxis, range: [...shared], autorange: false };
-    return [coloured(figure.data, palette), layout, config];
+    return [coloured(figure.data, palette), layout, { ...config, displayModeBar: narrow.matches ? false : "hover" }];
   };
 
   const draw = (chart) => {
