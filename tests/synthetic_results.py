@@ -278,7 +278,7 @@ def _parameters(A: np.ndarray, B: np.ndarray, regressors: tuple[str, ...]) -> tu
                         target=target,
                         regressor=regressor,
                         value=value,
-                        unit="rad/s^2 per unit of " + regressor,
+                        unit="rad/s^2",
                         ci95=(value - half, value + half),
                         identifiable=seen,
                         reason="" if seen else "its interval contains zero",

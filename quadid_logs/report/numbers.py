@@ -36,9 +36,26 @@ def interval(low: float, high: float) -> str:
     """
     if not (math.isfinite(low) and math.isfinite(high)):
         return "not bounded"
-    width = high - low
-    digits = 4 if not width else min(6, max(2, 3 + _magnitude(max(abs(low), abs(high))) - _magnitude(width)))
+    digits = _digits(low, high)
     return f"{number(low, digits)} to {number(high, digits)}"
+
+
+def estimate(value: float, low: float, high: float) -> str:
+    """Return a value with its 95 % interval, both with the digits that the interval allows.
+
+    Examples
+    --------
+    >>> estimate(439.8123, 432.1, 447.9)
+    '439.8 (432.1 to 447.9)'
+    """
+    bounded = math.isfinite(low) and math.isfinite(high)
+    return f"{number(value, _digits(low, high) if bounded else 4)} ({interval(low, high)})"
+
+
+def _digits(low: float, high: float) -> int:
+    """Return how many digits show an interval's width with two of its own."""
+    width = high - low
+    return 4 if not width else min(6, max(2, 2 + _magnitude(max(abs(low), abs(high))) - _magnitude(width)))
 
 
 def _magnitude(value: float) -> int:

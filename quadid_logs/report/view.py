@@ -14,7 +14,7 @@ from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.flight import SourceChoice
 from quadid_logs.data.model import Inertia, Model, Parameter, Windows
 from quadid_logs.data.result import Result
-from quadid_logs.report.numbers import interval, number, percent, seconds, size
+from quadid_logs.report.numbers import estimate, interval, number, percent, seconds, size
 from quadid_logs.report.provenance import Provenance
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS, SIGNALS
@@ -191,8 +191,9 @@ def effect_sentence(result: Result, axis: str) -> str:
     found = () if model is None else model.parameters
     for parameter in found:
         if parameter.target == target and parameter.regressor == torque and math.isfinite(parameter.value):
-            bounds = interval(*parameter.ci95)
-            return f"{parameter.name} = {number(parameter.value)} ({bounds}) {pretty_unit(parameter.unit)}"
+            per = " per unit command" if _input_unit(result) == "1" else ""
+            shown_value = estimate(parameter.value, *parameter.ci95)
+            return f"{parameter.name} = {shown_value} {pretty_unit(parameter.unit)}{per}"
     return ""
 
 
@@ -219,11 +220,11 @@ def _model_sentence(result: Result, model: Model | None) -> str:
     if actuator is not None:
         lag, delay = actuator.lag_s * 1e3, actuator.delay_s * 1e3
         lag_ci, delay_ci = (
-            interval(low * 1e3, high * 1e3) for low, high in (actuator.lag_ci95_s, actuator.delay_ci95_s)
+            (low * 1e3, high * 1e3) for low, high in (actuator.lag_ci95_s, actuator.delay_ci95_s)
         )
         parts.append(
             f"The {printable(actuator.acts_on, 30) or 'torque'} follows its command with a lag of "
-            f"{number(lag, 3)} ms ({lag_ci}) after a delay of {number(delay, 3)} ms ({delay_ci})."
+            f"{estimate(lag, *lag_ci)} ms after a delay of {estimate(delay, *delay_ci)} ms."
         )
     if _input_unit(result) == "1":
         parts.append("L, M and N are the autopilot's normalised commands, not N m.")
