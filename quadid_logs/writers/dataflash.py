@@ -27,7 +27,7 @@ from quadid_logs.writers.series import (
     controller_rate,
     event_stamps,
     first,
-    held,
+    held_at,
     imu_rates,
     write_clock,
 )
@@ -87,37 +87,22 @@ def _records(name: str, stamps: Stamps, fields: Mapping[str, Field]) -> Records:
     return Records(dtype=message.dtype, key_us=stamps.key_us, fields=every_row | dict(fields))
 
 
-def _stamps(clock: WriteClock, signal: Signal) -> Stamps:
-    """Stamp a signal's rows."""
-    return clock.stamps(signal.time_s, signal.position)
-
-
-def _held(clock: WriteClock, signal: Signal | None, stamps: Stamps, n_columns: int) -> FloatArray:
-    """Hold a signal at other rows; NaN where there is none."""
-    if signal is None:
-        return np.full((stamps.key_us.size, n_columns), np.nan)
-    own = _stamps(clock, signal)
-    if np.array_equal(own.key_us, stamps.key_us):
-        return signal.values
-    return held(own, signal.values, stamps.key_us)
-
-
 def _rate(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
     """RATE: the rate controller's input and output."""
     rate, torque = controller_rate(log), first(log, "torque_command")
     present = [signal for signal in (rate, torque) if signal is not None and signal.n_samples]
     if not present:
         return
-    stamps = _stamps(clock, max(present, key=lambda signal: signal.n_samples))
-    measured = _held(clock, rate, stamps, 3)
-    wanted = _held(clock, first(log, "body_rate_setpoint"), stamps, 3)
-    torque_out = _held(clock, torque, stamps, 3)
+    stamps = clock.of(max(present, key=lambda signal: signal.n_samples))
+    measured = held_at(clock, rate, stamps.key_us, 3)
+    wanted = held_at(clock, first(log, "body_rate_setpoint"), stamps.key_us, 3)
+    torque_out = held_at(clock, torque, stamps.key_us, 3)
     fields: dict[str, Field] = {"ADes": math.nan, "A": math.nan, "AOutSlew": math.nan}
     for axis, letter in enumerate("RPY"):
         fields[f"{letter}Des"] = Column(values=wanted[:, axis], scale=DEG)
         fields[letter] = Column(values=measured[:, axis], scale=DEG)
         fields[f"{letter}Out"] = torque_out[:, axis]
-    fields["AOut"] = _held(clock, first(log, "throttle"), stamps, 1)[:, 0]
+    fields["AOut"] = held_at(clock, first(log, "throttle"), stamps.key_us, 1)[:, 0]
     yield _records("RATE", stamps, fields)
 
 
@@ -132,14 +117,14 @@ def _imu(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
     """IMU per instance; accelerometers without a gyro become ACC."""
     rates, forces = imu_rates(log), log.candidates("specific_force")
     for instance, rate in enumerate(rates):
-        stamps = _stamps(clock, rate)
-        force = _held(clock, forces[instance] if instance < len(forces) else None, stamps, 3)
+        stamps = clock.of(rate)
+        force = held_at(clock, forces[instance] if instance < len(forces) else None, stamps.key_us, 3)
         hertz = _mean_rate_hz(stamps)
         fields = _vector("Gyr", rate.values) | _vector("Acc", force)
         state = {"I": instance, "T": math.nan, "GH": 1, "AH": 1, "GHz": hertz, "AHz": hertz}
         yield _records("IMU", stamps, fields | state)
     for instance, force_signal in enumerate(forces[len(rates) :], start=len(rates)):
-        stamps = _stamps(clock, force_signal)
+        stamps = clock.of(force_signal)
         yield _records(
             "ACC",
             stamps,
@@ -158,7 +143,7 @@ def _attitude(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
     attitude = first(log, "attitude")
     if attitude is None:
         return
-    stamps = _stamps(clock, attitude)
+    stamps = clock.of(attitude)
     tenths = stamps.key_us // ATT_PERIOD_US
     slow = np.flatnonzero(np.diff(tenths, prepend=tenths[0] - 1))
     if slow.size < stamps.key_us.size:
@@ -186,7 +171,7 @@ def _outputs(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
     outputs = first(log, "output_pwm")
     if outputs is None:
         return
-    stamps = _stamps(clock, outputs)
+    stamps = clock.of(outputs)
     n_channels = outputs.values.shape[1]
     for name, first_channel, last_channel in (("RCOU", 0, 14), ("RCO2", 14, 18), ("RCO3", 18, 32)):
         channels = range(first_channel, min(last_channel, n_channels))
@@ -199,13 +184,13 @@ def _battery(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
     ratio, lift = first(log, "battery_ratio"), first(log, "lift_max")
     base = ratio or lift
     if base is not None:
-        stamps = _stamps(clock, base)
+        stamps = clock.of(base)
         fields: dict[str, Field] = {
-            "LiftMax": _held(clock, lift, stamps, 1)[:, 0],
-            "BatVolt": _held(clock, ratio, stamps, 1)[:, 0],
+            "LiftMax": held_at(clock, lift, stamps.key_us, 1)[:, 0],
+            "BatVolt": held_at(clock, ratio, stamps.key_us, 1)[:, 0],
             "ThLimit": 1.0,
             "ThrAvMx": math.nan,
-            "ThrOut": _held(clock, first(log, "throttle"), stamps, 1)[:, 0],
+            "ThrOut": held_at(clock, first(log, "throttle"), stamps.key_us, 1)[:, 0],
             # Bit 1: no motor has failed (AP_MotorsMulticopter.cpp, Log_Write).
             "FailFlags": 2,
         }
@@ -214,7 +199,7 @@ def _battery(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
     if voltage is not None:
         unknown: dict[str, Field] = dict.fromkeys(("VoltR", "Curr", "CurrTot", "EnrgTot", "Res"), math.nan)
         known: dict[str, Field] = {"Volt": voltage.values[:, 0], "RemPct": 255, "H": 1}
-        yield _records("BAT", _stamps(clock, voltage), unknown | known)
+        yield _records("BAT", clock.of(voltage), unknown | known)
 
 
 def _rotor_speed(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
@@ -222,7 +207,7 @@ def _rotor_speed(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
     speed = first(log, "rotor_speed")
     if speed is None:
         return
-    stamps = _stamps(clock, speed)
+    stamps = clock.of(speed)
     for instance in range(speed.values.shape[1]):
         rpm = Column(values=speed.values[:, instance], scale=RPM)
         unknown: dict[str, Field] = dict.fromkeys(("Volt", "Curr", "CTot"), math.nan)
@@ -234,10 +219,10 @@ def _chirp(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
     chirp = first(log, "sysid_chirp")
     if chirp is None:
         return
-    stamps = _stamps(clock, chirp)
+    stamps = clock.of(chirp)
     rate = next(iter(imu_rates(log)), None)
-    gyro = _held(clock, rate, stamps, 3)
-    force = _held(clock, first(log, "specific_force"), stamps, 3)
+    gyro = held_at(clock, rate, stamps.key_us, 3)
+    force = held_at(clock, first(log, "specific_force"), stamps.key_us, 3)
     fields: dict[str, Field] = {
         "Time": (stamps.key_us - stamps.key_us[0]) * 1e-6,
         "Targ": chirp.values[:, 0],
@@ -270,7 +255,7 @@ def _switches(
     rows: IntArray = changes(signal.values[:, 0], before=before)
     if not rows.size:
         return
-    every = _stamps(clock, signal)
+    every = clock.of(signal)
     stamps = Stamps(time_us=every.time_us[rows], key_us=every.key_us[rows])
     state = (signal.values[rows, 0] > 0.5).astype(np.int64)
     if arm:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,6 +83,10 @@ class WriteClock:
         key_us = np.maximum.accumulate(time_us + self.offset_us[epoch])
         return Stamps(time_us=time_us, key_us=key_us)
 
+    def of(self, signal: Signal) -> Stamps:
+        """Stamp a signal's rows."""
+        return self.stamps(signal.time_s, signal.position)
+
 
 def _reset_rows(time_us: IntArray) -> IntArray:
     """Return the rows at which the clock has fallen."""
@@ -136,6 +141,14 @@ def held(stamps: Stamps, values: AnyArray, at_us: IntArray) -> FloatArray:
     return result
 
 
+def held_at(clock: WriteClock, signal: Signal | None, key_us: IntArray, n_columns: int) -> FloatArray:
+    """Hold a signal's last value at other places of the file, shape (n, n_columns); NaN where it is None."""
+    if signal is None:
+        return np.full((key_us.size, n_columns), np.nan)
+    own = clock.of(signal)
+    return signal.values if np.array_equal(own.key_us, key_us) else held(own, signal.values, key_us)
+
+
 def changes(values: FloatArray, *, before: float) -> IntArray:
     """Return the rows at which a two-valued series changes, `before` being its state ahead of row 0."""
     state = (values > 0.5).astype(np.int8)
@@ -185,3 +198,16 @@ def mav_type(log: FlightLog) -> int:
     frame_class = log.parameters.get("FRAME_CLASS", 0.0)
     n_rotors = log.parameters.get("CA_ROTOR_COUNT", 4.0)
     return classes.get(int(frame_class)) or rotors.get(int(n_rotors), 2)
+
+
+def packed_version(firmware: str) -> int:
+    """Pack a version such as "PX4 v1.16.1" into 32 bits, 0 where there is none.
+
+    Major, minor, patch, and 255 for a release: MAVLink's
+    AUTOPILOT_VERSION.flight_sw_version and ULog's ver_sw_release.
+    """
+    found = re.search(r"[Vv]?(\d+)\.(\d+)(?:\.(\d+))?", firmware)
+    if not found:
+        return 0
+    major, minor, patch = (min(int(number), 255) for number in found.groups(default="0"))
+    return major << 24 | minor << 16 | patch << 8 | 0xFF

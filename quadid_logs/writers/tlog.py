@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import heapq
 import math
-import re
 import struct
 from collections.abc import Iterator
 from typing import Any, BinaryIO
 
 import numpy as np
 
-from quadid_logs.arrays import AnyArray, FloatArray, IntArray
+from quadid_logs.arrays import AnyArray, FloatArray
 from quadid_logs.data.log import FlightLog, Signal
 from quadid_logs.writers.flight_modes import find_mode
 from quadid_logs.writers.records import fit
@@ -27,11 +26,13 @@ from quadid_logs.writers.series import (
     event_stamps,
     first,
     held,
+    held_at,
     imu_rates,
     mav_type,
+    packed_version,
     write_clock,
 )
-from quadid_logs.writers.ulog_topics import INTEGER_PARAMETERS
+from quadid_logs.writers.ulog_topics import whole_parameter
 
 #: Host time of the log's zero: 2025-01-01 00:00 UTC [µs]. Fixed, so that the bytes are.
 HOST_EPOCH_US = 1_735_689_600_000_000
@@ -93,18 +94,6 @@ def write_tlog(log: FlightLog, file: BinaryIO) -> None:
         sender.seq = (sender.seq + 1) % 256
 
 
-def _stamps(clock: WriteClock, signal: Signal) -> Stamps:
-    """Stamp a signal's rows."""
-    return clock.stamps(signal.time_s, signal.position)
-
-
-def _held(clock: WriteClock, signal: Signal | None, key_us: IntArray, n_columns: int) -> FloatArray:
-    """Hold a signal at other rows; NaN where there is none."""
-    if signal is None:
-        return np.full((key_us.size, n_columns), np.nan)
-    return held(_stamps(clock, signal), signal.values, key_us)
-
-
 def _boot_ms(stamps: Stamps) -> list[int]:
     """Return time_boot_ms: whole milliseconds, cut off as the autopilot does; wraps after 49 days."""
     return list((stamps.time_us // 1000 % 2**32).tolist())
@@ -113,7 +102,7 @@ def _boot_ms(stamps: Stamps) -> list[int]:
 def _span(log: FlightLog, clock: WriteClock) -> tuple[int, int]:
     """Return the first and the last place that a series has in the file [µs]."""
     series = [signal for candidates in log.signals.values() for signal in candidates if signal.n_samples]
-    keys = [_stamps(clock, signal).key_us for signal in series] + [event_stamps(clock, log.modes).key_us]
+    keys = [clock.of(signal).key_us for signal in series] + [event_stamps(clock, log.modes).key_us]
     edges = [(int(key[0]), int(key[-1])) for key in keys if key.size]
     return min((low for low, _ in edges), default=0), max((high for _, high in edges), default=0)
 
@@ -125,7 +114,7 @@ def _greeting(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed
     yield (
         start_us,
         dialect.MAVLink_autopilot_version_message(
-            0, _version(log.firmware), 0, 0, 0, none, none, none, 0, 0, 0
+            0, packed_version(log.firmware), 0, 0, 0, none, none, none, 0, 0, 0
         ),
     )
     for index, (name, value) in enumerate(log.parameters.items()):
@@ -138,19 +127,10 @@ def _greeting(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed
         )
 
 
-def _version(firmware: str) -> int:
-    """Pack a version such as "ArduCopter V4.6.0"; the lowest byte 255 is a release."""
-    found = re.search(r"[Vv]?(\d+)\.(\d+)(?:\.(\d+))?", firmware)
-    if not found:
-        return 0
-    major, minor, patch = (min(int(number), 255) for number in found.groups(default="0"))
-    return major << 24 | minor << 16 | patch << 8 | 0xFF
-
-
 def _parameter(log: FlightLog, name: str, value: float) -> tuple[float, int]:
     """Return PARAM_VALUE's number and type: PX4 sends an integer's bytes in the float."""
-    if log.autopilot == "px4" and name in INTEGER_PARAMETERS and math.isfinite(value):
-        whole = max(-(2**31), min(round(value), 2**31 - 1))
+    whole = whole_parameter(name, value) if log.autopilot == "px4" else None
+    if whole is not None:
         (number,) = struct.unpack("<f", struct.pack("<i", whole))
         return number, PARAM_INT32
     return float(np.float32(value)), PARAM_REAL32
@@ -163,7 +143,7 @@ def _heartbeats(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Tim
     modes = event_stamps(clock, log.modes)
     custom = np.array([_custom_mode(log, mode.name) for mode in log.modes], dtype=np.float64)
     mode = np.nan_to_num(held(modes, custom, key_us)).astype(np.int64)
-    armed = _held(clock, first(log, "armed"), key_us, 1)[:, 0] > 0.5
+    armed = held_at(clock, first(log, "armed"), key_us, 1)[:, 0] > 0.5
     autopilot, vehicle = AUTOPILOTS.get(log.autopilot, 0), mav_type(log)
     for key, number, is_armed in zip(key_us.tolist(), mode.tolist(), armed.tolist(), strict=True):
         base = BASE_MODE | (ARMED_FLAG if is_armed else 0)
@@ -183,8 +163,8 @@ def _attitude(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed
     base = rate if rate is not None and rate.n_samples else attitude
     if base is None:
         return
-    stamps = _stamps(clock, base)
-    angles, rates = (_held(clock, signal, stamps.key_us, 3) for signal in (attitude, rate))
+    stamps = clock.of(base)
+    angles, rates = (held_at(clock, signal, stamps.key_us, 3) for signal in (attitude, rate))
     rows = np.concatenate((angles, rates), axis=1).tolist()
     for key, boot_ms, row in zip(stamps.key_us.tolist(), _boot_ms(stamps), rows, strict=True):
         yield key, dialect.MAVLink_attitude_message(boot_ms, *row)
@@ -195,8 +175,8 @@ def _targets(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed]
     wanted = first(log, "body_rate_setpoint")
     if wanted is None:
         return
-    stamps = _stamps(clock, wanted)
-    thrust = _held(clock, first(log, "throttle"), stamps.key_us, 1)
+    stamps = clock.of(wanted)
+    thrust = held_at(clock, first(log, "throttle"), stamps.key_us, 1)
     rows = np.concatenate((wanted.values, thrust), axis=1).tolist()
     unknown = [math.nan] * 4
     for key, boot_ms, row in zip(stamps.key_us.tolist(), _boot_ms(stamps), rows, strict=True):
@@ -224,8 +204,8 @@ def _imu_rows(clock: WriteClock, rate: Signal | None, force: Signal | None) -> t
     if base is None or not base.n_samples:
         none = np.zeros(0, dtype=np.int64)
         return Stamps(time_us=none, key_us=none), np.zeros((0, 6))
-    stamps = _stamps(clock, base)
-    parts = [_held(clock, signal, stamps.key_us, 3) for signal in (force, rate)]
+    stamps = clock.of(base)
+    parts = [held_at(clock, signal, stamps.key_us, 3) for signal in (force, rate)]
     return stamps, np.concatenate(parts, axis=1)
 
 
@@ -267,7 +247,7 @@ def _outputs(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed]
     outputs = first(log, "output_pwm")
     if outputs is None:
         return
-    stamps = _stamps(clock, outputs)
+    stamps = clock.of(outputs)
     pulses = fit(outputs.values, np.dtype(np.uint16))
     # The field has 32 bits and wraps after 71 minutes.
     times = (stamps.time_us % 2**32).tolist()
@@ -295,7 +275,7 @@ def _rotor_speed(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Ti
     )
     groups = [_filled(rpm[:, start : start + 4], 4) for start in range(0, min(rpm.shape[1], 12), 4)]
     none = [0] * 4
-    for row, key in enumerate(_stamps(clock, speed).key_us.tolist()):
+    for row, key in enumerate(clock.of(speed).key_us.tolist()):
         for make, group in zip(makers, groups, strict=False):
             yield key, make(bytes(4), none, none, none, group[row], none)
 
@@ -306,7 +286,7 @@ def _battery(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed]
     if voltage is None:
         return
     millivolts = fit(voltage.values[:, 0] * 1000.0, np.dtype(np.uint16)).tolist()
-    for key, value in zip(_stamps(clock, voltage).key_us.tolist(), millivolts, strict=True):
+    for key, value in zip(clock.of(voltage).key_us.tolist(), millivolts, strict=True):
         yield key, dialect.MAVLink_sys_status_message(0, 0, 0, 0, value, -1, -1, 0, 0, 0, 0, 0, 0)
 
 
@@ -316,7 +296,7 @@ def _landed(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
     if landed is None:
         return
     states = np.where(landed.values[:, 0] > 0.5, ON_GROUND, IN_AIR).tolist()
-    for key, state in zip(_stamps(clock, landed).key_us.tolist(), states, strict=True):
+    for key, state in zip(clock.of(landed).key_us.tolist(), states, strict=True):
         yield key, dialect.MAVLink_extended_sys_state_message(0, state)
 
 

@@ -7,14 +7,13 @@ NaN, as PX4 does with values that it does not have; integer fields are zero.
 from __future__ import annotations
 
 import math
-import re
 import struct
 from collections.abc import Iterator, Mapping
 from typing import BinaryIO
 
 import numpy as np
 
-from quadid_logs.arrays import AnyArray, FloatArray, IntArray
+from quadid_logs.arrays import AnyArray, FloatArray
 from quadid_logs.data.log import FlightLog, Signal
 from quadid_logs.maths.rotations import quaternion_from_euler
 from quadid_logs.writers.flight_modes import find_mode
@@ -27,11 +26,13 @@ from quadid_logs.writers.series import (
     event_stamps,
     first,
     held,
+    held_at,
     imu_rates,
     mav_type,
+    packed_version,
     write_clock,
 )
-from quadid_logs.writers.ulog_topics import INTEGER_PARAMETERS, TOPICS, row_type
+from quadid_logs.writers.ulog_topics import TOPICS, row_type, whole_parameter
 
 MAGIC = b"ULog\x01\x12\x35"
 VERSION = 1
@@ -115,18 +116,6 @@ def _records(number: int, name: str, _instance: int, stamps: Stamps, fields: Map
     return Records(dtype=dtype, key_us=stamps.key_us + latency_us, fields=every_row | own)
 
 
-def _stamps(clock: WriteClock, signal: Signal) -> Stamps:
-    """Stamp a signal's rows."""
-    return clock.stamps(signal.time_s, signal.position)
-
-
-def _held(clock: WriteClock, signal: Signal | None, key_us: IntArray, n_columns: int) -> FloatArray:
-    """Hold a signal at other rows; NaN where there is none."""
-    if signal is None:
-        return np.full((key_us.size, n_columns), np.nan)
-    return held(_stamps(clock, signal), signal.values, key_us)
-
-
 def _padded(values: FloatArray, n_columns: int, *, fill: float) -> FloatArray:
     """Fill up an array field that is longer than the vehicle needs, or cut it."""
     used = values[:, :n_columns]
@@ -144,19 +133,19 @@ def _rates(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
     rate = controller_rate(log)
     if rate is not None and rate.n_samples:
         fields: dict[str, Field] = {"xyz": rate.values, "xyz_derivative": math.nan}
-        yield "vehicle_angular_velocity", 0, _stamps(clock, rate), fields
+        yield "vehicle_angular_velocity", 0, clock.of(rate), fields
     wanted, throttle = first(log, "body_rate_setpoint"), first(log, "throttle")
     if wanted is not None:
-        stamps = _stamps(clock, wanted)
+        stamps = clock.of(wanted)
         fields = {name: wanted.values[:, axis] for axis, name in enumerate(("roll", "pitch", "yaw"))}
-        fields["thrust_body"] = _upwards(_held(clock, throttle, stamps.key_us, 1))
+        fields["thrust_body"] = _upwards(held_at(clock, throttle, stamps.key_us, 1))
         yield "vehicle_rates_setpoint", 0, stamps, fields
     torque = first(log, "torque_command")
     if torque is not None:
-        yield "vehicle_torque_setpoint", 0, _stamps(clock, torque), {"xyz": torque.values}
+        yield "vehicle_torque_setpoint", 0, clock.of(torque), {"xyz": torque.values}
     if throttle is not None:
         thrust = _upwards(throttle.values)
-        yield "vehicle_thrust_setpoint", 0, _stamps(clock, throttle), {"xyz": thrust}
+        yield "vehicle_thrust_setpoint", 0, clock.of(throttle), {"xyz": thrust}
     unallocated = first(log, "unallocated_torque")
     if unallocated is not None:
         # ControlAllocator.cpp: achieved below a squared norm of 1e-6.
@@ -166,7 +155,7 @@ def _rates(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
             "torque_setpoint_achieved": achieved.astype(np.uint8),
             "thrust_setpoint_achieved": 1,
         }
-        yield "control_allocator_status", 0, _stamps(clock, unallocated), fields
+        yield "control_allocator_status", 0, clock.of(unallocated), fields
 
 
 def _actuators(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
@@ -174,10 +163,10 @@ def _actuators(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
     motors = first(log, "motor_thrust")
     if motors is not None:
         control = _padded(motors.values, MOTORS, fill=math.nan)
-        yield "actuator_motors", 0, _stamps(clock, motors), {"control": control}
+        yield "actuator_motors", 0, clock.of(motors), {"control": control}
     outputs = first(log, "output_pwm")
     if outputs is not None:
-        stamps = _stamps(clock, outputs)
+        stamps = clock.of(outputs)
         for instance, channel in enumerate(range(0, outputs.values.shape[1], OUTPUTS)):
             part = outputs.values[:, channel : channel + OUTPUTS]
             fields: dict[str, Field] = {
@@ -187,7 +176,7 @@ def _actuators(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
             yield "actuator_outputs", instance, stamps, fields
     speed = first(log, "rotor_speed")
     if speed is not None:
-        yield "esc_status", 0, *_esc_status(_stamps(clock, speed), speed)
+        yield "esc_status", 0, *_esc_status(clock.of(speed), speed)
 
 
 def _esc_status(stamps: Stamps, speed: Signal) -> tuple[Stamps, dict[str, Field]]:
@@ -218,20 +207,20 @@ def _sensors(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
     attitude = first(log, "attitude")
     if attitude is not None:
         fields: dict[str, Field] = {"q": quaternion_from_euler(attitude.values), "delta_q_reset": math.nan}
-        yield "vehicle_attitude", 0, _stamps(clock, attitude), fields
+        yield "vehicle_attitude", 0, clock.of(attitude), fields
     rate, force = next(iter(imu_rates(log)), None), first(log, "specific_force")
     if rate is not None and rate.n_samples:
-        stamps = _stamps(clock, rate)
+        stamps = clock.of(rate)
         period_us = float(np.median(np.diff(stamps.time_us))) if rate.n_samples > 1 else 0.0
         fields = {
             "gyro_rad": rate.values,
             "gyro_integral_dt": period_us,
-            "accelerometer_m_s2": _held(clock, force, stamps.key_us, 3),
+            "accelerometer_m_s2": held_at(clock, force, stamps.key_us, 3),
             "accelerometer_integral_dt": period_us,
         }
         yield "sensor_combined", 0, stamps, fields
     elif force is not None:
-        yield "vehicle_acceleration", 0, _stamps(clock, force), {"xyz": force.values}
+        yield "vehicle_acceleration", 0, clock.of(force), {"xyz": force.values}
     voltage = first(log, "battery_voltage")
     if voltage is not None:
         unknown: dict[str, Field] = dict.fromkeys(
@@ -245,7 +234,7 @@ def _sensors(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
             "connected": 1,
             "id": 1,
         }
-        yield "battery_status", 0, _stamps(clock, voltage), unknown | known
+        yield "battery_status", 0, clock.of(voltage), unknown | known
 
 
 def _states(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
@@ -254,18 +243,18 @@ def _states(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
     if armed is not None:
         is_armed = armed.values[:, 0] > 0.5
         fields: dict[str, Field] = {"armed": is_armed.astype(np.uint8), "ready_to_arm": 1}
-        yield "actuator_armed", 0, _stamps(clock, armed), fields
+        yield "actuator_armed", 0, clock.of(armed), fields
     if landed is not None:
         is_landed = (landed.values[:, 0] > 0.5).astype(np.uint8)
         fields = dict.fromkeys(("landed", "maybe_landed", "ground_contact"), is_landed)
-        yield "vehicle_land_detected", 0, _stamps(clock, landed), fields
+        yield "vehicle_land_detected", 0, clock.of(landed), fields
     yield from _status(log, clock, armed)
 
 
 def _status(log: FlightLog, clock: WriteClock, armed: Signal | None) -> Iterator[Topic]:
     """vehicle_status whenever the mode changes or the arming state is logged."""
     modes = event_stamps(clock, log.modes)
-    parts = [modes] if armed is None else [modes, _stamps(clock, armed)]
+    parts = [modes] if armed is None else [modes, clock.of(armed)]
     key_us = np.concatenate([part.key_us for part in parts])
     if not key_us.size:
         return
@@ -273,7 +262,7 @@ def _status(log: FlightLog, clock: WriteClock, armed: Signal | None) -> Iterator
     time_us = np.concatenate([part.time_us for part in parts])[order]
     stamps = Stamps(time_us=time_us, key_us=key_us[order])
     numbers = np.array([find_mode(mode.name).nav_state for mode in log.modes], dtype=np.float64)
-    is_armed = _held(clock, armed, stamps.key_us, 1)[:, 0] > 0.5
+    is_armed = held_at(clock, armed, stamps.key_us, 1)[:, 0] > 0.5
     fields: dict[str, Field] = {
         "arming_state": np.where(is_armed, STATE_ARMED, STATE_DISARMED),
         "nav_state": held(modes, numbers, stamps.key_us),
@@ -324,7 +313,8 @@ def _write_definitions(file: BinaryIO, log: FlightLog) -> None:
     file.write(_message("B", bytes(40)))
     for name, fields in TOPICS.items():
         file.write(_message("F", f"{name}:{fields}".encode()))
-    release = _release(log.firmware)
+    is_px4 = log.firmware.upper().startswith("PX4")
+    release = (packed_version(log.firmware) if is_px4 else 0) or DEFAULT_RELEASE
     texts = {
         "sys_name": "PX4",
         "ver_hw": "QUADID_SIMULATOR",
@@ -350,16 +340,7 @@ def _keyed(key: str, value: bytes) -> bytes:
 
 def _parameter(name: str, value: float) -> bytes:
     """Pack a parameter as the type that PX4 gives it."""
-    if name in INTEGER_PARAMETERS and math.isfinite(value):
-        whole = max(-(2**31), min(round(value), 2**31 - 1))
+    whole = whole_parameter(name, value)
+    if whole is not None:
         return _keyed(f"int32_t {name}", struct.pack("<i", whole))
     return _keyed(f"float {name}", np.float32(value).tobytes())
-
-
-def _release(firmware: str) -> int:
-    """Pack a version such as "PX4 v1.16.1" into ver_sw_release; the lowest byte 255 is a release."""
-    found = re.search(r"v?(\d+)\.(\d+)(?:\.(\d+))?", firmware)
-    if not found or not firmware.upper().startswith("PX4"):
-        return DEFAULT_RELEASE
-    major, minor, patch = (min(int(number), 255) for number in found.groups(default="0"))
-    return major << 24 | minor << 16 | patch << 8 | 0xFF

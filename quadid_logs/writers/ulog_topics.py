@@ -6,6 +6,7 @@ the logged formats (largest type first), checked against logs of PX4 main.
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
@@ -144,6 +145,13 @@ INTEGER_PARAMETERS: Final = frozenset(
         *(f"PWM_MAIN_{kind}{channel}" for kind in ("FUNC", "MIN", "MAX", "DIS") for channel in range(1, 17)),
     )
 )
+
+
+def whole_parameter(name: str, value: float) -> int | None:
+    """Return an integer parameter's value, None for one that PX4 keeps as a float."""
+    if name not in INTEGER_PARAMETERS or not math.isfinite(value):
+        return None
+    return max(-(2**31), min(round(value), 2**31 - 1))
 
 
 def row_type(topic: str) -> np.dtype[np.void]:
