@@ -201,6 +201,14 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Compare the halves in the figure of estimates over time.",
             ),
             _entry(
+                "QL511",
+                "The torque alone does not reproduce the motion",
+                "Simulated over seconds from the logged torque, the rate drifts away from the measured one: "
+                "wind or an unbalance moved the vehicle, and the torque is mostly the controller's answer to "
+                "that. A gain fitted to such an answer is biased even if the fit looks good.",
+                "Fly stronger manoeuvres on this axis, in calm air.",
+            ),
+            _entry(
                 "QL510",
                 "The torque is a normalised command",
                 "The log holds no torque in N m. Gains are per unit of command and no inertia in kg m^2 "

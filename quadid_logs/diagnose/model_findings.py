@@ -12,7 +12,7 @@ from quadid_logs.data.model import Identification, Model
 from quadid_logs.data.settings import Settings
 from quadid_logs.diagnose.advice import excitation_advice
 from quadid_logs.diagnose.findings import finding
-from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS
 
 #: A gain that moves by more than this from band to band is not one number.
 _BAND_ERROR = 0.25
@@ -83,6 +83,7 @@ def _axis(
             advice=advice,
         )
         return
+    yield from _simulation(model, settings, number, axis, advice)
     yield from _band(model, number, axis, advice)
     if excitation.signal_to_noise < settings.caution_signal_to_noise:
         yield finding(
@@ -93,6 +94,24 @@ def _axis(
             advice=advice,
             title=f"{axis.capitalize()} was moved only a little",
         )
+
+
+def _simulation(model: Model, settings: Settings, number: int, axis: str, advice: str) -> Iterator[Finding]:
+    """Doubt an axis whose motion does not follow from its torque over some seconds."""
+    r2 = model.validation.r2_simulated_rate.get(RATE_SYMBOLS[number], float("nan"))
+    if r2 >= settings.caution_simulated_r2:
+        return
+    yield finding(
+        "QL511",
+        "warning" if r2 >= settings.min_simulated_r2 else "error",
+        {
+            "simulated_rate_r2": _rounded(r2),
+            "block_s": settings.held_out_block_s,
+            "needed_r2": settings.min_simulated_r2,
+        },
+        axes=(axis,),
+        advice=advice,
+    )
 
 
 def _band(model: Model, number: int, axis: str, advice: str) -> Iterator[Finding]:

@@ -177,9 +177,14 @@ def _delay_interval(actuator: ActuatorFit, fit: PooledFit) -> tuple[float, float
     return max(0.0, min(low, actuator.delay_s - mistaken_s)), actuator.delay_s + fit.delay_half_width_s
 
 
-def _estimate(structure: Structure, fit: PooledFit, band: BandCheck | None) -> Estimate:
-    """Return theta with intervals that also cover how the own gains move with the band."""
-    low, high = fit.theta - fit.half_width, fit.theta + fit.half_width
+def _estimate(structure: Structure, fit: PooledFit, band: BandCheck | None, settings: Settings) -> Estimate:
+    """Return theta with intervals that also cover the floor and how the own gains move with the band."""
+    floor = np.zeros(fit.theta.shape)
+    floor[:, len(structure.regressors) :] = settings.gain_floor * np.abs(
+        fit.theta[:, len(structure.regressors) :]
+    )
+    half_width = np.hypot(fit.half_width, floor)
+    low, high = fit.theta - half_width, fit.theta + half_width
     if band is not None:
         for axis in range(3):
             column = len(structure.regressors) + axis
@@ -204,7 +209,7 @@ def _model(
     """Put the parts of a model together."""
     n_regressors = len(structure.regressors)
     unit = data.input.unit if data.input is not None else "1"
-    estimate = _estimate(structure, fit, band)
+    estimate = _estimate(structure, fit, band, settings)
     A, B = fit.theta[:, :n_regressors], fit.theta[:, n_regressors:]
     return Model(
         structure=structure.name,
@@ -242,6 +247,9 @@ def _doubts_by_target(design: Design, validation: Validation, settings: Settings
         for target, r2 in validation.r2_acceleration.items()
         if not r2 >= least
     }
+    for target, rate in zip(ACCELERATION_SYMBOLS, RATE_SYMBOLS, strict=True):
+        if not validation.r2_simulated_rate.get(rate, np.inf) >= settings.min_simulated_r2:
+            doubts.setdefault(target, "the torque alone does not reproduce the motion")
     for axis in {0, 1, 2}.difference(_moved_axes(design, settings)):
         doubts[ACCELERATION_SYMBOLS[axis]] = "the axis was hardly moved"
     return doubts
