@@ -148,4 +148,4 @@ def _say_result(result: Result, folder: Path, wish: _Wish) -> None:
         return
     for line in result_lines(result):
         say(line)
-    say(f"  report: {written}")
+    say(f"  {'report' if wish.drawings else 'result'}: {written}")

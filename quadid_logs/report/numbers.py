@@ -53,9 +53,11 @@ def estimate(value: float, low: float, high: float) -> str:
 
 
 def _digits(low: float, high: float) -> int:
-    """Return how many digits show an interval's width with two of its own."""
+    """Return how many digits resolve the interval to a fiftieth of its width."""
     width = high - low
-    return 4 if not width else min(6, max(2, 2 + _magnitude(max(abs(low), abs(high))) - _magnitude(width)))
+    if not width > 0.0:
+        return 4
+    return min(6, max(2, 1 + _magnitude(max(abs(low), abs(high))) + math.ceil(math.log10(50.0 / width))))
 
 
 def _magnitude(value: float) -> int:
