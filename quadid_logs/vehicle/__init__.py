@@ -1,1 +1,139 @@
 """Frame geometry and thrust curves: from logged outputs to L, M, N."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from quadid_logs.data.log import FlightLog, Signal
+from quadid_logs.data.torque import MixerCheck, TorqueModel
+from quadid_logs.data.vehicle import Vehicle
+from quadid_logs.vehicle import ardupilot, px4
+from quadid_logs.vehicle.airframe import Airframe, Unknown, find_airframe
+from quadid_logs.vehicle.calibration import Scaled, calibrate, torque_n_m
+from quadid_logs.vehicle.motors import MotorSeries
+from quadid_logs.vehicle.rotor_speed import from_rotor_speed
+
+__all__ = ["reconstruct"]
+
+
+def reconstruct(log: FlightLog, vehicle: Vehicle | None = None) -> FlightLog:
+    """Add the torque that the motors realised, in newton metres where that is known.
+
+    Parameters
+    ----------
+    log : FlightLog
+        As a reader returns it.
+    vehicle : Vehicle, optional
+        What the user knows; it wins over the log's parameters.
+
+    Returns
+    -------
+    FlightLog
+        With ``torque_command`` rebuilt from what the motors did ahead of what
+        was asked, ``torque_saturation`` beside it, ``torque_n_m`` where all
+        three axes are calibrated, and the airframe in ``torque``. Where
+        nothing can be rebuilt, ``torque`` says why and what to pass with
+        --vehicle.
+    """
+    airframe = find_airframe(log, vehicle)
+    if isinstance(airframe, Unknown):
+        model = TorqueModel(remarks=(airframe.remark,), needs=(airframe.need,))
+        return replace(log, torque=model)
+    rebuilt = ardupilot.Rebuilt()
+    if log.has_time and log.autopilot == "ardupilot":
+        rebuilt = ardupilot.rebuild(log, airframe)
+    elif log.has_time and log.autopilot == "px4":
+        rebuilt = ardupilot.Rebuilt(series=px4.rebuild(log, airframe))
+    series = rebuilt.series
+    speed = from_rotor_speed(log, airframe, series[0] if series else None)
+    if speed.series is not None:
+        # Last: that thrust goes with the square of the speed is assumed, and telemetry is slow and late.
+        series = (*series, speed.series)
+    scaled = calibrate(log, airframe, vehicle, rebuilt.series)
+    model = _model(airframe, scaled, rebuilt.check, series)
+    model = replace(
+        model,
+        rotor_speed=speed.verdict,
+        remarks=(*airframe.remarks, *rebuilt.remarks, *_mistrust(rebuilt), *scaled.remarks),
+    )
+    return replace(log, signals=_signals(log, series, airframe, scaled), torque=model)
+
+
+def _signals(
+    log: FlightLog, series: Sequence[MotorSeries], airframe: Airframe, scaled: Scaled
+) -> dict[str, tuple[Signal, ...]]:
+    """Return the log's signals with the rebuilt ones in their order of preference."""
+    signals = dict(log.signals)
+    realised = [one for one in series if one.realised]
+    # What the motors did comes before what was asked of them; RCOU and the like are the second opinion.
+    at_loop_rate, others = realised[:1], realised[1:]
+    commands = (
+        *(one.as_command() for one in at_loop_rate),
+        *log.candidates("torque_command"),
+        *(one.as_command() for one in others),
+    )
+    if commands:
+        signals["torque_command"] = commands
+    saturations = tuple(
+        one.signal("torque_saturation", one.saturated.astype(np.float64))
+        for one in series
+        if one.saturated is not None
+    )
+    if saturations:
+        signals["torque_saturation"] = saturations
+    if all(scaled.calibration.known):
+        made = [(one, torque_n_m(one, airframe, scaled)) for one in series]
+        signals["torque_n_m"] = (
+            *log.candidates("torque_n_m"),
+            *(
+                one.signal("torque_n_m", torque, f"{one.reason}; N m by {scaled.calibration.route}")
+                for one, torque in made
+                if torque is not None
+            ),
+        )
+    return signals
+
+
+def _model(
+    airframe: Airframe, scaled: Scaled, check: MixerCheck | None, series: Sequence[MotorSeries]
+) -> TorqueModel:
+    """Describe the airframe for people."""
+    in_metres = scaled.position is not None
+    return TorqueModel(
+        frame=airframe.name,
+        frame_source=airframe.source,
+        position=airframe.position if scaled.position is None else scaled.position,
+        position_unit="m" if in_metres else "arm length",
+        spin=airframe.spin,
+        channels=airframe.channels,
+        channel_source=airframe.channel_source,
+        calibration=scaled.calibration,
+        check=check,
+        saturated_fraction=_saturated_fraction(series),
+        needs=scaled.needs,
+    )
+
+
+def _saturated_fraction(series: Sequence[MotorSeries]) -> tuple[float, float, float]:
+    """Return the share of flown rows that each axis was limited in, by the best series that tells."""
+    for one in series:
+        if one.saturated is not None and one.flown.any():
+            roll, pitch, yaw = (float(value) for value in one.saturated[one.flown].mean(axis=0))
+            return roll, pitch, yaw
+    return math.nan, math.nan, math.nan
+
+
+def _mistrust(rebuilt: ardupilot.Rebuilt) -> tuple[str, ...]:
+    """Say why the mixer's output is not used although it could be computed."""
+    if rebuilt.trusted or rebuilt.check is None:
+        return ()
+    check = rebuilt.check
+    return (
+        f"The recomputed pulse widths miss the logged ones by {check.mean_us:.1f} us in the mean and "
+        f"{check.std_us:.1f} us (one sigma): the mixer of this firmware, or the rows of the log, are not "
+        "what is computed here, so the torque is taken as it was asked for.",
+    )
