@@ -23,6 +23,8 @@ _SAMPLES_PER_CYCLE = 8.0
 #: Another structure must explain this much more of the acceleration before it
 #: is preferred to the physical one: less is chance.
 _HEAD_START = 0.02
+#: Of structures that all explain less than this, none is right: keep the physical one.
+_WORTH_A_LOOK = 0.75
 #: Rows per unknown below which a fit is arithmetic, not evidence.
 _ROWS_PER_UNKNOWN = 5
 
@@ -69,10 +71,14 @@ def _recommend(models: list[Model], settings: Settings) -> tuple[Model, ...]:
     """Put the structure first that the user asked for, or that explains held-out flight best."""
     import dataclasses
 
+    physical, *others = models
+    rivals = [
+        model
+        for model in others
+        if _held_out_score(model) > max(_WORTH_A_LOOK, _held_out_score(physical) + _HEAD_START)
+    ]
     wanted = next((model for model in models if model.structure == settings.structure), None)
-    best = wanted or max(
-        models, key=lambda model: _held_out_score(model) + _HEAD_START * (model is models[0])
-    )
+    best = wanted or max(rivals, key=_held_out_score, default=physical)
     ordered = sorted(models, key=lambda model: model is not best)
     return tuple(dataclasses.replace(model, recommended=model is best) for model in ordered)
 
