@@ -13,6 +13,7 @@ from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.diagnose import diagnose
 from quadid_logs.identify import identify
 from quadid_logs.readers import read_log
+from quadid_logs.vehicle import reconstruct
 
 Progress = Callable[[str], None]
 
@@ -24,7 +25,7 @@ def analyze(
     vehicle: Vehicle | None = None,
     progress: Progress | None = None,
 ) -> Result:
-    """Read, align, identify and judge one log.
+    """Read, rebuild the torque, align, identify and judge one log.
 
     Parameters
     ----------
@@ -58,6 +59,9 @@ def analyze(
     tell("read")
     log = read_log(path, system=settings.system)
     mark = clocked("read", began)
+    tell("torque")
+    log = reconstruct(log, vehicle)
+    mark = clocked("torque", mark)
     tell("align")
     data = align(log, settings)
     mark = clocked("align", mark)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -10,10 +10,11 @@ from quadid_logs.align.clock import Clock, find_clock
 from quadid_logs.align.flights import Interval, find_flights
 from quadid_logs.align.series import CleanSeries, clean
 from quadid_logs.align.sources import choose_sources, describe
-from quadid_logs.arrays import FloatArray
+from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.flight import FlightData, InputDescription, Overview, Segment
 from quadid_logs.data.log import FlightLog, LogText, ModeChange, Signal
 from quadid_logs.data.settings import Settings
+from quadid_logs.data.torque import Calibration
 from quadid_logs.maths.resampling import resample
 from quadid_logs.vocabulary import MULTIROTOR, SIGNALS
 
@@ -46,6 +47,7 @@ def align(log: FlightLog, settings: Settings) -> FlightData:
     flights = find_flights(series, span)
     intervals = _clip(flights.intervals, settings)
     torque = series.get("torque_n_m") or series.get("torque_command")
+    _take_saturation(series, candidates, torque)
     period_s = _period_s(torque, settings)
     segments = _segments(series, torque, intervals, period_s, settings) if _may_be_multirotor(log) else ()
     return FlightData(
@@ -55,7 +57,7 @@ def align(log: FlightLog, settings: Settings) -> FlightData:
         sources={
             name: describe(chosen, candidates[name], intervals, settings) for name, chosen in series.items()
         },
-        input=_input(torque, segments),
+        input=_input(log, torque, segments),
         start_s=span[0],
         duration_s=span[1] - span[0],
         rate_low_pass_hz=series["body_rate"].signal.low_pass_hz if "body_rate" in series else float("nan"),
@@ -66,6 +68,20 @@ def align(log: FlightLog, settings: Settings) -> FlightData:
         modes=_on_clock(log.modes, clock),
         texts=_on_clock_texts(log.texts, clock),
     )
+
+
+def _take_saturation(
+    series: dict[str, CleanSeries],
+    candidates: Mapping[str, Sequence[CleanSeries]],
+    torque: CleanSeries | None,
+) -> None:
+    """Replace the chosen saturation by that of the torque's own source; drop it where there is none."""
+    series.pop("torque_saturation", None)
+    source = None if torque is None else torque.signal.source
+    own = (one for one in candidates.get("torque_saturation", ()) if one.signal.source == source)
+    found = next(own, None)
+    if found is not None and found.time_s.size:
+        series["torque_saturation"] = found
 
 
 def _may_be_multirotor(log: FlightLog) -> bool:
@@ -149,9 +165,19 @@ def _segment(
         torque=resample(torque.time_s, torque.values, grid),
         attitude_rad=None if attitude is None else _attitude(attitude, grid),
         throttle=None if throttle is None else resample(throttle.time_s, throttle.values, grid)[:, 0],
-        saturated=np.zeros(grid.shape, dtype=bool),
+        saturated=_saturated(series.get("torque_saturation"), grid),
         flight=flight,
     )
+
+
+def _saturated(marks: CleanSeries | None, grid: FloatArray) -> BoolArray:
+    """Mark grid points with a saturated sample, of any axis, at most one period away."""
+    if marks is None:
+        return np.zeros(grid.shape, dtype=bool)
+    step = float(grid[1] - grid[0]) if grid.size > 1 else 0.0
+    count = np.concatenate([[0], np.cumsum((marks.values > 0.5).any(axis=1))])
+    first, after = (np.searchsorted(marks.time_s, grid + shift) for shift in (-step, step))
+    return np.asarray(count[after] > count[first], dtype=np.bool_)
 
 
 def _attitude(attitude: CleanSeries, grid: FloatArray) -> FloatArray | None:
@@ -167,7 +193,9 @@ def _attitude(attitude: CleanSeries, grid: FloatArray) -> FloatArray | None:
     return resample(time_s, np.unwrap(values, axis=0), grid)
 
 
-def _input(torque: CleanSeries | None, segments: tuple[Segment, ...]) -> InputDescription | None:
+def _input(
+    log: FlightLog, torque: CleanSeries | None, segments: tuple[Segment, ...]
+) -> InputDescription | None:
     if torque is None:
         return None
     name = torque.signal.name
@@ -178,6 +206,8 @@ def _input(torque: CleanSeries | None, segments: tuple[Segment, ...]) -> InputDe
         unit="N m" if name == "torque_n_m" else "1",
         source=torque.signal.source,
         saturated_fraction=n_saturated / n_samples if n_samples else 0.0,
+        realised=torque.signal.realised,
+        calibration=log.torque.calibration if log.torque is not None else Calibration(),
     )
 
 

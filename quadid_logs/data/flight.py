@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.log import LogText, ModeChange
+from quadid_logs.data.torque import Calibration
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,12 +93,18 @@ class Segment:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InputDescription:
-    """What L, M, N are in this log: kind is "torque_n_m" or "torque_command"."""
+    """What L, M, N are in this log: kind is "torque_n_m" or "torque_command".
+
+    ``realised`` torque contains saturation, so that saturated samples may be
+    used; ``calibration`` is that of the log, for inertia and intervals.
+    """
 
     kind: str
     unit: str
     source: str
     saturated_fraction: float = 0.0
+    realised: bool = False
+    calibration: Calibration = field(default_factory=Calibration)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

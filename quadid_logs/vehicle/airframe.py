@@ -18,7 +18,7 @@ from quadid_logs.maths.frames import frame_geometry, normalised_allocation, torq
 #: SRV_Channel.h: k_motor1 to k_motor8 are 33 to 40, k_motor9 to k_motor12 are 82 to 85.
 _MOTOR_FUNCTIONS: Final = {**{33 + i: i for i in range(8)}, **{82 + i: 8 + i for i in range(4)}}
 _N_OUTPUTS: Final = 32
-#: What a motor's pulse width exceeds in flight, and what an unused or a servo channel's does not change by [us].
+#: What a motor's pulse width exceeds in flight, and by how much it changes at least [us].
 _FLYING_US: Final = 1150.0
 _MOVES_US: Final = 20.0
 #: control_allocator/module.yaml: the defaults of CA_ROTORn_CT, CA_ROTORn_KM.
@@ -310,7 +310,7 @@ def _with_rotors(found: Airframe | Unknown, vehicle: Vehicle) -> Airframe | Unkn
     spin = np.array([1.0 if rotor.spin == "ccw" else -1.0 for rotor in vehicle.rotors])
     if isinstance(found, Airframe) and found.n_rotors != len(spin):
         return Unknown(
-            remark=f"The vehicle file has {len(spin)} rotors, but the log says {found.name} ({found.source}).",
+            remark=f"The vehicle file has {len(spin)} rotors, the log says {found.name} ({found.source}).",
             need=f"{found.n_rotors} [[rotor]] tables, in the order of the motors",
         )
     if isinstance(found, Airframe):

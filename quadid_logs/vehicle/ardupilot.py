@@ -25,7 +25,7 @@ from quadid_logs.vehicle.mixer import (
     pulse_width,
     torque_of_thrust,
 )
-from quadid_logs.vehicle.motors import MotorSeries
+from quadid_logs.vehicle.motors import MotorSeries, any_motor, on_all_axes
 from quadid_logs.vehicle.slow import at_rows, first, flown
 
 #: What the firmware log's own rounding leaves is 0.05 us; a wrong parameter shows as tens of microseconds.
@@ -87,8 +87,7 @@ def rebuild(log: FlightLog, airframe: Airframe) -> Rebuilt:
     check, density, gain_of = None, "", None
     if rate is not None and throttle is not None:
         trials = [
-            _trial(log, airframe, settings, (rate, throttle), law)
-            for law in _density_laws(log, outputs, rate)
+            _trial(log, airframe, settings, (rate, throttle), law) for law in _density_laws(log, outputs)
         ]
         best = min(trials, key=lambda trial: _misfit(_compare(trial, outputs, settings)))
         check = _compare(best, outputs, settings)
@@ -175,7 +174,7 @@ def _motor_pulses(log: FlightLog, airframe: Airframe) -> _Pulses | None:
     return _Pulses(signal=signal, values=signal.values[:, [channel - 1 for channel in airframe.channels]])
 
 
-def _density_laws(log: FlightLog, outputs: _Pulses | None, rate: Signal) -> Iterator[_Law]:
+def _density_laws(log: FlightLog, outputs: _Pulses | None) -> Iterator[_Law]:
     """Yield the density laws of the firmware's ages, and none at all."""
     for source in log.candidates("air_density_ratio"):
         yield _Law(name=source.source, source=source)
@@ -277,7 +276,7 @@ def _fitted_gain(
     padded = np.pad(ratio, _GAIN_ROWS // 2, mode="edge")
     smooth = np.median(np.lib.stride_tricks.sliding_window_view(padded, _GAIN_ROWS), axis=1)
     place = outputs.signal.position[usable].astype(np.float64)
-    return np.interp(rate.position.astype(np.float64), place, smooth)
+    return np.asarray(np.interp(rate.position.astype(np.float64), place, smooth), dtype=np.float64)
 
 
 def _inverse(log: FlightLog, settings: MotorSettings, outputs: _Pulses) -> FloatArray:
@@ -297,14 +296,14 @@ def _from_pulses(
     actuator = actuator_of_pulse(outputs.values, settings)
     thrust = full_battery_thrust(actuator, supply, settings)
     share = thrust / np.where(supply.lift_max > 0.0, supply.lift_max, 1.0)[:, None]
-    at_stop = ((actuator <= 0.0) | (actuator >= 1.0)).any(axis=1)
+    at_stop = any_motor((actuator <= 0.0) | (actuator >= 1.0))
     return MotorSeries(
         time_s=signal.time_s,
         position=signal.position,
         thrust=thrust * _air(log, signal.position)[:, None],
         actuator=actuator,
         command=torque_of_thrust(share, airframe.factors, supply.gain),
-        saturated=np.repeat(at_stop[:, None], 3, axis=1),
+        saturated=on_all_axes(at_stop),
         flown=flown(log, signal.position, share.mean(axis=1)),
         source=f"{signal.source} back through the thrust curve",
         reason="the pulse widths that the motors got: saturation and spin limits are in them",

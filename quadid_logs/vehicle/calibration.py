@@ -83,7 +83,7 @@ def calibrate(
         sum(name.startswith("SIM_") for name in log.parameters) >= _SIMULATOR_PARAMETERS
     )
     hover = _hover(log, series[0], given.mass_kg) if series and given.mass_kg else None
-    thrust = _thrust(airframe, given, hover, series)
+    thrust = _thrust(airframe, given, hover)
     remarks = list(thrust.remarks)
     if simulated and thrust.of is not None and math.isfinite(ratio_m):
         remarks.append(
@@ -167,9 +167,7 @@ class _Hover:
         return np.asarray((volt / self.mean_voltage) ** self.voltage_exponent, dtype=np.float64)
 
 
-def _thrust(
-    airframe: Airframe, given: Vehicle, hover: _Hover | None, series: tuple[MotorSeries, ...]
-) -> _Thrust:
+def _thrust(airframe: Airframe, given: Vehicle, hover: _Hover | None) -> _Thrust:
     """Choose the way to newtons: vehicle file, CA_ROTOR*, hover."""
     if given.thrust_curve is not None:
         curve = given.thrust_curve

@@ -133,11 +133,9 @@ def actuator_of_thrust(thrust: FloatArray, supply: Supply, settings: MotorSettin
     """
     lifted = supply.lift_max[:, None] * np.clip(thrust, 0.0, 1.0)
     e = float(np.clip(settings.expo, -1.0, 1.0))
-    ratio = (
-        lifted
-        if e == 0.0
-        else ((e - 1.0) + np.sqrt(np.maximum((1.0 - e) ** 2 + 4.0 * e * lifted, 0.0))) / (2.0 * e)
-    )
+    ratio: FloatArray = lifted
+    if e != 0.0:
+        ratio = ((e - 1.0) + np.sqrt(np.maximum((1.0 - e) ** 2 + 4.0 * e * lifted, 0.0))) / (2.0 * e)
     return np.clip(ratio / _voltage(supply), 0.0, 1.0)
 
 

@@ -10,6 +10,16 @@ from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.log import Signal
 
 
+def any_motor(limited: BoolArray) -> BoolArray:
+    """Return whether any motor of a row is marked; (n_samples, n_rotors) to (n_samples,)."""
+    return np.asarray(np.any(limited, axis=1), dtype=np.bool_)
+
+
+def on_all_axes(limited: BoolArray) -> BoolArray:
+    """Return a mark per row as a mark per row and axis, shape (n_samples, 3)."""
+    return np.repeat(limited[:, None], 3, axis=1)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MotorSeries:
     """What the motors did, or were asked to do.

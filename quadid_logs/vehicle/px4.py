@@ -15,7 +15,7 @@ from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.log import FlightLog, Signal
 from quadid_logs.vehicle.airframe import Airframe
 from quadid_logs.vehicle.mixer import torque_of_thrust
-from quadid_logs.vehicle.motors import MotorSeries
+from quadid_logs.vehicle.motors import MotorSeries, any_motor, on_all_axes
 from quadid_logs.vehicle.slow import at_rows, first, flown
 
 #: Single precision of the allocation is 1e-7; a thousandth of full command is a limit at work.
@@ -62,7 +62,7 @@ def output_of_thrust(thrust: FloatArray, factor: float) -> FloatArray:
 
 
 def _from_motors(log: FlightLog, airframe: Airframe) -> MotorSeries | None:
-    """actuator_motors: allocated thrust, before THR_MDL_FAC; NaN is a stopped motor."""
+    """Take actuator_motors: allocated thrust, before THR_MDL_FAC; NaN is a stopped motor."""
     signal = first(log, "motor_thrust")
     if signal is None or signal.values.shape[1] < airframe.n_rotors:
         return None
@@ -86,9 +86,9 @@ def _from_motors(log: FlightLog, airframe: Airframe) -> MotorSeries | None:
 
 
 def _limited(log: FlightLog, signal: Signal, thrust: FloatArray, command: FloatArray) -> BoolArray:
-    """Mark the axes that got less than the set-point of the same sample; where there is none, motors at a stop."""
-    at_stop = ((thrust <= 0.0) | (thrust >= 1.0)).any(axis=1)
-    limited = np.repeat(at_stop[:, None], 3, axis=1)
+    """Mark the axes that got less than the sample's set-point; without one, rows with a motor at a stop."""
+    at_stop = any_motor((thrust <= 0.0) | (thrust >= 1.0))
+    limited = on_all_axes(at_stop)
     setpoint = first(log, "torque_command")
     if setpoint is None or not setpoint.n_samples:
         return limited
@@ -104,7 +104,7 @@ def _limited(log: FlightLog, signal: Signal, thrust: FloatArray, command: FloatA
 
 
 def _from_setpoint(log: FlightLog, airframe: Airframe) -> MotorSeries | None:
-    """The torque set-point as the allocation would meet it without limits."""
+    """Take the torque set-point as the allocation would meet it without limits."""
     signal = first(log, "torque_command")
     throttle = first(log, "throttle")
     if signal is None or throttle is None or signal.realised:
@@ -112,7 +112,7 @@ def _from_setpoint(log: FlightLog, airframe: Airframe) -> MotorSeries | None:
     collective = at_rows(throttle, signal.position, missing=math.nan)
     thrust = np.column_stack([signal.values, collective]) @ airframe.factors.T
     unallocated = first(log, "unallocated_torque")
-    limited = np.repeat(((thrust < 0.0) | (thrust > 1.0)).any(axis=1)[:, None], 3, axis=1)
+    limited = on_all_axes(any_motor((thrust < 0.0) | (thrust > 1.0)))
     if unallocated is not None:
         for axis in range(3):
             column = Signal(
@@ -138,7 +138,7 @@ def _from_setpoint(log: FlightLog, airframe: Airframe) -> MotorSeries | None:
 
 
 def _from_outputs(log: FlightLog, airframe: Airframe) -> MotorSeries | None:
-    """actuator_outputs back through pulse range and thrust model."""
+    """Take actuator_outputs back through pulse range and thrust model."""
     for signal in log.candidates("output_pwm"):
         ranges = _pulse_ranges(log.parameters, airframe, signal.values.shape[1])
         if ranges is None:
@@ -149,7 +149,7 @@ def _from_outputs(log: FlightLog, airframe: Airframe) -> MotorSeries | None:
             continue
         factor = _thrust_model(log)
         thrust = factor * actuator**2 + (1.0 - factor) * actuator
-        at_stop = ((actuator <= 0.0) | (actuator >= 1.0)).any(axis=1)
+        at_stop = any_motor((actuator <= 0.0) | (actuator >= 1.0))
         up = flown(log, signal.position, thrust.mean(axis=1))
         if not up.any() or np.mean(at_stop[up]) > _OFTEN:
             continue
@@ -159,7 +159,7 @@ def _from_outputs(log: FlightLog, airframe: Airframe) -> MotorSeries | None:
             thrust=thrust,
             actuator=actuator,
             command=torque_of_thrust(thrust, airframe.factors, np.ones(len(thrust))),
-            saturated=np.repeat(at_stop[:, None], 3, axis=1),
+            saturated=on_all_axes(at_stop),
             flown=up,
             source=f"{signal.source} back through THR_MDL_FAC",
             reason="what the outputs sent: saturation is in it",

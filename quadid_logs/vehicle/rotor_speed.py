@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray
+from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.data.log import FlightLog
 from quadid_logs.vehicle.airframe import Airframe
 from quadid_logs.vehicle.mixer import torque_of_thrust
@@ -64,7 +64,8 @@ def from_rotor_speed(log: FlightLog, airframe: Airframe, reference: MotorSeries 
         return RotorSpeed(verdict=f"{signal.source}: computed from the command, not measured; not used")
     if likeness < _UNLIKE:
         return RotorSpeed(
-            verdict=f"{signal.source}: does not follow the commanded thrust (correlation {likeness:.2f}); not used"
+            verdict=f"{signal.source}: not used, it does not follow the commanded thrust "
+            f"(correlation {likeness:.2f})"
         )
     scale = float(reference.thrust[row].mean() / np.mean(speed[up] ** 2))
     thrust = scale * speed**2
@@ -87,9 +88,7 @@ def from_rotor_speed(log: FlightLog, airframe: Airframe, reference: MotorSeries 
     )
 
 
-def _likeness(
-    speed: FloatArray, time_s: FloatArray, reference: MotorSeries
-) -> tuple[float, np.ndarray[tuple[int], np.dtype[np.int64]]]:
+def _likeness(speed: FloatArray, time_s: FloatArray, reference: MotorSeries) -> tuple[float, IntArray]:
     """Return how well speeds follow command or thrust, and the rows of the reference at their times."""
     order = np.argsort(reference.time_s, kind="stable")
     last = np.searchsorted(reference.time_s[order], time_s + 1e-9, side="right") - 1

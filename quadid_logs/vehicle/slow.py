@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray, IntArray
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.log import FlightLog, Signal
 
 
@@ -23,7 +23,8 @@ def at_rows(signal: Signal | None, position: IntArray, *, missing: float) -> Flo
         return np.full(position.shape, missing)
     place = signal.position[known].astype(np.float64)
     order = np.argsort(place, kind="stable")
-    return np.interp(position.astype(np.float64), place[order], signal.values[known, 0][order])
+    values = np.interp(position.astype(np.float64), place[order], signal.values[known, 0][order])
+    return np.asarray(values, dtype=np.float64)
 
 
 def held_at_rows(signal: Signal | None, position: IntArray, *, before: float) -> FloatArray:
@@ -40,9 +41,7 @@ def first(log: FlightLog, name: str) -> Signal | None:
     return next(iter(log.candidates(name)), None)
 
 
-def flown(
-    log: FlightLog, position: IntArray, throttle: FloatArray
-) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def flown(log: FlightLog, position: IntArray, throttle: FloatArray) -> BoolArray:
     """Mark the rows at which the vehicle was certainly off the ground; shape (n_samples,).
 
     Armed, not landed, and at more than half of the throttle that is usual while armed.
