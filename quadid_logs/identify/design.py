@@ -33,6 +33,8 @@ _ROWS_PER_CUTOFF = 10.0
 #: Dropped at the start of a segment, where the actuator's past is unknown:
 #: seven time constants of the slowest published motor (72 ms).
 _ACTUATOR_MEMORY_S = 0.5
+#: Leaving out more than this share of the rows for saturation leaves too little flight.
+_MOST_TOUCHED = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -156,6 +158,7 @@ def build_design(data: FlightData, smoothing_hz: float, settings: Settings) -> D
     segment_of = np.concatenate([number for _, _, number, _ in parts])
     period_s = float(np.median(np.diff(time_s)))
     block, held_out, edge = _blocks(segment_of, period_s, gaussian_reach_s(smoothing_hz), settings)
+    edge |= _touched_by_saturation(data, time_s, gaussian_reach_s(smoothing_hz)) & ~held_out
     return Design(
         time_s=time_s,
         columns=columns,
@@ -248,6 +251,22 @@ def _raw_columns(segment: Segment) -> dict[str, FloatArray]:
     if segment.attitude_rad is not None:
         columns |= dict(zip(("phi", "theta", "psi"), segment.attitude_rad.T, strict=True))
     return columns
+
+
+def _touched_by_saturation(data: FlightData, time_s: FloatArray, reach_s: float) -> BoolArray:
+    """Mark rows in which a torque is felt that was asked for but not given; shape of `time_s`.
+
+    Realised torque needs none of this. Where most rows would go, all stay:
+    `diagnose` warns of it.
+    """
+    marked = [segment.time_s[segment.saturated] for segment in data.segments]
+    saturated_s = np.concatenate(marked)
+    if data.input is None or data.input.realised or not saturated_s.size:
+        return np.zeros(time_s.shape, dtype=np.bool_)
+    first = np.searchsorted(saturated_s, time_s - reach_s - _ACTUATOR_MEMORY_S)
+    after = np.searchsorted(saturated_s, time_s + reach_s)
+    touched = np.asarray(after > first, dtype=np.bool_)
+    return touched if np.mean(touched) < _MOST_TOUCHED else np.zeros_like(touched)
 
 
 def _blocks(

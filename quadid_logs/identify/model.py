@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
-from quadid_logs.data.flight import FlightData
+from quadid_logs.data.flight import FlightData, InputDescription
 from quadid_logs.data.model import (
     Actuator,
     BandCheck,
     Discrete,
     FitSeries,
-    Inertia,
     Model,
     Validation,
     Windows,
@@ -21,6 +20,7 @@ from quadid_logs.identify.actuator import ActuatorFit, fit_actuator
 from quadid_logs.identify.design import Design, build_design, smooth_segment
 from quadid_logs.identify.excitation import column_noise, noise_density
 from quadid_logs.identify.fit import PooledFit, fit_pooled
+from quadid_logs.identify.inertia import inertia_of
 from quadid_logs.identify.parameters import Estimate, build_parameters, plausible_size
 from quadid_logs.identify.structures import Structure
 from quadid_logs.identify.validate import validate
@@ -35,6 +35,8 @@ _OTHER_BANDS = (0.5, 1.6)
 _TELLING_R2 = 0.75
 #: Equivalent noise bandwidth of the Gaussian over its cut-off: sqrt(pi / ln 2) / 2.
 _NOISE_BANDWIDTH = 1.0645
+#: Two-sided 95 % of a normal distribution.
+_NORMAL_95 = 1.96
 #: Windows of structures that the paper does not fix: long enough for a full
 #: cycle of the rate loop, short enough to see the model change.
 _WINDOW_S = 1.0
@@ -193,6 +195,19 @@ def _estimate(structure: Structure, fit: PooledFit, band: BandCheck | None, sett
     return Estimate(theta=fit.theta, low=low, high=high, kept=fit.kept)
 
 
+def _calibrated(estimate: Estimate, n_regressors: int, given: InputDescription | None) -> Estimate:
+    """Widen the gains per N m by what is not known of a newton metre of this vehicle."""
+    if given is None or given.unit == "1":
+        return estimate
+    share = _NORMAL_95 * np.nan_to_num(np.array(given.calibration.relative_sigma))
+    spread = np.zeros(estimate.theta.shape)
+    spread[:, n_regressors:] = np.abs(estimate.theta[:, n_regressors:]) * share
+    return estimate._replace(
+        low=estimate.theta - np.hypot(estimate.theta - estimate.low, spread),
+        high=estimate.theta + np.hypot(estimate.high - estimate.theta, spread),
+    )
+
+
 def _model(
     structure: Structure,
     data: FlightData,
@@ -209,8 +224,15 @@ def _model(
     """Put the parts of a model together."""
     n_regressors = len(structure.regressors)
     unit = data.input.unit if data.input is not None else "1"
-    estimate = _estimate(structure, fit, band, settings)
+    estimate = _calibrated(_estimate(structure, fit, band, settings), n_regressors, data.input)
     A, B = fit.theta[:, :n_regressors], fit.theta[:, n_regressors:]
+    parameters = build_parameters(
+        structure,
+        estimate,
+        input_unit=unit,
+        settings=settings,
+        doubts=_doubts_by_target(design, validation, settings),
+    )
     return Model(
         structure=structure.name,
         recommended=False,
@@ -220,17 +242,11 @@ def _model(
         inputs=("L", "M", "N"),
         A=A,
         B=B,
-        parameters=build_parameters(
-            structure,
-            estimate,
-            input_unit=unit,
-            settings=settings,
-            doubts=_doubts_by_target(design, validation, settings),
-        ),
+        parameters=parameters,
         windows=windows,
         validation=validation,
         actuator=actuator,
-        inertia=_inertia(estimate, n_regressors) if unit == "N m" else None,
+        inertia=None if data.input is None else inertia_of(estimate, parameters, data.input),
         discrete=_discrete(structure, A, B, data.sample_period_s),
         fit=series,
         smoothing_hz=design.smoothing_hz,
@@ -263,23 +279,6 @@ def _discrete(structure: Structure, A: FloatArray, B: FloatArray, period_s: floa
             linear[:, column] = A[:, structure.regressors.index(name)]
     A_d, B_d = zero_order_hold(linear, B, period_s)
     return Discrete(sample_period_s=period_s, states=structure.states, A_d=A_d, B_d=B_d)
-
-
-def _inertia(estimate: Estimate, n_regressors: int) -> Inertia | None:
-    """Return J = B^-1 for torque in N m, eq. (8), with intervals to first order.
-
-    dJ = -J dB J, and the elements of B are taken as independent.
-    """
-    B = estimate.theta[:3, n_regressors:]
-    if np.linalg.cond(B) > 1e6:
-        return None
-    J = np.linalg.inv(B)
-    half_B = (estimate.high - estimate.low)[:3, n_regressors:] / 2.0
-    half_B = np.where(np.isfinite(half_B), half_B, 0.0)
-    half_J = np.sqrt(np.abs(J) ** 2 @ half_B**2 @ np.abs(J) ** 2)
-    symmetric = 0.5 * (J + J.T)
-    half_J = np.maximum(half_J, half_J.T)
-    return Inertia(matrix=symmetric, ci95_low=symmetric - half_J, ci95_high=symmetric + half_J)
 
 
 def _windows_on_rows(

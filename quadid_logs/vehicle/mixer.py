@@ -118,7 +118,8 @@ def _yaw_room(tilt: FloatArray, yaw: FloatArray, factor: FloatArray, middle: Flo
         return np.ones_like(yaw)
     level = middle[:, None] + tilt[:, steering]
     room = np.where(yaw[:, None] * factor[steering] > 0.0, 1.0 - level, level)
-    return np.minimum(1.0, (np.maximum(room, 0.0) / np.abs(factor[steering])).min(axis=1))
+    per_motor = np.maximum(room, 0.0) / np.abs(factor[steering])
+    return np.asarray(np.minimum(per_motor.min(axis=1), 1.0), dtype=np.float64)
 
 
 def actuator_of_thrust(thrust: FloatArray, supply: Supply, settings: MotorSettings) -> FloatArray:
