@@ -5,8 +5,9 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 INSTALLED_DOCS := $(VENV)/.installed-docs
 BENCH ?= --output benchmarks/results.md
+FUZZ ?= --count 50000
 
-.PHONY: help demo test lint types contracts bench docs samples check clean
+.PHONY: help demo test lint types contracts bench fuzz docs samples check clean
 
 help:  ## List the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/'
@@ -42,6 +43,9 @@ contracts: $(INSTALLED)  ## Import contracts
 
 bench: $(INSTALLED)  ## Speed and memory against the reference readers; BENCH=--short for a quick look
 	$(BIN)/python benchmarks/run.py $(BENCH)
+
+fuzz: $(INSTALLED)  ## Random damage against every reader and the whole analysis; FUZZ='--minutes 5'
+	$(BIN)/python fuzz/run.py $(FUZZ)
 
 docs: $(INSTALLED_DOCS)  ## Build the documentation into site/
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet

@@ -21,7 +21,8 @@ def zero_order_hold(A: FloatArray, B: FloatArray, period_s: float) -> tuple[Floa
     Returns
     -------
     A_d, B_d : ndarray
-        Same shapes; x(k+1) = A_d x(k) + B_d u(k).
+        Same shapes; x(k+1) = A_d x(k) + B_d u(k). Not finite where A grows
+        beyond all numbers within one period, as that of a broken log can.
 
     Notes
     -----
@@ -40,5 +41,6 @@ def zero_order_hold(A: FloatArray, B: FloatArray, period_s: float) -> tuple[Floa
     block = np.zeros((n_states + n_inputs, n_states + n_inputs))
     block[:n_states, :n_states] = A
     block[:n_states, n_states:] = B
-    exponential = np.asarray(expm(block * period_s), dtype=np.float64)
+    with np.errstate(over="ignore", invalid="ignore"):
+        exponential = np.asarray(expm(block * period_s), dtype=np.float64)
     return exponential[:n_states, :n_states], exponential[:n_states, n_states:]

@@ -1,0 +1,317 @@
+"""Damage logs at random and watch that nothing but our own errors comes out of it.
+
+Every case has a number; the number and --seed alone decide what is done, so
+that ``--only NUMBER`` repeats it. A case must end in a result or a
+`QuadidError`, with warnings as errors, within 5 times the processor time of
+the intact log (at least `LEAST_SECONDS`) and within 4 times the file + 300 MB.
+
+Run ``python fuzz/run.py --help``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import random
+import shutil
+import signal
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[_variable] = "1"
+os.environ.setdefault("MPLBACKEND", "Agg")
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from fuzz.mutations import mutated  # noqa: E402
+from fuzz.seeds import Seed, load_seeds  # noqa: E402
+from quadid_logs.align import align  # noqa: E402
+from quadid_logs.data.settings import Settings  # noqa: E402
+from quadid_logs.errors import QuadidError  # noqa: E402
+from quadid_logs.pipeline import analyze  # noqa: E402
+from quadid_logs.readers import read_log  # noqa: E402
+from quadid_logs.report import json_text, write_report  # noqa: E402
+
+#: Below this processor time [s] noise rules, not the input; by depth.
+LEAST_SECONDS = {"read": 0.5, "analyze": 3.0, "report": 30.0}
+TIME_FACTOR, MEMORY_FACTOR, MEMORY_SPARE = 5.0, 4.0, 300e6
+#: Cases after which a worker is replaced.
+BATCH = 500
+
+
+class OutOfTimeError(BaseException):
+    """The processor time is over; not an Exception, so that nothing on the way swallows it."""
+
+
+@dataclass(slots=True)
+class Tally:
+    """What came out so far."""
+
+    cases: Counter[str] = field(default_factory=Counter)
+    refused: Counter[str] = field(default_factory=Counter)
+    failures: list[dict[str, Any]] = field(default_factory=list)
+    slowest: dict[str, tuple[float, int]] = field(default_factory=dict)
+    largest: tuple[float, int] = (0.0, -1)
+
+
+def main() -> int:
+    """Run the cases, print what came out; 1 if anything broke."""
+    options = _options()
+    seeds = load_seeds()
+    intact_s = _intact_seconds(seeds)
+    if options.only is not None:
+        return _one(options, seeds, intact_s)
+    tally, began = Tally(), time.monotonic()
+    stop_at = began + options.minutes * 60.0 if options.minutes else float("inf")
+    number = options.first
+    while number < options.first + options.count and time.monotonic() < stop_at:
+        batch = range(number, min(number + BATCH, options.first + options.count))
+        number = _run_batch(batch, options, seeds, intact_s, tally, stop_at)
+        _say(tally, time.monotonic() - began)
+    print(json.dumps(_summary(tally), indent=1))
+    if options.output:
+        Path(options.output).write_text(json.dumps(_summary(tally), indent=1) + "\n", encoding="utf-8")
+    return 1 if tally.failures else 0
+
+
+def _options() -> argparse.Namespace:
+    """Parse the command line."""
+    parser = argparse.ArgumentParser(description="Random damage against every reader and the whole analysis.")
+    parser.add_argument("--count", type=int, default=50_000, help="cases at most")
+    parser.add_argument("--minutes", type=float, default=0.0, help="stop after this time; 0: only --count")
+    parser.add_argument("--seed", type=int, default=0, help="another seed, other cases")
+    parser.add_argument("--first", type=int, default=0, help="number of the first case")
+    parser.add_argument("--only", type=int, help="repeat this one case, in this process, with traceback")
+    parser.add_argument("--keep", help="with --only: write the damaged log to this file")
+    parser.add_argument("--output", help="write the summary to this JSON file")
+    return parser.parse_args()
+
+
+def _case(number: int, seed: int, seeds: list[Seed]) -> tuple[Seed, str, bytes]:
+    """Return the log, how deep it is taken, and its damaged content."""
+    rng = random.Random(f"{seed}/{number}")
+    log = seeds[number % len(seeds)]
+    # Of 100 rounds through the seeds 9 go through the whole analysis; 1 of 1000 through the report too.
+    lot = rng.randrange(1000)
+    depth = "report" if lot == 0 else "analyze" if lot < 90 else "read"
+    return log, depth, mutated(rng, log.kind, log.content)
+
+
+def _run(path: Path, depth: str) -> None:
+    """Take one file through the chain."""
+    if depth == "read":
+        log = read_log(path)
+        align(log, Settings())
+        return
+    result = analyze(path)
+    json_text(result)
+    if depth == "report":
+        write_report(result, path.parent / "report", force=True)
+
+
+def _intact_seconds(seeds: list[Seed]) -> dict[tuple[str, str], float]:
+    """Return the processor time of every intact log, the second time it is read."""
+    taken = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for log in seeds:
+            path = Path(folder) / f"log{log.suffix}"
+            path.write_bytes(log.content)
+            for depth in ("read", "read", "analyze"):
+                taken[log.name, depth] = _processor_time(_run_tolerant, path, depth)
+            taken[log.name, "report"] = taken[log.name, "analyze"]
+    return taken
+
+
+def _run_tolerant(path: Path, depth: str) -> None:
+    """Run, where a refusal is a fine end."""
+    try:
+        _run(path, depth)
+    except QuadidError:
+        return
+
+
+def _processor_time(action: Callable[..., None], *arguments: object) -> float:
+    """Return the processor time of an action [s]."""
+    began = time.process_time()
+    action(*arguments)
+    return time.process_time() - began
+
+
+def _run_batch(
+    batch: range,
+    options: argparse.Namespace,
+    seeds: list[Seed],
+    intact_s: dict[tuple[str, str], float],
+    tally: Tally,
+    stop_at: float,
+) -> int:
+    """Run a batch in a process of its own: a crash of the interpreter is a finding. Return the next case."""
+    context = multiprocessing.get_context("fork")
+    receiver, sender = context.Pipe(duplex=False)
+    arguments = (batch, options.seed, seeds, intact_s, sender, stop_at)
+    process = context.Process(target=_work, args=arguments)
+    process.start()
+    sender.close()
+    number = batch.start
+    try:
+        while True:
+            if not receiver.poll(300.0):
+                process.kill()
+                _fail(tally, number, options, seeds, "hang: nothing came for 300 s")
+                break
+            outcome = receiver.recv()
+            _count(tally, outcome)
+            number = outcome["number"] + 1
+    except EOFError:
+        process.join()
+        if process.exitcode:
+            _fail(tally, number, options, seeds, f"the process died with exit code {process.exitcode}")
+            number += 1
+        elif number < batch.stop:
+            number = batch.stop  # out of time
+    process.join()
+    return number
+
+
+def _fail(tally: Tally, number: int, options: argparse.Namespace, seeds: list[Seed], what: str) -> None:
+    """Note a case that took its process with it."""
+    log, depth, content = _case(number, options.seed, seeds)
+    _count(
+        tally, {"number": number, "log": log.name, "depth": depth, "n_bytes": len(content), "failure": what}
+    )
+
+
+def _work(
+    batch: range,
+    seed: int,
+    seeds: list[Seed],
+    intact_s: dict[tuple[str, str], float],
+    sender: Connection,
+    stop_at: float,
+) -> None:
+    """Run cases one after the other and send what came out."""
+    warnings.simplefilter("error")
+    signal.signal(signal.SIGPROF, _out_of_time)
+    folder = Path(tempfile.mkdtemp(prefix="fuzz-"))
+    try:
+        for number in batch:
+            if time.monotonic() > stop_at:
+                break
+            sender.send(_outcome(number, seed, seeds, intact_s, folder))
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        sender.close()
+
+
+def _out_of_time(_signal: int, _frame: FrameType | None) -> None:
+    raise OutOfTimeError
+
+
+def _outcome(
+    number: int, seed: int, seeds: list[Seed], intact_s: dict[tuple[str, str], float], folder: Path
+) -> dict[str, Any]:
+    """Run one case within its limits."""
+    log, depth, content = _case(number, seed, seeds)
+    path = folder / f"log{log.suffix}"
+    path.write_bytes(content)
+    limit_s = max(LEAST_SECONDS[depth], TIME_FACTOR * intact_s[log.name, depth])
+    outcome: dict[str, Any] = {"number": number, "log": log.name, "depth": depth, "n_bytes": len(content)}
+    before = _reset_peak()
+    began = time.process_time()
+    signal.setitimer(signal.ITIMER_PROF, 2.0 * limit_s)
+    try:
+        _run(path, depth)
+    except QuadidError as error:
+        outcome["refused"] = type(error).__name__
+    except OutOfTimeError:
+        outcome["failure"] = f"over {2.0 * limit_s:.1f} s: {traceback.format_exc(limit=-3)}"
+    except Exception:  # noqa: BLE001 - what comes out is the finding
+        outcome["failure"] = traceback.format_exc()
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+    outcome["seconds"] = time.process_time() - began
+    outcome["memory"] = _status_bytes("VmHWM") - before
+    if "failure" not in outcome:
+        if outcome["seconds"] > limit_s:
+            outcome["failure"] = f"{outcome['seconds']:.2f} s of processor time, limit {limit_s:.2f} s"
+        elif outcome["memory"] > MEMORY_FACTOR * len(content) + MEMORY_SPARE:
+            outcome["failure"] = f"{outcome['memory'] / 1e6:.0f} MB for {len(content) / 1e6:.2f} MB"
+    return outcome
+
+
+def _reset_peak() -> int:
+    """Forget the peak so far and return the present memory [bytes] (Linux, proc(5))."""
+    Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+    return _status_bytes("VmRSS")
+
+
+def _status_bytes(name: str) -> int:
+    """Return a line of /proc/self/status in bytes."""
+    for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
+        if line.startswith(name):
+            return int(line.split()[1]) * 1024
+    raise KeyError(name)
+
+
+def _count(tally: Tally, outcome: dict[str, Any]) -> None:
+    """Add an outcome."""
+    tally.cases[f"{outcome['log']} {outcome['depth']}"] += 1
+    if "refused" in outcome:
+        tally.refused[outcome["refused"]] += 1
+    if "failure" in outcome:
+        tally.failures.append(outcome)
+        print(
+            f"\ncase {outcome['number']} ({outcome['log']}, {outcome['depth']}):\n{outcome['failure']}",
+            flush=True,
+        )
+        return
+    slowest = tally.slowest.get(outcome["depth"], (0.0, -1))
+    tally.slowest[outcome["depth"]] = max(slowest, (outcome["seconds"], outcome["number"]))
+    tally.largest = max(tally.largest, (float(outcome["memory"]), outcome["number"]))
+
+
+def _say(tally: Tally, seconds: float) -> None:
+    """Print one line of progress."""
+    print(f"{tally.cases.total()} cases, {len(tally.failures)} failures, {seconds:.0f} s", flush=True)
+
+
+def _summary(tally: Tally) -> dict[str, Any]:
+    """Return everything that came out."""
+    return {
+        "cases": tally.cases.total(),
+        "by_log_and_depth": dict(sorted(tally.cases.items())),
+        "refused": dict(tally.refused),
+        "failures": tally.failures,
+        "slowest_s": tally.slowest,
+        "largest_growth_mb": (tally.largest[0] / 1e6, tally.largest[1]),
+    }
+
+
+def _one(options: argparse.Namespace, seeds: list[Seed], intact_s: dict[tuple[str, str], float]) -> int:
+    """Repeat one case and show everything."""
+    log, depth, content = _case(options.only, options.seed, seeds)
+    if options.keep:
+        Path(options.keep).write_bytes(content)
+    warnings.simplefilter("error")
+    signal.signal(signal.SIGPROF, _out_of_time)
+    with tempfile.TemporaryDirectory() as folder:
+        outcome = _outcome(options.only, options.seed, seeds, intact_s, Path(folder))
+    print(outcome.pop("failure", "no failure"))
+    print(f"{log.name}, {depth}: {outcome}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
