@@ -12,6 +12,9 @@ from quadid_logs.data.log import Signal
 from quadid_logs.data.settings import Settings
 from quadid_logs.maths.resampling import typical_period
 
+#: In SI units nothing that a multirotor logs comes near this: such a number is damage, and its
+#: square would overflow later on.
+_IMPOSSIBLE = 1e6
 _ONE_COLUMN_PER_MOTOR = frozenset({"motor_thrust", "rotor_speed", "output_pwm"})
 
 
@@ -49,7 +52,7 @@ class CleanSeries:
 
 
 def clean(signal: Signal, clock: Clock, settings: Settings) -> CleanSeries:
-    """Put a signal onto the common clock; drop wild stamps and non-finite values, merge repeated stamps.
+    """Put a signal onto the common clock; drop wild stamps and impossible values, merge repeated stamps.
 
     Rows are ordered by time *within* an epoch only; a reboot is never sorted
     away. Of rows with the same stamp the last stands: it is what the
@@ -60,7 +63,7 @@ def clean(signal: Signal, clock: Clock, settings: Settings) -> CleanSeries:
     wild = clock.is_wild(signal.time_s, signal.position, tolerance_s)
     epoch = clock.epoch_of(signal.position)
     # A motor that does not turn is logged as NaN: such a row is lost only if it says nothing.
-    known = np.isfinite(signal.values)
+    known = np.abs(signal.values) < _IMPOSSIBLE  # false for NaN
     finite = known.any(axis=1) if signal.name in _ONE_COLUMN_PER_MOTOR else known.all(axis=1)
     keep = np.flatnonzero(~wild & finite)
     time_s = signal.time_s[keep] + clock.shift_s[epoch[keep]]
@@ -73,7 +76,7 @@ def clean(signal: Signal, clock: Clock, settings: Settings) -> CleanSeries:
     return CleanSeries(
         signal=signal,
         time_s=time_s[last_of_stamp],
-        values=signal.values[keep],
+        values=np.where(known[keep], signal.values[keep], np.nan),
         n_duplicate=int(np.count_nonzero(~last_of_stamp)),
         n_out_of_order=n_out_of_order,
         n_wild=int(np.count_nonzero(wild)),

@@ -20,6 +20,8 @@ from quadid_logs.vehicle.rotor_speed import from_rotor_speed
 __all__ = ["reconstruct"]
 
 
+# Damaged numbers pass on as NaN or infinity, silently: the alignment drops them.
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def reconstruct(log: FlightLog, vehicle: Vehicle | None = None) -> FlightLog:
     """Add the torque that the motors realised, in newton metres where that is known.
 

@@ -226,3 +226,20 @@ def test_mode_changes_after_a_reboot_are_moved_with_their_epoch() -> None:
     mode = ModeChange(time_s=5.0, position=50 * (STEADY.size + 2000), name="LOITER")
     data = align(flown(np.concatenate([STEADY, second]), modes=(mode,)), Settings())
     assert data.modes[0].time_s == pytest.approx(STEADY[-1] + 1.0 + 5.0)
+
+
+@pytest.mark.parametrize("damage", [1e300, -1e38, np.inf])
+def test_a_number_that_no_vehicle_can_reach_is_dropped_and_counted(damage: float) -> None:
+    """A flipped exponent would overflow in every square that follows."""
+    values = motion(STEADY)
+    values[4000, 1] = damage
+    data = align(
+        flight_log(
+            signal("body_rate", STEADY, values),
+            signal("torque_command", STEADY, 0.1 * motion(STEADY)),
+            signal("throttle", STEADY, np.full((STEADY.size, 1), 0.4)),
+        ),
+        Settings(),
+    )
+    assert data.sources["body_rate"].n_not_finite == 1
+    assert all(np.abs(segment.body_rate_rad_s).max() <= 1.0 for segment in data.segments)
