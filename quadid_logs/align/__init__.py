@@ -15,10 +15,14 @@ from quadid_logs.data.flight import FlightData, InputDescription, Overview, Segm
 from quadid_logs.data.log import FlightLog, LogText, ModeChange, Signal
 from quadid_logs.data.settings import Settings
 from quadid_logs.data.torque import Calibration
-from quadid_logs.maths.resampling import resample
+from quadid_logs.maths.resampling import resample, resample_held
 from quadid_logs.vocabulary import MULTIROTOR, SIGNALS
 
 __all__ = ["align"]
+
+#: No rate loop of a multirotor runs slower than this [Hz]; a log that is as
+#: fast holds every output.
+_LOOP_RATE_HZ = 200.0
 
 
 def align(log: FlightLog, settings: Settings) -> FlightData:
@@ -162,12 +166,23 @@ def _segment(
     return Segment(
         time_s=grid,
         body_rate_rad_s=resample(rate.time_s, rate.values, grid),
-        torque=resample(torque.time_s, torque.values, grid),
+        torque=_torque(torque, grid),
         attitude_rad=None if attitude is None else _attitude(attitude, grid),
         throttle=None if throttle is None else resample(throttle.time_s, throttle.values, grid)[:, 0],
         saturated=_saturated(series.get("torque_saturation"), grid),
         flight=flight,
     )
+
+
+def _torque(torque: CleanSeries, grid: FloatArray) -> FloatArray:
+    """Return the torque on the grid: held between the outputs of a loop, interpolated if logged slower.
+
+    The motors obey an output until the next one comes, so where every output is
+    logged, and comes at uneven times, holding is exact and interpolating is not.
+    """
+    if torque.rate_hz < _LOOP_RATE_HZ:
+        return resample(torque.time_s, torque.values, grid)
+    return resample_held(torque.time_s, torque.values, grid)
 
 
 def _saturated(marks: CleanSeries | None, grid: FloatArray) -> BoolArray:

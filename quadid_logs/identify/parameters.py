@@ -66,6 +66,7 @@ def build_parameters(
     n_regressors = len(structure.regressors)
     gain = np.abs(np.diag(estimate.theta[:3, n_regressors:]))
     size = plausible_size(structure, gain)
+    gyroscopic = _gyroscopic_doubt(structure, estimate)
     found = []
     for row, target in enumerate(structure.targets):
         for column, regressor in enumerate(structure.columns):
@@ -73,12 +74,16 @@ def build_parameters(
             low, high = float(estimate.low[row, column]), float(estimate.high[row, column])
             own = column == n_regressors + row
             scale = abs(value) if own else max(abs(value), min(size[row, column], _NOTABLE[_kind(regressor)]))
-            reason = doubts.get(target, "") or _doubt(
-                (high - low) / 2.0,
-                scale,
-                settings,
-                kept=bool(estimate.kept[row, column]),
-                regressor=regressor,
+            reason = (
+                doubts.get(target, "")
+                or (gyroscopic if regressor in _PRODUCTS else "")
+                or _doubt(
+                    (high - low) / 2.0,
+                    scale,
+                    settings,
+                    kept=bool(estimate.kept[row, column]),
+                    regressor=regressor,
+                )
             )
             found.append(
                 Parameter(
@@ -98,6 +103,33 @@ def build_parameters(
 #: A coefficient of this size changes how the vehicle flies; an interval that is
 #: narrow against it is an answer even if it contains zero.
 _NOTABLE = {"product": 0.5, "rate": 1.0, "angle": 1.0, "constant": np.inf, "torque": np.inf}
+
+
+def _gyroscopic_doubt(structure: Structure, estimate: Estimate) -> str:
+    """Return why the coefficients of qr, pr, pq are none of a rigid body, "" if they may be.
+
+    (Iyy - Izz) / Ixx, (Izz - Ixx) / Iyy and (Ixx - Iyy) / Izz have a sum that
+    is minus their product, whatever the inertias. Something else than rotation
+    that goes with these products (air speed, sensor filters) breaks that.
+    """
+    if not all(name in structure.regressors for name in _PRODUCTS):
+        return ""
+    own = np.arange(3), np.array([structure.columns.index(name) for name in _PRODUCTS])
+    value = estimate.theta[own]
+    half_width = 0.5 * (estimate.high - estimate.low)[own]
+    if not estimate.kept[own].all():
+        return ""
+    excess = float(abs(value.sum() + value.prod()))
+    if excess <= _PRODUCTS_OF_INERTIA + float(np.linalg.norm(half_width)):
+        return ""
+    return (
+        f"no rigid body has gyroscopic coefficients {value[0]:.2g}, {value[1]:.2g}, {value[2]:.2g}: "
+        "their sum and product must cancel"
+    )
+
+
+#: Products of inertia of a tenth of the moments move the sum by some hundredths.
+_PRODUCTS_OF_INERTIA = 0.1
 
 
 def _kind(regressor: str) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
@@ -46,14 +48,51 @@ def resample(time_s: FloatArray, values: FloatArray, grid_s: FloatArray) -> Floa
     ndarray, shape (n_out, n_columns)
         Held constant beyond the first and the last sample.
     """
+    return _resample(time_s, values, grid_s, _interpolate)
+
+
+def resample_held(time_s: FloatArray, values: FloatArray, grid_s: FloatArray) -> FloatArray:
+    """Average what held during each period of a uniform grid, low-passing first where it is coarser.
+
+    For a quantity that is set and then holds until it is set again. Averages
+    over a period do not care whether a sample falls just before or just after
+    a grid point; on evenly spaced samples they are the samples.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (n_in,)
+        Strictly increasing [s].
+    values : ndarray, shape (n_in, n_columns)
+    grid_s : ndarray, shape (n_out,)
+        Uniform [s].
+
+    Returns
+    -------
+    ndarray, shape (n_out, n_columns)
+
+    Examples
+    --------
+    >>> resample_held(np.array([0.0, 1.5]), np.array([[1.0], [2.0]]), np.array([0.0, 1.0, 2.0]))[:, 0]
+    array([1. , 1.5, 2. ])
+    """
+    return _resample(time_s, values, grid_s, _hold)
+
+
+def _resample(
+    time_s: FloatArray,
+    values: FloatArray,
+    grid_s: FloatArray,
+    between: Callable[[FloatArray, FloatArray, FloatArray], FloatArray],
+) -> FloatArray:
+    """Evaluate between the samples; on a coarser grid, densely first and then low-passed."""
     factor = _decimation_factor(time_s, grid_s)
     if factor == 1:
-        return _interpolate(time_s, values, grid_s)
+        return between(time_s, values, grid_s)
     period = (grid_s[-1] - grid_s[0]) / (len(grid_s) - 1)
     margin = _FILTER_PERIODS * factor
     fine = grid_s[0] + (np.arange(-margin, (len(grid_s) - 1) * factor + margin + 1)) * (period / factor)
     kernel = _low_pass(factor)
-    dense = _interpolate(time_s, values, fine)
+    dense = between(time_s, values, fine)
     smooth = np.stack([np.convolve(column, kernel, mode="valid") for column in dense.T], axis=1)
     return np.ascontiguousarray(smooth[::factor])
 
@@ -69,6 +108,19 @@ def _decimation_factor(time_s: FloatArray, grid_s: FloatArray) -> int:
 def _interpolate(time_s: FloatArray, values: FloatArray, grid_s: FloatArray) -> FloatArray:
     """Interpolate each column linearly."""
     return np.stack([np.interp(grid_s, time_s, column) for column in values.T], axis=1)
+
+
+def _hold(time_s: FloatArray, values: FloatArray, grid_s: FloatArray) -> FloatArray:
+    """Return the mean of the held values from each grid point to the next."""
+    if len(grid_s) < 2:
+        return _interpolate(time_s, values, grid_s)
+    edges = np.append(grid_s, 2.0 * grid_s[-1] - grid_s[-2])
+    # Each value holds to the next time; the first one from ever, the last one for ever.
+    since = np.concatenate([[min(edges[0], time_s[0])], time_s[1:], [max(edges[-1], time_s[-1])]])
+    area = np.concatenate(
+        [np.zeros((1, values.shape[1])), np.cumsum(np.diff(since)[:, np.newaxis] * values, axis=0)]
+    )
+    return np.diff(_interpolate(since, area, edges), axis=0) / np.diff(edges)[:, np.newaxis]
 
 
 def _low_pass(factor: int) -> FloatArray:

@@ -200,3 +200,24 @@ def test_the_truth_may_have_no_lag_at_all() -> None:
     assert model.actuator is not None
     assert model.actuator.lag_s < 0.002
     assert model.B[1, 1] == pytest.approx(truth.B[1, 1], rel=0.01)
+
+
+def test_products_that_no_rigid_body_explains_are_not_claimed() -> None:
+    """A force that happens to go with q r: the coefficients' sum and product do not cancel."""
+    data = fly(QUAD, multisine(40.0), feedback=8.0)
+    segment = data.segments[0]
+    p, q, r = segment.body_rate_rad_s.T
+    pushed = segment.torque.copy()
+    pushed[:, 0] -= 0.4 * QUAD.inertia[0, 0] * q * r
+    model = identify(
+        dataclasses.replace(data, segments=(dataclasses.replace(segment, torque=pushed),)), Settings()
+    ).recommended
+    assert model is not None
+    assert not parameter(model, "A11").identifiable
+    assert "no rigid body" in parameter(model, "A11").reason
+
+
+def test_gyroscopic_coefficients_of_a_rigid_body_are_claimed(model: Model) -> None:
+    """Otherwise the test above would prove nothing."""
+    assert parameter(model, "A11").identifiable
+    assert parameter(model, "A22").identifiable

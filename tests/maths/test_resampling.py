@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadid_logs.maths.resampling import resample, typical_period
+from quadid_logs.maths.resampling import resample, resample_held, typical_period
 
 
 def test_a_straight_line_stays_a_straight_line_on_jittered_times() -> None:
@@ -49,3 +49,28 @@ def test_a_pause_does_not_lower_the_typical_rate() -> None:
 def test_a_single_sample_has_no_rate() -> None:
     """NaN, not a division by zero."""
     assert np.isnan(typical_period(np.array([1.0])))
+
+
+def test_held_values_at_grid_points_are_the_samples_themselves() -> None:
+    """Evenly spaced on the grid: nothing is averaged away."""
+    time = np.arange(0.0, 1.0, 0.0025)
+    values = np.sin(9.0 * time)[:, np.newaxis]
+    np.testing.assert_allclose(resample_held(time, values, time), values, atol=1e-9)
+
+
+def test_a_microsecond_of_jitter_does_not_move_held_values_by_a_sample() -> None:
+    """Whether a stamp falls just before or just after a grid point changes nothing."""
+    rng = np.random.default_rng(0)
+    grid = np.arange(0.0, 1.0, 0.0025)
+    values = np.sin(9.0 * grid)[:, np.newaxis]
+    jittered = grid + rng.uniform(-1e-6, 1e-6, grid.size)
+    np.testing.assert_allclose(resample_held(jittered, values, grid), values, atol=1e-4)
+
+
+def test_held_values_keep_their_area_whatever_the_spacing() -> None:
+    """The impulse of a torque is what turns the vehicle."""
+    time = np.array([0.0, 0.013, 0.014, 0.05, 0.08])
+    values = np.array([1.0, -2.0, 4.0, 0.5, 3.0])[:, np.newaxis]
+    grid = np.arange(0.0, 0.1, 0.01)
+    impulse = resample_held(time, values, grid).sum() * 0.01
+    assert impulse == pytest.approx(0.013 - 2 * 0.001 + 4 * 0.036 + 0.5 * 0.03 + 3 * 0.02)
