@@ -206,7 +206,7 @@ def test_products_that_no_rigid_body_explains_are_not_claimed() -> None:
     """A force that happens to go with q r: the coefficients' sum and product do not cancel."""
     data = fly(QUAD, multisine(40.0), feedback=8.0)
     segment = data.segments[0]
-    p, q, r = segment.body_rate_rad_s.T
+    _, q, r = segment.body_rate_rad_s.T
     pushed = segment.torque.copy()
     pushed[:, 0] -= 0.4 * QUAD.inertia[0, 0] * q * r
     model = identify(
