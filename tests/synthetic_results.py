@@ -24,6 +24,7 @@ from quadid_logs.data.model import (
 )
 from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
+from quadid_logs.data.torque import MixerCheck, TorqueModel
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS, TORQUE_SYMBOLS
 
 RATE_HZ = 400.0
@@ -76,7 +77,7 @@ def refused_result(path: str = "bench.bin") -> Result:
     )
     verdict = AxisVerdict(verdict="refused", reasons=("QL001",), sentence="Refused: the vehicle never flew.")
     return Result(
-        log=usable.log,
+        log=replace(usable.log, torque=None),
         data=FlightData(
             sample_period_s=float("nan"),
             segments=(),
@@ -154,6 +155,20 @@ def _log(path: str) -> FlightLog:
         lost=(LostStretch(offset=123_456, n_bytes=512, reason="no message header"),),
         counts=(MessageCount(name="RATE", count=32_000, rate_hz=400.0),),
         remarks=("The first IMU was taken.",),
+        torque=TorqueModel(
+            frame="quad x",
+            frame_source="FRAME_CLASS 1, FRAME_TYPE 1",
+            position=np.array([[0.2, 0.2, 0.0], [-0.2, -0.2, 0.0], [0.2, -0.2, 0.0], [-0.2, 0.2, 0.0]]),
+            position_unit="m",
+            spin=np.array([1.0, 1.0, -1.0, -1.0]),
+            channels=(1, 2, 3, 4),
+            channel_source="SERVOn_FUNCTION",
+            check=MixerCheck(
+                n_samples=600, mean_us=0.001, std_us=0.04, largest_us=1.0, density="BARO.AltAMSL"
+            ),
+            saturated_fraction=(0.0, 0.001, 0.05),
+            needs=("mass_kg",),
+        ),
     )
 
 

@@ -16,6 +16,9 @@ def info(
     system: Annotated[
         int, typer.Option("--system", metavar="ID", help="MAVLink system to look at; 0 chooses.")
     ] = 0,
+    vehicle: Annotated[
+        Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="Mass, arms, thrust of the vehicle.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> int:
     """Say what is in a log, at which true rates, and what is missing for analyze."""
@@ -23,11 +26,14 @@ def info(
     from quadid_logs.data.settings import Settings
     from quadid_logs.readers import read_log
     from quadid_logs.report.inventory import inventory_lines, inventory_text
+    from quadid_logs.vehicle import reconstruct
+    from quadid_logs.vehicle.file import read_vehicle
 
+    given = None if vehicle is None else read_vehicle(vehicle)
     settings = Settings(system=system)
     with Progress(log.name) as progress:
         progress("reading")
-        content = read_log(log, system=system)
+        content = reconstruct(read_log(log, system=system), given)
         progress("aligning")
         data = align(content, settings)
     if as_json:

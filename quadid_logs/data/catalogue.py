@@ -123,6 +123,30 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Log the attitude at the rate of the rates if you want linear-9.",
             ),
             _entry(
+                "QL307",
+                "The mixer could not be recomputed",
+                "From the torque command, the parameters and the battery, the pulse widths of the motors "
+                "follow; here they miss the logged ones. The mixer of this firmware is another one, or "
+                "the rows are too sparse to compare. The torque is taken as it was asked for, and "
+                "saturation is not seen.",
+                "Log RATE, RCOU and MOTB with a current firmware to get the torque that was realised.",
+            ),
+            _entry(
+                "QL308",
+                "Geometry parameters are not used as calibration",
+                "CA_ROTORn_PX, PY, CT and KM mix the motors well whatever their unit is. Values that were "
+                "never touched (arms of 1 m, CT 6.5, KM 0.05), or that contradict the hover, are no "
+                "measurement of the vehicle.",
+                "Pass mass_kg, arm_length_m and torque_to_thrust_m with --vehicle FILE.toml.",
+            ),
+            _entry(
+                "QL309",
+                "The log does not tell the airframe",
+                "Without the number, place and spin of the motors, nothing can be rebuilt from motor "
+                "outputs. Torque commands, where they are logged, are used as they are.",
+                "Describe the rotors with [[rotor]] tables in --vehicle FILE.toml.",
+            ),
+            _entry(
                 "QL401",
                 "No flight in this log",
                 "By the evidence that the log holds, the vehicle did not fly.",
@@ -146,6 +170,14 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "This axis was moved only a little",
                 "The torque explains most, but not nearly all, of the motion.",
                 "Fly quicker and larger stick doublets on this axis, in calm air.",
+            ),
+            _entry(
+                "QL405",
+                "The motors could not give what was asked",
+                "For part of the flight a motor was at its limit and the mixer cut roll, pitch or yaw down. "
+                "Where the torque was rebuilt from what the motors did, the cut is in it and nothing is "
+                "lost. Where only the command is known, the rows around are left out.",
+                "Fly smaller manoeuvres, or with a throttle nearer to the middle.",
             ),
             _entry(
                 "QL501",
@@ -214,6 +246,14 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The log holds no torque in N m. Gains are per unit of command and no inertia in kg m^2 "
                 "can be given.",
                 "Describe the vehicle with --vehicle FILE.toml to get physical units.",
+            ),
+            _entry(
+                "QL511",
+                "The inertia is hardly that of a multirotor",
+                "A body's largest moment of inertia is at most the sum of the other two, and a multirotor's "
+                "lie well within its mass times the square of its arm. What came out does not, by more than "
+                "its interval: mass, arm, thrust or the torque-to-thrust ratio is not this vehicle's.",
+                "Check the numbers in the vehicle file against the figure of the airframe.",
             ),
         )
     )

@@ -11,6 +11,7 @@ from quadid_logs.data.model import Identification
 from quadid_logs.data.settings import Settings
 from quadid_logs.diagnose.advice import logging_advice
 from quadid_logs.diagnose.findings import finding
+from quadid_logs.diagnose.torque_findings import not_in_newton_metres
 
 #: A signal that is this much slower on average than between typical samples is not what it seems.
 _RATE_SHORTFALL = 0.7
@@ -38,7 +39,7 @@ def find_in_data(
     yield from _attitude(data)
     yield from _flight(data, identification, settings)
     if data.input is not None and data.input.unit == "1":
-        yield finding("QL510", "info", {"source": data.input.source})
+        yield not_in_newton_metres(log, data.input)
 
 
 def _rate(source: SourceChoice, advice: str, settings: Settings) -> Iterator[Finding]:

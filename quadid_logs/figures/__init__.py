@@ -29,6 +29,7 @@ def figures_of(result: Result) -> Figures:
     Figures
         Series thinned for display without losing peaks, angles in degrees.
     """
+    from quadid_logs.figures.airframe import airframe_from_above
     from quadid_logs.figures.excitation import excitation_spectra
     from quadid_logs.figures.fit import fit_figures, horizon_error, lag_profile, structure_comparison
     from quadid_logs.figures.flight import aligned_series, flight_overview
@@ -37,6 +38,7 @@ def figures_of(result: Result) -> Figures:
     everything = [
         flight_overview(result),
         aligned_series(result),
+        airframe_from_above(result),
         excitation_spectra(result),
         *window_figures(result),
         structure_comparison(result),

@@ -201,9 +201,23 @@ def _add_axes(
         x_axis["matches"] = "x"
     layout[_axis_id("xaxis", number)] = x_axis
     layout[_axis_id("yaxis", number)] = _axis(panel.y, domains[1]) | {"anchor": x_id}
+    if panel.equal:
+        layout[_axis_id("yaxis", number)] |= {"scaleanchor": x_id, "scaleratio": 1}
     layout["shapes"] += _shapes(panel, x_id, y_id)
     title = f"<b>{html.escape(panel.title, quote=False)}</b>"
     layout["annotations"].append(_text(title, (x_id, y_id), (0.0, 1.0), ("left", "bottom")))
+    layout["annotations"] += [
+        {
+            "text": f"<b>{html.escape(label.text, quote=False)}</b>",
+            "xref": x_id,
+            "yref": y_id,
+            "x": label.x,
+            "y": label.y,
+            "showarrow": False,
+            "font": {"size": 14, "color": f"@{label.role}"},
+        }
+        for label in panel.labels
+    ]
     words = [panel.note, *(level.label for level in panel.levels)]
     note = "<br>".join(html.escape(word, quote=False) for word in words if word)
     if note:

@@ -110,6 +110,13 @@ def _draw_panel(axes: Axes, panel: Panel, *, with_x_label: bool) -> None:
     for level in panel.levels:
         draw = axes.axhline if level.along == "y" else axes.axvline
         draw(level.value, color=LIGHT[level.role], linewidth=1.1, linestyle=(0, (5, 2)), zorder=3)
+    for label in panel.labels:
+        axes.text(
+            label.x, label.y, _drawable(label.text), color=LIGHT[label.role], ha="center", va="center",
+            fontsize=10, weight="bold", zorder=4,
+        )  # fmt: skip
+    if panel.equal:
+        axes.set_aspect("equal", adjustable="datalim")
     _set_axis(axes, "x", panel.x, labelled=with_x_label)
     _set_axis(axes, "y", panel.y, labelled=True)
     words = [panel.note, *(level.label for level in panel.levels)]

@@ -65,9 +65,22 @@ class Level:
     along: Along = "y"
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Label:
+    """A few words centred at a point of a panel."""
+
+    text: str
+    x: float
+    y: float
+    role: str
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Panel:
-    """One pair of axes; ``height`` is relative to the other panels', ``note`` stands inside."""
+    """One pair of axes; ``height`` is relative to the other panels', ``note`` stands inside.
+
+    ``equal`` gives both axes one scale, as a drawing needs it.
+    """
 
     title: str
     x: Axis
@@ -77,6 +90,8 @@ class Panel:
     levels: tuple[Level, ...] = ()
     height: float = 1.0
     note: str = ""
+    labels: tuple[Label, ...] = ()
+    equal: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -14,6 +14,7 @@ from quadid_logs.data.model import Identification
 from quadid_logs.data.settings import Settings
 from quadid_logs.diagnose.data_findings import find_in_data
 from quadid_logs.diagnose.file_findings import find_in_file
+from quadid_logs.report.airframe import airframe_facts
 from quadid_logs.report.json import SCHEMA_VERSION, data_dict, finding_dict, log_dict, plain
 from quadid_logs.report.numbers import number, seconds, size
 from quadid_logs.untrusted import printable
@@ -75,6 +76,8 @@ def inventory_lines(log: FlightLog, data: FlightData, settings: Settings) -> Ite
     ):
         if value:
             yield f"  {name:<11}{value}"
+    for name, value in airframe_facts(log):
+        yield f"  {name.lower():<11}{value}"
     yield ""
     yield f"  {'signal':<21}{'true rate':>10}{'longest gap':>13}  source"
     for choice in data.sources.values():

@@ -15,6 +15,7 @@ from quadid_logs.data.flight import FlightData, SourceChoice
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Actuator, Excitation, Inertia, Model, Parameter, Validation, Windows
 from quadid_logs.data.result import Result
+from quadid_logs.data.torque import TorqueModel
 from quadid_logs.report.provenance import Provenance
 
 if TYPE_CHECKING:
@@ -88,6 +89,7 @@ def log_dict(log: FlightLog, data: FlightData) -> dict[str, Any]:
         "vehicle_type": log.vehicle_type,
         "vehicle_name": log.vehicle_name,
         "frame": log.frame,
+        "airframe": None if log.torque is None else airframe_dict(log.torque),
         "n_bytes": log.n_bytes,
         "start_s": data.start_s,
         "duration_s": data.duration_s,
@@ -97,6 +99,15 @@ def log_dict(log: FlightLog, data: FlightData) -> dict[str, Any]:
         "clock_resets": data.clock_resets,
         "remarks": log.remarks,
     }
+
+
+def airframe_dict(model: TorqueModel) -> dict[str, Any]:
+    """Return ``log.airframe``: what is known of rotors, outputs and calibration."""
+    content = _fields(model)
+    content["n_rotors"] = model.n_rotors
+    content["calibration"] = _fields(model.calibration)
+    content["check"] = None if model.check is None else _fields(model.check)
+    return content
 
 
 def data_dict(data: FlightData) -> dict[str, Any]:
@@ -116,6 +127,8 @@ def data_dict(data: FlightData) -> dict[str, Any]:
             "unit": described.unit,
             "source": described.source,
             "saturated_fraction": described.saturated_fraction,
+            "realised": described.realised,
+            "calibration": _fields(described.calibration),
         },
         "on_ground_reason": data.on_ground_reason,
     }

@@ -14,6 +14,7 @@ from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.flight import SourceChoice
 from quadid_logs.data.model import Inertia, Model, Parameter, Windows
 from quadid_logs.data.result import Result
+from quadid_logs.report.airframe import airframe_facts
 from quadid_logs.report.numbers import estimate, interval, number, percent, seconds, size
 from quadid_logs.report.provenance import Provenance
 from quadid_logs.untrusted import printable
@@ -354,6 +355,7 @@ def _facts(result: Result) -> tuple[tuple[str, str], ...]:
             f"{size(log.corrupt_bytes)} in {len(log.lost)} stretches; {log.n_dropped} messages dropped",
         ),
     ]
+    facts += airframe_facts(log)
     if log.systems:
         spoken = ", ".join(
             f"{system.system_id}/{system.component_id} {printable(system.vehicle_type, 30)}"

@@ -132,7 +132,8 @@ def _ardupilot(log: FlightLog) -> Airframe | Unknown:
         return Unknown(remark=f"{source} is no frame with fixed rotors of a known table.", need=_NEED_ROTORS)
     channels, channel_source = _channels(log.parameters, frame.n_rotors)
     return Airframe(
-        name=frame.name,
+        # A Y6 that names its kind, as Y6B, says it all.
+        name=frame.name.removeprefix("y6 ") if frame.name.startswith("y6 y6") else frame.name,
         source=source,
         factors=np.column_stack([frame.mixer, np.ones(frame.n_rotors)]),
         position=frame.position,

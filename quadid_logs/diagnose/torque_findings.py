@@ -1,0 +1,125 @@
+"""Doubts about how torque follows from the outputs, and about the inertia that it leads to."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from quadid_logs.data.diagnosis import Finding
+from quadid_logs.data.flight import FlightData, InputDescription
+from quadid_logs.data.log import FlightLog
+from quadid_logs.data.model import Identification, Inertia
+from quadid_logs.data.torque import Calibration, TorqueModel
+from quadid_logs.diagnose.findings import finding
+from quadid_logs.vocabulary import AXES
+
+#: Limited this often, an axis' gain on its command is lower than that on what it got by some percent.
+_OFTEN_LIMITED = 0.01
+#: Moments of inertia over mass times arm squared. All mass at the tips of a cross gives 0.5 about x and y
+#: and 1 about z; the known vehicles lie at 0.06 to 0.4.
+_INERTIA_RATIO = ((0.01, 0.6), (0.01, 0.6), (0.02, 1.1))
+
+
+def find_in_torque(log: FlightLog, data: FlightData, identification: Identification) -> Iterator[Finding]:
+    """Yield the findings about airframe, mixer, saturation and calibration."""
+    model = log.torque
+    if model is None or data.input is None:
+        return
+    if not model.n_rotors:
+        yield finding("QL309", "info", {"why": model.remarks, "pass": model.needs}, advice=_pass(model.needs))
+    yield from _mixer(model, data.input)
+    refused = [
+        remark for remark in model.remarks if "Not used as calib" in remark or "is not used:" in remark
+    ]
+    if refused:
+        yield finding("QL308", "info", {"why": refused})
+    if data.segments:
+        yield from _saturation(model, data.input)
+    best = identification.recommended
+    if best is not None and best.inertia is not None:
+        yield from _inertia(best.inertia, data.input.calibration)
+
+
+def not_in_newton_metres(log: FlightLog, given: InputDescription) -> Finding:
+    """Return the finding that gains are per unit of command, with what would change that."""
+    needs = log.torque.needs if log.torque is not None else ()
+    evidence: dict[str, object] = {"source": given.source}
+    if any(given.calibration.known):
+        evidence["n_m_per_command"] = [_rounded(value) for value in given.calibration.n_m_per_command]
+    return finding("QL510", "info", evidence, advice=_pass(needs))
+
+
+def _pass(needs: tuple[str, ...]) -> str:
+    return f"Pass {', '.join(needs)} with --vehicle FILE.toml." if needs else ""
+
+
+def _mixer(model: TorqueModel, given: InputDescription) -> Iterator[Finding]:
+    """Say that pulse widths do not follow from the commands."""
+    check = model.check
+    if (
+        check is not None
+        and not given.realised
+        and any("pulse widths miss" in each for each in model.remarks)
+    ):
+        yield finding(
+            "QL307",
+            "info",
+            {
+                "n_samples": check.n_samples,
+                "mean_us": _rounded(check.mean_us),
+                "std_us": _rounded(check.std_us),
+                "air_density": check.density,
+            },
+        )
+
+
+def _saturation(model: TorqueModel, given: InputDescription) -> Iterator[Finding]:
+    """Say which axes got less than they asked for."""
+    often = [
+        axis
+        for axis, share in zip(AXES, model.saturated_fraction, strict=True)
+        if math.isfinite(share) and share > _OFTEN_LIMITED
+    ]
+    if not often:
+        return
+    shares = {axis: _rounded(share) for axis, share in zip(AXES, model.saturated_fraction, strict=True)}
+    yield finding(
+        "QL405",
+        "info" if given.realised else "warning",
+        {"share_of_flight": shares, "torque": "as realised" if given.realised else "as asked for"},
+        axes=often,
+    )
+
+
+def _inertia(inertia: Inertia, calibration: Calibration) -> Iterator[Finding]:
+    """Check the tensor against what a rigid body, and a multirotor, can have."""
+    moment = np.diag(inertia.matrix)
+    low, high = np.diag(inertia.ci95_low), np.diag(inertia.ci95_high)
+    known = np.isfinite(moment)
+    wrong = {}
+    block = inertia.matrix[np.ix_(known, known)]
+    if block.size and np.isfinite(block).all() and not (np.linalg.eigvalsh(block) > 0.0).all():
+        wrong["positive_definite"] = "no"
+    if known.all():
+        for axis in range(3):
+            others = [other for other in range(3) if other != axis]
+            if low[axis] > high[others].sum():
+                wrong["triangle"] = f"I{'xyz'[axis] * 2} exceeds the sum of the other two"
+    size = calibration.mass_kg * calibration.arm_length_m**2
+    if math.isfinite(size) and size > 0.0:
+        for axis in (int(number) for number in np.flatnonzero(known)):
+            least, most = _INERTIA_RATIO[axis]
+            if high[axis] / size < least or low[axis] / size > most:
+                ratio = _rounded(float(moment[axis]) / size)
+                wrong[f"I{'xyz'[axis] * 2}_over_m_r2"] = f"{ratio}, usual are {least} to {most}"
+    if wrong:
+        yield finding(
+            "QL511", "warning", {**wrong, "moments_kg_m2": [_rounded(float(value)) for value in moment]}
+        )
+
+
+def _rounded(value: float) -> float:
+    """Return four significant digits: evidence is read by people."""
+    return float(f"{value:.4g}")

@@ -1,0 +1,106 @@
+"""Airframe, motor map, saturation and calibration in words: for the report and for ``info``."""
+
+from __future__ import annotations
+
+import math
+
+from quadid_logs.data.log import FlightLog
+from quadid_logs.data.torque import Calibration, MixerCheck, TorqueModel
+from quadid_logs.report.numbers import number, percent
+from quadid_logs.untrusted import printable
+from quadid_logs.vocabulary import AXES, TORQUE_SYMBOLS
+
+
+def airframe_facts(log: FlightLog) -> list[tuple[str, str]]:
+    """Return name and value of what is known of the airframe; empty where nobody looked.
+
+    Examples
+    --------
+    >>> airframe_facts(FlightLog(path="", format="ulog", autopilot="px4", n_bytes=0, signals={}))
+    []
+    """
+    model = log.torque
+    if model is None:
+        return []
+    facts = [("Airframe", _frame(model))]
+    if model.n_rotors:
+        facts.append(("Motors", _motors(model)))
+        facts.append(("Scale", _calibration(model)))
+    if model.check is not None:
+        facts.append(("Mixer", _check(model.check)))
+    saturation = _saturation(model)
+    if saturation:
+        facts.append(("Limited", saturation))
+    if model.rotor_speed:
+        facts.append(("Rotor rpm", printable(model.rotor_speed, 160)))
+    remarks = [printable(remark, 400) for remark in model.remarks]
+    return facts + [("Remark", remark) for remark in dict.fromkeys(remarks)]
+
+
+def _frame(model: TorqueModel) -> str:
+    """Say what the frame is and what says so, or what to pass."""
+    if not model.n_rotors:
+        return f"not known; {_needs(model)}" if model.needs else "not known"
+    return f"{printable(model.frame, 60)}, {model.n_rotors} motors ({printable(model.frame_source, 120)})"
+
+
+def _motors(model: TorqueModel) -> str:
+    """Say where each motor is, how it turns, and its output."""
+    unit = "m" if model.position_unit == "m" else "arms"
+    spin = {1.0: "ccw", -1.0: "cw", 0.0: "?"}
+    each = []
+    for number_of in range(model.n_rotors):
+        forward, right = (f"{float(value):+.2f}" for value in model.position[number_of, :2])
+        output = f" out {model.channels[number_of]}" if model.channels else ""
+        each.append(f"{number_of + 1}:{output} ({forward}, {right}) {spin[float(model.spin[number_of])]}")
+    source = f"; outputs by {printable(model.channel_source, 80)}" if model.channel_source else ""
+    return f"{', '.join(each)} [{unit} to front, right]{source}"
+
+
+def _calibration(model: TorqueModel) -> str:
+    """Say how far torque is known in N m, by which route, and what is missing."""
+    known = model.calibration
+    parts = []
+    if known.route:
+        per = [
+            f"{symbol} {number(value)} (±{percent(1.96 * sigma)})"
+            for symbol, value, sigma in zip(
+                TORQUE_SYMBOLS, known.n_m_per_command, known.relative_sigma, strict=True
+            )
+            if math.isfinite(value)
+        ]
+        parts.append(
+            f"by {printable(known.route, 80)}: N m per unit of command {', '.join(per) or 'unknown'}"
+        )
+        parts.append(f"largest thrust of a rotor {number(known.max_thrust_n, 3)} N")
+    if _hover_tells(known):
+        parts.append(f"the hover needs {number(known.hover_ratio, 3)} times the thrust given")
+    if model.needs:
+        parts.append(_needs(model))
+    return "; ".join(parts) or "not calibrated"
+
+
+def _hover_tells(known: Calibration) -> bool:
+    """Return whether the hover is a second opinion and not the route itself."""
+    return math.isfinite(known.hover_ratio) and known.hover_ratio != 1.0
+
+
+def _needs(model: TorqueModel) -> str:
+    return f"pass with --vehicle: {', '.join(printable(need, 120) for need in model.needs)}"
+
+
+def _check(check: MixerCheck) -> str:
+    """Say how well the recomputed pulse widths meet the logged ones."""
+    return (
+        f"recomputed pulse widths miss the logged ones by {check.mean_us:.2f} us in the mean, "
+        f"{check.std_us:.2f} us rms ({check.n_samples} unsaturated rows; air density: "
+        f"{printable(check.density, 60)})"
+    )
+
+
+def _saturation(model: TorqueModel) -> str:
+    """Say how often each axis got less than it asked for, "" where that is not known."""
+    shares = zip(AXES, model.saturated_fraction, strict=True)
+    return ", ".join(
+        f"{axis} {percent(share)} of the flight" for axis, share in shares if math.isfinite(share)
+    )
