@@ -11,6 +11,8 @@ import struct
 from pathlib import Path
 from typing import Final, Protocol, cast
 
+import numpy as np
+
 from quadid_logs.data.log import FlightLog
 from quadid_logs.errors import EmptyLogError, LogNotFoundError, UnknownFormatError
 from quadid_logs.readers.foreign import explain_foreign
@@ -91,7 +93,9 @@ def _read_head(path: Path) -> bytes:
 def _read_with(reader: _Reader, path: str | Path, system: int) -> FlightLog:
     """Read, and turn what damage can make of the bytes into one clear error."""
     try:
-        return reader.read(path, system=system)
+        # Damaged numbers may be signalling NaN or near overflow: they pass on as NaN or infinity, silently.
+        with np.errstate(invalid="ignore", over="ignore"):
+            return reader.read(path, system=system)
     except OSError as error:
         raise LogNotFoundError(
             f"{path} cannot be read: {error}.", hint="Check the disk and try again."

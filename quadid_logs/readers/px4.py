@@ -265,8 +265,9 @@ def _signal(source: _Source, table: TopicTable) -> Signal | None:
 
 
 def _liveliness(signal: Signal) -> float:
-    """Return how much a signal moves in all, in its own unit."""
-    return float(np.std(signal.values, axis=0).sum())
+    """Return how much a signal moves in all, in its own unit; 0 where damaged numbers hide it."""
+    movement = float(np.std(signal.values, axis=0).sum())
+    return movement if np.isfinite(movement) else 0.0
 
 
 def _version(content: UlogContent) -> tuple[int, int, int, int] | None:

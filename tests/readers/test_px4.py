@@ -177,3 +177,13 @@ def test_the_preferred_sources_of_a_modern_log_are_the_controllers_own(corpus_lo
     assert all(signal.reason for signals in log.signals.values() for signal in signals)
     assert preferred(log, "motor_thrust").shape[1] == 4
     assert np.median(np.diff(log.candidates("torque_command")[0].time_s)) == pytest.approx(0.004)
+
+
+@pytest.mark.filterwarnings("error")
+def test_infinite_outputs_are_no_obstacle(tmp_path: Path) -> None:
+    """A damaged driver's outputs cannot be the motors: they come last, without a warning."""
+    form = {"actuator_outputs": "uint32_t noutputs;float[4] output;"}
+    first = ("actuator_outputs", struct.pack("<I4f", 4, 1400, -np.inf, 1500, 1500))
+    second = ("actuator_outputs", struct.pack("<I4f", 4, 1500, 1500, 1600, 1500))
+    log = log_of(tmp_path, form, [first, second, second])
+    assert log.candidates("output_pwm")[0].n_samples == 3
