@@ -219,13 +219,6 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Check that torque and rates come from the same clock.",
             ),
             _entry(
-                "QL508",
-                "The gain changes with the size of the command",
-                "Large commands turn the vehicle less than small ones promise: the mixer or the "
-                "motors saturate. The gain is a mean over the flight and too small for small commands.",
-                "Fly smaller manoeuvres on this axis, or with more throttle in reserve.",
-            ),
-            _entry(
                 "QL509",
                 "The gain differs between parts of the flight",
                 "Fitted to the first and to the second half of the flight, the gain is not the same: the "

@@ -155,6 +155,28 @@ class BandCheck:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HalvesCheck:
+    """The same fit to the first and the second half of the flight.
+
+    ``own_gain`` and ``half_width`` (of the 95 % intervals) have shape (2, 3);
+    a gain is NaN where the axis was not moved in that half.
+    """
+
+    own_gain: FloatArray
+    half_width: FloatArray
+
+    @property
+    def changed(self) -> FloatArray:
+        """Relative change of B11, B22, B33 beyond what the intervals allow; zero if none; shape (3,)."""
+        difference = np.abs(self.own_gain[1] - self.own_gain[0])
+        beyond = difference > np.hypot(self.half_width[0], self.half_width[1])
+        mean = np.abs(self.own_gain).mean(axis=0)
+        relative: FloatArray = np.zeros_like(mean)
+        np.divide(difference, mean, out=relative, where=beyond & (mean > 0.0))
+        return relative
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Model:
     """One structure fitted to the flight: target = A @ regressors + B @ inputs.
 
@@ -185,6 +207,7 @@ class Model:
     smoothing_hz: float = float("nan")
     condition_number: float = float("nan")
     band: BandCheck | None = None
+    halves: HalvesCheck | None = None
     note: str = ""
 
 

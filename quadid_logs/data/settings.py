@@ -67,12 +67,12 @@ class Settings:
     """Explained over unexplained acceleration variance in the fitted band: R2 of 0.75."""
     caution_signal_to_noise: float = 9.0
     """R2 of 0.9."""
-    min_simulated_r2: float = 0.5
-    """Rates simulated over a held-out block from its torque alone must explain half of the motion.
-    Where slow disturbances move the vehicle, the controller's answer to them is all the torque there
+    min_simulated_r2: float = 0.0
+    """Rates simulated over a held-out block from its torque alone must beat a constant. Where
+    slow disturbances move the vehicle, the controller's answer to them is all the torque there
     is, the one-step fit stays good, and the gain is biased (measured: -9 to -41 % at R2 below 0)."""
     caution_simulated_r2: float = 0.7
-    """Wind of 8 m/s leaves 0.7 at a bias of 0.3 %."""
+    """Wind of 8 m/s leaves 0.4 to 0.9 at a bias below 1 %: below this it is worth a warning."""
     gain_floor: float = 0.01
     """No gain is known better than this share: the scale of a MEMS gyro is specified to about 1 %,
     and thrust is not quite linear in the command. Added in quadrature to every interval of B."""

@@ -43,8 +43,8 @@ class Calibration:
         Drag torque over thrust [m].
     mass_kg, arm_length_m : float
         As given; for the check of the inertia against m r^2.
-    hover_ratio : float
-        Mass times specific force over the calibrated thrust [-]: 1 if both routes agree.
+    second_opinion : float
+        Thrust by the next best route (hover, or CA_ROTORn_CT) over that taken [-]; NaN where there is none.
     """
 
     route: str = ""
@@ -54,7 +54,7 @@ class Calibration:
     torque_to_thrust_m: float = math.nan
     mass_kg: float = math.nan
     arm_length_m: float = math.nan
-    hover_ratio: float = math.nan
+    second_opinion: float = math.nan
 
     @property
     def known(self) -> tuple[bool, bool, bool]:

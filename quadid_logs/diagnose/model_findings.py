@@ -17,6 +17,9 @@ from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS
 #: A gain that moves by more than this from band to band is not one number.
 _BAND_ERROR = 0.25
 _BAND_WARNING = 0.1
+#: A battery that empties lowers the gain by some per cent; more is another vehicle.
+_HALVES_WARNING = 0.1
+_HALVES_ERROR = 0.25
 #: Windows of the paper of which fewer than this share rise above the noise.
 _FEW_WINDOWS = 0.5
 
@@ -85,6 +88,7 @@ def _axis(
         return
     yield from _simulation(model, settings, number, axis, advice)
     yield from _band(model, number, axis, advice)
+    yield from _halves(model, number, axis)
     if excitation.signal_to_noise < settings.caution_signal_to_noise:
         yield finding(
             "QL404",
@@ -128,6 +132,23 @@ def _band(model: Model, number: int, axis: str, advice: str) -> Iterator[Finding
             },
             axes=(axis,),
             advice=advice,
+        )
+
+
+def _halves(model: Model, number: int, axis: str) -> Iterator[Finding]:
+    if model.halves is None:
+        return
+    change = float(model.halves.changed[number])
+    if change > _HALVES_WARNING:
+        yield finding(
+            "QL509",
+            "error" if change > _HALVES_ERROR else "warning",
+            {
+                "first_half": _rounded(float(model.halves.own_gain[0, number])),
+                "second_half": _rounded(float(model.halves.own_gain[1, number])),
+                "half_widths_95": [_rounded(float(value)) for value in model.halves.half_width[:, number]],
+            },
+            axes=(axis,),
         )
 
 

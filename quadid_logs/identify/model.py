@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
@@ -11,6 +13,7 @@ from quadid_logs.data.model import (
     BandCheck,
     Discrete,
     FitSeries,
+    HalvesCheck,
     Model,
     Validation,
     Windows,
@@ -40,12 +43,15 @@ _NORMAL_95 = 1.96
 #: Windows of structures that the paper does not fix: long enough for a full
 #: cycle of the rate loop, short enough to see the model change.
 _WINDOW_S = 1.0
+#: Fewer rows than these per unknown are no flight of its own.
+_ROWS_PER_COLUMN = 10
 
 
 def fit_actuated(structure: Structure, data: FlightData, design: Design, settings: Settings) -> Model:
     """Fit a structure whose torque passes lag, delay and gyro filter."""
     actuator, fit = _fit_with_actuator(structure, design, settings)
     band = _other_bands(structure, data, design, (actuator, fit), settings)
+    halves = _halves(structure, design, actuator, fit, settings)
     torque = design.torque(actuator.lag_s, actuator.delay_s)
     validation, series = validate(design, structure, fit.theta, torque, settings)
     windows = _windows_on_rows(structure, data, design, torque, settings)
@@ -67,6 +73,7 @@ def fit_actuated(structure: Structure, data: FlightData, design: Design, setting
         settings,
         actuator=described,
         band=band,
+        halves=halves,
         validation=validation,
         series=series,
         windows=windows,
@@ -86,6 +93,7 @@ def fit_as_published(structure: Structure, data: FlightData, design: Design, set
         settings,
         actuator=None,
         band=None,
+        halves=None,
         validation=validation,
         series=series,
         windows=windows,
@@ -116,7 +124,7 @@ def _moved_axes(design: Design, settings: Settings) -> list[int]:
     moved = [
         axis
         for axis, name in enumerate(RATE_SYMBOLS)
-        if np.degrees(np.std(design.columns[name])) >= settings.min_rate_rms_deg_s
+        if np.degrees(np.std(design.columns[name][design.train])) >= settings.min_rate_rms_deg_s
     ]
     return moved or [0, 1, 2]
 
@@ -159,6 +167,24 @@ def _other_bands(
             _, other_fit = _fit_with_actuator(structure, other, settings, actuator)
             gains.append(_own_gain(structure, other_fit))
     return BandCheck(cutoff_hz=np.array(cutoffs), own_gain=np.array(gains))
+
+
+def _halves(
+    structure: Structure, design: Design, actuator: ActuatorFit, fit: PooledFit, settings: Settings
+) -> HalvesCheck | None:
+    """Repeat the fit on the first and on the second half of the rows, the actuator being the same."""
+    early = np.arange(design.time_s.size) < design.time_s.size // 2
+    gains, half_widths = [], []
+    for half in (early, ~early):
+        part = replace(design, held_out=design.held_out | ~half)
+        if np.count_nonzero(part.train) < _ROWS_PER_COLUMN * len(structure.columns):
+            return None
+        own = fit_pooled(part, structure, actuator, fit.kept)
+        # A half in which an axis rests says nothing about it.
+        moved = np.isin([0, 1, 2], _moved_axes(part, settings)) & (own.r2[:3] >= _TELLING_R2)
+        gains.append(np.where(moved, _own_gain(structure, own), np.nan))
+        half_widths.append(np.diag(own.half_width[:3, len(structure.regressors) :]))
+    return HalvesCheck(own_gain=np.array(gains), half_width=np.array(half_widths))
 
 
 def _own_gain(structure: Structure, fit: PooledFit) -> FloatArray:
@@ -217,6 +243,7 @@ def _model(
     *,
     actuator: Actuator | None,
     band: BandCheck | None,
+    halves: HalvesCheck | None,
     validation: Validation,
     series: FitSeries,
     windows: Windows | None,
@@ -252,6 +279,7 @@ def _model(
         smoothing_hz=design.smoothing_hz,
         condition_number=fit.condition_number,
         band=band,
+        halves=halves,
     )
 
 

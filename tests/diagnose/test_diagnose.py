@@ -168,3 +168,17 @@ def test_every_catalogue_entry_says_what_it_means_and_what_to_do() -> None:
         assert code == entry.code
         assert entry.meaning.endswith(".")
         assert entry.advice.endswith(".")
+
+
+def test_a_vehicle_that_changes_in_mid_flight_is_doubted() -> None:
+    """A payload drop lowers the inertia by a quarter after the first half."""
+    heavy = fly(QUAD, multisine(25.0), feedback=8.0).segments[0]
+    light = fly(dataclasses.replace(QUAD, inertia=0.75 * QUAD.inertia), multisine(25.0), feedback=8.0)
+    later = dataclasses.replace(light.segments[0], time_s=light.segments[0].time_s + 30.0, flight=1)
+    both = dataclasses.replace(light, segments=(heavy, later), sources=logged_at(400.0))
+    assert "QL509" in codes(judge(both))
+
+
+def test_a_vehicle_that_stays_the_same_is_not_doubted(good: FlightData) -> None:
+    """No false alarm on the two halves of one flight."""
+    assert "QL509" not in codes(judge(good))

@@ -1,0 +1,41 @@
+"""The documentation says what the program says."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from pathlib import Path
+
+import pytest
+
+from quadid_logs.data.catalogue import CATALOGUE
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+
+
+def test_the_page_of_findings_is_the_catalogue() -> None:
+    """Otherwise run: python docs/pages.py."""
+    spec = importlib.util.spec_from_file_location("pages", DOCS / "pages.py")
+    assert spec is not None
+    assert spec.loader is not None
+    pages = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(pages)
+    assert (DOCS / "findings.md").read_text(encoding="utf-8") == pages.findings_page()
+
+
+def test_every_finding_that_the_code_raises_is_in_the_catalogue() -> None:
+    """A code without an explanation would leave the pilot alone."""
+    package = DOCS.parent / "quadid_logs"
+    raised = {
+        code
+        for path in package.rglob("*.py")
+        for code in CATALOGUE
+        if f'"{code}"' in path.read_text(encoding="utf-8") and path.name != "catalogue.py"
+    }
+    assert raised == set(CATALOGUE)
+
+
+@pytest.mark.parametrize("name", ["result.schema.json"])
+def test_the_schema_is_valid_json(name: str) -> None:
+    """It is published for programs."""
+    assert json.loads((DOCS / name).read_text(encoding="utf-8"))["type"] == "object"
