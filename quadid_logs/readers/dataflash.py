@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
+import io
 import itertools
-import mmap
 from collections.abc import Collection
 from pathlib import Path
 from types import TracebackType
@@ -15,6 +14,7 @@ import numpy as np
 from quadid_logs.arrays import AnyArray, IntArray
 from quadid_logs.data.log import FlightLog, LostStretch
 from quadid_logs.errors import EmptyLogError, LogNotFoundError, UnknownFormatError
+from quadid_logs.readers.content import FileParts
 from quadid_logs.readers.dataflash_index import (
     ByteArray,
     FormatCharacter,
@@ -23,7 +23,6 @@ from quadid_logs.readers.dataflash_index import (
     definition_at,
     index_messages,
     looks_like_dataflash,
-    release_pages,
 )
 from quadid_logs.readers.message_table import MessageTable, Unit, join_tables
 
@@ -31,12 +30,13 @@ from quadid_logs.readers.message_table import MessageTable, Unit, join_tables
 _GATHER_ROWS: Final = 10_000
 #: Rows in which the first and last of each id are sought at once.
 _SEARCH_ROWS: Final = 1 << 20
-#: The file is gathered in parts of this size, each given back to the system before the next is touched.
-_GATHER_BYTES: Final = 1 << 26
+#: Rows are gathered from parts of the file of this size.
+_GATHER_BYTES: Final = 1 << 24
+_LONGEST_MESSAGE: Final = 255
 
 
 class DataFlashFile:
-    """An open DataFlash binary file: an index of its messages over a map of the file.
+    """An open DataFlash binary file and an index of its messages.
 
     Examples
     --------
@@ -45,18 +45,17 @@ class DataFlashFile:
     ...     rate.columns["R"]  # [deg/s]
     """
 
-    def __init__(self, path: str, data: ByteArray, pages: mmap.mmap | None) -> None:
+    def __init__(self, path: str, content: FileParts) -> None:
         self.path = path
-        self.n_bytes = len(data)
-        self._data = data
-        self._pages = pages
-        self._index = index_messages(data, pages)
+        self.n_bytes = content.n_bytes
+        self._content = content
+        self._index = index_messages(content)
         self._rows_per_id = np.bincount(self._index.type_id, minlength=256)
         self._units: dict[int, dict[str, Unit]] | None = None
 
     @classmethod
     def open(cls, path: str | Path) -> Self:
-        """Map and index a file.
+        """Open and index a file.
 
         Raises
         ------
@@ -64,20 +63,26 @@ class DataFlashFile:
             If there is no readable regular file.
         EmptyLogError
             If the file has no content.
+        LogError
+            If the file becomes shorter meanwhile.
         """
         try:
-            with Path(path).open("rb") as stream:
-                pages = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
-        except ValueError as error:
-            raise EmptyLogError(f"{path} is empty.", hint="Copy the log from the vehicle again.") from error
+            stream = Path(path).open("rb")  # noqa: SIM115 (closed with the file that is returned)
         except OSError as error:
             raise LogNotFoundError(f"Cannot read {path}: {error.strerror}.") from error
-        return cls(str(path), np.frombuffer(pages, np.uint8), pages)
+        try:
+            content = FileParts(stream, str(path))
+            if not content.n_bytes:
+                raise EmptyLogError(f"{path} is empty.", hint="Copy the log from the vehicle again.")
+            return cls(str(path), content)
+        except BaseException:
+            stream.close()
+            raise
 
     @classmethod
     def from_bytes(cls, content: bytes, path: str = "") -> Self:
         """Index the content of a file that is already in memory."""
-        return cls(path, np.frombuffer(content, np.uint8), None)
+        return cls(path, FileParts(io.BytesIO(content), path))
 
     def __enter__(self) -> Self:
         return self
@@ -88,13 +93,8 @@ class DataFlashFile:
         self.close()
 
     def close(self) -> None:
-        """Let go of the map; the tables read so far stay valid."""
-        self._data = np.zeros(0, np.uint8)
-        if self._pages is not None:
-            # A traceback may still hold a view of the map; the map then goes with it.
-            with contextlib.suppress(BufferError):
-                self._pages.close()
-            self._pages = None
+        """Close the file; the tables read so far stay valid."""
+        self._content.close()
 
     @property
     def lost(self) -> tuple[LostStretch, ...]:
@@ -160,7 +160,7 @@ class DataFlashFile:
         """Decode the rows of each piece and join pieces of one name."""
         units = self._units_by_type()
         tables: dict[str, list[MessageTable]] = {}
-        for definition, columns in _gather(self._data, pieces, labels, self._pages):
+        for definition, columns in _gather(self._content, pieces, labels):
             table = MessageTable(
                 name=definition.name,
                 columns=columns,
@@ -314,21 +314,26 @@ def _first_and_last(type_ids: ByteArray) -> tuple[IntArray, IntArray]:
 
 
 def _gather(
-    data: ByteArray,
+    content: FileParts,
     pieces: list[tuple[MessageDefinition, AnyArray]],
     labels: Collection[str] | None,
-    pages: mmap.mmap | None,
 ) -> list[tuple[MessageDefinition, dict[str, AnyArray]]]:
     """Copy the rows of each piece into columns, part of the file by part of the file."""
     fields = [_wanted_fields(definition, labels) for definition, _ in pieces]
     columns = [_empty_columns(of, len(positions)) for of, (_, positions) in zip(fields, pieces, strict=True)]
-    edges = [*range(0, len(data), _GATHER_BYTES), len(data)]
+    edges = [*range(0, content.n_bytes, _GATHER_BYTES), content.n_bytes]
     for start, stop in itertools.pairwise(edges):
+        part = content.part(start, stop + _LONGEST_MESSAGE)
         for (definition, positions), of, into in zip(pieces, fields, columns, strict=True):
             first, last = np.searchsorted(positions, np.array([start, stop], positions.dtype))
-            _gather_rows(data, definition.length, of, positions, range(int(first), int(last)), into)
-        if len(data) > _GATHER_BYTES:
-            release_pages(pages, stop)
+            here = slice(int(first), int(last))
+            _gather_rows(
+                part,
+                definition.length,
+                of,
+                positions[here] - start,
+                {label: column[here] for label, column in into.items()},
+            )
     result = []
     for (definition, positions), of, into in zip(pieces, fields, columns, strict=True):
         finished = {label: _finish(values, of[label][0]) for label, values in into.items()}
@@ -360,11 +365,10 @@ def _gather_rows(
     length: int,
     fields: dict[str, tuple[FormatCharacter, int]],
     positions: AnyArray,
-    rows: range,
     into: dict[str, AnyArray],
 ) -> None:
     """Copy some rows, whole message by whole message, then field by field while they are in the cache."""
-    if not fields or not rows:
+    if not fields or not len(positions):
         return
     whole = np.ndarray((len(data) - length + 1,), f"V{length}", data, 0, (1,))
     dtype = np.dtype(
@@ -375,8 +379,8 @@ def _gather_rows(
             "itemsize": length,
         }
     )
-    for start in range(rows.start, rows.stop, _GATHER_ROWS):
-        part = slice(start, min(start + _GATHER_ROWS, rows.stop))
+    for start in range(0, len(positions), _GATHER_ROWS):
+        part = slice(start, start + _GATHER_ROWS)
         messages = whole[positions[part]].view(dtype)
         for label, (kind, _) in fields.items():
             if kind.divisor == 1.0:

@@ -9,9 +9,9 @@ its length says.
 
 from __future__ import annotations
 
-import mmap
+import io
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from quadid_logs.arrays import AnyArray, BoolArray, IntArray
 from quadid_logs.data.log import LostStretch
-from quadid_logs.readers.content import merge_stretches
+from quadid_logs.readers.content import FileParts, merge_stretches
 
 ByteArray = NDArray[np.uint8]
 
@@ -29,12 +29,12 @@ FMT_LENGTH: Final = 89
 
 #: Bytes scanned at once: the comparison's result stays in the processor's cache.
 _SCAN_BYTES: Final = 1 << 19
-#: Mapped pages are given back after this many bytes, so that a long log is never resident as a whole.
-_RELEASE_BYTES: Final = 1 << 26
 #: Headers whose successors are worked out at once (three int64 arrays of this length).
 _CHAIN_HEADERS: Final = 1 << 18
 #: Headers among which the next credible one is sought at once.
 _SEARCH_HEADERS: Final = 1 << 14
+#: Rows whose ends are looked at to choose between two lengths.
+_VOTES: Final = 1000
 #: More headers than this inside one payload, and that densely, are a flood of headers, no data.
 _FLOOD_HEADERS: Final = 3
 _FLOOD_SPACING: Final = 8
@@ -130,15 +130,13 @@ class MessageIndex(NamedTuple):
     n_headers: int
 
 
-def index_messages(data: ByteArray, pages: mmap.mmap | None = None) -> MessageIndex:
+def index_messages(content: FileParts) -> MessageIndex:
     """Find all messages of a DataFlash file.
 
     Parameters
     ----------
-    data : ndarray of uint8, shape (n_bytes,)
+    content : FileParts
         The file.
-    pages : mmap, optional
-        The map behind `data`; pages that were scanned are given back to the system.
 
     Returns
     -------
@@ -146,39 +144,29 @@ def index_messages(data: ByteArray, pages: mmap.mmap | None = None) -> MessageIn
         The messages in file order. Bytes outside them are in `lost`. Work and
         memory grow linearly with the file, whatever is in it.
     """
-    headers = find_headers(data, pages)
-    definitions = read_definitions(data, headers)
-    keep, lost = _follow_chain(data, headers, definitions)
+    headers = find_headers(content)
+    definitions = read_definitions(content, headers)
+    keep, lost = _follow_chain(content, headers, definitions)
     return MessageIndex(
         headers.position[keep], headers.type_id[keep], definitions, lost, len(headers.position)
     )
 
 
-def find_headers(data: ByteArray, pages: mmap.mmap | None = None) -> Headers:
+def find_headers(content: FileParts) -> Headers:
     """Find every ``A3 95`` that is followed by an id byte."""
-    n_bytes = len(data)
+    n_bytes = content.n_bytes
     offset_type = np.uint32 if n_bytes < 1 << 32 else np.int64
     positions: list[AnyArray] = [np.zeros(0, offset_type)]
     type_ids: list[ByteArray] = [np.zeros(0, np.uint8)]
     for start in range(0, n_bytes - 2, _SCAN_BYTES):
-        block = data[start : start + _SCAN_BYTES + 2]
+        block = content.part(start, start + _SCAN_BYTES + 2)
         found = np.flatnonzero((block[:-2] == HEADER[0]) & (block[1:-1] == HEADER[1]))
         type_ids.append(block[found + 2])
         positions.append((found + start).astype(offset_type))
-        if start % _RELEASE_BYTES == 0:
-            release_pages(pages, start)
-    release_pages(pages, n_bytes if n_bytes > _RELEASE_BYTES else 0)
     return Headers(np.concatenate(positions), np.concatenate(type_ids))
 
 
-def release_pages(pages: mmap.mmap | None, end: int) -> None:
-    """Give the map's pages before `end` back to the system; they can be read again."""
-    if pages is None or end < mmap.PAGESIZE or not hasattr(mmap, "MADV_DONTNEED"):
-        return
-    pages.madvise(mmap.MADV_DONTNEED, 0, end - end % mmap.PAGESIZE)
-
-
-def read_definitions(data: ByteArray, headers: Headers) -> Definitions:
+def read_definitions(content: FileParts, headers: Headers) -> Definitions:
     """Read all credible ``FMT`` messages.
 
     The first definition of an id also holds for messages before it (an
@@ -188,8 +176,8 @@ def read_definitions(data: ByteArray, headers: Headers) -> Definitions:
     definitions: Definitions = {}
     candidates = headers.position[headers.type_id == FMT_ID].astype(np.int64)
     previous: dict[int, bytes] = {}
-    for position in candidates[candidates + FMT_LENGTH <= len(data)].tolist():
-        record = data[position : position + FMT_LENGTH].tobytes()
+    for position in candidates[candidates + FMT_LENGTH <= content.n_bytes].tolist():
+        record = content.part(position, position + FMT_LENGTH).tobytes()
         type_id = record[3]
         if previous.get(type_id) == record:
             continue
@@ -197,7 +185,7 @@ def read_definitions(data: ByteArray, headers: Headers) -> Definitions:
         if definition is None:
             continue
         previous[type_id] = record
-        definition = _with_credible_length(definition, data, headers)
+        definition = _with_credible_length(definition, content, headers)
         definitions.setdefault(type_id, []).append(definition)
     if FMT_ID not in definitions and definitions:
         definitions[FMT_ID] = [_FMT_DEFINITION]
@@ -241,37 +229,28 @@ _FMT_DEFINITION: Final = MessageDefinition(
 
 
 def _with_credible_length(
-    definition: MessageDefinition, data: ByteArray, headers: Headers
+    definition: MessageDefinition, content: FileParts, headers: Headers
 ) -> MessageDefinition:
     """Where length and format contradict each other, take the length after which more headers stand."""
     from_format = definition.payload_length + 3
     if from_format in (definition.length, 3) or from_format > 255:
         return definition
     starts = headers.position[headers.type_id == definition.type_id].astype(np.int64)
+    starts = starts[:: len(starts) // _VOTES + 1]
     votes = [
-        int(np.count_nonzero(_has_header(data, starts + length)))
+        int(np.count_nonzero(_has_header(content, starts + length)))
         for length in (definition.length, from_format)
     ]
-    length = from_format if votes[1] > votes[0] else definition.length
-    return MessageDefinition(
-        type_id=definition.type_id,
-        length=length,
-        name=definition.name,
-        format=definition.format,
-        columns=definition.columns,
-        offset=definition.offset,
-    )
+    return replace(definition, length=from_format if votes[1] > votes[0] else definition.length)
 
 
-def _has_header(data: ByteArray, positions: IntArray) -> BoolArray:
+def _has_header(content: FileParts, positions: IntArray) -> BoolArray:
     """Say where a header, the beginning of one cut off, or exactly the end of the file stands."""
-    n_bytes = len(data)
-    inside = np.minimum(positions, n_bytes - 1)
-    after = np.minimum(positions + 1, n_bytes - 1)
-    first = (data[inside] == HEADER[0]) & (positions < n_bytes)
-    second = (data[after] == HEADER[1]) | (positions + 1 >= n_bytes)
-    found: BoolArray = (first & second) | (positions == n_bytes)
-    return found
+    found = [
+        position <= content.n_bytes and HEADER.startswith(content.part(position, position + 2).tobytes())
+        for position in positions.tolist()
+    ]
+    return np.array(found, np.bool_)
 
 
 def definition_at(definitions: list[MessageDefinition], positions: AnyArray) -> IntArray:
@@ -306,7 +285,7 @@ class _Chain(NamedTuple):
     """For each break the number of the header that follows it; -1 where nothing credible does."""
 
 
-def _find_chain(data: ByteArray, headers: Headers, definitions: Definitions) -> _Chain:
+def _find_chain(content: FileParts, headers: Headers, definitions: Definitions) -> _Chain:
     """Find for every header whether, and where, the chain of lengths goes on.
 
     Of headers that lead nowhere only those right behind a chain are listed: a
@@ -324,7 +303,7 @@ def _find_chain(data: ByteArray, headers: Headers, definitions: Definitions) -> 
         linked = np.zeros(len(end), np.bool_)
         linked[: len(following)] = (end[: len(following)] == following) & (length[: len(following)] > 0)
         local = np.flatnonzero(~linked)
-        successor = _find_successors(data, headers, local + start, end[local])
+        successor = _find_successors(content, headers, local + start, end[local])
         successor[(length[local] == 0) | _is_flood(local + start, successor, length[local])] = -1
         reached = np.concatenate([[behind_chain], linked[:-1]])[local]
         behind_chain = bool(linked[-1])
@@ -335,16 +314,16 @@ def _find_chain(data: ByteArray, headers: Headers, definitions: Definitions) -> 
     return _Chain(leads_on, *(np.concatenate(column) for column in zip(*listed, strict=True)))
 
 
-def _find_successors(data: ByteArray, headers: Headers, header: IntArray, end: IntArray) -> IntArray:
+def _find_successors(content: FileParts, headers: Headers, header: IntArray, end: IntArray) -> IntArray:
     """Find the header that stands at `end`; the number of headers stands for the file's end, -1 for none."""
     n_headers = len(headers.position)
     # Casting the few sought values, not the many headers, keeps the search free of copies.
-    sought = np.minimum(end, len(data)).astype(headers.position.dtype)
+    sought = np.minimum(end, content.n_bytes).astype(headers.position.dtype)
     successor = np.searchsorted(headers.position, sought).astype(np.int64)
     here = headers.position[np.minimum(successor, n_headers - 1)].astype(np.int64)
     at_header = (successor < n_headers) & (here == end) & (successor > header)
-    at_end = end > len(data) - 3
-    at_end[at_end] = _has_header(data, end[at_end])  # touching the file elsewhere would load its pages
+    at_end = end > content.n_bytes - 3
+    at_end[at_end] = _has_header(content, end[at_end])  # a read for each: only where it matters
     return np.where(at_header, successor, np.where(at_end, n_headers, -1))
 
 
@@ -360,21 +339,21 @@ def _is_flood(header: IntArray, successor: IntArray, length: IntArray) -> BoolAr
 
 
 def _follow_chain(
-    data: ByteArray, headers: Headers, definitions: Definitions
+    content: FileParts, headers: Headers, definitions: Definitions
 ) -> tuple[BoolArray, tuple[LostStretch, ...]]:
     """Keep the headers that form chains; return the mask and what lies between the chains."""
-    n_headers, n_bytes = len(headers.position), len(data)
+    n_headers, n_bytes = len(headers.position), content.n_bytes
     if n_headers == 0 or not definitions:
         nothing = LostStretch(offset=0, n_bytes=n_bytes, reason="no message header")
         return np.zeros(n_headers, np.bool_), merge_stretches([nothing])
-    starts, stops, gaps = _walk(_find_chain(data, headers, definitions))
+    starts, stops, gaps = _walk(_find_chain(content, headers, definitions))
     step = np.zeros(n_headers + 1, np.int8)
     step[np.array(starts, np.int64)] += 1
     step[np.array(stops, np.int64)] -= 1
     keep = np.cumsum(step[:-1], dtype=np.int8).view(np.bool_)
-    lost = _describe_gaps(data, headers, definitions, gaps)
+    lost = _describe_gaps(content, headers, definitions, gaps)
     lost.append(LostStretch(offset=0, n_bytes=int(headers.position[0]), reason="no message header"))
-    lost += _cut_tail(data, headers, keep, definitions)
+    lost += _cut_tail(content, headers, keep, definitions)
     return keep, merge_stretches(lost)
 
 
@@ -419,17 +398,19 @@ def _next_credible(leads_on: BoolArray, here: int) -> int:
 
 
 def _describe_gaps(
-    data: ByteArray, headers: Headers, definitions: Definitions, gaps: list[tuple[int, int]]
+    content: FileParts, headers: Headers, definitions: Definitions, gaps: list[tuple[int, int]]
 ) -> list[LostStretch]:
     """Say what was lost between the first header that leads nowhere and the one where the chain resumes."""
     first, resumed = np.array(gaps, np.int64).reshape(-1, 2).T
     type_ids = headers.type_id[first]
     start = headers.position[first].astype(np.int64)
-    ends = np.append(headers.position, headers.position.dtype.type(len(data)))[resumed].astype(np.int64)
+    ends = np.append(headers.position, headers.position.dtype.type(content.n_bytes))[resumed].astype(np.int64)
     length = _message_lengths(Headers(headers.position[first], type_ids), slice(None), definitions)
     return [
         LostStretch(
-            offset=offset, n_bytes=end - offset, reason=_reason(type_id, size, offset + size > len(data))
+            offset=offset,
+            n_bytes=end - offset,
+            reason=_reason(type_id, size, offset + size > content.n_bytes),
         )
         for offset, end, type_id, size in zip(
             start.tolist(), ends.tolist(), type_ids.tolist(), length.tolist(), strict=True
@@ -445,7 +426,7 @@ def _reason(type_id: int, length: int, beyond_end: bool) -> str:
 
 
 def _cut_tail(
-    data: ByteArray, headers: Headers, keep: BoolArray, definitions: Definitions
+    content: FileParts, headers: Headers, keep: BoolArray, definitions: Definitions
 ) -> list[LostStretch]:
     """Report one or two bytes of a header that the end of the file cut off."""
     last = np.flatnonzero(keep[-1:]) + len(keep) - 1
@@ -453,9 +434,9 @@ def _cut_tail(
         return []
     part = slice(int(last[0]), int(last[0]) + 1)
     end = int(headers.position[part][0]) + int(_message_lengths(headers, part, definitions)[0])
-    if end >= len(data):
+    if end >= content.n_bytes:
         return []
-    return [LostStretch(offset=end, n_bytes=len(data) - end, reason="cut off by the end of the file")]
+    return [LostStretch(offset=end, n_bytes=content.n_bytes - end, reason="cut off by the end of the file")]
 
 
 def looks_like_dataflash(head: bytes, known: Callable[[list[MessageDefinition]], bool]) -> bool:
@@ -464,9 +445,11 @@ def looks_like_dataflash(head: bytes, known: Callable[[list[MessageDefinition]],
     Without any credible definition, only a density of headers far beyond
     chance (one per 64 kB) speaks for a DataFlash file that lost its beginning.
     """
-    data = np.frombuffer(head, np.uint8)
-    headers = find_headers(data)
-    definitions = [version for versions in read_definitions(data, headers).values() for version in versions]
+    content = FileParts(io.BytesIO(head))
+    headers = find_headers(content)
+    definitions = [
+        version for versions in read_definitions(content, headers).values() for version in versions
+    ]
     if definitions:
         return known(definitions)
     return known([]) and len(headers.position) >= max(16, len(head) // 512)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from quadid_logs.errors import EmptyLogError, LogNotFoundError, UnknownFormatError
+from quadid_logs.errors import EmptyLogError, LogError, LogNotFoundError, UnknownFormatError
 from quadid_logs.readers import dataflash, dataflash_index
 from quadid_logs.readers.dataflash import DataFlashFile, read_messages
 from quadid_logs.readers.message_table import MessageTable
@@ -337,14 +338,13 @@ def test_a_chunk_border_inside_a_message_is_no_border() -> None:
 def test_results_do_not_depend_on_how_the_file_is_cut_for_processing(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """Tiny blocks, with pages given back in between, find the same rows and the same losses."""
+    """Tiny blocks find the same rows and the same losses."""
     content = flight(300)
     content = content[:9000] + b"\xa3\x95 garbage" * 20 + content[9000:]
     path = tmp_path / "flight.bin"
     path.write_bytes(content)
     expected = DataFlashFile.from_bytes(content)
     monkeypatch.setattr(dataflash_index, "_SCAN_BYTES", 64)
-    monkeypatch.setattr(dataflash_index, "_RELEASE_BYTES", 640)
     monkeypatch.setattr(dataflash_index, "_CHAIN_HEADERS", 5)
     monkeypatch.setattr(dataflash, "_GATHER_BYTES", 777)
     monkeypatch.setattr(dataflash, "_GATHER_ROWS", 3)
@@ -356,7 +356,7 @@ def test_results_do_not_depend_on_how_the_file_is_cut_for_processing(
                 np.testing.assert_array_equal(ours.columns[label], values)
 
 
-def test_mapped_and_loaded_files_read_alike(tmp_path: Path) -> None:
+def test_a_file_and_its_bytes_read_alike(tmp_path: Path) -> None:
     """A file on disk gives the same rows as its bytes, also after it is closed."""
     path = tmp_path / "flight.bin"
     path.write_bytes(flight(50))
@@ -435,3 +435,24 @@ def test_a_log_with_damage_yields_more_than_the_reference_reader(corpus: Path) -
 def test_events_are_found_between_the_other_rows() -> None:
     """Rare messages are not lost among frequent ones."""
     assert decode(flight(100))["EV"].n_rows == 10 == flight(100).count(bytes([0xA3, 0x95, EV]))
+
+
+def test_a_log_that_shrinks_while_it_is_read_is_a_clear_error(tmp_path: Path) -> None:
+    """No row is made up for the bytes that are gone."""
+    path = tmp_path / "flight.bin"
+    path.write_bytes(flight(5000))
+    with DataFlashFile.open(path) as file:
+        os.truncate(path, 50_000)
+        with pytest.raises(LogError, match="became shorter"):
+            file.read_messages()
+
+
+def test_what_is_appended_while_a_log_is_read_is_not_seen(tmp_path: Path) -> None:
+    """The log is that of the moment of opening."""
+    path = tmp_path / "flight.bin"
+    path.write_bytes(flight(50))
+    with DataFlashFile.open(path) as file:
+        with path.open("ab") as stream:
+            stream.write(flight(50))
+        rows = file.read_messages({"RATE"})["RATE"].n_rows
+    assert rows == decode(flight(50))["RATE"].n_rows
