@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from quadid_logs.data.log import FlightLog
-from quadid_logs.data.torque import Calibration, MixerCheck, TorqueModel
+from quadid_logs.data.torque import MixerCheck, TorqueModel
 from quadid_logs.report.numbers import number, percent
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES, TORQUE_SYMBOLS
@@ -73,16 +73,11 @@ def _calibration(model: TorqueModel) -> str:
             f"by {printable(known.route, 80)}: N m per unit of command {', '.join(per) or 'unknown'}"
         )
         parts.append(f"largest thrust of a rotor {number(known.max_thrust_n, 3)} N")
-    if _hover_tells(known):
-        parts.append(f"the hover needs {number(known.hover_ratio, 3)} times the thrust given")
+    if math.isfinite(known.second_opinion):
+        parts.append(f"the next best route gives {number(known.second_opinion, 3)} times that thrust")
     if model.needs:
         parts.append(_needs(model))
     return "; ".join(parts) or "not calibrated"
-
-
-def _hover_tells(known: Calibration) -> bool:
-    """Return whether the hover is a second opinion and not the route itself."""
-    return math.isfinite(known.hover_ratio) and known.hover_ratio != 1.0
 
 
 def _needs(model: TorqueModel) -> str:

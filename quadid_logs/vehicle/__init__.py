@@ -19,6 +19,9 @@ from quadid_logs.vehicle.rotor_speed import from_rotor_speed
 
 __all__ = ["reconstruct"]
 
+#: As in the choice among sources of one signal: a little slower is as good.
+_MOST_LOST = 0.8
+
 
 # Damaged numbers pass on as NaN or infinity, silently: the alignment drops them.
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
@@ -62,17 +65,20 @@ def reconstruct(log: FlightLog, vehicle: Vehicle | None = None) -> FlightLog:
         rotor_speed=speed.verdict,
         remarks=(*airframe.remarks, *rebuilt.remarks, *_mistrust(rebuilt), *scaled.remarks),
     )
-    return replace(log, signals=_signals(log, series, airframe, scaled), torque=model)
+    return replace(
+        log, signals=_signals(log, series, airframe, scaled, trusted=rebuilt.trusted), torque=model
+    )
 
 
 def _signals(
-    log: FlightLog, series: Sequence[MotorSeries], airframe: Airframe, scaled: Scaled
+    log: FlightLog, series: Sequence[MotorSeries], airframe: Airframe, scaled: Scaled, *, trusted: bool
 ) -> dict[str, tuple[Signal, ...]]:
     """Return the log's signals with the rebuilt ones in their order of preference."""
     signals = dict(log.signals)
     realised = [one for one in series if one.realised]
     # What the motors did comes before what was asked of them; RCOU and the like are the second opinion.
-    at_loop_rate, others = realised[:1], realised[1:]
+    n_first = 1 if trusted else 0
+    at_loop_rate, others = realised[:n_first], realised[n_first:]
     commands = (
         *(one.as_command() for one in at_loop_rate),
         *log.candidates("torque_command"),
@@ -87,7 +93,7 @@ def _signals(
     )
     if saturations:
         signals["torque_saturation"] = saturations
-    if all(scaled.calibration.known):
+    if all(scaled.calibration.known) and _keeps_the_rate(log, series):
         made = [(one, torque_n_m(one, airframe, scaled)) for one in series]
         signals["torque_n_m"] = (
             *log.candidates("torque_n_m"),
@@ -98,6 +104,12 @@ def _signals(
             ),
         )
     return signals
+
+
+def _keeps_the_rate(log: FlightLog, series: Sequence[MotorSeries]) -> bool:
+    """Return whether torque in N m is about as dense as the best command: units are not worth samples."""
+    best = max((signal.n_samples for signal in log.candidates("torque_command")), default=0)
+    return max((len(one.time_s) for one in series), default=0) >= _MOST_LOST * best
 
 
 def _model(

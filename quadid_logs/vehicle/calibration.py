@@ -91,7 +91,7 @@ def calibrate(
             "command (SIM_Motor.cpp); N is computed like that here, unlike for a real propeller."
         )
     calibration = _calibration(
-        airframe, given, thrust, hover, position=position, ratio_m=ratio_m, series=series, simulated=simulated
+        airframe, given, thrust, position=position, ratio_m=ratio_m, series=series, simulated=simulated
     )
     return Scaled(
         calibration=calibration,
@@ -136,12 +136,16 @@ def _torque(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Thrust:
-    """A way to newtons: in words, as a function, its uncertainty, thrust at full command [N]."""
+    """A way to newtons: in words, as a function, its uncertainty, thrust at full command [N].
+
+    ``other_n`` is that thrust by the next best way.
+    """
 
     route: str = ""
     of: ThrustOf | None = None
     sigma: float = math.nan
     max_thrust_n: float = math.nan
+    other_n: float = math.nan
     remarks: tuple[str, ...] = ()
 
 
@@ -168,7 +172,7 @@ class _Hover:
 
 
 def _thrust(airframe: Airframe, given: Vehicle, hover: _Hover | None) -> _Thrust:
-    """Choose the way to newtons: vehicle file, CA_ROTOR*, hover."""
+    """Choose the way to newtons: thrust given, weight given and carried, CA_ROTOR*."""
     if given.thrust_curve is not None:
         curve = given.thrust_curve
         return _Thrust(
@@ -176,6 +180,7 @@ def _thrust(airframe: Airframe, given: Vehicle, hover: _Hover | None) -> _Thrust
             of=lambda one: np.interp(one.actuator, curve[:, 0], curve[:, 1]),
             sigma=STAND_SIGMA,
             max_thrust_n=float(curve[-1, 1]),
+            other_n=math.nan if hover is None else hover.newton,
         )
     if given.max_thrust_n is not None:
         newton = given.max_thrust_n
@@ -184,30 +189,30 @@ def _thrust(airframe: Airframe, given: Vehicle, hover: _Hover | None) -> _Thrust
             of=lambda one: newton * one.thrust,
             sigma=STAND_SIGMA,
             max_thrust_n=newton,
+            other_n=math.nan if hover is None else hover.newton,
         )
-    remarks: tuple[str, ...] = ()
-    if math.isfinite(airframe.max_thrust_n):
-        newton = airframe.max_thrust_n
-        ratio = hover.newton / newton if hover is not None else 1.0
-        if _HOVER_RANGE[0] <= ratio <= _HOVER_RANGE[1]:
-            return _Thrust(
-                route="CA_ROTORn_CT",
-                of=lambda one: newton * one.thrust,
-                sigma=PARAMETER_SIGMA,
-                max_thrust_n=newton,
-            )
-        remarks = (
-            f"CA_ROTORn_CT ({newton:.3g} N) is not used: at hover the weight needs {ratio:.2f} times that.",
+    newton = airframe.max_thrust_n
+    if hover is not None:
+        # The mass is given, and what is given wins over the log's parameters.
+        ratio = hover.newton / newton
+        odd = math.isfinite(ratio) and not _HOVER_RANGE[0] <= ratio <= _HOVER_RANGE[1]
+        remark = f"CA_ROTORn_CT ({newton:.3g} N) is not used: the weight needs {ratio:.2f} times that."
+        return _Thrust(
+            route="mass times specific force over the flight",
+            of=hover.thrust,
+            sigma=hover.sigma,
+            max_thrust_n=hover.newton,
+            other_n=newton,
+            remarks=(remark,) if odd else (),
         )
-    if hover is None:
-        return _Thrust(remarks=remarks)
-    return _Thrust(
-        route="mass times specific force over the flight",
-        of=hover.thrust,
-        sigma=hover.sigma,
-        max_thrust_n=hover.newton,
-        remarks=remarks,
-    )
+    if math.isfinite(newton):
+        return _Thrust(
+            route="CA_ROTORn_CT",
+            of=lambda one: newton * one.thrust,
+            sigma=PARAMETER_SIGMA,
+            max_thrust_n=newton,
+        )
+    return _Thrust()
 
 
 def _position(airframe: Airframe, given: Vehicle) -> FloatArray | None:
@@ -328,7 +333,6 @@ def _calibration(
     airframe: Airframe,
     given: Vehicle,
     thrust: _Thrust,
-    hover: _Hover | None,
     *,
     position: FloatArray | None,
     ratio_m: float,
@@ -366,7 +370,7 @@ def _calibration(
         torque_to_thrust_m=ratio_m,
         mass_kg=given.mass_kg or math.nan,
         arm_length_m=arm_length_m,
-        hover_ratio=hover.newton / thrust.max_thrust_n if hover is not None else math.nan,
+        second_opinion=thrust.other_n / thrust.max_thrust_n,
     )
 
 
