@@ -86,10 +86,8 @@ def rebuild(log: FlightLog, airframe: Airframe) -> Rebuilt:
     found: list[MotorSeries] = []
     check, density, gain_of = None, "", None
     if rate is not None and throttle is not None:
-        trials = [
-            _trial(log, airframe, settings, (rate, throttle), law) for law in _density_laws(log, outputs)
-        ]
-        best = min(trials, key=lambda trial: _misfit(_compare(trial, outputs, settings)))
+        law = _best_law(log, airframe, settings, (rate, throttle), outputs)
+        best = _trial(log, airframe, settings, (rate, throttle), law)
         check = _compare(best, outputs, settings)
         density, gain_of = best.density, best.series
         found.append(best.series)
@@ -181,6 +179,30 @@ def _density_laws(log: FlightLog, outputs: _Pulses | None) -> Iterator[_Law]:
     yield _Law(name="none", source=None)
     if outputs is not None:
         yield _Law(name="fitted to the pulse widths", source=None, gain=np.zeros(0))
+
+
+def _best_law(
+    log: FlightLog,
+    airframe: Airframe,
+    settings: MotorSettings,
+    commands: tuple[Signal, FloatArray],
+    outputs: _Pulses | None,
+) -> _Law:
+    """Return the density law whose pulse widths fit best, tried on the rows around those of RCOU."""
+    laws = list(_density_laws(log, outputs))
+    if outputs is None:
+        return laws[0]
+    rate, throttle = commands
+    row, _ = _matching(rate, outputs.signal)
+    near = np.unique(np.clip(row[:, None] + np.array(_LOOPS), 0, rate.n_samples - 1))
+    few = (
+        replace(rate, time_s=rate.time_s[near], values=rate.values[near], position=rate.position[near]),
+        throttle[near],
+    )
+    return min(
+        laws,
+        key=lambda law: _misfit(_compare(_trial(log, airframe, settings, few, law), outputs, settings)),
+    )
 
 
 def _trial(
