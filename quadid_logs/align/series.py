@@ -15,6 +15,8 @@ from quadid_logs.maths.resampling import typical_period
 #: In SI units nothing that a multirotor logs comes near this: such a number is damage, and its
 #: square would overflow later on.
 _IMPOSSIBLE = 1e6
+#: No log's clock is finer [s]: what is closer than this has the same time.
+_SAME_TIME_S = 1e-9
 _ONE_COLUMN_PER_MOTOR = frozenset({"motor_thrust", "rotor_speed", "output_pwm"})
 
 
@@ -71,7 +73,7 @@ def clean(signal: Signal, clock: Clock, settings: Settings) -> CleanSeries:
     if n_out_of_order:
         order = np.argsort(time_s, kind="stable")
         keep, time_s = keep[order], time_s[order]
-    last_of_stamp = np.append(np.diff(time_s) > 0.0, True) if time_s.size else np.zeros(0, bool)
+    last_of_stamp = np.append(np.diff(time_s) > _SAME_TIME_S, True) if time_s.size else np.zeros(0, bool)
     keep = keep[last_of_stamp]
     return CleanSeries(
         signal=signal,

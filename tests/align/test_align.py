@@ -243,3 +243,11 @@ def test_a_number_that_no_vehicle_can_reach_is_dropped_and_counted(damage: float
     )
     assert data.sources["body_rate"].n_not_finite == 1
     assert all(np.abs(segment.body_rate_rad_s).max() <= 1.0 for segment in data.segments)
+
+
+def test_stamps_closer_than_any_clock_counts_are_one_time() -> None:
+    """Damaged stamps can differ by next to nothing; no rate is made of that."""
+    time_s = np.concatenate([[0.0, 1e-320], STEADY])
+    data = align(flown(time_s), Settings())
+    assert data.sources["body_rate"].rate_hz < 1e3
+    assert data.sources["body_rate"].n_duplicate == 1
