@@ -5,6 +5,9 @@ An action's result is kept until the memory has been read.
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
 import tempfile
 from collections import defaultdict
 from collections.abc import Callable
@@ -33,6 +36,27 @@ def quadid_read_log(path: str) -> object:
     from quadid_logs.readers import read_log
 
     return read_log(path)
+
+
+def quadid_dataflash_needed(path: str) -> object:
+    """Ours: every column of the messages that `analyze` needs."""
+    from quadid_logs.readers.dataflash import read_messages
+
+    return read_messages(path, DATAFLASH_NEEDED)
+
+
+def quadid_ulog_needed(path: str) -> object:
+    """Ours: every column of the topics that `analyze` needs."""
+    from quadid_logs.readers.ulog import read_topics
+
+    return read_topics(path, ULOG_NEEDED)
+
+
+def quadid_tlog_needed(path: str) -> object:
+    """Ours: every column of the messages that `analyze` needs."""
+    from quadid_logs.readers.tlog import read_messages
+
+    return read_messages(path, TLOG_NEEDED)
 
 
 def quadid_dataflash_all(path: str) -> object:
@@ -120,6 +144,27 @@ def pyulog_needed(path: str) -> object:
     return ULog(path, ULOG_NEEDED)
 
 
+def mavparser_all(path: str) -> object:
+    """mavparser: every message, as the list of dictionaries that it returns."""
+    import mavparser
+
+    return mavparser.parse(path)
+
+
+def fasttlogparser_all(path: str) -> object:
+    """fasttlogparser: every message."""
+    import fasttlogparser
+
+    return fasttlogparser.parseTLog(path)
+
+
+def signalviewer_all(path: str) -> object:
+    """signalviewer: every signal."""
+    import signalviewer
+
+    return signalviewer.load(path)
+
+
 def quadid_windows(count: str) -> object:
     """Ours: so many H_k of eq. (5), 9 samples by 9 unknowns, six targets each."""
     from quadid_logs.maths.windows import solve_windows, stack_windows
@@ -158,3 +203,25 @@ def quadid_analyze(path: str) -> object:
     from quadid_logs.pipeline import analyze
 
     return analyze(path)
+
+
+def quadid_cli_json(path: str) -> object:
+    """Ours: ``quadid-log analyze LOG --json --no-report`` in a process of its own, start included."""
+    return _command("analyze", path, "--json", "--no-report")
+
+
+def quadid_cli_report(path: str) -> object:
+    """Ours: ``quadid-log analyze LOG -o DIR`` in a process of its own; returns the stages' times."""
+    with tempfile.TemporaryDirectory() as folder:
+        _command("analyze", path, "-o", folder)
+        (result,) = Path(folder).glob("*/result.json")
+        return json.loads(result.read_text(encoding="utf-8"))["timings_s"]
+
+
+def _command(*arguments: str) -> object:
+    """Run the command line; an axis that is not to be trusted (exit code 1) is fine."""
+    command = [sys.executable, "-c", "from quadid_logs.cli import run; run()", *arguments]
+    done = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, check=False, text=True)
+    if done.returncode not in (0, 1):
+        raise RuntimeError(done.stderr)
+    return None

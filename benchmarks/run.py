@@ -13,6 +13,7 @@ import argparse
 import json
 import os
 import platform
+import resource
 import statistics
 import subprocess
 import sys
@@ -30,29 +31,32 @@ from benchmarks import actions  # noqa: E402
 from benchmarks.logs import corpus_logs, generated_log  # noqa: E402
 
 WARM_UP_MB = 0.2
-#: Per suffix: what is read, our action, the reference's.
+#: Per suffix: what is read, our action, the other readers'.
 READERS = {
     ".bin": (
-        ("needed", "quadid_read_log", "pymavlink_dataflash_needed"),
-        ("all", "quadid_dataflash_all", "pymavlink_dataflash_all"),
+        ("needed", "quadid_dataflash_needed", ("pymavlink_dataflash_needed",)),
+        ("all", "quadid_dataflash_all", ("pymavlink_dataflash_all", "mavparser_all", "signalviewer_all")),
     ),
     ".tlog": (
-        ("needed", "quadid_read_log", "pymavlink_tlog_needed"),
-        ("all", "quadid_tlog_all", "pymavlink_tlog_all"),
+        ("needed", "quadid_tlog_needed", ("pymavlink_tlog_needed",)),
+        ("all", "quadid_tlog_all", ("pymavlink_tlog_all", "fasttlogparser_all", "signalviewer_all")),
     ),
     ".ulg": (
-        ("needed", "quadid_read_log", "pyulog_needed"),
-        ("all", "quadid_ulog_all", "pyulog_all"),
+        ("needed", "quadid_ulog_needed", ("pyulog_needed",)),
+        ("all", "quadid_ulog_all", ("pyulog_all", "signalviewer_all")),
     ),
 }
+#: Readers that are measured only where they can be imported.
+OPTIONAL = ("mavparser", "fasttlogparser", "signalviewer")
 
 
 class Measurement(NamedTuple):
-    """Seconds on the wall and of the processor, and the growth of the process's peak memory [bytes]."""
+    """Seconds on the wall and of the processor, growth of the process's peak memory [bytes], stages [s]."""
 
     seconds: float
     cpu_seconds: float
     peak_bytes: int
+    stages: dict[str, float]
 
 
 def main() -> None:
@@ -80,8 +84,13 @@ def _options() -> argparse.Namespace:
         "--sizes-mb",
         type=float,
         nargs="*",
-        default=[40.0, 200.0],
-        help="generated .bin logs read by ours alone",
+        default=[40.0, 200.0, 1000.0],
+        help="generated logs of each format, read by ours alone",
+    )
+    parser.add_argument(
+        "--others-python",
+        default=sys.executable,
+        help="interpreter that has the optional readers: " + ", ".join(OPTIONAL),
     )
     parser.add_argument("--output", help="write the tables to this Markdown file")
     parser.add_argument(
@@ -95,53 +104,95 @@ def _report(options: argparse.Namespace) -> Iterator[str]:
     repeats = 1 if options.short else options.repeats
     yield "# Measured speed and memory"
     yield ""
-    yield f"`python benchmarks/run.py {' '.join(sys.argv[1:])}`".replace(" `", "`")
+    arguments = ["PYTHON" if part == options.others_python else part for part in sys.argv[1:]]
+    yield f"`{' '.join(['python', 'benchmarks/run.py', *arguments])}`"
     yield ""
     yield (
-        f"{os.cpu_count()} cores, Python {platform.python_version()}; each process on one core, file in the "
-        f"page cache, imports not counted, medians of {repeats}. The ratios are the result."
+        f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} at the start, Python "
+        f"{platform.python_version()}; each process on one core, file in the page cache, imports not counted "
+        f"unless said, medians of {repeats}. Processor time is user + system; it suffers less from other "
+        "work on the machine than wall time. Peaks are of the process's memory, beyond what it had before."
     )
     logs = [] if options.short else corpus_logs()
     size_mb = 4.0 if options.short else 40.0
     kinds = {path.suffix.lower() for path in logs}
     logs += [generated_log(suffix, size_mb) for suffix in READERS if suffix not in kinds]
-    yield from _readers(logs, repeats)
+    yield from _readers(logs, repeats, options.others_python)
     if not options.short:
         yield from _sizes(options.sizes_mb, repeats)
+        yield from _analyses(options.sizes_mb, repeats)
     yield from _computations(options.short, repeats)
 
 
-def _readers(logs: list[Path], repeats: int) -> Iterator[str]:
+def _readers(logs: list[Path], repeats: int, others_python: str) -> Iterator[str]:
     """Compare the readers on each log."""
-    yield from ("", "## Reading, against pymavlink and pyulog", "")
-    yield "| log | MB | columns | ours MB/s | theirs MB/s | ratio | our peak / file | their peak / file |"
-    yield "|---|---|---|---|---|---|---|---|"
+    missing = [name for name in OPTIONAL if not _can_import(others_python, name)]
+    yield from ("", "## Reading columns, against other readers", "")
+    if missing:
+        yield from (f"Not measured, because not importable here: {', '.join(missing)}.", "")
+    yield "| log | MB | columns | reader | MB/s | MB/s wall | ours faster | ours faster, wall | peak / file |"
+    yield "|---|---|---|---|---|---|---|---|---|"
     for path in logs:
         warm_up = str(generated_log(path.suffix.lower(), WARM_UP_MB))
         size = path.stat().st_size
-        for columns, ours, theirs in READERS[path.suffix.lower()]:
-            own, other = _take_turns(ours, theirs, warm_up, str(path), repeats)
-            yield (
-                f"| {path.name} | {size / 1e6:.1f} | {columns} | {size / 1e6 / own.seconds:.0f} "
-                f"| {size / 1e6 / other.seconds:.1f} | {other.seconds / own.seconds:.1f} "
-                f"| {own.peak_bytes / size:.1f} | {other.peak_bytes / size:.1f} |"
-            )
+        for columns, ours, others in READERS[path.suffix.lower()]:
+            present = [name for name in others if not name.startswith(tuple(missing) or ("-",))]
+            own, rest = _take_turns(ours, present, warm_up, str(path), repeats, others_python)
+            for name, one in (("quadid-logs", own), *rest.items()):
+                yield (
+                    f"| {path.name} | {size / 1e6:.1f} | {columns} | {name.split('_')[0]} "
+                    f"| {size / 1e6 / one.cpu_seconds:.1f} | {size / 1e6 / one.seconds:.1f} "
+                    f"| {one.cpu_seconds / own.cpu_seconds:.1f} | {one.seconds / own.seconds:.1f} "
+                    f"| {one.peak_bytes / size:.2f} |"
+                )
+
+
+def _can_import(python: str, name: str) -> bool:
+    """Tell whether an interpreter has a module."""
+    return not subprocess.run([python, "-c", f"import {name}"], capture_output=True, check=False).returncode
 
 
 def _sizes(sizes_mb: list[float], repeats: int) -> Iterator[str]:
     """Show that the cost grows linearly with the file."""
-    yield from ("", "## Growth with the file (generated .bin, ours)", "")
-    yield "| MB | read_log s | MB/s | peak / file |"
-    yield "|---|---|---|---|"
-    warm_up = str(generated_log(".bin", WARM_UP_MB))
-    for size_mb in sizes_mb:
-        path = generated_log(".bin", size_mb)
+    yield from ("", "## Growth with the file (generated logs, all of needed types at 400 Hz, ours)", "")
+    yield "| log | MB | what | CPU s | wall s | MB/s of CPU | peak / file |"
+    yield "|---|---|---|---|---|---|---|"
+    for suffix, tasks in READERS.items():
+        warm_up = str(generated_log(suffix, WARM_UP_MB))
+        for action in (tasks[0][1], tasks[1][1], "quadid_read_log"):
+            for size_mb in sizes_mb:
+                path = generated_log(suffix, size_mb)
+                size = path.stat().st_size
+                turns = repeats if size_mb < 500.0 else min(repeats, 3)
+                own = _median([_measure(action, warm_up, str(path)) for _ in range(turns)])
+                what = {"quadid_read_log": "read_log"}.get(action, f"columns, {action.split('_')[-1]} types")
+                yield (
+                    f"| {suffix} | {size / 1e6:.0f} | {what} | {own.cpu_seconds:.2f} | {own.seconds:.2f} "
+                    f"| {size / 1e6 / own.cpu_seconds:.0f} | {own.peak_bytes / size:.2f} |"
+                )
+
+
+def _analyses(sizes_mb: list[float], repeats: int) -> Iterator[str]:
+    """Time the whole command, start of Python included, and its stages."""
+    yield from ("", "## The whole command, start of Python included", "")
+    yield "| log | MB | command | CPU s | wall s | peak MB | stages, wall s |"
+    yield "|---|---|---|---|---|---|---|"
+    logs = [path for path in corpus_logs() if path.suffix.lower() != ".tlog"]
+    logs += [generated_log(".bin", size_mb) for size_mb in sizes_mb]
+    for path in logs:
         size = path.stat().st_size
-        own = _median([_measure("quadid_read_log", warm_up, str(path)) for _ in range(repeats)])
-        yield (
-            f"| {size / 1e6:.0f} | {own.seconds:.2f} | {size / 1e6 / own.seconds:.0f} "
-            f"| {own.peak_bytes / size:.1f} |"
-        )
+        for action, what in (
+            ("quadid_cli_json", "analyze --json --no-report"),
+            ("quadid_cli_report", "analyze -o DIR"),
+        ):
+            turns = repeats if size < 5e7 else 1
+            runs = [_measure(action, str(generated_log(".bin", WARM_UP_MB)), str(path)) for _ in range(turns)]
+            own = _median(runs)
+            stages = ", ".join(f"{name} {seconds:.2f}" for name, seconds in runs[-1].stages.items())
+            yield (
+                f"| {path.name} | {size / 1e6:.0f} | `{what}` | {own.cpu_seconds:.2f} | {own.seconds:.2f} "
+                f"| {own.peak_bytes / 1e6:.0f} | {stages} |"
+            )
 
 
 def _computations(short: bool, repeats: int) -> Iterator[str]:
@@ -165,26 +216,29 @@ def _computations(short: bool, repeats: int) -> Iterator[str]:
 
 
 def _take_turns(
-    ours: str, theirs: str, warm_up: str, argument: str, repeats: int
-) -> tuple[Measurement, Measurement]:
-    """Run both actions alternately, so that a busy moment hits both."""
-    own, other = [], []
+    ours: str, others: list[str], warm_up: str, argument: str, repeats: int, others_python: str
+) -> tuple[Measurement, dict[str, Measurement]]:
+    """Run all actions alternately, so that a busy moment hits all."""
+    own: list[Measurement] = []
+    rest: dict[str, list[Measurement]] = {name: [] for name in others}
     for turn in range(repeats):
         own.append(_measure(ours, warm_up, argument))
-        if turn < 3:
-            other.append(_measure(theirs, warm_up, argument))
-    return _median(own), _median(other)
+        for name in others if turn < 3 else ():
+            python = others_python if name.startswith(OPTIONAL) else sys.executable
+            rest[name].append(_measure(name, warm_up, argument, python))
+    return _median(own), {name: _median(measured) for name, measured in rest.items()}
 
 
 def _median(measurements: list[Measurement]) -> Measurement:
     """Return the medians of time and memory."""
-    seconds, cpu_seconds, peaks = (statistics.median(column) for column in zip(*measurements, strict=True))
-    return Measurement(seconds, cpu_seconds, int(peaks))
+    columns = zip(*(measured[:3] for measured in measurements), strict=True)
+    seconds, cpu_seconds, peaks = (statistics.median(column) for column in columns)
+    return Measurement(seconds, cpu_seconds, int(peaks), measurements[-1].stages)
 
 
-def _measure(action: str, warm_up: str, argument: str) -> Measurement:
+def _measure(action: str, warm_up: str, argument: str, python: str = sys.executable) -> Measurement:
     """Measure in a process of its own."""
-    command = [sys.executable, __file__, "--measure", action, warm_up, argument]
+    command = [python, __file__, "--measure", action, warm_up, argument]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         sys.exit(f"{action} failed on {argument}:\n{done.stderr}")
@@ -192,16 +246,25 @@ def _measure(action: str, warm_up: str, argument: str) -> Measurement:
 
 
 def _measure_here(action: str, warm_up: str, argument: str) -> Measurement:
-    """Run an action in this process and measure it."""
+    """Run an action in this process and measure it, and the processes that it starts."""
     run = getattr(actions, action)
     run(warm_up)
     before = _reset_peak()
-    start, cpu_start = time.perf_counter(), time.process_time()
+    start, cpu_start = time.perf_counter(), _cpu_seconds()
     result = run(argument)
-    seconds, cpu_seconds = time.perf_counter() - start, time.process_time() - cpu_start
-    peak = _status_bytes("VmHWM")
-    del result
-    return Measurement(seconds, cpu_seconds, peak - before)
+    seconds, cpu_seconds = time.perf_counter() - start, _cpu_seconds() - cpu_start
+    peak = _status_bytes("VmHWM") - before
+    if action.startswith("quadid_cli"):
+        peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024
+    return Measurement(
+        seconds, cpu_seconds, peak, result if isinstance(result, dict) and "read" in result else {}
+    )
+
+
+def _cpu_seconds() -> float:
+    """Return the processor time of this process and of those that it has started and awaited."""
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + children.ru_utime + children.ru_stime
 
 
 def _reset_peak() -> int:
