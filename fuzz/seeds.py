@@ -38,9 +38,12 @@ class Seed(NamedTuple):
     content: bytes
 
 
-def load_seeds() -> list[Seed]:
-    """Return logs flown by our simulator, as every format, and parts of the corpus where it is there."""
-    return _simulated() + _from_corpus()
+def load_seeds(*, whole: bool = False) -> list[Seed]:
+    """Return logs flown by our simulator, as every format, and parts of the corpus where it is there.
+
+    With `whole` the logs of the corpus are not cut to their first bytes.
+    """
+    return _simulated() + _from_corpus(whole=whole)
 
 
 def _simulated() -> list[Seed]:
@@ -63,8 +66,8 @@ def _simulated() -> list[Seed]:
     return seeds
 
 
-def _from_corpus() -> list[Seed]:
-    """Take the beginnings of some logs of the corpus."""
+def _from_corpus(*, whole: bool) -> list[Seed]:
+    """Take some logs of the corpus, or their beginnings."""
     folder = Path(os.environ.get("QUADID_LOG_CORPUS", REPOSITORY.parent / "shared" / "logs"))
     return [
         _seed(folder / name, kind, n_bytes)
