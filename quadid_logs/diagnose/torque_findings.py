@@ -27,7 +27,7 @@ def find_in_torque(log: FlightLog, data: FlightData, identification: Identificat
     model = log.torque
     if model is None or data.input is None:
         return
-    if not model.n_rotors:
+    if not model.n_rotors and data.input.unit == "1":
         yield finding("QL309", "info", {"why": model.remarks, "pass": model.needs}, advice=_pass(model.needs))
     yield from _mixer(model, data.input)
     refused = [

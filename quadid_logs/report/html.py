@@ -18,7 +18,7 @@ from quadid_logs.report.view import View
 
 #: Which figures belong to which chapter, by the beginning of their key.
 _CHAPTERS = {
-    "flight": ("flight", "aligned"),
+    "flight": ("flight", "aligned", "airframe"),
     "excitation": ("excitation",),
     "windows": ("condition", "over-time", "singular"),
     "fit": ("lag", "held-out", "fit", "simulation", "horizon", "residuals"),
