@@ -70,7 +70,7 @@ def _from_corpus(*, whole: bool) -> list[Seed]:
     """Take some logs of the corpus, or their beginnings."""
     folder = Path(os.environ.get("QUADID_LOG_CORPUS", REPOSITORY.parent / "shared" / "logs"))
     return [
-        _seed(folder / name, kind, n_bytes)
+        _seed(folder / name, kind, None if whole else n_bytes)
         for kind, name, n_bytes in CORPUS_PARTS
         if (folder / name).is_file()
     ]
