@@ -38,7 +38,8 @@ class Calibration:
     relative_sigma : tuple of 3 floats
         One standard deviation of that, as a share; NaN where it is not known.
     max_thrust_n : float
-        Thrust of one rotor at full command [N], in the air of this flight.
+        Thrust of one rotor at full command and full battery [N]; in air of sea level where the
+        density is logged, else in that of the flight.
     torque_to_thrust_m : float
         Drag torque over thrust [m].
     mass_kg, arm_length_m : float

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from quadid_logs.cli import main
 from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.data.flight import FlightData, InputDescription
 from quadid_logs.data.log import FlightLog
@@ -151,6 +153,19 @@ def test_an_unknown_airframe_is_not_drawn() -> None:
     result = usable_result(20.0)
     figure = airframe_from_above(replace(result, log=replace(result.log, torque=TorqueModel())))
     assert isinstance(figure, LeftOut)
+
+
+def test_info_takes_the_vehicle_file(
+    corpus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`info --vehicle` prints the calibration route and what is still missing."""
+    vehicle = tmp_path / "quad.toml"
+    vehicle.write_text("mass_kg = 3.0\narm_length_m = 0.35\n")
+    log = corpus / "firmware" / "ac47_quadx_default_logging.BIN"
+    assert main(["info", str(log), "--vehicle", str(vehicle)]) == 0
+    shown = capsys.readouterr().out
+    assert "by mass times specific force" in shown
+    assert "torque_to_thrust_m" in shown
 
 
 def test_info_names_frame_motors_and_route() -> None:
