@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.flight import FlightData, SourceChoice
@@ -33,36 +33,66 @@ def find_in_data(
         yield finding("QL301", "error", {"found": logged}, advice=advice)
     if torque is None:
         yield finding("QL302", "error", {"found": logged}, advice=advice)
-    for source in (rate, torque):
-        if source is not None:
-            yield from _rate(source, advice, settings)
+    yield from _rates([source for source in (rate, torque) if source is not None], advice, settings)
     yield from _attitude(data)
     yield from _flight(data, identification, settings)
     if data.input is not None and data.input.unit == "1":
         yield not_in_newton_metres(log, data.input)
 
 
-def _rate(source: SourceChoice, advice: str, settings: Settings) -> Iterator[Finding]:
-    evidence = {
-        "signal": source.signal,
-        "source": source.source,
-        "rate_hz": round(source.rate_hz, 2),
-        "mean_rate_hz": round(source.mean_rate_hz, 2),
-        "longest_gap_s": round(source.longest_gap_s, 3),
-    }
-    if source.rate_hz < settings.min_rate_hz:
+def _rates(sources: Sequence[SourceChoice], advice: str, settings: Settings) -> Iterator[Finding]:
+    """Judge how fast rates and torque were logged, in one finding for both."""
+    slow = [source for source in sources if source.rate_hz < settings.min_rate_hz]
+    slowish = [source for source in sources if source.rate_hz < settings.caution_rate_hz]
+    if slow:
         yield finding(
             "QL303",
             "error",
-            {**evidence, "needed_hz": settings.min_rate_hz},
+            {**_sampling(slow), "needed_hz": settings.min_rate_hz},
             advice=advice,
-            title=f"{_spoken(source.signal)} was logged at {source.rate_hz:.3g} Hz, "
-            "too slowly to identify anything",
+            title=f"{_told(slow)}, too slowly to identify anything",
         )
-    elif source.rate_hz < settings.caution_rate_hz:
-        yield finding("QL304", "warning", {**evidence, "better_hz": settings.caution_rate_hz}, advice=advice)
-    if source.mean_rate_hz < _RATE_SHORTFALL * source.rate_hz:
-        yield finding("QL305", "info", {**evidence, "gaps": source.n_gaps})
+    elif slowish:
+        yield finding(
+            "QL304",
+            "warning",
+            {**_sampling(slowish), "better_hz": settings.caution_rate_hz},
+            advice=advice,
+            title=f"{_told(slowish)}, which is rather slow",
+        )
+    sparse = [source for source in sources if source.mean_rate_hz < _RATE_SHORTFALL * source.rate_hz]
+    if sparse:
+        yield finding("QL305", "info", _sampling(sparse))
+
+
+def _sampling(sources: Sequence[SourceChoice]) -> dict[str, object]:
+    """Return the evidence of how each source was sampled."""
+    return {
+        source.signal: {
+            "source": source.source,
+            "rate_hz": round(source.rate_hz, 2),
+            "mean_rate_hz": round(source.mean_rate_hz, 2),
+            "longest_gap_s": round(source.longest_gap_s, 3),
+            "gaps": source.n_gaps,
+        }
+        for source in sources
+    }
+
+
+def _told(sources: Sequence[SourceChoice]) -> str:
+    """Say in words at which rates the sources were logged."""
+    rates = {f"{source.rate_hz:.3g}" for source in sources}
+    names = [_SPOKEN[source.signal] for source in sources]
+    if len(rates) == 1:
+        subject = " and ".join(names)
+        return f"{subject[:1].upper()}{subject[1:]} {'were' if len(names) > 1 else 'was'} logged at {rates.pop()} Hz"
+    told = [
+        f"{name} was logged at {source.rate_hz:.3g} Hz" for name, source in zip(names, sources, strict=True)
+    ]
+    return f"{told[0][:1].upper()}{told[0][1:]} and {told[1]}"
+
+
+_SPOKEN = {"body_rate": "the body rate", "torque_command": "the torque", "torque_n_m": "the torque"}
 
 
 def _too_slow(data: FlightData, settings: Settings) -> bool:
@@ -72,10 +102,6 @@ def _too_slow(data: FlightData, settings: Settings) -> bool:
         for name, source in data.sources.items()
         if name in ("body_rate", "torque_command", "torque_n_m")
     )
-
-
-def _spoken(signal: str) -> str:
-    return {"body_rate": "The body rate", "torque_command": "The torque", "torque_n_m": "The torque"}[signal]
 
 
 def _attitude(data: FlightData) -> Iterator[Finding]:
