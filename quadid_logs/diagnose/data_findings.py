@@ -85,7 +85,8 @@ def _told(sources: Sequence[SourceChoice]) -> str:
     names = [_SPOKEN[source.signal] for source in sources]
     if len(rates) == 1:
         subject = " and ".join(names)
-        return f"{subject[:1].upper()}{subject[1:]} {'were' if len(names) > 1 else 'was'} logged at {rates.pop()} Hz"
+        verb = "were" if len(names) > 1 else "was"
+        return f"{subject[:1].upper()}{subject[1:]} {verb} logged at {rates.pop()} Hz"
     told = [
         f"{name} was logged at {source.rate_hz:.3g} Hz" for name, source in zip(names, sources, strict=True)
     ]
