@@ -118,8 +118,3 @@ class TorqueModel:
     def n_rotors(self) -> int:
         """Number of rotors, 0 where the frame is not known."""
         return int(self.spin.shape[0])
-
-    @property
-    def refused_parameters(self) -> bool:
-        """Whether untouched default geometry in the log was refused as calibration."""
-        return any("untouched defaults" in remark for remark in self.remarks)
