@@ -10,7 +10,7 @@ import typer
 
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.progress import Progress
-from quadid_logs.cli.simulate import make_folder, write_beside
+from quadid_logs.cli.simulate import make_folder, write_together
 from quadid_logs.errors import OutputError
 from quadid_logs.untrusted import printable
 
@@ -40,8 +40,7 @@ def paper(
         files = {"paper.md": text.encode(), "windows.csv": windows_csv(experiment).encode()}
         files |= figures(experiment)
     make_folder(output)
-    for name in _FILES:
-        write_beside(output / name, files[name])
+    write_together(output, {name: files[name] for name in _FILES})
     say(text.rstrip("\n"))
     say(f"\nWrote {', '.join(_FILES)} into {printable(output)}")
     return 0

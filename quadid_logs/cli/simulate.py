@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -129,11 +130,27 @@ def make_folder(folder: Path) -> None:
 
 def write_beside(path: Path, content: bytes) -> None:
     """Write a file beside its place and rename it, so that none is ever half-written."""
-    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
+    write_together(path.parent, {path.name: content})
+
+
+def write_together(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write files beside their places and rename them when all are there: all of them or none.
+
+    Raises
+    ------
+    OutputError
+        If one cannot be written.
+    """
+    beside = {name: folder / f".{name}.{os.getpid()}.part" for name in files}
+    name = ""
     try:
-        beside.write_bytes(content)
-        beside.replace(path)
+        for name, content in files.items():
+            beside[name].write_bytes(content)
+        for name, part in beside.items():
+            part.replace(folder / name)
     except OSError as error:
-        raise OutputError(f"{printable(path)} cannot be written: {error.strerror or error}.") from error
+        path = printable(folder / name)
+        raise OutputError(f"{path} cannot be written: {error.strerror or error}.") from error
     finally:
-        beside.unlink(missing_ok=True)
+        for part in beside.values():
+            part.unlink(missing_ok=True)
