@@ -49,8 +49,10 @@ class LogClock:
     def __init__(self, tables: Iterable[MessageTable]) -> None:
         self._position: IntArray = np.zeros(0, np.int64)
         self._time: FloatArray = np.zeros(0)
+        # Several signals come from one table: they share its times. The positions kept beside hold the key.
+        self._known: dict[int, tuple[IntArray, FloatArray | None]] = {}
         for table in tables:
-            time = own_time(table)
+            time = self._own_time(table)
             if time is not None and len(time) > len(self._time):
                 self._position, self._time = table.position, time
 
@@ -66,8 +68,15 @@ class LogClock:
 
     def times(self, table: MessageTable) -> FloatArray:
         """Return the time of each row [s]: its own, or that of the last reference row before it."""
-        own = own_time(table)
+        own = self._own_time(table)
         return self.times_at(table.position) if own is None else own
+
+    def _own_time(self, table: MessageTable) -> FloatArray | None:
+        """Return `own_time` of a table, computed once for all tables of these rows."""
+        position = table.position
+        if id(position) not in self._known:
+            self._known[id(position)] = position, own_time(table)
+        return self._known[id(position)][1]
 
     def times_at(self, position: IntArray) -> FloatArray:
         """Return the time of the last reference row before each position [s], NaN without any."""
