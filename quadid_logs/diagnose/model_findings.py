@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
 
 import numpy as np
 
-from quadid_logs.data.diagnosis import Finding
+from quadid_logs.data.diagnosis import Finding, Level
 from quadid_logs.data.log import FlightLog
-from quadid_logs.data.model import Identification, Model
+from quadid_logs.data.model import Excitation, Identification, Model, Parameter
 from quadid_logs.data.settings import Settings
 from quadid_logs.diagnose.advice import excitation_advice
 from quadid_logs.diagnose.findings import finding
@@ -29,127 +30,149 @@ def find_in_models(log: FlightLog, identification: Identification, settings: Set
     model = identification.recommended
     if model is None:
         return
-    for number, axis in enumerate(AXES):
-        yield from _axis(log, identification, model, settings, number, axis)
+    for number in range(len(AXES)):
+        yield from _axis(log, identification, model, settings, number)
     yield from _actuator(model, settings)
     yield from _windows(identification)
 
 
+class _Axis(NamedTuple):
+    """What is known about one axis of the recommended model."""
+
+    name: str
+    number: int
+    model: Model
+    excitation: Excitation
+    own: Parameter
+    settings: Settings
+    advice: str
+
+    @property
+    def r2(self) -> float:
+        """Share of held-out acceleration that the model explains."""
+        return self.model.validation.r2_acceleration.get(ACCELERATION_SYMBOLS[self.number], float("nan"))
+
+    @property
+    def moved_deg_s(self) -> float:
+        """How much the axis turned [deg/s rms]."""
+        return float(np.degrees(self.excitation.rate_rms_rad_s))
+
+    def finding(self, code: str, level: Level, evidence: Mapping[str, object], title: str = "") -> Finding:
+        """Return a finding about this axis."""
+        return finding(code, level, evidence, axes=(self.name,), advice=self.advice, title=title)
+
+
 def _axis(
-    log: FlightLog, identification: Identification, model: Model, settings: Settings, number: int, axis: str
+    log: FlightLog, identification: Identification, model: Model, settings: Settings, number: int
 ) -> Iterator[Finding]:
-    """Judge one axis; the first error is enough, because the others follow from it."""
+    """Judge one axis; the first thing that makes its number worthless is enough."""
     target = ACCELERATION_SYMBOLS[number]
-    r2 = model.validation.r2_acceleration.get(target, float("nan"))
-    excitation = identification.excitation[number]
-    evidence: dict[str, object] = {
-        "held_out_r2": _rounded(r2),
-        "signal_to_noise": _rounded(excitation.signal_to_noise),
-        "rate_rms_deg_s": _rounded(np.degrees(excitation.rate_rms_rad_s)),
-        "torque_rms": _rounded(excitation.torque_rms),
+    axis = _Axis(
+        name=AXES[number],
+        number=number,
+        model=model,
+        excitation=identification.excitation[number],
+        own=next(p for p in model.parameters if p.target == target and p.regressor == model.inputs[number]),
+        settings=settings,
+        advice=excitation_advice(log.autopilot, AXES[number]),
+    )
+    for check in (_hardly_moved, _not_explained, _wrong_sign, _too_wide):
+        if (found := check(axis)) is not None:
+            yield found
+            return
+    for check in (_not_reproduced, _slides_with_the_band, _changes_in_flight, _little_moved):
+        if (found := check(axis)) is not None:
+            yield found
+
+
+def _evidence(axis: _Axis) -> dict[str, object]:
+    return {
+        "held_out_r2": _rounded(axis.r2),
+        "signal_to_noise": _rounded(axis.excitation.signal_to_noise),
+        "rate_rms_deg_s": _rounded(axis.moved_deg_s),
+        "torque_rms": _rounded(axis.excitation.torque_rms),
     }
-    own = next(p for p in model.parameters if p.target == target and p.regressor == model.inputs[number])
-    gain = {"gain": _rounded(own.value), "ci95": [_rounded(own.ci95[0]), _rounded(own.ci95[1])]}
-    advice = excitation_advice(log.autopilot, axis)
-    moved_deg_s = float(np.degrees(excitation.rate_rms_rad_s))
-    if moved_deg_s < settings.min_rate_rms_deg_s:
-        yield finding(
-            "QL403",
-            "error",
-            {**evidence, "needed_deg_s": settings.min_rate_rms_deg_s},
-            axes=(axis,),
-            advice=advice,
-            title=f"{axis.capitalize()} was hardly moved ({moved_deg_s:.2g} deg/s rms)",
-        )
-        return
-    if not excitation.signal_to_noise >= settings.min_signal_to_noise:
-        yield finding(
-            "QL504",
-            "error",
-            evidence,
-            axes=(axis,),
-            advice=advice,
-            title=f"The torque explains only {100.0 * max(0.0, np.nan_to_num(r2)):.0f} % of the "
-            f"{axis} acceleration on flight that the model was not fitted to",
-        )
-        return
-    if not own.value > 0.0:
-        yield finding("QL506", "error", {**evidence, **gain}, axes=(axis,))
-        return
-    half_width = 0.5 * (own.ci95[1] - own.ci95[0])
-    if not half_width <= settings.max_relative_ci * own.value:
-        yield finding(
-            "QL505",
-            "error",
-            {**evidence, **gain},
-            axes=(axis,),
-            advice=advice,
-        )
-        return
-    yield from _simulation(model, settings, number, axis, advice)
-    yield from _band(model, number, axis, advice)
-    yield from _halves(model, number, axis)
-    if excitation.signal_to_noise < settings.caution_signal_to_noise:
-        yield finding(
-            "QL404",
-            "warning",
-            evidence,
-            axes=(axis,),
-            advice=advice,
-            title=f"{axis.capitalize()} was moved only a little",
-        )
 
 
-def _simulation(model: Model, settings: Settings, number: int, axis: str, advice: str) -> Iterator[Finding]:
-    """Doubt an axis whose motion does not follow from its torque over some seconds."""
-    r2 = model.validation.r2_simulated_rate.get(RATE_SYMBOLS[number], float("nan"))
-    if r2 >= settings.caution_simulated_r2:
-        return
-    yield finding(
-        "QL511",
-        "warning" if r2 >= settings.min_simulated_r2 else "error",
-        {
-            "simulated_rate_r2": _rounded(r2),
-            "block_s": settings.held_out_block_s,
-            "needed_r2": settings.min_simulated_r2,
-        },
-        axes=(axis,),
-        advice=advice,
+def _gain(axis: _Axis) -> dict[str, object]:
+    low, high = axis.own.ci95
+    return {"gain": _rounded(axis.own.value), "ci95": [_rounded(low), _rounded(high)]}
+
+
+def _hardly_moved(axis: _Axis) -> Finding | None:
+    needed = axis.settings.min_rate_rms_deg_s
+    if axis.moved_deg_s >= needed:
+        return None
+    title = f"{axis.name.capitalize()} was hardly moved ({axis.moved_deg_s:.2g} deg/s rms)"
+    return axis.finding("QL403", "error", {**_evidence(axis), "needed_deg_s": needed}, title)
+
+
+def _not_explained(axis: _Axis) -> Finding | None:
+    if axis.excitation.signal_to_noise >= axis.settings.min_signal_to_noise:
+        return None
+    title = (
+        f"The torque explains only {100.0 * max(0.0, np.nan_to_num(axis.r2)):.0f} % of the "
+        f"{axis.name} acceleration on flight that the model was not fitted to"
+    )
+    return axis.finding("QL504", "error", _evidence(axis), title)
+
+
+def _wrong_sign(axis: _Axis) -> Finding | None:
+    return None if axis.own.value > 0.0 else axis.finding("QL506", "error", _evidence(axis) | _gain(axis))
+
+
+def _too_wide(axis: _Axis) -> Finding | None:
+    half_width = 0.5 * (axis.own.ci95[1] - axis.own.ci95[0])
+    if half_width <= axis.settings.max_relative_ci * axis.own.value:
+        return None
+    return axis.finding("QL505", "error", _evidence(axis) | _gain(axis))
+
+
+def _little_moved(axis: _Axis) -> Finding | None:
+    if axis.excitation.signal_to_noise >= axis.settings.caution_signal_to_noise:
+        return None
+    return axis.finding(
+        "QL404", "warning", _evidence(axis), f"{axis.name.capitalize()} was moved only a little"
     )
 
 
-def _band(model: Model, number: int, axis: str, advice: str) -> Iterator[Finding]:
-    if model.band is None:
-        return
-    spread = float(model.band.spread[number])
-    if spread > _BAND_WARNING:
-        yield finding(
-            "QL503",
-            "error" if spread > _BAND_ERROR else "warning",
-            {
-                "cutoff_hz": [_rounded(value) for value in model.band.cutoff_hz],
-                "gain": [_rounded(value) for value in model.band.own_gain[:, number]],
-            },
-            axes=(axis,),
-            advice=advice,
-        )
+def _not_reproduced(axis: _Axis) -> Finding | None:
+    """Doubt an axis whose motion does not follow from its torque over some seconds."""
+    r2 = axis.model.validation.r2_simulated_rate.get(RATE_SYMBOLS[axis.number], float("nan"))
+    if r2 >= axis.settings.caution_simulated_r2:
+        return None
+    evidence = {
+        "simulated_rate_r2": _rounded(r2),
+        "block_s": axis.settings.held_out_block_s,
+        "needed_r2": axis.settings.min_simulated_r2,
+    }
+    return axis.finding("QL511", "warning" if r2 >= axis.settings.min_simulated_r2 else "error", evidence)
 
 
-def _halves(model: Model, number: int, axis: str) -> Iterator[Finding]:
-    if model.halves is None:
-        return
-    change = float(model.halves.changed[number])
-    if change > _HALVES_WARNING:
-        yield finding(
-            "QL509",
-            "error" if change > _HALVES_ERROR else "warning",
-            {
-                "first_half": _rounded(float(model.halves.own_gain[0, number])),
-                "second_half": _rounded(float(model.halves.own_gain[1, number])),
-                "half_widths_95": [_rounded(float(value)) for value in model.halves.half_width[:, number]],
-            },
-            axes=(axis,),
-        )
+def _slides_with_the_band(axis: _Axis) -> Finding | None:
+    band = axis.model.band
+    spread = 0.0 if band is None else float(band.spread[axis.number])
+    if band is None or spread <= _BAND_WARNING:
+        return None
+    evidence = {
+        "cutoff_hz": [_rounded(value) for value in band.cutoff_hz],
+        "gain": [_rounded(value) for value in band.own_gain[:, axis.number]],
+    }
+    return axis.finding("QL503", "error" if spread > _BAND_ERROR else "warning", evidence)
+
+
+def _changes_in_flight(axis: _Axis) -> Finding | None:
+    halves = axis.model.halves
+    change = 0.0 if halves is None else float(halves.changed[axis.number])
+    if halves is None or change <= _HALVES_WARNING:
+        return None
+    evidence = {
+        "first_half": _rounded(float(halves.own_gain[0, axis.number])),
+        "second_half": _rounded(float(halves.own_gain[1, axis.number])),
+        "half_widths_95": [_rounded(float(value)) for value in halves.half_width[:, axis.number]],
+    }
+    level: Level = "error" if change > _HALVES_ERROR else "warning"
+    return finding("QL509", level, evidence, axes=(axis.name,))
 
 
 def _actuator(model: Model, settings: Settings) -> Iterator[Finding]:

@@ -11,7 +11,7 @@ from quadid_logs.identify.design import build_design
 from quadid_logs.identify.excitation import measure_excitation
 from quadid_logs.identify.model import fit_actuated, fit_as_published
 from quadid_logs.identify.structures import DAMPED, LINEAR_9, QUADROTOR_6
-from quadid_logs.vocabulary import ACCELERATION_SYMBOLS
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS
 
 __all__ = ["identify"]
 
@@ -64,7 +64,14 @@ def identify(data: FlightData, settings: Settings) -> Identification:
     if all(name in design.columns for name in LINEAR_9.regressors):
         models.append(fit_as_published(LINEAR_9, data, design, settings))
     ordered = _recommend(models, settings)
-    return Identification(models=ordered, excitation=measure_excitation(data, _signal_to_noise(ordered[0])))
+    return Identification(
+        models=ordered,
+        excitation=measure_excitation(
+            data,
+            signal_to_noise=_signal_to_noise(ordered[0]),
+            rate_rms_rad_s=np.array([np.std(design.columns[name]) for name in RATE_SYMBOLS]),
+        ),
+    )
 
 
 def _recommend(models: list[Model], settings: Settings) -> tuple[Model, ...]:

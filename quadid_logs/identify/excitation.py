@@ -18,13 +18,29 @@ _NOISE_BAND = 0.6
 _ANGLES = ("phi", "theta", "psi")
 
 
-def measure_excitation(data: FlightData, signal_to_noise: FloatArray) -> tuple[Excitation, ...]:
-    """Return spectra, coherence and sizes per axis; `signal_to_noise` (3,) is the models'."""
-    return tuple(_axis(data, axis, float(signal_to_noise[axis])) for axis in range(3))
+def measure_excitation(
+    data: FlightData, *, signal_to_noise: FloatArray, rate_rms_rad_s: FloatArray
+) -> tuple[Excitation, ...]:
+    """Return spectra, coherence and sizes per axis.
+
+    Parameters
+    ----------
+    data : FlightData
+    signal_to_noise : ndarray, shape (3,)
+        Of the recommended model.
+    rate_rms_rad_s : ndarray, shape (3,)
+        Of the smoothed rates: vibration is no motion.
+
+    Returns
+    -------
+    tuple of Excitation
+    """
+    return tuple(
+        _axis(data, axis, float(signal_to_noise[axis]), float(rate_rms_rad_s[axis])) for axis in range(3)
+    )
 
 
-def _axis(data: FlightData, axis: int, signal_to_noise: float) -> Excitation:
-    rate = np.concatenate([segment.body_rate_rad_s[:, axis] for segment in data.segments])
+def _axis(data: FlightData, axis: int, signal_to_noise: float, rate_rms_rad_s: float) -> Excitation:
     torque = np.concatenate([segment.torque[:, axis] for segment in data.segments])
     longest = max(segment.n_samples for segment in data.segments)
     spectra = averaged_spectra(
@@ -35,7 +51,7 @@ def _axis(data: FlightData, axis: int, signal_to_noise: float) -> Excitation:
     return Excitation(
         axis=AXES[axis],
         torque_rms=float(np.std(torque)),
-        rate_rms_rad_s=float(np.std(rate)),
+        rate_rms_rad_s=rate_rms_rad_s,
         signal_to_noise=signal_to_noise,
         frequency_hz=spectra.frequency_hz,
         rate_psd=spectra.output_psd,
