@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -33,6 +34,13 @@ def test_every_finding_that_the_code_raises_is_in_the_catalogue() -> None:
         if f'"{code}"' in path.read_text(encoding="utf-8") and path.name != "catalogue.py"
     }
     assert raised == set(CATALOGUE)
+
+
+def test_no_code_is_used_for_two_findings() -> None:
+    """The later entry would silently replace the earlier one."""
+    text = (DOCS.parent / "quadid_logs" / "data" / "catalogue.py").read_text(encoding="utf-8")
+    codes = re.findall(r'^ +"(QL\d+)",$', text, flags=re.MULTILINE)
+    assert len(codes) == len(set(codes)) == len(CATALOGUE)
 
 
 @pytest.mark.parametrize("name", ["result.schema.json"])

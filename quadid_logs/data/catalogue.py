@@ -241,7 +241,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Describe the vehicle with --vehicle FILE.toml to get physical units.",
             ),
             _entry(
-                "QL511",
+                "QL512",
                 "The inertia is hardly that of a multirotor",
                 "A body's largest moment of inertia is at most the sum of the other two, and a multirotor's "
                 "lie well within its mass times the square of its arm. What came out does not, by more than "

@@ -116,7 +116,7 @@ def _inertia(inertia: Inertia, calibration: Calibration) -> Iterator[Finding]:
                 wrong[f"I{'xyz'[axis] * 2}_over_m_r2"] = f"{ratio}, usual are {least} to {most}"
     if wrong:
         yield finding(
-            "QL511", "warning", {**wrong, "moments_kg_m2": [_rounded(float(value)) for value in moment]}
+            "QL512", "warning", {**wrong, "moments_kg_m2": [_rounded(float(value)) for value in moment]}
         )
 
 

@@ -67,7 +67,7 @@ def quad(**changes: object) -> TorqueModel:
 
 def test_a_plausible_inertia_is_no_finding() -> None:
     """0.02 kg m^2 for 2 kg on arms of 0.25 m is an ordinary quad."""
-    assert "QL511" not in found_for(tensor(0.02, 0.021, 0.035), quad())
+    assert "QL512" not in found_for(tensor(0.02, 0.021, 0.035), quad())
 
 
 @pytest.mark.parametrize(
@@ -80,7 +80,7 @@ def test_a_plausible_inertia_is_no_finding() -> None:
 )
 def test_an_inertia_that_no_such_body_has_is_a_warning(moments: tuple[float, ...], word: str) -> None:
     """The sum of two moments, and the ratio to mass times arm squared, beyond their intervals."""
-    evidence = found_for(tensor(*moments), quad())["QL511"]
+    evidence = found_for(tensor(*moments), quad())["QL512"]
     assert word in evidence
     assert evidence["level"] == "warning"
 
@@ -104,7 +104,7 @@ def test_an_unknown_airframe_says_what_to_pass() -> None:
 
 def test_every_code_of_this_part_is_in_the_catalogue() -> None:
     """`explain` knows them."""
-    assert {"QL307", "QL308", "QL309", "QL405", "QL511"} <= set(CATALOGUE)
+    assert {"QL307", "QL308", "QL309", "QL405", "QL512"} <= set(CATALOGUE)
 
 
 def estimate_of(B: np.ndarray) -> Estimate:
