@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO, TypeAlias
 
@@ -51,7 +52,20 @@ class FileParts:
         LogError
             If the file has become shorter since it was opened.
         """
-        found = np.empty(max(0, min(stop, self.n_bytes) - start), np.uint8)
+        return self._fill(np.empty(max(0, min(stop, self.n_bytes) - start), np.uint8), start)
+
+    def blocks(self, size: int, overlap: int) -> Iterator[tuple[int, Bytes]]:
+        """Yield the file in blocks, each with `overlap` bytes of the next one, and where they begin.
+
+        All share one buffer, which keeps it in the processor's cache: a block
+        is only valid until the next one.
+        """
+        buffer = np.empty(size + overlap, np.uint8)
+        for start in range(0, self.n_bytes - overlap, size):
+            yield start, self._fill(buffer[: self.n_bytes - start], start)
+
+    def _fill(self, found: Bytes, start: int) -> Bytes:
+        """Read from `start` on until the array is full."""
         if len(found):
             self._stream.seek(start)
             if self._stream.readinto(found) != len(found):  # type: ignore[attr-defined]

@@ -31,7 +31,7 @@ _GATHER_ROWS: Final = 10_000
 #: Rows in which the first and last of each id are sought at once.
 _SEARCH_ROWS: Final = 1 << 20
 #: Rows are gathered from parts of the file of this size.
-_GATHER_BYTES: Final = 1 << 24
+_GATHER_BYTES: Final = 1 << 22
 _LONGEST_MESSAGE: Final = 255
 
 

@@ -158,9 +158,13 @@ def find_headers(content: FileParts) -> Headers:
     offset_type = np.uint32 if n_bytes < 1 << 32 else np.int64
     positions: list[AnyArray] = [np.zeros(0, offset_type)]
     type_ids: list[ByteArray] = [np.zeros(0, np.uint8)]
-    for start in range(0, n_bytes - 2, _SCAN_BYTES):
-        block = content.part(start, start + _SCAN_BYTES + 2)
-        found = np.flatnonzero((block[:-2] == HEADER[0]) & (block[1:-1] == HEADER[1]))
+    # New memory for every block would cost more than the scan.
+    is_first, is_second = np.empty((2, _SCAN_BYTES), np.bool_)
+    for start, block in content.blocks(_SCAN_BYTES, 2):
+        first, second = is_first[: len(block) - 2], is_second[: len(block) - 2]
+        np.equal(block[:-2], HEADER[0], out=first)
+        np.equal(block[1:-1], HEADER[1], out=second)
+        found = np.flatnonzero(np.logical_and(first, second, out=first))
         type_ids.append(block[found + 2])
         positions.append((found + start).astype(offset_type))
     return Headers(np.concatenate(positions), np.concatenate(type_ids))
