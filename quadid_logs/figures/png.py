@@ -97,7 +97,7 @@ def _row_heights(figure: Figure) -> list[float]:
 
 def _draw_panel(axes: Axes, panel: Panel, *, with_x_label: bool) -> None:
     """Draw one panel."""
-    axes.set_title(_drawable(panel.title), loc="left", fontsize=9.5, color=LIGHT["ink"], pad=3)
+    axes.set_title(_drawable(panel.title), loc="left", y=1.0, fontsize=9.5, color=LIGHT["ink"], pad=3)
     axes.grid(color=LIGHT["grid"], linewidth=0.6)
     axes.set_axisbelow(True)
     for side in ("top", "right"):
