@@ -53,7 +53,7 @@ class Packets(NamedTuple):
         """Byte offsets behind the packets."""
         return self.start + self.size
 
-    def where(self, chosen: BoolArray | IntArray) -> Packets:
+    def where(self, chosen: BoolArray | IntArray | slice) -> Packets:
         """Return the packets that `chosen` marks or lists."""
         return Packets(*(part[chosen] for part in self))
 
@@ -205,12 +205,14 @@ def _crc(body: Bytes, one_byte: NDArray[np.uint16], two_bytes: NDArray[np.uint16
 def _without_overlap(found: Packets) -> BoolArray:
     """Mark the packets that do not begin inside an earlier one: a checksum can be right by chance."""
     keep = np.ones(len(found.start), bool)
-    if not (found.start[1:] < np.maximum.accumulate(found.end)[:-1]).any():
-        return keep
-    end = 0
-    for k, (start, stop) in enumerate(zip(found.start.tolist(), found.end.tolist(), strict=True)):
-        keep[k] = start >= end
-        end = stop if keep[k] else end
+    ends = found.end
+    inside = np.flatnonzero(found.start[1:] < np.maximum.accumulate(ends)[:-1]) + 1
+    last, end = -1, 0
+    for k in inside.tolist():
+        if k - 1 != last:
+            end = int(ends[k - 1])  # the one before begins inside none: it is kept
+        keep[k] = int(found.start[k]) >= end
+        last, end = k, int(ends[k]) if keep[k] else end
     return keep
 
 

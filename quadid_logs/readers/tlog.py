@@ -30,6 +30,8 @@ from quadid_logs.readers.mavlink_frames import MAGIC_1, MAGIC_2, STAMP_SIZE, Pac
 
 _INVALID_AUTOPILOT: Final = 8
 _GROUND_STATION: Final = 6
+#: Rows that are copied at once: what is needed for that stays small.
+_ROWS: Final = 1 << 16
 _FEW: Final = 2
 """Packets with a right checksum that make a file a MAVLink log, unless it begins with one."""
 
@@ -215,16 +217,22 @@ def _decode(
 
 def _payloads(data: Bytes, packets: Packets, kind: MessageType) -> AnyArray:
     """Return the payloads as rows; what the sender truncated is zero, what we do not know is left out."""
-    n_bytes = kind.dtype.itemsize
-    body = np.zeros((len(packets.start), n_bytes), np.uint8)
-    kept = np.minimum(packets.length, min(n_bytes, 255))
+    body = np.zeros((len(packets.start), kind.dtype.itemsize), np.uint8)
+    for first in range(0, len(body), _ROWS):
+        part = slice(first, first + _ROWS)
+        _copy_payloads(data, packets.where(part), body[part])
+    rows: AnyArray = body.reshape(-1).view(kind.dtype)
+    return rows
+
+
+def _copy_payloads(data: Bytes, packets: Packets, body: Bytes) -> None:
+    """Copy the payloads into the rows of `body`, those of equal length together."""
+    kept = np.minimum(packets.length, min(body.shape[1], 255))
     payload = packets.payload
     for size in np.flatnonzero(np.bincount(kept, minlength=1)).tolist():
         group = np.flatnonzero(kept == size)
         part = rows_at(data, payload[group], np.dtype((np.void, size)))
         body[group, :size] = part.view(np.uint8).reshape(len(group), size)
-    rows: AnyArray = body.reshape(-1).view(kind.dtype)
-    return rows
 
 
 def _boot_clock(
