@@ -317,3 +317,18 @@ def test_a_log_without_one_right_packet_is_called_empty(tmp_path: Path) -> None:
     """The reader itself never returns an empty log."""
     with pytest.raises(EmptyLogError):
         tlog.read(write(tmp_path, bytes(50)))
+
+
+def test_packets_inside_the_payload_of_another_are_its_payload(tmp_path: Path) -> None:
+    """However right their checksums are; the packet behind the carrier counts again."""
+    sender = make.Sender()
+    inner = sender.packet("HEARTBEAT", type=2, autopilot=3) * 2
+    carrier = sender.stamped("FILE_TRANSFER_PROTOCOL", payload=[*inner, *[1] * (251 - len(inner))])
+    path = tmp_path / "log.tlog"
+    path.write_bytes(sender.heartbeat() + carrier + sender.heartbeat() + sender.attitude(0))
+    messages = tlog.read_messages(path)
+    assert {name: len(message.position) for name, message in messages.items()} == {
+        "HEARTBEAT": 2,
+        "FILE_TRANSFER_PROTOCOL": 1,
+        "ATTITUDE": 1,
+    }
