@@ -15,7 +15,7 @@ from hypothesis.extra import numpy as hnp
 
 from quadid_logs.data.log import ModeChange
 from quadid_logs.data.result import Result
-from quadid_logs.figures import figures_of
+from quadid_logs.figures import FIGURE_KEYS, figures_of
 from quadid_logs.figures.interactive import interactive
 from quadid_logs.figures.palette import DARK, LIGHT
 from quadid_logs.figures.png import write_png
@@ -35,6 +35,7 @@ def test_a_good_flight_shows_every_figure(usable: Result) -> None:
     keys = [figure.key for figure in figures.shown]
     assert figures.left_out == ()
     assert len(keys) == len(set(keys))
+    assert set(keys) <= set(FIGURE_KEYS)
     assert {
         "flight",
         "aligned",

@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import replace
+from typing import Final, NamedTuple
 
 from quadid_logs.data.result import Result
+from quadid_logs.data.settings import STRUCTURES
 from quadid_logs.figures.spec import Figure, LeftOut
+from quadid_logs.vocabulary import AXES
 
-__all__ = ["Figure", "Figures", "LeftOut", "figures_of"]
+__all__ = ["FIGURE_KEYS", "Figure", "Figures", "LeftOut", "figures_of"]
+
+#: Every key that a figure can have.
+FIGURE_KEYS: Final = (
+    *("flight", "aligned", "airframe", "excitation", "windows", "over-time", "singular", "structures", "lag"),
+    *("held-out", "fit", "simulation", "residuals", "horizon"),
+    *(f"condition-{structure}" for structure in STRUCTURES),
+)
+#: Figures whose panels show what an axis' model says.
+_OF_THE_MODEL: Final = frozenset({"over-time", "structures", "held-out", "fit", "simulation", "residuals"})
 
 
 class Figures(NamedTuple):
@@ -47,6 +59,21 @@ def figures_of(result: Result) -> Figures:
         horizon_error(result),
     ]
     return Figures(
-        shown=tuple(item for item in everything if isinstance(item, Figure)),
+        shown=tuple(_marked(item, result) for item in everything if isinstance(item, Figure)),
         left_out=tuple(item for item in everything if isinstance(item, LeftOut)),
     )
+
+
+def _marked(figure: Figure, result: Result) -> Figure:
+    """Say in the panels of refused axes that they show no results."""
+    found = result.diagnosis.axes
+    refused = tuple(axis.capitalize() for axis in AXES if axis in found and found[axis].verdict == "refused")
+    if figure.key not in _OF_THE_MODEL or not refused:
+        return figure
+    panels = tuple(
+        replace(panel, title=f"{panel.title} – refused, not to be trusted")
+        if panel.title.startswith(refused)
+        else panel
+        for panel in figure.panels
+    )
+    return replace(figure, panels=panels)

@@ -110,7 +110,11 @@ def _timeline(result: Result) -> Panel:
     held_out = () if model is None or model.fit is None else spans(model.fit.time_s, model.fit.held_out)
     rows = (
         ("held out", "held-out", held_out),
-        ("analysed", "estimate", tuple((segment.start_s, segment.end_s) for segment in data.segments)),
+        (
+            "without gaps" if model is None else "analysed",
+            "estimate",
+            tuple((segment.start_s, segment.end_s) for segment in data.segments),
+        ),
         ("in the air", "muted", data.flights),
     )
     curves = tuple(

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from quadid_logs.data.result import Result
 from quadid_logs.errors import OutputError
-from quadid_logs.figures import figures_of
+from quadid_logs.figures import FIGURE_KEYS, figures_of
 from quadid_logs.report.json import result_dict
 from quadid_logs.report.provenance import Provenance, provenance_of
 from quadid_logs.untrusted import printable
@@ -178,6 +178,15 @@ def _move_into(beside: Path, folder: Path, *, force: bool) -> None:
     for name in names:
         # A rename replaces a symbolic link itself and never writes through it.
         (beside / name).replace(folder / name)
+    _remove_stale(folder, kept=frozenset(names))
+
+
+def _remove_stale(folder: Path, *, kept: frozenset[str]) -> None:
+    """Remove what an earlier run left and this one has not replaced: only files that we would write."""
+    ours = (REPORT_FILE, *(f"{key}.png" for key in FIGURE_KEYS))
+    for name in ours:
+        if name not in kept and (folder / name).is_file():
+            (folder / name).unlink()
 
 
 def _refuse_existing(folder: Path, names: Iterable[str]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import PurePath
 
 from quadid_logs.data.result import Result
-from quadid_logs.report.view import effect_sentence, next_steps
+from quadid_logs.report.view import effect_sentence, flown_sentence, next_steps
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES
 
@@ -24,7 +24,7 @@ def result_lines(result: Result) -> tuple[str, ...]:
     """
     model = result.identification.recommended
     structure = f"structure {model.structure}" if model else "no model"
-    lines = [f"{_name(result)}: {structure}, {_flown(result)}"]
+    lines = [f"{_name(result)}: {structure}, {flown_sentence(result)}"]
     for axis in AXES:
         if axis in result.diagnosis.axes:
             lines += _axis_lines(result, axis)
@@ -45,12 +45,6 @@ def one_line(result: Result) -> str:
 def _name(result: Result) -> str:
     """Return the log's file name."""
     return printable(PurePath(result.log.path).name, 120)
-
-
-def _flown(result: Result) -> str:
-    """Say how much was analysed."""
-    used_s = sum(segment.end_s - segment.start_s for segment in result.data.segments)
-    return f"{used_s:.1f} s of {result.data.duration_s:.1f} s analysed"
 
 
 def _axis_lines(result: Result, axis: str) -> list[str]:

@@ -10,6 +10,7 @@ from pathlib import PurePath
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
+from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.flight import SourceChoice
 from quadid_logs.data.model import Inertia, Model, Parameter, Windows
@@ -17,6 +18,7 @@ from quadid_logs.data.result import Result
 from quadid_logs.report.airframe import airframe_facts
 from quadid_logs.report.numbers import estimate, interval, number, percent, seconds, size
 from quadid_logs.report.provenance import Provenance
+from quadid_logs.report.words import evidence_name, evidence_value, signal_name
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS, SIGNALS
 
@@ -57,11 +59,12 @@ class AxisView:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FindingView:
-    """A finding with its evidence as name and value."""
+    """A finding: what it means, what to do, and its evidence as name and value."""
 
     code: str
     level: str
     title: str
+    meaning: str
     advice: str
     axes: str
     evidence: tuple[tuple[str, str], ...]
@@ -114,7 +117,7 @@ def view_of(result: Result, provenance: Provenance) -> View:
         headline=_HEADLINES[overall],
         axes=tuple(_axis(result, axis) for axis in AXES if axis in result.diagnosis.axes),
         model_sentence=_model_sentence(result, model),
-        model_tables=() if model is None else _model_tables(model, _input_unit(result)),
+        model_tables=() if model is None else _model_tables(result, model),
         steps=next_steps(result),
         facts=_facts(result),
         signals=_signals(result),
@@ -153,15 +156,31 @@ def _subtitle(result: Result) -> str:
         printable(log.frame, 60),
         printable(log.vehicle_type, 40) if log.vehicle_type != "unknown" else "",
         printable(log.firmware, 80) or printable(log.autopilot, 40),
-        f"{seconds(result.data.duration_s)} of log",
-        f"{seconds(_used_s(result))} analysed",
+        flown_sentence(result),
     ]
     return " · ".join(part for part in parts if part)
+
+
+def flown_sentence(result: Result) -> str:
+    """Say how much of the log was analysed, or flown where nothing could be identified."""
+    length = seconds(result.data.duration_s)
+    if result.identification.recommended is not None:
+        return f"{seconds(_used_s(result))} of {length} analysed"
+    if not result.data.flights:
+        return f"no flight in {length} of log"
+    flown_s = sum(end - start for start, end in result.data.flights)
+    return f"{seconds(flown_s)} of flight in {length} of log, nothing identified"
 
 
 def _used_s(result: Result) -> float:
     """Return the length of all segments [s]."""
     return float(sum(segment.end_s - segment.start_s for segment in result.data.segments))
+
+
+def refused_axes(result: Result) -> tuple[bool, ...]:
+    """Return whether each of roll, pitch and yaw is refused."""
+    found = result.diagnosis.axes
+    return tuple(axis in found and found[axis].verdict == "refused" for axis in AXES)
 
 
 def _input_unit(result: Result) -> str:
@@ -234,51 +253,56 @@ def _model_sentence(result: Result, model: Model | None) -> str:
     return " ".join(parts)
 
 
-def _model_tables(model: Model, input_unit: str) -> tuple[Table, ...]:
-    """Return A, B and, where it is known, the inertia tensor."""
-    unit = "N m" if input_unit == "N m" else "unit of normalised command"
-    known = {(parameter.target, parameter.regressor): parameter for parameter in model.parameters}
+def _model_tables(result: Result, model: Model) -> tuple[Table, ...]:
+    """Return B, A and, where it is known, the inertia tensor."""
+    unit = "N m" if _input_unit(result) == "N m" else "unit of normalised command"
+    distrusted = frozenset(
+        target for target, no in zip(ACCELERATION_SYMBOLS, refused_axes(result), strict=True) if no
+    )
     tables = [
-        _matrix("B", f"B: angular acceleration per torque [rad/s² per {unit}]", model, model.inputs, known)
+        _matrix(model, model.B, model.inputs, f"{_B_CAPTION} [rad/s² per {unit}]", distrusted),
     ]
     if model.regressors:
-        caption = "A: angular acceleration per regressor [rad/s² per unit of the regressor]"
-        tables.append(_matrix("A", caption, model, model.regressors, known))
+        tables.append(_matrix(model, model.A, model.regressors, _A_CAPTION, distrusted))
     if model.inertia is not None:
-        tables.append(_inertia(model.inertia))
+        tables.append(_inertia(model.inertia, refused_axes(result)))
     return tuple(tables)
 
 
+_B_CAPTION = "B: angular acceleration per torque"
+_A_CAPTION = "A: angular acceleration per regressor [rad/s² per unit of the regressor]"
+_DISTRUSTED = "not to be trusted"
+
+
 def _matrix(
-    letter: str,
-    caption: str,
-    model: Model,
-    columns: tuple[str, ...],
-    known: Mapping[tuple[str, str], Parameter],
+    model: Model, values: FloatArray, columns: tuple[str, ...], caption: str, distrusted: frozenset[str]
 ) -> Table:
-    """Return one matrix with its intervals."""
-    values = model.B if letter == "B" else model.A
+    """Return one matrix with its intervals; rows of refused axes are grey and say so."""
+    known = {(parameter.target, parameter.regressor): parameter for parameter in model.parameters}
     rows = tuple(
         (
-            Cell(text=_TARGETS.get(target, target)),
+            Cell(text=_TARGETS.get(target, target), detail=_DISTRUSTED if target in distrusted else ""),
             *(
-                _entry(known.get((target, regressor)), float(values[row, column]))
+                _entry(known.get((target, regressor)), float(values[row, column]), target in distrusted)
                 for column, regressor in enumerate(columns)
             ),
         )
         for row, target in enumerate(model.targets)
     )
-    places = [(target, regressor) for target in model.targets for regressor in columns]
-    note = _weak_note(known[place] for place in places if place in known)
+    trusted = [(target, name) for target in model.targets if target not in distrusted for name in columns]
+    note = _weak_note(known[place] for place in trusted if place in known)
+    if distrusted:
+        note = f"Rows marked {_DISTRUSTED!r} belong to refused axes: they are no results. {note}".strip()
     return Table(caption=caption, head=("", *columns), rows=rows, note=note)
 
 
-def _entry(parameter: Parameter | None, value: float) -> Cell:
-    """Return value and interval of one element, grey where it is not identifiable."""
+def _entry(parameter: Parameter | None, value: float, distrusted: bool) -> Cell:
+    """Return value and interval of one element, grey where it is no result."""
     if parameter is None:
         return Cell(text=number(value), weak=True, detail="no interval")
     detail = interval(*parameter.ci95)
-    return Cell(text=number(parameter.value), detail=detail, weak=not parameter.identifiable)
+    weak = distrusted or not parameter.identifiable
+    return Cell(text=number(parameter.value), detail=detail, weak=weak)
 
 
 def _weak_note(parameters: Iterable[Parameter]) -> str:
@@ -293,16 +317,17 @@ def _weak_note(parameters: Iterable[Parameter]) -> str:
     return f"Grey: this flight cannot tell the value; do not read it as a property of the vehicle. {why}."
 
 
-def _inertia(inertia: Inertia) -> Table:
-    """Return the inertia tensor with its intervals."""
+def _inertia(inertia: Inertia, distrusted: tuple[bool, ...]) -> Table:
+    """Return the inertia tensor with its intervals; what rests on a refused axis is grey."""
     names = ("x", "y", "z")
     rows = tuple(
         (
-            Cell(text=name),
+            Cell(text=name, detail=_DISTRUSTED if distrusted[i] else ""),
             *(
                 Cell(
                     text=number(float(inertia.matrix[i, j])),
                     detail=interval(float(inertia.ci95_low[i, j]), float(inertia.ci95_high[i, j])),
+                    weak=distrusted[i] or distrusted[j],
                 )
                 for j in range(3)
             ),
@@ -348,7 +373,10 @@ def _facts(result: Result) -> tuple[tuple[str, str], ...]:
         ("Clock", f"from {data.start_s:.1f} s, {seconds(data.duration_s)}; {data.clock_resets} resets"),
         ("Torque", torque),
         ("Flights", _spans(data.flights) or printable(data.on_ground_reason) or "none"),
-        ("Analysed", _spans((item.start_s, item.end_s) for item in data.segments) or "nothing"),
+        (
+            "Analysed" if result.identification.recommended else "Without gaps",
+            _spans((item.start_s, item.end_s) for item in data.segments) or "nothing",
+        ),
         ("Resampled to", f"{1.0 / period_s:.4g} Hz" if math.isfinite(period_s) and period_s > 0 else "–"),
         (
             "Unreadable",
@@ -385,7 +413,7 @@ def _signals(result: Result) -> Table:
 
 def _signal(choice: SourceChoice) -> tuple[Cell, ...]:
     """Return one row of the table of signals."""
-    name = printable(choice.signal, 40)
+    name = signal_name(choice.signal)
     why = printable(choice.reason, 160)
     if choice.others:
         others = ", ".join(
@@ -428,7 +456,7 @@ def _stretches(result: Result) -> tuple[str, ...]:
 
 def _structures(result: Result) -> Table | None:
     """Compare all structures by what they predict of held-out data."""
-    models = result.identification.models
+    models, distrusted = result.identification.models, refused_axes(result)
     if not models:
         return None
     return Table(
@@ -441,12 +469,13 @@ def _structures(result: Result) -> Table | None:
             "fit [%]",
             "condition number",
         ),
-        rows=tuple(_structure(model) for model in models),
-        note="R² is 1 and fit 100 % at best; noise in the acceleration is in R², and no model explains it.",
+        rows=tuple(_structure(model, distrusted) for model in models),
+        note="R² is 1 and fit 100 % at best; noise in the acceleration is in R², and no model explains it."
+        + (" In brackets: refused axes, not to be trusted." if any(distrusted) else ""),
     )
 
 
-def _structure(model: Model) -> tuple[Cell, ...]:
+def _structure(model: Model, distrusted: tuple[bool, ...]) -> tuple[Cell, ...]:
     """Return one row of the table of structures."""
     found = {(parameter.target, parameter.regressor): parameter.value for parameter in model.parameters}
     diagonal = [
@@ -456,17 +485,23 @@ def _structure(model: Model) -> tuple[Cell, ...]:
     checked = model.validation
     return (
         Cell(text=model.structure, detail="recommended" if model.recommended else printable(model.note, 160)),
-        Cell(text=_three(diagonal)),
-        Cell(text=_three(checked.r2_acceleration.get(name, math.nan) for name in ACCELERATION_SYMBOLS)),
-        Cell(text=_three(checked.r2_simulated_rate.get(name, math.nan) for name in RATE_SYMBOLS)),
-        Cell(text=_three(checked.fit_percent.get(name, math.nan) for name in RATE_SYMBOLS)),
+        Cell(text=_three(diagonal, distrusted)),
+        Cell(text=_three(_of(checked.r2_acceleration, ACCELERATION_SYMBOLS), distrusted)),
+        Cell(text=_three(_of(checked.r2_simulated_rate, RATE_SYMBOLS), distrusted)),
+        Cell(text=_three(_of(checked.fit_percent, RATE_SYMBOLS), distrusted)),
         Cell(text=number(model.condition_number, 3)),
     )
 
 
-def _three(values: Iterable[float]) -> str:
-    """Return three values in one cell."""
-    return " / ".join(number(value, 3) for value in values)
+def _of(values: Mapping[str, float], symbols: tuple[str, ...]) -> list[float]:
+    """Return the value of each symbol, NaN where there is none."""
+    return [values.get(symbol, math.nan) for symbol in symbols]
+
+
+def _three(values: Iterable[float], bracketed: tuple[bool, ...]) -> str:
+    """Return three values in one cell, some in brackets."""
+    texts = [number(value, 3) for value in values]
+    return " / ".join(f"({text})" if no else text for text, no in zip(texts, bracketed, strict=True))
 
 
 def _windows(result: Result) -> Table | None:
@@ -538,7 +573,7 @@ def _validation_sentence(model: Model | None) -> str:
         return "There is no model to validate."
     if not model.validation.held_out_s > 0.0:
         return "No data could be held out, so the model is not validated."
-    r2 = [model.validation.r2_simulated_rate.get(name, math.nan) for name in RATE_SYMBOLS]
+    r2 = _of(model.validation.r2_simulated_rate, RATE_SYMBOLS)
     return (
         f"{seconds(model.validation.held_out_s)} of the flight were kept from the fit. There, the simulated "
         f"rates explain {' / '.join(percent(value) for value in r2)} of roll / pitch / yaw."
@@ -551,23 +586,13 @@ def _finding(finding: Finding) -> FindingView:
         code=printable(finding.code, 20),
         level=finding.level,
         title=printable(finding.title, 200),
+        meaning=CATALOGUE[finding.code].meaning if finding.code in CATALOGUE else "",
         advice=printable(finding.advice, 600),
         axes=", ".join(finding.axes),
-        evidence=tuple((printable(name, 60), shown(value)) for name, value in finding.evidence.items()),
+        evidence=tuple(
+            (evidence_name(name), evidence_value(value)) for name, value in finding.evidence.items()
+        ),
     )
-
-
-def shown(value: object) -> str:
-    """Return a value of the evidence as text."""
-    if isinstance(value, bool | np.bool_):
-        return "yes" if value else "no"
-    if isinstance(value, float | np.floating):
-        return number(float(value))
-    if isinstance(value, Mapping):
-        return ", ".join(f"{printable(key, 60)}: {shown(item)}" for key, item in list(value.items())[:12])
-    if isinstance(value, Iterable) and not isinstance(value, str):
-        return ", ".join(shown(item) for item in list(value)[:12])
-    return printable(value)
 
 
 def _reproduction(result: Result, provenance: Provenance) -> tuple[tuple[str, str], ...]:

@@ -47,6 +47,17 @@ def test_force_replaces_what_is_there(refused: Result, tmp_path: Path) -> None:
     assert (tmp_path / "log" / "notes.txt").read_text() == "keep"
 
 
+def test_force_removes_only_our_own_pictures_of_an_earlier_run(refused: Result, tmp_path: Path) -> None:
+    """A refused log draws less than the usable one that was there; foreign pictures stay."""
+    folder = tmp_path / "log"
+    folder.mkdir()
+    for name in ("lag.png", "condition-linear-9.png", "report.html", "photo.png", "lag.svg"):
+        (folder / name).write_bytes(b"old")
+    (folder / "fit.png").mkdir()
+    write_report(refused, folder, force=True, drawings=False)
+    assert {path.name for path in folder.iterdir()} == {"result.json", "photo.png", "lag.svg", "fit.png"}
+
+
 def test_a_file_in_the_place_of_the_folder_is_a_clear_error(refused: Result, tmp_path: Path) -> None:
     """Also where the file is further up."""
     (tmp_path / "taken").write_text("")

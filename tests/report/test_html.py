@@ -6,16 +6,20 @@ import base64
 import hashlib
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
 
+from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.result import Result
 from quadid_logs.figures import figures_of
 from quadid_logs.report.html import render_html, script_json
 from quadid_logs.report.provenance import provenance_of
+from quadid_logs.report.text import result_lines
 from quadid_logs.report.view import view_of
+from tests.synthetic_results import refused_result
 
 
 class Page(HTMLParser):
@@ -198,3 +202,52 @@ def test_the_report_can_be_made_again(usable_page: Page) -> None:
     assert digest in usable_page.text
     assert "quadid-log analyze flight.bin" in usable_page.text
     assert "held_out_fraction = 0.3" in usable_page.text
+
+
+def _pitch_refused(result: Result) -> Result:
+    """Return the result with its pitch refused."""
+    verdict = replace(result.diagnosis.axes["pitch"], verdict="refused", sentence="Pitch is refused.")
+    axes = {**result.diagnosis.axes, "pitch": verdict}
+    return replace(result, diagnosis=replace(result.diagnosis, axes=axes))
+
+
+def test_numbers_of_a_refused_axis_do_not_look_like_results(usable: Result) -> None:
+    """The whole row of B and A is grey and says so; other tables put it in brackets; figures say it."""
+    result = _pitch_refused(usable)
+    view = view_of(result, provenance_of("x"))
+    for table in view.model_tables[:2]:
+        rows = {row[0].text: row for row in table.rows}
+        assert rows["dq/dt"][0].detail == "not to be trusted"
+        assert all(cell.weak for cell in rows["dq/dt"][1:])
+        assert rows["dp/dt"][0].detail == ""
+        assert "refused" in table.note
+    assert view.structures is not None
+    assert re.search(r"/ \([\d.]+\) /", view.structures.rows[0][1].text)
+    titles = [panel.title for figure in figures_of(result).shown for panel in figure.panels]
+    assert "Pitch – refused, not to be trusted" in titles
+    assert not any("Roll" in title and "refused" in title for title in titles)
+
+
+def test_findings_speak_in_words() -> None:
+    """Meaning, advice, and evidence without any name of a programmer's."""
+    finding = Finding(
+        code="QL303",
+        level="error",
+        title="Too slow",
+        evidence={"needed_hz": 40.0, "signal": "body_rate", "weak": {"rank_deficient": 3}},
+        advice="Set it.",
+    )
+    result = refused_result()
+    result = replace(result, diagnosis=replace(result.diagnosis, findings=(finding,)))
+    (shown,) = view_of(result, provenance_of("x")).findings
+    assert shown.meaning.startswith("Between two samples")
+    assert ("needed at least [Hz]", "40") in shown.evidence
+    assert not any("_" in text for pair in shown.evidence for text in pair)
+
+
+def test_a_log_without_a_model_does_not_claim_an_analysis() -> None:
+    """It says what was flown, or that nothing was."""
+    result = refused_result()
+    assert "no flight in 52.0 s of log" in view_of(result, provenance_of("x")).subtitle
+    flown = replace(result, data=replace(result.data, flights=((1.0, 31.0),)))
+    assert "30.0 s of flight in 52.0 s of log, nothing identified" in result_lines(flown)[0]

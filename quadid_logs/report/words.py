@@ -1,0 +1,100 @@
+"""The names of evidence, signals and units as people say them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+
+from quadid_logs.report.numbers import number
+from quadid_logs.untrusted import printable
+
+#: Units that end a name of the evidence, the longest first.
+_UNITS: Final = (
+    ("_rad_s2", "rad/s²"),
+    ("_deg_s", "deg/s"),
+    ("_rad_s", "rad/s"),
+    ("_kg_m2", "kg m²"),
+    ("_n_m", "N m"),
+    ("_hz", "Hz"),
+    ("_ms", "ms"),
+    ("_s", "s"),
+)
+_PHRASES: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "above_noise": "windows above the noise",
+        "airborne": "time in the air",
+        "better": "better",
+        "block": "length of a held-out stretch",
+        "ci95": "95 % interval",
+        "corrupt_bytes": "unreadable bytes",
+        "cutoff": "cut-off of the filter",
+        "file_bytes": "bytes in the file",
+        "found": "signals found",
+        "gain": "gain B",
+        "gap_free": "flight without gaps",
+        "gaps": "number of gaps",
+        "held_out_r2": "share explained on held-out flight (R²)",
+        "mean_rate": "mean rate with all gaps",
+        "needed": "needed at least",
+        "needed_r2": "share needed (R²)",
+        "rate": "logged at",
+        "rate_rms": "motion (rate RMS)",
+        "signal_to_noise": "signal to noise (power)",
+        "simulated_rate_r2": "share of the simulated motion (R²)",
+        "torque_rms": "torque RMS",
+    }
+)
+
+
+def evidence_name(key: str) -> str:
+    """Return the name of a piece of evidence in words, its unit in brackets.
+
+    Examples
+    --------
+    >>> evidence_name("needed_hz"), evidence_name("longest_gap_s"), evidence_name("body_rate")
+    ('needed at least [Hz]', 'longest gap [s]', 'body rate')
+    """
+    if key in _PHRASES:
+        return _PHRASES[key]
+    ending, unit = next(((end, unit) for end, unit in _UNITS if key.endswith(end)), ("", ""))
+    stem = key.removesuffix(ending)
+    words = _PHRASES.get(stem) or printable(stem, 60).replace("_", " ")
+    return f"{words} [{unit}]" if unit else words
+
+
+def evidence_value(value: object) -> str:
+    """Return a value of the evidence as text.
+
+    Examples
+    --------
+    >>> evidence_value({"out_of_order": 3, "source": "RATE.R"}), evidence_value([1.5, True])
+    ('out of order: 3, source: RATE.R', '1.5, yes')
+    """
+    if isinstance(value, bool | np.bool_):
+        return "yes" if value else "no"
+    if isinstance(value, float | np.floating):
+        return number(float(value))
+    if isinstance(value, Mapping):
+        items = list(value.items())[:12]
+        return ", ".join(f"{evidence_name(str(key))}: {evidence_value(item)}" for key, item in items)
+    if isinstance(value, Iterable) and not isinstance(value, str):
+        return ", ".join(evidence_value(item) for item in list(value)[:12])
+    text = printable(value)
+    return signal_name(text) if text in _SIGNAL_WORDS else text
+
+
+_SIGNAL_WORDS: Final = frozenset({"body_rate", "torque_command", "torque_n_m", "attitude"})
+
+
+def signal_name(signal: str) -> str:
+    """Return the canonical name of a signal in words.
+
+    Examples
+    --------
+    >>> signal_name("torque_n_m"), signal_name("body_rate_setpoint")
+    ('torque', 'body rate setpoint')
+    """
+    return printable(signal.removesuffix("_n_m"), 60).replace("_", " ")
