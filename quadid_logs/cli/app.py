@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from quadid_logs.cli.analyze import analyze
+from quadid_logs.cli.compare import compare
 from quadid_logs.cli.explain import explain
 from quadid_logs.cli.export import export
 from quadid_logs.cli.failure import say
@@ -28,7 +29,7 @@ def make_app() -> typer.Typer:
         no_args_is_help=False,
     )
     app.callback(invoke_without_command=True)(_top)
-    for verb in (analyze, info, export, explain, simulate, paper):
+    for verb in (analyze, compare, info, export, explain, simulate, paper):
         app.command()(verb)
     return app
 

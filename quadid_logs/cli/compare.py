@@ -1,0 +1,94 @@
+"""``quadid-log compare``: whether the vehicle changed from one flight to the other."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from quadid_logs.cli.failure import say
+from quadid_logs.cli.progress import Progress
+from quadid_logs.cli.simulate import make_folder, write_together
+from quadid_logs.errors import OutputError
+from quadid_logs.untrusted import printable
+
+if TYPE_CHECKING:
+    from quadid_logs.compare import Comparison
+
+_JSON, _PNG = "compare.json", "compare.png"
+#: Contract with scripts: see `compare`.
+_EXIT_CODES = {"same": 0, "changed": 1, "not comparable": 3}
+
+
+def compare(
+    before: Annotated[Path, typer.Argument(metavar="BEFORE", help="The flight to compare with.")],
+    after: Annotated[Path, typer.Argument(metavar="AFTER", help="The flight after the change.")],
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="DIR", help=f"Folder for {_JSON} and {_PNG}."),
+    ] = None,
+    vehicle: Annotated[
+        Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="The vehicle of both flights.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run.")] = False,
+) -> int:
+    """Tell whether B, A or the lag changed by more than the two flights leave open.
+
+    Exit code 0: compared on every axis, no change. 1: changed. 2: a log could
+    not be read. 3: no change seen, but an axis could not be compared.
+    """
+    from quadid_logs.compare import compare as compare_results
+    from quadid_logs.pipeline import analyze
+    from quadid_logs.report.comparison import comparison_lines, comparison_text
+    from quadid_logs.vehicle.file import read_vehicle
+
+    if output is not None:
+        _check_output(output, force=force)
+    described = None if vehicle is None else read_vehicle(vehicle)
+    results = []
+    for log in (before, after):
+        with Progress(log.name) as progress:
+            results.append(analyze(log, vehicle=described, progress=progress))
+    first, second = results
+    comparison = compare_results(first, second)
+    text = comparison_text(first, second, comparison)
+    written = "" if output is None else _write(output, comparison, text)
+    if as_json:
+        say(text.rstrip("\n"))
+    else:
+        for line in comparison_lines(first, second, comparison):
+            say(line)
+        if written:
+            say(f"  written: {written}")
+    return _EXIT_CODES[comparison.verdict]
+
+
+def _check_output(folder: Path, *, force: bool) -> None:
+    """Refuse before the work what could not be written after it."""
+    for name in (_JSON, _PNG):
+        if os.path.lexists(folder / name) and not force:
+            raise OutputError(
+                f"{printable(folder / name)} exists already.", hint="Add --force to replace it."
+            )
+
+
+def _write(folder: Path, comparison: Comparison, text: str) -> str:
+    """Write the JSON and, where something was compared, the figure; return what was written."""
+    import tempfile
+
+    from quadid_logs.figures import Figure
+    from quadid_logs.figures.comparison import comparison_figure
+    from quadid_logs.figures.png import write_png
+
+    files = {_JSON: text.encode("ascii")}
+    figure = comparison_figure(comparison)
+    if isinstance(figure, Figure):
+        with tempfile.TemporaryDirectory(prefix="quadid-") as beside:
+            write_png(figure, Path(beside) / _PNG)
+            files[_PNG] = (Path(beside) / _PNG).read_bytes()
+    make_folder(folder)
+    write_together(folder, files)
+    return ", ".join(printable(folder / name) for name in files)

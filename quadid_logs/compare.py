@@ -1,0 +1,277 @@
+"""Two results -> Comparison: whether the vehicle changed by more than the two flights can leave open."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from quadid_logs.data.model import Model, Parameter
+from quadid_logs.data.result import Result
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS, TORQUE_SYMBOLS
+
+AxisChange = Literal["same", "changed", "not comparable"]
+
+#: Of two unchanged vehicles, this share is called changed by chance, over all quantities together.
+_FALSE_ALARMS = 0.05
+#: What the intervals do not hold, because the flights differ and not the vehicle. Measured on one
+#: simulated vehicle with multisines, doublets, 3-2-1-1 steps and wind of 8 m/s: couplings move by up to
+#: 0.3 % of the larger of the two own gains (and half a degree in the mounting of a gyro makes 0.9 %),
+#: damping by 12 % (drag is no constant), lag and delay by 1 ms.
+_COUPLING_FLOOR = 0.01
+_DAMPING_FLOOR = 0.15
+_TIME_FLOOR_MS = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Quantity:
+    """One number of the model in both flights.
+
+    ``axis`` is "" for what belongs to all; ``ci95`` are the intervals of the
+    two values, ``floor`` is what differs between flights of one vehicle, and
+    ``margin`` the least difference that counts as a change. ``scale`` is what
+    a difference is a share of, the value called ``scale_name``.
+    """
+
+    name: str
+    axis: str
+    unit: str
+    before: float
+    after: float
+    ci95_before: tuple[float, float]
+    ci95_after: tuple[float, float]
+    floor: float = 0.0
+    margin: float = math.nan
+    scale: float = math.nan
+    scale_name: str = ""
+
+    @property
+    def difference(self) -> float:
+        """After minus before, in `unit`."""
+        return self.after - self.before
+
+    @property
+    def is_own_gain(self) -> bool:
+        """Whether this is how an axis answers to its own torque."""
+        return self.floor == 0.0
+
+    @property
+    def changed(self) -> bool:
+        """Whether the difference is more than chance."""
+        return abs(self.difference) > self.margin
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """What changed between two flights.
+
+    Attributes
+    ----------
+    structure : str
+        The structure that both values come from, "" where nothing could be compared.
+    quantities : tuple of Quantity
+    axes : mapping of str to AxisChange
+    reasons : mapping of str to str
+        By axis that could not be compared: why.
+    advice : tuple of str
+        What to set or fly so that it can.
+    """
+
+    structure: str
+    quantities: tuple[Quantity, ...]
+    axes: Mapping[str, AxisChange]
+    reasons: Mapping[str, str]
+    advice: tuple[str, ...]
+
+    @property
+    def verdict(self) -> AxisChange:
+        """Say "changed" if anything did, "same" if every axis was compared and none did."""
+        if any(quantity.changed for quantity in self.quantities):
+            return "changed"
+        return "same" if set(self.axes.values()) == {"same"} else "not comparable"
+
+
+def compare(before: Result, after: Result) -> Comparison:
+    """Compare the models of two flights.
+
+    Compared are the gains B, the rate damping in A, lag and delay. A quantity
+    has changed if its two values differ by more than the root sum square of
+    their 95 % half-widths, widened by Bonferroni's correction for the number
+    of quantities [1]_ (with fourteen of them, the plain intervals would call
+    every other unchanged vehicle changed), and of what differs between flights
+    of one vehicle. The rest of A (couplings, tilt, trim) depends on wind and
+    manoeuvre and says nothing about a change.
+
+    Parameters
+    ----------
+    before, after : Result
+
+    Returns
+    -------
+    Comparison
+        Only axes whose gain both flights know are compared, and only entries
+        of A and B that both identify.
+
+    References
+    ----------
+    .. [1] O. J. Dunn, "Multiple comparisons among means," J. Amer. Statist.
+       Assoc., vol. 56, pp. 52-64, 1961.
+    """
+    both = (before, after)
+    reasons = {axis: reason for axis in AXES if (reason := _obstacle(both, axis))}
+    first, second = _models(before, after)
+    found: list[Quantity] = []
+    if first is not None and second is not None and len(reasons) < len(AXES):
+        found = [*_parameters(first, second, reasons), *_actuators(first, second)]
+    widening = _widening(len(found))
+    quantities = tuple(_with_margin(quantity, widening) for quantity in found)
+    axes: dict[str, AxisChange] = {}
+    for axis in AXES:
+        moved = any(quantity.changed for quantity in quantities if quantity.axis == axis)
+        axes[axis] = "not comparable" if axis in reasons else "changed" if moved else "same"
+    return Comparison(
+        structure=first.structure if first is not None and found else "",
+        quantities=quantities,
+        axes=axes,
+        reasons=reasons,
+        advice=_advice(both, reasons),
+    )
+
+
+def _obstacle(both: tuple[Result, Result], axis: str) -> str:
+    """Say why an axis cannot be compared, "" if it can."""
+    for which, result in zip(("before", "after"), both, strict=True):
+        verdict = result.diagnosis.axes.get(axis)
+        if verdict is None or verdict.verdict == "refused" or result.identification.recommended is None:
+            return f"{which}: {verdict.sentence if verdict else 'there is no verdict'}"
+        own = _own_gain(result.identification.recommended, axis)
+        if own is None or not own.identifiable:
+            return f"{which}: the flight does not tell the gain ({own.reason if own else 'not fitted'})"
+    before, after = both
+    units = [result.data.input.unit if result.data.input else "" for result in both]
+    if units[0] != units[1]:
+        return (
+            f"torque is in {_spoken(units[0])} before and in {_spoken(units[1])} after: "
+            "describe the vehicle with --vehicle, or compare logs of one kind"
+        )
+    if units[0] == "1" and before.log.autopilot != after.log.autopilot:
+        return "each autopilot has a unit of command of its own: describe the vehicle with --vehicle"
+    return ""
+
+
+def _spoken(unit: str) -> str:
+    return "N m" if unit == "N m" else "normalised command"
+
+
+def _models(before: Result, after: Result) -> tuple[Model | None, Model | None]:
+    """Return the recommended model of the first flight, and the same structure of the second."""
+    first = before.identification.recommended
+    if first is None:
+        return None, None
+    same = (model for model in after.identification.models if model.structure == first.structure)
+    return first, next(same, None)
+
+
+def _own_gain(model: Model, axis: str) -> Parameter | None:
+    """Return how the torque about an axis turns the vehicle about it."""
+    number = AXES.index(axis)
+    return _find(model, ACCELERATION_SYMBOLS[number], TORQUE_SYMBOLS[number])
+
+
+def _larger_gain(model: Model, own: Parameter, torque: str) -> Parameter:
+    """Return what a coupling is a share of: the larger own gain of the two axes that it couples."""
+    other = _own_gain(model, AXES[TORQUE_SYMBOLS.index(torque)])
+    return own if other is None or abs(own.value) >= abs(other.value) else other
+
+
+def _find(model: Model, target: str, regressor: str) -> Parameter | None:
+    return next((p for p in model.parameters if (p.target, p.regressor) == (target, regressor)), None)
+
+
+def _parameters(first: Model, second: Model, reasons: Mapping[str, str]) -> Iterator[Quantity]:
+    """Yield gains and damping that both models know, of axes without an obstacle."""
+    for number, axis in enumerate(AXES):
+        target, rate = ACCELERATION_SYMBOLS[number], RATE_SYMBOLS[number]
+        own = _own_gain(first, axis)
+        if axis in reasons or own is None:
+            continue
+        for regressor in (*TORQUE_SYMBOLS, rate):
+            one, two = _find(first, target, regressor), _find(second, target, regressor)
+            if one is None or two is None or not (_known(one) and _known(two)):
+                continue
+            scale = one if regressor == rate else _larger_gain(first, own, regressor)
+            share = _DAMPING_FLOOR if regressor == rate else 0.0 if one is own else _COUPLING_FLOOR
+            yield Quantity(
+                name=one.name,
+                axis=axis,
+                unit=one.unit,
+                before=one.value,
+                after=two.value,
+                ci95_before=one.ci95,
+                ci95_after=two.ci95,
+                floor=share * abs(scale.value),
+                scale=abs(scale.value),
+                scale_name=scale.name,
+            )
+
+
+def _known(parameter: Parameter) -> bool:
+    """Return whether a value has an interval, and the flight tells it."""
+    bounded = all(math.isfinite(value) for value in (parameter.value, *parameter.ci95))
+    return bounded and parameter.identifiable
+
+
+def _actuators(first: Model, second: Model) -> Iterator[Quantity]:
+    """Yield lag and delay of the actuators, in milliseconds."""
+    if first.actuator is None or second.actuator is None:
+        return
+    one, two = first.actuator, second.actuator
+    for name, values, intervals in (
+        ("lag", (one.lag_s, two.lag_s), (one.lag_ci95_s, two.lag_ci95_s)),
+        ("delay", (one.delay_s, two.delay_s), (one.delay_ci95_s, two.delay_ci95_s)),
+    ):
+        if all(math.isfinite(value) for value in (*values, *intervals[0], *intervals[1])):
+            before, after = ((1e3 * low, 1e3 * high) for low, high in intervals)
+            yield Quantity(
+                name=name,
+                axis="",
+                unit="ms",
+                before=1e3 * values[0],
+                after=1e3 * values[1],
+                ci95_before=before,
+                ci95_after=after,
+                floor=_TIME_FLOOR_MS,
+            )
+
+
+def _widening(n_quantities: int) -> float:
+    """Return by how much Bonferroni's correction widens a 95 % interval.
+
+    >>> round(_widening(1), 3), round(_widening(20), 2)
+    (1.0, 1.54)
+    """
+    from scipy.special import ndtri
+
+    if not n_quantities:
+        return 1.0
+    return float(ndtri(1.0 - 0.5 * _FALSE_ALARMS / n_quantities) / ndtri(1.0 - 0.5 * _FALSE_ALARMS))
+
+
+def _with_margin(quantity: Quantity, widening: float) -> Quantity:
+    """Set the least difference that counts."""
+    import dataclasses
+
+    halves = [0.5 * (high - low) for low, high in (quantity.ci95_before, quantity.ci95_after)]
+    return dataclasses.replace(quantity, margin=math.hypot(widening * math.hypot(*halves), quantity.floor))
+
+
+def _advice(both: tuple[Result, Result], reasons: Mapping[str, str]) -> tuple[str, ...]:
+    """Return what the findings behind the obstacles advise, each once."""
+    texts = [
+        finding.advice
+        for result in both
+        for finding in result.diagnosis.findings
+        if finding.level == "error" and finding.advice and reasons
+    ]
+    return tuple(dict.fromkeys(texts))

@@ -1,0 +1,106 @@
+"""A comparison of two flights in words and as JSON."""
+
+from __future__ import annotations
+
+import json
+from pathlib import PurePath
+from typing import Any
+
+from quadid_logs.compare import Comparison, Quantity
+from quadid_logs.data.result import Result
+from quadid_logs.report.json import plain
+from quadid_logs.report.numbers import estimate, number, percent
+from quadid_logs.report.view import pretty_unit
+from quadid_logs.untrusted import printable
+
+_HEADLINES = {
+    "same": "no change beyond the intervals",
+    "changed": "changed beyond the intervals",
+    "not comparable": "no comparison is possible on at least one axis",
+}
+
+
+def comparison_lines(before: Result, after: Result, comparison: Comparison) -> tuple[str, ...]:
+    """Return the comparison as lines for people.
+
+    Parameters
+    ----------
+    before, after : Result
+    comparison : Comparison
+
+    Returns
+    -------
+    tuple of str
+        Lines without control characters, whatever the logs hold.
+    """
+    names = [printable(PurePath(result.log.path).name, 80) for result in (before, after)]
+    lines = [f"{names[0]} -> {names[1]}: {_HEADLINES[comparison.verdict]}"]
+    for axis, change in comparison.axes.items():
+        reason = comparison.reasons.get(axis, "")
+        lines.append(f"  {axis:<5}  {change}{f': {printable(reason, 400)}' if reason else ''}")
+        lines += _quantity_lines(comparison, axis)
+    lines += _quantity_lines(comparison, "")
+    return (*lines, *(f"  next: {printable(text, 400)}" for text in comparison.advice[:3]))
+
+
+def _quantity_lines(comparison: Comparison, axis: str) -> list[str]:
+    """Return a line for each quantity of an axis: its own gain, and the others if they changed."""
+    return [
+        f"{'':9}{_sentence(quantity)}"
+        for quantity in comparison.quantities
+        if quantity.axis == axis and (quantity.changed or not axis or quantity.is_own_gain)
+    ]
+
+
+def _sentence(quantity: Quantity) -> str:
+    """Say both values, and by how much they differ or could differ unseen."""
+    pairs = ((quantity.before, quantity.ci95_before), (quantity.after, quantity.ci95_after))
+    values = " -> ".join(estimate(value, *interval) for value, interval in pairs)
+    text = f"{printable(quantity.name, 20)} {values} {pretty_unit(quantity.unit)}"
+    if quantity.changed:
+        return f"{text}: changed by {_amount(quantity, quantity.difference)}"
+    return f"{text}: no change seen (from {_amount(quantity, quantity.margin)} on it would show)"
+
+
+def _amount(quantity: Quantity, difference: float) -> str:
+    """Return a difference as a share of what it is to be compared with, or in its unit."""
+    if not quantity.scale > 0.0:
+        return f"{number(difference, 3)} {pretty_unit(quantity.unit)}"
+    of = "" if quantity.name == quantity.scale_name else f" of {printable(quantity.scale_name, 20)}"
+    return f"{percent(difference / quantity.scale)}{of}"
+
+
+def comparison_dict(before: Result, after: Result, comparison: Comparison) -> dict[str, Any]:
+    """Return the comparison as plain JSON values."""
+    content: dict[str, Any] = {
+        "schema_version": "1.0",
+        "before": before.log.path,
+        "after": after.log.path,
+        "verdict": comparison.verdict,
+        "structure": comparison.structure,
+        "axes": {
+            axis: {"change": change, "reason": comparison.reasons.get(axis, "")}
+            for axis, change in comparison.axes.items()
+        },
+        "quantities": [
+            {
+                "name": item.name,
+                "axis": item.axis,
+                "unit": item.unit,
+                "before": {"value": item.before, "ci95": item.ci95_before},
+                "after": {"value": item.after, "ci95": item.ci95_after},
+                "difference": item.difference,
+                "margin": item.margin,
+                "changed": item.changed,
+            }
+            for item in comparison.quantities
+        ],
+        "advice": comparison.advice,
+    }
+    values: dict[str, Any] = plain(content)
+    return values
+
+
+def comparison_text(before: Result, after: Result, comparison: Comparison) -> str:
+    """Return `comparison_dict` as strict JSON in ASCII."""
+    return json.dumps(comparison_dict(before, after, comparison), indent=1, allow_nan=False) + "\n"

@@ -1,0 +1,182 @@
+"""``quadid-log compare``: a change is told from chance, and what cannot be compared is said."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from quadid_logs.cli import main
+from quadid_logs.compare import compare
+from quadid_logs.data.result import Result
+from tests.synthetic_results import refused_result, usable_result
+
+
+def with_gain(result: Result, *, share: float, axis: int = 0, identifiable: bool = True) -> Result:
+    """Return the result with the own gain of an axis scaled, its interval with it."""
+    model = result.identification.models[0]
+    name = f"B{axis + 1}{axis + 1}"
+    parameters = tuple(
+        replace(
+            item,
+            value=item.value * share,
+            ci95=(item.ci95[0] * share, item.ci95[1] * share),
+            identifiable=identifiable,
+        )
+        if item.name == name
+        else item
+        for item in model.parameters
+    )
+    changed = replace(model, parameters=parameters)
+    models = (changed, *result.identification.models[1:])
+    return replace(result, identification=replace(result.identification, models=models))
+
+
+@pytest.fixture(scope="module")
+def flight() -> Result:
+    """Return a good flight."""
+    return usable_result(8.0)
+
+
+def test_a_flight_compared_with_itself_has_not_changed(flight: Result) -> None:
+    """Every axis was compared, and the margins say from where on a change would show."""
+    comparison = compare(flight, flight)
+    assert comparison.verdict == "same"
+    assert set(comparison.axes.values()) == {"same"}
+    assert all(quantity.margin > 0.0 for quantity in comparison.quantities)
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(1.002, "same"), (0.9, "changed"), (1.1, "changed")])
+def test_a_gain_changed_if_it_left_the_intervals(share: float, verdict: str, flight: Result) -> None:
+    """Two per thousand are chance here, ten per cent are not; the other axes stay."""
+    comparison = compare(flight, with_gain(flight, share=share))
+    assert comparison.verdict == verdict
+    assert comparison.axes["pitch"] == "same"
+    changed = {quantity.name for quantity in comparison.quantities if quantity.changed}
+    assert changed == (set() if verdict == "same" else {"B11"})
+
+
+def test_a_coupling_that_a_skewed_gyro_makes_is_no_change(flight: Result) -> None:
+    """Roll into yaw by 0.5 % of the roll gain is much of the yaw gain, and still no change; 5 % is."""
+    model = flight.identification.models[0]
+    roll_gain = next(item.value for item in model.parameters if item.name == "B11")
+
+    def coupled(share: float) -> Result:
+        value = share * roll_gain
+        parameters = tuple(
+            replace(item, value=value, ci95=(value - 0.1, value + 0.1), identifiable=True)
+            if item.name == "B31"
+            else item
+            for item in model.parameters
+        )
+        models = (replace(model, parameters=parameters), *flight.identification.models[1:])
+        return replace(flight, identification=replace(flight.identification, models=models))
+
+    assert compare(coupled(0.0), coupled(0.005)).verdict == "same"
+    assert compare(coupled(0.0), coupled(0.05)).axes["yaw"] == "changed"
+
+
+def test_the_verdict_does_not_depend_on_the_order(flight: Result) -> None:
+    """What changed one way changed the other way round."""
+    other = with_gain(flight, share=0.9)
+    there, back = compare(flight, other), compare(other, flight)
+    assert there.verdict == back.verdict == "changed"
+    differences = [
+        (one.difference, two.difference) for one, two in zip(there.quantities, back.quantities, strict=True)
+    ]
+    assert all(one == pytest.approx(-two) for one, two in differences)
+
+
+def test_more_quantities_need_a_larger_difference(flight: Result) -> None:
+    """Bonferroni: the margin is wider than the plain intervals' by a known factor."""
+    comparison = compare(flight, flight)
+    own = next(quantity for quantity in comparison.quantities if quantity.name == "B11")
+    plain = np.hypot(*[0.5 * (high - low) for low, high in (own.ci95_before, own.ci95_after)])
+    assert own.margin > 1.2 * plain
+
+
+def test_a_refused_flight_is_not_comparable_and_says_what_to_set(flight: Result) -> None:
+    """Nothing is compared, every axis has its reason, and the advice is the refused flight's."""
+    comparison = compare(flight, refused_result())
+    assert comparison.verdict == "not comparable"
+    assert comparison.quantities == ()
+    assert all("after: " in comparison.reasons[axis] for axis in ("roll", "pitch", "yaw"))
+    assert any("LOG_DISARMED" in text for text in comparison.advice)
+
+
+def test_an_axis_whose_gain_is_not_known_is_not_comparable(flight: Result) -> None:
+    """The others still are, but the whole is not called the same."""
+    comparison = compare(flight, with_gain(flight, share=1.0, axis=1, identifiable=False))
+    assert comparison.axes == {"roll": "same", "pitch": "not comparable", "yaw": "same"}
+    assert comparison.verdict == "not comparable"
+
+
+def test_newton_metres_are_not_compared_with_commands(flight: Result) -> None:
+    """The reason says what to do."""
+    assert flight.data.input is not None
+    unit = "1" if flight.data.input.unit == "N m" else "N m"
+    other = replace(flight, data=replace(flight.data, input=replace(flight.data.input, unit=unit)))
+    comparison = compare(flight, other)
+    assert comparison.verdict == "not comparable"
+    assert "--vehicle" in comparison.reasons["roll"]
+
+
+@pytest.fixture
+def analysed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, flight: Result) -> Callable[..., Path]:
+    """Let the file's name say what the analysis finds."""
+    found = {
+        "good": flight,
+        "other": with_gain(flight, share=0.9),
+        "refused": refused_result(),
+    }
+    monkeypatch.setattr(
+        "quadid_logs.pipeline.analyze",
+        lambda path, *_a, **_k: replace(
+            found[Path(path).stem], log=replace(found[Path(path).stem].log, path=str(path))
+        ),
+    )
+    monkeypatch.chdir(tmp_path)
+    return lambda name: tmp_path / f"{name}.bin"
+
+
+@pytest.mark.parametrize(("after", "code"), [("good", 0), ("other", 1), ("refused", 3)])
+def test_the_exit_code_says_what_was_found(
+    after: str, code: int, analysed: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """0 no change, 1 changed, 3 not comparable; stdout is plain text."""
+    assert main(["compare", "good.bin", f"{after}.bin"]) == code
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert out.startswith(f"good.bin -> {after}.bin: ")
+    assert all(line.isprintable() for line in out.splitlines())
+
+
+def test_figure_and_json_are_written_and_not_overwritten(
+    analysed: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """--json prints what the file holds; a second run needs --force."""
+    assert main(["compare", "good.bin", "other.bin", "-o", "out", "--json"]) == 1
+    printed = json.loads(capsys.readouterr().out)
+    assert printed == json.loads(Path("out/compare.json").read_text())
+    assert printed["verdict"] == "changed"
+    assert Path("out/compare.png").read_bytes().startswith(b"\x89PNG")
+    assert main(["compare", "good.bin", "other.bin", "-o", "out"]) == 2
+    assert "--force" in capsys.readouterr().err
+    assert main(["compare", "good.bin", "refused.bin", "-o", "fresh"]) == 3
+    assert [path.name for path in Path("fresh").iterdir()] == ["compare.json"]
+
+
+def test_whole_and_cut_propellers_at_10_hz_allow_no_comparison(
+    corpus: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It says that the logging is too slow and what to set."""
+    logs = [str(corpus / "real" / f"ac413-quadx-{name}-hover1.bin") for name in ("goodprop", "25mmcut")]
+    assert main(["compare", *logs]) == 3
+    out = capsys.readouterr().out
+    assert "no comparison is possible" in out
+    assert "9.78 Hz, too slowly" in out
+    assert "Set LOG_BITMASK to 176127" in out
