@@ -34,7 +34,8 @@ def run(
 ) -> subprocess.CompletedProcess[str]:
     """Run the command in a process of its own."""
     words = [word.replace("{}", folder) for word in command]
-    entry = [sys.executable, "-c", "from quadid_logs.cli import run; run()"]
+    # -B: a compiled module that ends at 4 kB would break every later import of it.
+    entry = [sys.executable, "-B", "-c", "from quadid_logs.cli import run; run()"]
     return subprocess.run([*entry, *words], capture_output=True, text=True, preexec_fn=before, check=False)
 
 
