@@ -8,8 +8,9 @@ of another lag costs three inverse FFTs and no more.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -33,6 +34,9 @@ _ROWS_PER_CUTOFF = 10.0
 #: Dropped at the start of a segment, where the actuator's past is unknown:
 #: seven time constants of the slowest published motor (72 ms).
 _ACTUATOR_MEMORY_S = 0.5
+#: Longer segments are cut into pieces of this length and more: each end costs
+#: under a second, so less than a hundredth is lost.
+_PIECE_S = 120.0
 #: Leaving out more than this share of the rows for saturation leaves too little flight.
 _MOST_TOUCHED = 0.5
 
@@ -60,6 +64,7 @@ class Design:
         Smoothed regressors and targets by name; "1" is the constant. Torques
         are not among them: see `torque`.
     segment : ndarray of int, shape (n_rows,)
+        Number of the gap-free piece, an index into ``spectra``.
     block : ndarray of int, shape (n_rows,)
         Consecutive stretches of `Settings.held_out_block_s`.
     held_out : ndarray of bool, shape (n_rows,)
@@ -86,6 +91,24 @@ class Design:
     def train(self) -> BoolArray:
         """Rows to fit to."""
         return ~(self.held_out | self.edge)
+
+    def thinned(self, n_rows: int) -> Design:
+        """Return a design of about `n_rows` rows, of whole pieces spread over the flight."""
+        step = int(np.ceil(self.time_s.size / n_rows))
+        if step <= 1 or len(self.spectra) < step:
+            return self
+        chosen = range(0, len(self.spectra), step)
+        rows = np.isin(self.segment, chosen)
+        return replace(
+            self,
+            time_s=self.time_s[rows],
+            columns={name: column[rows] for name, column in self.columns.items()},
+            segment=self.segment[rows],
+            block=self.block[rows],
+            held_out=self.held_out[rows],
+            edge=self.edge[rows],
+            spectra=tuple(self.spectra[number] for number in chosen),
+        )
 
     def stack(self, names: Sequence[str], torque: FloatArray) -> FloatArray:
         """Return the named columns with L, M, N taken from `torque`; shape (n_rows, n_names)."""
@@ -145,11 +168,11 @@ def build_design(data: FlightData, smoothing_hz: float, settings: Settings) -> D
     -------
     Design, or None if no segment is longer than the filters' memory.
     """
-    parts = [
-        part
-        for number, segment in enumerate(data.segments)
-        if (part := _segment_rows(segment, number, data.sample_period_s, smoothing_hz)) is not None
-    ]
+    parts: list[tuple[FloatArray, dict[str, FloatArray], IntArray, SegmentSpectra]] = []
+    for piece in _pieces(data):
+        part = _segment_rows(piece, len(parts), data.sample_period_s, smoothing_hz)
+        if part is not None:
+            parts.append(part)
     if not parts:
         return None
     names = set.intersection(*(set(columns) for _, columns, _, _ in parts))
@@ -171,6 +194,24 @@ def build_design(data: FlightData, smoothing_hz: float, settings: Settings) -> D
         rate_low_pass_hz=data.rate_low_pass_hz,
         spectra=tuple(spectra for _, _, _, spectra in parts),
     )
+
+
+def _pieces(data: FlightData) -> Iterator[Segment]:
+    """Yield the segments, long ones in equal pieces: FFTs stay short, and a search may skip some."""
+    for segment in data.segments:
+        n_pieces = max(1, int(segment.n_samples * data.sample_period_s / _PIECE_S))
+        edges = np.linspace(0, segment.n_samples, n_pieces + 1).astype(int)
+        for first, after in pairwise(edges):
+            rows = slice(int(first), int(after))
+            yield replace(
+                segment,
+                time_s=segment.time_s[rows],
+                body_rate_rad_s=segment.body_rate_rad_s[rows],
+                torque=segment.torque[rows],
+                attitude_rad=None if segment.attitude_rad is None else segment.attitude_rad[rows],
+                throttle=None if segment.throttle is None else segment.throttle[rows],
+                saturated=segment.saturated[rows],
+            )
 
 
 def smooth_segment(
