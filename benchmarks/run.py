@@ -185,7 +185,7 @@ def _analyses(sizes_mb: list[float], repeats: int) -> Iterator[str]:
             ("quadid_cli_json", "analyze --json --no-report"),
             ("quadid_cli_report", "analyze -o DIR"),
         ):
-            turns = repeats if size < 5e7 else 1
+            turns = repeats if path in corpus_logs() else 1
             runs = [_measure(action, str(generated_log(".bin", WARM_UP_MB)), str(path)) for _ in range(turns)]
             own = _median(runs)
             stages = ", ".join(f"{name} {seconds:.2f}" for name, seconds in runs[-1].stages.items())

@@ -102,9 +102,10 @@ def _likeness(speed: FloatArray, time_s: FloatArray, reference: MotorSeries) -> 
 
 def _correlation(one: FloatArray, other: FloatArray) -> float:
     """Return the correlation of two arrays of one shape, 0 where one does not vary."""
-    a, b = (values - np.nanmean(values, axis=0) for values in (one, other))
-    both = np.isfinite(a) & np.isfinite(b)
-    a, b = a[both], b[both]
+    both = np.isfinite(one) & np.isfinite(other)
+    n_rows = np.maximum(both.sum(axis=0), 1)
+    means = (np.where(both, values, 0.0).sum(axis=0) / n_rows for values in (one, other))
+    a, b = ((values - mean)[both] for values, mean in zip((one, other), means, strict=True))
     size = float(np.sqrt((a @ a) * (b @ b)))
     return float(a @ b) / size if size > 0.0 else 0.0
 
