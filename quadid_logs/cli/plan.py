@@ -1,0 +1,66 @@
+"""``quadid-log plan``: what to set and to fly, and what it will give."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from quadid_logs.cli.failure import say
+from quadid_logs.cli.progress import Progress
+from quadid_logs.cli.simulate import make_folder, write_together
+from quadid_logs.errors import OutputError
+from quadid_logs.untrusted import printable
+
+
+def plan(
+    autopilot: Annotated[str, typer.Option("--autopilot", metavar="NAME", help="ardupilot or px4.")],
+    axis: Annotated[
+        list[str] | None,
+        typer.Option("--axis", metavar="AXIS", help="roll, pitch or yaw; may be repeated [default: all]."),
+    ] = None,
+    vehicle: Annotated[
+        Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="Simulate this vehicle.")
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="DIR", help="Folder for the card and the parameter files."),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier plan.")] = False,
+) -> int:
+    """Say what to set and to fly to get an answer, and what a simulated flight of it gives.
+
+    Without -o the card is only printed.
+    """
+    from quadid_logs.plan import make_plan, predict
+    from quadid_logs.report.plan import CARD_FILE, card_lines, parameter_files
+    from quadid_logs.vehicle.file import read_vehicle
+
+    planned = make_plan(autopilot.lower(), axis or ())
+    files = {name: text.encode() for name, text in parameter_files(planned).items()}
+    if output is not None:
+        _check_output(output, (CARD_FILE, *files), force=force)
+    described = None if vehicle is None else read_vehicle(vehicle)
+    with Progress("plan") as progress:
+        progress("flying it in the simulator")
+        prediction = predict(planned, described)
+    lines = card_lines(planned, prediction)
+    for line in lines:
+        say(line)
+    if output is not None:
+        files[CARD_FILE] = ("\n".join(lines) + "\n").encode()
+        make_folder(output)
+        write_together(output, files)
+        say(f"\nWrote {', '.join(sorted(files))} into {printable(output)}")
+    return 0
+
+
+def _check_output(folder: Path, names: tuple[str, ...], *, force: bool) -> None:
+    """Refuse before the work what could not be written after it."""
+    for name in names:
+        if os.path.lexists(folder / name) and not force:
+            raise OutputError(
+                f"{printable(folder / name)} exists already.", hint="Add --force to replace it."
+            )

@@ -1,0 +1,138 @@
+"""``quadid-log plan``: parameters within their ranges, a card, and a prediction that was flown."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from quadid_logs.cli import main
+from quadid_logs.data.vehicle import Vehicle
+from quadid_logs.plan import Prediction, make_plan, predict
+from quadid_logs.report.plan import card_lines, parameter_files
+from quadid_logs.simulate.sweep import Sweep, sweep_wave
+
+#: ArduCopter, mode_systemid.cpp: the ranges of its parameters; the mixer takes a share of 1.
+RANGES = {
+    "SID_AXIS": (10, 12),
+    "SID_MAGNITUDE": (0.0, 0.3),
+    "SID_F_START_HZ": (0.01, 100),
+    "SID_F_STOP_HZ": (0.01, 100),
+    "SID_T_FADE_IN": (0, 20),
+    "SID_T_REC": (0, 255),
+    "SID_T_FADE_OUT": (0, 5),
+}
+
+
+@pytest.mark.parametrize("axis", ["roll", "pitch", "yaw"])
+def test_every_parameter_of_a_sweep_is_within_the_firmware_s_range(axis: str) -> None:
+    """And the record is longer than the two cycles at its first frequency, or it would not start."""
+    plan = make_plan("ardupilot", [axis])
+    found = dict(plan.settings_of(axis))
+    assert found.keys() == RANGES.keys()
+    for name, (low, high) in RANGES.items():
+        assert low <= found[name] <= high, name
+    assert found["SID_T_REC"] > 2.0 / found["SID_F_START_HZ"]
+
+
+def test_each_axis_gets_its_own_number_of_the_mixer() -> None:
+    """10 roll, 11 pitch, 12 yaw."""
+    plan = make_plan("ardupilot")
+    assert [dict(plan.settings_of(axis))["SID_AXIS"] for axis in ("roll", "pitch", "yaw")] == [10, 11, 12]
+
+
+def test_parameter_files_are_what_the_ground_stations_read() -> None:
+    """NAME,VALUE for ArduPilot, five tab-separated columns for PX4."""
+    files = parameter_files(make_plan("ardupilot", ["yaw"]))
+    assert files.keys() == {"logging.param", "sweep-yaw.param"}
+    assert "LOG_BITMASK,176127\n" in files["logging.param"]
+    for text in files.values():
+        for line in text.splitlines():
+            assert line.startswith("#") or len(line.split(",")) == 2
+    (text,) = parameter_files(make_plan("px4")).values()
+    assert text.splitlines()[-1].split("\t") == ["1", "1", "SDLOG_PROFILE", "25", "6"]
+
+
+def test_the_sweep_starts_slow_ends_fast_and_fades() -> None:
+    """Its frequency by zero crossings is that of the parameters, at both ends."""
+    sweep = Sweep(magnitude=0.1, start_hz=0.5, stop_hz=8.0, record_s=40.0)
+    time_s = np.arange(0.0, 40.0, 1e-3)
+    wave = sweep_wave(sweep, time_s)
+    crossings = time_s[1:][np.diff(np.signbit(wave)) != 0]
+    gaps = np.diff(crossings[(crossings > 0.1) & (crossings < 39.9)])
+    assert 0.5 / gaps[0] == pytest.approx(0.5, rel=0.03)
+    assert 0.5 / gaps[-1] == pytest.approx(8.0, rel=0.03)
+    assert abs(wave[0]) < 1e-9
+    assert abs(wave[-1]) < 1e-3
+    assert np.abs(wave).max() <= 0.1
+
+
+@pytest.fixture(scope="module")
+def yaw_flight() -> Prediction:
+    """Return what the planned yaw sweep gives on a heavier quadrotor."""
+    return predict(make_plan("ardupilot", ["yaw"]), Vehicle(name="heavy", mass_kg=1.8))
+
+
+def test_the_planned_axis_is_usable_and_no_other(yaw_flight: Prediction) -> None:
+    """A sweep on one axis teaches that axis only."""
+    verdicts = {axis: found.verdict for axis, found in yaw_flight.diagnosis.axes.items()}
+    assert verdicts == {"roll": "refused", "pitch": "refused", "yaw": "usable"}
+
+
+def test_the_card_predicts_for_the_vehicle_that_was_given(yaw_flight: Prediction) -> None:
+    """With the interval, and only for the planned axis."""
+    text = "\n".join(card_lines(make_plan("ardupilot", ["yaw"]), yaw_flight))
+    assert "heavy" in text
+    assert "- yaw: usable, B33 = " in text
+    assert "known to ±" in text
+    assert "- roll:" not in text
+    assert "READ BACK that SID_MAGNITUDE is 0.15" in text
+
+
+def test_stick_doublets_are_planned_where_there_is_no_sweep() -> None:
+    """PX4: all three axes are usable after 30 s each."""
+    plan = make_plan("px4")
+    prediction = predict(plan)
+    assert {found.verdict for found in prediction.diagnosis.axes.values()} == {"usable"}
+    assert "doublets" in "\n".join(card_lines(plan, prediction))
+
+
+def test_card_and_files_are_written_together(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    yaw_flight: Prediction,
+) -> None:
+    """What is printed is what is written, and a second run needs --force."""
+    monkeypatch.setattr("quadid_logs.plan.predict", lambda *_a: yaw_flight)
+    arguments = ["plan", "--autopilot", "ardupilot", "--axis", "yaw", "-o", str(tmp_path / "plan")]
+    assert main(arguments) == 0
+    printed = capsys.readouterr().out
+    assert (tmp_path / "plan" / "plan.md").read_text() in printed
+    assert {path.name for path in (tmp_path / "plan").iterdir()} == {
+        "plan.md",
+        "logging.param",
+        "sweep-yaw.param",
+    }
+    assert main(arguments) == 2
+    assert "--force" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--autopilot", "betaflight"], "ardupilot, px4"),
+        (["--autopilot", "px4", "--axis", "heave"], "roll, pitch, yaw"),
+        ([], "--autopilot"),
+    ],
+)
+def test_wrong_usage_is_one_clear_line(
+    arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit code 2 and what to choose from."""
+    assert main(["plan", *arguments]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert words in err
+    assert len(err.splitlines()) == 1
