@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,14 +11,21 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from quadid_logs.cli.failure import exit_code_of, say
+from quadid_logs.cli.logs import check_log, expanded
 from quadid_logs.cli.progress import Progress
+from quadid_logs.cli.simulate import write_beside
+from quadid_logs.errors import OutputError, SettingsError
+from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
     from quadid_logs.data.result import Result
     from quadid_logs.data.settings import Settings
     from quadid_logs.data.vehicle import Vehicle
+    from quadid_logs.report.index import IndexRow
 
 _DEFAULT_FOLDER = Path("quadid-report")
+#: Not imported from the report: that would import numpy for --help.
+INDEX_FILE = "index.html"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,6 +39,7 @@ class _Wish:
     drawings: bool
     files: bool
     one_line: bool
+    quiet: bool
     command: str
 
 
@@ -71,14 +80,14 @@ def analyze(
     force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print result.json to stdout.")] = False,
     no_report: Annotated[bool, typer.Option("--no-report", help="Write neither HTML nor PNG.")] = False,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Print problems only.")] = False,
 ) -> int:
-    """Identify the rotational model of each log and write a report.
+    """Identify the rotational model of each log and write a report; several logs get an index page too.
 
     Exit code 0: usable. 1: at least one axis must not be trusted. 2: a log
     could not be read, or the options make no sense.
     """
     from quadid_logs.data.settings import Settings
-    from quadid_logs.errors import SettingsError
     from quadid_logs.report import report_folders
     from quadid_logs.vehicle.file import read_vehicle
 
@@ -87,6 +96,7 @@ def analyze(
             "Pooling several logs into one model is not possible yet.",
             hint="Leave --pool out: each log gets its model.",
         )
+    logs = list(expanded(logs))
     wish = _Wish(
         settings=Settings(
             structure=structure,
@@ -104,31 +114,64 @@ def analyze(
         # A script that takes the result from stdout and wants no report needs no folder either.
         files=not (as_json and no_report and output is None),
         one_line=len(logs) > 1,
+        quiet=quiet,
         command=str(context.obj or ""),
     )
-    folders = report_folders(logs, output or _DEFAULT_FOLDER)
+    parent = output or _DEFAULT_FOLDER
+    with_index = wish.one_line and wish.files and wish.drawings
+    if with_index:
+        _check_index(parent, force=force)
+    rows: dict[Path, IndexRow] = {}
+    folders = report_folders(logs, parent)
     codes = [
-        exit_code_of(lambda log=log, folder=folder: _analyze_one(log, folder, wish))  # type: ignore[misc]
+        exit_code_of(lambda log=log, folder=folder: _analyze_one(log, folder, wish, rows))  # type: ignore[misc]
         for log, folder in zip(logs, folders, strict=True)
     ]
+    if with_index and rows:
+        _write_index(parent, [(log, rows.get(folder)) for log, folder in zip(logs, folders, strict=True)])
+        if not (quiet or as_json):
+            say(f"index: {printable(parent / INDEX_FILE)}")
     return max(codes)
 
 
-def _analyze_one(log: Path, folder: Path, wish: _Wish) -> int:
-    """Analyze one log, write its files, say its verdict."""
+def _check_index(parent: Path, *, force: bool) -> None:
+    """Refuse before the work what could not be written after it."""
+    if os.path.lexists(parent / INDEX_FILE) and not force:
+        raise OutputError(
+            f"{printable(parent / INDEX_FILE)} exists already.", hint="Add --force to replace it."
+        )
+
+
+def _write_index(parent: Path, outcomes: list[tuple[Path, IndexRow | None]]) -> None:
+    """Write one line per log, those that could not be read too."""
+    from quadid_logs.report.index import IndexRow, index_page
+
+    rows = [
+        row or IndexRow(name=printable(log, 160), summary="could not be read; the command said why")
+        for log, row in outcomes
+    ]
+    write_beside(parent / INDEX_FILE, index_page(rows).encode())
+
+
+def _analyze_one(log: Path, folder: Path, wish: _Wish, rows: dict[Path, IndexRow]) -> int:
+    """Analyze one log, write its files, say its verdict, note its row of the index by its folder."""
     from quadid_logs.pipeline import analyze as analyze_log
     from quadid_logs.report import check_folder, write_report
+    from quadid_logs.report.index import index_row
 
+    check_log(log)
     if wish.files:
         check_folder(folder, force=wish.force)
-    with Progress(log.name) as progress:
+    with Progress(log.name, quiet=wish.quiet) as progress:
         result = analyze_log(log, wish.settings, vehicle=wish.vehicle, progress=progress)
         if wish.files:
             progress("writing the report")
             result = write_report(
                 result, folder, force=wish.force, drawings=wish.drawings, command=wish.command
             )
-    _say_result(result, folder, wish)
+    rows[folder] = index_row(result, folder.name)
+    if not wish.quiet:
+        _say_result(result, folder, wish)
     return 0 if result.diagnosis.usable else 1
 
 
@@ -136,7 +179,6 @@ def _say_result(result: Result, folder: Path, wish: _Wish) -> None:
     """Print the result as the options ask for."""
     from quadid_logs.report import json_text, provenance_of
     from quadid_logs.report.text import one_line, result_lines
-    from quadid_logs.untrusted import printable
 
     if wish.as_json:
         provenance = provenance_of(result.log.path, wish.command)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from quadid_logs.cli.failure import say
+from quadid_logs.cli.logs import check_log
 from quadid_logs.cli.progress import Progress
 from quadid_logs.cli.simulate import make_folder, write_together
 from quadid_logs.errors import OutputError
@@ -49,6 +50,8 @@ def compare(
         _check_output(output, force=force)
     described = None if vehicle is None else read_vehicle(vehicle)
     results = []
+    for log in (before, after):
+        check_log(log)
     for log in (before, after):
         with Progress(log.name) as progress:
             results.append(analyze(log, vehicle=described, progress=progress))

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from quadid_logs.cli.failure import say
+from quadid_logs.cli.logs import check_log
 from quadid_logs.cli.progress import Progress
 
 
@@ -34,6 +35,7 @@ def export(
 
     check_table_path(output, force=force)
     settings = Settings(system=system, sample_rate_hz=sample_rate_hz)
+    check_log(log)
     with Progress(log.name) as progress:
         progress("reading")
         content = read_log(log, system=system)

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from quadid_logs.cli.failure import say
+from quadid_logs.cli.logs import check_log
 from quadid_logs.cli.progress import Progress
 
 
@@ -31,6 +32,7 @@ def info(
 
     given = None if vehicle is None else read_vehicle(vehicle)
     settings = Settings(system=system)
+    check_log(log)
     with Progress(log.name) as progress:
         progress("reading")
         content = reconstruct(read_log(log, system=system), given)

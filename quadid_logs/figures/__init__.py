@@ -15,7 +15,7 @@ __all__ = ["FIGURE_KEYS", "Figure", "Figures", "LeftOut", "figures_of"]
 #: Every key that a figure can have.
 FIGURE_KEYS: Final = (
     *("flight", "aligned", "airframe", "excitation", "windows", "over-time", "singular", "structures", "lag"),
-    *("held-out", "fit", "simulation", "residuals", "horizon"),
+    *("summary", "held-out", "fit", "simulation", "residuals", "horizon"),
     *(f"condition-{structure}" for structure in STRUCTURES),
 )
 #: Figures whose panels show what an axis' model says.

@@ -39,11 +39,9 @@ def fit_figures(result: Result) -> list[Figure | LeftOut]:
 def _close_look(model: Model, fit: FitSeries) -> Figure | LeftOut:
     """Show the liveliest held-out seconds at full resolution."""
     title = f"A close look at held-out data: {model.structure}"
-    stretches = [_first_seconds(fit, *span) for span in spans(fit.time_s, fit.held_out)]
-    stretches = [chosen for chosen in stretches if np.count_nonzero(chosen) > 1]
-    if not stretches:
+    chosen = lively_stretch(fit)
+    if chosen is None:
         return LeftOut(key="held-out", title=title, reason="No data were held out.")
-    chosen = max(stretches, key=lambda part: float(np.nanstd(np.nan_to_num(fit.acceleration[part]))))
     time_s = fit.time_s[chosen]
     acceleration = (fit.acceleration[chosen], fit.modelled_acceleration[chosen])
     rate = (fit.rate[chosen], fit.simulated_rate[chosen])
@@ -60,6 +58,15 @@ def _close_look(model: Model, fit: FitSeries) -> Figure | LeftOut:
         panels=tuple(panel for row in zip(*columns, strict=True) for panel in row),
         columns=2,
     )
+
+
+def lively_stretch(fit: FitSeries) -> BoolArray | None:
+    """Return the samples (n_samples,) of the liveliest held-out seconds, None where nothing was held out."""
+    stretches = [_first_seconds(fit, *span) for span in spans(fit.time_s, fit.held_out)]
+    stretches = [chosen for chosen in stretches if np.count_nonzero(chosen) > 1]
+    if not stretches:
+        return None
+    return max(stretches, key=lambda part: float(np.nanstd(np.nan_to_num(fit.acceleration[part]))))
 
 
 def _first_seconds(fit: FitSeries, start_s: float, end_s: float) -> BoolArray:

@@ -13,10 +13,11 @@ from pathlib import Path
 
 from quadid_logs.data.result import Result
 from quadid_logs.errors import OutputError
-from quadid_logs.figures import FIGURE_KEYS, figures_of
+from quadid_logs.figures import FIGURE_KEYS, Figure, figures_of
 from quadid_logs.report.json import result_dict
 from quadid_logs.report.provenance import Provenance, provenance_of
 from quadid_logs.untrusted import printable
+from quadid_logs.vocabulary import AXES
 
 RESULT_FILE, REPORT_FILE = "result.json", "report.html"
 
@@ -135,8 +136,18 @@ def write_drawings(result: Result, provenance: Provenance, folder: Path) -> None
     figures = figures_of(result)
     page = render_html(view_of(result, provenance), figures)
     (folder / REPORT_FILE).write_text(page, encoding="utf-8", newline="\n")
-    for figure in figures.shown:
+    for figure in (_summary(result), *figures.shown):
         write_png(figure, folder / f"{figure.key}.png")
+
+
+def _summary(result: Result) -> Figure:
+    """Return the one picture to post."""
+    from quadid_logs.figures.summary import summary_figure
+    from quadid_logs.report.view import effect_sentence, headline
+
+    refused = {axis for axis, found in result.diagnosis.axes.items() if found.verdict == "refused"}
+    gains = {axis: "" if axis in refused else effect_sentence(result, axis) for axis in AXES}
+    return summary_figure(result, headline(result), gains)
 
 
 def _with_report_time(result: Result, report_s: float) -> Result:

@@ -114,7 +114,7 @@ def view_of(result: Result, provenance: Provenance) -> View:
         name=printable(PurePath(result.log.path).name, 120),
         subtitle=_subtitle(result),
         overall=overall,
-        headline=_HEADLINES[overall],
+        headline=headline(result),
         axes=tuple(_axis(result, axis) for axis in AXES if axis in result.diagnosis.axes),
         model_sentence=_model_sentence(result, model),
         model_tables=() if model is None else _model_tables(result, model),
@@ -140,6 +140,11 @@ _HEADLINES = {
     "caution": "The model can be used, with the doubts named below.",
     "refused": "At least one axis must not be trusted.",
 }
+
+
+def headline(result: Result) -> str:
+    """Return the verdict over all axes in one sentence."""
+    return _HEADLINES[_overall(result)]
 
 
 def _overall(result: Result) -> str:

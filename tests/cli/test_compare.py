@@ -140,6 +140,8 @@ def analysed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, flight: Result) ->
         ),
     )
     monkeypatch.chdir(tmp_path)
+    for name in found:
+        (tmp_path / f"{name}.bin").touch()
     return lambda name: tmp_path / f"{name}.bin"
 
 

@@ -148,10 +148,53 @@ def test_several_logs_get_a_line_each_and_the_worst_code(
     """A broken log in the middle does not stop the others."""
     assert main(["analyze", "usable.bin", "broken.bin", "refused.bin", "-o", "out"]) == 2
     out, err = capsys.readouterr()
-    assert [line.split(":")[0] for line in out.splitlines()] == ["usable.bin", "refused.bin"]
+    assert [line.split(":")[0] for line in out.splitlines()] == ["usable.bin", "refused.bin", "index"]
     one_clear_line(err)
-    assert {path.name for path in Path("out").iterdir()} == {"usable", "refused"}
+    assert {path.name for path in Path("out").iterdir()} == {"usable", "refused", "index.html"}
     assert main(["analyze", "usable.bin", "refused.bin", "-o", "out2"]) == 1
+
+
+def test_the_index_links_every_report_and_names_what_could_not_be_read(pipeline: FakePipeline) -> None:
+    """One row per log, in the order of the arguments, with texts of the log as text."""
+    assert main(["analyze", "hostile.bin", "broken.bin", "refused.bin", "-o", "out"]) == 2
+    page = Path("out/index.html").read_text(encoding="utf-8")
+    places = [page.index(f'href="{name}/report.html"') for name in ("hostile", "refused")]
+    assert places == sorted(places)
+    assert places[0] < page.index("broken.bin") < places[1]
+    assert "could not be read" in page
+    assert "<script" not in page
+    assert main(["analyze", "hostile.bin", "refused.bin", "-o", "out"]) == 2
+    assert main(["analyze", "hostile.bin", "refused.bin", "-o", "out", "--force"]) == 1
+
+
+def test_a_pattern_that_the_shell_left_is_expanded(
+    pipeline: FakePipeline, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In the order of the names; a pattern without a match is an error."""
+    assert main(["analyze", "*usab*.bin", "ref?sed.bin", "-o", "out"]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split(":")[0] for line in lines] == ["usable.bin", "refused.bin", "index"]
+    assert main(["analyze", "*.nothing"]) == 2
+    assert "*.nothing" in one_clear_line(capsys.readouterr().err)
+
+
+def test_quiet_prints_problems_only(pipeline: FakePipeline, capsys: pytest.CaptureFixture[str]) -> None:
+    """The exit code and the files say the rest."""
+    assert main(["analyze", "refused.bin", "-q"]) == 1
+    assert capsys.readouterr() == ("", "")
+    assert main(["analyze", "broken.bin", "--quiet"]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    one_clear_line(err)
+
+
+def test_a_mistyped_file_gets_the_nearest_name(
+    pipeline: FakePipeline, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """For every verb that reads a log."""
+    for verb in (["analyze"], ["info"], ["export", "-o", "x.csv"], ["compare", "usable.bin"]):
+        assert main([*verb, "usabel.bin"]) == 2
+        assert "Did you mean usable.bin?" in one_clear_line(capsys.readouterr().err)
 
 
 def test_the_same_log_twice_gives_two_folders(pipeline: FakePipeline) -> None:

@@ -16,7 +16,14 @@ from quadid_logs.report import check_folder, report_folders, write_report
 def test_a_report_is_result_page_and_pictures(report_folder: Path) -> None:
     """Every promised file is there, and nothing else is left beside it."""
     names = {path.name for path in report_folder.iterdir()}
-    assert {"result.json", "report.html", "flight.png", "condition-quadrotor-6.png", "lag.png"} <= names
+    assert {
+        "result.json",
+        "report.html",
+        "summary.png",
+        "flight.png",
+        "condition-quadrotor-6.png",
+        "lag.png",
+    } <= names
     assert {path.suffix for path in report_folder.iterdir()} == {".json", ".html", ".png"}
     assert [path.name for path in report_folder.parent.iterdir() if path.name.startswith(".")] == []
 

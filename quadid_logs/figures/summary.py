@@ -1,0 +1,95 @@
+"""One picture that says it all: verdict and gain of each axis over the rates, measured and simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import PurePath
+
+import numpy as np
+
+from quadid_logs.data.result import Result
+from quadid_logs.figures.fit import lively_stretch
+from quadid_logs.figures.flight import RATE_AXIS, TIME
+from quadid_logs.figures.spec import Curve, Figure, Panel
+from quadid_logs.figures.thinning import break_at_gaps, thin_line
+from quadid_logs.untrusted import printable
+from quadid_logs.vocabulary import AXES
+
+
+def summary_figure(result: Result, headline: str, gains: Mapping[str, str]) -> Figure:
+    """Return the picture to post.
+
+    Parameters
+    ----------
+    result : Result
+    headline : str
+        The verdict over all axes.
+    gains : mapping of str to str
+        By axis: its gain with the interval in words, "" where there is none.
+
+    Returns
+    -------
+    Figure
+        One panel per axis; where nothing was fitted, the rates of the whole log.
+    """
+    name = printable(PurePath(result.log.path).name, 60)
+    vehicle = ", ".join(filter(None, (printable(result.log.frame, 30), printable(result.log.firmware, 50))))
+    curves = _simulated(result) or _measured(result)
+    simulated = any(len(pair) > 1 for pair in curves.values())
+    shown = (
+        "Body rates on flight that the fit never saw: measured, and simulated from the torque alone."
+        if simulated
+        else "Body rates of the log; no model could be fitted, or nothing was held out to test it."
+    )
+    return Figure(
+        key="summary",
+        title=f"{name}: {headline}",
+        caption=f"{vehicle + '. ' if vehicle else ''}{shown} Gains with 95 % intervals. Made with "
+        "quadid-logs.",
+        panels=tuple(
+            Panel(
+                title=f"{axis.capitalize()}: {_verdict(result, axis)}",
+                x=TIME,
+                y=RATE_AXIS,
+                curves=curves.get(axis, ()),
+                note=gains.get(axis, ""),
+            )
+            for axis in AXES
+        ),
+        columns=3,
+    )
+
+
+def _verdict(result: Result, axis: str) -> str:
+    found = result.diagnosis.axes.get(axis)
+    return found.verdict if found else "not judged"
+
+
+def _simulated(result: Result) -> dict[str, tuple[Curve, ...]]:
+    """Return measured and simulated rate of each axis over the liveliest held-out seconds."""
+    model = result.identification.recommended
+    fit = None if model is None else model.fit
+    chosen = None if fit is None else lively_stretch(fit)
+    if fit is None or chosen is None:
+        return {}
+    lines = (("measured", "measured", fit.rate), ("simulated", "modelled", fit.simulated_rate))
+    return {
+        axis: tuple(
+            Curve(label=label, x=fit.time_s[chosen], y=np.degrees(values[chosen, column]), role=role)
+            for label, role, values in lines
+        )
+        for column, axis in enumerate(AXES)
+    }
+
+
+def _measured(result: Result) -> dict[str, tuple[Curve, ...]]:
+    """Return the rate of each axis over the whole log."""
+    overview = result.data.overview.get("body_rate")
+    if overview is None or not overview.time_s.size:
+        return {}
+    time_s, values = break_at_gaps(overview.time_s, np.degrees(overview.values))
+    curves: dict[str, tuple[Curve, ...]] = {}
+    for column, axis in enumerate(AXES):
+        x, y = thin_line(time_s, values[:, column])
+        curves[axis] = (Curve(label="measured", x=x, y=y, role="measured"),)
+    return curves

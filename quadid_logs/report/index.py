@@ -1,0 +1,56 @@
+"""index.html: one line per log of a call, with links to the reports."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from urllib.parse import quote
+
+from quadid_logs.data.result import Result
+from quadid_logs.report.view import effect_sentence, flown_sentence
+from quadid_logs.untrusted import printable
+from quadid_logs.vocabulary import AXES
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IndexRow:
+    """One log: ``axes`` are verdict and gain per axis, ``link`` is relative to the index."""
+
+    name: str
+    summary: str
+    link: str = ""
+    axes: tuple[tuple[str, str], ...] = ()
+
+
+def index_row(result: Result, folder_name: str) -> IndexRow:
+    """Return the row of an analysed log whose report stands in a folder beside the index."""
+    found = result.diagnosis.axes
+    return IndexRow(
+        name=printable(result.log.path, 160),
+        summary=flown_sentence(result),
+        link=f"{quote(folder_name)}/report.html",
+        axes=tuple(
+            (
+                found[axis].verdict if axis in found else "refused",
+                effect_sentence(result, axis) if axis in found and found[axis].verdict != "refused" else "",
+            )
+            for axis in AXES
+        ),
+    )
+
+
+def index_page(rows: Sequence[IndexRow]) -> str:
+    """Return the page; every text is escaped by the template."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("quadid_logs.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    template = environment.get_template("index.html")
+    style = environment.get_template("report.css").render()
+    page: str = template.render(rows=rows, axes=AXES, style=style)
+    return page
