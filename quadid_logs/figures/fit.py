@@ -39,34 +39,33 @@ def fit_figures(result: Result) -> list[Figure | LeftOut]:
 def _close_look(model: Model, fit: FitSeries) -> Figure | LeftOut:
     """Show the liveliest held-out seconds at full resolution."""
     title = f"A close look at held-out data: {model.structure}"
-    chosen = lively_stretch(fit)
-    if chosen is None:
-        return LeftOut(key="held-out", title=title, reason="No data were held out.")
-    time_s = fit.time_s[chosen]
-    acceleration = (fit.acceleration[chosen], fit.modelled_acceleration[chosen])
-    rate = (fit.rate[chosen], fit.simulated_rate[chosen])
-    columns = (
-        _pair(time_s, acceleration, ("measured", "model"), _ACCELERATION),
-        _pair(time_s, rate, ("measured", "model"), _RATE),
-    )
+    panels: list[Panel] = []
+    for column in range(len(AXES)):
+        chosen = lively_stretch(fit, column)
+        if chosen is None:
+            return LeftOut(key="held-out", title=title, reason="No data were held out.")
+        acceleration = (fit.acceleration[chosen], fit.modelled_acceleration[chosen])
+        rate = (fit.rate[chosen], fit.simulated_rate[chosen])
+        for series, axis in ((acceleration, _ACCELERATION), (rate, _RATE)):
+            panels.append(_pair(fit.time_s[chosen], series, ("measured", "model"), axis)[column])
     return Figure(
         key="held-out",
         title=title,
-        caption=f"{time_s[-1] - time_s[0]:.1f} s of flight that the fit never saw (the liveliest of the "
-        "held-out stretches). Left: the angular acceleration that the torque should cause. Right: the rate "
-        "when the model flies on the torque alone. Where the lines part, the model is wrong.",
-        panels=tuple(panel for row in zip(*columns, strict=True) for panel in row),
+        caption=f"Up to {_CLOSE_LOOK_S:g} s of flight that the fit never saw, for each axis the liveliest of "
+        "the held-out stretches. Left: the angular acceleration that the torque should cause. Right: the "
+        "rate when the model flies on the torque alone. Where the lines part, the model is wrong.",
+        panels=tuple(panels),
         columns=2,
     )
 
 
-def lively_stretch(fit: FitSeries) -> BoolArray | None:
-    """Return the samples (n_samples,) of the liveliest held-out seconds, None where nothing was held out."""
+def lively_stretch(fit: FitSeries, column: int) -> BoolArray | None:
+    """Return the samples (n_samples,) of an axis' liveliest held-out seconds, None without any."""
     stretches = [_first_seconds(fit, *span) for span in spans(fit.time_s, fit.held_out)]
     stretches = [chosen for chosen in stretches if np.count_nonzero(chosen) > 1]
     if not stretches:
         return None
-    return max(stretches, key=lambda part: float(np.nanstd(np.nan_to_num(fit.acceleration[part]))))
+    return max(stretches, key=lambda part: float(np.std(np.nan_to_num(fit.acceleration[part, column]))))
 
 
 def _first_seconds(fit: FitSeries, start_s: float, end_s: float) -> BoolArray:

@@ -48,15 +48,15 @@ def summary_figure(result: Result, headline: str, gains: Mapping[str, str]) -> F
         "quadid-logs.",
         panels=tuple(
             Panel(
-                title=f"{axis.capitalize()}: {_verdict(result, axis)}",
+                title=", ".join(
+                    filter(None, (f"{axis.capitalize()}: {_verdict(result, axis)}", gains.get(axis, "")))
+                ),
                 x=TIME,
                 y=RATE_AXIS,
                 curves=curves.get(axis, ()),
-                note=gains.get(axis, ""),
             )
             for axis in AXES
         ),
-        columns=3,
     )
 
 
@@ -69,17 +69,18 @@ def _simulated(result: Result) -> dict[str, tuple[Curve, ...]]:
     """Return measured and simulated rate of each axis over the liveliest held-out seconds."""
     model = result.identification.recommended
     fit = None if model is None else model.fit
-    chosen = None if fit is None else lively_stretch(fit)
-    if fit is None or chosen is None:
+    if fit is None:
         return {}
     lines = (("measured", "measured", fit.rate), ("simulated", "modelled", fit.simulated_rate))
-    return {
-        axis: tuple(
-            Curve(label=label, x=fit.time_s[chosen], y=np.degrees(values[chosen, column]), role=role)
-            for label, role, values in lines
-        )
-        for column, axis in enumerate(AXES)
-    }
+    curves: dict[str, tuple[Curve, ...]] = {}
+    for column, axis in enumerate(AXES):
+        chosen = lively_stretch(fit, column)
+        if chosen is not None:
+            curves[axis] = tuple(
+                Curve(label=label, x=fit.time_s[chosen], y=np.degrees(values[chosen, column]), role=role)
+                for label, role, values in lines
+            )
+    return curves
 
 
 def _measured(result: Result) -> dict[str, tuple[Curve, ...]]:

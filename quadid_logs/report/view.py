@@ -138,12 +138,17 @@ def view_of(result: Result, provenance: Provenance) -> View:
 _HEADLINES = {
     "usable": "The model can be used on all three axes.",
     "caution": "The model can be used, with the doubts named below.",
-    "refused": "At least one axis must not be trusted.",
+    "refused": "This log gives no model that can be trusted.",
 }
 
 
 def headline(result: Result) -> str:
     """Return the verdict over all axes in one sentence."""
+    refused = [axis for axis, no in zip(AXES, refused_axes(result), strict=True) if no]
+    others = [axis for axis in AXES if axis not in refused]
+    if refused and others:
+        first, second = " and ".join(others), " and ".join(refused)
+        return f"{first.capitalize()} can be used; {second} must not be trusted."
     return _HEADLINES[_overall(result)]
 
 
@@ -236,7 +241,9 @@ def pretty_unit(unit: str) -> str:
 def _model_sentence(result: Result, model: Model | None) -> str:
     """Say what the recommended model is, or why there is none."""
     if model is None:
-        return printable(result.identification.skipped) or "No model could be fitted to this log."
+        return (
+            f"No model was fitted: {printable(result.identification.skipped) or 'this log holds too little'}."
+        )
     parts = [
         f"Structure {model.structure}, fitted to {seconds(_used_s(result))} of flight: "
         "[dp/dt, dq/dt, dr/dt] = A · regressors + B · [L, M, N]."
@@ -305,6 +312,8 @@ def _entry(parameter: Parameter | None, value: float, distrusted: bool) -> Cell:
     """Return value and interval of one element, grey where it is no result."""
     if parameter is None:
         return Cell(text=number(value), weak=True, detail="no interval")
+    if parameter.value == 0.0 and not all(map(math.isfinite, parameter.ci95)):
+        return Cell(text="–", detail="left out", weak=True)
     detail = interval(*parameter.ci95)
     weak = distrusted or not parameter.identifiable
     return Cell(text=number(parameter.value), detail=detail, weak=weak)
@@ -575,7 +584,7 @@ def _coherent(frequency_hz: FloatArray, coherence: FloatArray) -> str:
 def _validation_sentence(model: Model | None) -> str:
     """Say how the model does on held-out data."""
     if model is None:
-        return "There is no model to validate."
+        return ""
     if not model.validation.held_out_s > 0.0:
         return "No data could be held out, so the model is not validated."
     r2 = _of(model.validation.r2_simulated_rate, RATE_SYMBOLS)
