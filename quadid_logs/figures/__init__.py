@@ -15,11 +15,14 @@ __all__ = ["FIGURE_KEYS", "Figure", "Figures", "LeftOut", "figures_of"]
 #: Every key that a figure can have.
 FIGURE_KEYS: Final = (
     *("flight", "aligned", "airframe", "excitation", "windows", "over-time", "singular", "structures", "lag"),
+    "frequency",
     *("summary", "held-out", "fit", "simulation", "residuals", "horizon"),
     *(f"condition-{structure}" for structure in STRUCTURES),
 )
 #: Figures whose panels show what an axis' model says.
-_OF_THE_MODEL: Final = frozenset({"over-time", "structures", "held-out", "fit", "simulation", "residuals"})
+_OF_THE_MODEL: Final = frozenset(
+    {"over-time", "structures", "held-out", "fit", "simulation", "residuals", "frequency"}
+)
 
 
 class Figures(NamedTuple):
@@ -45,6 +48,7 @@ def figures_of(result: Result) -> Figures:
     from quadid_logs.figures.excitation import excitation_spectra
     from quadid_logs.figures.fit import fit_figures, horizon_error, lag_profile, structure_comparison
     from quadid_logs.figures.flight import aligned_series, flight_overview
+    from quadid_logs.figures.frequency import frequency_response
     from quadid_logs.figures.windows import window_figures
 
     everything = [
@@ -56,6 +60,7 @@ def figures_of(result: Result) -> Figures:
         structure_comparison(result),
         lag_profile(result),
         *fit_figures(result),
+        frequency_response(result),
         horizon_error(result),
     ]
     return Figures(

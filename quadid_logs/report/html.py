@@ -21,7 +21,7 @@ _CHAPTERS = {
     "flight": ("flight", "aligned", "airframe"),
     "excitation": ("excitation",),
     "windows": ("condition", "over-time", "singular"),
-    "fit": ("lag", "held-out", "fit", "simulation", "horizon", "residuals"),
+    "fit": ("lag", "held-out", "fit", "simulation", "frequency", "horizon", "residuals"),
     "structures": ("structures",),
 }
 
