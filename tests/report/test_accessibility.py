@@ -1,0 +1,98 @@
+"""axe-core on the report: nothing serious, whatever the verdict."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import tarfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from quadid_logs.figures import figures_of
+from quadid_logs.report.html import render_html
+from quadid_logs.report.index import index_page, index_row
+from quadid_logs.report.provenance import provenance_of
+from quadid_logs.report.view import view_of
+from tests import chromium
+from tests.report.test_browser import SCROLL
+from tests.synthetic_results import hostile_result, refused_result, usable_result
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(chromium.PATH is None, reason="no Chromium on this machine"),
+]
+
+RUN = """(async () => {
+  const found = await axe.run(document, {resultTypes: ["violations"]});
+  return found.violations
+    .filter((item) => item.impact === "serious" || item.impact === "critical")
+    .map((item) => `${item.id}: ${item.nodes.slice(0, 3).map((node) => node.html).join(" | ")}`);
+})()"""
+
+
+@pytest.fixture(scope="session")
+def axe(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Return axe-core's script, fetched with npm; skip where that is not possible."""
+    npm = shutil.which("npm")
+    if npm is None:
+        pytest.skip("no npm to fetch axe-core with")
+    folder = tmp_path_factory.mktemp("axe")
+    try:
+        subprocess.run(
+            [npm, "pack", "axe-core@4", "--silent"], cwd=folder, check=True, capture_output=True, timeout=60
+        )
+    except (subprocess.SubprocessError, OSError) as error:
+        pytest.skip(f"npm cannot fetch axe-core: {error}")
+    with tarfile.open(next(folder.glob("*.tgz"))) as package:
+        member = package.extractfile("package/axe.min.js")
+        assert member is not None
+        return member.read().decode("utf-8")
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[chromium.Browser]:
+    """Start a browser with a profile of its own."""
+    with chromium.Browser(tmp_path_factory.mktemp("browser") / "profile") as started:
+        yield started
+
+
+def pages() -> dict[str, str]:
+    """Return the pages to look at: a usable, a refused and a hostile report, and the index of all."""
+    results = {"usable": usable_result(8.0), "refused": refused_result(), "hostile": hostile_result()}
+    texts = {
+        name: render_html(view_of(result, provenance_of("x", "quadid-log analyze x")), figures_of(result))
+        for name, result in results.items()
+    }
+    return {**texts, "index": index_page([index_row(result, name) for name, result in results.items()])}
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_axe_finds_no_serious_problem(
+    browser: chromium.Browser, axe: str, tmp_path: Path, dark: bool
+) -> None:
+    """Contrast, names, roles, headings, at desk and phone width."""
+    for name, text in pages().items():
+        path = tmp_path / f"{name}.html"
+        path.write_text(text, encoding="utf-8")
+        for width in (1280, 400):
+            browser.show(width, dark=dark)
+            browser.open(path)
+            browser.run(SCROLL)
+            browser.run(f"{axe};0")
+            assert browser.run(RUN) == [], (name, width)
+
+
+def test_axe_sees_what_is_bad(browser: chromium.Browser, axe: str, tmp_path: Path) -> None:
+    """The check is no rubber stamp: pale text and a button without a name are found."""
+    path = tmp_path / "bad.html"
+    path.write_text(
+        "<!DOCTYPE html><html lang='en'><title>x</title><main><h1>x</h1><button></button>"
+        "<p style='color:#bbb;background:#fff'>pale</p></main></html>"
+    )
+    browser.show(1280)
+    browser.open(path)
+    browser.run(f"{axe};0")
+    found = browser.run(RUN)
+    assert {line.split(":")[0] for line in found} == {"button-name", "color-contrast"}
