@@ -18,6 +18,7 @@ from quadid_logs.data.result import Result
 from quadid_logs.report.airframe import airframe_facts
 from quadid_logs.report.numbers import estimate, interval, number, percent, seconds, size
 from quadid_logs.report.provenance import Provenance
+from quadid_logs.report.published import comparison_rows
 from quadid_logs.report.words import evidence_name, evidence_value, signal_name
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS, SIGNALS
@@ -278,6 +279,7 @@ def _model_tables(result: Result, model: Model) -> tuple[Table, ...]:
         tables.append(_matrix(model, model.A, model.regressors, _A_CAPTION, distrusted))
     if model.inertia is not None:
         tables.append(_inertia(model.inertia, refused_axes(result)))
+        tables.append(_published(model.inertia, result))
     return tuple(tables)
 
 
@@ -349,6 +351,27 @@ def _inertia(inertia: Inertia, distrusted: tuple[bool, ...]) -> Table:
         for i, name in enumerate(names)
     )
     return Table(caption="Inertia tensor about the centre of mass [kg m²]", head=("", *names), rows=rows)
+
+
+def _published(inertia: Inertia, result: Result) -> Table:
+    """Hold the moments of inertia against the user's own and against published ones."""
+    rows = comparison_rows(inertia, result.vehicle)
+    return Table(
+        caption="Beside other vehicles [kg m²]",
+        head=("vehicle", "mass [kg]", "Ixx", "Iyy", "Izz"),
+        rows=tuple(
+            (
+                Cell(text=name, detail=source),
+                Cell(text=mass),
+                *(
+                    Cell(text=moment, weak=place == 0 and distrusted)
+                    for moment, distrusted in zip(moments, refused_axes(result), strict=True)
+                ),
+            )
+            for place, (name, mass, source, moments) in enumerate(rows)
+        ),
+        note="The nearest comes first. Moments grow with mass times the square of the size.",
+    )
 
 
 def next_steps(result: Result) -> tuple[str, ...]:

@@ -10,10 +10,13 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from quadid_logs.data.diagnosis import Finding
+from quadid_logs.data.model import Inertia
 from quadid_logs.data.result import Result
+from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.figures import figures_of
 from quadid_logs.report.html import render_html, script_json
 from quadid_logs.report.provenance import provenance_of
@@ -251,3 +254,21 @@ def test_a_log_without_a_model_does_not_claim_an_analysis() -> None:
     assert "no flight in 52.0 s of log" in view_of(result, provenance_of("x")).subtitle
     flown = replace(result, data=replace(result.data, flights=((1.0, 31.0),)))
     assert "30.0 s of flight in 52.0 s of log, nothing identified" in result_lines(flown)[0]
+
+
+def test_an_inertia_stands_beside_the_given_and_the_published_ones(usable: Result) -> None:
+    """The user's own says whether it lies within the intervals; the nearest published one comes first."""
+    model = usable.identification.models[0]
+    matrix = np.diag([0.0229, 0.0231, 0.046])
+    inertia = Inertia(matrix=matrix, ci95_low=0.97 * matrix, ci95_high=1.03 * matrix)
+    models = (replace(model, inertia=inertia), *usable.identification.models[1:])
+    result = replace(
+        usable,
+        identification=replace(usable.identification, models=models),
+        vehicle=Vehicle(mass_kg=3.0, inertia_kg_m2=np.diag([0.023, 0.0231, 0.03])),
+    )
+    table = view_of(result, provenance_of("x")).model_tables[-1]
+    names = [row[0].text for row in table.rows]
+    assert names[:3] == ["this flight", "given with --vehicle", "ArduPilot SITL quadrotor"]
+    assert table.rows[1][0].detail == "Ixx, Iyy within the interval; Izz outside the interval"
+    assert [cell.text for cell in table.rows[0][2:]] == ["0.0229", "0.0231", "0.046"]
