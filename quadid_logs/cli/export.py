@@ -1,23 +1,45 @@
-"""``quadid-log export``: the aligned series as a table."""
+"""``quadid-log export``: the aligned series as a table, or the model for another program."""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.logs import check_log
 from quadid_logs.cli.progress import Progress
+from quadid_logs.cli.simulate import write_beside
+from quadid_logs.errors import OutputError
+from quadid_logs.untrusted import printable
+
+if TYPE_CHECKING:
+    from quadid_logs.data.settings import Settings
 
 
 def export(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="Flight log, told by its content.")],
     output: Annotated[
         Path,
-        typer.Option("-o", "--output", metavar="FILE.(csv|parquet|mat)", help="The ending says the format."),
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FILE",
+            help="The ending says the format: .csv, .parquet, .mat; with --model .mat, .py, .sdf, .json.",
+        ),
     ],
+    model: Annotated[
+        bool,
+        typer.Option(
+            "--model",
+            help="Export the model: MATLAB, python-control, Gazebo's inertia (.sdf), SITL's frame (.json).",
+        ),
+    ] = False,
+    vehicle: Annotated[
+        Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="With --model: for N m and kg m^2.")
+    ] = None,
     sample_rate_hz: Annotated[
         float, typer.Option("--sample-rate-hz", metavar="HZ", help="Resample to this rate; 0 chooses.")
     ] = 0.0,
@@ -26,15 +48,16 @@ def export(
     ] = 0,
     force: Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")] = False,
 ) -> int:
-    """Write the aligned series that analyze works on to CSV, Parquet or MATLAB."""
+    """Write the aligned series that analyze works on, or the model for another program."""
     from quadid_logs.align import align
     from quadid_logs.data.settings import Settings
     from quadid_logs.readers import read_log
     from quadid_logs.report.table import check_table_path, write_table
-    from quadid_logs.untrusted import printable
 
-    check_table_path(output, force=force)
     settings = Settings(system=system, sample_rate_hz=sample_rate_hz)
+    if model:
+        return _export_model(log, output, settings, vehicle, force=force)
+    check_table_path(output, force=force)
     check_log(log)
     with Progress(log.name) as progress:
         progress("reading")
@@ -45,3 +68,21 @@ def export(
         n_rows = write_table(data, output, force=force)
     say(f"Wrote {n_rows} rows to {printable(output)}")
     return 0
+
+
+def _export_model(log: Path, output: Path, settings: Settings, vehicle: Path | None, *, force: bool) -> int:
+    """Write the recommended model; 1 if it holds an axis that must not be trusted."""
+    from quadid_logs.pipeline import analyze
+    from quadid_logs.report.model_files import check_model_format, model_bytes
+    from quadid_logs.vehicle.file import read_vehicle
+
+    check_model_format(output)
+    if os.path.lexists(output) and not force:
+        raise OutputError(f"{printable(output)} exists already.", hint="Add --force to replace it.")
+    check_log(log)
+    described = None if vehicle is None else read_vehicle(vehicle)
+    with Progress(log.name) as progress:
+        result = analyze(log, settings, vehicle=described, progress=progress)
+    write_beside(output, model_bytes(result, output.suffix.lower()))
+    say(f"Wrote the model to {printable(output)}")
+    return 0 if result.diagnosis.usable else 1

@@ -1,0 +1,186 @@
+"""The model for other programs: MATLAB, python-control, Gazebo, ArduPilot's simulator."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from pathlib import Path, PurePath
+from typing import Any, cast
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.data.model import Model
+from quadid_logs.data.result import Result
+from quadid_logs.errors import EmptyLogError, SettingsError
+from quadid_logs.report.view import refused_axes
+from quadid_logs.untrusted import printable
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS
+
+MODEL_FORMATS = (".mat", ".py", ".sdf", ".json")
+
+
+def check_model_format(path: Path) -> None:
+    """Refuse an ending that says no format.
+
+    Raises
+    ------
+    SettingsError
+    """
+    if path.suffix.lower() not in MODEL_FORMATS:
+        raise SettingsError(
+            f"Cannot tell the format from the name {printable(path.name, 80)!r}.",
+            hint=".mat is MATLAB, .py python-control, .sdf Gazebo's inertia, .json ArduPilot SITL's frame.",
+        )
+
+
+def model_bytes(result: Result, ending: str) -> bytes:
+    """Return the recommended model as a file.
+
+    Parameters
+    ----------
+    result : Result
+    ending : str
+        One of `MODEL_FORMATS`: ``.mat`` holds A, B and names; ``.py`` makes a
+        python-control system; ``.sdf`` is an ``<inertial>`` block in Gazebo's
+        forward-left-up axes; ``.json`` a frame file for ArduPilot's SITL.
+
+    Raises
+    ------
+    EmptyLogError
+        If there is no model, or (``.sdf``, ``.json``) no inertia of axes that
+        can all be trusted.
+    """
+    model = result.identification.recommended
+    if model is None:
+        why = printable(result.identification.skipped) or "this log holds too little"
+        raise EmptyLogError(f"There is no model to export: {why}.", hint="See quadid-log analyze.")
+    if ending == ".mat":
+        return _matlab(model)
+    if ending == ".py":
+        return _python_control(result, model).encode()
+    inertia = _trusted_inertia(result, model)
+    mass_kg = _mass_kg(result)
+    return (_sdf(inertia, mass_kg) if ending == ".sdf" else _sitl(inertia, mass_kg)).encode()
+
+
+def _matlab(model: Model) -> bytes:
+    """Return A, B, names, lag, delay and, where it is known, the inertia."""
+    from scipy.io import savemat
+
+    content: dict[str, object] = {
+        "A": model.A,
+        "B": model.B,
+        "regressors": np.array(model.regressors, dtype=object),
+        "targets": np.array(model.targets, dtype=object),
+        "inputs": np.array(model.inputs, dtype=object),
+    }
+    if model.actuator is not None:
+        content |= {"lag_s": model.actuator.lag_s, "delay_s": model.actuator.delay_s}
+    if model.inertia is not None:
+        content["inertia_kg_m2"] = model.inertia.matrix
+    if model.discrete is not None:
+        content |= {
+            "A_d": model.discrete.A_d,
+            "B_d": model.discrete.B_d,
+            "sample_period_s": model.discrete.sample_period_s,
+        }
+    buffer = io.BytesIO()
+    # The stubs know paths only; scipy takes any open file.
+    savemat(cast("Any", buffer), content)
+    return buffer.getvalue()
+
+
+def rate_matrices(model: Model) -> tuple[FloatArray, FloatArray]:
+    """Return the linear part in p, q, r: A and B of shape (3, 3)."""
+    rows = [model.targets.index(symbol) for symbol in ACCELERATION_SYMBOLS]
+    rates = np.zeros((3, 3))
+    for column, symbol in enumerate(RATE_SYMBOLS):
+        if symbol in model.regressors:
+            rates[:, column] = model.A[rows, model.regressors.index(symbol)]
+    return rates, np.asarray(model.B[rows], dtype=np.float64)
+
+
+def _python_control(result: Result, model: Model) -> str:
+    """Return a script that makes the system: rates behind lag and delay."""
+    rates, gains = rate_matrices(model)
+    lag_s, delay_s = (model.actuator.lag_s, model.actuator.delay_s) if model.actuator else (0.0, 0.0)
+    refused = [axis for axis, no in zip(AXES, refused_axes(result), strict=True) if no]
+    unit = (
+        "N m" if result.data.input is not None and result.data.input.unit == "N m" else "normalised command"
+    )
+    name = printable(PurePath(result.log.path).name, 120)
+    doubt = f"# NOT TO BE TRUSTED: {', '.join(refused)}\n" if refused else ""
+    return f'''"""Rates p, q, r [rad/s] from torques L, M, N [{unit}]; written by quadid-logs."""
+# from {name!a}, structure {model.structure}; linear part about hover
+{doubt}import control
+import numpy as np
+
+A = np.array({_rounded(rates)})
+B = np.array({_rounded(gains)})
+lag_s, delay_s = {lag_s:.6g}, {delay_s:.6g}
+
+rates = control.ss(A, B, np.eye(3), np.zeros((3, 3)), inputs=["L", "M", "N"], outputs=["p", "q", "r"])
+lag = control.tf([1.0], [lag_s, 1.0])
+delay = control.tf(*control.pade(delay_s, 2)) if delay_s > 0.0 else control.tf([1.0], [1.0])
+actuator = control.append(*(control.ss(lag * delay) for _ in range(3)))
+vehicle = control.series(actuator, rates)
+'''
+
+
+def _rounded(matrix: FloatArray) -> str:
+    """Return a matrix as Python text, to six significant digits."""
+    return repr([[float(f"{value:.6g}") for value in row] for row in matrix])
+
+
+def _trusted_inertia(result: Result, model: Model) -> FloatArray:
+    """Return the tensor (3, 3) [kg m^2], refused unless every axis can be trusted."""
+    refused = [axis for axis, no in zip(AXES, refused_axes(result), strict=True) if no]
+    if refused:
+        raise EmptyLogError(
+            f"The inertia cannot be exported: {', '.join(refused)} must not be trusted.",
+            hint="See quadid-log analyze for what to fly.",
+        )
+    matrix = None if model.inertia is None else model.inertia.matrix
+    if matrix is None or not np.isfinite(np.diagonal(matrix)).all():
+        raise EmptyLogError(
+            "The inertia is not known about all axes: the torque is not calibrated to N m.",
+            hint="Give mass_kg, arm_length_m and torque_to_thrust_m with --vehicle FILE.toml.",
+        )
+    return np.asarray(np.nan_to_num(matrix), dtype=np.float64)
+
+
+def _mass_kg(result: Result) -> float:
+    """Return the mass that the user or the calibration names, NaN if nobody does."""
+    if result.vehicle is not None and result.vehicle.mass_kg is not None:
+        return result.vehicle.mass_kg
+    return result.data.input.calibration.mass_kg if result.data.input is not None else math.nan
+
+
+def _sdf(inertia: FloatArray, mass_kg: float) -> str:
+    """Return an inertial block; FRD to Gazebo's FLU turns half a circle about x."""
+    turn = np.diag([1.0, -1.0, -1.0])
+    flu = turn @ inertia @ turn
+    mass = f"  <mass>{mass_kg:.6g}</mass>\n" if math.isfinite(mass_kg) else "  <!-- <mass> is not known -->\n"
+    elements = "".join(
+        f"    <i{names}>{flu[i, j]:.6g}</i{names}>\n"
+        for names, i, j in (
+            ("xx", 0, 0),
+            ("xy", 0, 1),
+            ("xz", 0, 2),
+            ("yy", 1, 1),
+            ("yz", 1, 2),
+            ("zz", 2, 2),
+        )
+    )
+    return f"<inertial>\n{mass}  <inertia>\n{elements}  </inertia>\n</inertial>\n"
+
+
+def _sitl(inertia: FloatArray, mass_kg: float) -> str:
+    """Return a frame file; keys as in ArduPilot's SIM_Frame.cpp, which knows no products of inertia."""
+    content: dict[str, object] = {}
+    if math.isfinite(mass_kg):
+        content["mass"] = float(f"{mass_kg:.6g}")
+    content["moment_inertia"] = [float(f"{value:.6g}") for value in np.diagonal(inertia)]
+    return json.dumps(content, indent=1) + "\n"

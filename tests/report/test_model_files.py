@@ -1,0 +1,137 @@
+"""The model for other programs: the same numbers, their signs and axes, and refusals."""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+import types
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.io import loadmat
+
+from quadid_logs.cli import main
+from quadid_logs.data.model import Inertia
+from quadid_logs.data.result import Result
+from quadid_logs.data.vehicle import Vehicle
+from quadid_logs.errors import EmptyLogError
+from quadid_logs.report.model_files import model_bytes, rate_matrices
+from tests.synthetic_results import hostile_result, refused_result
+
+TENSOR = np.array([[0.02, 0.001, -0.002], [0.001, 0.03, 0.003], [-0.002, 0.003, 0.04]])
+
+
+@pytest.fixture(scope="module")
+def calibrated(usable: Result) -> Result:
+    """Return a result with a full inertia tensor and a mass."""
+    first, *others = usable.identification.models
+    inertia = Inertia(matrix=TENSOR, ci95_low=TENSOR - 1e-4, ci95_high=TENSOR + 1e-4)
+    models = (replace(first, inertia=inertia), *others)
+    return replace(
+        usable,
+        identification=replace(usable.identification, models=models),
+        vehicle=Vehicle(mass_kg=1.5),
+    )
+
+
+def test_matlab_gets_the_matrices_and_their_names(calibrated: Result) -> None:
+    """Read back with scipy."""
+    found = loadmat(io.BytesIO(model_bytes(calibrated, ".mat")), squeeze_me=True)
+    model = calibrated.identification.models[0]
+    np.testing.assert_array_equal(found["A"], model.A)
+    np.testing.assert_array_equal(found["B"], model.B)
+    assert list(found["regressors"]) == list(model.regressors)
+    np.testing.assert_array_equal(found["inertia_kg_m2"], TENSOR)
+
+
+def run_with_fake_control(text: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """Run the script with a stand-in for python-control."""
+    fake = types.ModuleType("control")
+    for name in ("ss", "tf", "append", "series"):
+        setattr(fake, name, lambda *_a, **_k: 1.0)
+    fake.pade = lambda *_a: ([1.0], [1.0])  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "control", fake)
+    names: dict[str, Any] = {}
+    exec(compile(text, "model.py", "exec"), names)
+    return names
+
+
+def test_the_python_script_holds_the_linear_part(calibrated: Result, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A in p, q, r and B, to six digits."""
+    names = run_with_fake_control(model_bytes(calibrated, ".py").decode(), monkeypatch)
+    rates, gains = rate_matrices(calibrated.identification.models[0])
+    np.testing.assert_allclose(names["A"], rates, rtol=1e-5)
+    np.testing.assert_allclose(names["B"], gains, rtol=1e-5)
+
+
+def test_a_hostile_log_puts_no_code_into_the_script(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The file's name stays within its comment line."""
+    result = hostile_result(path='x"\n"""\nimport os; hacked = True\r#.bin')
+    names = run_with_fake_control(model_bytes(result, ".py").decode(), monkeypatch)
+    assert "hacked" not in names
+
+
+def test_gazebo_gets_the_tensor_in_its_own_axes(calibrated: Result) -> None:
+    """Forward-left-up: the products with x change their sign, the one of y and z does not."""
+    block = ET.fromstring(model_bytes(calibrated, ".sdf"))
+    found = {element.tag: float(element.text or "nan") for element in block.iter() if element.text.strip()}
+    assert found == {
+        "mass": 1.5,
+        "ixx": 0.02,
+        "ixy": -0.001,
+        "ixz": 0.002,
+        "iyy": 0.03,
+        "iyz": 0.003,
+        "izz": 0.04,
+    }
+
+
+def test_sitl_gets_its_own_keys(calibrated: Result) -> None:
+    """As SIM_Frame.cpp reads them."""
+    assert json.loads(model_bytes(calibrated, ".json")) == {
+        "mass": 1.5,
+        "moment_inertia": [0.02, 0.03, 0.04],
+    }
+
+
+@pytest.mark.parametrize("ending", [".sdf", ".json"])
+def test_an_inertia_that_cannot_be_trusted_is_not_exported(calibrated: Result, ending: str) -> None:
+    """Neither that of a refused axis nor one that is not known."""
+    verdict = replace(calibrated.diagnosis.axes["yaw"], verdict="refused")
+    axes = {**calibrated.diagnosis.axes, "yaw": verdict}
+    refused = replace(calibrated, diagnosis=replace(calibrated.diagnosis, axes=axes))
+    with pytest.raises(EmptyLogError, match="yaw must not be trusted"):
+        model_bytes(refused, ending)
+    first, *others = calibrated.identification.models
+    unknown = replace(calibrated.identification, models=(replace(first, inertia=None), *others))
+    with pytest.raises(EmptyLogError, match="--vehicle"):
+        model_bytes(replace(calibrated, identification=unknown), ending)
+
+
+def test_a_log_without_a_model_says_why() -> None:
+    """The reason is the identification's."""
+    with pytest.raises(EmptyLogError, match="no flight to identify from"):
+        model_bytes(refused_result(), ".mat")
+
+
+def test_the_command_writes_the_file_once(
+    calibrated: Result,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """And refuses to replace it, and endings that say nothing."""
+    monkeypatch.setattr("quadid_logs.pipeline.analyze", lambda *_a, **_k: calibrated)
+    (tmp_path / "f.bin").touch()
+    log, out = str(tmp_path / "f.bin"), tmp_path / "model.sdf"
+    assert main(["export", log, "--model", "-o", str(out)]) == 0
+    assert out.read_bytes() == model_bytes(calibrated, ".sdf")
+    assert main(["export", log, "--model", "-o", str(out)]) == 2
+    assert "--force" in capsys.readouterr().err
+    assert main(["export", log, "--model", "-o", str(tmp_path / "model.xlsx")]) == 2
+    assert "python-control" in capsys.readouterr().err
