@@ -48,7 +48,7 @@ def write_png(figure: Figure, path: Path) -> None:
     with rc_context(_STYLE):  # type: ignore[arg-type]
         canvas = _draw(figure)
         FigureCanvasAgg(canvas)
-        canvas.savefig(path, dpi=_DPI, pil_kwargs={"compress_level": 4})
+        canvas.savefig(path, dpi=_DPI, pil_kwargs={"compress_level": 2})
 
 
 def _draw(figure: Figure) -> Canvas:
@@ -160,8 +160,12 @@ def _error(curve: Curve) -> Any:
 
 def _set_axis(axes: Axes, name: str, axis: Axis, *, labelled: bool) -> None:
     """Set scale, range, ticks and label of one axis."""
+    from matplotlib.ticker import NullLocator
+
     if axis.log:
         axes.set(**{f"{name}scale": "log"})
+        # Eight unlabelled ticks per decade took a fifth of the time of drawing.
+        getattr(axes, f"{name}axis").set_minor_locator(NullLocator())
     if axis.low is not None or axis.high is not None:
         axes.set(**{f"{name}lim": (axis.low, axis.high)})
     if axis.ticks:
