@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from quadid_logs.data.settings import Settings
     from quadid_logs.data.vehicle import Vehicle
     from quadid_logs.errors import QuadidError
+    from quadid_logs.notebook import matplotlib_figures, plotly_figures, show
     from quadid_logs.pipeline import analyze
     from quadid_logs.readers import read_log
     from quadid_logs.report import result_dict, write_report
@@ -29,9 +30,12 @@ __all__ = [
     "Vehicle",
     "__version__",
     "analyze",
+    "matplotlib_figures",
+    "plotly_figures",
     "read_log",
     "read_vehicle",
     "result_dict",
+    "show",
     "write_report",
 ]
 
@@ -40,6 +44,9 @@ def __getattr__(name: str) -> Any:
     """Import a public name when it is first used (PEP 562): importing the package stays quick."""
     homes = {
         "analyze": "quadid_logs.pipeline",
+        "matplotlib_figures": "quadid_logs.notebook",
+        "plotly_figures": "quadid_logs.notebook",
+        "show": "quadid_logs.notebook",
         "read_log": "quadid_logs.readers",
         "read_vehicle": "quadid_logs.vehicle.file",
         "result_dict": "quadid_logs.report",

@@ -14,6 +14,7 @@ from quadid_logs.cli.failure import exit_code_of, say
 from quadid_logs.cli.logs import check_log, expanded
 from quadid_logs.cli.progress import Progress
 from quadid_logs.cli.simulate import write_beside
+from quadid_logs.cli.terminal import at_terminal, show_result
 from quadid_logs.errors import OutputError, SettingsError
 from quadid_logs.untrusted import printable
 
@@ -188,6 +189,9 @@ def _say_result(result: Result, folder: Path, wish: _Wish) -> None:
     if wish.one_line:
         say(f"{one_line(result)} -> {written}")
         return
-    for line in result_lines(result):
-        say(line)
+    if at_terminal():
+        show_result(result)
+    else:
+        for line in result_lines(result):
+            say(line)
     say(f"  {'report' if wish.drawings else 'result'}: {written}")

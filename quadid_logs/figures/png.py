@@ -43,16 +43,24 @@ def write_png(figure: Figure, path: Path) -> None:
         Overwritten if it exists; the caller decides about that.
     """
     from matplotlib import rc_context
+
+    with rc_context(_STYLE):  # type: ignore[arg-type]
+        draw(figure).savefig(path, dpi=_DPI, pil_kwargs={"compress_level": 2})
+
+
+def draw(figure: Figure) -> Canvas:
+    """Return an ordinary matplotlib figure, which pyplot does not know of."""
+    from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     with rc_context(_STYLE):  # type: ignore[arg-type]
         canvas = _draw(figure)
         FigureCanvasAgg(canvas)
-        canvas.savefig(path, dpi=_DPI, pil_kwargs={"compress_level": 2})
+    return canvas
 
 
 def _draw(figure: Figure) -> Canvas:
-    """Return the drawn figure."""
+    """Lay out title, panels, legend and caption."""
     from matplotlib.figure import Figure as Canvas
 
     caption = textwrap.wrap(_drawable(figure.caption), _CAPTION_WIDTH)

@@ -406,3 +406,23 @@ def test_a_verdict_of_caution_is_still_exit_code_0(
     )
     monkeypatch.setattr("quadid_logs.pipeline.analyze", lambda *_a, **_k: replace(result, diagnosis=worst))
     assert main(["analyze", "usable.bin", "--json", "--no-report"]) == 0
+
+
+def test_a_terminal_gets_a_table_and_no_colour_is_respected(
+    pipeline: FakePipeline, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The same words as in a pipe; colours only where NO_COLOR is not set."""
+    monkeypatch.setattr("quadid_logs.cli.analyze.at_terminal", lambda: True)
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "100")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    assert main(["analyze", "usable.bin", "-o", "one"]) == 0
+    coloured = capsys.readouterr().out
+    assert "\x1b[32musable" in coloured
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert main(["analyze", "usable.bin", "-o", "two"]) == 0
+    plain = capsys.readouterr().out
+    assert "\x1b[32m" not in plain
+    assert "B11 = " in plain
+    assert main(["analyze", "hostile.bin", "-o", "three"]) == 0
+    assert "\x1b[31m" not in capsys.readouterr().out.replace("\x1b[1m", "")

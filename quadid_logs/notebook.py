@@ -1,0 +1,100 @@
+"""Results and figures in a notebook: `show` a result, or take its figures as matplotlib's or Plotly's."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from quadid_logs.data.result import Result
+from quadid_logs.figures import figures_of
+from quadid_logs.report.provenance import provenance_of
+from quadid_logs.report.view import view_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Canvas
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Shown:
+    """A result that shows itself where HTML is shown (Jupyter), and as text elsewhere."""
+
+    result: Result
+
+    def _repr_html_(self) -> str:
+        """Return verdicts and matrices as HTML without scripts; every text is escaped."""
+        from jinja2 import Environment, PackageLoader, StrictUndefined
+
+        environment = Environment(
+            loader=PackageLoader("quadid_logs.report"), autoescape=True, undefined=StrictUndefined
+        )
+        view = view_of(self.result, provenance_of(self.result.log.path))
+        page: str = environment.get_template("notebook.html").render(view=view)
+        return page
+
+    def __repr__(self) -> str:
+        from quadid_logs.report.text import result_lines
+
+        return "\n".join(result_lines(self.result))
+
+
+def show(result: Result) -> Shown:
+    """Return the result as an object that a notebook shows as verdicts and tables.
+
+    Parameters
+    ----------
+    result : Result
+        Of `quadid_logs.analyze`.
+    """
+    return Shown(result=result)
+
+
+def matplotlib_figures(result: Result) -> dict[str, Canvas]:
+    """Return every figure of the report by its key, as ordinary matplotlib figures.
+
+    Parameters
+    ----------
+    result : Result
+
+    Returns
+    -------
+    dict of str to matplotlib.figure.Figure
+        Not registered with pyplot: nothing has to be closed.
+    """
+    from quadid_logs.figures.png import draw
+
+    return {figure.key: draw(figure) for figure in figures_of(result).shown}
+
+
+def plotly_figures(result: Result) -> dict[str, Any]:
+    """Return every figure of the report by its key, as ordinary Plotly figures.
+
+    Parameters
+    ----------
+    result : Result
+
+    Returns
+    -------
+    dict of str to plotly.graph_objects.Figure
+    """
+    import plotly.graph_objects as go
+
+    from quadid_logs.figures.interactive import interactive
+
+    made = {}
+    for figure in figures_of(result).shown:
+        content = _coloured(interactive(figure))
+        made[figure.key] = go.Figure(data=content["data"], layout=content["layouts"]["wide"])
+    return made
+
+
+def _coloured(value: Any) -> Any:
+    """Replace "@role" by the colour of that role on white paper."""
+    from quadid_logs.figures.palette import LIGHT
+
+    if isinstance(value, str) and value.startswith("@"):
+        return LIGHT.get(value[1:], value)
+    if isinstance(value, dict):
+        return {key: _coloured(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_coloured(item) for item in value]
+    return value
