@@ -46,7 +46,8 @@ def excitation_advice(autopilot: str, axis: str) -> str:
     """Say what to fly so that an axis is moved enough."""
     system_id = {
         "ardupilot": f" ArduCopter's System ID mode does it by itself: SID_AXIS {_SID_AXIS[axis]} "
-        f"(mixer {axis}), with SID_MAGNITUDE large enough to see the vehicle shake.",
+        f"(mixer {axis}), SID_MAGNITUDE {_SID_MAGNITUDE[axis]}. On the mixer axes the unit is a share of the full "
+        "command, so the default of 15 is dangerous: read the value back before the flight; see quadid-log plan.",
         "px4": "",
     }.get(autopilot, "")
     stick = {"roll": "left-right", "pitch": "forward-back", "yaw": "rudder left-right"}[axis]
@@ -56,5 +57,7 @@ def excitation_advice(autopilot: str, axis: str) -> str:
     )
 
 
+#: A share of the full command that moves a usual quadrotor well above its noise.
+_SID_MAGNITUDE = {"roll": 0.05, "pitch": 0.05, "yaw": 0.15}
 #: ArduCopter mode_systemid.cpp, SID_AXIS: 10 mixer roll, 11 mixer pitch, 12 mixer yaw.
 _SID_AXIS = {"roll": 10, "pitch": 11, "yaw": 12}
