@@ -46,8 +46,9 @@ def excitation_advice(autopilot: str, axis: str) -> str:
     """Say what to fly so that an axis is moved enough."""
     system_id = {
         "ardupilot": f" ArduCopter's System ID mode does it by itself: SID_AXIS {_SID_AXIS[axis]} "
-        f"(mixer {axis}), SID_MAGNITUDE {_SID_MAGNITUDE[axis]}. On the mixer axes the unit is a share of the full "
-        "command, so the default of 15 is dangerous: read the value back before the flight; see quadid-log plan.",
+        f"(mixer {axis}), SID_MAGNITUDE {_SID_MAGNITUDE[axis]}. On the mixer axes the unit is a share of the "
+        "full command, so the default of 15 is dangerous: read the value back before the flight; "
+        "see quadid-log plan.",
         "px4": "",
     }.get(autopilot, "")
     stick = {"roll": "left-right", "pitch": "forward-back", "yaw": "rudder left-right"}[axis]
