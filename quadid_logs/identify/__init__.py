@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import Identification, Model
 from quadid_logs.data.settings import Settings
 from quadid_logs.identify.design import build_design
-from quadid_logs.identify.excitation import measure_excitation
+from quadid_logs.identify.excitation import column_noise, measure_excitation, noise_density
 from quadid_logs.identify.model import fit_actuated, fit_as_published
 from quadid_logs.identify.structures import DAMPED, LINEAR_9, QUADROTOR_6
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS
@@ -25,6 +27,8 @@ _SAMPLES_PER_CYCLE = 8.0
 _HEAD_START = 0.02
 #: Of structures that all explain less than this, none is right: keep the physical one.
 _WORTH_A_LOOK = 0.75
+#: Equivalent noise bandwidth of the Gaussian over its cut-off: sqrt(pi / ln 2) / 2.
+_NOISE_BANDWIDTH = 1.0645
 #: Rows per unknown below which a fit is arithmetic, not evidence.
 _ROWS_PER_UNKNOWN = 5
 
@@ -57,12 +61,13 @@ def identify(data: FlightData, settings: Settings) -> Identification:
     n_needed = _ROWS_PER_UNKNOWN * len(DAMPED.columns)
     if design is None or np.count_nonzero(design.train) < n_needed:
         return Identification(skipped="the flight is too short for the number of unknowns")
+    noise = column_noise(noise_density(data), design.columns, _NOISE_BANDWIDTH * smoothing_hz)
     models = [
-        fit_actuated(DAMPED, data, design, settings),
-        fit_as_published(QUADROTOR_6, data, design, settings),
+        fit_actuated(DAMPED, data, design, settings, noise=noise),
+        fit_as_published(QUADROTOR_6, data, design, settings, noise=noise),
     ]
     if all(name in design.columns for name in LINEAR_9.regressors):
-        models.append(fit_as_published(LINEAR_9, data, design, settings))
+        models.append(fit_as_published(LINEAR_9, data, design, settings, noise=noise))
     ordered = _recommend(models, settings)
     return Identification(
         models=ordered,
@@ -76,8 +81,6 @@ def identify(data: FlightData, settings: Settings) -> Identification:
 
 def _recommend(models: list[Model], settings: Settings) -> tuple[Model, ...]:
     """Put the structure first that the user asked for, or that explains held-out flight best."""
-    import dataclasses
-
     physical, *others = models
     rivals = [
         model
@@ -87,7 +90,7 @@ def _recommend(models: list[Model], settings: Settings) -> tuple[Model, ...]:
     wanted = next((model for model in models if model.structure == settings.structure), None)
     best = wanted or max(rivals, key=_held_out_score, default=physical)
     ordered = sorted(models, key=lambda model: model is not best)
-    return tuple(dataclasses.replace(model, recommended=model is best) for model in ordered)
+    return tuple(replace(model, recommended=model is best) for model in ordered)
 
 
 def _held_out_score(model: Model) -> float:

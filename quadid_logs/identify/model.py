@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +22,6 @@ from quadid_logs.data.model import (
 from quadid_logs.data.settings import Settings
 from quadid_logs.identify.actuator import ActuatorFit, fit_actuator
 from quadid_logs.identify.design import Design, build_design, smooth_segment
-from quadid_logs.identify.excitation import column_noise, noise_density
 from quadid_logs.identify.fit import PooledFit, fit_pooled
 from quadid_logs.identify.inertia import inertia_of
 from quadid_logs.identify.parameters import Estimate, build_parameters, plausible_size
@@ -36,8 +36,6 @@ from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS, TORQUE_SY
 _OTHER_BANDS = (0.5, 1.6)
 #: An axis tells of the actuator if the model explains this share of its acceleration.
 _TELLING_R2 = 0.75
-#: Equivalent noise bandwidth of the Gaussian over its cut-off: sqrt(pi / ln 2) / 2.
-_NOISE_BANDWIDTH = 1.0645
 #: Two-sided 95 % of a normal distribution.
 _NORMAL_95 = 1.96
 #: Windows of structures that the paper does not fix: long enough for a full
@@ -50,14 +48,16 @@ _MOST_WINDOWS = 250_000
 _ROWS_PER_COLUMN = 10
 
 
-def fit_actuated(structure: Structure, data: FlightData, design: Design, settings: Settings) -> Model:
+def fit_actuated(
+    structure: Structure, data: FlightData, design: Design, settings: Settings, *, noise: Mapping[str, float]
+) -> Model:
     """Fit a structure whose torque passes lag, delay and gyro filter."""
     actuator, fit = _fit_with_actuator(structure, design, settings)
     band = _other_bands(structure, data, design, (actuator, fit), settings)
     halves = _halves(structure, design, actuator, fit, settings)
     torque = design.torque(actuator.lag_s, actuator.delay_s)
     validation, series = validate(design, structure, fit.theta, torque, settings)
-    windows = _windows_on_rows(structure, data, design, torque, settings)
+    windows = _windows_on_rows(structure, design, torque, settings, noise=_noise(structure, noise))
     described = Actuator(
         lag_s=actuator.lag_s,
         lag_ci95_s=_lag_interval(actuator, fit),
@@ -83,11 +83,13 @@ def fit_actuated(structure: Structure, data: FlightData, design: Design, setting
     )
 
 
-def fit_as_published(structure: Structure, data: FlightData, design: Design, settings: Settings) -> Model:
+def fit_as_published(
+    structure: Structure, data: FlightData, design: Design, settings: Settings, *, noise: Mapping[str, float]
+) -> Model:
     """Fit a structure of the paper: torque as logged, windows of consecutive samples."""
     fit = fit_pooled(design, structure, None)
     validation, series = validate(design, structure, fit.theta, design.torque_as_logged(), settings)
-    windows = _windows_at_full_rate(structure, data, design, settings)
+    windows = _windows_at_full_rate(structure, data, design, settings, noise=_noise(structure, noise))
     return _model(
         structure,
         data,
@@ -313,12 +315,11 @@ def _discrete(structure: Structure, A: FloatArray, B: FloatArray, period_s: floa
 
 
 def _windows_on_rows(
-    structure: Structure, data: FlightData, design: Design, torque: FloatArray, settings: Settings
+    structure: Structure, design: Design, torque: FloatArray, settings: Settings, *, noise: FloatArray
 ) -> Windows | None:
     """Solve one-second windows on the rows of the design."""
     columns = design.stack(structure.columns, torque)
     targets = np.column_stack([design.columns[name] for name in structure.targets])
-    noise = _noise(structure, data, design)
     width = settings.window or max(len(structure.columns), int(_WINDOW_S / design.period_s))
     stride = settings.stride or max(1, width // 2)
     parts = []
@@ -333,10 +334,9 @@ def _windows_on_rows(
 
 
 def _windows_at_full_rate(
-    structure: Structure, data: FlightData, design: Design, settings: Settings
+    structure: Structure, data: FlightData, design: Design, settings: Settings, *, noise: FloatArray
 ) -> Windows | None:
     """Solve the paper's windows: consecutive samples, every k (of very long flights, every so many)."""
-    noise = _noise(structure, data, design)
     width = settings.window or structure.width
     stride = settings.stride or int(np.ceil(data.n_samples / _MOST_WINDOWS))
     parts = []
@@ -357,7 +357,6 @@ def _windows_at_full_rate(
     return join(parts)
 
 
-def _noise(structure: Structure, data: FlightData, design: Design) -> FloatArray:
+def _noise(structure: Structure, noise: Mapping[str, float]) -> FloatArray:
     """Return the noise of each column of H_k; shape (n_columns,)."""
-    noise = column_noise(noise_density(data), design.columns, _NOISE_BANDWIDTH * design.smoothing_hz)
     return np.array([noise.get(name, 0.0) for name in structure.columns])
