@@ -187,6 +187,8 @@ class Model:
         [rad/s^2 per unit of regressor or input].
     smoothing_hz : float
         Cut-off of the filter that regressors and targets passed alike.
+    criterion : float
+        Bayesian information criterion, stretches of correlated residuals counted once; less is better.
     """
 
     structure: str
@@ -208,6 +210,7 @@ class Model:
     condition_number: float = float("nan")
     band: BandCheck | None = None
     halves: HalvesCheck | None = None
+    criterion: float = float("nan")
     note: str = ""
 
 

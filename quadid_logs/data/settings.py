@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from quadid_logs.errors import SettingsError
 
-STRUCTURES = ("damped", "quadrotor-6", "linear-9")
+STRUCTURES = ("rigid-body", "damped", "quadrotor-6", "linear-9")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

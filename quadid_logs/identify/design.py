@@ -17,6 +17,7 @@ import numpy as np
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.data.settings import Settings
+from quadid_logs.identify.structures import THROTTLED_YAW
 from quadid_logs.maths.band import (
     ComplexArray,
     angular_frequency,
@@ -27,6 +28,8 @@ from quadid_logs.maths.band import (
     gaussian_response,
     lag_response,
 )
+from quadid_logs.maths.rigid_body import PRODUCTS, rate_products
+from quadid_logs.vocabulary import TORQUE_SYMBOLS
 
 #: Rows per second over the smoothing cut-off: the Gaussian is down to 2e-4 at
 #: five times its cut-off, the Nyquist frequency of the rows.
@@ -37,13 +40,15 @@ _ACTUATOR_MEMORY_S = 0.5
 #: Longer segments are cut into pieces of this length and more: each end costs
 #: under a second, so less than a hundredth is lost.
 _PIECE_S = 120.0
+#: Columns of the torque that an actuator shapes.
+_INPUTS = (*TORQUE_SYMBOLS, THROTTLED_YAW)
 #: Leaving out more than this share of the rows for saturation leaves too little flight.
 _MOST_TOUCHED = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SegmentSpectra:
-    """Real FFTs of one segment's columns, by name, and what is needed to go back."""
+    """Real FFTs of one segment's torque (its columns as `_INPUTS`), and what is needed to go back."""
 
     n_samples: int
     n_out: int
@@ -111,13 +116,24 @@ class Design:
         )
 
     def stack(self, names: Sequence[str], torque: FloatArray) -> FloatArray:
-        """Return the named columns with L, M, N taken from `torque`; shape (n_rows, n_names)."""
-        inputs = dict(zip(("L", "M", "N"), torque.T, strict=True))
+        """Return the named columns with L, M, N (and N times throttle) taken from `torque`."""
+        inputs = dict(zip(_INPUTS, torque.T, strict=False))
         return np.column_stack([inputs[name] if name in inputs else self.columns[name] for name in names])
 
-    def torque(self, lag_s: float, delay_s: float) -> FloatArray:
-        """Return the torque behind lag, delay and gyro filter, smoothed; shape (n_rows, 3)."""
-        return self._shaped(lambda s: lag_response(s, lag_s) * delay_response(s, delay_s) * self._gyro(s))
+    @property
+    def has_throttle(self) -> bool:
+        """Whether yaw torque times throttle is known."""
+        return all(part.torque.shape[1] == len(_INPUTS) for part in self.spectra)
+
+    def torque(self, lag_s: float, delay_s: float, *, throttled: bool = False) -> FloatArray:
+        """Return the torque behind lag, delay and gyro filter, smoothed; shape (n_rows, 3).
+
+        ``throttled`` adds a fourth column, yaw torque times the deviation of the throttle from its mean.
+        """
+        return self._shaped(
+            lambda s: lag_response(s, lag_s) * delay_response(s, delay_s) * self._gyro(s),
+            n_columns=len(_INPUTS) if throttled else 3,
+        )
 
     def torque_by_lag(self, lag_s: float, delay_s: float) -> FloatArray:
         """Return the derivative of `torque` by the lag [unit/s]; shape (n_rows, 3)."""
@@ -140,10 +156,10 @@ class Design:
             return butterworth_response(s, self.rate_low_pass_hz)
         return np.ones_like(s)
 
-    def _shaped(self, response: Callable[[ComplexArray], ComplexArray]) -> FloatArray:
+    def _shaped(self, response: Callable[[ComplexArray], ComplexArray], *, n_columns: int = 3) -> FloatArray:
         parts = [
             filtered(
-                part.torque,
+                part.torque[:, :n_columns],
                 response(part.s[: part.n_out // 2 + 1]) * part.smoothing[: part.n_out // 2 + 1],
                 n_samples=part.n_samples,
                 n_out=part.n_out,
@@ -169,8 +185,9 @@ def build_design(data: FlightData, smoothing_hz: float, settings: Settings) -> D
     Design, or None if no segment is longer than the filters' memory.
     """
     parts: list[tuple[FloatArray, dict[str, FloatArray], IntArray, SegmentSpectra]] = []
+    mean_throttle = _mean_throttle(data)
     for piece in _pieces(data):
-        part = _segment_rows(piece, len(parts), data.sample_period_s, smoothing_hz)
+        part = _segment_rows(piece, len(parts), data.sample_period_s, smoothing_hz, mean_throttle)
         if part is not None:
             parts.append(part)
     if not parts:
@@ -194,6 +211,14 @@ def build_design(data: FlightData, smoothing_hz: float, settings: Settings) -> D
         rate_low_pass_hz=data.rate_low_pass_hz,
         spectra=tuple(spectra for _, _, _, spectra in parts),
     )
+
+
+def _mean_throttle(data: FlightData) -> float | None:
+    """Return the mean throttle of the flight, None where the log has none or not throughout."""
+    throttle = [segment.throttle for segment in data.segments if segment.throttle is not None]
+    if len(throttle) < len(data.segments):
+        return None
+    return float(np.concatenate(throttle).mean())
 
 
 def _pieces(data: FlightData) -> Iterator[Segment]:
@@ -239,7 +264,7 @@ def smooth_segment(
 
 
 def _segment_rows(
-    segment: Segment, number: int, period_s: float, smoothing_hz: float
+    segment: Segment, number: int, period_s: float, smoothing_hz: float, mean_throttle: float | None
 ) -> tuple[FloatArray, dict[str, FloatArray], IntArray, SegmentSpectra] | None:
     """Return times, columns, segment numbers and spectra of one segment."""
     from scipy.fft import next_fast_len
@@ -256,12 +281,15 @@ def _segment_rows(
     columns = _smooth_columns(segment, period_s, smoothing_hz, n_out=n_out, rows=rows)
     time_s = segment.start_s + row_period_s * np.arange(rows.start, rows.stop, dtype=np.float64)
     s = angular_frequency(n_samples, period_s)
+    torque = segment.torque
+    if mean_throttle is not None and segment.throttle is not None:
+        torque = np.column_stack([torque, torque[:, 2] * (segment.throttle - mean_throttle)])
     spectra = SegmentSpectra(
         n_samples=n_samples,
         n_out=n_out,
         s=s,
         smoothing=gaussian_response(s, smoothing_hz),
-        torque=np.asarray(np.fft.rfft(segment.torque, axis=0), dtype=np.complex128),
+        torque=np.asarray(np.fft.rfft(torque, axis=0), dtype=np.complex128),
         rows=rows,
     )
     return time_s, columns, np.full(len(time_s), number, dtype=np.int64), spectra
@@ -288,7 +316,12 @@ def _smooth_columns(
 def _raw_columns(segment: Segment) -> dict[str, FloatArray]:
     """Return rates, their products and the angles; the products before smoothing, as in eq. (11)."""
     p, q, r = segment.body_rate_rad_s.T
-    columns = {"p": p, "q": q, "r": r, "qr": q * r, "pr": p * r, "pq": p * q}
+    columns = {
+        "p": p,
+        "q": q,
+        "r": r,
+        **dict(zip(PRODUCTS, rate_products(segment.body_rate_rad_s).T, strict=True)),
+    }
     if segment.attitude_rad is not None:
         columns |= dict(zip(("phi", "theta", "psi"), segment.attitude_rad.T, strict=True))
     return columns

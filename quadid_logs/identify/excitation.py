@@ -7,6 +7,7 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.data.model import Excitation
+from quadid_logs.maths.rigid_body import PRODUCTS
 from quadid_logs.maths.spectra import averaged_spectra
 from quadid_logs.vocabulary import AXES, RATE_SYMBOLS, TORQUE_SYMBOLS
 
@@ -85,12 +86,13 @@ def column_noise(
 ) -> dict[str, float]:
     """Return the noise (rms) of each smoothed column of H_k.
 
-    A product of rates carries the noise of each factor times the other.
+    A product of rates carries the noise of each factor times the other, a square twice that of the rate.
     """
     rms = {name: float(np.sqrt(value * bandwidth_hz)) for name, value in density.items()}
-    for first, second in ("qr", "pr", "pq"):
+    for first, second in PRODUCTS:
         size_first, size_second = (float(np.sqrt(np.mean(columns[name] ** 2))) for name in (first, second))
-        rms[first + second] = float(np.hypot(size_first * rms[second], size_second * rms[first]))
+        parts = size_first * rms[second], size_second * rms[first]
+        rms[first + second] = sum(parts) if first == second else float(np.hypot(*parts))
     rms["1"] = 0.0
     return rms
 

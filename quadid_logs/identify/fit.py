@@ -37,6 +37,8 @@ class PooledFit:
         On the training rows.
     condition_number : float
         Of the column-scaled regressor matrix.
+    n_parameters : int
+        Numbers that were fitted, lag and delay among them.
     lag_half_width_s, delay_half_width_s : float
         NaN for a structure without actuator.
     """
@@ -47,6 +49,7 @@ class PooledFit:
     r2: FloatArray
     condition_number: float
     rank: int
+    n_parameters: int = 0
     lag_half_width_s: float = float("nan")
     delay_half_width_s: float = float("nan")
 
@@ -84,23 +87,35 @@ def fit_pooled(
         theta[row, columns] = solution.coefficients[0]
         residual[:, row] = solution.residuals[:, 0]
     whole = solve_least_squares(Z, Y)
-    half_width, actuator_half_width = _half_widths(
-        Z, residual, kept, _clusters(design), _actuator_columns(design, actuator, theta)
-    )
-    spread = np.sum((Y - Y.mean(axis=0)) ** 2, axis=0)
+    shared = actuator_columns(design, actuator, theta)
+    half_width, actuator_half_width = _half_widths(Z, residual, kept, clusters_of(design), shared)
     return PooledFit(
         theta=theta,
         half_width=half_width,
         kept=kept,
-        r2=1.0 - np.sum(residual**2, axis=0) / np.where(spread > 0.0, spread, np.inf),
+        r2=share_explained(Y, residual),
         condition_number=whole.condition_number,
         rank=whole.rank,
+        n_parameters=int(np.count_nonzero(kept)) + len(shared),
         lag_half_width_s=actuator_half_width["lag"],
         delay_half_width_s=actuator_half_width["delay"],
     )
 
 
-def _clusters(design: Design) -> IntArray:
+def share_explained(Y: FloatArray, residual: FloatArray) -> FloatArray:
+    """Return R2 of each column; shape (n_targets,)."""
+    spread = np.sum((Y - Y.mean(axis=0)) ** 2, axis=0)
+    return np.asarray(1.0 - np.sum(residual**2, axis=0) / np.where(spread > 0.0, spread, np.inf))
+
+
+def quantile_95(clusters: IntArray) -> float:
+    """Return the two-sided 95 % quantile of Student's t that a variance from so many stretches needs."""
+    from scipy.special import stdtrit
+
+    return float(stdtrit(max(int(clusters.max()), 1), 0.975))
+
+
+def clusters_of(design: Design) -> IntArray:
     """Return the number of the stretch that each row is in; residuals are correlated inside one only."""
     train = design.train
     length_s = min(_CLUSTER_S, np.count_nonzero(train) * design.period_s / _MIN_CLUSTERS)
@@ -110,7 +125,7 @@ def _clusters(design: Design) -> IntArray:
     return np.asarray(np.unique(key, axis=1, return_inverse=True)[1].ravel(), dtype=np.int64)
 
 
-def _actuator_columns(
+def actuator_columns(
     design: Design, actuator: ActuatorFit | None, theta: FloatArray
 ) -> Mapping[str, FloatArray]:
     """Return the derivatives of all targets by lag and delay, each (n_train, n_targets)."""
@@ -136,8 +151,6 @@ def _half_widths(
     All targets are stacked into one problem, because lag and delay are common
     to them; each target is weighted by its residual.
     """
-    from scipy.special import stdtrit
-
     weight = 1.0 / np.maximum(np.sqrt(np.mean(residual**2, axis=0)), 1e-12)
     offsets = np.concatenate([[0], np.cumsum(np.count_nonzero(kept, axis=1))]).astype(np.int64)
     n_own = int(offsets[-1])
@@ -153,9 +166,7 @@ def _half_widths(
             )
         )
     covariance = clustered_covariance(equations, clusters, n_own + len(shared))
-    n_clusters = int(clusters.max()) + 1
-    factor = float(stdtrit(max(n_clusters - 1, 1), 0.975))
-    half = factor * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    half = quantile_95(clusters) * np.sqrt(np.maximum(np.diag(covariance), 0.0))
     half_width = np.full(kept.shape, np.inf)
     for row, columns in enumerate(kept):
         half_width[row, columns] = half[offsets[row] : offsets[row + 1]]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,10 +23,11 @@ from quadid_logs.data.model import (
 from quadid_logs.data.settings import Settings
 from quadid_logs.identify.actuator import ActuatorFit, fit_actuator
 from quadid_logs.identify.design import Design, build_design, smooth_segment
-from quadid_logs.identify.fit import PooledFit, fit_pooled
+from quadid_logs.identify.fit import PooledFit, clusters_of, fit_pooled
 from quadid_logs.identify.inertia import inertia_of
 from quadid_logs.identify.parameters import Estimate, build_parameters, plausible_size
-from quadid_logs.identify.structures import Structure
+from quadid_logs.identify.rigid_body import fit_rigid_body, rigid_body_for
+from quadid_logs.identify.structures import DAMPED, THROTTLED_YAW, Structure
 from quadid_logs.identify.validate import validate
 from quadid_logs.identify.windows import join, solve_over_time
 from quadid_logs.maths.discretise import zero_order_hold
@@ -48,14 +50,55 @@ _MOST_WINDOWS = 250_000
 _ROWS_PER_COLUMN = 10
 
 
-def fit_actuated(
-    structure: Structure, data: FlightData, design: Design, settings: Settings, *, noise: Mapping[str, float]
+class Actuated(NamedTuple):
+    """A structure's estimate behind lag, delay and gyro filter, with what says whether to believe it.
+
+    ``telling`` are the axes that answer to their own torque.
+    """
+
+    structure: Structure
+    actuator: ActuatorFit
+    fit: PooledFit
+    telling: list[int]
+    band: BandCheck
+    halves: HalvesCheck | None
+
+
+def fit_rows_apart(data: FlightData, design: Design, settings: Settings) -> Actuated:
+    """Fit `DAMPED`: every row by itself, lag and delay common to all."""
+    actuator, fit, telling = _fit_with_actuator(DAMPED, design, settings)
+    return Actuated(
+        structure=DAMPED,
+        actuator=actuator,
+        fit=fit,
+        telling=telling,
+        band=_other_bands(DAMPED, data, design, (actuator, fit), settings),
+        halves=_halves(DAMPED, design, actuator, fit, settings),
+    )
+
+
+def fit_one_body(data: FlightData, design: Design, first: Actuated) -> Actuated | None:
+    """Fit the rigid body behind the actuator, and with the checks, of the rows fitted one by one."""
+    calibrated = data.input is not None and data.input.unit == "N m"
+    fit = fit_rigid_body(design, first.actuator, first.fit, first.telling, calibrated=calibrated)
+    if fit is None:
+        return None
+    structure = rigid_body_for(design)
+    # How a gain moves with the band is a matter of the data, not of what the rows share.
+    moved = first.band.own_gain / first.band.own_gain[0]
+    return first._replace(
+        structure=structure,
+        fit=fit,
+        band=replace(first.band, own_gain=_own_gain(structure, fit) * moved),
+    )
+
+
+def actuated_model(
+    data: FlightData, design: Design, found: Actuated, settings: Settings, *, noise: Mapping[str, float]
 ) -> Model:
-    """Fit a structure whose torque passes lag, delay and gyro filter."""
-    actuator, fit = _fit_with_actuator(structure, design, settings)
-    band = _other_bands(structure, data, design, (actuator, fit), settings)
-    halves = _halves(structure, design, actuator, fit, settings)
-    torque = design.torque(actuator.lag_s, actuator.delay_s)
+    """Validate an estimate, solve its windows, and put the model together."""
+    structure, actuator, fit = found.structure, found.actuator, found.fit
+    torque = design.torque(actuator.lag_s, actuator.delay_s, throttled=THROTTLED_YAW in structure.regressors)
     validation, series = validate(design, structure, fit.theta, torque, settings)
     windows = _windows_on_rows(structure, design, torque, settings, noise=_noise(structure, noise))
     described = Actuator(
@@ -75,8 +118,8 @@ def fit_actuated(
         fit,
         settings,
         actuator=described,
-        band=band,
-        halves=halves,
+        band=found.band,
+        halves=found.halves,
         validation=validation,
         series=series,
         windows=windows,
@@ -107,7 +150,7 @@ def fit_as_published(
 
 def _fit_with_actuator(
     structure: Structure, design: Design, settings: Settings, start: ActuatorFit | None = None
-) -> tuple[ActuatorFit, PooledFit]:
+) -> tuple[ActuatorFit, PooledFit, list[int]]:
     """Find lag and delay on the axes that tell, then fit, leaving out what cannot be seen."""
     axes = _moved_axes(design, settings)
     actuator = fit_actuator(design, structure.regressors, axes, settings, start)
@@ -117,7 +160,9 @@ def _fit_with_actuator(
         actuator = fit_actuator(design, structure.regressors, telling, settings, start)
         fit = fit_pooled(design, structure, actuator)
     kept = _visible(structure, fit, telling)
-    return actuator, fit if kept.all() else fit_pooled(design, structure, actuator, kept)
+    if not kept.all():
+        fit = fit_pooled(design, structure, actuator, kept)
+    return actuator, fit, telling
 
 
 def _moved_axes(design: Design, settings: Settings) -> list[int]:
@@ -169,7 +214,7 @@ def _other_bands(
         other = build_design(data, factor * design.smoothing_hz, settings)
         if other is not None and np.count_nonzero(other.train) > 2 * len(structure.columns):
             cutoffs.append(other.smoothing_hz)
-            _, other_fit = _fit_with_actuator(structure, other, settings, actuator)
+            _, other_fit, _ = _fit_with_actuator(structure, other, settings, actuator)
             gains.append(_own_gain(structure, other_fit))
     return BandCheck(cutoff_hz=np.array(cutoffs), own_gain=np.array(gains))
 
@@ -285,7 +330,19 @@ def _model(
         condition_number=fit.condition_number,
         band=band,
         halves=halves,
+        criterion=_criterion(design, fit),
     )
+
+
+def _criterion(design: Design, fit: PooledFit) -> float:
+    """Return the Bayesian information criterion (Schwarz 1978) of the rotational rows.
+
+    Coloured residuals carry less than their number says: a stretch as long as
+    their memory counts as one observation.
+    """
+    n_stretches = int(clusters_of(design).max()) + 1
+    unexplained = np.maximum(1.0 - fit.r2[:3], 1e-12)
+    return float(n_stretches * np.log(unexplained).sum() + fit.n_parameters * np.log(n_stretches))
 
 
 def _doubts_by_target(design: Design, validation: Validation, settings: Settings) -> dict[str, str]:

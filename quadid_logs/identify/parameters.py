@@ -10,10 +10,11 @@ import numpy as np
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.model import Parameter
 from quadid_logs.data.settings import Settings
-from quadid_logs.identify.structures import Structure
+from quadid_logs.identify.structures import THROTTLED_YAW, Structure
+from quadid_logs.maths.rigid_body import PRODUCTS
 from quadid_logs.vocabulary import TORQUE_SYMBOLS
 
-_PRODUCTS = ("qr", "pr", "pq")
+_GYROSCOPIC = ("qr", "pr", "pq")
 _RATES = ("p", "q", "r")
 
 
@@ -41,11 +42,11 @@ def plausible_size(structure: Structure, own_gain: FloatArray) -> FloatArray:
     """
     size = np.full((len(structure.targets), len(structure.columns)), np.inf)
     for column, name in enumerate(structure.columns):
-        if name in _PRODUCTS:
+        if name in PRODUCTS:
             size[:, column] = 1.0
         elif name in _RATES:
             size[:, column] = 5.0
-        elif name in TORQUE_SYMBOLS:
+        elif name in TORQUE_SYMBOLS or name == THROTTLED_YAW:
             size[:, column] = np.max(own_gain)
     return size
 
@@ -76,7 +77,7 @@ def build_parameters(
             scale = abs(value) if own else max(abs(value), min(size[row, column], _NOTABLE[_kind(regressor)]))
             reason = (
                 doubts.get(target, "")
-                or (gyroscopic if regressor in _PRODUCTS else "")
+                or (gyroscopic if regressor in _GYROSCOPIC else "")
                 or _doubt(
                     (high - low) / 2.0,
                     scale,
@@ -102,7 +103,14 @@ def build_parameters(
 
 #: A coefficient of this size changes how the vehicle flies; an interval that is
 #: narrow against it is an answer even if it contains zero.
-_NOTABLE = {"product": 0.5, "rate": 1.0, "angle": 1.0, "constant": np.inf, "torque": np.inf}
+_NOTABLE = {
+    "product": 0.5,
+    "rate": 1.0,
+    "angle": 1.0,
+    "constant": np.inf,
+    "torque": np.inf,
+    "throttle": np.inf,
+}
 
 
 def _gyroscopic_doubt(structure: Structure, estimate: Estimate) -> str:
@@ -112,9 +120,9 @@ def _gyroscopic_doubt(structure: Structure, estimate: Estimate) -> str:
     is minus their product, whatever the inertias. Something else than rotation
     that goes with these products (air speed, sensor filters) breaks that.
     """
-    if not all(name in structure.regressors for name in _PRODUCTS):
+    if not all(name in structure.regressors for name in _GYROSCOPIC):
         return ""
-    own = np.arange(3), np.array([structure.columns.index(name) for name in _PRODUCTS])
+    own = np.arange(3), np.array([structure.columns.index(name) for name in _GYROSCOPIC])
     value = estimate.theta[own]
     half_width = 0.5 * (estimate.high - estimate.low)[own]
     if not estimate.kept[own].all():
@@ -133,12 +141,14 @@ _PRODUCTS_OF_INERTIA = 0.1
 
 
 def _kind(regressor: str) -> str:
-    if regressor in _PRODUCTS:
+    if regressor in PRODUCTS:
         return "product"
     if regressor in _RATES:
         return "rate"
     if regressor in TORQUE_SYMBOLS:
         return "torque"
+    if regressor == THROTTLED_YAW:
+        return "throttle"
     return "constant" if regressor == "1" else "angle"
 
 
@@ -169,8 +179,9 @@ def _unit(target: str, regressor: str, input_unit: str) -> str:
         "angle": "1/s^2" if angular else "1/s",
         "constant": "rad/s^2" if angular else "rad/s",
         "torque": "rad/s^2" if angular else "rad/s",
+        "throttle": "rad/s^2",
     }
     kind = _kind(regressor)
-    if kind != "torque":
+    if kind not in ("torque", "throttle"):
         return table[kind]
     return table[kind] if input_unit == "1" else f"{table[kind]}/({input_unit})"

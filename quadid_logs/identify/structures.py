@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from quadid_logs.maths.rigid_body import PRODUCTS
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS, TORQUE_SYMBOLS
 
-_PRODUCTS = ("qr", "pr", "pq")
+_GYROSCOPIC = ("qr", "pr", "pq")
+#: Yaw torque times the throttle's deviation from its mean.
+THROTTLED_YAW = "N*throttle"
 _ANGLES = ("phi", "theta", "psi")
 
 
@@ -32,7 +35,7 @@ class Structure(NamedTuple):
 
 
 #: Eq. (10)-(11): the Newton-Euler equation of a rigid body, exact but for damping.
-QUADROTOR_6 = Structure("quadrotor-6", RATE_SYMBOLS, _PRODUCTS, ACCELERATION_SYMBOLS, False, 6)
+QUADROTOR_6 = Structure("quadrotor-6", RATE_SYMBOLS, _GYROSCOPIC, ACCELERATION_SYMBOLS, False, 6)
 #: Eq. (4)-(5): the generic linear form.
 LINEAR_9 = Structure(
     "linear-9",
@@ -43,6 +46,12 @@ LINEAR_9 = Structure(
     9,
 )
 #: Eq. (10) with what a real vehicle adds: rotor and air damping, and a trim torque.
-DAMPED = Structure("damped", RATE_SYMBOLS, (*_PRODUCTS, *RATE_SYMBOLS, "1"), ACCELERATION_SYMBOLS, True, 0)
+DAMPED = Structure("damped", RATE_SYMBOLS, (*_GYROSCOPIC, *RATE_SYMBOLS, "1"), ACCELERATION_SYMBOLS, True, 0)
 
-ALL = (DAMPED, QUADROTOR_6, LINEAR_9)
+#: Eq. (6)-(8) with one inertia tensor behind all rows; products of inertia bring in the squares.
+RIGID_BODY = Structure(
+    "rigid-body", RATE_SYMBOLS, (*PRODUCTS, *RATE_SYMBOLS, "1"), ACCELERATION_SYMBOLS, True, 0
+)
+#: The same where throttle is logged: yaw comes from drag of the rotors, which
+#: grows with throttle in another way than thrust does.
+RIGID_BODY_THROTTLED = RIGID_BODY._replace(regressors=(*RIGID_BODY.regressors, THROTTLED_YAW))

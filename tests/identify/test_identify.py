@@ -36,9 +36,9 @@ def parameter(model: Model, name: str) -> Parameter:
     return next(each for each in model.parameters if each.name == name)
 
 
-def test_the_damped_structure_is_recommended_for_a_damped_vehicle(model: Model) -> None:
+def test_the_rigid_body_is_recommended_for_a_rigid_body(model: Model) -> None:
     """It explains held-out flight best."""
-    assert model.structure == "damped"
+    assert model.structure == "rigid-body"
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])

@@ -1,0 +1,265 @@
+"""The rigid-body structure: one symmetric inertia tensor behind all rows.
+
+`damped` fits its rows one by one, and nothing makes their gyroscopic and
+torque coefficients those of one body. Here all follow from one tensor, so
+each row's data speak for the others, and there is half as much to find.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.identify.actuator import ActuatorFit
+from quadid_logs.identify.design import Design
+from quadid_logs.identify.fit import PooledFit, actuator_columns, clusters_of, quantile_95, share_explained
+from quadid_logs.identify.structures import DAMPED, RIGID_BODY, RIGID_BODY_THROTTLED, Structure
+from quadid_logs.maths.least_squares import Equation, clustered_covariance, solve_least_squares
+from quadid_logs.maths.rigid_body import gyroscopic_matrix
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS
+
+#: Where the search begins, and where it stays in a direction of which the flight
+#: says nothing: log of Jxx/Jyy and of Jxx/Jzz of published multirotors, and no
+#: products of inertia.
+_USUAL_RATIOS = (0.0, -0.6)
+_USUAL_CORRELATIONS = (0.0, 0.0, 0.0)
+#: How far vehicles lie around that; many times what a good flight leaves open.
+_RATIO_SPREAD = 0.5
+_CORRELATION_SPREAD = 0.2
+#: Relative step of the central differences: their error is its square.
+_STEP = 1e-5
+_PAIRS = ((0, 1), (0, 2), (1, 2))
+
+
+class _Body(NamedTuple):
+    """How the parameters lie in one vector, and what A and B they make.
+
+    Own gains (3); log ratios of the inverse moments of inertia (2, absent
+    where torque is in N m: they are those of the gains then); correlations of
+    the inverse inertia (3); own damping (3); trim (3); relative slope of the
+    yaw gain over throttle (1, absent where the throttle is not known).
+    """
+
+    calibrated: bool
+    throttled: bool
+
+    @property
+    def ratios(self) -> slice:
+        return slice(3, 3 if self.calibrated else 5)
+
+    @property
+    def correlations(self) -> slice:
+        return self._after_ratios(0)
+
+    @property
+    def damping(self) -> slice:
+        return self._after_ratios(1)
+
+    @property
+    def trim(self) -> slice:
+        return self._after_ratios(2)
+
+    @property
+    def size(self) -> int:
+        return (12 if self.calibrated else 14) + int(self.throttled)
+
+    def _after_ratios(self, triple: int) -> slice:
+        first = (3 if self.calibrated else 5) + 3 * triple
+        return slice(first, first + 3)
+
+    def coefficients(self, x: FloatArray) -> FloatArray:
+        """Return [A B]; shape (3, n_columns).
+
+        With P the inverse inertia to any scale, B = P K and the damping P D,
+        K and D diagonal such that the diagonals are the given ones.
+        """
+        moments = np.abs(x[:3]) if self.calibrated else np.exp([0.0, *x[self.ratios]])
+        P = np.diag(moments)
+        for value, (i, j) in zip(x[self.correlations], _PAIRS, strict=True):
+            P[i, j] = P[j, i] = value * np.sqrt(moments[i] * moments[j])
+        B = P * (x[:3] / moments)
+        damping = P * (x[self.damping] / moments)
+        parts = [gyroscopic_matrix(np.linalg.inv(P)), damping, x[self.trim, np.newaxis]]
+        if self.throttled:
+            parts.append(x[-1] * B[:, 2:])
+        return np.concatenate([*parts, B], axis=1)
+
+    def slopes(self, x: FloatArray) -> FloatArray:
+        """Return the derivatives of `coefficients`; shape (3, n_columns, n_parameters)."""
+        steps = _STEP * np.maximum(np.abs(x), 1.0)
+        columns = []
+        for number, step in enumerate(steps):
+            ahead, behind = x.copy(), x.copy()
+            ahead[number] += step
+            behind[number] -= step
+            columns.append((self.coefficients(ahead) - self.coefficients(behind)) / (2.0 * step))
+        return np.stack(columns, axis=-1)
+
+    def usual(self) -> tuple[FloatArray, FloatArray]:
+        """Return what is expected and its spread, infinite where anything goes; both (n_parameters,)."""
+        expected, spread = np.zeros(self.size), np.full(self.size, np.inf)
+        expected[self.correlations], spread[self.correlations] = _USUAL_CORRELATIONS, _CORRELATION_SPREAD
+        if not self.calibrated:
+            expected[self.ratios], spread[self.ratios] = _USUAL_RATIOS, _RATIO_SPREAD
+        return expected, spread
+
+
+class _Reduced(NamedTuple):
+    """The problem in the few rows of its triangle: Z = Q R, ``targets`` = Q' Y, rows weigh 1/``sigma``."""
+
+    R: FloatArray
+    targets: FloatArray
+    sigma: FloatArray
+
+
+def rigid_body_for(design: Design) -> Structure:
+    """Return the structure, with the throttle's effect on yaw where the throttle is known."""
+    return RIGID_BODY_THROTTLED if design.has_throttle else RIGID_BODY
+
+
+def fit_rigid_body(
+    design: Design,
+    actuator: ActuatorFit,
+    rows_apart: PooledFit,
+    telling: Sequence[int],
+    *,
+    calibrated: bool,
+) -> PooledFit | None:
+    """Fit one tensor, damping, trim and the throttle's effect on yaw to all rows at once.
+
+    Parameters
+    ----------
+    design : Design
+    actuator : ActuatorFit
+        Found with `DAMPED`.
+    rows_apart : PooledFit
+        `DAMPED` fitted with that actuator: the start.
+    telling : sequence of int
+        Axes that answer to their own torque. Unless all three do, nothing
+        couples the rows, and no shape is claimed.
+    calibrated : bool
+        Torque is in N m, so B itself is symmetric.
+
+    Returns
+    -------
+    PooledFit, or None where no body has such gains (a negative one).
+
+    Notes
+    -----
+    The search works on the triangle of one QR decomposition, so that its steps
+    do not cost more for a longer flight.
+    """
+    structure = rigid_body_for(design)
+    own = np.diag(rows_apart.theta[:, len(DAMPED.regressors) :])
+    if not (own > 0.0).all():
+        return None
+    body = _Body(calibrated=calibrated, throttled=design.has_throttle)
+    train = design.train
+    torque = design.torque(actuator.lag_s, actuator.delay_s, throttled=design.has_throttle)
+    Z = design.stack(structure.columns, torque)[train]
+    Y = np.column_stack([design.columns[name] for name in ACCELERATION_SYMBOLS])[train]
+    free = np.ones(body.size, dtype=np.bool_)
+    if len(telling) < len(RATE_SYMBOLS):
+        free[body.ratios] = free[body.correlations] = False
+    n_clusters = int(clusters_of(design).max()) + 1
+    x = _solve(body, _reduced(Z, Y, n_clusters), _start(body, rows_apart), free)
+    return _as_fit(body, x, free, Z, Y, design, actuator)
+
+
+def _start(body: _Body, rows_apart: PooledFit) -> FloatArray:
+    """Return the parameters of a body of usual shape with the gains that the rows have one by one."""
+    x, _ = body.usual()
+    A = rows_apart.theta[:, : len(DAMPED.regressors)]
+    x[:3] = np.diag(rows_apart.theta[:, len(DAMPED.regressors) :])
+    x[body.damping] = [A[row, DAMPED.regressors.index(name)] for row, name in enumerate(RATE_SYMBOLS)]
+    x[body.trim] = A[:, DAMPED.regressors.index("1")]
+    return x
+
+
+def _reduced(Z: FloatArray, Y: FloatArray, n_clusters: int) -> _Reduced:
+    """Reduce the rows to a triangle; a stretch of correlated residuals counts as one observation."""
+    Q, R = np.linalg.qr(Z)
+    targets = Q.T @ Y
+    residual = np.sum((Y - Q @ targets) ** 2, axis=0)
+    return _Reduced(R, targets, np.sqrt(np.maximum(residual, 1e-24) / n_clusters))
+
+
+def _solve(body: _Body, problem: _Reduced, x: FloatArray, free: BoolArray) -> FloatArray:
+    """Return the parameters of least weighted squares (Levenberg-Marquardt); the others stay as they are."""
+    from scipy.optimize import least_squares
+
+    expected, spread = body.usual()
+    pull = np.diag(1.0 / spread)[np.ix_(free, free)]
+
+    def with_free(values: FloatArray) -> FloatArray:
+        whole = x.copy()
+        whole[free] = values
+        return whole
+
+    def misfit(values: FloatArray) -> FloatArray:
+        now = with_free(values)
+        of_rows = (problem.R @ body.coefficients(now).T - problem.targets) / problem.sigma
+        return np.concatenate([of_rows.T.ravel(), ((now - expected) / spread)[free]])
+
+    def jacobian(values: FloatArray) -> FloatArray:
+        slopes = body.slopes(with_free(values))[..., free]
+        return np.concatenate([*(problem.R @ slopes[row] / problem.sigma[row] for row in range(3)), pull])
+
+    found = least_squares(misfit, x[free], jac=jacobian, x_scale="jac", method="lm")
+    return with_free(found.x)
+
+
+def _as_fit(
+    body: _Body,
+    x: FloatArray,
+    free: BoolArray,
+    Z: FloatArray,
+    Y: FloatArray,
+    design: Design,
+    actuator: ActuatorFit,
+) -> PooledFit:
+    """Carry the covariance of the parameters over to A and B, to first order."""
+    theta, slopes = body.coefficients(x), body.slopes(x)[..., free]
+    if not free[body.correlations].any():
+        # Of a body whose shape is not known, only what its axes do by themselves is.
+        own = np.abs(slopes).max(axis=2) > 0.0
+        theta, slopes = np.where(own, theta, 0.0), slopes * own[..., np.newaxis]
+    residual = Y - Z @ theta.T
+    weight = 1.0 / np.maximum(np.sqrt(np.mean(residual**2, axis=0)), 1e-12)
+    shared = actuator_columns(design, actuator, theta)
+    n_own = int(np.count_nonzero(free))
+    everything = np.arange(n_own + len(shared), dtype=np.int64)
+    clusters = clusters_of(design)
+    covariance = clustered_covariance(
+        [
+            Equation(
+                jacobian=np.column_stack([Z @ slopes[row], *(column[:, row] for column in shared.values())])
+                * weight[row],
+                residuals=residual[:, row] * weight[row],
+                parameters=everything,
+            )
+            for row in range(3)
+        ],
+        clusters,
+        everything.size,
+    )
+    factor = quantile_95(clusters)
+    variance = np.einsum("rcp,pq,rcq->rc", slopes, covariance[:n_own, :n_own], slopes)
+    kept = np.abs(slopes).max(axis=2) > 0.0
+    whole = solve_least_squares(Z, Y)
+    actuator_half_width = factor * np.sqrt(np.maximum(np.diag(covariance)[n_own:], 0.0))
+    by_name = dict(zip(shared, actuator_half_width.tolist(), strict=True))
+    return PooledFit(
+        theta=theta,
+        half_width=np.where(kept, factor * np.sqrt(np.maximum(variance, 0.0)), np.inf),
+        kept=np.asarray(kept, dtype=np.bool_),
+        r2=share_explained(Y, residual),
+        condition_number=whole.condition_number,
+        rank=whole.rank,
+        n_parameters=n_own + len(shared),
+        lag_half_width_s=by_name.get("lag", float("nan")),
+        delay_half_width_s=by_name.get("delay", float("nan")),
+    )

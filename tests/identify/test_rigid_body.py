@@ -1,0 +1,91 @@
+"""One inertia tensor behind all rows."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from quadid_logs.data.model import Identification, Model
+from quadid_logs.data.settings import Settings
+from quadid_logs.identify import identify
+from quadid_logs.maths.rigid_body import PRODUCTS, gyroscopic_matrix
+
+from .vehicles import QUAD, Truth, fly, multisine
+
+_INERTIA = np.array([[0.010, -0.0009, 0.0012], [-0.0009, 0.012, 0.0007], [0.0012, 0.0007, 0.020]])
+#: Rotors damp by a torque of their own axis, so what it does to the rates passes the tensor too.
+ASKEW = Truth(inertia=_INERTIA, damping=np.linalg.inv(_INERTIA) @ np.diag([0.015, 0.014, 0.012]))
+
+
+@pytest.fixture(scope="module")
+def askew() -> Identification:
+    """A vehicle with all products of inertia, lag 30 ms and noise, in closed loop."""
+    return identify(fly(ASKEW, multisine(40.0), feedback=8.0), Settings())
+
+
+def body(found: Identification) -> Model:
+    return next(model for model in found.models if model.structure == "rigid-body")
+
+
+def test_a_tensor_with_products_of_inertia_is_found_whole(askew: Identification) -> None:
+    """Every entry of B within 2 % of the largest."""
+    model = body(askew)
+    assert model.recommended
+    np.testing.assert_allclose(model.B, ASKEW.B, atol=0.02 * ASKEW.B.max())
+
+
+def test_all_gyroscopic_terms_follow_from_the_tensor(askew: Identification) -> None:
+    """The squares too; to a tenth of the largest."""
+    expected = gyroscopic_matrix(ASKEW.inertia)
+    found = body(askew).A[:, : len(PRODUCTS)]
+    np.testing.assert_allclose(found, expected, atol=0.1 * np.abs(expected).max())
+
+
+def test_the_body_is_consistent_with_itself(askew: Identification) -> None:
+    """A is what the inertia behind B demands, whatever the noise."""
+    model = body(askew)
+    # Torque of this flight is in N m, so B is the inverse inertia itself.
+    np.testing.assert_allclose(
+        model.A[:, : len(PRODUCTS)], gyroscopic_matrix(np.linalg.inv(model.B)), atol=1e-8
+    )
+
+
+def test_gains_per_command_leave_the_inertia_to_the_gyroscopic_terms() -> None:
+    """With another unit on each axis B is not symmetric, and A still that of the body."""
+    flight = fly(ASKEW, multisine(40.0), feedback=8.0)
+    units = np.array([2.0, 3.0, 0.5])
+    assert flight.input is not None
+    commanded = dataclasses.replace(
+        flight,
+        segments=tuple(
+            dataclasses.replace(segment, torque=segment.torque / units) for segment in flight.segments
+        ),
+        input=dataclasses.replace(flight.input, kind="torque_command", unit="1"),
+    )
+    model = body(identify(commanded, Settings()))
+    np.testing.assert_allclose(model.B / units, ASKEW.B, atol=0.02 * ASKEW.B.max())
+    expected = gyroscopic_matrix(ASKEW.inertia)
+    np.testing.assert_allclose(model.A[:, : len(PRODUCTS)], expected, atol=0.1 * np.abs(expected).max())
+
+
+def test_one_moved_axis_tells_nothing_of_the_shape() -> None:
+    """Then no coupling is claimed, and the rows fitted one by one are recommended."""
+    found = identify(fly(QUAD, multisine(40.0, axes=(0,)), feedback=8.0), Settings())
+    model = body(found)
+    assert not model.recommended
+    assert not any(p.identifiable for p in model.parameters if p.regressor in PRODUCTS)
+
+
+def test_a_vehicle_that_is_no_rigid_body_is_not_called_one() -> None:
+    """A torque that goes with r^2 but comes from no inertia: the rows one by one explain it better."""
+    flight = fly(QUAD, multisine(40.0), feedback=8.0)
+    # Adding to the rate what a torque q*r on roll would have done makes rotation inconsistent.
+    segment = flight.segments[0]
+    p, q, r = segment.body_rate_rad_s.T
+    extra = 1.5 * np.cumsum(q * r) * flight.sample_period_s
+    extra -= np.polyval(np.polyfit(segment.time_s, extra, 3), segment.time_s)
+    strange = dataclasses.replace(segment, body_rate_rad_s=np.column_stack([p + extra, q, r]))
+    found = identify(dataclasses.replace(flight, segments=(strange,)), Settings())
+    assert not body(found).recommended
