@@ -1,0 +1,9 @@
+"""Many logs of many vehicles: analyze them on one machine or many, and see how each vehicle ages.
+
+::
+
+    sources  ->  work (on the workers)  ->  store  ->  lives  ->  changes  ->  page
+                   ^ engine hands them out              sql asks anything else
+
+Needs ``quadid-logs[fleet]``; nothing else of the package does.
+"""

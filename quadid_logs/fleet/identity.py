@@ -1,0 +1,122 @@
+"""Which vehicle a log belongs to, of which model it is, and when it flew."""
+
+from __future__ import annotations
+
+import datetime
+import math
+import re
+from dataclasses import dataclass
+from pathlib import PurePosixPath
+
+from quadid_logs.data.log import FlightLog
+from quadid_logs.errors import SettingsError
+from quadid_logs.fleet.sources import Source
+
+UNKNOWN = "unknown"
+#: Part of an id that is unique: ArduPilot's three words of the processor, PX4's sys_uuid.
+_UNIQUE = re.compile(r"[0-9A-Fa-f]{16,}")
+_EMPTY = re.compile(r"[0 ]*")
+_DATE = re.compile(
+    r"(?<!\d)(20\d\d)[-_.]?([01]?\d)[-_.]?([0-3]?\d)(?:[-_.T /]{1,3}([0-2]?\d)[-_.:h]?([0-5]?\d)[-_.:m]?([0-5]?\d))?(?!\d)"
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NamingRules:
+    """Regular expressions, searched in the path or URL: the first group, or all that matches, is the name."""
+
+    vehicle_from: str = ""
+    model_from: str = ""
+
+    def __post_init__(self) -> None:
+        for option, pattern in (("--vehicle-from", self.vehicle_from), ("--model-from", self.model_from)):
+            try:
+                re.compile(pattern)
+            except re.error as error:
+                raise SettingsError(
+                    f"{option} {pattern!r} is no regular expression: {error}.",
+                    hint=r"An example: '/(quad-\d+)/'.",
+                ) from error
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Identity:
+    """Name of the vehicle and what it was taken from, and the model it is compared within. Untrusted text."""
+
+    vehicle: str
+    vehicle_from: str
+    model: str
+
+
+def identify_unread(source: Source, rules: NamingRules) -> Identity:
+    """Name the vehicle of a file that nothing could be read from."""
+    vehicle = _match(rules.vehicle_from, source.url)
+    return Identity(
+        vehicle=vehicle or UNKNOWN,
+        vehicle_from="path" if vehicle else "",
+        model=_match(rules.model_from, source.url) or UNKNOWN,
+    )
+
+
+def identify_vehicle(log: FlightLog, source: Source, rules: NamingRules) -> Identity:
+    """Name vehicle and model.
+
+    The vehicle's name is, in this order: what ``vehicle_from`` finds in the
+    path, the autopilot's unique hardware id, its serial number
+    (BRD_SERIAL_NUM), its MAVLink id where somebody set one, the folder. The
+    model is what ``model_from`` finds, otherwise autopilot and frame.
+    """
+    vehicle, taken_from = _vehicle(log, source, rules)
+    described = " ".join(filter(None, (log.autopilot, log.frame or log.vehicle_type)))
+    return Identity(
+        vehicle=vehicle, vehicle_from=taken_from, model=_match(rules.model_from, source.url) or described
+    )
+
+
+def _vehicle(log: FlightLog, source: Source, rules: NamingRules) -> tuple[str, str]:
+    """Return the first name that tells vehicles apart."""
+    if name := _match(rules.vehicle_from, source.url):
+        return name, "path"
+    words = log.hardware_id.replace("-", "").split()
+    if _UNIQUE.search("".join(words[1:] or words)) and not _EMPTY.fullmatch("".join(words)):
+        return log.hardware_id, "hardware id"
+    if serial := log.parameters.get("BRD_SERIAL_NUM", 0.0):
+        return f"serial {serial:.0f}", "BRD_SERIAL_NUM"
+    for parameter in ("SYSID_THISMAV", "MAV_SYSID", "MAV_SYS_ID"):
+        number = log.parameters.get(parameter, 1.0)
+        if math.isfinite(number) and number != 1.0:
+            return f"system {number:.0f}", parameter
+    folder = PurePosixPath(source.url.replace("\\", "/")).parent.name
+    return folder or UNKNOWN, "folder"
+
+
+def _match(pattern: str, url: str) -> str:
+    """Return what a rule finds in a path, "" if nothing."""
+    found = re.search(pattern, url) if pattern else None
+    if found is None:
+        return ""
+    return next((group for group in found.groups() if group), found[0])
+
+
+def start_of(log: FlightLog, source: Source) -> tuple[float, str]:
+    """Return when the log began [s since 1970, UTC] and what says so; NaN and "" where nothing does.
+
+    The date in a file's name is the local one of whoever wrote it; it is
+    taken as UTC, which keeps the order of one vehicle's flights.
+    """
+    if date := _date_in(source.url):
+        return date, "file name"
+    if source.modified_s > 0.0:
+        return source.modified_s, "modification"
+    return math.nan, ""
+
+
+def _date_in(url: str) -> float | None:
+    """Find the last date in a path, with or without a time of day."""
+    for match in reversed(list(_DATE.finditer(url))):
+        try:
+            parts = [int(part) for part in match.groups(default="0")]
+            return datetime.datetime(*parts, tzinfo=datetime.UTC).timestamp()  # type: ignore[misc,arg-type]
+        except ValueError:
+            continue
+    return None

@@ -1,0 +1,202 @@
+"""Where the logs are: local files and folders, patterns, and everything that fsspec reaches."""
+
+from __future__ import annotations
+
+import datetime
+import glob
+import hashlib
+import os
+import tempfile
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from quadid_logs.errors import LogError, LogNotFoundError
+from quadid_logs.fleet.extra import load
+from quadid_logs.untrusted import printable
+
+#: Of a folder, only these are taken: beside the logs lie parameters, videos and missions. A file that
+#: is named, or matches a pattern, is taken whatever its ending. Tables would be too many.
+SUFFIXES = (".bin", ".log", ".ulg", ".px4log", ".tlog")
+_BLOCK_BYTES = 1 << 20
+#: A network that fails thrice within these pauses [s] is down, not busy.
+_PAUSES_S = (0.5, 3.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Source:
+    """A file that may be a log: its path or URL, size [bytes] and time of modification [s UTC], -1 unknown."""
+
+    url: str
+    n_bytes: int = -1
+    modified_s: float = -1.0
+
+
+class FetchError(LogError):
+    """The file could not be fetched; another time it may."""
+
+
+def find_sources(places: Iterable[str]) -> tuple[Source, ...]:
+    """Return every file that the places name, each once, in the order of their names.
+
+    Parameters
+    ----------
+    places : iterable of str
+        Files, folders (searched to the bottom for the endings of logs) and
+        patterns; with ``://`` a URL of any file system that fsspec knows.
+
+    Raises
+    ------
+    LogNotFoundError
+        If a place does not exist, or a pattern or folder holds no log.
+    FetchError
+        If a remote place cannot be listed.
+    """
+    found: dict[str, Source] = {}
+    for place in places:
+        here = list(_remote(place) if is_url(place) else _local(place))
+        if not here:
+            raise LogNotFoundError(
+                f"There is no log at {printable(place)}.",
+                hint=f"Of a folder, files that end in {', '.join(SUFFIXES)} are taken.",
+            )
+        found |= {source.url: source for source in here}
+    return tuple(found[url] for url in sorted(found))
+
+
+def is_url(place: str) -> bool:
+    """Return whether fsspec is to find it."""
+    return "://" in place
+
+
+def _local(place: str) -> Iterator[Source]:
+    """Find local files; a name that only looks like a pattern is taken as it is."""
+    path = Path(place)
+    if path.is_dir():
+        for folder, folders, names in os.walk(path):
+            folders.sort()
+            yield from (
+                _local_source(os.path.join(folder, name))  # noqa: PTH118 - a million of them
+                for name in names
+                if name.lower().endswith(SUFFIXES) and not name.startswith(".")
+            )
+    elif path.exists():
+        yield _local_source(place)
+    else:
+        yield from (_local_source(name) for name in glob.iglob(place, recursive=True) if Path(name).is_file())
+
+
+def _local_source(path: str) -> Source:
+    """Describe a local file; its name is absolute, so that a store means the same everywhere."""
+    full = os.path.abspath(path)  # noqa: PTH100 - links stay: the name is what the user chose
+    try:
+        status = Path(full).stat()
+    except OSError:
+        return Source(url=full)
+    return Source(url=full, n_bytes=status.st_size, modified_s=status.st_mtime)
+
+
+def _remote(place: str) -> Iterator[Source]:
+    """Find what a URL names: a file, a pattern, or everything below a folder."""
+    files, path = _file_system(place)
+    try:
+        if any(letter in path for letter in "*?["):
+            listing = files.glob(path, detail=True)
+        elif files.isfile(path):
+            listing = {path: files.info(path)}
+        else:
+            below = files.find(path, detail=True)
+            listing = {name: info for name, info in below.items() if name.lower().endswith(SUFFIXES)}
+    except Exception as error:  # noqa: BLE001 - every file system has exceptions of its own
+        raise FetchError(
+            f"{printable(place)} cannot be listed: {type(error).__name__}: {printable(error)}.",
+            hint="Check the address and the credentials.",
+        ) from error
+    for name, info in listing.items():
+        if info.get("type", "file") == "file":
+            yield Source(
+                url=str(files.unstrip_protocol(name)),
+                n_bytes=int(-1 if info.get("size") is None else info["size"]),
+                modified_s=_modified_s(info),
+            )
+
+
+def _file_system(url: str) -> tuple[Any, str]:
+    """Return fsspec's file system and the path in it."""
+    core = load("fsspec.core")
+    try:
+        files, path = core.url_to_fs(url)
+    except (ImportError, ValueError) as error:
+        raise FetchError(
+            f"{printable(url)}: {printable(error)}.", hint="Each protocol needs its fsspec library."
+        ) from error
+    return files, str(path)
+
+
+def _modified_s(info: dict[str, Any]) -> float:
+    """Find the time of modification under the names that file systems give it."""
+    for key in ("LastModified", "mtime", "updated", "last_modified", "created"):
+        value = info.get(key)
+        if isinstance(value, datetime.datetime):
+            return value.timestamp()
+        if isinstance(value, (int, float)):
+            return float(value)
+    return -1.0
+
+
+@contextmanager
+def fetched(source: Source, max_bytes: int) -> Iterator[tuple[Path, str]]:
+    """Give a local path to the content, and its SHA-256; a download is deleted at the end.
+
+    Raises
+    ------
+    FetchError
+        If it cannot be fetched, or not now.
+    """
+    if is_url(source.url):
+        with tempfile.TemporaryDirectory(prefix="quadid-fleet-", ignore_cleanup_errors=True) as folder:
+            path = Path(folder) / "log"
+            yield path, _download(source.url, path, max_bytes)
+    else:
+        yield Path(source.url), _local_hash(source.url)
+
+
+def _local_hash(path: str) -> str:
+    """Hash a file; an own error for what is not there, or is no file (a pipe would never end)."""
+    try:
+        if not Path(path).is_file():
+            raise FetchError("The file is gone, or is no regular file.")
+        with Path(path).open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise FetchError(f"The file cannot be read: {error.strerror or error}.") from error
+
+
+def _download(url: str, path: Path, max_bytes: int) -> str:
+    """Copy a URL's content to a file and return its SHA-256; try again where the network fails."""
+    for pause_s in _PAUSES_S:
+        try:
+            return _download_once(url, path, max_bytes)
+        except FetchError:
+            raise
+        except Exception as error:  # noqa: BLE001 - every file system has exceptions of its own
+            failure = f"{type(error).__name__}: {printable(error)}"
+        time.sleep(pause_s)
+    raise FetchError(f"The file cannot be fetched: {failure}.")
+
+
+def _download_once(url: str, path: Path, max_bytes: int) -> str:
+    """Copy block by block, so that neither memory nor disk is filled by a huge or endless file."""
+    files, name = _file_system(url)
+    digest, n_bytes = hashlib.sha256(), 0
+    with files.open(name, "rb") as remote, path.open("wb") as local:
+        while block := remote.read(_BLOCK_BYTES):
+            n_bytes += len(block)
+            if n_bytes > max_bytes:
+                raise FetchError(f"The file is larger than {max_bytes / 1e6:.0f} MB (--max-mb).")
+            digest.update(block)
+            local.write(block)
+    return digest.hexdigest()
