@@ -41,10 +41,14 @@ BATTERY_PERIOD_S: Final = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Noise:
-    """Of the inertial sensors: densities, residual and raw gyro bias, gyro resolution."""
+    """Of the inertial sensors: densities, residual and raw gyro bias, gyro resolution.
+
+    ``gyro_scale`` is the error of each gyro axis's scale, as a share of the rate.
+    """
 
     gyro_rad_s_per_rthz: float = 1.0e-4
     gyro_bias_rad_s: tuple[float, float, float] = (0.004, -0.003, 0.002)
+    gyro_scale: tuple[float, float, float] = (0.0, 0.0, 0.0)
     gyro_resolution_rad_s: float = math.radians(2000.0) / 32768.0
     accelerometer_m_s2_per_rthz: float = 2.0e-3
 
@@ -325,16 +329,17 @@ class _Gyro:
         self._quantum = _stacked([s.noise.gyro_resolution_rad_s for s in setups])
         # The estimator has found nine tenths of the bias before take-off.
         self._bias = _vector([0.1 * np.array(s.noise.gyro_bias_rad_s) for s in setups])
+        self._scale = _vector([1.0 + np.array(s.noise.gyro_scale) for s in setups])
         zero = 0.0 * self._quantum
         self._memory = ((zero, zero, zero), (zero, zero, zero))
 
     def read(self, rate: Triple, noise: Triple) -> tuple[Triple, Triple]:
         """Return the sample and what the filter makes of it."""
-        quantum, bias = self._quantum, self._bias
+        quantum, bias, scale = self._quantum, self._bias, self._scale
         sample = (
-            ((rate[0] + bias[0] + noise[0]) / quantum + 0.5) // 1.0 * quantum,
-            ((rate[1] + bias[1] + noise[1]) / quantum + 0.5) // 1.0 * quantum,
-            ((rate[2] + bias[2] + noise[2]) / quantum + 0.5) // 1.0 * quantum,
+            ((scale[0] * rate[0] + bias[0] + noise[0]) / quantum + 0.5) // 1.0 * quantum,
+            ((scale[1] * rate[1] + bias[1] + noise[1]) / quantum + 0.5) // 1.0 * quantum,
+            ((scale[2] * rate[2] + bias[2] + noise[2]) / quantum + 0.5) // 1.0 * quantum,
         )
         filtered, self._memory = filter_rates(sample, self._memory, self._biquad)
         return sample, filtered

@@ -279,3 +279,10 @@ def test_turbulence_has_drydens_intensity():
     along = 0.1 * 8.0 / shape**0.4
     np.testing.assert_allclose(gusts.std(axis=0), [along, along, 0.8], rtol=0.03)
     np.testing.assert_allclose(gusts.mean(axis=0), [8.0, 0.0, 0.0], atol=0.1)
+
+
+def test_a_gyro_scale_error_multiplies_what_the_gyro_shows():
+    """Of each axis by its own share; the true rate is what flew."""
+    setup = setup_of("sysid-quad-x", noise=dataclasses.replace(SILENT, gyro_scale=(0.01, -0.02, 0.0)))
+    channels = fly(setup).channels
+    np.testing.assert_allclose(channels["gyro"], channels["rate"] * [1.01, 0.98, 1.0], rtol=0.0, atol=1e-9)
