@@ -8,13 +8,15 @@ from pathlib import Path
 import numpy as np
 
 from quadid_logs.data.diagnosis import AxisVerdict, Diagnosis, Finding
-from quadid_logs.data.flight import FlightData, InputDescription, Overview, Segment, SourceChoice
+from quadid_logs.data.flight import FlightData, GyroCheck, InputDescription, Overview, Segment, SourceChoice
 from quadid_logs.data.log import FlightLog, LogText, LostStretch, MessageCount, ModeChange
 from quadid_logs.data.model import (
     Actuator,
+    BandCheck,
     Discrete,
     Excitation,
     FitSeries,
+    HalvesCheck,
     Identification,
     Inertia,
     Model,
@@ -237,8 +239,25 @@ def _data(segments: tuple[Segment, ...], duration_s: float) -> FlightData:
             signal: Overview(signal=signal, columns=("x", "y", "z"), time_s=time_s, values=values)
             for signal, values in columns.items()
         },
+        gyro_check=_gyro_check(segments),
         modes=_log("x").modes,
         texts=_log("x").texts,
+    )
+
+
+def _gyro_check(segments: tuple[Segment, ...]) -> GyroCheck:
+    change = np.concatenate([segment.body_rate_rad_s[:: int(RATE_HZ)] for segment in segments])
+    return GyroCheck(
+        stretch_s=1.0,
+        start_s=np.concatenate([segment.time_s[:: int(RATE_HZ)] for segment in segments]),
+        attitude_change=change,
+        integrated_change=1.004 * change,
+        matrix=np.diag([1.004, 0.998, 1.001]),
+        half_width=np.full((3, 3), 0.003),
+        explained=np.diag([0.999, 0.999, 0.99]),
+        bias_rad_s=np.array([0.001, -0.002, 0.0]),
+        lag_s=0.011,
+        lag_half_width_s=0.0004,
     )
 
 
@@ -277,6 +296,11 @@ def _model(
         fit=_fit(segments, generator) if recommended else None,
         smoothing_hz=12.0,
         condition_number=14.2,
+        band=BandCheck(
+            cutoff_hz=np.array([12.0, 6.0, 24.0]),
+            own_gain=np.diag(B) * np.array([[1.0], [0.99], [1.02]]),
+        ),
+        halves=HalvesCheck(own_gain=np.diag(B) * np.array([[1.01], [0.98]]), half_width=np.full((2, 3), 9.0)),
     )
 
 

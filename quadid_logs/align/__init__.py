@@ -8,6 +8,7 @@ import numpy as np
 
 from quadid_logs.align.clock import Clock, find_clock
 from quadid_logs.align.flights import Interval, find_flights
+from quadid_logs.align.gyro import check_gyro
 from quadid_logs.align.series import CleanSeries, clean
 from quadid_logs.align.sources import choose_sources, describe
 from quadid_logs.arrays import BoolArray, FloatArray
@@ -68,6 +69,7 @@ def align(log: FlightLog, settings: Settings) -> FlightData:
         clock_resets=clock.n_resets,
         on_ground_reason=flights.reason
         or ("" if intervals else "the chosen part of the log holds no flight"),
+        gyro_check=check_gyro(series.get("body_rate"), series.get("attitude"), intervals, settings),
         overview={name: _overview(series[name]) for name in series if SIGNALS[name].columns},
         modes=_on_clock(log.modes, clock),
         texts=_on_clock_texts(log.texts, clock),

@@ -147,6 +147,16 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Describe the rotors with [[rotor]] tables in --vehicle FILE.toml.",
             ),
             _entry(
+                "QL310",
+                "Gyro and attitude contradict each other",
+                "Over a second, the body rates must add up to the change of roll, pitch and yaw. Here they "
+                "do not: an axis has the wrong scale, sign or place, or one of the two comes late. One of "
+                "them is wrong and the log alone does not tell which; wrong rates make the gain wrong by "
+                "the same factor.",
+                "Check units, signs and order of the columns of a table. On an autopilot, check its mounting "
+                "(AHRS_ORIENTATION, SENS_BOARD_ROT) and whether its main loop keeps up.",
+            ),
+            _entry(
                 "QL401",
                 "No flight in this log",
                 "By the evidence that the log holds, the vehicle did not fly.",

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.log import LogText, ModeChange
 from quadid_logs.data.torque import Calibration
@@ -91,6 +93,51 @@ class Segment:
         return float(self.time_s[-1])
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GyroCheck:
+    """Whether the body rates integrate to the change of the attitude.
+
+    Attributes
+    ----------
+    start_s : ndarray, shape (n_stretches,)
+        Of stretches of `stretch_s` in flight [s].
+    attitude_change, integrated_change : ndarray, shape (n_stretches, 3)
+        Change of roll, pitch and yaw by the attitude, and by the body rates as they were
+        logged, but for the bias and the lag [rad].
+    matrix, half_width, explained : ndarray, shape (3, 3)
+        Body rates that the attitude shows over those logged: the identity if they agree. Half
+        of the 95 % interval, and the share of that part of the motion that it explains.
+    bias_rad_s : ndarray, shape (3,)
+    lag_s, lag_half_width_s : float
+        How long the rates come after the attitude: the filter of the gyro.
+    """
+
+    stretch_s: float
+    start_s: FloatArray
+    attitude_change: FloatArray
+    integrated_change: FloatArray
+    matrix: FloatArray
+    half_width: FloatArray
+    explained: FloatArray
+    bias_rad_s: FloatArray
+    lag_s: float
+    lag_half_width_s: float
+
+    @property
+    def interval(self) -> tuple[FloatArray, FloatArray]:
+        """Lowest and highest value that the data allow each element of `matrix`; each (3, 3).
+
+        Noise in the rates pulls least squares towards zero. The true value lies between that
+        estimate and the one with rates and attitude exchanged, which noise in the attitude pulls
+        the other way: the estimate over the explained share (R. Frisch, *Statistical Confluence
+        Analysis*, 1934; S. Klepper and E. Leamer, Econometrica, vol. 52, 1984).
+        """
+        far = np.copysign(np.inf, self.matrix)
+        np.divide(self.matrix, self.explained, out=far, where=self.explained > 0.0)
+        low, high = np.minimum(self.matrix, far), np.maximum(self.matrix, far)
+        return low - self.half_width, high + self.half_width
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InputDescription:
     """What L, M, N are in this log: kind is "torque_n_m" or "torque_command".
@@ -142,6 +189,8 @@ class FlightData:
         Of the whole log on that clock.
     on_ground_reason : str
         Why no flight was found, "" where there is one.
+    gyro_check : GyroCheck or None
+        None where rates or attitude are missing or too sparse to hold against each other.
     modes, texts
         Of the log, on this clock.
     """
@@ -157,6 +206,7 @@ class FlightData:
     clock_resets: int = 0
     on_ground_reason: str = ""
     overview: Mapping[str, Overview] = field(default_factory=dict)
+    gyro_check: GyroCheck | None = None
     modes: tuple[ModeChange, ...] = ()
     texts: tuple[LogText, ...] = ()
 

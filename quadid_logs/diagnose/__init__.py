@@ -9,6 +9,7 @@ from quadid_logs.data.model import Identification
 from quadid_logs.data.settings import Settings
 from quadid_logs.diagnose.data_findings import find_in_data
 from quadid_logs.diagnose.file_findings import find_in_file
+from quadid_logs.diagnose.gyro_findings import find_in_gyro
 from quadid_logs.diagnose.model_findings import find_in_models
 from quadid_logs.diagnose.torque_findings import find_in_torque
 from quadid_logs.vocabulary import AXES
@@ -39,6 +40,7 @@ def diagnose(
     findings = [
         *find_in_file(log, data),
         *find_in_data(log, data, identification, settings),
+        *find_in_gyro(data, settings),
         *find_in_torque(log, data, identification),
         *find_in_models(log, identification, settings),
     ]

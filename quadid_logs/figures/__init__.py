@@ -14,8 +14,8 @@ __all__ = ["FIGURE_KEYS", "Figure", "Figures", "LeftOut", "figures_of"]
 
 #: Every key that a figure can have.
 FIGURE_KEYS: Final = (
-    *("flight", "aligned", "airframe", "excitation", "windows", "over-time", "singular", "structures", "lag"),
-    "frequency",
+    *("flight", "aligned", "gyro", "airframe", "excitation", "windows", "over-time", "singular"),
+    *("structures", "lag", "frequency"),
     *("summary", "held-out", "fit", "simulation", "residuals", "horizon"),
     *(f"condition-{structure}" for structure in STRUCTURES),
 )
@@ -49,11 +49,13 @@ def figures_of(result: Result) -> Figures:
     from quadid_logs.figures.fit import fit_figures, horizon_error, lag_profile, structure_comparison
     from quadid_logs.figures.flight import aligned_series, flight_overview
     from quadid_logs.figures.frequency import frequency_response
+    from quadid_logs.figures.gyro import gyro_against_attitude
     from quadid_logs.figures.windows import window_figures
 
     everything = [
         flight_overview(result),
         aligned_series(result),
+        gyro_against_attitude(result),
         airframe_from_above(result),
         excitation_spectra(result),
         *window_figures(result),

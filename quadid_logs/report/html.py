@@ -18,6 +18,7 @@ from quadid_logs.report.view import View
 
 #: Which figures belong to which chapter, by the beginning of their key.
 _CHAPTERS = {
+    "log": ("gyro",),
     "flight": ("flight", "aligned", "airframe"),
     "excitation": ("excitation",),
     "windows": ("condition", "over-time", "singular"),

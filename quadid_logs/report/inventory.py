@@ -14,6 +14,7 @@ from quadid_logs.data.model import Identification
 from quadid_logs.data.settings import Settings
 from quadid_logs.diagnose.data_findings import find_in_data
 from quadid_logs.diagnose.file_findings import find_in_file
+from quadid_logs.diagnose.gyro_findings import find_in_gyro
 from quadid_logs.report.airframe import airframe_facts
 from quadid_logs.report.json import SCHEMA_VERSION, data_dict, finding_dict, log_dict, plain
 from quadid_logs.report.numbers import number, seconds, size
@@ -37,7 +38,11 @@ def missing_for_analysis(log: FlightLog, data: FlightData, settings: Settings) -
         Errors first, then warnings. Whether the flight excited every axis only
         `analyze` can tell.
     """
-    found = [*find_in_file(log, data), *find_in_data(log, data, Identification(), settings)]
+    found = [
+        *find_in_file(log, data),
+        *find_in_data(log, data, Identification(), settings),
+        *find_in_gyro(data, settings),
+    ]
     return tuple(finding for level in ("error", "warning") for finding in found if finding.level == level)
 
 

@@ -11,9 +11,19 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.diagnosis import Diagnosis, Finding
-from quadid_logs.data.flight import FlightData, SourceChoice
+from quadid_logs.data.flight import FlightData, GyroCheck, SourceChoice
 from quadid_logs.data.log import FlightLog
-from quadid_logs.data.model import Actuator, Excitation, Inertia, Model, Parameter, Validation, Windows
+from quadid_logs.data.model import (
+    Actuator,
+    BandCheck,
+    Excitation,
+    HalvesCheck,
+    Inertia,
+    Model,
+    Parameter,
+    Validation,
+    Windows,
+)
 from quadid_logs.data.result import Result
 from quadid_logs.data.torque import TorqueModel
 from quadid_logs.report.provenance import Provenance
@@ -21,6 +31,8 @@ from quadid_logs.report.provenance import Provenance
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
+#: The gain of each axis on its own torque.
+_OWN_GAINS = ("B11", "B22", "B33")
 #: Minor steps add keys, a major step changes or removes one.
 SCHEMA_VERSION = "1.0"
 
@@ -130,7 +142,26 @@ def data_dict(data: FlightData) -> dict[str, Any]:
             "realised": described.realised,
             "calibration": _fields(described.calibration),
         },
+        "gyro_check": None if data.gyro_check is None else _gyro(data.gyro_check),
         "on_ground_reason": data.on_ground_reason,
+    }
+
+
+def _gyro(check: GyroCheck) -> dict[str, Any]:
+    """Return ``data.gyro_check``: the matrix from logged body rates to those that the attitude shows."""
+    low, high = check.interval
+    return {
+        "n_stretches": check.start_s.shape[0],
+        "stretch_s": check.stretch_s,
+        "attitude_over_rate": check.matrix,
+        "low": low,
+        "high": high,
+        "explained": check.explained,
+        "bias_rad_s": check.bias_rad_s,
+        "lag_s": {
+            "value": check.lag_s,
+            "ci95": [check.lag_s - check.lag_half_width_s, check.lag_s + check.lag_half_width_s],
+        },
     }
 
 
@@ -168,6 +199,8 @@ def _model(model: Model) -> dict[str, Any]:
         },
         "smoothing_hz": model.smoothing_hz,
         "condition_number": model.condition_number,
+        "band_check": None if model.band is None else _band(model.band),
+        "halves_check": None if model.halves is None else _halves(model.halves),
         "note": model.note,
     }
 
@@ -230,6 +263,24 @@ def _estimate(values: FloatArray) -> dict[str, Any]:
         return {"median": None, "iqr": [None, None]}
     low, middle, high = np.quantile(finite, [0.25, 0.5, 0.75])
     return {"median": float(middle), "iqr": [float(low), float(high)]}
+
+
+def _band(check: BandCheck) -> dict[str, Any]:
+    """Return ``band_check``: each axis' own gain with the smoothing at each cut-off, the model's first."""
+    return {
+        "cutoff_hz": check.cutoff_hz,
+        "gain": dict(zip(_OWN_GAINS, check.own_gain.T, strict=True)),
+        "spread": dict(zip(_OWN_GAINS, check.spread, strict=True)),
+    }
+
+
+def _halves(check: HalvesCheck) -> dict[str, Any]:
+    """Return ``halves_check``: each axis' own gain in the first and the second half of the flight."""
+    return {
+        "gain": dict(zip(_OWN_GAINS, check.own_gain.T, strict=True)),
+        "half_width": dict(zip(_OWN_GAINS, check.half_width.T, strict=True)),
+        "changed": dict(zip(_OWN_GAINS, check.changed, strict=True)),
+    }
 
 
 def _validation(validation: Validation) -> dict[str, Any]:

@@ -91,6 +91,24 @@ def test_a_median_condition_number_is_given_although_some_are_infinite(usable: R
     assert 10.0 < condition["median"] < 25.0
 
 
+def test_the_checks_of_band_and_halves_are_in_the_result(usable: Result) -> None:
+    """Gains by name, the model's own band first."""
+    model = usable.identification.models[0]
+    assert model.band is not None
+    assert model.halves is not None
+    content = strict(json_text(usable))["models"][0]
+    assert content["band_check"]["gain"]["B22"] == list(model.band.own_gain[:, 1])
+    assert content["band_check"]["spread"]["B33"] == pytest.approx(model.band.spread[2])
+    assert content["halves_check"]["gain"]["B11"] == list(model.halves.own_gain[:, 0])
+
+
+def test_the_check_of_the_gyro_is_in_the_result(usable: Result) -> None:
+    """The identity, within its own interval, where nothing is wrong."""
+    content = strict(json_text(usable))["data"]["gyro_check"]
+    np.testing.assert_allclose(content["attitude_over_rate"], np.eye(3), atol=0.03)
+    assert content["lag_s"]["ci95"][0] < content["lag_s"]["value"] < content["lag_s"]["ci95"][1]
+
+
 def test_what_is_not_finite_becomes_null(refused: Result) -> None:
     """NaN and infinity in any depth, numpy scalars and odd objects included."""
     finding = Finding(

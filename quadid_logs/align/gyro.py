@@ -1,0 +1,87 @@
+"""Hold the body rates of the flights against the attitude of the same flights."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from quadid_logs.align.flights import Interval
+from quadid_logs.align.series import CleanSeries
+from quadid_logs.arrays import IntArray
+from quadid_logs.data.flight import GyroCheck
+from quadid_logs.data.settings import Settings
+from quadid_logs.maths.gyro_attitude import fit_gyro_to_attitude
+
+#: Long enough for the noise of an angle to be small against its change, short enough for the
+#: corrections by compass and GPS, which no gyro shows, to be small too.
+_STRETCH_S = 1.0
+#: Five minutes of flight say all that the check can say; it stays as quick on an hour.
+_MOST_STRETCHES = 300
+#: Three equations each, for thirteen unknowns, and still enough to tell a habit from an accident.
+_FEWEST_STRETCHES = 20
+
+
+def check_gyro(
+    rate: CleanSeries | None, attitude: CleanSeries | None, flights: Sequence[Interval], settings: Settings
+) -> GyroCheck | None:
+    """Fit the body rates to the change of attitude over stretches of a second.
+
+    Parameters
+    ----------
+    rate, attitude : CleanSeries or None
+    flights : sequence of (start_s, end_s)
+    settings : Settings
+        For what a gap is.
+
+    Returns
+    -------
+    GyroCheck or None
+        None where a signal is missing, or too little of both was logged.
+    """
+    if rate is None or attitude is None or min(rate.time_s.size, attitude.time_s.size) < 4:
+        return None
+    stretches = _stretches(rate, attitude, flights, settings)
+    if stretches.shape[0] < _FEWEST_STRETCHES:
+        return None
+    # Only what lies around the flights: hours on the ground cost nothing.
+    near = attitude.time_s[stretches[[0, -1], [0, 1]]] + (-_STRETCH_S, _STRETCH_S)
+    rows = rate.within(float(near[0]), float(near[1]))
+    fit = fit_gyro_to_attitude(
+        rate.time_s[rows],
+        rate.values[rows],
+        attitude.time_s,
+        np.unwrap(attitude.values, axis=0),
+        stretches,
+    )
+    if fit is None or fit.start_s.size < _FEWEST_STRETCHES:
+        return None
+    return GyroCheck(stretch_s=_STRETCH_S, **fit._asdict())
+
+
+def _stretches(
+    rate: CleanSeries, attitude: CleanSeries, flights: Sequence[Interval], settings: Settings
+) -> IntArray:
+    """Return first and last attitude sample of stretches in the air that neither signal pauses in."""
+    edges = [_edges(attitude, flight) for flight in flights]
+    pairs = np.concatenate(
+        [np.column_stack([each[:-1], each[1:]]) for each in edges if each.size > 1]
+        or [np.zeros((0, 2), dtype=np.intp)]
+    )
+    start_s, end_s = attitude.time_s[pairs.T]
+    longest_s = settings.gap_periods * max(rate.period_s, attitude.period_s) + 1e-6
+    good = (end_s - start_s < 1.5 * _STRETCH_S) & (start_s >= rate.time_s[0]) & (end_s <= rate.time_s[-1])
+    for series in (rate, attitude):
+        pauses = np.concatenate([[0], np.cumsum(np.diff(series.time_s) > longest_s)])
+        last = series.time_s.size - 1
+        before = np.maximum(np.searchsorted(series.time_s, start_s, side="right") - 1, 0)
+        after = np.minimum(np.searchsorted(series.time_s, end_s), last)
+        good &= pauses[before] == pauses[after]
+    kept = pairs[good]
+    return np.asarray(kept[:: -(-kept.shape[0] // _MOST_STRETCHES) or 1], dtype=np.intp)
+
+
+def _edges(attitude: CleanSeries, flight: Interval) -> IntArray:
+    """Return the attitude sample that comes first in each second of the flight."""
+    found = np.searchsorted(attitude.time_s, np.arange(flight[0], flight[1], _STRETCH_S))
+    return np.unique(found[found < attitude.time_s.size])

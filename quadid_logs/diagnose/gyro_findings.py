@@ -1,0 +1,95 @@
+"""Doubts about scale, sign, place and time of the body rates, from the attitude in the same log."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from quadid_logs.data.diagnosis import Finding, Level
+from quadid_logs.data.flight import FlightData, GyroCheck
+from quadid_logs.data.settings import Settings
+from quadid_logs.diagnose.findings import finding
+from quadid_logs.vocabulary import AXES
+
+#: Attitude logged at 25 Hz leaves 2 % on flights of known truth, attitude and rates at 10 Hz 3 %.
+_SCALE_WARNING = 0.04
+#: A gain that is wrong by this much is no longer caution but refused, as between bands and halves.
+_SCALE_ERROR = 0.25
+#: An axis that explains less than this of its own motion is noise, or was not moved enough to judge.
+_MIN_EXPLAINED = 0.9
+#: Turned by 45 degrees or more, an axis lies nearer to another one than to its own.
+_SWAPPED = 0.5
+#: Above 90 degrees by more than rounding, in more samples than damage explains.
+_STEEPEST_RAD = np.radians(91.0)
+_MOST_TOO_STEEP = 0.01
+
+
+def find_in_gyro(data: FlightData, settings: Settings) -> Iterator[Finding]:
+    """Yield what body rates and attitude contradict each other in."""
+    attitude = data.overview.get("attitude")
+    if attitude is not None and attitude.values.size:
+        too_steep = float(np.mean(np.abs(attitude.values[:, 1]) > _STEEPEST_RAD))
+        if too_steep > _MOST_TOO_STEEP:
+            title = "The attitude's pitch exceeds 90 degrees, which no such angle can"
+            yield finding("QL310", "warning", {"share_of_samples": _rounded(too_steep)}, title=title)
+    if data.gyro_check is not None:
+        yield from _scales(data.gyro_check)
+        yield from _lag(data.gyro_check, settings)
+
+
+def _scales(check: GyroCheck) -> Iterator[Finding]:
+    """Judge scale, sign and place of each axis that moved enough."""
+    low, high = check.interval
+    for number, axis in enumerate(AXES):
+        swapped = _swapped_with(check, number)
+        if swapped:
+            yield _finding(check, number, "error", f"The {axis} rate turns {swapped} by the attitude")
+            continue
+        if check.explained[number, number] < _MIN_EXPLAINED:
+            continue
+        off = max(low[number, number] - 1.0, 1.0 - high[number, number])
+        if off > _SCALE_WARNING:
+            level: Level = "error" if off > _SCALE_ERROR else "warning"
+            yield _finding(check, number, level, _title(axis, float(check.matrix[number, number])))
+
+
+def _swapped_with(check: GyroCheck, number: int) -> str:
+    """Return the axis that the attitude turns about when this rate is logged, "" if it is its own."""
+    column, explained = check.matrix[:, number], check.explained[:, number]
+    strong = (np.abs(column) - check.half_width[:, number] > _SWAPPED) & (explained > _MIN_EXPLAINED)
+    strong[number] = False
+    return AXES[int(np.argmax(strong))] if strong.any() else ""
+
+
+def _title(axis: str, scale: float) -> str:
+    """Say in words how far the axis turns by the attitude."""
+    if scale < 0.0:
+        return f"The {axis} rate has the wrong sign, by the attitude"
+    return f"By the attitude, {axis} turns {scale:.3g} times as far as its rate says"
+
+
+def _finding(check: GyroCheck, number: int, level: Level, title: str) -> Finding:
+    low, high = check.interval
+    evidence = {
+        "attitude_over_rate": _rounded(check.matrix[number, number]),
+        "range": [_rounded(low[number, number]), _rounded(high[number, number])],
+        "stretches": int(check.start_s.size),
+        "stretch_s": check.stretch_s,
+    }
+    return finding("QL310", level, evidence, axes=(AXES[number],), title=title)
+
+
+def _lag(check: GyroCheck, settings: Settings) -> Iterator[Finding]:
+    """Say that the two clocks differ by more than the filters of a gyro."""
+    if abs(check.lag_s) - check.lag_half_width_s <= settings.max_delay_s:
+        return
+    lag_ms = 1e3 * check.lag_s
+    title = f"The body rates come {abs(lag_ms):.0f} ms {'after' if lag_ms > 0.0 else 'before'} the attitude"
+    evidence = {"lag_ms": _rounded(lag_ms), "ci95_half_width_ms": _rounded(1e3 * check.lag_half_width_s)}
+    yield finding("QL310", "info", evidence, title=title)
+
+
+def _rounded(value: float) -> float:
+    """Return four significant digits: evidence is read by people."""
+    return float(f"{value:.4g}")

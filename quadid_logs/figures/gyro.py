@@ -1,0 +1,50 @@
+"""The figure of body rates against attitude."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from quadid_logs.data.result import Result
+from quadid_logs.figures.spec import Axis, Curve, Figure, LeftOut, Panel
+from quadid_logs.vocabulary import AXES
+
+
+def gyro_against_attitude(result: Result) -> Figure | LeftOut:
+    """Show for each angle how much it changed by the attitude, over what the body rates add up to."""
+    title = "Gyro against attitude"
+    check = result.data.gyro_check
+    if check is None:
+        reason = "Body rates and attitude were not logged together for long enough."
+        return LeftOut(key="gyro", title=title, reason=reason)
+    panels = []
+    for number, axis in enumerate(AXES):
+        by_rates = np.degrees(check.integrated_change[:, number])
+        by_attitude = np.degrees(check.attitude_change[:, number])
+        ends = np.array([min(by_rates.min(), by_attitude.min()), max(by_rates.max(), by_attitude.max())])
+        panels.append(
+            Panel(
+                title=f"{axis.capitalize()} angle",
+                x=Axis(label="by the body rates", unit="deg"),
+                y=Axis(label="by the attitude", unit="deg"),
+                curves=(
+                    Curve(label="agreement", x=ends, y=ends, role="muted", mark="dashed"),
+                    Curve(label=f"{axis}, each second", x=by_rates, y=by_attitude, role=axis, mark="points"),
+                ),
+            )
+        )
+    caption = (
+        f"Change of each angle over {check.start_s.size} stretches of {check.stretch_s:g} s. Points on the "
+        "dashed line: what the body rates add up to is what the attitude shows, so units, signs and axes of "
+        "the log are right. " + _lag(check.lag_s)
+    )
+    return Figure(key="gyro", title=title, caption=caption, panels=tuple(panels), columns=3)
+
+
+def _lag(lag_s: float) -> str:
+    """Say how the two lie in time."""
+    lag_ms = 1e3 * lag_s
+    if abs(lag_ms) < 1.0:
+        return "Both are logged at the same time."
+    order = "after" if lag_ms > 0.0 else "before"
+    cause = " (the filter of the gyro delays them)" if lag_ms > 0.0 else ""
+    return f"The rates come {abs(lag_ms):.0f} ms {order} the attitude{cause}."

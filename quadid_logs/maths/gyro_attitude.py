@@ -1,0 +1,226 @@
+"""Whether logged body rates integrate to the change of the logged attitude."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray, IntArray
+from quadid_logs.maths.rotations import euler_rates
+
+#: Points per stretch at which the kinematics are evaluated: 100 Hz over a second, ten times what turns.
+_POINTS = 100
+#: The kinematics of Euler angles are singular at 90 degrees of pitch.
+_STEEPEST_RAD = np.radians(60.0)
+#: Residuals beyond this many robust standard deviations count less (Huber): compass and GPS
+#: corrections jump.
+_OUTLIER = 3.0
+#: The weights settle to well below the intervals within so many rounds.
+_ROUNDS = 8
+#: What is left of a lag after this many shifts, or once it is this small, changes nothing.
+_SHIFTS = 4
+_SMALL_LAG_S = 0.003
+#: No angle is logged finer, so that a noise of zero cannot make one row infinitely heavy [rad].
+_FINEST_RAD = 1e-6
+
+
+class GyroFit(NamedTuple):
+    """How body rates and attitude fit together.
+
+    Attributes
+    ----------
+    start_s : ndarray, shape (n_stretches,)
+        Of the stretches that could be used [s].
+    attitude_change, integrated_change : ndarray, shape (n_stretches, 3)
+        Change of roll, pitch and yaw over each stretch, by the attitude, and by the body rates
+        with the fitted bias and lag but without the fitted matrix [rad].
+    matrix, half_width, explained : ndarray, shape (3, 3)
+        Body rates that the attitude shows over those logged (the identity if they agree), half
+        of the 95 % interval, and the share (0 to 1) of that part of the motion that it explains.
+    bias_rad_s : ndarray, shape (3,)
+        What is to be added to the rates.
+    lag_s, lag_half_width_s : float
+        How long the rates come after the attitude, and half of its 95 % interval.
+    """
+
+    start_s: FloatArray
+    attitude_change: FloatArray
+    integrated_change: FloatArray
+    matrix: FloatArray
+    half_width: FloatArray
+    explained: FloatArray
+    bias_rad_s: FloatArray
+    lag_s: float
+    lag_half_width_s: float
+
+
+def fit_gyro_to_attitude(
+    rate_time_s: FloatArray,
+    body_rate_rad_s: FloatArray,
+    attitude_time_s: FloatArray,
+    euler_rad: FloatArray,
+    stretches: IntArray,
+) -> GyroFit | None:
+    r"""Fit the matrix, bias and lag that make body rates integrate to the change of attitude.
+
+    Over a stretch from :math:`t_0` to :math:`t_1`, with the kinematics :math:`W` of
+    `rotations.euler_rates` at the *logged* angles, the change of the Euler angles is
+
+    .. math::
+        \Delta e = \int_{t_0}^{t_1} W(e)\,(M \omega + b)\, dt + \tau\,[W \omega]_{t_0}^{t_1},
+
+    linear in the matrix :math:`M`, the bias :math:`b` and the lag :math:`\tau` of the rates, and
+    exact for any motion but for :math:`\tau`; the rates are shifted by it and the fit repeated.
+
+    Parameters
+    ----------
+    rate_time_s : ndarray, shape (n_rates,)
+        Strictly increasing [s].
+    body_rate_rad_s : ndarray, shape (n_rates, 3)
+    attitude_time_s : ndarray, shape (n_attitudes,)
+        Strictly increasing [s].
+    euler_rad : ndarray, shape (n_attitudes, 3)
+        Roll, pitch, yaw, unwrapped.
+    stretches : ndarray of int, shape (n_stretches, 2)
+        First and last *attitude* sample of stretches of about equal length without gaps. Those
+        steeper than 60 degrees of pitch are left out.
+
+    Returns
+    -------
+    GyroFit or None
+        None if fewer than two equations per unknown are left.
+
+    Notes
+    -----
+    Least squares with Huber weights (P. J. Huber, Ann. Math. Stat., vol. 35, 1964); the noise of
+    each Euler angle is estimated from its own residuals.
+    """
+    shift_s = 0.0
+    for _ in range(_SHIFTS):
+        fit = _fit_shifted(rate_time_s - shift_s, body_rate_rad_s, attitude_time_s, euler_rad, stretches)
+        if fit is None or abs(fit.lag_s) < _SMALL_LAG_S:
+            break
+        shift_s += fit.lag_s
+    return None if fit is None else fit._replace(lag_s=shift_s + fit.lag_s)
+
+
+def _fit_shifted(
+    rate_time_s: FloatArray,
+    body_rate_rad_s: FloatArray,
+    attitude_time_s: FloatArray,
+    euler_rad: FloatArray,
+    stretches: IntArray,
+) -> GyroFit | None:
+    """Fit with the lag to first order, which is exact for a small one."""
+    regressors, change, start_s = _equations(
+        rate_time_s, body_rate_rad_s, attitude_time_s, euler_rad, stretches
+    )
+    if change.size < 2 * regressors.shape[2]:
+        return None
+    weight = np.ones_like(change)
+    for _ in range(_ROUNDS):
+        solution, residuals = _solve(regressors, change, weight)
+        noise = 1.4826 * np.median(np.abs(residuals), axis=0) + _FINEST_RAD
+        size = np.abs(residuals) / noise
+        weight = np.sqrt(np.minimum(1.0, _OUTLIER / np.maximum(size, _OUTLIER))) / noise
+    half_width, explained = _certainty(regressors, residuals, weight, solution)
+    as_logged = solution.copy()
+    as_logged[:9] = np.eye(3).ravel()
+    return GyroFit(
+        start_s=start_s,
+        attitude_change=change,
+        integrated_change=regressors @ as_logged,
+        matrix=solution[:9].reshape(3, 3),
+        half_width=half_width[:9].reshape(3, 3),
+        explained=explained[:9].reshape(3, 3),
+        bias_rad_s=solution[9:12],
+        lag_s=float(solution[12]),
+        lag_half_width_s=float(half_width[12]),
+    )
+
+
+def _equations(
+    rate_time_s: FloatArray,
+    body_rate_rad_s: FloatArray,
+    attitude_time_s: FloatArray,
+    euler_rad: FloatArray,
+    stretches: IntArray,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return regressors (n, 3, 13), changes (n, 3) and starts (n,) of stretches not too steep."""
+    from scipy.interpolate import CubicHermiteSpline
+
+    turned = CubicHermiteSpline(rate_time_s, _integral(rate_time_s, body_rate_rad_s), body_rate_rad_s)
+    angles = CubicHermiteSpline(
+        attitude_time_s, euler_rad, np.gradient(euler_rad, attitude_time_s, axis=0), extrapolate=True
+    )
+    first, last = stretches.T
+    share = np.linspace(0.0, 1.0, _POINTS + 1)
+    start_s, end_s = attitude_time_s[first], attitude_time_s[last]
+    edges_s = start_s[:, None] + (end_s - start_s)[:, None] * share
+    euler = angles(0.5 * (edges_s[:, 1:] + edges_s[:, :-1]))
+    level = np.abs(euler[..., 1]).max(axis=1) < _STEEPEST_RAD
+    first, last, edges_s, euler = first[level], last[level], edges_s[level], euler[level]
+    kinematics = _kinematics(euler)
+    turn = np.diff(turned(edges_s), axis=1)
+    by_rate = np.einsum("npij,npk->nijk", kinematics, turn).reshape(-1, 3, 9)
+    by_bias = np.einsum("npij,np->nij", kinematics, np.diff(edges_s, axis=1))
+    ends = np.einsum("npij,npj->npi", kinematics[:, [0, -1]], turned(edges_s[:, [0, -1]], 1))
+    by_lag = np.diff(ends, axis=1)[:, 0, :, None]
+    regressors = np.concatenate([by_rate, by_bias, by_lag], axis=2)
+    return regressors, euler_rad[last] - euler_rad[first], attitude_time_s[first]
+
+
+def _kinematics(euler_rad: FloatArray) -> FloatArray:
+    """Return the matrices from body rates to Euler rates, shape (..., 3, 3)."""
+    columns = [euler_rates(euler_rad, np.broadcast_to(unit, euler_rad.shape)) for unit in np.eye(3)]
+    return np.stack(columns, axis=-1)
+
+
+def _integral(time_s: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the running integral of (n_samples, 3), exact for cubics on an even grid.
+
+    The trapezoidal rule alone loses 5 % of a motion of 1.2 Hz logged at 10 Hz.
+    """
+    mean = 0.5 * (values[1:] + values[:-1])
+    mean[1:-1] -= (values[:-3] - values[1:-2] - values[2:-1] + values[3:]) / 24.0
+    steps = np.diff(time_s)[:, None] * mean
+    return np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(steps, axis=0)])
+
+
+def _solve(regressors: FloatArray, change: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the weighted least-squares solution (13,) and the unweighted residuals (n, 3)."""
+    scaled, scale = _scaled(regressors, weight)
+    solution = np.linalg.lstsq(scaled, (change * weight).ravel(), rcond=None)[0] / scale
+    return solution, change - regressors @ solution
+
+
+def _scaled(regressors: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the weighted equations one below the other with columns of unit length, and the lengths."""
+    stacked = (regressors * weight[:, :, None]).reshape(-1, regressors.shape[2])
+    length = np.linalg.norm(stacked, axis=0)
+    length = np.where(length > 0.0, length, 1.0)
+    return stacked / length, length
+
+
+def _certainty(
+    regressors: FloatArray, residuals: FloatArray, weight: FloatArray, solution: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return 95 % half-widths and the share that each unknown explains of its own part of the motion.
+
+    That part is what the other unknowns cannot explain of a regressor; its
+    noise is that of the rows in which it lies.
+    """
+    scaled, scale = _scaled(regressors, weight)
+    noise = residuals * weight
+    # The rows of the pseudo-inverse are those parts, over the square of their length.
+    parts = np.linalg.pinv(scaled) / scale[:, None]
+    squares = np.sum(parts**2, axis=1)
+    spare = max(noise.size - solution.size, 1)
+    half_width = 1.96 * np.sqrt(squares * np.sum(noise**2) / spare)
+    by_angle = np.sum(parts.reshape(solution.size, -1, 3) ** 2, axis=1)
+    unexplained = by_angle @ np.sum(noise**2, axis=0)
+    explained = np.divide(
+        solution**2, solution**2 + unexplained, out=np.zeros_like(solution), where=squares > 0.0
+    )
+    return half_width, explained

@@ -1,0 +1,198 @@
+"""The check of body rates against attitude: silent where they agree, and loud where not."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from quadid_logs.align import align
+from quadid_logs.data.diagnosis import Finding
+from quadid_logs.data.flight import FlightData, GyroCheck
+from quadid_logs.data.settings import Settings
+from quadid_logs.diagnose.gyro_findings import find_in_gyro
+from quadid_logs.errors import LogError
+from quadid_logs.maths.rotations import euler_from_quaternion, quaternion_rate
+from quadid_logs.readers import read_log
+from quadid_logs.simulate import simulate
+from tests.align.flights import flight_log, signal
+from tests.conftest import corpus_folder
+
+RATE_HZ = 200.0
+_CORPUS = corpus_folder()
+CORPUS_LOGS = (
+    sorted(
+        str(path.relative_to(_CORPUS))
+        for folder in ("real", "firmware")
+        for path in (_CORPUS / folder).iterdir()
+        if not path.name.endswith(".json")
+    )
+    if (_CORPUS / "firmware").is_dir()
+    else []
+)
+#: Its main loop ran at 375 Hz instead of 400 by its own PM messages, so that its attitude turns too little.
+SLOW_LOOP = "real/ac34rc2-erlebrain3-quadx-265s.bin"
+
+
+def turning(duration_s: float = 60.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return time (n,), body rates (n, 3) and the Euler angles (n, 3) that they lead to."""
+    time_s = np.arange(0.0, duration_s, 1.0 / RATE_HZ)
+
+    def rate_at(t: np.ndarray) -> np.ndarray:
+        return np.stack([0.8 * np.sin(2.9 * t), 0.7 * np.cos(3.7 * t), 0.5 * np.sin(1.3 * t + 1.0)], axis=-1)
+
+    def derivative(q: np.ndarray, t: float) -> np.ndarray:
+        return np.array(quaternion_rate(tuple(q), tuple(rate_at(np.array(t)))))
+
+    quaternion, step = np.empty((time_s.size, 4)), 1.0 / RATE_HZ
+    q = np.array([1.0, 0.0, 0.0, 0.0])
+    for k, t in enumerate(time_s):
+        quaternion[k] = q
+        middle = q + 0.5 * step * derivative(q, t)
+        q = q + step * derivative(middle, t + 0.5 * step)
+        q /= np.linalg.norm(q)
+    return time_s, rate_at(time_s), euler_from_quaternion(quaternion)
+
+
+TIME_S, RATE, EULER = turning()
+
+
+def logged(
+    rate: np.ndarray = RATE, euler: np.ndarray = EULER, *, rate_late_s: float = 0.0, every: int = 1
+) -> FlightData:
+    """Return the aligned log of these rates, with a little noise, and this attitude."""
+    noise = np.random.default_rng(1).normal(0.0, 0.01, rate.shape)
+    return align(
+        flight_log(
+            signal("body_rate", TIME_S + rate_late_s, rate + noise),
+            signal("attitude", TIME_S[::every], euler[::every]),
+            signal("torque_command", TIME_S, 0.1 * rate),
+            signal("throttle", TIME_S, np.full((TIME_S.size, 1), 0.4)),
+        ),
+        Settings(),
+    )
+
+
+def found(data: FlightData) -> list[Finding]:
+    return list(find_in_gyro(data, Settings()))
+
+
+def checked(data: FlightData) -> GyroCheck:
+    assert data.gyro_check is not None
+    return data.gyro_check
+
+
+def test_rates_that_integrate_to_the_attitude_are_not_doubted() -> None:
+    """The matrix is the identity within its own small intervals."""
+    check = checked(logged())
+    assert np.abs(check.matrix - np.eye(3)).max() < 0.003
+    assert abs(check.lag_s) < 0.001
+    assert found(logged()) == []
+
+
+def test_attitude_at_ten_hertz_is_enough_for_slow_motion() -> None:
+    """As ArduPilot logs it, whatever the bitmask."""
+    data = logged(every=int(RATE_HZ / 10.0))
+    assert np.abs(np.diag(checked(data).matrix) - 1.0).max() < 0.01
+    assert found(data) == []
+
+
+@pytest.mark.parametrize("axis", ["roll", "pitch", "yaw"])
+def test_a_flipped_axis_is_an_error_that_names_it(axis: str) -> None:
+    """Whichever it is."""
+    signs = np.where(np.array(["roll", "pitch", "yaw"]) == axis, -1.0, 1.0)
+    (finding,) = found(logged(RATE * signs))
+    assert (finding.level, finding.axes) == ("error", (axis,))
+    assert finding.title == f"The {axis} rate has the wrong sign, by the attitude"
+
+
+def test_degrees_taken_for_radians_are_an_error_on_every_axis() -> None:
+    """Factor 57."""
+    findings = found(logged(np.degrees(RATE)))
+    assert [(each.level, each.axes[0]) for each in findings] == [
+        ("error", "roll"), ("error", "pitch"), ("error", "yaw"),
+    ]  # fmt: skip
+    assert findings[0].evidence["attitude_over_rate"] == pytest.approx(np.radians(1.0), rel=0.02)
+
+
+def test_an_attitude_in_degrees_is_told_by_its_pitch() -> None:
+    """No Euler pitch exceeds 90 degrees."""
+    titles = [each.title for each in found(logged(euler=np.degrees(EULER)))]
+    assert any("exceeds 90 degrees" in title for title in titles)
+
+
+@pytest.mark.parametrize("factor", [0.95, 1.05])
+def test_a_scale_that_is_wrong_by_five_percent_is_a_warning(factor: float) -> None:
+    """On the axis that it is wrong on."""
+    (finding,) = found(logged(RATE * (factor, 1.0, 1.0)))
+    assert (finding.level, finding.axes) == ("warning", ("roll",))
+    assert finding.evidence["attitude_over_rate"] == pytest.approx(1.0 / factor, rel=0.01)
+
+
+def test_swapped_axes_are_named() -> None:
+    """Roll logged as pitch and pitch as roll."""
+    findings = found(logged(RATE[:, [1, 0, 2]]))
+    assert [each.title for each in findings] == [
+        "The roll rate turns pitch by the attitude",
+        "The pitch rate turns roll by the attitude",
+    ]
+    assert {each.level for each in findings} == {"error"}
+
+
+def test_the_time_between_the_two_is_measured() -> None:
+    """Rates that come 20 ms late, as a gyro filter makes them, are fine; 150 ms are not."""
+    filtered = logged(rate_late_s=0.02)
+    assert checked(filtered).lag_s == pytest.approx(0.02, abs=0.001)
+    assert found(filtered) == []
+    (finding,) = found(logged(rate_late_s=0.15))
+    assert finding.level == "info"
+    assert finding.title == "The body rates come 150 ms after the attitude"
+
+
+def test_a_turn_of_the_compass_that_no_gyro_saw_changes_nothing() -> None:
+    """The estimator resets yaw in flight: one stretch of many, and it weighs little."""
+    reset = EULER + np.where(TIME_S > 30.2, 1.0, 0.0)[:, np.newaxis] * (0.0, 0.0, 1.0)
+    assert found(logged(euler=reset)) == []
+
+
+def test_an_axis_that_only_shook_is_not_judged() -> None:
+    """Noise alone pulls the scale to zero; its interval says so."""
+    still = RATE * (0.002, 1.0, 1.0)
+    data = logged(still)
+    assert not [each for each in found(data) if each.axes == ("roll",)]
+
+
+def test_without_attitude_there_is_no_check() -> None:
+    """And nothing is said about it here: QL306 says it."""
+    data = logged()
+    bare = {name: each for name, each in data.overview.items() if name != "attitude"}
+    assert found(dataclasses.replace(data, overview=bare, gyro_check=None)) == []
+
+
+def test_the_lag_of_the_gyro_filter_is_found_in_a_simulated_flight() -> None:
+    """Two poles at 40 Hz delay slow motion by sqrt(2) / (2 pi 40 Hz): 5.6 ms."""
+    check = checked(align(simulate("doublets", seed=3).log, Settings()))
+    assert check.lag_s == pytest.approx(np.sqrt(2.0) / (2.0 * np.pi * 40.0), abs=0.0005)
+    assert np.abs(check.matrix - np.eye(3)).max() < 0.005
+
+
+@pytest.mark.corpus
+def test_the_lag_of_the_gyro_filter_is_found_in_a_flight_of_the_firmware(corpus: Path) -> None:
+    """Its INS_GYRO_FILTER is 20 Hz: 11.25 ms."""
+    check = checked(align(read_log(corpus / "firmware" / "ac47_quadx_doublets.BIN"), Settings()))
+    assert check.lag_s == pytest.approx(0.01125, abs=0.0005)
+
+
+@pytest.mark.corpus
+@pytest.mark.parametrize("corpus_log", CORPUS_LOGS, indirect=True)
+def test_of_all_flown_logs_one_contradicts_itself(corpus_log: Path) -> None:
+    """And that one for a reason."""
+    try:
+        log = read_log(corpus_log)
+    except LogError as error:
+        pytest.skip(str(error))
+    findings = found(align(log, Settings()))
+    name = f"{corpus_log.parent.name}/{corpus_log.name}"
+    assert [each.axes for each in findings] == ([("roll",), ("pitch",)] if name == SLOW_LOOP else [])
