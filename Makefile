@@ -6,8 +6,9 @@ INSTALLED := $(VENV)/.installed
 INSTALLED_DOCS := $(VENV)/.installed-docs
 BENCH ?= --output benchmarks/results.md
 FUZZ ?= --count 50000
+STUDY ?= --flights 300
 
-.PHONY: help demo test lint types contracts bench fuzz docs samples check clean
+.PHONY: help demo test lint types contracts bench fuzz study docs samples check clean
 
 help:  ## List the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/'
@@ -46,6 +47,9 @@ bench: $(INSTALLED)  ## Speed and memory against the reference readers; BENCH=--
 
 fuzz: $(INSTALLED)  ## Random damage against every reader and the whole analysis; FUZZ='--minutes 5'
 	$(BIN)/python fuzz/run.py $(FUZZ)
+
+study: $(INSTALLED)  ## Coverage of the intervals over simulated flights; STUDY='--flights 60' for a short look
+	$(BIN)/python study/run.py $(STUDY)
 
 docs: $(INSTALLED_DOCS)  ## Build the documentation into site/
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet

@@ -1,0 +1,66 @@
+"""The pictures of a study."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+
+from study.summary import PROMISE, binomial_interval, grouped
+
+_SHOWN: Final = ("own gain", "cross gain", "own damping", "gyroscopic", "lag", "delay")
+_BY: Final = {
+    "manoeuvre": "manoeuvre",
+    "wind_m_s": "wind [m/s]",
+    "lag_s": "motor lag [s]",
+    "rate_hz": "log rate [Hz]",
+}
+
+
+def draw_plots(table: pd.DataFrame, folder: Path) -> None:
+    """Draw the histogram of z, and coverage by what the flights differ in."""
+    import matplotlib.pyplot as plt
+
+    claimed = table[table["claimed"]]
+    for name, figure in (("z.png", _histograms(claimed, plt)), ("groups.png", _groups(claimed, plt))):
+        figure.savefig(folder / name, dpi=110)
+        plt.close(figure)
+
+
+def _histograms(claimed: pd.DataFrame, plt: Any) -> Any:
+    """Error in standard deviations against the normal distribution that the intervals claim."""
+    figure, axes = plt.subplots(2, 3, figsize=(10.0, 5.6), sharex=True, layout="constrained")
+    edges = np.linspace(-5.0, 5.0, 41)
+    centre = np.linspace(-5.0, 5.0, 201)
+    normal = np.exp(-0.5 * centre**2) / np.sqrt(2.0 * np.pi)
+    for axis, kind in zip(axes.flat, _SHOWN, strict=True):
+        z = claimed.loc[claimed["kind"] == kind, "z"].to_numpy()
+        # What lies beyond is counted in the outermost bins, not hidden.
+        axis.hist(np.clip(z, -4.99, 4.99), edges, density=True, color="#7aa6d1")
+        axis.plot(centre, normal, color="#333333", linewidth=1.2)
+        axis.axvspan(-1.96, 1.96, color="#333333", alpha=0.06)
+        axis.set_title(f"{kind} (n = {z.size})", fontsize=10)
+    figure.supxlabel("error in standard deviations of the stated interval; outermost bins hold all beyond")
+    return figure
+
+
+def _groups(claimed: pd.DataFrame, plt: Any) -> Any:
+    """Coverage of own gains and dampings by manoeuvre, wind, lag and rate, with binomial intervals."""
+    figure, axes = plt.subplots(1, 4, figsize=(12.0, 3.8), sharey=True, layout="constrained")
+    for axis, (column, label) in zip(axes, _BY.items(), strict=True):
+        axis.axhspan(*PROMISE, color="#4c9f70", alpha=0.25, linewidth=0.0)
+        names = list(grouped(claimed, column).cat.categories)
+        for offset, kind, colour in ((-0.12, "own gain", "#1f5fa8"), (0.12, "own damping", "#c8553d")):
+            part = claimed[claimed["kind"] == kind]
+            for name, group in part.groupby(grouped(part, column), observed=True):
+                low, high = binomial_interval(int(group["inside"].sum()), len(group))
+                place, share = names.index(name) + offset, group["inside"].mean()
+                axis.errorbar(place, share, yerr=[[share - low], [high - share]], fmt="o", color=colour)
+            axis.plot([], [], "o", color=colour, label=kind)
+        axis.set_xticks(range(len(names)), names, rotation=35, ha="right", fontsize=8)
+        axis.set_xlabel(label)
+    axes[0].set_ylabel("share of truths inside the interval")
+    axes[0].legend(fontsize=8, loc="lower left")
+    return figure

@@ -1,0 +1,255 @@
+"""From the flights of a study to its tables."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+
+from quadid_logs.arrays import BoolArray
+from quadid_logs.vocabulary import AXES
+
+#: In the order of the tables.
+KINDS: Final = (
+    "own gain",
+    "cross gain",
+    "own damping",
+    "cross damping",
+    "gyroscopic",
+    "product of inertia",
+    "lag",
+    "delay",
+)
+#: What the flights differ in, cut into groups for the tables and plots: column, limits.
+GROUPS: Final[Mapping[str, tuple[float, ...]]] = {
+    "manoeuvre": (),
+    "autopilot": (),
+    "structure": (),
+    "verdict": (),
+    "wind_m_s": (-1.0, 0.0, 2.0, 4.0, 6.0),
+    "lag_s": (0.0, 0.02, 0.04, 0.1),
+    "rate_hz": (0.0, 110.0, 130.0, 210.0, 260.0, 410.0),
+    "gyro_noise_rad_s_per_rthz": (0.0, 6e-5, 1.5e-4, 1.0),
+    "duration_s": (0.0, 60.0, 90.0, 130.0),
+    "gyro_filter_hz": (0.0, 35.0, 55.0, 100.0),
+    "amplitude": (0.0, 0.6, 0.9, 2.0),
+    "drag_height_m": (-1.0, 0.01, 0.025, 1.0),
+    "lag_ratio": (0.0, 1.05, 2.0),
+    "mixer_limited": (-1.0, 0.001, 0.05, 1.0),
+    "askew_deg": (-1.0, 0.01, 90.0),
+}
+#: An interval promises this share, and a study of many hundred values may miss it by so much.
+PROMISE: Final = (0.93, 0.97)
+#: Half width of a 95 % interval over one standard deviation.
+_NORMAL_95: Final = 1.959964
+
+
+def read_flights(path: Path) -> list[dict[str, Any]]:
+    """Return the flights in the order of their numbers."""
+    flights = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    return sorted(flights, key=lambda flight: flight["number"])
+
+
+def parameters_of(flights: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
+    """Return one row per parameter of every flight, with the flight's settings beside it.
+
+    Columns beyond those of `measure`: ``verdict`` of the parameter's axis,
+    ``claimed`` (identifiable, and the axis not refused), ``inside`` (the
+    interval holds the truth), ``z`` (error in standard deviations as the
+    interval states them), ``error`` and ``half_width`` relative to ``scale``.
+    """
+    rows = []
+    for flight in flights:
+        settings = {key: value for key, value in flight.items() if not isinstance(value, dict | list)}
+        for parameter in flight["parameters"]:
+            verdict = _verdict(flight["verdicts"], parameter["axis"])
+            rows.append({**settings, **parameter, "verdict": verdict})
+    table = pd.DataFrame(rows)
+    table["claimed"] = table["identifiable"] & (table["verdict"] != "refused")
+    table["inside"] = (table["low"] <= table["truth"]) & (table["truth"] <= table["high"])
+    error = table["value"] - table["truth"]
+    # An interval need not be symmetric: the half that points to the truth counts.
+    side = np.where(error > 0.0, table["value"] - table["low"], table["high"] - table["value"])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        table["z"] = np.where(error == 0.0, 0.0, error / side * _NORMAL_95)
+        table["error"] = error / table["scale"]
+        table["half_width"] = 0.5 * (table["high"] - table["low"]) / table["scale"]
+    return table
+
+
+def _verdict(verdicts: Mapping[str, str], axis: str) -> str:
+    """Return the verdict of the axis of p, q or r; of the best axis for what all share."""
+    if axis:
+        return verdicts[AXES["pqr".index(axis)]]
+    return min(verdicts.values(), key=("usable", "caution", "refused").index)
+
+
+def binomial_interval(successes: int, n: int) -> tuple[float, float]:
+    """Return the exact 95 % interval of a share (Clopper and Pearson, 1934)."""
+    from scipy.stats import binomtest
+
+    interval = binomtest(successes, n).proportion_ci(0.95, method="exact")
+    return float(interval.low), float(interval.high)
+
+
+def flights_interval(inside: BoolArray, flight: Any) -> tuple[float, float]:
+    """Return the 95 % interval of a share whose values come several from each flight.
+
+    Values of one flight share its disturbances and its gyro: they count as
+    many values as the variance between flights says, not more than there are.
+    """
+    frame = (
+        pd.DataFrame({"inside": inside, "flight": flight}).groupby("flight")["inside"].agg(["sum", "size"])
+    )
+    n, share = int(frame["size"].sum()), float(frame["sum"].sum() / frame["size"].sum())
+    deviation = frame["sum"] - share * frame["size"]
+    n_flights = len(frame)
+    variance = float((deviation**2).sum()) / n**2 * n_flights / max(n_flights - 1, 1)
+    independent = share * (1.0 - share) / n
+    effective = max(1, round(n * min(1.0, independent / variance))) if variance > 0.0 else n_flights
+    return binomial_interval(round(share * effective), effective)
+
+
+def coverage_table(table: pd.DataFrame) -> pd.DataFrame:
+    """Return one row per kind: how many are claimed, how many of them hold the truth, how wide."""
+    rows = []
+    for kind in KINDS:
+        of_kind = table[table["kind"] == kind]
+        claimed = of_kind[of_kind["claimed"]]
+        if claimed.empty:
+            continue
+        inside = claimed["inside"].to_numpy()
+        low, high = flights_interval(inside, claimed["number"])
+        rows.append(
+            {
+                "kind": kind,
+                "claimed": len(claimed),
+                "of": len(of_kind),
+                "coverage": float(inside.mean()),
+                "low": low,
+                "high": high,
+                "z_median": float(claimed["z"].median()),
+                "z_spread": float((claimed["z"].quantile(0.75) - claimed["z"].quantile(0.25)) / 1.349),
+                "within_10": float((claimed["error"].abs() <= 0.1).mean()),
+                "median_error": float(claimed["error"].abs().median()),
+                "median_half_width": float(claimed["half_width"].median()),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def grouped(table: pd.DataFrame, column: str) -> pd.Series[Any]:
+    """Return the group that each row falls into, an ordered category, by the limits of `GROUPS`."""
+    limits = GROUPS[column]
+    if not limits:
+        return table[column].astype("category")
+    names = [f"up to {high:g}" if low < 0.0 else f"{low:g} to {high:g}" for low, high in pairwise(limits)]
+    return pd.cut(table[column], limits, labels=names)
+
+
+def group_table(table: pd.DataFrame, kind: str) -> pd.DataFrame:
+    """Return coverage of one kind by everything that the flights differ in."""
+    claimed = table[table["claimed"] & (table["kind"] == kind)]
+    rows = []
+    for column in GROUPS:
+        for name, part in claimed.groupby(grouped(claimed, column), observed=True):
+            rows.append(
+                {
+                    "by": column,
+                    "group": name,
+                    "n": len(part),
+                    "coverage": float(part["inside"].mean()),
+                    "z_median": float(part["z"].median()),
+                    "within_10": float((part["error"].abs() <= 0.1).mean()),
+                    "half_width": float(part["half_width"].median()),
+                }
+            )
+    return pd.DataFrame(rows)
+
+
+def page(flights: list[dict[str, Any]], table: pd.DataFrame) -> str:
+    """Return the tables as Markdown."""
+    lines = [*_flights_part(flights), *_coverage_part(coverage_table(table)), *_axes_part(flights, table)]
+    for kind in ("own gain", "own damping", "lag"):
+        lines += _group_part(kind, group_table(table, kind))
+    return "\n".join(lines) + "\n"
+
+
+def _flights_part(flights: list[dict[str, Any]]) -> list[str]:
+    """Say how many flights there were, and what was recommended for them."""
+    counts = pd.Series([flight["structure"] or "no model" for flight in flights]).value_counts()
+    recommended = ", ".join(f"{name} {count}" for name, count in counts.items())
+    seconds = np.median([flight["analysis_s"] for flight in flights])
+    return [
+        f"{len(flights)} flights, seed {flights[0]['seed']}. Recommended: {recommended}. "
+        f"Median time of one analysis: {seconds:.1f} s.",
+        "",
+    ]
+
+
+def _coverage_part(summary: pd.DataFrame) -> list[str]:
+    """Coverage by kind of parameter."""
+    lines = [
+        "| kind | claimed | coverage | 95 % interval of it | promise kept | median z | spread of z "
+        "| within 10 % | median error | median half-width |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    rows = [
+        f"| {row.kind} | {row.claimed} of {row.of} | {_percent(row.coverage)} "
+        f"| {_percent(row.low)} to {_percent(row.high)} | {_kept(row.coverage)} "
+        f"| {row.z_median:+.2f} | {row.z_spread:.2f} | {_percent(row.within_10)} "
+        f"| {_percent(row.median_error)} | {_percent(row.median_half_width)} |"
+        for row in summary.itertuples()
+    ]
+    return [*lines, *rows, ""]
+
+
+def _axes_part(flights: list[dict[str, Any]], table: pd.DataFrame) -> list[str]:
+    """Own gain by axis: verdicts, coverage, error."""
+    lines = [
+        "| axis | usable | caution | refused | coverage | within 10 % | worst error |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for axis, letter in zip(AXES, "pqr", strict=True):
+        verdicts = [flight["verdicts"][axis] for flight in flights]
+        shares = " | ".join(
+            _percent(verdicts.count(verdict) / len(verdicts)) for verdict in ("usable", "caution", "refused")
+        )
+        own = table[table["claimed"] & (table["kind"] == "own gain") & (table["axis"] == letter)]
+        lines.append(
+            f"| {axis} | {shares} | {_percent(own['inside'].mean())} "
+            f"| {_percent((own['error'].abs() <= 0.1).mean())} | {_percent(own['error'].abs().max())} |"
+        )
+    return [*lines, ""]
+
+
+def _group_part(kind: str, groups: pd.DataFrame) -> list[str]:
+    """Coverage of one kind by what the flights differ in."""
+    lines = [
+        f"### {kind.capitalize()}: where",
+        "",
+        "| by | group | number | coverage | median z | within 10 % | median half-width |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    rows = [
+        f"| {row.by} | {row.group} | {row.n} | {_percent(row.coverage)} | {row.z_median:+.2f} "
+        f"| {_percent(row.within_10)} | {_percent(row.half_width)} |"
+        for row in groups.itertuples()
+    ]
+    return [*lines, *rows, ""]
+
+
+def _kept(coverage: float) -> str:
+    """Say on which side of the promise a coverage lies."""
+    if coverage < PROMISE[0]:
+        return "no, too few"
+    return "no, too many" if coverage > PROMISE[1] else "yes"
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.1f} %"
