@@ -11,9 +11,11 @@ from quadid_logs.cli.compare import compare
 from quadid_logs.cli.explain import explain
 from quadid_logs.cli.export import export
 from quadid_logs.cli.failure import say
+from quadid_logs.cli.fleet import fleet
 from quadid_logs.cli.info import info
 from quadid_logs.cli.paper import paper
 from quadid_logs.cli.plan import plan
+from quadid_logs.cli.query import query
 from quadid_logs.cli.simulate import simulate
 from quadid_logs.version import __version__
 
@@ -30,7 +32,7 @@ def make_app() -> typer.Typer:
         no_args_is_help=False,
     )
     app.callback(invoke_without_command=True)(_top)
-    for verb in (analyze, compare, plan, info, export, explain, simulate, paper):
+    for verb in (analyze, compare, plan, info, export, explain, simulate, paper, fleet, query):
         app.command()(verb)
     return app
 

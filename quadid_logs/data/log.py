@@ -154,6 +154,8 @@ class FlightLog:
         Messages that the autopilot itself reports as not written.
     has_time : bool
         False where the log's rows carry no time at all.
+    utc_offset_s : float
+        UTC [s since 1970] minus the log's clock, NaN where no receiver told the date.
     remarks : tuple of str
         What the reader had to decide or assume, in plain words.
     torque : TorqueModel, optional
@@ -179,6 +181,7 @@ class FlightLog:
     systems: tuple[LoggedSystem, ...] = ()
     counts: tuple[MessageCount, ...] = ()
     has_time: bool = True
+    utc_offset_s: float = float("nan")
     remarks: tuple[str, ...] = ()
     torque: TorqueModel | None = None
 

@@ -20,5 +20,6 @@ def load(name: str) -> Any:
         return importlib.import_module(name)
     except ImportError as error:
         raise SettingsError(
-            f"{error.name or name} is not installed.", hint="Install it with: pip install 'quadid-logs[fleet]'"
+            f"{error.name or name} is not installed.",
+            hint="Install it with: pip install 'quadid-logs[fleet]'",
         ) from error

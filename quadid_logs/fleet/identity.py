@@ -17,7 +17,8 @@ UNKNOWN = "unknown"
 _UNIQUE = re.compile(r"[0-9A-Fa-f]{16,}")
 _EMPTY = re.compile(r"[0 ]*")
 _DATE = re.compile(
-    r"(?<!\d)(20\d\d)[-_.]?([01]?\d)[-_.]?([0-3]?\d)(?:[-_.T /]{1,3}([0-2]?\d)[-_.:h]?([0-5]?\d)[-_.:m]?([0-5]?\d))?(?!\d)"
+    r"(?<!\d)(20\d\d)[-_.]?([01]?\d)[-_.]?([0-3]?\d)"
+    r"(?:[-_.T /]{1,3}([0-2]?\d)[-_.:h]?([0-5]?\d)[-_.:m]?([0-5]?\d))?(?!\d)"
 )
 
 
@@ -98,16 +99,19 @@ def _match(pattern: str, url: str) -> str:
     return next((group for group in found.groups() if group), found[0])
 
 
-def start_of(log: FlightLog, source: Source) -> tuple[float, str]:
-    """Return when the log began [s since 1970, UTC] and what says so; NaN and "" where nothing does.
+def clock_zero(log: FlightLog, start_s: float, source: Source) -> tuple[float, str]:
+    """Return the UTC at zero of the log's clock [s since 1970] and what says so; NaN and "" if nothing does.
 
-    The date in a file's name is the local one of whoever wrote it; it is
-    taken as UTC, which keeps the order of one vehicle's flights.
+    `start_s` is where the log begins on its clock. The date in a file's name is
+    the local one of whoever wrote it; it is taken as UTC, which keeps the order
+    of one vehicle's flights.
     """
+    if math.isfinite(log.utc_offset_s) and log.has_time:
+        return log.utc_offset_s, "receiver"
     if date := _date_in(source.url):
-        return date, "file name"
+        return date - start_s, "file name"
     if source.modified_s > 0.0:
-        return source.modified_s, "modification"
+        return source.modified_s - start_s, "modification"
     return math.nan, ""
 
 

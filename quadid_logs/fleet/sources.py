@@ -28,7 +28,7 @@ _PAUSES_S = (0.5, 3.0, 0.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Source:
-    """A file that may be a log: its path or URL, size [bytes] and time of modification [s UTC], -1 unknown."""
+    """A file that may be a log: path or URL, size [bytes] and time of modification [s UTC], -1 if unknown."""
 
     url: str
     n_bytes: int = -1
@@ -86,7 +86,8 @@ def _local(place: str) -> Iterator[Source]:
     elif path.exists():
         yield _local_source(place)
     else:
-        yield from (_local_source(name) for name in glob.iglob(place, recursive=True) if Path(name).is_file())
+        found = glob.iglob(place, recursive=True)  # noqa: PTH207 - a Path has no absolute patterns
+        yield from (_local_source(name) for name in found if Path(name).is_file())
 
 
 def _local_source(path: str) -> Source:
@@ -110,7 +111,7 @@ def _remote(place: str) -> Iterator[Source]:
         else:
             below = files.find(path, detail=True)
             listing = {name: info for name, info in below.items() if name.lower().endswith(SUFFIXES)}
-    except Exception as error:  # noqa: BLE001 - every file system has exceptions of its own
+    except Exception as error:
         raise FetchError(
             f"{printable(place)} cannot be listed: {type(error).__name__}: {printable(error)}.",
             hint="Check the address and the credentials.",

@@ -18,11 +18,12 @@ from quadid_logs.readers.ardupilot_vehicle import (
     parameter_table,
 )
 from quadid_logs.readers.message_table import MessageSource, MessageTable, damaged_numbers_pass
+from quadid_logs.readers.utc import gps_utc_s, utc_offset_s
 
 #: Their PIDR, PIDP and PIDY steer surfaces and work in degrees.
 _OTHER_PIDS: Final = frozenset({"fixed-wing", "vtol"})
-_DESCRIPTIONS: Final = frozenset({"PARM", "MSG", "MODE", "VER", "DSF", "PM"})
-_LABELS: Final = frozenset({"Name", "Value", "Message", "Mode", "BU", "FWS", "Dp", "LogDrop"})
+_DESCRIPTIONS: Final = frozenset({"PARM", "MSG", "MODE", "VER", "DSF", "PM", "GPS"})
+_LABELS: Final = frozenset({"Name", "Value", "Message", "Mode", "BU", "FWS", "Dp", "LogDrop", "GWk", "GMS"})
 #: ArduCopter/defines.h: MASK_LOG_ATTITUDE_FAST logs at the loop rate, MASK_LOG_ATTITUDE_MED at 10 Hz.
 _FAST_ATTITUDE: Final = 1
 _MEDIUM_ATTITUDE: Final = 2
@@ -78,6 +79,7 @@ def flight_log(source: MessageSource, *, log_format: str, preamble: tuple[str, .
         n_dropped=_dropped(tables),
         counts=_counts(source.counts, samples),
         has_time=clock.has_time,
+        utc_offset_s=_utc_offset_s(tables.get("GPS"), clock),
         remarks=_remarks(tables, clock, builder),
     )
 
@@ -112,6 +114,14 @@ def _texts(table: MessageTable | None, clock: LogClock) -> tuple[LogText, ...]:
         strict=True,
     )
     return tuple(LogText(time_s=time, position=position, text=str(text)) for time, position, text in rows)
+
+
+def _utc_offset_s(gps: MessageTable | None, clock: LogClock) -> float:
+    """Return UTC minus the log's clock [s] as the receiver tells it; until 3.2 the labels were others."""
+    if gps is None or not gps.has_numbers("GWk", "GMS"):
+        return float("nan")
+    week, time_ms = (gps.columns[label].astype(np.float64) for label in ("GWk", "GMS"))
+    return utc_offset_s(gps_utc_s(week, time_ms / 1e3), clock.times(gps))
 
 
 def _modes(table: MessageTable | None, clock: LogClock, vehicle_type: str) -> tuple[ModeChange, ...]:

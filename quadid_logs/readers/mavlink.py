@@ -18,6 +18,7 @@ from quadid_logs.readers.columns import attitude_columns, used_columns
 from quadid_logs.readers.mav_type import frame_words, vehicle_type_of
 from quadid_logs.readers.mavlink_dialect import enum_names
 from quadid_logs.readers.tlog import MessageRows, TlogContent
+from quadid_logs.readers.utc import utc_offset_s
 
 _ARDUPILOT: Final = 3
 _PX4: Final = 12
@@ -140,7 +141,7 @@ _ESC_GROUPS: Final = (
 )  # fmt: skip
 MESSAGES: Final = frozenset(
     {source.message for source in _SOURCES}
-    | {*_ESC_GROUPS, "PID_TUNING", "PARAM_VALUE", "STATUSTEXT", "AUTOPILOT_VERSION"}
+    | {*_ESC_GROUPS, "PID_TUNING", "PARAM_VALUE", "STATUSTEXT", "AUTOPILOT_VERSION", "SYSTEM_TIME"}
 )
 
 #: ArduPilot's mode enumeration by vehicle; `vehicle_type_of` knows no others that fly it.
@@ -199,6 +200,7 @@ def flight_log(path: str, content: TlogContent) -> FlightLog:
         lost=content.lost,
         systems=content.systems,
         counts=content.counts,
+        utc_offset_s=_utc_offset_s(content),
         remarks=_remarks(content),
     )
 
@@ -282,6 +284,14 @@ def _rotor_speed(content: TlogContent) -> Signal | None:
         source="ESC_TELEMETRY_1_TO_4.rpm" + (" ..." if len(groups) > 1 else ""),
         reason="reported by the ESCs",
     )
+
+
+def _utc_offset_s(content: TlogContent) -> float:
+    """Return UTC minus the boot clock [s] as the autopilot tells it."""
+    message = content.messages.get("SYSTEM_TIME")
+    if message is None:
+        return float("nan")
+    return utc_offset_s(message.rows["time_unix_usec"].astype(np.float64) / 1e6, content.time_s(message))
 
 
 def _text(raw: bytes) -> str:

@@ -6,6 +6,7 @@ FRD and NED like we do; only thrust points the other way.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Final, NamedTuple
@@ -17,6 +18,7 @@ from quadid_logs.data.log import FlightLog, LogText, ModeChange, Signal
 from quadid_logs.readers.columns import attitude_columns, used_columns
 from quadid_logs.readers.mav_type import airframe_words, frame_words, vehicle_type_of
 from quadid_logs.readers.ulog import TopicTable, UlogContent
+from quadid_logs.readers.utc import utc_offset_s
 
 _MAX_SAMPLE_AGE_US: Final = 100_000
 """A sample is published within milliseconds: a `timestamp_sample` further off is not filled in."""
@@ -140,7 +142,9 @@ _SOURCES: Final = (
     _Source("landed", "vehicle_land_detected", "landed", _take("landed"), "the land detector"),
 )  # fmt: skip
 
-TOPICS: Final = frozenset(source.topic for source in _SOURCES)
+#: Receivers, with the time of day; the second since 1.14.
+_RECEIVERS: Final = ("vehicle_gps_position", "sensor_gps")
+TOPICS: Final = frozenset(source.topic for source in _SOURCES) | {*_RECEIVERS}
 
 _NAV_STATES: Final = {
     0: "MANUAL", 1: "ALTCTL", 2: "POSCTL", 3: "AUTO_MISSION", 4: "AUTO_LOITER", 5: "AUTO_RTL",
@@ -200,8 +204,19 @@ def flight_log(path: str, content: UlogContent, *, system: int = 0) -> FlightLog
         lost=content.lost,
         n_dropped=len(known.dropouts),
         counts=content.counts,
+        utc_offset_s=_utc_offset_s(content),
         remarks=_remarks(content, system),
     )
+
+
+def _utc_offset_s(content: UlogContent) -> float:
+    """Return UTC minus the log's clock [s] as the receivers tell it."""
+    for key, table in content.topics.items():
+        if key[0] in _RECEIVERS and (utc_us := _columns(table, "time_utc_usec")) is not None:
+            log_s = sample_time_s(table)
+            if log_s is not None and math.isfinite(found := utc_offset_s(utc_us[:, 0] / 1e6, log_s)):
+                return found
+    return float("nan")
 
 
 def sample_time_s(table: TopicTable) -> FloatArray | None:

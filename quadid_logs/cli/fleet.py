@@ -1,0 +1,174 @@
+"""``quadid-log fleet``: many logs of many vehicles into a store."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from quadid_logs.cli.failure import report_problem, say
+from quadid_logs.errors import SettingsError, VehicleFileError
+from quadid_logs.untrusted import printable
+
+if TYPE_CHECKING:
+    from quadid_logs.data.vehicle import Vehicle
+    from quadid_logs.fleet.run import Tally
+
+
+def fleet(
+    places: Annotated[
+        list[str],
+        typer.Argument(metavar="PATH_OR_URL...", help="Files, folders, patterns, URLs (s3://bucket/folder)."),
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="STORE", help="Folder of the store.")],
+    workers: Annotated[
+        int, typer.Option("--workers", metavar="N", help="Local processes; 0 takes one per core.")
+    ] = 0,
+    scheduler: Annotated[
+        str, typer.Option("--scheduler", metavar="ADDRESS", help="A Dask scheduler, as tcp://host:8786.")
+    ] = "",
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on: skip what the store holds, try lost logs again.")
+    ] = False,
+    vehicle_from: Annotated[
+        str, typer.Option("--vehicle-from", metavar="REGEX", help="The vehicle's name within path or URL.")
+    ] = "",
+    model_from: Annotated[
+        str, typer.Option("--model-from", metavar="REGEX", help="The model's name within path or URL.")
+    ] = "",
+    vehicle: Annotated[
+        Path | None,
+        typer.Option("--vehicle", metavar="FILE.toml", help="Mass, arms, thrust of all vehicles."),
+    ] = None,
+    structure: Annotated[
+        str, typer.Option("--structure", metavar="NAME", help="Of all models: others do not compare.")
+    ] = "damped",
+    reports: Annotated[
+        bool, typer.Option("--reports", help="Keep the report of every flight too (6 MB each).")
+    ] = False,
+    max_mb: Annotated[
+        float, typer.Option("--max-mb", metavar="MB", help="Largest file that is downloaded.")
+    ] = 4000.0,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Print problems only.")] = False,
+) -> int:
+    """Analyze all logs, one row per log, flight and axis, on this machine's cores or on a cluster.
+
+    A log that cannot be read is a row with its reason. Exit code 0: all done.
+    1: some logs could not be fetched or killed a worker; --resume tries them
+    again.
+    """
+    from quadid_logs.fleet.engine import Cluster
+    from quadid_logs.fleet.identity import NamingRules
+    from quadid_logs.fleet.options import Options
+    from quadid_logs.fleet.run import LOST, run_fleet
+    from quadid_logs.fleet.sources import find_sources
+
+    if workers < 0 or not max_mb > 0.0:
+        raise SettingsError("--workers and --max-mb cannot be negative.", hint="Leave them out.")
+    described, text = _vehicle(vehicle)
+    options = Options(
+        structure=structure,
+        vehicle=described,
+        vehicle_file=text,
+        rules=NamingRules(vehicle_from=vehicle_from, model_from=model_from),
+        reports=reports,
+        max_bytes=int(max_mb * 1e6),
+    )
+    _ = options.settings  # checks the structure's name before the work
+    progress = FleetProgress(quiet=quiet)
+    tally = run_fleet(
+        find_sources(places),
+        output,
+        options,
+        Cluster(scheduler=scheduler, workers=workers),
+        resume=resume,
+        progress=progress,
+        remark=progress.remark,
+    )
+    progress.end()
+    if not quiet:
+        say(f"{_summary(tally)} -> {printable(output)}")
+    return 1 if tally.counts[LOST] else 0
+
+
+def _vehicle(path: Path | None) -> tuple[Vehicle | None, str]:
+    """Read the vehicle file, and its text to tell whether a later run uses the same."""
+    from quadid_logs.vehicle.file import read_vehicle
+
+    if path is None:
+        return None, ""
+    vehicle = read_vehicle(path)
+    try:
+        return vehicle, path.read_text(encoding="utf-8")
+    except (OSError, UnicodeError) as error:
+        raise VehicleFileError(f"{printable(path)} cannot be read.") from error
+
+
+def _summary(tally: Tally) -> str:
+    """Say in one line what became of the logs."""
+    from quadid_logs.fleet.run import ANALYZED, KNOWN, LOST, UNREADABLE
+
+    words = {ANALYZED: "analyzed", UNREADABLE: "unreadable", LOST: "lost", KNOWN: "already there"}
+    parts = [f"{tally.counts[key]} {word}" for key, word in words.items() if tally.counts[key]]
+    rate = f"{tally.rate_hz:.2g} logs/s" if tally.rate_hz else ""
+    return f"{tally.n_logs} logs: {', '.join(filter(None, (*parts, rate)))}"
+
+
+class FleetProgress:
+    """How far, how fast and how long still: one line on a terminal, now and then one in a pipe."""
+
+    _PERIOD_S = 0.2
+    _PIPE_PERIOD_S = 10.0
+
+    def __init__(self, *, quiet: bool) -> None:
+        self._quiet = quiet
+        self._terminal = sys.stderr.isatty()
+        self._next_s = 0.0
+        self._dashboard = ""
+
+    def __call__(self, tally: Tally) -> None:
+        """Show the tally, if the last time is a while ago."""
+        if tally.dashboard and tally.dashboard != self._dashboard:
+            self._dashboard = tally.dashboard
+            self._write(f"dashboard: {printable(tally.dashboard)}", stays=True)
+        now = time.monotonic()
+        if now >= self._next_s and tally.n_done:
+            self._next_s = now + (self._PERIOD_S if self._terminal else self._PIPE_PERIOD_S)
+            self._write(
+                f"{tally.n_done} of {tally.n_logs} logs, {tally.rate_hz:.2g}/s, {_span(tally.left_s)} left"
+            )
+
+    def remark(self, text: str) -> None:
+        """Say what happened to the cluster."""
+        self.end()
+        report_problem(text)
+
+    def end(self) -> None:
+        """Wipe the line."""
+        if self._terminal and not self._quiet:
+            sys.stderr.write("\r\x1b[2K")
+            sys.stderr.flush()
+
+    def _write(self, text: str, *, stays: bool = False) -> None:
+        if self._quiet:
+            return
+        end = "" if self._terminal and not stays else "\n"
+        sys.stderr.write(f"\r\x1b[2K{text}{end}" if self._terminal else f"{text}\n")
+        sys.stderr.flush()
+
+
+def _span(seconds: float) -> str:
+    """Return a time in words.
+
+    >>> _span(45.2), _span(4000.0), _span(200_000.0)
+    ('45 s', '67 min', '56 h')
+    """
+    if not math.isfinite(seconds):
+        return "unknown time"
+    if seconds < 100.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.0f} h"

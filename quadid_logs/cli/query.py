@@ -1,0 +1,93 @@
+"""``quadid-log query``: SQL over the store of a fleet."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Iterable, Iterator
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from quadid_logs.cli.failure import say
+from quadid_logs.errors import SettingsError
+from quadid_logs.untrusted import printable
+
+if TYPE_CHECKING:
+    from quadid_logs.fleet.sql import Answer
+
+#: Rows of a table that are laid out together: a column is as wide as the widest of them.
+_PAGE = 1000
+_WIDEST = 60
+
+
+def query(
+    store: Annotated[Path, typer.Argument(metavar="STORE", help="A store that quadid-log fleet made.")],
+    sql: Annotated[str, typer.Argument(metavar="SQL", help='The table is called "fleet".')],
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object per row.")] = False,
+    as_csv: Annotated[bool, typer.Option("--csv", help="Print comma-separated values.")] = False,
+) -> int:
+    """Ask the store: "SELECT vehicle, avg(gain) FROM fleet WHERE axis = 'roll' GROUP BY vehicle".
+
+    "DESCRIBE fleet" lists the columns. The store cannot be changed, and no
+    other file read.
+    """
+    from quadid_logs.fleet.sql import ask
+
+    if as_json and as_csv:
+        raise SettingsError("--json and --csv exclude each other.", hint="Give one of them.")
+    answer = ask(store, sql)
+    write = _json_lines if as_json else _csv_lines if as_csv else _table_lines
+    for line in write(answer):
+        say(line)
+    return 0
+
+
+def _json_lines(answer: Answer) -> Iterator[str]:
+    """Yield one object per row; dates and the like as text."""
+    for row in answer.rows:
+        named = dict(zip(answer.columns, map(_plain, row), strict=True))
+        yield json.dumps(named, default=str, allow_nan=False)
+
+
+def _plain(value: Any) -> Any:
+    """JSON has no NaN and no infinity."""
+    return None if isinstance(value, float) and value - value != 0.0 else value
+
+
+def _csv_lines(answer: Answer) -> Iterator[str]:
+    """Yield lines with the separators quoted."""
+    for row in _chain(answer):
+        line = io.StringIO()
+        csv.writer(line, lineterminator="").writerow(["" if value is None else value for value in row])
+        yield line.getvalue()
+
+
+def _chain(answer: Answer) -> Iterator[Iterable[Any]]:
+    yield answer.columns
+    yield from answer.rows
+
+
+def _table_lines(answer: Answer) -> Iterator[str]:
+    """Yield columns side by side, numbers to the right."""
+    names = [printable(name, _WIDEST) for name in answer.columns]
+    while page := list(islice(answer.rows, _PAGE)):
+        texts = [[_shown(value) for value in row] for row in page]
+        right = [all(isinstance(row[k], (int, float, type(None))) for row in page) for k in range(len(names))]
+        widths = [max(map(len, column)) for column in zip(names, *texts, strict=True)]
+        for row in (names, *texts):
+            cells = (
+                text.rjust(width) if to_right else text.ljust(width)
+                for text, width, to_right in zip(row, widths, right, strict=True)
+            )
+            yield "  ".join(cells).rstrip()
+
+
+def _shown(value: Any) -> str:
+    """Show a value: five digits of a number, nothing for null, no control characters of a text."""
+    if value is None:
+        return ""
+    return f"{value:.5g}" if isinstance(value, float) else printable(value, _WIDEST)

@@ -1,0 +1,202 @@
+"""Hand the logs out to Dask's workers and take the outcomes as they come.
+
+A worker that dies takes only its logs in flight with it; Dask gives them to
+another. A log that kills workers is tried again alone, so that no innocent
+neighbour is blamed, and becomes a row. A scheduler that goes away is waited
+for; what it held in flight is handed out again.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, Final
+
+from quadid_logs.errors import QuadidError, SettingsError
+from quadid_logs.fleet.extra import load
+from quadid_logs.fleet.rows import LOST
+from quadid_logs.fleet.work import Outcome, Task, failure, work
+from quadid_logs.untrusted import printable
+
+#: Tasks handed out per thread: one runs, one waits on the worker, the rest bridge the way to the
+#: scheduler and back. More would only be lost together.
+_AHEAD: Final = 4
+#: How long a scheduler may be away [s]: a machine restarts in less.
+PATIENCE_S: Final = 300.0
+_KNOCK_S: Final = 1.0
+#: Workers that a log may kill before it is called a killer; alone, so that it is its own doing.
+_DEATHS: Final = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cluster:
+    """Where to work: an existing scheduler's address, or as many local processes."""
+
+    scheduler: str = ""
+    workers: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Events:
+    """What the engine tells while it runs.
+
+    ``take`` gets every outcome and returns False if the task must be done
+    again although its content is known; ``began`` gets the dashboard's
+    address; ``remark`` gets what happened to workers and scheduler.
+    """
+
+    take: Callable[[Outcome], bool]
+    began: Callable[[str], None]
+    remark: Callable[[str], None]
+
+
+class _SchedulerGoneError(Exception):
+    """The scheduler went away; what was in flight must be handed out again."""
+
+
+def run(tasks: Sequence[Task], cluster: Cluster, events: Events) -> None:
+    """Do all tasks and hand every outcome to `events.take`, in the order in which they finish.
+
+    Raises
+    ------
+    SettingsError
+        If the scheduler does not answer, or its workers have not this version of quadid-logs.
+    """
+    with _local_or_given(cluster) as address:
+        crew = _Crew(address, events)
+        try:
+            crew.work_through(tasks, ahead=_AHEAD)
+            crew.work_through(crew.suspects, ahead=0)
+        finally:
+            crew.leave()
+
+
+@contextmanager
+def _local_or_given(cluster: Cluster) -> Iterator[str]:
+    """Give the scheduler's address; a local cluster lives as long as the run, on loopback alone."""
+    if cluster.scheduler:
+        yield cluster.scheduler
+        return
+    dask, distributed = load("dask"), load("distributed")
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": _DEATHS}),
+        distributed.LocalCluster(
+            n_workers=cluster.workers or None,
+            threads_per_worker=1,
+            processes=True,
+            host="127.0.0.1",
+            dashboard_address="127.0.0.1:0",
+            silence_logs=50,
+        ) as local,
+    ):
+        yield str(local.scheduler_address)
+
+
+class _Crew:
+    """A connection to the scheduler and the tasks in flight on it."""
+
+    def __init__(self, address: str, events: Events) -> None:
+        self._address = address
+        self._events = events
+        self._client = self._connect(SettingsError)
+        self._flying: dict[str, Task] = {}
+        self.suspects: list[Task] = []
+        events.began(str(self._client.dashboard_link))
+
+    def work_through(self, tasks: Sequence[Task], *, ahead: int) -> None:
+        """Do tasks, `ahead` per thread at a time, or one alone if that is zero."""
+        waiting = deque(tasks)
+        while waiting:
+            try:
+                self._stream(waiting, ahead)
+            except _SchedulerGoneError:
+                # In front, in their old order: the store must not depend on it, but people watch.
+                waiting.extendleft(reversed(self._flying.values()))
+                self._flying.clear()
+                self._events.remark("the scheduler went away; waiting for it")
+                self.leave()
+                self._client = self._connect(_SchedulerAwayError)
+                self._events.remark("the scheduler is back")
+
+    def leave(self) -> None:
+        """Close the connection; what is still in flight is given up."""
+        self._client.close(timeout=5)
+
+    def _connect(self, failure_type: type[QuadidError]) -> Any:  # the client's library has no types
+        """Knock until the scheduler answers."""
+        distributed = load("distributed")
+        patience_s = PATIENCE_S if failure_type is _SchedulerAwayError else 0.0
+        until = time.monotonic() + patience_s
+        while True:
+            try:
+                return distributed.Client(self._address, timeout=10, set_as_default=False)
+            except (OSError, ValueError) as error:
+                if time.monotonic() >= until:
+                    raise failure_type(
+                        f"The scheduler {printable(self._address)} does not answer.",
+                        hint="Check the address; go on with --resume.",
+                    ) from error
+            time.sleep(_KNOCK_S)
+
+    def _stream(self, waiting: deque[Task], ahead: int) -> None:
+        """Keep the workers busy until nothing waits and nothing flies."""
+        done = load("distributed").as_completed(loop=self._client.loop)
+        self._hand_out(waiting, done, ahead)
+        for future in done:
+            task = self._flying[future.key]
+            self._settle(task, future, waiting)
+            del self._flying[future.key]
+            self._hand_out(waiting, done, ahead)
+
+    def _hand_out(self, waiting: deque[Task], done: Any, ahead: int) -> None:
+        """Submit tasks up to what may be in flight."""
+        if self._client.status != "running":
+            raise _SchedulerGoneError
+        most = max(ahead * self._n_threads(), 1)
+        while waiting and len(self._flying) < most:
+            future = self._client.submit(work, waiting[0], pure=False)
+            self._flying[future.key] = waiting.popleft()
+            done.add(future)
+
+    def _n_threads(self) -> int:
+        """Return how many tasks can run at once, as far as the client has heard."""
+        workers = self._client.scheduler_info(n_workers=-1).get("workers", {})
+        return sum(int(worker.get("nthreads", 1)) for worker in workers.values()) or 1
+
+    def _settle(self, task: Task, future: Any, waiting: deque[Task]) -> None:
+        """Take an outcome, or find out why there is none."""
+        from distributed import CancelledError, KilledWorker
+
+        try:
+            outcome: Outcome = future.result()
+        except KilledWorker:
+            self._suspect(task)
+        except (CancelledError, OSError) as error:
+            raise _SchedulerGoneError from error
+        except QuadidError:
+            raise
+        except ImportError as error:
+            raise SettingsError(
+                f"A worker cannot import quadid-logs: {printable(error)}.",
+                hint="Install the same version of quadid-logs[fleet] on every worker.",
+            ) from error
+        else:
+            if not self._events.take(outcome):
+                waiting.append(Task(source=task.source, options=task.options))
+
+    def _suspect(self, task: Task) -> None:
+        """Keep a log whose worker died for a second try alone; after that it is a row."""
+        if task in self.suspects:
+            self._events.take(
+                failure(task, "", LOST, "Analyzing it killed the worker, alone and repeatedly.")
+            )
+            self._events.remark(f"{task.source.url} kills workers")
+        else:
+            self.suspects.append(task)
+
+
+class _SchedulerAwayError(QuadidError):
+    """The scheduler did not come back."""

@@ -1,0 +1,43 @@
+"""What holds for every log of a fleet."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+
+from quadid_logs.data.settings import Settings
+from quadid_logs.data.vehicle import Vehicle
+from quadid_logs.fleet.identity import NamingRules
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """How every log is analyzed and named.
+
+    ``structure`` is one for all, because numbers of different structures
+    cannot be compared; ``vehicle_file`` is the text of the vehicle file that
+    `vehicle` was read from. A file above ``max_bytes`` is not fetched.
+    """
+
+    structure: str = "damped"
+    vehicle: Vehicle | None = None
+    vehicle_file: str = ""
+    rules: NamingRules = field(default_factory=NamingRules)
+    reports: bool = False
+    max_bytes: int = 4_000_000_000
+
+    @property
+    def settings(self) -> Settings:
+        """The settings of each analysis."""
+        return Settings(structure=self.structure)
+
+    def fingerprint(self) -> dict[str, str]:
+        """Return what must be the same in all runs into one store, ready for JSON."""
+        return {
+            "structure": self.structure,
+            "vehicle_file_sha256": hashlib.sha256(self.vehicle_file.encode()).hexdigest()
+            if self.vehicle_file
+            else "",
+            "vehicle_from": self.rules.vehicle_from,
+            "model_from": self.rules.model_from,
+        }

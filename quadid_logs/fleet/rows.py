@@ -1,0 +1,181 @@
+"""The table of a fleet: one row per log, flight and axis, and one for a log that gave nothing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+from quadid_logs.data.model import Model
+from quadid_logs.data.result import Result
+from quadid_logs.fleet.identity import Identity, NamingRules, clock_zero, identify_unread, identify_vehicle
+from quadid_logs.fleet.sources import Source
+from quadid_logs.untrusted import printable
+from quadid_logs.version import __version__
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS, TORQUE_SYMBOLS
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+#: What became of a log: analyzed (whatever the verdict), unreadable (it will never be read), or lost
+#: (it could not be fetched, or killed the worker: the next run tries again).
+ANALYZED, UNREADABLE, LOST = "analyzed", "unreadable", "lost"
+
+#: Estimated quantities: value, and low and high end of the 95 % interval. Null where the flight does
+#: not tell them. `gain` is how the axis answers to its own torque, `from_l` to `from_n` the whole row of B.
+QUANTITIES: Final = ("gain", "from_l", "from_m", "from_n", "damping", "trim", "lag_s", "delay_s")
+_TEXTS: Final = (
+    "vehicle", "vehicle_from", "model", "status", "error", "url", "sha256", "version",
+    "format", "autopilot", "firmware", "vehicle_type", "frame", "hardware_id", "started_from",
+    "axis", "verdict", "sentence", "structure", "input_unit",
+)  # fmt: skip
+_NUMBERS: Final = (
+    "start_s", "duration_s", "analyzed_s", "condition_number", "r2", "run_s",
+    *(f"{name}{end}" for name in QUANTITIES for end in ("", "_low", "_high")),
+)  # fmt: skip
+#: Columns that differ between two runs over the same files.
+RUN_COLUMNS: Final = ("run_s",)
+
+
+def schema() -> pa.Schema:
+    """Return the columns of the store; ``started`` is UTC, text is UTF-8, everything else SI."""
+    import pyarrow as pa
+
+    return pa.schema(
+        [
+            *(pa.field(name, pa.string()) for name in _TEXTS),
+            pa.field("n_bytes", pa.int64()),
+            pa.field("flight", pa.int32()),
+            pa.field("n_flights", pa.int32()),
+            pa.field("started", pa.timestamp("us", tz="UTC")),
+            pa.field("reasons", pa.list_(pa.string())),
+            *(pa.field(name, pa.float64()) for name in _NUMBERS),
+        ]
+    )
+
+
+def parquet_bytes(rows: Sequence[Mapping[str, Any]]) -> bytes:
+    """Return the rows as one Parquet file."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    buffer = pa.BufferOutputStream()
+    # No dictionaries and no statistics: of three rows they are most of the bytes.
+    table = pa.Table.from_pylist(list(rows), schema=schema())
+    pq.write_table(table, buffer, compression="zstd", use_dictionary=False, write_statistics=False)
+    content: bytes = buffer.getvalue().to_pybytes()
+    return content
+
+
+def failure_row(
+    source: Source, sha256: str, rules: NamingRules, *, status: str, error: str
+) -> dict[str, Any]:
+    """Return the row of a log that gave nothing, with the reason."""
+    return {
+        **_file_part(source, sha256, identify_unread(source, rules)),
+        "status": status,
+        "error": printable(error, 600),
+        "reasons": [],
+    }
+
+
+def result_rows(
+    results: Sequence[Result], source: Source, sha256: str, rules: NamingRules
+) -> list[dict[str, Any]]:
+    """Return the rows of an analyzed log, by flight and axis."""
+    log = results[0].log
+    zero_s, started_from = clock_zero(log, results[0].data.start_s, source)
+    shared = {
+        **_file_part(source, sha256, identify_vehicle(log, source, rules)),
+        "status": ANALYZED,
+        "format": log.format,
+        "autopilot": log.autopilot,
+        "firmware": printable(log.firmware),
+        "vehicle_type": log.vehicle_type,
+        "frame": printable(log.frame),
+        "hardware_id": printable(log.hardware_id),
+        "started_from": started_from,
+        "n_flights": len(results[0].data.flights) if len(results) == 1 else len(results),
+    }
+    rows = []
+    for flight, result in enumerate(results):
+        start_s, duration_s = _span(result)
+        when = zero_s + start_s
+        part = {
+            "flight": flight,
+            "start_s": start_s,
+            "duration_s": duration_s,
+            "started": round(when * 1e6) if 0.0 < when < 4e9 else None,
+            "run_s": result.timings_s["total"],
+        }
+        rows += [{**shared, **part, **_axis_part(result, number)} for number in range(len(AXES))]
+    return rows
+
+
+def _file_part(source: Source, sha256: str, identity: Identity) -> dict[str, Any]:
+    """Return what is known of every file."""
+    return {
+        "vehicle": printable(identity.vehicle, 200),
+        "vehicle_from": identity.vehicle_from,
+        "model": printable(identity.model, 200),
+        "url": source.url.encode("utf-8", "replace").decode(),
+        "sha256": sha256,
+        "n_bytes": source.n_bytes,
+        "version": __version__,
+    }
+
+
+def _span(result: Result) -> tuple[float, float]:
+    """Return start and duration of the flight [s], of the log where it did not fly."""
+    flights = result.data.flights
+    if not flights:
+        return _finite(result.data.start_s) or 0.0, _finite(result.data.duration_s) or 0.0
+    return flights[0][0], flights[-1][1] - flights[0][0]
+
+
+def _axis_part(result: Result, number: int) -> dict[str, Any]:
+    """Return verdict and numbers of one axis."""
+    axis, model = AXES[number], result.identification.recommended
+    verdict = result.diagnosis.axes[axis]
+    found: dict[str, Any] = {
+        "axis": axis,
+        "verdict": verdict.verdict,
+        "reasons": list(verdict.reasons),
+        "sentence": printable(verdict.sentence, 400),
+        "analyzed_s": sum(segment.end_s - segment.start_s for segment in result.data.segments),
+    }
+    if model is None or result.data.input is None:
+        return found
+    return found | {
+        "structure": model.structure,
+        "input_unit": result.data.input.unit,
+        "condition_number": _finite(model.condition_number),
+        "r2": _finite(model.validation.r2_acceleration.get(ACCELERATION_SYMBOLS[number], math.nan)),
+        **dict(_quantities(model, number)),
+    }
+
+
+def _quantities(model: Model, number: int) -> Iterator[tuple[str, float | None]]:
+    """Yield value, low and high of everything that the flight tells about one axis."""
+    target = ACCELERATION_SYMBOLS[number]
+    names = {TORQUE_SYMBOLS[number]: ["gain"], RATE_SYMBOLS[number]: ["damping"], "1": ["trim"]}
+    for symbol in TORQUE_SYMBOLS:
+        names.setdefault(symbol, []).append(f"from_{symbol.lower()}")
+    for parameter in model.parameters:
+        if parameter.target == target and parameter.identifiable:
+            for name in names.get(parameter.regressor, ()):
+                yield from _three(name, parameter.value, parameter.ci95)
+    if model.actuator is not None:
+        yield from _three("lag_s", model.actuator.lag_s, model.actuator.lag_ci95_s)
+        yield from _three("delay_s", model.actuator.delay_s, model.actuator.delay_ci95_s)
+
+
+def _three(name: str, value: float, ci95: tuple[float, float]) -> Iterator[tuple[str, float | None]]:
+    """Yield a value and its interval; null for what is not finite."""
+    yield name, _finite(value)
+    yield f"{name}_low", _finite(ci95[0])
+    yield f"{name}_high", _finite(ci95[1])
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

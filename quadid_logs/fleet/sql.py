@@ -1,0 +1,79 @@
+"""SQL over a store: DuckDB in memory, with the store as its only, read-only table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from quadid_logs.errors import SettingsError
+from quadid_logs.fleet.extra import load
+from quadid_logs.fleet.store import dataset
+
+#: No file, no network, no extension, no spilling to disk, and no way to change that.
+_LOCKS = (
+    "SET temp_directory = ''",
+    "SET autoinstall_known_extensions = false",
+    "SET autoload_known_extensions = false",
+    "SET enable_external_access = false",
+    "SET lock_configuration = true",
+)
+_BATCH = 1000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answer:
+    """Names of the columns, and the rows as they come."""
+
+    columns: tuple[str, ...]
+    rows: Iterator[tuple[Any, ...]]
+
+
+def ask(folder: Path, sql: str) -> Answer:
+    """Run one SQL statement over a store; its table is called ``fleet``.
+
+    The rows come through Arrow, not through DuckDB's own file system, which is
+    closed: a statement can read nothing else and write nothing.
+
+    Parameters
+    ----------
+    folder : Path
+        The store.
+    sql : str
+
+    Returns
+    -------
+    Answer
+
+    Raises
+    ------
+    SettingsError
+        If the folder is no store, or the statement fails.
+    """
+    duckdb = load("duckdb")
+    connection = duckdb.connect(":memory:")
+    connection.register("fleet", dataset(folder))
+    for lock in _LOCKS:
+        connection.execute(lock)
+    try:
+        cursor = connection.execute(sql)
+        columns = tuple(str(column[0]) for column in cursor.description or ())
+        return Answer(columns=columns, rows=_rows(cursor, duckdb.Error))
+    except duckdb.Error as error:
+        raise _refusal(error) from error
+
+
+def _rows(cursor: Any, failure: type[Exception]) -> Iterator[tuple[Any, ...]]:
+    """Yield rows, in batches so that a large answer is never in memory as a whole."""
+    try:
+        while batch := cursor.fetchmany(_BATCH):
+            yield from batch
+    except failure as error:
+        raise _refusal(error) from error
+
+
+def _refusal(error: Exception) -> SettingsError:
+    return SettingsError(
+        f"The query failed: {error}.", hint='Columns: quadid-log query STORE "DESCRIBE fleet"'
+    )
