@@ -16,6 +16,8 @@ _GROUND_MARGIN_S = 1.0
 _IDLE_THROTTLE = 0.05
 #: Two flights lie at least this far apart; a shorter dip of the evidence is a bounce.
 _MIN_PAUSE_S = 1.0
+#: From arming to leaving the ground takes this long: a shorter log shows nothing about a flight.
+_SHORT_LOG_S = 10.0
 #: Between two samples of slow evidence (1 Hz land detector) its value is held.
 _GRID_S = 0.1
 
@@ -64,13 +66,19 @@ def find_flights(series: Mapping[str, CleanSeries], span: Interval) -> Flights:
         evidence += 1
         flying &= believe(series[name], grid)
         if not flying.any():
-            return Flights((), failure)
+            return Flights((), f"{failure}{_in_so_short(span)}")
     if not evidence:
         return _from_motion(series)
     intervals = _intervals(flying, grid)
     trimmed = tuple((a + _GROUND_MARGIN_S, b - _GROUND_MARGIN_S) for a, b in intervals)
     lasting = tuple((a, b) for a, b in trimmed if b > a)
     return Flights(lasting, "" if lasting else "the vehicle was in the air for less than two seconds")
+
+
+def _in_so_short(span: Interval) -> str:
+    """Say how little the log holds where that may be why it shows no flight."""
+    length_s = span[1] - span[0]
+    return f" in the {length_s:.2g} s that the log holds" if length_s < _SHORT_LOG_S else ""
 
 
 def _from_motion(series: Mapping[str, CleanSeries]) -> Flights:

@@ -148,24 +148,23 @@ def _equations(
     stretches: IntArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return regressors (n, 3, 13), changes (n, 3) and starts (n,) of stretches not too steep."""
-    from scipy.interpolate import CubicHermiteSpline
-
-    turned = CubicHermiteSpline(rate_time_s, _integral(rate_time_s, body_rate_rad_s), body_rate_rad_s)
-    angles = CubicHermiteSpline(
-        attitude_time_s, euler_rad, np.gradient(euler_rad, attitude_time_s, axis=0), extrapolate=True
-    )
     first, last = stretches.T
     share = np.linspace(0.0, 1.0, _POINTS + 1)
     start_s, end_s = attitude_time_s[first], attitude_time_s[last]
     edges_s = start_s[:, None] + (end_s - start_s)[:, None] * share
-    euler = angles(0.5 * (edges_s[:, 1:] + edges_s[:, :-1]))
+    turning = np.gradient(euler_rad, attitude_time_s, axis=0)
+    euler = _hermite(attitude_time_s, euler_rad, turning, 0.5 * (edges_s[:, 1:] + edges_s[:, :-1]))
     level = np.abs(euler[..., 1]).max(axis=1) < _STEEPEST_RAD
     first, last, edges_s, euler = first[level], last[level], edges_s[level], euler[level]
     kinematics = _kinematics(euler)
-    turn = np.diff(turned(edges_s), axis=1)
+    turned = _integral(rate_time_s, body_rate_rad_s)
+    turn = np.diff(_hermite(rate_time_s, turned, body_rate_rad_s, edges_s), axis=1)
     by_rate = np.einsum("npij,npk->nijk", kinematics, turn).reshape(-1, 3, 9)
     by_bias = np.einsum("npij,np->nij", kinematics, np.diff(edges_s, axis=1))
-    ends = np.einsum("npij,npj->npi", kinematics[:, [0, -1]], turned(edges_s[:, [0, -1]], 1))
+    rate = np.stack(
+        [np.interp(edges_s[:, [0, -1]], rate_time_s, column) for column in body_rate_rad_s.T], axis=-1
+    )
+    ends = np.einsum("npij,npj->npi", kinematics[:, [0, -1]], rate)
     by_lag = np.diff(ends, axis=1)[:, 0, :, None]
     regressors = np.concatenate([by_rate, by_bias, by_lag], axis=2)
     return regressors, euler_rad[last] - euler_rad[first], attitude_time_s[first]
@@ -175,6 +174,20 @@ def _kinematics(euler_rad: FloatArray) -> FloatArray:
     """Return the matrices from body rates to Euler rates, shape (..., 3, 3)."""
     columns = [euler_rates(euler_rad, np.broadcast_to(unit, euler_rad.shape)) for unit in np.eye(3)]
     return np.stack(columns, axis=-1)
+
+
+def _hermite(time_s: FloatArray, values: FloatArray, slopes: FloatArray, at_s: FloatArray) -> FloatArray:
+    """Return values (..., 3) between samples (n, 3) with known slopes, by cubics.
+
+    scipy.interpolate does the same, but takes longer to import than `info` may take in all.
+    """
+    before = np.clip(np.searchsorted(time_s, at_s) - 1, 0, time_s.size - 2)
+    step = (time_s[before + 1] - time_s[before])[..., None]
+    u = (at_s - time_s[before])[..., None] / step
+    start, end = values[before], values[before + 1]
+    rise = slopes[before] * step, slopes[before + 1] * step
+    bend = u * (1.0 - u) * ((1.0 - u) * (rise[0] - (end - start)) + u * ((end - start) - rise[1]))
+    return np.asarray(start + u * (end - start) + bend, dtype=np.float64)
 
 
 def _integral(time_s: FloatArray, values: FloatArray) -> FloatArray:

@@ -174,6 +174,8 @@ def _subtitle(result: Result) -> str:
 
 def flown_sentence(result: Result) -> str:
     """Say how much of the log was analysed, or flown where nothing could be identified."""
+    if not result.log.has_time:
+        return "nothing identified: the log has no time stamps"
     length = seconds(result.data.duration_s)
     if result.identification.recommended is not None:
         return f"{seconds(_used_s(result))} of {length} analysed"

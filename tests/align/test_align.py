@@ -189,6 +189,14 @@ def test_a_vehicle_on_the_bench_has_no_flight_and_the_reason_is_given() -> None:
     assert data.on_ground_reason == "the throttle never left idle"
 
 
+def test_a_log_too_short_to_show_a_flight_says_so() -> None:
+    """A truncated file is no evidence that the vehicle stayed on the ground."""
+    short = np.arange(10.0, 10.4, 0.0025)
+    idle = signal("throttle", short, np.zeros((short.size, 1)))
+    data = align(flight_log(signal("body_rate", short, motion(short)), idle), Settings())
+    assert data.on_ground_reason == "the throttle never left idle in the 0.4 s that the log holds"
+
+
 def test_only_the_asked_part_of_the_log_is_used() -> None:
     """--start-s and --end-s."""
     (segment,) = align(flown(STEADY), Settings(start_s=20.0, end_s=30.0)).segments
