@@ -19,7 +19,7 @@ from quadid_logs.figures import FIGURE_KEYS, figures_of
 from quadid_logs.figures.frequency import model_response
 from quadid_logs.figures.interactive import interactive
 from quadid_logs.figures.palette import DARK, LIGHT
-from quadid_logs.figures.png import write_png
+from quadid_logs.figures.png import draw, write_png
 from quadid_logs.figures.thinning import break_at_gaps, thin_line, thin_points
 from tests.synthetic_results import hostile_result, refused_result, usable_result
 
@@ -174,6 +174,17 @@ def test_the_png_of_every_figure_is_a_picture(usable: Result, tmp_path: Path) ->
             colours = image.convert("RGB").getcolors(maxcolors=1 << 24) or []
             assert image.width >= 1200, figure.key
             assert len(colours) > 50, figure.key
+
+
+def test_powers_of_ten_are_written_as_such(usable: Result) -> None:
+    """A logarithmic axis has its decades labelled, and nothing is set as TeX."""
+    figure = next(item for item in figures_of(usable).shown if item.key == "condition-linear-9")
+    axes = draw(figure).axes[0]
+    name = "x" if figure.panels[0].x.log else "y"
+    axis = getattr(axes, f"{name}axis")
+    assert axis.get_major_formatter()(1e-3) == "10⁻³"
+    assert axis.get_major_formatter()(1e12) == "10¹²"
+    assert axis.get_major_formatter()(0.02) == "0.02"
 
 
 def test_a_hostile_mode_name_is_drawn_as_text(tmp_path: Path) -> None:

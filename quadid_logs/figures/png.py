@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,7 @@ _ROW_IN = {1: 1.75, 2: 1.75, 3: 3.2}
 _TITLE_IN, _CAPTION_LINE_IN, _GAP_IN = 0.95, 0.17, 0.62
 _CAPTION_WIDTH = 150
 _MOST_LEGEND_ENTRIES = 12
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _STYLE: dict[str, Any] = {
     "font.size": 9.0,
     "axes.edgecolor": LIGHT["muted"],
@@ -168,12 +170,14 @@ def _error(curve: Curve) -> Any:
 
 def _set_axis(axes: Axes, name: str, axis: Axis, *, labelled: bool) -> None:
     """Set scale, range, ticks and label of one axis."""
-    from matplotlib.ticker import NullLocator
+    from matplotlib.ticker import FuncFormatter, NullLocator
 
     if axis.log:
         axes.set(**{f"{name}scale": "log"})
-        # Eight unlabelled ticks per decade took a fifth of the time of drawing.
-        getattr(axes, f"{name}axis").set_minor_locator(NullLocator())
+        scale = getattr(axes, f"{name}axis")
+        # Eight unlabelled ticks per decade took a fifth of the time of drawing, powers set as TeX a tenth.
+        scale.set_minor_locator(NullLocator())
+        scale.set_major_formatter(FuncFormatter(lambda value, _position: _power_of_ten(value)))
     if axis.low is not None or axis.high is not None:
         axes.set(**{f"{name}lim": (axis.low, axis.high)})
     if axis.ticks:
@@ -183,6 +187,14 @@ def _set_axis(axes: Axes, name: str, axis: Axis, *, labelled: bool) -> None:
         axes.set(**{f"{name}label": _drawable(axis.title)})
     else:
         axes.tick_params(labelbottom=False)
+
+
+def _power_of_ten(value: float) -> str:
+    """Return a tick's label on a logarithmic axis."""
+    exponent = math.log10(value) if value > 0.0 else math.nan
+    if exponent != round(exponent, 9):
+        return f"{value:g}"
+    return "10" + f"{exponent:.0f}".translate(_SUPERSCRIPTS)
 
 
 def _legend(canvas: Canvas, figure: Figure, total_in: float) -> None:

@@ -129,15 +129,15 @@ def json_text(result: Result, provenance: Provenance | None = None, *, compact: 
 
 def write_drawings(result: Result, provenance: Provenance, folder: Path) -> None:
     """Write report.html and the PNG files into an existing folder."""
-    from quadid_logs.figures.png import write_png
+    from quadid_logs.figures.batch import PngBatch
     from quadid_logs.report.html import render_html
     from quadid_logs.report.view import view_of
 
-    figures = figures_of(result)
-    page = render_html(view_of(result, provenance), figures)
-    (folder / REPORT_FILE).write_text(page, encoding="utf-8", newline="\n")
-    for figure in (_summary(result), *figures.shown):
-        write_png(figure, folder / f"{figure.key}.png")
+    with PngBatch() as batch:
+        figures = figures_of(result)
+        page = render_html(view_of(result, provenance), figures)
+        (folder / REPORT_FILE).write_text(page, encoding="utf-8", newline="\n")
+        batch.write((_summary(result), *figures.shown), folder)
 
 
 def _summary(result: Result) -> Figure:

@@ -63,6 +63,7 @@ def pipeline(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> FakePipeline:
     monkeypatch.setattr("quadid_logs.pipeline.analyze", fake)
     # Drawing is tested elsewhere, and takes long; so does a machine with other work to do.
     monkeypatch.setattr("quadid_logs.figures.png.write_png", lambda _figure, path: path.write_bytes(b"PNG"))
+    monkeypatch.setattr("quadid_logs.figures.batch._processors", lambda: 1)
     monkeypatch.setattr("quadid_logs.cli.progress._PATIENCE_S", 60.0)
     monkeypatch.chdir(tmp_path)
     for name in ("usable", "refused", "hostile", "broken", "bug", "interrupted"):
