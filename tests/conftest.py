@@ -16,6 +16,12 @@ def corpus_folder() -> Path:
     return Path(os.environ.get("QUADID_LOG_CORPUS", default)).resolve()
 
 
+def corpus_logs(*folders: str) -> list[str]:
+    """Return every log of these folders by its path in the corpus, for parametrisation; none where absent."""
+    found = [path for folder in folders for path in (corpus_folder() / folder).glob("*")]
+    return sorted(f"{path.parent.name}/{path.name}" for path in found if path.suffix != ".json")
+
+
 @pytest.fixture(scope="session")
 def corpus() -> Path:
     """Return the folder of real logs; skip the test where it is absent."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,7 +13,7 @@ import typer
 
 from quadid_logs.cli.failure import exit_code_of, say
 from quadid_logs.cli.logs import check_log, expanded
-from quadid_logs.cli.progress import Progress
+from quadid_logs.cli.progress import Part, Progress, parts
 from quadid_logs.cli.simulate import write_beside
 from quadid_logs.cli.terminal import at_terminal, show_result
 from quadid_logs.errors import OutputError, SettingsError
@@ -125,8 +126,8 @@ def analyze(
     rows: dict[Path, IndexRow] = {}
     folders = report_folders(logs, parent)
     codes = [
-        exit_code_of(lambda log=log, folder=folder: _analyze_one(log, folder, wish, rows))  # type: ignore[misc]
-        for log, folder in zip(logs, folders, strict=True)
+        exit_code_of(partial(_analyze_one, log, folder, part, wish, rows))
+        for log, folder, part in zip(logs, folders, parts(logs), strict=True)
     ]
     if with_index and rows:
         _write_index(parent, [(log, rows.get(folder)) for log, folder in zip(logs, folders, strict=True)])
@@ -154,7 +155,7 @@ def _write_index(parent: Path, outcomes: list[tuple[Path, IndexRow | None]]) -> 
     write_beside(parent / INDEX_FILE, index_page(rows).encode())
 
 
-def _analyze_one(log: Path, folder: Path, wish: _Wish, rows: dict[Path, IndexRow]) -> int:
+def _analyze_one(log: Path, folder: Path, part: Part, wish: _Wish, rows: dict[Path, IndexRow]) -> int:
     """Analyze one log, write its files, say its verdict, note its row of the index by its folder."""
     from quadid_logs.pipeline import analyze as analyze_log
     from quadid_logs.report import check_folder, write_report
@@ -163,7 +164,7 @@ def _analyze_one(log: Path, folder: Path, wish: _Wish, rows: dict[Path, IndexRow
     check_log(log)
     if wish.files:
         check_folder(folder, force=wish.force)
-    with Progress(log.name, quiet=wish.quiet) as progress:
+    with Progress(log.name, quiet=wish.quiet, part=part) as progress:
         result = analyze_log(log, wish.settings, vehicle=wish.vehicle, progress=progress)
         if wish.files:
             progress("writing the report")

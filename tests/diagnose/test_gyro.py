@@ -18,20 +18,9 @@ from quadid_logs.maths.rotations import euler_from_quaternion, quaternion_rate
 from quadid_logs.readers import read_log
 from quadid_logs.simulate import simulate
 from tests.align.flights import flight_log, signal
-from tests.conftest import corpus_folder
+from tests.conftest import corpus_logs
 
 RATE_HZ = 200.0
-_CORPUS = corpus_folder()
-CORPUS_LOGS = (
-    sorted(
-        str(path.relative_to(_CORPUS))
-        for folder in ("real", "firmware")
-        for path in (_CORPUS / folder).iterdir()
-        if not path.name.endswith(".json")
-    )
-    if (_CORPUS / "firmware").is_dir()
-    else []
-)
 #: Its main loop ran at 375 Hz instead of 400 by its own PM messages, so that its attitude turns too little.
 SLOW_LOOP = "real/ac34rc2-erlebrain3-quadx-265s.bin"
 
@@ -186,7 +175,7 @@ def test_the_lag_of_the_gyro_filter_is_found_in_a_flight_of_the_firmware(corpus:
 
 
 @pytest.mark.corpus
-@pytest.mark.parametrize("corpus_log", CORPUS_LOGS, indirect=True)
+@pytest.mark.parametrize("corpus_log", corpus_logs("real", "firmware"), indirect=True)
 def test_of_all_flown_logs_one_contradicts_itself(corpus_log: Path) -> None:
     """And that one for a reason."""
     try:

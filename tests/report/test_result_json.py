@@ -16,6 +16,7 @@ from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.result import Result
 from quadid_logs.report import json_text, result_dict
 from quadid_logs.report.provenance import provenance_of
+from tests.conftest import corpus_logs
 
 SCHEMA = json.loads((Path(__file__).parents[2] / "docs" / "result.schema.json").read_text(encoding="utf-8"))
 
@@ -154,29 +155,10 @@ def test_texts_of_the_log_survive_unchanged(hostile: Result) -> None:
     assert hostile.log.firmware in set(strings(strict(json_text(hostile))))
 
 
-CORPUS_LOGS = (
-    *("firmware/ac47_quadx_doublets.BIN", "firmware/ac47_quadx_sid_roll.BIN"),
-    *("firmware/ac47_quadx_default_logging.BIN", "firmware/ac47_rate_thread.BIN"),
-    *("firmware/ac47_quadx_doublets.tlog", "firmware/px4_quad_multisine.ulg"),
-    "firmware/px4_quad_default_logging.ulg",
-    *("real/ac30-quadV-underpowered.log", "real/ac301-octo-apm2-MOT.log", "real/ac311-quadx-nan.log"),
-    *("real/ac313-y6b-331s.bin", "real/ac32dev-quad-handrotated-52s.tlog"),
-    *("real/ac33dev-erle-quadx-RATE50Hz-2015-03-31.bin", "real/ac34rc2-erlebrain3-quadx-265s.bin"),
-    *("real/ac364-quadx-RATE1Hz-700s.bin", "real/ac41-quadplus-mission-113s.bin"),
-    *("real/ac413-quadx-25mmcut-hover1.bin", "real/ac413-quadx-goodprop-hover1.bin"),
-    *("real/ac457-quadx-noATT-noRATE-50s.bin", "real/plane423-fastlog-real.bin", "real/rover246-real-61.bin"),
-    *("real/px4-1.12-f450-tumble-3s.ulg", "real/px4-1.14-octocoax-cubeorange-75s.ulg"),
-    *("real/px4-1.16-quad-v6c-indoor-85s.ulg", "real/px4-1.6-sample-auavx21-handheld-69s.ulg"),
-    *("real/px4-1.9-quad-escstatus-39s.ulg", "real/sdlog2-quad-70s.px4log", "real/x8coax_moments_hover.csv"),
-    *("damaged/appended-multiple.ulg", "damaged/garbage-tail-ac47-sitl.bin"),
-    *("damaged/px4-1.17-x500-v6xrt-outdoor-89s-corrupt.ulg", "damaged/truncated-80k-ac462-real.bin"),
-)
-
-
 @pytest.mark.corpus
-@pytest.mark.parametrize("corpus_log", CORPUS_LOGS, indirect=True)
+@pytest.mark.parametrize("corpus_log", corpus_logs("firmware", "real", "damaged"), indirect=True)
 def test_the_result_of_every_log_validates_against_the_schema(corpus_log: Path) -> None:
-    """Flown, damaged, refused: the same keys and types."""
+    """Flown, damaged, refused, large: the same keys and types."""
     from quadid_logs.errors import LogError
     from quadid_logs.pipeline import analyze
 
