@@ -56,6 +56,9 @@ class Airframe:
         Rotor drag (with airspeed) and body drag (with its square).
     drag_height_m : float
         Where the drag attacks, above the centre of mass.
+    propellers : tuple of float
+        Share of its thrust that each damaged propeller still gives; () if all are whole. The
+        autopilot, its mixer and its tuning know nothing of it.
     """
 
     name: str
@@ -75,6 +78,7 @@ class Airframe:
     drag_n_s_m: float = 0.25
     drag_area_m2: float = 0.012
     drag_height_m: float = 0.02
+    propellers: tuple[float, ...] = ()
     battery: Battery = field(default_factory=Battery)
 
     @property
@@ -86,6 +90,11 @@ class Airframe:
     def hover_throttle(self) -> float:
         """Share of the full thrust that carries the weight."""
         return self.mass_kg * GRAVITY_M_S2 / (self.n_rotors * self.max_thrust_n)
+
+    @property
+    def rotor_thrust_n(self) -> FloatArray:
+        """Return what each rotor gives at full throttle [N], damage included, shape (n_rotors,)."""
+        return self.max_thrust_n * np.array(self.propellers or [1.0] * self.n_rotors)
 
     @property
     def torque_per_thrust(self) -> FloatArray:

@@ -428,7 +428,10 @@ def _body(setups: tuple[Setup, ...]) -> Body:
         mass=_stacked([frame.mass_kg for frame in frames]),
         inertia=inertia_terms(inertia[0] if len(frames) == 1 else inertia),
         damping=_vector([frame.rate_damping_n_m_s for frame in frames]),
-        thrust_per_speed2=_stacked([f.max_thrust_n / f.rotor_speed_max_rad_s**2 for f in frames]),
+        thrust_per_speed2=tuple(
+            _stacked([float(f.rotor_thrust_n[i]) / f.rotor_speed_max_rad_s**2 for f in frames])
+            for i in range(frames[0].n_rotors)
+        ),
         arms=tuple(_vector(list(arms[:, :, i])) for i in range(frames[0].n_rotors)),
         decay_up=_decay([frame.lag_up_s for frame in frames], step_s),
         decay_down=_decay([frame.lag_down_s for frame in frames], step_s),

@@ -28,7 +28,7 @@ class Body(NamedTuple):
     mass: Component
     inertia: InertiaTerms
     damping: Triple
-    thrust_per_speed2: Component
+    thrust_per_speed2: Rotors
     arms: tuple[Triple, ...]
     decay_up: tuple[Component, Component]
     decay_down: tuple[Component, Component]
@@ -115,8 +115,9 @@ def _spin(speeds: Rotors, targets: Rotors, body: Body) -> tuple[Rotors, Rotors]:
 def _wrench(speeds: Rotors, body: Body) -> Wrench:
     """Thrust and drag torque go with speed squared; their sums over the rotors."""
     L = M = N = thrust = 0.0
-    factor = body.thrust_per_speed2
-    for speed, (roll_arm, pitch_arm, yaw_arm) in zip(speeds, body.arms, strict=True):
+    for speed, factor, (roll_arm, pitch_arm, yaw_arm) in zip(
+        speeds, body.thrust_per_speed2, body.arms, strict=True
+    ):
         force = factor * speed * speed
         L = L + roll_arm * force
         M = M + pitch_arm * force

@@ -84,6 +84,7 @@ def vehicle_truth(airframe: Airframe) -> dict[str, Any]:
             {"position_m": position, "spin": "ccw" if spin > 0.0 else "cw"} for position, spin in rotors
         ],
         "max_thrust_n": airframe.max_thrust_n,
+        "rotor_thrust_n": airframe.rotor_thrust_n.tolist(),
         "torque_to_thrust_m": airframe.torque_to_thrust_m,
         "thrust_expo": airframe.thrust_expo,
         "rotor_speed_max_rad_s": airframe.rotor_speed_max_rad_s,
@@ -165,7 +166,8 @@ def torque_per_command(record: Record) -> FloatArray:
     airframe, means = setup.airframe, _means(record, _manoeuvre(record))
     factors = mixer_factors(airframe, setup.autopilot)[:, :3]
     slope = _thrust_slope(airframe, setup.autopilot, means)
-    return slope * airframe.torque_per_thrust @ factors
+    share = airframe.rotor_thrust_n / airframe.max_thrust_n
+    return slope * airframe.torque_per_thrust @ (share[:, np.newaxis] * factors)
 
 
 def _thrust_slope(airframe: Airframe, autopilot: str, means: dict[str, float]) -> float:

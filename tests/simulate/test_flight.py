@@ -56,7 +56,7 @@ def body_of(airframe, step_s):
         mass=airframe.mass_kg,
         inertia=inertia_terms(airframe.inertia_kg_m2),
         damping=tuple(airframe.rate_damping_n_m_s),
-        thrust_per_speed2=airframe.max_thrust_n / airframe.rotor_speed_max_rad_s**2,
+        thrust_per_speed2=tuple(airframe.rotor_thrust_n / airframe.rotor_speed_max_rad_s**2),
         arms=tuple(map(tuple, airframe.torque_per_thrust.T.tolist())),
         decay_up=tuple(decay),
         decay_down=tuple(decay),
