@@ -12,6 +12,7 @@ from quadid_logs.cli.explain import explain
 from quadid_logs.cli.export import export
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.fleet import fleet
+from quadid_logs.cli.fleet_report import fleet_report
 from quadid_logs.cli.info import info
 from quadid_logs.cli.paper import paper
 from quadid_logs.cli.plan import plan
@@ -32,7 +33,7 @@ def make_app() -> typer.Typer:
         no_args_is_help=False,
     )
     app.callback(invoke_without_command=True)(_top)
-    for verb in (analyze, compare, plan, info, export, explain, simulate, paper, fleet, query):
+    for verb in (analyze, compare, plan, info, export, explain, simulate, paper, fleet, fleet_report, query):
         app.command()(verb)
     return app
 

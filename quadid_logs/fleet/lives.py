@@ -141,7 +141,7 @@ def read_fleet(folder: Path) -> Fleet:
 
 
 def judge(lives: Sequence[Life]) -> tuple[tuple[Life, ...], int]:
-    """Return the lives with their changes and standings, and how many tests the changes were corrected for."""
+    """Return the lives with changes and standings, and how many tests the changes were corrected for."""
     all_series = [life.series for life in lives]
     n_tests, usual = count_tests(all_series), usual_scatter(all_series)
     changed = [replace(life, changes=find_changes(life.series, n_tests, usual)) for life in lives]

@@ -1,0 +1,42 @@
+"""``quadid-log fleet-report``: the store of a fleet as one page."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from quadid_logs.cli.failure import say
+from quadid_logs.cli.simulate import make_folder, write_beside
+from quadid_logs.errors import OutputError
+from quadid_logs.untrusted import printable
+
+
+def fleet_report(
+    store: Annotated[Path, typer.Argument(metavar="STORE", help="A store that quadid-log fleet made.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE.html", help="The page.")] = Path(
+        "fleet.html"
+    ),
+    force: Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")] = False,
+) -> int:
+    """Show every vehicle over its life: what changed when, and who stands out.
+
+    One line per change and per vehicle that stands out goes to stdout.
+    Exit code 0: none. 1: some.
+    """
+    from quadid_logs.fleet.lives import read_fleet
+    from quadid_logs.fleet.page import fleet_page, headlines
+
+    if os.path.lexists(output) and not force:
+        raise OutputError(f"{printable(output)} exists already.", hint="Add --force to replace it.")
+    fleet = read_fleet(store)
+    page = fleet_page(fleet, store, output.parent)
+    make_folder(output.parent)
+    write_beside(output, page.encode("utf-8"))
+    lines = headlines(fleet)
+    for line in lines:
+        say(line)
+    say(f"{len(fleet.lives)} vehicles: {printable(output)}")
+    return 1 if lines else 0

@@ -1,0 +1,262 @@
+"""The page about a fleet: one self-contained HTML file without a script."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+from urllib.parse import quote
+
+from quadid_logs.fleet.changes import Change, Shift, Standing
+from quadid_logs.fleet.lives import Failure, Fleet, Flight, Life
+from quadid_logs.fleet.sparklines import HEIGHT, WIDTH, Sparkline, sparkline
+from quadid_logs.fleet.store import REPORTS
+from quadid_logs.untrusted import printable
+from quadid_logs.version import __version__
+from quadid_logs.vocabulary import AXES
+
+#: Flights and failures that the page lists one by one; the rest is for `quadid-log query`.
+_MOST_FLIGHTS: Final = 200
+_MOST_FAILURES: Final = 500
+_VERDICTS: Final = ("usable", "caution", "refused")
+#: What a change of these quantities is usually a sign of, the most telling first.
+_CAUSES: Final = (
+    ("from", "One rotor gives more or less thrust than the others (propeller, motor, speed controller), or "
+             "the flight controller sits askew."),
+    ("lag", "The rotors answer slower or faster: propellers, motors, or the speed controllers' settings."),
+    ("gain", "Inertia, load, propellers or battery changed on all rotors alike."),
+    ("damping", "The propellers or the shape in the wind changed."),
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _FlightRow:
+    """One flight in the list of a vehicle."""
+
+    number: int
+    date: str
+    name: str
+    link: str
+    verdicts: tuple[tuple[str, str, str], ...]
+    begins_change: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Story:
+    """What was found about a vehicle, in words."""
+
+    head: str
+    items: tuple[str, ...]
+    cause: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _VehicleRow:
+    """One vehicle: a row of the table, and its own section."""
+
+    anchor: str
+    name: str
+    about: str
+    n_flights: int
+    dates: str
+    verdicts: tuple[tuple[str, int], ...]
+    gains: tuple[tuple[str, Sparkline | None], ...]
+    dampings: tuple[tuple[str, Sparkline | None], ...]
+    changes: tuple[_Story, ...]
+    outlier: _Story | None
+    flights: tuple[_FlightRow, ...]
+    n_hidden: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _FailureRow:
+    """One log that gave nothing."""
+
+    url: str
+    status: str
+    error: str
+
+
+def fleet_page(fleet: Fleet, store: Path, page_folder: Path) -> str:
+    """Return the page; every text is escaped by the template.
+
+    Parameters
+    ----------
+    fleet : Fleet
+    store : Path
+        Where the single reports are, if they were kept.
+    page_folder : Path
+        Where the page will stand: its links are relative to it.
+    """
+    from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=ChoiceLoader([PackageLoader("quadid_logs.fleet"), PackageLoader("quadid_logs.report")]),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    links = _links(store, page_folder)
+    rows = [_vehicle_row(number, life, links) for number, life in enumerate(fleet.lives)]
+    # Who changed or stands out comes first: that is what the page is for.
+    rows.sort(key=lambda row: not (row.changes or row.outlier))
+    page: str = environment.get_template("fleet.html").render(
+        rows=rows,
+        noticed=[row for row in rows if row.changes or row.outlier],
+        failures=[_failure_row(failure) for failure in fleet.failures[:_MOST_FAILURES]],
+        n_failures=len(fleet.failures),
+        n_flights=sum(len(life.flights) for life in fleet.lives),
+        n_tests=fleet.n_tests,
+        axes=AXES,
+        version=__version__,
+        width=WIDTH,
+        height=HEIGHT,
+        style=environment.get_template("report.css").render(),
+    )
+    return page
+
+
+def _links(store: Path, page_folder: Path) -> Mapping[str, str]:
+    """Return the links to the single reports that exist, by the name of their file."""
+    folder = store / REPORTS
+    if not folder.is_dir():
+        return {}
+    way = os.path.relpath(folder.resolve(), page_folder.resolve())
+    way = quote(way.replace(os.sep, "/"))
+    return {path.name: f"{way}/{quote(path.name)}" for path in folder.iterdir() if path.suffix == ".html"}
+
+
+def _vehicle_row(number: int, life: Life, links: Mapping[str, str]) -> _VehicleRow:
+    """Collect what the page shows about one vehicle."""
+    changes = [change.flight for change in life.changes]
+    counts = Counter(verdict for flight in life.flights for verdict in flight.verdicts.values())
+    about = (life.model, life.firmware, f"named by its {life.vehicle_from}" if life.vehicle_from else "")
+    shown = list(enumerate(life.flights))[-_MOST_FLIGHTS:]
+    return _VehicleRow(
+        anchor=f"v{number}",
+        name=printable(life.vehicle, 80),
+        about=printable(", ".join(filter(None, about)), 200),
+        n_flights=len(life.flights),
+        dates=_dates(life.flights),
+        verdicts=tuple((verdict, counts[verdict]) for verdict in _VERDICTS if counts[verdict]),
+        gains=_lines(life, "gain", changes),
+        dampings=_lines(life, "damping", changes),
+        changes=tuple(_change_story(change, life) for change in life.changes),
+        outlier=_outlier_story(life) if life.outliers else None,
+        flights=tuple(_flight_row(k, flight, links, k in changes) for k, flight in reversed(shown)),
+        n_hidden=len(life.flights) - len(shown),
+    )
+
+
+def _lines(life: Life, name: str, changes: Sequence[int]) -> tuple[tuple[str, Sparkline | None], ...]:
+    """Draw one quantity of the three axes."""
+    series = [(axis, life.of(name, axis)) for axis in AXES]
+    return tuple(
+        (axis, None if one is None else sparkline(one, f"{axis} {name}", changes)) for axis, one in series
+    )
+
+
+def _dates(flights: Sequence[Flight]) -> str:
+    """Return the first and the last day."""
+    days = [flight.started.date().isoformat() for flight in flights if flight.started is not None]
+    if not days:
+        return "dates unknown"
+    return days[0] if days[0] == days[-1] else f"{days[0]} to {days[-1]}"
+
+
+def _flight_row(index: int, flight: Flight, links: Mapping[str, str], begins_change: bool) -> _FlightRow:
+    """Collect what the list of flights shows."""
+    name = flight.url.replace("\\", "/").rsplit("/", 1)[-1]
+    if flight.n_flights > 1:
+        name += f", flight {flight.number + 1} of {flight.n_flights}"
+    return _FlightRow(
+        number=index + 1,
+        date=f"{flight.started:%Y-%m-%d %H:%M}" if flight.started is not None else "",
+        name=printable(name, 120),
+        link=links.get(f"{flight.sha256}-{flight.number}.html", ""),
+        verdicts=tuple(
+            (axis, flight.verdicts.get(axis, ""), " ".join(flight.reasons.get(axis, ()))) for axis in AXES
+        ),
+        begins_change=begins_change,
+    )
+
+
+def _change_story(change: Change, life: Life) -> _Story:
+    """Say when the vehicle changed, in what, and what that is a sign of."""
+    flight = life.flights[change.flight]
+    when = f", {flight.started:%Y-%m-%d %H:%M}" if flight.started is not None else ""
+    return _Story(
+        head=f"changed with flight {change.flight + 1} of {len(life.flights)}{when}",
+        items=tuple(_shift_words(shift, life.input_unit) for shift in _largest_first(change.shifts)),
+        cause=_cause(shift.name for shift in change.shifts),
+    )
+
+
+def _largest_first(shifts: Sequence[Shift]) -> list[Shift]:
+    return sorted(shifts, key=lambda shift: -abs(shift.after - shift.before) / shift.margin)
+
+
+def _shift_words(shift: Shift, unit: str) -> str:
+    """Say from what to what, and which difference would still have been chance."""
+    name, unit, factor = _spoken(shift.name, shift.axis, unit)
+    before, after = factor * shift.before, factor * shift.after
+    return f"{name}: {before:.4g} to {after:.4g} {unit} (counts from {factor * shift.margin:.2g} on)"
+
+
+def _outlier_story(life: Life) -> _Story:
+    """Say in what the vehicle stands out among those of its model."""
+    found = sorted(life.outliers, key=lambda one: -abs(one.value - one.usual) / one.margin)
+    return _Story(
+        head=f"stands out among {printable(life.model, 80)}",
+        items=tuple(_standing_words(one, life.input_unit) for one in found),
+        cause=_cause(one.name for one in found),
+    )
+
+
+def _standing_words(one: Standing, unit: str) -> str:
+    """Say what it is and what is usual."""
+    name, unit, factor = _spoken(one.name, one.axis, unit)
+    return (
+        f"{name}: {factor * one.value:.4g} {unit}, usual {factor * one.usual:.4g} ± {factor * one.margin:.2g}"
+    )
+
+
+def _spoken(name: str, axis: str, input_unit: str) -> tuple[str, str, float]:
+    """Return a quantity's name and unit for people, and the factor to it."""
+    per = "per N m" if input_unit == "N m" else "per unit command"
+    if name == "lag":
+        return "actuator lag", "ms", 1e3
+    if name == "damping":
+        return f"{axis} damping", "1/s", 1.0
+    if name == "gain":
+        return f"{axis} gain", f"rad/s² {per}", 1.0
+    return f"{axis} moved by {name.removeprefix('from ')} torque", f"rad/s² {per}", 1.0
+
+
+def _cause(names: Iterator[str] | Sequence[str]) -> str:
+    """Return what the most telling of the quantities is usually a sign of."""
+    heads = {name.split(" ")[0] for name in names}
+    return next((cause for head, cause in _CAUSES if head in heads), "")
+
+
+def _failure_row(failure: Failure) -> _FailureRow:
+    return _FailureRow(
+        url=printable(failure.url, 200), status=failure.status, error=printable(failure.error, 300)
+    )
+
+
+def headlines(fleet: Fleet) -> list[str]:
+    """Return one line per change and per vehicle that stands out."""
+    lines = []
+    for life in fleet.lives:
+        stories = [_change_story(change, life) for change in life.changes]
+        if life.outliers:
+            stories.append(_outlier_story(life))
+        lines += [
+            f"{printable(life.vehicle, 80)} {story.head}: {'; '.join(story.items[:2])}" for story in stories
+        ]
+    return lines

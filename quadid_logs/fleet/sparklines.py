@@ -1,0 +1,79 @@
+"""A series over a vehicle's life as a drawing the height of a line of text."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from quadid_logs.fleet.changes import Series
+
+WIDTH: Final = 132.0
+HEIGHT: Final = 34.0
+_EDGE: Final = 3.0
+#: More points than pixels show nothing; a long life is thinned evenly.
+_MOST_POINTS: Final = 100
+#: An interval may reach this many times the spread of the values outside the drawing.
+_REACH: Final = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sparkline:
+    """SVG path data in a box of `WIDTH` x `HEIGHT`, and the same in words.
+
+    ``line`` joins the estimates, ``bars`` are their 95 % intervals, ``marks``
+    the x of every change.
+    """
+
+    words: str
+    line: str
+    bars: str
+    dots: tuple[tuple[float, float], ...]
+    marks: tuple[float, ...]
+
+
+def sparkline(one: Series, label: str, changes: Sequence[int]) -> Sparkline | None:
+    """Return the drawing of a series; None where no flight tells it.
+
+    Parameters
+    ----------
+    one : Series
+    label : str
+        What it is, for those who do not see it.
+    changes : sequence of int
+        Flights from which on the vehicle is another one.
+    """
+    told = one.told
+    if not len(told):
+        return None
+    told = told[np.unique(np.linspace(0, len(told) - 1, min(len(told), _MOST_POINTS)).astype(int))]
+    value, half = one.value[told], one.half_width[told]
+    low, high = float(value.min()), float(value.max())
+    room = max(high - low, 2.0 * float(np.median(half)), 1e-3 * abs(high)) * _REACH
+    bottom, top = low - room, high + room
+    last = max(one.value.shape[0] - 1, 1)
+
+    def across(index: float) -> float:
+        return round(_EDGE + (WIDTH - 2.0 * _EDGE) * index / last, 1)
+
+    def up(level: float) -> float:
+        share = float(np.clip((level - bottom) / (top - bottom), 0.0, 1.0)) if top > bottom else 0.5
+        return round(HEIGHT - _EDGE - (HEIGHT - 2.0 * _EDGE) * share, 1)
+
+    points = [(across(float(k)), up(float(v))) for k, v in zip(told, value, strict=True)]
+    bars = [
+        f"M{across(float(k)):g} {up(float(v - h)):g}V{up(float(v + h)):g}"
+        for k, v, h in zip(told, value, half, strict=True)
+    ]
+    words = f"{label} over {len(one.told)} flights: {low:.4g} to {high:.4g}, now {value[-1]:.4g}"
+    if changes:
+        words += f"; changed at flight {', '.join(str(flight + 1) for flight in changes)}"
+    return Sparkline(
+        words=words,
+        line="M" + "L".join(f"{x:g} {y:g}" for x, y in points),
+        bars="".join(bars),
+        dots=(points[-1],),
+        marks=tuple(across(flight - 0.5) for flight in changes),
+    )
