@@ -8,7 +8,7 @@ damage (a floor per quantity). A change must exceed all three together.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -89,8 +89,28 @@ class Usual(NamedTuple):
 
 def count_tests(lives: Sequence[Sequence[Series]]) -> int:
     """Return how many differences `find_changes` may look at in all vehicles together."""
-    splits = [max(len(one.told) - 2 * MIN_RUN + 1, 0) for life in lives for one in life]
-    return _LEVELS * sum(splits)
+    return _LEVELS * sum(
+        max(b - a - 2 * MIN_RUN + 1, 0)
+        for life in lives
+        for one in life
+        for a, b in _stretches(0, len(one.told))
+    )
+
+
+def _stretches(first: int, after: int) -> Iterator[tuple[int, int]]:
+    """Yield a part of a life, its halves, quarters and so on, overlapping by half.
+
+    A propeller that wore and was replaced leaves the whole life's two means
+    alike; some stretch holds one of the two changes alone (S. Kovács et al.,
+    "Seeded binary segmentation," Biometrika, vol. 110, pp. 249-256, 2023).
+    """
+    length, n_flights = float(after - first), after - first
+    while length >= 2 * MIN_RUN:
+        n_steps = round(2.0 * (n_flights - length) / length)
+        for step in range(n_steps + 1):
+            begin = first + round((n_flights - length) * step / max(n_steps, 1))
+            yield begin, min(begin + round(length), after)
+        length /= 2.0
 
 
 def usual_scatter(lives: Sequence[Sequence[Series]]) -> dict[tuple[str, str], Usual]:
@@ -125,7 +145,8 @@ def find_changes(
     widened by the scatter inside the two parts (the Birge ratio [1]_, moderated
     by what is usual in the fleet [2]_), and by more than the floor. Where any
     series differs, the split is put where the sum of squares over all that
-    differ falls most; the parts are split again [3]_.
+    differ falls most; the parts are split again [3]_. The same is tried in
+    stretches of the life, because two changes can hide each other.
 
     Parameters
     ----------
@@ -154,8 +175,11 @@ def find_changes(
     open_parts, found = [(0, n_flights)], []
     while open_parts:
         first, after = open_parts.pop()
-        change = _best_split(life, (first, after), n_tests, usual)
-        if change is not None:
+        splits = [_best_split(life, stretch, n_tests, usual) for stretch in _stretches(first, after)]
+        gain, change = max(
+            (split for split in splits if split), key=lambda split: split[0], default=(0.0, None)
+        )
+        if change is not None and gain > 0.0:
             found.append(change)
             open_parts += [(first, change.flight), (change.flight, after)]
     return tuple(sorted(found, key=lambda change: change.flight))
@@ -176,8 +200,8 @@ def _best_split(
     part: tuple[int, int],
     n_tests: int,
     usual: Mapping[tuple[str, str], Usual],
-) -> Change | None:
-    """Return the most likely change inside a part of the life, None if nothing differs enough."""
+) -> tuple[float, Change] | None:
+    """Return the most likely change inside a part of the life and how much it explains, None if none does."""
     splits = [_splits(one, part, n_tests, usual.get((one.name, one.axis), Usual())) for one in life]
     changed = [np.abs(each.difference) > each.margin for each in splits]
     moving = [number for number, each in enumerate(changed) if each.any()]
@@ -186,7 +210,7 @@ def _best_split(
     total = np.sum([splits[number].gain for number in moving], axis=0)
     anywhere = np.any([changed[number] for number in moving], axis=0)
     best = int(np.argmax(np.where(anywhere, total, -np.inf)))
-    return Change(
+    return float(total[best]), Change(
         flight=part[0] + best,
         shifts=tuple(
             Shift(

@@ -53,7 +53,7 @@ def sparkline(one: Series, label: str, changes: Sequence[int]) -> Sparkline | No
     low, high = float(value.min()), float(value.max())
     room = max(high - low, 2.0 * float(np.median(half)), 1e-3 * abs(high)) * _REACH
     bottom, top = low - room, high + room
-    last = max(one.value.shape[0] - 1, 1)
+    last = max(len(one.value) - 1, 1)
 
     def across(index: float) -> float:
         return round(_EDGE + (WIDTH - 2.0 * _EDGE) * index / last, 1)
