@@ -172,6 +172,7 @@ def _segment(
         attitude_rad=None if attitude is None else _attitude(attitude, grid),
         throttle=None if throttle is None else resample(throttle.time_s, throttle.values, grid)[:, 0],
         saturated=_saturated(series.get("torque_saturation"), grid),
+        reference=_reference(series, grid),
         flight=flight,
     )
 
@@ -195,6 +196,27 @@ def _saturated(marks: CleanSeries | None, grid: FloatArray) -> BoolArray:
     count = np.concatenate([[0], np.cumsum((marks.values > 0.5).any(axis=1))])
     first, after = (np.searchsorted(marks.time_s, grid + shift) for shift in (-step, step))
     return np.asarray(count[after] > count[first], dtype=np.bool_)
+
+
+def _reference(series: Mapping[str, CleanSeries], grid: FloatArray) -> FloatArray | None:
+    """Return the rate setpoints, and the chirp of a system-ID mode if the log has one, on the grid."""
+    setpoint, chirp = series.get("body_rate_setpoint"), series.get("sysid_chirp")
+    if setpoint is None or _n_within(setpoint, grid) < 2:
+        return None
+    wanted = resample(setpoint.time_s, setpoint.values, grid)
+    if chirp is None:
+        return wanted
+    injected = np.zeros((grid.size, 1))
+    if _n_within(chirp, grid) >= 2:
+        running = (grid >= chirp.time_s[0]) & (grid <= chirp.time_s[-1])
+        injected[running] = resample(chirp.time_s, chirp.values, grid)[running]
+    return np.column_stack([wanted, injected])
+
+
+def _n_within(series: CleanSeries, grid: FloatArray) -> int:
+    """Return how many samples lie between the ends of the grid."""
+    near = series.within(float(grid[0]), float(grid[-1]))
+    return int(near.stop - near.start)
 
 
 def _attitude(attitude: CleanSeries, grid: FloatArray) -> FloatArray | None:

@@ -63,6 +63,9 @@ class Segment:
     attitude_rad : ndarray, shape (n_samples, 3), or None
         Euler angles, yaw unwrapped; None where the log has none.
     throttle : ndarray, shape (n_samples,), or None
+    reference : ndarray, shape (n_samples, 3 or 4), or None
+        What was asked for, from outside the rate loop: rate setpoints [rad/s], and the excitation
+        of a system-ID mode where there is one; None where the log has no setpoints.
     saturated : ndarray of bool, shape (n_samples,)
         The torque could not be realised, or was clipped.
     flight : int
@@ -75,6 +78,7 @@ class Segment:
     attitude_rad: FloatArray | None
     throttle: FloatArray | None
     saturated: BoolArray
+    reference: FloatArray | None = None
     flight: int = 0
 
     @property

@@ -11,7 +11,14 @@ from quadid_logs.data.model import Identification, Model
 from quadid_logs.data.settings import Settings
 from quadid_logs.identify.design import build_design
 from quadid_logs.identify.excitation import column_noise, measure_excitation, noise_density
-from quadid_logs.identify.model import actuated_model, fit_as_published, fit_one_body, fit_rows_apart
+from quadid_logs.identify.instruments import with_strong_instruments
+from quadid_logs.identify.model import (
+    actuated_model,
+    fit_as_published,
+    fit_one_body,
+    fit_rows_apart,
+    moved_axes,
+)
 from quadid_logs.identify.structures import DAMPED, LINEAR_9, QUADROTOR_6, RIGID_BODY
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS
 
@@ -69,6 +76,7 @@ def identify(data: FlightData, settings: Settings) -> Identification:
     n_needed = _ROWS_PER_UNKNOWN * len(DAMPED.columns)
     if design is None or np.count_nonzero(design.train) < n_needed:
         return Identification(skipped="the flight is too short for the number of unknowns")
+    design = with_strong_instruments(design, moved_axes(design, settings))
     noise = column_noise(noise_density(data), design.columns, _NOISE_BANDWIDTH * smoothing_hz)
     rows_apart = fit_rows_apart(data, design, settings)
     models = [actuated_model(data, design, rows_apart, settings, noise=noise)]

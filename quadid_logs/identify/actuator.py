@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.data.settings import Settings
 from quadid_logs.identify.design import Design
+from quadid_logs.identify.instruments import Projection
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS
 
 #: Coarse grid as shares of the largest lag and delay, denser where real ones lie.
@@ -21,6 +22,9 @@ _REFINEMENTS = 3
 _ENOUGH_ROWS = 30_000
 #: Relative difference of squared errors that no cross-validation can tell apart.
 _SAME_LOSS = 1e-3
+#: 95 % quantile of chi-square with one degree of freedom: by so much the summed
+#: logarithms of the errors of instruments differ by chance.
+_CHANCE = 3.84
 
 
 class ActuatorFit(NamedTuple):
@@ -41,11 +45,14 @@ class ActuatorFit(NamedTuple):
 class _Fold(NamedTuple):
     """One way to split the training rows: fit to one part, score on the other.
 
-    ``slope`` solves for the fixed regressors on the rows of ``fit``.
+    ``to_fit`` and ``to_score`` are the instruments of either part, ``slope``
+    solves for the fixed regressors on the rows of ``fit``.
     """
 
     fit: IntArray
     score: IntArray
+    to_fit: Projection
+    to_score: Projection
     fixed_fit: FloatArray
     fixed_score: FloatArray
     slope: FloatArray
@@ -58,7 +65,7 @@ def fit_actuator(
     settings: Settings,
     start: ActuatorFit | None = None,
 ) -> ActuatorFit:
-    """Find the lag and delay that predict training blocks left out of the fit best.
+    """Find the lag and delay that explain the training blocks best.
 
     Parameters
     ----------
@@ -78,9 +85,11 @@ def fit_actuator(
 
     Notes
     -----
-    Half of the training blocks predicts the other half and vice versa. The
-    axes enter by the logarithm of their error, so that none outweighs the
-    others by its units. The held-out blocks stay unseen.
+    Without instruments half of the training blocks predicts the other half
+    and vice versa; with them, the part of the residual that follows from the
+    instruments is made least (generalised method of moments). The axes enter
+    by the logarithm of their error, so that none outweighs the others by its
+    units. The held-out blocks stay unseen.
     """
     score = _Scorer(design.thinned(_ENOUGH_ROWS), regressors, axes)
     lags = settings.max_lag_s * np.array(_LAG_SHARES)
@@ -105,16 +114,15 @@ def fit_actuator(
     return ActuatorFit(lag_s, delay_s, limit_s, lags, delays, loss)
 
 
-def _lag_limit(score: Callable[[float, float], float], lag_s: float, delay_s: float) -> float:
+def _lag_limit(score: _Scorer, lag_s: float, delay_s: float) -> float:
     """Return how much of the delay might as well be lag.
 
     For slow motion lag and delay act by their sum alone. Along a constant
-    sum, lags are as good as the best while the mean squared error is less
-    than a tenth of a per cent larger.
+    sum, lags are as good as the best while the error is larger by chance only.
     """
     trials = np.linspace(lag_s, lag_s + delay_s, 21)
     best = score(lag_s, delay_s)
-    good = [lag for lag in trials if score(lag, lag_s + delay_s - lag) < best + _SAME_LOSS]
+    good = [lag for lag in trials if score(lag, lag_s + delay_s - lag) < best + score.same_loss]
     return float(max(good, default=lag_s))
 
 
@@ -129,14 +137,30 @@ class _Scorer:
         self._targets = targets[:, self._axes]
         even = design.block % 4 < 2
         train = design.train
-        first, second = np.flatnonzero(train & even), np.flatnonzero(train & ~even)
-        self._folds = [self._fold(first, second), self._fold(second, first)]
-        self._spread = np.sum((self._targets[train] - self._targets[train].mean(axis=0)) ** 2, axis=0)
+        # Instruments hold no noise that two more unknowns could be fitted to: all rows may do both.
+        parts = (train & even, train & ~even) if design.instruments is None else (train,)
+        halves = [(np.flatnonzero(rows), Projection(design, regressors, rows)) for rows in parts]
+        self._folds = [self._fold(*halves[0], *halves[-1])]
+        if len(halves) > 1:
+            self._folds.append(self._fold(*halves[1], *halves[0]))
+        self._spread = sum(
+            np.sum(project.coordinates(self._targets[rows] - self._targets[rows].mean(axis=0)) ** 2, axis=0)
+            for rows, project in halves
+        )
+        n_instruments = sum(project.n_instruments for _, project in halves)
+        #: Relative difference of the squared errors that chance makes.
+        self.same_loss = _CHANCE / (n_instruments * len(self._axes)) if n_instruments else _SAME_LOSS
 
-    def _fold(self, fit: IntArray, score: IntArray) -> _Fold:
-        fixed = self._fixed[fit]
+    def _fold(self, fit: IntArray, to_fit: Projection, score: IntArray, to_score: Projection) -> _Fold:
+        fixed = to_fit.coordinates(self._fixed[fit])
         return _Fold(
-            fit, score, fixed, self._fixed[score], np.asarray(np.linalg.pinv(fixed), dtype=np.float64)
+            fit,
+            score,
+            to_fit,
+            to_score,
+            fixed,
+            to_score.coordinates(self._fixed[score]),
+            np.asarray(np.linalg.pinv(fixed), dtype=np.float64),
         )
 
     def __call__(self, lag_s: float, delay_s: float) -> float:
@@ -144,10 +168,10 @@ class _Scorer:
         error = np.zeros(len(self._axes))
         both = np.column_stack([torque, self._targets])
         for fold in self._folds:
-            fit = both[fold.fit]
+            fit = fold.to_fit.coordinates(both[fold.fit])
             slope = fold.slope @ fit
             inside = fit - fold.fixed_fit @ slope
-            outside = both[fold.score] - fold.fixed_score @ slope
+            outside = fold.to_score.coordinates(both[fold.score]) - fold.fixed_score @ slope
             theta, *_ = np.linalg.lstsq(inside[:, :3], inside[:, 3:], rcond=None)
             error += np.sum((outside[:, 3:] - outside[:, :3] @ theta) ** 2, axis=0)
         return float(np.mean(np.log(np.maximum(error, 1e-300) / np.maximum(self._spread, 1e-300))))

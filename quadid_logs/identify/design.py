@@ -42,6 +42,8 @@ _ACTUATOR_MEMORY_S = 0.5
 _PIECE_S = 120.0
 #: Columns of the torque that an actuator shapes.
 _INPUTS = (*TORQUE_SYMBOLS, THROTTLED_YAW)
+#: From a rate setpoint to the rate that follows it, a rate loop takes 30 to 300 ms.
+_INSTRUMENT_DELAYS_S = (0.0, 0.03, 0.06, 0.1, 0.15, 0.22, 0.3, 0.4)
 #: Leaving out more than this share of the rows for saturation leaves too little flight.
 _MOST_TOUCHED = 0.5
 
@@ -55,6 +57,7 @@ class SegmentSpectra:
     s: ComplexArray
     smoothing: FloatArray
     torque: ComplexArray
+    reference: ComplexArray | None
     rows: slice
 
 
@@ -79,6 +82,9 @@ class Design:
     period_s, smoothing_hz : float
     rate_low_pass_hz : float
         Known filter of the logged rates; the torque passes it too.
+    instruments : ndarray, shape (n_rows, n_instruments), or None
+        What was asked for, now and some tenths of a second ago: it moves the
+        vehicle, but no disturbance and no noise moves it.
     """
 
     time_s: FloatArray
@@ -91,6 +97,7 @@ class Design:
     smoothing_hz: float
     rate_low_pass_hz: float
     spectra: tuple[SegmentSpectra, ...]
+    instruments: FloatArray | None = None
 
     @property
     def train(self) -> BoolArray:
@@ -113,6 +120,7 @@ class Design:
             held_out=self.held_out[rows],
             edge=self.edge[rows],
             spectra=tuple(self.spectra[number] for number in chosen),
+            instruments=None if self.instruments is None else self.instruments[rows],
         )
 
     def stack(self, names: Sequence[str], torque: FloatArray) -> FloatArray:
@@ -210,7 +218,28 @@ def build_design(data: FlightData, smoothing_hz: float, settings: Settings) -> D
         smoothing_hz=smoothing_hz,
         rate_low_pass_hz=data.rate_low_pass_hz,
         spectra=tuple(spectra for _, _, _, spectra in parts),
+        instruments=_instruments([spectra for _, _, _, spectra in parts]),
     )
+
+
+def _instruments(spectra: Sequence[SegmentSpectra]) -> FloatArray | None:
+    """Return the smoothed references at several delays; None unless all pieces have them."""
+    parts = []
+    for part in spectra:
+        if part.reference is None:
+            return None
+        n_bins = part.n_out // 2 + 1
+        delayed = [
+            filtered(
+                part.reference,
+                part.smoothing[:n_bins] * delay_response(part.s[:n_bins], delay_s),
+                n_samples=part.n_samples,
+                n_out=part.n_out,
+            )[part.rows]
+            for delay_s in _INSTRUMENT_DELAYS_S
+        ]
+        parts.append(np.column_stack(delayed))
+    return np.concatenate(parts)
 
 
 def _mean_throttle(data: FlightData) -> float | None:
@@ -234,6 +263,7 @@ def _pieces(data: FlightData) -> Iterator[Segment]:
                 body_rate_rad_s=segment.body_rate_rad_s[rows],
                 torque=segment.torque[rows],
                 attitude_rad=None if segment.attitude_rad is None else segment.attitude_rad[rows],
+                reference=None if segment.reference is None else segment.reference[rows],
                 throttle=None if segment.throttle is None else segment.throttle[rows],
                 saturated=segment.saturated[rows],
             )
@@ -290,6 +320,9 @@ def _segment_rows(
         s=s,
         smoothing=gaussian_response(s, smoothing_hz),
         torque=np.asarray(np.fft.rfft(torque, axis=0), dtype=np.complex128),
+        reference=None
+        if segment.reference is None
+        else np.asarray(np.fft.rfft(segment.reference, axis=0), dtype=np.complex128),
         rows=rows,
     )
     return time_s, columns, np.full(len(time_s), number, dtype=np.int64), spectra

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.identify.actuator import ActuatorFit
 from quadid_logs.identify.design import Design
+from quadid_logs.identify.instruments import Projection
 from quadid_logs.identify.structures import Structure
 from quadid_logs.maths.least_squares import Equation, clustered_covariance, solve_least_squares
 
@@ -81,14 +82,17 @@ def fit_pooled(
     Y = np.column_stack([design.columns[name] for name in structure.targets])[train]
     if kept is None:
         kept = np.ones((Y.shape[1], Z.shape[1]), dtype=bool)
-    theta, residual = np.zeros(kept.shape), np.empty_like(Y)
+    # The paper's own structures are fitted as the paper does.
+    instrumented = design if actuator is not None else replace(design, instruments=None)
+    project = Projection(instrumented, structure.regressors, train)
+    explained = project(Z)
+    theta = np.zeros(kept.shape)
     for row, columns in enumerate(kept):
-        solution = solve_least_squares(Z[:, columns], Y[:, row : row + 1])
-        theta[row, columns] = solution.coefficients[0]
-        residual[:, row] = solution.residuals[:, 0]
+        theta[row, columns] = solve_least_squares(explained[:, columns], Y[:, row : row + 1]).coefficients[0]
+    residual = Y - Z @ theta.T
     whole = solve_least_squares(Z, Y)
-    shared = actuator_columns(design, actuator, theta)
-    half_width, actuator_half_width = _half_widths(Z, residual, kept, clusters_of(design), shared)
+    shared = {name: project(column) for name, column in actuator_columns(design, actuator, theta).items()}
+    half_width, actuator_half_width = _half_widths(explained, residual, kept, clusters_of(design), shared)
     return PooledFit(
         theta=theta,
         half_width=half_width,

@@ -152,7 +152,7 @@ def _fit_with_actuator(
     structure: Structure, design: Design, settings: Settings, start: ActuatorFit | None = None
 ) -> tuple[ActuatorFit, PooledFit, list[int]]:
     """Find lag and delay on the axes that tell, then fit, leaving out what cannot be seen."""
-    axes = _moved_axes(design, settings)
+    axes = moved_axes(design, settings)
     actuator = fit_actuator(design, structure.regressors, axes, settings, start)
     fit = fit_pooled(design, structure, actuator)
     telling = [axis for axis in axes if fit.r2[axis] >= _TELLING_R2]
@@ -165,7 +165,7 @@ def _fit_with_actuator(
     return actuator, fit, telling
 
 
-def _moved_axes(design: Design, settings: Settings) -> list[int]:
+def moved_axes(design: Design, settings: Settings) -> list[int]:
     """Return the axes that turn more than a hovering vehicle does, all if none does.
 
     On an axis at rest, the controller turns gyro noise into torque, and a
@@ -213,6 +213,8 @@ def _other_bands(
     for factor in _OTHER_BANDS:
         other = build_design(data, factor * design.smoothing_hz, settings)
         if other is not None and np.count_nonzero(other.train) > 2 * len(structure.columns):
+            if design.instruments is None:
+                other = replace(other, instruments=None)
             cutoffs.append(other.smoothing_hz)
             _, other_fit, _ = _fit_with_actuator(structure, other, settings, actuator)
             gains.append(_own_gain(structure, other_fit))
@@ -231,7 +233,7 @@ def _halves(
             return None
         own = fit_pooled(part, structure, actuator, fit.kept)
         # A half in which an axis rests says nothing about it.
-        moved = np.isin([0, 1, 2], _moved_axes(part, settings)) & (own.r2[:3] >= _TELLING_R2)
+        moved = np.isin([0, 1, 2], moved_axes(part, settings)) & (own.r2[:3] >= _TELLING_R2)
         gains.append(np.where(moved, _own_gain(structure, own), np.nan))
         half_widths.append(np.diag(own.half_width[:3, len(structure.regressors) :]))
     return HalvesCheck(own_gain=np.array(gains), half_width=np.array(half_widths))
@@ -356,7 +358,7 @@ def _doubts_by_target(design: Design, validation: Validation, settings: Settings
     for target, rate in zip(ACCELERATION_SYMBOLS, RATE_SYMBOLS, strict=True):
         if not validation.r2_simulated_rate.get(rate, np.inf) >= settings.min_simulated_r2:
             doubts.setdefault(target, "the torque alone does not reproduce the motion")
-    for axis in {0, 1, 2}.difference(_moved_axes(design, settings)):
+    for axis in {0, 1, 2}.difference(moved_axes(design, settings)):
         doubts[ACCELERATION_SYMBOLS[axis]] = "the axis was hardly moved"
     return doubts
 

@@ -15,7 +15,14 @@ import numpy as np
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.identify.actuator import ActuatorFit
 from quadid_logs.identify.design import Design
-from quadid_logs.identify.fit import PooledFit, actuator_columns, clusters_of, quantile_95, share_explained
+from quadid_logs.identify.fit import (
+    PooledFit,
+    actuator_columns,
+    clusters_of,
+    quantile_95,
+    share_explained,
+)
+from quadid_logs.identify.instruments import Projection
 from quadid_logs.identify.structures import DAMPED, RIGID_BODY, RIGID_BODY_THROTTLED, Structure
 from quadid_logs.maths.least_squares import Equation, clustered_covariance, solve_least_squares
 from quadid_logs.maths.rigid_body import gyroscopic_matrix
@@ -165,8 +172,9 @@ def fit_rigid_body(
     if len(telling) < len(RATE_SYMBOLS):
         free[body.ratios] = free[body.correlations] = False
     n_clusters = int(clusters_of(design).max()) + 1
-    x = _solve(body, _reduced(Z, Y, n_clusters), _start(body, rows_apart), free)
-    return _as_fit(body, x, free, Z, Y, design, actuator)
+    project = Projection(design, structure.regressors, train, also=torque[:, 3:])
+    x = _solve(body, _reduced(project(Z), Y, 1.0 - rows_apart.r2, n_clusters), _start(body, rows_apart), free)
+    return _as_fit(body, x, free, Z, Y, design, actuator, project)
 
 
 def _start(body: _Body, rows_apart: PooledFit) -> FloatArray:
@@ -179,12 +187,11 @@ def _start(body: _Body, rows_apart: PooledFit) -> FloatArray:
     return x
 
 
-def _reduced(Z: FloatArray, Y: FloatArray, n_clusters: int) -> _Reduced:
+def _reduced(explained: FloatArray, Y: FloatArray, unexplained: FloatArray, n_clusters: int) -> _Reduced:
     """Reduce the rows to a triangle; a stretch of correlated residuals counts as one observation."""
-    Q, R = np.linalg.qr(Z)
-    targets = Q.T @ Y
-    residual = np.sum((Y - Q @ targets) ** 2, axis=0)
-    return _Reduced(R, targets, np.sqrt(np.maximum(residual, 1e-24) / n_clusters))
+    Q, R = np.linalg.qr(explained)
+    squares = unexplained * np.sum((Y - Y.mean(axis=0)) ** 2, axis=0)
+    return _Reduced(R, Q.T @ Y, np.sqrt(np.maximum(squares, 1e-24) / n_clusters))
 
 
 def _solve(body: _Body, problem: _Reduced, x: FloatArray, free: BoolArray) -> FloatArray:
@@ -220,6 +227,7 @@ def _as_fit(
     Y: FloatArray,
     design: Design,
     actuator: ActuatorFit,
+    project: Projection,
 ) -> PooledFit:
     """Carry the covariance of the parameters over to A and B, to first order."""
     theta, slopes = body.coefficients(x), body.slopes(x)[..., free]
@@ -229,14 +237,17 @@ def _as_fit(
         theta, slopes = np.where(own, theta, 0.0), slopes * own[..., np.newaxis]
     residual = Y - Z @ theta.T
     weight = 1.0 / np.maximum(np.sqrt(np.mean(residual**2, axis=0)), 1e-12)
-    shared = actuator_columns(design, actuator, theta)
+    explained = project(Z)
+    shared = {name: project(column) for name, column in actuator_columns(design, actuator, theta).items()}
     n_own = int(np.count_nonzero(free))
     everything = np.arange(n_own + len(shared), dtype=np.int64)
     clusters = clusters_of(design)
     covariance = clustered_covariance(
         [
             Equation(
-                jacobian=np.column_stack([Z @ slopes[row], *(column[:, row] for column in shared.values())])
+                jacobian=np.column_stack(
+                    [explained @ slopes[row], *(column[:, row] for column in shared.values())]
+                )
                 * weight[row],
                 residuals=residual[:, row] * weight[row],
                 parameters=everything,

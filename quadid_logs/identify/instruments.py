@@ -1,0 +1,103 @@
+"""Estimates that feedback does not bias: instruments from what the vehicle was asked for.
+
+In flight the controller answers every gust and every noise of the gyro with
+torque, so torque and disturbance go together and plain least squares takes
+part of one for the other. What was asked for (rate setpoints, an injected
+chirp) moves the vehicle too, but answers nothing. Only the part of torque and
+rate that follows from it is used: two-stage least squares (T. Soderstrom and
+P. Stoica, Instrumental Variable Methods for System Identification, 1983).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.identify.design import Design
+from quadid_logs.vocabulary import RATE_SYMBOLS, TORQUE_SYMBOLS
+
+#: The instruments must explain half of a torque, or the estimate loses more
+#: precision (its variance grows by one over that share) than bias.
+_LEAST_EXPLAINED = 0.5
+#: Squared relative size below which a direction of the Gram matrix is rounding.
+_ROUNDING = 1e-11
+#: What the controller answers disturbances with; all else stands for itself.
+_DISTURBED = (*RATE_SYMBOLS, *TORQUE_SYMBOLS)
+
+
+class Projection:
+    """The part of columns that follows from the instruments, on some rows of a design.
+
+    Parameters
+    ----------
+    design : Design
+        Without instruments nothing is changed.
+    regressors : sequence of str
+        Of the structure; those that no controller answers with stand for themselves.
+    rows : ndarray of bool, shape (n_rows,)
+    also : ndarray, shape (n_rows, n_columns), optional
+        More instruments.
+    """
+
+    def __init__(
+        self, design: Design, regressors: Sequence[str], rows: BoolArray, *, also: FloatArray | None = None
+    ) -> None:
+        self._basis: FloatArray | None = None
+        if design.instruments is not None:
+            names = [name for name in regressors if name not in _DISTURBED and name in design.columns]
+            columns = [design.instruments, *(design.columns[name] for name in names)]
+            columns += [] if also is None else [also]
+            self._basis = _orthonormal(np.column_stack(columns)[rows])
+
+    def __call__(self, columns: FloatArray) -> FloatArray:
+        """Return columns of shape (n_rows, n) as explained by the instruments; themselves without any."""
+        return columns if self._basis is None else self._basis @ (self._basis.T @ columns)
+
+    def coordinates(self, columns: FloatArray) -> FloatArray:
+        """Return the explained part in the instruments' own few rows: same squares, same least squares."""
+        return columns if self._basis is None else self._basis.T @ columns
+
+    @property
+    def n_instruments(self) -> int:
+        """Number of independent instruments, 0 without any."""
+        return 0 if self._basis is None else self._basis.shape[1]
+
+
+def with_strong_instruments(design: Design, axes: Sequence[int]) -> Design:
+    """Return the design, without its instruments where they hardly explain the torque of one of the axes."""
+    share = explained_by_instruments(design)
+    if share is None or (share[list(axes)] >= _LEAST_EXPLAINED).all():
+        return design
+    return replace(design, instruments=None)
+
+
+def explained_by_instruments(design: Design) -> FloatArray | None:
+    """Return the share of each torque's variance that the instruments explain; shape (3,)."""
+    if design.instruments is None:
+        return None
+    train = design.train
+    torque = design.torque(0.0, 0.0)[train]
+    torque = torque - torque.mean(axis=0)
+    basis = _orthonormal(np.column_stack([design.instruments[train], np.ones(len(torque))]))
+    explained = np.sum((basis.T @ torque) ** 2, axis=0)
+    whole = np.sum(torque**2, axis=0)
+    return np.asarray(np.divide(explained, whole, out=np.zeros(3), where=whole > 0.0))
+
+
+def _orthonormal(columns: FloatArray) -> FloatArray:
+    """Return an orthonormal basis of the columns' span, without directions that are rounding only.
+
+    By eigenvectors of the Gram matrix, twice: many rows of few columns go
+    through matrix products only, and the second time removes what rounding
+    left of the first (CholeskyQR2, Yamamoto et al. 2015, doi:10.1553/etna_vol44s306).
+    """
+    length = np.linalg.norm(columns, axis=0)
+    basis = columns[:, length > 0.0] / length[length > 0.0]
+    for _ in range(2):
+        value, vector = np.linalg.eigh(basis.T @ basis)
+        seen = value > _ROUNDING * value[-1]
+        basis = basis @ (vector[:, seen] / np.sqrt(value[seen]))
+    return np.asarray(basis, dtype=np.float64)
