@@ -86,11 +86,16 @@ class Windows:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Validation:
-    """How the model does on data that it was not fitted to; empty maps where there were none."""
+    """How the model does on data that it was not fitted to; empty maps where there were none.
+
+    ``r2_acceleration`` in the fitted band; ``r2_simulated_rate`` of the whole
+    rate, ``r2_swift_rate`` without what is slower than the fitted band.
+    """
 
     held_out_s: float
     r2_acceleration: Mapping[str, float] = field(default_factory=dict)
     r2_simulated_rate: Mapping[str, float] = field(default_factory=dict)
+    r2_swift_rate: Mapping[str, float] = field(default_factory=dict)
     fit_percent: Mapping[str, float] = field(default_factory=dict)
     horizon_s: tuple[float, ...] = ()
     horizon_rmse_rad_s: Mapping[str, tuple[float, ...]] = field(default_factory=dict)

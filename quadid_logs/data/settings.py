@@ -51,6 +51,10 @@ class Settings:
 
     smoothing_hz: float = 0.0
     """Cut-off of the one filter that target and regressors pass; 0 chooses it from the data."""
+    slow_hz: float = 0.3
+    """What is slower is left out of the fit: there gusts, and drag at the speed that a tilt brings,
+    move the vehicle (measured: gain -17 %, damping -50 % on flights by stick; with this below 1 % and
+    25 %). At 1 Hz yaw, which moves slowly, would lose half of its information."""
     held_out_fraction: float = 0.3
     """Share of the flight that no fit sees; taken in blocks, never shuffled."""
     held_out_block_s: float = 5.0

@@ -138,7 +138,7 @@ def _little_moved(axis: _Axis) -> Finding | None:
 
 def _not_reproduced(axis: _Axis) -> Finding | None:
     """Doubt an axis whose motion does not follow from its torque over some seconds."""
-    r2 = axis.model.validation.r2_simulated_rate.get(RATE_SYMBOLS[axis.number], float("nan"))
+    r2 = axis.model.validation.r2_swift_rate.get(RATE_SYMBOLS[axis.number], float("nan"))
     if r2 >= axis.settings.caution_simulated_r2:
         return None
     evidence = {

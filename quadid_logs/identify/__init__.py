@@ -29,12 +29,6 @@ __all__ = ["identify"]
 _SMOOTHING_HZ = 5.0
 #: At least eight samples per cycle at the cut-off, or the torque between samples is a guess.
 _SAMPLES_PER_CYCLE = 8.0
-#: Another structure must explain this much more of the acceleration before it
-#: is preferred to the physical one: less is chance.
-_HEAD_START = 0.02
-#: Of structures that all explain less than this, none is right: keep the physical one.
-_WORTH_A_LOOK = 0.75
-_PUBLISHED = (QUADROTOR_6.name, LINEAR_9.name)
 #: Leaving this much more of held-out acceleration unexplained is chance: the
 #: squared error of some hundred stretches is known to a tenth.
 _WORSE = 0.1
@@ -76,11 +70,12 @@ def identify(data: FlightData, settings: Settings) -> Identification:
     n_needed = _ROWS_PER_UNKNOWN * len(DAMPED.columns)
     if design is None or np.count_nonzero(design.train) < n_needed:
         return Identification(skipped="the flight is too short for the number of unknowns")
-    design = with_strong_instruments(design, moved_axes(design, settings))
+    swift = design.without_slow(settings.slow_hz)
+    design = with_strong_instruments(design, swift, moved_axes(swift, settings))
     noise = column_noise(noise_density(data), design.columns, _NOISE_BANDWIDTH * smoothing_hz)
     rows_apart = fit_rows_apart(data, design, settings)
     models = [actuated_model(data, design, rows_apart, settings, noise=noise)]
-    one_body = fit_one_body(data, design, rows_apart)
+    one_body = fit_one_body(data, design, rows_apart, settings)
     if one_body is not None:
         models.append(actuated_model(data, design, one_body, settings, noise=noise))
     models.append(fit_as_published(QUADROTOR_6, data, design, settings, noise=noise))
@@ -92,23 +87,21 @@ def identify(data: FlightData, settings: Settings) -> Identification:
         excitation=measure_excitation(
             data,
             signal_to_noise=_signal_to_noise(ordered[0]),
-            rate_rms_rad_s=np.array([np.std(design.columns[name]) for name in RATE_SYMBOLS]),
+            rate_rms_rad_s=np.array([np.std(swift.columns[name]) for name in RATE_SYMBOLS]),
         ),
     )
 
 
 def _recommend(models: list[Model], settings: Settings) -> tuple[Model, ...]:
-    """Put the structure first that the user asked for, or that explains held-out flight best."""
+    """Put the structure first that the user asked for, or else a physical one.
+
+    The paper's own structures take the torque as logged. Whatever they
+    explain, their B is that of no vehicle whose motors lag.
+    """
     rows_apart, *others = models
     physical = next((model for model in others if _is_one_body(model, rows_apart)), rows_apart)
-    rivals = [
-        model
-        for model in others
-        if model.structure in _PUBLISHED
-        and _held_out_score(model) > max(_WORTH_A_LOOK, _held_out_score(physical) + _HEAD_START)
-    ]
     wanted = next((model for model in models if model.structure == settings.structure), None)
-    best = wanted or max(rivals, key=_held_out_score, default=physical)
+    best = wanted or physical
     ordered = sorted(models, key=lambda model: model is not best)
     return tuple(
         replace(
@@ -138,12 +131,6 @@ def _is_one_body(model: Model, rows_apart: Model) -> bool:
         for each in (model, rows_apart)
     )
     return bool((left <= (1.0 + _WORSE) * left_apart).all()) and model.criterion < rows_apart.criterion
-
-
-def _held_out_score(model: Model) -> float:
-    """Return the mean held-out R2 of the accelerations, each at least zero."""
-    scores = [model.validation.r2_acceleration.get(name, 0.0) for name in ACCELERATION_SYMBOLS]
-    return float(np.mean(np.nan_to_num(np.maximum(scores, 0.0))))
 
 
 def _signal_to_noise(model: Model) -> np.ndarray[tuple[int], np.dtype[np.float64]]:

@@ -132,7 +132,8 @@ class _Scorer:
     def __init__(self, design: Design, regressors: Sequence[str], axes: Sequence[int]) -> None:
         self._design = design
         self._axes = list(axes)
-        self._fixed = np.column_stack([design.columns[name] for name in regressors])
+        names = (*regressors, *design.disturbances)
+        self._fixed = np.column_stack([design.columns[name] for name in names])
         targets = np.column_stack([design.columns[name] for name in ACCELERATION_SYMBOLS])
         self._targets = targets[:, self._axes]
         even = design.block % 4 < 2

@@ -27,6 +27,7 @@ from quadid_logs.maths.band import (
     gaussian_reach_s,
     gaussian_response,
     lag_response,
+    without_slow,
 )
 from quadid_logs.maths.rigid_body import PRODUCTS, rate_products
 from quadid_logs.vocabulary import TORQUE_SYMBOLS
@@ -40,6 +41,12 @@ _ACTUATOR_MEMORY_S = 0.5
 #: Longer segments are cut into pieces of this length and more: each end costs
 #: under a second, so less than a hundredth is lost.
 _PIECE_S = 120.0
+#: Speed along body x and y, as the tilt brings it.
+AIR_SPEED = ("u", "v")
+_GRAVITY_M_S2 = 9.81
+#: Drag over mass of multirotors is 0.1 to 0.3 1/s. Which value hardly matters:
+#: it shapes what is slower than 0.05 Hz.
+_DRAG_1_S = 0.2
 #: Columns of the torque that an actuator shapes.
 _INPUTS = (*TORQUE_SYMBOLS, THROTTLED_YAW)
 #: From a rate setpoint to the rate that follows it, a rate loop takes 30 to 300 ms.
@@ -82,6 +89,8 @@ class Design:
     period_s, smoothing_hz : float
     rate_low_pass_hz : float
         Known filter of the logged rates; the torque passes it too.
+    slow_hz : float
+        What is slower was taken out of columns, torques and instruments; 0 where nothing was.
     instruments : ndarray, shape (n_rows, n_instruments), or None
         What was asked for, now and some tenths of a second ago: it moves the
         vehicle, but no disturbance and no noise moves it.
@@ -97,12 +106,42 @@ class Design:
     smoothing_hz: float
     rate_low_pass_hz: float
     spectra: tuple[SegmentSpectra, ...]
+    slow_hz: float = 0.0
     instruments: FloatArray | None = None
 
     @property
     def train(self) -> BoolArray:
         """Rows to fit to."""
         return ~(self.held_out | self.edge)
+
+    def without_slow(self, slow_hz: float) -> Design:
+        """Return the same rows without mean, drift and what is slower than `slow_hz`.
+
+        There the air moves the vehicle: gusts, and the moment of the drag at
+        the speed that it has picked up, which no gyro tells.
+        """
+        return replace(
+            self,
+            columns={
+                name: self.swift(column[:, np.newaxis], slow_hz)[:, 0]
+                for name, column in self.columns.items()
+            },
+            instruments=None if self.instruments is None else self.swift(self.instruments, slow_hz),
+            slow_hz=slow_hz,
+        )
+
+    def swift(self, columns: FloatArray, slow_hz: float) -> FloatArray:
+        """Take what is slow out of columns, piece by piece; shape (n_rows, n_columns) stays."""
+        if not slow_hz:
+            return columns
+        ends = np.flatnonzero(np.diff(self.segment)) + 1
+        parts = np.split(columns, ends)
+        return np.concatenate([without_slow(part, self.period_s, slow_hz) for part in parts])
+
+    @property
+    def disturbances(self) -> tuple[str, ...]:
+        """Columns that move the vehicle beside the torque, and that belong to no structure."""
+        return tuple(name for name in AIR_SPEED if name in self.columns)
 
     def thinned(self, n_rows: int) -> Design:
         """Return a design of about `n_rows` rows, of whole pieces spread over the flight."""
@@ -174,6 +213,8 @@ class Design:
             )[part.rows]
             for part in self.spectra
         ]
+        if self.slow_hz:
+            parts = [without_slow(part, self.period_s, self.slow_hz) for part in parts]
         return np.concatenate(parts)
 
 
@@ -332,7 +373,7 @@ def _smooth_columns(
     segment: Segment, period_s: float, smoothing_hz: float, *, n_out: int, rows: slice
 ) -> dict[str, FloatArray]:
     """Return the smoothed regressors and the smoothed derivatives of rates and angles, by name."""
-    raw = _raw_columns(segment)
+    raw = _raw_columns(segment, period_s)
     s = angular_frequency(segment.n_samples, period_s)
     smoothing = gaussian_response(s, smoothing_hz)
     spectrum = np.asarray(np.fft.rfft(np.column_stack(list(raw.values())), axis=0), dtype=np.complex128)
@@ -346,8 +387,8 @@ def _smooth_columns(
     return columns
 
 
-def _raw_columns(segment: Segment) -> dict[str, FloatArray]:
-    """Return rates, their products and the angles; the products before smoothing, as in eq. (11)."""
+def _raw_columns(segment: Segment, period_s: float) -> dict[str, FloatArray]:
+    """Return rates, their products, angles and air speed; the products before smoothing, as in eq. (11)."""
     p, q, r = segment.body_rate_rad_s.T
     columns = {
         "p": p,
@@ -357,7 +398,22 @@ def _raw_columns(segment: Segment) -> dict[str, FloatArray]:
     }
     if segment.attitude_rad is not None:
         columns |= dict(zip(("phi", "theta", "psi"), segment.attitude_rad.T, strict=True))
+        columns |= dict(zip(AIR_SPEED, _air_speed(segment.attitude_rad, period_s).T, strict=True))
     return columns
+
+
+def _air_speed(attitude_rad: FloatArray, period_s: float) -> FloatArray:
+    """Return what a tilt has brought of speed along x and y, up to slow errors [m/s]; shape (n_samples, 2).
+
+    u' = -g sin(theta) - d u and v' = g sin(phi) cos(theta) - d v: thrust
+    balances weight, drag is linear.
+    """
+    from scipy.signal import lfilter
+
+    phi, theta = attitude_rad[:, 0], attitude_rad[:, 1]
+    push = _GRAVITY_M_S2 * np.column_stack([-np.sin(theta), np.sin(phi) * np.cos(theta)])
+    speed = lfilter([period_s], [1.0, -np.exp(-_DRAG_1_S * period_s)], push, axis=0)
+    return np.asarray(speed, dtype=np.float64)
 
 
 def _touched_by_saturation(data: FlightData, time_s: FloatArray, reach_s: float) -> BoolArray:

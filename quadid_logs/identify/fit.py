@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.identify.actuator import ActuatorFit
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.instruments import Projection
-from quadid_logs.identify.structures import Structure
+from quadid_logs.identify.structures import THROTTLED_YAW, TRIM, Structure
 from quadid_logs.maths.least_squares import Equation, clustered_covariance, solve_least_squares
 
 #: Residuals of flight data are correlated over some tenths of a second (rate
@@ -42,6 +42,8 @@ class PooledFit:
         Numbers that were fitted, lag and delay among them.
     lag_half_width_s, delay_half_width_s : float
         NaN for a structure without actuator.
+    disturbance : ndarray, shape (n_targets, n_disturbances)
+        Coefficients of `Design.disturbances`.
     """
 
     theta: FloatArray
@@ -53,6 +55,7 @@ class PooledFit:
     n_parameters: int = 0
     lag_half_width_s: float = float("nan")
     delay_half_width_s: float = float("nan")
+    disturbance: FloatArray = field(default_factory=lambda: np.zeros((3, 0)))
 
 
 def fit_pooled(
@@ -78,31 +81,77 @@ def fit_pooled(
     torque = (
         design.torque_as_logged() if actuator is None else design.torque(actuator.lag_s, actuator.delay_s)
     )
-    Z = design.stack(structure.columns, torque)[train]
-    Y = np.column_stack([design.columns[name] for name in structure.targets])[train]
-    if kept is None:
-        kept = np.ones((Y.shape[1], Z.shape[1]), dtype=bool)
     # The paper's own structures are fitted as the paper does.
     instrumented = design if actuator is not None else replace(design, instruments=None)
+    disturbances = design.disturbances if actuator is not None else ()
+    n_columns = len(structure.columns)
+    Z = design.stack((*structure.columns, *disturbances), torque)[train]
+    Y = np.column_stack([design.columns[name] for name in structure.targets])[train]
+    used = np.ones((Y.shape[1], Z.shape[1]), dtype=np.bool_)
+    if kept is not None:
+        used[:, :n_columns] = kept
+    if design.slow_hz and TRIM in structure.columns:
+        used[:, structure.columns.index(TRIM)] = False
     project = Projection(instrumented, structure.regressors, train)
     explained = project(Z)
-    theta = np.zeros(kept.shape)
-    for row, columns in enumerate(kept):
+    theta = np.zeros(used.shape)
+    for row, columns in enumerate(used):
         theta[row, columns] = solve_least_squares(explained[:, columns], Y[:, row : row + 1]).coefficients[0]
     residual = Y - Z @ theta.T
-    whole = solve_least_squares(Z, Y)
-    shared = {name: project(column) for name, column in actuator_columns(design, actuator, theta).items()}
-    half_width, actuator_half_width = _half_widths(explained, residual, kept, clusters_of(design), shared)
+    whole = solve_least_squares(Z[:, used.any(axis=0)], Y)
+    shared = {
+        name: project(column)
+        for name, column in actuator_columns(design, actuator, theta[:, n_columns - 3 : n_columns]).items()
+    }
+    half_width, actuator_half_width = _half_widths(explained, residual, used, clusters_of(design), shared)
     return PooledFit(
-        theta=theta,
-        half_width=half_width,
-        kept=kept,
+        theta=theta[:, :n_columns],
+        half_width=half_width[:, :n_columns],
+        kept=used[:, :n_columns],
         r2=share_explained(Y, residual),
         condition_number=whole.condition_number,
         rank=whole.rank,
-        n_parameters=int(np.count_nonzero(kept)) + len(shared),
+        n_parameters=int(np.count_nonzero(used)) + len(shared),
         lag_half_width_s=actuator_half_width["lag"],
         delay_half_width_s=actuator_half_width["delay"],
+        disturbance=theta[:, n_columns:],
+    )
+
+
+def with_trim(fit: PooledFit, structure: Structure, whole: Design, actuator: ActuatorFit) -> PooledFit:
+    """Add the trim, which is slow, to a fit that was made without what is slow.
+
+    Parameters
+    ----------
+    whole : Design
+        The same rows with what is slow.
+
+    Returns
+    -------
+    PooledFit
+        With the mean of what the rest of the model leaves, and its interval.
+    """
+    train = whole.train
+    torque = whole.torque(actuator.lag_s, actuator.delay_s, throttled=THROTTLED_YAW in structure.columns)
+    Y = np.column_stack([whole.columns[name] for name in structure.targets])[train]
+    rest = Y - whole.stack(structure.columns, torque)[train] @ fit.theta.T
+    rest -= whole.stack(whole.disturbances, torque)[train] @ fit.disturbance.T if whole.disturbances else 0.0
+    trim = rest.mean(axis=0)
+    # Gusts last for seconds: a block is the least that counts as one observation of them.
+    clusters = np.unique(whole.block[train], return_inverse=True)[1].astype(np.int64)
+    ones = np.ones((len(rest), 1))
+    half_width = [
+        quantile_95(clusters)
+        * np.sqrt(
+            clustered_covariance([Equation(ones, left - left.mean(), np.array([0]))], clusters, 1)[0, 0]
+        )
+        for left in rest.T
+    ]
+    column = structure.columns.index(TRIM)
+    theta, half_widths, kept = fit.theta.copy(), fit.half_width.copy(), fit.kept.copy()
+    theta[:, column], half_widths[:, column], kept[:, column] = trim, half_width, True
+    return replace(
+        fit, theta=theta, half_width=half_widths, kept=kept, n_parameters=fit.n_parameters + len(trim)
     )
 
 
@@ -129,13 +178,10 @@ def clusters_of(design: Design) -> IntArray:
     return np.asarray(np.unique(key, axis=1, return_inverse=True)[1].ravel(), dtype=np.int64)
 
 
-def actuator_columns(
-    design: Design, actuator: ActuatorFit | None, theta: FloatArray
-) -> Mapping[str, FloatArray]:
+def actuator_columns(design: Design, actuator: ActuatorFit | None, B: FloatArray) -> Mapping[str, FloatArray]:
     """Return the derivatives of all targets by lag and delay, each (n_train, n_targets)."""
     if actuator is None:
         return {}
-    B = theta[:, -3:]
     train = design.train
     delay = design.torque_by_delay(actuator.lag_s, actuator.delay_s)[train] @ B.T
     if actuator.lag_s * 2.0 * np.pi * design.smoothing_hz < _LAG_SEEN:

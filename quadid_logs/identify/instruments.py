@@ -48,7 +48,7 @@ class Projection:
         self._basis: FloatArray | None = None
         if design.instruments is not None:
             names = [name for name in regressors if name not in _DISTURBED and name in design.columns]
-            columns = [design.instruments, *(design.columns[name] for name in names)]
+            columns = [design.instruments, *(design.columns[name] for name in (*names, *design.disturbances))]
             columns += [] if also is None else [also]
             self._basis = _orthonormal(np.column_stack(columns)[rows])
 
@@ -66,9 +66,12 @@ class Projection:
         return 0 if self._basis is None else self._basis.shape[1]
 
 
-def with_strong_instruments(design: Design, axes: Sequence[int]) -> Design:
-    """Return the design, without its instruments where they hardly explain the torque of one of the axes."""
-    share = explained_by_instruments(design)
+def with_strong_instruments(design: Design, swift: Design, axes: Sequence[int]) -> Design:
+    """Return the design, without its instruments where they hardly explain the torque of one of the axes.
+
+    ``swift`` is the same design as it is fitted, without what is slow.
+    """
+    share = explained_by_instruments(swift)
     if share is None or (share[list(axes)] >= _LEAST_EXPLAINED).all():
         return design
     return replace(design, instruments=None)

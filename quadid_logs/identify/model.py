@@ -23,7 +23,7 @@ from quadid_logs.data.model import (
 from quadid_logs.data.settings import Settings
 from quadid_logs.identify.actuator import ActuatorFit, fit_actuator
 from quadid_logs.identify.design import Design, build_design, smooth_segment
-from quadid_logs.identify.fit import PooledFit, clusters_of, fit_pooled
+from quadid_logs.identify.fit import PooledFit, clusters_of, fit_pooled, with_trim
 from quadid_logs.identify.inertia import inertia_of
 from quadid_logs.identify.parameters import Estimate, build_parameters, plausible_size
 from quadid_logs.identify.rigid_body import fit_rigid_body, rigid_body_for
@@ -64,26 +64,29 @@ class Actuated(NamedTuple):
     halves: HalvesCheck | None
 
 
-def fit_rows_apart(data: FlightData, design: Design, settings: Settings) -> Actuated:
+def fit_rows_apart(data: FlightData, whole: Design, settings: Settings) -> Actuated:
     """Fit `DAMPED`: every row by itself, lag and delay common to all."""
+    design = whole.without_slow(settings.slow_hz)
     actuator, fit, telling = _fit_with_actuator(DAMPED, design, settings)
     return Actuated(
         structure=DAMPED,
         actuator=actuator,
-        fit=fit,
+        fit=with_trim(fit, DAMPED, whole, actuator),
         telling=telling,
         band=_other_bands(DAMPED, data, design, (actuator, fit), settings),
         halves=_halves(DAMPED, design, actuator, fit, settings),
     )
 
 
-def fit_one_body(data: FlightData, design: Design, first: Actuated) -> Actuated | None:
+def fit_one_body(data: FlightData, whole: Design, first: Actuated, settings: Settings) -> Actuated | None:
     """Fit the rigid body behind the actuator, and with the checks, of the rows fitted one by one."""
     calibrated = data.input is not None and data.input.unit == "N m"
-    fit = fit_rigid_body(design, first.actuator, first.fit, first.telling, calibrated=calibrated)
-    if fit is None:
+    design = whole.without_slow(settings.slow_hz)
+    found = fit_rigid_body(design, first.actuator, first.fit, first.telling, calibrated=calibrated)
+    if found is None:
         return None
     structure = rigid_body_for(design)
+    fit = with_trim(found, structure, whole, first.actuator)
     # How a gain moves with the band is a matter of the data, not of what the rows share.
     moved = first.band.own_gain / first.band.own_gain[0]
     return first._replace(
@@ -99,7 +102,9 @@ def actuated_model(
     """Validate an estimate, solve its windows, and put the model together."""
     structure, actuator, fit = found.structure, found.actuator, found.fit
     torque = design.torque(actuator.lag_s, actuator.delay_s, throttled=THROTTLED_YAW in structure.regressors)
-    validation, series = validate(design, structure, fit.theta, torque, settings)
+    validation, series = validate(
+        design, structure, fit.theta, torque, settings, disturbance=fit.disturbance, slow_hz=settings.slow_hz
+    )
     windows = _windows_on_rows(structure, design, torque, settings, noise=_noise(structure, noise))
     described = Actuator(
         lag_s=actuator.lag_s,
@@ -215,6 +220,7 @@ def _other_bands(
         if other is not None and np.count_nonzero(other.train) > 2 * len(structure.columns):
             if design.instruments is None:
                 other = replace(other, instruments=None)
+            other = other.without_slow(settings.slow_hz)
             cutoffs.append(other.smoothing_hz)
             _, other_fit, _ = _fit_with_actuator(structure, other, settings, actuator)
             gains.append(_own_gain(structure, other_fit))
@@ -356,7 +362,7 @@ def _doubts_by_target(design: Design, validation: Validation, settings: Settings
         if not r2 >= least
     }
     for target, rate in zip(ACCELERATION_SYMBOLS, RATE_SYMBOLS, strict=True):
-        if not validation.r2_simulated_rate.get(rate, np.inf) >= settings.min_simulated_r2:
+        if not validation.r2_swift_rate.get(rate, np.inf) >= settings.min_simulated_r2:
             doubts.setdefault(target, "the torque alone does not reproduce the motion")
     for axis in {0, 1, 2}.difference(moved_axes(design, settings)):
         doubts[ACCELERATION_SYMBOLS[axis]] = "the axis was hardly moved"

@@ -46,12 +46,14 @@ class _Body(NamedTuple):
 
     Own gains (3); log ratios of the inverse moments of inertia (2, absent
     where torque is in N m: they are those of the gains then); correlations of
-    the inverse inertia (3); own damping (3); trim (3); relative slope of the
-    yaw gain over throttle (1, absent where the throttle is not known).
+    the inverse inertia (3); own damping (3); coefficients of the disturbances
+    (3 each); relative slope of the yaw gain over throttle (1, absent where the
+    throttle is not known). The trim is left at zero: see `with_trim`.
     """
 
     calibrated: bool
     throttled: bool
+    n_disturbances: int
 
     @property
     def ratios(self) -> slice:
@@ -59,26 +61,25 @@ class _Body(NamedTuple):
 
     @property
     def correlations(self) -> slice:
-        return self._after_ratios(0)
+        return self._after_ratios(0, 3)
 
     @property
     def damping(self) -> slice:
-        return self._after_ratios(1)
+        return self._after_ratios(3, 3)
 
     @property
-    def trim(self) -> slice:
-        return self._after_ratios(2)
+    def disturbances(self) -> slice:
+        return self._after_ratios(6, 3 * self.n_disturbances)
 
     @property
     def size(self) -> int:
-        return (12 if self.calibrated else 14) + int(self.throttled)
+        return int(self.disturbances.stop) + int(self.throttled)
 
-    def _after_ratios(self, triple: int) -> slice:
-        first = (3 if self.calibrated else 5) + 3 * triple
-        return slice(first, first + 3)
+    def _after_ratios(self, first: int, count: int) -> slice:
+        return slice(self.ratios.stop + first, self.ratios.stop + first + count)
 
     def coefficients(self, x: FloatArray) -> FloatArray:
-        """Return [A B]; shape (3, n_columns).
+        """Return [A B] and the coefficients of the disturbances; shape (3, n_columns + n_disturbances).
 
         With P the inverse inertia to any scale, B = P K and the damping P D,
         K and D diagonal such that the diagonals are the given ones.
@@ -89,10 +90,10 @@ class _Body(NamedTuple):
             P[i, j] = P[j, i] = value * np.sqrt(moments[i] * moments[j])
         B = P * (x[:3] / moments)
         damping = P * (x[self.damping] / moments)
-        parts = [gyroscopic_matrix(np.linalg.inv(P)), damping, x[self.trim, np.newaxis]]
+        parts = [gyroscopic_matrix(np.linalg.inv(P)), damping, np.zeros((3, 1))]
         if self.throttled:
             parts.append(x[-1] * B[:, 2:])
-        return np.concatenate([*parts, B], axis=1)
+        return np.concatenate([*parts, B, x[self.disturbances].reshape(3, -1)], axis=1)
 
     def slopes(self, x: FloatArray) -> FloatArray:
         """Return the derivatives of `coefficients`; shape (3, n_columns, n_parameters)."""
@@ -163,10 +164,10 @@ def fit_rigid_body(
     own = np.diag(rows_apart.theta[:, len(DAMPED.regressors) :])
     if not (own > 0.0).all():
         return None
-    body = _Body(calibrated=calibrated, throttled=design.has_throttle)
+    body = _Body(calibrated, design.has_throttle, len(design.disturbances))
     train = design.train
     torque = design.torque(actuator.lag_s, actuator.delay_s, throttled=design.has_throttle)
-    Z = design.stack(structure.columns, torque)[train]
+    Z = design.stack((*structure.columns, *design.disturbances), torque)[train]
     Y = np.column_stack([design.columns[name] for name in ACCELERATION_SYMBOLS])[train]
     free = np.ones(body.size, dtype=np.bool_)
     if len(telling) < len(RATE_SYMBOLS):
@@ -174,7 +175,7 @@ def fit_rigid_body(
     n_clusters = int(clusters_of(design).max()) + 1
     project = Projection(design, structure.regressors, train, also=torque[:, 3:])
     x = _solve(body, _reduced(project(Z), Y, 1.0 - rows_apart.r2, n_clusters), _start(body, rows_apart), free)
-    return _as_fit(body, x, free, Z, Y, design, actuator, project)
+    return _as_fit(body, x, free, Z, Y, design, actuator, project, len(structure.columns))
 
 
 def _start(body: _Body, rows_apart: PooledFit) -> FloatArray:
@@ -183,7 +184,7 @@ def _start(body: _Body, rows_apart: PooledFit) -> FloatArray:
     A = rows_apart.theta[:, : len(DAMPED.regressors)]
     x[:3] = np.diag(rows_apart.theta[:, len(DAMPED.regressors) :])
     x[body.damping] = [A[row, DAMPED.regressors.index(name)] for row, name in enumerate(RATE_SYMBOLS)]
-    x[body.trim] = A[:, DAMPED.regressors.index("1")]
+    x[body.disturbances] = rows_apart.disturbance.ravel()
     return x
 
 
@@ -228,6 +229,7 @@ def _as_fit(
     design: Design,
     actuator: ActuatorFit,
     project: Projection,
+    n_columns: int,
 ) -> PooledFit:
     """Carry the covariance of the parameters over to A and B, to first order."""
     theta, slopes = body.coefficients(x), body.slopes(x)[..., free]
@@ -238,7 +240,8 @@ def _as_fit(
     residual = Y - Z @ theta.T
     weight = 1.0 / np.maximum(np.sqrt(np.mean(residual**2, axis=0)), 1e-12)
     explained = project(Z)
-    shared = {name: project(column) for name, column in actuator_columns(design, actuator, theta).items()}
+    B = theta[:, n_columns - 3 : n_columns]
+    shared = {name: project(column) for name, column in actuator_columns(design, actuator, B).items()}
     n_own = int(np.count_nonzero(free))
     everything = np.arange(n_own + len(shared), dtype=np.int64)
     clusters = clusters_of(design)
@@ -260,17 +263,18 @@ def _as_fit(
     factor = quantile_95(clusters)
     variance = np.einsum("rcp,pq,rcq->rc", slopes, covariance[:n_own, :n_own], slopes)
     kept = np.abs(slopes).max(axis=2) > 0.0
-    whole = solve_least_squares(Z, Y)
+    whole = solve_least_squares(Z[:, kept.any(axis=0)], Y)
     actuator_half_width = factor * np.sqrt(np.maximum(np.diag(covariance)[n_own:], 0.0))
     by_name = dict(zip(shared, actuator_half_width.tolist(), strict=True))
     return PooledFit(
-        theta=theta,
-        half_width=np.where(kept, factor * np.sqrt(np.maximum(variance, 0.0)), np.inf),
-        kept=np.asarray(kept, dtype=np.bool_),
+        theta=theta[:, :n_columns],
+        half_width=np.where(kept, factor * np.sqrt(np.maximum(variance, 0.0)), np.inf)[:, :n_columns],
+        kept=np.asarray(kept, dtype=np.bool_)[:, :n_columns],
         r2=share_explained(Y, residual),
         condition_number=whole.condition_number,
         rank=whole.rank,
         n_parameters=n_own + len(shared),
         lag_half_width_s=by_name.get("lag", float("nan")),
         delay_half_width_s=by_name.get("delay", float("nan")),
+        disturbance=theta[:, n_columns:],
     )

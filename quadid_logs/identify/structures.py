@@ -8,6 +8,8 @@ from quadid_logs.maths.rigid_body import PRODUCTS
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS, TORQUE_SYMBOLS
 
 _GYROSCOPIC = ("qr", "pr", "pq")
+#: The constant of an equation.
+TRIM = "1"
 #: Yaw torque times the throttle's deviation from its mean.
 THROTTLED_YAW = "N*throttle"
 _ANGLES = ("phi", "theta", "psi")
@@ -46,11 +48,11 @@ LINEAR_9 = Structure(
     9,
 )
 #: Eq. (10) with what a real vehicle adds: rotor and air damping, and a trim torque.
-DAMPED = Structure("damped", RATE_SYMBOLS, (*_GYROSCOPIC, *RATE_SYMBOLS, "1"), ACCELERATION_SYMBOLS, True, 0)
+DAMPED = Structure("damped", RATE_SYMBOLS, (*_GYROSCOPIC, *RATE_SYMBOLS, TRIM), ACCELERATION_SYMBOLS, True, 0)
 
 #: Eq. (6)-(8) with one inertia tensor behind all rows; products of inertia bring in the squares.
 RIGID_BODY = Structure(
-    "rigid-body", RATE_SYMBOLS, (*PRODUCTS, *RATE_SYMBOLS, "1"), ACCELERATION_SYMBOLS, True, 0
+    "rigid-body", RATE_SYMBOLS, (*PRODUCTS, *RATE_SYMBOLS, TRIM), ACCELERATION_SYMBOLS, True, 0
 )
 #: The same where throttle is logged: yaw comes from drag of the rotors, which
 #: grows with throttle in another way than thrust does.
