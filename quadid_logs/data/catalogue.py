@@ -191,10 +191,12 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL501",
-                "The published windows are singular or filled with noise",
-                "Consecutive samples differ by little more than noise, so the square matrix H_k can hardly "
-                "be inverted. The pooled estimate does not suffer from it.",
-                "Try --sample-rate-hz 20 and a wider --window to see the published method at its best.",
+                "The short windows of the published method are filled with noise",
+                "The published method solves each window of a few samples by itself. Consecutive samples "
+                "differ by little more than noise, so the square matrix H_k of a window can hardly be "
+                "inverted. The models here are fitted to all data at once and do not suffer from it.",
+                "Nothing to do for the model. Try --sample-rate-hz 20 and a wider --window to see the "
+                "published method at its best.",
             ),
             _entry(
                 "QL503",

@@ -41,7 +41,7 @@ def excitation_spectra(result: Result) -> Figure | LeftOut:
             bands=bands,
         ),
         Panel(
-            title="How much of the turning the torque explains",
+            title="Share that the torque explains",
             x=_FREQUENCY,
             y=Axis(label="coherence", low=0.0, high=1.02),
             curves=tuple(_curve(item, item.coherence) for item in shown),

@@ -111,7 +111,7 @@ def _timeline(result: Result) -> Panel:
     rows = (
         ("held out", "held-out", held_out),
         (
-            "without gaps" if model is None else "analysed",
+            "gap-free" if model is None else "analysed",
             "estimate",
             tuple((segment.start_s, segment.end_s) for segment in data.segments),
         ),

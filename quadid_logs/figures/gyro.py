@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from quadid_logs.data.flight import GyroCheck
 from quadid_logs.data.result import Result
 from quadid_logs.figures.spec import Axis, Curve, Figure, LeftOut, Panel
 from quadid_logs.vocabulary import AXES
+
+#: Half the delay of a usual gyro filter: a lag known no better is none of interest.
+_VAGUE_MS = 5.0
 
 
 def gyro_against_attitude(result: Result) -> Figure | LeftOut:
@@ -35,16 +39,19 @@ def gyro_against_attitude(result: Result) -> Figure | LeftOut:
     caption = (
         f"Change of each angle over {check.start_s.size} stretches of {check.stretch_s:g} s. Points on the "
         "dashed line: what the body rates add up to is what the attitude shows, so units, signs and axes of "
-        "the log are right. " + _lag(check.lag_s)
+        "the log are right. A round cloud says nothing: the axis hardly turned, or the rates were logged too "
+        f"slowly to add them up. {_lag(check)}"
     )
     return Figure(key="gyro", title=title, caption=caption, panels=tuple(panels), columns=3)
 
 
-def _lag(lag_s: float) -> str:
-    """Say how the two lie in time."""
-    lag_ms = 1e3 * lag_s
+def _lag(check: GyroCheck) -> str:
+    """Say how the two lie in time, where the flight tells it."""
+    lag_ms, half_width_ms = 1e3 * check.lag_s, 1e3 * check.lag_half_width_s
+    if half_width_ms > _VAGUE_MS:
+        return ""
     if abs(lag_ms) < 1.0:
         return "Both are logged at the same time."
     order = "after" if lag_ms > 0.0 else "before"
-    cause = " (the filter of the gyro delays them)" if lag_ms > 0.0 else ""
-    return f"The rates come {abs(lag_ms):.0f} ms {order} the attitude{cause}."
+    cause = ": the filter of the gyro delays them" if lag_ms > 0.0 else ""
+    return f"The rates come {abs(lag_ms):.1f} ± {half_width_ms:.1f} ms {order} the attitude{cause}."

@@ -28,7 +28,7 @@ class Axis:
     @property
     def title(self) -> str:
         """Label and unit as printed along the axis."""
-        return f"{self.label} [{self.unit}]" if self.unit else self.label
+        return f"{self.label} [{self.unit.replace('^2', '²')}]" if self.unit else self.label
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -87,8 +87,8 @@ def _needs(model: TorqueModel) -> str:
 def _check(check: MixerCheck) -> str:
     """Say how well the recomputed pulse widths meet the logged ones."""
     return (
-        f"recomputed pulse widths miss the logged ones by {check.mean_us:.2f} us in the mean, "
-        f"{check.std_us:.2f} us rms ({check.n_samples} unsaturated rows; air density: "
+        f"recomputed pulse widths miss the logged ones by {check.mean_us:.2f} µs in the mean, "
+        f"{check.std_us:.2f} µs rms ({check.n_samples} unsaturated rows; air density: "
         f"{printable(check.density, 60)})"
     )
 

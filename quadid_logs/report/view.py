@@ -12,19 +12,21 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.data.diagnosis import Finding
-from quadid_logs.data.flight import SourceChoice
+from quadid_logs.data.flight import FlightData, SourceChoice
 from quadid_logs.data.model import Inertia, Model, Parameter, Windows
 from quadid_logs.data.result import Result
 from quadid_logs.report.airframe import airframe_facts
 from quadid_logs.report.numbers import estimate, interval, number, percent, seconds, size
 from quadid_logs.report.provenance import Provenance
 from quadid_logs.report.published import comparison_rows
-from quadid_logs.report.words import evidence_name, evidence_value, signal_name
+from quadid_logs.report.words import evidence_name, evidence_text, signal_name
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS, SIGNALS
 
 _TARGETS = {"p_dot": "dp/dt", "q_dot": "dq/dt", "r_dot": "dr/dt"}
 _MOST_STEPS = 5
+#: What a model rests on; the other signals say when the vehicle flew and what the mixer did.
+_MAIN_SIGNALS = frozenset({"torque_n_m", "torque_command", "body_rate", "attitude", "throttle"})
 _MOST_ROWS = 60
 
 
@@ -85,6 +87,7 @@ class View:
     steps: tuple[str, ...]
     facts: tuple[tuple[str, str], ...]
     signals: Table
+    more_signals: Table
     stretches: tuple[str, ...]
     remarks: tuple[str, ...]
     messages: tuple[str, ...]
@@ -122,6 +125,7 @@ def view_of(result: Result, provenance: Provenance) -> View:
         steps=next_steps(result),
         facts=_facts(result),
         signals=_signals(result),
+        more_signals=_signal_table("Other signals", result, main=False),
         stretches=_stretches(result),
         remarks=tuple(printable(remark) for remark in result.log.remarks[:_MOST_ROWS]),
         messages=tuple(
@@ -252,7 +256,7 @@ def _model_sentence(result: Result, model: Model | None) -> str:
         "[dp/dt, dq/dt, dr/dt] = A · regressors + B · [L, M, N]."
     ]
     actuator = model.actuator
-    if actuator is not None:
+    if actuator is not None and not all(refused_axes(result)):
         lag, delay = actuator.lag_s * 1e3, actuator.delay_s * 1e3
         lag_ci, delay_ci = (
             (low * 1e3, high * 1e3) for low, high in (actuator.lag_ci95_s, actuator.delay_ci95_s)
@@ -288,6 +292,12 @@ def _model_tables(result: Result, model: Model) -> tuple[Table, ...]:
 _B_CAPTION = "B: angular acceleration per torque"
 _A_CAPTION = "A: angular acceleration per regressor [rad/s² per unit of the regressor]"
 _DISTRUSTED = "not to be trusted"
+_REGRESSORS = {
+    "qr": "qr, pr, pq: products of two rates, by which a turn about two axes pushes the third",
+    "p": "p, q, r: the rates themselves, as in damping",
+    "phi": "phi, theta, psi: roll, pitch and yaw angle",
+    "1": "1: a steady push, as of a bent arm.",
+}
 
 
 def _matrix(
@@ -309,7 +319,8 @@ def _matrix(
     note = _weak_note(known[place] for place in trusted if place in known)
     if distrusted:
         note = f"Rows marked {_DISTRUSTED!r} belong to refused axes: they are no results. {note}".strip()
-    return Table(caption=caption, head=("", *columns), rows=rows, note=note)
+    words = "; ".join(_REGRESSORS[name] for name in columns if name in _REGRESSORS)
+    return Table(caption=caption, head=("", *columns), rows=rows, note=" ".join(filter(None, (words, note))))
 
 
 def _entry(parameter: Parameter | None, value: float, distrusted: bool) -> Cell:
@@ -401,15 +412,18 @@ def _facts(result: Result) -> tuple[tuple[str, str], ...]:
     period_s = data.sample_period_s
     facts = [
         ("File", f"{printable(log.path)} ({size(log.n_bytes)})"),
-        ("Format", " ".join(part for part in (log.format, printable(log.dialect, 40)) if part)),
-        ("Autopilot", printable(log.autopilot, 40)),
+        (
+            "Format",
+            " ".join(filter(None, (_FORMATS.get(log.format, log.format), printable(log.dialect, 40)))),
+        ),
+        ("Autopilot", _AUTOPILOTS.get(log.autopilot, printable(log.autopilot, 40))),
         ("Firmware", printable(log.firmware, 120) or "not stated"),
         (
             "Vehicle",
             ", ".join(filter(None, (printable(log.vehicle_type, 40), printable(log.vehicle_name, 60)))),
         ),
         ("Frame", printable(log.frame, 80) or "not stated"),
-        ("Clock", f"from {data.start_s:.1f} s, {seconds(data.duration_s)}; {data.clock_resets} resets"),
+        ("Clock", _clock(data)),
         ("Torque", torque),
         ("Flights", _spans(data.flights) or printable(data.on_ground_reason) or "none"),
         (
@@ -419,7 +433,8 @@ def _facts(result: Result) -> tuple[tuple[str, str], ...]:
         ("Resampled to", f"{1.0 / period_s:.4g} Hz" if math.isfinite(period_s) and period_s > 0 else "–"),
         (
             "Unreadable",
-            f"{size(log.corrupt_bytes)} in {len(log.lost)} stretches; {log.n_dropped} messages dropped",
+            f"{size(log.corrupt_bytes)} in {_counted(len(log.lost), 'stretch', 'stretches')}; "
+            f"{_counted(log.n_dropped, 'message', 'messages')} dropped by the autopilot",
         ),
     ]
     facts += airframe_facts(log)
@@ -433,6 +448,35 @@ def _facts(result: Result) -> tuple[tuple[str, str], ...]:
     return tuple(facts)
 
 
+_FORMATS = {
+    "dataflash": "ArduPilot DataFlash",
+    "dataflash-text": "ArduPilot DataFlash as text",
+    "ulog": "PX4 ULog",
+    "tlog": "MAVLink telemetry log",
+    "table": "table",
+}
+_AUTOPILOTS = {"ardupilot": "ArduPilot", "px4": "PX4", "other": "not stated"}
+
+
+def _clock(data: FlightData) -> str:
+    """Say what the log's clock covers."""
+    if not data.duration_s > 0.0:
+        return "covers no time"
+    resets = _counted(data.clock_resets, "reset", "resets") if data.clock_resets else "no resets"
+    return f"from {data.start_s:.1f} s, {seconds(data.duration_s)}; {resets}"
+
+
+def _counted(count: int, one: str, many: str) -> str:
+    """Return a number with its noun.
+
+    Examples
+    --------
+    >>> _counted(1, "stretch", "stretches"), _counted(0, "stretch", "stretches")
+    ('1 stretch', '0 stretches')
+    """
+    return f"{count} {one if count == 1 else many}"
+
+
 def _spans(spans: Iterable[tuple[float, float]]) -> str:
     """Return stretches of time, the first few in full."""
     listed = list(spans)
@@ -442,11 +486,16 @@ def _spans(spans: Iterable[tuple[float, float]]) -> str:
 
 def _signals(result: Result) -> Table:
     """Return each signal with its source, true rate, gaps and losses."""
-    rows = tuple(_signal(choice) for choice in list(result.data.sources.values())[:_MOST_ROWS])
+    return _signal_table("Signals, where they come from, and how they were really sampled", result, main=True)
+
+
+def _signal_table(caption: str, result: Result, *, main: bool) -> Table:
+    """Return a table of the signals that the model rests on, or of the others."""
+    found = [choice for choice in result.data.sources.values() if (choice.signal in _MAIN_SIGNALS) == main]
     return Table(
-        caption="Signals, where they come from, and how they were really sampled",
+        caption=caption,
         head=("signal", "source and why", "true rate [Hz]", "longest gap [s]", "gaps", "rows put aside"),
-        rows=rows,
+        rows=tuple(_signal(choice) for choice in found[:_MOST_ROWS]),
     )
 
 
@@ -468,8 +517,10 @@ def _signal(choice: SourceChoice) -> tuple[Cell, ...]:
     return (
         Cell(text=name, detail=_unit(choice.signal)),
         Cell(text=printable(choice.source, 120), detail=why),
-        Cell(text=number(choice.rate_hz), detail=f"mean {number(choice.mean_rate_hz)}"),
-        Cell(text=number(choice.longest_gap_s, 3)),
+        Cell(text=number(choice.rate_hz), detail=f"mean {number(choice.mean_rate_hz)}")
+        if choice.rate_hz > 0.0
+        else Cell(text="events"),
+        Cell(text=number(choice.longest_gap_s, 3) if choice.rate_hz > 0.0 else "–"),
         Cell(text=str(choice.n_gaps)),
         Cell(text=", ".join(f"{count} {word}" for word, count in aside.items() if count) or "none"),
     )
@@ -478,7 +529,7 @@ def _signal(choice: SourceChoice) -> tuple[Cell, ...]:
 def _unit(signal: str) -> str:
     """Return the unit of a canonical signal as people read it."""
     unit = SIGNALS[signal].unit if signal in SIGNALS else ""
-    return "normalised" if unit == "1" else unit
+    return "normalised" if unit == "1" else pretty_unit(unit).replace("us", "µs")
 
 
 def _stretches(result: Result) -> tuple[str, ...]:
@@ -594,16 +645,22 @@ def _excitation(result: Result) -> Table | None:
     )
     return Table(
         caption="How much each axis was moved",
-        head=("axis", f"torque RMS [{unit}]", "rate RMS [deg/s]", "signal to noise", "coherent above 0.5"),
+        head=("axis", f"torque RMS [{unit}]", "rate RMS [deg/s]", "signal to noise", "coherent (above 0.5)"),
         rows=rows,
         note="Signal to noise: acceleration that the torque explains over what it does not, as power.",
     )
 
 
 def _coherent(frequency_hz: FloatArray, coherence: FloatArray) -> str:
-    """Return the span of frequencies in which torque and rate belong together."""
-    good = frequency_hz[(coherence > 0.5) & (frequency_hz > 0.0)]
-    return f"{number(float(good.min()), 2)} to {number(float(good.max()), 2)} Hz" if good.size else "nowhere"
+    """Return the widest span of frequencies, in octaves, all over which torque and rate belong together."""
+    known = frequency_hz > 0.0
+    frequency_hz, good = frequency_hz[known], coherence[known] > 0.5
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(np.int8)))
+    first, last = frequency_hz[edges[::2]], frequency_hz[edges[1::2] - 1]
+    if not first.size:
+        return "nowhere"
+    widest = int(np.argmax(last / first))
+    return f"{number(float(first[widest]), 2)} to {number(float(last[widest]), 2)} Hz"
 
 
 def _validation_sentence(model: Model | None) -> str:
@@ -630,19 +687,26 @@ def _finding(finding: Finding) -> FindingView:
         code=printable(finding.code, 20),
         level=finding.level,
         title=printable(finding.title, 200),
-        meaning=CATALOGUE[finding.code].meaning if finding.code in CATALOGUE else "",
+        meaning=CATALOGUE[finding.code].meaning.replace("^2", "²") if finding.code in CATALOGUE else "",
         advice=printable(finding.advice, 600),
-        axes=", ".join(finding.axes),
+        axes=", ".join(axis for axis in finding.axes if axis not in finding.title.lower()),
         evidence=tuple(
-            (evidence_name(name), evidence_value(value)) for name, value in finding.evidence.items()
+            (evidence_name(name), evidence_text(name, value)) for name, value in finding.evidence.items()
         ),
     )
+
+
+def _listed(settings: Mapping[str, object]) -> str:
+    """Return names and values in one line."""
+    return ", ".join(f"{name} = {value if value != '' else '(chosen)'}" for name, value in settings.items())
 
 
 def _reproduction(result: Result, provenance: Provenance) -> tuple[tuple[str, str], ...]:
     """Return all that is needed to make the result again."""
     settings = result.settings
-    values = ", ".join(f"{name} = {getattr(settings, name)}" for name in type(settings).__dataclass_fields__)
+    every = {name: getattr(settings, name) for name in type(settings).__dataclass_fields__}
+    usual = type(settings)()
+    chosen = {name: value for name, value in every.items() if value != getattr(usual, name)}
     timings = ", ".join(f"{name} {value:.2f} s" for name, value in result.timings_s.items())
     vehicle = result.vehicle
     return (
@@ -654,6 +718,7 @@ def _reproduction(result: Result, provenance: Provenance) -> tuple[tuple[str, st
             "Vehicle file",
             "none" if vehicle is None else printable(vehicle.name, 80) or "given, without a name",
         ),
-        ("Settings", values),
+        ("Settings chosen", _listed(chosen) or "none, all as this version has them"),
+        ("All settings", _listed(every)),
         ("Time taken", timings or "–"),
     )

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.report.numbers import number
+from quadid_logs.report.numbers import number, percent
 from quadid_logs.untrusted import printable
 
 #: Units that end a name of the evidence, the longest first.
@@ -63,6 +63,23 @@ def evidence_name(key: str) -> str:
     stem = key.removesuffix(ending)
     words = _PHRASES.get(stem) or printable(stem, 60).replace("_", " ")
     return f"{words} [{unit}]" if unit else words
+
+
+def evidence_text(key: str, value: object) -> str:
+    """Return a piece of evidence as text: a share in per cent, anything else as it is.
+
+    Examples
+    --------
+    >>> evidence_text("share_of_flight", {"roll": 0.0013}), evidence_text("gaps", 3)
+    ('roll: 0.13 %', '3')
+    """
+    if not key.startswith("share_"):
+        return evidence_value(value)
+    if isinstance(value, Mapping):
+        return ", ".join(
+            f"{evidence_name(str(name))}: {evidence_text(key, item)}" for name, item in value.items()
+        )
+    return percent(float(value)) if isinstance(value, float) else evidence_value(value)
 
 
 def evidence_value(value: object) -> str:
