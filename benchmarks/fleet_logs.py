@@ -126,7 +126,7 @@ def _built(airframe: Airframe, number: int) -> Airframe:
 
 
 def _flown(airframe: Airframe, vehicle: Vehicle, flight: int, rng: np.random.Generator) -> Airframe:
-    """One day's vehicle: air from 0 to 20 degrees (3 % of thrust), load within 1 %, propellers as they are."""
+    """One day's vehicle: air of 0 to 20 degrees (3 % of thrust), load within 1 %, propellers as they are."""
     shares = [1.0] * airframe.n_rotors
     if vehicle.worn is not None and flight >= vehicle.worn.flight:
         shares[vehicle.worn.rotor] = vehicle.worn.share

@@ -8,6 +8,7 @@ for; what it held in flight is handed out again.
 
 from __future__ import annotations
 
+import logging
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -16,9 +17,11 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from quadid_logs.errors import QuadidError, SettingsError
+from quadid_logs.fleet import worker_setup
 from quadid_logs.fleet.extra import load
 from quadid_logs.fleet.rows import LOST
 from quadid_logs.fleet.work import Outcome, Task, failure, work
+from quadid_logs.fleet.worker_setup import interrupts_ignored
 from quadid_logs.untrusted import printable
 
 #: Tasks handed out per thread: one runs, one waits on the worker, the rest bridge the way to the
@@ -81,18 +84,20 @@ def _local_or_given(cluster: Cluster) -> Iterator[str]:
         yield cluster.scheduler
         return
     dask, distributed = load("dask"), load("distributed")
-    with (
-        dask.config.set({"distributed.scheduler.allowed-failures": _DEATHS}),
-        distributed.LocalCluster(
-            n_workers=cluster.workers or None,
-            threads_per_worker=1,
-            processes=True,
-            host="127.0.0.1",
-            dashboard_address="127.0.0.1:0",
-            silence_logs=50,
-        ) as local,
-    ):
-        yield str(local.scheduler_address)
+    preload = dask.config.get("distributed.worker.preload")
+    with dask.config.set({"distributed.scheduler.allowed-failures": _DEATHS}):
+        with interrupts_ignored():
+            local = distributed.LocalCluster(
+                n_workers=cluster.workers or None,
+                threads_per_worker=1,
+                processes=True,
+                host="127.0.0.1",
+                dashboard_address="127.0.0.1:0",
+                silence_logs=logging.CRITICAL,
+                preload=[*([preload] if isinstance(preload, str) else preload), worker_setup.__name__],
+            )
+        with local:
+            yield str(local.scheduler_address)
 
 
 class _Crew:

@@ -1,0 +1,210 @@
+"""A whole run: every log a row, wherever the workers are and whatever happens to them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+from benchmarks.fleet_cluster import LoopbackCluster, s3_server
+from quadid_logs.cli import main
+from quadid_logs.errors import OutputError, SettingsError
+from quadid_logs.fleet.engine import Cluster
+from quadid_logs.fleet.options import Options
+from quadid_logs.fleet.run import KNOWN, run_fleet
+from quadid_logs.fleet.sources import find_sources
+from tests.fleet.store_rows import rows_of
+
+pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")  # sockets of the cluster's own libraries
+
+
+@pytest.fixture(scope="session")
+def undisturbed(logs, tmp_path_factory):
+    """The store of a run in which nothing happened."""
+    store = tmp_path_factory.mktemp("run") / "store"
+    run_fleet(find_sources([str(logs)]), store, Options(), Cluster(workers=1))
+    return store
+
+
+def command(*arguments, environment=None, **keywords):
+    return subprocess.Popen(
+        [sys.executable, "-c", "from quadid_logs.cli import run; run()", *map(str, arguments)],
+        env={**os.environ, **(environment or {})},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        **keywords,
+    )
+
+
+def n_files(store):
+    return len(list(store.glob("vehicle=*/*.parquet")))
+
+
+def wait_for_files(store, n_wanted, process=None):
+    until = time.monotonic() + 60.0
+    while n_files(store) < n_wanted:
+        assert time.monotonic() < until, "the run got stuck"
+        assert process is None or process.poll() is None, process.communicate()
+        time.sleep(0.05)
+
+
+def test_every_log_is_a_row_per_axis_or_a_reason(undisturbed):
+    """Four flights give twelve rows; what is no log gives one with its reason."""
+    rows = rows_of(undisturbed)
+    flown = [row for row in rows if row["status"] == "analyzed"]
+    assert len(flown) == 12
+    assert {row["vehicle"] for row in flown} == {
+        "CubeOrange 003A0027 3130510A 34383700",
+        "CubeOrange 003A0027 3130510A 34383701",
+    }
+    assert all(row["gain_low"] < row["gain"] < row["gain_high"] for row in flown if row["gain"])
+    failed = {row["url"].rsplit("/", 1)[-1]: row["error"] for row in rows if row["status"] == "unreadable"}
+    assert sorted(failed) == ["cut.bin", "noise.bin"]
+    assert all(failed.values())
+
+
+def test_resuming_does_nothing_twice(undisturbed, logs):
+    """All contents are known, also under a new name."""
+    before = {path: path.stat().st_mtime_ns for path in undisturbed.rglob("*.parquet")}
+    tally = run_fleet(find_sources([str(logs)]), undisturbed, Options(), Cluster(workers=1), resume=True)
+    assert tally.counts == {KNOWN: 6}
+    assert {path: path.stat().st_mtime_ns for path in undisturbed.rglob("*.parquet")} == before
+
+
+def test_a_store_is_neither_overwritten_nor_mixed(undisturbed, logs, tmp_path):
+    """Without --resume, with other options, and into a folder of something else: refused."""
+    sources = find_sources([str(logs)])
+    with pytest.raises(OutputError, match="--resume"):
+        run_fleet(sources, undisturbed, Options(), Cluster(workers=1))
+    with pytest.raises(SettingsError, match="structure"):
+        run_fleet(sources, undisturbed, Options(structure="linear-9"), Cluster(workers=1), resume=True)
+    (tmp_path / "letter.txt").write_text("mine")
+    with pytest.raises(OutputError, match="no store"):
+        run_fleet(sources, tmp_path, Options(), Cluster(workers=1), resume=True)
+
+
+def test_a_killed_worker_and_a_restarted_scheduler_change_nothing(undisturbed, logs, tmp_path):
+    """Both happen while logs are in flight; the store ends the same."""
+    store = tmp_path / "store"
+    with LoopbackCluster(tmp_path / "cluster", n_workers=1) as cluster:
+        process = command("fleet", logs, "-o", store, "--scheduler", cluster.address)
+        try:
+            wait_for_files(store, 1, process)
+            cluster.kill_worker()
+            wait_for_files(store, 2, process)
+            cluster.restart()
+            out, err = process.communicate(timeout=90)
+        finally:
+            process.kill()
+    assert process.returncode == 0, err
+    assert "6 logs: 4 analyzed, 2 unreadable" in out
+    assert rows_of(store) == rows_of(undisturbed)
+
+
+def test_ctrl_c_leaves_a_good_store_that_resume_completes(undisturbed, logs, tmp_path):
+    """Interrupted like at a terminal: the whole process group gets the signal."""
+    store = tmp_path / "store"
+    process = command("fleet", logs, "-o", store, "--workers", "1", start_new_session=True)
+    wait_for_files(store, 1, process)
+    os.killpg(process.pid, signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in err
+    interrupted = rows_of(store)
+    assert all(row in rows_of(undisturbed) for row in interrupted)
+    tally = run_fleet(find_sources([str(logs)]), store, Options(), Cluster(workers=1), resume=True)
+    assert tally.counts[KNOWN] >= 1
+    assert rows_of(store) == rows_of(undisturbed)
+
+
+def test_a_killed_run_leaves_a_good_store(undisturbed, logs, tmp_path):
+    """SIGKILL: no farewell at all; the workers go too."""
+    store = tmp_path / "store"
+    process = command("fleet", logs, "-o", store, "--workers", "1")
+    wait_for_files(store, 1, process)
+    process.kill()
+    process.communicate(timeout=60)
+    assert all(row in rows_of(undisturbed) for row in rows_of(store))
+
+
+def test_logs_come_from_an_object_store(undisturbed, logs, tmp_path, monkeypatch):
+    """The workers fetch them themselves; the numbers are those of the local files."""
+    store = tmp_path / "store"
+    with s3_server(logs, "flights") as environment:
+        process = command(
+            "fleet", "s3://flights", "-o", store, "--workers", "1", "--reports", environment=environment
+        )
+        _, err = process.communicate(timeout=120)
+    assert process.returncode == 0, err
+    where = ("url", "started_from")
+    assert rows_of(store, without=where) == rows_of(undisturbed, without=where)
+    assert all(row["url"].startswith("s3://flights/") for row in rows_of(store))
+    pages = list((store / "reports").glob("*.html"))
+    assert len(pages) == 4
+    assert all("s3://flights/" in page.read_text() for page in pages)
+
+
+def test_a_log_that_kills_its_worker_is_a_row_and_its_neighbours_are_not(logs, tmp_path):
+    """A worker dies of one log each time; everything else is analyzed."""
+    store, poison = tmp_path / "store", tmp_path / "poison.bin"
+    poison.write_bytes(b"x")
+    (tmp_path / "killer.py").write_text(KILLER)
+    environment = {"PYTHONPATH": str(tmp_path), "DASK_DISTRIBUTED__WORKER__PRELOAD": "killer"}
+    process = command("fleet", logs, poison, "-o", store, "--workers", "2", environment=environment)
+    out, err = process.communicate(timeout=150)
+    assert process.returncode == 1, err
+    assert "4 analyzed, 2 unreadable, 1 lost" in out
+    (lost,) = [row for row in rows_of(store) if row["status"] == "lost"]
+    assert lost["url"] == str(poison)
+    assert "killed the worker" in lost["error"]
+    again = run_fleet(find_sources([str(poison)]), store, Options(), Cluster(workers=1), resume=True)
+    assert again.counts == {"unreadable": 1}
+    assert not [row for row in rows_of(store) if row["status"] == "lost"]
+
+
+#: Loaded into every worker: the poisoned log kills it as the kernel would.
+KILLER = """
+import os, signal
+from quadid_logs.fleet import work
+
+whole = work.analyze_flights
+
+def analyze_flights(path, *rest):
+    if path.name == "poison.bin":
+        os.kill(os.getpid(), signal.SIGKILL)
+    return whole(path, *rest)
+
+work.analyze_flights = analyze_flights
+"""
+
+
+def test_a_scheduler_that_is_not_there_is_one_clear_line(logs, tmp_path, capsys):
+    """No traceback, exit code 2."""
+    code = main(["fleet", str(logs), "-o", str(tmp_path / "store"), "--scheduler", "tcp://127.0.0.1:9"])
+    assert code == 2
+    assert "does not answer" in capsys.readouterr().err
+
+
+def test_a_worker_with_another_version_stops_the_run(one_log, tmp_path, monkeypatch):
+    """Its numbers would not fit the others."""
+    monkeypatch.setattr("quadid_logs.fleet.run.Task", _old_task)
+    with pytest.raises(SettingsError, match=r"same version"):
+        run_fleet(find_sources([str(one_log)]), tmp_path / "store", Options(), Cluster(workers=1))
+
+
+def _old_task(**keywords):
+    from quadid_logs.fleet.work import Task
+
+    return Task(**keywords, version="0.0.1")
+
+
+def test_threads_of_the_library_end_with_the_run(undisturbed):
+    """Nothing of the cluster is left behind in a program that goes on."""
+    names = [thread.name for thread in threading.enumerate()]
+    assert not [name for name in names if "Nanny" in name or "AsyncProcess" in name]
