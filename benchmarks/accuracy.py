@@ -1,0 +1,222 @@
+"""Own gains by several methods from the same aligned data, in per cent of the truth.
+
+The logs are those of QUADID_LOG_CORPUS that firmware flew in simulators whose
+truth is known, and flights of our own simulator. Run
+``python benchmarks/accuracy.py --output benchmarks/accuracy.md``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.metadata
+import importlib.util
+import json
+import math
+import os
+import platform
+import sys
+import time
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[_variable] = "1"
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import numpy as np  # noqa: E402
+
+from benchmarks.estimators import ESTIMATORS  # noqa: E402
+from quadid_logs.align import align  # noqa: E402
+from quadid_logs.arrays import FloatArray  # noqa: E402
+from quadid_logs.data.flight import FlightData  # noqa: E402
+from quadid_logs.data.log import FlightLog  # noqa: E402
+from quadid_logs.data.settings import Settings  # noqa: E402
+from quadid_logs.diagnose import diagnose  # noqa: E402
+from quadid_logs.identify import identify  # noqa: E402
+from quadid_logs.readers import read_log  # noqa: E402
+from quadid_logs.simulate import simulate  # noqa: E402
+from quadid_logs.vehicle import reconstruct  # noqa: E402
+from quadid_logs.vocabulary import AXES  # noqa: E402
+
+#: (scenario, autopilot, rate [Hz]) of our own simulator.
+SIMULATED: Final = (
+    ("sysid-quad-x", "ardupilot", 400.0),
+    ("sysid-quad-x", "px4", 250.0),
+    ("doublets", "px4", 250.0),
+    ("steps-3211", "ardupilot", 400.0),
+    ("pilot-sticks", "ardupilot", 400.0),
+    ("products-of-inertia", "ardupilot", 400.0),
+    ("slow-motors", "ardupilot", 400.0),
+    ("noisy-gyro", "ardupilot", 400.0),
+    ("wind", "px4", 250.0),
+    ("hexa-x", "ardupilot", 400.0),
+    ("octa-coax", "ardupilot", 400.0),
+    ("sysid-quad-x", "ardupilot", 100.0),
+)
+PACKAGES: Final = ("pysindy", "nfoursid", "sysidentpy")
+#: Where the noise of a package is about its own future, not about this flight.
+_SEED: Final = 7
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Case:
+    """An aligned flight with its true own gains, shape (3,), and our verdict on each axis."""
+
+    name: str
+    data: FlightData
+    truth: FloatArray
+    verdicts: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Row:
+    """Errors of every method on one flight [%], each of shape (3,), and seconds taken."""
+
+    case: Case
+    errors: dict[str, FloatArray]
+    seconds: dict[str, float]
+
+
+def main() -> int:
+    """Print the table; with --output write it to a file too."""
+    parser = argparse.ArgumentParser(description="Own gains by several methods against the truth.")
+    parser.add_argument("--output", type=Path, help="file to write the table to")
+    parser.add_argument("--short", action="store_true", help="two simulated flights only")
+    options = parser.parse_args()
+    methods = [name for name in ESTIMATORS if name not in PACKAGES or importlib.util.find_spec(name)]
+    rows = []
+    for case in _cases(short=options.short):
+        rows.append(_measure(case, methods))
+        print(f"{case.name} done", file=sys.stderr, flush=True)
+    text = "\n".join(_report(rows, methods)) + "\n"
+    print(text)
+    if options.output:
+        options.output.write_text(text, encoding="utf-8")
+    return 0
+
+
+def _cases(*, short: bool) -> Iterator[Case]:
+    """Yield the logs of the corpus that state a truth, then the simulated flights."""
+    folder = Path(
+        os.environ.get("QUADID_LOG_CORPUS", Path(__file__).resolve().parents[2] / "shared" / "logs")
+    )
+    for path in sorted((folder / "firmware").glob("*.truth.json")) if not short else []:
+        stem = path.name.removesuffix(".truth.json")
+        log = next(file for file in path.parent.glob(f"{stem}.*") if file.suffix in (".BIN", ".ulg"))
+        yield from _case(log.name, read_log(log), _firmware_truth(json.loads(path.read_text())))
+    for scenario, autopilot, rate_hz in SIMULATED[: 2 if short else None]:
+        flight = simulate(scenario, seed=_SEED, autopilot=autopilot, rate_hz=rate_hz)
+        # PX4's placeholder: the torque stays on the scale of the command.
+        parameters = {
+            name: 6.5 if name.startswith("CA_ROTOR") and name.endswith("_CT") else value
+            for name, value in flight.log.parameters.items()
+        }
+        truth = np.diag(np.array(flight.truth["models"]["damped"]["B"]))
+        yield from _case(
+            f"{scenario}, {autopilot}, {rate_hz:g} Hz", replace(flight.log, parameters=parameters), truth
+        )
+
+
+def _firmware_truth(truth: dict[str, Any]) -> FloatArray:
+    """Return B11, B22, B33 at the mean throttle of the manoeuvre; at hover where only that is stated."""
+    if "B_rad_s2_per_torque_setpoint" in truth:
+        rows = truth["B_rad_s2_per_torque_setpoint"]
+    elif "at_segment_mean" in truth:
+        rows = truth["at_segment_mean"]["B_rad_s2_per_unit"]
+    else:
+        rows = truth["at_hover"]["B_rad_s2_per_unit"]["M"]
+    return np.array([rows[axis][axis] for axis in range(3)])
+
+
+def _case(name: str, log: FlightLog, truth: FloatArray) -> Iterator[Case]:
+    """Align a log and ask for our verdicts; yield nothing if there is no flight in it."""
+    settings = Settings()
+    log = reconstruct(log, None)
+    data = align(log, settings)
+    if not data.segments or data.input is None:
+        return
+    diagnosis = diagnose(log, data, identify(data, settings), settings)
+    yield Case(
+        name=name,
+        data=data,
+        truth=truth,
+        verdicts=tuple(diagnosis.axes[axis].verdict for axis in AXES),
+    )
+
+
+def _measure(case: Case, methods: list[str]) -> Row:
+    """Let every method estimate; one that breaks down gives no number."""
+    errors, seconds = {}, {}
+    for name in methods:
+        began = time.process_time()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # theirs: collinear columns, deprecations
+            try:
+                gain = ESTIMATORS[name](case.data)
+            except Exception as error:  # noqa: BLE001 - whatever a package raises, the others go on
+                print(f"{case.name}, {name}: {type(error).__name__}: {error}", file=sys.stderr)
+                gain = np.full(3, np.nan)
+        seconds[name] = time.process_time() - began
+        errors[name] = 100.0 * (gain / case.truth - 1.0)
+    return Row(case=case, errors=errors, seconds=seconds)
+
+
+def _report(rows: list[Row], methods: list[str]) -> Iterator[str]:
+    """Yield the lines of the tables."""
+    versions = [
+        f"{name} {importlib.metadata.version(name)}" if name in methods else f"{name} not installed"
+        for name in PACKAGES
+    ]
+    yield f"Python {platform.python_version()}, {', '.join(versions)}."
+    yield ""
+    yield "| flight | " + " | ".join(methods) + " |"
+    yield "|---" * (len(methods) + 1) + "|"
+    for row in rows:
+        yield f"| {row.case.name} | " + " | ".join(_cell(row, method) for method in methods) + " |"
+    yield ""
+    yield "| | " + " | ".join(methods) + " |"
+    yield "|---" * (len(methods) + 1) + "|"
+    for label, text in _totals(rows, methods):
+        yield f"| {label} | " + " | ".join(text) + " |"
+
+
+def _cell(row: Row, method: str) -> str:
+    """Roll, pitch, yaw error; the smallest in bold, those of axes that we refuse in brackets."""
+    parts = []
+    for axis, verdict in enumerate(row.case.verdicts):
+        value = row.errors[method][axis]
+        text = "none" if math.isnan(value) else f"{value:+.1f}" if abs(value) < 100.0 else f"{value:+.0f}"
+        if verdict == "refused":
+            text = f"({text})"
+        elif method == _best(row, axis):
+            text = f"**{text}**"
+        parts.append(text)
+    return ", ".join(parts)
+
+
+def _best(row: Row, axis: int) -> str:
+    """Return the method with the smallest error."""
+    return min(row.errors, key=lambda method: np.nan_to_num(abs(row.errors[method][axis]), nan=np.inf))
+
+
+def _totals(rows: list[Row], methods: list[str]) -> Iterator[tuple[str, list[str]]]:
+    """Yield what the table says in sum, over the axes that we do not refuse."""
+    kept = [(row, axis) for row in rows for axis in range(3) if row.case.verdicts[axis] != "refused"]
+    size = {
+        method: np.array([np.nan_to_num(abs(row.errors[method][axis]), nan=np.inf) for row, axis in kept])
+        for method in methods
+    }
+    yield f"median error [%] of {len(kept)} axes", [f"{np.median(size[m]):.1f}" for m in methods]
+    yield (
+        "90 % of the errors are below [%]",
+        [f"{np.quantile(size[m], 0.9, method='higher'):.1f}" for m in methods],
+    )
+    yield "smallest error", [str(sum(_best(row, axis) == m for row, axis in kept)) for m in methods]
+    yield "median processor time [s]", [f"{np.median([row.seconds[m] for row in rows]):.2f}" for m in methods]
+
+
+if __name__ == "__main__":
+    sys.exit(main())
