@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -46,11 +47,12 @@ class _FlightRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Story:
-    """What was found about a vehicle, in words."""
+    """What was found about a vehicle, in words, and its most telling quantity over the vehicle's life."""
 
     head: str
     items: tuple[str, ...]
     cause: str
+    drawing: Sparkline | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -189,10 +191,12 @@ def _change_story(change: Change, life: Life) -> _Story:
     """Say when the vehicle changed, in what, and what that is a sign of."""
     flight = life.flights[change.flight]
     when = f", {flight.started:%Y-%m-%d %H:%M}" if flight.started is not None else ""
+    shifts = _largest_first(change.shifts)
     return _Story(
         head=f"changed with flight {change.flight + 1} of {len(life.flights)}{when}",
-        items=tuple(_shift_words(shift, life.input_unit) for shift in _largest_first(change.shifts)),
-        cause=_cause(shift.name for shift in change.shifts),
+        items=tuple(_shift_words(shift, life.input_unit) for shift in shifts),
+        cause=_cause(shift.name for shift in shifts),
+        drawing=_drawing(life, shifts[0].name, shifts[0].axis),
     )
 
 
@@ -203,8 +207,10 @@ def _largest_first(shifts: Sequence[Shift]) -> list[Shift]:
 def _shift_words(shift: Shift, unit: str) -> str:
     """Say from what to what, and which difference would still have been chance."""
     name, unit, factor = _spoken(shift.name, shift.axis, unit)
-    before, after = factor * shift.before, factor * shift.after
-    return f"{name}: {before:.4g} to {after:.4g} {unit} (counts from {factor * shift.margin:.2g} on)"
+    before, after, margin = (
+        _rounded(factor * v, shift.margin * factor) for v in (shift.before, shift.after, shift.margin)
+    )
+    return f"{name}: {before} to {after} {unit} (up to {margin} is no change)"
 
 
 def _outlier_story(life: Life) -> _Story:
@@ -214,15 +220,34 @@ def _outlier_story(life: Life) -> _Story:
         head=f"stands out among {printable(life.model, 80)}",
         items=tuple(_standing_words(one, life.input_unit) for one in found),
         cause=_cause(one.name for one in found),
+        drawing=_drawing(life, found[0].name, found[0].axis),
     )
 
 
 def _standing_words(one: Standing, unit: str) -> str:
     """Say what it is and what is usual."""
     name, unit, factor = _spoken(one.name, one.axis, unit)
-    return (
-        f"{name}: {factor * one.value:.4g} {unit}, usual {factor * one.usual:.4g} ± {factor * one.margin:.2g}"
+    value, usual, margin = (
+        _rounded(factor * v, one.margin * factor) for v in (one.value, one.usual, one.margin)
     )
+    return f"{name}: {value} {unit}, usual are {usual} ± {margin}"
+
+
+def _rounded(value: float, margin: float) -> str:
+    """Round to what a difference of `margin` lets one tell: two digits of it.
+
+    >>> _rounded(194.2719, 2.3), _rounded(-0.0007, 2.3)
+    ('194.3', '0.0')
+    """
+    decimals = max(1 - math.floor(math.log10(margin)), 0) if margin > 0.0 else 4
+    return f"{round(value, decimals) + 0.0:.{decimals}f}"
+
+
+def _drawing(life: Life, name: str, axis: str) -> Sparkline | None:
+    """Draw one quantity over the vehicle's life."""
+    one = life.of(name, axis)
+    label, _, _ = _spoken(name, axis, life.input_unit)
+    return None if one is None else sparkline(one, label, [change.flight for change in life.changes])
 
 
 def _spoken(name: str, axis: str, input_unit: str) -> tuple[str, str, float]:

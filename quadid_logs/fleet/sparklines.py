@@ -21,13 +21,14 @@ _REACH: Final = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sparkline:
-    """SVG path data in a box of `WIDTH` x `HEIGHT`, and the same in words.
+    """SVG path data in a box of `WIDTH` x `HEIGHT`, the same in words, and the latest value.
 
     ``line`` joins the estimates, ``bars`` are their 95 % intervals, ``marks``
     the x of every change.
     """
 
     words: str
+    now: str
     line: str
     bars: str
     dots: tuple[tuple[float, float], ...]
@@ -72,6 +73,7 @@ def sparkline(one: Series, label: str, changes: Sequence[int]) -> Sparkline | No
         words += f"; changed at flight {', '.join(str(flight + 1) for flight in changes)}"
     return Sparkline(
         words=words,
+        now=f"{value[-1]:.3g}",
         line="M" + "L".join(f"{x:g} {y:g}" for x, y in points),
         bars="".join(bars),
         dots=(points[-1],),
