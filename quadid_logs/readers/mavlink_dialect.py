@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -34,7 +37,7 @@ class Dialect:
 
     Attributes
     ----------
-    types : dict of int to MessageType
+    types : mapping of int to MessageType
         By message number.
     extra : ndarray of int32, shape (n,)
         Last byte that goes into a message's checksum, by number; -1 where unknown.
@@ -42,13 +45,17 @@ class Dialect:
         Size of the untruncated payload, by number.
     """
 
-    types: dict[int, MessageType]
+    types: Mapping[int, MessageType]
     extra: NDArray[np.int32]
     longest: NDArray[np.int32]
 
 
+@cache
 def load_dialect() -> Dialect:
-    """Return the layouts of pymavlink's dialect "all", which holds every message with a number of its own."""
+    """Return the layouts of pymavlink's dialect "all", which holds every message with a number of its own.
+
+    They are constants of the installed package, so they are gathered once.
+    """
     from pymavlink.dialects.v20 import all as generated
 
     known = {
@@ -66,7 +73,8 @@ def load_dialect() -> Dialect:
         )
         extra[msg_id] = message.crc_extra
         longest[msg_id] = message.unpacker.size
-    return Dialect(types=types, extra=extra, longest=longest)
+    extra.flags.writeable = longest.flags.writeable = False
+    return Dialect(types=MappingProxyType(types), extra=extra, longest=longest)
 
 
 def _payload_dtype(struct_format: str, names: tuple[str, ...]) -> np.dtype[np.void]:

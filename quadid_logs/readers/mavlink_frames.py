@@ -6,6 +6,7 @@ telemetry log puts 8 bytes of host time before each packet.
 
 from __future__ import annotations
 
+import binascii
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from quadid_logs.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from quadid_logs.data.log import LostStretch
-from quadid_logs.readers.content import Bytes, little_endian, merge_stretches, rows_at
+from quadid_logs.readers.content import Bytes, merge_stretches, rows_at
 from quadid_logs.readers.mavlink_dialect import Dialect
 
 MAGIC_1: Final = 0xFE
@@ -21,10 +22,31 @@ MAGIC_2: Final = 0xFD
 STAMP_SIZE: Final = 8
 _HEADER_1: Final = 6
 _HEADER_2: Final = 10
+#: The parts of a header that are needed. The number of version 2 has the upper three bytes of `id`.
+_LAYOUT_1: Final = np.dtype(
+    {
+        "names": ["length", "system", "component", "id"],
+        "formats": ["u1"] * 4,
+        "offsets": [1, 3, 4, 5],
+        "itemsize": _HEADER_1,
+    }
+)
+_LAYOUT_2: Final = np.dtype(
+    {
+        "names": ["length", "flags", "system", "component", "id"],
+        "formats": ["u1"] * 4 + ["<u4"],
+        "offsets": [1, 2, 5, 6, 6],
+        "itemsize": _HEADER_2,
+    }
+)
 _CHECKSUM: Final = 2
+_CHECKSUM_LAYOUT: Final = np.dtype((np.void, _CHECKSUM))
 _SIGNATURE: Final = 13
 _SIGNED: Final = 1
 _BLOCK: Final = 1 << 20
+#: So few packets of one size in a block, mostly by chance, are faster one by one than as an array.
+_RARE: Final = 16
+_MIRRORED: Final = bytes(int(f"{value:08b}"[::-1], 2) for value in range(256))
 
 
 class Packets(NamedTuple):
@@ -32,7 +54,8 @@ class Packets(NamedTuple):
 
     ``start`` is the byte offset of the magic byte (int64), ``header`` the size
     before the payload, ``length`` that of the (zero-truncated) payload (uint8),
-    ``size`` that of the whole packet without host stamp (uint16).
+    ``size`` that of the whole packet without host stamp (uint16), ``msg_id`` its
+    type (uint16), ``system`` and ``component`` the sender (uint8).
     """
 
     start: AnyArray
@@ -56,6 +79,13 @@ class Packets(NamedTuple):
     def where(self, chosen: BoolArray | IntArray | slice) -> Packets:
         """Return the packets that `chosen` marks or lists."""
         return Packets(*(part[chosen] for part in self))
+
+    def in_place_for(self, capacity: int, count: int) -> Packets:
+        """Return the first `count` packets in arrays with place for `capacity`."""
+        wider = Packets(*(np.empty(capacity, part.dtype) for part in self))
+        for field, part in zip(wider, self, strict=True):
+            field[:count] = part[:count]
+        return wider
 
 
 class Framing(NamedTuple):
@@ -87,9 +117,7 @@ def frame(data: Bytes, dialect: Dialect) -> Framing:
         Bytes that belong to no packet are in `lost`, except packets of unknown
         type, whose checksum cannot be known, where they fill a gap exactly.
     """
-    blocks = [_candidates(data, begin, dialect) for begin in range(0, max(1, len(data)), _BLOCK)]
-    packets = Packets(*(np.concatenate(parts) for parts in zip(*blocks, strict=True)))
-    del blocks  # as large as the packets themselves
+    packets = _all_packets(data, dialect)
     keep = _without_overlap(packets)
     packets = packets if keep.all() else packets.where(keep)
     before = packets.start[1:] - packets.end[:-1]
@@ -113,92 +141,148 @@ def host_time_s(data: Bytes, packets: Packets) -> FloatArray:
     return time_s
 
 
-def _candidates(data: Bytes, begin: int, dialect: Dialect) -> Packets:
+def _all_packets(data: Bytes, dialect: Dialect) -> Packets:
+    """Find the packets of all blocks, in arrays as large as the part seen so far lets expect.
+
+    To hold all blocks' packets until they are joined would take twice the memory.
+    """
+    whole = _right_packets(data, 0, dialect)
+    count = len(whole.start)
+    for begin in range(_BLOCK, len(data), _BLOCK):
+        more = _right_packets(data, begin, dialect)
+        after = count + len(more.start)
+        if after > len(whole.start):
+            expected = int(1.1 * after * len(data) / (begin + _BLOCK))
+            whole = whole.in_place_for(max(after, expected, 3 * count // 2), count)
+        for field, part in zip(whole, more, strict=True):
+            field[count:after] = part
+        count = after
+    return whole.where(slice(count))
+
+
+def _right_packets(data: Bytes, begin: int, dialect: Dialect) -> Packets:
     """Find the packets with a right checksum that begin in one block, also where they end behind it."""
-    block = data[begin : begin + _BLOCK]
-    versions = [
-        _headers(data, np.flatnonzero(block == magic) + begin, header, dialect)
-        for magic, header in ((MAGIC_1, _HEADER_1), (MAGIC_2, _HEADER_2))
-    ]
-    packets = Packets(*(np.concatenate(parts) for parts in zip(*versions, strict=True)))
+    packets = _candidates(data, begin, dialect)
     packets = packets.where(_has_right_checksum(data, packets, dialect))
     return packets.where(np.argsort(packets.start, kind="stable"))
 
 
-def _headers(data: Bytes, start: IntArray, header: int, dialect: Dialect) -> Packets:
+def _candidates(data: Bytes, begin: int, dialect: Dialect) -> Packets:
+    """Find what can be the header of a packet in one block, first those of version 1."""
+    block = data[begin : begin + _BLOCK]
+    # Both magic bytes in one pass: they follow each other, and smaller values wrap around.
+    found = np.flatnonzero(block - np.uint8(MAGIC_2) <= MAGIC_1 - MAGIC_2)
+    is_1 = block[found] == MAGIC_1
+    found += begin
+    versions = [
+        _headers(data, found[is_1], _LAYOUT_1, dialect),
+        _headers(data, found[~is_1], _LAYOUT_2, dialect),
+    ]
+    return Packets(*(np.concatenate(parts) for parts in zip(*versions, strict=True)))
+
+
+def _headers(data: Bytes, start: IntArray, layout: np.dtype[np.void], dialect: Dialect) -> Packets:
     """Read the headers of one version, and keep those that can be of a known message inside the file."""
-    start = start[start + header + _CHECKSUM <= len(data)]
-    head = rows_at(data, start, np.dtype((np.void, header))).view(np.uint8).reshape(len(start), header)
-    length = head[:, 1]
-    size = length.astype(np.uint16) + np.uint16(header + _CHECKSUM)
-    if header == _HEADER_1:
-        msg_id = head[:, 5].astype(np.int32)
+    start = start[: np.searchsorted(start, len(data) - layout.itemsize - _CHECKSUM, side="right")]
+    head = rows_at(data, start, layout)
+    length = head["length"]
+    size = length.astype(np.uint16) + np.uint16(layout.itemsize + _CHECKSUM)
+    if layout is _LAYOUT_1:
+        msg_id = head["id"]
         # The payload of version 1 never exceeds the known layout; version 2 may bring new extensions.
         possible = length <= dialect.longest[msg_id]
     else:
-        msg_id = (
-            head[:, 7].astype(np.int32) | head[:, 8].astype(np.int32) << 8 | head[:, 9].astype(np.int32) << 16
-        )
-        possible = (msg_id < len(dialect.extra)) & (head[:, 2] <= _SIGNED)
-        msg_id[~possible] = 0
-        size[head[:, 2] == _SIGNED] += np.uint16(_SIGNATURE)
+        msg_id = np.minimum(head["id"] >> 8, len(dialect.extra) - 1)  # the last one is nobody's
+        size += (head["flags"] == _SIGNED) * np.uint16(_SIGNATURE)
+        possible = head["flags"] <= _SIGNED
     possible &= (dialect.extra[msg_id] >= 0) & (start + size <= len(data))
-    sender = header - 3 if header == _HEADER_1 else header - 5
-    system, component = head[:, sender], head[:, sender + 1]
-    before_payload = np.full(len(start), header, np.uint8)
-    return Packets(start, before_payload, length, size, msg_id, system, component).where(possible)
+    before_payload = np.full(len(start), layout.itemsize, np.uint8)
+    sender = head["system"], head["component"]
+    found = Packets(start, before_payload, length, size, msg_id.astype(np.uint16), *sender)
+    return found.where(np.flatnonzero(possible))
 
 
 def _has_right_checksum(data: Bytes, packets: Packets, dialect: Dialect) -> BoolArray:
-    """Compare every packet's CRC-16/MCRF4XX, over all but the magic byte plus the extra byte.
-
-    Packets of equal size are done together, two bytes a step.
-    """
+    """Compare every packet's CRC-16/MCRF4XX, over all but the magic byte plus the extra byte."""
     right = np.zeros(len(packets.start), bool)
-    if not len(right):
-        return right
-    covered = packets.header.astype(np.uint16) + packets.length - np.uint16(1)
-    order = np.argsort(covered, kind="stable")  # radix sort
-    cuts = np.flatnonzero(np.diff(covered[order])) + 1
-    one_byte, two_bytes = crc_tables()
-    extra = dialect.extra[packets.msg_id].astype(np.uint8)
-    checksum = packets.payload + packets.length
-    for group in np.split(order, cuts):
-        n_bytes = int(covered[group[0]])
-        row = np.dtype((np.void, n_bytes))
-        body = np.empty((len(group), n_bytes + 1), np.uint8)
-        body[:, :n_bytes] = (
-            rows_at(data, packets.start[group] + 1, row).view(np.uint8).reshape(len(group), n_bytes)
-        )
-        body[:, n_bytes] = extra[group]
-        right[group] = _crc(body, one_byte, two_bytes) == little_endian(data, checksum[group], 2)
+    covered = packets.header + packets.length.astype(np.uint16)
+    is_rare = (np.bincount(covered, minlength=1) < _RARE)[covered]
+    for k in np.flatnonzero(is_rare).tolist():
+        begin, end = int(packets.start[k]) + 1, int(packets.start[k]) + int(covered[k])
+        extra = int(dialect.extra[packets.msg_id[k]])
+        right[k] = is_right(data[begin:end].tobytes(), extra, data[end : end + _CHECKSUM].tobytes())
+    # Long ones apart: a table of all would be as wide as the longest one.
+    is_long = covered > 2.0 * covered.mean() if len(covered) else is_rare
+    for chosen in (np.flatnonzero(~is_rare & ~is_long), np.flatnonzero(~is_rare & is_long)):
+        if len(chosen):
+            order = chosen[np.argsort(covered[chosen], kind="stable")]  # radix sort
+            checksum = rows_at(data, packets.start[order] + covered[order], _CHECKSUM_LAYOUT)
+            right[order] = _checksums(data, packets.where(order), dialect) == checksum.view("<u2")
     return right
 
 
-def crc_tables() -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
-    """Return what one and what two zero bytes make of a CRC-16/MCRF4XX state.
+def is_right(covered: bytes, extra: int, checksum: bytes) -> bool:
+    """Tell whether a single packet's checksum is right, by the standard library's CRC.
 
-    Polynomial 0x1021 reflected (0x8408). Because the step is linear, a byte or
-    a little-endian pair of bytes is first combined with the state by exclusive or.
+    That has the same polynomial but begins with each byte's highest bit, so
+    all bytes are mirrored; the checksum behind what it covers makes zero.
     """
-    state = np.arange(256, dtype=np.uint16)
-    for _ in range(8):
-        state = np.where(state & 1, (state >> 1) ^ np.uint16(0x8408), state >> 1).astype(np.uint16)
-    pair = np.arange(1 << 16, dtype=np.uint16)
-    for _ in range(2):
-        pair = (pair >> 8) ^ state[pair & 0xFF]
-    return state, pair
+    whole = covered + bytes([extra]) + checksum
+    return binascii.crc_hqx(whole.translate(_MIRRORED), 0xFFFF) == 0
 
 
-def _crc(body: Bytes, one_byte: NDArray[np.uint16], two_bytes: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    """Return the checksum of each row."""
-    n_pairs = body.shape[1] // 2
-    pairs = np.ascontiguousarray(np.ascontiguousarray(body[:, : 2 * n_pairs]).view("<u2").T)
-    crc = np.full(len(body), 0xFFFF, np.uint16)
-    for words in pairs:
-        crc = two_bytes[crc ^ words]
-    if body.shape[1] % 2:
-        crc = (crc >> 8) ^ one_byte[(crc ^ body[:, -1]) & 0xFF]
+def _checksums(data: Bytes, packets: Packets, dialect: Dialect) -> NDArray[np.uint16]:
+    """Compute the checksums of at least one packet, sorted by size, all at once and two bytes a step.
+
+    They are aligned at their ends: zeros in front do not change a state of zero.
+    """
+    sizes, first = np.unique(packets.header + packets.length.astype(np.uint16), return_index=True)
+    n_steps, n_packets = (int(sizes[-1]) + 1) // 2, len(packets.start)
+    words = np.empty((n_steps, n_packets), "<u2")
+    extra = dialect.extra[packets.msg_id].astype(np.uint8)
+    for size, lo, hi in zip(sizes.tolist(), first, [*first[1:], n_packets], strict=True):
+        covered = _covered_words(data, packets.start[lo:hi], size, extra[lo:hi])
+        words[n_steps - covered.shape[1] :, lo:hi] = covered.T
+    # The packets that have begun at each step: the longest ones, which stand last.
+    begun = first[np.searchsorted(sizes, 2 * np.arange(n_steps, 0, -1) - 1)]
+    return crc_of_columns(words, begun)
+
+
+def _covered_words(data: Bytes, start: IntArray, size: int, extra: Bytes) -> NDArray[np.uint16]:
+    """Return what the checksums of packets of one size cover, as rows of 16-bit words.
+
+    The initial ones of the register are combined with the first two bytes; an odd size has a zero in front.
+    """
+    odd = size % 2
+    row = rows_at(data, start + (1 - odd), np.dtype((np.void, size + odd)))
+    body = row.view(np.uint8).reshape(len(start), size + odd)
+    body[:, :odd] = 0
+    body[:, odd : odd + 2] ^= 0xFF
+    body[:, -1] = extra
+    return body.view("<u2")
+
+
+def crc_of_columns(words: NDArray[np.uint16], begun: IntArray) -> NDArray[np.uint16]:
+    """Return the CRC-16/MCRF4XX of each column, beginning with a state of zero.
+
+    Polynomial x^16 + x^12 + x^5 + 1 in reflected order: two bytes multiply the
+    state by x^16. What overflows comes back shifted by 5 and 12, again and
+    again; y sums these rounds up.
+
+    Parameters
+    ----------
+    words : ndarray of uint16, shape (n_steps, n_columns)
+        Little-endian pairs of bytes.
+    begun : ndarray of int, shape (n_steps,)
+        Columns before it are still zero at that step and are left out.
+    """
+    crc = np.zeros(words.shape[1], np.uint16)
+    for row, first in zip(words, begun.tolist(), strict=True):
+        state = crc[first:] ^ row[first:]
+        y = state ^ state << 4
+        y ^= y << 8
+        y ^= state << 11
+        crc[first:] = y ^ y >> 5 ^ y >> 12
     return crc
 
 

@@ -30,8 +30,8 @@ from quadid_logs.readers.mavlink_frames import MAGIC_1, MAGIC_2, STAMP_SIZE, Pac
 
 _INVALID_AUTOPILOT: Final = 8
 _GROUND_STATION: Final = 6
-#: Rows that are copied at once: what is needed for that stays small.
-_ROWS: Final = 1 << 16
+#: Packets that are sorted and copied at once.
+_ROWS: Final = 1 << 15
 _FEW: Final = 2
 """Packets with a right checksum that make a file a MAVLink log, unless it begins with one."""
 
@@ -151,7 +151,8 @@ def read_content(path: str | Path, names: Collection[str], *, system: int = 0) -
         present = ", ".join(str(one) for one in sorted({one.system_id for one in systems}))
         raise SettingsError(f"There is no system {system} in {path}.", hint=f"It holds {present}.")
     chosen = next(one for one in systems if one.chosen)
-    own = packets.where((packets.system == chosen.system_id) & (packets.component == chosen.component_id))
+    is_own = (packets.system == chosen.system_id) & (packets.component == chosen.component_id)
+    own = packets if is_own.all() else packets.where(is_own)
     messages = _decode(data, own, dialect, {*names, "HEARTBEAT"})
     clock, on_host_clock = _boot_clock(data, own, dialect, messages)
     heartbeat = messages.get("HEARTBEAT")
@@ -197,32 +198,41 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
 def _decode(
     data: Bytes, packets: Packets, dialect: Dialect, names: Collection[str] | None
 ) -> dict[str, MessageRows]:
-    """Decode the packets by type."""
-    order = np.argsort(packets.msg_id.astype(np.uint16), kind="stable")
-    ids, first = np.unique(packets.msg_id[order], return_index=True)
-    decoded = {}
-    for msg_id, chosen in zip(ids.tolist(), np.split(order, first)[1:], strict=True):
-        kind = dialect.types[msg_id]
-        if names is None or kind.name in names:
-            some = packets.where(chosen)
-            decoded[kind.name] = MessageRows(
-                name=kind.name,
-                rows=_payloads(data, some, kind),
-                position=some.start,
-                system_id=some.system,
-                component_id=some.component,
-            )
-    return decoded
+    """Decode the packets by type, part by part: only the rows themselves are as large as the file."""
+    tables: dict[int, MessageRows] = {}
+    for msg_id, count in enumerate(np.bincount(packets.msg_id).tolist()):
+        if count and (names is None or dialect.types[msg_id].name in names):
+            tables[msg_id] = _no_rows_yet(dialect.types[msg_id], count)
+    filled = dict.fromkeys(tables, 0)
+    for begin in range(0, len(packets.start), _ROWS):
+        part = packets.where(slice(begin, begin + _ROWS))
+        order = np.argsort(part.msg_id, kind="stable")  # radix sort
+        ids, first = np.unique(part.msg_id[order], return_index=True)
+        for msg_id, chosen in zip(ids.tolist(), np.split(order, first[1:]), strict=True):
+            if msg_id in tables:
+                done, filled[msg_id] = filled[msg_id], filled[msg_id] + len(chosen)
+                _fill(tables[msg_id], slice(done, filled[msg_id]), data, part.where(chosen))
+    return {table.name: table for table in tables.values()}
 
 
-def _payloads(data: Bytes, packets: Packets, kind: MessageType) -> AnyArray:
-    """Return the payloads as rows; what the sender truncated is zero, what we do not know is left out."""
-    body = np.zeros((len(packets.start), kind.dtype.itemsize), np.uint8)
-    for first in range(0, len(body), _ROWS):
-        part = slice(first, first + _ROWS)
-        _copy_payloads(data, packets.where(part), body[part])
-    rows: AnyArray = body.reshape(-1).view(kind.dtype)
-    return rows
+def _no_rows_yet(kind: MessageType, count: int) -> MessageRows:
+    """Return a table for so many rows: zero is what a sender leaves out of a payload's end."""
+    return MessageRows(
+        name=kind.name,
+        rows=np.zeros(count, kind.dtype),
+        position=np.empty(count, np.int64),
+        system_id=np.empty(count, np.uint8),
+        component_id=np.empty(count, np.uint8),
+    )
+
+
+def _fill(table: MessageRows, place: slice, data: Bytes, packets: Packets) -> None:
+    """Put packets into some rows of their table; what we do not know of a payload is left out."""
+    body = table.rows.view((np.uint8, table.rows.dtype.itemsize))
+    _copy_payloads(data, packets, body[place])
+    table.position[place] = packets.start
+    table.system_id[place] = packets.system
+    table.component_id[place] = packets.component
 
 
 def _copy_payloads(data: Bytes, packets: Packets, body: Bytes) -> None:
@@ -278,8 +288,10 @@ def _systems(data: Bytes, packets: Packets, dialect: Dialect, system: int) -> tu
     autopilots, types = enum_names("MAV_AUTOPILOT", "MAV_AUTOPILOT_"), enum_names("MAV_TYPE", "MAV_TYPE_")
     heartbeats = _decode(data, packets, dialect, {"HEARTBEAT"}).get("HEARTBEAT")
     found: list[tuple[tuple[bool, int], LoggedSystem]] = []
-    address = packets.system.astype(np.int64) * 256 + packets.component
-    for key, count in zip(*(part.tolist() for part in np.unique(address, return_counts=True)), strict=True):
+    address = packets.system.astype(np.uint16) * 256 + packets.component
+    for key, count in enumerate(np.bincount(address).tolist()):
+        if not count:
+            continue
         autopilot, mav_type = _identity(heartbeats, key // 256, key % 256)
         is_autopilot = autopilot not in (-1, _INVALID_AUTOPILOT) and mav_type != _GROUND_STATION
         vehicle = vehicle_type_of(mav_type)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from quadid_logs.errors import EmptyLogError, LogError, SettingsError
 from quadid_logs.readers import read_log, tlog
-from quadid_logs.readers.mavlink_frames import crc_tables
+from quadid_logs.readers.mavlink_frames import crc_of_columns, is_right
 
 from . import mavlink_maker as make
 
@@ -105,17 +105,31 @@ def test_at_least_as_many_messages_are_kept_as_by_pymavlink(
     assert read_log(corpus_log).lost
 
 
-def test_the_checksum_tables_make_pymavlinks_checksum() -> None:
-    """Two bytes a step give what pymavlink's byte-wise CRC gives."""
+@given(st.binary(min_size=6, max_size=280), st.integers(0, 255))
+def test_a_single_checksum_is_pymavlinks(covered: bytes, extra: int) -> None:
+    """The one that pymavlink computes is right, and any other is not."""
     from pymavlink.generator.mavcrc import x25crc
 
-    one_byte, two_bytes = crc_tables()
-    body = bytes(range(7, 208))
-    crc = 0xFFFF
-    for low, high in zip(body[:-1:2], body[1::2], strict=True):
-        crc = int(two_bytes[crc ^ (low | high << 8)])
-    crc = (crc >> 8) ^ int(one_byte[(crc ^ body[-1]) & 0xFF])
-    assert crc == x25crc(body).crc
+    checksum = x25crc([*covered, extra]).crc
+    assert is_right(covered, extra, checksum.to_bytes(2, "little"))
+    assert not is_right(covered, extra, (checksum ^ 0x0100).to_bytes(2, "little"))
+
+
+@given(st.lists(st.binary(min_size=2, max_size=40), min_size=1, max_size=5))
+def test_many_checksums_at_once_are_pymavlinks(messages: list[bytes]) -> None:
+    """Messages of different lengths, aligned at their ends, each get what pymavlink computes byte by byte."""
+    from pymavlink.generator.mavcrc import x25crc
+
+    messages = sorted((message * 2 for message in messages), key=len)
+    n_steps = len(messages[-1]) // 2
+    words = np.full((n_steps, len(messages)), 0xDEAD, "<u2")  # what is not filled in must not count
+    for column, message in enumerate(messages):
+        own = np.frombuffer(message, "<u2").copy()
+        own[0] ^= 0xFFFF
+        words[n_steps - len(own) :, column] = own
+    lengths = np.array([len(message) // 2 for message in messages])
+    begun = np.searchsorted(lengths, np.arange(n_steps, 0, -1))
+    assert crc_of_columns(words, begun).tolist() == [x25crc(message).crc for message in messages]
 
 
 @pytest.mark.parametrize("version", [1, 2])
