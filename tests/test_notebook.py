@@ -9,7 +9,7 @@ import pytest
 
 import quadid_logs
 from quadid_logs.data.result import Result
-from quadid_logs.report.view import effect_sentence
+from quadid_logs.report.verdict import effect_sentence
 from tests.synthetic_results import hostile_result, refused_result, usable_result
 
 

@@ -10,7 +10,7 @@ from quadid_logs.compare import Comparison, Quantity
 from quadid_logs.data.result import Result
 from quadid_logs.report.json import plain
 from quadid_logs.report.numbers import estimate, number, percent
-from quadid_logs.report.view import pretty_unit
+from quadid_logs.report.words import pretty_unit
 from quadid_logs.untrusted import printable
 
 _HEADLINES = {

@@ -143,7 +143,7 @@ def write_drawings(result: Result, provenance: Provenance, folder: Path) -> None
 def _summary(result: Result) -> Figure:
     """Return the one picture to post."""
     from quadid_logs.figures.summary import summary_figure
-    from quadid_logs.report.view import effect_sentence, headline
+    from quadid_logs.report.verdict import effect_sentence, headline
 
     refused = {axis for axis, found in result.diagnosis.axes.items() if found.verdict == "refused"}
     gains = {axis: "" if axis in refused else effect_sentence(result, axis) for axis in AXES}

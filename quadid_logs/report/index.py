@@ -8,7 +8,7 @@ from pathlib import PurePath
 from urllib.parse import quote
 
 from quadid_logs.data.result import Result
-from quadid_logs.report.view import effect_sentence, flown_sentence
+from quadid_logs.report.verdict import effect_sentence, flown_sentence
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES
 

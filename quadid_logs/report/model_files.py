@@ -14,7 +14,7 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.data.model import Model
 from quadid_logs.data.result import Result
 from quadid_logs.errors import EmptyLogError, SettingsError
-from quadid_logs.report.view import refused_axes
+from quadid_logs.report.verdict import refused_axes
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS
 

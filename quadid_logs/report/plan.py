@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from quadid_logs.data.model import Parameter
 from quadid_logs.plan import Plan, Prediction, Setting
 from quadid_logs.report.numbers import estimate, number
-from quadid_logs.report.view import pretty_unit
+from quadid_logs.report.words import pretty_unit
 from quadid_logs.simulate.sweep import Sweep
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, TORQUE_SYMBOLS

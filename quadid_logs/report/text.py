@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import PurePath
 
 from quadid_logs.data.result import Result
-from quadid_logs.report.view import effect_sentence, flown_sentence, next_steps
+from quadid_logs.report.verdict import effect_sentence, flown_sentence
+from quadid_logs.report.view import next_steps
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES
 

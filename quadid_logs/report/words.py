@@ -115,3 +115,14 @@ def signal_name(signal: str) -> str:
     ('torque', 'body rate setpoint')
     """
     return printable(signal.removesuffix("_n_m"), 60).replace("_", " ")
+
+
+def pretty_unit(unit: str) -> str:
+    """Return a unit with raised exponents.
+
+    Examples
+    --------
+    >>> pretty_unit("rad/s^2")
+    'rad/s²'
+    """
+    return printable(unit, 60).replace("^2", "²").replace("^-1", "⁻¹")

@@ -11,11 +11,13 @@ import pytest
 @pytest.mark.parametrize(
     "module",
     [
+        "quadid_logs.cli.progress",
         "quadid_logs.figures.thinning",
         "quadid_logs.report.files",
         "quadid_logs.report.html",
         "quadid_logs.report.numbers",
-        "quadid_logs.report.view",
+        "quadid_logs.report.log_tables",
+        "quadid_logs.report.words",
         "quadid_logs.untrusted",
     ],
 )

@@ -215,15 +215,18 @@ def _pitch_refused(result: Result) -> Result:
 
 
 def test_numbers_of_a_refused_axis_do_not_look_like_results(usable: Result) -> None:
-    """The whole row of B and A is grey and says so; other tables put it in brackets; figures say it."""
+    """All of it in B and A is grey and says so; other tables put it in brackets; figures say it."""
     result = _pitch_refused(usable)
     view = view_of(result, provenance_of("x"))
-    for table in view.model_tables[:2]:
-        rows = {row[0].text: row for row in table.rows}
-        assert rows["dq/dt"][0].detail == "not to be trusted"
-        assert all(cell.weak for cell in rows["dq/dt"][1:])
-        assert rows["dp/dt"][0].detail == ""
-        assert "refused" in table.note
+    gains, regressors = view.model_tables[:2]
+    rows = {row[0].text: row for row in gains.rows}
+    assert rows["dq/dt"][0].detail == "not to be trusted"
+    assert all(cell.weak for cell in rows["dq/dt"][1:])
+    assert rows["dp/dt"][0].detail == ""
+    assert regressors.head == ("", "dp/dt", "dq/dt not to be trusted", "dr/dt")
+    assert all(row[2].weak for row in regressors.rows)
+    assert "refused" in gains.note
+    assert "refused" in regressors.note
     assert view.structures is not None
     assert re.search(r"/ \([\d.]+\) /", view.structures.rows[0][1].text)
     titles = [panel.title for figure in figures_of(result).shown for panel in figure.panels]

@@ -1,0 +1,179 @@
+"""What the log is, where each signal comes from, and how it was really sampled."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from quadid_logs.data.flight import FlightData, SourceChoice
+from quadid_logs.data.log import FlightLog
+from quadid_logs.data.result import Result
+from quadid_logs.report.airframe import airframe_facts
+from quadid_logs.report.cells import Cell, Table
+from quadid_logs.report.numbers import number, percent, seconds, size
+from quadid_logs.report.words import pretty_unit, signal_name
+from quadid_logs.untrusted import printable
+from quadid_logs.vocabulary import SIGNALS
+
+#: What a model rests on; the other signals say when the vehicle flew and what the mixer did.
+_MAIN_SIGNALS = frozenset({"torque_n_m", "torque_command", "body_rate", "attitude", "throttle"})
+
+
+MOST_ROWS = 60
+
+_FORMATS = {
+    "dataflash": "ArduPilot DataFlash",
+    "dataflash-text": "ArduPilot DataFlash as text",
+    "ulog": "PX4 ULog",
+    "tlog": "MAVLink telemetry log",
+    "table": "table",
+}
+
+_AUTOPILOTS = {"ardupilot": "ArduPilot", "px4": "PX4", "other": "not stated"}
+
+
+def log_facts(result: Result) -> tuple[tuple[str, str], ...]:
+    """Return what the log is."""
+    log, data = result.log, result.data
+    described = data.input
+    torque = "none found"
+    if described is not None:
+        torque = (
+            f"{printable(described.source, 120)}, "
+            + ("in N m" if described.unit == "N m" else "normalised command, not N m")
+            + f"; {percent(described.saturated_fraction)} of the samples saturated"
+        )
+    period_s = data.sample_period_s
+    facts = [
+        ("File", f"{printable(log.path)} ({size(log.n_bytes)})"),
+        (
+            "Format",
+            " ".join(filter(None, (_FORMATS.get(log.format, log.format), printable(log.dialect, 40)))),
+        ),
+        ("Autopilot", _AUTOPILOTS.get(log.autopilot, printable(log.autopilot, 40))),
+        ("Firmware", printable(log.firmware, 120) or "not stated"),
+        (
+            "Vehicle",
+            ", ".join(filter(None, (printable(log.vehicle_type, 40), printable(log.vehicle_name, 60)))),
+        ),
+        ("Frame", printable(log.frame, 80) or "not stated"),
+        ("Clock", _clock(data)),
+        ("Torque", torque),
+        ("Flights", _spans(data.flights) or printable(data.on_ground_reason) or "none"),
+        (
+            "Analysed" if result.identification.recommended else "Without gaps",
+            _spans((item.start_s, item.end_s) for item in data.segments) or "nothing",
+        ),
+        ("Resampled to", f"{1.0 / period_s:.4g} Hz" if math.isfinite(period_s) and period_s > 0 else "–"),
+        (
+            "Missing",
+            _lost(log),
+        ),
+    ]
+    facts += airframe_facts(log)
+    if log.systems:
+        spoken = ", ".join(
+            f"{system.system_id}/{system.component_id} {printable(system.vehicle_type, 30)}"
+            + (" (chosen)" if system.chosen else "")
+            for system in log.systems[:12]
+        )
+        facts.append(("MAVLink systems", spoken))
+    return tuple(facts)
+
+
+def _clock(data: FlightData) -> str:
+    """Say what the log's clock covers."""
+    if not data.duration_s > 0.0:
+        return "covers no time"
+    resets = _counted(data.clock_resets, "reset", "resets") if data.clock_resets else "no resets"
+    return f"from {data.start_s:.1f} s, {seconds(data.duration_s)}; {resets}"
+
+
+def _lost(log: FlightLog) -> str:
+    """Say what of the log is missing."""
+    lost = f"{size(log.corrupt_bytes)} in {_counted(len(log.lost), 'stretch', 'stretches')}"
+    dropped = f"{_counted(log.n_dropped, 'message', 'messages')} dropped by the autopilot"
+    return "; ".join([lost] * bool(log.lost) + [dropped] * bool(log.n_dropped)) or "nothing"
+
+
+def _counted(count: int, one: str, many: str) -> str:
+    """Return a number with its noun.
+
+    Examples
+    --------
+    >>> _counted(1, "stretch", "stretches"), _counted(0, "stretch", "stretches")
+    ('1 stretch', '0 stretches')
+    """
+    return f"{count} {one if count == 1 else many}"
+
+
+def _spans(spans: Iterable[tuple[float, float]]) -> str:
+    """Return stretches of time, the first few in full."""
+    listed = list(spans)
+    shown = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in listed[:6])
+    return shown + (f" and {len(listed) - 6} more" if len(listed) > 6 else "")
+
+
+def main_signals(result: Result) -> Table:
+    """Return each signal with its source, true rate, gaps and losses."""
+    return _signal_table("Signals, where they come from, and how they were really sampled", result, main=True)
+
+
+def other_signals(result: Result) -> Table:
+    """Return the same for the signals that the model does not rest on."""
+    return _signal_table("Other signals", result, main=False)
+
+
+def _signal_table(caption: str, result: Result, *, main: bool) -> Table:
+    """Return a table of the signals that the model rests on, or of the others."""
+    found = [choice for choice in result.data.sources.values() if (choice.signal in _MAIN_SIGNALS) == main]
+    return Table(
+        caption=caption,
+        head=("signal", "source and why", "true rate [Hz]", "longest gap [s]", "gaps", "rows put aside"),
+        rows=tuple(_signal(choice) for choice in found[:MOST_ROWS]),
+    )
+
+
+def _signal(choice: SourceChoice) -> tuple[Cell, ...]:
+    """Return one row of the table of signals."""
+    name = signal_name(choice.signal)
+    why = printable(choice.reason, 160)
+    if choice.others:
+        others = ", ".join(
+            f"{printable(source, 60)} ({number(rate, 3)} Hz)" for source, rate in choice.others[:4]
+        )
+        why += f". Not taken: {others}"
+    aside = {
+        "repeated": choice.n_duplicate,
+        "reordered": choice.n_out_of_order,
+        "impossible time": choice.n_wild,
+        "not finite": choice.n_not_finite,
+    }
+    return (
+        Cell(text=name, detail=_unit(choice.signal)),
+        Cell(text=printable(choice.source, 120), detail=why),
+        Cell(text=number(choice.rate_hz), detail=f"mean {number(choice.mean_rate_hz)}")
+        if choice.rate_hz > 0.0
+        else Cell(text="events"),
+        Cell(text=number(choice.longest_gap_s, 3) if choice.rate_hz > 0.0 else "–"),
+        Cell(text=str(choice.n_gaps)),
+        Cell(text=", ".join(f"{count} {word}" for word, count in aside.items() if count) or "none"),
+    )
+
+
+def _unit(signal: str) -> str:
+    """Return the unit of a canonical signal as people read it."""
+    unit = SIGNALS[signal].unit if signal in SIGNALS else ""
+    return "normalised" if unit == "1" else pretty_unit(unit).replace("us", "µs")
+
+
+def unread_stretches(result: Result) -> tuple[str, ...]:
+    """Return what could not be read, each stretch in a line."""
+    lost = result.log.lost
+    lines = [
+        f"{stretch.n_bytes} bytes at offset {stretch.offset}: {printable(stretch.reason, 160)}"
+        for stretch in lost[:MOST_ROWS]
+    ]
+    if len(lost) > MOST_ROWS:
+        lines.append(f"and {len(lost) - MOST_ROWS} more")
+    return tuple(lines)

@@ -1,0 +1,157 @@
+"""B, A and the inertia tensor as tables, with their intervals and doubts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.data.model import Inertia, Model, Parameter
+from quadid_logs.data.result import Result
+from quadid_logs.report.cells import Cell, Table
+from quadid_logs.report.numbers import interval, number
+from quadid_logs.report.published import comparison_rows
+from quadid_logs.report.verdict import input_unit, refused_axes
+from quadid_logs.untrusted import printable
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS
+
+_TARGETS = {"p_dot": "dp/dt", "q_dot": "dq/dt", "r_dot": "dr/dt"}
+_B_CAPTION = "B: angular acceleration per torque"
+_A_CAPTION = "A: angular acceleration per regressor, one a line [rad/s² per unit of the regressor]"
+#: An interval this far below the largest entry is what a tensor's inverse leaves of an exact zero.
+_ROUNDING = 1e-6
+_DISTRUSTED = "not to be trusted"
+_REGRESSORS = {
+    "pp": "pp, qq, rr: squares of the rates, which act where products of inertia are",
+    "qr": "qr, pr, pq: products of two rates, by which a turn about two axes pushes the third",
+    "p": "p, q, r: the rates themselves, as in damping",
+    "phi": "phi, theta, psi: roll, pitch and yaw angle",
+    "1": "1: a steady push, as of a bent arm.",
+}
+
+
+def model_tables(result: Result, model: Model) -> tuple[Table, ...]:
+    """Return B, A and, where it is known, the inertia tensor."""
+    unit = "N m" if input_unit(result) == "N m" else "unit of normalised command"
+    distrusted = frozenset(
+        target for target, no in zip(ACCELERATION_SYMBOLS, refused_axes(result), strict=True) if no
+    )
+    tables = [
+        _matrix(model, model.B, model.inputs, f"{_B_CAPTION} [rad/s² per {unit}]", distrusted),
+    ]
+    if model.regressors:
+        tables.append(_transposed(_matrix(model, model.A, model.regressors, _A_CAPTION, distrusted)))
+    if model.inertia is not None:
+        tables.append(_inertia(model.inertia, refused_axes(result)))
+        tables.append(_published(model.inertia, result))
+    return tuple(tables)
+
+
+def _matrix(
+    model: Model, values: FloatArray, columns: tuple[str, ...], caption: str, distrusted: frozenset[str]
+) -> Table:
+    """Return one matrix with its intervals; rows of refused axes are grey and say so."""
+    known = {(parameter.target, parameter.regressor): parameter for parameter in model.parameters}
+    largest = float(np.abs(values).max(initial=0.0))
+    rows = tuple(
+        (
+            Cell(text=_TARGETS.get(target, target), detail=_DISTRUSTED if target in distrusted else ""),
+            *(
+                _entry(known.get((target, name)), float(values[row, column]), largest, target in distrusted)
+                for column, name in enumerate(columns)
+            ),
+        )
+        for row, target in enumerate(model.targets)
+    )
+    return Table(caption=caption, head=("", *columns), rows=rows, note=_note(model, columns, distrusted))
+
+
+def _note(model: Model, columns: tuple[str, ...], distrusted: frozenset[str]) -> str:
+    """Say what the regressors are, which entries are no results, and why."""
+    words = "; ".join(_REGRESSORS[name] for name in columns if name in _REGRESSORS)
+    refused = f"Entries marked {_DISTRUSTED!r} belong to refused axes: they are no results."
+    doubted = (
+        parameter
+        for parameter in model.parameters
+        if parameter.target not in distrusted and parameter.regressor in columns
+    )
+    return " ".join(filter(None, (words, refused if distrusted else "", _weak_note(doubted))))
+
+
+def _transposed(table: Table) -> Table:
+    """Return a table with rows and columns exchanged: many regressors fit a screen only below each other."""
+    names = [" ".join(filter(None, (row[0].text, row[0].detail))) for row in table.rows]
+    rows = tuple(
+        (Cell(text=name), *(row[column] for row in table.rows))
+        for column, name in enumerate(table.head[1:], start=1)
+    )
+    return replace(table, head=("", *names), rows=rows)
+
+
+def _entry(parameter: Parameter | None, value: float, largest: float, distrusted: bool) -> Cell:
+    """Return value and interval of one element, grey where it is no result."""
+    if parameter is None:
+        return Cell(text=number(value), weak=True, detail="no interval")
+    if parameter.value == 0.0 and not all(map(math.isfinite, parameter.ci95)):
+        return Cell(text="–", detail="left out", weak=True)
+    if max(map(abs, parameter.ci95)) < _ROUNDING * largest:
+        return Cell(text="0")
+    detail = interval(*parameter.ci95)
+    weak = distrusted or not parameter.identifiable
+    return Cell(text=number(parameter.value), detail=detail, weak=weak)
+
+
+def _weak_note(parameters: Iterable[Parameter]) -> str:
+    """Say which elements are grey and why, those with the same reason together."""
+    reasons: dict[str, list[str]] = {}
+    for parameter in parameters:
+        if not parameter.identifiable:
+            reasons.setdefault(printable(parameter.reason, 160), []).append(printable(parameter.name, 20))
+    if not reasons:
+        return ""
+    why = "; ".join(f"{', '.join(names)}: {reason or 'not known'}" for reason, names in reasons.items())
+    return f"Grey: this flight cannot tell the value; do not read it as a property of the vehicle. {why}."
+
+
+def _inertia(inertia: Inertia, distrusted: tuple[bool, ...]) -> Table:
+    """Return the inertia tensor with its intervals; what rests on a refused axis is grey."""
+    names = ("x", "y", "z")
+    rows = tuple(
+        (
+            Cell(text=name, detail=_DISTRUSTED if distrusted[i] else ""),
+            *(
+                Cell(
+                    text=number(float(inertia.matrix[i, j])),
+                    detail=interval(float(inertia.ci95_low[i, j]), float(inertia.ci95_high[i, j])),
+                    weak=distrusted[i] or distrusted[j],
+                )
+                for j in range(3)
+            ),
+        )
+        for i, name in enumerate(names)
+    )
+    return Table(caption="Inertia tensor about the centre of mass [kg m²]", head=("", *names), rows=rows)
+
+
+def _published(inertia: Inertia, result: Result) -> Table:
+    """Hold the moments of inertia against the user's own and against published ones."""
+    rows = comparison_rows(inertia, result.vehicle)
+    return Table(
+        caption="Beside other vehicles [kg m²]",
+        head=("vehicle", "mass [kg]", "Ixx", "Iyy", "Izz"),
+        rows=tuple(
+            (
+                Cell(text=name, detail=source),
+                Cell(text=mass),
+                *(
+                    Cell(text=moment, weak=place == 0 and distrusted)
+                    for moment, distrusted in zip(moments, refused_axes(result), strict=True)
+                ),
+            )
+            for place, (name, mass, source, moments) in enumerate(rows)
+        ),
+        note="The nearest comes first. Moments grow with mass times the square of the size.",
+    )

@@ -1,0 +1,75 @@
+"""The verdict in words: over all axes, and per axis with its main number."""
+
+from __future__ import annotations
+
+import math
+
+from quadid_logs.data.result import Result
+from quadid_logs.report.numbers import estimate, seconds
+from quadid_logs.report.words import pretty_unit
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES
+
+_HEADLINES = {
+    "usable": "The model can be used on all three axes.",
+    "caution": "The model can be used, with the doubts named below.",
+    "refused": "This log gives no model that can be trusted.",
+}
+
+
+def headline(result: Result) -> str:
+    """Return the verdict over all axes in one sentence."""
+    refused = [axis for axis, no in zip(AXES, refused_axes(result), strict=True) if no]
+    others = [axis for axis in AXES if axis not in refused]
+    if refused and others:
+        first, second = " and ".join(others), " and ".join(refused)
+        return f"{first.capitalize()} can be used; {second} must not be trusted."
+    return _HEADLINES[overall(result)]
+
+
+def overall(result: Result) -> str:
+    """Return the worst verdict of the axes."""
+    verdicts = {axis.verdict for axis in result.diagnosis.axes.values()}
+    return next((level for level in ("refused", "caution") if level in verdicts), "usable")
+
+
+def refused_axes(result: Result) -> tuple[bool, ...]:
+    """Return whether each of roll, pitch and yaw is refused."""
+    found = result.diagnosis.axes
+    return tuple(axis in found and found[axis].verdict == "refused" for axis in AXES)
+
+
+def input_unit(result: Result) -> str:
+    """Return "N m" or "1"."""
+    return result.data.input.unit if result.data.input else "1"
+
+
+def flown_sentence(result: Result) -> str:
+    """Say how much of the log was analysed, or flown where nothing could be identified."""
+    if not result.log.has_time:
+        return "nothing identified: the log has no time stamps"
+    length = seconds(result.data.duration_s)
+    if result.identification.recommended is not None:
+        return f"{seconds(used_s(result))} of {length} analysed"
+    if not result.data.flights:
+        return f"no flight in {length} of log"
+    flown_s = sum(end - start for start, end in result.data.flights)
+    return f"{seconds(flown_s)} of flight in {length} of log, nothing identified"
+
+
+def used_s(result: Result) -> float:
+    """Return the length of all segments [s]."""
+    return float(sum(segment.end_s - segment.start_s for segment in result.data.segments))
+
+
+def effect_sentence(result: Result, axis: str) -> str:
+    """Return the axis' torque effectiveness with its interval, "" where there is none."""
+    model = result.identification.recommended
+    number_of = AXES.index(axis)
+    target, torque = ACCELERATION_SYMBOLS[number_of], ("L", "M", "N")[number_of]
+    found = () if model is None else model.parameters
+    for parameter in found:
+        if parameter.target == target and parameter.regressor == torque and math.isfinite(parameter.value):
+            per = " per unit command" if input_unit(result) == "1" else ""
+            shown_value = estimate(parameter.value, *parameter.ci95)
+            return f"{parameter.name} = {shown_value} {pretty_unit(parameter.unit)}{per}"
+    return ""
