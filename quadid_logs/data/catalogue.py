@@ -159,8 +159,10 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL401",
                 "No flight in this log",
-                "By the evidence that the log holds, the vehicle did not fly.",
-                "Use a log with a flight of at least half a minute.",
+                "By the evidence that the log holds, the vehicle did not fly, or the part with the flight is "
+                "missing.",
+                "Use a log with a flight of at least half a minute. If you did fly, fetch the whole file from "
+                "the vehicle again.",
             ),
             _entry(
                 "QL402",

@@ -12,6 +12,7 @@ from quadid_logs.data.settings import Settings
 from quadid_logs.diagnose.advice import logging_advice
 from quadid_logs.diagnose.findings import finding
 from quadid_logs.diagnose.torque_findings import not_in_newton_metres
+from quadid_logs.vocabulary import MULTIROTOR
 
 #: A signal that is this much slower on average than between typical samples is not what it seems.
 _RATE_SHORTFALL = 0.7
@@ -22,20 +23,24 @@ _MIN_ATTITUDE_HZ = 20.0
 def find_in_data(
     log: FlightLog, data: FlightData, identification: Identification, settings: Settings
 ) -> Iterator[Finding]:
-    """Yield the findings about signals, rates and flight."""
-    if not log.has_time:
+    """Yield the findings about signals, rates and flight; none about a vehicle that the model is not for."""
+    if not log.has_time or log.vehicle_type not in (MULTIROTOR, "unknown"):
         return
     advice = logging_advice(log.autopilot, log.format, log.parameters)
     rate = data.sources.get("body_rate")
     torque = data.sources.get("torque_n_m") or data.sources.get("torque_command")
-    logged = ", ".join(sorted(data.sources)) or "nothing usable"
+    logged = sorted(data.sources)
+    # Without a flight, that is what a pilot must hear first.
+    if not data.flights:
+        yield _no_flight(data)
     if rate is None:
         yield finding("QL301", "error", {"found": logged}, advice=advice)
     if torque is None:
         yield finding("QL302", "error", {"found": logged}, advice=advice)
     yield from _rates([source for source in (rate, torque) if source is not None], advice, settings)
     yield from _attitude(data)
-    yield from _flight(data, identification, settings)
+    if data.flights:
+        yield from _flight(data, identification, settings)
     if data.input is not None and data.input.unit == "1":
         yield not_in_newton_metres(log, data.input)
 
@@ -113,16 +118,14 @@ def _attitude(data: FlightData) -> Iterator[Finding]:
         yield finding("QL306", "info", {"source": attitude.source, "rate_hz": round(attitude.rate_hz, 2)})
 
 
+def _no_flight(data: FlightData) -> Finding:
+    reason = data.on_ground_reason
+    title = f"No flight in this log: {reason or 'nothing tells of one'}"
+    return finding("QL401", "error", {"reason": reason}, title=title)
+
+
 def _flight(data: FlightData, identification: Identification, settings: Settings) -> Iterator[Finding]:
     airborne_s = sum(end - start for start, end in data.flights)
-    if not data.flights:
-        yield finding(
-            "QL401",
-            "error",
-            {"reason": data.on_ground_reason},
-            title=f"No flight in this log: {data.on_ground_reason or 'nothing tells of one'}",
-        )
-        return
     usable_s = data.n_samples * data.sample_period_s if data.segments else 0.0
     if airborne_s < settings.min_flight_s:
         yield finding(

@@ -153,9 +153,9 @@ def _axis(result: Result, axis: str) -> AxisView:
 def _model_sentence(result: Result, model: Model | None) -> str:
     """Say what the recommended model is, or why there is none."""
     if model is None:
-        return (
-            f"No model was fitted: {printable(result.identification.skipped) or 'this log holds too little'}."
-        )
+        first = next((each.title for each in result.diagnosis.findings if each.level == "error"), "")
+        reason = first[:1].lower() + first[1:] or result.identification.skipped or "this log holds too little"
+        return f"No model was fitted: {printable(reason)}."
     parts = [
         f"Structure {model.structure}, fitted to {seconds(used_s(result))} of flight: "
         "[dp/dt, dq/dt, dr/dt] = A · regressors + B · [L, M, N]."

@@ -10,6 +10,7 @@ import numpy as np
 
 from quadid_logs.report.numbers import number, percent
 from quadid_logs.untrusted import printable
+from quadid_logs.vocabulary import SIGNALS
 
 #: Units that end a name of the evidence, the longest first.
 _UNITS: Final = (
@@ -98,12 +99,9 @@ def evidence_value(value: object) -> str:
         items = list(value.items())[:12]
         return ", ".join(f"{evidence_name(str(key))}: {evidence_value(item)}" for key, item in items)
     if isinstance(value, Iterable) and not isinstance(value, str):
-        return ", ".join(evidence_value(item) for item in list(value)[:12])
+        return ", ".join(evidence_value(item) for item in list(value)[:12]) or "nothing"
     text = printable(value)
-    return signal_name(text) if text in _SIGNAL_WORDS else text
-
-
-_SIGNAL_WORDS: Final = frozenset({"body_rate", "torque_command", "torque_n_m", "attitude"})
+    return signal_name(text) if text in SIGNALS else text
 
 
 def signal_name(signal: str) -> str:
