@@ -247,6 +247,7 @@ def _input(
         saturated_fraction=n_saturated / n_samples if n_samples else 0.0,
         realised=torque.signal.realised,
         calibration=log.torque.calibration if log.torque is not None else Calibration(),
+        allocation=log.torque.allocation if log.torque is not None and log.torque.n_rotors else None,
     )
 
 

@@ -142,12 +142,14 @@ class GyroCheck:
         return low - self.half_width, high + self.half_width
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class InputDescription:
     """What L, M, N are in this log: kind is "torque_n_m" or "torque_command".
 
     ``realised`` torque contains saturation, so that saturated samples may be
-    used; ``calibration`` is that of the log, for inertia and intervals.
+    used; ``calibration`` is that of the log, for inertia and intervals;
+    ``allocation`` (n_rotors, 4) is each rotor's share of thrust per unit of
+    roll, pitch, yaw command and throttle, None where the rotors are not known.
     """
 
     kind: str
@@ -156,6 +158,7 @@ class InputDescription:
     saturated_fraction: float = 0.0
     realised: bool = False
     calibration: Calibration = field(default_factory=Calibration)
+    allocation: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -34,6 +34,8 @@ class Actuator:
 
     ``lag_s`` and ``delay_s`` with 95 % intervals; ``loss`` of shape
     (n_lags, n_delays) is one minus the held-out R2 over ``lag_grid_s`` and ``delay_grid_s``.
+    Where the lag acts on the speed of the rotors, it is the mean of
+    ``lag_up_s`` and ``lag_down_s``; both are NaN otherwise.
     """
 
     lag_s: float
@@ -44,6 +46,8 @@ class Actuator:
     lag_grid_s: FloatArray
     delay_grid_s: FloatArray
     loss: FloatArray
+    lag_up_s: float = float("nan")
+    lag_down_s: float = float("nan")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

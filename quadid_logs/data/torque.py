@@ -84,6 +84,8 @@ class TorqueModel:
         "m", or "arm length" where only the shape is known.
     spin : ndarray, shape (n_rotors,)
         +1 counter-clockwise from above, -1 clockwise, 0 unknown or none.
+    allocation : ndarray, shape (n_rotors, 4)
+        Share of thrust per unit of roll, pitch, yaw command and throttle [1].
     channels : tuple of int
         Output channel of each motor, counted from 1; empty where outputs are logged per motor.
     channel_source : str
@@ -105,6 +107,7 @@ class TorqueModel:
     position: FloatArray = field(default_factory=_no_rotors)
     position_unit: str = "arm length"
     spin: FloatArray = field(default_factory=lambda: np.zeros(0))
+    allocation: FloatArray = field(default_factory=lambda: np.zeros((0, 4)))
     channels: tuple[int, ...] = ()
     channel_source: str = ""
     calibration: Calibration = field(default_factory=Calibration)

@@ -74,10 +74,10 @@ def identify(data: FlightData, settings: Settings) -> Identification:
     design = with_strong_instruments(design, swift, moved_axes(swift, settings))
     noise = column_noise(noise_density(data), design.columns, _NOISE_BANDWIDTH * smoothing_hz)
     rows_apart = fit_rows_apart(data, design, settings)
-    models = [actuated_model(data, design, rows_apart, settings, noise=noise)]
-    one_body = fit_one_body(data, design, rows_apart, settings)
+    models = [actuated_model(data, rows_apart, settings, noise=noise)]
+    one_body = fit_one_body(data, rows_apart, settings)
     if one_body is not None:
-        models.append(actuated_model(data, design, one_body, settings, noise=noise))
+        models.append(actuated_model(data, one_body, settings, noise=noise))
     models.append(fit_as_published(QUADROTOR_6, data, design, settings, noise=noise))
     if all(name in design.columns for name in LINEAR_9.regressors):
         models.append(fit_as_published(LINEAR_9, data, design, settings, noise=noise))

@@ -91,7 +91,7 @@ def fit_actuator(
     by the logarithm of their error, so that none outweighs the others by its
     units. The held-out blocks stay unseen.
     """
-    score = _Scorer(design.thinned(_ENOUGH_ROWS), regressors, axes)
+    score = Scorer(design, regressors, axes)
     lags = settings.max_lag_s * np.array(_LAG_SHARES)
     delays = settings.max_delay_s * np.array(_DELAY_SHARES)
     if start is None:
@@ -114,7 +114,7 @@ def fit_actuator(
     return ActuatorFit(lag_s, delay_s, limit_s, lags, delays, loss)
 
 
-def _lag_limit(score: _Scorer, lag_s: float, delay_s: float) -> float:
+def _lag_limit(score: Scorer, lag_s: float, delay_s: float) -> float:
     """Return how much of the delay might as well be lag.
 
     For slow motion lag and delay act by their sum alone. Along a constant
@@ -126,11 +126,15 @@ def _lag_limit(score: _Scorer, lag_s: float, delay_s: float) -> float:
     return float(max(good, default=lag_s))
 
 
-class _Scorer:
-    """Cross-validated error for one lag and delay; everything that does not depend on them is kept."""
+class Scorer:
+    """Error for one lag and delay; everything that does not depend on them is kept.
+
+    ``design`` is thinned where the flight is longer than the question needs.
+    """
 
     def __init__(self, design: Design, regressors: Sequence[str], axes: Sequence[int]) -> None:
-        self._design = design
+        design = design.thinned(_ENOUGH_ROWS)
+        self.design = design
         self._axes = list(axes)
         names = (*regressors, *design.disturbances)
         self._fixed = np.column_stack([design.columns[name] for name in names])
@@ -165,7 +169,12 @@ class _Scorer:
         )
 
     def __call__(self, lag_s: float, delay_s: float) -> float:
-        torque = self._design.torque(lag_s, delay_s)
+        """Return the logarithm of the error, mean over the axes, of a lag and a delay [s]."""
+        return self.of(self.design, lag_s, delay_s)
+
+    def of(self, design: Design, lag_s: float, delay_s: float) -> float:
+        """Return the error with the torque of another design of the same rows."""
+        torque = design.torque(lag_s, delay_s)
         error = np.zeros(len(self._axes))
         both = np.column_stack([torque, self._targets])
         for fold in self._folds:

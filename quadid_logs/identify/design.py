@@ -89,6 +89,9 @@ class Design:
     period_s, smoothing_hz : float
     rate_low_pass_hz : float
         Known filter of the logged rates; the torque passes it too.
+    pieces : tuple of Segment
+        The gap-free pieces themselves, at their full rate, of ``sample_period_s``.
+    mean_throttle : float or None
     slow_hz : float
         What is slower was taken out of columns, torques and instruments; 0 where nothing was.
     instruments : ndarray, shape (n_rows, n_instruments), or None
@@ -106,6 +109,9 @@ class Design:
     smoothing_hz: float
     rate_low_pass_hz: float
     spectra: tuple[SegmentSpectra, ...]
+    pieces: tuple[Segment, ...]
+    sample_period_s: float
+    mean_throttle: float | None
     slow_hz: float = 0.0
     instruments: FloatArray | None = None
 
@@ -128,6 +134,20 @@ class Design:
             },
             instruments=None if self.instruments is None else self.swift(self.instruments, slow_hz),
             slow_hz=slow_hz,
+        )
+
+    def without_instruments(self) -> Design:
+        """Return the same rows for plain least squares."""
+        return replace(self, instruments=None)
+
+    def with_torque(self, torques: Sequence[FloatArray]) -> Design:
+        """Return the same rows with other torques, one array (n_samples, 3) per piece."""
+        return replace(
+            self,
+            spectra=tuple(
+                replace(part, torque=_spectrum(_inputs(torque, piece.throttle, self.mean_throttle)))
+                for part, piece, torque in zip(self.spectra, self.pieces, torques, strict=True)
+            ),
         )
 
     def swift(self, columns: FloatArray, slow_hz: float) -> FloatArray:
@@ -159,6 +179,7 @@ class Design:
             held_out=self.held_out[rows],
             edge=self.edge[rows],
             spectra=tuple(self.spectra[number] for number in chosen),
+            pieces=tuple(self.pieces[number] for number in chosen),
             instruments=None if self.instruments is None else self.instruments[rows],
         )
 
@@ -234,11 +255,13 @@ def build_design(data: FlightData, smoothing_hz: float, settings: Settings) -> D
     Design, or None if no segment is longer than the filters' memory.
     """
     parts: list[tuple[FloatArray, dict[str, FloatArray], IntArray, SegmentSpectra]] = []
+    pieces = []
     mean_throttle = _mean_throttle(data)
     for piece in _pieces(data):
         part = _segment_rows(piece, len(parts), data.sample_period_s, smoothing_hz, mean_throttle)
         if part is not None:
             parts.append(part)
+            pieces.append(piece)
     if not parts:
         return None
     names = set.intersection(*(set(columns) for _, columns, _, _ in parts))
@@ -259,6 +282,9 @@ def build_design(data: FlightData, smoothing_hz: float, settings: Settings) -> D
         smoothing_hz=smoothing_hz,
         rate_low_pass_hz=data.rate_low_pass_hz,
         spectra=tuple(spectra for _, _, _, spectra in parts),
+        pieces=tuple(pieces),
+        sample_period_s=data.sample_period_s,
+        mean_throttle=mean_throttle,
         instruments=_instruments([spectra for _, _, _, spectra in parts]),
     )
 
@@ -325,7 +351,7 @@ def smooth_segment(
     columns = _smooth_columns(segment, period_s, smoothing_hz, n_out=segment.n_samples, rows=rows)
     s = angular_frequency(segment.n_samples, period_s)
     torque = filtered(
-        np.asarray(np.fft.rfft(segment.torque, axis=0), dtype=np.complex128),
+        _spectrum(segment.torque),
         gaussian_response(s, smoothing_hz),
         n_samples=segment.n_samples,
         n_out=segment.n_samples,
@@ -352,21 +378,27 @@ def _segment_rows(
     columns = _smooth_columns(segment, period_s, smoothing_hz, n_out=n_out, rows=rows)
     time_s = segment.start_s + row_period_s * np.arange(rows.start, rows.stop, dtype=np.float64)
     s = angular_frequency(n_samples, period_s)
-    torque = segment.torque
-    if mean_throttle is not None and segment.throttle is not None:
-        torque = np.column_stack([torque, torque[:, 2] * (segment.throttle - mean_throttle)])
     spectra = SegmentSpectra(
         n_samples=n_samples,
         n_out=n_out,
         s=s,
         smoothing=gaussian_response(s, smoothing_hz),
-        torque=np.asarray(np.fft.rfft(torque, axis=0), dtype=np.complex128),
-        reference=None
-        if segment.reference is None
-        else np.asarray(np.fft.rfft(segment.reference, axis=0), dtype=np.complex128),
+        torque=_spectrum(_inputs(segment.torque, segment.throttle, mean_throttle)),
+        reference=None if segment.reference is None else _spectrum(segment.reference),
         rows=rows,
     )
     return time_s, columns, np.full(len(time_s), number, dtype=np.int64), spectra
+
+
+def _inputs(torque: FloatArray, throttle: FloatArray | None, mean_throttle: float | None) -> FloatArray:
+    """Return the torque, with yaw torque times throttle beside it where that is known."""
+    if mean_throttle is None or throttle is None:
+        return torque
+    return np.column_stack([torque, torque[:, 2] * (throttle - mean_throttle)])
+
+
+def _spectrum(columns: FloatArray) -> ComplexArray:
+    return np.asarray(np.fft.rfft(columns, axis=0), dtype=np.complex128)
 
 
 def _smooth_columns(
@@ -376,7 +408,7 @@ def _smooth_columns(
     raw = _raw_columns(segment, period_s)
     s = angular_frequency(segment.n_samples, period_s)
     smoothing = gaussian_response(s, smoothing_hz)
-    spectrum = np.asarray(np.fft.rfft(np.column_stack(list(raw.values())), axis=0), dtype=np.complex128)
+    spectrum = _spectrum(np.column_stack(list(raw.values())))
     smooth = filtered(spectrum, smoothing, n_samples=segment.n_samples, n_out=n_out)[rows]
     slopes = filtered(spectrum, s * smoothing, n_samples=segment.n_samples, n_out=n_out)[rows]
     columns = dict(zip(raw, smooth.T, strict=True))

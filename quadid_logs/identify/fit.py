@@ -59,7 +59,11 @@ class PooledFit:
 
 
 def fit_pooled(
-    design: Design, structure: Structure, actuator: ActuatorFit | None, kept: BoolArray | None = None
+    design: Design,
+    structure: Structure,
+    actuator: ActuatorFit | None,
+    kept: BoolArray | None = None,
+    uneven: Design | None = None,
 ) -> PooledFit:
     """Fit all targets of a structure to the training rows.
 
@@ -72,6 +76,9 @@ def fit_pooled(
         intervals. None for the torque as logged.
     kept : ndarray of bool, shape (n_targets, n_columns), optional
         Columns that each target may use; all by default.
+    uneven : Design, optional
+        Holds the derivative of the torque by the unevenness of the rotors'
+        lag, whose uncertainty then widens the intervals too.
 
     Returns
     -------
@@ -101,7 +108,9 @@ def fit_pooled(
     whole = solve_least_squares(Z[:, used.any(axis=0)], Y)
     shared = {
         name: project(column)
-        for name, column in actuator_columns(design, actuator, theta[:, n_columns - 3 : n_columns]).items()
+        for name, column in actuator_columns(
+            design, actuator, theta[:, n_columns - 3 : n_columns], uneven
+        ).items()
     }
     half_width, actuator_half_width = _half_widths(explained, residual, used, clusters_of(design), shared)
     return PooledFit(
@@ -178,15 +187,20 @@ def clusters_of(design: Design) -> IntArray:
     return np.asarray(np.unique(key, axis=1, return_inverse=True)[1].ravel(), dtype=np.int64)
 
 
-def actuator_columns(design: Design, actuator: ActuatorFit | None, B: FloatArray) -> Mapping[str, FloatArray]:
-    """Return the derivatives of all targets by lag and delay, each (n_train, n_targets)."""
+def actuator_columns(
+    design: Design, actuator: ActuatorFit | None, B: FloatArray, uneven: Design | None
+) -> Mapping[str, FloatArray]:
+    """Return the derivatives of all targets by lag, delay and unevenness, each (n_train, n_targets)."""
     if actuator is None:
         return {}
     train = design.train
     delay = design.torque_by_delay(actuator.lag_s, actuator.delay_s)[train] @ B.T
     if actuator.lag_s * 2.0 * np.pi * design.smoothing_hz < _LAG_SEEN:
         return {"delay": delay}
-    return {"lag": design.torque_by_lag(actuator.lag_s, actuator.delay_s)[train] @ B.T, "delay": delay}
+    columns = {"lag": design.torque_by_lag(actuator.lag_s, actuator.delay_s)[train] @ B.T, "delay": delay}
+    if uneven is not None:
+        columns["unevenness"] = uneven.torque(actuator.lag_s, actuator.delay_s)[train] @ B.T
+    return columns
 
 
 def _half_widths(

@@ -27,6 +27,7 @@ from quadid_logs.identify.fit import PooledFit, clusters_of, fit_pooled, with_tr
 from quadid_logs.identify.inertia import inertia_of
 from quadid_logs.identify.parameters import Estimate, build_parameters, plausible_size
 from quadid_logs.identify.rigid_body import fit_rigid_body, rigid_body_for
+from quadid_logs.identify.rotors import Rotors, find_rotors, torque_by_unevenness, with_lag_on_rotors
 from quadid_logs.identify.structures import DAMPED, THROTTLED_YAW, Structure
 from quadid_logs.identify.validate import validate
 from quadid_logs.identify.windows import join, solve_over_time
@@ -46,6 +47,8 @@ _WINDOW_S = 1.0
 #: The spread of a quarter of a million windows (ten minutes at 400 Hz) is known
 #: to some thousandths; more only cost time.
 _MOST_WINDOWS = 250_000
+#: Lag and unevenness of the rotors are found in turn; after the second round neither moves.
+_ROTOR_ROUNDS = 2
 #: Fewer rows than these per unknown are no flight of its own.
 _ROWS_PER_COLUMN = 10
 
@@ -53,9 +56,12 @@ _ROWS_PER_COLUMN = 10
 class Actuated(NamedTuple):
     """A structure's estimate behind lag, delay and gyro filter, with what says whether to believe it.
 
-    ``telling`` are the axes that answer to their own torque.
+    ``whole`` are the rows with what is slow, and with the lag on the rotors
+    if it acts there; ``telling`` are the axes that answer to their own torque.
     """
 
+    whole: Design
+    rotors: Rotors | None
     structure: Structure
     actuator: ActuatorFit
     fit: PooledFit
@@ -68,25 +74,43 @@ def fit_rows_apart(data: FlightData, whole: Design, settings: Settings) -> Actua
     """Fit `DAMPED`: every row by itself, lag and delay common to all."""
     design = whole.without_slow(settings.slow_hz)
     actuator, fit, telling = _fit_with_actuator(DAMPED, design, settings)
+    as_logged, rotors, uneven = design, None, None
+    for _ in range(_ROTOR_ROUNDS):
+        found = find_rotors(data, as_logged, actuator, DAMPED.regressors, telling or [0, 1, 2])
+        if found is None or data.input is None:
+            break
+        rotors = found
+        design = with_lag_on_rotors(as_logged, data.input, rotors)
+        uneven = torque_by_unevenness(as_logged, data.input, rotors)
+        actuator, fit, telling = _fit_with_actuator(DAMPED, design, settings, actuator, uneven)
+    if rotors is not None and data.input is not None:
+        whole = with_lag_on_rotors(whole, data.input, rotors)
     return Actuated(
+        whole=whole,
+        rotors=rotors,
         structure=DAMPED,
         actuator=actuator,
         fit=with_trim(fit, DAMPED, whole, actuator),
         telling=telling,
-        band=_other_bands(DAMPED, data, design, (actuator, fit), settings),
+        band=_other_bands(DAMPED, data, design, (actuator, fit), settings, rotors),
         halves=_halves(DAMPED, design, actuator, fit, settings),
     )
 
 
-def fit_one_body(data: FlightData, whole: Design, first: Actuated, settings: Settings) -> Actuated | None:
+def fit_one_body(data: FlightData, first: Actuated, settings: Settings) -> Actuated | None:
     """Fit the rigid body behind the actuator, and with the checks, of the rows fitted one by one."""
     calibrated = data.input is not None and data.input.unit == "N m"
-    design = whole.without_slow(settings.slow_hz)
-    found = fit_rigid_body(design, first.actuator, first.fit, first.telling, calibrated=calibrated)
+    design = first.whole.without_slow(settings.slow_hz)
+    uneven = None
+    if first.rotors is not None and data.input is not None:
+        uneven = torque_by_unevenness(design, data.input, first.rotors)
+    found = fit_rigid_body(
+        design, first.actuator, first.fit, first.telling, calibrated=calibrated, uneven=uneven
+    )
     if found is None:
         return None
     structure = rigid_body_for(design)
-    fit = with_trim(found, structure, whole, first.actuator)
+    fit = with_trim(found, structure, first.whole, first.actuator)
     # How a gain moves with the band is a matter of the data, not of what the rows share.
     moved = first.band.own_gain / first.band.own_gain[0]
     return first._replace(
@@ -97,10 +121,10 @@ def fit_one_body(data: FlightData, whole: Design, first: Actuated, settings: Set
 
 
 def actuated_model(
-    data: FlightData, design: Design, found: Actuated, settings: Settings, *, noise: Mapping[str, float]
+    data: FlightData, found: Actuated, settings: Settings, *, noise: Mapping[str, float]
 ) -> Model:
     """Validate an estimate, solve its windows, and put the model together."""
-    structure, actuator, fit = found.structure, found.actuator, found.fit
+    structure, actuator, fit, design = found.structure, found.actuator, found.fit, found.whole
     torque = design.torque(actuator.lag_s, actuator.delay_s, throttled=THROTTLED_YAW in structure.regressors)
     validation, series = validate(
         design, structure, fit.theta, torque, settings, disturbance=fit.disturbance, slow_hz=settings.slow_hz
@@ -111,10 +135,12 @@ def actuated_model(
         lag_ci95_s=_lag_interval(actuator, fit),
         delay_s=actuator.delay_s,
         delay_ci95_s=_delay_interval(actuator, fit),
-        acts_on="torque",
+        acts_on="torque" if found.rotors is None else "rotor speed",
         lag_grid_s=actuator.lag_grid_s,
         delay_grid_s=actuator.delay_grid_s,
         loss=actuator.loss,
+        lag_up_s=float("nan") if found.rotors is None else found.rotors.up_s,
+        lag_down_s=float("nan") if found.rotors is None else found.rotors.down_s,
     )
     return _model(
         structure,
@@ -154,19 +180,23 @@ def fit_as_published(
 
 
 def _fit_with_actuator(
-    structure: Structure, design: Design, settings: Settings, start: ActuatorFit | None = None
+    structure: Structure,
+    design: Design,
+    settings: Settings,
+    start: ActuatorFit | None = None,
+    uneven: Design | None = None,
 ) -> tuple[ActuatorFit, PooledFit, list[int]]:
     """Find lag and delay on the axes that tell, then fit, leaving out what cannot be seen."""
     axes = moved_axes(design, settings)
     actuator = fit_actuator(design, structure.regressors, axes, settings, start)
-    fit = fit_pooled(design, structure, actuator)
+    fit = fit_pooled(design, structure, actuator, uneven=uneven)
     telling = [axis for axis in axes if fit.r2[axis] >= _TELLING_R2]
     if telling and telling != axes:
         actuator = fit_actuator(design, structure.regressors, telling, settings, start)
-        fit = fit_pooled(design, structure, actuator)
+        fit = fit_pooled(design, structure, actuator, uneven=uneven)
     kept = _visible(structure, fit, telling)
     if not kept.all():
-        fit = fit_pooled(design, structure, actuator, kept)
+        fit = fit_pooled(design, structure, actuator, kept, uneven)
     return actuator, fit, telling
 
 
@@ -211,6 +241,7 @@ def _other_bands(
     design: Design,
     own: tuple[ActuatorFit, PooledFit],
     settings: Settings,
+    rotors: Rotors | None,
 ) -> BandCheck:
     """Repeat the fit in a narrower and a wider band."""
     actuator, fit = own
@@ -220,6 +251,8 @@ def _other_bands(
         if other is not None and np.count_nonzero(other.train) > 2 * len(structure.columns):
             if design.instruments is None:
                 other = replace(other, instruments=None)
+            if rotors is not None and data.input is not None:
+                other = with_lag_on_rotors(other, data.input, rotors)
             other = other.without_slow(settings.slow_hz)
             cutoffs.append(other.smoothing_hz)
             _, other_fit, _ = _fit_with_actuator(structure, other, settings, actuator)

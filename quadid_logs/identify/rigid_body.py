@@ -135,6 +135,7 @@ def fit_rigid_body(
     telling: Sequence[int],
     *,
     calibrated: bool,
+    uneven: Design | None = None,
 ) -> PooledFit | None:
     """Fit one tensor, damping, trim and the throttle's effect on yaw to all rows at once.
 
@@ -150,6 +151,8 @@ def fit_rigid_body(
         couples the rows, and no shape is claimed.
     calibrated : bool
         Torque is in N m, so B itself is symmetric.
+    uneven : Design, optional
+        As in `fit_pooled`.
 
     Returns
     -------
@@ -175,7 +178,7 @@ def fit_rigid_body(
     n_clusters = int(clusters_of(design).max()) + 1
     project = Projection(design, structure.regressors, train, also=torque[:, 3:])
     x = _solve(body, _reduced(project(Z), Y, 1.0 - rows_apart.r2, n_clusters), _start(body, rows_apart), free)
-    return _as_fit(body, x, free, Z, Y, design, actuator, project, len(structure.columns))
+    return _as_fit(body, x, free, Z, Y, design, actuator, project, len(structure.columns), uneven)
 
 
 def _start(body: _Body, rows_apart: PooledFit) -> FloatArray:
@@ -230,6 +233,7 @@ def _as_fit(
     actuator: ActuatorFit,
     project: Projection,
     n_columns: int,
+    uneven: Design | None,
 ) -> PooledFit:
     """Carry the covariance of the parameters over to A and B, to first order."""
     theta, slopes = body.coefficients(x), body.slopes(x)[..., free]
@@ -241,7 +245,7 @@ def _as_fit(
     weight = 1.0 / np.maximum(np.sqrt(np.mean(residual**2, axis=0)), 1e-12)
     explained = project(Z)
     B = theta[:, n_columns - 3 : n_columns]
-    shared = {name: project(column) for name, column in actuator_columns(design, actuator, B).items()}
+    shared = {name: project(column) for name, column in actuator_columns(design, actuator, B, uneven).items()}
     n_own = int(np.count_nonzero(free))
     everything = np.arange(n_own + len(shared), dtype=np.int64)
     clusters = clusters_of(design)

@@ -123,6 +123,7 @@ def _model(
         position=airframe.position if scaled.position is None else scaled.position,
         position_unit="m" if in_metres else "arm length",
         spin=airframe.spin,
+        allocation=airframe.factors,
         channels=airframe.channels,
         channel_source=airframe.channel_source,
         calibration=scaled.calibration,

@@ -1,0 +1,188 @@
+"""The lag where it acts: on the speed of each rotor, not on the torque.
+
+Thrust goes with speed squared. If w follows its target w* with the lag T, then
+F = w^2 lags too, but not as a linear filter would make it. The thrust that a
+linear lag T would have to be given for the same result is F + T dF/dt =
+w^2 + 2 w (w* - w), which is F* - (w* - w)^2. With the torque of such thrusts,
+the search for a linear lag finds the lag of the rotors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.data.flight import FlightData, InputDescription, Segment
+from quadid_logs.identify.actuator import ActuatorFit, Scorer
+from quadid_logs.identify.design import Design
+
+#: After so many time constants a wrong start is below a thousandth.
+_FORGOTTEN = 7.0
+#: Samples of a stretch of the recursion: enough to outweigh its warming up.
+_STRETCH = 2000
+#: Motors that brake or that do not differ by less than this factor from those that push.
+_MOST_UNEVEN = 3.0
+#: The logarithm of the unevenness is found to this: 2 % of the lag.
+_TOLERANCE = 0.02
+#: Step of the derivative by it.
+_STEP = 0.05
+#: Below [s], the lag of a rotor moves no torque by as much as can be seen.
+_LEAST_LAG_S = 0.002
+
+
+class Rotors(NamedTuple):
+    """Time constants of a rotor's speed, rising and falling [s]."""
+
+    up_s: float
+    down_s: float
+
+    @classmethod
+    def of(cls, lag_s: float, log_unevenness: float) -> Rotors:
+        """Return those with a given mean and logarithm of up over down."""
+        ratio = float(np.exp(log_unevenness))
+        return cls(2.0 * lag_s * ratio / (1.0 + ratio), 2.0 * lag_s / (1.0 + ratio))
+
+    @property
+    def log_unevenness(self) -> float:
+        """Logarithm of up over down."""
+        return float(np.log(self.up_s / self.down_s))
+
+
+def rotors_known(data: FlightData) -> bool:
+    """Say whether the thrust of each rotor follows from the torque."""
+    described = data.input
+    return (
+        described is not None
+        and described.allocation is not None
+        and bool(np.isfinite(described.allocation).all())
+        and int(np.linalg.matrix_rank(described.allocation)) == described.allocation.shape[1]
+        and (described.unit == "1" or all(described.calibration.known))
+        and all(segment.throttle is not None for segment in data.segments)
+    )
+
+
+def find_rotors(
+    data: FlightData,
+    design: Design,
+    actuator: ActuatorFit,
+    regressors: Sequence[str],
+    axes: Sequence[int],
+) -> Rotors | None:
+    """Find how unevenly the rotors lag, and whether the lag acts on them at all.
+
+    Parameters
+    ----------
+    data : FlightData
+    design : Design
+        As it is fitted.
+    actuator : ActuatorFit
+        Lag and delay as if the lag acted on the torque.
+    regressors : sequence of str
+        Columns beside the torque.
+    axes : sequence of int
+        Axes that tell.
+
+    Returns
+    -------
+    Rotors, or None where the rotors are not known, or where a lag on the
+    torque explains the flight better (as in some simulators).
+    """
+    if data.input is None or not rotors_known(data) or actuator.lag_s < _LEAST_LAG_S:
+        return None
+    from scipy.optimize import minimize_scalar
+
+    described = data.input
+    scorer = Scorer(design.without_instruments(), regressors, axes)
+
+    def error(log_unevenness: float) -> float:
+        rotors = Rotors.of(actuator.lag_s, log_unevenness)
+        return scorer.of(
+            with_lag_on_rotors(scorer.design, described, rotors), actuator.lag_s, actuator.delay_s
+        )
+
+    on_torque, even = scorer(actuator.lag_s, actuator.delay_s), error(0.0)
+    limit = float(np.log(_MOST_UNEVEN))
+    found = minimize_scalar(error, bounds=(-limit, limit), method="bounded", options={"xatol": _TOLERANCE})
+    uneven = float(found.fun) < even - scorer.same_loss
+    if (float(found.fun) if uneven else even) > on_torque + scorer.same_loss:
+        return None
+    return Rotors.of(actuator.lag_s, float(found.x) if uneven else 0.0)
+
+
+def with_lag_on_rotors(design: Design, described: InputDescription, rotors: Rotors) -> Design:
+    """Return the design with the torque that, behind a linear lag, acts as rotors with their own lag do.
+
+    Parameters
+    ----------
+    design : Design
+    described : InputDescription
+        With the ``allocation`` of the rotors.
+    rotors : Rotors
+
+    Returns
+    -------
+    Design
+    """
+    torques = [_torque(piece, described, design.sample_period_s, rotors) for piece in design.pieces]
+    return design.with_torque(torques)
+
+
+def torque_by_unevenness(design: Design, described: InputDescription, rotors: Rotors) -> Design:
+    """Return the design with the derivative of the torque by the logarithm of the unevenness in its place."""
+    mean_s = 0.5 * (rotors.up_s + rotors.down_s)
+    ahead, behind = (
+        [
+            _torque(piece, described, design.sample_period_s, Rotors.of(mean_s, rotors.log_unevenness + step))
+            for piece in design.pieces
+        ]
+        for step in (_STEP, -_STEP)
+    )
+    return design.with_torque([(a - b) / (2.0 * _STEP) for a, b in zip(ahead, behind, strict=True)])
+
+
+def _torque(segment: Segment, described: InputDescription, period_s: float, rotors: Rotors) -> FloatArray:
+    """Return the torque of one piece for a linear lag; shape (n_samples, 3)."""
+    allocation, throttle = described.allocation, segment.throttle
+    if allocation is None or throttle is None:
+        return segment.torque
+    unit = np.ones(3) if described.unit == "1" else np.array(described.calibration.n_m_per_command)
+    command = np.column_stack([segment.torque / unit, throttle])
+    thrust = np.clip(command @ allocation.T, 0.0, None)
+    target = np.sqrt(thrust)
+    speed = _lagged(target, period_s, rotors)
+    gap = target - speed
+    # F + T dF/dt, with the T of the direction in dw/dt and the mean of both before dF/dt.
+    mean_s = 0.5 * (rotors.up_s + rotors.down_s)
+    share = np.where(gap > 0.0, mean_s / rotors.up_s, mean_s / rotors.down_s)
+    change = speed**2 + 2.0 * speed * gap * share - thrust
+    return np.asarray(segment.torque + (change @ np.linalg.pinv(allocation)[:3].T) * unit)
+
+
+def _lagged(target: FloatArray, period_s: float, rotors: Rotors) -> FloatArray:
+    """Return speeds that approach held targets exponentially, up and down with their own time constant.
+
+    The recursion runs through stretches of the flight side by side: each
+    begins early enough for its own start to be forgotten.
+    """
+    up, down = (1.0 - np.exp(-period_s / lag_s) for lag_s in rotors)
+    n_samples, n_rotors = target.shape
+    warm = int(np.ceil(_FORGOTTEN * max(rotors) / period_s))
+    length = max(_STRETCH, warm)
+    n_stretches = int(np.ceil(n_samples / length))
+    before, after = (
+        np.repeat(row, count, axis=0)
+        for row, count in ((target[:1], warm), (target[-1:], n_stretches * length - n_samples))
+    )
+    padded = np.concatenate([before, target, after])
+    stretches = np.lib.stride_tricks.sliding_window_view(padded, warm + length, axis=0)[::length]
+    speed = stretches[:, :, 0].copy()
+    lagged = np.empty((length, n_stretches, n_rotors))
+    for step in range(warm + length):
+        gap = stretches[:, :, step] - speed
+        speed = speed + gap * np.where(gap > 0.0, up, down)
+        if step >= warm:
+            lagged[step - warm] = speed
+    return np.asarray(lagged.transpose(1, 0, 2).reshape(-1, n_rotors)[:n_samples])
