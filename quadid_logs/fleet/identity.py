@@ -17,8 +17,8 @@ UNKNOWN = "unknown"
 _UNIQUE = re.compile(r"[0-9A-Fa-f]{16,}")
 _EMPTY = re.compile(r"[0 ]*")
 _DATE = re.compile(
-    r"(?<!\d)(20\d\d)[-_.]?([01]?\d)[-_.]?([0-3]?\d)"
-    r"(?:[-_.T /]{1,3}([0-2]?\d)[-_.:h]?([0-5]?\d)[-_.:m]?([0-5]?\d))?(?!\d)"
+    r"(?<!\d)(20\d\d)(?P<dash>[-_.]?)(\d\d|(?<=[-_.])\d)(?P=dash)(\d\d|(?<=[-_.])\d)(?!\d)"
+    r"(?:[-_.T /]{1,3}(\d\d)[-_.:h]?(\d\d)[-_.:m]?(\d\d)(?!\d))?"
 )
 
 
@@ -119,7 +119,7 @@ def _date_in(url: str) -> float | None:
     """Find the last date in a path, with or without a time of day."""
     for match in reversed(list(_DATE.finditer(url))):
         try:
-            parts = [int(part) for part in match.groups(default="0")]
+            parts = [int(part) for part in match.group(1, 3, 4, 5, 6, 7) if part]
             return datetime.datetime(*parts, tzinfo=datetime.UTC).timestamp()  # type: ignore[misc,arg-type]
         except ValueError:
             continue

@@ -1,0 +1,69 @@
+"""A store with made-up numbers: no flight is simulated for it."""
+
+from __future__ import annotations
+
+import datetime
+import hashlib
+
+import numpy as np
+
+from quadid_logs.fleet.options import Options
+from quadid_logs.fleet.rows import ANALYZED, UNREADABLE, parquet_bytes
+from quadid_logs.fleet.sources import Source
+from quadid_logs.fleet.store import Store
+from quadid_logs.fleet.work import Outcome, Task, failure
+from quadid_logs.vocabulary import AXES
+
+FIRST = datetime.datetime(2026, 3, 1, 12, tzinfo=datetime.UTC)
+GAIN = {"roll": 200.0, "pitch": 180.0, "yaw": 11.0}
+
+
+def make_store(folder, names, n_flights=12, *, worn=None, reports=False):
+    """Write flights of vehicles; `worn` names the one whose couplings grow from half of its life on."""
+    rng = np.random.default_rng(11)
+    store = Store(folder, Options(), resume=False)
+    for name in names:
+        for flight in range(n_flights):
+            broken = name == worn and flight >= n_flights // 2
+            store.take(_outcome(name, flight, rng, broken=broken, reports=reports))
+    task = Task(source=Source(url="/logs/<script>alert(1)</script>.bin"), options=Options())
+    store.take(failure(task, "f" * 64, UNREADABLE, "no <b>log</b>"))
+    return folder
+
+
+def _outcome(name, flight, rng, *, broken, reports):
+    url = f"/logs/{flight:03d}/{name}.bin"
+    sha256 = hashlib.sha256(url.encode()).hexdigest()
+    rows = [_row(name, url, sha256, flight, axis, rng, broken) for axis in AXES]
+    return Outcome(
+        source=Source(url=url, n_bytes=100),
+        sha256=sha256,
+        status=ANALYZED,
+        vehicle=name,
+        table=parquet_bytes(rows),
+        reports={0: b"\x1f\x8b\x08\x00\x00\x00\x00\x00\x00\x03\x03\x00\x00\x00\x00\x00\x00\x00\x00\x00"}
+        if reports
+        else {},
+    )
+
+
+def _row(name, url, sha256, flight, axis, rng, broken):
+    refused = axis == "yaw" and flight == 3
+    coupling = 0.05 * GAIN["roll"] * broken
+    numbers = {
+        "gain": (GAIN[axis] * (0.95 if broken else 1.0), 0.01 * GAIN[axis]),
+        "from_l": (coupling, 0.5), "from_m": (coupling, 0.5), "from_n": (coupling, 0.5),
+        "damping": (-0.8, 0.05), "lag_s": (0.03, 0.0005),
+    }  # fmt: skip
+    row = {
+        "vehicle": name, "vehicle_from": "path", "model": "ardupilot quad X", "status": ANALYZED,
+        "url": url, "sha256": sha256, "version": "0", "autopilot": "ardupilot", "frame": "quad X",
+        "firmware": "ArduCopter", "axis": axis, "flight": 0, "n_flights": 1, "structure": "damped",
+        "input_unit": "1", "duration_s": 30.0,
+        "verdict": "refused" if refused else "usable", "reasons": ["QL303"] if refused else [],
+        "started": FIRST + datetime.timedelta(days=flight), "started_from": "receiver",
+    }  # fmt: skip
+    for quantity, (value, half) in numbers.items():
+        here = value + 0.4 * half * rng.standard_normal()
+        row |= {quantity: here, f"{quantity}_low": here - half, f"{quantity}_high": here + half}
+    return row

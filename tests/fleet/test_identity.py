@@ -1,0 +1,98 @@
+"""Whose log it is, and when it was flown."""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+import math
+
+import pytest
+
+from quadid_logs.data.log import FlightLog
+from quadid_logs.errors import SettingsError
+from quadid_logs.fleet.identity import NamingRules, clock_zero, identify_unread, identify_vehicle
+from quadid_logs.fleet.sources import Source
+
+SOURCE = Source(url="/data/quad-07/2026-05-01/00000012.BIN", n_bytes=10, modified_s=1.75e9)
+CUBE = "CubeOrange 003A0027 3130510A 34383704"
+PX4_ID = "000600000000383638393239510d0035002d"
+
+
+def log(**changes):
+    bare = FlightLog(
+        path="x", format="dataflash", autopilot="ardupilot", n_bytes=10, signals={}, frame="quad X"
+    )
+    return dataclasses.replace(bare, **changes)
+
+
+@pytest.mark.parametrize(
+    ("found", "name", "taken_from"),
+    [
+        (log(hardware_id=CUBE), CUBE, "hardware id"),
+        (log(hardware_id=PX4_ID), PX4_ID, "hardware id"),
+        (log(hardware_id="PX4FMU_V2", parameters={"BRD_SERIAL_NUM": 42.0}), "serial 42", "BRD_SERIAL_NUM"),
+        (log(hardware_id="0" * 36, parameters={"MAV_SYS_ID": 9.0}), "system 9", "MAV_SYS_ID"),
+        (log(parameters={"SYSID_THISMAV": math.nan}), "2026-05-01", "folder"),
+        (log(parameters={"SYSID_THISMAV": 1.0}), "2026-05-01", "folder"),
+    ],
+)  # fmt: skip
+def test_the_first_name_that_tells_vehicles_apart_is_taken(found, name, taken_from):
+    """A type of board, an id of zeros, and the default MAVLink id do not."""
+    identity = identify_vehicle(found, SOURCE, NamingRules())
+    assert (identity.vehicle, identity.vehicle_from) == (name, taken_from)
+
+
+def test_the_users_rule_wins():
+    """He knows his folders."""
+    rules = NamingRules(vehicle_from=r"/(quad-\d+)/", model_from="quad")
+    identity = identify_vehicle(log(hardware_id=CUBE), SOURCE, rules)
+    assert (identity.vehicle, identity.model) == ("quad-07", "quad")
+    assert identify_unread(SOURCE, rules).vehicle == "quad-07"
+
+
+def test_the_model_is_autopilot_and_frame():
+    """What its gains can be compared with."""
+    assert identify_vehicle(log(), SOURCE, NamingRules()).model == "ardupilot quad X"
+
+
+def test_a_rule_that_is_no_expression_is_refused():
+    """Before the work."""
+    with pytest.raises(SettingsError, match="--vehicle-from"):
+        NamingRules(vehicle_from="(")
+
+
+def utc(*parts):
+    return datetime.datetime(*parts, tzinfo=datetime.UTC).timestamp()
+
+
+def test_the_receiver_knows_the_time_best():
+    """Then the name of the file, then its modification."""
+    assert clock_zero(log(utc_offset_s=1.6e9), 30.0, SOURCE) == (1.6e9, "receiver")
+    assert clock_zero(log(), 30.0, SOURCE) == (utc(2026, 5, 1) - 30.0, "file name")
+    plain = dataclasses.replace(SOURCE, url="/data/00000012.BIN")
+    assert clock_zero(log(), 30.0, plain) == (1.75e9 - 30.0, "modification")
+    unknown, says = clock_zero(log(), 30.0, Source(url="/data/1.bin"))
+    assert math.isnan(unknown)
+    assert says == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "date"),
+    [
+        ("2021-03-04 05-06-07.bin", utc(2021, 3, 4, 5, 6, 7)),
+        ("log_3_2021-3-4-15-06-07.ulg", utc(2021, 3, 4, 15, 6, 7)),
+        ("20210304_150607.tlog", utc(2021, 3, 4, 15, 6, 7)),
+        ("2021-03-04/11_22_33.ulg", utc(2021, 3, 4, 11, 22, 33)),
+        ("flight 2021.03.04.bin", utc(2021, 3, 4)),
+        ("2019-01-01/copied 2021-03-04.bin", utc(2021, 3, 4)),
+    ],
+)
+def test_dates_are_read_as_ground_stations_write_them(name, date):
+    """Mission Planner, QGroundControl, PX4's own folders, people."""
+    assert clock_zero(log(), 0.0, Source(url=f"/data/{name}"))[0] == date
+
+
+@pytest.mark.parametrize("name", ["00000123.bin", "2021-13-45.bin", "120210304999.bin", "v2021.bin"])
+def test_numbers_that_are_no_date_are_none(name):
+    """Counters, impossible months, serial numbers."""
+    assert math.isnan(clock_zero(log(), 0.0, Source(url=f"/data/{name}"))[0])
