@@ -106,14 +106,6 @@ def rows_at(data: Bytes, offsets: IntArray, dtype: np.dtype[np.void]) -> AnyArra
     return rows
 
 
-def little_endian(data: Bytes, offsets: IntArray, n_bytes: int) -> IntArray:
-    """Return the unsigned little-endian integers of `n_bytes` (at most 7) at the offsets."""
-    value = np.zeros(len(offsets), np.int64)
-    for k in range(n_bytes):
-        value |= data[offsets + k].astype(np.int64) << (8 * k)
-    return value
-
-
 def merge_stretches(stretches: list[LostStretch]) -> tuple[LostStretch, ...]:
     """Sort the lost stretches and join those that touch."""
     merged: list[LostStretch] = []

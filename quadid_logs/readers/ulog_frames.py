@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from quadid_logs.arrays import IntArray
 from quadid_logs.data.log import LostStretch
-from quadid_logs.readers.content import Bytes, little_endian, merge_stretches
+from quadid_logs.readers.content import Bytes, merge_stretches, rows_at
 from quadid_logs.readers.ulog_definitions import (
     HEADER_MAGIC,
     HEADER_SIZE,
@@ -28,6 +28,10 @@ from quadid_logs.readers.ulog_definitions import (
 )
 
 _DATA: Final = ord("D")
+#: The begin of a data message: size of what follows the first three bytes, and id.
+_HEAD: Final = np.dtype(
+    {"names": ["size", "id"], "formats": ["<u2", "<u2"], "offsets": [0, 3], "itemsize": 5}
+)
 _BLOCK: Final = 1 << 20
 _LONGEST: Final = 3 + 0xFFFF
 #: Longest message of a type other than data that is believed without looking into it.
@@ -58,8 +62,14 @@ class _Images(NamedTuple):
 
     starts: IntArray
     ends: IntArray
-    topics: IntArray
+    topics: NDArray[np.int32]
     breaks: IntArray
+
+
+def _no_images() -> _Images:
+    """Return the images of a block without any."""
+    nothing = np.zeros(0, np.int64)
+    return _Images(nothing, nothing, np.zeros(0, np.int32), nothing)
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
@@ -68,7 +78,8 @@ class _Walk:
 
     `images` is complete up to `covered`, apart from those of topics subscribed
     since it was made (`stale`). `end` is that of the file or of the section before
-    appended data, `stop` that of the block.
+    appended data, `stop` that of the block. `is_data` is used for every block: fresh
+    memory would cost as much as the search in it.
     """
 
     data: Bytes
@@ -78,10 +89,11 @@ class _Walk:
     least: NDArray[np.int32] = field(default_factory=lambda: np.full(1 << 16, NO_SIZE, np.int32))
     most: NDArray[np.int32] = field(default_factory=lambda: np.zeros(1 << 16, np.int32))
     topic: NDArray[np.int32] = field(default_factory=lambda: np.zeros(1 << 16, np.int32))
-    images: _Images = field(default_factory=lambda: _Images(*(np.zeros(0, np.int64) for _ in range(4))))
+    images: _Images = field(default_factory=_no_images)
+    is_data: NDArray[np.bool_] = field(default_factory=lambda: np.empty(_BLOCK + _LONGEST, bool))
     covered: int = 0
     stale: bool = False
-    accepted: list[tuple[IntArray, IntArray]] = field(default_factory=list)
+    accepted: list[tuple[IntArray, NDArray[np.int32]]] = field(default_factory=list)
     lost: list[LostStretch] = field(default_factory=list)
     n_unknown: int = 0
     n_joined: int = 0
@@ -128,8 +140,7 @@ def _enter_file(walk: _Walk, position: int) -> int:
 
 def _forget_images(walk: _Walk) -> None:
     """Ids have a new meaning from here on: the images found before are void."""
-    nothing = np.zeros(0, np.int64)
-    walk.images = _Images(nothing, nothing, nothing, nothing)
+    walk.images = _no_images()
     walk.stale = True
 
 
@@ -157,25 +168,30 @@ def _walk_block(walk: _Walk, position: int) -> int:
 def _find_images(walk: _Walk, begin: int) -> _Images:
     """Find what looks exactly like a data message of a subscribed topic."""
     data, end = walk.data, walk.end
-    starts = np.flatnonzero(data[begin + 2 : max(begin + 2, walk.covered - 2)] == _DATA) + begin
-    size, msg_id = little_endian(data, starts, 2), little_endian(data, starts + 3, 2)
-    fits = (size - 2 >= walk.least[msg_id]) & (size - 2 <= walk.most[msg_id]) & (starts + 3 + size <= end)
-    starts, size, msg_id = starts[fits], size[fits], msg_id[fits]
-    ends = starts + 3 + size
+    types = data[begin + 2 : max(begin + 2, walk.covered - 2)]
+    starts = np.flatnonzero(np.equal(types, _DATA, out=walk.is_data[: len(types)])) + begin
+    head = rows_at(data, starts, _HEAD)
+    msg_id, row_size = head["id"], head["size"].astype(np.int32) - 2
+    fits = (row_size >= walk.least[msg_id]) & (row_size <= walk.most[msg_id]) & (starts + row_size <= end - 5)
+    kept = np.flatnonzero(fits)
+    starts, topics = starts[kept], walk.topic[msg_id[kept]]
+    ends = starts + row_size[kept] + 5
     broken = np.ones(len(starts), bool)
     broken[:-1] = starts[1:] != ends[:-1]
-    return _Images(starts, ends, walk.topic[msg_id].astype(np.int64), np.flatnonzero(broken))
+    return _Images(starts, ends, topics, np.flatnonzero(broken))
 
 
 def _follow_run(walk: _Walk, position: int) -> int:
     """Take the data messages that follow each other from `position` on; return where they end."""
     images = walk.images
-    first = int(np.searchsorted(images.starts, position))
+    if position + 2 >= walk.end or walk.data[position + 2] != _DATA:
+        return position
+    first = int(images.starts.searchsorted(position))
     if first == len(images.starts) or images.starts[first] != position:
         return position
-    last = int(images.breaks[np.searchsorted(images.breaks, first)])
+    last = int(images.breaks[images.breaks.searchsorted(first)])
     # What stands behind the last message of the block is the next block's business.
-    last = min(last, int(np.searchsorted(images.starts, walk.stop)) - 1)
+    last = min(last, int(images.starts.searchsorted(walk.stop)) - 1)
     after = int(images.ends[last])
     if not _ends_well(walk, after):
         # Bytes are missing in the last message, or what follows is damaged: its end cannot be trusted.
@@ -223,14 +239,14 @@ def _continues(walk: _Walk, position: int, further: int = _CHAIN) -> bool:
 
 def _is_image(walk: _Walk, position: int) -> bool:
     images = walk.images
-    found = int(np.searchsorted(images.starts, position))
+    found = int(images.starts.searchsorted(position))
     return found < len(images.starts) and int(images.starts[found]) == position
 
 
 def _next_image(walk: _Walk, position: int) -> int:
     """Return where the next data message begins, or a place behind the file."""
     images = walk.images
-    found = int(np.searchsorted(images.starts, position))
+    found = int(images.starts.searchsorted(position))
     return int(images.starts[found]) if found < len(images.starts) else len(walk.data) + 1
 
 
@@ -348,7 +364,8 @@ def _starts_by_topic(walk: _Walk) -> tuple[IntArray, ...]:
     if not walk.accepted:
         return tuple(np.zeros(0, np.int64) for _ in range(n_topics))
     starts = np.concatenate([run[0] for run in walk.accepted])
-    topics = np.concatenate([run[1] for run in walk.accepted]).astype(np.int32)
+    # Integers of up to 16 bits are sorted by radix.
+    topics = np.concatenate([run[1] for run in walk.accepted]).astype(np.min_scalar_type(n_topics))
     walk.accepted.clear()
     order = np.argsort(topics, kind="stable")
     cuts = np.cumsum(np.bincount(topics, minlength=n_topics))[:-1]
