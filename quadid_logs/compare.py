@@ -121,6 +121,8 @@ def compare(before: Result, after: Result) -> Comparison:
     both = (before, after)
     reasons = {axis: reason for axis in AXES if (reason := _obstacle(both, axis))}
     first, second = _models(before, after)
+    if first is None and not reasons:
+        reasons = dict.fromkeys(AXES, "no structure was fitted to both flights")
     found: list[Quantity] = []
     if first is not None and second is not None and len(reasons) < len(AXES):
         found = [*_parameters(first, second, reasons), *_actuators(first, second)]
@@ -141,13 +143,12 @@ def compare(before: Result, after: Result) -> Comparison:
 
 def _obstacle(both: tuple[Result, Result], axis: str) -> str:
     """Say why an axis cannot be compared, "" if it can."""
-    for which, result in zip(("before", "after"), both, strict=True):
-        verdict = result.diagnosis.axes.get(axis)
-        if verdict is None or verdict.verdict == "refused" or result.identification.recommended is None:
-            return f"{which}: {verdict.sentence if verdict else 'there is no verdict'}"
-        own = _own_gain(result.identification.recommended, axis)
-        if own is None or not own.identifiable:
-            return f"{which}: the flight does not tell the gain ({own.reason if own else 'not fitted'})"
+    unknown = [_why_unknown(result, axis) for result in both]
+    if all(unknown) and unknown[0] == unknown[1]:
+        return f"in both flights {unknown[0]}"
+    if any(unknown):
+        named = zip(("before", "after"), unknown, strict=True)
+        return "; ".join(f"{which}: {reason}" for which, reason in named if reason)
     before, after = both
     units = [result.data.input.unit if result.data.input else "" for result in both]
     if units[0] != units[1]:
@@ -160,17 +161,37 @@ def _obstacle(both: tuple[Result, Result], axis: str) -> str:
     return ""
 
 
+def _why_unknown(result: Result, axis: str) -> str:
+    """Say why a flight does not tell the gain of an axis, "" if it does."""
+    verdict = result.diagnosis.axes.get(axis)
+    model = result.identification.recommended
+    if verdict is None or verdict.verdict == "refused" or model is None:
+        sentence = verdict.sentence if verdict else "there is no verdict"
+        return sentence.removeprefix(f"{axis.capitalize()} is refused: ").removesuffix(".")
+    own = _own_gain(model, axis)
+    if own is None or not own.identifiable:
+        return f"the flight does not tell the gain ({own.reason if own else 'not fitted'})"
+    return ""
+
+
 def _spoken(unit: str) -> str:
     return "N m" if unit == "N m" else "normalised command"
 
 
+def _structure(result: Result, name: str) -> Model | None:
+    return next((model for model in result.identification.models if model.structure == name), None)
+
+
 def _models(before: Result, after: Result) -> tuple[Model | None, Model | None]:
-    """Return the recommended model of the first flight, and the same structure of the second."""
-    first = before.identification.recommended
-    if first is None:
-        return None, None
-    same = (model for model in after.identification.models if model.structure == first.structure)
-    return first, next(same, None)
+    """Return the models of one structure: that recommended for the first flight, else for the second."""
+    for result in (before, after):
+        recommended = result.identification.recommended
+        if recommended is None:
+            continue
+        first, second = (_structure(one, recommended.structure) for one in (before, after))
+        if first is not None and second is not None:
+            return first, second
+    return None, None
 
 
 def _own_gain(model: Model, axis: str) -> Parameter | None:

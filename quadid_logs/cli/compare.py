@@ -38,6 +38,8 @@ def compare(
 ) -> int:
     """Tell whether B, A or the lag changed by more than the two flights leave open.
 
+    Fly the same manoeuvre both times: yaw answers more strongly at more throttle.
+
     Exit code 0: compared on every axis, no change. 1: changed. 2: a log could
     not be read. 3: no change seen, but an axis could not be compared.
     """

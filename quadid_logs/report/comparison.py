@@ -34,7 +34,10 @@ def comparison_lines(before: Result, after: Result, comparison: Comparison) -> t
         Lines without control characters, whatever the logs hold.
     """
     names = [printable(PurePath(result.log.path).name, 80) for result in (before, after)]
-    lines = [f"{names[0]} -> {names[1]}: {_HEADLINES[comparison.verdict]}"]
+    headline = _HEADLINES[comparison.verdict]
+    if set(comparison.axes.values()) == {"not comparable"}:
+        headline = "these logs do not allow a comparison"
+    lines = [f"{names[0]} -> {names[1]}: {headline}"]
     for axis, change in comparison.axes.items():
         reason = comparison.reasons.get(axis, "")
         lines.append(f"  {axis:<5}  {change}{f': {printable(reason, 400)}' if reason else ''}")

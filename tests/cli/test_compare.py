@@ -12,6 +12,7 @@ import pytest
 
 from quadid_logs.cli import main
 from quadid_logs.compare import compare
+from quadid_logs.data.model import Model
 from quadid_logs.data.result import Result
 from tests.synthetic_results import refused_result, usable_result
 
@@ -108,6 +109,27 @@ def test_a_refused_flight_is_not_comparable_and_says_what_to_set(flight: Result)
     assert any("LOG_DISARMED" in text for text in comparison.advice)
 
 
+def test_flights_with_different_best_structures_are_compared_in_one_that_both_have(flight: Result) -> None:
+    """The first flight's best one if the second has it, else the second's."""
+    rigid = replace(flight.identification.models[0], structure="rigid-body")
+    first = replace(flight, identification=replace(flight.identification, models=(rigid, *_not_best(flight))))
+    assert compare(flight, first).structure == "damped"
+    assert compare(first, flight).structure == "damped"
+
+
+def test_flights_without_a_common_structure_are_not_called_the_same(flight: Result) -> None:
+    """Nothing was compared."""
+    rigid = replace(flight.identification.models[0], structure="rigid-body")
+    other = replace(flight, identification=replace(flight.identification, models=(rigid,)))
+    comparison = compare(flight, other)
+    assert comparison.verdict == "not comparable"
+    assert "no structure was fitted to both" in comparison.reasons["roll"]
+
+
+def _not_best(result: Result) -> tuple[Model, ...]:
+    return tuple(replace(model, recommended=False) for model in result.identification.models)
+
+
 def test_an_axis_whose_gain_is_not_known_is_not_comparable(flight: Result) -> None:
     """The others still are, but the whole is not called the same."""
     comparison = compare(flight, with_gain(flight, share=1.0, axis=1, identifiable=False))
@@ -179,6 +201,7 @@ def test_whole_and_cut_propellers_at_10_hz_allow_no_comparison(
     logs = [str(corpus / "real" / f"ac413-quadx-{name}-hover1.bin") for name in ("goodprop", "25mmcut")]
     assert main(["compare", *logs]) == 3
     out = capsys.readouterr().out
-    assert "no comparison is possible" in out
-    assert "9.78 Hz, too slowly" in out
+    assert "these logs do not allow a comparison" in out
+    assert "before: the body rate and the torque were logged at 9.78 Hz, too slowly" in out
+    assert "after: the body rate and the torque were logged at 9.79 Hz, too slowly" in out
     assert "Set LOG_BITMASK to 176127" in out
