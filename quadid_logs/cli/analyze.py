@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from quadid_logs.cli.completion import structures
 from quadid_logs.cli.failure import exit_code_of, say
 from quadid_logs.cli.logs import check_log, expanded
 from quadid_logs.cli.progress import Part, Progress, parts
@@ -58,7 +59,13 @@ def analyze(
         Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="Mass, arms, thrust of the vehicle.")
     ] = None,
     structure: Annotated[
-        str, typer.Option("--structure", metavar="NAME", help="Recommend this structure, whatever fits best.")
+        str,
+        typer.Option(
+            "--structure",
+            metavar="NAME",
+            help="Recommend this structure, whatever fits best.",
+            autocompletion=structures,
+        ),
     ] = "",
     start_s: Annotated[
         float | None, typer.Option("--start-s", metavar="S", help="Leave out what is before [s].")

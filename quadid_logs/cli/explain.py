@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from quadid_logs.cli.completion import finding_codes
 from quadid_logs.cli.failure import say
 from quadid_logs.errors import SettingsError
 from quadid_logs.untrusted import printable
@@ -17,7 +18,12 @@ _WIDTH = 88
 
 def explain(
     code: Annotated[
-        str, typer.Argument(metavar="[CODE]", help="A finding's code; all are listed without.")
+        str,
+        typer.Argument(
+            metavar="[CODE]",
+            help="A finding's code; all are listed without.",
+            autocompletion=finding_codes,
+        ),
     ] = "",
 ) -> int:
     """Explain a finding: what it means and what to fly or set next."""

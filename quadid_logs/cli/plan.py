@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from quadid_logs.cli.completion import autopilots, axes
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.progress import Progress
 from quadid_logs.cli.simulate import make_folder, write_together
@@ -16,10 +17,17 @@ from quadid_logs.untrusted import printable
 
 
 def plan(
-    autopilot: Annotated[str, typer.Option("--autopilot", metavar="NAME", help="ardupilot or px4.")],
+    autopilot: Annotated[
+        str, typer.Option("--autopilot", metavar="NAME", help="ardupilot or px4.", autocompletion=autopilots)
+    ],
     axis: Annotated[
         list[str] | None,
-        typer.Option("--axis", metavar="AXIS", help="roll, pitch or yaw; may be repeated [default: all]."),
+        typer.Option(
+            "--axis",
+            metavar="AXIS",
+            help="roll, pitch or yaw; may be repeated [default: all].",
+            autocompletion=axes,
+        ),
     ] = None,
     vehicle: Annotated[
         Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="Simulate this vehicle.")
@@ -28,6 +36,7 @@ def plan(
         Path | None,
         typer.Option("-o", "--output", metavar="DIR", help="Folder for the card and the parameter files."),
     ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier plan.")] = False,
 ) -> int:
     """Say what to set and to fly to get an answer, and what a simulated flight of it gives.
@@ -35,7 +44,7 @@ def plan(
     Without -o the card is only printed.
     """
     from quadid_logs.plan import make_plan, predict
-    from quadid_logs.report.plan import CARD_FILE, card_lines, parameter_files
+    from quadid_logs.report.plan import CARD_FILE, card_lines, parameter_files, plan_text
     from quadid_logs.vehicle.file import read_vehicle
 
     planned = make_plan(autopilot.lower(), axis or ())
@@ -47,13 +56,14 @@ def plan(
         progress("flying it in the simulator")
         prediction = predict(planned, described)
     lines = card_lines(planned, prediction)
-    for line in lines:
+    for line in [plan_text(planned, prediction).rstrip("\n")] if as_json else lines:
         say(line)
     if output is not None:
         files[CARD_FILE] = ("\n".join(lines) + "\n").encode()
         make_folder(output)
         write_together(output, files)
-        say(f"\nWrote {', '.join(sorted(files))} into {printable(output)}")
+        if not as_json:
+            say(f"\nWrote {', '.join(sorted(files))} into {printable(output)}")
     return 0
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from quadid_logs.cli.completion import autopilots, scenarios
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.progress import Progress
 from quadid_logs.errors import OutputError, SettingsError
@@ -23,7 +24,9 @@ _AUTOPILOTS = {".bin": "ardupilot", ".ulg": "px4", ".tlog": "ardupilot"}
 
 
 def simulate(
-    scenario: Annotated[str, typer.Argument(metavar="SCENARIO", help="A name that --list shows.")] = "",
+    scenario: Annotated[
+        str, typer.Argument(metavar="SCENARIO", help="A name that --list shows.", autocompletion=scenarios)
+    ] = "",
     output: Annotated[
         Path | None,
         typer.Option("-o", "--output", metavar="FILE.(bin|ulg|tlog)", help="The ending says the format."),
@@ -39,7 +42,13 @@ def simulate(
         Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="Fly this vehicle instead.")
     ] = None,
     autopilot: Annotated[
-        str, typer.Option("--autopilot", metavar="NAME", help="ardupilot or px4 [default: by the ending].")
+        str,
+        typer.Option(
+            "--autopilot",
+            metavar="NAME",
+            help="ardupilot or px4 [default: by the ending].",
+            autocompletion=autopilots,
+        ),
     ] = "",
     list_scenarios: Annotated[bool, typer.Option("--list", help="List the scenarios and stop.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace the files if they exist.")] = False,

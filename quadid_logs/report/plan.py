@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator
+from typing import Any
 
 from quadid_logs.data.model import Parameter
 from quadid_logs.plan import Plan, Prediction, Setting
+from quadid_logs.report.json import plain
 from quadid_logs.report.numbers import estimate, number
 from quadid_logs.report.words import pretty_unit
 from quadid_logs.simulate.sweep import Sweep
@@ -66,6 +69,43 @@ def card_lines(plan: Plan, prediction: Prediction) -> tuple[str, ...]:
         "",
         *_expected(plan, prediction),
     )
+
+
+def plan_text(plan: Plan, prediction: Prediction) -> str:
+    """Return the plan and what its simulated flight gave as strict JSON in ASCII."""
+    model = prediction.identification.recommended
+    actuator = None if model is None else model.actuator
+    content: dict[str, Any] = {
+        "schema_version": "1.0",
+        "autopilot": plan.autopilot,
+        "axes": plan.axes,
+        "duration_s": plan.duration_s,
+        "logging": dict(plan.logging),
+        "sweeps": {axis: dict(plan.settings_of(axis)) for axis in plan.sweeps},
+        "steps": _steps(plan),
+        "expected": {
+            "vehicle": prediction.vehicle,
+            "axes": {axis: _expected_axis(prediction, axis) for axis in plan.axes},
+            "lag_s": None if actuator is None else {"value": actuator.lag_s, "ci95": actuator.lag_ci95_s},
+        },
+    }
+    return json.dumps(plain(content), indent=1, allow_nan=False) + "\n"
+
+
+def _expected_axis(prediction: Prediction, axis: str) -> dict[str, Any]:
+    """Return verdict and gain of an axis of the simulated flight."""
+    own = _own_gain(prediction, axis)
+    gain = None if own is None else {"name": own.name, "value": own.value, "ci95": own.ci95, "unit": own.unit}
+    return {"verdict": prediction.diagnosis.axes[axis].verdict, "gain": gain}
+
+
+def _own_gain(prediction: Prediction, axis: str) -> Parameter | None:
+    """Return how the torque about an axis turns the simulated vehicle about it."""
+    model = prediction.identification.recommended
+    number_of = AXES.index(axis)
+    wanted = (ACCELERATION_SYMBOLS[number_of], TORQUE_SYMBOLS[number_of])
+    found = () if model is None else model.parameters
+    return next((each for each in found if (each.target, each.regressor) == wanted), None)
 
 
 def _settings_lines(plan: Plan) -> Iterator[str]:
@@ -136,16 +176,8 @@ def _expected(plan: Plan, prediction: Prediction) -> Iterator[str]:
     yield ""
     model = prediction.identification.recommended
     for axis in plan.axes:
-        verdict = prediction.diagnosis.axes[axis].verdict
-        number_of = AXES.index(axis)
-        found = () if model is None else model.parameters
-        own = [
-            parameter
-            for parameter in found
-            if (parameter.target, parameter.regressor)
-            == (ACCELERATION_SYMBOLS[number_of], TORQUE_SYMBOLS[number_of])
-        ]
-        yield f"- {axis}: {verdict}{''.join(_gain(parameter) for parameter in own)}"
+        own = _own_gain(prediction, axis)
+        yield f"- {axis}: {prediction.diagnosis.axes[axis].verdict}{'' if own is None else _gain(own)}"
     if model is not None and model.actuator is not None:
         low, high = (1e3 * value for value in model.actuator.lag_ci95_s)
         yield f"- motor lag {estimate(1e3 * model.actuator.lag_s, low, high)} ms"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -136,3 +137,17 @@ def test_wrong_usage_is_one_clear_line(
     assert out == ""
     assert words in err
     assert len(err.splitlines()) == 1
+
+
+def test_the_plan_as_json_holds_what_the_card_says(capsys: pytest.CaptureFixture[str]) -> None:
+    """Settings by name, steps in order, and what the simulated flight gave; nothing else on stdout."""
+    assert main(["plan", "--autopilot", "ardupilot", "--axis", "yaw", "--json"]) == 0
+    content = json.loads(capsys.readouterr().out)
+    assert content["logging"] == {"LOG_BITMASK": 176127.0}
+    assert content["sweeps"]["yaw"] == dict(make_plan("ardupilot", ["yaw"]).settings_of("yaw"))
+    assert any("READ BACK" in step for step in content["steps"])
+    assert list(content["expected"]["axes"]) == ["yaw"]
+    gain = content["expected"]["axes"]["yaw"]["gain"]
+    assert gain["ci95"][0] < gain["value"] < gain["ci95"][1]
+    low, high = content["expected"]["lag_s"]["ci95"]
+    assert low <= content["expected"]["lag_s"]["value"] <= high
