@@ -7,6 +7,10 @@ from pathlib import Path
 
 import pytest
 
+# As the command line does, and before anything imports numpy: several test processes with several
+# threads each would mostly wait for each other.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 REPOSITORY = Path(__file__).resolve().parents[1]
 
 
