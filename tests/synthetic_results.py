@@ -13,10 +13,11 @@ from quadid_logs.data.log import FlightLog, LogText, LostStretch, MessageCount, 
 from quadid_logs.data.model import (
     Actuator,
     BandCheck,
+    ChangeCheck,
     Discrete,
     Excitation,
     FitSeries,
-    HalvesCheck,
+    FormsCheck,
     Identification,
     Inertia,
     Model,
@@ -300,7 +301,14 @@ def _model(
             cutoff_hz=np.array([12.0, 6.0, 24.0]),
             own_gain=np.diag(B) * np.array([[1.0], [0.99], [1.02]]),
         ),
-        halves=HalvesCheck(own_gain=np.diag(B) * np.array([[1.01], [0.98]]), half_width=np.full((2, 3), 9.0)),
+        change=ChangeCheck(
+            time_s=np.array([20.0, 31.0, 17.5]),
+            before=1.01 * np.diag(B),
+            after=0.98 * np.diag(B),
+            statistic=np.array([2.0, 5.1, 3.3]),
+        ),
+        forms=FormsCheck(own_gain=np.diag(B) * np.array([[1.0], [0.99]]), half_width=np.full((2, 3), 9.0)),
+        bootstrap_half_width=np.array([8.0, 9.0, 7.0]),
     )
 
 

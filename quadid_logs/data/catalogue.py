@@ -235,9 +235,10 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL509",
                 "The gain differs between parts of the flight",
-                "Fitted to the first and to the second half of the flight, the gain is not the same: the "
-                "vehicle changed (battery, payload, damage), or something else than torque moved it.",
-                "Compare the halves in the figure of estimates over time.",
+                "Before and after one time the gain is not the same, by more than chance allows: the vehicle "
+                "changed (payload, damage, a propeller), or something else than torque moved it.",
+                "Look at the figure of estimates over time, and analyze both parts by themselves with "
+                "--start-s and --end-s.",
             ),
             _entry(
                 "QL511",
@@ -253,6 +254,21 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The log holds no torque in N m. Gains are per unit of command and no inertia in kg m^2 "
                 "can be given.",
                 "Describe the vehicle with --vehicle FILE.toml to get physical units.",
+            ),
+            _entry(
+                "QL513",
+                "Two forms of the same equation disagree",
+                "Integrated over quarters of a second the equation of motion gives another gain than "
+                "smoothed with Gaussians. Both hold for a rigid body behind its actuators, so something "
+                "else moved the vehicle, or torque and rates are not from one clock.",
+                "Fly stronger manoeuvres on this axis, in calm air; check the clocks in the report.",
+            ),
+            _entry(
+                "QL514",
+                "The interval may be too narrow",
+                "When blocks of the flight are drawn at random and fitted again, the gain scatters by more "
+                "than its interval says: single manoeuvres or gusts carry much of the estimate.",
+                "Fly longer, and repeat the manoeuvre evenly.",
             ),
             _entry(
                 "QL512",

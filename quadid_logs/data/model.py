@@ -94,6 +94,9 @@ class Validation:
 
     ``r2_acceleration`` in the fitted band; ``r2_simulated_rate`` of the whole
     rate, ``r2_swift_rate`` without what is slower than the fitted band.
+    ``residual_memory_s``: after so long the residual of the acceleration has
+    forgotten itself (autocorrelation below 0.2); ``input_correlation``: its
+    largest correlation with the axis' own torque up to half a second apart.
     """
 
     held_out_s: float
@@ -103,6 +106,8 @@ class Validation:
     fit_percent: Mapping[str, float] = field(default_factory=dict)
     horizon_s: tuple[float, ...] = ()
     horizon_rmse_rad_s: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    residual_memory_s: Mapping[str, float] = field(default_factory=dict)
+    input_correlation: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -164,24 +169,42 @@ class BandCheck:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class HalvesCheck:
-    """The same fit to the first and the second half of the flight.
+class ChangeCheck:
+    """The likeliest time at which B11, B22, B33 changed, each of shape (3,).
 
-    ``own_gain`` and ``half_width`` (of the 95 % intervals) have shape (2, 3);
-    a gain is NaN where the axis was not moved in that half.
+    ``time_s``; the gain ``before`` and ``after``; ``statistic``, the squared
+    difference over its variance. NaN on axes that were not moved.
     """
+
+    time_s: FloatArray
+    before: FloatArray
+    after: FloatArray
+    statistic: FloatArray
+
+    @property
+    def relative(self) -> FloatArray:
+        """Difference relative to the mean of both; shape (3,)."""
+        mean = 0.5 * np.abs(self.before + self.after)
+        difference: FloatArray = np.full_like(mean, np.nan)
+        np.divide(np.abs(self.after - self.before), mean, out=difference, where=mean > 0.0)
+        return difference
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FormsCheck:
+    """B11, B22, B33 in the weak form and in the integral form, with half widths; each (2, 3)."""
 
     own_gain: FloatArray
     half_width: FloatArray
 
     @property
-    def changed(self) -> FloatArray:
-        """Relative change of B11, B22, B33 beyond what the intervals allow; zero if none; shape (3,)."""
+    def disagree(self) -> FloatArray:
+        """Relative difference beyond what both intervals allow, zero if none; shape (3,)."""
         difference = np.abs(self.own_gain[1] - self.own_gain[0])
         beyond = difference > np.hypot(self.half_width[0], self.half_width[1])
-        mean = np.abs(self.own_gain).mean(axis=0)
-        relative: FloatArray = np.zeros_like(mean)
-        np.divide(difference, mean, out=relative, where=beyond & (mean > 0.0))
+        relative: FloatArray = np.zeros_like(difference)
+        own = np.abs(self.own_gain[0])
+        np.divide(difference, own, out=relative, where=beyond & (own > 0.0))
         return relative
 
 
@@ -196,6 +219,8 @@ class Model:
         [rad/s^2 per unit of regressor or input].
     smoothing_hz : float
         Cut-off of the filter that regressors and targets passed alike.
+    bootstrap_half_width : ndarray, shape (3,), or None
+        Of the 95 % intervals of B11, B22, B33 by resampling blocks of the flight.
     criterion : float
         Bayesian information criterion, stretches of correlated residuals counted once; less is better.
     """
@@ -218,7 +243,9 @@ class Model:
     smoothing_hz: float = float("nan")
     condition_number: float = float("nan")
     band: BandCheck | None = None
-    halves: HalvesCheck | None = None
+    change: ChangeCheck | None = None
+    forms: FormsCheck | None = None
+    bootstrap_half_width: FloatArray | None = None
     criterion: float = float("nan")
     note: str = ""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -58,12 +59,63 @@ class PooledFit:
     disturbance: FloatArray = field(default_factory=lambda: np.zeros((3, 0)))
 
 
+class Problem(NamedTuple):
+    """Z theta' = Y on the training rows.
+
+    ``explained`` is what the instruments make of Z; ``used`` (n_targets,
+    n_columns) which columns each target may use. The columns are those of the
+    structure, then the disturbances.
+    """
+
+    Z: FloatArray
+    explained: FloatArray
+    Y: FloatArray
+    used: BoolArray
+    project: Projection
+
+
+def problem_of(
+    design: Design,
+    structure: Structure,
+    actuator: ActuatorFit | None,
+    kept: BoolArray | None = None,
+    *,
+    average: int = 1,
+) -> Problem:
+    """Lay out the rows that a structure is fitted to; parameters as of `fit_pooled`."""
+    train = design.train
+    torque = (
+        design.torque_as_logged() if actuator is None else design.torque(actuator.lag_s, actuator.delay_s)
+    )
+    # The paper's own structures are fitted as the paper does.
+    instrumented = design if actuator is not None else design.without_instruments()
+    disturbances = design.disturbances if actuator is not None else ()
+    whole = np.column_stack(
+        [
+            design.stack((*structure.columns, *disturbances), torque),
+            *(design.columns[name] for name in structure.targets),
+        ]
+    )
+    rows = design.averaged(whole, average)[train]
+    n_targets = len(structure.targets)
+    Z, Y = rows[:, :-n_targets], rows[:, -n_targets:]
+    used = np.ones((n_targets, Z.shape[1]), dtype=np.bool_)
+    if kept is not None:
+        used[:, : len(structure.columns)] = kept
+    if design.slow_hz and TRIM in structure.columns:
+        used[:, structure.columns.index(TRIM)] = False
+    project = Projection(instrumented, structure.regressors, train)
+    return Problem(Z, project(Z), Y, used, project)
+
+
 def fit_pooled(
     design: Design,
     structure: Structure,
     actuator: ActuatorFit | None,
     kept: BoolArray | None = None,
     uneven: Design | None = None,
+    *,
+    average: int = 1,
 ) -> PooledFit:
     """Fit all targets of a structure to the training rows.
 
@@ -79,28 +131,15 @@ def fit_pooled(
     uneven : Design, optional
         Holds the derivative of the torque by the unevenness of the rotors'
         lag, whose uncertainty then widens the intervals too.
+    average : int
+        Rows that both sides are averaged over first (the integral form).
 
     Returns
     -------
     PooledFit
     """
-    train = design.train
-    torque = (
-        design.torque_as_logged() if actuator is None else design.torque(actuator.lag_s, actuator.delay_s)
-    )
-    # The paper's own structures are fitted as the paper does.
-    instrumented = design if actuator is not None else replace(design, instruments=None)
-    disturbances = design.disturbances if actuator is not None else ()
+    Z, explained, Y, used, project = problem_of(design, structure, actuator, kept, average=average)
     n_columns = len(structure.columns)
-    Z = design.stack((*structure.columns, *disturbances), torque)[train]
-    Y = np.column_stack([design.columns[name] for name in structure.targets])[train]
-    used = np.ones((Y.shape[1], Z.shape[1]), dtype=np.bool_)
-    if kept is not None:
-        used[:, :n_columns] = kept
-    if design.slow_hz and TRIM in structure.columns:
-        used[:, structure.columns.index(TRIM)] = False
-    project = Projection(instrumented, structure.regressors, train)
-    explained = project(Z)
     theta = np.zeros(used.shape)
     for row, columns in enumerate(used):
         theta[row, columns] = solve_least_squares(explained[:, columns], Y[:, row : row + 1]).coefficients[0]

@@ -13,15 +13,17 @@ from quadid_logs.data.flight import FlightData, InputDescription
 from quadid_logs.data.model import (
     Actuator,
     BandCheck,
+    ChangeCheck,
     Discrete,
     FitSeries,
-    HalvesCheck,
+    FormsCheck,
     Model,
     Validation,
     Windows,
 )
 from quadid_logs.data.settings import Settings
 from quadid_logs.identify.actuator import ActuatorFit, fit_actuator
+from quadid_logs.identify.checks import bootstrapped_half_width, check_change, check_forms
 from quadid_logs.identify.design import Design, build_design, smooth_segment
 from quadid_logs.identify.fit import PooledFit, clusters_of, fit_pooled, with_trim
 from quadid_logs.identify.inertia import inertia_of
@@ -49,8 +51,6 @@ _WINDOW_S = 1.0
 _MOST_WINDOWS = 250_000
 #: Lag and unevenness of the rotors are found in turn; after the second round neither moves.
 _ROTOR_ROUNDS = 2
-#: Fewer rows than these per unknown are no flight of its own.
-_ROWS_PER_COLUMN = 10
 
 
 class Actuated(NamedTuple):
@@ -67,7 +67,9 @@ class Actuated(NamedTuple):
     fit: PooledFit
     telling: list[int]
     band: BandCheck
-    halves: HalvesCheck | None
+    change: ChangeCheck
+    forms: FormsCheck
+    bootstrap_half_width: FloatArray
 
 
 def fit_rows_apart(data: FlightData, whole: Design, settings: Settings) -> Actuated:
@@ -93,7 +95,9 @@ def fit_rows_apart(data: FlightData, whole: Design, settings: Settings) -> Actua
         fit=with_trim(fit, DAMPED, whole, actuator),
         telling=telling,
         band=_other_bands(DAMPED, data, design, (actuator, fit), settings, rotors),
-        halves=_halves(DAMPED, design, actuator, fit, settings),
+        change=check_change(design, DAMPED, fit, actuator, telling),
+        forms=check_forms(design, DAMPED, fit, actuator),
+        bootstrap_half_width=bootstrapped_half_width(design, DAMPED, fit, actuator),
     )
 
 
@@ -149,8 +153,7 @@ def actuated_model(
         fit,
         settings,
         actuator=described,
-        band=found.band,
-        halves=found.halves,
+        found=found,
         validation=validation,
         series=series,
         windows=windows,
@@ -171,8 +174,7 @@ def fit_as_published(
         fit,
         settings,
         actuator=None,
-        band=None,
-        halves=None,
+        found=None,
         validation=validation,
         series=series,
         windows=windows,
@@ -260,24 +262,6 @@ def _other_bands(
     return BandCheck(cutoff_hz=np.array(cutoffs), own_gain=np.array(gains))
 
 
-def _halves(
-    structure: Structure, design: Design, actuator: ActuatorFit, fit: PooledFit, settings: Settings
-) -> HalvesCheck | None:
-    """Repeat the fit on the first and on the second half of the rows, the actuator being the same."""
-    early = np.arange(design.time_s.size) < design.time_s.size // 2
-    gains, half_widths = [], []
-    for half in (early, ~early):
-        part = replace(design, held_out=design.held_out | ~half)
-        if np.count_nonzero(part.train) < _ROWS_PER_COLUMN * len(structure.columns):
-            return None
-        own = fit_pooled(part, structure, actuator, fit.kept)
-        # A half in which an axis rests says nothing about it.
-        moved = np.isin([0, 1, 2], moved_axes(part, settings)) & (own.r2[:3] >= _TELLING_R2)
-        gains.append(np.where(moved, _own_gain(structure, own), np.nan))
-        half_widths.append(np.diag(own.half_width[:3, len(structure.regressors) :]))
-    return HalvesCheck(own_gain=np.array(gains), half_width=np.array(half_widths))
-
-
 def _own_gain(structure: Structure, fit: PooledFit) -> FloatArray:
     return np.diag(fit.theta[:3, len(structure.regressors) :]).copy()
 
@@ -333,8 +317,7 @@ def _model(
     settings: Settings,
     *,
     actuator: Actuator | None,
-    band: BandCheck | None,
-    halves: HalvesCheck | None,
+    found: Actuated | None,
     validation: Validation,
     series: FitSeries,
     windows: Windows | None,
@@ -342,6 +325,7 @@ def _model(
     """Put the parts of a model together."""
     n_regressors = len(structure.regressors)
     unit = data.input.unit if data.input is not None else "1"
+    band = None if found is None else found.band
     estimate = _calibrated(_estimate(structure, fit, band, settings), n_regressors, data.input)
     A, B = fit.theta[:, :n_regressors], fit.theta[:, n_regressors:]
     parameters = build_parameters(
@@ -370,7 +354,9 @@ def _model(
         smoothing_hz=design.smoothing_hz,
         condition_number=fit.condition_number,
         band=band,
-        halves=halves,
+        change=None if found is None else found.change,
+        forms=None if found is None else found.forms,
+        bootstrap_half_width=None if found is None else found.bootstrap_half_width,
         criterion=_criterion(design, fit),
     )
 

@@ -14,6 +14,12 @@ from quadid_logs.identify.structures import Structure
 from quadid_logs.maths.band import without_slow
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS
 
+#: Where the autocorrelation is below this, a residual tells nothing of the next.
+_FORGOTTEN = 0.2
+#: Residuals that remember for longer than this are no noise at all.
+_LONGEST_MEMORY_S = 5.0
+#: A rate loop answers within half a second.
+_CORRELATED_S = 0.5
 #: Distance between the starts of simulated horizons: several per second of
 #: flight, so that the error is an average and not one lucky start.
 _START_EVERY_S = 0.1
@@ -70,17 +76,46 @@ def validate(
     )
     if np.count_nonzero(held_out) < 2:
         return Validation(held_out_s=0.0), series
-    left = design.swift(np.column_stack([acceleration, acceleration - modelled]), slow_hz)[held_out]
-    spread, error = np.split(left, 2, axis=1)
+    swift = design.swift(np.column_stack([acceleration, acceleration - modelled, torque[:, :3]]), slow_hz)
+    spread, error, given_torque = np.split(swift, 3, axis=1)
     return Validation(
         held_out_s=float(np.count_nonzero(held_out) * design.period_s),
-        r2_acceleration=_by_name(ACCELERATION_SYMBOLS, _r2(spread, error)),
+        r2_acceleration=_by_name(ACCELERATION_SYMBOLS, _r2(spread[held_out], error[held_out])),
         r2_simulated_rate=_by_name(RATE_SYMBOLS, _r2(rate[held_out], (rate - simulated)[held_out])),
         r2_swift_rate=_by_name(RATE_SYMBOLS, _swift_r2(rate, rate - simulated, design, slow_hz)),
         fit_percent=_by_name(RATE_SYMBOLS, _fit_percent(rate[held_out], (rate - simulated)[held_out])),
         horizon_s=settings.horizons_s,
         horizon_rmse_rad_s=_horizon_errors(derivative, rate, design, settings.horizons_s),
+        residual_memory_s=_by_name(ACCELERATION_SYMBOLS, _memory_s(error, design)),
+        input_correlation=_by_name(ACCELERATION_SYMBOLS, _input_correlation(error, given_torque, design)),
     ), series
+
+
+def _memory_s(error: FloatArray, design: Design) -> list[float]:
+    """Return after how long the held-out residual of each column has forgotten itself [s]."""
+    n_lags = min(round(_LONGEST_MEMORY_S / design.period_s), len(error) - 1)
+    found = []
+    for column in np.where(design.held_out[:, np.newaxis], error, 0.0).T:
+        products = np.array([column[lag:] @ column[: len(column) - lag] for lag in range(n_lags)])
+        quiet = np.flatnonzero(products < _FORGOTTEN * products[:1])
+        found.append(float(quiet[0] * design.period_s) if quiet.size else float("nan"))
+    return found
+
+
+def _input_correlation(error: FloatArray, torque: FloatArray, design: Design) -> list[float]:
+    """Return the largest correlation of each held-out residual with its own torque, half a second around."""
+    reach = min(round(_CORRELATED_S / design.period_s), len(error) - 1)
+    found = []
+    for left, moved in zip(
+        np.where(design.held_out[:, np.newaxis], error, 0.0).T,
+        np.where(design.held_out[:, np.newaxis], torque, 0.0).T,
+        strict=True,
+    ):
+        size = float(np.linalg.norm(left) * np.linalg.norm(moved))
+        products = [left[lag:] @ moved[: len(moved) - lag] for lag in range(reach + 1)]
+        products += [moved[lag:] @ left[: len(left) - lag] for lag in range(1, reach + 1)]
+        found.append(float(np.max(np.abs(products))) / size if size > 0.0 else float("nan"))
+    return found
 
 
 def _by_name(names: Sequence[str], values: Sequence[float]) -> dict[str, float]:

@@ -16,8 +16,9 @@ from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import (
     Actuator,
     BandCheck,
+    ChangeCheck,
     Excitation,
-    HalvesCheck,
+    FormsCheck,
     Inertia,
     Model,
     Parameter,
@@ -200,7 +201,12 @@ def _model(model: Model) -> dict[str, Any]:
         "smoothing_hz": model.smoothing_hz,
         "condition_number": model.condition_number,
         "band_check": None if model.band is None else _band(model.band),
-        "halves_check": None if model.halves is None else _halves(model.halves),
+        "change_check": None if model.change is None else _change(model.change),
+        "forms_check": None if model.forms is None else _forms(model.forms),
+        "bootstrap_half_width": None
+        if model.bootstrap_half_width is None
+        else dict(zip(_OWN_GAINS, model.bootstrap_half_width, strict=True)),
+        "information_criterion": model.criterion,
         "note": model.note,
     }
 
@@ -211,6 +217,8 @@ def _actuator(actuator: Actuator) -> dict[str, Any]:
         "lag_s": {"value": actuator.lag_s, "ci95": actuator.lag_ci95_s},
         "delay_s": {"value": actuator.delay_s, "ci95": actuator.delay_ci95_s},
         "acts_on": actuator.acts_on,
+        "lag_up_s": actuator.lag_up_s,
+        "lag_down_s": actuator.lag_down_s,
     }
 
 
@@ -274,12 +282,21 @@ def _band(check: BandCheck) -> dict[str, Any]:
     }
 
 
-def _halves(check: HalvesCheck) -> dict[str, Any]:
-    """Return ``halves_check``: each axis' own gain in the first and the second half of the flight."""
+def _change(check: ChangeCheck) -> dict[str, Any]:
+    """Return ``change_check``: the likeliest change of each axis' own gain."""
+    return {
+        name: {"time_s": time_s, "before": before, "after": after, "statistic": statistic}
+        for name, time_s, before, after, statistic in zip(
+            _OWN_GAINS, check.time_s, check.before, check.after, check.statistic, strict=True
+        )
+    }
+
+
+def _forms(check: FormsCheck) -> dict[str, Any]:
+    """Return ``forms_check``: each axis' own gain in the weak and the integral form."""
     return {
         "gain": dict(zip(_OWN_GAINS, check.own_gain.T, strict=True)),
         "half_width": dict(zip(_OWN_GAINS, check.half_width.T, strict=True)),
-        "changed": dict(zip(_OWN_GAINS, check.changed, strict=True)),
     }
 
 

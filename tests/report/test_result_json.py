@@ -92,15 +92,17 @@ def test_a_median_condition_number_is_given_although_some_are_infinite(usable: R
     assert 10.0 < condition["median"] < 25.0
 
 
-def test_the_checks_of_band_and_halves_are_in_the_result(usable: Result) -> None:
+def test_the_checks_of_the_gains_are_in_the_result(usable: Result) -> None:
     """Gains by name, the model's own band first."""
     model = usable.identification.models[0]
     assert model.band is not None
-    assert model.halves is not None
+    assert model.change is not None
+    assert model.forms is not None
     content = strict(json_text(usable))["models"][0]
     assert content["band_check"]["gain"]["B22"] == list(model.band.own_gain[:, 1])
     assert content["band_check"]["spread"]["B33"] == pytest.approx(model.band.spread[2])
-    assert content["halves_check"]["gain"]["B11"] == list(model.halves.own_gain[:, 0])
+    assert content["change_check"]["B11"]["before"] == model.change.before[0]
+    assert content["forms_check"]["gain"]["B11"] == list(model.forms.own_gain[:, 0])
 
 
 def test_the_check_of_the_gyro_is_in_the_result(usable: Result) -> None:
