@@ -17,6 +17,7 @@ from quadid_logs.data.log import FlightLog, LogText, ModeChange, Signal
 from quadid_logs.data.settings import Settings
 from quadid_logs.data.torque import Calibration
 from quadid_logs.maths.resampling import resample, resample_held
+from quadid_logs.maths.rotations import unwrapped
 from quadid_logs.vocabulary import MULTIROTOR, SIGNALS
 
 __all__ = ["align"]
@@ -229,7 +230,7 @@ def _attitude(attitude: CleanSeries, grid: FloatArray) -> FloatArray | None:
         or time_s[-1] < grid[-1] - attitude.period_s
     ):
         return None
-    return resample(time_s, np.unwrap(values, axis=0), grid)
+    return resample(time_s, unwrapped(values), grid)
 
 
 def _input(

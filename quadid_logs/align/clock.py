@@ -14,6 +14,8 @@ from quadid_logs.data.settings import Settings
 #: Neighbours on each side that a stamp is compared with. Four outvote a burst
 #: of three damaged rows, and a reboot still has a clean edge.
 _NEIGHBOURS = 4
+#: Stamps that are looked at together: less than a second of a log that is worth the effort.
+_STAMPS = 1024
 #: Logged when they change, not periodically: too few rows to vote on the clock.
 EVENTS = frozenset({"armed", "landed"})
 
@@ -50,6 +52,10 @@ class Clock:
         """Return the number of the epoch that each file position lies in."""
         return np.clip(np.searchsorted(self.start_position, position, side="right") - 1, 0, None)
 
+    def common_time(self, time_s: FloatArray, position: IntArray) -> FloatArray:
+        """Bring logged times onto the common clock."""
+        return time_s + self.shift_s[self.epoch_of(position)] if self.n_resets else time_s
+
     def is_wild(self, time_s: FloatArray, position: IntArray, tolerance_s: float) -> BoolArray:
         """Mark stamps that are not finite or far from what the clock showed at that place in the file."""
         if self.time_s.size == 0:
@@ -62,7 +68,7 @@ class Clock:
 
     def time_at(self, time_s: float, position: int) -> float:
         """Bring one logged time onto the common clock."""
-        return float(time_s + self.shift_s[self.epoch_of(np.array([position]))[0]])
+        return float(self.common_time(np.array([time_s]), np.array([position]))[0])
 
 
 def find_clock(signals: Iterable[Signal], settings: Settings) -> Clock:
@@ -112,12 +118,22 @@ def is_wild(time_s: FloatArray, tolerance_s: float) -> BoolArray:
     finite = np.isfinite(time_s)
     if np.count_nonzero(finite) <= 2 * _NEIGHBOURS:
         return ~finite
-    known = time_s[finite]
-    padded = np.pad(known, _NEIGHBOURS, mode="edge")
-    around = np.lib.stride_tricks.sliding_window_view(padded, 2 * _NEIGHBOURS + 1)
     wild = ~finite
-    wild[finite] = np.abs(known - np.median(around, axis=1)) > tolerance_s
+    known = time_s if finite.all() else time_s[finite]
+    wild[finite] = np.concatenate(
+        [_far_from_neighbours(known, first, tolerance_s) for first in range(0, known.size, _STAMPS)]
+    )
     return wild
+
+
+def _far_from_neighbours(time_s: FloatArray, first: int, tolerance_s: float) -> BoolArray:
+    """Mark what is far from the median of its neighbours, of the `_STAMPS` finite stamps from `first` on."""
+    after = min(first + _STAMPS, time_s.size)
+    near = time_s[np.clip(np.arange(first - _NEIGHBOURS, after + _NEIGHBOURS), 0, time_s.size - 1)]
+    if np.ptp(near) <= tolerance_s:
+        return np.zeros(after - first, bool)  # almost always, and a median takes long
+    around = np.lib.stride_tricks.sliding_window_view(near, 2 * _NEIGHBOURS + 1)
+    return np.asarray(np.abs(time_s[first:after] - np.median(around, axis=1)) > tolerance_s, dtype=np.bool_)
 
 
 def _merged(signals: Iterable[Signal]) -> tuple[IntArray, FloatArray]:

