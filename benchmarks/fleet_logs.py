@@ -85,16 +85,19 @@ def write_fleet(
 
 
 def spoil(paths: Sequence[Path], every: int) -> Iterator[tuple[Path, str]]:
-    """Turn every n-th log into what cards and people make of them: no log, cut, empty, overwritten."""
+    """Turn every n-th log into what cards and people make of them: no log, cut, empty, overwritten.
+
+    No two are alike: files with the same content count once.
+    """
     rng = np.random.default_rng(7)
     for number, path in enumerate(paths[::every]):
         content = path.read_bytes()
         kind, damaged = (
             ("noise", rng.bytes(20_000)),
-            ("text", b"altitude,speed\nnone,none\n" * 50),
-            ("empty", b""),
-            ("zeros", bytes(len(content))),
-            ("cut in the header", content[:60]),
+            ("text", b"altitude,speed\nnone,none\n" * (number + 1)),
+            ("nearly empty", b"\n" * number),
+            ("zeros", bytes(len(content) + number)),
+            ("cut in the header", content[: 60 + number]),
         )[number % 5]
         path.write_bytes(damaged)
         yield path, kind

@@ -24,7 +24,7 @@ from quadid_logs.fleet.changes import (
     usual_scatter,
 )
 from quadid_logs.fleet.rows import ANALYZED
-from quadid_logs.fleet.store import dataset
+from quadid_logs.fleet.store import files_by_vehicle, rows_of
 from quadid_logs.vocabulary import AXES, TORQUE_SYMBOLS
 
 #: What differs between flights of a whole vehicle, although nothing broke. A gain goes with the air's
@@ -114,30 +114,28 @@ class Fleet:
 
 
 def read_fleet(folder: Path) -> Fleet:
-    """Read a store and look for changes and outliers.
+    """Read a store, vehicle by vehicle, and look for changes and outliers.
 
     Raises
     ------
     SettingsError
         If the folder is no store.
     """
-    table = dataset(folder).to_table(columns=list(_COLUMNS))
-    by_vehicle: dict[str, list[dict[str, Any]]] = {}
-    failures = []
-    for batch in table.to_batches(max_chunksize=10_000):
-        for row in batch.to_pylist():
-            if row["status"] == ANALYZED:
-                by_vehicle.setdefault(row["vehicle"], []).append(row)
-            else:
-                failures.append(
-                    Failure(
-                        url=row["url"], vehicle=row["vehicle"], status=row["status"], error=row["error"] or ""
-                    )
-                )
-    lives = [_life(vehicle, rows) for vehicle, rows in sorted(by_vehicle.items())]
+    lives, failures = [], []
+    for files in files_by_vehicle(folder):
+        rows = rows_of(files, _COLUMNS)
+        flown = [row for row in rows if row["status"] == ANALYZED]
+        if flown:
+            lives.append(_life(flown[0]["vehicle"], flown))
+        failures += [_failure(row) for row in rows if row["status"] != ANALYZED]
+    lives.sort(key=lambda life: life.vehicle)
     failures.sort(key=lambda failure: failure.url)
     judged, n_tests = judge(lives)
     return Fleet(lives=judged, failures=tuple(failures), n_tests=n_tests)
+
+
+def _failure(row: Mapping[str, Any]) -> Failure:
+    return Failure(url=row["url"], vehicle=row["vehicle"], status=row["status"], error=row["error"] or "")
 
 
 def judge(lives: Sequence[Life]) -> tuple[tuple[Life, ...], int]:

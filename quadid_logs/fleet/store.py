@@ -17,7 +17,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -223,17 +223,34 @@ def dataset(folder: Path) -> pads.Dataset:
     """
     import pyarrow.dataset as pads
 
-    check_store(folder)
-    files = sorted(str(path) for path in folder.glob("vehicle=*/*.parquet") if not path.name.startswith("."))
+    files = [str(path) for files in files_by_vehicle(folder) for path in files]
     return pads.dataset(files, schema=schema(), format="parquet")
+
+
+def files_by_vehicle(folder: Path) -> Iterator[list[Path]]:
+    """Yield the files of one vehicle after the other.
+
+    Raises
+    ------
+    SettingsError
+        If the folder is no store.
+    """
+    check_store(folder)
+    for vehicle in sorted(folder.glob("vehicle=*")):
+        yield sorted(path for path in vehicle.glob("*.parquet") if not path.name.startswith("."))
+
+
+def rows_of(files: Iterable[Path], columns: Iterable[str]) -> list[dict[str, Any]]:
+    """Read some columns of some files of a store."""
+    import pyarrow.dataset as pads
+
+    read = pads.dataset([str(path) for path in files], schema=schema(), format="parquet")
+    rows: list[dict[str, Any]] = read.to_table(columns=list(columns)).to_pylist()
+    return rows
 
 
 def _stock(folder: Path) -> Iterator[dict[str, Any]]:
     """Yield one row per file of the store."""
     columns = ["__filename", "sha256", "url", "n_bytes", "status", "version"]
-    seen: set[str] = set()
-    for batch in dataset(folder).to_batches(columns=columns):
-        for row in batch.to_pylist():
-            if row["__filename"] not in seen:
-                seen.add(row["__filename"])
-                yield row
+    for files in files_by_vehicle(folder):
+        yield from {row["__filename"]: row for row in rows_of(files, columns)}.values()

@@ -1,0 +1,235 @@
+"""A fleet of 20 vehicles and 500 logs: speed, change points, and what kills, restarts and damage leave.
+
+Run ``python benchmarks/fleet.py --help``. Everything stays on this machine:
+scheduler, workers and the S3-compatible server listen on loopback.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+# One core a process, before numpy starts its threads.
+for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[_variable] = "1"
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from benchmarks.fleet_cluster import LoopbackCluster, s3_server  # noqa: E402
+from benchmarks.fleet_logs import Worn, spoil, vehicles, write_fleet  # noqa: E402
+
+#: By the number of the vehicle: the propeller that wears, and from which flight on.
+WORN = {
+    4: Worn(flight=12, share=0.8),
+    9: Worn(flight=6, rotor=2, share=0.85),
+    15: Worn(flight=18, rotor=3, share=0.75),
+}
+#: Of every twenty logs, one is none.
+SPOILED_EVERY = 20
+#: Logs that are analyzed without Dask, for the rate of a single one.
+N_SINGLE = 40
+_BUCKET = "flights"
+
+
+def main() -> None:
+    """Run the study and print it as Markdown."""
+    options = _options()
+    lines: list[str] = []
+    options.folder = options.folder.resolve()
+    for line in _study(options):
+        print(line, flush=True)
+        lines.append(line)
+    if options.output:
+        options.output.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _options() -> argparse.Namespace:
+    """Parse the command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--folder", type=Path, default=Path("fleet-study"), help="logs and stores go there")
+    parser.add_argument("--vehicles", type=int, default=20)
+    parser.add_argument("--flights", type=int, default=25, help="per vehicle")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--part", choices=("speed", "disturbed", "all"), default="all")
+    parser.add_argument("--output", type=Path, help="write the Markdown there too")
+    options: argparse.Namespace = parser.parse_args()
+    return options
+
+
+def _study(options: argparse.Namespace) -> Iterator[str]:
+    """Yield the lines of the study."""
+    fleet = vehicles(options.vehicles, WORN)
+    logs, spoiled = options.folder / "logs", options.folder / "spoiled"
+    logs.mkdir(parents=True, exist_ok=True)
+    if len(list(logs.glob("*.bin"))) < options.vehicles * options.flights:
+        write_fleet(fleet, options.flights, logs, processes=options.workers)
+    if options.part != "disturbed":
+        yield from _whole_logs(logs, options)
+    if options.part != "speed":
+        yield from _disturbed(logs, spoiled, options)
+
+
+def _whole_logs(logs: Path, options: argparse.Namespace) -> Iterator[str]:
+    """Speed on undamaged logs, and the change points."""
+    store = options.folder / "whole"
+    before = _single_rate(logs)
+    seconds, rate = _run_alone(logs, store, options.workers)
+    after = _single_rate(logs)
+    single = 0.5 * (before + after)
+    n_logs = len(list(logs.glob("*.bin")))
+    size_mb = sum(path.stat().st_size for path in logs.glob("*.bin")) / 1e6
+    yield f"- {n_logs} logs, {size_mb:.0f} MB, {options.vehicles} vehicles, {options.workers} workers"
+    yield f"- one process without Dask: {single:.2f} logs/s (before {before:.2f}, after {after:.2f})"
+    share, core_s = rate / (options.workers * single), options.workers / rate
+    yield f"- the fleet: {rate:.2f} logs/s, {share:.0%} of {options.workers} times the rate of one process"
+    yield f"- wall clock with start and end: {seconds:.1f} s; per 1000 logs {1000.0 * core_s:.0f} core s"
+    stored = [path.stat().st_size for path in store.rglob("*.parquet")]
+    yield f"- the store: {sum(stored) / len(stored) / 1e3:.1f} kB a log"
+    began = time.perf_counter()
+    found = _found(store)
+    yield f"- fleet-report: {time.perf_counter() - began:.1f} s"
+    expected = {number: [worn.flight] for number, worn in WORN.items() if number < options.vehicles}
+    yield f"- change points, by vehicle: true {expected}, found {found}: {_same(found == expected)}"
+
+
+def _disturbed(logs: Path, spoiled: Path, options: argparse.Namespace) -> Iterator[str]:
+    """Run with 5 % of the files spoiled: undisturbed, then with everything that can happen."""
+    shutil.rmtree(spoiled, ignore_errors=True)
+    shutil.copytree(logs, spoiled)
+    kinds = dict(spoil(sorted(spoiled.glob("*.bin")), SPOILED_EVERY))
+    reference = options.folder / "reference"
+    _run_alone(spoiled, reference, options.workers)
+    rows = _rows(reference)
+    reasons = {row["url"]: row["error"] for row in rows if row["status"] == "unreadable"}
+    as_expected = {Path(url) for url in reasons} == set(kinds) and all(reasons.values())
+    yield f"- {len(kinds)} files spoiled; each a row with its reason, and no other: {_same(as_expected)}"
+    for name, run in (
+        ("worker killed, scheduler restarted", _killed),
+        ("interrupted and resumed", _interrupted),
+    ):
+        began = time.perf_counter()
+        run(spoiled, options.folder / name.split()[0], options.workers)
+        same = _rows(options.folder / name.split()[0]) == rows
+        seconds = time.perf_counter() - began
+        yield f"- {name}: store identical to the undisturbed one: {_same(same)} ({seconds:.0f} s)"
+    began = time.perf_counter()
+    _from_s3(spoiled, options.folder / "s3", options.workers)
+    same = _rows(options.folder / "s3", "url") == _rows(reference, "url")
+    seconds = time.perf_counter() - began
+    yield f"- from S3 on loopback: identical but for the URLs: {_same(same)} ({seconds:.0f} s)"
+
+
+def _same(good: bool) -> str:
+    return "yes" if good else "NO"
+
+
+def _single_rate(logs: Path) -> float:
+    """Return logs per second of one process without Dask and without reports."""
+    from quadid_logs.fleet.options import Options
+    from quadid_logs.fleet.sources import find_sources
+    from quadid_logs.fleet.work import Task, work
+
+    every = find_sources([str(logs)])
+    chosen = every[:: max(len(every) // N_SINGLE, 1)]
+    work(Task(source=chosen[0], options=Options()))  # imports
+    began = time.perf_counter()
+    for source in chosen:
+        work(Task(source=source, options=Options()))
+    return len(chosen) / (time.perf_counter() - began)
+
+
+def _run_alone(logs: Path, store: Path, n_workers: int) -> tuple[float, float]:
+    """Run over a local cluster in this process; return wall clock [s] and logs per second once it works."""
+    from quadid_logs.fleet.engine import Cluster
+    from quadid_logs.fleet.options import Options
+    from quadid_logs.fleet.run import run_fleet
+    from quadid_logs.fleet.sources import find_sources
+
+    shutil.rmtree(store, ignore_errors=True)
+    began = time.perf_counter()
+    rates: list[float] = []
+    run_fleet(
+        find_sources([str(logs)]), store, Options(), Cluster(workers=n_workers),
+        progress=lambda tally: rates.append(tally.rate_hz),
+    )  # fmt: skip
+    return time.perf_counter() - began, rates[-1]
+
+
+def _found(store: Path) -> dict[int, list[int]]:
+    """Return the change points by the number of the vehicle."""
+    from quadid_logs.fleet.lives import read_fleet
+
+    return {
+        int(life.vehicle[-8:], 16) - 0x34383700: [change.flight for change in life.changes]
+        for life in read_fleet(store).lives
+        if life.changes
+    }
+
+
+def _rows(store: Path, *without: str) -> list[dict[str, Any]]:
+    """Return the rows of a store in a fixed order, but for what differs between runs."""
+    from quadid_logs.fleet.rows import RUN_COLUMNS
+    from quadid_logs.fleet.store import dataset
+
+    table = dataset(store).to_table().drop_columns([*RUN_COLUMNS, *without])
+    return sorted(table.to_pylist(), key=lambda row: (row["sha256"], row["flight"] or 0, row["axis"] or ""))
+
+
+def _command(*arguments: object, environment: dict[str, str] | None = None) -> subprocess.Popen[bytes]:
+    """Start quadid-log in a process group of its own."""
+    return subprocess.Popen(
+        [sys.executable, "-c", "from quadid_logs.cli import run; run()", *map(str, arguments)],
+        env={**os.environ, **(environment or {})},
+        start_new_session=True,
+    )
+
+
+def _wait_for_share(process: subprocess.Popen[bytes], store: Path, logs: Path, share: float) -> None:
+    """Wait until this share of the logs is in the store."""
+    wanted = share * len(list(logs.glob("*.bin")))
+    while len(list(store.glob("vehicle=*/*.parquet"))) < wanted:
+        if process.poll() is not None:
+            raise SystemExit(f"the run ended before {share:.0%} were done")
+        time.sleep(0.2)
+
+
+def _killed(logs: Path, store: Path, n_workers: int) -> None:
+    """Kill a worker twice and the scheduler once, each while logs are in flight."""
+    shutil.rmtree(store, ignore_errors=True)
+    with LoopbackCluster(store.with_suffix(".cluster"), n_workers) as cluster:
+        process = _command("fleet", logs, "-o", store, "--scheduler", cluster.address)
+        for share, harm in ((0.2, cluster.kill_worker), (0.4, cluster.restart), (0.7, cluster.kill_worker)):
+            _wait_for_share(process, store, logs, share)
+            harm()
+        process.wait()
+
+
+def _interrupted(logs: Path, store: Path, n_workers: int) -> None:
+    """Press Ctrl-C, resume; kill, resume."""
+    shutil.rmtree(store, ignore_errors=True)
+    for share, ending in ((0.3, signal.SIGINT), (0.6, signal.SIGKILL)):
+        process = _command("fleet", logs, "-o", store, "--workers", n_workers, "--resume")
+        _wait_for_share(process, store, logs, share)
+        os.killpg(process.pid, ending)
+        process.wait()
+    _command("fleet", logs, "-o", store, "--workers", n_workers, "--resume").wait()
+
+
+def _from_s3(logs: Path, store: Path, n_workers: int) -> None:
+    """Let the workers fetch the logs from an object store."""
+    shutil.rmtree(store, ignore_errors=True)
+    with s3_server(logs, _BUCKET) as environment:
+        _command(
+            "fleet", f"s3://{_BUCKET}", "-o", store, "--workers", n_workers, environment=environment
+        ).wait()
+
+
+if __name__ == "__main__":
+    main()
