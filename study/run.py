@@ -48,7 +48,7 @@ def main(arguments: list[str] | None = None) -> int:
     flights = [flight for flight in flights if "error" not in flight]
     table = parameters_of(flights)
     table.to_csv(options.output / "parameters.csv", index=False)
-    text = page(flights, table)
+    text = f"Code {fingerprint()} (`study/run.py`), {page(flights, table)}"
     (options.output / "coverage.md").write_text(text, encoding="utf-8")
     draw_plots(table, options.output)
     if options.publish:
