@@ -8,7 +8,7 @@ BENCH ?= --output benchmarks/results.md
 FUZZ ?= --count 50000
 STUDY ?= --flights 300
 
-.PHONY: help demo test lint types contracts bench fuzz study docs samples check clean
+.PHONY: help demo test lint types contracts bench fuzz study fleet docs samples check clean
 
 help:  ## List the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/'
@@ -50,6 +50,9 @@ fuzz: $(INSTALLED)  ## Random damage against every reader and the whole analysis
 
 study: $(INSTALLED)  ## Coverage of the intervals over simulated flights; STUDY='--flights 60' for a short look
 	$(BIN)/python study/run.py $(STUDY)
+
+fleet: $(INSTALLED)  ## 500 logs of 20 vehicles: speed, change points, and what kills and restarts leave
+	$(BIN)/python benchmarks/fleet.py $(FLEET)
 
 docs: $(INSTALLED_DOCS)  ## Build the documentation into site/
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
