@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from quadid_logs.data.vehicle import Vehicle
     from quadid_logs.errors import QuadidError
     from quadid_logs.notebook import matplotlib_figures, plotly_figures, show
-    from quadid_logs.pipeline import analyze
+    from quadid_logs.pipeline import analyze, analyze_pooled
     from quadid_logs.readers import read_log
     from quadid_logs.report import result_dict, write_report
     from quadid_logs.vehicle.file import read_vehicle
@@ -30,6 +30,7 @@ __all__ = [
     "Vehicle",
     "__version__",
     "analyze",
+    "analyze_pooled",
     "matplotlib_figures",
     "plotly_figures",
     "read_log",
@@ -44,6 +45,7 @@ def __getattr__(name: str) -> Any:
     """Import a public name when it is first used (PEP 562): importing the package stays quick."""
     homes = {
         "analyze": "quadid_logs.pipeline",
+        "analyze_pooled": "quadid_logs.pipeline",
         "matplotlib_figures": "quadid_logs.notebook",
         "plotly_figures": "quadid_logs.notebook",
         "show": "quadid_logs.notebook",

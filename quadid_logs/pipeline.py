@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from quadid_logs.align import align
-from quadid_logs.data.result import Result
+from quadid_logs.align.pool import pool
+from quadid_logs.data.flight import FlightData
+from quadid_logs.data.log import FlightLog
+from quadid_logs.data.result import PooledLog, Result
 from quadid_logs.data.settings import Settings
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.diagnose import diagnose
@@ -46,30 +50,67 @@ def analyze(
     LogError
         If the file cannot be read as a flight log at all.
     """
-    settings = settings or Settings()
+    return _analyze([Path(path)], settings or Settings(), vehicle, progress)
+
+
+def analyze_pooled(
+    paths: Sequence[str | Path],
+    settings: Settings | None = None,
+    *,
+    vehicle: Vehicle | None = None,
+    progress: Progress | None = None,
+) -> Result:
+    """Identify one model from several logs of one vehicle.
+
+    Parameters
+    ----------
+    paths : sequence of str or Path
+        At least one. A log without a usable flight adds nothing, and a finding says so.
+    settings, vehicle, progress
+        As of `analyze`. ``start_s`` and ``end_s`` apply to the clock of each log.
+
+    Returns
+    -------
+    Result
+        With the first usable log as ``log`` and the names of all in ``pooled``.
+
+    Raises
+    ------
+    LogError
+        If one of the files cannot be read as a flight log at all.
+    SettingsError
+        If the logs' torques are not the same quantity.
+    """
+    return _analyze([Path(path) for path in paths], settings or Settings(), vehicle, progress)
+
+
+def _analyze(
+    paths: Sequence[Path], settings: Settings, vehicle: Vehicle | None, progress: Progress | None
+) -> Result:
+    """Run the stages in order; several logs are put one after the other once they are aligned."""
     tell = progress or (lambda _stage: None)
-    timings: dict[str, float] = {}
-    began = time.perf_counter()
-
-    def clocked(stage: str, since: float) -> float:
-        now = time.perf_counter()
-        timings[stage] = now - since
-        return now
-
+    clock = _Clock()
     tell("read")
-    log = read_log(path, system=settings.system)
-    mark = clocked("read", began)
+    logs = [read_log(path, system=settings.system) for path in paths]
+    clock.lap("read")
     tell("torque")
-    log = reconstruct(log, vehicle)
-    mark = clocked("torque", mark)
+    logs = [reconstruct(log, vehicle) for log in logs]
+    clock.lap("torque")
     tell("align")
-    data = align(log, settings)
-    mark = clocked("align", mark)
+    flights = _align_alike(logs, settings)
+    data = flights[0] if len(flights) == 1 or not any(each.segments for each in flights) else pool(flights)
+    # What is not pooled (sources, airframe, texts) is told of the first log that flew.
+    log = next((log for log, each in zip(logs, flights, strict=True) if each.segments), logs[0])
+    clock.lap("align")
     tell("identify")
+    pooled = tuple(
+        PooledLog(path=str(path), used_s=sum(b - a for a, b in each.flight_segments))
+        for path, each in zip(paths, flights, strict=True)
+    )
+    pooled = pooled if len(paths) > 1 else ()
     identification = identify(data, settings)
-    diagnosis = diagnose(log, data, identification, settings)
-    clocked("identify", mark)
-    clocked("total", began)
+    diagnosis = diagnose(log, data, identification, settings, pooled)
+    clock.lap("identify")
     return Result(
         log=log,
         data=data,
@@ -77,5 +118,32 @@ def analyze(
         diagnosis=diagnosis,
         settings=settings,
         vehicle=vehicle,
-        timings_s=timings,
+        pooled=pooled,
+        timings_s=clock.timings_s,
     )
+
+
+def _align_alike(logs: Sequence[FlightLog], settings: Settings) -> list[FlightData]:
+    """Align every log; where their rates differ, all at the slowest of them."""
+    flights = [align(log, settings) for log in logs]
+    slowest_s = max((each.sample_period_s for each in flights if each.segments), default=float("nan"))
+    same = replace(settings, sample_rate_hz=1.0 / slowest_s) if slowest_s > 0.0 else settings
+    return [
+        align(log, same) if each.segments and each.sample_period_s != slowest_s else each
+        for log, each in zip(logs, flights, strict=True)
+    ]
+
+
+class _Clock:
+    """Seconds by stage, and in total."""
+
+    def __init__(self) -> None:
+        self.timings_s: dict[str, float] = {}
+        self._began = self._mark = time.perf_counter()
+
+    def lap(self, stage: str) -> None:
+        """End a stage."""
+        now = time.perf_counter()
+        self.timings_s[stage] = now - self._mark
+        self.timings_s["total"] = now - self._began
+        self._mark = now

@@ -17,7 +17,7 @@ from quadid_logs.cli.logs import check_log, expanded
 from quadid_logs.cli.progress import Part, Progress, parts
 from quadid_logs.cli.simulate import write_beside
 from quadid_logs.cli.terminal import at_terminal, show_result
-from quadid_logs.errors import OutputError, SettingsError
+from quadid_logs.errors import OutputError
 from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from quadid_logs.data.vehicle import Vehicle
     from quadid_logs.report.index import IndexRow
 
+_POOLED_FOLDER = "pooled"
 _DEFAULT_FOLDER = Path("quadid-report")
 #: Not imported from the report: that would import numpy for --help.
 INDEX_FILE = "index.html"
@@ -100,11 +101,6 @@ def analyze(
     from quadid_logs.report import report_folders
     from quadid_logs.vehicle.file import read_vehicle
 
-    if pool:
-        raise SettingsError(
-            "Pooling several logs into one model is not possible yet.",
-            hint="Leave --pool out: each log gets its model.",
-        )
     logs = list(expanded(logs))
     wish = _Wish(
         settings=Settings(
@@ -122,18 +118,22 @@ def analyze(
         drawings=not no_report,
         # A script that takes the result from stdout and wants no report needs no folder either.
         files=not (as_json and no_report and output is None),
-        one_line=len(logs) > 1,
+        one_line=len(logs) > 1 and not pool,
         quiet=quiet,
         command=str(context.obj or ""),
     )
     parent = output or _DEFAULT_FOLDER
+    if pool and len(logs) > 1:
+        return exit_code_of(
+            partial(_analyze_one, logs, parent / _POOLED_FOLDER, parts(logs[:1])[0], wish, {})
+        )
     with_index = wish.one_line and wish.files and wish.drawings
     if with_index:
         _check_index(parent, force=force)
     rows: dict[Path, IndexRow] = {}
     folders = report_folders(logs, parent)
     codes = [
-        exit_code_of(partial(_analyze_one, log, folder, part, wish, rows))
+        exit_code_of(partial(_analyze_one, [log], folder, part, wish, rows))
         for log, folder, part in zip(logs, folders, parts(logs), strict=True)
     ]
     if with_index and rows:
@@ -162,17 +162,23 @@ def _write_index(parent: Path, outcomes: list[tuple[Path, IndexRow | None]]) -> 
     write_beside(parent / INDEX_FILE, index_page(rows).encode())
 
 
-def _analyze_one(log: Path, folder: Path, part: Part, wish: _Wish, rows: dict[Path, IndexRow]) -> int:
-    """Analyze one log, write its files, say its verdict, note its row of the index by its folder."""
+def _analyze_one(logs: list[Path], folder: Path, part: Part, wish: _Wish, rows: dict[Path, IndexRow]) -> int:
+    """Analyze one log (or several as one), write its files, say its verdict, note its row of the index."""
     from quadid_logs.pipeline import analyze as analyze_log
+    from quadid_logs.pipeline import analyze_pooled
     from quadid_logs.report import check_folder, write_report
     from quadid_logs.report.index import index_row
 
-    check_log(log)
+    for log in logs:
+        check_log(log)
     if wish.files:
         check_folder(folder, force=wish.force)
-    with Progress(log.name, quiet=wish.quiet, part=part) as progress:
-        result = analyze_log(log, wish.settings, vehicle=wish.vehicle, progress=progress)
+    with Progress(logs[0].name, quiet=wish.quiet, part=part) as progress:
+        result = (
+            analyze_log(logs[0], wish.settings, vehicle=wish.vehicle, progress=progress)
+            if len(logs) == 1
+            else analyze_pooled(logs, wish.settings, vehicle=wish.vehicle, progress=progress)
+        )
         if wish.files:
             progress("writing the report")
             result = write_report(

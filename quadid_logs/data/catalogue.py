@@ -70,6 +70,13 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Nothing to do while it stays a small share of the rows.",
             ),
             _entry(
+                "QL107",
+                "Several logs are behind one model",
+                "Their flights were put one after the other and fitted together. A change between them shows "
+                "as a change in flight; what is told of the file is that of the first.",
+                "Nothing to do if all are of one vehicle in one state. To compare them, leave --pool out.",
+            ),
+            _entry(
                 "QL201",
                 "This is not a multirotor",
                 "The model (torque to angular acceleration of a hovering body) does not describe "

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from quadid_logs.data.diagnosis import AxisVerdict, Diagnosis, Finding
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Identification
+from quadid_logs.data.result import PooledLog
 from quadid_logs.data.settings import Settings
 from quadid_logs.diagnose.data_findings import find_in_data
-from quadid_logs.diagnose.file_findings import find_in_file
+from quadid_logs.diagnose.file_findings import find_in_file, find_in_pool
 from quadid_logs.diagnose.gyro_findings import find_in_gyro
 from quadid_logs.diagnose.model_findings import find_in_models
 from quadid_logs.diagnose.torque_findings import find_in_torque
@@ -20,7 +23,11 @@ _SEVERITY = {"error": 0, "warning": 1, "info": 2}
 
 
 def diagnose(
-    log: FlightLog, data: FlightData, identification: Identification, settings: Settings
+    log: FlightLog,
+    data: FlightData,
+    identification: Identification,
+    settings: Settings,
+    pooled: Sequence[PooledLog] = (),
 ) -> Diagnosis:
     """Judge what was read, aligned and identified.
 
@@ -30,6 +37,8 @@ def diagnose(
     data : FlightData
     identification : Identification
     settings : Settings
+    pooled : sequence of PooledLog
+        The logs behind the one model, where there are several.
 
     Returns
     -------
@@ -38,6 +47,7 @@ def diagnose(
         does, else *usable*.
     """
     findings = [
+        *find_in_pool(pooled),
         *find_in_file(log, data),
         *find_in_data(log, data, identification, settings),
         *find_in_gyro(data, settings),

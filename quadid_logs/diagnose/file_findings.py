@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from pathlib import PurePath
 
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.log import FlightLog
+from quadid_logs.data.result import PooledLog
 from quadid_logs.diagnose.findings import finding
 from quadid_logs.vocabulary import MULTIROTOR
 
@@ -21,6 +23,16 @@ def find_in_file(log: FlightLog, data: FlightData) -> Iterator[Finding]:
     yield from _damage(log)
     yield from _clock(log, data)
     yield from _vehicle(log)
+
+
+def find_in_pool(pooled: Sequence[PooledLog]) -> Iterator[Finding]:
+    """Say which logs are behind the model, and warn of those that added nothing."""
+    if not pooled:
+        return
+    flown = {PurePath(each.path).name: round(each.used_s, 1) for each in pooled}
+    idle = [name for name, used_s in flown.items() if not used_s]
+    title = f"{len(idle)} of {len(pooled)} pooled logs hold no usable flight" if idle else ""
+    yield finding("QL107", "warning" if idle else "info", {"used_s": flown}, title=title)
 
 
 def _damage(log: FlightLog) -> Iterator[Finding]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import PurePath
 
 import numpy as np
 
@@ -32,7 +31,7 @@ def summary_figure(result: Result, headline: str, gains: Mapping[str, str]) -> F
     Figure
         One panel per axis; where nothing was fitted, the rates of the whole log.
     """
-    name = printable(PurePath(result.log.path).name, 60)
+    name = printable(result.name, 60)
     vehicle = ", ".join(filter(None, (printable(result.log.frame, 30), printable(result.log.firmware, 50))))
     curves = _simulated(result) or _measured(result)
     simulated = any(len(pair) > 1 for pair in curves.values())

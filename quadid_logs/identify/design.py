@@ -302,6 +302,9 @@ def build_design(data: FlightData, smoothing_hz: float, settings: Settings) -> D
 def _instruments(spectra: Sequence[SegmentSpectra]) -> FloatArray | None:
     """Return the smoothed references at several delays; None unless all pieces have them."""
     parts = []
+    n_references = max(
+        (0 if part.reference is None else part.reference.shape[1] for part in spectra), default=0
+    )
     for part in spectra:
         if part.reference is None:
             return None
@@ -315,6 +318,9 @@ def _instruments(spectra: Sequence[SegmentSpectra]) -> FloatArray | None:
             )[part.rows]
             for delay_s in _INSTRUMENT_DELAYS_S
         ]
+        # Of pooled logs one may have a chirp of a system-ID mode, and the others none.
+        missing = n_references - part.reference.shape[1]
+        delayed = [np.pad(columns, ((0, 0), (0, missing))) for columns in delayed]
         parts.append(np.column_stack(delayed))
     return np.concatenate(parts)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import PurePath
 from urllib.parse import quote
 
 from quadid_logs.data.result import Result
@@ -27,7 +26,7 @@ def index_row(result: Result, folder_name: str) -> IndexRow:
     """Return the row of an analysed log whose report stands in a folder beside the index."""
     found = result.diagnosis.axes
     return IndexRow(
-        name=printable(PurePath(result.log.path).name, 80),
+        name=printable(result.name, 80),
         summary=f"{flown_sentence(result)}; {printable(result.log.path, 160)}",
         link=f"{quote(folder_name)}/report.html",
         axes=tuple(

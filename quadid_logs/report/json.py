@@ -56,6 +56,7 @@ def result_dict(result: Result, provenance: Provenance | None = None) -> dict[st
     content: dict[str, Any] = {
         "schema_version": SCHEMA_VERSION,
         "log": log_dict(result.log, result.data),
+        "pooled": [_fields(each) for each in result.pooled],
         "data": data_dict(result.data),
         "models": [_model(model) for model in result.identification.models],
         "axes": {name: _verdict(result.diagnosis, name) for name in result.diagnosis.axes},

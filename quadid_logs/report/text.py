@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import PurePath
-
 from quadid_logs.data.result import Result
 from quadid_logs.report.verdict import effect_sentence, flown_sentence
 from quadid_logs.report.view import next_steps
@@ -45,7 +43,7 @@ def one_line(result: Result) -> str:
 
 def _name(result: Result) -> str:
     """Return the log's file name."""
-    return printable(PurePath(result.log.path).name, 120)
+    return printable(result.name, 120)
 
 
 def _axis_lines(result: Result, axis: str) -> list[str]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import PurePath
 
 from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.data.diagnosis import Finding
@@ -97,7 +96,7 @@ def view_of(result: Result, provenance: Provenance) -> View:
     """
     model = result.identification.recommended
     return View(
-        name=printable(PurePath(result.log.path).name, 120),
+        name=printable(result.name, 120),
         subtitle=_subtitle(result),
         overall=overall(result),
         headline=headline(result),

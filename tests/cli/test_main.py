@@ -283,7 +283,6 @@ def test_a_vehicle_file_reaches_the_analysis(pipeline: FakePipeline) -> None:
         (["analyze", "usable.bin", "--structure", "magic"], "damped"),
         (["analyze", "usable.bin", "--start-s", "9", "--end-s", "3"], "empty"),
         (["analyze", "usable.bin", "--sample-rate-hz", "nan"], "sample_rate_hz"),
-        (["analyze", "usable.bin", "--pool"], "Leave --pool out"),
         (["analyze", "usable.bin", "--vehicle", "none.toml"], "none.toml"),
         (["analyse", "usable.bin"], "analyze"),
         (["info", "nothing-here.bin"], "nothing-here.bin"),

@@ -1,0 +1,89 @@
+"""Several logs of one vehicle as one flight."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from quadid_logs.data.flight import FlightData, InputDescription, Segment
+from quadid_logs.errors import SettingsError
+
+#: Pause between two logs on the common clock [s]: far longer than any gap that is bridged.
+_BETWEEN_S = 60.0
+#: Periods that differ by less than rounding are one.
+_SAME_PERIOD = 1e-6
+
+
+def pool(flights: Sequence[FlightData]) -> FlightData:
+    """Put aligned logs one after the other on the clock of the first.
+
+    Parameters
+    ----------
+    flights : sequence of FlightData
+        Of one sample period. Those without segments add nothing.
+
+    Returns
+    -------
+    FlightData
+        Sources, overview and texts are those of the first log; segments and
+        flights are those of all, each shifted to begin a minute after the log
+        before it ended.
+
+    Raises
+    ------
+    SettingsError
+        If the logs were resampled to different periods, or their torque is
+        not the same quantity.
+    """
+    first, *others = (each for each in flights if each.segments)
+    merged = first
+    for other in others:
+        _check_alike(first, other)
+        shift_s = merged.start_s + merged.duration_s + _BETWEEN_S - other.start_s
+        n_flights = len(merged.flights)
+        merged = replace(
+            merged,
+            segments=(*merged.segments, *(_shifted(each, shift_s, n_flights) for each in other.segments)),
+            flights=(*merged.flights, *((a + shift_s, b + shift_s) for a, b in other.flights)),
+            duration_s=other.start_s + shift_s + other.duration_s - merged.start_s,
+            clock_resets=merged.clock_resets + other.clock_resets,
+            rate_low_pass_hz=merged.rate_low_pass_hz
+            if merged.rate_low_pass_hz == other.rate_low_pass_hz
+            else float("nan"),
+        )
+    return replace(merged, input=_joint_input(merged, [first, *others]))
+
+
+def _shifted(segment: Segment, shift_s: float, n_flights: int) -> Segment:
+    return replace(segment, time_s=segment.time_s + shift_s, flight=segment.flight + n_flights)
+
+
+def _check_alike(first: FlightData, other: FlightData) -> None:
+    """Refuse logs whose numbers do not mean the same."""
+    if abs(first.sample_period_s - other.sample_period_s) > _SAME_PERIOD * first.sample_period_s:
+        raise SettingsError(
+            f"The logs were resampled to {1.0 / first.sample_period_s:.4g} and "
+            f"{1.0 / other.sample_period_s:.4g} Hz.",
+            hint="Give one --sample-rate-hz for all.",
+        )
+    if first.input is None or other.input is None or first.input.unit != other.input.unit:
+        raise SettingsError(
+            "The torque of the logs is not the same quantity: N m in one, a normalised command in the other.",
+            hint="Pool logs of one vehicle and one kind of logging.",
+        )
+
+
+def _joint_input(merged: FlightData, parts: Sequence[FlightData]) -> InputDescription | None:
+    """Describe the input of all: saturation by its share, realised only if it is in every log."""
+    if merged.input is None:
+        return None
+    described = [each.input for each in parts if each.input is not None]
+    n_samples = [each.n_samples for each in parts]
+    saturated = [each.saturated_fraction for each in described]
+    return replace(
+        merged.input,
+        saturated_fraction=float(np.average(saturated, weights=n_samples)),
+        realised=all(each.realised for each in described),
+    )

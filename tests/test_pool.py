@@ -1,0 +1,86 @@
+"""Several logs of one vehicle, one model."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from quadid_logs import analyze_pooled
+from quadid_logs.cli import main
+from quadid_logs.data.result import Result
+from quadid_logs.errors import SettingsError
+from quadid_logs.simulate import simulate
+from quadid_logs.writers import write_log
+
+
+def written(folder: Path, name: str, scenario: str, **choices: object) -> Path:
+    path = folder / name
+    write_log(simulate(scenario, **choices).log, path)  # type: ignore[arg-type]
+    return path
+
+
+@pytest.fixture(scope="module")
+def flights(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Three short flights of one vehicle: roll only, all axes, and none."""
+    folder = tmp_path_factory.mktemp("flights")
+    return [
+        written(folder, "roll.bin", "single-axis", seed=1, duration_s=25.0),
+        written(folder, "all.bin", "sysid-quad-x", seed=2, duration_s=25.0),
+        written(folder, "slow.bin", "default-logging", seed=3, duration_s=25.0),
+    ]
+
+
+@pytest.fixture(scope="module")
+def pooled(flights: list[Path]) -> Result:
+    return analyze_pooled(flights[:2])
+
+
+def test_one_model_holds_what_all_flights_tell(pooled: Result) -> None:
+    """Gains within half a per cent, from the flight of both logs."""
+    truth = np.array(simulate("sysid-quad-x", seed=2, duration_s=25.0).truth["models"]["damped"]["B"])
+    model = pooled.identification.recommended
+    assert model is not None
+    np.testing.assert_allclose(np.diag(model.B), np.diag(truth), rtol=0.005)
+    assert len(pooled.data.flight_segments) == 2
+
+
+def test_the_logs_and_what_was_used_of_them_are_named(pooled: Result) -> None:
+    """In the result and as a finding."""
+    assert [Path(each.path).name for each in pooled.pooled] == ["roll.bin", "all.bin"]
+    assert all(each.used_s > 10.0 for each in pooled.pooled)
+    assert "QL107" in {finding.code for finding in pooled.diagnosis.findings}
+
+
+def test_times_of_the_second_log_follow_those_of_the_first(pooled: Result) -> None:
+    """One clock that only rises."""
+    ends = [time_s for span in pooled.data.flight_segments for time_s in span]
+    assert ends == sorted(ends)
+
+
+def test_logs_of_different_rates_are_pooled_at_the_slower_one(flights: list[Path], tmp_path: Path) -> None:
+    """400 Hz and 100 Hz."""
+    slower = written(tmp_path, "slower.bin", "sysid-quad-x", seed=4, duration_s=25.0, rate_hz=100.0)
+    result = analyze_pooled([flights[1], slower])
+    assert result.data.sample_period_s == pytest.approx(0.01, rel=0.01)
+    assert len(result.data.flight_segments) == 2
+
+
+def test_newton_metres_and_commands_are_not_pooled(flights: list[Path], tmp_path: Path) -> None:
+    """A PX4 log with calibrated rotors beside one with commands."""
+    other = written(tmp_path, "other.ulg", "sysid-quad-x", seed=5, duration_s=25.0, autopilot="px4")
+    with pytest.raises(SettingsError, match="not the same quantity"):
+        analyze_pooled([flights[1], other])
+
+
+def test_the_command_line_writes_one_result_for_all(
+    flights: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In a folder of its own, with the names of the logs."""
+    arguments = ["analyze", str(flights[0]), str(flights[1]), "--pool", "--no-report", "-o", str(tmp_path)]
+    assert main(arguments) == 0
+    content = json.loads((tmp_path / "pooled" / "result.json").read_text())
+    assert [Path(each["path"]).name for each in content["pooled"]] == ["roll.bin", "all.bin"]
+    assert "and 1 more" in capsys.readouterr().out
