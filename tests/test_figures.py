@@ -16,10 +16,12 @@ from hypothesis.extra import numpy as hnp
 from quadid_logs.data.log import ModeChange
 from quadid_logs.data.result import Result
 from quadid_logs.figures import FIGURE_KEYS, figures_of
+from quadid_logs.figures.flight import flight_overview
 from quadid_logs.figures.frequency import model_response
 from quadid_logs.figures.interactive import interactive
 from quadid_logs.figures.palette import DARK, LIGHT
 from quadid_logs.figures.png import draw, write_png
+from quadid_logs.figures.spec import Figure
 from quadid_logs.figures.thinning import break_at_gaps, thin_line, thin_points
 from tests.synthetic_results import hostile_result, refused_result, usable_result
 
@@ -271,3 +273,32 @@ def test_the_frequency_response_of_a_simulated_flight_lies_on_the_model() -> Non
         assert np.count_nonzero(band) > 10
         error = np.median(np.abs(points.y[band] - expected) / (np.abs(expected) if relative else 1.0))
         assert error < (0.03 if relative else 3.0)
+
+
+def test_a_heading_that_passes_south_draws_no_line_across(usable: Result) -> None:
+    """From 180 to -180 degrees is no turn."""
+    overview = usable.data.overview["attitude"]
+    turned = overview.values.copy()
+    turned[:, 2] = np.linspace(3.0, 9.0, turned.shape[0])
+    turned[:, 2] = np.arctan2(np.sin(turned[:, 2]), np.cos(turned[:, 2]))
+    data = replace(
+        usable.data, overview={**usable.data.overview, "attitude": replace(overview, values=turned)}
+    )
+    figure = flight_overview(replace(usable, data=data))
+    assert isinstance(figure, Figure)
+    yaw = next(curve for panel in figure.panels for curve in panel.curves if curve.label == "yaw angle")
+    steps = np.abs(np.diff(yaw.y))
+    assert np.nanmin(yaw.y) < -150.0
+    assert np.nanmax(yaw.y) > 150.0
+    assert np.nanmax(steps) < 180.0
+
+
+def test_gyro_and_attitude_are_shown_against_each_other(usable: Result) -> None:
+    """One panel an angle, with the line on which they agree, and the lag in words."""
+    figure = next(item for item in figures_of(usable).shown if item.key == "gyro")
+    assert [panel.title for panel in figure.panels] == ["Roll angle", "Pitch angle", "Yaw angle"]
+    for panel in figure.panels:
+        line, points = panel.curves
+        np.testing.assert_array_equal(line.x, line.y)
+        np.testing.assert_allclose(points.x, 1.004 * points.y)
+    assert "The rates come 11.0 ± 0.4 ms after the attitude" in figure.caption

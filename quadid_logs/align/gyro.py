@@ -19,6 +19,8 @@ from quadid_logs.maths.rotations import unwrapped
 _STRETCH_S = 1.0
 #: Five minutes of flight say all that the check can say; it stays as quick on an hour.
 _MOST_STRETCHES = 300
+#: A clock that jumped far ahead must not cost memory: no flight lasts a week.
+_LONGEST_S = 7.0 * 86_400.0
 #: Three equations each, for thirteen unknowns, and still enough to tell a habit from an accident.
 _FEWEST_STRETCHES = 20
 
@@ -92,5 +94,6 @@ def _rows_within(series: CleanSeries, spans_s: FloatArray) -> IntArray:
 
 def _edges(attitude: CleanSeries, flight: Interval) -> IntArray:
     """Return the attitude sample that comes first in each second of the flight."""
-    found = np.searchsorted(attitude.time_s, np.arange(flight[0], flight[1], _STRETCH_S))
-    return np.unique(found[found < attitude.time_s.size])
+    end_s = min(flight[1], flight[0] + _LONGEST_S)
+    found = np.searchsorted(attitude.time_s, np.arange(flight[0], end_s, _STRETCH_S))
+    return np.asarray(np.unique(found[found < attitude.time_s.size]), dtype=np.intp)

@@ -77,10 +77,10 @@ def _marked(figure: Figure, result: Result) -> Figure:
     refused = tuple(axis.capitalize() for axis in AXES if axis in found and found[axis].verdict == "refused")
     if figure.key not in _OF_THE_MODEL or not refused:
         return figure
+    # Three panels beside each other leave no room for more.
+    mark = "refused" if figure.columns > 2 else "refused, not to be trusted"
     panels = tuple(
-        replace(panel, title=f"{panel.title} – refused, not to be trusted")
-        if panel.title.startswith(refused)
-        else panel
+        replace(panel, title=f"{panel.title} – {mark}") if panel.title.startswith(refused) else panel
         for panel in figure.panels
     )
     return replace(figure, panels=panels)

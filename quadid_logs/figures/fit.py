@@ -154,7 +154,10 @@ def _simulation(model: Model, fit: FitSeries) -> Figure:
 
 def _r2_note(r2: float | None) -> str:
     """Say R2 on held-out data, or nothing."""
-    return "" if r2 is None or not np.isfinite(r2) else f"held-out R² {r2:.3f}"
+    if r2 is None or not np.isfinite(r2):
+        return ""
+    # Below zero it is worse than no model at all, and by how much tells nobody anything.
+    return f"held-out R² {r2:.3f}" if r2 > 0.0 else "held-out R² below 0"
 
 
 def _residuals(model: Model, fit: FitSeries) -> Figure:

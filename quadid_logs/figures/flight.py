@@ -19,6 +19,7 @@ ANGLE_NAMES = ("roll angle", "pitch angle", "yaw angle")
 #: More shaded stretches than this are noise to the eye and weight to the file.
 MOST_BANDS = 60
 _MODE_ROLES = 6
+_HALF_TURN_DEG = 180.0
 
 
 def torque_axis(description: InputDescription | None, kind: str = "") -> Axis:
@@ -73,7 +74,15 @@ def _overview_panel(
 def _curves(overview: Overview, names: tuple[str, ...], scale: float) -> tuple[Curve, ...]:
     """Return one thinned line per axis of the vehicle."""
     time_s, values = break_at_gaps(overview.time_s, overview.values * scale)
+    if overview.signal == "attitude":
+        time_s, values = _break_at_turns(time_s, values)
     return axis_curves(time_s, values, names)
+
+
+def _break_at_turns(time_s: FloatArray, angles_deg: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Put a NaN row where an angle passes from 180 to -180 degrees: no vehicle turned between the two."""
+    after = np.flatnonzero((np.abs(np.diff(angles_deg, axis=0)) > _HALF_TURN_DEG).any(axis=1)) + 1
+    return np.insert(time_s, after, time_s[after]), np.insert(angles_deg, after, np.nan, axis=0)
 
 
 def axis_curves(time_s: FloatArray, values: FloatArray, names: tuple[str, ...]) -> tuple[Curve, ...]:

@@ -33,7 +33,8 @@ def structures_table(result: Result) -> Table | None:
             "condition number",
         ),
         rows=tuple(_structure(model, distrusted) for model in models),
-        note="R² is 1 and fit 100 % at best; noise in the acceleration is in R², and no model explains it."
+        note="R² is 1 and fit 100 % at best; below 0 the model is worse than none. Noise in the acceleration "
+        "counts against R², and no model explains it."
         + (" In brackets: refused axes, not to be trusted." if any(distrusted) else ""),
     )
 
@@ -49,9 +50,9 @@ def _structure(model: Model, distrusted: tuple[bool, ...]) -> tuple[Cell, ...]:
     return (
         Cell(text=model.structure, detail="recommended" if model.recommended else printable(model.note, 160)),
         Cell(text=_three(diagonal, distrusted)),
-        Cell(text=_three(values_of(checked.r2_acceleration, ACCELERATION_SYMBOLS), distrusted)),
-        Cell(text=_three(values_of(checked.r2_simulated_rate, RATE_SYMBOLS), distrusted)),
-        Cell(text=_three(values_of(checked.fit_percent, RATE_SYMBOLS), distrusted)),
+        Cell(text=_three(values_of(checked.r2_acceleration, ACCELERATION_SYMBOLS), distrusted, low=0.0)),
+        Cell(text=_three(values_of(checked.r2_simulated_rate, RATE_SYMBOLS), distrusted, low=0.0)),
+        Cell(text=_three(values_of(checked.fit_percent, RATE_SYMBOLS), distrusted, low=0.0)),
         Cell(text=number(model.condition_number, 3)),
     )
 
@@ -61,9 +62,9 @@ def values_of(values: Mapping[str, float], symbols: tuple[str, ...]) -> list[flo
     return [values.get(symbol, math.nan) for symbol in symbols]
 
 
-def _three(values: Iterable[float], bracketed: tuple[bool, ...]) -> str:
-    """Return three values in one cell, some in brackets."""
-    texts = [number(value, 3) for value in values]
+def _three(values: Iterable[float], bracketed: tuple[bool, ...], low: float = -math.inf) -> str:
+    """Return three values in one cell, some in brackets; how far one lies below `low` is not told."""
+    texts = [f"< {low:g}" if value < low else number(value, 3) for value in values]
     return " / ".join(f"({text})" if no else text for text, no in zip(texts, bracketed, strict=True))
 
 
