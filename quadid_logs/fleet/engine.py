@@ -8,11 +8,11 @@ for; what it held in flight is handed out again.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -77,7 +77,7 @@ def run(tasks: Sequence[Task], cluster: Cluster, events: Events) -> None:
             crew.leave()
 
 
-@contextmanager
+@contextlib.contextmanager
 def _local_or_given(cluster: Cluster) -> Iterator[str]:
     """Give the scheduler's address; a local cluster lives as long as the run, on loopback alone."""
     if cluster.scheduler:
@@ -128,7 +128,8 @@ class _Crew:
 
     def leave(self) -> None:
         """Close the connection; what is still in flight is given up."""
-        self._client.close(timeout=5)
+        with contextlib.suppress(OSError):  # it may be gone already
+            self._client.close(timeout=5)
 
     def _connect(self, failure_type: type[QuadidError]) -> Any:  # the client's library has no types
         """Knock until the scheduler answers."""
@@ -167,30 +168,38 @@ class _Crew:
             done.add(future)
 
     def _n_threads(self) -> int:
-        """Return how many tasks can run at once, as far as the client has heard."""
-        workers = self._client.scheduler_info(n_workers=-1).get("workers", {})
-        return sum(int(worker.get("nthreads", 1)) for worker in workers.values()) or 1
+        """Return how many tasks can run at once."""
+        try:
+            return sum(self._client.nthreads().values()) or 1
+        except OSError as error:
+            raise _SchedulerGoneError from error
 
     def _settle(self, task: Task, future: Any, waiting: deque[Task]) -> None:
         """Take an outcome, or find out why there is none."""
-        from distributed import CancelledError, KilledWorker
-
+        if future.status == "error":
+            self._settle_error(task, future.exception())
+            return
         try:
             outcome: Outcome = future.result()
-        except KilledWorker:
-            self._suspect(task)
-        except (CancelledError, OSError) as error:
+        except (load("distributed").CancelledError, OSError) as error:
             raise _SchedulerGoneError from error
-        except QuadidError:
-            raise
-        except ImportError as error:
+        if not self._events.take(outcome):
+            waiting.append(Task(source=task.source, options=task.options))
+
+    def _settle_error(self, task: Task, error: BaseException) -> None:
+        """Tell a killed worker, and what stops the whole run, from what is wrong with one log."""
+        if isinstance(error, load("distributed").KilledWorker):
+            self._suspect(task)
+        elif isinstance(error, QuadidError):
+            raise error
+        elif isinstance(error, ImportError):
             raise SettingsError(
                 f"A worker cannot import quadid-logs: {printable(error)}.",
                 hint="Install the same version of quadid-logs[fleet] on every worker.",
             ) from error
         else:
-            if not self._events.take(outcome):
-                waiting.append(Task(source=task.source, options=task.options))
+            reason = f"The worker failed: {type(error).__name__}: {printable(error)}."
+            self._events.take(failure(task, "", LOST, reason))
 
     def _suspect(self, task: Task) -> None:
         """Keep a log whose worker died for a second try alone; after that it is a row."""

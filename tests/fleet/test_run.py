@@ -204,6 +204,29 @@ def _old_task(**keywords):
     return Task(**keywords, version="0.0.1")
 
 
+def test_a_failure_of_the_worker_is_a_row(one_log, tmp_path):
+    """A full disk there, say: no end to the run, no endless loop, and the next run tries again."""
+    (tmp_path / "full.py").write_text(FULL)
+    store = tmp_path / "store"
+    environment = {"PYTHONPATH": str(tmp_path), "DASK_DISTRIBUTED__WORKER__PRELOAD": "full"}
+    process = command("fleet", one_log, "-o", store, "--workers", "1", environment=environment)
+    out, err = process.communicate(timeout=90)
+    assert process.returncode == 1, err
+    assert "1 lost" in out
+    assert "No space left" in rows_of(store)[0]["error"]
+
+
+#: Loaded into every worker: its disk is full.
+FULL = """
+from quadid_logs.fleet import work
+
+def fetched(source, max_bytes):
+    raise OSError(28, "No space left on device")
+
+work.fetched = fetched
+"""
+
+
 def test_threads_of_the_library_end_with_the_run(undisturbed):
     """Nothing of the cluster is left behind in a program that goes on."""
     names = [thread.name for thread in threading.enumerate()]
