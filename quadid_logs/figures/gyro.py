@@ -54,4 +54,5 @@ def _lag(check: GyroCheck) -> str:
         return "Both are logged at the same time."
     order = "after" if lag_ms > 0.0 else "before"
     cause = ": the filter of the gyro delays them" if lag_ms > 0.0 else ""
-    return f"The rates come {abs(lag_ms):.1f} ± {half_width_ms:.1f} ms {order} the attitude{cause}."
+    known_ms = max(half_width_ms, 0.1)
+    return f"The rates come {abs(lag_ms):.1f} ± {known_ms:.1f} ms {order} the attitude{cause}."

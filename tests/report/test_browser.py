@@ -185,6 +185,39 @@ def test_a_printed_report_shows_every_chart(browser: chromium.Browser, page: Pat
     assert browser.problems == []
 
 
+def test_a_printed_report_is_small_enough_to_send(
+    browser: chromium.Browser, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """An 80 s flight at 400 Hz took 18 MB of PDF while paper showed every point, each half transparent."""
+    long_page = write_page(usable_result(), tmp_path_factory.mktemp("long"))
+    browser.show(1280, media="print")
+    browser.open(long_page)
+    browser.run(SCROLL)
+    assert len(browser.pdf()) < 3_000_000
+
+
+THINNED = """(() => {
+  const known = (trace) => [...trace.y].filter(Number.isFinite);
+  const peak = (chart) => Math.max(...chart._fullData.flatMap(known));
+  const chart = document.getElementById("chart-aligned");
+  const before = [peak(chart), chart._fullData[0].x.length];
+  dispatchEvent(new Event("beforeprint"));
+  return [...before, peak(chart), chart._fullData[0].x.length];
+})()"""
+
+
+def test_paper_shows_fewer_points_and_no_lower_peak(
+    browser: chromium.Browser, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Each stretch keeps its lowest and its highest value."""
+    browser.show(1280)
+    browser.open(write_page(usable_result(), tmp_path_factory.mktemp("thin")))
+    browser.run(SCROLL)
+    peak, count, printed_peak, printed_count = browser.run(THINNED)
+    assert printed_peak == pytest.approx(peak)
+    assert 400 < printed_count < min(count, 2500)
+
+
 def test_every_control_can_be_reached_by_keyboard(browser: chromium.Browser, page: Path) -> None:
     """The first stop is the jump to the model; links, charts and wide tables are all stops."""
     browser.show(1280)
