@@ -164,8 +164,7 @@ def test_a_hostile_log_runs_no_script(browser: chromium.Browser, hostile_page: P
     """The attack is visible text: nothing of it became an element, and nothing had to be blocked."""
     browser.show(1280)
     browser.open(hostile_page)
-    browser.run("document.getElementById('chart-flight').scrollIntoView()")
-    browser.run(PAUSE)
+    browser.run(SCROLL)
     assert browser.run("document.querySelectorAll('#chart-flight .main-svg').length") > 0
     assert "<script>alert(1)</script>" in browser.run("document.body.innerText")
     assert browser.run("document.querySelectorAll('img[src]:not(.chart img), [onerror]').length") == 0
