@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import resource
 import shutil
 import signal
 import subprocess
@@ -80,16 +81,19 @@ def _whole_logs(logs: Path, options: argparse.Namespace) -> Iterator[str]:
     """Speed on undamaged logs, and the change points."""
     store = options.folder / "whole"
     before = _single_rate(logs)
+    cpu_before = _cpu_s()
     seconds, rate = _run_alone(logs, store, options.workers)
+    cpu_s = _cpu_s() - cpu_before
     after = _single_rate(logs)
-    single = 0.5 * (before + after)
+    single, single_cpu_s = 0.5 * (before[0] + after[0]), 0.5 * (before[1] + after[1])
     n_logs = len(list(logs.glob("*.bin")))
     size_mb = sum(path.stat().st_size for path in logs.glob("*.bin")) / 1e6
     yield f"- {n_logs} logs, {size_mb:.0f} MB, {options.vehicles} vehicles, {options.workers} workers"
-    yield f"- one process without Dask: {single:.2f} logs/s (before {before:.2f}, after {after:.2f})"
+    yield f"- one process without Dask: {single:.2f} logs/s (before {before[0]:.2f}, after {after[0]:.2f})"
     share, core_s = rate / (options.workers * single), options.workers / rate
     yield f"- the fleet: {rate:.2f} logs/s, {share:.0%} of {options.workers} times the rate of one process"
     yield f"- wall clock with start and end: {seconds:.1f} s; per 1000 logs {1000.0 * core_s:.0f} core s"
+    yield f"- processor time a log: one process {single_cpu_s:.2f} s, the whole fleet {cpu_s / n_logs:.2f} s"
     stored = [path.stat().st_size for path in store.rglob("*.parquet")]
     yield f"- the store: {sum(stored) / len(stored) / 1e3:.1f} kB a log"
     began = time.perf_counter()
@@ -130,8 +134,14 @@ def _same(good: bool) -> str:
     return "yes" if good else "NO"
 
 
-def _single_rate(logs: Path) -> float:
-    """Return logs per second of one process without Dask and without reports."""
+def _cpu_s() -> float:
+    """Return the processor time of this process and of those that it has waited for [s]."""
+    usages = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(usage.ru_utime + usage.ru_stime for usage in usages)
+
+
+def _single_rate(logs: Path) -> tuple[float, float]:
+    """Return logs per second of one process without Dask and reports, and processor time per log [s]."""
     from quadid_logs.fleet.options import Options
     from quadid_logs.fleet.sources import find_sources
     from quadid_logs.fleet.work import Task, work
@@ -139,10 +149,10 @@ def _single_rate(logs: Path) -> float:
     every = find_sources([str(logs)])
     chosen = every[:: max(len(every) // N_SINGLE, 1)]
     work(Task(source=chosen[0], options=Options()))  # imports
-    began = time.perf_counter()
+    began, cpu_began = time.perf_counter(), _cpu_s()
     for source in chosen:
         work(Task(source=source, options=Options()))
-    return len(chosen) / (time.perf_counter() - began)
+    return len(chosen) / (time.perf_counter() - began), (_cpu_s() - cpu_began) / len(chosen)
 
 
 def _run_alone(logs: Path, store: Path, n_workers: int) -> tuple[float, float]:

@@ -47,7 +47,7 @@ def n_files(store):
 
 
 def wait_for_files(store, n_wanted, process=None):
-    until = time.monotonic() + 60.0
+    until = time.monotonic() + 120.0
     while n_files(store) < n_wanted:
         assert time.monotonic() < until, "the run got stuck"
         assert process is None or process.poll() is None, process.communicate()
