@@ -37,7 +37,8 @@ FRAMES: Final = {
 MANOEUVRES: Final = {"multisine": 0.3, "doublets": 0.2, "steps-3211": 0.2, "sticks": 0.2, "chirp": 0.1}
 #: Logging rates with which a control loop at about 400 Hz can be sampled evenly.
 RATES_HZ: Final = (100.0, 125.0, 200.0, 250.0, 400.0)
-#: The floor of the intervals says that the gyro's scale is known to 1 % in 95 of 100 cases.
+#: The floor of the intervals says that scale and cross-axis sensitivity of the gyro are 1 % or less
+#: in 95 of 100 cases.
 GYRO_SCALE_SIGMA: Final = 0.01 / 1.96
 
 
@@ -70,6 +71,7 @@ def draw_flight(seed: int, number: int) -> Drawn:
         gyro_rad_s_per_rthz=1.0e-4 * _log_uniform(rng, 0.3, 5.0),
         gyro_bias_rad_s=_triple(0.004 * rng.standard_normal(3)),
         gyro_scale=_triple(GYRO_SCALE_SIGMA * rng.standard_normal(3)),
+        gyro_cross=_six(GYRO_SCALE_SIGMA * rng.standard_normal(6)),
     )
     windless = rng.random() < 0.3
     wind = Wind(
@@ -205,6 +207,12 @@ def _draw_manoeuvre(
 def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
     """Draw evenly in the logarithm."""
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def _six(values: FloatArray) -> tuple[float, float, float, float, float, float]:
+    """Make six floats of an array."""
+    a, b, c, d, e, f = values.tolist()
+    return a, b, c, d, e, f
 
 
 def _triple(values: FloatArray) -> tuple[float, float, float]:

@@ -77,9 +77,14 @@ class Settings:
     is, the one-step fit stays good, and the gain is biased (measured: -9 to -41 % at R2 below 0)."""
     caution_simulated_r2: float = 0.7
     """Wind of 8 m/s leaves 0.4 to 0.9 at a bias below 1 %: below this it is worth a warning."""
-    gain_floor: float = 0.01
-    """No gain is known better than this share: the scale of a MEMS gyro is specified to about 1 %,
-    and thrust is not quite linear in the command. Added in quadrature to every interval of B."""
+    gyro_floor: float = 0.01
+    """Scale and cross-axis sensitivity of a MEMS gyro are specified to 1 to 2 %, in 95 of 100 parts
+    better than this share. No flight can tell: it is added in squares to every interval."""
+    damping_floor: float = 0.03
+    """The damping by rotors goes with their speed, which differs by some per cent in a flight."""
+    timing_floor: float = 0.1
+    """Stamps and the hold between outputs place torque against rate to no better than this share of
+    a sample period: lag and delay are not known better."""
     max_relative_ci: float = 0.3
     """A coefficient whose 95 % interval is wider than this half-width is not identified."""
 

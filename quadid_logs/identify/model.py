@@ -26,6 +26,7 @@ from quadid_logs.identify.actuator import ActuatorFit, fit_actuator
 from quadid_logs.identify.checks import bootstrapped_half_width, check_change, check_forms
 from quadid_logs.identify.design import Design, build_design, smooth_segment
 from quadid_logs.identify.fit import PooledFit, clusters_of, fit_pooled, with_trim
+from quadid_logs.identify.floors import sensor_floor
 from quadid_logs.identify.inertia import inertia_of
 from quadid_logs.identify.parameters import Estimate, build_parameters, plausible_size
 from quadid_logs.identify.rigid_body import fit_rigid_body, rigid_body_for
@@ -134,11 +135,12 @@ def actuated_model(
         design, structure, fit.theta, torque, settings, disturbance=fit.disturbance, slow_hz=settings.slow_hz
     )
     windows = _windows_on_rows(structure, design, torque, settings, noise=_noise(structure, noise))
+    floor_s = settings.timing_floor * data.sample_period_s
     described = Actuator(
         lag_s=actuator.lag_s,
-        lag_ci95_s=_lag_interval(actuator, fit),
+        lag_ci95_s=_lag_interval(actuator, fit, floor_s),
         delay_s=actuator.delay_s,
-        delay_ci95_s=_delay_interval(actuator, fit),
+        delay_ci95_s=_delay_interval(actuator, fit, floor_s),
         acts_on="torque" if found.rotors is None else "rotor speed",
         lag_grid_s=actuator.lag_grid_s,
         delay_grid_s=actuator.delay_grid_s,
@@ -266,27 +268,24 @@ def _own_gain(structure: Structure, fit: PooledFit) -> FloatArray:
     return np.diag(fit.theta[:3, len(structure.regressors) :]).copy()
 
 
-def _lag_interval(actuator: ActuatorFit, fit: PooledFit) -> tuple[float, float]:
+def _lag_interval(actuator: ActuatorFit, fit: PooledFit, floor_s: float) -> tuple[float, float]:
     """Return the interval of the lag, up to where it could not be told from a delay."""
-    half_width = np.nan_to_num(fit.lag_half_width_s)
+    half_width = np.hypot(np.nan_to_num(fit.lag_half_width_s), floor_s)
     low = max(0.0, actuator.lag_s - half_width) if np.isfinite(fit.lag_half_width_s) else 0.0
     return low, max(actuator.lag_s + half_width, actuator.lag_limit_s)
 
 
-def _delay_interval(actuator: ActuatorFit, fit: PooledFit) -> tuple[float, float]:
+def _delay_interval(actuator: ActuatorFit, fit: PooledFit, floor_s: float) -> tuple[float, float]:
     """Return the interval of the delay; what might be lag is taken off its lower end."""
-    low = actuator.delay_s - fit.delay_half_width_s
+    half_width = np.hypot(fit.delay_half_width_s, floor_s)
     mistaken_s = actuator.lag_limit_s - actuator.lag_s
-    return max(0.0, min(low, actuator.delay_s - mistaken_s)), actuator.delay_s + fit.delay_half_width_s
+    low = min(actuator.delay_s - half_width, actuator.delay_s - mistaken_s)
+    return max(0.0, low), actuator.delay_s + half_width
 
 
 def _estimate(structure: Structure, fit: PooledFit, band: BandCheck | None, settings: Settings) -> Estimate:
     """Return theta with intervals that also cover the floor and how the own gains move with the band."""
-    floor = np.zeros(fit.theta.shape)
-    floor[:, len(structure.regressors) :] = settings.gain_floor * np.abs(
-        fit.theta[:, len(structure.regressors) :]
-    )
-    half_width = np.hypot(fit.half_width, floor)
+    half_width = np.hypot(fit.half_width, sensor_floor(structure, fit.theta, settings))
     low, high = fit.theta - half_width, fit.theta + half_width
     if band is not None:
         for axis in range(3):

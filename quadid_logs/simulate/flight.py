@@ -43,12 +43,14 @@ BATTERY_PERIOD_S: Final = 0.1
 class Noise:
     """Of the inertial sensors: densities, residual and raw gyro bias, gyro resolution.
 
-    ``gyro_scale`` is the error of each gyro axis's scale, as a share of the rate.
+    ``gyro_scale`` is the error of each gyro axis's scale, as a share of the
+    rate; ``gyro_cross`` how much p shows of q and r, q of p and r, r of p and q.
     """
 
     gyro_rad_s_per_rthz: float = 1.0e-4
     gyro_bias_rad_s: tuple[float, float, float] = (0.004, -0.003, 0.002)
     gyro_scale: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gyro_cross: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     gyro_resolution_rad_s: float = math.radians(2000.0) / 32768.0
     accelerometer_m_s2_per_rthz: float = 2.0e-3
 
@@ -330,16 +332,18 @@ class _Gyro:
         # The estimator has found nine tenths of the bias before take-off.
         self._bias = _vector([0.1 * np.array(s.noise.gyro_bias_rad_s) for s in setups])
         self._scale = _vector([1.0 + np.array(s.noise.gyro_scale) for s in setups])
+        self._cross = tuple(_stacked([s.noise.gyro_cross[place] for s in setups]) for place in range(6))
         zero = 0.0 * self._quantum
         self._memory = ((zero, zero, zero), (zero, zero, zero))
 
     def read(self, rate: Triple, noise: Triple) -> tuple[Triple, Triple]:
         """Return the sample and what the filter makes of it."""
         quantum, bias, scale = self._quantum, self._bias, self._scale
+        (pq, pr, qp, qr, rp, rq), (p, q, r) = self._cross, rate
         sample = (
-            ((scale[0] * rate[0] + bias[0] + noise[0]) / quantum + 0.5) // 1.0 * quantum,
-            ((scale[1] * rate[1] + bias[1] + noise[1]) / quantum + 0.5) // 1.0 * quantum,
-            ((scale[2] * rate[2] + bias[2] + noise[2]) / quantum + 0.5) // 1.0 * quantum,
+            ((scale[0] * p + pq * q + pr * r + bias[0] + noise[0]) / quantum + 0.5) // 1.0 * quantum,
+            ((scale[1] * q + qp * p + qr * r + bias[1] + noise[1]) / quantum + 0.5) // 1.0 * quantum,
+            ((scale[2] * r + rp * p + rq * q + bias[2] + noise[2]) / quantum + 0.5) // 1.0 * quantum,
         )
         filtered, self._memory = filter_rates(sample, self._memory, self._biquad)
         return sample, filtered

@@ -127,6 +127,7 @@ def _sensing(setup: Setup) -> dict[str, Any]:
         "gyro_noise_rad_s_per_rthz": noise.gyro_rad_s_per_rthz,
         "gyro_bias_rad_s": list(noise.gyro_bias_rad_s),
         "gyro_scale": list(noise.gyro_scale),
+        "gyro_cross": list(noise.gyro_cross),
         "gyro_resolution_rad_s": noise.gyro_resolution_rad_s,
         "accelerometer_noise_m_s2_per_rthz": noise.accelerometer_m_s2_per_rthz,
     }

@@ -286,3 +286,12 @@ def test_a_gyro_scale_error_multiplies_what_the_gyro_shows():
     setup = setup_of("sysid-quad-x", noise=dataclasses.replace(SILENT, gyro_scale=(0.01, -0.02, 0.0)))
     channels = fly(setup).channels
     np.testing.assert_allclose(channels["gyro"], channels["rate"] * [1.01, 0.98, 1.0], rtol=0.0, atol=1e-9)
+
+
+def test_a_cross_axis_gyro_shows_a_share_of_the_other_rates():
+    """p of q and r, q of p and r, r of p and q."""
+    cross = (0.01, -0.02, 0.0, 0.03, 0.005, 0.0)
+    setup = setup_of("sysid-quad-x", noise=dataclasses.replace(SILENT, gyro_cross=cross))
+    channels = fly(setup).channels
+    E = np.array([[1.0, 0.01, -0.02], [0.0, 1.0, 0.03], [0.005, 0.0, 1.0]])
+    np.testing.assert_allclose(channels["gyro"], channels["rate"] @ E.T, rtol=0.0, atol=1e-9)

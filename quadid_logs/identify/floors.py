@@ -1,0 +1,71 @@
+"""What no flight can tell better, because the sensors themselves are no better."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.data.settings import Settings
+from quadid_logs.identify.structures import Structure
+from quadid_logs.maths.rigid_body import PRODUCTS
+from quadid_logs.vocabulary import RATE_SYMBOLS, TORQUE_SYMBOLS
+
+
+def sensor_floor(structure: Structure, theta: FloatArray, settings: Settings) -> FloatArray:
+    r"""Return how far each coefficient may be off because of gyro and linearisation; shape of `theta`.
+
+    A gyro measures (I + E) w, with E of scale errors and cross-axis
+    sensitivities. For such rates B becomes (I + E) B, the damping (I + E) A
+    (I - E), and the gyroscopic terms (I + E) G P, where P turns products of
+    measured rates into those of true ones. Each of the nine entries of E is
+    taken by itself, to first order, and the effects are added in squares.
+
+    Parameters
+    ----------
+    structure : Structure
+        Whose targets begin with the three accelerations.
+    theta : ndarray, shape (n_targets, n_columns)
+        [A B].
+    settings : Settings
+        ``gyro_floor``, ``damping_floor``.
+
+    Returns
+    -------
+    ndarray, shape (n_targets, n_columns)
+    """
+    floor = np.zeros(theta.shape)
+    places = [_columns(structure, names) for names in (TORQUE_SYMBOLS, RATE_SYMBOLS, PRODUCTS)]
+    for a in range(3):
+        for b in range(3):
+            E = np.zeros((3, 3))
+            E[a, b] = settings.gyro_floor
+            for columns, back in zip(places, (np.zeros((3, 3)), E, _products_of(E)), strict=True):
+                known = [number for number, column in enumerate(columns) if column is not None]
+                own = [column for column in columns if column is not None]
+                whole = np.zeros((3, len(columns)))
+                whole[:, known] = theta[:3, own]
+                change = E @ whole - whole @ back
+                floor[:3, own] = np.hypot(floor[:3, own], change[:, known])
+    for axis, name in enumerate(RATE_SYMBOLS):
+        if name in structure.columns:
+            column = structure.columns.index(name)
+            linear = settings.damping_floor * abs(theta[axis, column])
+            floor[axis, column] = np.hypot(floor[axis, column], linear)
+    return floor
+
+
+def _columns(structure: Structure, names: tuple[str, ...]) -> list[int | None]:
+    """Return where columns stand, None where the structure has them not."""
+    return [structure.columns.index(name) if name in structure.columns else None for name in names]
+
+
+def _products_of(E: FloatArray) -> FloatArray:
+    """Return F with products(E w, w) + products(w, E w) = F products(w), to first order; shape (6, 6)."""
+    pairs = [(RATE_SYMBOLS.index(name[0]), RATE_SYMBOLS.index(name[1])) for name in PRODUCTS]
+    place = {frozenset(pair): number for number, pair in enumerate(pairs)}
+    F = np.zeros((6, 6))
+    for row, (first, second) in enumerate(pairs):
+        for other in range(3):
+            F[row, place[frozenset((other, second))]] += E[first, other]
+            F[row, place[frozenset((first, other))]] += E[second, other]
+    return F
