@@ -14,6 +14,8 @@ from quadid_logs.cli.failure import ReaderGoneError, exit_code_of, report_proble
 
 __all__ = ["main", "run"]
 
+_INTERRUPTED = 130
+
 
 def run() -> None:
     """Run the command line and leave with its exit code: the console entry.
@@ -45,7 +47,7 @@ def main(argv: list[str] | None = None) -> int:
         sys.stdout.flush()
     except KeyboardInterrupt:
         report_problem("interrupted; nothing was left half-written.")
-        return 130
+        return _INTERRUPTED
     except (ReaderGoneError, BrokenPipeError):
         # What is still buffered would raise again when Python closes stdout.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
@@ -59,4 +61,7 @@ def _dispatch(arguments: list[str]) -> int:
 
     command = shlex.join(["quadid-log", *arguments])
     code = make_app()(args=arguments, prog_name="quadid-log", standalone_mode=False, obj=command)
+    if code == _INTERRUPTED:
+        # Typer turns Ctrl-C into this code without a word.
+        raise KeyboardInterrupt
     return int(code or 0)
