@@ -109,9 +109,10 @@ def _report(options: argparse.Namespace) -> Iterator[str]:
     yield ""
     yield (
         f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} at the start, Python "
-        f"{platform.python_version()}; linear algebra on one thread, file in the page cache, imports not counted "
-        f"unless said, medians of {repeats}. Processor time is user + system; it suffers less from other "
-        "work on the machine than wall time. Peaks are of the process's memory, beyond what it had before."
+        f"{platform.python_version()}; linear algebra on one thread, file in the page cache, imports not "
+        f"counted unless said, medians of {repeats}. Processor time is user + system; it suffers less from "
+        "other work on the machine than wall time. Peaks are of the process's memory, beyond what it had "
+        "before."
     )
     logs = [] if options.short else corpus_logs()
     size_mb = 4.0 if options.short else 40.0

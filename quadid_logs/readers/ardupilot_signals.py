@@ -35,6 +35,8 @@ _SEA_LEVEL_DENSITY: Final = 1.225
 #: Density in the troposphere of the 1976 standard atmosphere: (1 - 0.0065 h / 288.15)^(g/(R L) - 1).
 _STANDARD_LAPSE_1_M: Final = 0.0065 / 288.15
 _STANDARD_EXPONENT: Final = 4.2559
+#: Rows by which the magnitude of a series is known well enough.
+_ENOUGH: Final = 100_000
 #: ESC telemetry of one cycle lies closer together than this.
 _ESC_CYCLE_S: Final = 0.5
 
@@ -557,6 +559,8 @@ def _instances(table: MessageTable, labels: Sequence[str]) -> list[tuple[int | N
     if label is None or table.columns[label].dtype.kind not in "iu":
         return [(None, table)]
     instance = table.columns[label]
+    if table.n_rows and (instance == instance[0]).all():
+        return [(int(instance[0]), table)]  # without a copy
     return [(int(number), table.rows(instance == number)) for number in np.unique(instance)]
 
 
@@ -585,8 +589,12 @@ def _rescaled(signal: Signal, factor: float, unit: str) -> Signal:
 
 
 def _typical(values: AnyArray) -> float:
-    """Return a large but not freak magnitude: the 99th percentile, 0 without finite values."""
-    finite = np.abs(values[np.isfinite(values)])
+    """Return a large but not freak magnitude: the 99th percentile, 0 without finite values.
+
+    Of every n-th row of a long series: what it decides is a matter of factors of ten.
+    """
+    some = values[:: len(values) // _ENOUGH + 1]
+    finite = np.abs(some[np.isfinite(some)])
     return float(np.percentile(finite, 99.0)) if len(finite) else 0.0
 
 
