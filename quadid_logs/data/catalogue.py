@@ -164,12 +164,18 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "(AHRS_ORIENTATION, SENS_BOARD_ROT) and whether its main loop keeps up.",
             ),
             _entry(
+                "QL311",
+                "Of this long flight the minutes that move most were used",
+                "Twenty minutes of motion tell nearly all that a flight can tell; the rest costs time only.",
+                "To have another part analyzed, give --start-s and --end-s.",
+            ),
+            _entry(
                 "QL401",
                 "No flight in this log",
                 "By the evidence that the log holds, the vehicle did not fly, or the part with the flight is "
                 "missing.",
-                "Use a log with a flight of at least half a minute. If you did fly, fetch the whole file from "
-                "the vehicle again.",
+                "Use a log with a flight of at least half a minute. If you did fly, fetch the whole file "
+                "from the vehicle again.",
             ),
             _entry(
                 "QL402",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -85,6 +85,19 @@ class Segment:
     def n_samples(self) -> int:
         """Number of grid points."""
         return int(self.time_s.shape[0])
+
+    def rows(self, rows: slice) -> Segment:
+        """Return a part of the segment."""
+        return replace(
+            self,
+            time_s=self.time_s[rows],
+            body_rate_rad_s=self.body_rate_rad_s[rows],
+            torque=self.torque[rows],
+            attitude_rad=None if self.attitude_rad is None else self.attitude_rad[rows],
+            throttle=None if self.throttle is None else self.throttle[rows],
+            saturated=self.saturated[rows],
+            reference=None if self.reference is None else self.reference[rows],
+        )
 
     @property
     def start_s(self) -> float:

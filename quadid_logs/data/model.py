@@ -272,11 +272,15 @@ class Excitation:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Identification:
-    """All structures fitted to one flight, the recommended one first."""
+    """All structures fitted to one flight, the recommended one first.
+
+    ``n_samples`` of the aligned flight were used: all but for very long flights.
+    """
 
     models: tuple[Model, ...] = ()
     excitation: tuple[Excitation, ...] = ()
     skipped: str = ""
+    n_samples: int = 0
 
     @property
     def recommended(self) -> Model | None:

@@ -55,6 +55,9 @@ class Settings:
     """What is slower is left out of the fit: there gusts, and drag at the speed that a tilt brings,
     move the vehicle (measured: gain -17 %, damping -50 % on flights by stick; with this below 1 % and
     25 %). At 1 Hz yaw, which moves slowly, would lose half of its information."""
+    most_samples: int = 480_000
+    """Twenty minutes at 400 Hz: of a longer flight the minutes that move most are taken. They tell
+    nearly all that there is to tell, and the interval is that of the sensors by then."""
     held_out_fraction: float = 0.3
     """Share of the flight that no fit sees; taken in blocks, never shuffled."""
     held_out_block_s: float = 5.0

@@ -41,6 +41,13 @@ def find_in_data(
     yield from _attitude(data)
     if data.flights:
         yield from _flight(data, identification, settings)
+    if 0 < identification.n_samples < data.n_samples:
+        minute = 60.0 / data.sample_period_s
+        evidence = {
+            "used_min": round(identification.n_samples / minute, 1),
+            "flown_min": round(data.n_samples / minute, 1),
+        }
+        yield finding("QL311", "info", evidence)
     if data.input is not None and data.input.unit == "1":
         yield not_in_newton_metres(log, data.input)
 

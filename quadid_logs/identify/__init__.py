@@ -9,7 +9,7 @@ import numpy as np
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import Identification, Model
 from quadid_logs.data.settings import Settings
-from quadid_logs.identify.design import build_design
+from quadid_logs.identify.design import build_design, smooth_segment
 from quadid_logs.identify.excitation import column_noise, measure_excitation, noise_density
 from quadid_logs.identify.instruments import with_strong_instruments
 from quadid_logs.identify.model import (
@@ -19,6 +19,7 @@ from quadid_logs.identify.model import (
     fit_rows_apart,
     moved_axes,
 )
+from quadid_logs.identify.select import most_moved
 from quadid_logs.identify.structures import DAMPED, LINEAR_9, QUADROTOR_6, RIGID_BODY
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS
 
@@ -66,6 +67,7 @@ def identify(data: FlightData, settings: Settings) -> Identification:
     smoothing_hz = settings.smoothing_hz or min(
         _SMOOTHING_HZ, 1.0 / (data.sample_period_s * _SAMPLES_PER_CYCLE)
     )
+    data = most_moved(data, settings.most_samples)
     design = build_design(data, smoothing_hz, settings)
     n_needed = _ROWS_PER_UNKNOWN * len(DAMPED.columns)
     if design is None or np.count_nonzero(design.train) < n_needed:
@@ -78,12 +80,14 @@ def identify(data: FlightData, settings: Settings) -> Identification:
     one_body = fit_one_body(data, rows_apart, settings)
     if one_body is not None:
         models.append(actuated_model(data, one_body, settings, noise=noise))
-    models.append(fit_as_published(QUADROTOR_6, data, design, settings, noise=noise))
+    smooth = [smooth_segment(segment, data.sample_period_s, smoothing_hz) for segment in data.segments]
+    models.append(fit_as_published(QUADROTOR_6, data, design, smooth, settings, noise=noise))
     if all(name in design.columns for name in LINEAR_9.regressors):
-        models.append(fit_as_published(LINEAR_9, data, design, settings, noise=noise))
+        models.append(fit_as_published(LINEAR_9, data, design, smooth, settings, noise=noise))
     ordered = _recommend(models, settings)
     return Identification(
         models=ordered,
+        n_samples=data.n_samples,
         excitation=measure_excitation(
             data,
             signal_to_noise=_signal_to_noise(ordered[0]),

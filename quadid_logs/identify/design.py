@@ -41,6 +41,7 @@ _ACTUATOR_MEMORY_S = 0.5
 #: Longer segments are cut into pieces of this length and more: each end costs
 #: under a second, so less than a hundredth is lost.
 _PIECE_S = 120.0
+_STATES = ("p", "q", "r", "phi", "theta", "psi")
 #: Speed along body x and y, as the tilt brings it.
 AIR_SPEED = ("u", "v")
 _GRAVITY_M_S2 = 9.81
@@ -339,17 +340,7 @@ def _pieces(data: FlightData) -> Iterator[Segment]:
         n_pieces = max(1, int(segment.n_samples * data.sample_period_s / _PIECE_S))
         edges = np.linspace(0, segment.n_samples, n_pieces + 1).astype(int)
         for first, after in pairwise(edges):
-            rows = slice(int(first), int(after))
-            yield replace(
-                segment,
-                time_s=segment.time_s[rows],
-                body_rate_rad_s=segment.body_rate_rad_s[rows],
-                torque=segment.torque[rows],
-                attitude_rad=None if segment.attitude_rad is None else segment.attitude_rad[rows],
-                reference=None if segment.reference is None else segment.reference[rows],
-                throttle=None if segment.throttle is None else segment.throttle[rows],
-                saturated=segment.saturated[rows],
-            )
+            yield segment.rows(slice(int(first), int(after)))
 
 
 def smooth_segment(
@@ -426,11 +417,11 @@ def _smooth_columns(
     smoothing = gaussian_response(s, smoothing_hz)
     spectrum = _spectrum(np.column_stack(list(raw.values())))
     smooth = filtered(spectrum, smoothing, n_samples=segment.n_samples, n_out=n_out)[rows]
-    slopes = filtered(spectrum, s * smoothing, n_samples=segment.n_samples, n_out=n_out)[rows]
     columns = dict(zip(raw, smooth.T, strict=True))
-    for position, name in enumerate(raw):
-        if name in ("p", "q", "r", "phi", "theta", "psi"):
-            columns[f"{name}_dot"] = slopes[:, position]
+    differentiated = [name for name in _STATES if name in raw]
+    places = [list(raw).index(name) for name in differentiated]
+    slopes = filtered(spectrum[:, places], s * smoothing, n_samples=segment.n_samples, n_out=n_out)[rows]
+    columns |= {f"{name}_dot": slope for name, slope in zip(differentiated, slopes.T, strict=True)}
     columns["1"] = np.ones(len(smooth))
     return columns
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -24,7 +24,7 @@ from quadid_logs.data.model import (
 from quadid_logs.data.settings import Settings
 from quadid_logs.identify.actuator import ActuatorFit, fit_actuator
 from quadid_logs.identify.checks import bootstrapped_half_width, check_change, check_forms
-from quadid_logs.identify.design import Design, build_design, smooth_segment
+from quadid_logs.identify.design import Design, build_design
 from quadid_logs.identify.fit import PooledFit, clusters_of, fit_pooled, with_trim
 from quadid_logs.identify.floors import sensor_floor
 from quadid_logs.identify.inertia import inertia_of
@@ -162,13 +162,23 @@ def actuated_model(
     )
 
 
+Smooth = Sequence[tuple[FloatArray, dict[str, FloatArray]]]
+"""Times and columns of every segment at its full rate, as `smooth_segment` returns them."""
+
+
 def fit_as_published(
-    structure: Structure, data: FlightData, design: Design, settings: Settings, *, noise: Mapping[str, float]
+    structure: Structure,
+    data: FlightData,
+    design: Design,
+    smooth: Smooth,
+    settings: Settings,
+    *,
+    noise: Mapping[str, float],
 ) -> Model:
     """Fit a structure of the paper: torque as logged, windows of consecutive samples."""
     fit = fit_pooled(design, structure, None)
     validation, series = validate(design, structure, fit.theta, design.torque_as_logged(), settings)
-    windows = _windows_at_full_rate(structure, data, design, settings, noise=_noise(structure, noise))
+    windows = _windows_at_full_rate(structure, smooth, settings, noise=_noise(structure, noise))
     return _model(
         structure,
         data,
@@ -417,14 +427,13 @@ def _windows_on_rows(
 
 
 def _windows_at_full_rate(
-    structure: Structure, data: FlightData, design: Design, settings: Settings, *, noise: FloatArray
+    structure: Structure, smooth: Smooth, settings: Settings, *, noise: FloatArray
 ) -> Windows | None:
     """Solve the paper's windows: consecutive samples, every k (of very long flights, every so many)."""
     width = settings.window or structure.width
-    stride = settings.stride or int(np.ceil(data.n_samples / _MOST_WINDOWS))
+    stride = settings.stride or max(1, int(np.ceil(sum(time_s.size for time_s, _ in smooth) / _MOST_WINDOWS)))
     parts = []
-    for segment in data.segments:
-        time_s, columns = smooth_segment(segment, data.sample_period_s, design.smoothing_hz)
+    for time_s, columns in smooth:
         if time_s.size < max(width, 2):
             continue
         part = solve_over_time(
