@@ -110,6 +110,8 @@ class _Crew:
         self._flying: dict[str, Task] = {}
         self.suspects: list[Task] = []
         events.began(str(self._client.dashboard_link))
+        if not self._n_threads():
+            events.remark("the scheduler has no workers yet; waiting for them")
 
     def work_through(self, tasks: Sequence[Task], *, ahead: int) -> None:
         """Do tasks, `ahead` per thread at a time, or one alone if that is zero."""
@@ -161,29 +163,29 @@ class _Crew:
         """Submit tasks up to what may be in flight."""
         if self._client.status != "running":
             raise _SchedulerGoneError
-        most = max(ahead * self._n_threads(), 1)
-        while waiting and len(self._flying) < most:
-            future = self._client.submit(work, waiting[0], pure=False)
-            self._flying[future.key] = waiting.popleft()
-            done.add(future)
-
-    def _n_threads(self) -> int:
-        """Return how many tasks can run at once."""
         try:
-            return sum(self._client.nthreads().values()) or 1
+            most = max(ahead * self._n_threads(), 1)
+            while waiting and len(self._flying) < most:
+                future = self._client.submit(work, waiting[0], pure=False)
+                self._flying[future.key] = waiting.popleft()
+                done.add(future)
         except OSError as error:
             raise _SchedulerGoneError from error
 
+    def _n_threads(self) -> int:
+        """Return how many tasks can run at once."""
+        return sum(self._client.nthreads().values())
+
     def _settle(self, task: Task, future: Any, waiting: deque[Task]) -> None:
         """Take an outcome, or find out why there is none."""
-        if future.status == "error":
-            self._settle_error(task, future.exception())
-            return
         try:
-            outcome: Outcome = future.result()
+            failed: BaseException | None = future.exception() if future.status == "error" else None
+            outcome: Outcome | None = None if failed else future.result()
         except (load("distributed").CancelledError, OSError) as error:
             raise _SchedulerGoneError from error
-        if not self._events.take(outcome):
+        if failed is not None:
+            self._settle_error(task, failed)
+        elif outcome is not None and not self._events.take(outcome):
             waiting.append(Task(source=task.source, options=task.options))
 
     def _settle_error(self, task: Task, error: BaseException) -> None:

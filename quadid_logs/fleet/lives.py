@@ -38,7 +38,6 @@ _COUPLING_FLOOR: Final = 0.01
 _DAMPING_FLOOR: Final = 0.15
 #: Measured between manoeuvres: 1 ms [s]; rotors answer slower in thin air and on an old battery.
 _LAG_FLOOR_S: Final = 0.003
-#: Widest interval, as a share of the value, with which a gain says anything about its scale.
 _COLUMNS: Final = (
     "vehicle", "vehicle_from", "model", "status", "error", "url", "sha256", "autopilot", "frame", "firmware",
     "hardware_id", "flight", "n_flights", "axis", "verdict", "reasons", "structure", "input_unit", "started",
