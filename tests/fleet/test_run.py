@@ -99,7 +99,7 @@ def test_a_killed_worker_and_a_restarted_scheduler_change_nothing(undisturbed, l
             cluster.kill_worker()
             wait_for_files(store, 2, process)
             cluster.restart()
-            out, err = process.communicate(timeout=90)
+            out, err = process.communicate(timeout=180)
         finally:
             process.kill()
     assert process.returncode == 0, err
@@ -113,7 +113,7 @@ def test_ctrl_c_leaves_a_good_store_that_resume_completes(undisturbed, logs, tmp
     process = command("fleet", logs, "-o", store, "--workers", "1", start_new_session=True)
     wait_for_files(store, 1, process)
     os.killpg(process.pid, signal.SIGINT)
-    _, err = process.communicate(timeout=60)
+    _, err = process.communicate(timeout=180)
     assert process.returncode == 130
     assert "Traceback" not in err
     interrupted = rows_of(store)
@@ -129,7 +129,7 @@ def test_a_killed_run_leaves_a_good_store(undisturbed, logs, tmp_path):
     process = command("fleet", logs, "-o", store, "--workers", "1")
     wait_for_files(store, 1, process)
     process.kill()
-    process.communicate(timeout=60)
+    process.communicate(timeout=180)
     assert all(row in rows_of(undisturbed) for row in rows_of(store))
 
 
@@ -140,7 +140,7 @@ def test_logs_come_from_an_object_store(undisturbed, logs, tmp_path, monkeypatch
         process = command(
             "fleet", "s3://flights", "-o", store, "--workers", "1", "--reports", environment=environment
         )
-        _, err = process.communicate(timeout=120)
+        _, err = process.communicate(timeout=240)
     assert process.returncode == 0, err
     where = ("url", "started_from")
     assert rows_of(store, without=where) == rows_of(undisturbed, without=where)
@@ -157,7 +157,7 @@ def test_a_log_that_kills_its_worker_is_a_row_and_its_neighbours_are_not(logs, t
     (tmp_path / "killer.py").write_text(KILLER)
     environment = {"PYTHONPATH": str(tmp_path), "DASK_DISTRIBUTED__WORKER__PRELOAD": "killer"}
     process = command("fleet", logs, poison, "-o", store, "--workers", "2", environment=environment)
-    out, err = process.communicate(timeout=150)
+    out, err = process.communicate(timeout=240)
     assert process.returncode == 1, err
     assert "4 analyzed, 2 unreadable, 1 lost" in out
     (lost,) = [row for row in rows_of(store) if row["status"] == "lost"]
@@ -210,7 +210,7 @@ def test_a_failure_of_the_worker_is_a_row(one_log, tmp_path):
     store = tmp_path / "store"
     environment = {"PYTHONPATH": str(tmp_path), "DASK_DISTRIBUTED__WORKER__PRELOAD": "full"}
     process = command("fleet", one_log, "-o", store, "--workers", "1", environment=environment)
-    out, err = process.communicate(timeout=90)
+    out, err = process.communicate(timeout=180)
     assert process.returncode == 1, err
     assert "1 lost" in out
     assert "No space left" in rows_of(store)[0]["error"]
