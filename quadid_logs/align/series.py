@@ -66,6 +66,13 @@ class _Rows(NamedTuple):
         return self if chosen.all() else self.at(chosen)
 
 
+def _is_possible(values: FloatArray) -> BoolArray:
+    """Mark the numbers that a multirotor can log; without memory where all are."""
+    if values.size and values.min() > -_IMPOSSIBLE and values.max() < _IMPOSSIBLE:
+        return np.broadcast_to(np.True_, values.shape)
+    return np.asarray(np.abs(values) < _IMPOSSIBLE, dtype=np.bool_)  # false for NaN
+
+
 def clean(signal: Signal, clock: Clock, settings: Settings) -> CleanSeries:
     """Put a signal onto the common clock; drop wild stamps and impossible values, merge repeated stamps.
 
@@ -77,7 +84,7 @@ def clean(signal: Signal, clock: Clock, settings: Settings) -> CleanSeries:
     tolerance_s = settings.clock_jump_s if signal.name in EVENTS else settings.wild_stamp_s
     wild = clock.is_wild(signal.time_s, signal.position, tolerance_s)
     # A motor that does not turn is logged as NaN: such a row is lost only if it says nothing.
-    known = np.abs(signal.values) < _IMPOSSIBLE  # false for NaN
+    known = _is_possible(signal.values)
     finite = known.any(axis=1) if signal.name in _ONE_COLUMN_PER_MOTOR else known.all(axis=1)
     rows = _Rows(clock.common_time(signal.time_s, signal.position), signal.values, known)
     rows = rows.where(~wild & finite)
