@@ -109,7 +109,7 @@ def _analyze(
     )
     pooled = pooled if len(paths) > 1 else ()
     identification = identify(data, settings)
-    diagnosis = diagnose(log, data, identification, settings, pooled)
+    diagnosis = diagnose(log, data, identification, settings, pooled, vehicle)
     clock.lap("identify")
     return Result(
         log=log,

@@ -353,6 +353,7 @@ def _windows(
         singular_values=singular,
         noise_floor=np.full(n_windows, 0.01),
         used=singular[:, -1] > 0.01,
+        weakest=np.eye(n_unknowns)[1],
         width=200 if wide else n_unknowns,
         stride=20 if wide else 1,
         period_s=1.0 / RATE_HZ,

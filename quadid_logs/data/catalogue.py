@@ -205,6 +205,13 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Fly smaller manoeuvres, or with a throttle nearer to the middle.",
             ),
             _entry(
+                "QL406",
+                "A system-identification run is in this flight",
+                "The autopilot injected a known excitation. It answers no gust and no noise, so the estimate "
+                "rests on it: what follows from it counts, what does not is left out.",
+                "Nothing to do. Only the axes that the run moves can be identified from it.",
+            ),
+            _entry(
                 "QL501",
                 "The short windows of the published method are filled with noise",
                 "The published method solves each window of a few samples by itself. Consecutive samples "
@@ -282,6 +289,13 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "When blocks of the flight are drawn at random and fitted again, the gain scatters by more "
                 "than its interval says: single manoeuvres or gusts carry much of the estimate.",
                 "Fly longer, and repeat the manoeuvre evenly.",
+            ),
+            _entry(
+                "QL515",
+                "Held against the inertia that was given",
+                "The gain times the given moment of inertia is the real torque over the commanded one, if "
+                "that inertia is right. It is a calibration of the torque, not an inertia found in flight.",
+                "Use the ratio to correct the commanded torque; an axis that is refused has no ratio to use.",
             ),
             _entry(
                 "QL512",

@@ -70,6 +70,9 @@ class Windows:
         What the smallest of them would be if that direction held noise only.
     used : ndarray of bool, shape (n_windows,)
         Full rank and above the noise floor.
+    weakest : ndarray, shape (n_regressors,)
+        The combination of columns that the windows see least, of unit length,
+        columns scaled to unit length too.
     width, stride : int
     period_s : float
         Between the samples inside a window.
@@ -83,6 +86,7 @@ class Windows:
     singular_values: FloatArray
     noise_floor: FloatArray
     used: BoolArray
+    weakest: FloatArray
     width: int
     stride: int
     period_s: float

@@ -15,7 +15,8 @@ class MixerCheck:
     """Pulse widths recomputed from the torque command against the logged ones, unsaturated samples only.
 
     Mean, standard deviation and largest error [us] over ``n_samples`` rows of
-    all motors; ``density`` names the air density law that explains them.
+    all motors, and what 68 % of the errors stay below; ``density`` names the
+    air density law that explains them.
     """
 
     n_samples: int
@@ -23,6 +24,7 @@ class MixerCheck:
     std_us: float
     largest_us: float
     density: str
+    typical_us: float = math.nan
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,11 +10,12 @@ from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Identification
 from quadid_logs.data.result import PooledLog
 from quadid_logs.data.settings import Settings
+from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.diagnose.data_findings import find_in_data
 from quadid_logs.diagnose.file_findings import find_in_file, find_in_pool
 from quadid_logs.diagnose.gyro_findings import find_in_gyro
 from quadid_logs.diagnose.model_findings import find_in_models
-from quadid_logs.diagnose.torque_findings import find_in_torque
+from quadid_logs.diagnose.torque_findings import find_in_given_inertia, find_in_torque
 from quadid_logs.vocabulary import AXES
 
 __all__ = ["diagnose"]
@@ -28,6 +29,7 @@ def diagnose(
     identification: Identification,
     settings: Settings,
     pooled: Sequence[PooledLog] = (),
+    vehicle: Vehicle | None = None,
 ) -> Diagnosis:
     """Judge what was read, aligned and identified.
 
@@ -39,6 +41,8 @@ def diagnose(
     settings : Settings
     pooled : sequence of PooledLog
         The logs behind the one model, where there are several.
+    vehicle : Vehicle, optional
+        What the user gave: its inertia is held against the gains.
 
     Returns
     -------
@@ -53,6 +57,7 @@ def diagnose(
         *find_in_gyro(data, settings),
         *find_in_torque(log, data, identification),
         *find_in_models(log, identification, settings),
+        *find_in_given_inertia(data, identification, vehicle),
     ]
     findings.sort(key=lambda finding: _SEVERITY[finding.level])
     return Diagnosis(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.flight import FlightData, SourceChoice
 from quadid_logs.data.log import FlightLog
@@ -41,6 +43,7 @@ def find_in_data(
     yield from _attitude(data)
     if data.flights:
         yield from _flight(data, identification, settings)
+    yield from _system_identification(log, data)
     if 0 < identification.n_samples < data.n_samples:
         minute = 60.0 / data.sample_period_s
         evidence = {
@@ -151,3 +154,23 @@ def _flight(data: FlightData, identification: Identification, settings: Settings
         )
     elif data.segments and identification.skipped and not _too_slow(data, settings):
         yield finding("QL402", "error", {"reason": identification.skipped, "gap_free_s": round(usable_s, 2)})
+
+
+def _system_identification(log: FlightLog, data: FlightData) -> Iterator[Finding]:
+    """Say when an excitation was injected, and on which axis if the parameters tell."""
+    chirp = data.overview.get("sysid_chirp")
+    if chirp is None:
+        return
+    running = chirp.time_s[np.abs(chirp.values[:, 0]) > 0.0]
+    if not running.size:
+        return
+    source = data.sources["sysid_chirp"].source
+    evidence: dict[str, object] = {
+        "from_s": round(float(running[0]), 2),
+        "to_s": round(float(running[-1]), 2),
+        "source": source,
+    }
+    for name in ("SID_AXIS", "SID_MAGNITUDE", "SID_F_START_HZ", "SID_F_STOP_HZ"):
+        if name in log.parameters:
+            evidence[name] = float(f"{log.parameters[name]:.4g}")
+    yield finding("QL406", "info", evidence)

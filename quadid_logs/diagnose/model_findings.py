@@ -238,7 +238,7 @@ def _windows(identification: Identification) -> Iterator[Finding]:
     weak = {}
     for model in identification.models:
         windows = model.windows
-        if windows is None or model.recommended:
+        if windows is None or model.actuator is not None:
             continue
         share = float(np.mean(windows.used)) if windows.used.size else 0.0
         if share < _FEW_WINDOWS:

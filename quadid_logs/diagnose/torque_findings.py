@@ -12,8 +12,9 @@ from quadid_logs.data.flight import FlightData, InputDescription
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Identification, Inertia
 from quadid_logs.data.torque import Calibration, TorqueModel
+from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.diagnose.findings import finding
-from quadid_logs.vocabulary import AXES
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, TORQUE_SYMBOLS
 
 #: Limited this often, an axis' gain on its command is lower than that on what it got by some percent.
 _OFTEN_LIMITED = 0.01
@@ -123,3 +124,33 @@ def _inertia(inertia: Inertia, calibration: Calibration) -> Iterator[Finding]:
 def _rounded(value: float) -> float:
     """Return four significant digits: evidence is read by people."""
     return float(f"{value:.4g}")
+
+
+def find_in_given_inertia(
+    data: FlightData, identification: Identification, vehicle: Vehicle | None
+) -> Iterator[Finding]:
+    """Hold the gains against the inertia in the vehicle file, where torque is in N m."""
+    model = identification.recommended
+    if model is None or vehicle is None or vehicle.inertia_kg_m2 is None:
+        return
+    if data.input is None or data.input.unit != "N m":
+        return
+    evidence: dict[str, object] = {}
+    for axis, moment in enumerate(np.diagonal(vehicle.inertia_kg_m2)):
+        own = next(
+            p
+            for p in model.parameters
+            if p.target == ACCELERATION_SYMBOLS[axis] and p.regressor == TORQUE_SYMBOLS[axis]
+        )
+        low, high = own.ci95
+        evidence[f"{AXES[axis]}_real_over_commanded"] = _three_digits(own.value * moment)
+        evidence[f"{AXES[axis]}_ci95"] = [_three_digits(low * moment), _three_digits(high * moment)]
+        evidence[f"{AXES[axis]}_identified"] = own.identifiable
+    title = "Real torque over commanded, by the inertia given: " + ", ".join(
+        f"{axis} {evidence[f'{axis}_real_over_commanded']}" for axis in AXES
+    )
+    yield finding("QL515", "info", evidence, title=title)
+
+
+def _three_digits(value: float) -> float:
+    return float(f"{value:.3g}")

@@ -12,6 +12,7 @@ from quadid_logs.data.result import Result
 from quadid_logs.figures.flight import TIME
 from quadid_logs.figures.spec import Axis, Band, Curve, Figure, LeftOut, Level, Panel
 from quadid_logs.figures.thinning import break_at_gaps, thin_line, thin_points
+from quadid_logs.maths.windows import weakest_words
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, TORQUE_SYMBOLS
 
 #: Share of the windows that a panel must show; the wildest rest would flatten the picture.
@@ -205,7 +206,8 @@ def _singular_values(model: Model, windows: Windows) -> Figure:
     caption = (
         "How strongly the flight moved each independent combination of regressors, the strongest first. A "
         "direction whose bar reaches down into the noise floor was not excited: what H_k says about it is "
-        "noise, however good the condition number looks."
+        "noise, however good the condition number looks. The weakest direction here: "
+        f"{weakest_words(windows.weakest, (*model.regressors, *model.inputs))}."
     )
     return Figure(
         key="singular",

@@ -58,10 +58,23 @@ def solve_over_time(
         singular_values=solution.singular_values,
         noise_floor=floor,
         used=full_rank & (solution.singular_values[:, -1] > floor),
+        weakest=_weakest(H),
         width=width,
         stride=stride,
         period_s=float(time_s[1] - time_s[0]),
     )
+
+
+def _weakest(H: FloatArray) -> FloatArray:
+    """Return the direction that the windows, columns of each scaled to unit length, see least."""
+    n_columns = H.shape[2]
+    squares = np.zeros((n_columns, n_columns))
+    for first in range(0, H.shape[0], _CHUNK):
+        part = H[first : first + _CHUNK]
+        length = np.linalg.norm(part, axis=1, keepdims=True)
+        scaled = np.divide(part, length, out=np.zeros_like(part), where=length > 0.0).reshape(-1, n_columns)
+        squares += scaled.T @ scaled
+    return np.asarray(np.linalg.eigh(squares)[1][:, 0], dtype=np.float64)
 
 
 def join(parts: list[Windows]) -> Windows | None:
@@ -86,6 +99,7 @@ def join(parts: list[Windows]) -> Windows | None:
                 "used",
             )
         },
+        weakest=max(parts, key=lambda part: part.time_s.size).weakest,
         width=parts[0].width,
         stride=parts[0].stride,
         period_s=parts[0].period_s,

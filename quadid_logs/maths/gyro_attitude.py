@@ -233,7 +233,8 @@ def _certainty(
     half_width = 1.96 * np.sqrt(squares * np.sum(noise**2) / spare)
     by_angle = np.sum(parts.reshape(solution.size, -1, 3) ** 2, axis=1)
     unexplained = by_angle @ np.sum(noise**2, axis=0)
+    whole = solution**2 + unexplained
     explained = np.divide(
-        solution**2, solution**2 + unexplained, out=np.zeros_like(solution), where=squares > 0.0
+        solution**2, whole, out=np.zeros_like(solution), where=(squares > 0.0) & (whole > 0.0)
     )
     return half_width, explained

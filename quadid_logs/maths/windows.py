@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.errors import ShapeError
+
+#: A column with less than half of the largest share is no part of the weak direction.
+_PART = 0.5
 
 
 class WindowSolution(NamedTuple):
@@ -133,3 +137,21 @@ def solve_windows(regressors: FloatArray, targets: FloatArray) -> WindowSolution
         residual_rms=np.sqrt(np.mean(residual**2, axis=1)),
         column_rms=length[:, 0, :] / np.sqrt(n_samples),
     )
+
+
+def weakest_words(direction: FloatArray, names: Sequence[str]) -> str:
+    """Say which columns of H_k can hardly be told apart, or which hardly move.
+
+    Examples
+    --------
+    >>> weakest_words(np.array([0.02, 0.7, -0.71]), ["p", "q", "M"])
+    'q and M move together'
+    >>> weakest_words(np.array([0.0, 1.0, 0.1]), ["p", "q", "M"])
+    'q hardly moves by itself'
+    """
+    size = np.abs(direction)
+    said = ["the trim" if name == "1" else name for name in names]
+    part = [name for name, share in zip(said, size, strict=True) if share >= _PART * size.max()]
+    if len(part) == 1:
+        return f"{part[0]} hardly moves by itself"
+    return f"{', '.join(part[:-1])} and {part[-1]} move together"

@@ -105,6 +105,12 @@ def _armed(table: TopicTable) -> FloatArray | None:
     return None if state is None else (state == 2.0).astype(np.float64)
 
 
+def _injected_rate(table: TopicTable) -> FloatArray | None:
+    """Sum the axes: the autotune moves one at a time."""
+    rates = _columns(table, "rate_sp")
+    return None if rates is None else np.nan_to_num(rates).sum(axis=1, keepdims=True)
+
+
 _SOURCES: Final = (
     _Source("body_rate", "vehicle_angular_velocity", "xyz", _take("xyz"),
             "the rate controller's own input: calibrated, bias removed, filtered (IMU_GYRO_CUTOFF)"),
@@ -115,6 +121,8 @@ _SOURCES: Final = (
             "the gyro's mean over its integration time, bias not removed"),
     _Source("body_rate_setpoint", "vehicle_rates_setpoint", "roll, pitch, yaw", _take("roll", "pitch", "yaw"),
             "what the rate controller was asked for"),
+    _Source("sysid_chirp", "autotune_attitude_control_status", "rate_sp", _injected_rate,
+            "rate that the autotune adds to the set-point of one axis after the other"),
     _Source("attitude", "vehicle_attitude", "q", _attitude, "the estimator's attitude"),
     _Source("torque_command", "vehicle_torque_setpoint", "xyz", _take("xyz"),
             "the rate controller's output before allocation"),

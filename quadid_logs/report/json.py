@@ -27,6 +27,7 @@ from quadid_logs.data.model import (
 )
 from quadid_logs.data.result import Result
 from quadid_logs.data.torque import TorqueModel
+from quadid_logs.maths.windows import weakest_words
 from quadid_logs.report.provenance import Provenance
 
 if TYPE_CHECKING:
@@ -237,6 +238,7 @@ def _windows(model: Model, windows: Windows) -> dict[str, Any]:
         "stride": windows.stride,
         "period_s": windows.period_s,
         "used": int(np.count_nonzero(windows.used)),
+        "weakest": weakest_words(windows.weakest, (*model.regressors, *model.inputs)),
         "condition_number": _spread(windows.condition_number),
         "rank": {str(rank): int(count) for rank, count in zip(ranks, counts, strict=True)},
         "estimates": {

@@ -91,6 +91,11 @@ def _signals(
         for one in series
         if one.saturated is not None
     )
+    asked = log.candidates("torque_command")
+    if not trusted and asked and realised and realised[0].saturated is not None:
+        # What is mixed here may not be what the motors got, but where it is limited, theirs was too.
+        marks = realised[0].signal("torque_saturation", realised[0].saturated.astype(np.float64))
+        saturations = (replace(marks, source=asked[0].source), *saturations)
     if saturations:
         signals["torque_saturation"] = saturations
     if all(scaled.calibration.known) and _keeps_the_rate(log, series):
@@ -148,7 +153,7 @@ def _mistrust(rebuilt: ardupilot.Rebuilt) -> tuple[str, ...]:
         return ()
     check = rebuilt.check
     return (
-        f"The recomputed pulse widths miss the logged ones by {check.mean_us:.1f} us in the mean and "
-        f"{check.std_us:.1f} us (one sigma): the mixer of this firmware, or the rows of the log, are not "
-        "what is computed here, so the torque is taken as it was asked for.",
+        f"The recomputed pulse widths miss the logged ones by {check.typical_us:.1f} us (one sigma): the "
+        "mixer of this firmware, or the rows of the log, are not what is computed here, so the torque is "
+        "taken as it was asked for.",
     )

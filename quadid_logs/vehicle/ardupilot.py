@@ -34,6 +34,10 @@ MEAN_LIMIT_US, STD_LIMIT_US = 1.0, 2.0
 _SAME_LOOP_PERIODS = 1.5
 #: Whether RATE is written before or after its loop's outputs depends on the firmware's order of tasks.
 _LOOPS = (0, -1, 1)
+#: Between what rows of neighbouring loops differ by and what a wrong parameter does.
+_TYPICAL_LIMIT_US = 5.0
+#: Share of a normal distribution within one standard deviation.
+_ONE_SIGMA = 0.683
 #: Fewer rows prove nothing.
 _FEW_ROWS = 20
 #: Rows over whose median an unknown gain is taken; it moves with weather and battery, in minutes.
@@ -55,9 +59,9 @@ class Rebuilt:
     @property
     def trusted(self) -> bool:
         """Whether the recomputed pulse widths fit, or could not be compared."""
-        return self.check is None or (
-            abs(self.check.mean_us) < MEAN_LIMIT_US and self.check.std_us < STD_LIMIT_US
-        )
+        # Not mean and standard deviation: a log slower than the loop has rows of another
+        # loop beside those of RCOU, and where the command jumps a few are far off.
+        return self.check is None or self.check.typical_us < _TYPICAL_LIMIT_US
 
 
 def rebuild(log: FlightLog, airframe: Airframe) -> Rebuilt:
@@ -365,6 +369,7 @@ def _compare_loop(trial: _Trial, outputs: _Pulses, settings: MotorSettings, loop
         mean_us=float(error.mean()),
         std_us=float(error.std()),
         largest_us=float(np.abs(error).max()),
+        typical_us=float(np.quantile(np.abs(error), _ONE_SIGMA)),
         density=trial.density,
     )
 
@@ -374,7 +379,7 @@ def _misfit(check: MixerCheck | None) -> float:
     if check is None:
         return math.inf
     handicap = MEAN_LIMIT_US if check.density.startswith("fitted") else 0.0
-    return math.hypot(check.mean_us, check.std_us) + handicap
+    return check.typical_us + handicap
 
 
 def _remarks(log: FlightLog, check: MixerCheck | None) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from quadid_logs.data.log import FlightLog
@@ -162,6 +162,8 @@ def test_a_log_that_cannot_tell_says_what_to_pass(corpus: Path) -> None:
 _WILD = st.one_of(st.floats(), st.sampled_from([1e300, -1e300, 0.0, 1.0, -1.0, 33.0]))
 
 
+# A slow machine needs long for the first draws.
+@settings(suppress_health_check=[HealthCheck.too_slow])
 @given(
     st.dictionaries(st.sampled_from([*PARAMETERS, "FRAME", "Q_ENABLE", "RC3_MIN", "RCMAP_THROTTLE"]), _WILD)
 )

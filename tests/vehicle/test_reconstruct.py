@@ -16,6 +16,7 @@ from quadid_logs.data.settings import Settings
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.pipeline import analyze
 from quadid_logs.readers import read_log
+from quadid_logs.simulate import simulate
 from quadid_logs.vehicle import reconstruct
 from quadid_logs.vehicle.ardupilot import MEAN_LIMIT_US, STD_LIMIT_US
 from tests.vehicle.logs import PARAMETERS, ardupilot_log, signal
@@ -220,3 +221,25 @@ def test_speeds_computed_from_the_command_are_no_measurement(made: FlightLog) ->
     still = reconstruct(replace(made, signals={**made.signals, "rotor_speed": (flat,)})).torque
     assert still is not None
     assert "zero or constant" in still.rotor_speed
+
+
+def test_a_log_slower_than_its_loop_still_shows_where_the_mixer_limits() -> None:
+    """Rows between those of RCOU differ where the command jumps; yaw that is cut off is left out or rebuilt."""
+    flight = simulate("saturation", seed=2, rate_hz=125.0)
+    data = align(reconstruct(flight.log), Settings())
+    assert data.input is not None
+    assert data.input.saturated_fraction > 0.01
+
+
+def test_marks_of_saturation_go_with_the_torque_as_asked_where_the_mixer_is_mistrusted(
+    made: FlightLog,
+) -> None:
+    """Pulse widths that are off by 20 us everywhere: another mixer than the one computed."""
+    output = made.candidates("output_pwm")[0]
+    rng = np.random.default_rng(0)
+    noisy = replace(output, values=output.values + 20.0 * rng.standard_normal(output.values.shape))
+    log = reconstruct(replace(made, signals={**made.signals, "output_pwm": (noisy,)}))
+    data = align(log, Settings())
+    assert data.input is not None
+    assert not data.input.realised
+    assert data.input.saturated_fraction > 0.0
