@@ -45,6 +45,10 @@ class PooledFit:
         NaN for a structure without actuator.
     disturbance : ndarray, shape (n_targets, n_disturbances)
         Coefficients of `Design.disturbances`.
+    gyro : ndarray, shape (3, 3), or None
+        Scale and cross-axis errors E of the gyro, where they were among the unknowns: it shows (I + E) w.
+    seen : ndarray, shape (n_targets, n_columns), or None
+        [A B] of the rates as shown, where that is not `theta`.
     """
 
     theta: FloatArray
@@ -57,6 +61,13 @@ class PooledFit:
     lag_half_width_s: float = float("nan")
     delay_half_width_s: float = float("nan")
     disturbance: FloatArray = field(default_factory=lambda: np.zeros((3, 0)))
+    gyro: FloatArray | None = None
+    seen: FloatArray | None = None
+
+    @property
+    def as_seen(self) -> FloatArray:
+        """[A B] of the rates that the gyro shows: what the log is to be compared with."""
+        return self.theta if self.seen is None else self.seen
 
 
 class Problem(NamedTuple):
@@ -182,7 +193,7 @@ def with_trim(fit: PooledFit, structure: Structure, whole: Design, actuator: Act
     train = whole.train
     torque = whole.torque(actuator.lag_s, actuator.delay_s, throttled=THROTTLED_YAW in structure.columns)
     Y = np.column_stack([whole.columns[name] for name in structure.targets])[train]
-    rest = Y - whole.stack(structure.columns, torque)[train] @ fit.theta.T
+    rest = Y - whole.stack(structure.columns, torque)[train] @ fit.as_seen.T
     rest -= whole.stack(whole.disturbances, torque)[train] @ fit.disturbance.T if whole.disturbances else 0.0
     trim = rest.mean(axis=0)
     # Gusts last for seconds: a block is the least that counts as one observation of them.
@@ -198,8 +209,16 @@ def with_trim(fit: PooledFit, structure: Structure, whole: Design, actuator: Act
     column = structure.columns.index(TRIM)
     theta, half_widths, kept = fit.theta.copy(), fit.half_width.copy(), fit.kept.copy()
     theta[:, column], half_widths[:, column], kept[:, column] = trim, half_width, True
+    seen = None if fit.seen is None else fit.seen.copy()
+    if seen is not None:
+        seen[:, column] = trim
     return replace(
-        fit, theta=theta, half_width=half_widths, kept=kept, n_parameters=fit.n_parameters + len(trim)
+        fit,
+        theta=theta,
+        seen=seen,
+        half_width=half_widths,
+        kept=kept,
+        n_parameters=fit.n_parameters + len(trim),
     )
 
 

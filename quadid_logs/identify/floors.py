@@ -11,7 +11,9 @@ from quadid_logs.maths.rigid_body import PRODUCTS
 from quadid_logs.vocabulary import RATE_SYMBOLS, TORQUE_SYMBOLS
 
 
-def sensor_floor(structure: Structure, theta: FloatArray, settings: Settings) -> FloatArray:
+def sensor_floor(
+    structure: Structure, theta: FloatArray, settings: Settings, *, knows_gyro: bool = False
+) -> FloatArray:
     r"""Return how far each coefficient may be off because of gyro and linearisation; shape of `theta`.
 
     A gyro measures (I + E) w, with E of scale errors and cross-axis
@@ -28,6 +30,8 @@ def sensor_floor(structure: Structure, theta: FloatArray, settings: Settings) ->
         [A B].
     settings : Settings
         ``gyro_floor``, ``damping_floor``.
+    knows_gyro : bool
+        The fit had E among its unknowns, so its intervals know of it already.
 
     Returns
     -------
@@ -35,17 +39,16 @@ def sensor_floor(structure: Structure, theta: FloatArray, settings: Settings) ->
     """
     floor = np.zeros(theta.shape)
     places = [_columns(structure, names) for names in (TORQUE_SYMBOLS, RATE_SYMBOLS, PRODUCTS)]
-    for a in range(3):
-        for b in range(3):
-            E = np.zeros((3, 3))
-            E[a, b] = settings.gyro_floor
-            for columns, back in zip(places, (np.zeros((3, 3)), E, _products_of(E)), strict=True):
-                known = [number for number, column in enumerate(columns) if column is not None]
-                own = [column for column in columns if column is not None]
-                whole = np.zeros((3, len(columns)))
-                whole[:, known] = theta[:3, own]
-                change = E @ whole - whole @ back
-                floor[:3, own] = np.hypot(floor[:3, own], change[:, known])
+    for a, b in () if knows_gyro else np.ndindex(3, 3):
+        E = np.zeros((3, 3))
+        E[a, b] = settings.gyro_floor
+        for columns, back in zip(places, (np.zeros((3, 3)), E, products_of(E)), strict=True):
+            known = [number for number, column in enumerate(columns) if column is not None]
+            own = [column for column in columns if column is not None]
+            whole = np.zeros((3, len(columns)))
+            whole[:, known] = theta[:3, own]
+            change = E @ whole - whole @ back
+            floor[:3, own] = np.hypot(floor[:3, own], change[:, known])
     for axis, name in enumerate(RATE_SYMBOLS):
         if name in structure.columns:
             column = structure.columns.index(name)
@@ -59,7 +62,15 @@ def _columns(structure: Structure, names: tuple[str, ...]) -> list[int | None]:
     return [structure.columns.index(name) if name in structure.columns else None for name in names]
 
 
-def _products_of(E: FloatArray) -> FloatArray:
+def seen_through(E: FloatArray, gyroscopic: FloatArray, damping: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return gyroscopic terms (3, 6) and damping (3, 3) as they are for rates measured as (I + E) w.
+
+    All targets are multiplied by I + E besides.
+    """
+    return gyroscopic - gyroscopic @ products_of(E), damping - damping @ E
+
+
+def products_of(E: FloatArray) -> FloatArray:
     """Return F with products(E w, w) + products(w, E w) = F products(w), to first order; shape (6, 6)."""
     pairs = [(RATE_SYMBOLS.index(name[0]), RATE_SYMBOLS.index(name[1])) for name in PRODUCTS]
     place = {frozenset(pair): number for number, pair in enumerate(pairs)}

@@ -110,7 +110,13 @@ def fit_one_body(data: FlightData, first: Actuated, settings: Settings) -> Actua
     if first.rotors is not None and data.input is not None:
         uneven = torque_by_unevenness(design, data.input, first.rotors)
     found = fit_rigid_body(
-        design, first.actuator, first.fit, first.telling, calibrated=calibrated, uneven=uneven
+        design,
+        first.actuator,
+        first.fit,
+        first.telling,
+        calibrated=calibrated,
+        gyro_floor=settings.gyro_floor,
+        uneven=uneven,
     )
     if found is None:
         return None
@@ -132,7 +138,13 @@ def actuated_model(
     structure, actuator, fit, design = found.structure, found.actuator, found.fit, found.whole
     torque = design.torque(actuator.lag_s, actuator.delay_s, throttled=THROTTLED_YAW in structure.regressors)
     validation, series = validate(
-        design, structure, fit.theta, torque, settings, disturbance=fit.disturbance, slow_hz=settings.slow_hz
+        design,
+        structure,
+        fit.as_seen,
+        torque,
+        settings,
+        disturbance=fit.disturbance,
+        slow_hz=settings.slow_hz,
     )
     windows = _windows_on_rows(structure, design, torque, settings, noise=_noise(structure, noise))
     floor_s = settings.timing_floor * data.sample_period_s
@@ -295,7 +307,9 @@ def _delay_interval(actuator: ActuatorFit, fit: PooledFit, floor_s: float) -> tu
 
 def _estimate(structure: Structure, fit: PooledFit, band: BandCheck | None, settings: Settings) -> Estimate:
     """Return theta with intervals that also cover the floor and how the own gains move with the band."""
-    half_width = np.hypot(fit.half_width, sensor_floor(structure, fit.theta, settings))
+    half_width = np.hypot(
+        fit.half_width, sensor_floor(structure, fit.theta, settings, knows_gyro=fit.gyro is not None)
+    )
     low, high = fit.theta - half_width, fit.theta + half_width
     if band is not None:
         for axis in range(3):

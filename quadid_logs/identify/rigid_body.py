@@ -7,7 +7,7 @@ each row's data speak for the others, and there is half as much to find.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -22,10 +22,11 @@ from quadid_logs.identify.fit import (
     quantile_95,
     share_explained,
 )
+from quadid_logs.identify.floors import seen_through
 from quadid_logs.identify.instruments import Projection
 from quadid_logs.identify.structures import DAMPED, RIGID_BODY, RIGID_BODY_THROTTLED, Structure
 from quadid_logs.maths.least_squares import Equation, clustered_covariance, solve_least_squares
-from quadid_logs.maths.rigid_body import gyroscopic_matrix
+from quadid_logs.maths.rigid_body import PRODUCTS, gyroscopic_matrix
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS
 
 #: Where the search begins, and where it stays in a direction of which the flight
@@ -38,6 +39,8 @@ _RATIO_SPREAD = 0.5
 _CORRELATION_SPREAD = 0.2
 #: Relative step of the central differences: their error is its square.
 _STEP = 1e-5
+#: Two-sided 95 % of a normal distribution.
+_NORMAL_95 = 1.96
 _PAIRS = ((0, 1), (0, 2), (1, 2))
 
 
@@ -48,12 +51,18 @@ class _Body(NamedTuple):
     where torque is in N m: they are those of the gains then); correlations of
     the inverse inertia (3); own damping (3); coefficients of the disturbances
     (3 each); relative slope of the yaw gain over throttle (1, absent where the
-    throttle is not known). The trim is left at zero: see `with_trim`.
+    throttle is not known); errors E of the gyro (9). The trim is left at zero:
+    see `with_trim`.
+
+    E must be among the unknowns: the ratio of two cross gains is that of the
+    torques' units, if they are the vehicle's; if they are the gyro's cross
+    talk, it is anything, and inertia and gyroscopic terms would follow it.
     """
 
     calibrated: bool
     throttled: bool
     n_disturbances: int
+    gyro_spread: float
 
     @property
     def ratios(self) -> slice:
@@ -72,8 +81,13 @@ class _Body(NamedTuple):
         return self._after_ratios(6, 3 * self.n_disturbances)
 
     @property
+    def gyro(self) -> slice:
+        first = int(self.disturbances.stop) + int(self.throttled)
+        return slice(first, first + 9)
+
+    @property
     def size(self) -> int:
-        return int(self.disturbances.stop) + int(self.throttled)
+        return int(self.gyro.stop)
 
     def _after_ratios(self, first: int, count: int) -> slice:
         return slice(self.ratios.stop + first, self.ratios.stop + first + count)
@@ -92,19 +106,16 @@ class _Body(NamedTuple):
         damping = P * (x[self.damping] / moments)
         parts = [gyroscopic_matrix(np.linalg.inv(P)), damping, np.zeros((3, 1))]
         if self.throttled:
-            parts.append(x[-1] * B[:, 2:])
+            parts.append(x[self.disturbances.stop] * B[:, 2:])
         return np.concatenate([*parts, B, x[self.disturbances].reshape(3, -1)], axis=1)
 
-    def slopes(self, x: FloatArray) -> FloatArray:
-        """Return the derivatives of `coefficients`; shape (3, n_columns, n_parameters)."""
-        steps = _STEP * np.maximum(np.abs(x), 1.0)
-        columns = []
-        for number, step in enumerate(steps):
-            ahead, behind = x.copy(), x.copy()
-            ahead[number] += step
-            behind[number] -= step
-            columns.append((self.coefficients(ahead) - self.coefficients(behind)) / (2.0 * step))
-        return np.stack(columns, axis=-1)
+    def seen(self, x: FloatArray) -> FloatArray:
+        """Return the `coefficients` for rates as the gyro shows them."""
+        theta, E = self.coefficients(x), x[self.gyro].reshape(3, 3)
+        n_products = len(PRODUCTS)
+        products, damping = seen_through(E, theta[:, :n_products], theta[:, n_products : n_products + 3])
+        whole = np.concatenate([products, damping, theta[:, n_products + 3 :]], axis=1)
+        return np.asarray((np.eye(3) + E) @ whole)
 
     def usual(self) -> tuple[FloatArray, FloatArray]:
         """Return what is expected and its spread, infinite where anything goes; both (n_parameters,)."""
@@ -112,7 +123,19 @@ class _Body(NamedTuple):
         expected[self.correlations], spread[self.correlations] = _USUAL_CORRELATIONS, _CORRELATION_SPREAD
         if not self.calibrated:
             expected[self.ratios], spread[self.ratios] = _USUAL_RATIOS, _RATIO_SPREAD
+        spread[self.gyro] = self.gyro_spread
         return expected, spread
+
+
+def _slopes(function: Callable[[FloatArray], FloatArray], x: FloatArray) -> FloatArray:
+    """Return the derivatives of a function by all parameters, as its last dimension."""
+    columns = []
+    for number, step in enumerate(_STEP * np.maximum(np.abs(x), 1.0)):
+        ahead, behind = x.copy(), x.copy()
+        ahead[number] += step
+        behind[number] -= step
+        columns.append((function(ahead) - function(behind)) / (2.0 * step))
+    return np.stack(columns, axis=-1)
 
 
 class _Reduced(NamedTuple):
@@ -135,6 +158,7 @@ def fit_rigid_body(
     telling: Sequence[int],
     *,
     calibrated: bool,
+    gyro_floor: float,
     uneven: Design | None = None,
 ) -> PooledFit | None:
     """Fit one tensor, damping, trim and the throttle's effect on yaw to all rows at once.
@@ -151,6 +175,8 @@ def fit_rigid_body(
         couples the rows, and no shape is claimed.
     calibrated : bool
         Torque is in N m, so B itself is symmetric.
+    gyro_floor : float
+        Half width of the 95 % interval of each scale and cross-axis error of the gyro.
     uneven : Design, optional
         As in `fit_pooled`.
 
@@ -167,14 +193,14 @@ def fit_rigid_body(
     own = np.diag(rows_apart.theta[:, len(DAMPED.regressors) :])
     if not (own > 0.0).all():
         return None
-    body = _Body(calibrated, design.has_throttle, len(design.disturbances))
+    body = _Body(calibrated, design.has_throttle, len(design.disturbances), gyro_floor / _NORMAL_95)
     train = design.train
     torque = design.torque(actuator.lag_s, actuator.delay_s, throttled=design.has_throttle)
     Z = design.stack((*structure.columns, *design.disturbances), torque)[train]
     Y = np.column_stack([design.columns[name] for name in ACCELERATION_SYMBOLS])[train]
     free = np.ones(body.size, dtype=np.bool_)
     if len(telling) < len(RATE_SYMBOLS):
-        free[body.ratios] = free[body.correlations] = False
+        free[body.ratios] = free[body.correlations] = free[body.gyro] = False
     n_clusters = int(clusters_of(design).max()) + 1
     project = Projection(design, structure.regressors, train, also=torque[:, 3:])
     x = _solve(body, _reduced(project(Z), Y, 1.0 - rows_apart.r2, n_clusters), _start(body, rows_apart), free)
@@ -212,11 +238,11 @@ def _solve(body: _Body, problem: _Reduced, x: FloatArray, free: BoolArray) -> Fl
 
     def misfit(values: FloatArray) -> FloatArray:
         now = with_free(values)
-        of_rows = (problem.R @ body.coefficients(now).T - problem.targets) / problem.sigma
+        of_rows = (problem.R @ body.seen(now).T - problem.targets) / problem.sigma
         return np.concatenate([of_rows.T.ravel(), ((now - expected) / spread)[free]])
 
     def jacobian(values: FloatArray) -> FloatArray:
-        slopes = body.slopes(with_free(values))[..., free]
+        slopes = _slopes(body.seen, with_free(values))[..., free]
         return np.concatenate([*(problem.R @ slopes[row] / problem.sigma[row] for row in range(3)), pull])
 
     found = least_squares(misfit, x[free], jac=jacobian, x_scale="jac", method="lm")
@@ -236,24 +262,30 @@ def _as_fit(
     uneven: Design | None,
 ) -> PooledFit:
     """Carry the covariance of the parameters over to A and B, to first order."""
-    theta, slopes = body.coefficients(x), body.slopes(x)[..., free]
-    if not free[body.correlations].any():
+    theta, seen = body.coefficients(x), body.seen(x)
+    slopes, slopes_seen = (_slopes(function, x)[..., free] for function in (body.coefficients, body.seen))
+    coupled = bool(free[body.correlations].any())
+    if not coupled:
         # Of a body whose shape is not known, only what its axes do by themselves is.
         own = np.abs(slopes).max(axis=2) > 0.0
         theta, slopes = np.where(own, theta, 0.0), slopes * own[..., np.newaxis]
-    residual = Y - Z @ theta.T
-    weight = 1.0 / np.maximum(np.sqrt(np.mean(residual**2, axis=0)), 1e-12)
+        seen, slopes_seen = theta, slopes
+    residual = Y - Z @ seen.T
+    clusters = clusters_of(design)
+    # As in the search: a stretch of correlated residuals counts as one observation.
+    per_stretch = np.sqrt(len(residual) / (int(clusters.max()) + 1))
+    weight = 1.0 / np.maximum(per_stretch * np.sqrt(np.mean(residual**2, axis=0)), 1e-12)
     explained = project(Z)
-    B = theta[:, n_columns - 3 : n_columns]
+    B = seen[:, n_columns - 3 : n_columns]
     shared = {name: project(column) for name, column in actuator_columns(design, actuator, B, uneven).items()}
     n_own = int(np.count_nonzero(free))
     everything = np.arange(n_own + len(shared), dtype=np.int64)
-    clusters = clusters_of(design)
+    _, spread = body.usual()
     covariance = clustered_covariance(
         [
             Equation(
                 jacobian=np.column_stack(
-                    [explained @ slopes[row], *(column[:, row] for column in shared.values())]
+                    [explained @ slopes_seen[row], *(column[:, row] for column in shared.values())]
                 )
                 * weight[row],
                 residuals=residual[:, row] * weight[row],
@@ -263,6 +295,7 @@ def _as_fit(
         ],
         clusters,
         everything.size,
+        np.concatenate([np.where(_of_gyro(body), 1.0 / spread**2, 0.0)[free], np.zeros(len(shared))]),
     )
     factor = quantile_95(clusters)
     variance = np.einsum("rcp,pq,rcq->rc", slopes, covariance[:n_own, :n_own], slopes)
@@ -277,8 +310,17 @@ def _as_fit(
         r2=share_explained(Y, residual),
         condition_number=whole.condition_number,
         rank=whole.rank,
-        n_parameters=n_own + len(shared),
+        n_parameters=int(np.count_nonzero(free & ~_of_gyro(body))) + len(shared),
         lag_half_width_s=by_name.get("lag", float("nan")),
         delay_half_width_s=by_name.get("delay", float("nan")),
-        disturbance=theta[:, n_columns:],
+        disturbance=seen[:, n_columns:],
+        gyro=x[body.gyro].reshape(3, 3) if coupled else None,
+        seen=seen[:, :n_columns],
     )
+
+
+def _of_gyro(body: _Body) -> BoolArray:
+    """Mark the parameters that are the gyro's; what is usual of vehicles is no observation of this one."""
+    marks = np.zeros(body.size, dtype=np.bool_)
+    marks[body.gyro] = True
+    return marks

@@ -90,7 +90,12 @@ class Equation(NamedTuple):
     parameters: IntArray
 
 
-def clustered_covariance(equations: Sequence[Equation], clusters: IntArray, n_parameters: int) -> FloatArray:
+def clustered_covariance(
+    equations: Sequence[Equation],
+    clusters: IntArray,
+    n_parameters: int,
+    prior_precision: FloatArray | None = None,
+) -> FloatArray:
     r"""Covariance of least-squares parameters when residuals are correlated in time.
 
     The sandwich :math:`(J^T J)^{-1} \left[\sum_c s_c s_c^T\right] (J^T J)^{-1}`
@@ -107,6 +112,9 @@ def clustered_covariance(equations: Sequence[Equation], clusters: IntArray, n_pa
     clusters : ndarray of int, shape (n_samples,)
         Number of the stretch that each sample lies in, from 0.
     n_parameters : int
+    prior_precision : ndarray, shape (n_parameters,), optional
+        One over the variance of what was known of each parameter before, in
+        units in which the residuals have unit variance; 0 where nothing was.
 
     Returns
     -------
@@ -132,6 +140,8 @@ def clustered_covariance(equations: Sequence[Equation], clusters: IntArray, n_pa
         triangles.append(triangle)
         for column, parameter in enumerate(parameters):
             scores[:, parameter] += np.bincount(clusters, scaled[:, column] * residuals, n_clusters)
+    prior = np.zeros(n_parameters) if prior_precision is None else prior_precision / scale**2
+    triangles.append(np.diag(np.sqrt(prior)))
     _, singular, vt = np.linalg.svd(np.concatenate(triangles), full_matrices=False)
     n_samples = sum(len(equation.residuals) for equation in equations)
     floor = singular[0] * n_samples * np.finfo(np.float64).eps
@@ -139,5 +149,6 @@ def clustered_covariance(equations: Sequence[Equation], clusters: IntArray, n_pa
     bread = (vt.T * inverse) @ vt
     n_filled = np.unique(clusters).size
     small_sample = n_filled / max(n_filled - 1, 1) * (n_samples - 1) / max(n_samples - n_parameters, 1)
-    covariance = small_sample * bread @ (scores.T @ scores) @ bread
+    # What was known before is one more observation of its parameter, as uncertain as it says.
+    covariance = bread @ (small_sample * scores.T @ scores + np.diag(prior)) @ bread
     return np.asarray(covariance / np.outer(scale, scale), dtype=np.float64)

@@ -89,3 +89,20 @@ def test_a_vehicle_that_is_no_rigid_body_is_not_called_one() -> None:
     strange = dataclasses.replace(segment, body_rate_rad_s=np.column_stack([p + extra, q, r]))
     found = identify(dataclasses.replace(flight, segments=(strange,)), Settings())
     assert not body(found).recommended
+
+
+def test_cross_talk_of_the_gyro_is_not_taken_for_products_of_inertia() -> None:
+    """A gyro whose axes show 1 % of each other: inertia and gyroscopic terms stay within their intervals."""
+    flight = fly(QUAD, multisine(40.0), feedback=8.0)
+    segment = flight.segments[0]
+    E = np.array([[0.0, 0.008, -0.006], [0.009, 0.0, 0.007], [-0.005, 0.008, 0.0]])
+    shown = dataclasses.replace(segment, body_rate_rad_s=segment.body_rate_rad_s @ (np.eye(3) + E).T)
+    model = body(identify(dataclasses.replace(flight, segments=(shown,)), Settings()))
+    truth = np.concatenate([gyroscopic_matrix(QUAD.inertia), -QUAD.damping, np.zeros((3, 1)), QUAD.B], axis=1)
+    for parameter in model.parameters:
+        if parameter.regressor in (*PRODUCTS, "L", "M", "N"):
+            row = model.targets.index(parameter.target)
+            true = truth[row, (*model.regressors, *model.inputs).index(parameter.regressor)]
+            # One in twenty may lie outside; none by more than half of its width.
+            low, high = parameter.ci95
+            assert low - 0.25 * (high - low) <= true <= high + 0.25 * (high - low), parameter

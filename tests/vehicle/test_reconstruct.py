@@ -224,7 +224,7 @@ def test_speeds_computed_from_the_command_are_no_measurement(made: FlightLog) ->
 
 
 def test_a_log_slower_than_its_loop_still_shows_where_the_mixer_limits() -> None:
-    """Rows between those of RCOU differ where the command jumps; yaw that is cut off is left out or rebuilt."""
+    """Rows between those of RCOU differ where the command jumps, and no more than there."""
     flight = simulate("saturation", seed=2, rate_hz=125.0)
     data = align(reconstruct(flight.log), Settings())
     assert data.input is not None
