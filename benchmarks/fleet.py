@@ -37,6 +37,12 @@ SPOILED_EVERY = 20
 #: Logs that are analyzed without Dask, for the rate of a single one.
 N_SINGLE = 40
 _BUCKET = "flights"
+_START = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from quadid_logs.cli import run
+run()
+"""
 
 
 def main() -> None:
@@ -193,9 +199,9 @@ def _rows(store: Path, *without: str) -> list[dict[str, Any]]:
 
 
 def _command(*arguments: object, environment: dict[str, str] | None = None) -> subprocess.Popen[bytes]:
-    """Start quadid-log in a process group of its own."""
+    """Start quadid-log in a process group of its own; it hears Ctrl-C even if we were started not to."""
     return subprocess.Popen(
-        [sys.executable, "-c", "from quadid_logs.cli import run; run()", *map(str, arguments)],
+        [sys.executable, "-c", _START, *map(str, arguments)],
         env={**os.environ, **(environment or {})},
         start_new_session=True,
     )
