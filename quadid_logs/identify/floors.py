@@ -18,9 +18,9 @@ def sensor_floor(
 
     A gyro measures (I + E) w, with E of scale errors and cross-axis
     sensitivities. For such rates B becomes (I + E) B, the damping (I + E) A
-    (I - E), and the gyroscopic terms (I + E) G P, where P turns products of
+    (I + E)^-1, and the gyroscopic terms (I + E) G K, where K turns products of
     measured rates into those of true ones. Each of the nine entries of E is
-    taken by itself, to first order, and the effects are added in squares.
+    taken by itself, and the effects are added in squares.
 
     Parameters
     ----------
@@ -42,12 +42,14 @@ def sensor_floor(
     for a, b in () if knows_gyro else np.ndindex(3, 3):
         E = np.zeros((3, 3))
         E[a, b] = settings.gyro_floor
-        for columns, back in zip(places, (np.zeros((3, 3)), E, products_of(E)), strict=True):
+        back = _undone(E)
+        through = (np.eye(3), back, products_through(back))
+        for columns, of_rates in zip(places, through, strict=True):
             known = [number for number, column in enumerate(columns) if column is not None]
             own = [column for column in columns if column is not None]
             whole = np.zeros((3, len(columns)))
             whole[:, known] = theta[:3, own]
-            change = E @ whole - whole @ back
+            change = (np.eye(3) + E) @ whole @ of_rates - whole
             floor[:3, own] = np.hypot(floor[:3, own], change[:, known])
     for axis, name in enumerate(RATE_SYMBOLS):
         if name in structure.columns:
@@ -67,16 +69,21 @@ def seen_through(E: FloatArray, gyroscopic: FloatArray, damping: FloatArray) -> 
 
     All targets are multiplied by I + E besides.
     """
-    return gyroscopic - gyroscopic @ products_of(E), damping - damping @ E
+    back = _undone(E)
+    return gyroscopic @ products_through(back), damping @ back
 
 
-def products_of(E: FloatArray) -> FloatArray:
-    """Return F with products(E w, w) + products(w, E w) = F products(w), to first order; shape (6, 6)."""
+def _undone(E: FloatArray) -> FloatArray:
+    """Return what turns measured rates into true ones; shape (3, 3)."""
+    return np.asarray(np.linalg.inv(np.eye(3) + E), dtype=np.float64)
+
+
+def products_through(M: FloatArray) -> FloatArray:
+    """Return K with products(M w) = K products(w); shape (6, 6)."""
     pairs = [(RATE_SYMBOLS.index(name[0]), RATE_SYMBOLS.index(name[1])) for name in PRODUCTS]
     place = {frozenset(pair): number for number, pair in enumerate(pairs)}
-    F = np.zeros((6, 6))
+    K = np.zeros((6, 6))
     for row, (first, second) in enumerate(pairs):
-        for other in range(3):
-            F[row, place[frozenset((other, second))]] += E[first, other]
-            F[row, place[frozenset((first, other))]] += E[second, other]
-    return F
+        for a, b in np.ndindex(3, 3):
+            K[row, place[frozenset((a, b))]] += M[first, a] * M[second, b]
+    return K
