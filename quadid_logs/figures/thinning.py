@@ -87,4 +87,6 @@ def break_at_gaps(
         return time_s, values
     period_s = float(np.median(forward))
     after = np.flatnonzero(step_s > periods * period_s) + 1
+    if not after.size:
+        return time_s, values
     return np.insert(time_s, after, time_s[after - 1] + period_s), np.insert(values, after, np.nan, axis=0)
