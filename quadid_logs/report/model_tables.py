@@ -29,7 +29,8 @@ _REGRESSORS = {
     "qr": "qr, pr, pq: products of two rates, by which a turn about two axes pushes the third",
     "p": "p, q, r: the rates themselves, as in damping",
     "phi": "phi, theta, psi: roll, pitch and yaw angle",
-    "1": "1: a steady push, as of a bent arm.",
+    "1": "1: a steady push, as of a bent arm",
+    "N*throttle": "N*throttle: by how much yaw answers more strongly at more throttle",
 }
 
 
@@ -72,6 +73,7 @@ def _matrix(
 def _note(model: Model, columns: tuple[str, ...], distrusted: frozenset[str]) -> str:
     """Say what the regressors are, which entries are no results, and why."""
     words = "; ".join(_REGRESSORS[name] for name in columns if name in _REGRESSORS)
+    words = f"{words}." if words else ""
     refused = f"Entries marked {_DISTRUSTED!r} belong to refused axes: they are no results."
     doubted = (
         parameter

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import isfinite
 
 from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.data.diagnosis import Finding
@@ -13,7 +14,7 @@ from quadid_logs.report.cells import Table
 from quadid_logs.report.fit_tables import excitation_table, structures_table, values_of, windows_table
 from quadid_logs.report.log_tables import MOST_ROWS, log_facts, main_signals, other_signals, unread_stretches
 from quadid_logs.report.model_tables import model_tables
-from quadid_logs.report.numbers import estimate, percent, seconds
+from quadid_logs.report.numbers import estimate, number, percent, seconds
 from quadid_logs.report.provenance import Provenance
 from quadid_logs.report.verdict import (
     effect_sentence,
@@ -169,6 +170,9 @@ def _model_sentence(result: Result, model: Model | None) -> str:
             f"The {printable(actuator.acts_on, 30) or 'torque'} follows its command with a lag of "
             f"{estimate(lag, *lag_ci)} ms after a delay of {estimate(delay, *delay_ci)} ms."
         )
+        if isfinite(actuator.lag_up_s) and actuator.lag_up_s != actuator.lag_down_s:
+            up, down = number(actuator.lag_up_s * 1e3, 3), number(actuator.lag_down_s * 1e3, 3)
+            parts.append(f"The rotors speed up in {up} ms and slow down in {down} ms.")
     if input_unit(result) == "1":
         parts.append("L, M and N are the autopilot's normalised commands, not N m.")
     if model.note:
