@@ -42,6 +42,7 @@ GROUPS: Final[Mapping[str, tuple[float, ...]]] = {
     "lag_ratio": (0.0, 1.05, 2.0),
     "mixer_limited": (-1.0, 0.001, 0.05, 1.0),
     "askew_deg": (-1.0, 0.01, 90.0),
+    "drop_fraction": (-1.0, 0.0, 0.02),
 }
 #: An interval promises this share, and a study of many hundred values may miss it by so much.
 PROMISE: Final = (0.93, 0.97)
