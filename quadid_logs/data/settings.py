@@ -83,7 +83,10 @@ class Settings:
     gyro_floor: float = 0.01
     """Scale and cross-axis sensitivity of a MEMS gyro are specified to 1 to 2 %, in 95 of 100 parts
     better than this share. No flight can tell: it is added in squares to every interval."""
-    damping_floor: float = 0.03
+    torque_floor: float = 0.005
+    """Thrust is not quite what mixer and thrust curve say, and the torque between the rows of a
+    slow log is interpolated: no gain is known better than this share for that alone."""
+    damping_floor: float = 0.02
     """The damping by rotors goes with their speed, which differs by some per cent in a flight."""
     timing_floor: float = 0.1
     """Stamps and the hold between outputs place torque against rate to no better than this share of

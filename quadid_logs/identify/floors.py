@@ -29,7 +29,7 @@ def sensor_floor(
     theta : ndarray, shape (n_targets, n_columns)
         [A B].
     settings : Settings
-        ``gyro_floor``, ``damping_floor``.
+        ``gyro_floor``, ``torque_floor``, ``damping_floor``.
     knows_gyro : bool
         The fit had E among its unknowns, so its intervals know of it already.
 
@@ -51,6 +51,8 @@ def sensor_floor(
             whole[:, known] = theta[:3, own]
             change = (np.eye(3) + E) @ whole @ of_rates - whole
             floor[:3, own] = np.hypot(floor[:3, own], change[:, known])
+    gains = [structure.columns.index(name) for name in TORQUE_SYMBOLS]
+    floor[:, gains] = np.hypot(floor[:, gains], settings.torque_floor * np.abs(theta[:, gains]))
     for axis, name in enumerate(RATE_SYMBOLS):
         if name in structure.columns:
             column = structure.columns.index(name)

@@ -16,6 +16,7 @@ from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.identify.actuator import ActuatorFit
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.fit import (
+    MODEL_ERROR,
     PooledFit,
     actuator_columns,
     clusters_of,
@@ -288,7 +289,7 @@ def _as_fit(
                     [explained @ slopes_seen[row], *(column[:, row] for column in shared.values())]
                 )
                 * weight[row],
-                residuals=residual[:, row] * weight[row],
+                residuals=MODEL_ERROR * residual[:, row] * weight[row],
                 parameters=everything,
             )
             for row in range(3)

@@ -10,6 +10,9 @@ import numpy as np
 from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.errors import ShapeError
 
+#: Keeps a stretch that alone carries a parameter from dividing by zero: its interval is huge all the same.
+_SINGULAR = 1e-9
+
 
 class LeastSquares(NamedTuple):
     """The solution of one least-squares problem.
@@ -99,11 +102,13 @@ def clustered_covariance(
     r"""Covariance of least-squares parameters when residuals are correlated in time.
 
     The sandwich :math:`(J^T J)^{-1} \left[\sum_c s_c s_c^T\right] (J^T J)^{-1}`
-    with the score :math:`s_c = \sum_{i \in c} J_i e_i` summed over stretches
+    with the score :math:`s_c = J_c^T (I - H_c)^{-1} e_c` of stretches
     longer than the memory of the residuals, so that any autocorrelation (and
     any difference in variance, and any correlation between targets) inside a
     stretch is counted in full. White-noise formulas were 5 to 7 times too
-    small on flight data.
+    small on flight data. The leverage H_c of a stretch makes its residual
+    that of a fit without it (CR3, the jackknife): where few manoeuvres carry
+    an estimate, the residuals that they leave are too small to judge it by.
 
     Parameters
     ----------
@@ -123,32 +128,56 @@ def clustered_covariance(
     References
     ----------
     K.-Y. Liang and S. L. Zeger, "Longitudinal data analysis using generalized
-    linear models," Biometrika, vol. 73, pp. 13-22, 1986; small-sample factor
-    of A. C. Cameron and D. L. Miller, J. Human Resources, vol. 50, 2015, eq. (12).
+    linear models," Biometrika, vol. 73, pp. 13-22, 1986; CR3 of R. M. Bell and D. F.
+    McCaffrey, Survey Methodology 28, 2002, and J. G. MacKinnon, M. O. Nielsen and
+    M. D. Webb, J. Econometrics 232, 2023.
     """
     squares = np.zeros(n_parameters)
     for equation in equations:
         squares[equation.parameters] += np.einsum("ij,ij->j", equation.jacobian, equation.jacobian)
     scale = np.where(squares > 0.0, np.sqrt(squares), 1.0)
-    n_clusters = int(clusters.max()) + 1
-    scores = np.zeros((n_clusters, n_parameters))
-    triangles = []
-    for jacobian, residuals, parameters in equations:
-        scaled = jacobian / scale[parameters]
-        triangle = np.zeros((min(scaled.shape), n_parameters))
-        triangle[:, parameters] = np.linalg.qr(scaled, mode="r")
-        triangles.append(triangle)
-        for column, parameter in enumerate(parameters):
-            scores[:, parameter] += np.bincount(clusters, scaled[:, column] * residuals, n_clusters)
     prior = np.zeros(n_parameters) if prior_precision is None else prior_precision / scale**2
-    triangles.append(np.diag(np.sqrt(prior)))
-    _, singular, vt = np.linalg.svd(np.concatenate(triangles), full_matrices=False)
+    scores, information = _by_cluster(equations, clusters, scale)
+    triangles = [_triangle(equation, scale) for equation in equations]
+    _, singular, vt = np.linalg.svd(
+        np.concatenate([*triangles, np.diag(np.sqrt(prior))]), full_matrices=False
+    )
     n_samples = sum(len(equation.residuals) for equation in equations)
     floor = singular[0] * n_samples * np.finfo(np.float64).eps
     inverse = np.divide(1.0, singular**2, out=np.zeros_like(singular), where=singular > floor)
     bread = (vt.T * inverse) @ vt
-    n_filled = np.unique(clusters).size
-    small_sample = n_filled / max(n_filled - 1, 1) * (n_samples - 1) / max(n_samples - n_parameters, 1)
+    # Without its own stretch, the fit would have left (I - H)^-1 of a stretch's residual.
+    left_out = np.eye(n_parameters) - information @ bread
+    jackknifed = np.linalg.solve(left_out + _SINGULAR * np.eye(n_parameters), scores[..., np.newaxis])[..., 0]
+    n_filled = len(scores)
+    small_sample = (n_filled - 1) / n_filled
     # What was known before is one more observation of its parameter, as uncertain as it says.
-    covariance = bread @ (small_sample * scores.T @ scores + np.diag(prior)) @ bread
+    covariance = bread @ (small_sample * jackknifed.T @ jackknifed + np.diag(prior)) @ bread
     return np.asarray(covariance / np.outer(scale, scale), dtype=np.float64)
+
+
+def _triangle(equation: Equation, scale: FloatArray) -> FloatArray:
+    """Return the triangle of an equation's scaled rows, with zeros for the parameters of others."""
+    scaled = equation.jacobian / scale[equation.parameters]
+    triangle = np.zeros((min(scaled.shape), scale.size))
+    triangle[:, equation.parameters] = np.linalg.qr(scaled, mode="r")
+    return triangle
+
+
+def _by_cluster(
+    equations: Sequence[Equation], clusters: IntArray, scale: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return scores (n_filled, n_parameters) and information (n_filled, n_parameters, n_parameters)."""
+    order = np.argsort(clusters, kind="stable")
+    starts = np.flatnonzero(np.diff(clusters[order], prepend=-1))
+    parts = np.split(order, starts[1:])
+    scores = np.zeros((len(parts), scale.size))
+    information = np.zeros((len(parts), scale.size, scale.size))
+    for jacobian, residuals, parameters in equations:
+        scaled = jacobian / scale[parameters]
+        place = np.ix_(parameters, parameters)
+        for number, rows in enumerate(parts):
+            own = scaled[rows]
+            scores[number, parameters] += own.T @ residuals[rows]
+            information[number][place] += own.T @ own
+    return scores, information
