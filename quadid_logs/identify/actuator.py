@@ -11,6 +11,7 @@ from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.data.settings import Settings
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.instruments import Projection
+from quadid_logs.identify.products import torque_products
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS
 
 #: Coarse grid as shares of the largest lag and delay, denser where real ones lie.
@@ -152,6 +153,10 @@ class Scorer:
             np.sum(project.coordinates(self._targets[rows] - self._targets[rows].mean(axis=0)) ** 2, axis=0)
             for rows, project in halves
         )
+        rows, project = halves[0]
+        directions = project.directions(design.time_s.size, rows)
+        self._products = None if directions is None else torque_products(design, directions)
+        self._explained = project.coordinates(self._targets[rows])
         n_instruments = sum(project.n_instruments for _, project in halves)
         #: Relative difference of the squared errors that chance makes.
         self.same_loss = _CHANCE / (n_instruments * len(self._axes)) if n_instruments else _SAME_LOSS
@@ -170,7 +175,12 @@ class Scorer:
 
     def __call__(self, lag_s: float, delay_s: float) -> float:
         """Return the logarithm of the error, mean over the axes, of a lag and a delay [s]."""
-        return self.of(self.design, lag_s, delay_s)
+        if self._products is None:
+            return self.of(self.design, lag_s, delay_s)
+        both = np.column_stack([self._products(lag_s, delay_s), self._explained])
+        (fold,) = self._folds
+        left = both - fold.fixed_fit @ (fold.slope @ both)
+        return self._log_error(_left_by_torque(left, left))
 
     def of(self, design: Design, lag_s: float, delay_s: float) -> float:
         """Return the error with the torque of another design of the same rows."""
@@ -182,9 +192,17 @@ class Scorer:
             slope = fold.slope @ fit
             inside = fit - fold.fixed_fit @ slope
             outside = fold.to_score.coordinates(both[fold.score]) - fold.fixed_score @ slope
-            theta, *_ = np.linalg.lstsq(inside[:, :3], inside[:, 3:], rcond=None)
-            error += np.sum((outside[:, 3:] - outside[:, :3] @ theta) ** 2, axis=0)
+            error += _left_by_torque(inside, outside)
+        return self._log_error(error)
+
+    def _log_error(self, error: FloatArray) -> float:
         return float(np.mean(np.log(np.maximum(error, 1e-300) / np.maximum(self._spread, 1e-300))))
+
+
+def _left_by_torque(fit: FloatArray, score: FloatArray) -> FloatArray:
+    """Return the squared error on rows to score of the gains fitted to other rows; [torque, targets] each."""
+    theta, *_ = np.linalg.lstsq(fit[:, :3], fit[:, 3:], rcond=None)
+    return np.asarray(np.sum((score[:, 3:] - score[:, :3] @ theta) ** 2, axis=0))
 
 
 def _step_at(grid: FloatArray, index: int) -> float:

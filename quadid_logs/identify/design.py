@@ -210,27 +210,28 @@ class Design:
         ``throttled`` adds a fourth column, yaw torque times the deviation of the throttle from its mean.
         """
         return self._shaped(
-            lambda s: lag_response(s, lag_s) * delay_response(s, delay_s) * self._gyro(s),
+            lambda s: lag_response(s, lag_s) * delay_response(s, delay_s) * self.gyro_response(s),
             n_columns=len(_INPUTS) if throttled else 3,
         )
 
     def torque_by_lag(self, lag_s: float, delay_s: float) -> FloatArray:
         """Return the derivative of `torque` by the lag [unit/s]; shape (n_rows, 3)."""
         return self._shaped(
-            lambda s: -s * lag_response(s, lag_s) ** 2 * delay_response(s, delay_s) * self._gyro(s)
+            lambda s: -s * lag_response(s, lag_s) ** 2 * delay_response(s, delay_s) * self.gyro_response(s)
         )
 
     def torque_by_delay(self, lag_s: float, delay_s: float) -> FloatArray:
         """Return the derivative of `torque` by the delay [unit/s]; shape (n_rows, 3)."""
         return self._shaped(
-            lambda s: -s * lag_response(s, lag_s) * delay_response(s, delay_s) * self._gyro(s)
+            lambda s: -s * lag_response(s, lag_s) * delay_response(s, delay_s) * self.gyro_response(s)
         )
 
     def torque_as_logged(self) -> FloatArray:
         """Return the torque smoothed but without any actuator, as the paper takes it."""
         return self._shaped(np.ones_like)
 
-    def _gyro(self, s: ComplexArray) -> ComplexArray:
+    def gyro_response(self, s: ComplexArray) -> ComplexArray:
+        """Return what the gyro's known filter makes of the torque; 1 where it is not known."""
         if np.isfinite(self.rate_low_pass_hz):
             return butterworth_response(s, self.rate_low_pass_hz)
         return np.ones_like(s)

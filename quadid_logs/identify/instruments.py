@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.identify.design import Design
 from quadid_logs.vocabulary import RATE_SYMBOLS, TORQUE_SYMBOLS
 
@@ -59,6 +59,14 @@ class Projection:
     def coordinates(self, columns: FloatArray) -> FloatArray:
         """Return the explained part in the instruments' own few rows: same squares, same least squares."""
         return columns if self._basis is None else self._basis.T @ columns
+
+    def directions(self, n_rows: int, rows: IntArray) -> FloatArray | None:
+        """Return the basis of the instruments on all rows of the design, zero elsewhere; None without any."""
+        if self._basis is None:
+            return None
+        whole = np.zeros((n_rows, self._basis.shape[1]))
+        whole[rows] = self._basis
+        return whole
 
     @property
     def n_instruments(self) -> int:
