@@ -144,7 +144,9 @@ class Scorer:
         even = design.block % 4 < 2
         train = design.train
         # Instruments hold no noise that two more unknowns could be fitted to: all rows may do both.
-        parts = (train & even, train & ~even) if design.instruments is None else (train,)
+        # So they must where a flight is so short, or so much cut about, that one half is empty.
+        one_part = design.instruments is not None or not (train & even).any() or not (train & ~even).any()
+        parts = (train,) if one_part else (train & even, train & ~even)
         halves = [(np.flatnonzero(rows), Projection(design, regressors, rows)) for rows in parts]
         self._folds = [self._fold(*halves[0], *halves[-1])]
         if len(halves) > 1:

@@ -448,12 +448,15 @@ def _air_speed(attitude_rad: FloatArray, period_s: float) -> FloatArray:
     u' = -g sin(theta) - d u and v' = g sin(phi) cos(theta) - d v: thrust
     balances weight, drag is linear.
     """
-    from scipy.signal import lfilter
+    # Not scipy.signal: it takes a quarter of a second to import, and this is all that is needed of it.
+    from scipy.linalg import solve_banded
 
     phi, theta = attitude_rad[:, 0], attitude_rad[:, 1]
     push = _GRAVITY_M_S2 * np.column_stack([-np.sin(theta), np.sin(phi) * np.cos(theta)])
-    speed = lfilter([period_s], [1.0, -np.exp(-_DRAG_1_S * period_s)], push, axis=0)
-    return np.asarray(speed, dtype=np.float64)
+    # speed[k] - decay * speed[k - 1] = period * push[k], from rest.
+    diagonals = np.ones((2, len(push)))
+    diagonals[1] = -np.exp(-_DRAG_1_S * period_s)
+    return np.asarray(solve_banded((1, 0), diagonals, period_s * push), dtype=np.float64)
 
 
 def _touched_by_saturation(data: FlightData, time_s: FloatArray, reach_s: float) -> BoolArray:

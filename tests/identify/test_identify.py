@@ -221,3 +221,15 @@ def test_gyroscopic_coefficients_of_a_rigid_body_are_claimed(model: Model) -> No
     """Otherwise the test above would prove nothing."""
     assert parameter(model, "A11").identifiable
     assert parameter(model, "A22").identifiable
+
+
+def test_a_flight_of_which_one_half_of_the_blocks_is_cut_out_is_fitted_to_the_other() -> None:
+    """Six blocks, one held out, and the only odd one left saturated throughout."""
+    data = fly(QUAD, multisine(12.0), feedback=8.0)
+    segment = data.segments[0]
+    sixth = (segment.end_s - segment.start_s) / 6.0
+    cut = (segment.time_s > 1.9 * sixth) & (segment.time_s < 3.1 * sixth)
+    marked = dataclasses.replace(segment, saturated=cut)
+    found = identify(dataclasses.replace(data, segments=(marked,)), Settings()).recommended
+    assert found is not None
+    assert np.isfinite(found.B).all()
