@@ -31,9 +31,18 @@ def undisturbed(logs, tmp_path_factory):
     return store
 
 
+#: Started in the background of a script, a process inherits that Ctrl-C is ignored; a terminal's is not.
+_COMMAND = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from quadid_logs.cli import run
+run()
+"""
+
+
 def command(*arguments, environment=None, **keywords):
     return subprocess.Popen(
-        [sys.executable, "-c", "from quadid_logs.cli import run; run()", *map(str, arguments)],
+        [sys.executable, "-c", _COMMAND, *map(str, arguments)],
         env={**os.environ, **(environment or {})},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
