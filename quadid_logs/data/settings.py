@@ -91,6 +91,8 @@ class Settings:
     timing_floor: float = 0.1
     """Stamps and the hold between outputs place torque against rate to no better than this share of
     a sample period: lag and delay are not known better."""
+    lag_floor: float = 0.01
+    """A rotor is a first-order lag to about a per cent: its time constant goes with its speed."""
     max_relative_ci: float = 0.3
     """A coefficient whose 95 % interval is wider than this half-width is not identified."""
 

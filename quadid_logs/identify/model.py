@@ -150,7 +150,9 @@ def actuated_model(
     floor_s = settings.timing_floor * data.sample_period_s
     described = Actuator(
         lag_s=actuator.lag_s,
-        lag_ci95_s=_lag_interval(actuator, fit, floor_s),
+        lag_ci95_s=_lag_interval(
+            actuator, fit, float(np.hypot(floor_s, settings.lag_floor * actuator.lag_s))
+        ),
         delay_s=actuator.delay_s,
         delay_ci95_s=_delay_interval(actuator, fit, floor_s),
         acts_on="torque" if found.rotors is None else "rotor speed",
