@@ -12,7 +12,7 @@ from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Identification
 from quadid_logs.data.settings import Settings
 from quadid_logs.diagnose.advice import logging_advice
-from quadid_logs.diagnose.findings import finding
+from quadid_logs.diagnose.findings import finding, rounded
 from quadid_logs.diagnose.torque_findings import not_in_newton_metres
 from quadid_logs.vocabulary import MULTIROTOR
 
@@ -172,5 +172,5 @@ def _system_identification(log: FlightLog, data: FlightData) -> Iterator[Finding
     }
     for name in ("SID_AXIS", "SID_MAGNITUDE", "SID_F_START_HZ", "SID_F_STOP_HZ"):
         if name in log.parameters:
-            evidence[name] = float(f"{log.parameters[name]:.4g}")
+            evidence[name] = rounded(log.parameters[name])
     yield finding("QL406", "info", evidence)

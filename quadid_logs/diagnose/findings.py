@@ -27,3 +27,14 @@ def finding(
         advice=advice or entry.advice,
         axes=tuple(axes),
     )
+
+
+def rounded(value: float, digits: int = 4) -> float:
+    """Return so many significant digits: evidence is read by people.
+
+    Examples
+    --------
+    >>> rounded(1234.567), rounded(0.0123456, 3)
+    (1235.0, 0.0123)
+    """
+    return float(f"{value:.{digits}g}")

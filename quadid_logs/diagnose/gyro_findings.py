@@ -9,7 +9,7 @@ import numpy as np
 from quadid_logs.data.diagnosis import Finding, Level
 from quadid_logs.data.flight import FlightData, GyroCheck
 from quadid_logs.data.settings import Settings
-from quadid_logs.diagnose.findings import finding
+from quadid_logs.diagnose.findings import finding, rounded
 from quadid_logs.vocabulary import AXES
 
 #: Attitude logged at 25 Hz leaves 2 % on flights of known truth, attitude and rates at 10 Hz 3 %.
@@ -32,7 +32,7 @@ def find_in_gyro(data: FlightData, settings: Settings) -> Iterator[Finding]:
         too_steep = float(np.mean(np.abs(attitude.values[:, 1]) > _STEEPEST_RAD))
         if too_steep > _MOST_TOO_STEEP:
             title = "The attitude's pitch exceeds 90 degrees, which no such angle can"
-            yield finding("QL310", "warning", {"share_of_samples": _rounded(too_steep)}, title=title)
+            yield finding("QL310", "warning", {"share_of_samples": rounded(too_steep)}, title=title)
     if data.gyro_check is not None:
         yield from _scales(data.gyro_check)
         yield from _lag(data.gyro_check, settings)
@@ -72,8 +72,8 @@ def _title(axis: str, scale: float) -> str:
 def _finding(check: GyroCheck, number: int, level: Level, title: str) -> Finding:
     low, high = check.interval
     evidence = {
-        "attitude_over_rate": _rounded(check.matrix[number, number]),
-        "range": [_rounded(low[number, number]), _rounded(high[number, number])],
+        "attitude_over_rate": rounded(check.matrix[number, number]),
+        "range": [rounded(low[number, number]), rounded(high[number, number])],
         "stretches": int(check.start_s.size),
         "stretch_s": check.stretch_s,
     }
@@ -86,10 +86,5 @@ def _lag(check: GyroCheck, settings: Settings) -> Iterator[Finding]:
         return
     lag_ms = 1e3 * check.lag_s
     title = f"The body rates come {abs(lag_ms):.0f} ms {'after' if lag_ms > 0.0 else 'before'} the attitude"
-    evidence = {"lag_ms": _rounded(lag_ms), "ci95_half_width_ms": _rounded(1e3 * check.lag_half_width_s)}
+    evidence = {"lag_ms": rounded(lag_ms), "ci95_half_width_ms": rounded(1e3 * check.lag_half_width_s)}
     yield finding("QL310", "info", evidence, title=title)
-
-
-def _rounded(value: float) -> float:
-    """Return four significant digits: evidence is read by people."""
-    return float(f"{value:.4g}")

@@ -12,7 +12,7 @@ from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Excitation, Identification, Model, Parameter
 from quadid_logs.data.settings import Settings
 from quadid_logs.diagnose.advice import excitation_advice
-from quadid_logs.diagnose.findings import finding
+from quadid_logs.diagnose.findings import finding, rounded
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS
 
 #: A gain that moves by more than this from band to band is not one number.
@@ -101,16 +101,16 @@ def _axis(
 
 def _evidence(axis: _Axis) -> dict[str, object]:
     return {
-        "held_out_r2": _rounded(axis.r2),
-        "signal_to_noise": _rounded(axis.excitation.signal_to_noise),
-        "rate_rms_deg_s": _rounded(axis.moved_deg_s),
-        "torque_rms": _rounded(axis.excitation.torque_rms),
+        "held_out_r2": rounded(axis.r2),
+        "signal_to_noise": rounded(axis.excitation.signal_to_noise),
+        "rate_rms_deg_s": rounded(axis.moved_deg_s),
+        "torque_rms": rounded(axis.excitation.torque_rms),
     }
 
 
 def _gain(axis: _Axis) -> dict[str, object]:
     low, high = axis.own.ci95
-    return {"gain": _rounded(axis.own.value), "ci95": [_rounded(low), _rounded(high)]}
+    return {"gain": rounded(axis.own.value), "ci95": [rounded(low), rounded(high)]}
 
 
 def _hardly_moved(axis: _Axis) -> Finding | None:
@@ -156,7 +156,7 @@ def _not_reproduced(axis: _Axis) -> Finding | None:
     if r2 >= axis.settings.caution_simulated_r2:
         return None
     evidence = {
-        "simulated_rate_r2": _rounded(r2),
+        "simulated_rate_r2": rounded(r2),
         "block_s": axis.settings.held_out_block_s,
         "needed_r2": axis.settings.min_simulated_r2,
     }
@@ -169,8 +169,8 @@ def _slides_with_the_band(axis: _Axis) -> Finding | None:
     if band is None or spread <= _BAND_WARNING:
         return None
     evidence = {
-        "cutoff_hz": [_rounded(value) for value in band.cutoff_hz],
-        "gain": [_rounded(value) for value in band.own_gain[:, axis.number]],
+        "cutoff_hz": [rounded(value) for value in band.cutoff_hz],
+        "gain": [rounded(value) for value in band.own_gain[:, axis.number]],
     }
     return axis.finding("QL503", "error" if spread > _BAND_ERROR else "warning", evidence)
 
@@ -183,13 +183,13 @@ def _changes_in_flight(axis: _Axis) -> Finding | None:
     if not relative > _CHANGE_WARNING:
         return None
     time_s, before, after = (
-        _rounded(float(each[axis.number])) for each in (change.time_s, change.before, change.after)
+        rounded(float(each[axis.number])) for each in (change.time_s, change.before, change.after)
     )
     evidence = {
         "time_s": time_s,
         "gain_before": before,
         "gain_after": after,
-        "statistic": _rounded(float(change.statistic[axis.number])),
+        "statistic": rounded(float(change.statistic[axis.number])),
         "needed": _CHANGE_SEEN,
     }
     title = f"The {axis.name} gain changes by {100.0 * relative:.0f} % at {time_s:.4g} s into the log"
@@ -203,9 +203,9 @@ def _forms_disagree(axis: _Axis) -> Finding | None:
     if forms is None or disagreement <= _FORMS_WARNING:
         return None
     evidence = {
-        "gain_weak_form": _rounded(float(forms.own_gain[0, axis.number])),
-        "gain_integral_form": _rounded(float(forms.own_gain[1, axis.number])),
-        "half_widths_95": [_rounded(float(value)) for value in forms.half_width[:, axis.number]],
+        "gain_weak_form": rounded(float(forms.own_gain[0, axis.number])),
+        "gain_integral_form": rounded(float(forms.own_gain[1, axis.number])),
+        "half_widths_95": [rounded(float(value)) for value in forms.half_width[:, axis.number]],
     }
     return axis.finding("QL513", "error" if disagreement > _BAND_ERROR else "warning", evidence)
 
@@ -217,8 +217,8 @@ def _interval_too_narrow(axis: _Axis) -> Finding | None:
     if half_width is None or not half_width[axis.number] > _WIDER * own:
         return None
     evidence = {
-        "half_width": _rounded(own),
-        "half_width_by_resampling": _rounded(float(half_width[axis.number])),
+        "half_width": rounded(own),
+        "half_width_by_resampling": rounded(float(half_width[axis.number])),
     }
     return axis.finding("QL514", "warning", evidence)
 
@@ -229,7 +229,7 @@ def _actuator(model: Model, settings: Settings) -> Iterator[Finding]:
         return
     if actuator.lag_s >= 0.99 * settings.max_lag_s or actuator.delay_s >= 0.99 * settings.max_delay_s:
         yield finding(
-            "QL507", "warning", {"lag_s": _rounded(actuator.lag_s), "delay_s": _rounded(actuator.delay_s)}
+            "QL507", "warning", {"lag_s": rounded(actuator.lag_s), "delay_s": rounded(actuator.delay_s)}
         )
 
 
@@ -245,13 +245,8 @@ def _windows(identification: Identification) -> Iterator[Finding]:
             weak[model.structure] = {
                 "windows": int(windows.used.size),
                 "above_noise": int(np.count_nonzero(windows.used)),
-                "median_condition_number": _rounded(float(np.median(windows.condition_number))),
+                "median_condition_number": rounded(float(np.median(windows.condition_number))),
                 "rank_deficient": int(np.count_nonzero(windows.rank < windows.singular_values.shape[1])),
             }
     if weak:
         yield finding("QL501", "info", weak)
-
-
-def _rounded(value: float) -> float:
-    """Return four significant digits: evidence is read by people."""
-    return float(f"{value:.4g}")

@@ -13,7 +13,7 @@ from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Identification, Inertia
 from quadid_logs.data.torque import Calibration, TorqueModel
 from quadid_logs.data.vehicle import Vehicle
-from quadid_logs.diagnose.findings import finding
+from quadid_logs.diagnose.findings import finding, rounded
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, TORQUE_SYMBOLS
 
 #: Limited this often, an axis' gain on its command is lower than that on what it got by some percent.
@@ -48,7 +48,7 @@ def not_in_newton_metres(log: FlightLog, given: InputDescription) -> Finding:
     needs = log.torque.needs if log.torque is not None else ()
     evidence: dict[str, object] = {"source": given.source}
     if any(given.calibration.known):
-        evidence["n_m_per_command"] = [_rounded(value) for value in given.calibration.n_m_per_command]
+        evidence["n_m_per_command"] = [rounded(value) for value in given.calibration.n_m_per_command]
     return finding("QL510", "info", evidence, advice=_pass(needs))
 
 
@@ -69,8 +69,8 @@ def _mixer(model: TorqueModel, given: InputDescription) -> Iterator[Finding]:
             "info",
             {
                 "n_samples": check.n_samples,
-                "mean_us": _rounded(check.mean_us),
-                "std_us": _rounded(check.std_us),
+                "mean_us": rounded(check.mean_us),
+                "std_us": rounded(check.std_us),
                 "air_density": check.density,
             },
         )
@@ -85,7 +85,7 @@ def _saturation(model: TorqueModel, given: InputDescription) -> Iterator[Finding
     ]
     if not often:
         return
-    shares = {axis: _rounded(share) for axis, share in zip(AXES, model.saturated_fraction, strict=True)}
+    shares = {axis: rounded(share) for axis, share in zip(AXES, model.saturated_fraction, strict=True)}
     yield finding(
         "QL405",
         "info" if given.realised else "warning",
@@ -113,17 +113,12 @@ def _inertia(inertia: Inertia, calibration: Calibration) -> Iterator[Finding]:
         for axis in (int(number) for number in np.flatnonzero(known)):
             least, most = _INERTIA_RATIO[axis]
             if high[axis] / size < least or low[axis] / size > most:
-                ratio = _rounded(float(moment[axis]) / size)
+                ratio = rounded(float(moment[axis]) / size)
                 wrong[f"I{'xyz'[axis] * 2}_over_m_r2"] = f"{ratio}, usual are {least} to {most}"
     if wrong:
         yield finding(
-            "QL512", "warning", {**wrong, "moments_kg_m2": [_rounded(float(value)) for value in moment]}
+            "QL512", "warning", {**wrong, "moments_kg_m2": [rounded(float(value)) for value in moment]}
         )
-
-
-def _rounded(value: float) -> float:
-    """Return four significant digits: evidence is read by people."""
-    return float(f"{value:.4g}")
 
 
 def find_in_given_inertia(
@@ -143,14 +138,10 @@ def find_in_given_inertia(
             if p.target == ACCELERATION_SYMBOLS[axis] and p.regressor == TORQUE_SYMBOLS[axis]
         )
         low, high = own.ci95
-        evidence[f"{AXES[axis]}_real_over_commanded"] = _three_digits(own.value * moment)
-        evidence[f"{AXES[axis]}_ci95"] = [_three_digits(low * moment), _three_digits(high * moment)]
+        evidence[f"{AXES[axis]}_real_over_commanded"] = rounded(own.value * moment, 3)
+        evidence[f"{AXES[axis]}_ci95"] = [rounded(low * moment, 3), rounded(high * moment, 3)]
         evidence[f"{AXES[axis]}_identified"] = own.identifiable
     title = "Real torque over commanded, by the inertia given: " + ", ".join(
         f"{axis} {evidence[f'{axis}_real_over_commanded']}" for axis in AXES
     )
     yield finding("QL515", "info", evidence, title=title)
-
-
-def _three_digits(value: float) -> float:
-    return float(f"{value:.3g}")
