@@ -9,7 +9,7 @@ from typing import Literal
 
 from quadid_logs.data.model import Model, Parameter
 from quadid_logs.data.result import Result
-from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS, TORQUE_SYMBOLS
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, OWN_GAIN, RATE_SYMBOLS, TORQUE_SYMBOLS
 
 AxisChange = Literal["same", "changed", "not comparable"]
 
@@ -168,7 +168,7 @@ def _why_unknown(result: Result, axis: str) -> str:
     if verdict is None or verdict.verdict == "refused" or model is None:
         sentence = verdict.sentence if verdict else "there is no verdict"
         return sentence.removeprefix(f"{axis.capitalize()} is refused: ").removesuffix(".")
-    own = _own_gain(model, axis)
+    own = model.entries.get(OWN_GAIN[axis])
     if own is None or not own.identifiable:
         return f"the flight does not tell the gain ({own.reason if own else 'not fitted'})"
     return ""
@@ -194,31 +194,22 @@ def _models(before: Result, after: Result) -> tuple[Model | None, Model | None]:
     return None, None
 
 
-def _own_gain(model: Model, axis: str) -> Parameter | None:
-    """Return how the torque about an axis turns the vehicle about it."""
-    number = AXES.index(axis)
-    return _find(model, ACCELERATION_SYMBOLS[number], TORQUE_SYMBOLS[number])
-
-
 def _larger_gain(model: Model, own: Parameter, torque: str) -> Parameter:
     """Return what a coupling is a share of: the larger own gain of the two axes that it couples."""
-    other = _own_gain(model, AXES[TORQUE_SYMBOLS.index(torque)])
+    other = model.entries.get(OWN_GAIN[AXES[TORQUE_SYMBOLS.index(torque)]])
     return own if other is None or abs(own.value) >= abs(other.value) else other
-
-
-def _find(model: Model, target: str, regressor: str) -> Parameter | None:
-    return next((p for p in model.parameters if (p.target, p.regressor) == (target, regressor)), None)
 
 
 def _parameters(first: Model, second: Model, reasons: Mapping[str, str]) -> Iterator[Quantity]:
     """Yield gains and damping that both models know, of axes without an obstacle."""
+    before, after = first.entries, second.entries
     for number, axis in enumerate(AXES):
         target, rate = ACCELERATION_SYMBOLS[number], RATE_SYMBOLS[number]
-        own = _own_gain(first, axis)
+        own = before.get(OWN_GAIN[axis])
         if axis in reasons or own is None:
             continue
         for regressor in (*TORQUE_SYMBOLS, rate):
-            one, two = _find(first, target, regressor), _find(second, target, regressor)
+            one, two = before.get((target, regressor)), after.get((target, regressor))
             if one is None or two is None or not (_known(one) and _known(two)):
                 continue
             scale = one if regressor == rate else _larger_gain(first, own, regressor)

@@ -38,7 +38,7 @@ def show_result(result: Result) -> None:
         verdict = result.diagnosis.axes.get(axis)
         if verdict is None:
             continue
-        gain = effect_sentence(result, axis) if verdict.verdict != "refused" else ""
+        gain = effect_sentence(result, axis)
         codes = " ".join(printable(code, 20) for code in verdict.reasons)
         words = "\n".join(filter(None, (printable(verdict.sentence, 400), gain, codes)))
         table.add_row(axis, Text(verdict.verdict, style=_COLOURS[verdict.verdict]), Text(words))

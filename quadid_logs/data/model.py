@@ -253,6 +253,11 @@ class Model:
     criterion: float = float("nan")
     note: str = ""
 
+    @property
+    def entries(self) -> dict[tuple[str, str], Parameter]:
+        """The elements of A and B by target and regressor."""
+        return {(parameter.target, parameter.regressor): parameter for parameter in self.parameters}
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Excitation:

@@ -13,7 +13,7 @@ from quadid_logs.data.model import Excitation, Identification, Model, Parameter
 from quadid_logs.data.settings import Settings
 from quadid_logs.diagnose.advice import excitation_advice
 from quadid_logs.diagnose.findings import finding, rounded
-from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, OWN_GAIN, RATE_SYMBOLS
 
 #: A gain that moves by more than this from band to band is not one number.
 _BAND_ERROR = 0.25
@@ -73,13 +73,12 @@ def _axis(
     log: FlightLog, identification: Identification, model: Model, settings: Settings, number: int
 ) -> Iterator[Finding]:
     """Judge one axis; the first thing that makes its number worthless is enough."""
-    target = ACCELERATION_SYMBOLS[number]
     axis = _Axis(
         name=AXES[number],
         number=number,
         model=model,
         excitation=identification.excitation[number],
-        own=next(p for p in model.parameters if p.target == target and p.regressor == model.inputs[number]),
+        own=model.entries[OWN_GAIN[AXES[number]]],
         settings=settings,
         advice=excitation_advice(log.autopilot, AXES[number]),
     )

@@ -14,7 +14,7 @@ from quadid_logs.data.model import Identification, Inertia
 from quadid_logs.data.torque import Calibration, TorqueModel
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.diagnose.findings import finding, rounded
-from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, TORQUE_SYMBOLS
+from quadid_logs.vocabulary import AXES, OWN_GAIN
 
 #: Limited this often, an axis' gain on its command is lower than that on what it got by some percent.
 _OFTEN_LIMITED = 0.01
@@ -131,16 +131,12 @@ def find_in_given_inertia(
     if data.input is None or data.input.unit != "N m":
         return
     evidence: dict[str, object] = {}
-    for axis, moment in enumerate(np.diagonal(vehicle.inertia_kg_m2)):
-        own = next(
-            p
-            for p in model.parameters
-            if p.target == ACCELERATION_SYMBOLS[axis] and p.regressor == TORQUE_SYMBOLS[axis]
-        )
+    for axis, moment in zip(AXES, np.diagonal(vehicle.inertia_kg_m2), strict=True):
+        own = model.entries[OWN_GAIN[axis]]
         low, high = own.ci95
-        evidence[f"{AXES[axis]}_real_over_commanded"] = rounded(own.value * moment, 3)
-        evidence[f"{AXES[axis]}_ci95"] = [rounded(low * moment, 3), rounded(high * moment, 3)]
-        evidence[f"{AXES[axis]}_identified"] = own.identifiable
+        evidence[f"{axis}_real_over_commanded"] = rounded(own.value * moment, 3)
+        evidence[f"{axis}_ci95"] = [rounded(low * moment, 3), rounded(high * moment, 3)]
+        evidence[f"{axis}_identified"] = own.identifiable
     title = "Real torque over commanded, by the inertia given: " + ", ".join(
         f"{axis} {evidence[f'{axis}_real_over_commanded']}" for axis in AXES
     )

@@ -145,9 +145,7 @@ def _summary(result: Result) -> Figure:
     from quadid_logs.figures.summary import summary_figure
     from quadid_logs.report.verdict import effect_sentence, headline
 
-    refused = {axis for axis, found in result.diagnosis.axes.items() if found.verdict == "refused"}
-    gains = {axis: "" if axis in refused else effect_sentence(result, axis) for axis in AXES}
-    return summary_figure(result, headline(result), gains)
+    return summary_figure(result, headline(result), {axis: effect_sentence(result, axis) for axis in AXES})
 
 
 def _with_report_time(result: Result, report_s: float) -> Result:

@@ -14,7 +14,7 @@ from quadid_logs.report.cells import Cell, Table
 from quadid_logs.report.numbers import number, percent
 from quadid_logs.report.verdict import input_unit, refused_axes
 from quadid_logs.untrusted import printable
-from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, OWN_GAIN, RATE_SYMBOLS
 
 
 def structures_table(result: Result) -> Table | None:
@@ -41,11 +41,8 @@ def structures_table(result: Result) -> Table | None:
 
 def _structure(model: Model, distrusted: tuple[bool, ...]) -> tuple[Cell, ...]:
     """Return one row of the table of structures."""
-    found = {(parameter.target, parameter.regressor): parameter.value for parameter in model.parameters}
-    diagonal = [
-        found.get((target, torque), math.nan)
-        for target, torque in zip(ACCELERATION_SYMBOLS, ("L", "M", "N"), strict=True)
-    ]
+    own = [model.entries.get(place) for place in OWN_GAIN.values()]
+    diagonal = [math.nan if parameter is None else parameter.value for parameter in own]
     checked = model.validation
     return (
         Cell(text=model.structure, detail="recommended" if model.recommended else printable(model.note, 160)),

@@ -30,10 +30,7 @@ def index_row(result: Result, folder_name: str) -> IndexRow:
         summary=f"{flown_sentence(result)}; {printable(result.log.path, 160)}",
         link=f"{quote(folder_name)}/report.html",
         axes=tuple(
-            (
-                found[axis].verdict if axis in found else "refused",
-                effect_sentence(result, axis) if axis in found and found[axis].verdict != "refused" else "",
-            )
+            (found[axis].verdict if axis in found else "refused", effect_sentence(result, axis))
             for axis in AXES
         ),
     )

@@ -55,7 +55,7 @@ def _matrix(
     model: Model, values: FloatArray, columns: tuple[str, ...], caption: str, distrusted: frozenset[str]
 ) -> Table:
     """Return one matrix with its intervals; rows of refused axes are grey and say so."""
-    known = {(parameter.target, parameter.regressor): parameter for parameter in model.parameters}
+    known = model.entries
     largest = float(np.abs(values).max(initial=0.0))
     rows = tuple(
         (

@@ -14,7 +14,7 @@ from quadid_logs.report.numbers import estimate, number
 from quadid_logs.report.words import pretty_unit
 from quadid_logs.simulate.sweep import Sweep
 from quadid_logs.untrusted import printable
-from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, TORQUE_SYMBOLS
+from quadid_logs.vocabulary import OWN_GAIN
 
 CARD_FILE = "plan.md"
 _STICKS = {"roll": "left-right", "pitch": "forward-back", "yaw": "rudder left-right"}
@@ -102,10 +102,7 @@ def _expected_axis(prediction: Prediction, axis: str) -> dict[str, Any]:
 def _own_gain(prediction: Prediction, axis: str) -> Parameter | None:
     """Return how the torque about an axis turns the simulated vehicle about it."""
     model = prediction.identification.recommended
-    number_of = AXES.index(axis)
-    wanted = (ACCELERATION_SYMBOLS[number_of], TORQUE_SYMBOLS[number_of])
-    found = () if model is None else model.parameters
-    return next((each for each in found if (each.target, each.regressor) == wanted), None)
+    return None if model is None else model.entries.get(OWN_GAIN[axis])
 
 
 def _settings_lines(plan: Plan) -> Iterator[str]:

@@ -51,5 +51,5 @@ def _axis_lines(result: Result, axis: str) -> list[str]:
     verdict = result.diagnosis.axes[axis]
     codes = f" [{' '.join(printable(code, 20) for code in verdict.reasons)}]" if verdict.reasons else ""
     lines = [f"  {axis:<5}  {verdict.verdict:<7}  {printable(verdict.sentence, 400)}{codes}"]
-    effect = effect_sentence(result, axis) if verdict.verdict != "refused" else ""
+    effect = effect_sentence(result, axis)
     return [*lines, f"{'':18}{effect}"] if effect else lines

@@ -7,7 +7,7 @@ import math
 from quadid_logs.data.result import Result
 from quadid_logs.report.numbers import estimate, seconds
 from quadid_logs.report.words import pretty_unit
-from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES
+from quadid_logs.vocabulary import AXES, OWN_GAIN
 
 _HEADLINES = {
     "usable": "The model can be used on all three axes.",
@@ -62,14 +62,10 @@ def used_s(result: Result) -> float:
 
 
 def effect_sentence(result: Result, axis: str) -> str:
-    """Return the axis' torque effectiveness with its interval, "" where there is none."""
-    model = result.identification.recommended
-    number_of = AXES.index(axis)
-    target, torque = ACCELERATION_SYMBOLS[number_of], ("L", "M", "N")[number_of]
-    found = () if model is None else model.parameters
-    for parameter in found:
-        if parameter.target == target and parameter.regressor == torque and math.isfinite(parameter.value):
-            per = " per unit command" if input_unit(result) == "1" else ""
-            shown_value = estimate(parameter.value, *parameter.ci95)
-            return f"{parameter.name} = {shown_value} {pretty_unit(parameter.unit)}{per}"
-    return ""
+    """Return the axis' torque effectiveness with its interval, "" where there is none to be trusted."""
+    model, verdict = result.identification.recommended, result.diagnosis.axes.get(axis)
+    own = None if model is None else model.entries.get(OWN_GAIN[axis])
+    if own is None or not math.isfinite(own.value) or verdict is None or verdict.verdict == "refused":
+        return ""
+    per = " per unit command" if input_unit(result) == "1" else ""
+    return f"{own.name} = {estimate(own.value, *own.ci95)} {pretty_unit(own.unit)}{per}"

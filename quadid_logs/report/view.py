@@ -143,7 +143,7 @@ def _axis(result: Result, axis: str) -> AxisView:
         axis=axis,
         verdict=verdict.verdict,
         sentence=printable(verdict.sentence, 400),
-        effect=effect_sentence(result, axis) if verdict.verdict != "refused" else "",
+        effect=effect_sentence(result, axis),
         reasons=tuple(
             (printable(code, 20), codes.index(code) + 1 if code in codes else 0) for code in verdict.reasons
         ),
