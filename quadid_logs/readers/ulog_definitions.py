@@ -29,8 +29,8 @@ _BASIC_TYPES: Final = {
 }  # fmt: skip
 _MAX_ROW: Final = 65_533
 _MAX_NESTING: Final = 8
-_FIELD = re.compile(r"^([A-Za-z0-9_]+)(?:\[(\d{1,5})\])? ([A-Za-z0-9_]+)$")
-_FORMAT = re.compile(r"^[A-Za-z0-9_\-/]+:")
+_FIELD = re.compile(r"([A-Za-z0-9_]+)(?:\[(\d{1,5})\])? ([A-Za-z0-9_]+)\n?")
+_FORMAT = re.compile(rf"([A-Za-z0-9_\-/]+):((?:(?:{_FIELD.pattern})?;)*(?:{_FIELD.pattern})?)")
 _KEY = re.compile(r"^([a-z0-9_]+)(?:\[(\d{1,5})\])? (\S+)$")
 
 
@@ -75,10 +75,13 @@ class BrokenMessageError(ValueError):
 
 @dataclass(slots=True, kw_only=True)
 class Definitions:
-    """All that is known so far while the messages of a file are gone through in order."""
+    """All that is known so far while the messages of a file are gone through in order.
+
+    `formats` holds the fields of a format as they are written, separated by semicolons.
+    """
 
     start_timestamp_us: int = 0
-    formats: dict[str, list[Field]] = field(default_factory=dict)
+    formats: dict[str, str] = field(default_factory=dict)
     layouts: dict[str, tuple[np.dtype[np.void], int]] = field(default_factory=dict)
     subscriptions: list[Subscription] = field(default_factory=list)
     index_by_id: dict[int, int] = field(default_factory=dict)
@@ -121,19 +124,11 @@ def _take_flags(known: Definitions, body: bytes, offset: int) -> None:
 
 
 def _take_format(known: Definitions, body: bytes, offset: int) -> None:  # noqa: ARG001
-    text = _text_of(body)
-    if not _FORMAT.match(text):
-        raise BrokenMessageError("a format without a name")
-    name, _, definition = text.partition(":")
-    fields = []
-    for part in definition.split(";"):
-        if not part:
-            continue
-        match = _FIELD.match(part)
-        if match is None:
-            raise BrokenMessageError(f"a field {part!r}")
-        fields.append(Field(match[1], int(match[2] or 0), match[3]))
-    known.formats[name] = fields
+    match = _FORMAT.fullmatch(_text_of(body))
+    if match is None:
+        raise BrokenMessageError("a format without a name, or with a field that is none")
+    # Most formats are never subscribed: their fields are taken apart when a row's layout asks for them.
+    known.formats[match[1]] = match[2]
     known.layouts.clear()
 
 
@@ -239,7 +234,7 @@ _TAKE: Final = {
 }
 
 
-def row_layout(formats: dict[str, list[Field]], name: str) -> tuple[np.dtype[np.void], int]:
+def row_layout(formats: dict[str, str], name: str) -> tuple[np.dtype[np.void], int]:
     """Return the structured dtype of a topic's row and the row's size with padding at the end.
 
     Nested types become nested dtypes, arrays sub-arrays; padding at the end is
@@ -270,7 +265,13 @@ def row_layout(formats: dict[str, list[Field]], name: str) -> tuple[np.dtype[np.
     return dtype, full.itemsize
 
 
-def _layout(formats: dict[str, list[Field]], name: str, outer: tuple[str, ...]) -> np.dtype[np.void]:
+def _fields(definition: str) -> list[Field]:
+    """Take a format's definition apart, which `_FORMAT` has found to be one."""
+    found = [_FIELD.fullmatch(part) for part in definition.split(";") if part]
+    return [Field(match[1], int(match[2] or 0), match[3]) for match in found if match]
+
+
+def _layout(formats: dict[str, str], name: str, outer: tuple[str, ...]) -> np.dtype[np.void]:
     """Return the dtype of one format with all its padding."""
     if name not in formats or name in outer or len(outer) >= _MAX_NESTING:
         raise BrokenMessageError(f"no usable format {name!r}")
@@ -278,7 +279,7 @@ def _layout(formats: dict[str, list[Field]], name: str, outer: tuple[str, ...]) 
     seen: set[str] = set()
     types: list[np.dtype[np.generic]] = []
     size = 0
-    for type_name, n_elements, field_name in formats[name]:
+    for type_name, n_elements, field_name in _fields(formats[name]):
         basic = _BASIC_TYPES.get(type_name)
         element: np.dtype[np.generic] = (
             np.dtype(basic) if basic else _layout(formats, type_name, (*outer, name))

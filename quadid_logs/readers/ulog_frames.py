@@ -184,7 +184,7 @@ def _find_images(walk: _Walk, begin: int) -> _Images:
 def _follow_run(walk: _Walk, position: int) -> int:
     """Take the data messages that follow each other from `position` on; return where they end."""
     images = walk.images
-    if position + 2 >= walk.end or walk.data[position + 2] != _DATA:
+    if not len(images.starts) or position + 2 >= walk.end or walk.data[position + 2] != _DATA:
         return position
     first = int(images.starts.searchsorted(position))
     if first == len(images.starts) or images.starts[first] != position:
@@ -246,6 +246,9 @@ def _is_image(walk: _Walk, position: int) -> bool:
 def _next_image(walk: _Walk, position: int) -> int:
     """Return where the next data message begins, or a place behind the file."""
     images = walk.images
+    if not len(images.starts):
+        # As before the first topic, where there are thousands of parameters.
+        return len(walk.data) + 1
     found = int(images.starts.searchsorted(position))
     return int(images.starts[found]) if found < len(images.starts) else len(walk.data) + 1
 
