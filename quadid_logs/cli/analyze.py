@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -15,9 +14,8 @@ from quadid_logs.cli.completion import structures
 from quadid_logs.cli.failure import exit_code_of, say
 from quadid_logs.cli.logs import check_log, expanded
 from quadid_logs.cli.progress import Part, Progress, parts
-from quadid_logs.cli.simulate import write_beside
 from quadid_logs.cli.terminal import at_terminal, show_result
-from quadid_logs.errors import OutputError
+from quadid_logs.output import check_free, write_beside
 from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
@@ -129,7 +127,7 @@ def analyze(
         )
     with_index = wish.one_line and wish.files and wish.drawings
     if with_index:
-        _check_index(parent, force=force)
+        check_free(parent / INDEX_FILE, force=force)
     rows: dict[Path, IndexRow] = {}
     folders = report_folders(logs, parent)
     codes = [
@@ -141,14 +139,6 @@ def analyze(
         if not (quiet or as_json):
             say(f"index: {printable(parent / INDEX_FILE)}")
     return max(codes)
-
-
-def _check_index(parent: Path, *, force: bool) -> None:
-    """Refuse before the work what could not be written after it."""
-    if os.path.lexists(parent / INDEX_FILE) and not force:
-        raise OutputError(
-            f"{printable(parent / INDEX_FILE)} exists already.", hint="Add --force to replace it."
-        )
 
 
 def _write_index(parent: Path, outcomes: list[tuple[Path, IndexRow | None]]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,8 +10,7 @@ import typer
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.logs import check_log
 from quadid_logs.cli.progress import Progress
-from quadid_logs.cli.simulate import make_folder, write_together
-from quadid_logs.errors import OutputError
+from quadid_logs.output import check_free, make_folder, write_together
 from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
@@ -49,7 +47,7 @@ def compare(
     from quadid_logs.vehicle.file import read_vehicle
 
     if output is not None:
-        _check_output(output, force=force)
+        check_free(output / _JSON, output / _PNG, force=force)
     described = None if vehicle is None else read_vehicle(vehicle)
     results = []
     for log in (before, after):
@@ -69,15 +67,6 @@ def compare(
         if written:
             say(f"  written: {written}")
     return _EXIT_CODES[comparison.verdict]
-
-
-def _check_output(folder: Path, *, force: bool) -> None:
-    """Refuse before the work what could not be written after it."""
-    for name in (_JSON, _PNG):
-        if os.path.lexists(folder / name) and not force:
-            raise OutputError(
-                f"{printable(folder / name)} exists already.", hint="Add --force to replace it."
-            )
 
 
 def _write(folder: Path, comparison: Comparison, text: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,8 +10,7 @@ import typer
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.logs import check_log
 from quadid_logs.cli.progress import Progress
-from quadid_logs.cli.simulate import write_beside
-from quadid_logs.errors import OutputError
+from quadid_logs.output import check_free, write_beside
 from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
@@ -77,8 +75,7 @@ def _export_model(log: Path, output: Path, settings: Settings, vehicle: Path | N
     from quadid_logs.vehicle.file import read_vehicle
 
     check_model_format(output)
-    if os.path.lexists(output) and not force:
-        raise OutputError(f"{printable(output)} exists already.", hint="Add --force to replace it.")
+    check_free(output, force=force)
     check_log(log)
     described = None if vehicle is None else read_vehicle(vehicle)
     with Progress(log.name) as progress:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from quadid_logs.cli.failure import say
-from quadid_logs.cli.simulate import make_folder, write_beside
-from quadid_logs.errors import OutputError
+from quadid_logs.output import check_free, make_folder, write_beside
 from quadid_logs.untrusted import printable
 
 
@@ -29,8 +27,7 @@ def fleet_report(
     from quadid_logs.fleet.lives import read_fleet
     from quadid_logs.fleet.page import fleet_page, headlines
 
-    if os.path.lexists(output) and not force:
-        raise OutputError(f"{printable(output)} exists already.", hint="Add --force to replace it.")
+    check_free(output, force=force)
     fleet = read_fleet(store)
     page = fleet_page(fleet, store, output.parent)
     make_folder(output.parent)

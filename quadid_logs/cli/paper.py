@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated
 
@@ -10,8 +9,7 @@ import typer
 
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.progress import Progress
-from quadid_logs.cli.simulate import make_folder, write_together
-from quadid_logs.errors import OutputError
+from quadid_logs.output import check_free, make_folder, write_together
 from quadid_logs.untrusted import printable
 
 _FILES = ("paper.md", "windows.csv", "fig4.png", "windows.png", "tables.png")
@@ -27,11 +25,7 @@ def paper(
     from quadid_logs.simulate.paper import run_experiment
     from quadid_logs.simulate.paper_page import figures, page_text, windows_csv
 
-    for name in _FILES:
-        if os.path.lexists(output / name) and not force:
-            raise OutputError(
-                f"{printable(output / name)} exists already.", hint="Add --force to replace it."
-            )
+    check_free(*(output / name for name in _FILES), force=force)
     with Progress("paper") as progress:
         progress("flying")
         experiment = run_experiment()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated
 
@@ -11,8 +10,7 @@ import typer
 from quadid_logs.cli.completion import autopilots, axes
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.progress import Progress
-from quadid_logs.cli.simulate import make_folder, write_together
-from quadid_logs.errors import OutputError
+from quadid_logs.output import check_free, make_folder, write_together
 from quadid_logs.untrusted import printable
 
 
@@ -50,7 +48,7 @@ def plan(
     planned = make_plan(autopilot.lower(), axis or ())
     files = {name: text.encode() for name, text in parameter_files(planned).items()}
     if output is not None:
-        _check_output(output, (CARD_FILE, *files), force=force)
+        check_free(*(output / name for name in (CARD_FILE, *files)), force=force)
     described = None if vehicle is None else read_vehicle(vehicle)
     with Progress("plan") as progress:
         progress("flying it in the simulator")
@@ -65,12 +63,3 @@ def plan(
         if not as_json:
             say(f"\nWrote {', '.join(sorted(files))} into {printable(output)}")
     return 0
-
-
-def _check_output(folder: Path, names: tuple[str, ...], *, force: bool) -> None:
-    """Refuse before the work what could not be written after it."""
-    for name in names:
-        if os.path.lexists(folder / name) and not force:
-            raise OutputError(
-                f"{printable(folder / name)} exists already.", hint="Add --force to replace it."
-            )

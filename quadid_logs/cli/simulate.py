@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,7 +11,8 @@ import typer
 from quadid_logs.cli.completion import autopilots, scenarios
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.progress import Progress
-from quadid_logs.errors import OutputError, SettingsError
+from quadid_logs.errors import SettingsError
+from quadid_logs.output import check_free, make_folder, write_beside
 from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
@@ -102,11 +101,7 @@ def _check_output(output: Path, *, seed: int, force: bool) -> None:
             f"Cannot tell the format from the name {printable(output.name, 80)!r}.",
             hint="Let it end in .bin, .ulg or .tlog.",
         )
-    for path in (output, truth_path(output)):
-        if path.is_dir():
-            raise OutputError(f"{printable(path)} is a folder.", hint="Give the name of a file.")
-        if os.path.lexists(path) and not force:
-            raise OutputError(f"{printable(path)} exists already.", hint="Add --force to replace it.")
+    check_free(output, truth_path(output), force=force)
 
 
 def write_simulation(simulation: Simulation, output: Path) -> None:
@@ -127,39 +122,3 @@ def write_simulation(simulation: Simulation, output: Path) -> None:
         write_beside(output, damage_bytes(output.read_bytes(), simulation.damage, seed))
     text = json.dumps(simulation.truth, indent=1, allow_nan=False) + "\n"
     write_beside(truth_path(output), text.encode("utf-8"))
-
-
-def make_folder(folder: Path) -> None:
-    """Make the folder and those above it."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{printable(folder)} cannot be made: {error.strerror or error}.") from error
-
-
-def write_beside(path: Path, content: bytes) -> None:
-    """Write a file beside its place and rename it, so that none is ever half-written."""
-    write_together(path.parent, {path.name: content})
-
-
-def write_together(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Write files beside their places and rename them when all are there: all of them or none.
-
-    Raises
-    ------
-    OutputError
-        If one cannot be written.
-    """
-    beside = {name: folder / f".{name}.{os.getpid()}.part" for name in files}
-    name = ""
-    try:
-        for name, content in files.items():
-            beside[name].write_bytes(content)
-        for name, part in beside.items():
-            part.replace(folder / name)
-    except OSError as error:
-        path = printable(folder / name)
-        raise OutputError(f"{path} cannot be written: {error.strerror or error}.") from error
-    finally:
-        for part in beside.values():
-            part.unlink(missing_ok=True)

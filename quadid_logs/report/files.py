@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import tempfile
 import time
 from collections.abc import Iterable, Iterator
@@ -14,6 +13,7 @@ from pathlib import Path
 from quadid_logs.data.result import Result
 from quadid_logs.errors import OutputError
 from quadid_logs.figures import FIGURE_KEYS, Figure, figures_of
+from quadid_logs.output import check_free
 from quadid_logs.report.json import result_dict
 from quadid_logs.report.provenance import Provenance, provenance_of
 from quadid_logs.untrusted import printable
@@ -61,15 +61,14 @@ def check_folder(folder: Path, *, force: bool = False) -> None:
     for part in (folder, *folder.parents):
         if part.exists() and not part.is_dir():
             raise OutputError(
-                f"{_shown(part)} is a file, but a folder is needed there.", hint="Choose another -o."
+                f"{printable(part)} is a file, but a folder is needed there.", hint="Choose another -o."
             )
     if folder.is_symlink():
         raise OutputError(
-            f"{_shown(folder)} is a symbolic link; reports are not written through links.",
+            f"{printable(folder)} is a symbolic link; reports are not written through links.",
             hint="Choose another -o.",
         )
-    if not force:
-        _refuse_existing(folder, (RESULT_FILE, REPORT_FILE))
+    check_free(folder / RESULT_FILE, folder / REPORT_FILE, force=force)
 
 
 def write_report(
@@ -168,7 +167,7 @@ def _writing_beside(folder: Path) -> Iterator[Path]:
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise OutputError(
-            f"Cannot write to {_shown(folder)}: {reason}.",
+            f"Cannot write to {printable(folder)}: {reason}.",
             hint="Nothing was left half-written; choose another -o.",
         ) from error
 
@@ -176,13 +175,7 @@ def _writing_beside(folder: Path) -> Iterator[Path]:
 def _move_into(beside: Path, folder: Path, *, force: bool) -> None:
     """Move every finished file into the folder, result.json last."""
     names = sorted((path.name for path in beside.iterdir()), key=lambda name: (name == RESULT_FILE, name))
-    if not force:
-        _refuse_existing(folder, names)
-    for name in names:
-        if (folder / name).is_dir():
-            raise OutputError(
-                f"{_shown(folder / name)} is a folder.", hint="Move it away or choose another -o."
-            )
+    check_free(*(folder / name for name in names), force=force)
     folder.mkdir(exist_ok=True)
     for name in names:
         # A rename replaces a symbolic link itself and never writes through it.
@@ -196,15 +189,3 @@ def _remove_stale(folder: Path, *, kept: frozenset[str]) -> None:
     for name in ours:
         if name not in kept and (folder / name).is_file():
             (folder / name).unlink()
-
-
-def _refuse_existing(folder: Path, names: Iterable[str]) -> None:
-    """Raise if one of the files is there already."""
-    for name in names:
-        if os.path.lexists(folder / name):
-            raise OutputError(f"{_shown(folder / name)} exists already.", hint="Add --force to replace it.")
-
-
-def _shown(path: Path) -> str:
-    """Return a path as one visible line."""
-    return printable(str(path))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
 from collections.abc import Iterable
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 from quadid_logs.arrays import AnyArray, FloatArray
 from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.errors import EmptyLogError, OutputError, SettingsError
+from quadid_logs.output import check_free
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import SIGNALS
 
@@ -33,10 +33,7 @@ def check_table_path(path: Path, *, force: bool = False) -> None:
             f"Cannot tell the format from the name {printable(path.name, 80)!r}.",
             hint=f"Let it end in {', '.join(TABLE_FORMATS)}.",
         )
-    if path.is_dir():
-        raise OutputError(f"{printable(path)} is a folder.", hint="Give the name of a file.")
-    if os.path.lexists(path) and not force:
-        raise OutputError(f"{printable(path)} exists already.", hint="Add --force to replace it.")
+    check_free(path, force=force)
 
 
 def aligned_table(data: FlightData) -> dict[str, AnyArray]:
