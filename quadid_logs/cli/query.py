@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from collections.abc import Iterable, Iterator
 from itertools import islice
 from pathlib import Path
@@ -48,14 +47,10 @@ def query(
 
 def _json_lines(answer: Answer) -> Iterator[str]:
     """Yield one object per row; dates and the like as text."""
+    from quadid_logs.report.json import strict_text
+
     for row in answer.rows:
-        named = dict(zip(answer.columns, map(_plain, row), strict=True))
-        yield json.dumps(named, default=str, allow_nan=False)
-
-
-def _plain(value: Any) -> Any:
-    """JSON has no NaN and no infinity."""
-    return None if isinstance(value, float) and value - value != 0.0 else value
+        yield strict_text(dict(zip(answer.columns, row, strict=True)), compact=True).rstrip("\n")
 
 
 def _csv_lines(answer: Answer) -> Iterator[str]:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import PurePath
 from typing import Any
 
 from quadid_logs.compare import Comparison, Quantity
 from quadid_logs.data.result import Result
-from quadid_logs.report.json import plain
+from quadid_logs.report.json import strict_text
 from quadid_logs.report.numbers import estimate, number, percent
 from quadid_logs.report.words import pretty_unit
 from quadid_logs.untrusted import printable
@@ -73,8 +72,8 @@ def _amount(quantity: Quantity, difference: float) -> str:
     return f"{percent(difference / quantity.scale)}{of}"
 
 
-def comparison_dict(before: Result, after: Result, comparison: Comparison) -> dict[str, Any]:
-    """Return the comparison as plain JSON values."""
+def comparison_text(before: Result, after: Result, comparison: Comparison) -> str:
+    """Return the comparison as strict JSON in ASCII."""
     content: dict[str, Any] = {
         "schema_version": "1.0",
         "before": before.log.path,
@@ -100,10 +99,4 @@ def comparison_dict(before: Result, after: Result, comparison: Comparison) -> di
         ],
         "advice": comparison.advice,
     }
-    values: dict[str, Any] = plain(content)
-    return values
-
-
-def comparison_text(before: Result, after: Result, comparison: Comparison) -> str:
-    """Return `comparison_dict` as strict JSON in ASCII."""
-    return json.dumps(comparison_dict(before, after, comparison), indent=1, allow_nan=False) + "\n"
+    return strict_text(content)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import tempfile
 import time
 from collections.abc import Iterable, Iterator
@@ -14,7 +13,7 @@ from quadid_logs.data.result import Result
 from quadid_logs.errors import OutputError
 from quadid_logs.figures import FIGURE_KEYS, Figure, figures_of
 from quadid_logs.output import check_free
-from quadid_logs.report.json import result_dict
+from quadid_logs.report.json import json_text
 from quadid_logs.report.provenance import Provenance, provenance_of
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES
@@ -118,12 +117,6 @@ def write_report(
         (beside / RESULT_FILE).write_text(text, encoding="utf-8")
         _move_into(beside, folder, force=force)
     return timed
-
-
-def json_text(result: Result, provenance: Provenance | None = None, *, compact: bool = False) -> str:
-    """Return result.json's text: strict JSON in ASCII, in one line if `compact`."""
-    indent = None if compact else 1
-    return json.dumps(result_dict(result, provenance), indent=indent, allow_nan=False) + "\n"
 
 
 def write_drawings(result: Result, provenance: Provenance, folder: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator
 from typing import Any
@@ -16,7 +15,8 @@ from quadid_logs.diagnose.data_findings import find_in_data
 from quadid_logs.diagnose.file_findings import find_in_file
 from quadid_logs.diagnose.gyro_findings import find_in_gyro
 from quadid_logs.report.airframe import airframe_facts
-from quadid_logs.report.json import SCHEMA_VERSION, data_dict, finding_dict, log_dict, plain
+from quadid_logs.report.json import SCHEMA_VERSION, data_dict, finding_dict, log_dict, strict_text
+from quadid_logs.report.log_tables import spans_text
 from quadid_logs.report.numbers import number, seconds, size
 from quadid_logs.untrusted import printable
 
@@ -61,7 +61,7 @@ def inventory_text(log: FlightLog, data: FlightData, settings: Settings) -> str:
             finding_dict(finding) for finding in missing_for_analysis(log, data, settings)
         ],
     }
-    return json.dumps(plain(content), indent=1, allow_nan=False) + "\n"
+    return strict_text(content)
 
 
 def inventory_lines(log: FlightLog, data: FlightData, settings: Settings) -> Iterator[str]:
@@ -72,8 +72,8 @@ def inventory_lines(log: FlightLog, data: FlightData, settings: Settings) -> Ite
         ("firmware", printable(log.firmware, 120)),
         ("vehicle", ", ".join(filter(None, map(printable, (log.vehicle_type, log.frame, log.vehicle_name))))),
         ("time", f"{data.start_s:.1f} s, for {seconds(data.duration_s)}; {data.clock_resets} clock resets"),
-        ("flights", _spans(data.flights) or printable(data.on_ground_reason) or "none"),
-        ("analysable", _spans(tuple((part.start_s, part.end_s) for part in data.segments)) or "nothing"),
+        ("flights", spans_text(data.flights) or printable(data.on_ground_reason) or "none"),
+        ("analysable", spans_text((part.start_s, part.end_s) for part in data.segments) or "nothing"),
         ("lost", f"{size(log.corrupt_bytes)} unreadable, {log.n_dropped} messages dropped by the autopilot"),
         ("modes", ", ".join(dict.fromkeys(printable(mode.name, 24) for mode in data.modes[:200]))),
         ("systems", _systems(log)),
@@ -109,12 +109,6 @@ def _signal_lines(choice: SourceChoice) -> Iterator[str]:
     yield f"  {printable(choice.signal, 20):<21}{rate:>10}{gap:>13}  {printable(choice.source, 80)}{why}"
     for source, other_hz in choice.others[:4]:
         yield f"  {'':<44}  not taken: {printable(source, 80)} at {number(other_hz, 4)} Hz"
-
-
-def _spans(spans: tuple[tuple[float, float], ...]) -> str:
-    """Return stretches of time, the first few in full."""
-    shown = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in spans[:6])
-    return shown + (f" and {len(spans) - 6} more" if len(spans) > 6 else "")
 
 
 def _systems(log: FlightLog) -> str:

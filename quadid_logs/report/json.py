@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
@@ -54,10 +55,21 @@ def result_dict(result: Result, provenance: Provenance | None = None) -> dict[st
         Keys, units and meanings as docs/result.schema.json says. What is
         unknown or not finite is None.
     """
+    values: dict[str, Any] = plain(_content(result, provenance))
+    return values
+
+
+def json_text(result: Result, provenance: Provenance | None = None, *, compact: bool = False) -> str:
+    """Return result.json's text: `result_dict` as strict JSON in ASCII, in one line if `compact`."""
+    return strict_text(_content(result, provenance), compact=compact)
+
+
+def _content(result: Result, provenance: Provenance | None) -> dict[str, Any]:
+    """Return all keys of the result, the values not yet `plain`."""
     content: dict[str, Any] = {
         "schema_version": SCHEMA_VERSION,
         "log": log_dict(result.log, result.data),
-        "pooled": [_fields(each) for each in result.pooled],
+        "pooled": [fields_of(each) for each in result.pooled],
         "data": data_dict(result.data),
         "models": [_model(model) for model in result.identification.models],
         "axes": {name: _verdict(result.diagnosis, name) for name in result.diagnosis.axes},
@@ -65,12 +77,11 @@ def result_dict(result: Result, provenance: Provenance | None = None) -> dict[st
         "excitation": {item.axis: _excitation(item) for item in result.identification.excitation},
         "skipped": result.identification.skipped,
         "timings_s": _timings(result),
-        "settings": _fields(result.settings),
+        "settings": fields_of(result.settings),
     }
     if provenance is not None:
-        content["tool"] = {"name": "quadid-logs", **_fields(provenance)}
-    values: dict[str, Any] = plain(content)
-    return values
+        content["tool"] = {"name": "quadid-logs", **fields_of(provenance)}
+    return content
 
 
 def plain(value: Any) -> Any:
@@ -88,7 +99,12 @@ def plain(value: Any) -> Any:
     return str(value)
 
 
-def _fields(value: DataclassInstance) -> dict[str, Any]:
+def strict_text(content: Mapping[str, Any], *, compact: bool = False) -> str:
+    """Return values as strict JSON in ASCII, in one line if `compact`."""
+    return json.dumps(plain(content), indent=None if compact else 1, allow_nan=False) + "\n"
+
+
+def fields_of(value: DataclassInstance) -> dict[str, Any]:
     """Return the fields of a dataclass by name, without copying them."""
     return {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
 
@@ -109,7 +125,7 @@ def log_dict(log: FlightLog, data: FlightData) -> dict[str, Any]:
         "start_s": data.start_s,
         "duration_s": data.duration_s,
         "corrupt_bytes": log.corrupt_bytes,
-        "lost": [_fields(stretch) for stretch in log.lost],
+        "lost": [fields_of(stretch) for stretch in log.lost],
         "n_dropped": log.n_dropped,
         "clock_resets": data.clock_resets,
         "remarks": log.remarks,
@@ -118,10 +134,10 @@ def log_dict(log: FlightLog, data: FlightData) -> dict[str, Any]:
 
 def airframe_dict(model: TorqueModel) -> dict[str, Any]:
     """Return ``log.airframe``: what is known of rotors, outputs and calibration."""
-    content = _fields(model)
+    content = fields_of(model)
     content["n_rotors"] = model.n_rotors
-    content["calibration"] = _fields(model.calibration)
-    content["check"] = None if model.check is None else _fields(model.check)
+    content["calibration"] = fields_of(model.calibration)
+    content["check"] = None if model.check is None else fields_of(model.check)
     return content
 
 
@@ -143,7 +159,7 @@ def data_dict(data: FlightData) -> dict[str, Any]:
             "source": described.source,
             "saturated_fraction": described.saturated_fraction,
             "realised": described.realised,
-            "calibration": _fields(described.calibration),
+            "calibration": fields_of(described.calibration),
         },
         "gyro_check": None if data.gyro_check is None else _gyro(data.gyro_check),
         "on_ground_reason": data.on_ground_reason,
@@ -170,7 +186,7 @@ def _gyro(check: GyroCheck) -> dict[str, Any]:
 
 def _rate(choice: SourceChoice) -> dict[str, Any]:
     """Return an entry of ``data.rates``."""
-    content = _fields(choice)
+    content = fields_of(choice)
     content.pop("signal")
     content["others"] = [{"source": source, "rate_hz": rate_hz} for source, rate_hz in choice.others]
     return content
@@ -187,7 +203,7 @@ def _model(model: Model) -> dict[str, Any]:
         "inputs": model.inputs,
         "A": model.A,
         "B": model.B,
-        "parameters": [_fields(parameter) for parameter in model.parameters],
+        "parameters": [fields_of(parameter) for parameter in model.parameters],
         "actuator": None if model.actuator is None else _actuator(model.actuator),
         "inertia_kg_m2": None if model.inertia is None else _inertia(model.inertia),
         "windows": None if model.windows is None else _windows(model, model.windows),
@@ -305,12 +321,12 @@ def _forms(check: FormsCheck) -> dict[str, Any]:
 
 def _validation(validation: Validation) -> dict[str, Any]:
     """Return ``validation``."""
-    return _fields(validation)
+    return fields_of(validation)
 
 
 def finding_dict(finding: Finding) -> dict[str, Any]:
     """Return an entry of ``findings``."""
-    return _fields(finding)
+    return fields_of(finding)
 
 
 def _verdict(diagnosis: Diagnosis, axis: str) -> dict[str, Any]:

@@ -59,10 +59,10 @@ def log_facts(result: Result) -> tuple[tuple[str, str], ...]:
         ("Frame", printable(log.frame, 80) or "not stated"),
         ("Clock", _clock(data)),
         ("Torque", torque),
-        ("Flights", _spans(data.flights) or printable(data.on_ground_reason) or "none"),
+        ("Flights", spans_text(data.flights) or printable(data.on_ground_reason) or "none"),
         (
             "Analysed" if result.identification.recommended else "Without gaps",
-            _spans((item.start_s, item.end_s) for item in data.segments) or "nothing",
+            spans_text((item.start_s, item.end_s) for item in data.segments) or "nothing",
         ),
         ("Resampled to", f"{1.0 / period_s:.4g} Hz" if math.isfinite(period_s) and period_s > 0 else "–"),
         (
@@ -107,7 +107,7 @@ def _counted(count: int, one: str, many: str) -> str:
     return f"{count} {one if count == 1 else many}"
 
 
-def _spans(spans: Iterable[tuple[float, float]]) -> str:
+def spans_text(spans: Iterable[tuple[float, float]]) -> str:
     """Return stretches of time, the first few in full."""
     listed = list(spans)
     shown = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in listed[:6])

@@ -14,9 +14,9 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.data.model import Model
 from quadid_logs.data.result import Result
 from quadid_logs.errors import EmptyLogError, SettingsError
-from quadid_logs.report.verdict import refused_axes
+from quadid_logs.report.verdict import input_unit, refused_names
 from quadid_logs.untrusted import printable
-from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS
 
 MODEL_FORMATS = (".mat", ".py", ".sdf", ".json")
 
@@ -106,10 +106,8 @@ def _python_control(result: Result, model: Model) -> str:
     """Return a script that makes the system: rates behind lag and delay."""
     rates, gains = rate_matrices(model)
     lag_s, delay_s = (model.actuator.lag_s, model.actuator.delay_s) if model.actuator else (0.0, 0.0)
-    refused = [axis for axis, no in zip(AXES, refused_axes(result), strict=True) if no]
-    unit = (
-        "N m" if result.data.input is not None and result.data.input.unit == "N m" else "normalised command"
-    )
+    refused = refused_names(result)
+    unit = "N m" if input_unit(result) == "N m" else "normalised command"
     name = printable(PurePath(result.log.path).name, 120)
     doubt = f"# NOT TO BE TRUSTED: {', '.join(refused)}\n" if refused else ""
     return f'''"""Rates p, q, r [rad/s] from torques L, M, N [{unit}]; written by quadid-logs."""
@@ -136,7 +134,7 @@ def _rounded(matrix: FloatArray) -> str:
 
 def _trusted_inertia(result: Result, model: Model) -> FloatArray:
     """Return the tensor (3, 3) [kg m^2], refused unless every axis can be trusted."""
-    refused = [axis for axis, no in zip(AXES, refused_axes(result), strict=True) if no]
+    refused = refused_names(result)
     if refused:
         raise EmptyLogError(
             f"The inertia cannot be exported: {', '.join(refused)} must not be trusted.",

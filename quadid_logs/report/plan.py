@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator
 from typing import Any
 
 from quadid_logs.data.model import Parameter
 from quadid_logs.plan import Plan, Prediction, Setting
-from quadid_logs.report.json import plain
+from quadid_logs.report.json import strict_text
 from quadid_logs.report.numbers import estimate, number
 from quadid_logs.report.words import pretty_unit
 from quadid_logs.simulate.sweep import Sweep
@@ -89,7 +88,7 @@ def plan_text(plan: Plan, prediction: Prediction) -> str:
             "lag_s": None if actuator is None else {"value": actuator.lag_s, "ci95": actuator.lag_ci95_s},
         },
     }
-    return json.dumps(plain(content), indent=1, allow_nan=False) + "\n"
+    return strict_text(content)
 
 
 def _expected_axis(prediction: Prediction, axis: str) -> dict[str, Any]:

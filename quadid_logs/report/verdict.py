@@ -18,7 +18,7 @@ _HEADLINES = {
 
 def headline(result: Result) -> str:
     """Return the verdict over all axes in one sentence."""
-    refused = [axis for axis, no in zip(AXES, refused_axes(result), strict=True) if no]
+    refused = refused_names(result)
     others = [axis for axis in AXES if axis not in refused]
     if refused and others:
         first, second = " and ".join(others), " and ".join(refused)
@@ -36,6 +36,11 @@ def refused_axes(result: Result) -> tuple[bool, ...]:
     """Return whether each of roll, pitch and yaw is refused."""
     found = result.diagnosis.axes
     return tuple(axis in found and found[axis].verdict == "refused" for axis in AXES)
+
+
+def refused_names(result: Result) -> tuple[str, ...]:
+    """Return the names of the axes that are refused."""
+    return tuple(axis for axis, no in zip(AXES, refused_axes(result), strict=True) if no)
 
 
 def input_unit(result: Result) -> str:

@@ -41,11 +41,12 @@ def test_a_table_is_printed(store, capsys):
 
 
 def test_json_is_one_object_a_row(store, capsys):
-    """Dates as text, NaN as null."""
-    columns = "n_bytes, started, 'nan'::DOUBLE AS none, TIMESTAMP '2026-01-02 03:04:05' AS t"
+    """Dates as text, NaN as null, inside a list too."""
+    columns = "n_bytes, started, ['nan'::DOUBLE] AS list, 'nan'::DOUBLE AS none"
+    columns += ", TIMESTAMP '2026-01-02 03:04:05' AS t"
     assert ask(store, f"SELECT {columns} FROM fleet WHERE n_bytes = 0", "--json") == 0
     assert json.loads(capsys.readouterr().out) == {
-        "n_bytes": 0, "started": None, "none": None, "t": "2026-01-02 03:04:05",
+        "n_bytes": 0, "started": None, "list": [None], "none": None, "t": "2026-01-02 03:04:05",
     }  # fmt: skip
 
 
