@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from quadid_logs.data.result import Result
 from quadid_logs.figures import figures_of
+from quadid_logs.report.pages import environment
 from quadid_logs.report.provenance import provenance_of
 from quadid_logs.report.view import view_of
 
@@ -22,13 +23,8 @@ class Shown:
 
     def _repr_html_(self) -> str:
         """Return verdicts and matrices as HTML without scripts; every text is escaped."""
-        from jinja2 import Environment, PackageLoader, StrictUndefined
-
-        environment = Environment(
-            loader=PackageLoader("quadid_logs.report"), autoescape=True, undefined=StrictUndefined
-        )
         view = view_of(self.result, provenance_of(self.result.log.path))
-        page: str = environment.get_template("notebook.html").render(view=view)
+        page: str = environment().get_template("notebook.html").render(view=view)
         return page
 
     def __repr__(self) -> str:

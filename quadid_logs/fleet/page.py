@@ -15,6 +15,7 @@ from quadid_logs.fleet.changes import Change, Shift, Standing
 from quadid_logs.fleet.lives import Failure, Fleet, Flight, Life
 from quadid_logs.fleet.sparklines import HEIGHT, WIDTH, Sparkline, sparkline
 from quadid_logs.fleet.store import REPORTS
+from quadid_logs.report.pages import environment
 from quadid_logs.untrusted import printable
 from quadid_logs.version import __version__
 from quadid_logs.vocabulary import AXES
@@ -93,31 +94,25 @@ def fleet_page(fleet: Fleet, store: Path, page_folder: Path) -> str:
     page_folder : Path
         Where the page will stand: its links are relative to it.
     """
-    from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=ChoiceLoader([PackageLoader("quadid_logs.fleet"), PackageLoader("quadid_logs.report")]),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     links = _links(store, page_folder)
     rows = [_vehicle_row(number, life, links) for number, life in enumerate(fleet.lives)]
     # Who changed or stands out comes first: that is what the page is for.
     rows.sort(key=lambda row: not (row.changes or row.outlier))
-    page: str = environment.get_template("fleet.html").render(
-        rows=rows,
-        noticed=[row for row in rows if row.changes or row.outlier],
-        failures=[_failure_row(failure) for failure in fleet.failures[:_MOST_FAILURES]],
-        n_failures=len(fleet.failures),
-        n_flights=sum(len(life.flights) for life in fleet.lives),
-        n_tests=fleet.n_tests,
-        axes=AXES,
-        version=__version__,
-        width=WIDTH,
-        height=HEIGHT,
-        style=environment.get_template("report.css").render(),
+    page: str = (
+        environment("quadid_logs.fleet")
+        .get_template("fleet.html")
+        .render(
+            rows=rows,
+            noticed=[row for row in rows if row.changes or row.outlier],
+            failures=[_failure_row(failure) for failure in fleet.failures[:_MOST_FAILURES]],
+            n_failures=len(fleet.failures),
+            n_flights=sum(len(life.flights) for life in fleet.lives),
+            n_tests=fleet.n_tests,
+            axes=AXES,
+            version=__version__,
+            width=WIDTH,
+            height=HEIGHT,
+        )
     )
     return page
 

@@ -6,6 +6,7 @@ import base64
 import hashlib
 import importlib.util
 import json
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from quadid_logs.figures import Figures
 from quadid_logs.figures.interactive import interactive
 from quadid_logs.figures.palette import DARK, LIGHT
 from quadid_logs.figures.spec import Figure
+from quadid_logs.report.pages import environment
 from quadid_logs.report.view import View
 
 #: Which figures belong to which chapter, by the beginning of their key.
@@ -48,27 +50,16 @@ def render_html(view: View, figures: Figures) -> str:
     OutputError
         If the installed plotly package does not hold its script.
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("quadid_logs.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    loader = environment.loader
-    if loader is None:  # only for the type checker: it was given above
-        raise OutputError("The templates of the report are missing.")
-    script = loader.get_source(environment, "report.js")[0]
+    pages = environment()
+    # As it is: what a content security policy lets run is known by its hash.
+    script = resources.files("quadid_logs.report").joinpath("templates/report.js").read_text("utf-8")
     plotly = _plotly_script() if figures.shown else ""
-    page: str = environment.get_template("report.html").render(
+    page: str = pages.get_template("report.html").render(
         view=view,
         chapters={name: _of_chapter(figures.shown, keys) for name, keys in _CHAPTERS.items()},
         left_out=figures.left_out,
         figure_json={figure.key: script_json(interactive(figure)) for figure in figures.shown},
         palettes=script_json({"light": dict(LIGHT), "dark": dict(DARK)}),
-        style=loader.get_source(environment, "report.css")[0],
         script=script,
         plotly=plotly,
         script_hashes=" ".join(_csp_hash(text) for text in (plotly, script)),

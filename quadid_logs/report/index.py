@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from urllib.parse import quote
 
 from quadid_logs.data.result import Result
+from quadid_logs.report.pages import environment
 from quadid_logs.report.verdict import effect_sentence, flown_sentence
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES
@@ -38,16 +39,5 @@ def index_row(result: Result, folder_name: str) -> IndexRow:
 
 def index_page(rows: Sequence[IndexRow]) -> str:
     """Return the page; every text is escaped by the template."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("quadid_logs.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    template = environment.get_template("index.html")
-    style = environment.get_template("report.css").render()
-    page: str = template.render(rows=rows, axes=AXES, style=style)
+    page: str = environment().get_template("index.html").render(rows=rows, axes=AXES)
     return page
