@@ -94,6 +94,7 @@ class _Walk:
     covered: int = 0
     stale: bool = False
     accepted: list[tuple[IntArray, NDArray[np.int32]]] = field(default_factory=list)
+    starts: dict[int, list[IntArray]] = field(default_factory=dict)
     lost: list[LostStretch] = field(default_factory=list)
     n_unknown: int = 0
     n_joined: int = 0
@@ -119,7 +120,8 @@ def frame(data: Bytes) -> Frames:
     while position < len(data):
         walk.end = min([offset for offset in walk.known.appended_at if offset > position] + [len(data)])
         position = _walk_block(walk, position)
-    starts = _starts_by_topic(walk)
+    nothing = [np.zeros(0, np.int64)]
+    starts = tuple(np.concatenate(walk.starts.get(k, nothing)) for k in range(len(walk.known.subscriptions)))
     return Frames(walk.known, starts, merge_stretches(walk.lost), walk.n_unknown, walk.n_joined)
 
 
@@ -160,9 +162,28 @@ def _walk_block(walk: _Walk, position: int) -> int:
             after = _take_other(walk, position)
         if after == position:
             # New topics have new images: look again from here.
-            return position
+            break
         position = after
+    _sort_by_topic(walk)
     return position
+
+
+def _sort_by_topic(walk: _Walk) -> None:
+    """Sort the data messages that the block has given by topic, in file order within each.
+
+    By blocks, because the memory for the whole file's at once costs more than the sorting.
+    """
+    if not walk.accepted:
+        return
+    starts, topics = (np.concatenate(parts) for parts in zip(*walk.accepted, strict=True))
+    walk.accepted.clear()
+    # Integers of up to 16 bits are sorted by radix.
+    order = topics.astype(np.min_scalar_type(len(walk.known.subscriptions))).argsort(kind="stable")
+    topics = topics.take(order)
+    firsts = np.flatnonzero(topics[1:] != topics[:-1]) + 1
+    pieces = np.split(starts.take(order), firsts)
+    for topic, piece in zip(topics[[0, *firsts]].tolist(), pieces, strict=True):
+        walk.starts.setdefault(topic, []).append(piece)
 
 
 def _find_images(walk: _Walk, begin: int) -> _Images:
@@ -171,11 +192,12 @@ def _find_images(walk: _Walk, begin: int) -> _Images:
     types = data[begin + 2 : max(begin + 2, walk.covered - 2)]
     starts = np.flatnonzero(np.equal(types, _DATA, out=walk.is_data[: len(types)])) + begin
     head = rows_at(data, starts, _HEAD)
-    msg_id, row_size = head["id"], head["size"].astype(np.int32) - 2
-    fits = (row_size >= walk.least[msg_id]) & (row_size <= walk.most[msg_id]) & (starts + row_size <= end - 5)
+    # Cut out of rows of five bytes they lie unaligned, and every look-up would copy them first.
+    msg_id, row_size = head["id"].astype(np.intp), head["size"].astype(np.int64) - 2
+    ends = starts + row_size + 5
+    fits = (row_size >= walk.least.take(msg_id)) & (row_size <= walk.most.take(msg_id)) & (ends <= end)
     kept = np.flatnonzero(fits)
-    starts, topics = starts[kept], walk.topic[msg_id[kept]]
-    ends = starts + row_size[kept] + 5
+    starts, ends, topics = starts.take(kept), ends.take(kept), walk.topic.take(msg_id.take(kept))
     broken = np.ones(len(starts), bool)
     broken[:-1] = starts[1:] != ends[:-1]
     return _Images(starts, ends, topics, np.flatnonzero(broken))
@@ -359,17 +381,3 @@ def _decodes(walk: _Walk, position: int) -> bool:
     except BrokenMessageError:
         return False
     return True
-
-
-def _starts_by_topic(walk: _Walk) -> tuple[IntArray, ...]:
-    """Sort the accepted data messages by topic, in file order within each."""
-    n_topics = len(walk.known.subscriptions)
-    if not walk.accepted:
-        return tuple(np.zeros(0, np.int64) for _ in range(n_topics))
-    starts = np.concatenate([run[0] for run in walk.accepted])
-    # Integers of up to 16 bits are sorted by radix.
-    topics = np.concatenate([run[1] for run in walk.accepted]).astype(np.min_scalar_type(n_topics))
-    walk.accepted.clear()
-    order = np.argsort(topics, kind="stable")
-    cuts = np.cumsum(np.bincount(topics, minlength=n_topics))[:-1]
-    return tuple(np.split(starts[order], cuts))
