@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from quadid_logs.align import align
+from quadid_logs.align import cut, prepare
 from quadid_logs.align.pool import pool
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.log import FlightLog
@@ -108,9 +108,35 @@ def _analyze(
         for path, each in zip(paths, flights, strict=True)
     )
     pooled = pooled if len(paths) > 1 else ()
+    return judge(log, data, settings, vehicle=vehicle, pooled=pooled, timings_s=clock.timings_s)
+
+
+def judge(
+    log: FlightLog,
+    data: FlightData,
+    settings: Settings,
+    *,
+    vehicle: Vehicle | None,
+    pooled: tuple[PooledLog, ...] = (),
+    timings_s: Mapping[str, float],
+) -> Result:
+    """Identify and diagnose what was aligned: the end of every analysis.
+
+    Parameters
+    ----------
+    log, data, settings, vehicle, pooled
+        As of `Result`.
+    timings_s : mapping of str to float
+        What the stages before took.
+
+    Returns
+    -------
+    Result
+    """
+    began = time.perf_counter()
     identification = identify(data, settings)
     diagnosis = diagnose(log, data, identification, settings, pooled, vehicle)
-    clock.lap("identify")
+    timings = {**timings_s, "identify": time.perf_counter() - began}
     return Result(
         log=log,
         data=data,
@@ -119,31 +145,31 @@ def _analyze(
         settings=settings,
         vehicle=vehicle,
         pooled=pooled,
-        timings_s=clock.timings_s,
+        timings_s={**timings, "total": sum(timings.values())},
     )
 
 
 def _align_alike(logs: Sequence[FlightLog], settings: Settings) -> list[FlightData]:
     """Align every log; where their rates differ, all at the slowest of them."""
-    flights = [align(log, settings) for log in logs]
+    prepared = [prepare(log, settings) for log in logs]
+    flights = [cut(each, settings) for each in prepared]
     slowest_s = max((each.sample_period_s for each in flights if each.segments), default=float("nan"))
     same = replace(settings, sample_rate_hz=1.0 / slowest_s) if slowest_s > 0.0 else settings
     return [
-        align(log, same) if each.segments and each.sample_period_s != slowest_s else each
-        for log, each in zip(logs, flights, strict=True)
+        cut(log, same) if each.segments and each.sample_period_s != slowest_s else each
+        for log, each in zip(prepared, flights, strict=True)
     ]
 
 
 class _Clock:
-    """Seconds by stage, and in total."""
+    """Seconds by stage."""
 
     def __init__(self) -> None:
         self.timings_s: dict[str, float] = {}
-        self._began = self._mark = time.perf_counter()
+        self._mark = time.perf_counter()
 
     def lap(self, stage: str) -> None:
         """End a stage."""
         now = time.perf_counter()
         self.timings_s[stage] = now - self._mark
-        self.timings_s["total"] = now - self._began
         self._mark = now

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from quadid_logs.align.clock import Clock, find_clock
-from quadid_logs.align.flights import Interval, find_flights
+from quadid_logs.align.flights import Flights, Interval, find_flights
 from quadid_logs.align.gyro import check_gyro
 from quadid_logs.align.series import CleanSeries, clean
 from quadid_logs.align.sources import choose_sources, describe
@@ -20,11 +21,22 @@ from quadid_logs.maths.resampling import resample, resample_held
 from quadid_logs.maths.rotations import unwrapped
 from quadid_logs.vocabulary import MULTIROTOR, SIGNALS
 
-__all__ = ["align"]
+__all__ = ["Prepared", "align", "cut", "prepare"]
 
 #: No rate loop of a multirotor runs slower than this [Hz]; a log that is as
 #: fast holds every output.
 _LOOP_RATE_HZ = 200.0
+
+
+class Prepared(NamedTuple):
+    """A log on one clock, not yet resampled: by signal the cleaned sources and the chosen one."""
+
+    log: FlightLog
+    clock: Clock
+    candidates: Mapping[str, Sequence[CleanSeries]]
+    series: Mapping[str, CleanSeries]
+    torque: CleanSeries | None
+    flights: Flights
 
 
 def align(log: FlightLog, settings: Settings) -> FlightData:
@@ -43,17 +55,46 @@ def align(log: FlightLog, settings: Settings) -> FlightData:
         Without segments where the log lacks time, torque, rates or flight;
         what was found is described all the same.
     """
+    return cut(prepare(log, settings), settings)
+
+
+def prepare(log: FlightLog, settings: Settings) -> Prepared:
+    """Bring the log's signals onto one clock and find its flights: the same for every part of the log.
+
+    Parameters
+    ----------
+    log : FlightLog
+    settings : Settings
+        The thresholds on clocks and stamps.
+    """
     clock = find_clock(_signals_with_time(log), settings)
     candidates = {
         name: [clean(signal, clock, settings) for signal in log.candidates(name)]
         for name in (log.signals if log.has_time else ())
     }
-    span = _span(clock)
     series = choose_sources(candidates)
-    flights = find_flights(series, span)
-    intervals = _clip(flights.intervals, settings)
     torque = series.get("torque_n_m") or series.get("torque_command")
     _take_saturation(series, candidates, torque)
+    return Prepared(log, clock, candidates, series, torque, find_flights(series, _span(clock)))
+
+
+def cut(prepared: Prepared, settings: Settings) -> FlightData:
+    """Resample what the settings ask for: ``start_s``, ``end_s``, ``sample_rate_hz``.
+
+    Parameters
+    ----------
+    prepared : Prepared
+        From `prepare`, with the same thresholds.
+    settings : Settings
+
+    Returns
+    -------
+    FlightData
+        As of `align`.
+    """
+    log, clock, candidates, series, torque, flights = prepared
+    span = _span(clock)
+    intervals = _clip(flights.intervals, settings)
     period_s = _period_s(torque, settings)
     segments = _segments(series, torque, intervals, period_s, settings) if _may_be_multirotor(log) else ()
     return FlightData(

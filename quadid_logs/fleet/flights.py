@@ -7,14 +7,11 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from quadid_logs.align import align
-from quadid_logs.data.flight import FlightData
-from quadid_logs.data.log import FlightLog
+from quadid_logs.align import cut, prepare
 from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
 from quadid_logs.data.vehicle import Vehicle
-from quadid_logs.diagnose import diagnose
-from quadid_logs.identify import identify
+from quadid_logs.pipeline import judge
 from quadid_logs.readers import read_log
 from quadid_logs.vehicle import reconstruct
 
@@ -39,30 +36,14 @@ def analyze_flights(path: Path, settings: Settings, vehicle: Vehicle | None) -> 
     """
     began = time.perf_counter()
     log = reconstruct(read_log(path), vehicle)
-    whole = align(log, settings)
-    read_s = time.perf_counter() - began
-    if not 2 <= len(whole.flights) <= MOST_FLIGHTS:
-        yield _judged(log, whole, settings, vehicle, read_s)
-        return
-    for start_s, end_s in whole.flights:
-        here = dataclasses.replace(settings, start_s=start_s, end_s=end_s)
-        yield _judged(log, align(log, here), here, vehicle, read_s / len(whole.flights))
-
-
-def _judged(
-    log: FlightLog, data: FlightData, settings: Settings, vehicle: Vehicle | None, read_s: float
-) -> Result:
-    """Identify and diagnose."""
-    began = time.perf_counter()
-    identification = identify(data, settings)
-    diagnosis = diagnose(log, data, identification, settings)
-    identify_s = time.perf_counter() - began
-    return Result(
-        log=log,
-        data=data,
-        identification=identification,
-        diagnosis=diagnosis,
-        settings=settings,
-        vehicle=vehicle,
-        timings_s={"read": read_s, "identify": identify_s, "total": read_s + identify_s},
-    )
+    prepared = prepare(log, settings)
+    flights = prepared.flights.intervals
+    parts = [settings]
+    if 2 <= len(flights) <= MOST_FLIGHTS:
+        parts = [dataclasses.replace(settings, start_s=start_s, end_s=end_s) for start_s, end_s in flights]
+    read_s = (time.perf_counter() - began) / len(parts)
+    for part in parts:
+        began = time.perf_counter()
+        data = cut(prepared, part)
+        timings_s = {"read": read_s, "align": time.perf_counter() - began}
+        yield judge(log, data, part, vehicle=vehicle, timings_s=timings_s)
