@@ -15,6 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
+from quadid_logs.maths.normal import MEDIAN_DEVIATION, NORMAL_95
 
 #: Chance of any false alarm in a whole fleet: one in a hundred fleets.
 FALSE_ALARMS: Final = 0.01
@@ -27,11 +28,9 @@ _PRIOR_FLIGHTS: Final = 10.0
 _MIN_VEHICLES: Final = 5
 #: A splitting of the life is followed by tests of the parts: as many again.
 _LEVELS: Final = 2
-#: The median absolute deviation of normal values, and how much of the information it uses
-#: (Hampel 1974): m vehicles tell their scatter by it as well as 0.37 m by the standard deviation.
-_MAD: Final = 0.6745
+#: How much of the information the median absolute deviation uses (Hampel 1974): m vehicles tell
+#: their scatter by it as well as 0.37 m by the standard deviation.
 _MAD_EFFICIENCY: Final = 0.37
-_HALF_WIDTH: Final = 1.959964
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -124,7 +123,7 @@ def usual_scatter(lives: Sequence[Sequence[Series]]) -> dict[tuple[str, str], Us
         for one in life:
             told = one.told
             if len(told) >= 2 * MIN_RUN:
-                variance = (one.half_width[told] / _HALF_WIDTH) ** 2
+                variance = (one.half_width[told] / NORMAL_95) ** 2
                 squared = np.diff(one.value[told]) ** 2 / (variance[1:] + variance[:-1])
                 found.setdefault((one.name, one.axis), []).append(float(np.mean(squared)))
     return {
@@ -236,7 +235,7 @@ def _splits(one: Series, part: tuple[int, int], n_tests: int, usual: Usual) -> _
     if n_told < 2 * MIN_RUN:
         return _Splits(nothing, nothing + np.inf, nothing, nothing, nothing)
     centre = float(np.median(one.value[told]))  # sums of squares of what is small
-    value, weight = one.value[told] - centre, (_HALF_WIDTH / one.half_width[told]) ** 2
+    value, weight = one.value[told] - centre, (NORMAL_95 / one.half_width[told]) ** 2
     # How many of the flights that tell lie before each flight of the part.
     count = np.searchsorted(told, np.arange(part[0], part[1]))
     sums = [np.concatenate([[0.0], np.cumsum(weight * value**power)]) for power in (0, 1, 2)]
@@ -289,7 +288,7 @@ def present_value(one: Series, since: int, usual: Usual) -> tuple[float, float]:
     told = told[told >= since]
     if not len(told):
         return float("nan"), float("nan")
-    weight = (_HALF_WIDTH / one.half_width[told]) ** 2
+    weight = (NORMAL_95 / one.half_width[told]) ** 2
     mean = float(np.sum(weight * one.value[told]) / np.sum(weight))
     residual = float(np.sum(weight * (one.value[told] - mean) ** 2))
     scatter = max((residual + usual.flights * usual.scatter) / max(len(told) - 1.0 + usual.flights, 1.0), 1.0)
@@ -326,7 +325,7 @@ def compare_vehicles(
     for vehicle, (value, error) in known.items():
         others = np.array([both[0] for other, both in known.items() if other != vehicle])
         middle = float(np.median(others))
-        scatter = float(np.median(np.abs(others - middle))) / _MAD
+        scatter = float(np.median(np.abs(others - middle))) / MEDIAN_DEVIATION
         freedom = max(_MAD_EFFICIENCY * (len(others) - 1), 1.0)
         margin = float(np.hypot(_student(n_tests, freedom) * np.hypot(scatter, error), floor))
         standings.append(

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import FloatArray, IntArray
+from quadid_logs.maths.normal import MEDIAN_DEVIATION, NORMAL_95
 from quadid_logs.maths.rotations import euler_rates
 
 #: Points per stretch at which the kinematics are evaluated: 100 Hz over a second, ten times what turns.
@@ -121,7 +122,7 @@ def _fit_shifted(
     weight = np.ones_like(change)
     for _ in range(_ROUNDS):
         solution, residuals = _solve(regressors, change, weight)
-        noise = 1.4826 * np.median(np.abs(residuals), axis=0) + _FINEST_RAD
+        noise = np.median(np.abs(residuals), axis=0) / MEDIAN_DEVIATION + _FINEST_RAD
         size = np.abs(residuals) / noise
         weight = np.sqrt(np.minimum(1.0, _OUTLIER / np.maximum(size, _OUTLIER))) / noise
     half_width, explained = _certainty(regressors, residuals, weight, solution)
@@ -230,7 +231,7 @@ def _certainty(
     parts = np.linalg.pinv(scaled) / scale[:, None]
     squares = np.sum(parts**2, axis=1)
     spare = max(noise.size - solution.size, 1)
-    half_width = 1.96 * np.sqrt(squares * np.sum(noise**2) / spare)
+    half_width = NORMAL_95 * np.sqrt(squares * np.sum(noise**2) / spare)
     by_angle = np.sum(parts.reshape(solution.size, -1, 3) ** 2, axis=1)
     unexplained = by_angle @ np.sum(noise**2, axis=0)
     whole = solution**2 + unexplained

@@ -6,6 +6,7 @@ import math
 
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.torque import MixerCheck, TorqueModel
+from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.report.numbers import number, percent
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES, TORQUE_SYMBOLS
@@ -63,7 +64,7 @@ def _calibration(model: TorqueModel) -> str:
     parts = []
     if known.route:
         per = [
-            f"{symbol} {number(value)} (±{percent(1.96 * sigma)})"
+            f"{symbol} {number(value)} (±{percent(NORMAL_95 * sigma)})"
             for symbol, value, sigma in zip(
                 TORQUE_SYMBOLS, known.n_m_per_command, known.relative_sigma, strict=True
             )
