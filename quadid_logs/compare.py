@@ -19,8 +19,8 @@ _FALSE_ALARMS = 0.05
 #: simulated vehicle with multisines, doublets, 3-2-1-1 steps and wind of 8 m/s: couplings move by up to
 #: 0.3 % of the larger of the two own gains (and half a degree in the mounting of a gyro makes 0.9 %),
 #: damping by 12 % (drag is no constant), lag and delay by 1 ms.
-_COUPLING_FLOOR = 0.01
-_DAMPING_FLOOR = 0.15
+COUPLING_FLOOR = 0.01
+DAMPING_FLOOR = 0.15
 _TIME_FLOOR_MS = 1.0
 
 
@@ -213,7 +213,7 @@ def _parameters(first: Model, second: Model, reasons: Mapping[str, str]) -> Iter
             if one is None or two is None or not (_known(one) and _known(two)):
                 continue
             scale = one if regressor == rate else _larger_gain(first, own, regressor)
-            share = _DAMPING_FLOOR if regressor == rate else 0.0 if one is own else _COUPLING_FLOOR
+            share = DAMPING_FLOOR if regressor == rate else 0.0 if one is own else COUPLING_FLOOR
             yield Quantity(
                 name=one.name,
                 axis=axis,

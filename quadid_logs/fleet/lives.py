@@ -12,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
+from quadid_logs.compare import COUPLING_FLOOR, DAMPING_FLOOR
 from quadid_logs.fleet.changes import (
     Change,
     Series,
@@ -31,11 +32,6 @@ from quadid_logs.vocabulary import AXES, TORQUE_SYMBOLS
 #: density: 3.5 % per 10 degrees or 300 m of height, so 10 % between a cold day at sea level and a warm
 #: one in the hills; payload and battery are in the same size.
 _GAIN_FLOOR: Final = 0.10
-#: A coupling does not (it is taken as a share of the larger own gain): measured in the simulator, wind and
-#: manoeuvre move it by 0.3 %; half a degree in the mounting of the gyro makes 0.9 %.
-_COUPLING_FLOOR: Final = 0.01
-#: Rotor drag grows with airspeed: measured, wind moves the damping by 12 %.
-_DAMPING_FLOOR: Final = 0.15
 #: Measured between manoeuvres: 1 ms [s]; rotors answer slower in thin air and on an old battery.
 _LAG_FLOOR_S: Final = 0.003
 _COLUMNS: Final = (
@@ -221,34 +217,21 @@ def _series(flights: Sequence[Mapping[str, dict[str, Any]]], structure: str, uni
     ]
     gains = {axis: _column(usable, axis, "gain") for axis in AXES}
     scale = {axis: _typical(gains[axis][0]) for axis in AXES}
-    for number, axis in enumerate(AXES):
-        value, half_width = gains[axis]
-        yield Series(
-            name="gain", axis=axis, value=value, half_width=half_width, floor=_GAIN_FLOOR * scale[axis]
-        )
-        for torque, other in enumerate(AXES):
-            if torque != number:
-                value, half_width = _column(usable, axis, f"from_{TORQUE_SYMBOLS[torque].lower()}")
-                larger = max(scale[axis], scale[other])
-                yield Series(
-                    name=f"from {other}",
-                    axis=axis,
-                    value=value,
-                    half_width=half_width,
-                    floor=_COUPLING_FLOOR * larger,
-                )
-        value, half_width = _column(usable, axis, "damping")
-        yield Series(
-            name="damping",
-            axis=axis,
-            value=value,
-            half_width=half_width,
-            floor=_DAMPING_FLOOR * _typical(value),
-        )
-    value, half_width = _column(
-        [{"": next(iter(rows.values()))} if rows else {} for rows in usable], "", "lag_s"
-    )
-    yield Series(name="lag", axis="", value=value, half_width=half_width, floor=_LAG_FLOOR_S)
+    for axis in AXES:
+        yield _one("gain", axis, gains[axis], _GAIN_FLOOR * scale[axis])
+        for torque, other in zip(TORQUE_SYMBOLS, AXES, strict=True):
+            if other != axis:
+                coupling = _column(usable, axis, f"from_{torque.lower()}")
+                yield _one(f"from {other}", axis, coupling, COUPLING_FLOOR * max(scale[axis], scale[other]))
+        damping = _column(usable, axis, "damping")
+        yield _one("damping", axis, damping, DAMPING_FLOOR * _typical(damping[0]))
+    lag = _column([{"": next(iter(rows.values()))} if rows else {} for rows in usable], "", "lag_s")
+    yield _one("lag", "", lag, _LAG_FLOOR_S)
+
+
+def _one(name: str, axis: str, known: tuple[FloatArray, FloatArray], floor: float) -> Series:
+    value, half_width = known
+    return Series(name=name, axis=axis, value=value, half_width=half_width, floor=floor)
 
 
 def _column(
