@@ -18,6 +18,13 @@ from quadid_logs.data.model import Identification
 from quadid_logs.data.settings import Settings
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.diagnose import diagnose
+from quadid_logs.diagnose.advice import (
+    ATTITUDE_FAST,
+    DEFAULT_LOG_BITMASK,
+    SDLOG_PROFILE,
+    SID_AXIS,
+    SID_MAGNITUDE,
+)
 from quadid_logs.errors import SettingsError
 from quadid_logs.identify import identify
 from quadid_logs.simulate import Scenario, fly, plan_flights
@@ -32,9 +39,6 @@ from quadid_logs.vocabulary import AXES
 _AROUND_S = 12.0
 #: What a pilot needs to choose the next axis on the ground station.
 _PAUSE_S = 6.0
-#: Share of the mixer's range. Rolls and pitches a quadrotor by some 30 deg/s at 1 Hz and by little at
-#: 8 Hz; yaw answers ten times less. Too small for the noise is seen, too large meets the motors' limits.
-_MAGNITUDE: Final[Mapping[str, float]] = MappingProxyType({"roll": 0.05, "pitch": 0.05, "yaw": 0.15})
 #: Stick doublets: a third of the stick for 0.4 s each way, 30 s per axis.
 _DOUBLET_RAD_S, _DOUBLET_S, _DOUBLETS_PER_AXIS_S = 0.7, 0.4, 30.0
 
@@ -68,7 +72,7 @@ class Plan:
         """Return the parameters of an axis' sweep, SID_AXIS first: it shows the others."""
         sweep = self.sweeps[axis]
         return (
-            ("SID_AXIS", 10.0 + AXES.index(axis)),
+            ("SID_AXIS", float(SID_AXIS[axis])),
             ("SID_MAGNITUDE", sweep.magnitude),
             ("SID_F_START_HZ", sweep.start_hz),
             ("SID_F_STOP_HZ", sweep.stop_hz),
@@ -121,7 +125,7 @@ def make_plan(autopilot: str, axes: Sequence[str] = ()) -> Plan:
             f"There is no plan for {autopilot!r}.", hint=f"Choose one of {', '.join(_LOGGING)}."
         )
     chosen = tuple(axis for axis in AXES if not axes or axis in axes)
-    sweeps = {axis: Sweep(magnitude=_MAGNITUDE[axis]) for axis in chosen if autopilot == "ardupilot"}
+    sweeps = {axis: Sweep(magnitude=SID_MAGNITUDE[axis]) for axis in chosen if autopilot == "ardupilot"}
     flown_s = sum(sweep.record_s + _PAUSE_S for sweep in sweeps.values())
     return Plan(
         autopilot=autopilot,
@@ -133,7 +137,10 @@ def make_plan(autopilot: str, axes: Sequence[str] = ()) -> Plan:
 
 
 _LOGGING: Final[Mapping[str, tuple[Setting, ...]]] = MappingProxyType(
-    {"ardupilot": (("LOG_BITMASK", 176127.0),), "px4": (("SDLOG_PROFILE", 25.0),)}
+    {
+        "ardupilot": (("LOG_BITMASK", float(DEFAULT_LOG_BITMASK | ATTITUDE_FAST)),),
+        "px4": (("SDLOG_PROFILE", float(SDLOG_PROFILE)),),
+    }
 )
 
 

@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Final
 
 #: ArduCopter LOG_BITMASK: bit 0 is ATTITUDE_FAST, RATE and attitude at the loop rate.
-_ATTITUDE_FAST = 1
-_DEFAULT_LOG_BITMASK = 176126
+ATTITUDE_FAST: Final = 1
+DEFAULT_LOG_BITMASK: Final = 176126
 #: PX4 SDLOG_PROFILE: default (1) + system identification (8) + high rate (16).
-_SDLOG_PROFILE = 25
+SDLOG_PROFILE: Final = 25
+#: ArduCopter mode_systemid.cpp, SID_AXIS: 10 mixer roll, 11 mixer pitch, 12 mixer yaw.
+SID_AXIS: Final[Mapping[str, int]] = MappingProxyType({"roll": 10, "pitch": 11, "yaw": 12})
+#: Share of the mixer's range. Rolls and pitches a quadrotor by some 30 deg/s at 1 Hz and by little at
+#: 8 Hz; yaw answers ten times less. Too small for the noise is seen, too large meets the motors' limits.
+SID_MAGNITUDE: Final[Mapping[str, float]] = MappingProxyType({"roll": 0.05, "pitch": 0.05, "yaw": 0.15})
+#: How a pilot moves the stick of an axis.
+STICKS: Final[Mapping[str, str]] = MappingProxyType(
+    {"roll": "left-right", "pitch": "forward-back", "yaw": "rudder left-right"}
+)
 
 
 def logging_advice(autopilot: str, log_format: str, parameters: Mapping[str, float]) -> str:
@@ -29,14 +40,14 @@ def logging_advice(autopilot: str, log_format: str, parameters: Mapping[str, flo
             "A telemetry log is too slow for this and lacks the torque: use the log on the vehicle's card. "
         )
     if autopilot == "ardupilot":
-        mask = int(parameters.get("LOG_BITMASK", _DEFAULT_LOG_BITMASK)) | _ATTITUDE_FAST
+        mask = int(parameters.get("LOG_BITMASK", DEFAULT_LOG_BITMASK)) | ATTITUDE_FAST
         return (
             f"{onboard}Set LOG_BITMASK to {mask} (adds bit 0, ATTITUDE_FAST), so that RATE is logged at the "
             "loop rate (400 Hz), and fly again."
         )
     if autopilot == "px4":
         return (
-            f"{onboard}Set SDLOG_PROFILE to {_SDLOG_PROFILE} (default + system identification + high rate), "
+            f"{onboard}Set SDLOG_PROFILE to {SDLOG_PROFILE} (default + system identification + high rate), "
             "restart the vehicle, and fly again."
         )
     return f"{onboard}Log body rates and the rate controller's outputs at 100 Hz or more."
@@ -45,20 +56,13 @@ def logging_advice(autopilot: str, log_format: str, parameters: Mapping[str, flo
 def excitation_advice(autopilot: str, axis: str) -> str:
     """Say what to fly so that an axis is moved enough."""
     system_id = {
-        "ardupilot": f" ArduCopter's System ID mode does it by itself: SID_AXIS {_SID_AXIS[axis]} "
-        f"(mixer {axis}), SID_MAGNITUDE {_SID_MAGNITUDE[axis]}. On the mixer axes the unit is a share of the "
+        "ardupilot": f" ArduCopter's System ID mode does it by itself: SID_AXIS {SID_AXIS[axis]} "
+        f"(mixer {axis}), SID_MAGNITUDE {SID_MAGNITUDE[axis]}. On the mixer axes the unit is a share of the "
         "full command, so the default of 15 is dangerous: read the value back before the flight; "
         "see quadid-log plan.",
         "px4": "",
     }.get(autopilot, "")
-    stick = {"roll": "left-right", "pitch": "forward-back", "yaw": "rudder left-right"}[axis]
     return (
-        f"In calm air, fly quick {stick} stick doublets (half a second each way, a third of full stick) "
-        f"for 30 s.{system_id}"
+        f"In calm air, fly quick {STICKS[axis]} stick doublets (half a second each way, a third of full "
+        f"stick) for 30 s.{system_id}"
     )
-
-
-#: A share of the full command that moves a usual quadrotor well above its noise.
-_SID_MAGNITUDE = {"roll": 0.05, "pitch": 0.05, "yaw": 0.15}
-#: ArduCopter mode_systemid.cpp, SID_AXIS: 10 mixer roll, 11 mixer pitch, 12 mixer yaw.
-_SID_AXIS = {"roll": 10, "pitch": 11, "yaw": 12}

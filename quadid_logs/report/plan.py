@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from quadid_logs.data.model import Parameter
+from quadid_logs.diagnose.advice import STICKS
 from quadid_logs.plan import Plan, Prediction, Setting
 from quadid_logs.report.json import strict_text
 from quadid_logs.report.numbers import estimate, number
@@ -16,7 +17,6 @@ from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import OWN_GAIN
 
 CARD_FILE = "plan.md"
-_STICKS = {"roll": "left-right", "pitch": "forward-back", "yaw": "rudder left-right"}
 
 
 def parameter_files(plan: Plan) -> dict[str, str]:
@@ -138,7 +138,7 @@ def _steps(plan: Plan) -> tuple[str, ...]:
     after = "Land, take the log from the card, and run: quadid-log analyze LOG"
     if not plan.sweeps:
         manoeuvres = (
-            f"{axis.capitalize()}: quick {_STICKS[axis]} doublets, half a second each way, a third of full "
+            f"{axis.capitalize()}: quick {STICKS[axis]} doublets, half a second each way, a third of full "
             "stick, a second of rest between them, for 30 s."
             for axis in plan.axes
         )
