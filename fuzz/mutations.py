@@ -17,7 +17,6 @@ Mutation = Callable[[random.Random, bytearray], bytearray]
 Frame = tuple[int, int]
 """Where a message begins and where it ends."""
 
-LONGEST = 1 << 16
 DATAFLASH_HEADER, ULOG_HEADER = b"\xa3\x95", 16
 WILD = (float("nan"), float("inf"), -float("inf"), 1e38, -3.4e38, 1e-40, 0.0, -0.0, 1e300, 1e16)
 SIGNALLING = (b"\x01\x00\xa0\x7f", b"\x01\x00\x00\x00\x00\x00\xf4\x7f")

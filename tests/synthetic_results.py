@@ -167,7 +167,12 @@ def _log(path: str) -> FlightLog:
             channels=(1, 2, 3, 4),
             channel_source="SERVOn_FUNCTION",
             check=MixerCheck(
-                n_samples=600, mean_us=0.001, std_us=0.04, largest_us=1.0, density="BARO.AltAMSL"
+                n_samples=600,
+                mean_us=0.001,
+                std_us=0.04,
+                largest_us=1.0,
+                typical_us=0.03,
+                density="BARO.AltAMSL",
             ),
             saturated_fraction=(0.0, 0.001, 0.05),
             needs=("mass_kg",),

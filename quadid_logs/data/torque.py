@@ -9,6 +9,9 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 
+#: Between what rows of neighbouring loops differ by and what a wrong parameter does [us].
+_TYPICAL_LIMIT_US = 5.0
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MixerCheck:
@@ -23,8 +26,15 @@ class MixerCheck:
     mean_us: float
     std_us: float
     largest_us: float
+    typical_us: float
     density: str
-    typical_us: float = math.nan
+
+    @property
+    def fits(self) -> bool:
+        """Whether what the motors did is what is computed here."""
+        # Not mean and standard deviation: a log slower than the loop has rows of another
+        # loop beside those of the outputs, and where the command jumps a few are far off.
+        return self.typical_us < _TYPICAL_LIMIT_US
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -59,11 +59,7 @@ def _pass(needs: tuple[str, ...]) -> str:
 def _mixer(model: TorqueModel, given: InputDescription) -> Iterator[Finding]:
     """Say that pulse widths do not follow from the commands."""
     check = model.check
-    if (
-        check is not None
-        and not given.realised
-        and any("pulse widths miss" in each for each in model.remarks)
-    ):
+    if check is not None and not check.fits and not given.realised:
         yield finding(
             "QL307",
             "info",

@@ -89,17 +89,11 @@ class Packets(NamedTuple):
 
 
 class Framing(NamedTuple):
-    """The packets of a file and what is between them.
-
-    `stamped` is False for a bare MAVLink stream without host times;
-    `n_unknown` counts packets of unknown type, `n_bad` those whose checksum is wrong.
-    """
+    """The packets of a file and what is between them; `n_unknown` counts packets of unknown type."""
 
     packets: Packets
-    stamped: bool
     lost: tuple[LostStretch, ...]
     n_unknown: int
-    n_bad: int
 
 
 def frame(data: Bytes, dialect: Dialect) -> Framing:
@@ -121,9 +115,10 @@ def frame(data: Bytes, dialect: Dialect) -> Framing:
     keep = _without_overlap(packets)
     packets = packets if keep.all() else packets.where(keep)
     before = packets.start[1:] - packets.end[:-1]
+    # A bare MAVLink stream has no host times.
     stamped = not len(before) or bool((before >= STAMP_SIZE).mean() > 0.5)
-    lost, n_unknown, n_bad = _between(data, packets, dialect, STAMP_SIZE if stamped else 0)
-    return Framing(packets, stamped, lost, n_unknown, n_bad)
+    lost, n_unknown = _between(data, packets, dialect, STAMP_SIZE if stamped else 0)
+    return Framing(packets, lost, n_unknown)
 
 
 def host_time_s(data: Bytes, packets: Packets) -> FloatArray:
@@ -302,12 +297,12 @@ def _without_overlap(found: Packets) -> BoolArray:
 
 def _between(
     data: Bytes, packets: Packets, dialect: Dialect, stamp: int
-) -> tuple[tuple[LostStretch, ...], int, int]:
-    """Explain the bytes between the packets: lost stretches, unknown packets, wrong checksums."""
+) -> tuple[tuple[LostStretch, ...], int]:
+    """Explain the bytes between the packets: lost stretches, and how many packets of unknown type."""
     begins = np.concatenate([[0], packets.end])
     ends = np.concatenate([packets.start - stamp, [len(data)]])
     lost: list[LostStretch] = []
-    n_unknown = n_bad = 0
+    n_unknown = 0
     for k in np.flatnonzero(ends > begins).tolist():
         begin, end = int(begins[k]), int(ends[k])
         bad = _explain_gap(data, begin, end, dialect, stamp)
@@ -317,9 +312,9 @@ def _between(
             lost.append(LostStretch(offset=begin, n_bytes=end - begin, reason=reason))
             continue
         unknown, wrong = bad
-        n_unknown, n_bad = n_unknown + unknown, n_bad + len(wrong)
+        n_unknown += unknown
         lost += [LostStretch(offset=a, n_bytes=b - a, reason="wrong checksum") for a, b in wrong]
-    return merge_stretches(lost), n_unknown, n_bad
+    return merge_stretches(lost), n_unknown
 
 
 def _explain_gap(

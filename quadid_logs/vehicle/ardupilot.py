@@ -28,14 +28,12 @@ from quadid_logs.vehicle.mixer import (
 from quadid_logs.vehicle.motors import MotorSeries, any_motor, on_all_axes
 from quadid_logs.vehicle.slow import at_rows, first, flown
 
-#: What the firmware log's own rounding leaves is 0.05 us; a wrong parameter shows as tens of microseconds.
-MEAN_LIMIT_US, STD_LIMIT_US = 1.0, 2.0
+#: A fitted gain explains the outputs better than a known one by chance: rounding leaves 0.05 us.
+_HANDICAP_US = 1.0
 #: The row of RATE from which a row of RCOU was mixed is at most this many periods older.
 _SAME_LOOP_PERIODS = 1.5
 #: Whether RATE is written before or after its loop's outputs depends on the firmware's order of tasks.
 _LOOPS = (0, -1, 1)
-#: Between what rows of neighbouring loops differ by and what a wrong parameter does.
-_TYPICAL_LIMIT_US = 5.0
 #: Share of a normal distribution within one standard deviation.
 _ONE_SIGMA = 0.683
 #: Fewer rows prove nothing.
@@ -59,9 +57,7 @@ class Rebuilt:
     @property
     def trusted(self) -> bool:
         """Whether the recomputed pulse widths fit, or could not be compared."""
-        # Not mean and standard deviation: a log slower than the loop has rows of another
-        # loop beside those of RCOU, and where the command jumps a few are far off.
-        return self.check is None or self.check.typical_us < _TYPICAL_LIMIT_US
+        return self.check is None or self.check.fits
 
 
 def rebuild(log: FlightLog, airframe: Airframe) -> Rebuilt:
@@ -378,7 +374,7 @@ def _misfit(check: MixerCheck | None) -> float:
     """Return what to minimise over density laws; a fitted gain must be clearly better than a known one."""
     if check is None:
         return math.inf
-    handicap = MEAN_LIMIT_US if check.density.startswith("fitted") else 0.0
+    handicap = _HANDICAP_US if check.density.startswith("fitted") else 0.0
     return check.typical_us + handicap
 
 
