@@ -12,6 +12,7 @@ from quadid_logs.data.settings import Settings
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.instruments import Projection
 from quadid_logs.identify.products import torque_products
+from quadid_logs.identify.structures import Structure
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS
 
 #: Coarse grid as shares of the largest lag and delay, denser where real ones lie.
@@ -60,25 +61,18 @@ class _Fold(NamedTuple):
 
 
 def fit_actuator(
-    design: Design,
-    regressors: Sequence[str],
-    axes: Sequence[int],
-    settings: Settings,
-    start: ActuatorFit | None = None,
+    design: Design, structure: Structure, axes: Sequence[int], settings: Settings
 ) -> ActuatorFit:
-    """Find the lag and delay that explain the training blocks best.
+    """Find the lag and delay that explain the training blocks best, as if the lag acted on the torque.
 
     Parameters
     ----------
     design : Design
-    regressors : sequence of str
-        Columns beside the torque.
+    structure : Structure
     axes : sequence of int
         Axes (0 roll, 1 pitch, 2 yaw) that are moved enough to tell.
     settings : Settings
         ``max_lag_s``, ``max_delay_s``.
-    start : ActuatorFit, optional
-        A fit to almost the same data: only its neighbourhood is searched.
 
     Returns
     -------
@@ -92,16 +86,12 @@ def fit_actuator(
     by the logarithm of their error, so that none outweighs the others by its
     units. The held-out blocks stay unseen.
     """
-    score = Scorer(design, regressors, axes)
+    score = Scorer(design, structure, axes)
     lags = settings.max_lag_s * np.array(_LAG_SHARES)
     delays = settings.max_delay_s * np.array(_DELAY_SHARES)
-    if start is None:
-        loss = np.exp([[score(lag, delay) for delay in delays] for lag in lags])
-        row, column = divmod(int(np.argmin(loss)), delays.size)
-        lag_s, delay_s = float(lags[row]), float(delays[column])
-    else:
-        loss, lag_s, delay_s = start.loss, start.lag_s, start.delay_s
-        row, column = int(np.argmin(np.abs(lags - lag_s))), int(np.argmin(np.abs(delays - delay_s)))
+    loss = np.exp([[score(lag, delay) for delay in delays] for lag in lags])
+    row, column = divmod(int(np.argmin(loss)), delays.size)
+    lag_s, delay_s = float(lags[row]), float(delays[column])
     lag_step, delay_step = _step_at(lags, row), _step_at(delays, column)
     for _ in range(_REFINEMENTS):
         trial = [
@@ -111,11 +101,11 @@ def fit_actuator(
         ]
         _, lag_s, delay_s = min(trial)
         lag_step, delay_step = lag_step / 4.0, delay_step / 4.0
-    limit_s = _lag_limit(score, lag_s, delay_s)
+    limit_s = lag_limit(score, lag_s, delay_s)
     return ActuatorFit(lag_s, delay_s, limit_s, lags, delays, loss)
 
 
-def _lag_limit(score: Scorer, lag_s: float, delay_s: float) -> float:
+def lag_limit(score: Scorer, lag_s: float, delay_s: float) -> float:
     """Return how much of the delay might as well be lag.
 
     For slow motion lag and delay act by their sum alone. Along a constant
@@ -133,11 +123,11 @@ class Scorer:
     ``design`` is thinned where the flight is longer than the question needs.
     """
 
-    def __init__(self, design: Design, regressors: Sequence[str], axes: Sequence[int]) -> None:
+    def __init__(self, design: Design, structure: Structure, axes: Sequence[int]) -> None:
         design = design.thinned(_ENOUGH_ROWS)
         self.design = design
         self._axes = list(axes)
-        names = (*regressors, *design.disturbances)
+        names = (*structure.regressors, *design.disturbances(structure))
         self._fixed = np.column_stack([design.columns[name] for name in names])
         targets = np.column_stack([design.columns[name] for name in ACCELERATION_SYMBOLS])
         self._targets = targets[:, self._axes]
@@ -147,7 +137,7 @@ class Scorer:
         # So they must where a flight is so short, or so much cut about, that one half is empty.
         one_part = design.instruments is not None or not (train & even).any() or not (train & ~even).any()
         parts = (train,) if one_part else (train & even, train & ~even)
-        halves = [(np.flatnonzero(rows), Projection(design, regressors, rows)) for rows in parts]
+        halves = [(np.flatnonzero(rows), Projection(design, structure, rows)) for rows in parts]
         self._folds = [self._fold(*halves[0], *halves[-1])]
         if len(halves) > 1:
             self._folds.append(self._fold(*halves[1], *halves[0]))
@@ -159,9 +149,7 @@ class Scorer:
         directions = project.directions(design.time_s.size, rows)
         self._products = None if directions is None else torque_products(design, directions)
         self._explained = project.coordinates(self._targets[rows])
-        n_instruments = sum(project.n_instruments for _, project in halves)
-        #: Relative difference of the squared errors that chance makes.
-        self.same_loss = _CHANCE / (n_instruments * len(self._axes)) if n_instruments else _SAME_LOSS
+        self.same_loss = same_loss(halves[0][1], self._axes)
 
     def _fold(self, fit: IntArray, to_fit: Projection, score: IntArray, to_score: Projection) -> _Fold:
         fixed = to_fit.coordinates(self._fixed[fit])
@@ -199,6 +187,11 @@ class Scorer:
 
     def _log_error(self, error: FloatArray) -> float:
         return float(np.mean(np.log(np.maximum(error, 1e-300) / np.maximum(self._spread, 1e-300))))
+
+
+def same_loss(project: Projection, axes: Sequence[int]) -> float:
+    """Return the relative difference of squared errors, mean over the axes, that chance makes."""
+    return _CHANCE / (project.n_instruments * len(axes)) if project.n_instruments else _SAME_LOSS
 
 
 def _left_by_torque(fit: FloatArray, score: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.data.model import ChangeCheck, FormsCheck
 from quadid_logs.identify.actuator import ActuatorFit
 from quadid_logs.identify.design import Design
-from quadid_logs.identify.fit import PooledFit, Problem, clusters_of, fit_pooled, problem_of
+from quadid_logs.identify.fit import PooledFit, Problem, clusters_of, fit_pooled
 from quadid_logs.identify.structures import Structure
 from quadid_logs.maths.least_squares import column_scale, solve_least_squares
 from quadid_logs.maths.stability import largest_change
@@ -25,9 +25,7 @@ _RESAMPLED = 400
 _FEWEST_BLOCKS = 6
 
 
-def check_change(
-    design: Design, structure: Structure, fit: PooledFit, actuator: ActuatorFit, axes: Sequence[int]
-) -> ChangeCheck:
+def check_change(design: Design, structure: Structure, problem: Problem, axes: Sequence[int]) -> ChangeCheck:
     """Look for the time after which an axis' own gain is another one.
 
     Parameters
@@ -35,9 +33,8 @@ def check_change(
     design : Design
         As it was fitted.
     structure : Structure
-    fit : PooledFit
-        Of all rows.
-    actuator : ActuatorFit
+    problem : Problem
+        Its rows.
     axes : sequence of int
         Axes that are moved.
 
@@ -46,7 +43,6 @@ def check_change(
     ChangeCheck
         NaN on the other axes.
     """
-    problem = problem_of(design, structure, actuator, fit.kept)
     clusters, time_s = clusters_of(design), design.time_s[design.train]
     found = np.full((4, 3), np.nan)
     for axis in axes:
@@ -83,16 +79,13 @@ def check_forms(design: Design, structure: Structure, fit: PooledFit, actuator: 
     )
 
 
-def bootstrapped_half_width(
-    design: Design, structure: Structure, fit: PooledFit, actuator: ActuatorFit
-) -> FloatArray:
+def bootstrapped_half_width(design: Design, structure: Structure, problem: Problem) -> FloatArray:
     """Return half widths of the 95 % intervals of the own gains by resampling blocks; shape (3,).
 
     Blocks are longer than any memory of the residuals, so they may be drawn
     with replacement (H. R. Kunsch, Annals of Statistics 17, 1989). NaN where
     there are too few.
     """
-    problem = problem_of(design, structure, actuator, fit.kept)
     blocks = np.unique(design.block[design.train], return_inverse=True)[1]
     n_blocks = int(blocks.max()) + 1
     half_width = np.full(3, np.nan)

@@ -17,7 +17,7 @@ import numpy as np
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.data.settings import Settings
-from quadid_logs.identify.structures import THROTTLED_YAW
+from quadid_logs.identify.structures import THROTTLED_YAW, Structure
 from quadid_logs.maths.band import (
     ComplexArray,
     angular_frequency,
@@ -169,10 +169,16 @@ class Design:
         parts = np.split(columns, ends)
         return np.concatenate([without_slow(part, self.period_s, slow_hz) for part in parts])
 
-    @property
-    def disturbances(self) -> tuple[str, ...]:
-        """Columns that move the vehicle beside the torque, and that belong to no structure."""
-        return tuple(name for name in AIR_SPEED if name in self.columns)
+    def disturbances(self, structure: Structure) -> tuple[str, ...]:
+        """Return the columns that move the vehicle beside those of a structure; the paper's own have none.
+
+        Of a vehicle with products of inertia the squares of the rates turn it too. Left out, they
+        pass for a gyroscopic term wherever cross talk of the gyro lets two rates move together.
+        """
+        if not structure.actuated:
+            return ()
+        squares = (name for name in PRODUCTS if name not in structure.columns)
+        return (*(name for name in AIR_SPEED if name in self.columns), *squares)
 
     def thinned(self, n_rows: int) -> Design:
         """Return a design of about `n_rows` rows, of whole pieces spread over the flight."""

@@ -12,6 +12,7 @@ from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.identify.actuator import ActuatorFit
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.instruments import Projection
+from quadid_logs.identify.rotors import RotorSlopes
 from quadid_logs.identify.structures import THROTTLED_YAW, TRIM, Structure
 from quadid_logs.maths.least_squares import Equation, clustered_covariance, solve_least_squares
 
@@ -104,10 +105,9 @@ def problem_of(
     )
     # The paper's own structures are fitted as the paper does.
     instrumented = design if actuator is not None else design.without_instruments()
-    disturbances = design.disturbances if actuator is not None else ()
     whole = np.column_stack(
         [
-            design.stack((*structure.columns, *disturbances), torque),
+            design.stack((*structure.columns, *design.disturbances(structure)), torque),
             *(design.columns[name] for name in structure.targets),
         ]
     )
@@ -119,8 +119,17 @@ def problem_of(
         used[:, : len(structure.columns)] = kept
     if design.slow_hz and TRIM in structure.columns:
         used[:, structure.columns.index(TRIM)] = False
-    project = Projection(instrumented, structure.regressors, train)
+    project = Projection(instrumented, structure, train)
     return Problem(Z, project(Z), Y, used, project)
+
+
+def coefficients_of(problem: Problem) -> FloatArray:
+    """Solve each row; shape (n_targets, n_columns), zero where a column is not used."""
+    theta = np.zeros(problem.used.shape)
+    for row, columns in enumerate(problem.used):
+        solved = solve_least_squares(problem.explained[:, columns], problem.Y[:, row : row + 1])
+        theta[row, columns] = solved.coefficients[0]
+    return theta
 
 
 def fit_pooled(
@@ -128,7 +137,7 @@ def fit_pooled(
     structure: Structure,
     actuator: ActuatorFit | None,
     kept: BoolArray | None = None,
-    uneven: Design | None = None,
+    slopes: RotorSlopes | None = None,
     *,
     average: int = 1,
 ) -> PooledFit:
@@ -143,9 +152,9 @@ def fit_pooled(
         intervals. None for the torque as logged.
     kept : ndarray of bool, shape (n_targets, n_columns), optional
         Columns that each target may use; all by default.
-    uneven : Design, optional
-        Holds the derivative of the torque by the unevenness of the rotors'
-        lag, whose uncertainty then widens the intervals too.
+    slopes : RotorSlopes, optional
+        Of rotors that lag; the uncertainty of their unevenness then widens
+        the intervals too.
     average : int
         Rows that both sides are averaged over first (the integral form).
 
@@ -153,17 +162,16 @@ def fit_pooled(
     -------
     PooledFit
     """
-    Z, explained, Y, used, project = problem_of(design, structure, actuator, kept, average=average)
+    problem = problem_of(design, structure, actuator, kept, average=average)
+    Z, explained, Y, used, project = problem
     n_columns = len(structure.columns)
-    theta = np.zeros(used.shape)
-    for row, columns in enumerate(used):
-        theta[row, columns] = solve_least_squares(explained[:, columns], Y[:, row : row + 1]).coefficients[0]
+    theta = coefficients_of(problem)
     residual = Y - Z @ theta.T
     whole = solve_least_squares(Z[:, used.any(axis=0)], Y)
     shared = {
         name: project(column)
         for name, column in actuator_columns(
-            design, actuator, theta[:, n_columns - 3 : n_columns], uneven
+            design, actuator, theta[:, n_columns - 3 : n_columns], slopes
         ).items()
     }
     half_width, actuator_half_width = _half_widths(explained, residual, used, clusters_of(design), shared)
@@ -198,7 +206,8 @@ def with_trim(fit: PooledFit, structure: Structure, whole: Design, actuator: Act
     torque = whole.torque(actuator.lag_s, actuator.delay_s, throttled=THROTTLED_YAW in structure.columns)
     Y = np.column_stack([whole.columns[name] for name in structure.targets])[train]
     rest = Y - whole.stack(structure.columns, torque)[train] @ fit.as_seen.T
-    rest -= whole.stack(whole.disturbances, torque)[train] @ fit.disturbance.T if whole.disturbances else 0.0
+    disturbances = whole.disturbances(structure)
+    rest -= whole.stack(disturbances, torque)[train] @ fit.disturbance.T if disturbances else 0.0
     trim = rest.mean(axis=0)
     # Gusts last for seconds: a block is the least that counts as one observation of them.
     clusters = np.unique(whole.block[train], return_inverse=True)[1].astype(np.int64)
@@ -250,7 +259,7 @@ def clusters_of(design: Design) -> IntArray:
 
 
 def actuator_columns(
-    design: Design, actuator: ActuatorFit | None, B: FloatArray, uneven: Design | None
+    design: Design, actuator: ActuatorFit | None, B: FloatArray, slopes: RotorSlopes | None
 ) -> Mapping[str, FloatArray]:
     """Return the derivatives of all targets by lag, delay and unevenness, each (n_train, n_targets)."""
     if actuator is None:
@@ -259,10 +268,11 @@ def actuator_columns(
     delay = design.torque_by_delay(actuator.lag_s, actuator.delay_s)[train] @ B.T
     if actuator.lag_s * 2.0 * np.pi * design.smoothing_hz < _LAG_SEEN:
         return {"delay": delay}
-    columns = {"lag": design.torque_by_lag(actuator.lag_s, actuator.delay_s)[train] @ B.T, "delay": delay}
-    if uneven is not None:
-        columns["unevenness"] = uneven.torque(actuator.lag_s, actuator.delay_s)[train] @ B.T
-    return columns
+    by_lag = design.torque_by_lag(actuator.lag_s, actuator.delay_s)[train]
+    if slopes is None:
+        return {"lag": by_lag @ B.T, "delay": delay}
+    of_rotors, uneven = (slope.torque(actuator.lag_s, actuator.delay_s)[train] for slope in slopes)
+    return {"lag": (by_lag + of_rotors) @ B.T, "delay": delay, "unevenness": uneven @ B.T}
 
 
 def _half_widths(

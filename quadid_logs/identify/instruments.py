@@ -17,6 +17,7 @@ import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.identify.design import Design
+from quadid_logs.identify.structures import Structure
 from quadid_logs.vocabulary import RATE_SYMBOLS, TORQUE_SYMBOLS
 
 #: The instruments must explain half of a torque, or the estimate loses more
@@ -35,20 +36,26 @@ class Projection:
     ----------
     design : Design
         Without instruments nothing is changed.
-    regressors : sequence of str
-        Of the structure; those that no controller answers with stand for themselves.
+    structure : Structure
+        Its regressors that no controller answers with stand for themselves.
     rows : ndarray of bool, shape (n_rows,)
     also : ndarray, shape (n_rows, n_columns), optional
         More instruments.
     """
 
     def __init__(
-        self, design: Design, regressors: Sequence[str], rows: BoolArray, *, also: FloatArray | None = None
+        self,
+        design: Design,
+        structure: Structure,
+        rows: BoolArray | IntArray,
+        *,
+        also: FloatArray | None = None,
     ) -> None:
         self._basis: FloatArray | None = None
         if design.instruments is not None:
+            regressors = (*structure.regressors, *design.disturbances(structure))
             names = [name for name in regressors if name not in _DISTURBED and name in design.columns]
-            columns = [design.instruments, *(design.columns[name] for name in (*names, *design.disturbances))]
+            columns = [design.instruments, *(design.columns[name] for name in names)]
             columns += [] if also is None else [also]
             self._basis = _orthonormal(np.column_stack(columns)[rows])
 

@@ -25,12 +25,20 @@ from quadid_logs.data.settings import Settings
 from quadid_logs.identify.actuator import ActuatorFit, fit_actuator
 from quadid_logs.identify.checks import bootstrapped_half_width, check_change, check_forms
 from quadid_logs.identify.design import Design, build_design
-from quadid_logs.identify.fit import PooledFit, clusters_of, fit_pooled, with_trim
+from quadid_logs.identify.fit import (
+    PooledFit,
+    clusters_of,
+    coefficients_of,
+    fit_pooled,
+    problem_of,
+    with_trim,
+)
 from quadid_logs.identify.floors import sensor_floor
 from quadid_logs.identify.inertia import inertia_of
 from quadid_logs.identify.parameters import Estimate, build_parameters, plausible_size
+from quadid_logs.identify.refine import Drive, Task, find_drive, same_drive
 from quadid_logs.identify.rigid_body import fit_rigid_body, rigid_body_for
-from quadid_logs.identify.rotors import Rotors, find_rotors, torque_by_unevenness, with_lag_on_rotors
+from quadid_logs.identify.rotors import rotors_known, with_lag_on_rotors
 from quadid_logs.identify.structures import DAMPED, THROTTLED_YAW, Structure
 from quadid_logs.identify.validate import validate
 from quadid_logs.identify.windows import join, solve_over_time
@@ -50,8 +58,6 @@ _WINDOW_S = 1.0
 #: The spread of a quarter of a million windows (ten minutes at 400 Hz) is known
 #: to some thousandths; more only cost time.
 _MOST_WINDOWS = 250_000
-#: Lag and unevenness of the rotors are found in turn; after the second round neither moves.
-_ROTOR_ROUNDS = 2
 
 
 class Actuated(NamedTuple):
@@ -62,9 +68,8 @@ class Actuated(NamedTuple):
     """
 
     whole: Design
-    rotors: Rotors | None
+    drive: Drive
     structure: Structure
-    actuator: ActuatorFit
     fit: PooledFit
     telling: list[int]
     band: BandCheck
@@ -76,58 +81,49 @@ class Actuated(NamedTuple):
 def fit_rows_apart(data: FlightData, whole: Design, settings: Settings) -> Actuated:
     """Fit `DAMPED`: every row by itself, lag and delay common to all."""
     design = whole.without_slow(settings.slow_hz)
-    actuator, fit, telling = _fit_with_actuator(DAMPED, design, settings)
-    as_logged, rotors, uneven = design, None, None
-    for _ in range(_ROTOR_ROUNDS):
-        found = find_rotors(data, as_logged, actuator, DAMPED.regressors, telling or [0, 1, 2])
-        if found is None or data.input is None:
-            break
-        rotors = found
-        design = with_lag_on_rotors(as_logged, data.input, rotors)
-        uneven = torque_by_unevenness(as_logged, data.input, rotors)
-        actuator, fit, telling = _fit_with_actuator(DAMPED, design, settings, actuator, uneven)
-    if rotors is not None and data.input is not None:
-        whole = with_lag_on_rotors(whole, data.input, rotors)
+    actuator, kept, telling = _on_torque(DAMPED, design, settings)
+    described = data.input if rotors_known(data) else None
+    task = Task(design, DAMPED, kept, telling or moved_axes(design, settings))
+    drive = find_drive(task, actuator, described, settings)
+    fit, telling = _fit_behind(drive, DAMPED, settings)
+    if drive.rotors is not None and data.input is not None:
+        whole = with_lag_on_rotors(whole, data.input, drive.rotors)
+    problem = problem_of(drive.design, DAMPED, drive.actuator, fit.kept)
     return Actuated(
         whole=whole,
-        rotors=rotors,
+        drive=drive,
         structure=DAMPED,
-        actuator=actuator,
-        fit=with_trim(fit, DAMPED, whole, actuator),
+        fit=with_trim(fit, DAMPED, whole, drive.actuator),
         telling=telling,
-        band=_other_bands(DAMPED, data, design, (actuator, fit), settings, rotors),
-        change=check_change(design, DAMPED, fit, actuator, telling),
-        forms=check_forms(design, DAMPED, fit, actuator),
-        bootstrap_half_width=bootstrapped_half_width(design, DAMPED, fit, actuator),
+        band=_other_bands(data, task._replace(kept=fit.kept), drive, fit, settings),
+        change=check_change(drive.design, DAMPED, problem, telling),
+        forms=check_forms(drive.design, DAMPED, fit, drive.actuator),
+        bootstrap_half_width=bootstrapped_half_width(drive.design, DAMPED, problem),
     )
 
 
 def fit_one_body(data: FlightData, first: Actuated, settings: Settings) -> Actuated | None:
     """Fit the rigid body behind the actuator, and with the checks, of the rows fitted one by one."""
-    calibrated = data.input is not None and data.input.unit == "N m"
-    design = first.whole.without_slow(settings.slow_hz)
-    uneven = None
-    if first.rotors is not None and data.input is not None:
-        uneven = torque_by_unevenness(design, data.input, first.rotors)
+    drive = first.drive
     found = fit_rigid_body(
-        design,
-        first.actuator,
+        drive.design,
+        drive.actuator,
         first.fit,
         first.telling,
-        calibrated=calibrated,
+        calibrated=data.input is not None and data.input.unit == "N m",
         gyro_floor=settings.gyro_floor,
-        uneven=uneven,
+        slopes=drive.slopes,
     )
     if found is None:
         return None
-    structure = rigid_body_for(design)
-    fit = with_trim(found, structure, first.whole, first.actuator)
+    structure = rigid_body_for(drive.design)
+    fit = with_trim(found, structure, first.whole, drive.actuator)
     # How a gain moves with the band is a matter of the data, not of what the rows share.
     moved = first.band.own_gain / first.band.own_gain[0]
     return first._replace(
         structure=structure,
         fit=fit,
-        band=replace(first.band, own_gain=_own_gain(structure, fit) * moved),
+        band=replace(first.band, own_gain=_own_gain(structure, fit.theta) * moved),
     )
 
 
@@ -135,7 +131,8 @@ def actuated_model(
     data: FlightData, found: Actuated, settings: Settings, *, noise: Mapping[str, float]
 ) -> Model:
     """Validate an estimate, solve its windows, and put the model together."""
-    structure, actuator, fit, design = found.structure, found.actuator, found.fit, found.whole
+    structure, fit, design = found.structure, found.fit, found.whole
+    actuator, rotors = found.drive.actuator, found.drive.rotors
     torque = design.torque(actuator.lag_s, actuator.delay_s, throttled=THROTTLED_YAW in structure.regressors)
     validation, series = validate(
         design,
@@ -155,12 +152,12 @@ def actuated_model(
         ),
         delay_s=actuator.delay_s,
         delay_ci95_s=_delay_interval(actuator, fit, floor_s),
-        acts_on="torque" if found.rotors is None else "rotor speed",
+        acts_on="torque" if rotors is None else "rotor speed",
         lag_grid_s=actuator.lag_grid_s,
         delay_grid_s=actuator.delay_grid_s,
         loss=actuator.loss,
-        lag_up_s=float("nan") if found.rotors is None else found.rotors.up_s,
-        lag_down_s=float("nan") if found.rotors is None else found.rotors.down_s,
+        lag_up_s=float("nan") if rotors is None else rotors.up_s,
+        lag_down_s=float("nan") if rotors is None else rotors.down_s,
     )
     return _model(
         structure,
@@ -207,25 +204,28 @@ def fit_as_published(
     )
 
 
-def _fit_with_actuator(
-    structure: Structure,
-    design: Design,
-    settings: Settings,
-    start: ActuatorFit | None = None,
-    uneven: Design | None = None,
-) -> tuple[ActuatorFit, PooledFit, list[int]]:
-    """Find lag and delay on the axes that tell, then fit, leaving out what cannot be seen."""
+def _on_torque(
+    structure: Structure, design: Design, settings: Settings
+) -> tuple[ActuatorFit, BoolArray, list[int]]:
+    """Find a lag on the torque and a delay, the columns that are seen behind them, and the axes that tell."""
     axes = moved_axes(design, settings)
-    actuator = fit_actuator(design, structure.regressors, axes, settings, start)
-    fit = fit_pooled(design, structure, actuator, uneven=uneven)
-    telling = [axis for axis in axes if fit.r2[axis] >= _TELLING_R2]
+    drive = Drive(fit_actuator(design, structure, axes, settings), design)
+    fit, telling = _fit_behind(drive, structure, settings)
     if telling and telling != axes:
-        actuator = fit_actuator(design, structure.regressors, telling, settings, start)
-        fit = fit_pooled(design, structure, actuator, uneven=uneven)
+        drive = drive._replace(actuator=fit_actuator(design, structure, telling, settings))
+        fit, telling = _fit_behind(drive, structure, settings)
+    return drive.actuator, fit.kept, telling
+
+
+def _fit_behind(drive: Drive, structure: Structure, settings: Settings) -> tuple[PooledFit, list[int]]:
+    """Fit behind lag and delay without what cannot be seen, and return the axes that tell as well."""
+    axes = moved_axes(drive.design, settings)
+    fit = fit_pooled(drive.design, structure, drive.actuator, slopes=drive.slopes)
+    telling = [axis for axis in axes if fit.r2[axis] >= _TELLING_R2]
     kept = _visible(structure, fit, telling)
     if not kept.all():
-        fit = fit_pooled(design, structure, actuator, kept, uneven)
-    return actuator, fit, telling
+        fit = fit_pooled(drive.design, structure, drive.actuator, kept, drive.slopes)
+    return fit, telling
 
 
 def moved_axes(design: Design, settings: Settings) -> list[int]:
@@ -263,33 +263,26 @@ def _visible(structure: Structure, fit: PooledFit, telling: list[int]) -> BoolAr
     return np.asarray(kept, dtype=np.bool_)
 
 
-def _other_bands(
-    structure: Structure,
-    data: FlightData,
-    design: Design,
-    own: tuple[ActuatorFit, PooledFit],
-    settings: Settings,
-    rotors: Rotors | None,
-) -> BandCheck:
+def _other_bands(data: FlightData, task: Task, drive: Drive, fit: PooledFit, settings: Settings) -> BandCheck:
     """Repeat the fit in a narrower and a wider band."""
-    actuator, fit = own
-    cutoffs, gains = [design.smoothing_hz], [_own_gain(structure, fit)]
+    design, structure = task.design, task.structure
+    cutoffs, gains = [design.smoothing_hz], [_own_gain(structure, fit.theta)]
     for factor in _OTHER_BANDS:
         other = build_design(data, factor * design.smoothing_hz, settings)
         if other is not None and np.count_nonzero(other.train) > 2 * len(structure.columns):
             if design.instruments is None:
-                other = replace(other, instruments=None)
-            if rotors is not None and data.input is not None:
-                other = with_lag_on_rotors(other, data.input, rotors)
+                other = other.without_instruments()
             other = other.without_slow(settings.slow_hz)
+            again = same_drive(task._replace(design=other), drive, data.input, settings)
+            problem = problem_of(again.design, structure, again.actuator, task.kept)
             cutoffs.append(other.smoothing_hz)
-            _, other_fit, _ = _fit_with_actuator(structure, other, settings, actuator)
-            gains.append(_own_gain(structure, other_fit))
+            gains.append(_own_gain(structure, coefficients_of(problem)))
     return BandCheck(cutoff_hz=np.array(cutoffs), own_gain=np.array(gains))
 
 
-def _own_gain(structure: Structure, fit: PooledFit) -> FloatArray:
-    return np.diag(fit.theta[:3, len(structure.regressors) :]).copy()
+def _own_gain(structure: Structure, theta: FloatArray) -> FloatArray:
+    first = len(structure.regressors)
+    return np.diag(theta[:3, first : first + 3]).copy()
 
 
 def _lag_interval(actuator: ActuatorFit, fit: PooledFit, floor_s: float) -> tuple[float, float]:

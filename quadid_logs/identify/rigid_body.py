@@ -25,6 +25,7 @@ from quadid_logs.identify.fit import (
 )
 from quadid_logs.identify.floors import seen_through
 from quadid_logs.identify.instruments import Projection
+from quadid_logs.identify.rotors import RotorSlopes
 from quadid_logs.identify.structures import DAMPED, RIGID_BODY, RIGID_BODY_THROTTLED, Structure
 from quadid_logs.maths.least_squares import Equation, clustered_covariance, solve_least_squares
 from quadid_logs.maths.rigid_body import PRODUCTS, gyroscopic_matrix
@@ -160,7 +161,7 @@ def fit_rigid_body(
     *,
     calibrated: bool,
     gyro_floor: float,
-    uneven: Design | None = None,
+    slopes: RotorSlopes | None = None,
 ) -> PooledFit | None:
     """Fit one tensor, damping, trim and the throttle's effect on yaw to all rows at once.
 
@@ -178,7 +179,7 @@ def fit_rigid_body(
         Torque is in N m, so B itself is symmetric.
     gyro_floor : float
         Half width of the 95 % interval of each scale and cross-axis error of the gyro.
-    uneven : Design, optional
+    slopes : RotorSlopes, optional
         As in `fit_pooled`.
 
     Returns
@@ -194,18 +195,19 @@ def fit_rigid_body(
     own = np.diag(rows_apart.theta[:, len(DAMPED.regressors) :])
     if not (own > 0.0).all():
         return None
-    body = _Body(calibrated, design.has_throttle, len(design.disturbances), gyro_floor / _NORMAL_95)
+    n_disturbances = len(design.disturbances(structure))
+    body = _Body(calibrated, design.has_throttle, n_disturbances, gyro_floor / _NORMAL_95)
     train = design.train
     torque = design.torque(actuator.lag_s, actuator.delay_s, throttled=design.has_throttle)
-    Z = design.stack((*structure.columns, *design.disturbances), torque)[train]
+    Z = design.stack((*structure.columns, *design.disturbances(structure)), torque)[train]
     Y = np.column_stack([design.columns[name] for name in ACCELERATION_SYMBOLS])[train]
     free = np.ones(body.size, dtype=np.bool_)
     if len(telling) < len(RATE_SYMBOLS):
         free[body.ratios] = free[body.correlations] = free[body.gyro] = False
     n_clusters = int(clusters_of(design).max()) + 1
-    project = Projection(design, structure.regressors, train, also=torque[:, 3:])
+    project = Projection(design, structure, train, also=torque[:, 3:])
     x = _solve(body, _reduced(project(Z), Y, 1.0 - rows_apart.r2, n_clusters), _start(body, rows_apart), free)
-    return _as_fit(body, x, free, Z, Y, design, actuator, project, len(structure.columns), uneven)
+    return _as_fit(body, x, free, Z, Y, design, actuator, project, len(structure.columns), slopes)
 
 
 def _start(body: _Body, rows_apart: PooledFit) -> FloatArray:
@@ -214,7 +216,8 @@ def _start(body: _Body, rows_apart: PooledFit) -> FloatArray:
     A = rows_apart.theta[:, : len(DAMPED.regressors)]
     x[:3] = np.diag(rows_apart.theta[:, len(DAMPED.regressors) :])
     x[body.damping] = [A[row, DAMPED.regressors.index(name)] for row, name in enumerate(RATE_SYMBOLS)]
-    x[body.disturbances] = rows_apart.disturbance.ravel()
+    # Behind the air speed, rows apart have the squares of the rates, which here belong to the structure.
+    x[body.disturbances] = rows_apart.disturbance[:, : body.n_disturbances].ravel()
     return x
 
 
@@ -260,7 +263,7 @@ def _as_fit(
     actuator: ActuatorFit,
     project: Projection,
     n_columns: int,
-    uneven: Design | None,
+    slopes_of_rotors: RotorSlopes | None,
 ) -> PooledFit:
     """Carry the covariance of the parameters over to A and B, to first order."""
     theta, seen = body.coefficients(x), body.seen(x)
@@ -278,7 +281,8 @@ def _as_fit(
     weight = 1.0 / np.maximum(per_stretch * np.sqrt(np.mean(residual**2, axis=0)), 1e-12)
     explained = project(Z)
     B = seen[:, n_columns - 3 : n_columns]
-    shared = {name: project(column) for name, column in actuator_columns(design, actuator, B, uneven).items()}
+    of_actuator = actuator_columns(design, actuator, B, slopes_of_rotors)
+    shared = {name: project(column) for name, column in of_actuator.items()}
     n_own = int(np.count_nonzero(free))
     everything = np.arange(n_own + len(shared), dtype=np.int64)
     _, spread = body.usual()

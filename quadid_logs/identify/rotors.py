@@ -9,28 +9,23 @@ the search for a linear lag finds the lag of the rotors.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData, InputDescription, Segment
-from quadid_logs.identify.actuator import ActuatorFit, Scorer
 from quadid_logs.identify.design import Design
 
 #: After so many time constants a wrong start is below a thousandth.
 _FORGOTTEN = 7.0
-#: Samples of a stretch of the recursion: enough to outweigh its warming up.
-_STRETCH = 2000
+#: Least samples of a stretch of the recursion, and least times its warming up: few steps, each for
+#: many stretches at once, are quicker than many steps for few.
+_STRETCH, _STRETCH_OVER_WARM = 200, 2
 #: Motors that brake or that do not differ by less than this factor from those that push.
-_MOST_UNEVEN = 3.0
-#: The logarithm of the unevenness is found to this: 2 % of the lag.
-_TOLERANCE = 0.02
-#: Step of the derivative by it.
-_STEP = 0.05
-#: Below [s], the lag of a rotor moves no torque by as much as can be seen.
-_LEAST_LAG_S = 0.002
+MOST_UNEVEN = 3.0
+#: Relative step of the central differences, by the lag and by its unevenness.
+_STEP = 0.02
 
 
 class Rotors(NamedTuple):
@@ -46,9 +41,21 @@ class Rotors(NamedTuple):
         return cls(2.0 * lag_s * ratio / (1.0 + ratio), 2.0 * lag_s / (1.0 + ratio))
 
     @property
+    def mean_s(self) -> float:
+        """Time constant of the linear lag that is nearest."""
+        return 0.5 * (self.up_s + self.down_s)
+
+    @property
     def log_unevenness(self) -> float:
         """Logarithm of up over down."""
         return float(np.log(self.up_s / self.down_s))
+
+
+class RotorSlopes(NamedTuple):
+    """Designs whose torque is the derivative by the mean lag [unit/s], and by its log_unevenness."""
+
+    by_lag: Design
+    by_unevenness: Design
 
 
 def rotors_known(data: FlightData) -> bool:
@@ -62,54 +69,6 @@ def rotors_known(data: FlightData) -> bool:
         and (described.unit == "1" or all(described.calibration.known))
         and all(segment.throttle is not None for segment in data.segments)
     )
-
-
-def find_rotors(
-    data: FlightData,
-    design: Design,
-    actuator: ActuatorFit,
-    regressors: Sequence[str],
-    axes: Sequence[int],
-) -> Rotors | None:
-    """Find how unevenly the rotors lag, and whether the lag acts on them at all.
-
-    Parameters
-    ----------
-    data : FlightData
-    design : Design
-        As it is fitted.
-    actuator : ActuatorFit
-        Lag and delay as if the lag acted on the torque.
-    regressors : sequence of str
-        Columns beside the torque.
-    axes : sequence of int
-        Axes that tell.
-
-    Returns
-    -------
-    Rotors, or None where the rotors are not known, or where a lag on the
-    torque explains the flight better (as in some simulators).
-    """
-    if data.input is None or not rotors_known(data) or actuator.lag_s < _LEAST_LAG_S:
-        return None
-    from scipy.optimize import minimize_scalar
-
-    described = data.input
-    scorer = Scorer(design.without_instruments(), regressors, axes)
-
-    def error(log_unevenness: float) -> float:
-        rotors = Rotors.of(actuator.lag_s, log_unevenness)
-        return scorer.of(
-            with_lag_on_rotors(scorer.design, described, rotors), actuator.lag_s, actuator.delay_s
-        )
-
-    on_torque, even = scorer(actuator.lag_s, actuator.delay_s), error(0.0)
-    limit = float(np.log(_MOST_UNEVEN))
-    found = minimize_scalar(error, bounds=(-limit, limit), method="bounded", options={"xatol": _TOLERANCE})
-    uneven = float(found.fun) < even - scorer.same_loss
-    if (float(found.fun) if uneven else even) > on_torque + scorer.same_loss:
-        return None
-    return Rotors.of(actuator.lag_s, float(found.x) if uneven else 0.0)
 
 
 def with_lag_on_rotors(design: Design, described: InputDescription, rotors: Rotors) -> Design:
@@ -130,17 +89,41 @@ def with_lag_on_rotors(design: Design, described: InputDescription, rotors: Roto
     return design.with_torque(torques)
 
 
-def torque_by_unevenness(design: Design, described: InputDescription, rotors: Rotors) -> Design:
-    """Return the design with the derivative of the torque by the logarithm of the unevenness in its place."""
-    mean_s = 0.5 * (rotors.up_s + rotors.down_s)
-    ahead, behind = (
-        [
-            _torque(piece, described, design.sample_period_s, Rotors.of(mean_s, rotors.log_unevenness + step))
-            for piece in design.pieces
-        ]
-        for step in (_STEP, -_STEP)
+def rotor_slopes(design: Design, described: InputDescription, rotors: Rotors) -> RotorSlopes:
+    """Return the derivatives of the torque that `with_lag_on_rotors` makes.
+
+    Parameters
+    ----------
+    design : Design
+    described : InputDescription
+    rotors : Rotors
+
+    Returns
+    -------
+    RotorSlopes
+    """
+    mean_s, uneven = rotors.mean_s, rotors.log_unevenness
+
+    def slope(ahead: Rotors, behind: Rotors, step: float) -> Design:
+        return design.with_torque(
+            [
+                (
+                    _torque(piece, described, design.sample_period_s, ahead)
+                    - _torque(piece, described, design.sample_period_s, behind)
+                )
+                / (2.0 * step)
+                for piece in design.pieces
+            ]
+        )
+
+    return RotorSlopes(
+        by_lag=slope(
+            Rotors.of(mean_s * (1.0 + _STEP), uneven),
+            Rotors.of(mean_s * (1.0 - _STEP), uneven),
+            mean_s * _STEP,
+        ),
+        by_unevenness=slope(Rotors.of(mean_s, uneven + _STEP), Rotors.of(mean_s, uneven - _STEP), _STEP),
     )
-    return design.with_torque([(a - b) / (2.0 * _STEP) for a, b in zip(ahead, behind, strict=True)])
 
 
 def _torque(segment: Segment, described: InputDescription, period_s: float, rotors: Rotors) -> FloatArray:
@@ -155,8 +138,7 @@ def _torque(segment: Segment, described: InputDescription, period_s: float, roto
     speed = _lagged(target, period_s, rotors)
     gap = target - speed
     # F + T dF/dt, with the T of the direction in dw/dt and the mean of both before dF/dt.
-    mean_s = 0.5 * (rotors.up_s + rotors.down_s)
-    share = np.where(gap > 0.0, mean_s / rotors.up_s, mean_s / rotors.down_s)
+    share = np.where(gap > 0.0, rotors.mean_s / rotors.up_s, rotors.mean_s / rotors.down_s)
     change = speed**2 + 2.0 * speed * gap * share - thrust
     return np.asarray(segment.torque + (change @ np.linalg.pinv(allocation)[:3].T) * unit)
 
@@ -170,7 +152,7 @@ def _lagged(target: FloatArray, period_s: float, rotors: Rotors) -> FloatArray:
     up, down = (1.0 - np.exp(-period_s / lag_s) for lag_s in rotors)
     n_samples, n_rotors = target.shape
     warm = int(np.ceil(_FORGOTTEN * max(rotors) / period_s))
-    length = max(_STRETCH, warm)
+    length = max(_STRETCH, _STRETCH_OVER_WARM * warm)
     n_stretches = int(np.ceil(n_samples / length))
     before, after = (
         np.repeat(row, count, axis=0)

@@ -48,7 +48,7 @@ def validate(
     settings : Settings
         ``horizons_s``.
     disturbance : ndarray, shape (n_targets, n_disturbances), optional
-        Coefficients of ``design.disturbances``, which are taken from the log.
+        Coefficients of ``design.disturbances(structure)``, which are taken from the log.
     slow_hz : float
         The fit left out what is slower; accelerations are compared without it too.
 
@@ -60,10 +60,12 @@ def validate(
     acceleration = np.column_stack([design.columns[name] for name in ACCELERATION_SYMBOLS])
     names, coefficients = structure.columns, theta[:3]
     if disturbance is not None:
-        names, coefficients = (*names, *design.disturbances), np.column_stack([coefficients, disturbance])
+        names = (*names, *design.disturbances(structure))
+        coefficients = np.column_stack([coefficients, disturbance])
     given = design.stack(names, torque)
     modelled = given @ coefficients.T
-    derivative = _derivative(names, given, coefficients)
+    own = [number for number, name in enumerate(structure.columns) if name in _OF_RATE]
+    derivative = _derivative(names, own, given, coefficients)
     simulated = _simulate_blocks(derivative, rate, design)
     held_out = design.held_out
     series = FitSeries(
@@ -142,15 +144,19 @@ def _swift_r2(rate: FloatArray, error: FloatArray, design: Design, slow_hz: floa
 Derivative = Callable[[FloatArray, IntArray], FloatArray]
 
 
-def _derivative(names: Sequence[str], measured: FloatArray, theta: FloatArray) -> Derivative:
-    """Return f(rate, row): the model's acceleration for rates (n, 3) at the rows (n,)."""
-    of_state = [index for index, name in enumerate(names) if name in _OF_RATE]
+def _derivative(
+    names: Sequence[str], of_state: Sequence[int], measured: FloatArray, theta: FloatArray
+) -> Derivative:
+    """Return f(rate, row): the model's acceleration for rates (n, 3) at the rows (n,).
+
+    ``of_state`` are the columns in which the model's own rates stand.
+    """
     given = [index for index in range(len(names)) if index not in of_state]
     forcing = measured[:, given] @ theta[:, given].T
     coupling = theta[:, of_state].T
 
     def derivative(rate: FloatArray, row: IntArray) -> FloatArray:
-        # Angles (linear-9), air speed, trim and torque come from the log; the rates are the model's own.
+        # Angles (linear-9), disturbances, trim and torque come from the log; the rates are the model's own.
         given_now = forcing[np.minimum(row, len(forcing) - 1)]
         own = np.stack([_OF_RATE[names[index]](rate) for index in of_state], axis=1)
         return np.asarray(given_now + own @ coupling, dtype=np.float64)

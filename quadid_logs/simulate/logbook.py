@@ -90,7 +90,7 @@ def write_logbook(records: tuple[Record, ...], logging: Logging) -> FlightLog:
         format=kind.log_format,
         autopilot=kind.name,
         n_bytes=0,
-        signals=_signals(kept, positions, kind),
+        signals=_signals(kept, positions, setup),
         firmware=kind.firmware,
         vehicle_type=MULTIROTOR,
         frame=frame_name(setup),
@@ -316,8 +316,9 @@ def _positions(times: list[FloatArray]) -> list[IntArray]:
     return np.split(rank, np.cumsum([time.size for time in times])[:-1])
 
 
-def _signals(messages: list[_Rows], positions: list[IntArray], kind: Vendor) -> dict[str, tuple[Signal, ...]]:
+def _signals(messages: list[_Rows], positions: list[IntArray], setup: Setup) -> dict[str, tuple[Signal, ...]]:
     """Signals by canonical name, in the order of the vendor's messages."""
+    kind = vendor(setup.autopilot)
     found: dict[str, tuple[Signal, ...]] = {}
     for rows, position in zip(messages, positions, strict=True):
         instance = "[0]" if rows.stream.message == "IMU" else ""
@@ -330,6 +331,8 @@ def _signals(messages: list[_Rows], positions: list[IntArray], kind: Vendor) -> 
                 position=position,
                 source=f"{rows.stream.message}{instance}.{fields}",
                 reason=f"as {kind.firmware} logs it",
+                # A file says this by its parameter, and is read so.
+                low_pass_hz=setup.gyro_filter_hz if raw_name == "body_rate" else float("nan"),
             )
             found[name] = (*found.get(name, ()), signal)
     return found

@@ -1,0 +1,244 @@
+"""Lag, delay and unevenness of the rotors, brought to their least error together.
+
+The search for a lag on the torque only comes near: behind rotors each lag
+needs a torque of its own, and to find the two in turn takes many rounds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.data.flight import InputDescription
+from quadid_logs.data.settings import Settings
+from quadid_logs.identify.actuator import ActuatorFit, Scorer, lag_limit, same_loss
+from quadid_logs.identify.design import Design
+from quadid_logs.identify.instruments import Projection
+from quadid_logs.identify.rotors import MOST_UNEVEN, Rotors, RotorSlopes, rotor_slopes, with_lag_on_rotors
+from quadid_logs.identify.structures import TRIM, Structure
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS
+
+#: Below [s], the lag of a rotor moves no torque by as much as can be seen.
+_LEAST_LAG_S = 0.002
+#: Steps of lag [s], delay [s] and logarithm of the unevenness that change the fit about as much.
+_SCALE = (1e-3, 1e-3, 0.1)
+#: Relative change of the squared error, a hundredth of what chance makes of it in an hour of flight.
+_TOLERANCE = 1e-6
+#: Gauss-Newton needs three to six; a search that needs more has no minimum.
+_MOST_TRIALS = 15
+#: The axes are weighted by errors that change with the fit; the second time they hardly do.
+_ROUNDS = 2
+
+
+class Drive(NamedTuple):
+    """How the torque reaches the vehicle.
+
+    ``design`` holds the torque that, behind the linear lag of ``actuator``,
+    acts as the rotors do; without rotors it is as logged. ``slopes`` are the
+    derivatives of that torque.
+    """
+
+    actuator: ActuatorFit
+    design: Design
+    rotors: Rotors | None = None
+    slopes: RotorSlopes | None = None
+
+
+class Task(NamedTuple):
+    """What is fitted: the rows, the columns each of them may use, and the axes that count."""
+
+    design: Design
+    structure: Structure
+    kept: BoolArray
+    axes: Sequence[int]
+
+
+def find_drive(
+    task: Task, start: ActuatorFit, described: InputDescription | None, settings: Settings
+) -> Drive:
+    """Find lag and delay, and whether the lag acts on torque or rotors.
+
+    Parameters
+    ----------
+    task : Task
+        Its design with the torque as logged.
+    start : ActuatorFit
+        Found as if the lag acted on the torque.
+    described : InputDescription or None
+        With the ``allocation`` of the rotors, where they are known.
+    settings : Settings
+        ``max_lag_s``, ``max_delay_s``.
+
+    Returns
+    -------
+    Drive
+        On the torque where that explains the flight better, as in some
+        simulators; with even rotors unless uneven ones explain it better.
+    """
+    first = np.array([start.lag_s, start.delay_s])
+    torque_search = _Search(task, None)
+    on_torque, torque_loss = torque_search.least(first, settings)
+    if described is None or start.lag_s < _LEAST_LAG_S:
+        return _drive(task, start, on_torque, None)
+    by_chance = same_loss(torque_search.project, task.axes)
+    rotor_search = _Search(task, described)
+    on_rotors, rotor_loss = rotor_search.least(on_torque, settings)
+    uneven, uneven_loss = rotor_search.least(np.append(on_rotors, 0.0), settings)
+    if uneven_loss < rotor_loss - by_chance:
+        on_rotors, rotor_loss = uneven, uneven_loss
+    if rotor_loss > torque_loss + by_chance:
+        return _drive(task, start, on_torque, None)
+    return _drive(task, start, on_rotors, described)
+
+
+def same_drive(task: Task, drive: Drive, described: InputDescription | None, settings: Settings) -> Drive:
+    """Return a drive of the same kind, with the unevenness it has, fitted to other rows."""
+    rotors = drive.rotors
+    known = described if rotors is not None else None
+    search = _Search(task, known, 0.0 if rotors is None else rotors.log_unevenness)
+    found, _ = search.least(np.array([drive.actuator.lag_s, drive.actuator.delay_s]), settings)
+    return _drive(task, drive.actuator, found, known, search.log_unevenness)
+
+
+def _drive(
+    task: Task,
+    start: ActuatorFit,
+    found: FloatArray,
+    described: InputDescription | None,
+    log_unevenness: float = 0.0,
+) -> Drive:
+    """Put a drive together from its lag, delay and unevenness."""
+    lag_s, delay_s = (float(value) for value in found[:2])
+    design, rotors, slopes = task.design, None, None
+    if described is not None:
+        rotors = Rotors.of(lag_s, float(found[2]) if found.size > 2 else log_unevenness)
+        slopes = rotor_slopes(design, described, rotors)
+        design = with_lag_on_rotors(design, described, rotors)
+    limit_s = lag_limit(Scorer(design, task.structure, task.axes), lag_s, delay_s)
+    return Drive(start._replace(lag_s=lag_s, delay_s=delay_s, lag_limit_s=limit_s), design, rotors, slopes)
+
+
+class _Axis(NamedTuple):
+    """Basis of the fixed columns, what of the acceleration they leave, and which torques the row may use."""
+
+    basis: FloatArray
+    target: FloatArray
+    inputs: BoolArray
+
+
+class _Solved(NamedTuple):
+    """Weighted residual, torque outside what the fixed columns explain, and its gains."""
+
+    left: FloatArray
+    alone: FloatArray
+    gain: FloatArray
+
+
+class _Search:
+    """Squared errors of each axis over lag, delay and unevenness, all else solved for (variable projection).
+
+    G. H. Golub and V. Pereyra, Inverse Problems 19, 2003; derivatives as L.
+    Kaufman's, BIT 15, 1975. ``described`` is None for a lag on the torque.
+    """
+
+    def __init__(self, task: Task, described: InputDescription | None, log_unevenness: float = 0.0) -> None:
+        design, structure = task.design, task.structure
+        self._design, self._described, self.log_unevenness = design, described, log_unevenness
+        self._train = design.train
+        self.project = Projection(design, structure, self._train)
+        disturbances = design.disturbances(structure)
+        fixed = np.column_stack([design.columns[name] for name in (*structure.regressors, *disturbances)])
+        fixed = self.project.coordinates(fixed[self._train])
+        n_regressors = len(structure.regressors)
+        self._axes: list[_Axis] = []
+        for axis in task.axes:
+            used = np.append(task.kept[axis, :n_regressors], np.ones(len(disturbances), dtype=np.bool_))
+            if design.slow_hz and TRIM in structure.regressors:
+                used[structure.regressors.index(TRIM)] = False
+            basis, _ = np.linalg.qr(fixed[:, used])
+            target = design.columns[ACCELERATION_SYMBOLS[axis]][self._train, np.newaxis]
+            target = _outside(basis, self.project.coordinates(target))[:, 0]
+            self._axes.append(_Axis(basis, target, task.kept[axis, n_regressors:]))
+        self._weight = np.ones(len(self._axes))
+
+    def least(self, x: FloatArray, settings: Settings) -> tuple[FloatArray, float]:
+        """Return the point of least error from a start (lag, delay[, unevenness]), and its logarithm."""
+        from scipy.optimize import least_squares
+
+        limit = float(np.log(MOST_UNEVEN))
+        low = np.array([0.0, 0.0, -limit])[: x.size]
+        high = np.array([settings.max_lag_s, settings.max_delay_s, limit])[: x.size]
+        if not self._slopes(x).any():
+            return x, self._loss(x)
+        for _ in range(_ROUNDS):
+            self._weight = 1.0 / np.maximum(np.sqrt(self._squares(x)), 1e-12)
+            x = least_squares(
+                self._misfit,
+                np.clip(x, low, high),
+                self._slopes,
+                bounds=(low, high),
+                x_scale=np.array(_SCALE)[: x.size],
+                ftol=_TOLERANCE,
+                xtol=_TOLERANCE,
+                gtol=None,
+                max_nfev=_MOST_TRIALS,
+            ).x
+        return x, self._loss(x)
+
+    def _loss(self, x: FloatArray) -> float:
+        """Return the mean over the axes of the logarithm of the squared error."""
+        return float(np.mean(np.log(np.maximum(self._squares(x), 1e-300))))
+
+    def _misfit(self, x: FloatArray) -> FloatArray:
+        """Return the weighted residuals of all axes, one after the other."""
+        return np.concatenate([solved.left for solved in self._solved(x)])
+
+    def _squares(self, x: FloatArray) -> FloatArray:
+        """Return the squared error of each axis."""
+        left = np.array([solved.left @ solved.left for solved in self._solved(x)])
+        return np.asarray(left / self._weight**2)
+
+    def _rotors(self, x: FloatArray) -> Rotors:
+        return Rotors.of(max(float(x[0]), _LEAST_LAG_S), float(x[2]) if x.size > 2 else self.log_unevenness)
+
+    def _at(self, x: FloatArray) -> Design:
+        """Return the design with the torque that belongs to the rotors of this point."""
+        if self._described is None:
+            return self._design
+        return with_lag_on_rotors(self._design, self._described, self._rotors(x))
+
+    def _solved(self, x: FloatArray) -> list[_Solved]:
+        """Solve each axis for its gains."""
+        torque = self.project.coordinates(self._at(x).torque(float(x[0]), float(x[1]))[self._train])
+        found = []
+        for axis, weight in zip(self._axes, self._weight, strict=True):
+            alone = _outside(axis.basis, torque[:, axis.inputs])
+            gain = np.asarray(np.linalg.lstsq(alone, axis.target, rcond=None)[0], dtype=np.float64)
+            found.append(_Solved(weight * (axis.target - alone @ gain), alone, gain))
+        return found
+
+    def _slopes(self, x: FloatArray) -> FloatArray:
+        """Return the derivatives of the weighted residuals; shape (n_rows of all axes, x.size)."""
+        lag_s, delay_s = float(x[0]), float(x[1])
+        design = self._at(x)
+        by_lag, by_delay = design.torque_by_lag(lag_s, delay_s), design.torque_by_delay(lag_s, delay_s)
+        columns = [by_lag, by_delay]
+        if self._described is not None:
+            slopes = rotor_slopes(self._design, self._described, self._rotors(x))
+            columns[0] = by_lag + slopes.by_lag.torque(lag_s, delay_s)
+            columns.append(slopes.by_unevenness.torque(lag_s, delay_s))
+        derivatives = [self.project.coordinates(column[self._train]) for column in columns[: x.size]]
+        parts = []
+        for axis, weight, solved in zip(self._axes, self._weight, self._solved(x), strict=True):
+            moved = np.column_stack([derivative[:, axis.inputs] @ solved.gain for derivative in derivatives])
+            span, _ = np.linalg.qr(solved.alone)
+            parts.append(-weight * _outside(span, _outside(axis.basis, moved)))
+        return np.concatenate(parts)
+
+
+def _outside(basis: FloatArray, columns: FloatArray) -> FloatArray:
+    """Return the part of columns that an orthonormal basis does not explain."""
+    return np.asarray(columns - basis @ (basis.T @ columns))
