@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,7 +15,7 @@ from quadid_logs.cli.completion import structures
 from quadid_logs.cli.failure import exit_code_of, say
 from quadid_logs.cli.logs import check_log, expanded
 from quadid_logs.cli.progress import Part, Progress, parts
-from quadid_logs.cli.terminal import at_terminal, show_result
+from quadid_logs.cli.terminal import is_terminal, show_result
 from quadid_logs.output import check_free, write_beside
 from quadid_logs.untrusted import printable
 
@@ -193,7 +194,7 @@ def _say_result(result: Result, folder: Path, wish: _Wish) -> None:
     if wish.one_line:
         say(f"{one_line(result)} -> {written}")
         return
-    if at_terminal():
+    if is_terminal(sys.stdout):
         show_result(result)
     else:
         for line in result_lines(result):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 import time
 from pathlib import Path
@@ -11,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from quadid_logs.cli.failure import report_problem, say
+from quadid_logs.cli.progress import span_words
+from quadid_logs.cli.terminal import is_terminal
 from quadid_logs.errors import SettingsError, VehicleFileError
 from quadid_logs.untrusted import printable
 
@@ -126,7 +127,7 @@ class FleetProgress:
 
     def __init__(self, *, quiet: bool) -> None:
         self._quiet = quiet
-        self._terminal = sys.stderr.isatty()
+        self._terminal = is_terminal(sys.stderr)
         self._next_s = 0.0
         self._dashboard = ""
 
@@ -138,9 +139,8 @@ class FleetProgress:
         now = time.monotonic()
         if now >= self._next_s and tally.n_done:
             self._next_s = now + (self._PERIOD_S if self._terminal else self._PIPE_PERIOD_S)
-            self._write(
-                f"{tally.n_done} of {tally.n_logs} logs, {tally.rate_hz:.2g}/s, {_span(tally.left_s)} left"
-            )
+            left = span_words(tally.left_s)
+            self._write(f"{tally.n_done} of {tally.n_logs} logs, {tally.rate_hz:.2g}/s, {left} left")
 
     def remark(self, text: str) -> None:
         """Say what happened to the cluster."""
@@ -159,16 +159,3 @@ class FleetProgress:
         end = "" if self._terminal and not stays else "\n"
         sys.stderr.write(f"\r\x1b[2K{text}{end}" if self._terminal else f"{text}\n")
         sys.stderr.flush()
-
-
-def _span(seconds: float) -> str:
-    """Return a time in words.
-
-    >>> _span(45.2), _span(4000.0), _span(200_000.0)
-    ('45 s', '67 min', '56 h')
-    """
-    if not math.isfinite(seconds):
-        return "unknown time"
-    if seconds < 100.0:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.0f} h"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+import math
 import sys
 import threading
 import time
@@ -12,6 +12,7 @@ from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import TYPE_CHECKING, Final, NamedTuple
 
+from quadid_logs.cli.terminal import is_terminal
 from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
@@ -87,7 +88,7 @@ class Progress:
         with self._lock:
             if self._quiet or not self._stage:
                 return
-            if sys.stderr.isatty() and os.environ.get("TERM", "") != "dumb":
+            if is_terminal(sys.stderr):
                 self._draw()
             else:
                 sys.stderr.write(f"{self._label}: {self._stage} ({self._spent_s():.0f} s)\n")
@@ -148,4 +149,19 @@ def time_left(left_s: float) -> str:
     """
     if left_s < 1.0:
         return "nearly done"
-    return f"about {left_s:.0f} s left" if left_s < 100.0 else f"about {left_s / 60.0:.0f} min left"
+    return f"about {span_words(left_s)} left"
+
+
+def span_words(span_s: float) -> str:
+    """Return a span of time in words, in the unit that fits.
+
+    Examples
+    --------
+    >>> span_words(45.2), span_words(4000.0), span_words(200_000.0)
+    ('45 s', '67 min', '56 h')
+    """
+    if not math.isfinite(span_s):
+        return "unknown time"
+    if span_s < 100.0:
+        return f"{span_s:.0f} s"
+    return f"{span_s / 60.0:.0f} min" if span_s < 7200.0 else f"{span_s / 3600.0:.0f} h"

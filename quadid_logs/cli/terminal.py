@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
 from quadid_logs.vocabulary import AXES
 
@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 _COLOURS = {"usable": "green", "caution": "yellow", "refused": "red"}
 
 
-def at_terminal() -> bool:
-    """Return whether stdout is a terminal that can show a table."""
-    return sys.stdout.isatty() and os.environ.get("TERM", "") != "dumb"
+def is_terminal(stream: TextIO) -> bool:
+    """Return whether a stream is a terminal that can show tables, and lines written anew."""
+    return stream.isatty() and os.environ.get("TERM", "") != "dumb"
 
 
 def show_result(result: Result) -> None:

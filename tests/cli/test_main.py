@@ -414,7 +414,7 @@ def test_a_terminal_gets_a_table_and_no_colour_is_respected(
     pipeline: FakePipeline, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The same words as in a pipe; colours only where NO_COLOR is not set."""
-    monkeypatch.setattr("quadid_logs.cli.analyze.at_terminal", lambda: True)
+    monkeypatch.setattr("quadid_logs.cli.analyze.is_terminal", lambda _stream: True)
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "100")
     monkeypatch.delenv("NO_COLOR", raising=False)

@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-import io
 import sys
 from pathlib import Path
 
 import pytest
 
 from quadid_logs.cli.progress import Part, Progress, parts, time_left
-
-
-class Terminal(io.StringIO):
-    """What a terminal would show, as text."""
-
-    def isatty(self) -> bool:
-        return True
+from tests.terminal import Terminal
 
 
 @pytest.fixture

@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-import io
 from collections import Counter
 
 import pytest
 
 from quadid_logs.cli.fleet import FleetProgress
 from quadid_logs.fleet.run import KNOWN, Tally
-
-
-class Terminal(io.StringIO):
-    """A stderr that says that it is a terminal."""
-
-    def isatty(self):
-        return True
+from tests.terminal import Terminal
 
 
 @pytest.fixture
@@ -56,6 +49,7 @@ def test_a_terminal_gets_one_line_that_is_wiped(tally, monkeypatch):
     """Written again and again at its place."""
     terminal = Terminal()
     monkeypatch.setattr("sys.stderr", terminal)
+    monkeypatch.setenv("TERM", "xterm")
     progress = FleetProgress(quiet=False)
     progress(tally)
     progress.end()
