@@ -18,7 +18,7 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 # One core a process, before numpy starts its threads.
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -27,6 +27,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.fleet_cluster import LoopbackCluster, s3_server  # noqa: E402
 from benchmarks.fleet_logs import Worn, spoil, vehicles, write_fleet  # noqa: E402
+from benchmarks.fleet_rows import rows_of  # noqa: E402
 
 #: By the number of the vehicle: the propeller that wears, and from which flight on.
 WORN = {
@@ -131,7 +132,7 @@ def _disturbed(logs: Path, spoiled: Path, options: argparse.Namespace) -> Iterat
     kinds = dict(spoil(sorted(spoiled.glob("*.bin")), SPOILED_EVERY))
     reference = options.folder / "reference"
     _run_alone(spoiled, reference, options.workers)
-    rows = _rows(reference)
+    rows = rows_of(reference)
     reasons = {row["url"]: row["error"] for row in rows if row["status"] == "unreadable"}
     as_expected = {Path(url) for url in reasons} == set(kinds) and all(reasons.values())
     yield f"- {len(kinds)} files spoiled; each a row with its reason, and no other: {_same(as_expected)}"
@@ -141,12 +142,12 @@ def _disturbed(logs: Path, spoiled: Path, options: argparse.Namespace) -> Iterat
     ):
         began = time.perf_counter()
         run(spoiled, options.folder / name.split()[0], options.workers)
-        same = _rows(options.folder / name.split()[0]) == rows
+        same = rows_of(options.folder / name.split()[0]) == rows
         seconds = time.perf_counter() - began
         yield f"- {name}: store identical to the undisturbed one: {_same(same)} ({seconds:.0f} s)"
     began = time.perf_counter()
     _from_s3(spoiled, options.folder / "s3", options.workers)
-    same = _rows(options.folder / "s3", "url") == _rows(reference, "url")
+    same = rows_of(options.folder / "s3", without=["url"]) == rows_of(reference, without=["url"])
     seconds = time.perf_counter() - began
     yield f"- from S3 on loopback: identical but for the URLs: {_same(same)} ({seconds:.0f} s)"
 
@@ -221,15 +222,6 @@ def _found(store: Path) -> dict[int, list[int]]:
         for life in read_fleet(store).lives
         if life.changes
     }
-
-
-def _rows(store: Path, *without: str) -> list[dict[str, Any]]:
-    """Return the rows of a store in a fixed order, but for what differs between runs."""
-    from quadid_logs.fleet.rows import RUN_COLUMNS
-    from quadid_logs.fleet.store import dataset
-
-    table = dataset(store).to_table().drop_columns([*RUN_COLUMNS, *without])
-    return sorted(table.to_pylist(), key=lambda row: (row["sha256"], row["flight"] or 0, row["axis"] or ""))
 
 
 def _command(*arguments: object, environment: dict[str, str] | None = None) -> subprocess.Popen[bytes]:

@@ -12,13 +12,13 @@ import time
 import pytest
 
 from benchmarks.fleet_cluster import LoopbackCluster, s3_server
+from benchmarks.fleet_rows import rows_of
 from quadid_logs.cli import main
 from quadid_logs.errors import OutputError, SettingsError
 from quadid_logs.fleet.engine import Cluster
 from quadid_logs.fleet.options import Options
 from quadid_logs.fleet.run import KNOWN, run_fleet
 from quadid_logs.fleet.sources import find_sources
-from tests.fleet.store_rows import rows_of
 
 pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")  # sockets of the cluster's own libraries
 

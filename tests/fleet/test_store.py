@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from benchmarks.fleet_rows import rows_of
 from quadid_logs.errors import OutputError, SettingsError
 from quadid_logs.fleet.options import Options
 from quadid_logs.fleet.rows import LOST, UNREADABLE
 from quadid_logs.fleet.sources import Source
 from quadid_logs.fleet.store import Store, dataset, partition
 from quadid_logs.fleet.work import Outcome, Task, failure
-from tests.fleet.store_rows import rows_of
 
 
 def outcome(url, sha256="a" * 64, *, status=UNREADABLE, n_bytes=10):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from quadid_logs.data.result import Result
 from quadid_logs.report import write_report
+from tests import chromium
 from tests.synthetic_results import hostile_result, refused_result, usable_result, write_placeholder_log
 
 
@@ -44,3 +46,10 @@ def hostile_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("reports") / "hostile"
     write_report(hostile_result(), folder, command="quadid-log analyze '<script>'")
     return folder
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[chromium.Browser]:
+    """Start a browser with a profile of its own."""
+    with chromium.Browser(tmp_path_factory.mktemp("browser") / "profile") as started:
+        yield started

@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import subprocess
 import tarfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -49,13 +48,6 @@ def axe(tmp_path_factory: pytest.TempPathFactory) -> str:
         member = package.extractfile("package/axe.min.js")
         assert member is not None
         return member.read().decode("utf-8")
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[chromium.Browser]:
-    """Start a browser with a profile of its own."""
-    with chromium.Browser(tmp_path_factory.mktemp("browser") / "profile") as started:
-        yield started
 
 
 def pages() -> dict[str, str]:

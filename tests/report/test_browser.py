@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -32,13 +31,6 @@ DRAWN = 'document.querySelectorAll(".chart .main-svg").length > 0 && [...documen
 COUNT = f"({DRAWN}).filter((chart) => chart.querySelector('.main-svg .trace')).length"
 RANGE = "document.getElementById('chart-{}').layout.xaxis.range"
 PAUSE = "new Promise((done) => setTimeout(done, 500))"
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[chromium.Browser]:
-    """Start a browser with a profile of its own."""
-    with chromium.Browser(tmp_path_factory.mktemp("browser") / "profile") as started:
-        yield started
 
 
 @pytest.fixture(scope="module")
