@@ -66,10 +66,8 @@ def write_flight(
     return path
 
 
-def write_fleet(
-    fleet: Sequence[Vehicle], n_flights: int, folder: Path, *, duration_s: float = 30.0, processes: int = 2
-) -> list[Path]:
-    """Write all flights of all vehicles, those that are there already left alone, and the truth beside."""
+def write_fleet(fleet: Sequence[Vehicle], n_flights: int, folder: Path, *, processes: int) -> None:
+    """Write all flights of all vehicles, and the truth beside."""
     from concurrent.futures import ProcessPoolExecutor
 
     wanted = [(vehicle, flight) for flight in range(n_flights) for vehicle in fleet]
@@ -77,11 +75,9 @@ def write_fleet(
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "truth.json").write_text(json.dumps(truth, indent=1))
     with ProcessPoolExecutor(processes) as pool:
-        futures = [
-            pool.submit(write_flight, vehicle, flight, folder, duration_s=duration_s)
-            for vehicle, flight in wanted
-        ]
-        return [future.result() for future in futures]
+        futures = [pool.submit(write_flight, vehicle, flight, folder) for vehicle, flight in wanted]
+        for future in futures:
+            future.result()
 
 
 def spoil(paths: Sequence[Path], every: int) -> Iterator[tuple[Path, str]]:

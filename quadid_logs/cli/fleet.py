@@ -12,11 +12,10 @@ import typer
 from quadid_logs.cli.failure import report_problem, say
 from quadid_logs.cli.progress import span_words
 from quadid_logs.cli.terminal import is_terminal
-from quadid_logs.errors import SettingsError, VehicleFileError
+from quadid_logs.errors import SettingsError
 from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
-    from quadid_logs.data.vehicle import Vehicle
     from quadid_logs.fleet.run import Tally
 
 
@@ -67,14 +66,14 @@ def fleet(
     from quadid_logs.fleet.options import Options
     from quadid_logs.fleet.run import LOST, run_fleet
     from quadid_logs.fleet.sources import find_sources
+    from quadid_logs.vehicle.file import read_vehicle
 
     if workers < 0 or not max_mb > 0.0:
         raise SettingsError("--workers and --max-mb cannot be negative.", hint="Leave them out.")
-    described, text = _vehicle(vehicle)
     options = Options(
         structure=structure,
-        vehicle=described,
-        vehicle_file=text,
+        vehicle=None if vehicle is None else read_vehicle(vehicle),
+        vehicle_file="" if vehicle is None else vehicle.read_text(encoding="utf-8"),
         rules=NamingRules(vehicle_from=vehicle_from, model_from=model_from),
         reports=reports,
         max_bytes=int(max_mb * 1e6),
@@ -94,19 +93,6 @@ def fleet(
     if not quiet:
         say(f"{_summary(tally)} -> {printable(output)}")
     return 1 if tally.counts[LOST] else 0
-
-
-def _vehicle(path: Path | None) -> tuple[Vehicle | None, str]:
-    """Read the vehicle file, and its text to tell whether a later run uses the same."""
-    from quadid_logs.vehicle.file import read_vehicle
-
-    if path is None:
-        return None, ""
-    vehicle = read_vehicle(path)
-    try:
-        return vehicle, path.read_text(encoding="utf-8")
-    except (OSError, UnicodeError) as error:
-        raise VehicleFileError(f"{printable(path)} cannot be read.") from error
 
 
 def _summary(tally: Tally) -> str:
