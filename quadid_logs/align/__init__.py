@@ -10,7 +10,7 @@ import numpy as np
 from quadid_logs.align.clock import Clock, find_clock
 from quadid_logs.align.flights import Flights, Interval, find_flights
 from quadid_logs.align.gyro import check_gyro
-from quadid_logs.align.series import CleanSeries, clean
+from quadid_logs.align.series import Cleaner, CleanSeries
 from quadid_logs.align.sources import choose_sources, describe
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.flight import FlightData, InputDescription, Overview, Segment
@@ -68,8 +68,9 @@ def prepare(log: FlightLog, settings: Settings) -> Prepared:
         The thresholds on clocks and stamps.
     """
     clock = find_clock(_signals_with_time(log), settings)
+    cleaner = Cleaner(clock, settings)
     candidates = {
-        name: [clean(signal, clock, settings) for signal in log.candidates(name)]
+        name: [cleaner.clean(signal) for signal in log.candidates(name)]
         for name in (log.signals if log.has_time else ())
     }
     series = choose_sources(candidates)

@@ -17,7 +17,7 @@ _NEIGHBOURS = 4
 #: Stamps that are looked at together: less than a second of a log that is worth the effort.
 _STAMPS = 1024
 #: Rows that are compared with the clock at once.
-_ROWS = 1 << 16
+_ROWS = 1 << 14
 #: Logged when they change, not periodically: too few rows to vote on the clock.
 EVENTS = frozenset({"armed", "landed"})
 
@@ -66,12 +66,17 @@ class Clock:
         # In parts, which stay in the processor's cache.
         for first in range(0, time_s.size, _ROWS):
             part = slice(first, first + _ROWS)
-            nearest = np.clip(np.searchsorted(self.position, position[part]), 0, self.position.size - 1)
+            nearest = np.minimum(self._row_at(position[part]), self.position.size - 1)
             off = np.abs(time_s[part] - self.time_s[nearest])
-            before = np.abs(time_s[part] - self.time_s[np.clip(nearest - 1, 0, None)])
+            before = np.abs(time_s[part] - self.time_s[np.maximum(nearest - 1, 0)])
             # At a reset the rows on either side disagree: being near one of them is enough.
             wild[part] = ~(np.minimum(off, before) <= tolerance_s)
         return wild
+
+    def _row_at(self, position: IntArray) -> IntArray:
+        """Return the first row at or behind each file position, looked up in the part that holds them all."""
+        first, last = np.searchsorted(self.position, [position.min(), position.max()])
+        return np.searchsorted(self.position[first : last + 1], position) + first
 
     def time_at(self, time_s: float, position: int) -> float:
         """Bring one logged time onto the common clock."""

@@ -66,6 +66,97 @@ class _Rows(NamedTuple):
         return self if chosen.all() else self.at(chosen)
 
 
+class _Order(NamedTuple):
+    """What stamps tell: which rows stay, in which order (None: all, as they are), and how they follow."""
+
+    chosen: BoolArray | IntArray | None
+    n_out_of_order: int
+    n_duplicate: int
+    period_s: float
+
+
+class Cleaner:
+    """Puts the signals of a log onto its common clock.
+
+    Several signals come from one message: what their stamps tell is found out once.
+
+    Parameters
+    ----------
+    clock : Clock
+    settings : Settings
+        The thresholds on stamps.
+    """
+
+    def __init__(self, clock: Clock, settings: Settings) -> None:
+        self._clock = clock
+        self._settings = settings
+        # The arrays kept beside hold the keys.
+        self._wild: dict[tuple[int, int, float], tuple[Signal, BoolArray]] = {}
+        self._orders: dict[int, tuple[Signal, _Order]] = {}
+
+    def clean(self, signal: Signal) -> CleanSeries:
+        """Drop wild stamps and impossible values, put rows in order, merge repeated stamps.
+
+        Rows are ordered by time *within* an epoch only; a reboot is never sorted
+        away. Of rows with the same stamp the last stands: it is what the
+        autopilot knew last at that time.
+        """
+        wild = self._wild_stamps(signal)
+        known = _is_possible(signal.values)
+        finite = _says_something(known, signal.name in _ONE_COLUMN_PER_MOTOR)
+        rows = _Rows(self._clock.common_time(signal.time_s, signal.position), signal.values, known)
+        rows = rows.where(~wild & finite)
+        order = self._order(rows.time_s, signal)
+        if order.chosen is not None:
+            rows = rows.at(order.chosen)
+        return CleanSeries(
+            signal=signal,
+            time_s=rows.time_s,
+            values=rows.values if _all(rows.known) else np.where(rows.known, rows.values, np.nan),
+            period_s=order.period_s,
+            n_duplicate=order.n_duplicate,
+            n_out_of_order=order.n_out_of_order,
+            n_wild=int(np.count_nonzero(wild)),
+            n_not_finite=int(np.count_nonzero(~wild & ~finite)),
+        )
+
+    def _wild_stamps(self, signal: Signal) -> BoolArray:
+        """Mark the stamps that are far from what the clock showed."""
+        # An event may stand alone, minutes from the periodic rows around it in the file.
+        is_event = signal.name in EVENTS
+        tolerance_s = self._settings.clock_jump_s if is_event else self._settings.wild_stamp_s
+        key = (id(signal.time_s), id(signal.position), tolerance_s)
+        if key not in self._wild:
+            wild = self._clock.is_wild(signal.time_s, signal.position, tolerance_s)
+            self._wild[key] = signal, wild
+        return self._wild[key][1]
+
+    def _order(self, time_s: FloatArray, signal: Signal) -> _Order:
+        """Return the order of the rows of a signal that have stayed; kept where all have."""
+        if time_s is not signal.time_s:
+            return _order_of(time_s)
+        if id(time_s) not in self._orders:
+            self._orders[id(time_s)] = signal, _order_of(time_s)
+        return self._orders[id(time_s)][1]
+
+
+def _order_of(time_s: FloatArray) -> _Order:
+    """Sort stamps where they are not in order, and choose the last of those that are the same."""
+    chosen: BoolArray | IntArray | None = None
+    steps = np.diff(time_s)
+    n_out_of_order = int(np.count_nonzero(steps < 0.0))
+    if n_out_of_order:
+        chosen = np.argsort(time_s, kind="stable")
+        time_s = time_s[chosen]
+        steps = np.diff(time_s)
+    n_duplicate = int(np.count_nonzero(~(steps > _SAME_TIME_S)))
+    if n_duplicate:
+        last_of_stamp = np.append(steps > _SAME_TIME_S, True)
+        time_s = time_s[last_of_stamp]
+        chosen = last_of_stamp if chosen is None else chosen[last_of_stamp]
+    return _Order(chosen, n_out_of_order, n_duplicate, typical_period(time_s))
+
+
 def _is_possible(values: FloatArray) -> BoolArray:
     """Mark the numbers that a multirotor can log; without memory where all are."""
     if values.size and values.min() > -_IMPOSSIBLE and values.max() < _IMPOSSIBLE:
@@ -73,33 +164,13 @@ def _is_possible(values: FloatArray) -> BoolArray:
     return np.asarray(np.abs(values) < _IMPOSSIBLE, dtype=np.bool_)  # false for NaN
 
 
-def clean(signal: Signal, clock: Clock, settings: Settings) -> CleanSeries:
-    """Put a signal onto the common clock; drop wild stamps and impossible values, merge repeated stamps.
+def _all(known: BoolArray) -> bool:
+    """Tell whether all values are known, at once where `_is_possible` has found that."""
+    return not any(known.strides) or bool(known.all())
 
-    Rows are ordered by time *within* an epoch only; a reboot is never sorted
-    away. Of rows with the same stamp the last stands: it is what the
-    autopilot knew last at that time.
-    """
-    # An event may stand alone, minutes from the periodic rows around it in the file.
-    tolerance_s = settings.clock_jump_s if signal.name in EVENTS else settings.wild_stamp_s
-    wild = clock.is_wild(signal.time_s, signal.position, tolerance_s)
-    # A motor that does not turn is logged as NaN: such a row is lost only if it says nothing.
-    known = _is_possible(signal.values)
-    finite = known.any(axis=1) if signal.name in _ONE_COLUMN_PER_MOTOR else known.all(axis=1)
-    rows = _Rows(clock.common_time(signal.time_s, signal.position), signal.values, known)
-    rows = rows.where(~wild & finite)
-    n_out_of_order = int(np.count_nonzero(np.diff(rows.time_s) < 0.0))
-    if n_out_of_order:
-        rows = rows.at(np.argsort(rows.time_s, kind="stable"))
-    last_of_stamp = np.append(np.diff(rows.time_s) > _SAME_TIME_S, True)[: rows.time_s.size]
-    rows = rows.where(last_of_stamp)
-    return CleanSeries(
-        signal=signal,
-        time_s=rows.time_s,
-        values=rows.values if rows.known.all() else np.where(rows.known, rows.values, np.nan),
-        period_s=typical_period(rows.time_s),
-        n_duplicate=int(np.count_nonzero(~last_of_stamp)),
-        n_out_of_order=n_out_of_order,
-        n_wild=int(np.count_nonzero(wild)),
-        n_not_finite=int(np.count_nonzero(~wild & ~finite)),
-    )
+
+def _says_something(known: BoolArray, one_is_enough: bool) -> BoolArray:
+    """Mark the rows with known values; a motor that does not turn is logged as NaN, beside others."""
+    if not any(known.strides):
+        return np.broadcast_to(np.True_, known.shape[:1])
+    return np.asarray(known.any(axis=1) if one_is_enough else known.all(axis=1), dtype=np.bool_)

@@ -26,10 +26,13 @@ def typical_period(time_s: FloatArray) -> float:
         Increasing [s].
     """
     steps = np.diff(time_s)
-    steps = steps[steps > 0.0]
+    if steps.size and not steps.min() > 0.0:
+        steps = steps[steps > 0.0]
     if steps.size == 0:
         return float("nan")
-    return float(np.mean(steps[steps <= 5.0 * np.median(steps)]))
+    longest = 5.0 * np.median(steps)
+    # Most series hold neither repeated stamps nor pauses: nothing is copied.
+    return float(np.mean(steps if steps.max() <= longest else steps[steps <= longest]))
 
 
 def resample(time_s: FloatArray, values: FloatArray, grid_s: FloatArray) -> FloatArray:
