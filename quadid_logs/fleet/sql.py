@@ -52,6 +52,7 @@ def ask(folder: Path, sql: str) -> Answer:
         If the folder is no store, or the statement fails.
     """
     duckdb = load("duckdb")
+    load("pytz")  # DuckDB makes times with a zone by it
     connection = duckdb.connect(":memory:")
     connection.register("fleet", dataset(folder))
     for lock in _LOCKS:
