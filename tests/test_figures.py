@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from quadid_logs.data.flight import Segment
 from quadid_logs.data.log import ModeChange
 from quadid_logs.data.result import Result
 from quadid_logs.figures import FIGURE_KEYS, figures_of
@@ -302,3 +304,29 @@ def test_gyro_and_attitude_are_shown_against_each_other(usable: Result) -> None:
         np.testing.assert_array_equal(line.x, line.y)
         np.testing.assert_allclose(points.x, 1.004 * points.y)
     assert "The rates come 11.0 ± 0.4 ms after the attitude" in figure.caption
+
+
+def test_the_frequency_response_of_a_long_flight_is_that_of_the_minutes_that_were_fitted() -> None:
+    """The log's points come from the same part as the model's line, and the caption says so."""
+    from quadid_logs.figures.frequency import frequency_response
+    from quadid_logs.identify.select import most_moved
+
+    whole = usable_result()
+    settings = replace(whole.settings, most_samples=whole.data.n_samples // 2)
+    data = replace(whole.data, segments=tuple(_halves(whole.data.segments)))
+    chosen = most_moved(data, settings.most_samples)
+    assert chosen.n_samples < whole.data.n_samples
+    long = frequency_response(replace(whole, data=data, settings=settings))
+    fitted = frequency_response(replace(whole, data=chosen))
+    assert isinstance(long, Figure)
+    assert isinstance(fitted, Figure)
+    assert "minutes that the model was fitted to" in long.caption
+    assert "minutes" not in fitted.caption
+    for one, other in zip(long.panels, fitted.panels, strict=True):
+        np.testing.assert_array_equal(one.curves[0].y, other.curves[0].y)
+
+
+def _halves(segments: tuple[Segment, ...]) -> Iterator[Segment]:
+    for segment in segments:
+        middle = segment.n_samples // 2
+        yield from (segment.rows(slice(0, middle)), segment.rows(slice(middle, None)))

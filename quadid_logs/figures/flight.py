@@ -82,6 +82,8 @@ def _curves(overview: Overview, names: tuple[str, ...], scale: float) -> tuple[C
 def _break_at_turns(time_s: FloatArray, angles_deg: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Put a NaN row where an angle passes from 180 to -180 degrees: no vehicle turned between the two."""
     after = np.flatnonzero((np.abs(np.diff(angles_deg, axis=0)) > _HALF_TURN_DEG).any(axis=1)) + 1
+    if not after.size:
+        return time_s, angles_deg
     return np.insert(time_s, after, time_s[after]), np.insert(angles_deg, after, np.nan, axis=0)
 
 

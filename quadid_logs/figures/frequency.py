@@ -10,6 +10,7 @@ from quadid_logs.data.model import Model
 from quadid_logs.data.result import Result
 from quadid_logs.figures.flight import torque_axis
 from quadid_logs.figures.spec import Axis, Curve, Figure, LeftOut, Level, Panel
+from quadid_logs.identify.select import most_moved
 from quadid_logs.maths.band import ComplexArray, butterworth_response, delay_response, lag_response
 from quadid_logs.maths.spectra import Spectra, averaged_spectra
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS
@@ -27,13 +28,15 @@ _FREQUENCY = Axis(label="frequency", unit="Hz", log=True)
 
 def frequency_response(result: Result) -> Figure | LeftOut:
     """Show gain, phase and coherence of each axis, and the model's gain and phase over them."""
-    data, model = result.data, result.identification.recommended
+    model = result.identification.recommended
+    data = most_moved(result.data, result.settings.most_samples)
     longest = max((segment.n_samples for segment in data.segments), default=0)
     n_stretch = int(_STRETCH_S / data.sample_period_s) if data.segments else 0
     if model is None or not n_stretch or longest < 2 * n_stretch:
         reason = "No model was fitted." if model is None else "No stretch was long enough for a spectrum."
         return LeftOut(key=_KEY, title=_TITLE, reason=reason)
     columns = [_axis(data, model, column, n_stretch) for column in range(len(AXES))]
+    chosen = "" if data is result.data else " Of this long flight: the minutes that the model was fitted to."
     return Figure(
         key=_KEY,
         title=_TITLE,
@@ -41,7 +44,7 @@ def frequency_response(result: Result) -> Figure | LeftOut:
         f"{100.0 * _WORTH_SHOWING:g} % of the rate belongs to the torque (coherence). Line: the model with "
         "its lag, delay and the gyro's filter. In the band of the manoeuvre the points should lie on the "
         "line. Above it they often leave together, coherence near 1: there the log shows how the controller "
-        "answers to the gyro's noise, and not the vehicle.",
+        f"answers to the gyro's noise, and not the vehicle.{chosen}",
         panels=tuple(panel for row in zip(*columns, strict=True) for panel in row),
         columns=3,
     )

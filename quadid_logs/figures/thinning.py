@@ -36,19 +36,22 @@ def thin_line(x: FloatArray, y: FloatArray, buckets: int = BUCKETS) -> tuple[Flo
     if n_points <= 2 * buckets:
         return x, y
     width = -(-n_points // buckets)
-    padded = np.full((-(-n_points // width), width), np.nan)
-    padded.reshape(-1)[:n_points] = y
-    missing = np.isnan(padded)
-    picks = (np.where(missing, np.inf, padded).argmin(1), np.where(missing, -np.inf, padded).argmax(1))
-    rows = np.arange(padded.shape[0]) * width
-    kept = np.concatenate([rows + picks[0], rows + picks[1], [0, n_points - 1]])
-    kept = np.unique(kept[kept < n_points])
+    missing = np.isnan(y)
+    gaps = np.flatnonzero(missing)
+    lowest, highest = (np.where(missing, np.inf, y), np.where(missing, -np.inf, y)) if gaps.size else (y, y)
+    picks = (_in_rows(lowest, width).argmin(1), _in_rows(highest, width).argmax(1))
+    rows = np.arange(picks[0].size) * width
+    kept = np.unique(np.concatenate([rows + picks[0], rows + picks[1], [0, n_points - 1]]))
     # Every gap between two points that stay must stay too, or a line would bridge it.
-    gaps = np.flatnonzero(np.isnan(y))
     following = np.searchsorted(gaps, kept)
     bridged = np.diff(following) > 0
     kept = np.unique(np.concatenate([kept, gaps[following[:-1][bridged]]]))
     return x[kept], y[kept]
+
+
+def _in_rows(y: FloatArray, width: int) -> FloatArray:
+    """Cut a series into rows; the last value fills the last row, and is found before its repetitions are."""
+    return np.append(y, np.full(-y.size % width, y[-1])).reshape(-1, width)
 
 
 def thin_points(
