@@ -76,7 +76,8 @@ class Clock:
     def _row_at(self, position: IntArray) -> IntArray:
         """Return the first row at or behind each file position, looked up in the part that holds them all."""
         first, last = np.searchsorted(self.position, [position.min(), position.max()])
-        return np.searchsorted(self.position[first : last + 1], position) + first
+        found = np.searchsorted(self.position[first : last + 1], position) + first
+        return np.asarray(found, dtype=np.int64)
 
     def time_at(self, time_s: float, position: int) -> float:
         """Bring one logged time onto the common clock."""
