@@ -18,6 +18,8 @@ from quadid_logs.maths.resampling import typical_period
 _IMPOSSIBLE = 1e6
 #: No log's clock is finer [s]: what is closer than this has the same time.
 _SAME_TIME_S = 1e-9
+#: Address, number of elements, strides.
+_Place = tuple[int, int, tuple[int, ...]]
 _ONE_COLUMN_PER_MOTOR = frozenset({"motor_thrust", "rotor_speed", "output_pwm"})
 
 
@@ -90,9 +92,9 @@ class Cleaner:
     def __init__(self, clock: Clock, settings: Settings) -> None:
         self._clock = clock
         self._settings = settings
-        # The arrays kept beside hold the keys.
-        self._wild: dict[tuple[int, int, float], tuple[Signal, BoolArray]] = {}
-        self._orders: dict[int, tuple[Signal, _Order]] = {}
+        # The signals kept beside hold the memory that the keys name.
+        self._wild: dict[tuple[_Place, _Place, float], tuple[Signal, BoolArray]] = {}
+        self._orders: dict[_Place, tuple[Signal, _Order]] = {}
 
     def clean(self, signal: Signal) -> CleanSeries:
         """Drop wild stamps and impossible values, put rows in order, merge repeated stamps.
@@ -125,7 +127,7 @@ class Cleaner:
         # An event may stand alone, minutes from the periodic rows around it in the file.
         is_event = signal.name in EVENTS
         tolerance_s = self._settings.clock_jump_s if is_event else self._settings.wild_stamp_s
-        key = (id(signal.time_s), id(signal.position), tolerance_s)
+        key = (_place(signal.time_s), _place(signal.position), tolerance_s)
         if key not in self._wild:
             wild = self._clock.is_wild(signal.time_s, signal.position, tolerance_s)
             self._wild[key] = signal, wild
@@ -135,9 +137,15 @@ class Cleaner:
         """Return the order of the rows of a signal that have stayed; kept where all have."""
         if time_s is not signal.time_s:
             return _order_of(time_s)
-        if id(time_s) not in self._orders:
-            self._orders[id(time_s)] = signal, _order_of(time_s)
-        return self._orders[id(time_s)][1]
+        place = _place(time_s)
+        if place not in self._orders:
+            self._orders[place] = signal, _order_of(time_s)
+        return self._orders[place][1]
+
+
+def _place(series: FloatArray | IntArray) -> _Place:
+    """Return where a series lies in memory: every signal has views of its own of its message's stamps."""
+    return series.__array_interface__["data"][0], series.size, series.strides
 
 
 def _order_of(time_s: FloatArray) -> _Order:
