@@ -186,7 +186,8 @@ def _analyze_slice(paths: list[str]) -> _Rate:
     """Analyze logs one after the other; the first does not count, for it loads the libraries."""
     from quadid_logs.fleet.options import Options
     from quadid_logs.fleet.sources import find_sources
-    from quadid_logs.fleet.work import Task, work
+    from quadid_logs.fleet.tasks import Task
+    from quadid_logs.fleet.work import work
 
     tasks = [Task(source=source, options=Options()) for source in find_sources(paths)]
     work(tasks[0])

@@ -9,7 +9,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 _PATIENCE_S = 60.0
@@ -39,8 +39,15 @@ def wait_for(port: int) -> None:
 class LoopbackCluster:
     """A Dask scheduler and workers as separate processes, as on a cluster; a context manager."""
 
-    def __init__(self, folder: Path, n_workers: int = 2, environment: dict[str, str] | None = None) -> None:
-        self._folder, self._n_workers = folder, n_workers
+    def __init__(
+        self,
+        folder: Path,
+        n_workers: int = 2,
+        *,
+        environment: dict[str, str] | None = None,
+        options: Sequence[str] = (),
+    ) -> None:
+        self._folder, self._n_workers, self._options = folder, n_workers, options
         self._environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", **(environment or {})}
         self._port = free_port()
         self._scheduler: subprocess.Popen[bytes] | None = None
@@ -75,7 +82,7 @@ class LoopbackCluster:
             self._process(
                 "distributed.cli.dask_worker",
                 *(self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard", "--host", "127.0.0.1"),
-                *("--local-directory", str(self._folder)),
+                *("--local-directory", str(self._folder), *self._options),
             )
         )
 

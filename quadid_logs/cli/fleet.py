@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from quadid_logs.fleet.run import Tally
 
 
+#: A week: who wants more wants no limit, and timers of processes have one of their own [minutes].
+_LONGEST_MIN = 10_080.0
+
+
 def fleet(
     places: Annotated[
         list[str],
@@ -53,13 +57,16 @@ def fleet(
     max_mb: Annotated[
         float, typer.Option("--max-mb", metavar="MB", help="Largest file that is downloaded.")
     ] = 4000.0,
+    timeout: Annotated[
+        float, typer.Option("--timeout", metavar="MINUTES", help="Longest time for one log; then it is lost.")
+    ] = 30.0,
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Print problems only.")] = False,
 ) -> int:
     """Analyze all logs, one row per log, flight and axis, on this machine's cores or on a cluster.
 
     A log that cannot be read is a row with its reason. Exit code 0: all done.
-    1: some logs could not be fetched or killed a worker; --resume tries them
-    again.
+    1: some logs are lost, for they could not be fetched, took too long or killed
+    their process; --resume tries them again.
     """
     from quadid_logs.fleet.engine import Cluster
     from quadid_logs.fleet.identity import NamingRules
@@ -68,8 +75,11 @@ def fleet(
     from quadid_logs.fleet.sources import find_sources
     from quadid_logs.vehicle.file import read_vehicle
 
-    if workers < 0 or not max_mb > 0.0:
-        raise SettingsError("--workers and --max-mb cannot be negative.", hint="Leave them out.")
+    if workers < 0 or not max_mb > 0.0 or not 0.0 < timeout <= _LONGEST_MIN:
+        raise SettingsError(
+            f"--workers and --max-mb cannot be negative, --timeout goes up to {_LONGEST_MIN:g}.",
+            hint="Leave them out.",
+        )
     options = Options(
         structure=structure,
         vehicle=None if vehicle is None else read_vehicle(vehicle),
@@ -77,6 +87,7 @@ def fleet(
         rules=NamingRules(vehicle_from=vehicle_from, model_from=model_from),
         reports=reports,
         max_bytes=int(max_mb * 1e6),
+        timeout_s=60.0 * timeout,
     )
     _ = options.settings  # checks the structure's name before the work
     progress = FleetProgress(quiet=quiet)

@@ -1,9 +1,9 @@
 """Hand the logs out to Dask's workers and take the outcomes as they come.
 
 A worker that dies takes only its logs in flight with it; Dask gives them to
-another. A log that kills workers is tried again alone, so that no innocent
-neighbour is blamed, and becomes a row. A scheduler that goes away is waited
-for; what it held in flight is handed out again.
+another. A log whose analysis kills its process is tried again alone, when no
+neighbour can have taken its memory, and becomes a row. A scheduler that goes
+away is waited for; what it held in flight is handed out again.
 """
 
 from __future__ import annotations
@@ -17,11 +17,10 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from quadid_logs.errors import QuadidError, SettingsError
-from quadid_logs.fleet import worker_setup
+from quadid_logs.fleet.analyst import AnalystDiedError
 from quadid_logs.fleet.extra import load
 from quadid_logs.fleet.rows import LOST
-from quadid_logs.fleet.work import Outcome, Task, failure, work
-from quadid_logs.fleet.worker_setup import interrupts_ignored
+from quadid_logs.fleet.tasks import Outcome, Task, failure
 from quadid_logs.untrusted import printable
 
 #: Tasks handed out per thread: one runs, one waits on the worker, the rest bridge the way to the
@@ -30,8 +29,12 @@ _AHEAD: Final = 4
 #: How long a scheduler may be away [s]: a machine restarts in less.
 PATIENCE_S: Final = 300.0
 _KNOCK_S: Final = 1.0
-#: Workers that a log may kill before it is called a killer; alone, so that it is its own doing.
-_DEATHS: Final = 1
+#: Of what Dask does beside the work, a run of hours needs neither samples of where Python is (100 a
+#: second) nor fifty looks a second at whether its own loop is busy.
+_LEAN: Final = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "500ms",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,25 +82,21 @@ def run(tasks: Sequence[Task], cluster: Cluster, events: Events) -> None:
 
 @contextlib.contextmanager
 def _local_or_given(cluster: Cluster) -> Iterator[str]:
-    """Give the scheduler's address; a local cluster lives as long as the run, on loopback alone."""
+    """Give the scheduler's address; a local cluster lives in this process, as long as the run."""
     if cluster.scheduler:
         yield cluster.scheduler
         return
-    dask, distributed = load("dask"), load("distributed")
-    preload = dask.config.get("distributed.worker.preload")
-    with dask.config.set({"distributed.scheduler.allowed-failures": _DEATHS}):
-        with interrupts_ignored():
-            local = distributed.LocalCluster(
-                n_workers=cluster.workers or None,
-                threads_per_worker=1,
-                processes=True,
-                host="127.0.0.1",
-                dashboard_address="127.0.0.1:0",
-                silence_logs=logging.CRITICAL,
-                preload=[*([preload] if isinstance(preload, str) else preload), worker_setup.__name__],
-            )
-        with local:
-            yield str(local.scheduler_address)
+    with (
+        load("dask").config.set(_LEAN),
+        load("distributed").LocalCluster(
+            n_workers=1,
+            threads_per_worker=cluster.workers or None,
+            processes=False,  # the threads only wait: each has a process for the analysis
+            dashboard_address="127.0.0.1:0",
+            silence_logs=logging.CRITICAL,
+        ) as local,
+    ):
+        yield str(local.scheduler_address)
 
 
 class _Crew:
@@ -140,7 +139,8 @@ class _Crew:
         until = time.monotonic() + patience_s
         while True:
             try:
-                return distributed.Client(self._address, timeout=10, set_as_default=False)
+                client = distributed.Client(self._address, timeout=10, set_as_default=False)
+                return _equipped(client)
             except (OSError, ValueError) as error:
                 if time.monotonic() >= until:
                     raise failure_type(
@@ -161,12 +161,14 @@ class _Crew:
 
     def _hand_out(self, waiting: deque[Task], done: Any, ahead: int) -> None:
         """Submit tasks up to what may be in flight."""
+        from quadid_logs.fleet.worker import hand_over
+
         if self._client.status != "running":
             raise _SchedulerGoneError
         try:
             most = max(ahead * self._n_threads(), 1)
             while waiting and len(self._flying) < most:
-                future = self._client.submit(work, waiting[0], pure=False)
+                future = self._client.submit(hand_over, waiting[0], pure=False)
                 self._flying[future.key] = waiting.popleft()
                 done.add(future)
         except OSError as error:
@@ -190,28 +192,47 @@ class _Crew:
 
     def _settle_error(self, task: Task, error: BaseException) -> None:
         """Tell a killed worker, and what stops the whole run, from what is wrong with one log."""
-        if isinstance(error, load("distributed").KilledWorker):
-            self._suspect(task)
+        if isinstance(error, AnalystDiedError):
+            self._suspect(task, f"Analyzing it killed the process ({error})")
+        elif isinstance(error, load("distributed").KilledWorker):
+            self._suspect(task, "Its workers died")
         elif isinstance(error, QuadidError):
             raise error
         elif isinstance(error, ImportError):
-            raise SettingsError(
-                f"A worker cannot import quadid-logs: {printable(error)}.",
-                hint="Install the same version of quadid-logs[fleet] on every worker.",
-            ) from error
+            raise _foreign_worker(error) from error
         else:
             reason = f"The worker failed: {type(error).__name__}: {printable(error)}."
             self._events.take(failure(task, "", LOST, reason))
 
-    def _suspect(self, task: Task) -> None:
-        """Keep a log whose worker died for a second try alone; after that it is a row."""
+    def _suspect(self, task: Task, what: str) -> None:
+        """Keep a log whose process died for a second try alone; after that it is a row."""
         if task in self.suspects:
-            self._events.take(
-                failure(task, "", LOST, "Analyzing it killed the worker, alone and repeatedly.")
-            )
-            self._events.remark(f"{task.source.url} kills workers")
+            self._events.take(failure(task, "", LOST, f"{what}, alone and repeatedly."))
+            self._events.remark(f"{task.source.url} kills whoever analyzes it")
         else:
             self.suspects.append(task)
+
+
+def _equipped(client: Any) -> Any:
+    """Return a client whose workers, present and to come, have processes for the analysis."""
+    from quadid_logs.fleet.worker import Analysts
+
+    try:
+        client.register_plugin(Analysts())
+    except ImportError as error:
+        client.close()
+        raise _foreign_worker(error) from error
+    except OSError:
+        client.close(timeout=5)
+        raise
+    return client
+
+
+def _foreign_worker(error: ImportError) -> SettingsError:
+    return SettingsError(
+        f"A worker cannot import quadid-logs: {printable(error)}.",
+        hint="Install the same version of quadid-logs[fleet] on every worker.",
+    )
 
 
 class _SchedulerAwayError(QuadidError):

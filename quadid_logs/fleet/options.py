@@ -16,7 +16,9 @@ class Options:
 
     ``structure`` is one for all, because numbers of different structures
     cannot be compared; ``vehicle_file`` is the text of the vehicle file that
-    `vehicle` was read from. A file above ``max_bytes`` is not fetched.
+    `vehicle` was read from. A file above ``max_bytes`` is not fetched, and a log
+    that takes longer than ``timeout_s`` is given up. A file of 4 GB takes three
+    minutes; the limit is ten times that, for slow machines and slow networks.
     """
 
     structure: str = "damped"
@@ -25,6 +27,7 @@ class Options:
     rules: NamingRules = field(default_factory=NamingRules)
     reports: bool = False
     max_bytes: int = 4_000_000_000
+    timeout_s: float = 1800.0
 
     @property
     def settings(self) -> Settings:

@@ -14,7 +14,7 @@ from quadid_logs.fleet.options import Options
 from quadid_logs.fleet.rows import ANALYZED, LOST, UNREADABLE
 from quadid_logs.fleet.sources import Source
 from quadid_logs.fleet.store import Store
-from quadid_logs.fleet.work import Outcome, Task
+from quadid_logs.fleet.tasks import Outcome, Task
 
 KNOWN = "known"
 

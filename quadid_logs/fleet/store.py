@@ -26,7 +26,7 @@ from quadid_logs.errors import OutputError, SettingsError
 from quadid_logs.fleet.options import Options
 from quadid_logs.fleet.rows import LOST, schema
 from quadid_logs.fleet.sources import Source
-from quadid_logs.fleet.work import Outcome
+from quadid_logs.fleet.tasks import Outcome
 from quadid_logs.untrusted import printable
 from quadid_logs.version import __version__
 

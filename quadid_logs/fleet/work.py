@@ -1,50 +1,19 @@
-"""What a worker does with one log. Everything that comes in and goes out can be pickled."""
+"""What is done with one log, in a process for that alone."""
 
 from __future__ import annotations
 
 import dataclasses
 import gzip
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from pathlib import Path
 
 from quadid_logs.data.result import Result
 from quadid_logs.errors import QuadidError, SettingsError
 from quadid_logs.fleet.flights import analyze_flights
-from quadid_logs.fleet.options import Options
-from quadid_logs.fleet.rows import LOST, UNREADABLE, failure_row, parquet_bytes, result_rows
+from quadid_logs.fleet.rows import LOST, UNREADABLE, parquet_bytes, result_rows
 from quadid_logs.fleet.sources import FetchError, Source, fetched
+from quadid_logs.fleet.tasks import Outcome, Task, failure
+from quadid_logs.untrusted import printable
 from quadid_logs.version import __version__
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Task:
-    """One log to analyze, unless its content is one of `known` (SHA-256)."""
-
-    source: Source
-    options: Options
-    known: tuple[str, ...] = ()
-    version: str = __version__
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
-    """What became of a log.
-
-    ``table`` is a Parquet file of its rows, empty where the content was known;
-    ``reports`` are pages by number of the flight, compressed with gzip.
-    """
-
-    source: Source
-    sha256: str
-    status: str = ""
-    vehicle: str = ""
-    table: bytes = b""
-    reports: Mapping[int, bytes] = field(default_factory=dict)
-
-    @property
-    def is_known(self) -> bool:
-        """Whether nothing was done, because the store has this content."""
-        return not self.table
 
 
 def work(task: Task) -> Outcome:
@@ -64,28 +33,25 @@ def work(task: Task) -> Outcome:
         with fetched(task.source, task.options.max_bytes) as (path, sha256):
             if sha256 in task.known:
                 return Outcome(source=task.source, sha256=sha256)
-            try:
-                results = tuple(analyze_flights(path, task.options.settings, task.options.vehicle))
-            except QuadidError as error:
-                return failure(task, sha256, UNREADABLE, str(error).replace(str(path), "The file"))
-            except Exception as error:  # noqa: BLE001 - one log must never stop the others
-                return failure(
-                    task,
-                    sha256,
-                    UNREADABLE,
-                    f"unexpected {type(error).__name__}: {error}; a bug in quadid-logs",
-                )
-            return _success(task, sha256, results)
+            return _analyze(task, path, sha256)
     except FetchError as error:
         return failure(task, "", LOST, str(error))
+    except Exception as error:  # noqa: BLE001 - a full disk, no memory: one log must never stop the others
+        return failure(task, "", LOST, f"The worker failed: {type(error).__name__}: {printable(error)}.")
 
 
-def failure(task: Task, sha256: str, status: str, error: str) -> Outcome:
-    """Return the outcome of a log that gave nothing."""
-    row = failure_row(task.source, sha256, task.options.rules, status=status, error=error)
-    return Outcome(
-        source=task.source, sha256=sha256, status=status, vehicle=row["vehicle"], table=parquet_bytes([row])
-    )
+def _analyze(task: Task, path: Path, sha256: str) -> Outcome:
+    """Analyze a log; what fails for its content will fail again."""
+    try:
+        results = tuple(analyze_flights(path, task.options.settings, task.options.vehicle))
+    except QuadidError as error:
+        return failure(task, sha256, UNREADABLE, str(error).replace(str(path), "The file"))
+    except MemoryError:
+        raise
+    except Exception as error:  # noqa: BLE001 - one log must never stop the others
+        reason = f"unexpected {type(error).__name__}: {error}; a bug in quadid-logs"
+        return failure(task, sha256, UNREADABLE, reason)
+    return _success(task, sha256, results)
 
 
 def _success(task: Task, sha256: str, results: tuple[Result, ...]) -> Outcome:

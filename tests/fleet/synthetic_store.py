@@ -11,7 +11,7 @@ from quadid_logs.fleet.options import Options
 from quadid_logs.fleet.rows import ANALYZED, UNREADABLE, parquet_bytes
 from quadid_logs.fleet.sources import Source
 from quadid_logs.fleet.store import Store
-from quadid_logs.fleet.work import Outcome, Task, failure
+from quadid_logs.fleet.tasks import Outcome, Task, failure
 from quadid_logs.vocabulary import AXES
 
 FIRST = datetime.datetime(2026, 3, 1, 12, tzinfo=datetime.UTC)

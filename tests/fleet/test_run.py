@@ -159,38 +159,96 @@ def test_logs_come_from_an_object_store(undisturbed, logs, tmp_path, monkeypatch
     assert all("s3://flights/" in page.read_text() for page in pages)
 
 
-def test_a_log_that_kills_its_worker_is_a_row_and_its_neighbours_are_not(logs, tmp_path):
-    """A worker dies of one log each time; everything else is analyzed."""
-    store, poison = tmp_path / "store", tmp_path / "poison.bin"
-    poison.write_bytes(b"x")
-    (tmp_path / "killer.py").write_text(KILLER)
-    environment = {"PYTHONPATH": str(tmp_path), "DASK_DISTRIBUTED__WORKER__PRELOAD": "killer"}
-    process = command("fleet", logs, poison, "-o", store, "--workers", "2", environment=environment)
-    out, err = process.communicate(timeout=240)
-    assert process.returncode == 1, err
-    assert "4 analyzed, 2 unreadable, 1 lost" in out
-    (lost,) = [row for row in rows_of(store) if row["status"] == "lost"]
-    assert lost["url"] == str(poison)
-    assert "killed the worker" in lost["error"]
-    again = run_fleet(find_sources([str(poison)]), store, Options(), Cluster(workers=1), resume=True)
-    assert again.counts == {"unreadable": 1}
-    assert not [row for row in rows_of(store) if row["status"] == "lost"]
-
-
-#: Loaded into every worker: the poisoned log kills it as the kernel would.
-KILLER = """
-import os, signal
+#: Python imports this wherever it starts, so in every process that analyzes: three logs are poison.
+POISON = """
+import os, signal, time
 from quadid_logs.fleet import work
 
 whole = work.analyze_flights
 
 def analyze_flights(path, *rest):
-    if path.name == "poison.bin":
+    if path.name == "killer.bin":
         os.kill(os.getpid(), signal.SIGKILL)
+    if path.name == "sleeper.bin":
+        time.sleep(3600.0)
+    if path.name == "holder.bin":
+        import ctypes
+        ctypes.PyDLL(None).sleep(3600)  # a library that hangs and never lets go of Python's lock
+    if path.name == "glutton.bin":
+        hoard = bytearray(1 << 30)
+        time.sleep(3600.0)
     return whole(path, *rest)
 
 work.analyze_flights = analyze_flights
 """
+
+
+@pytest.fixture
+def poisoned(tmp_path):
+    """Give a function that writes a poisoned log, and the environment in which it is poison."""
+    (tmp_path / "sitecustomize.py").write_text(POISON)
+
+    def poison(name):
+        path = tmp_path / f"{name}.bin"
+        path.write_bytes(name.encode())
+        return path
+
+    return poison, {"PYTHONPATH": str(tmp_path)}
+
+
+def test_a_log_that_kills_its_process_is_a_row_and_its_neighbours_are_not(logs, poisoned, tmp_path):
+    """A process dies of one log each time; everything else is analyzed."""
+    store = tmp_path / "store"
+    poison, environment = poisoned
+    killer = poison("killer")
+    process = command("fleet", logs, killer, "-o", store, "--workers", "2", environment=environment)
+    out, err = process.communicate(timeout=240)
+    assert process.returncode == 1, err
+    assert "4 analyzed, 2 unreadable, 1 lost" in out
+    (lost,) = [row for row in rows_of(store) if row["status"] == "lost"]
+    assert lost["url"] == str(killer)
+    assert "SIGKILL" in lost["error"]
+    again = run_fleet(find_sources([str(killer)]), store, Options(), Cluster(workers=1), resume=True)
+    assert again.counts == {"unreadable": 1}
+    assert not [row for row in rows_of(store) if row["status"] == "lost"]
+
+
+@pytest.mark.parametrize("name", ["sleeper", "holder"])
+def test_a_log_that_hangs_is_a_row_and_the_run_goes_on(undisturbed, logs, poisoned, tmp_path, name):
+    """Also where a library hangs that holds Python's lock; the one worker gets a new process."""
+    store = tmp_path / "store"
+    poison, environment = poisoned
+    hanging = poison(name)
+    limits = ("--workers", "1", "--timeout", "0.1")
+    process = command("fleet", hanging, logs, "-o", store, *limits, environment=environment)
+    out, err = process.communicate(timeout=240)
+    assert process.returncode == 1, err
+    assert "4 analyzed, 2 unreadable, 1 lost" in out
+    (lost,) = [row for row in rows_of(store) if row["status"] == "lost"]
+    assert lost["url"] == str(hanging)
+    assert "0.1 minutes" in lost["error"]
+    assert [row for row in rows_of(store) if row["status"] != "lost"] == rows_of(undisturbed)
+
+
+def test_on_a_cluster_too_no_log_holds_or_fells_a_worker(undisturbed, logs, poisoned, tmp_path):
+    """Hanging, killing, hoarding: three rows, and the worker is the one that began."""
+    store = tmp_path / "store"
+    poison, environment = poisoned
+    places = [logs, poison("holder"), poison("killer"), poison("glutton")]
+    memory = ("--memory-limit", "1GB")
+    with LoopbackCluster(tmp_path / "cluster", 1, environment=environment, options=memory) as cluster:
+        (worker,) = cluster.workers
+        limits = ("--scheduler", cluster.address, "--timeout", "0.1")
+        process = command("fleet", *places, "-o", store, *limits)
+        out, err = process.communicate(timeout=240)
+        assert worker.poll() is None
+    assert process.returncode == 1, err
+    assert "4 analyzed, 2 unreadable, 3 lost" in out
+    lost = {row["url"].rsplit("/", 1)[-1]: row["error"] for row in rows_of(store) if row["status"] == "lost"}
+    assert "0.1 minutes" in lost["holder.bin"]
+    assert "SIGKILL" in lost["killer.bin"]
+    assert "0.9 GB of memory" in lost["glutton.bin"]
+    assert [row for row in rows_of(store) if row["status"] != "lost"] == rows_of(undisturbed)
 
 
 def test_a_scheduler_that_is_not_there_is_one_clear_line(logs, tmp_path, capsys):
@@ -208,16 +266,16 @@ def test_a_worker_with_another_version_stops_the_run(one_log, tmp_path, monkeypa
 
 
 def _old_task(**keywords):
-    from quadid_logs.fleet.work import Task
+    from quadid_logs.fleet.tasks import Task
 
     return Task(**keywords, version="0.0.1")
 
 
 def test_a_failure_of_the_worker_is_a_row(one_log, tmp_path):
     """A full disk there, say: no end to the run, no endless loop, and the next run tries again."""
-    (tmp_path / "full.py").write_text(FULL)
+    (tmp_path / "sitecustomize.py").write_text(FULL)
     store = tmp_path / "store"
-    environment = {"PYTHONPATH": str(tmp_path), "DASK_DISTRIBUTED__WORKER__PRELOAD": "full"}
+    environment = {"PYTHONPATH": str(tmp_path)}
     process = command("fleet", one_log, "-o", store, "--workers", "1", environment=environment)
     out, err = process.communicate(timeout=180)
     assert process.returncode == 1, err
@@ -225,7 +283,7 @@ def test_a_failure_of_the_worker_is_a_row(one_log, tmp_path):
     assert "No space left" in rows_of(store)[0]["error"]
 
 
-#: Loaded into every worker: its disk is full.
+#: Imported wherever Python starts: the disk is full.
 FULL = """
 from quadid_logs.fleet import work
 

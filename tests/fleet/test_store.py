@@ -15,7 +15,7 @@ from quadid_logs.fleet.options import Options
 from quadid_logs.fleet.rows import LOST, UNREADABLE
 from quadid_logs.fleet.sources import Source
 from quadid_logs.fleet.store import Store, dataset, partition
-from quadid_logs.fleet.work import Outcome, Task, failure
+from quadid_logs.fleet.tasks import Outcome, Task, failure
 
 
 def outcome(url, sha256="a" * 64, *, status=UNREADABLE, n_bytes=10):
