@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import BinaryIO, TypeAlias
+from typing import BinaryIO, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +16,40 @@ from quadid_logs.errors import LogError
 
 Bytes: TypeAlias = NDArray[np.uint8]
 
+_HUGE_PAGE: Final = 1 << 21
+#: In less memory than this, what is left of the last huge page would be more than a quarter.
+_WORTH_ALIGNING: Final = 1 << 23
+#: Rows of this many bytes stay in the processor's cache between being gathered and being put down.
+_PART_BYTES: Final = 1 << 17
+
+
+def room_for(n_bytes: int) -> Bytes:
+    """Return memory that is not initialised; much of it in whole huge pages.
+
+    For large arrays numpy asks the system for huge pages, which it can only give
+    where both ends of one lie inside: the begin is moved to such a place, and the
+    end left room. Of 16 MB up to 4 would come by pages of 4 kB otherwise, 1 us each.
+    """
+    if n_bytes < _WORTH_ALIGNING:
+        return np.empty(n_bytes, np.uint8)
+    room = np.empty(n_bytes + 2 * _HUGE_PAGE, np.uint8)
+    begin = -room.__array_interface__["data"][0] % _HUGE_PAGE
+    return room[begin : begin + n_bytes]
+
 
 def load_bytes(path: str | Path) -> Bytes:
     """Return the whole file as bytes.
 
     Read, not mapped: a file that shrinks while it is mapped kills the process,
-    and reading runs at 2.6 GB/s.
+    and reading runs at 4 GB/s.
     """
-    return np.fromfile(path, dtype=np.uint8)
+    with Path(path).open("rb", buffering=0) as stream:
+        found = room_for(os.fstat(stream.fileno()).st_size)
+        n_read = 0
+        # One call returns 2 GB at most, and nothing at the end of a file that has become shorter.
+        while n_read < len(found) and (more := stream.readinto(found.data[n_read:])):
+            n_read += more
+    return found[:n_read]
 
 
 class FileParts:
@@ -104,6 +130,40 @@ def rows_at(data: Bytes, offsets: IntArray, dtype: np.dtype[np.void]) -> AnyArra
     )
     rows: AnyArray = opaque[offsets].view(dtype)
     return rows
+
+
+def rows_of_types(
+    data: Bytes, wanted: Sequence[tuple[IntArray, np.dtype[np.void]]], *, behind: int = 0
+) -> list[AnyArray]:
+    """Cut the rows of several types out of `data`, all into one piece of memory.
+
+    Parameters
+    ----------
+    data : ndarray of uint8
+    wanted : sequence of (offsets, dtype)
+        As of `rows_at`.
+    behind : int
+        How many bytes each row lies behind its offset.
+
+    Returns
+    -------
+    list of ndarray, each of its `dtype`, shape (n_rows,)
+        Views of one array: who keeps one, keeps all.
+    """
+    sizes = [len(offsets) * dtype.itemsize for offsets, dtype in wanted]
+    # Each type begins where a number of eight bytes may.
+    ends = np.cumsum([size + -size % 8 for size in sizes], dtype=np.int64).tolist()
+    room = room_for(ends[-1] if ends else 0)
+    found: list[AnyArray] = []
+    for (offsets, dtype), size, end in zip(wanted, sizes, ends, strict=True):
+        begin = end - size - -size % 8
+        rows = room[begin : begin + size].reshape(len(offsets), dtype.itemsize)
+        step = max(1, _PART_BYTES // dtype.itemsize)
+        for first in range(0, len(offsets), step):
+            part = rows_at(data, offsets[first : first + step] + behind, dtype)
+            rows[first : first + step] = part.view(np.uint8).reshape(len(part), -1)
+        found.append(rows.reshape(-1).view(dtype))
+    return found
 
 
 def merge_stretches(stretches: list[LostStretch]) -> tuple[LostStretch, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 from quadid_logs.arrays import AnyArray, FloatArray, IntArray
 from quadid_logs.data.log import FlightLog, LostStretch, MessageCount
 from quadid_logs.errors import EmptyLogError
-from quadid_logs.readers.content import load_bytes, rows_at
+from quadid_logs.readers.content import load_bytes, rows_at, rows_of_types
 from quadid_logs.readers.ulog_definitions import HEADER_MAGIC, Definitions, Subscription
 from quadid_logs.readers.ulog_frames import Frames, frame
 
@@ -93,15 +93,20 @@ def read_content(path: str | Path, topics: Collection[str] | None = None) -> Ulo
     """Read a ULog file, decoding only the rows of the given topics (all by default)."""
     data = load_bytes(path)
     frames = frame(data)
-    chosen: dict[TopicKey, list[TopicTable]] = {}
-    for subscription, starts in zip(frames.definitions.subscriptions, frames.starts, strict=True):
-        if len(starts) and (topics is None or subscription.name in topics):
-            rows = rows_at(data, starts + _MESSAGE_HEADER, subscription.dtype)
-            key = (subscription.name, subscription.multi_id)
-            table = TopicTable(name=key[0], multi_id=key[1], rows=rows, position=starts)
-            chosen.setdefault(key, []).append(table)
+    chosen = [
+        (subscription, starts)
+        for subscription, starts in zip(frames.definitions.subscriptions, frames.starts, strict=True)
+        if len(starts) and (topics is None or subscription.name in topics)
+    ]
+    wanted = [(starts, subscription.dtype) for subscription, starts in chosen]
+    found = rows_of_types(data, wanted, behind=_MESSAGE_HEADER)
+    tables: dict[TopicKey, list[TopicTable]] = {}
+    for (subscription, starts), rows in zip(chosen, found, strict=True):
+        key = (subscription.name, subscription.multi_id)
+        table = TopicTable(name=key[0], multi_id=key[1], rows=rows, position=starts)
+        tables.setdefault(key, []).append(table)
     return UlogContent(
-        topics={key: _join(tables) for key, tables in sorted(chosen.items())},
+        topics={key: _join(parts) for key, parts in sorted(tables.items())},
         definitions=frames.definitions,
         counts=_counts(data, frames),
         lost=frames.lost,

@@ -154,6 +154,8 @@ def _walk_block(walk: _Walk, position: int) -> int:
     """Follow the chain through about `_BLOCK` bytes; return where it goes on."""
     walk.stop = min(position + _BLOCK, walk.end)
     walk.covered = min(walk.stop + _LONGEST, walk.end)
+    if not walk.known.subscriptions:
+        position = _take_definitions(walk, position)
     walk.images = _find_images(walk, position)
     walk.stale = False
     while position < walk.stop:
@@ -168,15 +170,35 @@ def _walk_block(walk: _Walk, position: int) -> int:
     return position
 
 
+def _take_definitions(walk: _Walk, position: int) -> int:
+    """Take the messages up to the first topic; return where something else stands.
+
+    Some thousand parameters and formats, and no data yet that could follow one of them.
+    """
+    block = walk.data[position : walk.stop].tobytes()
+    at = 0
+    while at + len(HEADER_MAGIC) <= len(block) and not walk.known.subscriptions:
+        kind, after = block[at + 2], at + 3 + block[at] + 256 * block[at + 1]
+        if kind == _DATA or kind not in MESSAGE_TYPES or after > len(block):
+            break
+        try:
+            _take(walk, kind, block[at + 3 : after], position + at)
+        except BrokenMessageError:
+            break
+        at = after
+    return position + at
+
+
 def _sort_by_topic(walk: _Walk) -> None:
     """Sort the data messages that the block has given by topic, in file order within each.
 
     By blocks, because the memory for the whole file's at once costs more than the sorting.
     """
-    if not walk.accepted:
-        return
-    starts, topics = (np.concatenate(parts) for parts in zip(*walk.accepted, strict=True))
+    runs = [run for run in walk.accepted if len(run[0])]  # a message cut short leaves an empty one
     walk.accepted.clear()
+    if not runs:
+        return
+    starts, topics = (np.concatenate(parts) for parts in zip(*runs, strict=True))
     # Integers of up to 16 bits are sorted by radix.
     order = topics.astype(np.min_scalar_type(len(walk.known.subscriptions))).argsort(kind="stable")
     topics = topics.take(order)
@@ -206,7 +228,7 @@ def _find_images(walk: _Walk, begin: int) -> _Images:
 def _follow_run(walk: _Walk, position: int) -> int:
     """Take the data messages that follow each other from `position` on; return where they end."""
     images = walk.images
-    if not len(images.starts) or position + 2 >= walk.end or walk.data[position + 2] != _DATA:
+    if position + 2 >= walk.end or walk.data[position + 2] != _DATA:
         return position
     first = int(images.starts.searchsorted(position))
     if first == len(images.starts) or images.starts[first] != position:
@@ -268,9 +290,6 @@ def _is_image(walk: _Walk, position: int) -> bool:
 def _next_image(walk: _Walk, position: int) -> int:
     """Return where the next data message begins, or a place behind the file."""
     images = walk.images
-    if not len(images.starts):
-        # As before the first topic, where there are thousands of parameters.
-        return len(walk.data) + 1
     found = int(images.starts.searchsorted(position))
     return int(images.starts[found]) if found < len(images.starts) else len(walk.data) + 1
 

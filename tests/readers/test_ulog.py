@@ -179,6 +179,15 @@ def test_missing_bytes_inside_a_row_drop_that_row_only(tmp_path: Path) -> None:
     assert table.rows["xyz"][:, 0].tolist() == [0.0, 2.0, 3.0, 4.0, 5.0, 6.0]
 
 
+def test_a_log_whose_only_row_is_cut_short_still_gives_its_text(tmp_path: Path) -> None:
+    """The row is lost with what its size reaches into; nothing is left of its block to sort by topic."""
+    body = make.row(make.RATE_ID, 1)[:-6] + make.text(1_000_000, "takeoff") + make.text(1_100_000, "landed")
+    content = ulog.read_content(write(tmp_path, make.header() + make.definitions() + body))
+    assert dict(content.topics) == {}
+    assert [each.text for each in content.definitions.texts] == ["landed"]
+    assert content.lost
+
+
 def test_a_size_that_lies_does_not_swallow_the_rows_behind_it(tmp_path: Path) -> None:
     """A text that claims 5000 bytes costs itself and the row before it, whose end is then in doubt."""
     lying = bytearray(make.text(1_000_000, "short"))

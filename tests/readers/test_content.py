@@ -1,0 +1,41 @@
+"""Bytes of a file, and rows cut out of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from quadid_logs.readers.content import load_bytes, room_for, rows_at, rows_of_types
+
+
+@pytest.mark.parametrize("n_bytes", [0, 1, 5_000_000, 9_000_001])
+def test_a_file_is_loaded_byte_for_byte(n_bytes: int, tmp_path: Path) -> None:
+    """Small ones, and those for which huge pages are asked for."""
+    content = np.random.default_rng(0).integers(0, 256, n_bytes, dtype=np.uint8)
+    path = tmp_path / "log"
+    content.tofile(path)
+    np.testing.assert_array_equal(load_bytes(path), content)
+
+
+def test_large_memory_begins_with_a_huge_page() -> None:
+    """The system can give one only where both of its ends lie inside."""
+    room = room_for(20_000_000)
+    assert room.size == 20_000_000
+    assert room.ctypes.data % (1 << 21) == 0
+
+
+def test_rows_of_several_types_are_those_of_each_type() -> None:
+    """Also where a type has no rows, or more than are put down at once."""
+    rng = np.random.default_rng(1)
+    data = rng.integers(0, 256, 1_000_000, dtype=np.uint8)
+    wanted = [
+        (np.sort(rng.integers(0, 900_000, n_rows)), np.dtype([("a", "<u4"), ("b", "u1", (n_bytes,))]))
+        for n_rows, n_bytes in ((5000, 3), (0, 4), (1, 9), (2000, 500))
+    ]
+    found = rows_of_types(data, wanted, behind=5)
+    for rows, (offsets, dtype) in zip(found, wanted, strict=True):
+        assert rows.dtype == dtype
+        np.testing.assert_array_equal(rows, rows_at(data, offsets + 5, dtype))
+    assert rows_of_types(data, []) == []
