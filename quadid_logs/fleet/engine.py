@@ -139,8 +139,9 @@ class _Crew:
         until = time.monotonic() + patience_s
         while True:
             try:
-                client = distributed.Client(self._address, timeout=10, set_as_default=False)
-                return _equipped(client)
+                return _equipped(distributed.Client(self._address, timeout=10, set_as_default=False))
+            except QuadidError:
+                raise
             except (OSError, ValueError) as error:
                 if time.monotonic() >= until:
                     raise failure_type(
@@ -198,8 +199,8 @@ class _Crew:
             self._suspect(task, "Its workers died")
         elif isinstance(error, QuadidError):
             raise error
-        elif isinstance(error, ImportError):
-            raise _foreign_worker(error) from error
+        elif isinstance(error, ImportError) or "deserialization" in str(error):  # of what was submitted
+            raise _foreign(error) from error
         else:
             reason = f"The worker failed: {type(error).__name__}: {printable(error)}."
             self._events.take(failure(task, "", LOST, reason))
@@ -214,24 +215,23 @@ class _Crew:
 
 
 def _equipped(client: Any) -> Any:
-    """Return a client whose workers, present and to come, have processes for the analysis."""
+    """Give the workers, present and to come, their processes for the analysis."""
     from quadid_logs.fleet.worker import Analysts
 
     try:
         client.register_plugin(Analysts())
-    except ImportError as error:
-        client.close()
-        raise _foreign_worker(error) from error
-    except OSError:
+    except Exception as error:
         client.close(timeout=5)
-        raise
+        if isinstance(error, OSError):
+            raise
+        raise _foreign(error) from error  # whatever it was there, here it is a plain Exception
     return client
 
 
-def _foreign_worker(error: ImportError) -> SettingsError:
+def _foreign(error: BaseException) -> SettingsError:
     return SettingsError(
-        f"A worker cannot import quadid-logs: {printable(error)}.",
-        hint="Install the same version of quadid-logs[fleet] on every worker.",
+        f"The scheduler or a worker cannot load quadid-logs: {printable(error)}.",
+        hint="Install the same version of quadid-logs[fleet] there.",
     )
 
 
