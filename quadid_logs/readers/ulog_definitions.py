@@ -157,9 +157,9 @@ def _key_and_value(body: bytes) -> tuple[str, object]:
     match = _KEY.match(_text_of(body[1:key_end]))
     if match is None or key_end > len(body):
         raise BrokenMessageError("a key without type and name")
-    type_name, name = match[1], match[3]
+    type_name, is_array, name = match.groups()
     raw = body[key_end:]
-    if match[2]:
+    if is_array:
         # The size in the brackets is not checked: PX4's performance counters get it wrong.
         return name, _text_of(raw) if type_name == "char" else raw
     if type_name not in _BASIC_TYPES:
