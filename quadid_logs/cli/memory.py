@@ -16,9 +16,9 @@ def keep_freed_memory() -> None:
     """Let the C library keep the memory of large arrays for the next ones.
 
     By default glibc hands every large array back to the operating system, which
-    zeroes the pages of the next one again: 6 of 20 s of processor time for a log
-    of 1 GB. The peak grows by 4 %. A choice for the whole process, so only a command
-    line may make it. Elsewhere than with glibc nothing happens; mallopt(3).
+    zeroes the pages of the next one again: 4 to 6 of 20 s of processor time for a
+    log of 1 GB. The peak grows by up to 9 %. A choice for the whole process, so only a
+    command line may make it. Elsewhere than with glibc nothing happens; mallopt(3).
     """
     if not sys.platform.startswith("linux"):
         return

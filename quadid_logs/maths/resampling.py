@@ -110,7 +110,10 @@ def _decimation_factor(time_s: FloatArray, grid_s: FloatArray) -> int:
 
 def _interpolate(time_s: FloatArray, values: FloatArray, grid_s: FloatArray) -> FloatArray:
     """Interpolate each column linearly."""
-    return np.stack([np.interp(grid_s, time_s, column) for column in values.T], axis=1)
+    found = np.empty((grid_s.size, values.shape[1]))
+    for number, column in enumerate(values.T):
+        found[:, number] = np.interp(grid_s, time_s, column)
+    return found
 
 
 def _hold(time_s: FloatArray, values: FloatArray, grid_s: FloatArray) -> FloatArray:
