@@ -91,7 +91,8 @@ def _whole_logs(logs: Path, options: argparse.Namespace) -> Iterator[str]:
     store = options.folder / "whole"
     yield from _speed(logs, store, options)
     stored = [path.stat().st_size for path in store.rglob("*.parquet")]
-    yield f"- the store: {sum(stored) / len(stored) / 1e3:.1f} kB a log"
+    n_logs = len(list(logs.glob("*.bin")))
+    yield f"- the store: {len(stored)} files, {sum(stored) / n_logs / 1e3:.1f} kB a log"
     began = time.perf_counter()
     found = _found(store)
     yield f"- reading it and looking for changes: {time.perf_counter() - began:.1f} s"

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from quadid_logs.fleet.files import dataset
 from quadid_logs.fleet.rows import RUN_COLUMNS
-from quadid_logs.fleet.store import dataset
 
 
 def rows_of(store: Path, *, without: Sequence[str] = ()) -> list[dict[str, Any]]:

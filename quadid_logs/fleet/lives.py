@@ -24,8 +24,8 @@ from quadid_logs.fleet.changes import (
     present_value,
     usual_scatter,
 )
+from quadid_logs.fleet.files import rows_by_vehicle
 from quadid_logs.fleet.rows import ANALYZED
-from quadid_logs.fleet.store import files_by_vehicle, rows_of
 from quadid_logs.vocabulary import AXES, TORQUE_SYMBOLS
 
 #: What differs between flights of a whole vehicle, although nothing broke. A gain goes with the air's
@@ -117,8 +117,7 @@ def read_fleet(folder: Path) -> Fleet:
         If the folder is no store.
     """
     lives, failures = [], []
-    for files in files_by_vehicle(folder):
-        rows = rows_of(files, _COLUMNS)
+    for rows in rows_by_vehicle(folder, _COLUMNS):
         flown = [row for row in rows if row["status"] == ANALYZED]
         if flown:
             lives.append(_life(flown[0]["vehicle"], flown))

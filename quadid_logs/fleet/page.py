@@ -12,9 +12,9 @@ from typing import Final
 from urllib.parse import quote
 
 from quadid_logs.fleet.changes import Change, Shift, Standing
+from quadid_logs.fleet.files import REPORTS
 from quadid_logs.fleet.lives import Failure, Fleet, Flight, Life
 from quadid_logs.fleet.sparklines import HEIGHT, WIDTH, Sparkline, sparkline
-from quadid_logs.fleet.store import REPORTS
 from quadid_logs.report.pages import environment
 from quadid_logs.untrusted import printable
 from quadid_logs.version import __version__

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from quadid_logs.fleet.compaction import compact
 from quadid_logs.fleet.engine import Cluster, Events, run
 from quadid_logs.fleet.extra import load
 from quadid_logs.fleet.options import Options
@@ -104,6 +105,8 @@ def run_fleet(
     tasks = [Task(source=source, options=options, known=store.known(source)) for source in sources]
     if tasks:
         run(tasks, cluster, Events(take=take, began=began, remark=remark))
+    if tally.n_done > tally.counts[KNOWN]:
+        compact(folder)
     return tally
 
 

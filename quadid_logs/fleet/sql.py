@@ -9,7 +9,7 @@ from typing import Any
 
 from quadid_logs.errors import SettingsError
 from quadid_logs.fleet.extra import load
-from quadid_logs.fleet.store import dataset
+from quadid_logs.fleet.files import dataset
 
 #: No file, no network, no extension, no spilling to disk, and no way to change that.
 _LOCKS = (

@@ -1,50 +1,43 @@
-"""The store: a folder of Parquet files, one per log, in a folder per vehicle.
-
-::
-
-    STORE/fleet.json                              how it was made
-    STORE/vehicle=quad-07/<sha256>-<version>.parquet
-    STORE/reports/<sha256>-<flight>.html
-
-A file appears by being renamed, whole, so that a run can be killed at any
-moment. Only one run may write into a store.
-"""
+"""The store that a run writes into; `files` says what lies where."""
 
 from __future__ import annotations
 
 import gzip
 import hashlib
 import json
-import os
-import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from quadid_logs.errors import OutputError, SettingsError
+from quadid_logs.fleet.files import (
+    DESCRIPTION,
+    LOST_PREFIX,
+    PART,
+    REPORTS,
+    key_of,
+    own_files,
+    partition,
+    partition_safe,
+    rows_by_vehicle,
+    write_whole,
+)
 from quadid_logs.fleet.options import Options
-from quadid_logs.fleet.rows import LOST, schema
+from quadid_logs.fleet.rows import LOST
 from quadid_logs.fleet.sources import Source
 from quadid_logs.fleet.tasks import Outcome
 from quadid_logs.untrusted import printable
 from quadid_logs.version import __version__
 
-if TYPE_CHECKING:
-    import pyarrow.dataset as pads
-
-DESCRIPTION, REPORTS = "fleet.json", "reports"
 _FORMAT = 1
-_PART = ".part"
-#: Longest name of a folder [bytes]: file systems allow 255.
-_LONGEST = 120
 
 
 @dataclass(frozen=True, slots=True)
 class _Entry:
-    """What the store holds about one file."""
+    """What the store holds about one log; `path` is its own file, if it has one."""
 
-    path: Path
+    path: Path | None
     url: str
     n_bytes: int
     done: bool
@@ -83,16 +76,17 @@ class Store:
                     f"{printable(self.folder)} exists already.", hint="Add --resume to add what is missing."
                 )
             check_options(self.folder, options)
-            for part in self.folder.rglob(f".*{_PART}"):
+            for part in self.folder.rglob(f".*{PART}"):
                 part.unlink(missing_ok=True)
         self.folder.mkdir(parents=True, exist_ok=True)
         text = json.dumps({"format": _FORMAT, **options.fingerprint()}, indent=1) + "\n"
-        _write(self.folder / DESCRIPTION, text.encode())
-        for row in _stock(self.folder):
-            entry = _Entry(Path(row["__filename"]), row["url"], row["n_bytes"], _is_done(row))
-            self._entries[_key(row["sha256"], row["url"])] = entry
+        write_whole(self.folder / DESCRIPTION, text.encode())
+        own = {key_of(path): path for path in own_files(self.folder)}
+        for key, row in _stock(self.folder):
+            entry = _Entry(own.get(key), row["url"], row["n_bytes"], _is_done(row))
+            self._entries[key] = entry
             if entry.done:
-                self._by_size.setdefault(entry.n_bytes, []).append(row["sha256"])
+                self._by_size.setdefault(entry.n_bytes, []).append(key)
 
     def known(self, source: Source) -> tuple[str, ...]:
         """Return the hashes that a file of this size may have so that nothing is left to do."""
@@ -118,8 +112,8 @@ class Store:
         path = self.folder / partition(outcome.vehicle) / f"{key}-{partition_safe(__version__)}.parquet"
         try:
             for flight, page in outcome.reports.items():
-                _write(self.folder / REPORTS / f"{key}-{flight}.html", gzip.decompress(page))
-            _write(path, outcome.table)
+                write_whole(self.folder / REPORTS / f"{key}-{flight}.html", gzip.decompress(page))
+            write_whole(path, outcome.table)
             self._forget(old, path)
             self._forget(self._entries.pop(_key("", outcome.source.url), None), path)
         except OSError as error:
@@ -129,67 +123,18 @@ class Store:
         return True
 
     def _forget(self, old: _Entry | None, path: Path) -> None:
-        """Remove an older file about the same log."""
-        if old is not None and old.path != path:
+        """Remove an older file about the same log; elsewhere its rows do not count any more."""
+        if old is not None and old.path is not None and old.path != path:
             old.path.unlink(missing_ok=True)
 
 
 def _key(sha256: str, url: str) -> str:
     """Name a log by its content, or by its place where that was never seen."""
-    return sha256 or f"lost-{hashlib.sha256(url.encode('utf-8', 'replace')).hexdigest()[:32]}"
+    return sha256 or f"{LOST_PREFIX}{hashlib.sha256(url.encode('utf-8', 'replace')).hexdigest()[:32]}"
 
 
 def _is_done(row: dict[str, Any]) -> bool:
     return bool(row["status"] != LOST and row["version"] == __version__)
-
-
-def partition(vehicle: str) -> str:
-    r"""Return the folder of a vehicle; a hostile name leads nowhere else.
-
-    >>> partition("../../etc\x00/x")
-    'vehicle=%2E%2E%2F%2E%2E%2Fetc%00%2Fx'
-    """
-    return f"vehicle={partition_safe(vehicle)}"
-
-
-def partition_safe(name: str) -> str:
-    """Escape all but letters, digits, ``_``, ``-`` and single inner dots; a hash ends what is too long."""
-    escaped = re.sub(
-        rb"[^A-Za-z0-9_.-]|\.(?=\.)|^\.|(?<=\.)\.|\.$",
-        lambda match: b"".join(b"%%%02X" % byte for byte in match[0]),
-        name.encode("utf-8", "replace"),
-    ).decode()
-    if len(escaped) <= _LONGEST:
-        return escaped or "%"
-    return f"{escaped[: _LONGEST - 17]}-{hashlib.sha256(name.encode('utf-8', 'replace')).hexdigest()[:16]}"
-
-
-def _write(path: Path, content: bytes) -> None:
-    """Write a file beside its place, through to the disk, and rename it."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(f".{path.name}.{os.getpid()}{_PART}")
-    try:
-        with beside.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        beside.replace(path)
-    finally:
-        beside.unlink(missing_ok=True)
-
-
-def check_store(folder: Path) -> None:
-    """Refuse what is no store.
-
-    Raises
-    ------
-    SettingsError
-    """
-    if not (folder / DESCRIPTION).is_file():
-        raise SettingsError(
-            f"{printable(folder)} is no store of a fleet.",
-            hint="Make one with: quadid-log fleet LOGS -o STORE",
-        )
 
 
 def check_options(folder: Path, options: Options) -> None:
@@ -213,44 +158,7 @@ def check_options(folder: Path, options: Options) -> None:
             )
 
 
-def dataset(folder: Path) -> pads.Dataset:
-    """Return the rows of a store, not yet read.
-
-    Raises
-    ------
-    SettingsError
-        If the folder is no store.
-    """
-    import pyarrow.dataset as pads
-
-    files = [str(path) for files in files_by_vehicle(folder) for path in files]
-    return pads.dataset(files, schema=schema(), format="parquet")
-
-
-def files_by_vehicle(folder: Path) -> Iterator[list[Path]]:
-    """Yield the files of one vehicle after the other.
-
-    Raises
-    ------
-    SettingsError
-        If the folder is no store.
-    """
-    check_store(folder)
-    for vehicle in sorted(folder.glob("vehicle=*")):
-        yield sorted(path for path in vehicle.glob("*.parquet") if not path.name.startswith("."))
-
-
-def rows_of(files: Iterable[Path], columns: Iterable[str]) -> list[dict[str, Any]]:
-    """Read some columns of some files of a store."""
-    import pyarrow.dataset as pads
-
-    read = pads.dataset([str(path) for path in files], schema=schema(), format="parquet")
-    rows: list[dict[str, Any]] = read.to_table(columns=list(columns)).to_pylist()
-    return rows
-
-
-def _stock(folder: Path) -> Iterator[dict[str, Any]]:
-    """Yield one row per file of the store."""
-    columns = ["__filename", "sha256", "url", "n_bytes", "status", "version"]
-    for files in files_by_vehicle(folder):
-        yield from {row["__filename"]: row for row in rows_of(files, columns)}.values()
+def _stock(folder: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield one row per log of the store, and the log's name."""
+    for rows in rows_by_vehicle(folder, ["sha256", "url", "n_bytes", "status", "version"]):
+        yield from {_key(row["sha256"], row["url"]): row for row in rows}.items()

@@ -281,6 +281,14 @@ def test_a_scheduler_that_is_not_there_is_one_clear_line(logs, tmp_path, capsys)
     assert "does not answer" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("limit", ["0", "-1", "nan", "inf"])
+def test_no_time_at_all_and_no_end_at_all_are_refused(logs, tmp_path, capsys, limit):
+    """Before anything is started."""
+    assert main(["fleet", str(logs), "-o", str(tmp_path / "store"), "--timeout", limit]) == 2
+    assert "--timeout" in capsys.readouterr().err
+    assert not (tmp_path / "store").exists()
+
+
 def test_a_worker_with_another_version_stops_the_run(one_log, tmp_path, monkeypatch):
     """Its numbers would not fit the others."""
     monkeypatch.setattr("quadid_logs.fleet.run.Task", _old_task)

@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 
 from benchmarks.fleet_rows import rows_of
 from quadid_logs.errors import OutputError, SettingsError
+from quadid_logs.fleet.files import dataset, partition
 from quadid_logs.fleet.options import Options
 from quadid_logs.fleet.rows import LOST, UNREADABLE
 from quadid_logs.fleet.sources import Source
-from quadid_logs.fleet.store import Store, dataset, partition
+from quadid_logs.fleet.store import Store
 from quadid_logs.fleet.tasks import Outcome, Task, failure
 
 
