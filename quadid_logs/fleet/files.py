@@ -19,7 +19,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -107,7 +107,7 @@ def dataset(folder: Path) -> pads.Dataset:
     return pads.dataset([_on_disk([*own, *whole]), *rest])
 
 
-def rows_by_vehicle(folder: Path, columns: Sequence[str]) -> Iterator[list[dict[str, Any]]]:
+def rows_by_vehicle(folder: Path, columns: Iterable[str]) -> Iterator[list[dict[str, Any]]]:
     """Yield some columns of the rows of one vehicle after the other.
 
     Raises
@@ -118,14 +118,15 @@ def rows_by_vehicle(folder: Path, columns: Sequence[str]) -> Iterator[list[dict[
     check_store(folder)
     own, together = own_files(folder), together_files(folder)
     outdated = outdated_logs(own, together)
+    names = list(columns)
     by_vehicle: dict[Path, list[Path]] = {}
     for path in own:
         by_vehicle.setdefault(path.parent, []).append(path)
     for vehicle in sorted({*by_vehicle, *(path.parent for path in together)}):
-        rows = read_rows(by_vehicle.get(vehicle, ()), columns=columns).to_pylist()
+        rows = read_rows(by_vehicle.get(vehicle, ()), columns=names).to_pylist()
         path = vehicle / TOGETHER
         if path in together:
-            rows += read_rows([path], without=outdated.get(path, ()), columns=columns).to_pylist()
+            rows += read_rows([path], without=outdated.get(path, ()), columns=names).to_pylist()
         yield rows
 
 
@@ -160,7 +161,7 @@ def outdated_logs(own: Iterable[Path], together: Iterable[Path]) -> dict[Path, s
 
 
 def read_rows(
-    files: Iterable[Path], *, without: Iterable[str] = (), columns: Sequence[str] | None = None
+    files: Iterable[Path], *, without: Iterable[str] = (), columns: list[str] | None = None
 ) -> pa.Table:
     """Read files into memory, but for some logs (SHA-256)."""
     import pyarrow as pa
