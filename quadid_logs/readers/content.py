@@ -20,7 +20,7 @@ _HUGE_PAGE: Final = 1 << 21
 #: In less memory than this, what is left of the last huge page would be more than a quarter.
 _WORTH_ALIGNING: Final = 1 << 23
 #: Rows of this many bytes stay in the processor's cache between being gathered and being put down.
-_PART_BYTES: Final = 1 << 17
+_PART_BYTES: Final = 1 << 18
 
 
 def room_for(n_bytes: int) -> Bytes:

@@ -103,7 +103,7 @@ class Definitions:
             If the body does not follow the format of its type.
         """
         try:
-            _TAKE[chr(kind)](self, body, offset)
+            _TAKE[kind](self, body, offset)
         except (struct.error, UnicodeDecodeError, IndexError) as error:
             raise BrokenMessageError(str(error)) from error
 
@@ -219,18 +219,18 @@ def _take_sync(known: Definitions, body: bytes, offset: int) -> None:  # noqa: A
 
 
 _TAKE: Final = {
-    "B": _take_flags,
-    "F": _take_format,
-    "A": _take_subscription,
-    "R": _take_end_of_subscription,
-    "I": _take_information,
-    "M": _take_information_multiple,
-    "P": _take_parameter,
-    "Q": _take_parameter_default,
-    "L": _take_text,
-    "C": _take_tagged_text,
-    "O": _take_dropout,
-    "S": _take_sync,
+    ord("B"): _take_flags,
+    ord("F"): _take_format,
+    ord("A"): _take_subscription,
+    ord("R"): _take_end_of_subscription,
+    ord("I"): _take_information,
+    ord("M"): _take_information_multiple,
+    ord("P"): _take_parameter,
+    ord("Q"): _take_parameter_default,
+    ord("L"): _take_text,
+    ord("C"): _take_tagged_text,
+    ord("O"): _take_dropout,
+    ord("S"): _take_sync,
 }
 
 

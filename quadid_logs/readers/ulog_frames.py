@@ -32,6 +32,8 @@ _DATA: Final = ord("D")
 _HEAD: Final = np.dtype(
     {"names": ["size", "id"], "formats": ["<u2", "<u2"], "offsets": [0, 3], "itemsize": 5}
 )
+#: Neither data nor the announcement of a topic.
+_BEFORE_TOPICS: Final = MESSAGE_TYPES - frozenset(b"DA")
 _BLOCK: Final = 1 << 20
 _LONGEST: Final = 3 + 0xFFFF
 #: Longest message of a type other than data that is believed without looking into it.
@@ -171,18 +173,18 @@ def _walk_block(walk: _Walk, position: int) -> int:
 
 
 def _take_definitions(walk: _Walk, position: int) -> int:
-    """Take the messages up to the first topic; return where something else stands.
+    """Take the messages before the first topic; return where something else stands.
 
     Some thousand parameters and formats, and no data yet that could follow one of them.
     """
     block = walk.data[position : walk.stop].tobytes()
     at = 0
-    while at + len(HEADER_MAGIC) <= len(block) and not walk.known.subscriptions:
+    while at + len(HEADER_MAGIC) <= len(block):
         kind, after = block[at + 2], at + 3 + block[at] + 256 * block[at + 1]
-        if kind == _DATA or kind not in MESSAGE_TYPES or after > len(block):
+        if kind not in _BEFORE_TOPICS or after > len(block):
             break
         try:
-            _take(walk, kind, block[at + 3 : after], position + at)
+            walk.known.take(kind, block[at + 3 : after], position + at)
         except BrokenMessageError:
             break
         at = after
@@ -217,9 +219,11 @@ def _find_images(walk: _Walk, begin: int) -> _Images:
     # Cut out of rows of five bytes they lie unaligned, and every look-up would copy them first.
     msg_id, row_size = head["id"].astype(np.intp), head["size"].astype(np.int64) - 2
     ends = starts + row_size + 5
-    fits = (row_size >= walk.least.take(msg_id)) & (row_size <= walk.most.take(msg_id)) & (ends <= end)
-    kept = np.flatnonzero(fits)
-    starts, ends, topics = starts.take(kept), ends.take(kept), walk.topic.take(msg_id.take(kept))
+    # "clip" spares the check of numbers that cannot be wrong: an id has 16 bits.
+    least, most = walk.least.take(msg_id, mode="clip"), walk.most.take(msg_id, mode="clip")
+    kept = np.flatnonzero((row_size >= least) & (row_size <= most) & (ends <= end))
+    starts, ends = starts.take(kept, mode="clip"), ends.take(kept, mode="clip")
+    topics = walk.topic.take(msg_id.take(kept, mode="clip"), mode="clip")
     broken = np.ones(len(starts), bool)
     broken[:-1] = starts[1:] != ends[:-1]
     return _Images(starts, ends, topics, np.flatnonzero(broken))
