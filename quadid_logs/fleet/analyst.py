@@ -12,6 +12,7 @@ import faulthandler
 import multiprocessing
 import os
 import queue
+import shutil
 import signal
 import subprocess
 import sys
@@ -27,7 +28,9 @@ from quadid_logs.fleet.extra import load
 from quadid_logs.fleet.rows import LOST
 from quadid_logs.fleet.tasks import Outcome, Task, failure
 
-_START: Final = "import sys; from quadid_logs.fleet.analyst import serve; serve(int(sys.argv[1]))"
+_START: Final = (
+    "import sys; from quadid_logs.fleet.analyst import serve; serve(int(sys.argv[1]), sys.argv[2])"
+)
 #: How often time and memory are looked at [s]: a process can hardly fill a machine meanwhile.
 _LOOK_S: Final = 0.5
 #: A process whose worker is gone cannot be told to end while a library holds Python's lock; it ends
@@ -55,11 +58,11 @@ class Analyst:
         self._most_bytes = most_bytes
         self._folder = tempfile.TemporaryDirectory(prefix="quadid-fleet-", ignore_cleanup_errors=True)
         self._connection, theirs = multiprocessing.Pipe()
-        environment = {"TMPDIR": self._folder.name, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+        environment = {**os.environ, **_ENVIRONMENT, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
         with theirs:
             self._process = subprocess.Popen(  # noqa: S603 - our own interpreter and code
-                [sys.executable, "-c", _START, str(theirs.fileno())],
-                env={**os.environ, **_ENVIRONMENT, **environment},
+                [sys.executable, "-c", _START, str(theirs.fileno()), self._folder.name],
+                env=environment,
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
@@ -135,13 +138,14 @@ class Analyst:
         return signal.Signals(-code).name if code < 0 else f"exit code {code}"
 
 
-def serve(descriptor: int) -> None:
-    """Be the process: analyze what comes over the connection until it closes."""
+def serve(descriptor: str, folder: str) -> None:
+    """Be the process: analyze what comes over the connection until it closes; downloads go to the folder."""
     from quadid_logs.fleet.work import work
 
-    connection = Connection(descriptor)
+    tempfile.tempdir = folder
+    connection = Connection(int(descriptor))
     tasks: queue.SimpleQueue[Task] = queue.SimpleQueue()
-    threading.Thread(target=_listen, args=(connection, tasks), daemon=True).start()
+    threading.Thread(target=_listen, args=(connection, tasks, folder), daemon=True).start()
     with Path(os.devnull).open("w") as nowhere:
         while True:
             task = tasks.get()
@@ -155,10 +159,11 @@ def serve(descriptor: int) -> None:
             connection.send(answer)
 
 
-def _listen(connection: Connection, tasks: queue.SimpleQueue[Task]) -> None:
+def _listen(connection: Connection, tasks: queue.SimpleQueue[Task], folder: str) -> None:
     """Take what comes, and end the process with its worker, also in the middle of a log."""
     try:
         while True:
             tasks.put(connection.recv())
     except (EOFError, OSError):
+        shutil.rmtree(folder, ignore_errors=True)
         os._exit(0)

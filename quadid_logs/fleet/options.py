@@ -17,8 +17,8 @@ class Options:
     ``structure`` is one for all, because numbers of different structures
     cannot be compared; ``vehicle_file`` is the text of the vehicle file that
     `vehicle` was read from. A file above ``max_bytes`` is not fetched, and a log
-    that takes longer than ``timeout_s`` is given up. A file of 4 GB takes three
-    minutes; the limit is ten times that, for slow machines and slow networks.
+    that takes longer than ``timeout_s`` is given up. A log of 1 GB takes half a
+    minute; the limit leaves room for 4 GB, slow machines and slow networks.
     """
 
     structure: str = "damped"

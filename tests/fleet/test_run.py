@@ -135,15 +135,19 @@ def test_ctrl_c_leaves_a_good_store_that_resume_completes(undisturbed, logs, tmp
 
 
 def test_a_killed_run_leaves_a_good_store_and_no_process(undisturbed, logs, tmp_path):
-    """SIGKILL: no farewell at all; the processes that analyze end by themselves."""
-    store = tmp_path / "store"
-    process = command("fleet", logs, "-o", store, "--workers", "1")
+    """SIGKILL: no farewell at all; the processes that analyze end by themselves, and clean up."""
+    store, downloads = tmp_path / "store", tmp_path / "downloads"
+    downloads.mkdir()
+    environment = {"TMPDIR": str(downloads)}
+    process = command("fleet", logs, "-o", store, "--workers", "1", environment=environment)
     wait_for_files(store, 1, process)
     analysts = psutil.Process(process.pid).children(recursive=True)
+    assert analysts
+    assert list(downloads.glob("quadid-fleet-*"))
     process.kill()
     process.communicate(timeout=180)
-    assert analysts
     assert psutil.wait_procs(analysts, timeout=10.0)[1] == []
+    assert not list(downloads.glob("quadid-fleet-*"))
     assert all(row in rows_of(undisturbed) for row in rows_of(store))
 
 
