@@ -26,6 +26,8 @@ __all__ = ["Prepared", "align", "cut", "prepare"]
 #: No rate loop of a multirotor runs slower than this [Hz]; a log that is as
 #: fast holds every output.
 _LOOP_RATE_HZ = 200.0
+#: The next slower log holds half the steps of the loop; uneven stamps are far from making that of it.
+_EVERY_STEP = 0.9
 
 
 class Prepared(NamedTuple):
@@ -291,7 +293,17 @@ def _input(
         realised=torque.signal.realised,
         calibration=log.torque.calibration if log.torque is not None else Calibration(),
         allocation=log.torque.allocation if log.torque is not None and log.torque.n_rotors else None,
+        every_step=_logs_every_step(log, torque),
     )
+
+
+def _logs_every_step(log: FlightLog, torque: CleanSeries) -> bool:
+    """Say whether the log holds the torque of each step of the control loop.
+
+    The loop's rate is ArduPilot's SCHED_LOOP_RATE or PX4's IMU_GYRO_RATEMAX (0: as fast as the gyro).
+    """
+    loop_hz = max(log.parameters.get(name, 0.0) for name in ("SCHED_LOOP_RATE", "IMU_GYRO_RATEMAX"))
+    return bool(loop_hz > 0.0 and 1.0 / torque.period_s >= _EVERY_STEP * loop_hz)
 
 
 def _overview(series: CleanSeries) -> Overview:

@@ -76,7 +76,7 @@ def _check_alike(first: FlightData, other: FlightData) -> None:
 
 
 def _joint_input(merged: FlightData, parts: Sequence[FlightData]) -> InputDescription | None:
-    """Describe the input of all: saturation by its share, realised only if it is in every log."""
+    """Describe the input of all: saturation by its share, realised and every step only if every log is."""
     if merged.input is None:
         return None
     described = [each.input for each in parts if each.input is not None]
@@ -86,4 +86,5 @@ def _joint_input(merged: FlightData, parts: Sequence[FlightData]) -> InputDescri
         merged.input,
         saturated_fraction=float(np.average(saturated, weights=n_samples)),
         realised=all(each.realised for each in described),
+        every_step=all(each.every_step for each in described),
     )

@@ -163,6 +163,8 @@ class InputDescription:
     used; ``calibration`` is that of the log, for inertia and intervals;
     ``allocation`` (n_rotors, 4) is each rotor's share of thrust per unit of
     roll, pitch, yaw command and throttle, None where the rotors are not known.
+    ``every_step``: each step of the control loop was logged, so that the
+    torque is known between the samples as well.
     """
 
     kind: str
@@ -172,6 +174,7 @@ class InputDescription:
     realised: bool = False
     calibration: Calibration = field(default_factory=Calibration)
     allocation: FloatArray | None = None
+    every_step: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

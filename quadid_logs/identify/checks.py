@@ -8,9 +8,9 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.model import ChangeCheck, FormsCheck
-from quadid_logs.identify.actuator import ActuatorFit
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.fit import PooledFit, Problem, clusters_of, fit_pooled
+from quadid_logs.identify.refine import Drive
 from quadid_logs.identify.structures import Structure
 from quadid_logs.maths.least_squares import column_scale, solve_least_squares
 from quadid_logs.maths.stability import largest_change
@@ -67,10 +67,10 @@ def check_change(design: Design, structure: Structure, problem: Problem, axes: S
     return ChangeCheck(time_s=found[0], before=found[1], after=found[2], statistic=found[3])
 
 
-def check_forms(design: Design, structure: Structure, fit: PooledFit, actuator: ActuatorFit) -> FormsCheck:
+def check_forms(drive: Drive, structure: Structure, fit: PooledFit) -> FormsCheck:
     """Fit the integral form, with boxcars as test functions, beside the weak form with its Gaussians."""
-    n_rows = max(2, round(_INTEGRAL_S / design.period_s))
-    integral = fit_pooled(design, structure, actuator, fit.kept, average=n_rows)
+    n_rows = max(2, round(_INTEGRAL_S / drive.design.period_s))
+    integral = fit_pooled(drive.design, structure, drive.actuator, fit.kept, drive.unknown, average=n_rows)
     n_regressors = len(structure.regressors)
     both = (fit, integral)
     return FormsCheck(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -14,7 +14,12 @@ from quadid_logs.identify.design import Design
 from quadid_logs.identify.instruments import Projection
 from quadid_logs.identify.rotors import RotorSlopes
 from quadid_logs.identify.structures import THROTTLED_YAW, TRIM, Structure
-from quadid_logs.maths.least_squares import Equation, clustered_covariance, solve_least_squares
+from quadid_logs.maths.least_squares import (
+    Equation,
+    clustered_covariance,
+    first_order_change,
+    solve_least_squares,
+)
 
 #: Residuals of flight data are correlated over some tenths of a second (rate
 #: loop, gusts); a second holds that memory, and thirty of them a variance.
@@ -27,6 +32,20 @@ MODEL_ERROR = 1.15
 #: A lag with less phase than this [rad] at the smoothing cut-off acts as a
 #: delay does; their derivatives are then parallel and only the sum is known.
 _LAG_SEEN = 0.1
+
+
+class TorqueUnknowns(NamedTuple):
+    """What is not known of the torque beside lag and delay.
+
+    ``slopes`` for how unevenly rotors lag; ``errors`` are designs with what
+    the torque may have been off by (see `torque_errors`).
+    """
+
+    slopes: RotorSlopes | None = None
+    errors: tuple[Design, ...] = ()
+
+
+NOTHING_UNKNOWN: Final = TorqueUnknowns()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -137,7 +156,7 @@ def fit_pooled(
     structure: Structure,
     actuator: ActuatorFit | None,
     kept: BoolArray | None = None,
-    slopes: RotorSlopes | None = None,
+    unknown: TorqueUnknowns = NOTHING_UNKNOWN,
     *,
     average: int = 1,
 ) -> PooledFit:
@@ -152,9 +171,8 @@ def fit_pooled(
         intervals. None for the torque as logged.
     kept : ndarray of bool, shape (n_targets, n_columns), optional
         Columns that each target may use; all by default.
-    slopes : RotorSlopes, optional
-        Of rotors that lag; the uncertainty of their unevenness then widens
-        the intervals too.
+    unknown : TorqueUnknowns, optional
+        What else of the torque is not known; it widens the intervals too.
     average : int
         Rows that both sides are averaged over first (the integral form).
 
@@ -168,13 +186,13 @@ def fit_pooled(
     theta = coefficients_of(problem)
     residual = Y - Z @ theta.T
     whole = solve_least_squares(Z[:, used.any(axis=0)], Y)
-    shared = {
-        name: project(column)
-        for name, column in actuator_columns(
-            design, actuator, theta[:, n_columns - 3 : n_columns], slopes
-        ).items()
-    }
-    half_width, actuator_half_width = _half_widths(explained, residual, used, clusters_of(design), shared)
+    B = theta[:, n_columns - 3 : n_columns]
+    of_actuator = actuator_columns(design, actuator, B, unknown.slopes, average=average)
+    shared = {name: project(column) for name, column in of_actuator.items()}
+    errors = targets_changed(design, actuator, B, unknown, average=average)
+    half_width, actuator_half_width = _half_widths(
+        explained, residual, used, clusters_of(design), shared, errors
+    )
     return PooledFit(
         theta=theta[:, :n_columns],
         half_width=half_width[:, :n_columns],
@@ -259,20 +277,45 @@ def clusters_of(design: Design) -> IntArray:
 
 
 def actuator_columns(
-    design: Design, actuator: ActuatorFit | None, B: FloatArray, slopes: RotorSlopes | None
+    design: Design,
+    actuator: ActuatorFit | None,
+    B: FloatArray,
+    slopes: RotorSlopes | None,
+    *,
+    average: int = 1,
 ) -> Mapping[str, FloatArray]:
     """Return the derivatives of all targets by lag, delay and unevenness, each (n_train, n_targets)."""
     if actuator is None:
         return {}
-    train = design.train
-    delay = design.torque_by_delay(actuator.lag_s, actuator.delay_s)[train] @ B.T
+    lag_s, delay_s = actuator.lag_s, actuator.delay_s
+
+    def of_targets(torque: FloatArray) -> FloatArray:
+        return np.asarray(design.averaged(torque, average)[design.train] @ B.T)
+
+    delay = of_targets(design.torque_by_delay(lag_s, delay_s))
     if actuator.lag_s * 2.0 * np.pi * design.smoothing_hz < _LAG_SEEN:
         return {"delay": delay}
-    by_lag = design.torque_by_lag(actuator.lag_s, actuator.delay_s)[train]
+    by_lag = design.torque_by_lag(lag_s, delay_s)
     if slopes is None:
-        return {"lag": by_lag @ B.T, "delay": delay}
-    of_rotors, uneven = (slope.torque(actuator.lag_s, actuator.delay_s)[train] for slope in slopes)
-    return {"lag": (by_lag + of_rotors) @ B.T, "delay": delay, "unevenness": uneven @ B.T}
+        return {"lag": of_targets(by_lag), "delay": delay}
+    of_rotors, uneven = (slope.torque(lag_s, delay_s) for slope in slopes)
+    return {"lag": of_targets(by_lag + of_rotors), "delay": delay, "unevenness": of_targets(uneven)}
+
+
+def targets_changed(
+    design: Design,
+    actuator: ActuatorFit | None,
+    B: FloatArray,
+    unknown: TorqueUnknowns,
+    *,
+    average: int = 1,
+) -> FloatArray:
+    """Return what errors of the torque make of the targets; shape (n_train, n_targets, n_errors)."""
+    train = design.train
+    if actuator is None or not unknown.errors:
+        return np.zeros((np.count_nonzero(train), len(B), 0))
+    torques = (error.torque(actuator.lag_s, actuator.delay_s) for error in unknown.errors)
+    return np.stack([design.averaged(torque, average)[train] @ B.T for torque in torques], axis=2)
 
 
 def _half_widths(
@@ -281,6 +324,7 @@ def _half_widths(
     kept: BoolArray,
     clusters: IntArray,
     shared: Mapping[str, FloatArray],
+    errors: FloatArray,
 ) -> tuple[FloatArray, dict[str, float]]:
     """Return half widths of the 95 % intervals of theta, and of lag and delay.
 
@@ -301,8 +345,12 @@ def _half_widths(
                 parameters=np.concatenate([np.arange(offsets[row], offsets[row + 1]), of_actuator]),
             )
         )
-    covariance = clustered_covariance(equations, clusters, n_own + len(shared))
+    n_parameters = n_own + len(shared)
+    covariance = clustered_covariance(equations, clusters, n_parameters)
+    weighted = [errors[:, row] * weight[row] for row in range(len(kept))]
+    change = first_order_change(equations, weighted, n_parameters)
     half = quantile_95(clusters) * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    half = np.hypot(half, np.linalg.norm(change, axis=1))
     half_width = np.full(kept.shape, np.inf)
     for row, columns in enumerate(kept):
         half_width[row, columns] = half[offsets[row] : offsets[row + 1]]

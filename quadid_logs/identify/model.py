@@ -39,7 +39,7 @@ from quadid_logs.identify.parameters import Estimate, build_parameters, plausibl
 from quadid_logs.identify.refine import Drive, Task, find_drive, same_drive
 from quadid_logs.identify.rigid_body import fit_rigid_body, rigid_body_for
 from quadid_logs.identify.rotors import rotors_known, with_lag_on_rotors
-from quadid_logs.identify.structures import DAMPED, THROTTLED_YAW, Structure
+from quadid_logs.identify.structures import DAMPED, THROTTLED_YAW, TRIM, Structure
 from quadid_logs.identify.validate import validate
 from quadid_logs.identify.windows import join, solve_over_time
 from quadid_logs.maths.discretise import zero_order_hold
@@ -81,9 +81,15 @@ class Actuated(NamedTuple):
 def fit_rows_apart(data: FlightData, whole: Design, settings: Settings) -> Actuated:
     """Fit `DAMPED`: every row by itself, lag and delay common to all."""
     design = whole.without_slow(settings.slow_hz)
-    actuator, kept, telling = _on_torque(DAMPED, design, settings)
+    actuator, telling = _on_torque(DAMPED, design, settings)
     described = data.input if rotors_known(data) else None
-    task = Task(design, DAMPED, kept, telling or moved_axes(design, settings))
+    task = Task(
+        design,
+        DAMPED,
+        _possible(DAMPED, telling),
+        telling or moved_axes(design, settings),
+        every_step=data.input is not None and data.input.every_step,
+    )
     drive = find_drive(task, actuator, described, settings)
     fit, telling = _fit_behind(drive, DAMPED, settings)
     if drive.rotors is not None and data.input is not None:
@@ -97,7 +103,7 @@ def fit_rows_apart(data: FlightData, whole: Design, settings: Settings) -> Actua
         telling=telling,
         band=_other_bands(data, task._replace(kept=fit.kept), drive, fit, settings),
         change=check_change(drive.design, DAMPED, problem, telling),
-        forms=check_forms(drive.design, DAMPED, fit, drive.actuator),
+        forms=check_forms(drive, DAMPED, fit),
         bootstrap_half_width=bootstrapped_half_width(drive.design, DAMPED, problem),
     )
 
@@ -112,7 +118,7 @@ def fit_one_body(data: FlightData, first: Actuated, settings: Settings) -> Actua
         first.telling,
         calibrated=data.input is not None and data.input.unit == "N m",
         gyro_floor=settings.gyro_floor,
-        slopes=drive.slopes,
+        unknown=drive.unknown,
     )
     if found is None:
         return None
@@ -204,28 +210,31 @@ def fit_as_published(
     )
 
 
-def _on_torque(
-    structure: Structure, design: Design, settings: Settings
-) -> tuple[ActuatorFit, BoolArray, list[int]]:
-    """Find a lag on the torque and a delay, the columns that are seen behind them, and the axes that tell."""
+def _on_torque(structure: Structure, design: Design, settings: Settings) -> tuple[ActuatorFit, list[int]]:
+    """Find a lag on the torque and a delay, and the axes that tell behind them."""
     axes = moved_axes(design, settings)
-    drive = Drive(fit_actuator(design, structure, axes, settings), design)
-    fit, telling = _fit_behind(drive, structure, settings)
+    actuator = fit_actuator(design, structure, axes, settings)
+    telling = _telling(fit_pooled(design, structure, actuator), axes)
     if telling and telling != axes:
-        drive = drive._replace(actuator=fit_actuator(design, structure, telling, settings))
-        fit, telling = _fit_behind(drive, structure, settings)
-    return drive.actuator, fit.kept, telling
+        actuator = fit_actuator(design, structure, telling, settings)
+        telling = _telling(fit_pooled(design, structure, actuator), axes)
+    return actuator, telling
 
 
 def _fit_behind(drive: Drive, structure: Structure, settings: Settings) -> tuple[PooledFit, list[int]]:
     """Fit behind lag and delay without what cannot be seen, and return the axes that tell as well."""
     axes = moved_axes(drive.design, settings)
-    fit = fit_pooled(drive.design, structure, drive.actuator, slopes=drive.slopes)
-    telling = [axis for axis in axes if fit.r2[axis] >= _TELLING_R2]
+    fit = fit_pooled(drive.design, structure, drive.actuator, unknown=drive.unknown)
+    telling = _telling(fit, axes)
     kept = _visible(structure, fit, telling)
     if not kept.all():
-        fit = fit_pooled(drive.design, structure, drive.actuator, kept, drive.slopes)
+        fit = fit_pooled(drive.design, structure, drive.actuator, kept, drive.unknown)
     return fit, telling
+
+
+def _telling(fit: PooledFit, axes: Sequence[int]) -> list[int]:
+    """Return the axes of whose acceleration the model explains enough."""
+    return [axis for axis in axes if fit.r2[axis] >= _TELLING_R2]
 
 
 def moved_axes(design: Design, settings: Settings) -> list[int]:
@@ -242,24 +251,31 @@ def moved_axes(design: Design, settings: Settings) -> list[int]:
     return moved or [0, 1, 2]
 
 
-def _visible(structure: Structure, fit: PooledFit, telling: list[int]) -> BoolArray:
-    """Keep a column if its interval is narrower than what the coefficient can be at all.
+def _possible(structure: Structure, telling: Sequence[int]) -> BoolArray:
+    """Leave out what cannot be a cause; shape (n_targets, n_columns).
+
+    An axis that does not answer to its own torque is moved by noise: its rate
+    and torque are nothing that another axis could answer to.
+    """
+    kept = np.ones((len(structure.targets), len(structure.columns)), dtype=np.bool_)
+    for axis in {0, 1, 2}.difference(telling):
+        for name in (RATE_SYMBOLS[axis], TORQUE_SYMBOLS[axis]):
+            kept[np.arange(len(kept)) != axis, structure.columns.index(name)] = False
+    return kept
+
+
+def _visible(structure: Structure, fit: PooledFit, telling: Sequence[int]) -> BoolArray:
+    """Keep possible columns whose interval is narrower than what the coefficient can be at all.
 
     The own torque and the trim stay in any case: they are the model.
     """
     n_regressors = len(structure.regressors)
     gain = np.abs(np.diag(fit.theta[:3, n_regressors:]))
-    kept = fit.half_width < plausible_size(structure, gain)
-    # An axis that does not answer to its own torque is moved by noise, and its
-    # rate and torque are no causes that another axis could answer to.
-    for axis in {0, 1, 2}.difference(telling):
-        for name in (RATE_SYMBOLS[axis], TORQUE_SYMBOLS[axis]):
-            column = structure.columns.index(name)
-            kept[np.arange(len(kept)) != axis, column] = False
+    kept = _possible(structure, telling) & (fit.half_width < plausible_size(structure, gain))
     for row in range(3):
         kept[row, n_regressors + row] = True
-        if "1" in structure.regressors:
-            kept[row, structure.regressors.index("1")] = True
+        if TRIM in structure.regressors:
+            kept[row, structure.regressors.index(TRIM)] = True
     return np.asarray(kept, dtype=np.bool_)
 
 

@@ -16,9 +16,11 @@ from quadid_logs.data.flight import InputDescription
 from quadid_logs.data.settings import Settings
 from quadid_logs.identify.actuator import ActuatorFit, Scorer, lag_limit, same_loss
 from quadid_logs.identify.design import Design
+from quadid_logs.identify.fit import NOTHING_UNKNOWN, TorqueUnknowns
 from quadid_logs.identify.instruments import Projection
-from quadid_logs.identify.rotors import MOST_UNEVEN, Rotors, RotorSlopes, rotor_slopes, with_lag_on_rotors
+from quadid_logs.identify.rotors import MOST_UNEVEN, Rotors, rotor_slopes, with_lag_on_rotors
 from quadid_logs.identify.structures import TRIM, Structure
+from quadid_logs.identify.torque_errors import battery_errors, sampling_errors
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS
 
 #: Below [s], the lag of a rotor moves no torque by as much as can be seen.
@@ -37,23 +39,27 @@ class Drive(NamedTuple):
     """How the torque reaches the vehicle.
 
     ``design`` holds the torque that, behind the linear lag of ``actuator``,
-    acts as the rotors do; without rotors it is as logged. ``slopes`` are the
-    derivatives of that torque.
+    acts as the rotors do; without rotors it is as logged. ``unknown`` is what
+    else of that torque is not known.
     """
 
     actuator: ActuatorFit
     design: Design
     rotors: Rotors | None = None
-    slopes: RotorSlopes | None = None
+    unknown: TorqueUnknowns = NOTHING_UNKNOWN
 
 
 class Task(NamedTuple):
-    """What is fitted: the rows, the columns each of them may use, and the axes that count."""
+    """What is fitted: the rows, the columns each of them may use, and the axes that count.
+
+    ``every_step``: each step of the control loop was logged.
+    """
 
     design: Design
     structure: Structure
     kept: BoolArray
     axes: Sequence[int]
+    every_step: bool = False
 
 
 def find_drive(
@@ -118,7 +124,11 @@ def _drive(
         slopes = rotor_slopes(design, described, rotors)
         design = with_lag_on_rotors(design, described, rotors)
     limit_s = lag_limit(Scorer(design, task.structure, task.axes), lag_s, delay_s)
-    return Drive(start._replace(lag_s=lag_s, delay_s=delay_s, lag_limit_s=limit_s), design, rotors, slopes)
+    actuator = start._replace(lag_s=lag_s, delay_s=delay_s, lag_limit_s=limit_s)
+    errors = battery_errors(task.design)
+    if not task.every_step:
+        errors += sampling_errors(task.design)
+    return Drive(actuator, design, rotors, TorqueUnknowns(slopes, errors))
 
 
 class _Axis(NamedTuple):

@@ -17,17 +17,24 @@ from quadid_logs.identify.actuator import ActuatorFit
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.fit import (
     MODEL_ERROR,
+    NOTHING_UNKNOWN,
     PooledFit,
+    TorqueUnknowns,
     actuator_columns,
     clusters_of,
     quantile_95,
     share_explained,
+    targets_changed,
 )
 from quadid_logs.identify.floors import seen_through
 from quadid_logs.identify.instruments import Projection
-from quadid_logs.identify.rotors import RotorSlopes
 from quadid_logs.identify.structures import DAMPED, RIGID_BODY, RIGID_BODY_THROTTLED, Structure
-from quadid_logs.maths.least_squares import Equation, clustered_covariance, solve_least_squares
+from quadid_logs.maths.least_squares import (
+    Equation,
+    clustered_covariance,
+    first_order_change,
+    solve_least_squares,
+)
 from quadid_logs.maths.rigid_body import PRODUCTS, gyroscopic_matrix
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS
 
@@ -161,7 +168,7 @@ def fit_rigid_body(
     *,
     calibrated: bool,
     gyro_floor: float,
-    slopes: RotorSlopes | None = None,
+    unknown: TorqueUnknowns = NOTHING_UNKNOWN,
 ) -> PooledFit | None:
     """Fit one tensor, damping, trim and the throttle's effect on yaw to all rows at once.
 
@@ -179,7 +186,7 @@ def fit_rigid_body(
         Torque is in N m, so B itself is symmetric.
     gyro_floor : float
         Half width of the 95 % interval of each scale and cross-axis error of the gyro.
-    slopes : RotorSlopes, optional
+    unknown : TorqueUnknowns, optional
         As in `fit_pooled`.
 
     Returns
@@ -207,7 +214,7 @@ def fit_rigid_body(
     n_clusters = int(clusters_of(design).max()) + 1
     project = Projection(design, structure, train, also=torque[:, 3:])
     x = _solve(body, _reduced(project(Z), Y, 1.0 - rows_apart.r2, n_clusters), _start(body, rows_apart), free)
-    return _as_fit(body, x, free, Z, Y, design, actuator, project, len(structure.columns), slopes)
+    return _as_fit(body, x, free, Z, Y, design, actuator, project, len(structure.columns), unknown)
 
 
 def _start(body: _Body, rows_apart: PooledFit) -> FloatArray:
@@ -263,7 +270,7 @@ def _as_fit(
     actuator: ActuatorFit,
     project: Projection,
     n_columns: int,
-    slopes_of_rotors: RotorSlopes | None,
+    unknown: TorqueUnknowns,
 ) -> PooledFit:
     """Carry the covariance of the parameters over to A and B, to first order."""
     theta, seen = body.coefficients(x), body.seen(x)
@@ -281,36 +288,38 @@ def _as_fit(
     weight = 1.0 / np.maximum(per_stretch * np.sqrt(np.mean(residual**2, axis=0)), 1e-12)
     explained = project(Z)
     B = seen[:, n_columns - 3 : n_columns]
-    of_actuator = actuator_columns(design, actuator, B, slopes_of_rotors)
+    of_actuator = actuator_columns(design, actuator, B, unknown.slopes)
     shared = {name: project(column) for name, column in of_actuator.items()}
     n_own = int(np.count_nonzero(free))
     everything = np.arange(n_own + len(shared), dtype=np.int64)
     _, spread = body.usual()
-    covariance = clustered_covariance(
-        [
-            Equation(
-                jacobian=np.column_stack(
-                    [explained @ slopes_seen[row], *(column[:, row] for column in shared.values())]
-                )
-                * weight[row],
-                residuals=MODEL_ERROR * residual[:, row] * weight[row],
-                parameters=everything,
+    prior = np.concatenate([np.where(_of_gyro(body), 1.0 / spread**2, 0.0)[free], np.zeros(len(shared))])
+    equations = [
+        Equation(
+            jacobian=np.column_stack(
+                [explained @ slopes_seen[row], *(column[:, row] for column in shared.values())]
             )
-            for row in range(3)
-        ],
-        clusters,
-        everything.size,
-        np.concatenate([np.where(_of_gyro(body), 1.0 / spread**2, 0.0)[free], np.zeros(len(shared))]),
+            * weight[row],
+            residuals=MODEL_ERROR * residual[:, row] * weight[row],
+            parameters=everything,
+        )
+        for row in range(3)
+    ]
+    covariance = quantile_95(clusters) ** 2 * clustered_covariance(
+        equations, clusters, everything.size, prior
     )
-    factor = quantile_95(clusters)
+    errors = targets_changed(design, actuator, B, unknown)
+    weighted = [errors[:, row] * weight[row] for row in range(3)]
+    change = first_order_change(equations, weighted, everything.size, prior)
+    covariance = covariance + change @ change.T
     variance = np.einsum("rcp,pq,rcq->rc", slopes, covariance[:n_own, :n_own], slopes)
     kept = np.abs(slopes).max(axis=2) > 0.0
     whole = solve_least_squares(Z[:, kept.any(axis=0)], Y)
-    actuator_half_width = factor * np.sqrt(np.maximum(np.diag(covariance)[n_own:], 0.0))
+    actuator_half_width = np.sqrt(np.maximum(np.diag(covariance)[n_own:], 0.0))
     by_name = dict(zip(shared, actuator_half_width.tolist(), strict=True))
     return PooledFit(
         theta=theta[:, :n_columns],
-        half_width=np.where(kept, factor * np.sqrt(np.maximum(variance, 0.0)), np.inf)[:, :n_columns],
+        half_width=np.where(kept, np.sqrt(np.maximum(variance, 0.0)), np.inf)[:, :n_columns],
         kept=np.asarray(kept, dtype=np.bool_)[:, :n_columns],
         r2=share_explained(Y, residual),
         condition_number=whole.condition_number,

@@ -156,6 +156,38 @@ def clustered_covariance(
     return np.asarray(covariance / np.outer(scale, scale), dtype=np.float64)
 
 
+def first_order_change(
+    equations: Sequence[Equation],
+    errors: Sequence[FloatArray],
+    n_parameters: int,
+    prior_precision: FloatArray | None = None,
+) -> FloatArray:
+    """Return what errors of the targets change of least-squares parameters.
+
+    Parameters
+    ----------
+    equations : sequence of Equation
+    errors : sequence of ndarray, shape (n_samples, n_errors)
+        One per equation, weighted as its residuals are.
+    n_parameters : int
+    prior_precision : ndarray, shape (n_parameters,), optional
+        As of `clustered_covariance`.
+
+    Returns
+    -------
+    ndarray, shape (n_parameters, n_errors)
+    """
+    information = np.diag(np.zeros(n_parameters) if prior_precision is None else prior_precision)
+    score = np.zeros((n_parameters, errors[0].shape[1]))
+    for (jacobian, _, parameters), error in zip(equations, errors, strict=True):
+        information[np.ix_(parameters, parameters)] += jacobian.T @ jacobian
+        score[parameters] += jacobian.T @ error
+    diagonal = np.diag(information)
+    scale = np.where(diagonal > 0.0, np.sqrt(diagonal), 1.0)
+    scaled = np.linalg.pinv(information / np.outer(scale, scale), hermitian=True)
+    return np.asarray((scaled @ (score / scale[:, np.newaxis])) / scale[:, np.newaxis])
+
+
 def _triangle(equation: Equation, scale: FloatArray) -> FloatArray:
     """Return the triangle of an equation's scaled rows, with zeros for the parameters of others."""
     scaled = equation.jacobian / scale[equation.parameters]
