@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
+from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.maths.rotations import quaternion_from_euler, rotation_matrix
 from quadid_logs.simulate import Scenario, manoeuvres
 from quadid_logs.simulate.airframe import GRAVITY_M_S2, Airframe, Battery, layout
@@ -39,7 +40,7 @@ MANOEUVRES: Final = {"multisine": 0.3, "doublets": 0.2, "steps-3211": 0.2, "stic
 RATES_HZ: Final = (100.0, 125.0, 200.0, 250.0, 400.0)
 #: The floor of the intervals says that scale and cross-axis sensitivity of the gyro are 1 % or less
 #: in 95 of 100 cases.
-GYRO_SCALE_SIGMA: Final = 0.01 / 1.96
+GYRO_SCALE_SIGMA: Final = 0.01 / NORMAL_95
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -42,8 +42,10 @@ def measure(drawn: Drawn) -> dict[str, Any]:
     model = identification.recommended
     parameters: list[dict[str, Any]] = []
     if model is not None:
-        filtered = math.isfinite(data.rate_low_pass_hz)
-        parameters = [*_parameters(model, truth), *_actuator(model, truth, diagnosis, filtered=filtered)]
+        parameters = [
+            *_parameters(model, truth),
+            *_actuator(model, truth, diagnosis, data.rate_low_pass_hz, settings.max_relative_ci),
+        ]
     return {
         **drawn.settings,
         "seed": drawn.seed,
@@ -141,19 +143,25 @@ def _scale(kind: str, target: str, regressor: str, true: float, gains: FloatArra
 
 
 def _actuator(
-    model: Model, truth: dict[str, Any], diagnosis: Diagnosis, *, filtered: bool
+    model: Model,
+    truth: dict[str, Any],
+    diagnosis: Diagnosis,
+    filter_hz: float,
+    max_relative_ci: float,
 ) -> list[dict[str, Any]]:
-    """List lag, delay and their sum; identifiable where any axis is not refused.
+    """List lag and delay; identifiable as any coefficient is, where any axis is not refused.
 
-    Where the analysis knows the gyro's filter and models it, its delay is not part of the delay found.
+    Where the analysis knows the gyro's filter, it models it as the analogue one that the fast loops of
+    real autopilots come close to; what the simulator's, which runs at the rate of its control loop, does
+    otherwise is part of the delay to be found.
     """
     actuator = model.actuator
     if actuator is None:
         return []
-    identifiable = any(axis.verdict != "refused" for axis in diagnosis.axes.values())
+    believed = any(axis.verdict != "refused" for axis in diagnosis.axes.values())
     delay_s = truth["actuator"]["delay_s"]
-    if filtered:
-        delay_s -= truth["actuator"]["delay_parts_s"]["gyro_filter"]
+    if math.isfinite(filter_hz):
+        delay_s -= math.sqrt(2.0) / (2.0 * math.pi * filter_hz)
     found = (
         ("lag", actuator.lag_s, actuator.lag_ci95_s, truth["actuator"]["lag_s"]),
         ("delay", actuator.delay_s, actuator.delay_ci95_s, delay_s),
@@ -165,7 +173,7 @@ def _actuator(
             "regressor": "",
             "kind": kind,
             "axis": "",
-            "identifiable": identifiable,
+            "identifiable": believed and 0.5 * (high - low) <= max_relative_ci * value,
             "value": value,
             "low": float(low),
             "high": float(high),

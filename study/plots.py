@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from quadid_logs.maths.normal import NORMAL_95
 from study.summary import PROMISE, binomial_interval, grouped
 
 _SHOWN: Final = ("own gain", "cross gain", "own damping", "gyroscopic", "lag", "delay")
@@ -40,7 +41,7 @@ def _histograms(claimed: pd.DataFrame) -> Figure:
         counts, _ = np.histogram(np.clip(z, -4.99, 4.99), edges)
         axis.stairs(counts / max(z.size * (edges[1] - edges[0]), 1e-9), edges, fill=True, color="#7aa6d1")
         axis.plot(centre, normal, color="#333333", linewidth=1.2)
-        axis.axvspan(-1.96, 1.96, color="#333333", alpha=0.06)
+        axis.axvspan(-NORMAL_95, NORMAL_95, color="#333333", alpha=0.06)
         axis.set_title(f"{kind} (n = {z.size})", fontsize=10)
     figure.supxlabel("error in standard deviations of the stated interval; outermost bins hold all beyond")
     return figure

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from quadid_logs.arrays import BoolArray
+from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.vocabulary import AXES
 
 #: In the order of the tables.
@@ -46,8 +47,6 @@ GROUPS: Final[Mapping[str, tuple[float, ...]]] = {
 }
 #: An interval promises this share, and a study of many hundred values may miss it by so much.
 PROMISE: Final = (0.93, 0.97)
-#: Half width of a 95 % interval over one standard deviation.
-_NORMAL_95: Final = 1.959964
 
 
 def read_flights(path: Path) -> list[dict[str, Any]]:
@@ -77,7 +76,7 @@ def parameters_of(flights: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
     # An interval need not be symmetric: the half that points to the truth counts.
     side = np.where(error > 0.0, table["value"] - table["low"], table["high"] - table["value"])
     with np.errstate(divide="ignore", invalid="ignore"):
-        table["z"] = np.where(error == 0.0, 0.0, error / side * _NORMAL_95)
+        table["z"] = np.where(error == 0.0, 0.0, error / side * NORMAL_95)
         table["error"] = error / table["scale"]
         table["half_width"] = 0.5 * (table["high"] - table["low"]) / table["scale"]
     return table

@@ -10,10 +10,9 @@ from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.flight import InputDescription
 from quadid_logs.data.model import Inertia, Parameter
 from quadid_logs.identify.parameters import Estimate
+from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, TORQUE_SYMBOLS
 
-#: Two-sided 95 % of a normal distribution.
-_NORMAL_95 = 1.96
 #: Beyond this condition number, the inverse of B is made of its errors.
 _MOST_CONDITION = 1e6
 
@@ -52,7 +51,7 @@ def inertia_of(
     if not (np.isfinite(B).all() and np.linalg.cond(B) < _MOST_CONDITION):
         return None
     half = np.nan_to_num((estimate.high - estimate.low)[rows] / 2.0, posinf=0.0) / newton_metre[known]
-    half = np.hypot(half, _NORMAL_95 * share[known] * np.abs(B))
+    half = np.hypot(half, NORMAL_95 * share[known] * np.abs(B))
     J = np.linalg.inv(B)
     half_J = np.sqrt(np.abs(J) ** 2 @ half**2 @ np.abs(J) ** 2)
     symmetric, half_J = 0.5 * (J + J.T), np.maximum(half_J, half_J.T)

@@ -43,6 +43,7 @@ from quadid_logs.identify.structures import DAMPED, THROTTLED_YAW, TRIM, Structu
 from quadid_logs.identify.validate import validate
 from quadid_logs.identify.windows import join, solve_over_time
 from quadid_logs.maths.discretise import zero_order_hold
+from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS, TORQUE_SYMBOLS
 
 #: The fit is repeated with the smoothing cut-off times these: half an octave
@@ -50,8 +51,6 @@ from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS, TORQUE_SY
 _OTHER_BANDS = (0.5, 1.6)
 #: An axis tells of the actuator if the model explains this share of its acceleration.
 _TELLING_R2 = 0.75
-#: Two-sided 95 % of a normal distribution.
-_NORMAL_95 = 1.96
 #: Windows of structures that the paper does not fix: long enough for a full
 #: cycle of the rate loop, short enough to see the model change.
 _WINDOW_S = 1.0
@@ -334,7 +333,7 @@ def _calibrated(estimate: Estimate, n_regressors: int, given: InputDescription |
     """Widen the gains per N m by what is not known of a newton metre of this vehicle."""
     if given is None or given.unit == "1":
         return estimate
-    share = _NORMAL_95 * np.nan_to_num(np.array(given.calibration.relative_sigma))
+    share = NORMAL_95 * np.nan_to_num(np.array(given.calibration.relative_sigma))
     spread = np.zeros(estimate.theta.shape)
     spread[:, n_regressors:] = np.abs(estimate.theta[:, n_regressors:]) * share
     return estimate._replace(

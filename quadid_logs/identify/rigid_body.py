@@ -35,6 +35,7 @@ from quadid_logs.maths.least_squares import (
     first_order_change,
     solve_least_squares,
 )
+from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.maths.rigid_body import PRODUCTS, gyroscopic_matrix
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS
 
@@ -48,8 +49,6 @@ _RATIO_SPREAD = 0.5
 _CORRELATION_SPREAD = 0.2
 #: Relative step of the central differences: their error is its square.
 _STEP = 1e-5
-#: Two-sided 95 % of a normal distribution.
-_NORMAL_95 = 1.96
 _PAIRS = ((0, 1), (0, 2), (1, 2))
 
 
@@ -203,7 +202,7 @@ def fit_rigid_body(
     if not (own > 0.0).all():
         return None
     n_disturbances = len(design.disturbances(structure))
-    body = _Body(calibrated, design.has_throttle, n_disturbances, gyro_floor / _NORMAL_95)
+    body = _Body(calibrated, design.has_throttle, n_disturbances, gyro_floor / NORMAL_95)
     train = design.train
     torque = design.torque(actuator.lag_s, actuator.delay_s, throttled=design.has_throttle)
     Z = design.stack((*structure.columns, *design.disturbances(structure)), torque)[train]
