@@ -44,7 +44,7 @@ def measure(drawn: Drawn) -> dict[str, Any]:
     if model is not None:
         parameters = [
             *_parameters(model, truth),
-            *_actuator(model, truth, diagnosis, data.rate_low_pass_hz, settings.max_relative_ci),
+            *_actuator(model, truth, diagnosis, data.rate_low_pass_hz),
         ]
     return {
         **drawn.settings,
@@ -143,13 +143,9 @@ def _scale(kind: str, target: str, regressor: str, true: float, gains: FloatArra
 
 
 def _actuator(
-    model: Model,
-    truth: dict[str, Any],
-    diagnosis: Diagnosis,
-    filter_hz: float,
-    max_relative_ci: float,
+    model: Model, truth: dict[str, Any], diagnosis: Diagnosis, filter_hz: float
 ) -> list[dict[str, Any]]:
-    """List lag and delay; identifiable as any coefficient is, where any axis is not refused.
+    """List lag and delay; none is claimed where all axes are refused.
 
     Where the analysis knows the gyro's filter, it models it as the analogue one that the fast loops of
     real autopilots come close to; what the simulator's, which runs at the rate of its control loop, does
@@ -163,8 +159,8 @@ def _actuator(
     if math.isfinite(filter_hz):
         delay_s -= math.sqrt(2.0) / (2.0 * math.pi * filter_hz)
     found = (
-        ("lag", actuator.lag_s, actuator.lag_ci95_s, truth["actuator"]["lag_s"]),
-        ("delay", actuator.delay_s, actuator.delay_ci95_s, delay_s),
+        ("lag", actuator.lag_s, actuator.lag_ci95_s, actuator.lag_identifiable, truth["actuator"]["lag_s"]),
+        ("delay", actuator.delay_s, actuator.delay_ci95_s, actuator.delay_identifiable, delay_s),
     )
     return [
         {
@@ -173,12 +169,12 @@ def _actuator(
             "regressor": "",
             "kind": kind,
             "axis": "",
-            "identifiable": believed and 0.5 * (high - low) <= max_relative_ci * value,
+            "identifiable": believed and identifiable,
             "value": value,
             "low": float(low),
             "high": float(high),
             "truth": true,
             "scale": true,
         }
-        for kind, value, (low, high), true in found
+        for kind, value, (low, high), identifiable, true in found
     ]

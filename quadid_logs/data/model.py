@@ -49,6 +49,26 @@ class Actuator:
     lag_up_s: float = float("nan")
     lag_down_s: float = float("nan")
 
+    @property
+    def lag_identifiable(self) -> bool:
+        """Whether the lag is known well enough to be told from another."""
+        return _narrow(self.lag_s, self.lag_ci95_s)
+
+    @property
+    def delay_identifiable(self) -> bool:
+        """Whether the delay is known well enough to be told from another."""
+        return _narrow(self.delay_s, self.delay_ci95_s)
+
+
+#: A half width of a fifth is a standard deviation of a tenth: a time known worse is an order of magnitude.
+_MOST_RELATIVE = 0.2
+
+
+def _narrow(value_s: float, ci95_s: tuple[float, float]) -> bool:
+    """Say whether an interval is narrow against its value."""
+    low, high = ci95_s
+    return bool(0.5 * (high - low) <= _MOST_RELATIVE * value_s)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Windows:

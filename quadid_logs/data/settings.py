@@ -86,13 +86,13 @@ class Settings:
     torque_floor: float = 0.005
     """Thrust is not quite what mixer and thrust curve say, and the torque between the rows of a
     slow log is interpolated: no gain is known better than this share for that alone."""
-    damping_floor: float = 0.02
-    """The damping by rotors goes with their speed, which differs by some per cent in a flight."""
-    timing_floor: float = 0.1
-    """Stamps and the hold between outputs place torque against rate to no better than this share of
-    a sample period: lag and delay are not known better."""
-    lag_floor: float = 0.01
-    """A rotor is a first-order lag to about a per cent: its time constant goes with its speed."""
+    damping_floor: float = 0.01
+    """The damping by rotors goes with their speed, whose mean differs by a per cent from flight to flight."""
+    timing_floor: float = 0.03
+    """Stamps place torque against rate to no better than this share of a sample period: lag and delay
+    are not known better."""
+    lag_floor: float = 0.005
+    """A rotor is a first-order lag to half a per cent: its time constant goes with its speed."""
     max_relative_ci: float = 0.3
     """A coefficient whose 95 % interval is wider than this half-width is not identified."""
 

@@ -17,11 +17,10 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.identify.design import Design
+from quadid_logs.maths.normal import NORMAL_95
 
 #: Every second and every third sample: three independent differences in all.
 _EVERY = (2, 3)
-#: Two-sided 95 % quantile of Student's t with so many degrees of freedom.
-_STUDENT_95 = 3.18
 #: A lithium battery's voltage falls by some 14 % in a quarter of an hour of flight, and thrust with its
 #: square: by 2 % a minute, 1 % to either side of the mean. Autopilots make up for it by halves.
 _DRIFT_1_S = 0.01 / 60.0
@@ -45,12 +44,13 @@ def sampling_errors(design: Design) -> tuple[Design, ...]:
     -----
     A pulse shorter than a sample is seen at T with the probability of its
     share of T, so the variance of what is seen grows with T: that of every
-    n-th sample, over n, is that of all.
+    n-th sample, over n, is that of all. Of longer pulses it is too much, which makes
+    up for there being no more than three independent differences.
     """
     found = []
     for n in _EVERY:
         # The mean square over the n - 1 degrees of freedom, over n; and the mean of both ways.
-        scale = _STUDENT_95 / np.sqrt((n - 1) * n * len(_EVERY))
+        scale = NORMAL_95 / np.sqrt((n - 1) * n * len(_EVERY))
         pieces = [_deviations(piece.torque, n) * scale for piece in design.pieces]
         found += [design.with_torque([piece[start] for piece in pieces]) for start in range(n)]
     return tuple(found)

@@ -232,8 +232,16 @@ def _model(model: Model) -> dict[str, Any]:
 def _actuator(actuator: Actuator) -> dict[str, Any]:
     """Return ``actuator``."""
     return {
-        "lag_s": {"value": actuator.lag_s, "ci95": actuator.lag_ci95_s},
-        "delay_s": {"value": actuator.delay_s, "ci95": actuator.delay_ci95_s},
+        "lag_s": {
+            "value": actuator.lag_s,
+            "ci95": actuator.lag_ci95_s,
+            "identifiable": actuator.lag_identifiable,
+        },
+        "delay_s": {
+            "value": actuator.delay_s,
+            "ci95": actuator.delay_ci95_s,
+            "identifiable": actuator.delay_identifiable,
+        },
         "acts_on": actuator.acts_on,
         "lag_up_s": actuator.lag_up_s,
         "lag_down_s": actuator.lag_down_s,

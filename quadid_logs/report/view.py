@@ -171,6 +171,10 @@ def _model_sentence(result: Result, model: Model | None) -> str:
             f"The {printable(actuator.acts_on, 30) or 'torque'} follows its command with a lag of "
             f"{estimate(lag, *lag_ci)} ms after a delay of {estimate(delay, *delay_ci)} ms."
         )
+        known = {"lag": actuator.lag_identifiable, "delay": actuator.delay_identifiable}
+        vague = [name for name, is_known in known.items() if not is_known]
+        if vague:
+            parts.append(f"Of the {' and the '.join(vague)} this log tells the rough size only.")
         if isfinite(actuator.lag_up_s) and actuator.lag_up_s != actuator.lag_down_s:
             up, down = number(actuator.lag_up_s * 1e3, 3), number(actuator.lag_down_s * 1e3, 3)
             parts.append(f"The rotors speed up in {up} ms and slow down in {down} ms.")

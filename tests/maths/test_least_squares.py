@@ -8,7 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quadid_logs.errors import ShapeError
-from quadid_logs.maths.least_squares import Equation, clustered_covariance, solve_least_squares
+from quadid_logs.maths.least_squares import (
+    Equation,
+    clustered_covariance,
+    first_order_change,
+    solve_least_squares,
+)
 
 
 @given(seed=st.integers(0, 10_000), decades=st.integers(0, 8))
@@ -77,3 +82,20 @@ def test_parameters_shared_by_two_targets_get_tighter_than_from_one() -> None:
     two = [*one, Equation(x, rng.standard_normal(2000), np.array([0]))]
     ratio = clustered_covariance(two, clusters, 1) / clustered_covariance(one, clusters, 1)
     assert ratio[0, 0] == pytest.approx(0.5, rel=0.3)  # 100 clusters know a variance to 14 %
+
+
+def test_the_first_order_change_is_that_of_a_fit_to_the_changed_targets() -> None:
+    """Least squares is linear in its targets, with a shared parameter and a prior too."""
+    rng = np.random.default_rng(8)
+    jacobians = rng.standard_normal((2, 50, 3))
+    places = [np.array([0, 1, 3]), np.array([2, 1, 3])]
+    prior = np.array([0.0, 2.0, 0.0, 5.0])
+    errors = rng.standard_normal((2, 50, 2))
+    whole = np.zeros((2, 50, 4))
+    for each, jacobian, place in zip(whole, jacobians, places, strict=True):
+        each[:, place] = jacobian
+    stacked = np.concatenate([*whole, np.diag(np.sqrt(prior))])
+    expected, *_ = np.linalg.lstsq(stacked, np.concatenate([*errors, np.zeros((4, 2))]), rcond=None)
+    equations = [Equation(j, np.zeros(50), place) for j, place in zip(jacobians, places, strict=True)]
+    found = first_order_change(equations, list(errors), 4, prior)
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
