@@ -143,9 +143,8 @@ class Design:
             return columns
         from scipy.ndimage import uniform_filter1d
 
-        ends = np.flatnonzero(np.diff(self.segment)) + 1
-        parts = (uniform_filter1d(part, n_rows, axis=0, mode="constant") for part in np.split(columns, ends))
-        return np.concatenate(list(parts))
+        parts = [uniform_filter1d(part, n_rows, axis=0, mode="constant") for part in self._by_piece(columns)]
+        return np.concatenate(parts)
 
     def without_instruments(self) -> Design:
         """Return the same rows for plain least squares."""
@@ -165,9 +164,12 @@ class Design:
         """Take what is slow out of columns, piece by piece; shape (n_rows, n_columns) stays."""
         if not slow_hz:
             return columns
-        ends = np.flatnonzero(np.diff(self.segment)) + 1
-        parts = np.split(columns, ends)
-        return np.concatenate([without_slow(part, self.period_s, slow_hz) for part in parts])
+        parts = [without_slow(part, self.period_s, slow_hz) for part in self._by_piece(columns)]
+        return np.concatenate(parts)
+
+    def _by_piece(self, columns: FloatArray) -> list[FloatArray]:
+        """Split rows into those of each gap-free piece."""
+        return np.split(columns, np.flatnonzero(np.diff(self.segment)) + 1)
 
     def disturbances(self, structure: Structure) -> tuple[str, ...]:
         """Return the columns that move the vehicle beside those of a structure; the paper's own have none.
