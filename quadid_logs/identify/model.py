@@ -54,9 +54,9 @@ _TELLING_R2 = 0.75
 #: Windows of structures that the paper does not fix: long enough for a full
 #: cycle of the rate loop, short enough to see the model change.
 _WINDOW_S = 1.0
-#: The spread of a quarter of a million windows (ten minutes at 400 Hz) is known
+#: The spread of a hundred thousand windows (four minutes at 400 Hz) is known
 #: to some thousandths; more only cost time.
-_MOST_WINDOWS = 250_000
+_MOST_WINDOWS = 100_000
 
 
 class Actuated(NamedTuple):
