@@ -28,9 +28,7 @@ from quadid_logs.fleet.extra import load
 from quadid_logs.fleet.rows import LOST
 from quadid_logs.fleet.tasks import Outcome, Task, failure
 
-_START: Final = (
-    "import sys; from quadid_logs.fleet.analyst import serve; serve(int(sys.argv[1]), sys.argv[2])"
-)
+_START: Final = "import sys; from quadid_logs.fleet.analyst import serve; serve(*sys.argv[1:])"
 #: How often time and memory are looked at [s]: a process can hardly fill a machine meanwhile.
 _LOOK_S: Final = 0.5
 #: A process whose worker is gone cannot be told to end while a library holds Python's lock; it ends
