@@ -29,6 +29,7 @@ _AHEAD: Final = 4
 #: How long a scheduler may be away [s]: a machine restarts in less.
 PATIENCE_S: Final = 300.0
 _KNOCK_S: Final = 1.0
+_LOOPBACK: Final = "127.0.0.1:0"
 #: Of what Dask does beside the work, a run of hours needs neither samples of where Python is (100 a
 #: second) nor fifty looks a second at whether its own loop is busy.
 _LEAN: Final = {
@@ -92,7 +93,8 @@ def _local_or_given(cluster: Cluster) -> Iterator[str]:
             n_workers=1,
             threads_per_worker=cluster.workers or None,
             processes=False,  # the threads only wait: each has a process for the analysis
-            dashboard_address="127.0.0.1:0",
+            dashboard_address=_LOOPBACK,
+            worker_dashboard_address=_LOOPBACK,  # it listens on all interfaces otherwise
             silence_logs=logging.CRITICAL,
         ) as local,
     ):

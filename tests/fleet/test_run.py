@@ -347,6 +347,18 @@ work.fetched = fetched
 """
 
 
+def test_without_a_scheduler_nothing_can_be_reached_from_outside(one_log, tmp_path):
+    """Whoever reaches Dask's ports can run code."""
+    listening = set()
+
+    def look(_tally):
+        found = psutil.Process().net_connections()
+        listening.update(one.laddr.ip for one in found if one.status == psutil.CONN_LISTEN)
+
+    run_fleet(find_sources([str(one_log)]), tmp_path / "store", Options(), Cluster(workers=1), progress=look)
+    assert listening == {"127.0.0.1"}
+
+
 def test_threads_of_the_library_end_with_the_run(undisturbed):
     """Nothing of the cluster is left behind in a program that goes on."""
     names = [thread.name for thread in threading.enumerate()]
