@@ -83,16 +83,16 @@ class Settings:
     gyro_floor: float = 0.01
     """Scale and cross-axis sensitivity of a MEMS gyro are specified to 1 to 2 %, in 95 of 100 parts
     better than this share. No flight can tell: it is added in squares to every interval."""
-    torque_floor: float = 0.005
+    torque_floor: float = 0.003
     """Thrust is not quite what mixer and thrust curve say, and the torque between the rows of a
     slow log is interpolated: no gain is known better than this share for that alone."""
-    damping_floor: float = 0.01
-    """The damping by rotors goes with their speed, whose mean differs by a per cent from flight to flight."""
-    timing_floor: float = 0.03
+    damping_floor: float = 0.005
+    """The damping by rotors goes with their speed, whose mean differs by half a per cent in a flight."""
+    timing_floor: float = 0.015
     """Stamps place torque against rate to no better than this share of a sample period: lag and delay
     are not known better."""
-    lag_floor: float = 0.005
-    """A rotor is a first-order lag to half a per cent: its time constant goes with its speed."""
+    lag_floor: float = 0.003
+    """A rotor is a first-order lag to some thousandths: its time constant goes with its speed."""
     max_relative_ci: float = 0.3
     """A coefficient whose 95 % interval is wider than this half-width is not identified."""
 

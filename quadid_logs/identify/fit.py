@@ -25,10 +25,6 @@ from quadid_logs.maths.least_squares import (
 #: loop, gusts); a second holds that memory, and thirty of them a variance.
 _CLUSTER_S = 1.0
 _MIN_CLUSTERS = 12
-#: Errors of the model that repeat with the manoeuvre (torque between the rows of a slow
-#: log, a mixer at its limit) show in no residual. Over hundreds of random flights
-#: (docs/coverage.md) intervals from residuals alone were a seventh too narrow.
-MODEL_ERROR = 1.15
 #: A lag with less phase than this [rad] at the smoothing cut-off acts as a
 #: delay does; their derivatives are then parallel and only the sum is known.
 _LAG_SEEN = 0.1
@@ -341,7 +337,7 @@ def _half_widths(
         equations.append(
             Equation(
                 jacobian=np.concatenate([Z[:, columns], *derivatives], axis=1) * weight[row],
-                residuals=MODEL_ERROR * residual[:, row] * weight[row],
+                residuals=residual[:, row] * weight[row],
                 parameters=np.concatenate([np.arange(offsets[row], offsets[row + 1]), of_actuator]),
             )
         )

@@ -254,12 +254,15 @@ def _possible(structure: Structure, telling: Sequence[int]) -> BoolArray:
     """Leave out what cannot be a cause; shape (n_targets, n_columns).
 
     An axis that does not answer to its own torque is moved by noise: its rate
-    and torque are nothing that another axis could answer to.
+    is nothing that another axis could answer to. Its torque may turn an axis
+    that does answer, where the inertia is askew.
     """
     kept = np.ones((len(structure.targets), len(structure.columns)), dtype=np.bool_)
-    for axis in {0, 1, 2}.difference(telling):
-        for name in (RATE_SYMBOLS[axis], TORQUE_SYMBOLS[axis]):
-            kept[np.arange(len(kept)) != axis, structure.columns.index(name)] = False
+    silent = {0, 1, 2}.difference(telling)
+    for axis in silent:
+        others = np.arange(len(kept)) != axis
+        kept[others, structure.columns.index(RATE_SYMBOLS[axis])] = False
+        kept[list(silent - {axis}), structure.columns.index(TORQUE_SYMBOLS[axis])] = False
     return kept
 
 

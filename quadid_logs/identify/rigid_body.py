@@ -16,7 +16,6 @@ from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.identify.actuator import ActuatorFit
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.fit import (
-    MODEL_ERROR,
     NOTHING_UNKNOWN,
     PooledFit,
     TorqueUnknowns,
@@ -299,7 +298,7 @@ def _as_fit(
                 [explained @ slopes_seen[row], *(column[:, row] for column in shared.values())]
             )
             * weight[row],
-            residuals=MODEL_ERROR * residual[:, row] * weight[row],
+            residuals=residual[:, row] * weight[row],
             parameters=everything,
         )
         for row in range(3)
