@@ -84,11 +84,10 @@ def find_drive(
         On the torque where that explains the flight better, as in some
         simulators; with even rotors unless uneven ones explain it better.
     """
-    first = np.array([start.lag_s, start.delay_s])
     torque_search = _Search(task, None)
-    on_torque, torque_loss = torque_search.least(first, settings)
+    on_torque, torque_loss = torque_search.least(np.array([start.lag_s, start.delay_s]), settings)
     if described is None or start.lag_s < _LEAST_LAG_S:
-        return _drive(task, start, on_torque, None)
+        return _with_doubts(_drive(task.design, start, on_torque), task, None)
     by_chance = same_loss(torque_search.project, task.axes)
     rotor_search = _Search(task, described)
     on_rotors, rotor_loss = rotor_search.least(on_torque, settings)
@@ -96,39 +95,49 @@ def find_drive(
     if uneven_loss < rotor_loss - by_chance:
         on_rotors, rotor_loss = uneven, uneven_loss
     if rotor_loss > torque_loss + by_chance:
-        return _drive(task, start, on_torque, None)
-    return _drive(task, start, on_rotors, described)
+        return _with_doubts(_drive(task.design, start, on_torque), task, None)
+    return _with_doubts(_drive(task.design, start, on_rotors, described), task, described)
 
 
 def same_drive(task: Task, drive: Drive, described: InputDescription | None, settings: Settings) -> Drive:
-    """Return a drive of the same kind, with the unevenness it has, fitted to other rows."""
+    """Return a drive of the same kind, with the unevenness it has, fitted to other rows; no doubts added."""
     rotors = drive.rotors
     known = described if rotors is not None else None
     search = _Search(task, known, 0.0 if rotors is None else rotors.log_unevenness)
     found, _ = search.least(np.array([drive.actuator.lag_s, drive.actuator.delay_s]), settings)
-    return _drive(task, drive.actuator, found, known, search.log_unevenness)
+    return _drive(task.design, drive.actuator, found, known, search.log_unevenness)
 
 
 def _drive(
-    task: Task,
+    as_logged: Design,
     start: ActuatorFit,
     found: FloatArray,
-    described: InputDescription | None,
+    described: InputDescription | None = None,
     log_unevenness: float = 0.0,
 ) -> Drive:
     """Put a drive together from its lag, delay and unevenness."""
     lag_s, delay_s = (float(value) for value in found[:2])
-    design, rotors, slopes = task.design, None, None
-    if described is not None:
-        rotors = Rotors.of(lag_s, float(found[2]) if found.size > 2 else log_unevenness)
-        slopes = rotor_slopes(design, described, rotors)
-        design = with_lag_on_rotors(design, described, rotors)
-    limit_s = lag_limit(Scorer(design, task.structure, task.axes), lag_s, delay_s)
-    actuator = start._replace(lag_s=lag_s, delay_s=delay_s, lag_limit_s=limit_s)
+    actuator = start._replace(lag_s=lag_s, delay_s=delay_s)
+    if described is None:
+        return Drive(actuator, as_logged)
+    rotors = Rotors.of(lag_s, float(found[2]) if found.size > 2 else log_unevenness)
+    return Drive(actuator, with_lag_on_rotors(as_logged, described, rotors), rotors)
+
+
+def _with_doubts(drive: Drive, task: Task, described: InputDescription | None) -> Drive:
+    """Add how far the lag might be delay, and what else is not known of the torque."""
+    actuator = drive.actuator
+    score = Scorer(drive.design, task.structure, task.axes)
+    limit_s = lag_limit(score, actuator.lag_s, actuator.delay_s)
+    slopes = None
+    if drive.rotors is not None and described is not None:
+        slopes = rotor_slopes(task.design, described, drive.rotors)
     errors = battery_errors(task.design)
     if not task.every_step:
         errors += sampling_errors(task.design)
-    return Drive(actuator, design, rotors, TorqueUnknowns(slopes, errors))
+    return drive._replace(
+        actuator=actuator._replace(lag_limit_s=limit_s), unknown=TorqueUnknowns(slopes, errors)
+    )
 
 
 class _Axis(NamedTuple):
