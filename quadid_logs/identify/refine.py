@@ -7,6 +7,7 @@ needs a torque of its own, and to find the two in turn takes many rounds.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +30,10 @@ _LEAST_LAG_S = 0.002
 _SCALE = (1e-3, 1e-3, 0.1)
 #: Relative change of the squared error, a hundredth of what chance makes of it in an hour of flight.
 _TOLERANCE = 1e-6
+#: Relative change of lag and delay: microseconds, which no log resolves.
+_TIME_TOLERANCE = 1e-4
+#: Steps of the derivatives: so small that they are straight, and far from rounding.
+_STEPS = (2e-5, 2e-5, 2e-3)
 #: Gauss-Newton needs three to six; a search that needs more has no minimum.
 _MOST_TRIALS = 15
 #: The axes are weighted by errors that change with the fit; the second time they hardly do.
@@ -104,7 +109,8 @@ def same_drive(task: Task, drive: Drive, described: InputDescription | None, set
     rotors = drive.rotors
     known = described if rotors is not None else None
     search = _Search(task, known, 0.0 if rotors is None else rotors.log_unevenness)
-    found, _ = search.least(np.array([drive.actuator.lag_s, drive.actuator.delay_s]), settings)
+    start = np.array([drive.actuator.lag_s, drive.actuator.delay_s])
+    found, _ = search.least(start, settings, rounds=1)
     return _drive(task.design, drive.actuator, found, known, search.log_unevenness)
 
 
@@ -182,8 +188,11 @@ class _Search:
             target = _outside(basis, self.project.coordinates(target))[:, 0]
             self._axes.append(_Axis(basis, target, task.kept[axis, n_regressors:]))
         self._weight = np.ones(len(self._axes))
+        # A search asks for residuals and derivatives at the same point, and a delay moves no rotor.
+        self._torque_at = lru_cache(maxsize=2)(self._torque)
+        self._design_with = lru_cache(maxsize=3)(self._design_at)
 
-    def least(self, x: FloatArray, settings: Settings) -> tuple[FloatArray, float]:
+    def least(self, x: FloatArray, settings: Settings, *, rounds: int = _ROUNDS) -> tuple[FloatArray, float]:
         """Return the point of least error from a start (lag, delay[, unevenness]), and its logarithm."""
         from scipy.optimize import least_squares
 
@@ -192,7 +201,7 @@ class _Search:
         high = np.array([settings.max_lag_s, settings.max_delay_s, limit])[: x.size]
         if not self._slopes(x).any():
             return x, self._loss(x)
-        for _ in range(_ROUNDS):
+        for _ in range(rounds):
             self._weight = 1.0 / np.maximum(np.sqrt(self._squares(x)), 1e-12)
             x = least_squares(
                 self._misfit,
@@ -201,7 +210,7 @@ class _Search:
                 bounds=(low, high),
                 x_scale=np.array(_SCALE)[: x.size],
                 ftol=_TOLERANCE,
-                xtol=_TOLERANCE,
+                xtol=_TIME_TOLERANCE,
                 gtol=None,
                 max_nfev=_MOST_TRIALS,
             ).x
@@ -220,18 +229,25 @@ class _Search:
         left = np.array([solved.left @ solved.left for solved in self._solved(x)])
         return np.asarray(left / self._weight**2)
 
-    def _rotors(self, x: FloatArray) -> Rotors:
-        return Rotors.of(max(float(x[0]), _LEAST_LAG_S), float(x[2]) if x.size > 2 else self.log_unevenness)
-
-    def _at(self, x: FloatArray) -> Design:
-        """Return the design with the torque that belongs to the rotors of this point."""
+    def _design_at(self, lag_s: float, log_unevenness: float) -> Design:
+        """Return the design with the torque that belongs to such rotors."""
         if self._described is None:
             return self._design
-        return with_lag_on_rotors(self._design, self._described, self._rotors(x))
+        rotors = Rotors.of(max(lag_s, _LEAST_LAG_S), log_unevenness)
+        return with_lag_on_rotors(self._design, self._described, rotors)
+
+    def _torque(self, lag_s: float, delay_s: float, log_unevenness: float) -> FloatArray:
+        """Return the torque on the training rows, as far as it follows from the instruments."""
+        design = self._design_with(lag_s, log_unevenness)
+        return self.project.coordinates(design.torque(lag_s, delay_s)[self._train])
+
+    def _place(self, x: FloatArray) -> tuple[float, float, float]:
+        """Return lag, delay and unevenness, which may not be searched for."""
+        return float(x[0]), float(x[1]), float(x[2]) if x.size > 2 else self.log_unevenness
 
     def _solved(self, x: FloatArray) -> list[_Solved]:
         """Solve each axis for its gains."""
-        torque = self.project.coordinates(self._at(x).torque(float(x[0]), float(x[1]))[self._train])
+        torque = self._torque_at(*self._place(x))
         found = []
         for axis, weight in zip(self._axes, self._weight, strict=True):
             alone = _outside(axis.basis, torque[:, axis.inputs])
@@ -241,17 +257,13 @@ class _Search:
 
     def _slopes(self, x: FloatArray) -> FloatArray:
         """Return the derivatives of the weighted residuals; shape (n_rows of all axes, x.size)."""
-        lag_s, delay_s = float(x[0]), float(x[1])
-        design = self._at(x)
-        by_lag, by_delay = design.torque_by_lag(lag_s, delay_s), design.torque_by_delay(lag_s, delay_s)
-        columns = [by_lag, by_delay]
-        if self._described is not None:
-            slopes = rotor_slopes(self._design, self._described, self._rotors(x))
-            columns[0] = by_lag + slopes.by_lag.torque(lag_s, delay_s)
-            columns.append(slopes.by_unevenness.torque(lag_s, delay_s))
-        derivatives = [self.project.coordinates(column[self._train]) for column in columns[: x.size]]
+        solved_axes, torque = self._solved(x), self._torque_at(*self._place(x))
+        derivatives = [
+            (self._torque(*self._place(x + step * np.eye(x.size)[number])) - torque) / step
+            for number, step in enumerate(_STEPS[: x.size])
+        ]
         parts = []
-        for axis, weight, solved in zip(self._axes, self._weight, self._solved(x), strict=True):
+        for axis, weight, solved in zip(self._axes, self._weight, solved_axes, strict=True):
             moved = np.column_stack([derivative[:, axis.inputs] @ solved.gain for derivative in derivatives])
             span, _ = np.linalg.qr(solved.alone)
             parts.append(-weight * _outside(span, _outside(axis.basis, moved)))
