@@ -85,7 +85,9 @@ def run(tasks: Sequence[Task], cluster: Cluster, events: Events) -> None:
 def _local_or_given(cluster: Cluster) -> Iterator[str]:
     """Give the scheduler's address; a local cluster lives in this process, as long as the run."""
     if cluster.scheduler:
-        yield cluster.scheduler
+        # Where it goes away, the library shows its own attempts to come back as tracebacks.
+        with load("distributed.utils").silence_logging_cmgr(logging.CRITICAL):
+            yield cluster.scheduler
         return
     with (
         load("dask").config.set(_LEAN),

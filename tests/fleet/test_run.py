@@ -115,6 +115,7 @@ def test_a_killed_worker_and_a_restarted_scheduler_change_nothing(undisturbed, l
             process.kill()
     assert process.returncode == 0, err
     assert "6 logs: 4 analyzed, 2 unreadable" in out
+    assert "Traceback" not in err
     assert rows_of(store) == rows_of(undisturbed)
 
 
