@@ -12,7 +12,7 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.data.model import Inertia, Model, Parameter
 from quadid_logs.data.result import Result
 from quadid_logs.report.cells import Cell, Table
-from quadid_logs.report.numbers import interval, number
+from quadid_logs.report.numbers import interval, number, resolved
 from quadid_logs.report.published import comparison_rows
 from quadid_logs.report.verdict import input_unit, refused_axes
 from quadid_logs.untrusted import printable
@@ -103,7 +103,7 @@ def _entry(parameter: Parameter | None, value: float, largest: float, distrusted
         return Cell(text="0")
     detail = interval(*parameter.ci95)
     weak = distrusted or not parameter.identifiable
-    return Cell(text=number(parameter.value), detail=detail, weak=weak)
+    return Cell(text=resolved(parameter.value, *parameter.ci95), detail=detail, weak=weak)
 
 
 def _weak_note(parameters: Iterable[Parameter]) -> str:

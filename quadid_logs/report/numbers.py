@@ -48,8 +48,22 @@ def estimate(value: float, low: float, high: float) -> str:
     >>> estimate(439.8123, 432.1, 447.9)
     '439.8 (432.1 to 447.9)'
     """
-    bounded = math.isfinite(low) and math.isfinite(high)
-    return f"{number(value, _digits(low, high) if bounded else 4)} ({interval(low, high)})"
+    return f"{resolved(value, low, high)} ({interval(low, high)})"
+
+
+def resolved(value: float, low: float, high: float) -> str:
+    """Return a value with the digits that its 95 % interval allows: what is nothing against it is 0.
+
+    Examples
+    --------
+    >>> resolved(439.8123, 432.1, 447.9), resolved(2.7e-5, -0.31, 0.31)
+    ('439.8', '0')
+    """
+    width = high - low
+    if not (math.isfinite(width) and width > 0.0 and math.isfinite(value)):
+        return number(value)
+    step = 10.0 ** math.floor(math.log10(width / 50.0))
+    return number(round(value / step) * step, _digits(low, high))
 
 
 def _digits(low: float, high: float) -> int:

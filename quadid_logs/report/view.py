@@ -163,18 +163,17 @@ def _model_sentence(result: Result, model: Model | None) -> str:
     ]
     actuator = model.actuator
     if actuator is not None and not all(refused_axes(result)):
-        lag, delay = actuator.lag_s * 1e3, actuator.delay_s * 1e3
-        lag_ci, delay_ci = (
-            (low * 1e3, high * 1e3) for low, high in (actuator.lag_ci95_s, actuator.delay_ci95_s)
+        lag, delay = (
+            _milliseconds(value_s, *ci95_s, known=known)
+            for value_s, ci95_s, known in (
+                (actuator.lag_s, actuator.lag_ci95_s, actuator.lag_identifiable),
+                (actuator.delay_s, actuator.delay_ci95_s, actuator.delay_identifiable),
+            )
         )
         parts.append(
-            f"The {printable(actuator.acts_on, 30) or 'torque'} follows its command with a lag of "
-            f"{estimate(lag, *lag_ci)} ms after a delay of {estimate(delay, *delay_ci)} ms."
+            f"The {printable(actuator.acts_on, 30) or 'torque'} follows its command with a lag of {lag} "
+            f"after a delay of {delay}."
         )
-        known = {"lag": actuator.lag_identifiable, "delay": actuator.delay_identifiable}
-        vague = [name for name, is_known in known.items() if not is_known]
-        if vague:
-            parts.append(f"Of the {' and the '.join(vague)} this log tells the rough size only.")
         if isfinite(actuator.lag_up_s) and actuator.lag_up_s != actuator.lag_down_s:
             up, down = number(actuator.lag_up_s * 1e3, 3), number(actuator.lag_down_s * 1e3, 3)
             parts.append(f"The rotors speed up in {up} ms and slow down in {down} ms.")
@@ -183,6 +182,14 @@ def _model_sentence(result: Result, model: Model | None) -> str:
     if model.note:
         parts.append(printable(model.note))
     return " ".join(parts)
+
+
+def _milliseconds(value_s: float, low_s: float, high_s: float, *, known: bool) -> str:
+    """Return a time with its interval, of which no more may be known than how long it is at most."""
+    value, low, high = 1e3 * value_s, 1e3 * low_s, 1e3 * high_s
+    if low <= 0.0 and not known:
+        return f"at most {number(high, 2)} ms"
+    return f"{'' if known else 'about '}{estimate(value, low, high)} ms"
 
 
 def next_steps(result: Result) -> tuple[str, ...]:

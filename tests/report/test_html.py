@@ -21,7 +21,7 @@ from quadid_logs.figures import figures_of
 from quadid_logs.report.html import render_html, script_json
 from quadid_logs.report.provenance import provenance_of
 from quadid_logs.report.text import result_lines
-from quadid_logs.report.view import view_of
+from quadid_logs.report.view import _milliseconds, view_of
 from tests.synthetic_results import refused_result
 
 
@@ -275,3 +275,18 @@ def test_an_inertia_stands_beside_the_given_and_the_published_ones(usable: Resul
     assert names[:3] == ["this flight", "given with --vehicle", "ArduPilot SITL quadrotor"]
     assert table.rows[1][0].detail == "Ixx, Iyy within the interval; Izz outside the interval"
     assert [cell.text for cell in table.rows[0][2:]] == ["0.0229", "0.0231", "0.046"]
+
+
+def test_a_delay_that_may_be_none_is_said_to_be_at_most_so_long() -> None:
+    """The search may end at nothing but rounding: no digits of that are shown."""
+    assert _milliseconds(2e-13, 0.0, 0.000174, known=False) == "at most 0.17 ms"
+
+
+def test_a_delay_of_which_only_the_size_is_known_is_said_to_be_about_so_long() -> None:
+    """Beside its interval."""
+    assert _milliseconds(0.0021, 0.0009, 0.0033, known=False) == "about 2.1 (0.9 to 3.3) ms"
+
+
+def test_a_known_lag_stands_with_its_interval() -> None:
+    """With the digits that the interval allows."""
+    assert _milliseconds(0.0473721, 0.0471, 0.0476, known=True).startswith("47.37 (")
