@@ -111,6 +111,7 @@ def cut(prepared: Prepared, settings: Settings) -> FlightData:
         start_s=span[0],
         duration_s=span[1] - span[0],
         rate_low_pass_hz=series["body_rate"].signal.low_pass_hz if "body_rate" in series else float("nan"),
+        rate_notches=series["body_rate"].signal.notches if "body_rate" in series else (),
         clock_resets=clock.n_resets,
         on_ground_reason=flights.reason
         or ("" if intervals else "the chosen part of the log holds no flight"),

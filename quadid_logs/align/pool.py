@@ -52,6 +52,7 @@ def pool(flights: Sequence[FlightData]) -> FlightData:
             rate_low_pass_hz=merged.rate_low_pass_hz
             if merged.rate_low_pass_hz == other.rate_low_pass_hz
             else float("nan"),
+            rate_notches=merged.rate_notches if merged.rate_notches == other.rate_notches else (),
         )
     return replace(merged, input=_joint_input(merged, [first, *others]))
 

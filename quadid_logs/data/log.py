@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,6 +12,14 @@ from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.data.torque import TorqueModel
 from quadid_logs.errors import ShapeError
 from quadid_logs.vocabulary import SIGNALS
+
+
+class Notch(NamedTuple):
+    """A notch of second order: its centre, one over its Q, and the share that it leaves at the centre."""
+
+    frequency_hz: float
+    inverse_q: float
+    depth: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -40,6 +49,8 @@ class Signal:
     low_pass_hz : float
         Cut-off of the second-order low-pass that the autopilot applied before
         logging, NaN where there is none or it is not known.
+    notches : tuple of Notch
+        That the autopilot applied besides.
     realised : bool
         Of a torque: what the actuators did, saturation included, not what was asked of them.
     """
@@ -52,6 +63,7 @@ class Signal:
     reason: str = ""
     nominal_rate_hz: float = float("nan")
     low_pass_hz: float = float("nan")
+    notches: tuple[Notch, ...] = ()
     realised: bool = False
 
     def __post_init__(self) -> None:

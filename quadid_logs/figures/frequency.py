@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.flight import FlightData
+from quadid_logs.data.log import Notch
 from quadid_logs.data.model import Model
 from quadid_logs.data.result import Result
 from quadid_logs.figures.flight import torque_axis
 from quadid_logs.figures.spec import Axis, Curve, Figure, LeftOut, Level, Panel
 from quadid_logs.identify.select import most_moved
-from quadid_logs.maths.band import ComplexArray, butterworth_response, delay_response, lag_response
+from quadid_logs.maths.band import ComplexArray, delay_response, gyro_response, lag_response
 from quadid_logs.maths.spectra import Spectra, averaged_spectra
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS
 
@@ -59,7 +62,7 @@ def _axis(data: FlightData, model: Model, column: int, n_stretch: int) -> tuple[
     )
     band = (spectra.frequency_hz > 0.0) & (spectra.frequency_hz <= _HIGHEST_HZ)
     frequency_hz = spectra.frequency_hz[band]
-    response = model_response(model, frequency_hz, data.rate_low_pass_hz)[:, column]
+    response = model_response(model, frequency_hz, data.rate_low_pass_hz, data.rate_notches)[:, column]
     model_deg = np.degrees(np.unwrap(np.angle(response)))
     good, measured = _measured(spectra, band)
     # The turn of the circle that lies nearest to the model's phase: a phase has no other.
@@ -115,7 +118,9 @@ def _panel(
     )
 
 
-def model_response(model: Model, frequency_hz: FloatArray, rate_low_pass_hz: float) -> ComplexArray:
+def model_response(
+    model: Model, frequency_hz: FloatArray, rate_low_pass_hz: float, rate_notches: Sequence[Notch] = ()
+) -> ComplexArray:
     """Return the response of each logged rate to its own torque.
 
     Parameters
@@ -125,6 +130,8 @@ def model_response(model: Model, frequency_hz: FloatArray, rate_low_pass_hz: flo
     frequency_hz : ndarray, shape (n,)
     rate_low_pass_hz : float
         Of the gyro filter; NaN for none.
+    rate_notches : sequence of Notch
+        Of the same.
 
     Returns
     -------
@@ -143,8 +150,7 @@ def model_response(model: Model, frequency_hz: FloatArray, rate_low_pass_hz: flo
     shaping = np.ones(s.shape, dtype=np.complex128)
     if model.actuator is not None:
         shaping = lag_response(s, model.actuator.lag_s) * delay_response(s, model.actuator.delay_s)
-        if np.isfinite(rate_low_pass_hz):
-            shaping = shaping * butterworth_response(s, rate_low_pass_hz)
+        shaping = shaping * gyro_response(s, rate_low_pass_hz, rate_notches)
     return np.asarray(own * shaping[:, np.newaxis], dtype=np.complex128)
 
 

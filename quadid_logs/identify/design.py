@@ -16,16 +16,17 @@ import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.flight import FlightData, Segment
+from quadid_logs.data.log import Notch
 from quadid_logs.data.settings import Settings
 from quadid_logs.identify.structures import THROTTLED_YAW, Structure
 from quadid_logs.maths.band import (
     ComplexArray,
     angular_frequency,
-    butterworth_response,
     delay_response,
     filtered,
     gaussian_reach_s,
     gaussian_response,
+    gyro_response,
     lag_response,
     without_slow,
 )
@@ -89,7 +90,8 @@ class Design:
         Rows whose kernel reaches across from one set into the other; in neither.
     period_s, smoothing_hz : float
     rate_low_pass_hz : float
-        Known filter of the logged rates; the torque passes it too.
+    rate_notches : tuple of Notch
+        Known filters of the logged rates; the torque passes them too.
     pieces : tuple of Segment
         The gap-free pieces themselves, at their full rate, of ``sample_period_s``.
     mean_throttle : float or None
@@ -109,6 +111,7 @@ class Design:
     period_s: float
     smoothing_hz: float
     rate_low_pass_hz: float
+    rate_notches: tuple[Notch, ...]
     spectra: tuple[SegmentSpectra, ...]
     pieces: tuple[Segment, ...]
     sample_period_s: float
@@ -239,10 +242,8 @@ class Design:
         return self._shaped(np.ones_like)
 
     def gyro_response(self, s: ComplexArray) -> ComplexArray:
-        """Return what the gyro's known filter makes of the torque; 1 where it is not known."""
-        if np.isfinite(self.rate_low_pass_hz):
-            return butterworth_response(s, self.rate_low_pass_hz)
-        return np.ones_like(s)
+        """Return what the gyro's known filters make of the torque; 1 where none is known."""
+        return gyro_response(s, self.rate_low_pass_hz, self.rate_notches)
 
     def _shaped(self, response: Callable[[ComplexArray], ComplexArray], *, n_columns: int = 3) -> FloatArray:
         parts = [
@@ -301,6 +302,7 @@ def build_design(data: FlightData, smoothing_hz: float, settings: Settings) -> D
         period_s=period_s,
         smoothing_hz=smoothing_hz,
         rate_low_pass_hz=data.rate_low_pass_hz,
+        rate_notches=data.rate_notches,
         spectra=tuple(spectra for _, _, _, spectra in parts),
         pieces=tuple(pieces),
         sample_period_s=data.sample_period_s,

@@ -48,6 +48,8 @@ _RATIO_SPREAD = 0.5
 _CORRELATION_SPREAD = 0.2
 #: Relative step of the central differences: their error is its square.
 _STEP = 1e-5
+#: A body that is there is found in ten to thirty trials.
+_MOST_TRIALS = 150
 _PAIRS = ((0, 1), (0, 2), (1, 2))
 
 
@@ -189,7 +191,7 @@ def fit_rigid_body(
 
     Returns
     -------
-    PooledFit, or None where no body has such gains (a negative one).
+    PooledFit, or None where no body has such gains (a negative one), or none is found that explains them.
 
     Notes
     -----
@@ -212,6 +214,8 @@ def fit_rigid_body(
     n_clusters = int(clusters_of(design).max()) + 1
     project = Projection(design, structure, train, also=torque[:, 3:])
     x = _solve(body, _reduced(project(Z), Y, 1.0 - rows_apart.r2, n_clusters), _start(body, rows_apart), free)
+    if x is None:
+        return None
     return _as_fit(body, x, free, Z, Y, design, actuator, project, len(structure.columns), unknown)
 
 
@@ -233,8 +237,11 @@ def _reduced(explained: FloatArray, Y: FloatArray, unexplained: FloatArray, n_cl
     return _Reduced(R, Q.T @ Y, np.sqrt(np.maximum(squares, 1e-24) / n_clusters))
 
 
-def _solve(body: _Body, problem: _Reduced, x: FloatArray, free: BoolArray) -> FloatArray:
-    """Return the parameters of least weighted squares (Levenberg-Marquardt); the others stay as they are."""
+def _solve(body: _Body, problem: _Reduced, x: FloatArray, free: BoolArray) -> FloatArray | None:
+    """Return the parameters of least weighted squares (Levenberg-Marquardt); the others stay as they are.
+
+    None where the search does not end.
+    """
     from scipy.optimize import least_squares
 
     expected, spread = body.usual()
@@ -254,8 +261,8 @@ def _solve(body: _Body, problem: _Reduced, x: FloatArray, free: BoolArray) -> Fl
         slopes = _slopes(body.seen, with_free(values))[..., free]
         return np.concatenate([*(problem.R @ slopes[row] / problem.sigma[row] for row in range(3)), pull])
 
-    found = least_squares(misfit, x[free], jac=jacobian, x_scale="jac", method="lm")
-    return with_free(found.x)
+    found = least_squares(misfit, x[free], jac=jacobian, x_scale="jac", method="lm", max_nfev=_MOST_TRIALS)
+    return with_free(found.x) if found.success else None
 
 
 def _as_fit(

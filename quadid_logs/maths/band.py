@@ -9,6 +9,8 @@ differenced.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -54,6 +56,26 @@ def butterworth_response(s: ComplexArray, cutoff_hz: float) -> ComplexArray:
     """
     x = s / (2.0 * np.pi * cutoff_hz)
     return np.asarray(1.0 / (1.0 + np.sqrt(2.0) * x + x * x), dtype=np.complex128)
+
+
+def notch_response(s: ComplexArray, frequency_hz: float, inverse_q: float, depth: float) -> ComplexArray:
+    """Notch of second order that leaves a share of `depth` at its centre.
+
+    ArduPilot NotchFilter.cpp, PX4 NotchFilter.hpp, both before they are made digital.
+    """
+    x = s / (2.0 * np.pi * frequency_hz)
+    straight = 1.0 + x * x
+    return np.asarray((straight + depth * inverse_q * x) / (straight + inverse_q * x), dtype=np.complex128)
+
+
+def gyro_response(
+    s: ComplexArray, low_pass_hz: float, notches: Sequence[tuple[float, float, float]]
+) -> ComplexArray:
+    """Return what is known of a gyro's filters: low-pass (NaN for none) and notches; 1 without any."""
+    response = butterworth_response(s, low_pass_hz) if np.isfinite(low_pass_hz) else np.ones_like(s)
+    for notch in notches:
+        response = response * notch_response(s, *notch)
+    return response
 
 
 def filtered(

@@ -17,6 +17,7 @@ from quadid_logs.readers.ardupilot_vehicle import (
     mode_name,
     parameter_table,
 )
+from quadid_logs.readers.gyro_notches import ardupilot_notches
 from quadid_logs.readers.message_table import MessageSource, MessageTable, damaged_numbers_pass
 from quadid_logs.readers.utc import gps_utc_s, utc_offset_s
 
@@ -187,7 +188,7 @@ def _with_nominal_rates(
 def _with_gyro_filter(
     signals: dict[str, tuple[Signal, ...]], parameters: Mapping[str, float]
 ) -> dict[str, tuple[Signal, ...]]:
-    """Note the low-pass that RATE's and IMU's gyros passed.
+    """Note the low-pass and the notches that RATE's and IMU's gyros passed.
 
     AP_InertialSensor logs IMU from get_gyro(), behind INS_GYRO_FILTER (a
     LowPassFilter2p); only GYR (raw samples) and SIDD come from before it.
@@ -195,8 +196,11 @@ def _with_gyro_filter(
     cutoff_hz = parameters.get("INS_GYRO_FILTER", 0.0)
     if not cutoff_hz > 0.0 or "body_rate" not in signals:
         return signals
+    notches = ardupilot_notches(parameters)
     rates = tuple(
-        replace(signal, low_pass_hz=cutoff_hz) if signal.source.startswith(("RATE", "IMU")) else signal
+        replace(signal, low_pass_hz=cutoff_hz, notches=notches)
+        if signal.source.startswith(("RATE", "IMU"))
+        else signal
         for signal in signals["body_rate"]
     )
     return {**signals, "body_rate": rates}

@@ -11,11 +11,13 @@ import pytest
 
 from quadid_logs.align import align
 from quadid_logs.data.flight import FlightData
+from quadid_logs.data.log import Notch
 from quadid_logs.data.model import Model
 from quadid_logs.data.settings import Settings
 from quadid_logs.identify import identify
 from quadid_logs.identify.design import build_design
 from quadid_logs.identify.torque_errors import battery_errors, sampling_errors
+from quadid_logs.maths.band import angular_frequency, notch_response
 from quadid_logs.simulate import SCENARIOS, fly, plan_flights
 from quadid_logs.simulate.airframe import Battery
 from quadid_logs.simulate.flight import Noise
@@ -166,3 +168,24 @@ def test_a_battery_takes_at_the_end_what_it_gave_at_the_beginning() -> None:
     (piece,) = design.pieces
     middle_s = piece.time_s.mean()
     np.testing.assert_allclose(roll[:, 0], 0.01 / 60.0 * (design.time_s - middle_s), atol=1e-4)
+
+
+def test_a_known_notch_is_no_part_of_the_delay() -> None:
+    """The delay of the vehicle is found, with a notch of 1 ms in the path of the gyro."""
+    data = fly_plainly(QUAD, multisine(30.0), feedback=8.0)
+    notch = Notch(frequency_hz=60.0, inverse_q=0.8, depth=0.01)
+    (segment,) = data.segments
+    s = angular_frequency(segment.n_samples, data.sample_period_s)
+    response = notch_response(s, *notch)[:, np.newaxis]
+    rate = np.fft.irfft(np.fft.rfft(segment.body_rate_rad_s, axis=0) * response, segment.n_samples, axis=0)
+    notched = dataclasses.replace(
+        data, segments=(dataclasses.replace(segment, body_rate_rad_s=rate),), rate_notches=(notch,)
+    )
+    delays = [
+        model.actuator.delay_s + model.actuator.lag_s
+        for model in map(recommended, (data, notched, dataclasses.replace(notched, rate_notches=())))
+        if model.actuator is not None
+    ]
+    assert delays[1] == pytest.approx(delays[0], abs=1e-4)
+    # Not known, it would be taken for delay: then the test above would prove nothing.
+    assert delays[2] - delays[0] == pytest.approx(0.99 * 0.8 / (2.0 * np.pi * 60.0), abs=3e-4)

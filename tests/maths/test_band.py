@@ -13,6 +13,7 @@ from quadid_logs.maths.band import (
     gaussian_reach_s,
     gaussian_response,
     lag_response,
+    notch_response,
 )
 
 N, PERIOD_S = 2000, 0.005
@@ -73,3 +74,17 @@ def test_a_coarser_grid_shows_the_same_signal() -> None:
     signal = rng.standard_normal(N)
     smoothing = gaussian_response(angular_frequency(N, PERIOD_S), 1.5)
     np.testing.assert_allclose(_apply(signal, smoothing, N // 10), _apply(signal, smoothing)[::10], atol=1e-7)
+
+
+def test_a_notch_leaves_its_depth_at_the_centre_and_all_at_rest() -> None:
+    """Whatever its width."""
+    s = 2j * np.pi * np.array([0.0, 80.0])
+    np.testing.assert_allclose(notch_response(s, 80.0, 0.5, 0.01), [1.0, 0.01], atol=1e-12)
+
+
+def test_far_below_its_centre_a_notch_is_a_delay() -> None:
+    """Of (1 - depth) / (Q omega): 1 ms for 80 Hz and half its width."""
+    frequency_hz, inverse_q, depth = 80.0, 0.5, 0.01
+    s = 2j * np.pi * np.array([1.0])
+    delay_s = -np.angle(notch_response(s, frequency_hz, inverse_q, depth))[0] / (2.0 * np.pi)
+    assert delay_s == pytest.approx((1.0 - depth) * inverse_q / (2.0 * np.pi * frequency_hz), rel=1e-3)

@@ -1,0 +1,78 @@
+"""The notches that the autopilot's parameters put into the gyro's path."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+
+from quadid_logs.data.log import Notch
+
+#: A notch below is no vibration's, and one above moves nothing that is fitted.
+_RANGE_HZ = (5.0, 2000.0)
+#: INS_HNTCH_MODE of notches whose frequency is known: fixed, and throttle, which holds FREQ at hover.
+_KNOWN_MODES = (0.0, 1.0)
+#: INS_HNTCH_OPTS: so many notches side by side, each of its share of the width.
+_SIDE_BY_SIDE = {1: 2, 16: 3}
+_MOST_HARMONICS = 16
+
+
+def ardupilot_notches(parameters: Mapping[str, float]) -> tuple[Notch, ...]:
+    """Return the notches of INS_HNTCH_*, INS_HNTC2_* and, of older firmware, INS_NOTCH_*.
+
+    Parameters
+    ----------
+    parameters : mapping of str to float
+
+    Returns
+    -------
+    tuple of Notch
+        Of fixed notches, and of those that follow the throttle as they are in
+        hover. Where they follow rotor speed or a spectrum, the parameters do
+        not tell, and their delay stays part of the delay that is found.
+
+    Notes
+    -----
+    Q by NotchFilter::calculate_A_and_Q, harmonics and widths by HarmonicNotchFilter.cpp.
+    """
+    return tuple(_ardupilot_notches(parameters))
+
+
+def _ardupilot_notches(parameters: Mapping[str, float]) -> Iterator[Notch]:
+    for name in ("INS_HNTCH", "INS_HNTC2", "INS_NOTCH"):
+        if parameters.get(f"{name}_ENABLE") != 1.0:
+            continue
+        mode, reference = parameters.get(f"{name}_MODE", 0.0), parameters.get(f"{name}_REF", 0.0)
+        if mode not in _KNOWN_MODES and reference != 0.0:
+            continue
+        frequency_hz, width_hz, depth_db = (
+            parameters.get(f"{name}_{suffix}", math.nan) for suffix in ("FREQ", "BW", "ATT")
+        )
+        options = _bits(parameters.get(f"{name}_OPTS", 0.0))
+        count = next((n for bit, n in _SIDE_BY_SIDE.items() if options & bit), 1)
+        harmonics = _bits(parameters.get(f"{name}_HMNCS", 1.0))
+        if not (0.0 < 0.5 * width_hz < count * frequency_hz and 0.0 < depth_db < 200.0):
+            continue
+        ratio = frequency_hz / (frequency_hz - 0.5 * width_hz / count)
+        for harmonic in range(_MOST_HARMONICS):
+            centre_hz = frequency_hz * (harmonic + 1)
+            if harmonics >> harmonic & 1 and _RANGE_HZ[0] <= centre_hz <= _RANGE_HZ[1]:
+                yield from [Notch(centre_hz, ratio - 1.0 / ratio, 10.0 ** (-depth_db / 20.0))] * count
+
+
+def px4_notches(parameters: Mapping[str, float]) -> tuple[Notch, ...]:
+    """Return the notches of IMU_GYRO_NF0_*, NF1_* and, of older firmware, NF_* (NotchFilter.hpp)."""
+    found = []
+    for frequency, width in (
+        ("IMU_GYRO_NF0_FRQ", "IMU_GYRO_NF0_BW"),
+        ("IMU_GYRO_NF1_FRQ", "IMU_GYRO_NF1_BW"),
+        ("IMU_GYRO_NF_FREQ", "IMU_GYRO_NF_BW"),
+    ):
+        frequency_hz, width_hz = parameters.get(frequency, 0.0), parameters.get(width, math.nan)
+        if _RANGE_HZ[0] <= frequency_hz <= _RANGE_HZ[1] and 0.0 < width_hz < 2.0 * frequency_hz:
+            found.append(Notch(float(frequency_hz), float(width_hz / frequency_hz), 0.0))
+    return tuple(found)
+
+
+def _bits(value: float) -> int:
+    """Return a parameter that is a set of bits."""
+    return int(value) if 0.0 <= value < 2.0**32 else 0
