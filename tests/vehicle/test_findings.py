@@ -21,6 +21,7 @@ from quadid_logs.figures.spec import Figure, LeftOut
 from quadid_logs.identify.inertia import inertia_of
 from quadid_logs.identify.parameters import Estimate
 from quadid_logs.maths.frames import frame_geometry
+from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.report.airframe import airframe_facts
 from quadid_logs.vehicle import reconstruct
 from tests.synthetic_results import usable_result
@@ -121,7 +122,7 @@ def test_the_calibration_widens_the_interval_of_the_inertia() -> None:
     assert found is not None
     np.testing.assert_allclose(np.diag(found.matrix), [4.0 / 200.0, 4.0 / 180.0, 0.3 / 10.0])
     half = (found.ci95_high - found.ci95_low)[0, 0] / 2.0
-    assert half / found.matrix[0, 0] == pytest.approx(np.hypot(0.01, 1.96 * 0.02))
+    assert half / found.matrix[0, 0] == pytest.approx(np.hypot(0.01, NORMAL_95 * 0.02))
 
 
 def test_an_axis_that_nobody_calibrated_stays_empty() -> None:
