@@ -15,7 +15,7 @@ from quadid_logs.data.log import Notch
 from quadid_logs.data.model import Model
 from quadid_logs.data.settings import Settings
 from quadid_logs.identify import identify
-from quadid_logs.identify.design import build_design
+from quadid_logs.identify.design import Design, build_design
 from quadid_logs.identify.torque_errors import battery_errors, sampling_errors
 from quadid_logs.maths.band import angular_frequency, notch_response
 from quadid_logs.simulate import SCENARIOS, fly, plan_flights
@@ -143,31 +143,35 @@ def test_what_the_torque_was_between_the_samples_widens_the_interval(slow_log: F
     assert (np.array(width) >= 0.99 * np.array(narrow)).all()
 
 
-def test_every_second_sample_of_a_steady_torque_is_as_good_as_all() -> None:
-    """No error, for nothing happens between the samples."""
+@pytest.fixture
+def steady() -> Design:
+    """A flight whose torque is one unit throughout."""
     data = fly_plainly(QUAD, multisine(12.0))
-    steady = dataclasses.replace(
-        data, segments=tuple(dataclasses.replace(s, torque=np.ones_like(s.torque)) for s in data.segments)
+    design = build_design(
+        dataclasses.replace(
+            data,
+            segments=tuple(dataclasses.replace(s, torque=np.ones_like(s.torque)) for s in data.segments),
+        ),
+        5.0,
+        Settings(),
     )
-    design = build_design(steady, 5.0, Settings())
     assert design is not None
-    for error in sampling_errors(design):
+    return design
+
+
+def test_every_second_sample_of_a_steady_torque_is_as_good_as_all(steady: Design) -> None:
+    """No error, for nothing happens between the samples."""
+    for error in sampling_errors(steady):
         np.testing.assert_allclose(error.torque(0.0, 0.0), 0.0, atol=1e-12)
 
 
-def test_a_battery_takes_at_the_end_what_it_gave_at_the_beginning() -> None:
+def test_a_battery_takes_at_the_end_what_it_gave_at_the_beginning(steady: Design) -> None:
     """Of a steady torque: minus and plus the same, and nothing on the other axes."""
-    data = fly_plainly(QUAD, multisine(12.0))
-    steady = dataclasses.replace(
-        data, segments=tuple(dataclasses.replace(s, torque=np.ones_like(s.torque)) for s in data.segments)
-    )
-    design = build_design(steady, 5.0, Settings())
-    assert design is not None
-    roll = battery_errors(design)[0].torque(0.0, 0.0)
+    roll = battery_errors(steady)[0].torque(0.0, 0.0)
     np.testing.assert_allclose(roll[:, 1:], 0.0, atol=1e-15)
-    (piece,) = design.pieces
+    (piece,) = steady.pieces
     middle_s = piece.time_s.mean()
-    np.testing.assert_allclose(roll[:, 0], 0.01 / 60.0 * (design.time_s - middle_s), atol=1e-4)
+    np.testing.assert_allclose(roll[:, 0], 0.01 / 60.0 * (steady.time_s - middle_s), atol=1e-4)
 
 
 def test_a_known_notch_is_no_part_of_the_delay() -> None:
