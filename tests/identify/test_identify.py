@@ -12,7 +12,7 @@ from quadid_logs.data.model import Identification, Model, Parameter
 from quadid_logs.data.settings import Settings
 from quadid_logs.identify import identify
 
-from .vehicles import QUAD, Truth, flight_data, fly, multisine
+from .vehicles import PERIOD_S, QUAD, Truth, flight_data, fly, multisine
 
 
 @pytest.fixture(scope="module")
@@ -233,3 +233,18 @@ def test_a_flight_of_which_one_half_of_the_blocks_is_cut_out_is_fitted_to_the_ot
     found = identify(dataclasses.replace(data, segments=(marked,)), Settings()).recommended
     assert found is not None
     assert np.isfinite(found.B).all()
+
+
+def test_axes_moved_in_turn_need_longer_windows_than_axes_moved_at_once() -> None:
+    """A window that sees one axis only has directions that are all noise."""
+    at_once = multisine(48.0)
+    turn = (np.arange(len(at_once)) * PERIOD_S // 2.0).astype(int) % 3
+    in_turn = at_once * (turn[:, np.newaxis] == np.arange(3))
+    width_s = []
+    for torque in (at_once, in_turn):
+        models = identify(fly(QUAD, torque), Settings()).models
+        windows = next(model.windows for model in models if model.structure == "damped")
+        assert windows is not None
+        assert np.mean(windows.used) >= 0.5
+        width_s.append(windows.width * windows.period_s)
+    assert width_s[1] > width_s[0]
