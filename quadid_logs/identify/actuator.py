@@ -33,15 +33,16 @@ class ActuatorFit(NamedTuple):
     """Best lag and delay [s], and ``loss`` (n_lags, n_delays): 1 - cross-validated R2.
 
     ``lag_limit_s`` is the largest lag that, with a shorter delay, does as
-    well: a lag far shorter than the motion looks like a delay.
+    well (a lag far shorter than the motion looks like a delay), NaN where
+    `lag_limit` has not been asked.
     """
 
     lag_s: float
     delay_s: float
-    lag_limit_s: float
     lag_grid_s: FloatArray
     delay_grid_s: FloatArray
     loss: FloatArray
+    lag_limit_s: float = float("nan")
 
 
 class _Fold(NamedTuple):
@@ -101,8 +102,7 @@ def fit_actuator(
         ]
         _, lag_s, delay_s = min(trial)
         lag_step, delay_step = lag_step / 4.0, delay_step / 4.0
-    limit_s = lag_limit(score, lag_s, delay_s)
-    return ActuatorFit(lag_s, delay_s, limit_s, lags, delays, loss)
+    return ActuatorFit(lag_s, delay_s, lags, delays, loss)
 
 
 def lag_limit(score: Scorer, lag_s: float, delay_s: float) -> float:
@@ -120,12 +120,12 @@ def lag_limit(score: Scorer, lag_s: float, delay_s: float) -> float:
 class Scorer:
     """Error for one lag and delay; everything that does not depend on them is kept.
 
-    ``design`` is thinned where the flight is longer than the question needs.
+    The design is thinned where the flight is longer than the question needs.
     """
 
     def __init__(self, design: Design, structure: Structure, axes: Sequence[int]) -> None:
         design = design.thinned(_ENOUGH_ROWS)
-        self.design = design
+        self._design = design
         self._axes = list(axes)
         names = (*structure.regressors, *design.disturbances(structure))
         self._fixed = np.column_stack([design.columns[name] for name in names])
@@ -166,17 +166,16 @@ class Scorer:
     def __call__(self, lag_s: float, delay_s: float) -> float:
         """Return the logarithm of the error, mean over the axes, of a lag and a delay [s]."""
         if self._products is None:
-            return self.of(self.design, lag_s, delay_s)
+            return self._in_time(lag_s, delay_s)
         both = np.column_stack([self._products(lag_s, delay_s), self._explained])
         (fold,) = self._folds
         left = both - fold.fixed_fit @ (fold.slope @ both)
         return self._log_error(_left_by_torque(left, left))
 
-    def of(self, design: Design, lag_s: float, delay_s: float) -> float:
-        """Return the error with the torque of another design of the same rows."""
-        torque = design.torque(lag_s, delay_s)
+    def _in_time(self, lag_s: float, delay_s: float) -> float:
+        """Return the error where no instruments make few products of the many rows."""
+        both = np.column_stack([self._design.torque(lag_s, delay_s), self._targets])
         error = np.zeros(len(self._axes))
-        both = np.column_stack([torque, self._targets])
         for fold in self._folds:
             fit = fold.to_fit.coordinates(both[fold.fit])
             slope = fold.slope @ fit

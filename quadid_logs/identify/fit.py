@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final, NamedTuple
 
@@ -129,13 +129,23 @@ def problem_of(
     rows = design.averaged(whole, average)[train]
     n_targets = len(structure.targets)
     Z, Y = rows[:, :-n_targets], rows[:, -n_targets:]
-    used = np.ones((n_targets, Z.shape[1]), dtype=np.bool_)
+    used = used_columns(design, structure, kept)
+    project = Projection(instrumented, structure, train)
+    return Problem(Z, project(Z), Y, used, project)
+
+
+def used_columns(design: Design, structure: Structure, kept: BoolArray | None) -> BoolArray:
+    """Return which columns of structure and disturbances each target may use; shape (n_targets, n_columns).
+
+    Without what is slow there is no trim to be seen.
+    """
+    n_disturbances = len(design.disturbances(structure))
+    used = np.ones((len(structure.targets), len(structure.columns) + n_disturbances), dtype=np.bool_)
     if kept is not None:
         used[:, : len(structure.columns)] = kept
     if design.slow_hz and TRIM in structure.columns:
         used[:, structure.columns.index(TRIM)] = False
-    project = Projection(instrumented, structure, train)
-    return Problem(Z, project(Z), Y, used, project)
+    return used
 
 
 def coefficients_of(problem: Problem) -> FloatArray:
@@ -145,6 +155,11 @@ def coefficients_of(problem: Problem) -> FloatArray:
         solved = solve_least_squares(problem.explained[:, columns], problem.Y[:, row : row + 1])
         theta[row, columns] = solved.coefficients[0]
     return theta
+
+
+def r2_of(problem: Problem) -> FloatArray:
+    """Return R2 of each target as the problem's solution leaves it; shape (n_targets,)."""
+    return share_explained(problem.Y, problem.Y - problem.Z @ coefficients_of(problem).T)
 
 
 def fit_pooled(
@@ -314,6 +329,33 @@ def targets_changed(
     return np.stack([design.averaged(torque, average)[train] @ B.T for torque in torques], axis=2)
 
 
+def covariance_95(
+    equations: Sequence[Equation],
+    clusters: IntArray,
+    errors: FloatArray,
+    n_parameters: int,
+    prior_precision: FloatArray | None = None,
+) -> FloatArray:
+    """Return the covariance whose roots are half widths of 95 % intervals.
+
+    Parameters
+    ----------
+    equations, clusters, n_parameters, prior_precision
+        As of `clustered_covariance`.
+    errors : ndarray, shape (n_samples, n_equations, n_errors)
+        What possible errors of the torque, each at its 95 %, make of the
+        targets, weighted as their residuals are.
+
+    Returns
+    -------
+    ndarray, shape (n_parameters, n_parameters)
+    """
+    of_residuals = clustered_covariance(equations, clusters, n_parameters, prior_precision)
+    by_row = [errors[:, row] for row in range(len(equations))]
+    change = first_order_change(equations, by_row, n_parameters, prior_precision)
+    return np.asarray(quantile_95(clusters) ** 2 * of_residuals + change @ change.T)
+
+
 def _half_widths(
     Z: FloatArray,
     residual: FloatArray,
@@ -341,12 +383,8 @@ def _half_widths(
                 parameters=np.concatenate([np.arange(offsets[row], offsets[row + 1]), of_actuator]),
             )
         )
-    n_parameters = n_own + len(shared)
-    covariance = clustered_covariance(equations, clusters, n_parameters)
-    weighted = [errors[:, row] * weight[row] for row in range(len(kept))]
-    change = first_order_change(equations, weighted, n_parameters)
-    half = quantile_95(clusters) * np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    half = np.hypot(half, np.linalg.norm(change, axis=1))
+    covariance = covariance_95(equations, clusters, errors * weight[:, np.newaxis], n_own + len(shared))
+    half = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     half_width = np.full(kept.shape, np.inf)
     for row, columns in enumerate(kept):
         half_width[row, columns] = half[offsets[row] : offsets[row + 1]]

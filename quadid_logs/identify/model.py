@@ -31,6 +31,7 @@ from quadid_logs.identify.fit import (
     coefficients_of,
     fit_pooled,
     problem_of,
+    r2_of,
     with_trim,
 )
 from quadid_logs.identify.floors import sensor_floor
@@ -41,7 +42,7 @@ from quadid_logs.identify.rigid_body import fit_rigid_body, rigid_body_for
 from quadid_logs.identify.rotors import rotors_known, with_lag_on_rotors
 from quadid_logs.identify.structures import DAMPED, THROTTLED_YAW, TRIM, Structure
 from quadid_logs.identify.validate import validate
-from quadid_logs.identify.windows import join, solve_over_time
+from quadid_logs.identify.windows import solve_pieces
 from quadid_logs.maths.discretise import zero_order_hold
 from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS, TORQUE_SYMBOLS
@@ -214,10 +215,10 @@ def _on_torque(structure: Structure, design: Design, settings: Settings) -> tupl
     """Find a lag on the torque and a delay, and the axes that tell behind them."""
     axes = moved_axes(design, settings)
     actuator = fit_actuator(design, structure, axes, settings)
-    telling = _telling(fit_pooled(design, structure, actuator), axes)
+    telling = _telling(r2_of(problem_of(design, structure, actuator)), axes)
     if telling and telling != axes:
         actuator = fit_actuator(design, structure, telling, settings)
-        telling = _telling(fit_pooled(design, structure, actuator), axes)
+        telling = _telling(r2_of(problem_of(design, structure, actuator)), axes)
     return actuator, telling
 
 
@@ -225,16 +226,16 @@ def _fit_behind(drive: Drive, structure: Structure, settings: Settings) -> tuple
     """Fit behind lag and delay without what cannot be seen, and return the axes that tell as well."""
     axes = moved_axes(drive.design, settings)
     fit = fit_pooled(drive.design, structure, drive.actuator, unknown=drive.unknown)
-    telling = _telling(fit, axes)
+    telling = _telling(fit.r2, axes)
     kept = _visible(structure, fit, telling)
     if not kept.all():
         fit = fit_pooled(drive.design, structure, drive.actuator, kept, drive.unknown)
     return fit, telling
 
 
-def _telling(fit: PooledFit, axes: Sequence[int]) -> list[int]:
+def _telling(r2: FloatArray, axes: Sequence[int]) -> list[int]:
     """Return the axes of whose acceleration the model explains enough."""
-    return [axis for axis in axes if fit.r2[axis] >= _TELLING_R2]
+    return [axis for axis in axes if r2[axis] >= _TELLING_R2]
 
 
 def moved_axes(design: Design, settings: Settings) -> list[int]:
@@ -441,21 +442,17 @@ def _windows_on_rows(
     """Solve windows on the rows of the design, so long that most of them see more than noise."""
     columns = design.stack(structure.columns, torque)
     targets = np.column_stack([design.columns[name] for name in structure.targets])
+    by_piece = (design.segment == number for number in np.unique(design.segment))
+    pieces = [(columns[rows], targets[rows], design.time_s[rows]) for rows in by_piece]
     found = None
     for length_s in _WINDOW_S:
         width = settings.window or max(len(structure.columns), int(length_s / design.period_s))
-        stride = settings.stride or max(1, width // 2)
-        parts = []
-        for number in np.unique(design.segment):
-            rows = design.segment == number
-            part = solve_over_time(
-                columns[rows], targets[rows], design.time_s[rows], width=width, stride=stride, noise=noise
-            )
-            if part is not None:
-                parts.append(part)
-        # Longer than the flight there are none: the last that there were must do.
-        found = join(parts) or found
-        if settings.window or not parts or (found is not None and np.mean(found.used) >= _MOST_OF_THEM):
+        windows = solve_pieces(pieces, width=width, stride=settings.stride or max(1, width // 2), noise=noise)
+        if windows is None:
+            # Longer than the flight there are none: the last that there were must do.
+            break
+        found = windows
+        if settings.window or np.mean(windows.used) >= _MOST_OF_THEM:
             break
     return found
 
@@ -466,21 +463,16 @@ def _windows_at_full_rate(
     """Solve the paper's windows: consecutive samples, every k (of very long flights, every so many)."""
     width = settings.window or structure.width
     stride = settings.stride or max(1, int(np.ceil(sum(time_s.size for time_s, _ in smooth) / _MOST_WINDOWS)))
-    parts = []
-    for time_s, columns in smooth:
-        if time_s.size < max(width, 2):
-            continue
-        part = solve_over_time(
+    pieces = (
+        (
             np.column_stack([columns[name] for name in structure.columns]),
             np.column_stack([columns[name] for name in structure.targets]),
             time_s,
-            width=width,
-            stride=stride,
-            noise=noise,
         )
-        if part is not None:
-            parts.append(part)
-    return join(parts)
+        for time_s, columns in smooth
+        if time_s.size >= max(width, 2)
+    )
+    return solve_pieces(pieces, width=width, stride=stride, noise=noise)
 
 
 def _noise(structure: Structure, noise: Mapping[str, float]) -> FloatArray:

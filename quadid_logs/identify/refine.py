@@ -17,12 +17,12 @@ from quadid_logs.data.flight import InputDescription
 from quadid_logs.data.settings import Settings
 from quadid_logs.identify.actuator import ActuatorFit, Scorer, lag_limit, same_loss
 from quadid_logs.identify.design import Design
-from quadid_logs.identify.fit import NOTHING_UNKNOWN, TorqueUnknowns
+from quadid_logs.identify.fit import NOTHING_UNKNOWN, TorqueUnknowns, used_columns
 from quadid_logs.identify.instruments import Projection
 from quadid_logs.identify.rotors import MOST_UNEVEN, Rotors, rotor_slopes, with_lag_on_rotors
-from quadid_logs.identify.structures import TRIM, Structure
+from quadid_logs.identify.structures import Structure
 from quadid_logs.identify.torque_errors import battery_errors, sampling_errors
-from quadid_logs.vocabulary import ACCELERATION_SYMBOLS
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, TORQUE_SYMBOLS
 
 #: Below [s], the lag of a rotor moves no torque by as much as can be seen.
 _LEAST_LAG_S = 0.002
@@ -91,17 +91,17 @@ def find_drive(
     """
     torque_search = _Search(task, None)
     on_torque, torque_loss = torque_search.least(np.array([start.lag_s, start.delay_s]), settings)
-    if described is None or start.lag_s < _LEAST_LAG_S:
-        return _with_doubts(_drive(task.design, start, on_torque), task, None)
-    by_chance = same_loss(torque_search.project, task.axes)
-    rotor_search = _Search(task, described)
-    on_rotors, rotor_loss = rotor_search.least(on_torque, settings)
-    uneven, uneven_loss = rotor_search.least(np.append(on_rotors, 0.0), settings)
-    if uneven_loss < rotor_loss - by_chance:
-        on_rotors, rotor_loss = uneven, uneven_loss
-    if rotor_loss > torque_loss + by_chance:
-        return _with_doubts(_drive(task.design, start, on_torque), task, None)
-    return _with_doubts(_drive(task.design, start, on_rotors, described), task, described)
+    drive = _drive(task.design, start, on_torque)
+    if described is not None and start.lag_s >= _LEAST_LAG_S:
+        by_chance = same_loss(torque_search.project, task.axes)
+        rotor_search = _Search(task, described)
+        on_rotors, rotor_loss = rotor_search.least(on_torque, settings)
+        uneven, uneven_loss = rotor_search.least(np.append(on_rotors, 0.0), settings)
+        if uneven_loss < rotor_loss - by_chance:
+            on_rotors, rotor_loss = uneven, uneven_loss
+        if rotor_loss <= torque_loss + by_chance:
+            drive = _drive(task.design, start, on_rotors, described)
+    return _with_doubts(drive, task, described)
 
 
 def same_drive(task: Task, drive: Drive, described: InputDescription | None, settings: Settings) -> Drive:
@@ -177,16 +177,14 @@ class _Search:
         disturbances = design.disturbances(structure)
         fixed = np.column_stack([design.columns[name] for name in (*structure.regressors, *disturbances)])
         fixed = self.project.coordinates(fixed[self._train])
-        n_regressors = len(structure.regressors)
+        used = used_columns(design, structure, task.kept)
+        is_torque = np.isin((*structure.columns, *disturbances), TORQUE_SYMBOLS)
         self._axes: list[_Axis] = []
         for axis in task.axes:
-            used = np.append(task.kept[axis, :n_regressors], np.ones(len(disturbances), dtype=np.bool_))
-            if design.slow_hz and TRIM in structure.regressors:
-                used[structure.regressors.index(TRIM)] = False
-            basis, _ = np.linalg.qr(fixed[:, used])
+            basis, _ = np.linalg.qr(fixed[:, used[axis, ~is_torque]])
             target = design.columns[ACCELERATION_SYMBOLS[axis]][self._train, np.newaxis]
             target = _outside(basis, self.project.coordinates(target))[:, 0]
-            self._axes.append(_Axis(basis, target, task.kept[axis, n_regressors:]))
+            self._axes.append(_Axis(basis, target, used[axis, is_torque]))
         self._weight = np.ones(len(self._axes))
         # A search asks for residuals and derivatives at the same point, and a delay moves no rotor.
         self._torque_at = lru_cache(maxsize=2)(self._torque)

@@ -21,19 +21,14 @@ from quadid_logs.identify.fit import (
     TorqueUnknowns,
     actuator_columns,
     clusters_of,
-    quantile_95,
+    covariance_95,
     share_explained,
     targets_changed,
 )
 from quadid_logs.identify.floors import seen_through
 from quadid_logs.identify.instruments import Projection
 from quadid_logs.identify.structures import DAMPED, RIGID_BODY, RIGID_BODY_THROTTLED, Structure
-from quadid_logs.maths.least_squares import (
-    Equation,
-    clustered_covariance,
-    first_order_change,
-    solve_least_squares,
-)
+from quadid_logs.maths.least_squares import Equation, solve_least_squares
 from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.maths.rigid_body import PRODUCTS, gyroscopic_matrix
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS
@@ -202,11 +197,11 @@ def fit_rigid_body(
     own = np.diag(rows_apart.theta[:, len(DAMPED.regressors) :])
     if not (own > 0.0).all():
         return None
-    n_disturbances = len(design.disturbances(structure))
-    body = _Body(calibrated, design.has_throttle, n_disturbances, gyro_floor / NORMAL_95)
+    disturbances = design.disturbances(structure)
+    body = _Body(calibrated, design.has_throttle, len(disturbances), gyro_floor / NORMAL_95)
     train = design.train
     torque = design.torque(actuator.lag_s, actuator.delay_s, throttled=design.has_throttle)
-    Z = design.stack((*structure.columns, *design.disturbances(structure)), torque)[train]
+    Z = design.stack((*structure.columns, *disturbances), torque)[train]
     Y = np.column_stack([design.columns[name] for name in ACCELERATION_SYMBOLS])[train]
     free = np.ones(body.size, dtype=np.bool_)
     if len(telling) < len(RATE_SYMBOLS):
@@ -310,13 +305,8 @@ def _as_fit(
         )
         for row in range(3)
     ]
-    covariance = quantile_95(clusters) ** 2 * clustered_covariance(
-        equations, clusters, everything.size, prior
-    )
-    errors = targets_changed(design, actuator, B, unknown)
-    weighted = [errors[:, row] * weight[row] for row in range(3)]
-    change = first_order_change(equations, weighted, everything.size, prior)
-    covariance = covariance + change @ change.T
+    errors = targets_changed(design, actuator, B, unknown) * weight[:, np.newaxis]
+    covariance = covariance_95(equations, clusters, errors, everything.size, prior)
     variance = np.einsum("rcp,pq,rcq->rc", slopes, covariance[:n_own, :n_own], slopes)
     kept = np.abs(slopes).max(axis=2) > 0.0
     whole = solve_least_squares(Z[:, kept.any(axis=0)], Y)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from quadid_logs.arrays import AnyArray, FloatArray
@@ -77,7 +79,31 @@ def _weakest(H: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.eigh(squares)[1][:, 0], dtype=np.float64)
 
 
-def join(parts: list[Windows]) -> Windows | None:
+def solve_pieces(
+    pieces: Iterable[tuple[FloatArray, FloatArray, FloatArray]],
+    *,
+    width: int,
+    stride: int,
+    noise: FloatArray,
+) -> Windows | None:
+    """Solve the windows of several gap-free stretches; parameters as of `solve_over_time`.
+
+    Parameters
+    ----------
+    pieces : iterable of (columns, targets, time_s)
+
+    Returns
+    -------
+    Windows, or None if all stretches are shorter than one window.
+    """
+    solved = (
+        solve_over_time(columns, targets, time_s, width=width, stride=stride, noise=noise)
+        for columns, targets, time_s in pieces
+    )
+    return _join([part for part in solved if part is not None])
+
+
+def _join(parts: list[Windows]) -> Windows | None:
     """Put the windows of several stretches one after the other."""
     if not parts:
         return None
