@@ -88,6 +88,13 @@ def check_store(folder: Path) -> None:
         )
 
 
+def _files(folder: Path) -> tuple[list[Path], list[Path], dict[Path, set[str]]]:
+    """Return the files of single logs, those put together, and what of the latter counts no more."""
+    check_store(folder)
+    own, together = own_files(folder), together_files(folder)
+    return own, together, outdated_logs(own, together)
+
+
 def dataset(folder: Path) -> pads.Dataset:
     """Return the rows of a store, not yet read.
 
@@ -98,9 +105,7 @@ def dataset(folder: Path) -> pads.Dataset:
     """
     import pyarrow.dataset as pads
 
-    check_store(folder)
-    own, together = own_files(folder), together_files(folder)
-    outdated = outdated_logs(own, together)
+    own, together, outdated = _files(folder)
     whole = [path for path in together if path not in outdated]
     # Only where a run was killed, or analyzed again what older ones had: these rows are read at once.
     rest = [pads.dataset(read_rows([path], without=logs)) for path, logs in outdated.items()]
@@ -115,9 +120,7 @@ def rows_by_vehicle(folder: Path, columns: Iterable[str]) -> Iterator[list[dict[
     SettingsError
         If the folder is no store.
     """
-    check_store(folder)
-    own, together = own_files(folder), together_files(folder)
-    outdated = outdated_logs(own, together)
+    own, together, outdated = _files(folder)
     names = list(columns)
     by_vehicle: dict[Path, list[Path]] = {}
     for path in own:
