@@ -10,6 +10,7 @@ from quadid_logs.errors import OutputError
 from quadid_logs.fleet.files import (
     LOST_PREFIX,
     TOGETHER,
+    by_vehicle,
     check_store,
     outdated_logs,
     own_files,
@@ -85,8 +86,5 @@ def _replace(path: Path, tables: Sequence[pa.Table]) -> None:
 
 def _worth_while(own: list[Path]) -> dict[Path, list[Path]]:
     """Return the own files to put together, by vehicle."""
-    by_vehicle: dict[Path, list[Path]] = {}
-    for path in own:
-        if not path.name.startswith(LOST_PREFIX):
-            by_vehicle.setdefault(path.parent, []).append(path)
-    return {vehicle: files for vehicle, files in by_vehicle.items() if len(files) >= _WORTH}
+    seen = by_vehicle(path for path in own if not path.name.startswith(LOST_PREFIX))
+    return {vehicle: files for vehicle, files in seen.items() if len(files) >= _WORTH}

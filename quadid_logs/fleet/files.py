@@ -122,15 +122,21 @@ def rows_by_vehicle(folder: Path, columns: Iterable[str]) -> Iterator[list[dict[
     """
     own, together, outdated = _files(folder)
     names = list(columns)
-    by_vehicle: dict[Path, list[Path]] = {}
-    for path in own:
-        by_vehicle.setdefault(path.parent, []).append(path)
-    for vehicle in sorted({*by_vehicle, *(path.parent for path in together)}):
-        rows = read_rows(by_vehicle.get(vehicle, ()), columns=names).to_pylist()
+    owned = by_vehicle(own)
+    for vehicle in sorted({*owned, *(path.parent for path in together)}):
+        rows = read_rows(owned.get(vehicle, ()), columns=names).to_pylist()
         path = vehicle / TOGETHER
         if path in together:
             rows += read_rows([path], without=outdated.get(path, ()), columns=names).to_pylist()
         yield rows
+
+
+def by_vehicle(paths: Iterable[Path]) -> dict[Path, list[Path]]:
+    """Return files by the folder of their vehicle."""
+    found: dict[Path, list[Path]] = {}
+    for path in paths:
+        found.setdefault(path.parent, []).append(path)
+    return found
 
 
 def own_files(folder: Path) -> list[Path]:
