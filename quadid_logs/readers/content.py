@@ -19,8 +19,8 @@ Bytes: TypeAlias = NDArray[np.uint8]
 _HUGE_PAGE: Final = 1 << 21
 #: In less memory than this, what is left of the last huge page would be more than a quarter.
 _WORTH_ALIGNING: Final = 1 << 23
-#: Rows of this many bytes stay in the processor's cache between being gathered and being put down.
-_PART_BYTES: Final = 1 << 18
+#: As much of a file stays in the processor's cache while the rows of all types are cut out of it.
+_PART_BYTES: Final = 1 << 20
 
 
 def room_for(n_bytes: int) -> Bytes:
@@ -78,7 +78,7 @@ class FileParts:
         LogError
             If the file has become shorter since it was opened.
         """
-        return self._fill(np.empty(max(0, min(stop, self.n_bytes) - start), np.uint8), start)
+        return self.fill(np.empty(max(0, min(stop, self.n_bytes) - start), np.uint8), start)
 
     def blocks(self, size: int, overlap: int) -> Iterator[tuple[int, Bytes]]:
         """Yield the file in blocks, each with `overlap` bytes of the next one, and where they begin.
@@ -87,11 +87,18 @@ class FileParts:
         is only valid until the next one.
         """
         buffer = np.empty(size + overlap, np.uint8)
-        for start in range(0, self.n_bytes - overlap, size):
-            yield start, self._fill(buffer[: self.n_bytes - start], start)
+        for start in range(0, self.n_bytes, size):
+            yield start, self.fill(buffer, start)
 
-    def _fill(self, found: Bytes, start: int) -> Bytes:
-        """Read from `start` on until the array is full."""
+    def fill(self, buffer: Bytes, start: int) -> Bytes:
+        """Read from `start` on until the buffer is full or the file ends; return what of it is filled.
+
+        Raises
+        ------
+        LogError
+            As `part`.
+        """
+        found = buffer[: max(0, self.n_bytes - start)]
         if len(found):
             self._stream.seek(start)
             if self._stream.readinto(found) != len(found):  # type: ignore[attr-defined]
@@ -133,15 +140,15 @@ def rows_at(data: Bytes, offsets: IntArray, dtype: np.dtype[np.void]) -> AnyArra
 
 
 def rows_of_types(
-    data: Bytes, wanted: Sequence[tuple[IntArray, np.dtype[np.void]]], *, behind: int = 0
+    file: FileParts, wanted: Sequence[tuple[IntArray, np.dtype[np.void]]], *, behind: int = 0
 ) -> list[AnyArray]:
-    """Cut the rows of several types out of `data`, all into one piece of memory.
+    """Cut the rows of several types out of a file, all into one piece of memory.
 
     Parameters
     ----------
-    data : ndarray of uint8
+    file : FileParts
     wanted : sequence of (offsets, dtype)
-        As of `rows_at`.
+        As of `rows_at`, the offsets in ascending order.
     behind : int
         How many bytes each row lies behind its offset.
 
@@ -154,16 +161,19 @@ def rows_of_types(
     # Each type begins where a number of eight bytes may.
     ends = np.cumsum([size + -size % 8 for size in sizes], dtype=np.int64).tolist()
     room = room_for(ends[-1] if ends else 0)
-    found: list[AnyArray] = []
-    for (offsets, dtype), size, end in zip(wanted, sizes, ends, strict=True):
-        begin = end - size - -size % 8
-        rows = room[begin : begin + size].reshape(len(offsets), dtype.itemsize)
-        step = max(1, _PART_BYTES // dtype.itemsize)
-        for first in range(0, len(offsets), step):
-            part = rows_at(data, offsets[first : first + step] + behind, dtype)
-            rows[first : first + step] = part.view(np.uint8).reshape(len(part), -1)
-        found.append(rows.reshape(-1).view(dtype))
-    return found
+    tables = [
+        room[end - size - -size % 8 :][:size].reshape(len(offsets), dtype.itemsize)
+        for (offsets, dtype), size, end in zip(wanted, sizes, ends, strict=True)
+    ]
+    edges = np.arange(0, file.n_bytes + _PART_BYTES, _PART_BYTES)
+    bounds = [offsets.searchsorted(edges).tolist() for offsets, _ in wanted]
+    longest = max((dtype.itemsize for _, dtype in wanted), default=0)
+    for number, (start, part) in enumerate(file.blocks(_PART_BYTES, behind + longest)):
+        for (offsets, dtype), rows, bound in zip(wanted, tables, bounds, strict=True):
+            here = slice(bound[number], bound[number + 1])
+            found = rows_at(part, offsets[here] + (behind - start), dtype)
+            rows[here] = found.view(np.uint8).reshape(-1, dtype.itemsize)
+    return [rows.reshape(-1).view(dtype) for rows, (_, dtype) in zip(tables, wanted, strict=True)]
 
 
 def merge_stretches(stretches: list[LostStretch]) -> tuple[LostStretch, ...]:

@@ -161,7 +161,8 @@ def find_headers(content: FileParts) -> Headers:
     # New memory for every block would cost more than the scan.
     is_first, is_second = np.empty((2, _SCAN_BYTES), np.bool_)
     for start, block in content.blocks(_SCAN_BYTES, 2):
-        first, second = is_first[: len(block) - 2], is_second[: len(block) - 2]
+        n_places = max(0, len(block) - 2)
+        first, second = is_first[:n_places], is_second[:n_places]
         np.equal(block[:-2], HEADER[0], out=first)
         np.equal(block[1:-1], HEADER[1], out=second)
         found = np.flatnonzero(np.logical_and(first, second, out=first))

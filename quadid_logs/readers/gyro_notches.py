@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 from quadid_logs.data.log import Notch
 
 #: A notch below is no vibration's, and one above moves nothing that is fitted.
 _RANGE_HZ = (5.0, 2000.0)
+#: One narrower than this share of its frequency delays what is slower by less than a microsecond.
+_LEAST_INVERSE_Q = 1e-6
 #: INS_HNTCH_MODE of notches whose frequency is known: fixed, and throttle, which holds FREQ at hover.
 _KNOWN_MODES = (0.0, 1.0)
 #: INS_HNTCH_OPTS: so many notches side by side, each of its share of the width.
@@ -34,7 +36,7 @@ def ardupilot_notches(parameters: Mapping[str, float]) -> tuple[Notch, ...]:
     -----
     Q by NotchFilter::calculate_A_and_Q, harmonics and widths by HarmonicNotchFilter.cpp.
     """
-    return tuple(_ardupilot_notches(parameters))
+    return _felt(_ardupilot_notches(parameters))
 
 
 def _ardupilot_notches(parameters: Mapping[str, float]) -> Iterator[Notch]:
@@ -50,12 +52,13 @@ def _ardupilot_notches(parameters: Mapping[str, float]) -> Iterator[Notch]:
         options = _bits(parameters.get(f"{name}_OPTS", 0.0))
         count = next((n for bit, n in _SIDE_BY_SIDE.items() if options & bit), 1)
         harmonics = _bits(parameters.get(f"{name}_HMNCS", 1.0))
-        if not (0.0 < 0.5 * width_hz < count * frequency_hz and 0.0 < depth_db < 200.0):
+        lower_edge_hz = frequency_hz - 0.5 * width_hz / count
+        if not (0.0 < lower_edge_hz < frequency_hz and 0.0 < depth_db < 200.0):
             continue
-        ratio = frequency_hz / (frequency_hz - 0.5 * width_hz / count)
+        ratio = frequency_hz / lower_edge_hz
         for harmonic in range(_MOST_HARMONICS):
-            centre_hz = frequency_hz * (harmonic + 1)
-            if harmonics >> harmonic & 1 and _RANGE_HZ[0] <= centre_hz <= _RANGE_HZ[1]:
+            if harmonics >> harmonic & 1:
+                centre_hz = frequency_hz * (harmonic + 1)
                 yield from [Notch(centre_hz, ratio - 1.0 / ratio, 10.0 ** (-depth_db / 20.0))] * count
 
 
@@ -68,9 +71,19 @@ def px4_notches(parameters: Mapping[str, float]) -> tuple[Notch, ...]:
         ("IMU_GYRO_NF_FREQ", "IMU_GYRO_NF_BW"),
     ):
         frequency_hz, width_hz = parameters.get(frequency, 0.0), parameters.get(width, math.nan)
-        if _RANGE_HZ[0] <= frequency_hz <= _RANGE_HZ[1] and 0.0 < width_hz < 2.0 * frequency_hz:
+        if 0.0 < width_hz < 2.0 * frequency_hz:
             found.append(Notch(float(frequency_hz), float(width_hz / frequency_hz), 0.0))
-    return tuple(found)
+    return _felt(found)
+
+
+def _felt(notches: Iterable[Notch]) -> tuple[Notch, ...]:
+    """Return the notches that change anything."""
+    return tuple(
+        notch
+        for notch in notches
+        if _RANGE_HZ[0] <= notch.frequency_hz <= _RANGE_HZ[1]
+        and _LEAST_INVERSE_Q <= notch.inverse_q < math.inf
+    )
 
 
 def _bits(value: float) -> int:

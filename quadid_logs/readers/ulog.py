@@ -11,7 +11,7 @@ import numpy as np
 from quadid_logs.arrays import AnyArray, FloatArray, IntArray
 from quadid_logs.data.log import FlightLog, LostStretch, MessageCount
 from quadid_logs.errors import EmptyLogError
-from quadid_logs.readers.content import load_bytes, rows_at, rows_of_types
+from quadid_logs.readers.content import FileParts, rows_of_types
 from quadid_logs.readers.ulog_definitions import HEADER_MAGIC, Definitions, Subscription
 from quadid_logs.readers.ulog_frames import Frames, frame
 
@@ -91,15 +91,20 @@ def read_topics(path: str | Path, topics: Collection[str] | None = None) -> dict
 
 def read_content(path: str | Path, topics: Collection[str] | None = None) -> UlogContent:
     """Read a ULog file, decoding only the rows of the given topics (all by default)."""
-    data = load_bytes(path)
-    frames = frame(data)
+    with Path(path).open("rb") as stream:
+        return _content(FileParts(stream, str(path)), topics)
+
+
+def _content(file: FileParts, topics: Collection[str] | None) -> UlogContent:
+    """Find the messages and decode those that are asked for."""
+    frames = frame(file)
     chosen = [
         (subscription, starts)
         for subscription, starts in zip(frames.definitions.subscriptions, frames.starts, strict=True)
         if len(starts) and (topics is None or subscription.name in topics)
     ]
     wanted = [(starts, subscription.dtype) for subscription, starts in chosen]
-    found = rows_of_types(data, wanted, behind=_MESSAGE_HEADER)
+    found = rows_of_types(file, wanted, behind=_MESSAGE_HEADER)
     tables: dict[TopicKey, list[TopicTable]] = {}
     for (subscription, starts), rows in zip(chosen, found, strict=True):
         key = (subscription.name, subscription.multi_id)
@@ -108,11 +113,11 @@ def read_content(path: str | Path, topics: Collection[str] | None = None) -> Ulo
     return UlogContent(
         topics={key: _join(parts) for key, parts in sorted(tables.items())},
         definitions=frames.definitions,
-        counts=_counts(data, frames),
+        counts=_counts(file, frames),
         lost=frames.lost,
         n_unknown=frames.n_unknown,
         n_joined=frames.n_joined,
-        n_bytes=len(data),
+        n_bytes=file.n_bytes,
     )
 
 
@@ -189,22 +194,24 @@ def _packed(table: TopicTable, names: list[str]) -> np.dtype[np.void]:
     return np.dtype([(name, table.rows.dtype[name]) for name in names])
 
 
-def _counts(data: AnyArray, frames: Frames) -> tuple[MessageCount, ...]:
+def _counts(file: FileParts, frames: Frames) -> tuple[MessageCount, ...]:
     """Count the rows of every topic, with their mean rate."""
     counts = []
     for subscription, starts in zip(frames.definitions.subscriptions, frames.starts, strict=True):
         if len(starts):
             name = subscription.name + (f"[{subscription.multi_id}]" if subscription.multi_id else "")
-            rate = _mean_rate_hz(data, subscription, starts)
+            rate = _mean_rate_hz(file, subscription, starts)
             counts.append(MessageCount(name=name, count=len(starts), rate_hz=rate))
     return tuple(sorted(counts, key=lambda count: count.name))
 
 
-def _mean_rate_hz(data: AnyArray, subscription: Subscription, starts: IntArray) -> float:
+def _mean_rate_hz(file: FileParts, subscription: Subscription, starts: IntArray) -> float:
     """Return rows per second between the first and the last row, NaN where that cannot be told."""
     if "timestamp" not in (subscription.dtype.names or ()) or len(starts) < 2:
         return float("nan")
-    ends = rows_at(data, starts[[0, -1]] + _MESSAGE_HEADER, subscription.dtype)["timestamp"]
-    seconds: FloatArray = ends.astype(np.float64) * 1e-6
-    duration_s = float(seconds[1] - seconds[0])
+    ends: list[FloatArray] = []
+    for start in (starts[[0, -1]] + _MESSAGE_HEADER).tolist():
+        row = file.part(start, start + subscription.dtype.itemsize).view(subscription.dtype)
+        ends.append(row["timestamp"].astype(np.float64) * 1e-6)
+    duration_s = float(ends[1][0] - ends[0][0])
     return (len(starts) - 1) / duration_s if duration_s > 0.0 else float("nan")

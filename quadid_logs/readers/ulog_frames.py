@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from quadid_logs.arrays import IntArray
 from quadid_logs.data.log import LostStretch
-from quadid_logs.readers.content import Bytes, merge_stretches, rows_at
+from quadid_logs.readers.content import Bytes, FileParts, merge_stretches, rows_at
 from quadid_logs.readers.ulog_definitions import (
     HEADER_MAGIC,
     HEADER_SIZE,
@@ -78,22 +78,26 @@ def _no_images() -> _Images:
 class _Walk:
     """The state of one pass through a file.
 
-    `images` is complete up to `covered`, apart from those of topics subscribed
-    since it was made (`stale`). `end` is that of the file or of the section before
-    appended data, `stop` that of the block. `is_data` is used for every block: fresh
+    `block` holds the bytes from `begin` to `covered`, and `images` is complete
+    for them, apart from those of topics subscribed since it was made (`stale`).
+    `end` is that of the file or of the section before appended data, `stop` where
+    the next block takes over. `room` and `is_data` are used for every block: fresh
     memory would cost as much as the search in it.
     """
 
-    data: Bytes
+    file: FileParts
     end: int = 0
     stop: int = 0
+    begin: int = 0
+    covered: int = 0
+    block: Bytes = field(default_factory=lambda: np.zeros(0, np.uint8))
     known: Definitions = field(default_factory=Definitions)
     least: NDArray[np.int32] = field(default_factory=lambda: np.full(1 << 16, NO_SIZE, np.int32))
     most: NDArray[np.int32] = field(default_factory=lambda: np.zeros(1 << 16, np.int32))
     topic: NDArray[np.int32] = field(default_factory=lambda: np.zeros(1 << 16, np.int32))
     images: _Images = field(default_factory=_no_images)
+    room: Bytes = field(default_factory=lambda: np.empty(_BLOCK + _LONGEST, np.uint8))
     is_data: NDArray[np.bool_] = field(default_factory=lambda: np.empty(_BLOCK + _LONGEST, bool))
-    covered: int = 0
     stale: bool = False
     accepted: list[tuple[IntArray, NDArray[np.int32]]] = field(default_factory=list)
     starts: dict[int, list[IntArray]] = field(default_factory=dict)
@@ -101,14 +105,21 @@ class _Walk:
     n_unknown: int = 0
     n_joined: int = 0
 
+    def bytes_at(self, start: int, stop: int) -> bytes:
+        """Return some bytes of the block, or where it does not have them all, of the file."""
+        first, last = start - self.begin, stop - self.begin
+        if first >= 0 and last <= len(self.block):
+            return self.block[first:last].tobytes()
+        return self.file.part(start, stop).tobytes()
 
-def frame(data: Bytes) -> Frames:
+
+def frame(file: FileParts) -> Frames:
     """Find every message of a ULog file.
 
     Parameters
     ----------
-    data : ndarray of uint8
-        The whole file, beginning with the ULog header.
+    file : FileParts
+        Beginning with the ULog header.
 
     Returns
     -------
@@ -117,10 +128,10 @@ def frame(data: Bytes) -> Frames:
         taken where its size fits its type; the last one before a break in the
         chain is dropped if another message begins inside it.
     """
-    walk = _Walk(data=data)
+    walk = _Walk(file=file)
     position = _enter_file(walk, 0)
-    while position < len(data):
-        walk.end = min([offset for offset in walk.known.appended_at if offset > position] + [len(data)])
+    while position < file.n_bytes:
+        walk.end = min([offset for offset in walk.known.appended_at if offset > position] + [file.n_bytes])
         position = _walk_block(walk, position)
     nothing = [np.zeros(0, np.int64)]
     starts = tuple(np.concatenate(walk.starts.get(k, nothing)) for k in range(len(walk.known.subscriptions)))
@@ -133,7 +144,7 @@ def _enter_file(walk: _Walk, position: int) -> int:
     The topics known so far stay until the further file announces its own: what
     looks like its header can be a copy of the first one's.
     """
-    header = walk.data[position : position + HEADER_SIZE].tobytes()
+    header = walk.bytes_at(position, position + HEADER_SIZE)
     if position:
         walk.n_joined += 1
         walk.known.has_data_section = False
@@ -155,7 +166,8 @@ def _lose(walk: _Walk, begin: int, end: int, reason: str) -> None:
 def _walk_block(walk: _Walk, position: int) -> int:
     """Follow the chain through about `_BLOCK` bytes; return where it goes on."""
     walk.stop = min(position + _BLOCK, walk.end)
-    walk.covered = min(walk.stop + _LONGEST, walk.end)
+    walk.begin, walk.covered = position, min(walk.stop + _LONGEST, walk.end)
+    walk.block = walk.file.fill(walk.room[: walk.covered - position], position)
     if not walk.known.subscriptions:
         position = _take_definitions(walk, position)
     walk.images = _find_images(walk, position)
@@ -177,7 +189,7 @@ def _take_definitions(walk: _Walk, position: int) -> int:
 
     Some thousand parameters and formats, and no data yet that could follow one of them.
     """
-    block = walk.data[position : walk.stop].tobytes()
+    block = walk.bytes_at(position, walk.stop)
     at = 0
     while at + len(HEADER_MAGIC) <= len(block):
         kind, after = block[at + 2], at + 3 + block[at] + 256 * block[at + 1]
@@ -212,16 +224,17 @@ def _sort_by_topic(walk: _Walk) -> None:
 
 def _find_images(walk: _Walk, begin: int) -> _Images:
     """Find what looks exactly like a data message of a subscribed topic."""
-    data, end = walk.data, walk.end
-    types = data[begin + 2 : max(begin + 2, walk.covered - 2)]
-    starts = np.flatnonzero(np.equal(types, _DATA, out=walk.is_data[: len(types)])) + begin
-    head = rows_at(data, starts, _HEAD)
+    block = walk.block[begin - walk.begin :]
+    types = block[2:-2]
+    starts = np.flatnonzero(np.equal(types, _DATA, out=walk.is_data[: len(types)]))
+    head = rows_at(block, starts, _HEAD)
+    starts += begin
     # Cut out of rows of five bytes they lie unaligned, and every look-up would copy them first.
     msg_id, row_size = head["id"].astype(np.intp), head["size"].astype(np.int64) - 2
     ends = starts + row_size + 5
     # "clip" spares the check of numbers that cannot be wrong: an id has 16 bits.
     least, most = walk.least.take(msg_id, mode="clip"), walk.most.take(msg_id, mode="clip")
-    kept = np.flatnonzero((row_size >= least) & (row_size <= most) & (ends <= end))
+    kept = np.flatnonzero((row_size >= least) & (row_size <= most) & (ends <= walk.end))
     starts, ends = starts.take(kept, mode="clip"), ends.take(kept, mode="clip")
     topics = walk.topic.take(msg_id.take(kept, mode="clip"), mode="clip")
     broken = np.ones(len(starts), bool)
@@ -232,8 +245,6 @@ def _find_images(walk: _Walk, begin: int) -> _Images:
 def _follow_run(walk: _Walk, position: int) -> int:
     """Take the data messages that follow each other from `position` on; return where they end."""
     images = walk.images
-    if position + 2 >= walk.end or walk.data[position + 2] != _DATA:
-        return position
     first = int(images.starts.searchsorted(position))
     if first == len(images.starts) or images.starts[first] != position:
         return position
@@ -258,7 +269,7 @@ def _ends_well(walk: _Walk, position: int) -> bool:
     """
     if _is_image(walk, position) or walk.end - position < len(HEADER_MAGIC):
         return position <= walk.end
-    head = walk.data[position : position + 5].tobytes()
+    head = walk.bytes_at(position, position + 5)
     if head[2] == _DATA and walk.least[head[3] + 256 * head[4]] < NO_SIZE:
         return True
     if head[2] in MESSAGE_TYPES and head[2] != _DATA:
@@ -270,7 +281,7 @@ def _continues(walk: _Walk, position: int, further: int = _CHAIN) -> bool:
     """Tell whether a message, also one cut off by the end of the section, stands at `position`."""
     if walk.end - position < len(HEADER_MAGIC) or _is_image(walk, position):
         return position <= walk.end
-    head = walk.data[position : position + 7].tobytes()
+    head = walk.bytes_at(position, position + 7)
     kind, after = head[2], position + 3 + head[0] + 256 * head[1]
     if kind in MESSAGE_TYPES and kind != _DATA:
         return after - position < _LONGEST_OTHER
@@ -295,13 +306,13 @@ def _next_image(walk: _Walk, position: int) -> int:
     """Return where the next data message begins, or a place behind the file."""
     images = walk.images
     found = int(images.starts.searchsorted(position))
-    return int(images.starts[found]) if found < len(images.starts) else len(walk.data) + 1
+    return int(images.starts[found]) if found < len(images.starts) else walk.file.n_bytes + 1
 
 
 def _take_other(walk: _Walk, position: int) -> int:
     """Take the message at `position`, which is no subscribed data message; return where it ends."""
-    data, end = walk.data, walk.end
-    head = data[position : position + 7].tobytes()
+    end = walk.end
+    head = walk.bytes_at(position, position + 7)
     if head == HEADER_MAGIC and _is_header(walk, position):
         return _enter_file(walk, position)
     if position + 3 > end:
@@ -310,7 +321,7 @@ def _take_other(walk: _Walk, position: int) -> int:
     kind, after = head[2], position + 3 + head[0] + 256 * head[1]
     if after > end or _next_image(walk, position) < after:
         return _resynchronise(walk, position)
-    body = data[position + 3 : after].tobytes()
+    body = walk.bytes_at(position + 3, after)
     if kind == _DATA or kind not in MESSAGE_TYPES:
         if walk.stale or end - position < len(HEADER_MAGIC) or not _continues(walk, position):
             return _resynchronise(walk, position)
@@ -359,21 +370,22 @@ def _next_other(walk: _Walk, begin: int, stop: int) -> int:
     span = _FIRST_SEARCH
     while begin < stop:
         end = min(begin + span, stop)
-        for place in _other_heads(walk.data[begin : end + len(HEADER_MAGIC) - 1]).tolist():
+        for place in _other_heads(walk.bytes_at(begin, end + len(HEADER_MAGIC) - 1)).tolist():
             if begin + place < end and _makes_sense(walk, begin + place):
                 return int(begin + place)
         begin, span = end, 2 * span
     return stop
 
 
-def _other_heads(window: Bytes) -> IntArray:
-    """Return where the head of a message other than data, or of a file, can stand in a window."""
+def _other_heads(text: bytes) -> IntArray:
+    """Return where the head of a message other than data, or of a file, can stand in some bytes."""
+    window = np.frombuffer(text, np.uint8)
     if len(window) < 3:
         return np.zeros(0, np.int64)
     is_type = np.zeros(256, bool)
     is_type[list(MESSAGE_TYPES - {_DATA})] = True
     places = np.flatnonzero(is_type[window[2:]] & (window[1:-1] < _LONGEST_OTHER // 256))
-    header = window.tobytes().find(HEADER_MAGIC)
+    header = text.find(HEADER_MAGIC)
     return np.sort(np.append(places, header)) if header >= 0 else places
 
 
@@ -384,7 +396,7 @@ def _is_header(walk: _Walk, position: int) -> bool:
 
 def _makes_sense(walk: _Walk, position: int) -> bool:
     """Tell whether the message (or header) at `position` can be decoded and another one follows it."""
-    head = walk.data[position : position + 7].tobytes()
+    head = walk.bytes_at(position, position + 7)
     if head == HEADER_MAGIC:
         return _is_header(walk, position)
     return _decodes(walk, position) and _continues(walk, position + 3 + head[0] + 256 * head[1])
@@ -392,15 +404,15 @@ def _makes_sense(walk: _Walk, position: int) -> bool:
 
 def _decodes(walk: _Walk, position: int) -> bool:
     """Tell whether a message other than data stands at `position` and can be decoded."""
-    head = walk.data[position : position + 3].tobytes()
+    head = walk.bytes_at(position, position + 3)
     if len(head) < 3 or head[2] not in MESSAGE_TYPES or head[2] == _DATA:
         return False
     after = position + 3 + head[0] + 256 * head[1]
-    if after > len(walk.data):
+    if after > walk.file.n_bytes:
         return False
     trial = Definitions(formats=walk.known.formats)
     try:
-        trial.take(head[2], walk.data[position + 3 : after].tobytes(), position)
+        trial.take(head[2], walk.bytes_at(position + 3, after), position)
     except BrokenMessageError:
         return False
     return True

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from quadid_logs.readers.content import load_bytes, room_for, rows_at, rows_of_types
+from quadid_logs.readers.content import FileParts, load_bytes, room_for, rows_at, rows_of_types
 
 
 @pytest.mark.parametrize("n_bytes", [0, 1, 5_000_000, 9_000_001])
@@ -27,15 +28,28 @@ def test_large_memory_begins_with_a_huge_page() -> None:
 
 
 def test_rows_of_several_types_are_those_of_each_type() -> None:
-    """Also where a type has no rows, or more than are put down at once."""
+    """Also where a type has no rows, or rows that lie across the parts in which the file is read."""
     rng = np.random.default_rng(1)
-    data = rng.integers(0, 256, 1_000_000, dtype=np.uint8)
+    data = rng.integers(0, 256, 3_000_000, dtype=np.uint8)
+    last = 3_000_000 - 5 - 9
     wanted = [
-        (np.sort(rng.integers(0, 900_000, n_rows)), np.dtype([("a", "<u4"), ("b", "u1", (n_bytes,))]))
-        for n_rows, n_bytes in ((5000, 3), (0, 4), (1, 9), (2000, 500))
+        (np.sort(rng.integers(0, 2_900_000, n_rows)), np.dtype([("a", "<u4"), ("b", "u1", (n_bytes,))]))
+        for n_rows, n_bytes in ((5000, 3), (0, 4), (2000, 500))
     ]
-    found = rows_of_types(data, wanted, behind=5)
+    wanted.append((np.array([(1 << 20) - 8, (1 << 20) - 5, last]), np.dtype([("a", "u1", (9,))])))
+    found = rows_of_types(FileParts(io.BytesIO(data.tobytes())), wanted, behind=5)
     for rows, (offsets, dtype) in zip(found, wanted, strict=True):
         assert rows.dtype == dtype
         np.testing.assert_array_equal(rows, rows_at(data, offsets + 5, dtype))
-    assert rows_of_types(data, []) == []
+
+
+def test_no_types_have_no_rows() -> None:
+    assert rows_of_types(FileParts(io.BytesIO(b"abc")), []) == []
+
+
+@pytest.mark.parametrize("n_bytes", [0, 1, 3, 4, 5, 8])
+def test_blocks_hold_every_byte_and_the_first_ones_of_the_next(n_bytes: int) -> None:
+    """A place near the end, with fewer bytes behind it than the overlap, is in a block too."""
+    content = bytes(range(n_bytes))
+    blocks = [(start, block.tobytes()) for start, block in FileParts(io.BytesIO(content)).blocks(4, 3)]
+    assert blocks == [(start, content[start : start + 7]) for start in range(0, n_bytes, 4)]

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from quadid_logs.readers.gyro_notches import ardupilot_notches, px4_notches
@@ -60,6 +60,7 @@ def test_px4_has_two_notches_of_infinite_depth() -> None:
     assert notch == (90.0, pytest.approx(20.0 / 90.0), 0.0)
 
 
+@example({"INS_HNTCH_BW": 6.2e-204})
 @given(
     st.dictionaries(
         st.sampled_from(
