@@ -189,14 +189,15 @@ def _take_definitions(walk: _Walk, position: int) -> int:
 
     Some thousand parameters and formats, and no data yet that could follow one of them.
     """
-    block = walk.bytes_at(position, walk.stop)
+    # A view, because a copy of the whole block would cost more than those of some messages.
+    block = walk.block.data[: walk.stop - position]
     at = 0
     while at + len(HEADER_MAGIC) <= len(block):
         kind, after = block[at + 2], at + 3 + block[at] + 256 * block[at + 1]
         if kind not in _BEFORE_TOPICS or after > len(block):
             break
         try:
-            walk.known.take(kind, block[at + 3 : after], position + at)
+            walk.known.take(kind, block[at + 3 : after].tobytes(), position + at)
         except BrokenMessageError:
             break
         at = after
