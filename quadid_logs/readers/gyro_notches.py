@@ -83,6 +83,7 @@ def _felt(notches: Iterable[Notch]) -> tuple[Notch, ...]:
         for notch in notches
         if _RANGE_HZ[0] <= notch.frequency_hz <= _RANGE_HZ[1]
         and _LEAST_INVERSE_Q <= notch.inverse_q < math.inf
+        and notch.depth < 1.0
     )
 
 

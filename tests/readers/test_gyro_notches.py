@@ -61,6 +61,7 @@ def test_px4_has_two_notches_of_infinite_depth() -> None:
 
 
 @example({"INS_HNTCH_BW": 6.2e-204})
+@example({"INS_HNTCH_ATT": 4.7e-299})
 @given(
     st.dictionaries(
         st.sampled_from(
