@@ -27,6 +27,7 @@ _BASIC_TYPES: Final = {
     "int8_t": "<b", "uint8_t": "<B", "int16_t": "<h", "uint16_t": "<H", "int32_t": "<i", "uint32_t": "<I",
     "int64_t": "<q", "uint64_t": "<Q", "float": "<f", "double": "<d", "bool": "<b", "char": "<b",
 }  # fmt: skip
+_UNPACK: Final = {name: struct.Struct(code).unpack for name, code in _BASIC_TYPES.items()}
 _MAX_ROW: Final = 65_533
 _MAX_NESTING: Final = 8
 _FIELD = re.compile(r"([A-Za-z0-9_]+)(?:\[(\d{1,5})\])? ([A-Za-z0-9_]+)\n?")
@@ -162,10 +163,9 @@ def _key_and_value(body: bytes) -> tuple[str, object]:
     if is_array:
         # The size in the brackets is not checked: PX4's performance counters get it wrong.
         return name, _text_of(raw) if type_name == "char" else raw
-    if type_name not in _BASIC_TYPES:
-        return name, raw
+    unpack = _UNPACK.get(type_name)
     # Of the wrong size: struct.error, which `take` translates.
-    return name, struct.unpack(_BASIC_TYPES[type_name], raw)[0]
+    return name, unpack(raw)[0] if unpack else raw
 
 
 def _take_information(known: Definitions, body: bytes, offset: int) -> None:  # noqa: ARG001
@@ -179,10 +179,13 @@ def _take_information_multiple(known: Definitions, body: bytes, offset: int) -> 
 
 
 def _take_parameter(known: Definitions, body: bytes, offset: int) -> None:  # noqa: ARG001
-    name, value = _key_and_value(body)
-    if not isinstance(value, int | float):
-        raise BrokenMessageError("a parameter that is no number")
-    known.parameters[name] = float(value)
+    # A log begins with a thousand of them: taken apart by hand, which saves a third of `_key_and_value`.
+    key_end = 1 + body[0]
+    type_name, _, name = body[1:key_end].decode("utf-8", errors="ignore").partition(" ")
+    unpack = _UNPACK.get(type_name)
+    if unpack is None or name.split() != [name]:
+        raise BrokenMessageError("a parameter that is no number with a name")
+    known.parameters[name] = float(unpack(body[key_end:])[0])
     known.n_changed_parameters += known.has_data_section
 
 
