@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import io
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from quadid_logs.errors import LogError
 from quadid_logs.readers.content import FileParts, load_bytes, room_for, rows_at, rows_of_types
 
 
@@ -41,6 +43,17 @@ def test_rows_of_several_types_are_those_of_each_type() -> None:
     for rows, (offsets, dtype) in zip(found, wanted, strict=True):
         assert rows.dtype == dtype
         np.testing.assert_array_equal(rows, rows_at(data, offsets + 5, dtype))
+
+
+def test_a_file_that_shrinks_while_rows_are_cut_out_is_a_clear_error(tmp_path: Path) -> None:
+    """No row is made up for the bytes that are gone."""
+    path = tmp_path / "log"
+    path.write_bytes(bytes(100_000))
+    with path.open("rb") as stream:
+        file = FileParts(stream, str(path))
+        os.truncate(path, 50_000)
+        with pytest.raises(LogError, match="became shorter"):
+            rows_of_types(file, [(np.array([90_000]), np.dtype([("a", "<u4")]))])
 
 
 def test_no_types_have_no_rows() -> None:

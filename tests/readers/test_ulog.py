@@ -13,7 +13,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from quadid_logs.errors import EmptyLogError
-from quadid_logs.readers import read_log, ulog
+from quadid_logs.readers import content as file_content
+from quadid_logs.readers import read_log, ulog, ulog_frames
 
 from . import ulog_maker as make
 
@@ -131,6 +132,25 @@ def test_every_truncation_ends_with_a_log_or_a_clear_error(tmp_path: Path) -> No
     for cut in range(7, len(content)):
         with contextlib.suppress(EmptyLogError):
             assert read_log(write(tmp_path, content[:cut])).format == "ulog"
+
+
+@pytest.mark.parametrize("block_bytes", [50, 333, 4096])
+def test_a_log_reads_the_same_in_blocks_of_any_size(
+    block_bytes: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Messages lie across the ends of blocks, and damage does."""
+    log = bytearray(make.small_log(200))
+    log[5000:5100] = bytes(100)
+    path = write(tmp_path, bytes(log))
+    whole = ulog.read_content(path)
+    monkeypatch.setattr(ulog_frames, "_BLOCK", block_bytes)
+    monkeypatch.setattr(file_content, "_PART_BYTES", block_bytes)
+    found = ulog.read_content(path)
+    assert (found.lost, found.counts) == (whole.lost, whole.counts)
+    assert list(found.topics) == list(whole.topics)
+    for key, table in found.topics.items():
+        np.testing.assert_array_equal(table.rows, whole.topics[key].rows)
+        np.testing.assert_array_equal(table.position, whole.topics[key].position)
 
 
 @settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
