@@ -44,7 +44,7 @@ def measure(drawn: Drawn) -> dict[str, Any]:
     if model is not None:
         parameters = [
             *_parameters(model, truth),
-            *_actuator(model, truth, diagnosis, data.rate_low_pass_hz),
+            *_actuator(model, truth, diagnosis, data.gyro_filter.low_pass_hz),
         ]
     return {
         **drawn.settings,

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from quadid_logs.data.flight import Segment
-from quadid_logs.data.log import ModeChange
+from quadid_logs.data.log import NO_GYRO_FILTER, GyroFilter, ModeChange
 from quadid_logs.data.result import Result
 from quadid_logs.figures import FIGURE_KEYS, figures_of
 from quadid_logs.figures.flight import flight_overview
@@ -237,9 +237,11 @@ def test_the_model_s_frequency_response_is_the_transfer_function_of_its_numbers(
     w = 2.0 * np.pi * 40.0
     gyro = w**2 / (s**2 + np.sqrt(2.0) * w * s + w**2)
     expected = 400.0 / (s + 2.0) / (1.0 + 0.03 * s) * np.exp(-0.005 * s) * gyro
-    np.testing.assert_allclose(model_response(model, frequency_hz, 40.0)[:, 0], expected, rtol=1e-12)
     np.testing.assert_allclose(
-        model_response(model, frequency_hz, float("nan"))[:, 1],
+        model_response(model, frequency_hz, GyroFilter(40.0))[:, 0], expected, rtol=1e-12
+    )
+    np.testing.assert_allclose(
+        model_response(model, frequency_hz, NO_GYRO_FILTER)[:, 1],
         300.0 / s / (1.0 + 0.03 * s) * np.exp(-0.005 * s),
         rtol=1e-12,
     )

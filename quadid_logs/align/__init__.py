@@ -14,7 +14,7 @@ from quadid_logs.align.series import Cleaner, CleanSeries
 from quadid_logs.align.sources import choose_sources, describe
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.flight import FlightData, InputDescription, Overview, Segment
-from quadid_logs.data.log import FlightLog, LogText, ModeChange, Signal
+from quadid_logs.data.log import NO_GYRO_FILTER, FlightLog, LogText, ModeChange, Signal
 from quadid_logs.data.settings import Settings
 from quadid_logs.data.torque import Calibration
 from quadid_logs.maths.resampling import resample, resample_held
@@ -110,8 +110,7 @@ def cut(prepared: Prepared, settings: Settings) -> FlightData:
         input=_input(log, torque, segments),
         start_s=span[0],
         duration_s=span[1] - span[0],
-        rate_low_pass_hz=series["body_rate"].signal.low_pass_hz if "body_rate" in series else float("nan"),
-        rate_notches=series["body_rate"].signal.notches if "body_rate" in series else (),
+        gyro_filter=series["body_rate"].signal.gyro_filter if "body_rate" in series else NO_GYRO_FILTER,
         clock_resets=clock.n_resets,
         on_ground_reason=flights.reason
         or ("" if intervals else "the chosen part of the log holds no flight"),

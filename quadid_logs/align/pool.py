@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from quadid_logs.data.flight import FlightData, InputDescription, Segment
+from quadid_logs.data.log import NO_GYRO_FILTER
 from quadid_logs.errors import SettingsError
 
 #: Pause between two logs on the common clock [s]: far longer than any gap that is bridged.
@@ -49,10 +50,7 @@ def pool(flights: Sequence[FlightData]) -> FlightData:
             flights=(*merged.flights, *((a + shift_s, b + shift_s) for a, b in other.flights)),
             duration_s=other.start_s + shift_s + other.duration_s - merged.start_s,
             clock_resets=merged.clock_resets + other.clock_resets,
-            rate_low_pass_hz=merged.rate_low_pass_hz
-            if merged.rate_low_pass_hz == other.rate_low_pass_hz
-            else float("nan"),
-            rate_notches=merged.rate_notches if merged.rate_notches == other.rate_notches else (),
+            gyro_filter=merged.gyro_filter if merged.gyro_filter == other.gyro_filter else NO_GYRO_FILTER,
         )
     return replace(merged, input=_joint_input(merged, [first, *others]))
 

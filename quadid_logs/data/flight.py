@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
-from quadid_logs.data.log import LogText, ModeChange, Notch
+from quadid_logs.data.log import NO_GYRO_FILTER, GyroFilter, LogText, ModeChange
 from quadid_logs.data.torque import Calibration
 
 
@@ -204,10 +204,8 @@ class FlightData:
         Take-off to landing, whether or not signals suffice for a segment.
     sources : mapping of str to SourceChoice
         By canonical name.
-    rate_low_pass_hz : float
-        Cut-off of the second-order low-pass that the logged body rates passed, NaN if unknown.
-    rate_notches : tuple of Notch
-        That they passed besides, as far as the parameters tell.
+    gyro_filter : GyroFilter
+        What the logged body rates have passed, as far as the parameters tell.
     clock_resets : int
         Reboots and clock jumps; later epochs are shifted to follow the earlier ones.
     start_s, duration_s : float
@@ -227,8 +225,7 @@ class FlightData:
     input: InputDescription | None
     start_s: float
     duration_s: float
-    rate_low_pass_hz: float = float("nan")
-    rate_notches: tuple[Notch, ...] = ()
+    gyro_filter: GyroFilter = NO_GYRO_FILTER
     clock_resets: int = 0
     on_ground_reason: str = ""
     overview: Mapping[str, Overview] = field(default_factory=dict)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,21 @@ class Notch(NamedTuple):
     frequency_hz: float
     inverse_q: float
     depth: float
+
+
+class GyroFilter(NamedTuple):
+    """The filters that the autopilot's parameters put between the gyro and the logged body rates.
+
+    ``low_pass_hz`` is the cut-off of a low-pass of second order, NaN where there is
+    none or it is not known.
+    """
+
+    low_pass_hz: float = float("nan")
+    notches: tuple[Notch, ...] = ()
+
+
+#: Where nothing is known of the filters.
+NO_GYRO_FILTER: Final = GyroFilter()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -46,11 +61,8 @@ class Signal:
         Why this source has its place in the order of preference.
     nominal_rate_hz : float
         The rate that the log's settings promise, NaN where they do not say.
-    low_pass_hz : float
-        Cut-off of the second-order low-pass that the autopilot applied before
-        logging, NaN where there is none or it is not known.
-    notches : tuple of Notch
-        That the autopilot applied besides.
+    gyro_filter : GyroFilter
+        Of body rates: what they passed before they were logged.
     realised : bool
         Of a torque: what the actuators did, saturation included, not what was asked of them.
     """
@@ -62,8 +74,7 @@ class Signal:
     source: str
     reason: str = ""
     nominal_rate_hz: float = float("nan")
-    low_pass_hz: float = float("nan")
-    notches: tuple[Notch, ...] = ()
+    gyro_filter: GyroFilter = NO_GYRO_FILTER
     realised: bool = False
 
     def __post_init__(self) -> None:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.flight import FlightData
-from quadid_logs.data.log import Notch
+from quadid_logs.data.log import GyroFilter
 from quadid_logs.data.model import Model
 from quadid_logs.data.result import Result
 from quadid_logs.figures.flight import torque_axis
@@ -62,7 +60,7 @@ def _axis(data: FlightData, model: Model, column: int, n_stretch: int) -> tuple[
     )
     band = (spectra.frequency_hz > 0.0) & (spectra.frequency_hz <= _HIGHEST_HZ)
     frequency_hz = spectra.frequency_hz[band]
-    response = model_response(model, frequency_hz, data.rate_low_pass_hz, data.rate_notches)[:, column]
+    response = model_response(model, frequency_hz, data.gyro_filter)[:, column]
     model_deg = np.degrees(np.unwrap(np.angle(response)))
     good, measured = _measured(spectra, band)
     # The turn of the circle that lies nearest to the model's phase: a phase has no other.
@@ -118,9 +116,7 @@ def _panel(
     )
 
 
-def model_response(
-    model: Model, frequency_hz: FloatArray, rate_low_pass_hz: float, rate_notches: Sequence[Notch] = ()
-) -> ComplexArray:
+def model_response(model: Model, frequency_hz: FloatArray, gyro_filter: GyroFilter) -> ComplexArray:
     """Return the response of each logged rate to its own torque.
 
     Parameters
@@ -128,10 +124,8 @@ def model_response(
     model : Model
         Its terms in p, q, r are used; products of rates and angles are not linear or act slowly.
     frequency_hz : ndarray, shape (n,)
-    rate_low_pass_hz : float
-        Of the gyro filter; NaN for none.
-    rate_notches : sequence of Notch
-        Of the same.
+    gyro_filter : GyroFilter
+        That the logged rates have passed.
 
     Returns
     -------
@@ -150,7 +144,7 @@ def model_response(
     shaping = np.ones(s.shape, dtype=np.complex128)
     if model.actuator is not None:
         shaping = lag_response(s, model.actuator.lag_s) * delay_response(s, model.actuator.delay_s)
-        shaping = shaping * gyro_response(s, rate_low_pass_hz, rate_notches)
+        shaping = shaping * gyro_response(s, *gyro_filter)
     return np.asarray(own * shaping[:, np.newaxis], dtype=np.complex128)
 
 

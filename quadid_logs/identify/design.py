@@ -16,7 +16,7 @@ import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.flight import FlightData, Segment
-from quadid_logs.data.log import Notch
+from quadid_logs.data.log import GyroFilter
 from quadid_logs.data.settings import Settings
 from quadid_logs.identify.structures import THROTTLED_YAW, Structure
 from quadid_logs.maths.band import (
@@ -89,8 +89,7 @@ class Design:
     edge : ndarray of bool, shape (n_rows,)
         Rows whose kernel reaches across from one set into the other; in neither.
     period_s, smoothing_hz : float
-    rate_low_pass_hz : float
-    rate_notches : tuple of Notch
+    gyro_filter : GyroFilter
         Known filters of the logged rates; the torque passes them too.
     pieces : tuple of Segment
         The gap-free pieces themselves, at their full rate, of ``sample_period_s``.
@@ -110,8 +109,7 @@ class Design:
     edge: BoolArray
     period_s: float
     smoothing_hz: float
-    rate_low_pass_hz: float
-    rate_notches: tuple[Notch, ...]
+    gyro_filter: GyroFilter
     spectra: tuple[SegmentSpectra, ...]
     pieces: tuple[Segment, ...]
     sample_period_s: float
@@ -243,7 +241,7 @@ class Design:
 
     def gyro_response(self, s: ComplexArray) -> ComplexArray:
         """Return what the gyro's known filters make of the torque; 1 where none is known."""
-        return gyro_response(s, self.rate_low_pass_hz, self.rate_notches)
+        return gyro_response(s, *self.gyro_filter)
 
     def _shaped(self, response: Callable[[ComplexArray], ComplexArray], *, n_columns: int = 3) -> FloatArray:
         parts = [
@@ -301,8 +299,7 @@ def build_design(data: FlightData, smoothing_hz: float, settings: Settings) -> D
         edge=edge,
         period_s=period_s,
         smoothing_hz=smoothing_hz,
-        rate_low_pass_hz=data.rate_low_pass_hz,
-        rate_notches=data.rate_notches,
+        gyro_filter=data.gyro_filter,
         spectra=tuple(spectra for _, _, _, spectra in parts),
         pieces=tuple(pieces),
         sample_period_s=data.sample_period_s,

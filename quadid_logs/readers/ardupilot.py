@@ -17,7 +17,7 @@ from quadid_logs.readers.ardupilot_vehicle import (
     mode_name,
     parameter_table,
 )
-from quadid_logs.readers.gyro_notches import ardupilot_notches
+from quadid_logs.readers.gyro_filter import ardupilot_gyro_filter, with_gyro_filter
 from quadid_logs.readers.message_table import MessageSource, MessageTable, damaged_numbers_pass
 from quadid_logs.readers.utc import gps_utc_s, utc_offset_s
 
@@ -29,6 +29,9 @@ _LABELS: Final = frozenset({"Name", "Value", "Message", "Mode", "BU", "FWS", "Dp
 _FAST_ATTITUDE: Final = 1
 _MEDIUM_ATTITUDE: Final = 2
 _MEDIUM_HZ: Final = 10.0
+#: AP_InertialSensor logs IMU from get_gyro(), behind the filters; only GYR (raw samples) and SIDD
+#: come from before them.
+_FILTERED_GYROS: Final = ("RATE", "IMU")
 
 
 @damaged_numbers_pass()
@@ -68,7 +71,11 @@ def flight_log(source: MessageSource, *, log_format: str, preamble: tuple[str, .
         format=log_format,
         autopilot="ardupilot",
         n_bytes=source.n_bytes,
-        signals=_with_gyro_filter(_with_nominal_rates(builder.build(), parameters), parameters),
+        signals=with_gyro_filter(
+            _with_nominal_rates(builder.build(), parameters),
+            ardupilot_gyro_filter(parameters),
+            _FILTERED_GYROS,
+        ),
         firmware=identity.firmware,
         vehicle_type=identity.vehicle_type,
         frame=identity.frame,
@@ -183,27 +190,6 @@ def _with_nominal_rates(
         )
         for name, sources in signals.items()
     }
-
-
-def _with_gyro_filter(
-    signals: dict[str, tuple[Signal, ...]], parameters: Mapping[str, float]
-) -> dict[str, tuple[Signal, ...]]:
-    """Note the low-pass and the notches that RATE's and IMU's gyros passed.
-
-    AP_InertialSensor logs IMU from get_gyro(), behind INS_GYRO_FILTER (a
-    LowPassFilter2p); only GYR (raw samples) and SIDD come from before it.
-    """
-    cutoff_hz = parameters.get("INS_GYRO_FILTER", 0.0)
-    if not cutoff_hz > 0.0 or "body_rate" not in signals:
-        return signals
-    notches = ardupilot_notches(parameters)
-    rates = tuple(
-        replace(signal, low_pass_hz=cutoff_hz, notches=notches)
-        if signal.source.startswith(("RATE", "IMU"))
-        else signal
-        for signal in signals["body_rate"]
-    )
-    return {**signals, "body_rate": rates}
 
 
 def _remarks(tables: Mapping[str, MessageTable], clock: LogClock, builder: SignalBuilder) -> tuple[str, ...]:

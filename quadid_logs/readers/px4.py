@@ -7,8 +7,7 @@ FRD and NED like we do; only thrust points the other way.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.log import FlightLog, LogText, ModeChange, Signal
 from quadid_logs.readers.columns import attitude_columns, used_columns
-from quadid_logs.readers.gyro_notches import px4_notches
+from quadid_logs.readers.gyro_filter import px4_gyro_filter, with_gyro_filter
 from quadid_logs.readers.mav_type import airframe_words, frame_words, vehicle_type_of
 from quadid_logs.readers.ulog import TopicTable, UlogContent
 from quadid_logs.readers.utc import utc_offset_s
@@ -199,7 +198,9 @@ def flight_log(path: str, content: UlogContent, *, system: int = 0) -> FlightLog
         format="ulog",
         autopilot="px4" if known.information.get("sys_name", "PX4") == "PX4" else "other",
         n_bytes=content.n_bytes,
-        signals=_with_gyro_filter(_signals(content), known.parameters),
+        signals=with_gyro_filter(
+            _signals(content), px4_gyro_filter(known.parameters), ("vehicle_angular_velocity",)
+        ),
         firmware=_firmware(content),
         vehicle_type=_vehicle_type(content),
         frame=_frame(content),
@@ -255,22 +256,6 @@ def _signals(content: UlogContent) -> dict[str, tuple[Signal, ...]]:
         # Several drivers publish outputs; the motors are on the one that moves most.
         found["output_pwm"].sort(key=_liveliness, reverse=True)
     return {name: tuple(signals) for name, signals in found.items() if signals}
-
-
-def _with_gyro_filter(
-    signals: dict[str, tuple[Signal, ...]], parameters: Mapping[str, float]
-) -> dict[str, tuple[Signal, ...]]:
-    """Note low-pass and notches of vehicle_angular_velocity (VehicleAngularVelocity.cpp, LowPassFilter2p)."""
-    cutoff_hz, notches = parameters.get("IMU_GYRO_CUTOFF", 0.0), px4_notches(parameters)
-    if not cutoff_hz > 0.0 or "body_rate" not in signals:
-        return signals
-    rates = tuple(
-        replace(signal, low_pass_hz=float(cutoff_hz), notches=notches)
-        if signal.source.startswith("vehicle_angular_velocity")
-        else signal
-        for signal in signals["body_rate"]
-    )
-    return {**signals, "body_rate": rates}
 
 
 def _signal(source: _Source, table: TopicTable) -> Signal | None:

@@ -9,7 +9,15 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
-from quadid_logs.data.log import FlightLog, LoggedSystem, LogText, ModeChange, Signal
+from quadid_logs.data.log import (
+    NO_GYRO_FILTER,
+    FlightLog,
+    GyroFilter,
+    LoggedSystem,
+    LogText,
+    ModeChange,
+    Signal,
+)
 from quadid_logs.maths.rotations import euler_from_quaternion, rotation_matrix
 from quadid_logs.simulate.airframe import GRAVITY_M_S2
 from quadid_logs.simulate.control import thrust_of_throttle
@@ -332,7 +340,7 @@ def _signals(messages: list[_Rows], positions: list[IntArray], setup: Setup) -> 
                 source=f"{rows.stream.message}{instance}.{fields}",
                 reason=f"as {kind.firmware} logs it",
                 # A file says this by its parameter, and is read so.
-                low_pass_hz=setup.gyro_filter_hz if raw_name == "body_rate" else float("nan"),
+                gyro_filter=GyroFilter(setup.gyro_filter_hz) if raw_name == "body_rate" else NO_GYRO_FILTER,
             )
             found[name] = (*found.get(name, ()), signal)
     return found

@@ -11,7 +11,7 @@ import pytest
 
 from quadid_logs.align import align
 from quadid_logs.data.flight import FlightData
-from quadid_logs.data.log import Notch
+from quadid_logs.data.log import NO_GYRO_FILTER, GyroFilter, Notch
 from quadid_logs.data.model import Model
 from quadid_logs.data.settings import Settings
 from quadid_logs.identify import identify
@@ -183,11 +183,14 @@ def test_a_known_notch_is_no_part_of_the_delay() -> None:
     response = notch_response(s, *notch)[:, np.newaxis]
     rate = np.fft.irfft(np.fft.rfft(segment.body_rate_rad_s, axis=0) * response, segment.n_samples, axis=0)
     notched = dataclasses.replace(
-        data, segments=(dataclasses.replace(segment, body_rate_rad_s=rate),), rate_notches=(notch,)
+        data,
+        segments=(dataclasses.replace(segment, body_rate_rad_s=rate),),
+        gyro_filter=GyroFilter(notches=(notch,)),
     )
+    untold = dataclasses.replace(notched, gyro_filter=NO_GYRO_FILTER)
     delays = [
         model.actuator.delay_s + model.actuator.lag_s
-        for model in map(recommended, (data, notched, dataclasses.replace(notched, rate_notches=())))
+        for model in map(recommended, (data, notched, untold))
         if model.actuator is not None
     ]
     assert delays[1] == pytest.approx(delays[0], abs=1e-4)

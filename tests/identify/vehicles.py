@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadid_logs.data.flight import FlightData, InputDescription, Segment
+from quadid_logs.data.log import GyroFilter
 from quadid_logs.maths.band import angular_frequency, butterworth_response
 
 PERIOD_S = 0.0025
@@ -74,7 +75,7 @@ def fly(truth: Truth, excitation: np.ndarray, *, seed: int = 0, feedback: float 
         s = angular_frequency(n, PERIOD_S)
         response = butterworth_response(s, truth.gyro_filter_hz)[:, np.newaxis]
         rate = np.fft.irfft(np.fft.rfft(rate, axis=0) * response, n, axis=0)
-    return flight_data(rate, command, rate_low_pass_hz=truth.gyro_filter_hz)
+    return flight_data(rate, command, gyro_filter=GyroFilter(truth.gyro_filter_hz))
 
 
 def _resistance(rate: np.ndarray, J: list, B: list, D: list) -> np.ndarray:  # type: ignore[type-arg]
