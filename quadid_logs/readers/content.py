@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import BinaryIO, Final, TypeAlias
+from types import TracebackType
+from typing import BinaryIO, Final, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,27 +49,11 @@ def keep_small_memory() -> None:
     np.empty(_KEPT_BYTES, np.uint8)
 
 
-def load_bytes(path: str | Path) -> Bytes:
-    """Return the whole file as bytes.
-
-    Read, not mapped: a file that shrinks while it is mapped kills the process,
-    and reading runs at 5 GB/s.
-    """
-    keep_small_memory()
-    with Path(path).open("rb", buffering=0) as stream:
-        found = room_for(os.fstat(stream.fileno()).st_size)
-        n_read = 0
-        # One call returns 2 GB at most, and nothing at the end of a file that has become shorter.
-        while n_read < len(found) and (more := stream.readinto(found.data[n_read:])):
-            n_read += more
-    return found[:n_read]
-
-
 class FileParts:
     """An open file that is read part by part, so that it is never in memory as a whole.
 
-    Read, not mapped, for the reason that `load_bytes` gives. The size is that
-    at the beginning: what is appended later is not seen.
+    Read, not mapped: a file that shrinks while it is mapped kills the process.
+    The size is that at the beginning: what is appended later is not seen.
 
     Parameters
     ----------
@@ -80,8 +65,27 @@ class FileParts:
     def __init__(self, stream: BinaryIO, path: str = "") -> None:
         keep_small_memory()
         self._stream = stream
-        self._path = path
+        self.path = path
         self.n_bytes = stream.seek(0, os.SEEK_END)
+
+    @classmethod
+    def open(cls, path: str | Path) -> Self:
+        """Open a file; to be used as a context.
+
+        Raises
+        ------
+        OSError
+            If it cannot be opened.
+        """
+        return cls(Path(path).open("rb"), str(path))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
 
     def part(self, start: int, stop: int) -> Bytes:
         """Return the bytes from `start` up to `stop` or the end of the file.
@@ -116,7 +120,7 @@ class FileParts:
             self._stream.seek(start)
             if self._stream.readinto(found) != len(found):  # type: ignore[attr-defined]
                 raise LogError(
-                    f"{self._path} became shorter while it was read.",
+                    f"{self.path} became shorter while it was read.",
                     hint="Wait until it is complete, or read a copy.",
                 )
         return found

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from quadid_logs.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from quadid_logs.data.log import LostStretch
-from quadid_logs.readers.content import Bytes, merge_stretches, rows_at
+from quadid_logs.readers.content import Bytes, FileParts, merge_stretches, rows_at, rows_of_types
 from quadid_logs.readers.mavlink_dialect import Dialect
 
 MAGIC_1: Final = 0xFE
@@ -39,10 +39,12 @@ _LAYOUT_2: Final = np.dtype(
         "itemsize": _HEADER_2,
     }
 )
+_STAMP_LAYOUT: Final = np.dtype([("us", ">u8")])
 _CHECKSUM: Final = 2
 _CHECKSUM_LAYOUT: Final = np.dtype((np.void, _CHECKSUM))
 _SIGNATURE: Final = 13
 _SIGNED: Final = 1
+LONGEST: Final = _HEADER_2 + 255 + _CHECKSUM + _SIGNATURE
 _BLOCK: Final = 1 << 20
 #: So few packets of one size in a block, mostly by chance, are faster one by one than as an array.
 _RARE: Final = 16
@@ -88,6 +90,11 @@ class Packets(NamedTuple):
         return wider
 
 
+NO_PACKETS: Final = Packets(
+    np.zeros(0, np.int64), *(np.zeros(0, kind) for kind in ("u1", "u1", "u2", "u2", "u1", "u1"))
+)
+
+
 class Framing(NamedTuple):
     """The packets of a file and what is between them; `n_unknown` counts packets of unknown type."""
 
@@ -96,13 +103,12 @@ class Framing(NamedTuple):
     n_unknown: int
 
 
-def frame(data: Bytes, dialect: Dialect) -> Framing:
+def frame(file: FileParts, dialect: Dialect) -> Framing:
     """Find every packet of a telemetry log.
 
     Parameters
     ----------
-    data : ndarray of uint8
-        The whole file.
+    file : FileParts
     dialect : Dialect
 
     Returns
@@ -111,75 +117,70 @@ def frame(data: Bytes, dialect: Dialect) -> Framing:
         Bytes that belong to no packet are in `lost`, except packets of unknown
         type, whose checksum cannot be known, where they fill a gap exactly.
     """
-    packets = _all_packets(data, dialect)
+    packets = _all_packets(file, dialect)
     keep = _without_overlap(packets)
     packets = packets if keep.all() else packets.where(keep)
     before = packets.start[1:] - packets.end[:-1]
     # A bare MAVLink stream has no host times.
     stamped = not len(before) or bool((before >= STAMP_SIZE).mean() > 0.5)
-    lost, n_unknown = _between(data, packets, dialect, STAMP_SIZE if stamped else 0)
+    lost, n_unknown = _between(file, packets, dialect, STAMP_SIZE if stamped else 0)
     return Framing(packets, lost, n_unknown)
 
 
-def host_time_s(data: Bytes, packets: Packets) -> FloatArray:
+def host_time_s(file: FileParts, packets: Packets) -> FloatArray:
     """Return the host's stamps before the packets [s since 1970]; NaN where none is possible.
 
     Big-endian microseconds. The host's clock can run wrong by factors.
     """
     time_s = np.full(len(packets.start), np.nan)
     has_stamp = packets.start >= STAMP_SIZE
-    place = packets.start[has_stamp] - STAMP_SIZE
-    seconds = np.zeros(len(place))
-    for k in range(STAMP_SIZE):
-        seconds = seconds * 256.0 + data[place + k]
-    time_s[has_stamp] = seconds * 1e-6
+    (stamps,) = rows_of_types(file, [(packets.start[has_stamp] - STAMP_SIZE, _STAMP_LAYOUT)])
+    time_s[has_stamp] = stamps["us"] * 1e-6
     return time_s
 
 
-def _all_packets(data: Bytes, dialect: Dialect) -> Packets:
+def _all_packets(file: FileParts, dialect: Dialect) -> Packets:
     """Find the packets of all blocks, in arrays as large as the part seen so far lets expect.
 
     To hold all blocks' packets until they are joined would take twice the memory.
     """
-    whole = _right_packets(data, 0, dialect)
-    count = len(whole.start)
-    for begin in range(_BLOCK, len(data), _BLOCK):
-        more = _right_packets(data, begin, dialect)
+    whole, count = NO_PACKETS, 0
+    for begin, block in file.blocks(_BLOCK, LONGEST):
+        more = _right_packets(block, dialect)
         after = count + len(more.start)
         if after > len(whole.start):
-            expected = int(1.1 * after * len(data) / (begin + _BLOCK))
+            expected = int(1.1 * after * file.n_bytes / (begin + _BLOCK))
             whole = whole.in_place_for(max(after, expected, 3 * count // 2), count)
         for field, part in zip(whole, more, strict=True):
             field[count:after] = part
+        whole.start[count:after] += begin
         count = after
     return whole.where(slice(count))
 
 
-def _right_packets(data: Bytes, begin: int, dialect: Dialect) -> Packets:
-    """Find the packets with a right checksum that begin in one block, also where they end behind it."""
-    packets = _candidates(data, begin, dialect)
-    packets = packets.where(_has_right_checksum(data, packets, dialect))
+def _right_packets(block: Bytes, dialect: Dialect) -> Packets:
+    """Find the packets with a right checksum that begin in the first `_BLOCK` bytes; places count from 0."""
+    packets = _candidates(block, dialect)
+    packets = packets.where(_has_right_checksum(block, packets, dialect))
     return packets.where(np.argsort(packets.start, kind="stable"))
 
 
-def _candidates(data: Bytes, begin: int, dialect: Dialect) -> Packets:
-    """Find what can be the header of a packet in one block, first those of version 1."""
-    block = data[begin : begin + _BLOCK]
+def _candidates(block: Bytes, dialect: Dialect) -> Packets:
+    """Find what can be the header of a packet, first those of version 1."""
     # Both magic bytes in one pass: they follow each other, and smaller values wrap around.
-    found = np.flatnonzero(block - np.uint8(MAGIC_2) <= MAGIC_1 - MAGIC_2)
+    found = np.flatnonzero(block[:_BLOCK] - np.uint8(MAGIC_2) <= MAGIC_1 - MAGIC_2)
     is_1 = block[found] == MAGIC_1
-    found += begin
     versions = [
-        _headers(data, found[is_1], _LAYOUT_1, dialect),
-        _headers(data, found[~is_1], _LAYOUT_2, dialect),
+        _headers(block, found[is_1], _LAYOUT_1, dialect),
+        _headers(block, found[~is_1], _LAYOUT_2, dialect),
     ]
     return Packets(*(np.concatenate(parts) for parts in zip(*versions, strict=True)))
 
 
-def _headers(data: Bytes, start: IntArray, layout: np.dtype[np.void], dialect: Dialect) -> Packets:
-    """Read the headers of one version, and keep those that can be of a known message inside the file."""
-    start = start[: np.searchsorted(start, len(data) - layout.itemsize - _CHECKSUM, side="right")]
-    head = rows_at(data, start, layout)
+def _headers(block: Bytes, start: IntArray, layout: np.dtype[np.void], dialect: Dialect) -> Packets:
+    """Read the headers of one version, and keep those that can be of a known message inside the block."""
+    start = start[: np.searchsorted(start, len(block) - layout.itemsize - _CHECKSUM, side="right")]
+    head = rows_at(block, start, layout)
     length = head["length"]
     size = length.astype(np.uint16) + np.uint16(layout.itemsize + _CHECKSUM)
     if layout is _LAYOUT_1:
@@ -190,14 +191,14 @@ def _headers(data: Bytes, start: IntArray, layout: np.dtype[np.void], dialect: D
         msg_id = np.minimum(head["id"] >> 8, len(dialect.extra) - 1)  # the last one is nobody's
         size += (head["flags"] == _SIGNED) * np.uint16(_SIGNATURE)
         possible = head["flags"] <= _SIGNED
-    possible &= (dialect.extra[msg_id] >= 0) & (start + size <= len(data))
+    possible &= (dialect.extra[msg_id] >= 0) & (start + size <= len(block))
     before_payload = np.full(len(start), layout.itemsize, np.uint8)
     sender = head["system"], head["component"]
     found = Packets(start, before_payload, length, size, msg_id.astype(np.uint16), *sender)
     return found.where(np.flatnonzero(possible))
 
 
-def _has_right_checksum(data: Bytes, packets: Packets, dialect: Dialect) -> BoolArray:
+def _has_right_checksum(block: Bytes, packets: Packets, dialect: Dialect) -> BoolArray:
     """Compare every packet's CRC-16/MCRF4XX, over all but the magic byte plus the extra byte."""
     right = np.zeros(len(packets.start), bool)
     covered = packets.header + packets.length.astype(np.uint16)
@@ -205,14 +206,14 @@ def _has_right_checksum(data: Bytes, packets: Packets, dialect: Dialect) -> Bool
     for k in np.flatnonzero(is_rare).tolist():
         begin, end = int(packets.start[k]) + 1, int(packets.start[k]) + int(covered[k])
         extra = int(dialect.extra[packets.msg_id[k]])
-        right[k] = is_right(data[begin:end].tobytes(), extra, data[end : end + _CHECKSUM].tobytes())
+        right[k] = is_right(block[begin:end].tobytes(), extra, block[end : end + _CHECKSUM].tobytes())
     # Long ones apart: a table of all would be as wide as the longest one.
     is_long = covered > 2.0 * covered.mean() if len(covered) else is_rare
     for chosen in (np.flatnonzero(~is_rare & ~is_long), np.flatnonzero(~is_rare & is_long)):
         if len(chosen):
             order = chosen[np.argsort(covered[chosen], kind="stable")]  # radix sort
-            checksum = rows_at(data, packets.start[order] + covered[order], _CHECKSUM_LAYOUT)
-            right[order] = _checksums(data, packets.where(order), dialect) == checksum.view("<u2")
+            checksum = rows_at(block, packets.start[order] + covered[order], _CHECKSUM_LAYOUT)
+            right[order] = _checksums(block, packets.where(order), dialect) == checksum.view("<u2")
     return right
 
 
@@ -226,7 +227,7 @@ def is_right(covered: bytes, extra: int, checksum: bytes) -> bool:
     return binascii.crc_hqx(whole.translate(_MIRRORED), 0xFFFF) == 0
 
 
-def _checksums(data: Bytes, packets: Packets, dialect: Dialect) -> NDArray[np.uint16]:
+def _checksums(block: Bytes, packets: Packets, dialect: Dialect) -> NDArray[np.uint16]:
     """Compute the checksums of at least one packet, sorted by size, all at once and two bytes a step.
 
     They are aligned at their ends: zeros in front do not change a state of zero.
@@ -236,20 +237,20 @@ def _checksums(data: Bytes, packets: Packets, dialect: Dialect) -> NDArray[np.ui
     words = np.empty((n_steps, n_packets), "<u2")
     extra = dialect.extra[packets.msg_id].astype(np.uint8)
     for size, lo, hi in zip(sizes.tolist(), first, [*first[1:], n_packets], strict=True):
-        covered = _covered_words(data, packets.start[lo:hi], size, extra[lo:hi])
+        covered = _covered_words(block, packets.start[lo:hi], size, extra[lo:hi])
         words[n_steps - covered.shape[1] :, lo:hi] = covered.T
     # The packets that have begun at each step: the longest ones, which stand last.
     begun = first[np.searchsorted(sizes, 2 * np.arange(n_steps, 0, -1) - 1)]
     return crc_of_columns(words, begun)
 
 
-def _covered_words(data: Bytes, start: IntArray, size: int, extra: Bytes) -> NDArray[np.uint16]:
+def _covered_words(block: Bytes, start: IntArray, size: int, extra: Bytes) -> NDArray[np.uint16]:
     """Return what the checksums of packets of one size cover, as rows of 16-bit words.
 
     The initial ones of the register are combined with the first two bytes; an odd size has a zero in front.
     """
     odd = size % 2
-    row = rows_at(data, start + (1 - odd), np.dtype((np.void, size + odd)))
+    row = rows_at(block, start + (1 - odd), np.dtype((np.void, size + odd)))
     body = row.view(np.uint8).reshape(len(start), size + odd)
     body[:, :odd] = 0
     body[:, odd : odd + 2] ^= 0xFF
@@ -296,18 +297,18 @@ def _without_overlap(found: Packets) -> BoolArray:
 
 
 def _between(
-    data: Bytes, packets: Packets, dialect: Dialect, stamp: int
+    file: FileParts, packets: Packets, dialect: Dialect, stamp: int
 ) -> tuple[tuple[LostStretch, ...], int]:
     """Explain the bytes between the packets: lost stretches, and how many packets of unknown type."""
     begins = np.concatenate([[0], packets.end])
-    ends = np.concatenate([packets.start - stamp, [len(data)]])
+    ends = np.concatenate([packets.start - stamp, [file.n_bytes]])
     lost: list[LostStretch] = []
     n_unknown = 0
     for k in np.flatnonzero(ends > begins).tolist():
         begin, end = int(begins[k]), int(ends[k])
-        bad = _explain_gap(data, begin, end, dialect, stamp)
+        bad = _explain_gap(file, begin, end, dialect, stamp)
         if bad is None:
-            at_end = end == len(data)
+            at_end = end == file.n_bytes
             reason = "cut off or unreadable up to the end" if at_end else "no packet with a right checksum"
             lost.append(LostStretch(offset=begin, n_bytes=end - begin, reason=reason))
             continue
@@ -318,12 +319,12 @@ def _between(
 
 
 def _explain_gap(
-    data: Bytes, begin: int, end: int, dialect: Dialect, stamp: int
+    file: FileParts, begin: int, end: int, dialect: Dialect, stamp: int
 ) -> tuple[int, list[tuple[int, int]]] | None:
     """Count unknown packets and list those with wrong checksum; None if they do not fill the gap."""
     n_unknown, wrong = 0, []
     while begin < end:
-        head = data[begin + stamp : begin + stamp + _HEADER_2].tobytes()
+        head = file.part(begin + stamp, begin + stamp + _HEADER_2).tobytes()
         if len(head) < _HEADER_1 or head[0] not in (MAGIC_1, MAGIC_2):
             return None
         if head[0] == MAGIC_1:

@@ -5,6 +5,7 @@ A bare MAVLink stream without host stamps is read the same way.
 
 from __future__ import annotations
 
+import io
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,7 @@ import numpy as np
 from quadid_logs.arrays import AnyArray, FloatArray, IntArray
 from quadid_logs.data.log import FlightLog, LoggedSystem, LostStretch, MessageCount
 from quadid_logs.errors import EmptyLogError, SettingsError
-from quadid_logs.readers.content import Bytes, load_bytes, rows_at
+from quadid_logs.readers.content import Bytes, FileParts, rows_at
 from quadid_logs.readers.mav_type import vehicle_type_of
 from quadid_logs.readers.mavlink_clock import (
     BOOT_MS,
@@ -26,12 +27,20 @@ from quadid_logs.readers.mavlink_clock import (
     usec_to_boot_s,
 )
 from quadid_logs.readers.mavlink_dialect import Dialect, MessageType, enum_names, load_dialect
-from quadid_logs.readers.mavlink_frames import MAGIC_1, MAGIC_2, STAMP_SIZE, Packets, frame, host_time_s
+from quadid_logs.readers.mavlink_frames import (
+    LONGEST,
+    MAGIC_1,
+    MAGIC_2,
+    STAMP_SIZE,
+    Packets,
+    frame,
+    host_time_s,
+)
 
 _INVALID_AUTOPILOT: Final = 8
 _GROUND_STATION: Final = 6
-#: Packets that are sorted and copied at once.
-_ROWS: Final = 1 << 15
+#: The packets of as many bytes are sorted and copied at once.
+_PART_BYTES: Final = 1 << 20
 _FEW: Final = 2
 """Packets with a right checksum that make a file a MAVLink log, unless it begins with one."""
 
@@ -93,7 +102,7 @@ def is_mine(head: bytes) -> bool:
     data = np.frombuffer(head, np.uint8)
     if not ((data == MAGIC_1) | (data == MAGIC_2)).any():
         return False
-    start = frame(data, load_dialect()).packets.start
+    start = frame(FileParts(io.BytesIO(head)), load_dialect()).packets.start
     return len(start) >= _FEW or (len(start) == 1 and int(start[0]) in (0, STAMP_SIZE))
 
 
@@ -114,11 +123,12 @@ def read_messages(
     -------
     dict of str to MessageRows
     """
-    data, dialect = load_bytes(path), load_dialect()
-    packets = frame(data, dialect).packets
-    if system:
-        packets = packets.where(packets.system == system)
-    return _decode(data, packets, dialect, names)
+    dialect = load_dialect()
+    with FileParts.open(path) as file:
+        packets = frame(file, dialect).packets
+        if system:
+            packets = packets.where(packets.system == system)
+        return _decode(file, packets, dialect, names)
 
 
 def read_content(path: str | Path, names: Collection[str], *, system: int = 0) -> TlogContent:
@@ -139,22 +149,28 @@ def read_content(path: str | Path, names: Collection[str], *, system: int = 0) -
     SettingsError
         If the file holds no system of that id.
     """
-    data, dialect = load_bytes(path), load_dialect()
-    framing = frame(data, dialect)
+    with FileParts.open(path) as file:
+        return _content(file, names, system)
+
+
+def _content(file: FileParts, names: Collection[str], system: int) -> TlogContent:
+    """Find the packets, choose the system, and decode its messages and its clock."""
+    path, dialect = file.path, load_dialect()
+    framing = frame(file, dialect)
     packets = framing.packets
     if not len(packets.start):
         raise EmptyLogError(
             f"{path} holds no MAVLink packet with a right checksum.", hint="Copy the log again."
         )
-    systems = _systems(data, packets, dialect, system)
+    systems = _systems(file, packets, dialect, system)
     if not any(one.chosen for one in systems):
         present = ", ".join(str(one) for one in sorted({one.system_id for one in systems}))
         raise SettingsError(f"There is no system {system} in {path}.", hint=f"It holds {present}.")
     chosen = next(one for one in systems if one.chosen)
     is_own = (packets.system == chosen.system_id) & (packets.component == chosen.component_id)
     own = packets if is_own.all() else packets.where(is_own)
-    messages = _decode(data, own, dialect, {*names, "HEARTBEAT"})
-    clock, on_host_clock = _boot_clock(data, own, dialect, messages)
+    messages = _decode(file, own, dialect, {*names, "HEARTBEAT"})
+    clock, on_host_clock = _boot_clock(file, own, dialect, messages)
     heartbeat = messages.get("HEARTBEAT")
     return TlogContent(
         messages=messages,
@@ -166,7 +182,7 @@ def read_content(path: str | Path, names: Collection[str], *, system: int = 0) -
         counts=_counts(own, dialect, clock),
         lost=framing.lost,
         n_unknown=framing.n_unknown,
-        n_bytes=len(data),
+        n_bytes=file.n_bytes,
     )
 
 
@@ -196,22 +212,29 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
 
 
 def _decode(
-    data: Bytes, packets: Packets, dialect: Dialect, names: Collection[str] | None
+    file: FileParts, packets: Packets, dialect: Dialect, names: Collection[str] | None
 ) -> dict[str, MessageRows]:
     """Decode the packets by type, part by part: only the rows themselves are as large as the file."""
     tables: dict[int, MessageRows] = {}
     for msg_id, count in enumerate(np.bincount(packets.msg_id).tolist()):
         if count and (names is None or dialect.types[msg_id].name in names):
             tables[msg_id] = _no_rows_yet(dialect.types[msg_id], count)
+    if not tables:
+        return {}
+    is_wanted = np.isin(packets.msg_id, list(tables))
+    packets = packets if is_wanted.all() else packets.where(is_wanted)
     filled = dict.fromkeys(tables, 0)
-    for begin in range(0, len(packets.start), _ROWS):
-        part = packets.where(slice(begin, begin + _ROWS))
+    last = 0
+    for begin, block in file.blocks(_PART_BYTES, LONGEST):
+        first, last = last, int(packets.start.searchsorted(begin + _PART_BYTES))
+        if first == last:
+            continue
+        part = packets.where(slice(first, last))
         order = np.argsort(part.msg_id, kind="stable")  # radix sort
-        ids, first = np.unique(part.msg_id[order], return_index=True)
-        for msg_id, chosen in zip(ids.tolist(), np.split(order, first[1:]), strict=True):
-            if msg_id in tables:
-                done, filled[msg_id] = filled[msg_id], filled[msg_id] + len(chosen)
-                _fill(tables[msg_id], slice(done, filled[msg_id]), data, part.where(chosen))
+        ids, firsts = np.unique(part.msg_id[order], return_index=True)
+        for msg_id, chosen in zip(ids.tolist(), np.split(order, firsts[1:]), strict=True):
+            done, filled[msg_id] = filled[msg_id], filled[msg_id] + len(chosen)
+            _fill(tables[msg_id], slice(done, filled[msg_id]), block, begin, part.where(chosen))
     return {table.name: table for table in tables.values()}
 
 
@@ -226,27 +249,29 @@ def _no_rows_yet(kind: MessageType, count: int) -> MessageRows:
     )
 
 
-def _fill(table: MessageRows, place: slice, data: Bytes, packets: Packets) -> None:
-    """Put packets into some rows of their table; what we do not know of a payload is left out."""
+def _fill(table: MessageRows, place: slice, block: Bytes, begin: int, packets: Packets) -> None:
+    """Put packets of the block that begins there into some rows of their table.
+
+    What we do not know of a payload is left out.
+    """
     body = table.rows.view((np.uint8, table.rows.dtype.itemsize))
-    _copy_payloads(data, packets, body[place])
+    _copy_payloads(block, packets.payload - begin, packets.length, body[place])
     table.position[place] = packets.start
     table.system_id[place] = packets.system
     table.component_id[place] = packets.component
 
 
-def _copy_payloads(data: Bytes, packets: Packets, body: Bytes) -> None:
+def _copy_payloads(block: Bytes, payload: IntArray, length: AnyArray, body: Bytes) -> None:
     """Copy the payloads into the rows of `body`, those of equal length together."""
-    kept = np.minimum(packets.length, min(body.shape[1], 255))
-    payload = packets.payload
+    kept = np.minimum(length, min(body.shape[1], 255))
     for size in np.flatnonzero(np.bincount(kept, minlength=1)).tolist():
         group = np.flatnonzero(kept == size)
-        part = rows_at(data, payload[group], np.dtype((np.void, size)))
+        part = rows_at(block, payload[group], np.dtype((np.void, size)))
         body[group, :size] = part.view(np.uint8).reshape(len(group), size)
 
 
 def _boot_clock(
-    data: Bytes, packets: Packets, dialect: Dialect, decoded: Mapping[str, MessageRows]
+    file: FileParts, packets: Packets, dialect: Dialect, decoded: Mapping[str, MessageRows]
 ) -> tuple[BootClock, bool]:
     """Return the boot clock, and whether it had to be taken from the host's stamps.
 
@@ -257,10 +282,10 @@ def _boot_clock(
         if not len(clock.position):
             present = [dialect.types[int(msg_id)] for msg_id in np.unique(packets.msg_id)]
             timed = {kind.name for kind in present if name in (kind.dtype.names or ())}
-            clock = _clock_of(_decode(data, packets, dialect, timed), name)
+            clock = _clock_of(_decode(file, packets, dialect, timed), name)
         if len(clock.position):
             return clock, False
-    host_s = host_time_s(data, packets)
+    host_s = host_time_s(file, packets)
     return BootClock(packets.start, host_s - host_s[0]), True
 
 
@@ -283,10 +308,10 @@ def _most_frequent(values: AnyArray) -> int:
     return int(np.bincount(values).argmax())
 
 
-def _systems(data: Bytes, packets: Packets, dialect: Dialect, system: int) -> tuple[LoggedSystem, ...]:
+def _systems(file: FileParts, packets: Packets, dialect: Dialect, system: int) -> tuple[LoggedSystem, ...]:
     """List who speaks in the file, and choose the autopilot (of the given system) with most messages."""
     autopilots, types = enum_names("MAV_AUTOPILOT", "MAV_AUTOPILOT_"), enum_names("MAV_TYPE", "MAV_TYPE_")
-    heartbeats = _decode(data, packets, dialect, {"HEARTBEAT"}).get("HEARTBEAT")
+    heartbeats = _decode(file, packets, dialect, {"HEARTBEAT"}).get("HEARTBEAT")
     found: list[tuple[tuple[bool, int], LoggedSystem]] = []
     address = packets.system.astype(np.uint16) * 256 + packets.component
     for key, count in enumerate(np.bincount(address).tolist()):

@@ -91,8 +91,8 @@ def read_topics(path: str | Path, topics: Collection[str] | None = None) -> dict
 
 def read_content(path: str | Path, topics: Collection[str] | None = None) -> UlogContent:
     """Read a ULog file, decoding only the rows of the given topics (all by default)."""
-    with Path(path).open("rb") as stream:
-        return _content(FileParts(stream, str(path)), topics)
+    with FileParts.open(path) as file:
+        return _content(file, topics)
 
 
 def _content(file: FileParts, topics: Collection[str] | None) -> UlogContent:

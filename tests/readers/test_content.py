@@ -10,16 +10,7 @@ import numpy as np
 import pytest
 
 from quadid_logs.errors import LogError
-from quadid_logs.readers.content import FileParts, load_bytes, room_for, rows_at, rows_of_types
-
-
-@pytest.mark.parametrize("n_bytes", [0, 1, 5_000_000, 9_000_001])
-def test_a_file_is_loaded_byte_for_byte(n_bytes: int, tmp_path: Path) -> None:
-    """Small ones, and those for which huge pages are asked for."""
-    content = np.random.default_rng(0).integers(0, 256, n_bytes, dtype=np.uint8)
-    path = tmp_path / "log"
-    content.tofile(path)
-    np.testing.assert_array_equal(load_bytes(path), content)
+from quadid_logs.readers.content import FileParts, room_for, rows_at, rows_of_types
 
 
 def test_large_memory_begins_with_a_huge_page() -> None:

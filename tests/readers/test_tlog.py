@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from quadid_logs.errors import EmptyLogError, LogError, SettingsError
-from quadid_logs.readers import read_log, tlog
+from quadid_logs.readers import mavlink_frames, read_log, tlog
 from quadid_logs.readers.mavlink_frames import crc_of_columns, is_right
 
 from . import mavlink_maker as make
@@ -242,6 +242,23 @@ def two_systems(n_rows: int = 6) -> bytes:
         content += station.heartbeat(make.GROUND_STATION, make.NO_AUTOPILOT) * 5
         content += copter.attitude(k) + rover.attitude(100 + k) + rover.attitude(200 + k)
     return content
+
+
+@pytest.mark.parametrize("block_bytes", [40, 333, 4096])
+def test_a_log_reads_the_same_in_blocks_of_any_size(
+    block_bytes: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Packets lie across the ends of blocks, and some blocks hold none."""
+    log = make.small_log(200)
+    path = write(tmp_path, log[:3000] + bytes(10_000) + log[3000:])
+    whole = tlog.read_content(path, {"ATTITUDE"})
+    monkeypatch.setattr(mavlink_frames, "_BLOCK", block_bytes)
+    monkeypatch.setattr(tlog, "_PART_BYTES", block_bytes)
+    found = tlog.read_content(path, {"ATTITUDE"})
+    assert (found.lost, found.counts, found.systems) == (whole.lost, whole.counts, whole.systems)
+    for name, message in found.messages.items():
+        np.testing.assert_array_equal(message.rows, whole.messages[name].rows)
+        np.testing.assert_array_equal(message.position, whole.messages[name].position)
 
 
 def test_the_autopilot_with_most_messages_is_chosen_and_all_are_listed(tmp_path: Path) -> None:
