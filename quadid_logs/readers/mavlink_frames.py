@@ -45,7 +45,8 @@ _CHECKSUM_LAYOUT: Final = np.dtype((np.void, _CHECKSUM))
 _SIGNATURE: Final = 13
 _SIGNED: Final = 1
 LONGEST: Final = _HEADER_2 + 255 + _CHECKSUM + _SIGNATURE
-_BLOCK: Final = 1 << 20
+#: Of a megabyte, a small file's arrays of candidates would weigh as much as the file.
+_BLOCK: Final = 1 << 19
 #: So few packets of one size in a block, mostly by chance, are faster one by one than as an array.
 _RARE: Final = 16
 _MIRRORED: Final = bytes(int(f"{value:08b}"[::-1], 2) for value in range(256))
