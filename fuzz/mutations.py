@@ -11,6 +11,7 @@ import struct
 from collections.abc import Callable
 from functools import cache
 
+from quadid_logs.readers.dataflash_index import parse_definition
 from quadid_logs.readers.mavlink_dialect import load_dialect
 
 Mutation = Callable[[random.Random, bytearray], bytearray]
@@ -19,6 +20,8 @@ Frame = tuple[int, int]
 
 DATAFLASH_HEADER, ULOG_HEADER = b"\xa3\x95", 16
 WILD = (float("nan"), float("inf"), -float("inf"), 1e38, -3.4e38, 1e-40, 0.0, -0.0, 1e300, 1e16)
+#: Those that a single-precision number can hold.
+WILD_SINGLES = tuple(number for number in WILD if not 3.4e38 < abs(number) < float("inf"))
 SIGNALLING = (b"\x01\x00\xa0\x7f", b"\x01\x00\x00\x00\x00\x00\xf4\x7f")
 HEADERS = (b"\xa3\x95\x80", b"\xa3\x95", b"\xfe\x09", b"\xfd\x1c\x00\x00", b"\x10\x00D", b"ULog\x01\x12\x35")
 LETTERS = (
@@ -116,8 +119,7 @@ def wild_numbers(rng: random.Random, data: bytearray) -> bytearray:
     """Write NaN, infinities and huge numbers anywhere."""
     for _ in range(rng.choice((1, 20, 400))):
         number = rng.choice(WILD)
-        single = abs(number) < 3.4e38 or number != number or abs(number) == float("inf")
-        value = struct.pack("<f" if single and rng.random() < 0.7 else "<d", number)
+        value = struct.pack("<f" if number in WILD_SINGLES and rng.random() < 0.7 else "<d", number)
         _write_over(data, rng.randrange(len(data)), rng.choice((value, value, value, *SIGNALLING)))
     return data
 
@@ -139,6 +141,13 @@ def _write_over(data: bytearray, place: int, value: bytes) -> None:
     """Overwrite without making the data longer."""
     value = value[: len(data) - place]
     data[place : place + len(value)] = value
+
+
+def _write_singles(rng: random.Random, data: bytearray, places: list[int]) -> None:
+    """Write one wild number at some or all places."""
+    value = struct.pack("<f", rng.choice(WILD_SINGLES))
+    for place in rng.sample(places, min(len(places), rng.choice((1, 10, len(places))))):
+        _write_over(data, place, value)
 
 
 # ---- DataFlash
@@ -214,6 +223,18 @@ def dataflash_clock(rng: random.Random, data: bytearray) -> bytearray:
     return _jump(rng, data, [(b + 3, e) for b, e in dataflash_frames(data) if data[b + 2] != 0x80])
 
 
+def dataflash_parameters(rng: random.Random, data: bytearray) -> bytearray:
+    """Give some or all parameters wild values."""
+    for begin, end in _definitions(data):
+        definition = parse_definition(bytes(data[begin:end]))
+        if definition is None or definition.name != "PARM" or "Value" not in definition.fields():
+            continue
+        offset = definition.fields()["Value"][1]
+        rows = [row for row in dataflash_frames(data) if data[row[0] + 2] == definition.type_id]
+        _write_singles(rng, data, [row + offset for row, _ in rows])
+    return data
+
+
 def dataflash_rows(rng: random.Random, data: bytearray) -> bytearray:
     """Reorder, repeat or drop whole messages."""
     return _shuffled(rng, data, dataflash_frames(data))
@@ -268,6 +289,17 @@ def ulog_definitions(rng: random.Random, data: bytearray) -> bytearray:
     return data
 
 
+def ulog_parameters(rng: random.Random, data: bytearray) -> bytearray:
+    """Give some or all parameters wild values (message P: type and name, then four bytes)."""
+    places = []
+    for begin, end in ulog_frames(data):
+        key = data[begin + 4 : begin + 4 + data[begin + 3]] if end - begin > 4 else b""
+        if data[begin + 2] == ord("P") and key.startswith(b"float "):
+            places.append(end - 4)
+    _write_singles(rng, data, places)
+    return data
+
+
 def ulog_appended(rng: random.Random, data: bytearray) -> bytearray:
     """Announce appended data at an offset that may lie (message B of 40 bytes), with some behind the end."""
     flags = bytes(8) + bytes([1]) + bytes(7)
@@ -309,9 +341,14 @@ def tlog_frames(data: bytearray) -> list[Frame]:
     return frames
 
 
+def _message_id(packet: bytearray) -> int:
+    """Return the type of a packet."""
+    return packet[5] if packet[0] == 0xFE else int.from_bytes(packet[7:10], "little")
+
+
 def _sealed(packet: bytearray) -> bytearray:
     """Return an unsigned packet with a right checksum (CRC-16/MCRF4XX), if its type is known."""
-    msg_id = packet[5] if packet[0] == 0xFE else int.from_bytes(packet[7:10], "little")
+    msg_id = _message_id(packet)
     extra = _extra_bytes()[msg_id] if msg_id < len(_extra_bytes()) else -1
     crc = 0xFFFF
     for byte in (*packet[1:-2], max(extra, 0)):
@@ -334,6 +371,15 @@ def tlog_payloads(rng: random.Random, data: bytearray) -> bytearray:
         if rng.random() < 0.3:
             packet[header - 3 if header == 6 else 5] = rng.randrange(256)
         data[begin:end] = _sealed(packet)
+    return data
+
+
+def tlog_parameters(rng: random.Random, data: bytearray) -> bytearray:
+    """Give some or all parameters wild values (PARAM_VALUE, 22, begins with the value)."""
+    packets = [(begin, end) for begin, end in tlog_frames(data) if _message_id(data[begin:end]) == 22]
+    _write_singles(rng, data, [begin + (6 if data[begin] == 0xFE else 10) for begin, _ in packets])
+    for begin, end in packets:
+        data[begin:end] = _sealed(data[begin:end])
     return data
 
 
@@ -482,11 +528,12 @@ BY_KIND: dict[str, tuple[Mutation, ...]] = {
         drop_definition,
         repeat_definition,
         change_definition,
+        dataflash_parameters,
         dataflash_clock,
         dataflash_rows,
     ),
-    "ulog": (ulog_sizes, ulog_types, ulog_definitions, ulog_appended, ulog_clock, ulog_rows),
-    "tlog": (tlog_payloads, tlog_short_payloads, tlog_headers, tlog_clock, tlog_rows),
+    "ulog": (ulog_sizes, ulog_types, ulog_definitions, ulog_parameters, ulog_appended, ulog_clock, ulog_rows),
+    "tlog": (tlog_payloads, tlog_short_payloads, tlog_parameters, tlog_headers, tlog_clock, tlog_rows),
     "text": (spoil_lines,),
     "plain": (),
 }

@@ -14,6 +14,23 @@ from quadid_logs.errors import ShapeError
 from quadid_logs.vocabulary import SIGNALS
 
 
+def whole_number(value: float | None, otherwise: int = 0) -> int:
+    """Return a parameter that counts or names something.
+
+    Parameters
+    ----------
+    value : float or None
+    otherwise : int
+        For a parameter that is missing or, in a damaged log, no number of up to 32 bits.
+
+    Examples
+    --------
+    >>> whole_number(12.0), whole_number(float("nan")), whole_number(None, 4)
+    (12, 0, 4)
+    """
+    return int(value) if value is not None and abs(value) < 2.0**32 else otherwise
+
+
 class Notch(NamedTuple):
     """A notch of second order: its centre, one over its Q, and the share that it leaves at the centre."""
 

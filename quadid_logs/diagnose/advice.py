@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final
 
+from quadid_logs.data.log import whole_number
+
 #: ArduCopter LOG_BITMASK: bit 0 is ATTITUDE_FAST, RATE and attitude at the loop rate.
 ATTITUDE_FAST: Final = 1
 DEFAULT_LOG_BITMASK: Final = 176126
@@ -40,7 +42,7 @@ def logging_advice(autopilot: str, log_format: str, parameters: Mapping[str, flo
             "A telemetry log is too slow for this and lacks the torque: use the log on the vehicle's card. "
         )
     if autopilot == "ardupilot":
-        mask = int(parameters.get("LOG_BITMASK", DEFAULT_LOG_BITMASK)) | ATTITUDE_FAST
+        mask = whole_number(parameters.get("LOG_BITMASK"), DEFAULT_LOG_BITMASK) | ATTITUDE_FAST
         return (
             f"{onboard}Set LOG_BITMASK to {mask} (adds bit 0, ATTITUDE_FAST), so that RATE is logged at the "
             "loop rate (400 Hz), and fly again."

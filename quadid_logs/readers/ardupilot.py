@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.data.log import FlightLog, LogText, MessageCount, ModeChange, Signal
+from quadid_logs.data.log import FlightLog, LogText, MessageCount, ModeChange, Signal, whole_number
 from quadid_logs.readers.ardupilot_clock import TIME_LABELS, LogClock, own_time
 from quadid_logs.readers.ardupilot_signals import MAIN_TYPES, PID_TYPES, SIGNAL_LABELS, SignalBuilder
 from quadid_logs.readers.ardupilot_vehicle import (
@@ -176,8 +176,7 @@ def _with_nominal_rates(
     signals: Mapping[str, tuple[Signal, ...]], parameters: Mapping[str, float]
 ) -> dict[str, tuple[Signal, ...]]:
     """Add the rate that LOG_BITMASK promises for RATE and ANG."""
-    mask = parameters.get("LOG_BITMASK", 0.0)
-    bits = int(mask) if 0.0 <= mask < 2**32 else 0
+    bits = whole_number(parameters.get("LOG_BITMASK"))
     rate_hz = float("nan")
     if bits & _FAST_ATTITUDE:
         rate_hz = parameters.get("SCHED_LOOP_RATE", rate_hz)

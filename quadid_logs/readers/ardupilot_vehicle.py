@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from quadid_logs.data.log import whole_number
+
 #: ArduPilot libraries/AP_Vehicle/AP_Vehicle_Type.h, logged as VER.BU.
 _BUILD_TYPES: Final = {
     1: "rover",
@@ -146,7 +148,7 @@ def identify_vehicle(
     flown_by = _first_known(
         _BUILD_TYPES.get(build_type) if build_type is not None else None,
         _FIRMWARE_NAMES.get(match[1].lower()) if match else None,
-        _SOFTWARE_TYPES.get(_whole(parameters.get("SYSID_SW_TYPE"))),
+        _SOFTWARE_TYPES.get(whole_number(parameters.get("SYSID_SW_TYPE"), -1)),
     )
     frame_text = next((found[1] for text in reversed(texts) if (found := _FRAME_TEXT.match(text))), "")
     vehicle_type = _refine_type(flown_by, parameters, frame_text)
@@ -163,7 +165,7 @@ def mode_name(mode: str | float, vehicle_type: str) -> str:
     """Return a flight mode's name: as logged, from the table for copters, or its number."""
     if isinstance(mode, str) and not (mode.isascii() and mode.isdigit()):
         return mode.upper()
-    number = _whole(float(mode))
+    number = whole_number(float(mode), -1)
     if vehicle_type in ("multirotor", "helicopter") and number in COPTER_MODES:
         return COPTER_MODES[number]
     return f"mode {number}"
@@ -171,7 +173,7 @@ def mode_name(mode: str | float, vehicle_type: str) -> str:
 
 def _refine_type(flown_by: str, parameters: Mapping[str, float], frame_text: str) -> str:
     """Tell helicopters, QuadPlanes and boats from what shares their firmware."""
-    frame_class = _whole(parameters.get("FRAME_CLASS"))
+    frame_class = whole_number(parameters.get("FRAME_CLASS"), -1)
     if flown_by == "fixed-wing":
         return "vtol" if parameters.get("Q_ENABLE", 0.0) > 0 else flown_by
     if flown_by == "rover":
@@ -191,9 +193,9 @@ def _frame(vehicle_type: str, parameters: Mapping[str, float], frame_text: str, 
     if vehicle_type not in ("multirotor", "helicopter", "vtol", "unknown"):
         return ""
     prefix = "Q_" if vehicle_type == "vtol" else ""
-    frame_class = FRAME_CLASSES.get(_whole(parameters.get(f"{prefix}FRAME_CLASS")), "")
+    frame_class = FRAME_CLASSES.get(whole_number(parameters.get(f"{prefix}FRAME_CLASS"), -1), "")
     type_number = parameters.get(f"{prefix}FRAME_TYPE", parameters.get("FRAME"))
-    frame_type = FRAME_TYPES.get(_whole(type_number), "")
+    frame_type = FRAME_TYPES.get(whole_number(type_number, -1), "")
     if not frame_class and frame_text:
         frame_class = frame_text.split("/")[0].lower()
     if not frame_class:
@@ -206,11 +208,6 @@ def _frame(vehicle_type: str, parameters: Mapping[str, float], frame_text: str, 
 def _first_known(*candidates: str | None) -> str:
     """Return the first candidate that is known."""
     return next((candidate for candidate in candidates if candidate), "unknown")
-
-
-def _whole(value: float | None) -> int:
-    """Round a parameter to its integer meaning; -1 where it has none."""
-    return int(value) if value is not None and abs(value) < 1e6 else -1
 
 
 def parameter_table(names: Iterable[str], values: Iterable[float]) -> dict[str, float]:

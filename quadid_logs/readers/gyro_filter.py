@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
-from quadid_logs.data.log import GyroFilter, Notch, Signal
+from quadid_logs.data.log import GyroFilter, Notch, Signal, whole_number
 
 #: A notch below is no vibration's, and one above moves nothing that is fitted.
 _RANGE_HZ = (5.0, 2000.0)
@@ -51,9 +51,9 @@ def _ardupilot_notches(parameters: Mapping[str, float]) -> Iterator[Notch]:
         frequency_hz, width_hz, depth_db = (
             parameters.get(f"{name}_{suffix}", math.nan) for suffix in ("FREQ", "BW", "ATT")
         )
-        options = _bits(parameters.get(f"{name}_OPTS", 0.0))
+        options = whole_number(parameters.get(f"{name}_OPTS"))
         count = next((n for bit, n in _SIDE_BY_SIDE.items() if options & bit), 1)
-        harmonics = _bits(parameters.get(f"{name}_HMNCS", 1.0))
+        harmonics = whole_number(parameters.get(f"{name}_HMNCS", 1.0))
         lower_edge_hz = frequency_hz - 0.5 * width_hz / count
         if not (0.0 < lower_edge_hz < frequency_hz and 0.0 < depth_db < 200.0):
             continue
@@ -106,8 +106,3 @@ def with_gyro_filter(
         for signal in signals["body_rate"]
     )
     return {**signals, "body_rate": rates}
-
-
-def _bits(value: float) -> int:
-    """Return a parameter that is a set of bits."""
-    return int(value) if 0.0 <= value < 2.0**32 else 0

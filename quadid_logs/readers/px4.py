@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.data.log import FlightLog, LogText, ModeChange, Signal
+from quadid_logs.data.log import FlightLog, LogText, ModeChange, Signal, whole_number
 from quadid_logs.readers.columns import attitude_columns, used_columns
 from quadid_logs.readers.gyro_filter import px4_gyro_filter, with_gyro_filter
 from quadid_logs.readers.mav_type import airframe_words, frame_words, vehicle_type_of
@@ -305,9 +305,14 @@ def _firmware(content: UlogContent) -> str:
 def _last(content: UlogContent, topic: str, field: str) -> int | None:
     """Return the last value of an integer field of a topic's first instance."""
     table = content.topics.get((topic, 0))
-    if table is None or field not in table.fields or table.rows[field].ndim != 1:
+    if table is None or not _is_integer(table, field):
         return None
     return int(table.rows[field][-1])
+
+
+def _is_integer(table: TopicTable, field: str) -> bool:
+    """Tell whether a field holds one integer per row; a damaged format can make anything of it."""
+    return field in table.fields and table.rows[field].ndim == 1 and table.rows[field].dtype.kind in "iu"
 
 
 def _vehicle_type(content: UlogContent) -> str:
@@ -315,10 +320,13 @@ def _vehicle_type(content: UlogContent) -> str:
     parameters = content.definitions.parameters
     if _last(content, "vehicle_status", "is_vtol"):
         return "vtol"
-    mav_types = (int(parameters.get("MAV_TYPE", 0)), _last(content, "vehicle_status", "system_type") or 0)
+    mav_types = (
+        whole_number(parameters.get("MAV_TYPE")),
+        _last(content, "vehicle_status", "system_type") or 0,
+    )
     answers = [vehicle_type_of(mav_type) for mav_type in mav_types]
     if "CA_AIRFRAME" in parameters and parameters.get("CA_ROTOR_COUNT", 0):
-        answers.append(_BY_CA_AIRFRAME.get(int(parameters["CA_AIRFRAME"]), "unknown"))
+        answers.append(_BY_CA_AIRFRAME.get(whole_number(parameters["CA_AIRFRAME"], -1), "unknown"))
     answers.append(_BY_STATUS.get(_last(content, "vehicle_status", "vehicle_type") or 0, "unknown"))
     return next((answer for answer in answers if answer != "unknown"), "unknown")
 
@@ -326,9 +334,9 @@ def _vehicle_type(content: UlogContent) -> str:
 def _frame(content: UlogContent) -> str:
     """Say rotors and geometry in words, from CA_ROTOR*, else from airframe number and MAV_TYPE."""
     parameters = content.definitions.parameters
-    n_rotors = int(parameters.get("CA_ROTOR_COUNT", 0))
-    airframe = int(parameters.get("SYS_AUTOSTART", 0))
-    words = [airframe_words(airframe) or frame_words(int(parameters.get("MAV_TYPE", 0)))]
+    n_rotors = whole_number(parameters.get("CA_ROTOR_COUNT"))
+    airframe = whole_number(parameters.get("SYS_AUTOSTART"))
+    words = [airframe_words(airframe) or frame_words(whole_number(parameters.get("MAV_TYPE")))]
     if airframe:
         words.append(f"airframe {airframe}")
     if 0 < n_rotors <= 12:
@@ -354,7 +362,7 @@ def _layout(parameters: dict[str, float], n_rotors: int) -> str:
 def _modes(content: UlogContent) -> tuple[ModeChange, ...]:
     """Return where nav_state changes."""
     table = content.topics.get(("vehicle_status", 0))
-    if table is None or "nav_state" not in table.fields or table.rows["nav_state"].ndim != 1:
+    if table is None or not _is_integer(table, "nav_state"):
         return ()
     time_s, state = sample_time_s(table), table.rows["nav_state"]
     if time_s is None:

@@ -1,0 +1,81 @@
+"""Parameters of a damaged log can be any number: no analysis may break on them."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from fuzz.mutations import dataflash_frames, ulog_frames
+from quadid_logs.data.log import whole_number
+from quadid_logs.pipeline import analyze
+from quadid_logs.readers import read_log
+from quadid_logs.report import json_text
+
+SAMPLES = Path(__file__).parents[1] / "sample_logs"
+WILD = [math.nan, math.inf, -math.inf, 1e30, -1.0]
+
+Damaged = Callable[[bytes, float, int | None], bytes | None]
+
+
+def dataflash_with(content: bytes, value: float, only: int | None = None) -> bytes | None:
+    """Return a log of our simulator (PARM is QNff) with one or all parameters of a value; None without it."""
+    log = bytearray(content)
+    frames = dataflash_frames(log)
+    ids = {log[begin + 3] for begin, _ in frames if log[begin + 5 : begin + 9] == b"PARM"}
+    rows = [begin for begin, _ in frames if log[begin + 2] in ids]
+    for begin in rows if only is None else rows[only : only + 1]:
+        log[begin + 3 + 8 + 16 : begin + 3 + 8 + 16 + 4] = struct.pack("<f", value)
+    return None if only is not None and only >= len(rows) else bytes(log)
+
+
+def ulog_with(content: bytes, value: float, only: int | None = None) -> bytes | None:
+    """Return a log with one or all parameters of a value, and of type float; None without it."""
+    log, number = bytearray(content[:16]), -1
+    for begin, end in ulog_frames(bytearray(content)):
+        message = content[begin:end]
+        if message[2] == ord("P"):
+            number += 1
+            if only in (None, number):
+                key = b"float " + message[4 : 4 + message[3]].split(b" ")[1]
+                body = bytes([len(key)]) + key + struct.pack("<f", value)
+                message = struct.pack("<HB", len(body), ord("P")) + body
+        log += message
+    return None if only is not None and only > number else bytes(log)
+
+
+FORMATS = [
+    pytest.param("sysid-quad-x.bin", dataflash_with, id="dataflash"),
+    pytest.param("products-of-inertia.ulg", ulog_with, id="ulog"),
+]
+
+
+@pytest.mark.parametrize("value", WILD)
+@pytest.mark.parametrize(("name", "damaged"), FORMATS)
+def test_a_log_whose_parameters_are_all_wild_is_analyzed(
+    name: str, damaged: Damaged, value: float, tmp_path: Path
+) -> None:
+    """It gets a result, whatever that says."""
+    (tmp_path / name).write_bytes(damaged((SAMPLES / name).read_bytes(), value, None) or b"")
+    assert json_text(analyze(tmp_path / name))
+
+
+@pytest.mark.parametrize(("name", "damaged"), FORMATS)
+def test_each_parameter_may_be_no_number(name: str, damaged: Damaged, tmp_path: Path) -> None:
+    """One after the other, so that none hides behind another."""
+    content = (SAMPLES / name).read_bytes()
+    number = 0
+    while (log := damaged(content, math.nan, number)) is not None:
+        (tmp_path / name).write_bytes(log)
+        assert read_log(tmp_path / name).signals
+        number += 1
+    assert number > 50
+
+
+@pytest.mark.parametrize("value", [None, *WILD[:4], -(2.0**32)])
+def test_what_is_no_number_of_32_bits_is_no_whole_number(value: float | None) -> None:
+    """Then the caller's default stands."""
+    assert whole_number(value, 7) == 7
