@@ -16,7 +16,14 @@ from quadid_logs.data.vehicle import Rotor, Vehicle
 from quadid_logs.errors import VehicleFileError
 from quadid_logs.untrusted import printable
 
-_POSITIVE = ("mass_kg", "arm_length_m", "max_thrust_n", "torque_to_thrust_m")
+#: What no multirotor exceeds: beyond it, and often far below, the unit is another one.
+_LARGEST = {
+    "mass_kg": (250.0, "Give kg, not g."),
+    "arm_length_m": (10.0, "Give m, not mm."),
+    "max_thrust_n": (2000.0, "Give N for one rotor, not g."),
+    "torque_to_thrust_m": (1.0, "Give N m of torque per N of thrust; 0.005 to 0.05 m is usual."),
+}
+_POSITIVE = tuple(_LARGEST)
 _KEYS = ("name", *_POSITIVE, "rotor", "thrust_curve", "inertia_kg_m2")
 _ROTOR_KEYS = ("position_m", "spin")
 _SPINS = ("ccw", "cw")
@@ -45,7 +52,7 @@ def read_vehicle(path: Path) -> Vehicle:
     ------
     VehicleFileError
         If the file cannot be read, is no TOML, or holds an unknown key, a
-        value of the wrong type, or one that is not positive.
+        value of the wrong type, or one that is not positive or beyond any vehicle.
     """
     content = _toml(path)
     _refuse_unknown(path, content, _KEYS)
@@ -105,6 +112,9 @@ def _positive(path: Path, key: str, value: Any) -> float:
         raise _wrong(
             path, f"{key} is {value:g}, but must be above 0", "Leave the key out if it is not known."
         )
+    largest, hint = _LARGEST[key]
+    if value > largest:
+        raise _wrong(path, f"{key} is {value:g}, but no multirotor has more than {largest:g}", hint)
     return float(value)
 
 
