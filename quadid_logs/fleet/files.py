@@ -20,6 +20,7 @@ import hashlib
 import os
 import re
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -95,21 +96,34 @@ def _files(folder: Path) -> tuple[list[Path], list[Path], dict[Path, set[str]]]:
     return own, together, outdated_logs(own, together)
 
 
+@contextmanager
+def _unchanged(folder: Path) -> Iterator[None]:
+    """Tell why a file of the store is gone: a run that ends meanwhile puts files together."""
+    try:
+        yield
+    except FileNotFoundError as error:
+        raise SettingsError(
+            f"{printable(folder)} was changed while it was read.",
+            hint="Ask again when the run that writes it has ended.",
+        ) from error
+
+
 def dataset(folder: Path) -> pads.Dataset:
     """Return the rows of a store, not yet read.
 
     Raises
     ------
     SettingsError
-        If the folder is no store.
+        If the folder is no store, or is changed meanwhile.
     """
     import pyarrow.dataset as pads
 
-    own, together, outdated = _files(folder)
-    whole = [path for path in together if path not in outdated]
-    # Only where a run was killed, or analyzed again what older ones had: these rows are read at once.
-    rest = [pads.dataset(read_rows([path], without=logs)) for path, logs in outdated.items()]
-    return pads.dataset([_on_disk([*own, *whole]), *rest])
+    with _unchanged(folder):
+        own, together, outdated = _files(folder)
+        whole = [path for path in together if path not in outdated]
+        # Only where a run was killed, or analyzed again what older ones had: these rows are read at once.
+        rest = [pads.dataset(read_rows([path], without=logs)) for path, logs in outdated.items()]
+        return pads.dataset([_on_disk([*own, *whole]), *rest])
 
 
 def rows_by_vehicle(folder: Path, columns: Iterable[str]) -> Iterator[list[dict[str, Any]]]:
@@ -118,16 +132,18 @@ def rows_by_vehicle(folder: Path, columns: Iterable[str]) -> Iterator[list[dict[
     Raises
     ------
     SettingsError
-        If the folder is no store.
+        If the folder is no store, or is changed meanwhile.
     """
-    own, together, outdated = _files(folder)
     names = list(columns)
+    with _unchanged(folder):
+        own, together, outdated = _files(folder)
     owned = by_vehicle(own)
     for vehicle in sorted({*owned, *(path.parent for path in together)}):
-        rows = read_rows(owned.get(vehicle, ()), columns=names).to_pylist()
         path = vehicle / TOGETHER
-        if path in together:
-            rows += read_rows([path], without=outdated.get(path, ()), columns=names).to_pylist()
+        with _unchanged(folder):
+            rows = read_rows(owned.get(vehicle, ()), columns=names).to_pylist()
+            if path in together:
+                rows += read_rows([path], without=outdated.get(path, ()), columns=names).to_pylist()
         yield rows
 
 

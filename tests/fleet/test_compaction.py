@@ -9,10 +9,12 @@ from pathlib import Path
 import pytest
 
 from benchmarks.fleet_rows import rows_of
+from quadid_logs.errors import SettingsError
 from quadid_logs.fleet import compaction
+from quadid_logs.fleet import files as store_files
 from quadid_logs.fleet.compaction import compact
 from quadid_logs.fleet.engine import Cluster
-from quadid_logs.fleet.files import TOGETHER, partition, rows_by_vehicle
+from quadid_logs.fleet.files import TOGETHER, dataset, own_files, partition, rows_by_vehicle
 from quadid_logs.fleet.identity import NamingRules
 from quadid_logs.fleet.options import Options
 from quadid_logs.fleet.rows import LOST, UNREADABLE
@@ -62,6 +64,22 @@ def test_there_is_a_file_per_vehicle_and_the_same_rows(store):
     assert len(files(store.folder)) == 3
     assert rows_of(store.folder) == before
     assert by_vehicle(store.folder) == lives
+
+
+@pytest.mark.parametrize("read", [dataset, by_vehicle])
+def test_a_store_that_is_put_together_while_it_is_read_is_a_clear_error(read, store, monkeypatch):
+    """Files are listed, and gone when they are opened."""
+
+    def listed_and_gone(folder):
+        found = own_files(folder)
+        monkeypatch.undo()
+        monkeypatch.setattr(compaction, "_WORTH", 1)
+        compact(folder)
+        return found
+
+    monkeypatch.setattr(store_files, "own_files", listed_and_gone)
+    with pytest.raises(SettingsError, match="changed while it was read"):
+        read(store.folder)
 
 
 def test_a_few_files_are_left_alone(store, monkeypatch):
