@@ -326,8 +326,7 @@ def _structure_panel(models: tuple[Model, ...], axis: str, target: str, torque: 
     found = [
         (number, model.structure, parameter)
         for number, model in enumerate(models)
-        for parameter in model.parameters
-        if parameter.target == target and parameter.regressor == torque and np.isfinite(parameter.value)
+        if (parameter := model.entries.get((target, torque))) is not None and np.isfinite(parameter.value)
     ]
     if not found:
         return None

@@ -46,8 +46,7 @@ def _effects(model: Model, windows: Windows) -> list[_Effect]:
         if target not in model.targets or torque not in model.inputs:
             continue
         row, column = model.targets.index(target), len(model.regressors) + model.inputs.index(torque)
-        found = [item for item in model.parameters if item.target == target and item.regressor == torque]
-        pooled = found[0] if found else None
+        pooled = model.entries.get((target, torque))
         name = pooled.name if pooled else f"B ({axis})"
         unit = pooled.unit if pooled else ""
         effects.append(_Effect(axis, name, windows.coefficients[:, row, column], pooled, unit))
