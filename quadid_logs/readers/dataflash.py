@@ -67,16 +67,15 @@ class DataFlashFile:
             If the file becomes shorter meanwhile.
         """
         try:
-            stream = Path(path).open("rb")  # noqa: SIM115 (closed with the file that is returned)
+            content = FileParts.open(path)
         except OSError as error:
             raise LogNotFoundError(f"Cannot read {path}: {error.strerror}.") from error
         try:
-            content = FileParts(stream, str(path))
             if not content.n_bytes:
                 raise EmptyLogError(f"{path} is empty.", hint="Copy the log from the vehicle again.")
             return cls(str(path), content)
         except BaseException:
-            stream.close()
+            content.close()
             raise
 
     @classmethod
