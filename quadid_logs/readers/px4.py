@@ -94,7 +94,7 @@ def _rotor_speed(table: TopicTable) -> FloatArray | None:
     """Speed per ESC; None where it never moves, as with ESCs that do not measure it."""
     if "esc" not in table.fields or "esc_rpm" not in (table.rows["esc"].dtype.names or ()):
         return None
-    rpm = np.abs(table.rows["esc"]["esc_rpm"].astype(np.float64))
+    rpm = np.abs(table.rows["esc"]["esc_rpm"].astype(np.float64)).reshape(len(table.rows), -1)
     used = used_columns(rpm, rpm > 0.0)
     return used * _RPM if used.size and np.ptp(used, axis=0).any() else None
 
@@ -235,10 +235,10 @@ def sample_time_s(table: TopicTable) -> FloatArray | None:
     `timestamp_sample` where it is filled in (not zero, at most 0.1 s from
     `timestamp`), else `timestamp`, the time of publication.
     """
-    if "timestamp" not in table.fields or table.rows["timestamp"].dtype.kind != "u":
+    if not table.has("timestamp", "u"):
         return None
     published = table.rows["timestamp"].astype(np.float64)
-    if "timestamp_sample" not in table.fields or table.rows["timestamp_sample"].dtype.kind != "u":
+    if not table.has("timestamp_sample", "u"):
         return published / 1e6
     sampled = table.rows["timestamp_sample"].astype(np.float64)
     plausible = (sampled > 0.0) & (np.abs(published - sampled) <= _MAX_SAMPLE_AGE_US)
@@ -305,14 +305,9 @@ def _firmware(content: UlogContent) -> str:
 def _last(content: UlogContent, topic: str, field: str) -> int | None:
     """Return the last value of an integer field of a topic's first instance."""
     table = content.topics.get((topic, 0))
-    if table is None or not _is_integer(table, field):
+    if table is None or not table.has(field):
         return None
     return int(table.rows[field][-1])
-
-
-def _is_integer(table: TopicTable, field: str) -> bool:
-    """Tell whether a field holds one integer per row; a damaged format can make anything of it."""
-    return field in table.fields and table.rows[field].ndim == 1 and table.rows[field].dtype.kind in "iu"
 
 
 def _vehicle_type(content: UlogContent) -> str:
@@ -362,7 +357,7 @@ def _layout(parameters: dict[str, float], n_rotors: int) -> str:
 def _modes(content: UlogContent) -> tuple[ModeChange, ...]:
     """Return where nav_state changes."""
     table = content.topics.get(("vehicle_status", 0))
-    if table is None or not _is_integer(table, "nav_state"):
+    if table is None or not table.has("nav_state"):
         return ()
     time_s, state = sample_time_s(table), table.rows["nav_state"]
     if time_s is None:

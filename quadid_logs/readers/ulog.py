@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from quadid_logs.arrays import AnyArray, FloatArray, IntArray
+from quadid_logs.arrays import AnyArray, IntArray
 from quadid_logs.data.log import FlightLog, LostStretch, MessageCount
 from quadid_logs.errors import EmptyLogError
 from quadid_logs.readers.content import FileParts, rows_of_types
@@ -46,6 +46,10 @@ class TopicTable:
         """Names of the top-level fields."""
         return tuple(self.rows.dtype.names or ())
 
+    def has(self, field: str, kinds: str = "iu") -> bool:
+        """Tell whether a field holds one number of these kinds (of numpy dtypes) per row."""
+        return holds(self.rows.dtype, field, kinds)
+
     def columns(self) -> dict[str, AnyArray]:
         """Return one array per number, with names as ``control[0]`` or ``esc[1].esc_rpm``."""
         return _flatten("", self.rows)
@@ -66,6 +70,11 @@ class UlogContent:
     n_unknown: int
     n_joined: int
     n_bytes: int
+
+
+def holds(layout: np.dtype[np.void], field: str, kinds: str) -> bool:
+    """Tell whether a row has the field, as one number of these kinds; a damaged format makes arrays of it."""
+    return field in (layout.names or ()) and layout[field].kind in kinds
 
 
 def is_mine(head: bytes) -> bool:
@@ -207,11 +216,12 @@ def _counts(file: FileParts, frames: Frames) -> tuple[MessageCount, ...]:
 
 def _mean_rate_hz(file: FileParts, subscription: Subscription, starts: IntArray) -> float:
     """Return rows per second between the first and the last row, NaN where that cannot be told."""
-    if "timestamp" not in (subscription.dtype.names or ()) or len(starts) < 2:
+    layout = subscription.dtype
+    if not holds(layout, "timestamp", "iuf") or len(starts) < 2:
         return float("nan")
-    ends: list[FloatArray] = []
-    for start in (starts[[0, -1]] + _MESSAGE_HEADER).tolist():
-        row = file.part(start, start + subscription.dtype.itemsize).view(subscription.dtype)
-        ends.append(row["timestamp"].astype(np.float64) * 1e-6)
-    duration_s = float(ends[1][0] - ends[0][0])
+    first_us, last_us = (
+        float(file.part(start, start + layout.itemsize).view(layout)["timestamp"][0])
+        for start in (starts[[0, -1]] + _MESSAGE_HEADER).tolist()
+    )
+    duration_s = (last_us - first_us) * 1e-6
     return (len(starts) - 1) / duration_s if duration_s > 0.0 else float("nan")

@@ -258,6 +258,19 @@ def test_a_format_that_cannot_be_right_costs_only_its_topic(definition: str, tmp
     assert n_rows(ulog.read_topics(write(tmp_path, content))) == 8
 
 
+@pytest.mark.parametrize("layout", ["uint8_t[8] timestamp", "uint32_t[2] timestamp"])
+def test_a_time_that_is_an_array_is_no_time(layout: str, tmp_path: Path) -> None:
+    """A damaged format has rows of the right size, but none that could be placed."""
+    broken = make.RATE_FORMAT.replace("uint64_t timestamp;", f"{layout};", 1)
+    assert broken != make.RATE_FORMAT
+    definitions = make.definitions().replace(
+        make.message("F", make.RATE_FORMAT.encode()), make.message("F", broken.encode())
+    )
+    log = read_log(write(tmp_path, make.header() + definitions + make.rows(20)))
+    assert log.candidates("body_rate") == ()
+    assert [count.count for count in log.counts] == [20, 20]
+
+
 def test_nested_types_arrays_and_padding_are_laid_out_as_by_pyulog(tmp_path: Path) -> None:
     """Nested arrays become columns with the names and values of the reference."""
     content = make.header() + make.message("F", b"inner:uint16_t a;uint8_t[2] _padding0;float b;")
