@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import BinaryIO, Final, Self, TypeAlias
 
 import numpy as np
@@ -39,7 +38,7 @@ def room_for(n_bytes: int) -> Bytes:
     return room[begin : begin + n_bytes]
 
 
-def keep_small_memory() -> None:
+def _keep_small_memory() -> None:
     """Let the C library keep arrays of up to 8 MB that are done with, for the next ones.
 
     glibc hands back what is larger than the largest piece that was freed so far
@@ -63,29 +62,21 @@ class FileParts:
     """
 
     def __init__(self, stream: BinaryIO, path: str = "") -> None:
-        keep_small_memory()
         self._stream = stream
         self.path = path
         self.n_bytes = stream.seek(0, os.SEEK_END)
 
     @classmethod
     def open(cls, path: str | Path) -> Self:
-        """Open a file; to be used as a context.
+        """Open a file; whoever does closes it.
 
         Raises
         ------
         OSError
             If it cannot be opened.
         """
+        _keep_small_memory()
         return cls(Path(path).open("rb"), str(path))
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def part(self, start: int, stop: int) -> Bytes:
         """Return the bytes from `start` up to `stop` or the end of the file.

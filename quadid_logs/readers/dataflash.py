@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import itertools
 from collections.abc import Collection
 from pathlib import Path
 from types import TracebackType
@@ -320,9 +319,8 @@ def _gather(
     """Copy the rows of each piece into columns, part of the file by part of the file."""
     fields = [_wanted_fields(definition, labels) for definition, _ in pieces]
     columns = [_empty_columns(of, len(positions)) for of, (_, positions) in zip(fields, pieces, strict=True)]
-    edges = [*range(0, content.n_bytes, _GATHER_BYTES), content.n_bytes]
-    for start, stop in itertools.pairwise(edges):
-        part = content.part(start, stop + _LONGEST_MESSAGE)
+    for start, part in content.blocks(_GATHER_BYTES, _LONGEST_MESSAGE):
+        stop = min(start + _GATHER_BYTES, content.n_bytes)
         for (definition, positions), of, into in zip(pieces, fields, columns, strict=True):
             first, last = np.searchsorted(positions, np.array([start, stop], positions.dtype))
             here = slice(int(first), int(last))

@@ -91,7 +91,7 @@ class Packets(NamedTuple):
         return wider
 
 
-NO_PACKETS: Final = Packets(
+_NO_PACKETS: Final = Packets(
     np.zeros(0, np.int64), *(np.zeros(0, kind) for kind in ("u1", "u1", "u2", "u2", "u1", "u1"))
 )
 
@@ -145,7 +145,7 @@ def _all_packets(file: FileParts, dialect: Dialect) -> Packets:
 
     To hold all blocks' packets until they are joined would take twice the memory.
     """
-    whole, count = NO_PACKETS, 0
+    whole, count = _NO_PACKETS, 0
     for begin, block in file.blocks(_BLOCK, LONGEST):
         more = _right_packets(block, dialect)
         after = count + len(more.start)

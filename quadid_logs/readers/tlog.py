@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Collection, Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -124,7 +125,7 @@ def read_messages(
     dict of str to MessageRows
     """
     dialect = load_dialect()
-    with FileParts.open(path) as file:
+    with closing(FileParts.open(path)) as file:
         packets = frame(file, dialect).packets
         if system:
             packets = packets.where(packets.system == system)
@@ -149,7 +150,7 @@ def read_content(path: str | Path, names: Collection[str], *, system: int = 0) -
     SettingsError
         If the file holds no system of that id.
     """
-    with FileParts.open(path) as file:
+    with closing(FileParts.open(path)) as file:
         return _content(file, names, system)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -100,7 +101,7 @@ def read_topics(path: str | Path, topics: Collection[str] | None = None) -> dict
 
 def read_content(path: str | Path, topics: Collection[str] | None = None) -> UlogContent:
     """Read a ULog file, decoding only the rows of the given topics (all by default)."""
-    with FileParts.open(path) as file:
+    with closing(FileParts.open(path)) as file:
         return _content(file, topics)
 
 

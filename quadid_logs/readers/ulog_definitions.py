@@ -32,7 +32,8 @@ _MAX_ROW: Final = 65_533
 _MAX_NESTING: Final = 8
 _FIELD = re.compile(r"([A-Za-z0-9_]+)(?:\[(\d{1,5})\])? ([A-Za-z0-9_]+)\n?")
 _FORMAT = re.compile(rf"([A-Za-z0-9_\-/]+):((?:(?:{_FIELD.pattern})?;)*(?:{_FIELD.pattern})?)")
-_KEY = re.compile(r"^([a-z0-9_]+)(?:\[(\d{1,5})\])? (\S+)$")
+#: An array, or the name of a format.
+_OTHER_TYPE = re.compile(r"[a-z0-9_]+(\[\d{1,5}\])?")
 
 
 class Field(NamedTuple):
@@ -155,17 +156,18 @@ def _take_end_of_subscription(known: Definitions, body: bytes, offset: int) -> N
 def _key_and_value(body: bytes) -> tuple[str, object]:
     """Split "type name" and value of an information or parameter message."""
     key_end = 1 + body[0]
-    match = _KEY.match(_text_of(body[1:key_end]))
-    if match is None or key_end > len(body):
+    type_name, _, name = _text_of(body[1:key_end]).partition(" ")
+    if name.split() != [name] or key_end > len(body):
         raise BrokenMessageError("a key without type and name")
-    type_name, is_array, name = match.groups()
     raw = body[key_end:]
-    if is_array:
-        # The size in the brackets is not checked: PX4's performance counters get it wrong.
-        return name, _text_of(raw) if type_name == "char" else raw
     unpack = _UNPACK.get(type_name)
-    # Of the wrong size: struct.error, which `take` translates.
-    return name, unpack(raw)[0] if unpack else raw
+    if unpack:
+        # Of the wrong size: struct.error, which `take` translates.
+        return name, unpack(raw)[0]
+    if not _OTHER_TYPE.fullmatch(type_name):
+        raise BrokenMessageError("a key whose type is none")
+    # The size in the brackets is not checked: PX4's performance counters get it wrong.
+    return name, _text_of(raw) if type_name.startswith("char[") else raw
 
 
 def _take_information(known: Definitions, body: bytes, offset: int) -> None:  # noqa: ARG001
@@ -179,13 +181,10 @@ def _take_information_multiple(known: Definitions, body: bytes, offset: int) -> 
 
 
 def _take_parameter(known: Definitions, body: bytes, offset: int) -> None:  # noqa: ARG001
-    # A log begins with a thousand of them: taken apart by hand, which saves a third of `_key_and_value`.
-    key_end = 1 + body[0]
-    type_name, _, name = body[1:key_end].decode("utf-8", errors="ignore").partition(" ")
-    unpack = _UNPACK.get(type_name)
-    if unpack is None or name.split() != [name]:
-        raise BrokenMessageError("a parameter that is no number with a name")
-    known.parameters[name] = float(unpack(body[key_end:])[0])
+    name, value = _key_and_value(body)
+    if not isinstance(value, int | float):
+        raise BrokenMessageError("a parameter that is no number")
+    known.parameters[name] = float(value)
     known.n_changed_parameters += known.has_data_section
 
 
