@@ -42,7 +42,7 @@ from quadid_logs.identify.rigid_body import fit_rigid_body, rigid_body_for
 from quadid_logs.identify.rotors import rotors_known, with_lag_on_rotors
 from quadid_logs.identify.structures import DAMPED, THROTTLED_YAW, TRIM, Structure
 from quadid_logs.identify.validate import validate
-from quadid_logs.identify.windows import solve_pieces
+from quadid_logs.identify.windows import Piece, solve_pieces
 from quadid_logs.maths.discretise import zero_order_hold
 from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS, TORQUE_SYMBOLS
@@ -443,7 +443,7 @@ def _windows_on_rows(
     columns = design.stack(structure.columns, torque)
     targets = np.column_stack([design.columns[name] for name in structure.targets])
     by_piece = (design.segment == number for number in np.unique(design.segment))
-    pieces = [(columns[rows], targets[rows], design.time_s[rows]) for rows in by_piece]
+    pieces = [Piece(columns[rows], targets[rows], design.time_s[rows]) for rows in by_piece]
     found = None
     for length_s in _WINDOW_S:
         width = settings.window or max(len(structure.columns), int(length_s / design.period_s))
@@ -464,7 +464,7 @@ def _windows_at_full_rate(
     width = settings.window or structure.width
     stride = settings.stride or max(1, int(np.ceil(sum(time_s.size for time_s, _ in smooth) / _MOST_WINDOWS)))
     pieces = (
-        (
+        Piece(
             np.column_stack([columns[name] for name in structure.columns]),
             np.column_stack([columns[name] for name in structure.targets]),
             time_s,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,23 +15,20 @@ from quadid_logs.maths.windows import WindowSolution, solve_windows, stack_windo
 _CHUNK = 20_000
 
 
-def solve_over_time(
-    columns: FloatArray,
-    targets: FloatArray,
-    time_s: FloatArray,
-    *,
-    width: int,
-    stride: int,
-    noise: FloatArray,
-) -> Windows | None:
-    """Solve H_k theta = x_dot for the windows of one gap-free stretch.
+class Piece(NamedTuple):
+    """A gap-free stretch: columns (n_samples, n_regressors), targets (n_samples, n_targets), uniform time."""
+
+    columns: FloatArray
+    targets: FloatArray
+    time_s: FloatArray
+
+
+def solve_pieces(pieces: Iterable[Piece], *, width: int, stride: int, noise: FloatArray) -> Windows | None:
+    """Solve H_k theta = x_dot for the windows of several gap-free stretches.
 
     Parameters
     ----------
-    columns : ndarray, shape (n_samples, n_regressors)
-    targets : ndarray, shape (n_samples, n_targets)
-    time_s : ndarray, shape (n_samples,)
-        Uniform [s].
+    pieces : iterable of Piece
     width, stride : int
         Samples per window and between windows.
     noise : ndarray, shape (n_regressors,)
@@ -38,8 +36,15 @@ def solve_over_time(
 
     Returns
     -------
-    Windows, or None if the stretch is shorter than one window.
+    Windows, or None if all stretches are shorter than one window.
     """
+    solved = (_solve_piece(piece, width, stride, noise) for piece in pieces)
+    return _join([part for part in solved if part is not None])
+
+
+def _solve_piece(piece: Piece, width: int, stride: int, noise: FloatArray) -> Windows | None:
+    """Solve the windows of one stretch; None if it is shorter than one."""
+    columns, targets, time_s = piece
     H = stack_windows(columns, width=width, stride=stride)
     if H.shape[0] == 0:
         return None
@@ -77,30 +82,6 @@ def _weakest(H: FloatArray) -> FloatArray:
         scaled = np.divide(part, length, out=np.zeros_like(part), where=length > 0.0).reshape(-1, n_columns)
         squares += scaled.T @ scaled
     return np.asarray(np.linalg.eigh(squares)[1][:, 0], dtype=np.float64)
-
-
-def solve_pieces(
-    pieces: Iterable[tuple[FloatArray, FloatArray, FloatArray]],
-    *,
-    width: int,
-    stride: int,
-    noise: FloatArray,
-) -> Windows | None:
-    """Solve the windows of several gap-free stretches; parameters as of `solve_over_time`.
-
-    Parameters
-    ----------
-    pieces : iterable of (columns, targets, time_s)
-
-    Returns
-    -------
-    Windows, or None if all stretches are shorter than one window.
-    """
-    solved = (
-        solve_over_time(columns, targets, time_s, width=width, stride=stride, noise=noise)
-        for columns, targets, time_s in pieces
-    )
-    return _join([part for part in solved if part is not None])
 
 
 def _join(parts: list[Windows]) -> Windows | None:
