@@ -29,6 +29,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np  # noqa: E402
 
 from benchmarks.estimators import ESTIMATORS  # noqa: E402
+from benchmarks.logs import corpus_folder  # noqa: E402
 from quadid_logs.align import align  # noqa: E402
 from quadid_logs.arrays import FloatArray  # noqa: E402
 from quadid_logs.data.flight import FlightData  # noqa: E402
@@ -100,9 +101,7 @@ def main() -> int:
 
 def _cases(*, short: bool) -> Iterator[Case]:
     """Yield the logs of the corpus that state a truth, then the simulated flights."""
-    folder = Path(
-        os.environ.get("QUADID_LOG_CORPUS", Path(__file__).resolve().parents[2] / "shared" / "logs")
-    )
+    folder = corpus_folder()
     for path in sorted((folder / "firmware").glob("*.truth.json")) if not short else []:
         stem = path.name.removesuffix(".truth.json")
         log = next(file for file in path.parent.glob(f"{stem}.*") if file.suffix in (".BIN", ".ulg"))

@@ -20,9 +20,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
+from benchmarks.logs import corpus_folder
 from quadid_logs.errors import QuadidError
 
-HERE = Path(__file__).resolve().parent
 DAMAGED = (
     "damaged/truncated-80k-ac462-real.bin",
     "damaged/garbage-tail-ac47-sitl.bin",
@@ -46,7 +46,7 @@ def main() -> None:
     """Print the tables."""
     # pymavlink writes a line for every byte that it skips.
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
-    folder = Path(os.environ.get("QUADID_LOG_CORPUS", HERE.parents[1] / "shared" / "logs"))
+    folder = corpus_folder()
     print("| log | damage | rows, quadid-logs | rows, reference | reference |")
     print("|---|---|---|---|---|")
     for name in DAMAGED:
@@ -105,12 +105,12 @@ def _with_holes(path: Path, folder: Path) -> tuple[Path, np.ndarray]:
 
 def _line(path: Path, damage: str) -> str:
     """Return one line of the table."""
-    ours, theirs, reference = {
-        ".bin": (_ours_dataflash, _pymavlink_dataflash, "pymavlink"),
-        ".tlog": (_ours_tlog, _pymavlink_tlog, "pymavlink"),
-        ".ulg": (_ours_ulog, _pyulog, "pyulog"),
+    theirs, reference = {
+        ".bin": (_pymavlink_dataflash, "pymavlink"),
+        ".tlog": (_pymavlink_tlog, "pymavlink"),
+        ".ulg": (_pyulog, "pyulog"),
     }[path.suffix.lower()]
-    return f"| {path.name} | {damage} | {_rows(ours, path)} | {_rows(theirs, path)} | {reference} |"
+    return f"| {path.name} | {damage} | {_rows(_ours, path)} | {_rows(theirs, path)} | {reference} |"
 
 
 def _rows(count: Callable[[str], int], path: Path) -> str:
@@ -124,23 +124,25 @@ def _rows(count: Callable[[str], int], path: Path) -> str:
             return f"stops with {type(error).__name__}"
 
 
-def _ours_dataflash(path: str) -> int:
-    from quadid_logs.readers.dataflash import DataFlashFile
+def our_places(path: str | Path) -> np.ndarray:
+    """Return where the rows that we read of a log begin, in file order."""
+    from quadid_logs.readers.dataflash import read_messages as read_dataflash
+    from quadid_logs.readers.tlog import read_messages as read_tlog
+    from quadid_logs.readers.ulog import read_topics
 
-    with DataFlashFile.open(path) as file:
-        return sum(file.counts.values())
+    read = {".bin": read_dataflash, ".tlog": read_tlog, ".ulg": read_topics}[Path(path).suffix.lower()]
+    tables = [table.position for table in read(path).values()]
+    return np.sort(np.concatenate([np.zeros(0, np.int64), *tables]))
+
+
+def _ours(path: str) -> int:
+    return len(our_places(path))
 
 
 def _pymavlink_dataflash(path: str) -> int:
     from pymavlink.DFReader import DFReader_binary
 
     return _count(DFReader_binary(path).recv_msg)
-
-
-def _ours_tlog(path: str) -> int:
-    from quadid_logs.readers.tlog import read_messages
-
-    return sum(len(message.position) for message in read_messages(path).values())
 
 
 def _pymavlink_tlog(path: str) -> int:
@@ -152,12 +154,6 @@ def _pymavlink_tlog(path: str) -> int:
     while (message := receive()) is not None:
         n_rows += message.get_type() != "BAD_DATA" and not message.get_type().startswith("UNKNOWN")
     return n_rows
-
-
-def _ours_ulog(path: str) -> int:
-    from quadid_logs.readers.ulog import read_topics
-
-    return sum(len(table.position) for table in read_topics(path).values())
 
 
 def _pyulog(path: str) -> int:

@@ -9,7 +9,6 @@ counted are the others that were lost, and rows that stand where none was.
 
 from __future__ import annotations
 
-import os
 import random
 import sys
 import tempfile
@@ -21,7 +20,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
-HERE = Path(__file__).resolve().parent
+from benchmarks.damage import our_places
+from benchmarks.logs import corpus_folder
+
 MOST_BYTES = 20e6
 PER_LOG = 12
 HEADS = {".bin": b"\xa3\x95\x80", ".tlog": b"\xfd\x10\x00\x00", ".ulg": b"\x40\x00D\x01\x00"}
@@ -40,7 +41,7 @@ class Cost(NamedTuple):
 
 def main() -> None:
     """Damage, read, compare, print."""
-    folder = Path(os.environ.get("QUADID_LOG_CORPUS", HERE.parents[1] / "shared" / "logs"))
+    folder = corpus_folder()
     rng = random.Random(0)
     costs: dict[str, list[Cost]] = defaultdict(list)
     with tempfile.TemporaryDirectory() as scratch:
@@ -71,7 +72,7 @@ def _intact_logs(folder: Path) -> list[Path]:
 def _cost(path: Path, kind: str, rng: random.Random, folder: Path) -> Cost:
     """Damage one place of a log and count."""
     content = path.read_bytes()
-    rows = _places(path)
+    rows = our_places(path)
     # The header and the first definitions stand nowhere else: without them there is no log.
     first = int(rows[min(5, len(rows) - 1)])
     size = 1 if kind == "one bit" else min(int(2 ** rng.uniform(0.0, 16.0)), len(content) // 4)
@@ -80,7 +81,7 @@ def _cost(path: Path, kind: str, rng: random.Random, folder: Path) -> Cost:
     damaged[start : start + size] = _damage(kind, content[start : start + size], content, path, rng)
     copy = folder / f"log{path.suffix}"
     copy.write_bytes(damaged)
-    found = _places(copy)
+    found = our_places(copy)
     ends = np.append(rows[1:], len(content))
     others = rows[(ends <= start) | (rows >= start + size)]
     made_up = np.setdiff1d(found, rows)
@@ -105,21 +106,6 @@ def _damage(kind: str, there: bytes, content: bytes, path: Path, rng: random.Ran
         head = HEADS[path.suffix.lower()]
         return (head * (size // len(head) + 1))[:size]
     return bytes([there[0] ^ 1 << rng.randrange(8)])
-
-
-def _places(path: Path) -> np.ndarray:
-    """Return where the rows of a log begin, in file order."""
-    from quadid_logs.readers.dataflash import DataFlashFile
-    from quadid_logs.readers.tlog import read_messages
-    from quadid_logs.readers.ulog import read_topics
-
-    if path.suffix.lower() == ".bin":
-        with DataFlashFile.open(path) as file:
-            tables = [table.position for table in file.read_messages().values()]
-    else:
-        read = read_messages if path.suffix.lower() == ".tlog" else read_topics
-        tables = [table.position for table in read(path).values()]
-    return np.sort(np.concatenate([np.zeros(0, np.int64), *tables]))
 
 
 if __name__ == "__main__":

@@ -33,9 +33,14 @@ SERIES = {
 }
 
 
+def corpus_folder() -> Path:
+    """Return where the corpus is, if it is there."""
+    return Path(os.environ.get("QUADID_LOG_CORPUS", HERE.parents[1] / "shared" / "logs"))
+
+
 def corpus_logs() -> list[Path]:
     """Return the firmware logs that are there."""
-    folder = Path(os.environ.get("QUADID_LOG_CORPUS", HERE.parents[1] / "shared" / "logs"))
+    folder = corpus_folder()
     return [folder / name for name in CORPUS_LOGS if (folder / name).is_file()]
 
 

@@ -223,15 +223,21 @@ def dataflash_clock(rng: random.Random, data: bytearray) -> bytearray:
     return _jump(rng, data, [(b + 3, e) for b, e in dataflash_frames(data) if data[b + 2] != 0x80])
 
 
-def dataflash_parameters(rng: random.Random, data: bytearray) -> bytearray:
-    """Give some or all parameters wild values."""
+def parameter_values(data: bytearray) -> list[int]:
+    """Return where the values of the PARM messages stand."""
+    places = []
     for begin, end in _definitions(data):
         definition = parse_definition(bytes(data[begin:end]))
-        if definition is None or definition.name != "PARM" or "Value" not in definition.fields():
-            continue
-        offset = definition.fields()["Value"][1]
-        rows = [row for row in dataflash_frames(data) if data[row[0] + 2] == definition.type_id]
-        _write_singles(rng, data, [row + offset for row, _ in rows])
+        if definition is not None and definition.name == "PARM" and "Value" in definition.fields():
+            offset = definition.fields()["Value"][1]
+            rows = [row for row, _ in dataflash_frames(data) if data[row + 2] == definition.type_id]
+            places += [row + offset for row in rows]
+    return places
+
+
+def dataflash_parameters(rng: random.Random, data: bytearray) -> bytearray:
+    """Give some or all parameters wild values."""
+    _write_singles(rng, data, parameter_values(data))
     return data
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from fuzz.mutations import dataflash_frames, ulog_frames
+from fuzz.mutations import parameter_values, ulog_frames
 from quadid_logs.data.log import whole_number
 from quadid_logs.pipeline import analyze
 from quadid_logs.readers import read_log
@@ -22,14 +22,12 @@ Damaged = Callable[[bytes, float, int | None], bytes | None]
 
 
 def dataflash_with(content: bytes, value: float, only: int | None = None) -> bytes | None:
-    """Return a log of our simulator (PARM is QNff) with one or all parameters of a value; None without it."""
+    """Return a log with one or all parameters of a value; None without it."""
     log = bytearray(content)
-    frames = dataflash_frames(log)
-    ids = {log[begin + 3] for begin, _ in frames if log[begin + 5 : begin + 9] == b"PARM"}
-    rows = [begin for begin, _ in frames if log[begin + 2] in ids]
-    for begin in rows if only is None else rows[only : only + 1]:
-        log[begin + 3 + 8 + 16 : begin + 3 + 8 + 16 + 4] = struct.pack("<f", value)
-    return None if only is not None and only >= len(rows) else bytes(log)
+    places = parameter_values(log)
+    for place in places if only is None else places[only : only + 1]:
+        log[place : place + 4] = struct.pack("<f", value)
+    return None if only is not None and only >= len(places) else bytes(log)
 
 
 def ulog_with(content: bytes, value: float, only: int | None = None) -> bytes | None:
