@@ -33,49 +33,49 @@ ULOG_NEEDED = [
 
 def quadid_read_log(path: str) -> object:
     """Ours: everything that `analyze` takes from a log."""
-    from quadid_logs.readers import read_log
+    from quadid_logs.load import read_log
 
     return read_log(path)
 
 
 def quadid_dataflash_needed(path: str) -> object:
     """Ours: every column of the messages that `analyze` needs."""
-    from quadid_logs.readers.dataflash import read_messages
+    from quadid_logs.containers.dataflash import read_messages
 
     return read_messages(path, DATAFLASH_NEEDED)
 
 
 def quadid_ulog_needed(path: str) -> object:
     """Ours: every column of the topics that `analyze` needs."""
-    from quadid_logs.readers.ulog import read_topics
+    from quadid_logs.containers.ulog import read_topics
 
     return read_topics(path, ULOG_NEEDED)
 
 
 def quadid_tlog_needed(path: str) -> object:
     """Ours: every column of the messages that `analyze` needs."""
-    from quadid_logs.readers.tlog import read_messages
+    from quadid_logs.containers.tlog import read_messages
 
     return read_messages(path, TLOG_NEEDED)
 
 
 def quadid_dataflash_all(path: str) -> object:
     """Ours: every column of every message."""
-    from quadid_logs.readers.dataflash import read_messages
+    from quadid_logs.containers.dataflash import read_messages
 
     return read_messages(path)
 
 
 def quadid_ulog_all(path: str) -> object:
     """Ours: every column of every topic."""
-    from quadid_logs.readers.ulog import read_topics
+    from quadid_logs.containers.ulog import read_topics
 
     return read_topics(path)
 
 
 def quadid_tlog_all(path: str) -> object:
     """Ours: every column of every message."""
-    from quadid_logs.readers.tlog import read_messages
+    from quadid_logs.containers.tlog import read_messages
 
     return read_messages(path)
 

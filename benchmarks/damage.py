@@ -71,7 +71,7 @@ def _n_overlapping(begin: np.ndarray, end: np.ndarray, starts: np.ndarray) -> in
 
 def _ours_places(path: str) -> tuple[np.ndarray, np.ndarray]:
     """Return where our rows begin and end."""
-    from quadid_logs.readers.dataflash import DataFlashFile
+    from quadid_logs.containers.dataflash import DataFlashFile
 
     with DataFlashFile.open(path) as file:
         length = {definition.name: definition.length for definition in file.definitions}
@@ -126,9 +126,9 @@ def _rows(count: Callable[[str], int], path: Path) -> str:
 
 def our_places(path: str | Path) -> np.ndarray:
     """Return where the rows that we read of a log begin, in file order."""
-    from quadid_logs.readers.dataflash import read_messages as read_dataflash
-    from quadid_logs.readers.tlog import read_messages as read_tlog
-    from quadid_logs.readers.ulog import read_topics
+    from quadid_logs.containers.dataflash import read_messages as read_dataflash
+    from quadid_logs.containers.tlog import read_messages as read_tlog
+    from quadid_logs.containers.ulog import read_topics
 
     read = {".bin": read_dataflash, ".tlog": read_tlog, ".ulg": read_topics}[Path(path).suffix.lower()]
     tables = [table.position for table in read(path).values()]

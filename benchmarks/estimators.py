@@ -14,7 +14,7 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData, Segment
-from quadid_logs.data.settings import Settings
+from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify import identify
 from quadid_logs.maths.windows import solve_windows, stack_windows
 
@@ -155,7 +155,7 @@ def sysidentpy(data: FlightData) -> FloatArray:
 
 def ours(data: FlightData) -> FloatArray:
     """Return the gains of the recommended model, whatever the verdict."""
-    model = identify(data, Settings()).recommended
+    model = identify(data, IdentifySettings()).recommended
     return np.full(3, np.nan) if model is None else np.diag(model.B[:3]).copy()
 
 

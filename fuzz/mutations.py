@@ -11,8 +11,8 @@ import struct
 from collections.abc import Callable
 from functools import cache
 
-from quadid_logs.readers.dataflash_index import parse_definition
-from quadid_logs.readers.mavlink_dialect import load_dialect
+from quadid_logs.containers.dataflash_index import parse_definition
+from quadid_logs.containers.mavlink_dialect import load_dialect
 
 Mutation = Callable[[random.Random, bytearray], bytearray]
 Frame = tuple[int, int]

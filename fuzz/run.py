@@ -38,10 +38,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from fuzz.mutations import mutated  # noqa: E402
 from fuzz.seeds import Seed, load_seeds  # noqa: E402
 from quadid_logs.align import align  # noqa: E402
-from quadid_logs.data.settings import Settings  # noqa: E402
+from quadid_logs.data.settings import AlignSettings  # noqa: E402
 from quadid_logs.errors import QuadidError  # noqa: E402
+from quadid_logs.load import read_log  # noqa: E402
 from quadid_logs.pipeline import analyze  # noqa: E402
-from quadid_logs.readers import read_log  # noqa: E402
 from quadid_logs.report import json_text, write_report  # noqa: E402
 
 #: Below this processor time [s] noise rules, not the input; by depth.
@@ -114,7 +114,7 @@ def _run(path: Path, depth: str) -> None:
     """Take one file through the chain."""
     if depth == "read":
         log = read_log(path)
-        align(log, Settings())
+        align(log, AlignSettings())
         return
     result = analyze(path)
     json_text(result)

@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from quadid_logs.data.settings import Settings
     from quadid_logs.data.vehicle import Vehicle
     from quadid_logs.errors import QuadidError
+    from quadid_logs.load import read_log
     from quadid_logs.notebook import matplotlib_figures, plotly_figures, show
     from quadid_logs.pipeline import analyze, analyze_pooled
-    from quadid_logs.readers import read_log
     from quadid_logs.report import result_dict, write_report
-    from quadid_logs.vehicle.file import read_vehicle
+    from quadid_logs.vehicle_file import read_vehicle
 
 __all__ = [
     "QuadidError",
@@ -49,8 +49,8 @@ def __getattr__(name: str) -> Any:
         "matplotlib_figures": "quadid_logs.notebook",
         "plotly_figures": "quadid_logs.notebook",
         "show": "quadid_logs.notebook",
-        "read_log": "quadid_logs.readers",
-        "read_vehicle": "quadid_logs.vehicle.file",
+        "read_log": "quadid_logs.load",
+        "read_vehicle": "quadid_logs.vehicle_file",
         "result_dict": "quadid_logs.report",
         "write_report": "quadid_logs.report",
         "QuadidError": "quadid_logs.errors",

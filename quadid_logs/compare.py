@@ -9,7 +9,7 @@ from typing import Literal
 
 from quadid_logs.data.model import Model, Parameter
 from quadid_logs.data.result import Result
-from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, OWN_GAIN, RATE_SYMBOLS, TORQUE_SYMBOLS
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS, RATE_SYMBOLS, TORQUE_SYMBOLS
 
 AxisChange = Literal["same", "changed", "not comparable"]
 
@@ -168,7 +168,7 @@ def _why_unknown(result: Result, axis: str) -> str:
     if verdict is None or verdict.verdict == "refused" or model is None:
         sentence = verdict.sentence if verdict else "there is no verdict"
         return sentence.removeprefix(f"{axis.capitalize()} is refused: ").removesuffix(".")
-    own = model.entries.get(OWN_GAIN[axis])
+    own = model.entries.get(ON_AXIS[axis])
     if own is None or not own.identifiable:
         return f"the flight does not tell the gain ({own.reason if own else 'not fitted'})"
     return ""
@@ -196,7 +196,7 @@ def _models(before: Result, after: Result) -> tuple[Model | None, Model | None]:
 
 def _larger_gain(model: Model, own: Parameter, torque: str) -> Parameter:
     """Return what a coupling is a share of: the larger own gain of the two axes that it couples."""
-    other = model.entries.get(OWN_GAIN[AXES[TORQUE_SYMBOLS.index(torque)]])
+    other = model.entries.get(ON_AXIS[AXES[TORQUE_SYMBOLS.index(torque)]])
     return own if other is None or abs(own.value) >= abs(other.value) else other
 
 
@@ -205,7 +205,7 @@ def _parameters(first: Model, second: Model, reasons: Mapping[str, str]) -> Iter
     before, after = first.entries, second.entries
     for number, axis in enumerate(AXES):
         target, rate = ACCELERATION_SYMBOLS[number], RATE_SYMBOLS[number]
-        own = before.get(OWN_GAIN[axis])
+        own = before.get(ON_AXIS[axis])
         if axis in reasons or own is None:
             continue
         for regressor in (*TORQUE_SYMBOLS, rate):

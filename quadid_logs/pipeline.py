@@ -7,17 +7,17 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from quadid_logs.actuation import reconstruct
 from quadid_logs.align import cut, prepare
 from quadid_logs.align.pool import pool
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.result import PooledLog, Result
-from quadid_logs.data.settings import Settings
+from quadid_logs.data.settings import AlignSettings, Settings
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.diagnose import diagnose
 from quadid_logs.identify import identify
-from quadid_logs.readers import read_log
-from quadid_logs.vehicle import reconstruct
+from quadid_logs.load import read_log
 
 Progress = Callable[[str], None]
 
@@ -97,7 +97,7 @@ def _analyze(
     logs = [reconstruct(log, vehicle) for log in logs]
     clock.lap("torque")
     tell("align")
-    flights = _align_alike(logs, settings)
+    flights = _align_alike(logs, settings.align)
     data = flights[0] if len(flights) == 1 or not any(each.segments for each in flights) else pool(flights)
     # What is not pooled (sources, airframe, texts) is told of the first log that flew.
     log = next((log for log, each in zip(logs, flights, strict=True) if each.segments), logs[0])
@@ -134,7 +134,7 @@ def judge(
     Result
     """
     began = time.perf_counter()
-    identification = identify(data, settings)
+    identification = identify(data, settings.identify)
     diagnosis = diagnose(log, data, identification, settings, pooled, vehicle)
     timings = {**timings_s, "identify": time.perf_counter() - began}
     return Result(
@@ -149,7 +149,7 @@ def judge(
     )
 
 
-def _align_alike(logs: Sequence[FlightLog], settings: Settings) -> list[FlightData]:
+def _align_alike(logs: Sequence[FlightLog], settings: AlignSettings) -> list[FlightData]:
     """Align every log; where their rates differ, all at the slowest of them."""
     prepared = [prepare(log, settings) for log in logs]
     flights = [cut(each, settings) for each in prepared]

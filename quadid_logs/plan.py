@@ -11,6 +11,7 @@ from typing import Final
 
 import numpy as np
 
+from quadid_logs.actuation import reconstruct
 from quadid_logs.align import align
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.diagnosis import Diagnosis
@@ -32,7 +33,6 @@ from quadid_logs.simulate.airframe import Airframe, hexa_x, octa_coaxial, quad_x
 from quadid_logs.simulate.logbook import write_logbook
 from quadid_logs.simulate.manoeuvres import Reference, doublets
 from quadid_logs.simulate.sweep import Sweep, sweeps_in_turn
-from quadid_logs.vehicle import reconstruct
 from quadid_logs.vocabulary import AXES
 
 #: Before and after the manoeuvre: take-off, climb, landing, as simulated.
@@ -179,8 +179,8 @@ def predict(plan: Plan, vehicle: Vehicle | None = None) -> Prediction:
     )
     settings = Settings()
     log = reconstruct(write_logbook(tuple(fly(setup) for setup in setups), scenario.logging), vehicle)
-    data = align(log, settings)
-    identification = identify(data, settings)
+    data = align(log, settings.align)
+    identification = identify(data, settings.identify)
     return Prediction(
         vehicle=setups[0].airframe.name,
         identification=identification,

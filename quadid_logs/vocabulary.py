@@ -125,7 +125,7 @@ RATE_SYMBOLS: Final = ("p", "q", "r")
 TORQUE_SYMBOLS: Final = ("L", "M", "N")
 ACCELERATION_SYMBOLS: Final = ("p_dot", "q_dot", "r_dot")
 #: By axis: target and regressor of its own gain, how the torque about it turns the vehicle about it.
-OWN_GAIN: Final = dict(zip(AXES, zip(ACCELERATION_SYMBOLS, TORQUE_SYMBOLS, strict=True), strict=True))
+ON_AXIS: Final = dict(zip(AXES, zip(ACCELERATION_SYMBOLS, TORQUE_SYMBOLS, strict=True), strict=True))
 
 #: What a vehicle can be. Only a multirotor is analysed.
 MULTIROTOR: Final = "multirotor"

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from quadid_logs.actuation import reconstruct
 from quadid_logs.align import align
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.diagnosis import Diagnosis
@@ -20,7 +21,6 @@ from quadid_logs.identify import identify
 from quadid_logs.simulate import fly, plan_flights
 from quadid_logs.simulate.logbook import write_logbook
 from quadid_logs.simulate.truth import flight_truth
-from quadid_logs.vehicle import reconstruct
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS, TORQUE_SYMBOLS
 from study.draw import Drawn
 
@@ -35,8 +35,8 @@ def measure(drawn: Drawn) -> dict[str, Any]:
     began = time.perf_counter()
     settings = Settings()
     log = reconstruct(log, None)
-    data = align(log, settings)
-    identification = identify(data, settings)
+    data = align(log, settings.align)
+    identification = identify(data, settings.identify)
     diagnosis = diagnose(log, data, identification, settings)
     seconds = time.perf_counter() - began
     model = identification.recommended

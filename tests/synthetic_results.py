@@ -9,7 +9,7 @@ import numpy as np
 
 from quadid_logs.data.diagnosis import AxisVerdict, Diagnosis, Finding
 from quadid_logs.data.flight import FlightData, GyroCheck, InputDescription, Overview, Segment, SourceChoice
-from quadid_logs.data.log import FlightLog, LogText, LostStretch, MessageCount, ModeChange
+from quadid_logs.data.log import FlightLog, LogText, LostBytes, MessageCount, ModeChange
 from quadid_logs.data.model import (
     Actuator,
     BandCheck,
@@ -17,7 +17,7 @@ from quadid_logs.data.model import (
     Discrete,
     Excitation,
     FitSeries,
-    FormsCheck,
+    FormulationCheck,
     Identification,
     Inertia,
     Model,
@@ -114,7 +114,7 @@ def hostile_result(path: str = "hostile.bin") -> Result:
         parameters={HOSTILE: 1.0},
         modes=(ModeChange(time_s=0.0, position=0, name=HOSTILE),),
         texts=(LogText(time_s=0.0, position=0, text=HOSTILE),),
-        lost=(LostStretch(offset=1, n_bytes=2, reason=HOSTILE),),
+        lost=(LostBytes(offset=1, n_bytes=2, reason=HOSTILE),),
         counts=(MessageCount(name=HOSTILE, count=3),),
         remarks=(HOSTILE,),
     )
@@ -155,7 +155,7 @@ def _log(path: str) -> FlightLog:
             ModeChange(time_s=70.0, position=3, name="ALT_HOLD"),
         ),
         texts=(LogText(time_s=20.0, position=0, text="Frame: QUAD/X"),),
-        lost=(LostStretch(offset=123_456, n_bytes=512, reason="no message header"),),
+        lost=(LostBytes(offset=123_456, n_bytes=512, reason="no message header"),),
         counts=(MessageCount(name="RATE", count=32_000, rate_hz=400.0),),
         remarks=("The first IMU was taken.",),
         torque=TorqueModel(
@@ -304,7 +304,7 @@ def _model(
         condition_number=14.2,
         band=BandCheck(
             cutoff_hz=np.array([12.0, 6.0, 24.0]),
-            own_gain=np.diag(B) * np.array([[1.0], [0.99], [1.02]]),
+            on_axis_gain=np.diag(B) * np.array([[1.0], [0.99], [1.02]]),
         ),
         change=ChangeCheck(
             time_s=np.array([20.0, 31.0, 17.5]),
@@ -312,7 +312,9 @@ def _model(
             after=0.98 * np.diag(B),
             statistic=np.array([2.0, 5.1, 3.3]),
         ),
-        forms=FormsCheck(own_gain=np.diag(B) * np.array([[1.0], [0.99]]), half_width=np.full((2, 3), 9.0)),
+        formulations=FormulationCheck(
+            on_axis_gain=np.diag(B) * np.array([[1.0], [0.99]]), half_width=np.full((2, 3), 9.0)
+        ),
         bootstrap_half_width=np.array([8.0, 9.0, 7.0]),
     )
 

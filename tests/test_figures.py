@@ -259,8 +259,8 @@ def test_the_frequency_response_of_a_simulated_flight_lies_on_the_model() -> Non
 
     settings = Settings()
     log = simulate("sysid-quad-x", duration_s=40.0).log
-    data = align(log, settings)
-    found = identify(data, settings)
+    data = align(log, settings.align)
+    found = identify(data, settings.identify)
     result = Result(
         log=log,
         data=data,
@@ -310,13 +310,14 @@ def test_gyro_and_attitude_are_shown_against_each_other(usable: Result) -> None:
 
 def test_the_frequency_response_of_a_long_flight_is_that_of_the_minutes_that_were_fitted() -> None:
     """The log's points come from the same part as the model's line, and the caption says so."""
+    from quadid_logs.data.settings import IdentifySettings, Settings
     from quadid_logs.figures.frequency import frequency_response
     from quadid_logs.identify.select import most_moved
 
     whole = usable_result()
-    settings = replace(whole.settings, most_samples=whole.data.n_samples // 2)
+    settings = Settings(identify=IdentifySettings(most_samples=whole.data.n_samples // 2))
     data = replace(whole.data, segments=tuple(_halves(whole.data.segments)))
-    chosen = most_moved(data, settings.most_samples)
+    chosen = most_moved(data, settings.identify.most_samples)
     assert chosen.n_samples < whole.data.n_samples
     long = frequency_response(replace(whole, data=data, settings=settings))
     fitted = frequency_response(replace(whole, data=chosen))

@@ -11,8 +11,8 @@ import pytest
 
 from fuzz.mutations import parameter_values, ulog_frames
 from quadid_logs.data.log import whole_number
+from quadid_logs.load import read_log
 from quadid_logs.pipeline import analyze
-from quadid_logs.readers import read_log
 from quadid_logs.report import json_text
 
 SAMPLES = Path(__file__).parents[1] / "sample_logs"

@@ -15,7 +15,7 @@ from quadid_logs.align.sources import choose_sources, describe
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.flight import FlightData, InputDescription, Overview, Segment
 from quadid_logs.data.log import NO_GYRO_FILTER, FlightLog, LogText, ModeChange, Signal
-from quadid_logs.data.settings import Settings
+from quadid_logs.data.settings import AlignSettings
 from quadid_logs.data.torque import Calibration
 from quadid_logs.maths.resampling import resample, resample_held
 from quadid_logs.maths.rotations import unwrapped
@@ -41,14 +41,14 @@ class Prepared(NamedTuple):
     flights: Flights
 
 
-def align(log: FlightLog, settings: Settings) -> FlightData:
+def align(log: FlightLog, settings: AlignSettings) -> FlightData:
     """Bring the log's signals onto one clock and a fixed period.
 
     Parameters
     ----------
     log : FlightLog
         As a reader returns it.
-    settings : Settings
+    settings : AlignSettings
         ``sample_rate_hz``, ``start_s``, ``end_s`` and the thresholds on gaps and clocks.
 
     Returns
@@ -60,13 +60,13 @@ def align(log: FlightLog, settings: Settings) -> FlightData:
     return cut(prepare(log, settings), settings)
 
 
-def prepare(log: FlightLog, settings: Settings) -> Prepared:
+def prepare(log: FlightLog, settings: AlignSettings) -> Prepared:
     """Bring the log's signals onto one clock and find its flights: the same for every part of the log.
 
     Parameters
     ----------
     log : FlightLog
-    settings : Settings
+    settings : AlignSettings
         The thresholds on clocks and stamps.
     """
     clock = find_clock(_signals_with_time(log), settings)
@@ -81,14 +81,14 @@ def prepare(log: FlightLog, settings: Settings) -> Prepared:
     return Prepared(log, clock, candidates, series, torque, find_flights(series, _span(clock)))
 
 
-def cut(prepared: Prepared, settings: Settings) -> FlightData:
+def cut(prepared: Prepared, settings: AlignSettings) -> FlightData:
     """Resample what the settings ask for: ``start_s``, ``end_s``, ``sample_rate_hz``.
 
     Parameters
     ----------
     prepared : Prepared
         From `prepare`, with the same thresholds.
-    settings : Settings
+    settings : AlignSettings
 
     Returns
     -------
@@ -150,13 +150,13 @@ def _span(clock: Clock) -> Interval:
     return float(clock.first_s[0] + clock.shift_s[0]), float(clock.last_s[-1] + clock.shift_s[-1])
 
 
-def _clip(intervals: Iterable[Interval], settings: Settings) -> tuple[Interval, ...]:
+def _clip(intervals: Iterable[Interval], settings: AlignSettings) -> tuple[Interval, ...]:
     """Keep what lies inside the part of the log that the user asked for."""
     clipped = [(max(a, settings.start_s), min(b, settings.end_s)) for a, b in intervals]
     return tuple((a, b) for a, b in clipped if b > a)
 
 
-def _period_s(torque: CleanSeries | None, settings: Settings) -> float:
+def _period_s(torque: CleanSeries | None, settings: AlignSettings) -> float:
     """Return the period to resample to: as asked, or that of the torque series, within bounds."""
     if settings.sample_rate_hz:
         return 1.0 / settings.sample_rate_hz
@@ -170,7 +170,7 @@ def _segments(
     torque: CleanSeries | None,
     intervals: tuple[Interval, ...],
     period_s: float,
-    settings: Settings,
+    settings: AlignSettings,
 ) -> tuple[Segment, ...]:
     """Resample the needed signals on every gap-free stretch of every flight."""
     rate = series.get("body_rate")
@@ -188,7 +188,7 @@ def _segments(
 
 
 def _without_gaps(
-    series: CleanSeries, interval: Interval, period_s: float, settings: Settings
+    series: CleanSeries, interval: Interval, period_s: float, settings: AlignSettings
 ) -> list[Interval]:
     """Return the stretches of the interval between samples that follow each other without a gap.
 
@@ -290,7 +290,7 @@ def _input(
         unit="N m" if name == "torque_n_m" else "1",
         source=torque.signal.source,
         saturated_fraction=n_saturated / n_samples if n_samples else 0.0,
-        realised=torque.signal.realised,
+        achieved=torque.signal.achieved,
         calibration=log.torque.calibration if log.torque is not None else Calibration(),
         allocation=log.torque.allocation if log.torque is not None and log.torque.n_rotors else None,
         every_step=_logs_every_step(log, torque),

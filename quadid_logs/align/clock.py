@@ -9,7 +9,7 @@ import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.log import Signal
-from quadid_logs.data.settings import Settings
+from quadid_logs.data.settings import AlignSettings
 
 #: Neighbours on each side that a stamp is compared with. Four outvote a burst
 #: of three damaged rows, and a reboot still has a clean edge.
@@ -58,7 +58,7 @@ class Clock:
         """Bring logged times onto the common clock."""
         return time_s + self.shift_s[self.epoch_of(position)] if self.n_resets else time_s
 
-    def is_wild(self, time_s: FloatArray, position: IntArray, tolerance_s: float) -> BoolArray:
+    def is_outlier(self, time_s: FloatArray, position: IntArray, tolerance_s: float) -> BoolArray:
         """Mark stamps that are not finite or far from what the clock showed at that place in the file."""
         if self.time_s.size == 0:
             return ~np.isfinite(time_s)
@@ -84,7 +84,7 @@ class Clock:
         return float(self.common_time(np.array([time_s]), np.array([position]))[0])
 
 
-def find_clock(signals: Iterable[Signal], settings: Settings) -> Clock:
+def find_clock(signals: Iterable[Signal], settings: AlignSettings) -> Clock:
     """Split a log where its clock fell (a reboot) or jumped ahead.
 
     All signals vote together in file order: one late row is out of order, but
@@ -92,7 +92,7 @@ def find_clock(signals: Iterable[Signal], settings: Settings) -> Clock:
     was reset.
     """
     position, time_s = _merged(signals)
-    wild = is_wild(time_s, settings.wild_stamp_s)
+    wild = is_outlier(time_s, settings.outlier_stamp_s)
     position, time_s = position[~wild], time_s[~wild]
     if time_s.size == 0:
         zero = np.zeros(1)
@@ -122,7 +122,7 @@ def find_clock(signals: Iterable[Signal], settings: Settings) -> Clock:
     )
 
 
-def is_wild(time_s: FloatArray, tolerance_s: float) -> BoolArray:
+def is_outlier(time_s: FloatArray, tolerance_s: float) -> BoolArray:
     """Mark stamps that are not finite or far from the median of their neighbours in the file.
 
     At a pause or a reset a good stamp has its neighbours of one side within
@@ -164,7 +164,7 @@ def _merged(signals: Iterable[Signal]) -> tuple[IntArray, FloatArray]:
     return position[order], time_s[order]
 
 
-def _breaks(time_s: FloatArray, settings: Settings) -> IntArray:
+def _breaks(time_s: FloatArray, settings: AlignSettings) -> IntArray:
     """Return the indices at which a new epoch begins."""
     n = 2 * _NEIGHBOURS
     if time_s.size < 2:

@@ -10,7 +10,7 @@ from quadid_logs.align.flights import Interval
 from quadid_logs.align.series import CleanSeries
 from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.data.flight import GyroCheck
-from quadid_logs.data.settings import Settings
+from quadid_logs.data.settings import AlignSettings
 from quadid_logs.maths.gyro_attitude import fit_gyro_to_attitude
 from quadid_logs.maths.rotations import unwrapped
 
@@ -26,7 +26,10 @@ _FEWEST_STRETCHES = 20
 
 
 def check_gyro(
-    rate: CleanSeries | None, attitude: CleanSeries | None, flights: Sequence[Interval], settings: Settings
+    rate: CleanSeries | None,
+    attitude: CleanSeries | None,
+    flights: Sequence[Interval],
+    settings: AlignSettings,
 ) -> GyroCheck | None:
     """Fit the body rates to the change of attitude over stretches of a second.
 
@@ -34,7 +37,7 @@ def check_gyro(
     ----------
     rate, attitude : CleanSeries or None
     flights : sequence of (start_s, end_s)
-    settings : Settings
+    settings : AlignSettings
         For what a gap is.
 
     Returns
@@ -63,7 +66,7 @@ def check_gyro(
 
 
 def _stretches(
-    rate: CleanSeries, attitude: CleanSeries, flights: Sequence[Interval], settings: Settings
+    rate: CleanSeries, attitude: CleanSeries, flights: Sequence[Interval], settings: AlignSettings
 ) -> IntArray:
     """Return first and last attitude sample of stretches in the air that neither signal pauses in."""
     edges = [_edges(attitude, flight) for flight in flights]

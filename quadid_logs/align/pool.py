@@ -75,7 +75,7 @@ def _check_alike(first: FlightData, other: FlightData) -> None:
 
 
 def _joint_input(merged: FlightData, parts: Sequence[FlightData]) -> InputDescription | None:
-    """Describe the input of all: saturation by its share, realised and every step only if every log is."""
+    """Describe the input of all: saturation by its share, achieved and every step only if every log is."""
     if merged.input is None:
         return None
     described = [each.input for each in parts if each.input is not None]
@@ -84,6 +84,6 @@ def _joint_input(merged: FlightData, parts: Sequence[FlightData]) -> InputDescri
     return replace(
         merged.input,
         saturated_fraction=float(np.average(saturated, weights=n_samples)),
-        realised=all(each.realised for each in described),
+        achieved=all(each.achieved for each in described),
         every_step=all(each.every_step for each in described),
     )

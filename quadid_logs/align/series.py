@@ -10,7 +10,7 @@ import numpy as np
 from quadid_logs.align.clock import EVENTS, Clock
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.log import Signal
-from quadid_logs.data.settings import Settings
+from quadid_logs.data.settings import AlignSettings
 from quadid_logs.maths.resampling import typical_period
 
 #: In SI units nothing that a multirotor logs comes near this: such a number is damage, and its
@@ -38,7 +38,7 @@ class CleanSeries:
     period_s: float
     n_duplicate: int
     n_out_of_order: int
-    n_wild: int
+    n_outliers: int
     n_not_finite: int
 
     @property
@@ -85,11 +85,11 @@ class Cleaner:
     Parameters
     ----------
     clock : Clock
-    settings : Settings
+    settings : AlignSettings
         The thresholds on stamps.
     """
 
-    def __init__(self, clock: Clock, settings: Settings) -> None:
+    def __init__(self, clock: Clock, settings: AlignSettings) -> None:
         self._clock = clock
         self._settings = settings
         # The signals kept beside hold the memory that the keys name.
@@ -118,7 +118,7 @@ class Cleaner:
             period_s=order.period_s,
             n_duplicate=order.n_duplicate,
             n_out_of_order=order.n_out_of_order,
-            n_wild=int(np.count_nonzero(wild)),
+            n_outliers=int(np.count_nonzero(wild)),
             n_not_finite=int(np.count_nonzero(~wild & ~finite)),
         )
 
@@ -126,10 +126,10 @@ class Cleaner:
         """Mark the stamps that are far from what the clock showed."""
         # An event may stand alone, minutes from the periodic rows around it in the file.
         is_event = signal.name in EVENTS
-        tolerance_s = self._settings.clock_jump_s if is_event else self._settings.wild_stamp_s
+        tolerance_s = self._settings.clock_jump_s if is_event else self._settings.outlier_stamp_s
         key = (_place(signal.time_s), _place(signal.position), tolerance_s)
         if key not in self._wild:
-            wild = self._clock.is_wild(signal.time_s, signal.position, tolerance_s)
+            wild = self._clock.is_outlier(signal.time_s, signal.position, tolerance_s)
             self._wild[key] = signal, wild
         return self._wild[key][1]
 

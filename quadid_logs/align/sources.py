@@ -9,7 +9,7 @@ import numpy as np
 from quadid_logs.align.flights import Interval
 from quadid_logs.align.series import CleanSeries
 from quadid_logs.data.flight import SourceChoice
-from quadid_logs.data.settings import Settings
+from quadid_logs.data.settings import AlignSettings
 from quadid_logs.maths.resampling import typical_period
 
 #: A preferred source may be this much slower than the fastest one before its
@@ -63,7 +63,10 @@ def _first_fast_enough(sources: Sequence[CleanSeries], needed_hz: float) -> Clea
 
 
 def describe(
-    series: CleanSeries, candidates: Sequence[CleanSeries], flights: Sequence[Interval], settings: Settings
+    series: CleanSeries,
+    candidates: Sequence[CleanSeries],
+    flights: Sequence[Interval],
+    settings: AlignSettings,
 ) -> SourceChoice:
     """Tell where a signal came from and how it was really sampled while flying."""
     steps = _steps_in_flight(series, flights)
@@ -80,7 +83,7 @@ def describe(
         n_gaps=int(gaps.size),
         n_duplicate=series.n_duplicate,
         n_out_of_order=series.n_out_of_order,
-        n_wild=series.n_wild,
+        n_outliers=series.n_outliers,
         n_not_finite=series.n_not_finite,
         others=tuple((other.signal.source, other.rate_hz) for other in candidates if other is not series),
     )

@@ -96,20 +96,20 @@ def analyze(
     Exit code 0: usable. 1: at least one axis must not be trusted. 2: a log
     could not be read, or the options make no sense.
     """
-    from quadid_logs.data.settings import Settings
+    from quadid_logs.data.settings import AlignSettings, IdentifySettings, Settings
     from quadid_logs.report import report_folders
-    from quadid_logs.vehicle.file import read_vehicle
+    from quadid_logs.vehicle_file import read_vehicle
 
     logs = list(expanded(logs))
     wish = _Wish(
         settings=Settings(
-            structure=structure,
-            start_s=-math.inf if start_s is None else start_s,
-            end_s=math.inf if end_s is None else end_s,
-            sample_rate_hz=sample_rate_hz,
-            window=window,
-            stride=stride,
             system=system,
+            align=AlignSettings(
+                start_s=-math.inf if start_s is None else start_s,
+                end_s=math.inf if end_s is None else end_s,
+                sample_rate_hz=sample_rate_hz,
+            ),
+            identify=IdentifySettings(structure=structure, window=window, stride=stride),
         ),
         vehicle=None if vehicle is None else read_vehicle(vehicle),
         force=force,

@@ -44,7 +44,7 @@ def compare(
     from quadid_logs.compare import compare as compare_results
     from quadid_logs.pipeline import analyze
     from quadid_logs.report.comparison import comparison_lines, comparison_text
-    from quadid_logs.vehicle.file import read_vehicle
+    from quadid_logs.vehicle_file import read_vehicle
 
     if output is not None:
         check_free(output / _JSON, output / _PNG, force=force)

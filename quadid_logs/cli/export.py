@@ -48,11 +48,11 @@ def export(
 ) -> int:
     """Write the aligned series that analyze works on, or the model for another program."""
     from quadid_logs.align import align
-    from quadid_logs.data.settings import Settings
-    from quadid_logs.readers import read_log
+    from quadid_logs.data.settings import AlignSettings, Settings
+    from quadid_logs.load import read_log
     from quadid_logs.report.table import check_table_path, write_table
 
-    settings = Settings(system=system, sample_rate_hz=sample_rate_hz)
+    settings = Settings(system=system, align=AlignSettings(sample_rate_hz=sample_rate_hz))
     if model:
         return _export_model(log, output, settings, vehicle, force=force)
     check_table_path(output, force=force)
@@ -61,7 +61,7 @@ def export(
         progress("reading")
         content = read_log(log, system=system)
         progress("aligning")
-        data = align(content, settings)
+        data = align(content, settings.align)
         progress("writing")
         n_rows = write_table(data, output, force=force)
     say(f"Wrote {n_rows} rows to {printable(output)}")
@@ -72,7 +72,7 @@ def _export_model(log: Path, output: Path, settings: Settings, vehicle: Path | N
     """Write the recommended model; 1 if it holds an axis that must not be trusted."""
     from quadid_logs.pipeline import analyze
     from quadid_logs.report.model_files import check_model_format, model_bytes
-    from quadid_logs.vehicle.file import read_vehicle
+    from quadid_logs.vehicle_file import read_vehicle
 
     check_model_format(output)
     check_free(output, force=force)

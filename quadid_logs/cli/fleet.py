@@ -73,7 +73,7 @@ def fleet(
     from quadid_logs.fleet.options import Options
     from quadid_logs.fleet.run import LOST, run_fleet
     from quadid_logs.fleet.sources import find_sources
-    from quadid_logs.vehicle.file import read_vehicle
+    from quadid_logs.vehicle_file import read_vehicle
 
     if workers < 0 or not max_mb > 0.0 or not 0.0 < timeout <= _LONGEST_MIN:
         raise SettingsError(

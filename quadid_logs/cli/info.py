@@ -23,12 +23,12 @@ def info(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> int:
     """Say what is in a log, at which true rates, and what is missing for analyze."""
+    from quadid_logs.actuation import reconstruct
     from quadid_logs.align import align
     from quadid_logs.data.settings import Settings
-    from quadid_logs.readers import read_log
+    from quadid_logs.load import read_log
     from quadid_logs.report.inventory import inventory_lines, inventory_text
-    from quadid_logs.vehicle import reconstruct
-    from quadid_logs.vehicle.file import read_vehicle
+    from quadid_logs.vehicle_file import read_vehicle
 
     given = None if vehicle is None else read_vehicle(vehicle)
     settings = Settings(system=system)
@@ -37,7 +37,7 @@ def info(
         progress("reading")
         content = reconstruct(read_log(log, system=system), given)
         progress("aligning")
-        data = align(content, settings)
+        data = align(content, settings.align)
     if as_json:
         say(inventory_text(content, data, settings).rstrip("\n"))
         return 0

@@ -43,7 +43,7 @@ def plan(
     """
     from quadid_logs.plan import make_plan, predict
     from quadid_logs.report.plan import CARD_FILE, card_lines, parameter_files, plan_text
-    from quadid_logs.vehicle.file import read_vehicle
+    from quadid_logs.vehicle_file import read_vehicle
 
     planned = make_plan(autopilot.lower(), axis or ())
     files = {name: text.encode() for name, text in parameter_files(planned).items()}

@@ -58,7 +58,7 @@ def simulate(
     """
     from quadid_logs.simulate import SCENARIOS
     from quadid_logs.simulate import simulate as fly_scenario
-    from quadid_logs.vehicle.file import read_vehicle
+    from quadid_logs.vehicle_file import read_vehicle
 
     if list_scenarios:
         for one in SCENARIOS.values():

@@ -136,7 +136,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "follow; here they miss the logged ones. The mixer of this firmware is another one, or "
                 "the rows are too sparse to compare. The torque is taken as it was asked for, and "
                 "saturation is not seen.",
-                "Log RATE, RCOU and MOTB with a current firmware to get the torque that was realised.",
+                "Log RATE, RCOU and MOTB with a current firmware to get the torque that was achieved.",
             ),
             _entry(
                 "QL308",

@@ -28,7 +28,7 @@ class SourceChoice:
         Longest pause between samples inside the flight segments.
     n_gaps : int
         Pauses of more than three periods.
-    n_duplicate, n_out_of_order, n_wild, n_not_finite : int
+    n_duplicate, n_out_of_order, n_outliers, n_not_finite : int
         Rows with a repeated stamp, put back in order, thrown away for an
         impossible stamp, or for NaN or infinite values.
     others : tuple of (source, rate_hz)
@@ -45,7 +45,7 @@ class SourceChoice:
     n_gaps: int = 0
     n_duplicate: int = 0
     n_out_of_order: int = 0
-    n_wild: int = 0
+    n_outliers: int = 0
     n_not_finite: int = 0
     others: tuple[tuple[str, float], ...] = ()
 
@@ -67,7 +67,7 @@ class Segment:
         What was asked for, from outside the rate loop: rate setpoints [rad/s], and the excitation
         of a system-ID mode where there is one; None where the log has no setpoints.
     saturated : ndarray of bool, shape (n_samples,)
-        The torque could not be realised, or was clipped.
+        The torque could not be achieved, or was clipped.
     flight : int
         Number of the flight (from take-off to landing), from 0.
     """
@@ -159,7 +159,7 @@ class GyroCheck:
 class InputDescription:
     """What L, M, N are in this log: kind is "torque_n_m" or "torque_command".
 
-    ``realised`` torque contains saturation, so that saturated samples may be
+    ``achieved`` torque contains saturation, so that saturated samples may be
     used; ``calibration`` is that of the log, for inertia and intervals;
     ``allocation`` (n_rotors, 4) is each rotor's share of thrust per unit of
     roll, pitch, yaw command and throttle, None where the rotors are not known.
@@ -171,7 +171,7 @@ class InputDescription:
     unit: str
     source: str
     saturated_fraction: float = 0.0
-    realised: bool = False
+    achieved: bool = False
     calibration: Calibration = field(default_factory=Calibration)
     allocation: FloatArray | None = None
     every_step: bool = False

@@ -80,7 +80,7 @@ class Signal:
         The rate that the log's settings promise, NaN where they do not say.
     gyro_filter : GyroFilter
         Of body rates: what they passed before they were logged.
-    realised : bool
+    achieved : bool
         Of a torque: what the actuators did, saturation included, not what was asked of them.
     """
 
@@ -92,7 +92,7 @@ class Signal:
     reason: str = ""
     nominal_rate_hz: float = float("nan")
     gyro_filter: GyroFilter = NO_GYRO_FILTER
-    realised: bool = False
+    achieved: bool = False
 
     def __post_init__(self) -> None:
         if self.name not in SIGNALS:
@@ -135,7 +135,7 @@ class LogText:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LostStretch:
+class LostBytes:
     """Bytes of the file that could not be read as messages."""
 
     offset: int
@@ -188,7 +188,7 @@ class FlightLog:
         The last value of each parameter.
     n_bytes : int
         Size of the file [bytes].
-    lost : tuple of LostStretch
+    lost : tuple of LostBytes
         What could not be read. A header cut off at the file's end counts too.
     n_dropped : int
         Messages that the autopilot itself reports as not written.
@@ -216,7 +216,7 @@ class FlightLog:
     parameters: Mapping[str, float] = field(default_factory=dict)
     modes: tuple[ModeChange, ...] = ()
     texts: tuple[LogText, ...] = ()
-    lost: tuple[LostStretch, ...] = ()
+    lost: tuple[LostBytes, ...] = ()
     n_dropped: int = 0
     systems: tuple[LoggedSystem, ...] = ()
     counts: tuple[MessageCount, ...] = ()

@@ -117,7 +117,7 @@ class Validation:
     """How the model does on data that it was not fitted to; empty maps where there were none.
 
     ``r2_acceleration`` in the fitted band; ``r2_simulated_rate`` of the whole
-    rate, ``r2_swift_rate`` without what is slower than the fitted band.
+    rate, ``r2_high_passed_rate`` without what is slower than the fitted band.
     ``residual_memory_s``: after so long the residual of the acceleration has
     forgotten itself (autocorrelation below 0.2); ``input_correlation``: its
     largest correlation with the axis' own torque up to half a second apart.
@@ -126,7 +126,7 @@ class Validation:
     held_out_s: float
     r2_acceleration: Mapping[str, float] = field(default_factory=dict)
     r2_simulated_rate: Mapping[str, float] = field(default_factory=dict)
-    r2_swift_rate: Mapping[str, float] = field(default_factory=dict)
+    r2_high_passed_rate: Mapping[str, float] = field(default_factory=dict)
     fit_percent: Mapping[str, float] = field(default_factory=dict)
     horizon_s: tuple[float, ...] = ()
     horizon_rmse_rad_s: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
@@ -176,17 +176,17 @@ class BandCheck:
     """The same fit in other frequency bands: a true gain does not depend on the band.
 
     ``cutoff_hz`` (n_bands,) of the smoothing filter, the model's own first;
-    ``own_gain`` (n_bands, 3) is B11, B22, B33 in each.
+    ``on_axis_gain`` (n_bands, 3) is B11, B22, B33 in each.
     """
 
     cutoff_hz: FloatArray
-    own_gain: FloatArray
+    on_axis_gain: FloatArray
 
     @property
     def spread(self) -> FloatArray:
         """Largest deviation from the model's own gain, relative to it; shape (3,)."""
-        own = np.abs(self.own_gain[0])
-        deviation = np.max(np.abs(self.own_gain - self.own_gain[0]), axis=0)
+        own = np.abs(self.on_axis_gain[0])
+        deviation = np.max(np.abs(self.on_axis_gain - self.on_axis_gain[0]), axis=0)
         relative: FloatArray = np.full_like(own, np.inf)
         np.divide(deviation, own, out=relative, where=own > 0.0)
         return relative
@@ -215,19 +215,19 @@ class ChangeCheck:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FormsCheck:
+class FormulationCheck:
     """B11, B22, B33 in the weak form and in the integral form, with half widths; each (2, 3)."""
 
-    own_gain: FloatArray
+    on_axis_gain: FloatArray
     half_width: FloatArray
 
     @property
     def disagree(self) -> FloatArray:
         """Relative difference beyond what both intervals allow, zero if none; shape (3,)."""
-        difference = np.abs(self.own_gain[1] - self.own_gain[0])
+        difference = np.abs(self.on_axis_gain[1] - self.on_axis_gain[0])
         beyond = difference > np.hypot(self.half_width[0], self.half_width[1])
         relative: FloatArray = np.zeros_like(difference)
-        own = np.abs(self.own_gain[0])
+        own = np.abs(self.on_axis_gain[0])
         np.divide(difference, own, out=relative, where=beyond & (own > 0.0))
         return relative
 
@@ -268,7 +268,7 @@ class Model:
     condition_number: float = float("nan")
     band: BandCheck | None = None
     change: ChangeCheck | None = None
-    forms: FormsCheck | None = None
+    formulations: FormulationCheck | None = None
     bootstrap_half_width: FloatArray | None = None
     criterion: float = float("nan")
     note: str = ""

@@ -57,13 +57,13 @@ def find_in_data(
 
 def _rates(sources: Sequence[SourceChoice], advice: str, settings: Settings) -> Iterator[Finding]:
     """Judge how fast rates and torque were logged, in one finding for both."""
-    slow = [source for source in sources if source.rate_hz < settings.min_rate_hz]
-    slowish = [source for source in sources if source.rate_hz < settings.caution_rate_hz]
+    slow = [source for source in sources if source.rate_hz < settings.identify.min_rate_hz]
+    slowish = [source for source in sources if source.rate_hz < settings.diagnose.caution_rate_hz]
     if slow:
         yield finding(
             "QL303",
             "error",
-            {**_sampling(slow), "needed_hz": settings.min_rate_hz},
+            {**_sampling(slow), "needed_hz": settings.identify.min_rate_hz},
             advice=advice,
             title=f"{_told(slow)}, too slowly to identify anything",
         )
@@ -71,7 +71,7 @@ def _rates(sources: Sequence[SourceChoice], advice: str, settings: Settings) -> 
         yield finding(
             "QL304",
             "warning",
-            {**_sampling(slowish), "better_hz": settings.caution_rate_hz},
+            {**_sampling(slowish), "better_hz": settings.diagnose.caution_rate_hz},
             advice=advice,
             title=f"{_told(slowish)}, which is rather slow",
         )
@@ -114,7 +114,7 @@ _SPOKEN = {"body_rate": "the body rate", "torque_command": "the torque", "torque
 def _too_slow(data: FlightData, settings: Settings) -> bool:
     """Return whether a rate is the reason that nothing was identified."""
     return any(
-        source.rate_hz < settings.min_rate_hz
+        source.rate_hz < settings.identify.min_rate_hz
         for name, source in data.sources.items()
         if name in ("body_rate", "torque_command", "torque_n_m")
     )
@@ -137,18 +137,18 @@ def _no_flight(data: FlightData) -> Finding:
 def _flight(data: FlightData, identification: Identification, settings: Settings) -> Iterator[Finding]:
     airborne_s = sum(end - start for start, end in data.flights)
     usable_s = data.n_samples * data.sample_period_s if data.segments else 0.0
-    if airborne_s < settings.min_flight_s:
+    if airborne_s < settings.diagnose.min_flight_s:
         yield finding(
-            "QL402", "error", {"airborne_s": round(airborne_s, 2), "needed_s": settings.min_flight_s}
+            "QL402", "error", {"airborne_s": round(airborne_s, 2), "needed_s": settings.diagnose.min_flight_s}
         )
-    elif data.input is not None and "body_rate" in data.sources and usable_s < settings.min_flight_s:
+    elif data.input is not None and "body_rate" in data.sources and usable_s < settings.diagnose.min_flight_s:
         yield finding(
             "QL402",
             "error",
             {
                 "airborne_s": round(airborne_s, 2),
                 "gap_free_s": round(usable_s, 2),
-                "needed_s": settings.min_flight_s,
+                "needed_s": settings.diagnose.min_flight_s,
             },
             title="The flight without gaps is too short",
         )

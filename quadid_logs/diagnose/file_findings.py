@@ -64,12 +64,12 @@ def _clock(log: FlightLog, data: FlightData) -> Iterator[Finding]:
             "rows": source.n_samples,
             "repeated": source.n_duplicate,
             "out_of_order": source.n_out_of_order,
-            "impossible": source.n_wild,
+            "impossible": source.n_outliers,
             "not_finite": source.n_not_finite,
         }
         for name, source in data.sources.items()
         if name in ("body_rate", "torque_command", "torque_n_m")
-        and source.n_duplicate + source.n_out_of_order + source.n_wild + source.n_not_finite
+        and source.n_duplicate + source.n_out_of_order + source.n_outliers + source.n_not_finite
         > _NOTABLE_REPAIRS * source.n_samples
     }
     if repaired:

@@ -82,7 +82,7 @@ def _finding(check: GyroCheck, number: int, level: Level, title: str) -> Finding
 
 def _lag(check: GyroCheck, settings: Settings) -> Iterator[Finding]:
     """Say that the two clocks differ by more than the filters of a gyro."""
-    if abs(check.lag_s) - check.lag_half_width_s <= settings.max_delay_s:
+    if abs(check.lag_s) - check.lag_half_width_s <= settings.identify.max_delay_s:
         return
     lag_ms = 1e3 * check.lag_s
     title = f"The body rates come {abs(lag_ms):.0f} ms {'after' if lag_ms > 0.0 else 'before'} the attitude"

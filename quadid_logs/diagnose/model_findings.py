@@ -13,7 +13,7 @@ from quadid_logs.data.model import Excitation, Identification, Model, Parameter
 from quadid_logs.data.settings import Settings
 from quadid_logs.diagnose.advice import excitation_advice
 from quadid_logs.diagnose.findings import finding, rounded
-from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, OWN_GAIN, RATE_SYMBOLS
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS, RATE_SYMBOLS
 
 #: A gain that moves by more than this from band to band is not one number.
 _BAND_ERROR = 0.25
@@ -78,7 +78,7 @@ def _axis(
         number=number,
         model=model,
         excitation=identification.excitation[number],
-        own=model.entries[OWN_GAIN[AXES[number]]],
+        own=model.entries[ON_AXIS[AXES[number]]],
         settings=settings,
         advice=excitation_advice(log.autopilot, AXES[number]),
     )
@@ -113,7 +113,7 @@ def _gain(axis: _Axis) -> dict[str, object]:
 
 
 def _hardly_moved(axis: _Axis) -> Finding | None:
-    needed = axis.settings.min_rate_rms_deg_s
+    needed = axis.settings.identify.min_rate_rms_deg_s
     if axis.moved_deg_s >= needed:
         return None
     title = f"{axis.name.capitalize()} was hardly moved ({axis.moved_deg_s:.2g} deg/s rms)"
@@ -121,7 +121,7 @@ def _hardly_moved(axis: _Axis) -> Finding | None:
 
 
 def _not_explained(axis: _Axis) -> Finding | None:
-    if axis.excitation.signal_to_noise >= axis.settings.min_signal_to_noise:
+    if axis.excitation.signal_to_noise >= axis.settings.identify.min_signal_to_noise:
         return None
     title = (
         f"The torque explains only {100.0 * max(0.0, np.nan_to_num(axis.r2)):.0f} % of the "
@@ -136,13 +136,13 @@ def _wrong_sign(axis: _Axis) -> Finding | None:
 
 def _too_wide(axis: _Axis) -> Finding | None:
     half_width = 0.5 * (axis.own.ci95[1] - axis.own.ci95[0])
-    if half_width <= axis.settings.max_relative_ci * axis.own.value:
+    if half_width <= axis.settings.identify.max_relative_ci * axis.own.value:
         return None
     return axis.finding("QL505", "error", _evidence(axis) | _gain(axis))
 
 
 def _little_moved(axis: _Axis) -> Finding | None:
-    if axis.excitation.signal_to_noise >= axis.settings.caution_signal_to_noise:
+    if axis.excitation.signal_to_noise >= axis.settings.diagnose.caution_signal_to_noise:
         return None
     return axis.finding(
         "QL404", "warning", _evidence(axis), f"{axis.name.capitalize()} was moved only a little"
@@ -151,15 +151,17 @@ def _little_moved(axis: _Axis) -> Finding | None:
 
 def _not_reproduced(axis: _Axis) -> Finding | None:
     """Doubt an axis whose motion does not follow from its torque over some seconds."""
-    r2 = axis.model.validation.r2_swift_rate.get(RATE_SYMBOLS[axis.number], float("nan"))
-    if r2 >= axis.settings.caution_simulated_r2:
+    r2 = axis.model.validation.r2_high_passed_rate.get(RATE_SYMBOLS[axis.number], float("nan"))
+    if r2 >= axis.settings.diagnose.caution_simulated_r2:
         return None
     evidence = {
         "simulated_rate_r2": rounded(r2),
-        "block_s": axis.settings.held_out_block_s,
-        "needed_r2": axis.settings.min_simulated_r2,
+        "block_s": axis.settings.identify.held_out_block_s,
+        "needed_r2": axis.settings.identify.min_simulated_r2,
     }
-    return axis.finding("QL511", "warning" if r2 >= axis.settings.min_simulated_r2 else "error", evidence)
+    return axis.finding(
+        "QL511", "warning" if r2 >= axis.settings.identify.min_simulated_r2 else "error", evidence
+    )
 
 
 def _slides_with_the_band(axis: _Axis) -> Finding | None:
@@ -169,7 +171,7 @@ def _slides_with_the_band(axis: _Axis) -> Finding | None:
         return None
     evidence = {
         "cutoff_hz": [rounded(value) for value in band.cutoff_hz],
-        "gain": [rounded(value) for value in band.own_gain[:, axis.number]],
+        "gain": [rounded(value) for value in band.on_axis_gain[:, axis.number]],
     }
     return axis.finding("QL503", "error" if spread > _BAND_ERROR else "warning", evidence)
 
@@ -197,14 +199,14 @@ def _changes_in_flight(axis: _Axis) -> Finding | None:
 
 def _forms_disagree(axis: _Axis) -> Finding | None:
     """Doubt a gain that depends on how the same equation is written."""
-    forms = axis.model.forms
-    disagreement = 0.0 if forms is None else float(forms.disagree[axis.number])
-    if forms is None or disagreement <= _FORMS_WARNING:
+    formulations = axis.model.formulations
+    disagreement = 0.0 if formulations is None else float(formulations.disagree[axis.number])
+    if formulations is None or disagreement <= _FORMS_WARNING:
         return None
     evidence = {
-        "gain_weak_form": rounded(float(forms.own_gain[0, axis.number])),
-        "gain_integral_form": rounded(float(forms.own_gain[1, axis.number])),
-        "half_widths_95": [rounded(float(value)) for value in forms.half_width[:, axis.number]],
+        "gain_weak_form": rounded(float(formulations.on_axis_gain[0, axis.number])),
+        "gain_integral_form": rounded(float(formulations.on_axis_gain[1, axis.number])),
+        "half_widths_95": [rounded(float(value)) for value in formulations.half_width[:, axis.number]],
     }
     return axis.finding("QL513", "error" if disagreement > _BAND_ERROR else "warning", evidence)
 
@@ -226,7 +228,10 @@ def _actuator(model: Model, settings: Settings) -> Iterator[Finding]:
     actuator = model.actuator
     if actuator is None:
         return
-    if actuator.lag_s >= 0.99 * settings.max_lag_s or actuator.delay_s >= 0.99 * settings.max_delay_s:
+    if (
+        actuator.lag_s >= 0.99 * settings.identify.max_lag_s
+        or actuator.delay_s >= 0.99 * settings.identify.max_delay_s
+    ):
         yield finding(
             "QL507", "warning", {"lag_s": rounded(actuator.lag_s), "delay_s": rounded(actuator.delay_s)}
         )

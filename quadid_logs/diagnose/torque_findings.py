@@ -14,7 +14,7 @@ from quadid_logs.data.model import Identification, Inertia
 from quadid_logs.data.torque import Calibration, TorqueModel
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.diagnose.findings import finding, rounded
-from quadid_logs.vocabulary import AXES, OWN_GAIN
+from quadid_logs.vocabulary import AXES, ON_AXIS
 
 #: Limited this often, an axis' gain on its command is lower than that on what it got by some percent.
 _OFTEN_LIMITED = 0.01
@@ -59,7 +59,7 @@ def _pass(needs: tuple[str, ...]) -> str:
 def _mixer(model: TorqueModel, given: InputDescription) -> Iterator[Finding]:
     """Say that pulse widths do not follow from the commands."""
     check = model.check
-    if check is not None and not check.fits and not given.realised:
+    if check is not None and not check.fits and not given.achieved:
         yield finding(
             "QL307",
             "info",
@@ -84,8 +84,8 @@ def _saturation(model: TorqueModel, given: InputDescription) -> Iterator[Finding
     shares = {axis: rounded(share) for axis, share in zip(AXES, model.saturated_fraction, strict=True)}
     yield finding(
         "QL405",
-        "info" if given.realised else "warning",
-        {"share_of_flight": shares, "torque": "as realised" if given.realised else "as asked for"},
+        "info" if given.achieved else "warning",
+        {"share_of_flight": shares, "torque": "as achieved" if given.achieved else "as asked for"},
         axes=often,
     )
 
@@ -128,7 +128,7 @@ def find_in_given_inertia(
         return
     evidence: dict[str, object] = {}
     for axis, moment in zip(AXES, np.diagonal(vehicle.inertia_kg_m2), strict=True):
-        own = model.entries[OWN_GAIN[axis]]
+        own = model.entries[ON_AXIS[axis]]
         low, high = own.ci95
         evidence[f"{axis}_real_over_commanded"] = rounded(own.value * moment, 3)
         evidence[f"{axis}_ci95"] = [rounded(low * moment, 3), rounded(high * moment, 3)]

@@ -177,7 +177,7 @@ def aligned_series(result: Result) -> Figure | LeftOut:
         "a second. A rate should answer every move of its torque; a flat torque teaches nothing."
     )
     if saturated.any():
-        caption += " Orange points: the torque could not be realised or was clipped."
+        caption += " Orange points: the torque could not be achieved or was clipped."
     return Figure(
         key="aligned", title=title, caption=caption, panels=tuple(panels), columns=2, over_time=True
     )

@@ -30,7 +30,7 @@ _FREQUENCY = Axis(label="frequency", unit="Hz", log=True)
 def frequency_response(result: Result) -> Figure | LeftOut:
     """Show gain, phase and coherence of each axis, and the model's gain and phase over them."""
     model = result.identification.recommended
-    data = most_moved(result.data, result.settings.most_samples)
+    data = most_moved(result.data, result.settings.identify.most_samples)
     longest = max((segment.n_samples for segment in data.segments), default=0)
     n_stretch = int(_STRETCH_S / data.sample_period_s) if data.segments else 0
     if model is None or not n_stretch or longest < 2 * n_stretch:

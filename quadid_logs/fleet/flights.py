@@ -7,13 +7,13 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from quadid_logs.actuation import reconstruct
 from quadid_logs.align import cut, prepare
 from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
 from quadid_logs.data.vehicle import Vehicle
+from quadid_logs.load import read_log
 from quadid_logs.pipeline import judge
-from quadid_logs.readers import read_log
-from quadid_logs.vehicle import reconstruct
 
 #: A battery lasts for one flight, and a day of flying holds some twenty; more in one file is damage
 #: or hops on the ground, which together are one model.
@@ -36,14 +36,19 @@ def analyze_flights(path: Path, settings: Settings, vehicle: Vehicle | None) -> 
     """
     began = time.perf_counter()
     log = reconstruct(read_log(path), vehicle)
-    prepared = prepare(log, settings)
+    prepared = prepare(log, settings.align)
     flights = prepared.flights.intervals
     parts = [settings]
     if 2 <= len(flights) <= MOST_FLIGHTS:
-        parts = [dataclasses.replace(settings, start_s=start_s, end_s=end_s) for start_s, end_s in flights]
+        parts = [
+            dataclasses.replace(
+                settings, align=dataclasses.replace(settings.align, start_s=start_s, end_s=end_s)
+            )
+            for start_s, end_s in flights
+        ]
     read_s = (time.perf_counter() - began) / len(parts)
     for part in parts:
         began = time.perf_counter()
-        data = cut(prepared, part)
+        data = cut(prepared, part.align)
         timings_s = {"read": read_s, "align": time.perf_counter() - began}
         yield judge(log, data, part, vehicle=vehicle, timings_s=timings_s)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass, field
 
-from quadid_logs.data.settings import Settings
+from quadid_logs.data.settings import IdentifySettings, Settings
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.fleet.identity import NamingRules
 
@@ -32,7 +32,7 @@ class Options:
     @property
     def settings(self) -> Settings:
         """The settings of each analysis."""
-        return Settings(structure=self.structure)
+        return Settings(identify=IdentifySettings(structure=self.structure))
 
     def fingerprint(self) -> dict[str, str]:
         """Return what must be the same in all runs into one store, ready for JSON."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import Identification, Model
-from quadid_logs.data.settings import Settings
+from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify.design import build_design, smooth_segment
 from quadid_logs.identify.excitation import column_noise, measure_excitation, noise_density
 from quadid_logs.identify.instruments import with_strong_instruments
@@ -43,13 +43,13 @@ _NOISE_BANDWIDTH = 1.0645
 _ROWS_PER_UNKNOWN = 5
 
 
-def identify(data: FlightData, settings: Settings) -> Identification:
+def identify(data: FlightData, settings: IdentifySettings) -> Identification:
     """Fit all structures to the aligned flight.
 
     Parameters
     ----------
     data : FlightData
-    settings : Settings
+    settings : IdentifySettings
 
     Returns
     -------
@@ -72,7 +72,7 @@ def identify(data: FlightData, settings: Settings) -> Identification:
     n_needed = _ROWS_PER_UNKNOWN * len(DAMPED.columns)
     if design is None or np.count_nonzero(design.train) < n_needed:
         return Identification(skipped="the flight is too short for the number of unknowns")
-    swift = design.without_slow(settings.slow_hz)
+    swift = design.without_slow(settings.high_pass_hz)
     design = with_strong_instruments(design, swift, moved_axes(swift, settings))
     noise = column_noise(noise_density(data), design.columns, _NOISE_BANDWIDTH * smoothing_hz)
     rows_apart = fit_rows_apart(data, design, settings)
@@ -96,7 +96,7 @@ def identify(data: FlightData, settings: Settings) -> Identification:
     )
 
 
-def _recommend(models: list[Model], settings: Settings) -> tuple[Model, ...]:
+def _recommend(models: list[Model], settings: IdentifySettings) -> tuple[Model, ...]:
     """Put the structure first that the user asked for, or else a physical one.
 
     The paper's own structures take the torque as logged. Whatever they

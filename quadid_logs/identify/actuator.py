@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import FloatArray, IntArray
-from quadid_logs.data.settings import Settings
+from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.instruments import Projection
 from quadid_logs.identify.products import torque_products
@@ -62,7 +62,7 @@ class _Fold(NamedTuple):
 
 
 def fit_actuator(
-    design: Design, structure: Structure, axes: Sequence[int], settings: Settings
+    design: Design, structure: Structure, axes: Sequence[int], settings: IdentifySettings
 ) -> ActuatorFit:
     """Find the lag and delay that explain the training blocks best, as if the lag acted on the torque.
 
@@ -72,7 +72,7 @@ def fit_actuator(
     structure : Structure
     axes : sequence of int
         Axes (0 roll, 1 pitch, 2 yaw) that are moved enough to tell.
-    settings : Settings
+    settings : IdentifySettings
         ``max_lag_s``, ``max_delay_s``.
 
     Returns

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.data.model import ChangeCheck, FormsCheck
+from quadid_logs.data.model import ChangeCheck, FormulationCheck
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.fit import PooledFit, Problem, clusters_of, fit_pooled
 from quadid_logs.identify.refine import Drive
@@ -67,14 +67,14 @@ def check_change(design: Design, structure: Structure, problem: Problem, axes: S
     return ChangeCheck(time_s=found[0], before=found[1], after=found[2], statistic=found[3])
 
 
-def check_forms(drive: Drive, structure: Structure, fit: PooledFit) -> FormsCheck:
+def check_formulations(drive: Drive, structure: Structure, fit: PooledFit) -> FormulationCheck:
     """Fit the integral form, with boxcars as test functions, beside the weak form with its Gaussians."""
     n_rows = max(2, round(_INTEGRAL_S / drive.design.period_s))
     integral = fit_pooled(drive.design, structure, drive.actuator, fit.kept, drive.unknown, average=n_rows)
     n_regressors = len(structure.regressors)
     both = (fit, integral)
-    return FormsCheck(
-        own_gain=np.array([np.diag(each.theta[:3, n_regressors:]) for each in both]),
+    return FormulationCheck(
+        on_axis_gain=np.array([np.diag(each.theta[:3, n_regressors:]) for each in both]),
         half_width=np.array([np.diag(each.half_width[:3, n_regressors:]) for each in both]),
     )
 

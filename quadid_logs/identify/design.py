@@ -17,7 +17,7 @@ import numpy as np
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.data.log import GyroFilter
-from quadid_logs.data.settings import Settings
+from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify.structures import THROTTLED_YAW, Structure
 from quadid_logs.maths.band import (
     ComplexArray,
@@ -83,7 +83,7 @@ class Design:
     segment : ndarray of int, shape (n_rows,)
         Number of the gap-free piece, an index into ``spectra``.
     block : ndarray of int, shape (n_rows,)
-        Consecutive stretches of `Settings.held_out_block_s`.
+        Consecutive stretches of `IdentifySettings.held_out_block_s`.
     held_out : ndarray of bool, shape (n_rows,)
         Rows of blocks that no fit may see.
     edge : ndarray of bool, shape (n_rows,)
@@ -94,7 +94,7 @@ class Design:
     pieces : tuple of Segment
         The gap-free pieces themselves, at their full rate, of ``sample_period_s``.
     mean_throttle : float or None
-    slow_hz : float
+    high_pass_hz : float
         What is slower was taken out of columns, torques and instruments; 0 where nothing was.
     instruments : ndarray, shape (n_rows, n_instruments), or None
         What was asked for, now and some tenths of a second ago: it moves the
@@ -114,7 +114,7 @@ class Design:
     pieces: tuple[Segment, ...]
     sample_period_s: float
     mean_throttle: float | None
-    slow_hz: float = 0.0
+    high_pass_hz: float = 0.0
     instruments: FloatArray | None = None
 
     @property
@@ -122,8 +122,8 @@ class Design:
         """Rows to fit to."""
         return ~(self.held_out | self.edge)
 
-    def without_slow(self, slow_hz: float) -> Design:
-        """Return the same rows without mean, drift and what is slower than `slow_hz`.
+    def without_slow(self, high_pass_hz: float) -> Design:
+        """Return the same rows without mean, drift and what is slower than `high_pass_hz`.
 
         There the air moves the vehicle: gusts, and the moment of the drag at
         the speed that it has picked up, which no gyro tells.
@@ -131,11 +131,11 @@ class Design:
         return replace(
             self,
             columns={
-                name: self.swift(column[:, np.newaxis], slow_hz)[:, 0]
+                name: self.swift(column[:, np.newaxis], high_pass_hz)[:, 0]
                 for name, column in self.columns.items()
             },
-            instruments=None if self.instruments is None else self.swift(self.instruments, slow_hz),
-            slow_hz=slow_hz,
+            instruments=None if self.instruments is None else self.swift(self.instruments, high_pass_hz),
+            high_pass_hz=high_pass_hz,
         )
 
     def averaged(self, columns: FloatArray, n_rows: int) -> FloatArray:
@@ -161,11 +161,11 @@ class Design:
             ),
         )
 
-    def swift(self, columns: FloatArray, slow_hz: float) -> FloatArray:
+    def swift(self, columns: FloatArray, high_pass_hz: float) -> FloatArray:
         """Take what is slow out of columns, piece by piece; shape (n_rows, n_columns) stays."""
-        if not slow_hz:
+        if not high_pass_hz:
             return columns
-        parts = [without_slow(part, self.period_s, slow_hz) for part in self._by_piece(columns)]
+        parts = [without_slow(part, self.period_s, high_pass_hz) for part in self._by_piece(columns)]
         return np.concatenate(parts)
 
     def _by_piece(self, columns: FloatArray) -> list[FloatArray]:
@@ -253,12 +253,12 @@ class Design:
             )[part.rows]
             for part in self.spectra
         ]
-        if self.slow_hz:
-            parts = [without_slow(part, self.period_s, self.slow_hz) for part in parts]
+        if self.high_pass_hz:
+            parts = [without_slow(part, self.period_s, self.high_pass_hz) for part in parts]
         return np.concatenate(parts)
 
 
-def build_design(data: FlightData, smoothing_hz: float, settings: Settings) -> Design | None:
+def build_design(data: FlightData, smoothing_hz: float, settings: IdentifySettings) -> Design | None:
     """Smooth every segment and lay the rows out in blocks.
 
     Parameters
@@ -267,7 +267,7 @@ def build_design(data: FlightData, smoothing_hz: float, settings: Settings) -> D
         With segments.
     smoothing_hz : float
         Cut-off of the Gaussian [Hz].
-    settings : Settings
+    settings : IdentifySettings
 
     Returns
     -------
@@ -474,7 +474,7 @@ def _touched_by_saturation(data: FlightData, time_s: FloatArray, reach_s: float)
     """
     marked = [segment.time_s[segment.saturated] for segment in data.segments]
     saturated_s = np.concatenate(marked)
-    if data.input is None or data.input.realised or not saturated_s.size:
+    if data.input is None or data.input.achieved or not saturated_s.size:
         return np.zeros(time_s.shape, dtype=np.bool_)
     first = np.searchsorted(saturated_s, time_s - reach_s - _ACTUATOR_MEMORY_S)
     after = np.searchsorted(saturated_s, time_s + reach_s)
@@ -483,7 +483,7 @@ def _touched_by_saturation(data: FlightData, time_s: FloatArray, reach_s: float)
 
 
 def _blocks(
-    segment: IntArray, period_s: float, reach_s: float, settings: Settings
+    segment: IntArray, period_s: float, reach_s: float, settings: IdentifySettings
 ) -> tuple[IntArray, BoolArray, BoolArray]:
     """Cut the rows into blocks and set every third or so aside."""
     n_rows = segment.size

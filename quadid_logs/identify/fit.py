@@ -143,7 +143,7 @@ def used_columns(design: Design, structure: Structure, kept: BoolArray | None) -
     used = np.ones((len(structure.targets), len(structure.columns) + n_disturbances), dtype=np.bool_)
     if kept is not None:
         used[:, : len(structure.columns)] = kept
-    if design.slow_hz and TRIM in structure.columns:
+    if design.high_pass_hz and TRIM in structure.columns:
         used[:, structure.columns.index(TRIM)] = False
     return used
 

@@ -16,14 +16,14 @@ from quadid_logs.data.model import (
     ChangeCheck,
     Discrete,
     FitSeries,
-    FormsCheck,
+    FormulationCheck,
     Model,
     Validation,
     Windows,
 )
-from quadid_logs.data.settings import Settings
+from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify.actuator import ActuatorFit, fit_actuator
-from quadid_logs.identify.checks import bootstrapped_half_width, check_change, check_forms
+from quadid_logs.identify.checks import bootstrapped_half_width, check_change, check_formulations
 from quadid_logs.identify.design import Design, build_design
 from quadid_logs.identify.fit import (
     PooledFit,
@@ -34,13 +34,13 @@ from quadid_logs.identify.fit import (
     r2_of,
     with_trim,
 )
-from quadid_logs.identify.floors import sensor_floor
 from quadid_logs.identify.inertia import inertia_of
 from quadid_logs.identify.parameters import Estimate, build_parameters, plausible_size
 from quadid_logs.identify.refine import Drive, Task, find_drive, same_drive
 from quadid_logs.identify.rigid_body import fit_rigid_body, rigid_body_for
 from quadid_logs.identify.rotors import rotors_known, with_lag_on_rotors
 from quadid_logs.identify.structures import DAMPED, THROTTLED_YAW, TRIM, Structure
+from quadid_logs.identify.systematic import systematic_half_width
 from quadid_logs.identify.validate import validate
 from quadid_logs.identify.windows import Piece, solve_pieces
 from quadid_logs.maths.discretise import zero_order_hold
@@ -75,13 +75,13 @@ class Actuated(NamedTuple):
     telling: list[int]
     band: BandCheck
     change: ChangeCheck
-    forms: FormsCheck
+    formulations: FormulationCheck
     bootstrap_half_width: FloatArray
 
 
-def fit_rows_apart(data: FlightData, whole: Design, settings: Settings) -> Actuated:
+def fit_rows_apart(data: FlightData, whole: Design, settings: IdentifySettings) -> Actuated:
     """Fit `DAMPED`: every row by itself, lag and delay common to all."""
-    design = whole.without_slow(settings.slow_hz)
+    design = whole.without_slow(settings.high_pass_hz)
     actuator, telling = _on_torque(DAMPED, design, settings)
     described = data.input if rotors_known(data) else None
     task = Task(
@@ -104,12 +104,12 @@ def fit_rows_apart(data: FlightData, whole: Design, settings: Settings) -> Actua
         telling=telling,
         band=_other_bands(data, task._replace(kept=fit.kept), drive, fit, settings),
         change=check_change(drive.design, DAMPED, problem, telling),
-        forms=check_forms(drive, DAMPED, fit),
+        formulations=check_formulations(drive, DAMPED, fit),
         bootstrap_half_width=bootstrapped_half_width(drive.design, DAMPED, problem),
     )
 
 
-def fit_one_body(data: FlightData, first: Actuated, settings: Settings) -> Actuated | None:
+def fit_one_body(data: FlightData, first: Actuated, settings: IdentifySettings) -> Actuated | None:
     """Fit the rigid body behind the actuator, and with the checks, of the rows fitted one by one."""
     drive = first.drive
     found = fit_rigid_body(
@@ -118,7 +118,7 @@ def fit_one_body(data: FlightData, first: Actuated, settings: Settings) -> Actua
         first.fit,
         first.telling,
         calibrated=data.input is not None and data.input.unit == "N m",
-        gyro_floor=settings.gyro_floor,
+        gyro_systematic=settings.gyro_systematic,
         unknown=drive.unknown,
     )
     if found is None:
@@ -126,16 +126,16 @@ def fit_one_body(data: FlightData, first: Actuated, settings: Settings) -> Actua
     structure = rigid_body_for(drive.design)
     fit = with_trim(found, structure, first.whole, drive.actuator)
     # How a gain moves with the band is a matter of the data, not of what the rows share.
-    moved = first.band.own_gain / first.band.own_gain[0]
+    moved = first.band.on_axis_gain / first.band.on_axis_gain[0]
     return first._replace(
         structure=structure,
         fit=fit,
-        band=replace(first.band, own_gain=_own_gain(structure, fit.theta) * moved),
+        band=replace(first.band, on_axis_gain=_own_gain(structure, fit.theta) * moved),
     )
 
 
 def actuated_model(
-    data: FlightData, found: Actuated, settings: Settings, *, noise: Mapping[str, float]
+    data: FlightData, found: Actuated, settings: IdentifySettings, *, noise: Mapping[str, float]
 ) -> Model:
     """Validate an estimate, solve its windows, and put the model together."""
     structure, fit, design = found.structure, found.fit, found.whole
@@ -148,14 +148,14 @@ def actuated_model(
         torque,
         settings,
         disturbance=fit.disturbance,
-        slow_hz=settings.slow_hz,
+        high_pass_hz=settings.high_pass_hz,
     )
     windows = _windows_on_rows(structure, design, torque, settings, noise=_noise(structure, noise))
-    floor_s = settings.timing_floor * data.sample_period_s
+    floor_s = settings.timing_systematic * data.sample_period_s
     described = Actuator(
         lag_s=actuator.lag_s,
         lag_ci95_s=_lag_interval(
-            actuator, fit, float(np.hypot(floor_s, settings.lag_floor * actuator.lag_s))
+            actuator, fit, float(np.hypot(floor_s, settings.lag_systematic * actuator.lag_s))
         ),
         delay_s=actuator.delay_s,
         delay_ci95_s=_delay_interval(actuator, fit, floor_s),
@@ -189,7 +189,7 @@ def fit_as_published(
     data: FlightData,
     design: Design,
     smooth: Smooth,
-    settings: Settings,
+    settings: IdentifySettings,
     *,
     noise: Mapping[str, float],
 ) -> Model:
@@ -211,7 +211,9 @@ def fit_as_published(
     )
 
 
-def _on_torque(structure: Structure, design: Design, settings: Settings) -> tuple[ActuatorFit, list[int]]:
+def _on_torque(
+    structure: Structure, design: Design, settings: IdentifySettings
+) -> tuple[ActuatorFit, list[int]]:
     """Find a lag on the torque and a delay, and the axes that tell behind them."""
     axes = moved_axes(design, settings)
     actuator = fit_actuator(design, structure, axes, settings)
@@ -222,7 +224,9 @@ def _on_torque(structure: Structure, design: Design, settings: Settings) -> tupl
     return actuator, telling
 
 
-def _fit_behind(drive: Drive, structure: Structure, settings: Settings) -> tuple[PooledFit, list[int]]:
+def _fit_behind(
+    drive: Drive, structure: Structure, settings: IdentifySettings
+) -> tuple[PooledFit, list[int]]:
     """Fit behind lag and delay without what cannot be seen, and return the axes that tell as well."""
     axes = moved_axes(drive.design, settings)
     fit = fit_pooled(drive.design, structure, drive.actuator, unknown=drive.unknown)
@@ -238,7 +242,7 @@ def _telling(r2: FloatArray, axes: Sequence[int]) -> list[int]:
     return [axis for axis in axes if r2[axis] >= _TELLING_R2]
 
 
-def moved_axes(design: Design, settings: Settings) -> list[int]:
+def moved_axes(design: Design, settings: IdentifySettings) -> list[int]:
     """Return the axes that turn more than a hovering vehicle does, all if none does.
 
     On an axis at rest, the controller turns gyro noise into torque, and a
@@ -283,7 +287,9 @@ def _visible(structure: Structure, fit: PooledFit, telling: Sequence[int]) -> Bo
     return np.asarray(kept, dtype=np.bool_)
 
 
-def _other_bands(data: FlightData, task: Task, drive: Drive, fit: PooledFit, settings: Settings) -> BandCheck:
+def _other_bands(
+    data: FlightData, task: Task, drive: Drive, fit: PooledFit, settings: IdentifySettings
+) -> BandCheck:
     """Repeat the fit in a narrower and a wider band."""
     design, structure = task.design, task.structure
     cutoffs, gains = [design.smoothing_hz], [_own_gain(structure, fit.theta)]
@@ -292,12 +298,12 @@ def _other_bands(data: FlightData, task: Task, drive: Drive, fit: PooledFit, set
         if other is not None and np.count_nonzero(other.train) > 2 * len(structure.columns):
             if design.instruments is None:
                 other = other.without_instruments()
-            other = other.without_slow(settings.slow_hz)
+            other = other.without_slow(settings.high_pass_hz)
             again = same_drive(task._replace(design=other), drive, data.input, settings)
             problem = problem_of(again.design, structure, again.actuator, task.kept)
             cutoffs.append(other.smoothing_hz)
             gains.append(_own_gain(structure, coefficients_of(problem)))
-    return BandCheck(cutoff_hz=np.array(cutoffs), own_gain=np.array(gains))
+    return BandCheck(cutoff_hz=np.array(cutoffs), on_axis_gain=np.array(gains))
 
 
 def _own_gain(structure: Structure, theta: FloatArray) -> FloatArray:
@@ -320,17 +326,19 @@ def _delay_interval(actuator: ActuatorFit, fit: PooledFit, floor_s: float) -> tu
     return max(0.0, low), actuator.delay_s + half_width
 
 
-def _estimate(structure: Structure, fit: PooledFit, band: BandCheck | None, settings: Settings) -> Estimate:
+def _estimate(
+    structure: Structure, fit: PooledFit, band: BandCheck | None, settings: IdentifySettings
+) -> Estimate:
     """Return theta with intervals that also cover the floor and how the own gains move with the band."""
     half_width = np.hypot(
-        fit.half_width, sensor_floor(structure, fit.theta, settings, knows_gyro=fit.gyro is not None)
+        fit.half_width, systematic_half_width(structure, fit.theta, settings, knows_gyro=fit.gyro is not None)
     )
     low, high = fit.theta - half_width, fit.theta + half_width
     if band is not None:
         for axis in range(3):
             column = len(structure.regressors) + axis
-            low[axis, column] = min(low[axis, column], *band.own_gain[:, axis])
-            high[axis, column] = max(high[axis, column], *band.own_gain[:, axis])
+            low[axis, column] = min(low[axis, column], *band.on_axis_gain[:, axis])
+            high[axis, column] = max(high[axis, column], *band.on_axis_gain[:, axis])
     return Estimate(theta=fit.theta, low=low, high=high, kept=fit.kept)
 
 
@@ -352,7 +360,7 @@ def _model(
     data: FlightData,
     design: Design,
     fit: PooledFit,
-    settings: Settings,
+    settings: IdentifySettings,
     *,
     actuator: Actuator | None,
     found: Actuated | None,
@@ -393,7 +401,7 @@ def _model(
         condition_number=fit.condition_number,
         band=band,
         change=None if found is None else found.change,
-        forms=None if found is None else found.forms,
+        formulations=None if found is None else found.formulations,
         bootstrap_half_width=None if found is None else found.bootstrap_half_width,
         criterion=_criterion(design, fit),
     )
@@ -410,7 +418,7 @@ def _criterion(design: Design, fit: PooledFit) -> float:
     return float(n_stretches * np.log(unexplained).sum() + fit.n_parameters * np.log(n_stretches))
 
 
-def _doubts_by_target(design: Design, validation: Validation, settings: Settings) -> dict[str, str]:
+def _doubts_by_target(design: Design, validation: Validation, settings: IdentifySettings) -> dict[str, str]:
     """Return the targets of whose equations nothing is identified, with the reason."""
     least = settings.min_signal_to_noise / (1.0 + settings.min_signal_to_noise)
     doubts = {
@@ -419,7 +427,7 @@ def _doubts_by_target(design: Design, validation: Validation, settings: Settings
         if not r2 >= least
     }
     for target, rate in zip(ACCELERATION_SYMBOLS, RATE_SYMBOLS, strict=True):
-        if not validation.r2_swift_rate.get(rate, np.inf) >= settings.min_simulated_r2:
+        if not validation.r2_high_passed_rate.get(rate, np.inf) >= settings.min_simulated_r2:
             doubts.setdefault(target, "the torque alone does not reproduce the motion")
     for axis in {0, 1, 2}.difference(moved_axes(design, settings)):
         doubts[ACCELERATION_SYMBOLS[axis]] = "the axis was hardly moved"
@@ -437,7 +445,7 @@ def _discrete(structure: Structure, A: FloatArray, B: FloatArray, period_s: floa
 
 
 def _windows_on_rows(
-    structure: Structure, design: Design, torque: FloatArray, settings: Settings, *, noise: FloatArray
+    structure: Structure, design: Design, torque: FloatArray, settings: IdentifySettings, *, noise: FloatArray
 ) -> Windows | None:
     """Solve windows on the rows of the design, so long that most of them see more than noise."""
     columns = design.stack(structure.columns, torque)
@@ -458,7 +466,7 @@ def _windows_on_rows(
 
 
 def _windows_at_full_rate(
-    structure: Structure, smooth: Smooth, settings: Settings, *, noise: FloatArray
+    structure: Structure, smooth: Smooth, settings: IdentifySettings, *, noise: FloatArray
 ) -> Windows | None:
     """Solve the paper's windows: consecutive samples, every k (of very long flights, every so many)."""
     width = settings.window or structure.width

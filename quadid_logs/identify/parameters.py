@@ -9,7 +9,7 @@ import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.model import Parameter
-from quadid_logs.data.settings import Settings
+from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify.structures import THROTTLED_YAW, Structure
 from quadid_logs.maths.rigid_body import PRODUCTS
 from quadid_logs.vocabulary import TORQUE_SYMBOLS
@@ -27,7 +27,7 @@ class Estimate(NamedTuple):
     kept: BoolArray
 
 
-def plausible_size(structure: Structure, own_gain: FloatArray) -> FloatArray:
+def plausible_size(structure: Structure, on_axis_gain: FloatArray) -> FloatArray:
     """Return how large each coefficient can physically be; shape (n_targets, n_columns).
 
     An interval wider than this says nothing. Gyroscopic coefficients lie
@@ -37,7 +37,7 @@ def plausible_size(structure: Structure, own_gain: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    own_gain : ndarray, shape (3,)
+    on_axis_gain : ndarray, shape (3,)
         |B11|, |B22|, |B33|.
     """
     size = np.full((len(structure.targets), len(structure.columns)), np.inf)
@@ -47,7 +47,7 @@ def plausible_size(structure: Structure, own_gain: FloatArray) -> FloatArray:
         elif name in _RATES:
             size[:, column] = 5.0
         elif name in TORQUE_SYMBOLS or name == THROTTLED_YAW:
-            size[:, column] = np.max(own_gain)
+            size[:, column] = np.max(on_axis_gain)
     return size
 
 
@@ -56,7 +56,7 @@ def build_parameters(
     estimate: Estimate,
     *,
     input_unit: str,
-    settings: Settings,
+    settings: IdentifySettings,
     doubts: Mapping[str, str],
 ) -> tuple[Parameter, ...]:
     """Name every element of A and B and say whether the data identify it.
@@ -152,7 +152,7 @@ def _kind(regressor: str) -> str:
     return "constant" if regressor == "1" else "angle"
 
 
-def _doubt(half_width: float, scale: float, settings: Settings, *, kept: bool, regressor: str) -> str:
+def _doubt(half_width: float, scale: float, settings: IdentifySettings, *, kept: bool, regressor: str) -> str:
     """Return why a coefficient is not identified, "" if it is."""
     if not kept:
         return f"left out: the flight does not move {regressor} enough to see its effect"

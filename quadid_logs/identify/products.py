@@ -32,7 +32,7 @@ def torque_products(design: Design, directions: FloatArray) -> TorqueProducts:
     and lag and delay only multiply the torque's. What takes out the slow is a
     projection, so it may as well be applied to the directions, once.
     """
-    swift = design.swift(directions, design.slow_hz)
+    swift = design.swift(directions, design.high_pass_hz)
     kernels: list[tuple[ComplexArray, ComplexArray]] = []
     first = 0
     for part in design.spectra:

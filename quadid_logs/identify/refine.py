@@ -14,7 +14,7 @@ import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.flight import InputDescription
-from quadid_logs.data.settings import Settings
+from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify.actuator import ActuatorFit, Scorer, lag_limit, same_loss
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.fit import NOTHING_UNKNOWN, TorqueUnknowns, used_columns
@@ -68,7 +68,7 @@ class Task(NamedTuple):
 
 
 def find_drive(
-    task: Task, start: ActuatorFit, described: InputDescription | None, settings: Settings
+    task: Task, start: ActuatorFit, described: InputDescription | None, settings: IdentifySettings
 ) -> Drive:
     """Find lag and delay, and whether the lag acts on torque or rotors.
 
@@ -80,7 +80,7 @@ def find_drive(
         Found as if the lag acted on the torque.
     described : InputDescription or None
         With the ``allocation`` of the rotors, where they are known.
-    settings : Settings
+    settings : IdentifySettings
         ``max_lag_s``, ``max_delay_s``.
 
     Returns
@@ -104,7 +104,9 @@ def find_drive(
     return _with_doubts(drive, task, described)
 
 
-def same_drive(task: Task, drive: Drive, described: InputDescription | None, settings: Settings) -> Drive:
+def same_drive(
+    task: Task, drive: Drive, described: InputDescription | None, settings: IdentifySettings
+) -> Drive:
     """Return a drive of the same kind, with the unevenness it has, fitted to other rows; no doubts added."""
     rotors = drive.rotors
     known = described if rotors is not None else None
@@ -190,7 +192,9 @@ class _Search:
         self._torque_at = lru_cache(maxsize=2)(self._torque)
         self._design_with = lru_cache(maxsize=3)(self._design_at)
 
-    def least(self, x: FloatArray, settings: Settings, *, rounds: int = _ROUNDS) -> tuple[FloatArray, float]:
+    def least(
+        self, x: FloatArray, settings: IdentifySettings, *, rounds: int = _ROUNDS
+    ) -> tuple[FloatArray, float]:
         """Return the point of least error from a start (lag, delay[, unevenness]), and its logarithm."""
         from scipy.optimize import least_squares
 

@@ -25,9 +25,9 @@ from quadid_logs.identify.fit import (
     share_explained,
     targets_changed,
 )
-from quadid_logs.identify.floors import seen_through
 from quadid_logs.identify.instruments import Projection
 from quadid_logs.identify.structures import DAMPED, RIGID_BODY, RIGID_BODY_THROTTLED, Structure
+from quadid_logs.identify.systematic import seen_through
 from quadid_logs.maths.least_squares import Equation, solve_least_squares
 from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.maths.rigid_body import PRODUCTS, gyroscopic_matrix
@@ -162,7 +162,7 @@ def fit_rigid_body(
     telling: Sequence[int],
     *,
     calibrated: bool,
-    gyro_floor: float,
+    gyro_systematic: float,
     unknown: TorqueUnknowns = NOTHING_UNKNOWN,
 ) -> PooledFit | None:
     """Fit one tensor, damping, trim and the throttle's effect on yaw to all rows at once.
@@ -179,7 +179,7 @@ def fit_rigid_body(
         couples the rows, and no shape is claimed.
     calibrated : bool
         Torque is in N m, so B itself is symmetric.
-    gyro_floor : float
+    gyro_systematic : float
         Half width of the 95 % interval of each scale and cross-axis error of the gyro.
     unknown : TorqueUnknowns, optional
         As in `fit_pooled`.
@@ -198,7 +198,7 @@ def fit_rigid_body(
     if not (own > 0.0).all():
         return None
     disturbances = design.disturbances(structure)
-    body = _Body(calibrated, design.has_throttle, len(disturbances), gyro_floor / NORMAL_95)
+    body = _Body(calibrated, design.has_throttle, len(disturbances), gyro_systematic / NORMAL_95)
     train = design.train
     torque = design.torque(actuator.lag_s, actuator.delay_s, throttled=design.has_throttle)
     Z = design.stack((*structure.columns, *disturbances), torque)[train]

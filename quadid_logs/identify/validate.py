@@ -8,7 +8,7 @@ import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.model import FitSeries, Validation
-from quadid_logs.data.settings import Settings
+from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.structures import Structure
 from quadid_logs.maths.band import without_slow
@@ -30,10 +30,10 @@ def validate(
     structure: Structure,
     theta: FloatArray,
     torque: FloatArray,
-    settings: Settings,
+    settings: IdentifySettings,
     *,
     disturbance: FloatArray | None = None,
-    slow_hz: float = 0.0,
+    high_pass_hz: float = 0.0,
 ) -> tuple[Validation, FitSeries]:
     """Compare the model with held-out acceleration and with rates simulated from held-out torque.
 
@@ -45,11 +45,11 @@ def validate(
         [A B]; the rows of p_dot, q_dot, r_dot are used.
     torque : ndarray, shape (n_rows, 3)
         As the structure takes it (behind the actuator or as logged).
-    settings : Settings
+    settings : IdentifySettings
         ``horizons_s``.
     disturbance : ndarray, shape (n_targets, n_disturbances), optional
         Coefficients of ``design.disturbances(structure)``, which are taken from the log.
-    slow_hz : float
+    high_pass_hz : float
         The fit left out what is slower; accelerations are compared without it too.
 
     Returns
@@ -78,13 +78,15 @@ def validate(
     )
     if np.count_nonzero(held_out) < 2:
         return Validation(held_out_s=0.0), series
-    swift = design.swift(np.column_stack([acceleration, acceleration - modelled, torque[:, :3]]), slow_hz)
+    swift = design.swift(
+        np.column_stack([acceleration, acceleration - modelled, torque[:, :3]]), high_pass_hz
+    )
     spread, error, given_torque = np.split(swift, 3, axis=1)
     return Validation(
         held_out_s=float(np.count_nonzero(held_out) * design.period_s),
         r2_acceleration=_by_name(ACCELERATION_SYMBOLS, _r2(spread[held_out], error[held_out])),
         r2_simulated_rate=_by_name(RATE_SYMBOLS, _r2(rate[held_out], (rate - simulated)[held_out])),
-        r2_swift_rate=_by_name(RATE_SYMBOLS, _swift_r2(rate, rate - simulated, design, slow_hz)),
+        r2_high_passed_rate=_by_name(RATE_SYMBOLS, _swift_r2(rate, rate - simulated, design, high_pass_hz)),
         fit_percent=_by_name(RATE_SYMBOLS, _fit_percent(rate[held_out], (rate - simulated)[held_out])),
         horizon_s=settings.horizons_s,
         horizon_rmse_rad_s=_horizon_errors(derivative, rate, design, settings.horizons_s),
@@ -124,7 +126,7 @@ def _by_name(names: Sequence[str], values: Sequence[float]) -> dict[str, float]:
     return dict(zip(names, values, strict=True))
 
 
-def _swift_r2(rate: FloatArray, error: FloatArray, design: Design, slow_hz: float) -> list[float]:
+def _swift_r2(rate: FloatArray, error: FloatArray, design: Design, high_pass_hz: float) -> list[float]:
     """Return R2 of held-out simulated rates, without what is slow inside each block.
 
     Gusts and drag push the rate away slowly; that is no fault of the model.
@@ -132,7 +134,10 @@ def _swift_r2(rate: FloatArray, error: FloatArray, design: Design, slow_hz: floa
     ends = np.flatnonzero(np.diff(design.block)) + 1
     blocks = zip(*(np.split(each, ends) for each in (rate, error, design.held_out)), strict=True)
     kept = [
-        tuple(without_slow(part, design.period_s, slow_hz) if slow_hz else part for part in (moved, missed))
+        tuple(
+            without_slow(part, design.period_s, high_pass_hz) if high_pass_hz else part
+            for part in (moved, missed)
+        )
         for moved, missed, held_out in blocks
         if held_out.all()
     ]

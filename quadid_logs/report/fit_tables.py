@@ -14,7 +14,7 @@ from quadid_logs.report.cells import Cell, Table
 from quadid_logs.report.numbers import number, percent
 from quadid_logs.report.verdict import input_unit, refused_axes
 from quadid_logs.untrusted import printable
-from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, OWN_GAIN, RATE_SYMBOLS
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, ON_AXIS, RATE_SYMBOLS
 
 
 def structures_table(result: Result) -> Table | None:
@@ -41,7 +41,7 @@ def structures_table(result: Result) -> Table | None:
 
 def _structure(model: Model, distrusted: tuple[bool, ...]) -> tuple[Cell, ...]:
     """Return one row of the table of structures."""
-    own = [model.entries.get(place) for place in OWN_GAIN.values()]
+    own = [model.entries.get(place) for place in ON_AXIS.values()]
     diagonal = [math.nan if parameter is None else parameter.value for parameter in own]
     checked = model.validation
     return (

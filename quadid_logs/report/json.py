@@ -19,7 +19,7 @@ from quadid_logs.data.model import (
     BandCheck,
     ChangeCheck,
     Excitation,
-    FormsCheck,
+    FormulationCheck,
     Inertia,
     Model,
     Parameter,
@@ -27,6 +27,7 @@ from quadid_logs.data.model import (
     Windows,
 )
 from quadid_logs.data.result import Result
+from quadid_logs.data.settings import Settings
 from quadid_logs.data.torque import TorqueModel
 from quadid_logs.maths.windows import weakest_words
 from quadid_logs.report.provenance import Provenance
@@ -77,7 +78,7 @@ def _content(result: Result, provenance: Provenance | None) -> dict[str, Any]:
         "excitation": {item.axis: _excitation(item) for item in result.identification.excitation},
         "skipped": result.identification.skipped,
         "timings_s": _timings(result),
-        "settings": fields_of(result.settings),
+        "settings": settings_of(result.settings),
     }
     if provenance is not None:
         content["tool"] = {"name": "quadid-logs", **fields_of(provenance)}
@@ -107,6 +108,18 @@ def strict_text(content: Mapping[str, Any], *, compact: bool = False) -> str:
 def fields_of(value: DataclassInstance) -> dict[str, Any]:
     """Return the fields of a dataclass by name, without copying them."""
     return {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+
+
+def settings_of(settings: Settings) -> dict[str, Any]:
+    """Return the settings of all stages by name."""
+    every: dict[str, Any] = {}
+    for name, value in fields_of(settings).items():
+        every |= (
+            fields_of(value)
+            if dataclasses.is_dataclass(value) and not isinstance(value, type)
+            else {name: value}
+        )
+    return every
 
 
 def log_dict(log: FlightLog, data: FlightData) -> dict[str, Any]:
@@ -158,7 +171,7 @@ def data_dict(data: FlightData) -> dict[str, Any]:
             "unit": described.unit,
             "source": described.source,
             "saturated_fraction": described.saturated_fraction,
-            "realised": described.realised,
+            "achieved": described.achieved,
             "calibration": fields_of(described.calibration),
         },
         "gyro_check": None if data.gyro_check is None else _gyro(data.gyro_check),
@@ -220,7 +233,7 @@ def _model(model: Model) -> dict[str, Any]:
         "condition_number": model.condition_number,
         "band_check": None if model.band is None else _band(model.band),
         "change_check": None if model.change is None else _change(model.change),
-        "forms_check": None if model.forms is None else _forms(model.forms),
+        "forms_check": None if model.formulations is None else _forms(model.formulations),
         "bootstrap_half_width": None
         if model.bootstrap_half_width is None
         else dict(zip(_OWN_GAINS, model.bootstrap_half_width, strict=True)),
@@ -304,7 +317,7 @@ def _band(check: BandCheck) -> dict[str, Any]:
     """Return ``band_check``: each axis' own gain with the smoothing at each cut-off, the model's first."""
     return {
         "cutoff_hz": check.cutoff_hz,
-        "gain": dict(zip(_OWN_GAINS, check.own_gain.T, strict=True)),
+        "gain": dict(zip(_OWN_GAINS, check.on_axis_gain.T, strict=True)),
         "spread": dict(zip(_OWN_GAINS, check.spread, strict=True)),
     }
 
@@ -319,10 +332,10 @@ def _change(check: ChangeCheck) -> dict[str, Any]:
     }
 
 
-def _forms(check: FormsCheck) -> dict[str, Any]:
+def _forms(check: FormulationCheck) -> dict[str, Any]:
     """Return ``forms_check``: each axis' own gain in the weak and the integral form."""
     return {
-        "gain": dict(zip(_OWN_GAINS, check.own_gain.T, strict=True)),
+        "gain": dict(zip(_OWN_GAINS, check.on_axis_gain.T, strict=True)),
         "half_width": dict(zip(_OWN_GAINS, check.half_width.T, strict=True)),
     }
 

@@ -146,7 +146,7 @@ def _signal(choice: SourceChoice) -> tuple[Cell, ...]:
     aside = {
         "repeated": choice.n_duplicate,
         "reordered": choice.n_out_of_order,
-        "impossible time": choice.n_wild,
+        "impossible time": choice.n_outliers,
         "not finite": choice.n_not_finite,
     }
     return (

@@ -14,7 +14,7 @@ from quadid_logs.report.numbers import estimate, number
 from quadid_logs.report.words import pretty_unit
 from quadid_logs.simulate.sweep import Sweep
 from quadid_logs.untrusted import printable
-from quadid_logs.vocabulary import OWN_GAIN
+from quadid_logs.vocabulary import ON_AXIS
 
 CARD_FILE = "plan.md"
 
@@ -101,7 +101,7 @@ def _expected_axis(prediction: Prediction, axis: str) -> dict[str, Any]:
 def _own_gain(prediction: Prediction, axis: str) -> Parameter | None:
     """Return how the torque about an axis turns the simulated vehicle about it."""
     model = prediction.identification.recommended
-    return None if model is None else model.entries.get(OWN_GAIN[axis])
+    return None if model is None else model.entries.get(ON_AXIS[axis])
 
 
 def _settings_lines(plan: Plan) -> Iterator[str]:

@@ -7,7 +7,7 @@ import math
 from quadid_logs.data.result import Result
 from quadid_logs.report.numbers import estimate, seconds
 from quadid_logs.report.words import pretty_unit
-from quadid_logs.vocabulary import AXES, OWN_GAIN
+from quadid_logs.vocabulary import AXES, ON_AXIS
 
 _HEADLINES = {
     "usable": "The model can be used on all three axes.",
@@ -69,7 +69,7 @@ def used_s(result: Result) -> float:
 def effect_sentence(result: Result, axis: str) -> str:
     """Return the axis' torque effectiveness with its interval, "" where there is none to be trusted."""
     model, verdict = result.identification.recommended, result.diagnosis.axes.get(axis)
-    own = None if model is None else model.entries.get(OWN_GAIN[axis])
+    own = None if model is None else model.entries.get(ON_AXIS[axis])
     if own is None or not math.isfinite(own.value) or verdict is None or verdict.verdict == "refused":
         return ""
     per = " per unit command" if input_unit(result) == "1" else ""

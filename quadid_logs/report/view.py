@@ -12,7 +12,7 @@ from quadid_logs.data.model import Model
 from quadid_logs.data.result import Result
 from quadid_logs.report.cells import Table
 from quadid_logs.report.fit_tables import excitation_table, structures_table, values_of, windows_table
-from quadid_logs.report.json import fields_of
+from quadid_logs.report.json import settings_of
 from quadid_logs.report.log_tables import MOST_ROWS, log_facts, main_signals, other_signals, unread_stretches
 from quadid_logs.report.model_tables import model_tables
 from quadid_logs.report.numbers import estimate, number, percent, seconds
@@ -244,8 +244,8 @@ def _listed(settings: Mapping[str, object]) -> str:
 def _reproduction(result: Result, provenance: Provenance) -> tuple[tuple[str, str], ...]:
     """Return all that is needed to make the result again."""
     settings = result.settings
-    every, usual = fields_of(settings), fields_of(type(settings)())
-    chosen = {name: value for name, value in every.items() if value != usual[name]}
+    every, default = settings_of(settings), settings_of(type(settings)())
+    chosen = {name: value for name, value in every.items() if value != default[name]}
     timings = ", ".join(f"{name} {value:.2f} s" for name, value in result.timings_s.items())
     vehicle = result.vehicle
     return (

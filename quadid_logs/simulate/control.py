@@ -159,7 +159,7 @@ class Mixer(NamedTuple):
 
 
 class Mixed(NamedTuple):
-    """Thrust share per motor (0 to 1), torque that was realised, 1 where anything was limited."""
+    """Thrust share per motor (0 to 1), torque that was achieved, 1 where anything was limited."""
 
     thrust: tuple[Component, ...]
     torque: Triple

@@ -114,7 +114,7 @@ EXTRA: Final = (
     Channel("velocity", 3),
     Channel("height", 1),
     Channel("torque", 3),
-    Channel("realised", 3),
+    Channel("achieved", 3),
     Channel("actuator", 0),
     Channel("thrust_share", 0),
     Channel("rotor_speed", 0),
@@ -130,7 +130,7 @@ class Record:
     time_s : ndarray, shape (n_steps,)
     channels : mapping of str to ndarray, shape (n_steps, n_columns) or (n_flights, n_steps, n_columns)
         By the names of `CORE` and `EXTRA`. ``command`` is exactly what enters
-        the mixer, ``realised`` what it made of it; ``gyro`` is unfiltered,
+        the mixer, ``achieved`` what it made of it; ``gyro`` is unfiltered,
         ``torque`` [N m] and ``rate`` [rad/s] are true.
     setups : tuple of Setup
     """
@@ -230,7 +230,7 @@ class Decision(NamedTuple):
     command: Triple
     throttle: Component
     limited: Component
-    realised: Triple
+    achieved: Triple
     shares: tuple[Component, ...]
     actuators: tuple[Component, ...]
     targets: tuple[Component, ...]
@@ -315,7 +315,7 @@ def _row(
         *state.velocity,
         state.height,
         *state.wrench.torque,
-        *decision.realised,
+        *decision.achieved,
         *decision.actuators,
         *decision.shares,
         *state.speeds,
@@ -386,7 +386,7 @@ def _decide(
         command=command,
         throttle=throttle,
         limited=mixed.limited,
-        realised=(roll / gain, pitch / gain, yaw / gain),
+        achieved=(roll / gain, pitch / gain, yaw / gain),
         shares=mixed.thrust,
         actuators=tuple(actuators),
         targets=tuple(targets),

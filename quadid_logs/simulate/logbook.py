@@ -211,7 +211,7 @@ def _signal_values(name: str, record: Record, index: IntArray) -> FloatArray:
     elif name == "battery_voltage":
         values = channels["voltage"][index] * setup.airframe.battery.full_v
     else:
-        values = channels["command"][index] - channels["realised"][index]
+        values = channels["command"][index] - channels["achieved"][index]
     return values.astype(np.float32).astype(np.float64)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from quadid_logs.align.gyro import check_gyro
 from quadid_logs.align.series import CleanSeries
-from quadid_logs.data.settings import Settings
+from quadid_logs.data.settings import AlignSettings
 
 from .flights import motion, signal
 
@@ -18,7 +18,7 @@ def series(name: str, time_s: np.ndarray) -> CleanSeries:
     logged = signal(name, time_s, 0.1 * motion(time_s))
     return CleanSeries(
         signal=logged, time_s=logged.time_s, values=logged.values, period_s=float(np.median(np.diff(time_s))),
-        n_duplicate=0, n_out_of_order=0, n_wild=0, n_not_finite=0,
+        n_duplicate=0, n_out_of_order=0, n_outliers=0, n_not_finite=0,
     )  # fmt: skip
 
 
@@ -28,7 +28,9 @@ def test_a_damaged_clock_costs_no_memory() -> None:
     tracemalloc.start()
     try:
         assert (
-            check_gyro(series("body_rate", time_s), series("attitude", time_s), [(0.0, 1e13)], Settings())
+            check_gyro(
+                series("body_rate", time_s), series("attitude", time_s), [(0.0, 1e13)], AlignSettings()
+            )
             is None
         )
         assert tracemalloc.get_traced_memory()[1] < 50e6

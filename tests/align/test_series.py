@@ -11,7 +11,7 @@ from quadid_logs.align import series
 from quadid_logs.align.clock import find_clock
 from quadid_logs.align.series import Cleaner, CleanSeries
 from quadid_logs.data.log import Signal
-from quadid_logs.data.settings import Settings
+from quadid_logs.data.settings import AlignSettings
 
 from .flights import signal
 
@@ -34,17 +34,17 @@ def of_one_message(time_s: np.ndarray) -> tuple[Signal, Signal]:
 
 
 def facts(one: CleanSeries) -> tuple[object, ...]:
-    return one.period_s, one.n_duplicate, one.n_out_of_order, one.n_wild, one.n_not_finite
+    return one.period_s, one.n_duplicate, one.n_out_of_order, one.n_outliers, one.n_not_finite
 
 
 @pytest.mark.parametrize("rows", [AS_THEY_ARE, SWAPPED, REPEATED, SWAPPED[REPEATED[:-1]]])
 def test_signals_that_share_stamps_are_cleaned_as_each_would_be_alone(rows: np.ndarray) -> None:
     """In order, out of order, repeated, and both."""
     signals = of_one_message(STAMPS[rows])
-    clock = find_clock(signals, Settings())
-    together = Cleaner(clock, Settings())
+    clock = find_clock(signals, AlignSettings())
+    together = Cleaner(clock, AlignSettings())
     for each in signals:
-        shared, alone = together.clean(each), Cleaner(clock, Settings()).clean(each)
+        shared, alone = together.clean(each), Cleaner(clock, AlignSettings()).clean(each)
         assert facts(shared) == facts(alone)
         np.testing.assert_array_equal(shared.time_s, alone.time_s)
         np.testing.assert_array_equal(shared.values, alone.values)
@@ -55,7 +55,7 @@ def test_a_row_lost_to_one_signal_stays_with_the_other() -> None:
     rates, torque = of_one_message(STAMPS)
     values = rates.values.copy()
     values[50, 1] = np.nan
-    cleaner = Cleaner(find_clock([rates, torque], Settings()), Settings())
+    cleaner = Cleaner(find_clock([rates, torque], AlignSettings()), AlignSettings())
     assert cleaner.clean(replace(rates, values=values)).time_s.size == STAMPS.size - 1
     assert cleaner.clean(torque).time_s.size == STAMPS.size
 
@@ -66,7 +66,7 @@ def test_the_stamps_of_one_message_are_looked_at_once(monkeypatch: pytest.Monkey
     order_of = series._order_of
     monkeypatch.setattr(series, "_order_of", lambda time_s: looked_at.append(1) or order_of(time_s))
     signals = of_one_message(STAMPS)
-    cleaner = Cleaner(find_clock(signals, Settings()), Settings())
+    cleaner = Cleaner(find_clock(signals, AlignSettings()), AlignSettings())
     for each in signals:
         cleaner.clean(each)
     assert len(looked_at) == 1

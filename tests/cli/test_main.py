@@ -16,7 +16,7 @@ import pytest
 import quadid_logs
 from quadid_logs.cli import main
 from quadid_logs.data.result import Result
-from quadid_logs.data.settings import Settings
+from quadid_logs.data.settings import AlignSettings, IdentifySettings, Settings
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.errors import UnknownFormatError
 from tests.synthetic_results import hostile_result, refused_result, usable_result, write_placeholder_log
@@ -261,7 +261,9 @@ def test_options_become_settings(pipeline: FakePipeline) -> None:
     )
     main(["analyze", "usable.bin", "--json", "--no-report", *arguments.split()])
     expected = Settings(
-        structure="linear-9", start_s=5.0, end_s=60.5, sample_rate_hz=200.0, window=12, stride=3, system=7
+        system=7,
+        align=AlignSettings(start_s=5.0, end_s=60.5, sample_rate_hz=200.0),
+        identify=IdentifySettings(structure="linear-9", window=12, stride=3),
     )
     assert pipeline.settings == [expected]
 

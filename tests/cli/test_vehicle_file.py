@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from quadid_logs.errors import VehicleFileError
-from quadid_logs.vehicle.file import read_vehicle
+from quadid_logs.vehicle_file import read_vehicle
 
 FULL = """
 name = "test quad"

@@ -12,9 +12,9 @@ from quadid_logs.align import align
 from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.data.diagnosis import Diagnosis
 from quadid_logs.data.flight import FlightData, SourceChoice
-from quadid_logs.data.log import FlightLog, LoggedSystem, LostStretch
+from quadid_logs.data.log import FlightLog, LoggedSystem, LostBytes
 from quadid_logs.data.model import Identification
-from quadid_logs.data.settings import Settings
+from quadid_logs.data.settings import AlignSettings, Settings
 from quadid_logs.diagnose import diagnose
 from quadid_logs.identify import identify
 from tests.align.flights import flight_log, flown
@@ -25,7 +25,7 @@ ROLL_ONLY = (0,)
 
 def judge(data: FlightData, log: FlightLog | None = None) -> Diagnosis:
     settings = Settings()
-    return diagnose(log or flight_log(), data, identify(data, settings), settings)
+    return diagnose(log or flight_log(), data, identify(data, settings.identify), settings)
 
 
 def logged_at(rate_hz: float) -> dict[str, SourceChoice]:
@@ -84,8 +84,8 @@ def test_ten_hertz_logging_is_refused_with_the_parameter_to_set() -> None:
     """LOG_BITMASK with the bit added to what the log says it was."""
     log = flown(np.arange(0.0, 60.0, 0.1), parameters={"LOG_BITMASK": 176126.0})
     settings = Settings()
-    data = align(log, settings)
-    diagnosis = diagnose(log, data, identify(data, settings), settings)
+    data = align(log, settings.align)
+    diagnosis = diagnose(log, data, identify(data, settings.identify), settings)
     finding = next(each for each in diagnosis.findings if each.code == "QL303")
     assert "LOG_BITMASK to 176127" in finding.advice
     assert not diagnosis.usable
@@ -94,7 +94,7 @@ def test_ten_hertz_logging_is_refused_with_the_parameter_to_set() -> None:
 def test_px4_is_told_its_own_parameter() -> None:
     """SDLOG_PROFILE, not LOG_BITMASK."""
     log = flown(np.arange(0.0, 60.0, 0.1), autopilot="px4", format="ulog")
-    data = align(log, Settings())
+    data = align(log, AlignSettings())
     (finding, *_) = diagnose(log, data, Identification(), Settings()).findings
     assert "SDLOG_PROFILE to 25" in finding.advice
     assert "LOG_BITMASK" not in finding.advice
@@ -107,13 +107,13 @@ def test_px4_is_told_its_own_parameter() -> None:
         ({"vehicle_type": "unknown"}, "QL202"),
         ({"has_time": False}, "QL104"),
         ({"n_dropped": 12}, "QL102"),
-        ({"lost": (LostStretch(offset=100, n_bytes=50, reason="no header"),)}, "QL101"),
+        ({"lost": (LostBytes(offset=100, n_bytes=50, reason="no header"),)}, "QL101"),
     ],
 )
 def test_each_doubt_about_the_file_has_its_finding(changes: dict[str, object], code: str) -> None:
     """One cause, one code."""
     log = flown(np.arange(0.0, 60.0, 0.0025), **changes)
-    assert code in codes(judge(align(log, Settings()), log))
+    assert code in codes(judge(align(log, AlignSettings()), log))
 
 
 def test_several_systems_in_one_file_are_named() -> None:
@@ -126,14 +126,14 @@ def test_several_systems_in_one_file_are_named() -> None:
         for n in (1, 2)
     )  # fmt: skip
     log = flown(np.arange(0.0, 60.0, 0.0025), systems=systems)
-    finding = next(each for each in judge(align(log, Settings()), log).findings if each.code == "QL105")
+    finding = next(each for each in judge(align(log, AlignSettings()), log).findings if each.code == "QL105")
     assert "system 2 component 1: multirotor (ardupilot), 20 messages, chosen" in str(finding.evidence)
 
 
 def test_a_log_without_torque_or_rates_says_which_is_missing() -> None:
     """Two findings, two codes."""
     log = flight_log()
-    diagnosis = judge(align(log, Settings()), log)
+    diagnosis = judge(align(log, AlignSettings()), log)
     assert {"QL301", "QL302"} <= codes(diagnosis)
 
 
@@ -142,7 +142,7 @@ def test_a_vehicle_that_stayed_on_the_ground_is_refused() -> None:
     log = flown(np.arange(0.0, 60.0, 0.0025))
     idle = dataclasses.replace(log.candidates("throttle")[0], values=np.zeros((24_000, 1)))
     grounded = dataclasses.replace(log, signals={**log.signals, "throttle": (idle,)})
-    finding = next(f for f in judge(align(grounded, Settings()), grounded).findings if f.code == "QL401")
+    finding = next(f for f in judge(align(grounded, AlignSettings()), grounded).findings if f.code == "QL401")
     assert "the throttle never left idle" in finding.title
 
 
@@ -157,7 +157,7 @@ def test_a_gain_of_the_wrong_sign_is_refused(good: FlightData) -> None:
 def test_the_most_severe_finding_comes_first(good: FlightData) -> None:
     """Errors, then warnings, then information."""
     log = flown(np.arange(0.0, 60.0, 0.1), n_dropped=3)
-    levels = [finding.level for finding in judge(align(log, Settings()), log).findings]
+    levels = [finding.level for finding in judge(align(log, AlignSettings()), log).findings]
     assert levels == sorted(levels, key=["error", "warning", "info"].index)
 
 

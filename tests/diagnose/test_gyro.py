@@ -11,11 +11,11 @@ import pytest
 from quadid_logs.align import align
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.flight import FlightData, GyroCheck
-from quadid_logs.data.settings import Settings
+from quadid_logs.data.settings import AlignSettings, Settings
 from quadid_logs.diagnose.gyro_findings import find_in_gyro
 from quadid_logs.errors import LogError
+from quadid_logs.load import read_log
 from quadid_logs.maths.rotations import euler_from_quaternion, quaternion_rate
-from quadid_logs.readers import read_log
 from quadid_logs.simulate import simulate
 from tests.align.flights import flight_log, signal
 from tests.conftest import corpus_logs
@@ -60,7 +60,7 @@ def logged(
             signal("torque_command", TIME_S, 0.1 * rate),
             signal("throttle", TIME_S, np.full((TIME_S.size, 1), 0.4)),
         ),
-        Settings(),
+        AlignSettings(),
     )
 
 
@@ -162,7 +162,7 @@ def test_without_attitude_there_is_no_check() -> None:
 
 def test_the_lag_of_the_gyro_filter_is_found_in_a_simulated_flight() -> None:
     """Two poles at 40 Hz delay slow motion by sqrt(2) / (2 pi 40 Hz): 5.6 ms."""
-    check = checked(align(simulate("doublets", seed=3).log, Settings()))
+    check = checked(align(simulate("doublets", seed=3).log, AlignSettings()))
     assert check.lag_s == pytest.approx(np.sqrt(2.0) / (2.0 * np.pi * 40.0), abs=0.0005)
     assert np.abs(check.matrix - np.eye(3)).max() < 0.005
 
@@ -170,7 +170,7 @@ def test_the_lag_of_the_gyro_filter_is_found_in_a_simulated_flight() -> None:
 @pytest.mark.corpus
 def test_the_lag_of_the_gyro_filter_is_found_in_a_flight_of_the_firmware(corpus: Path) -> None:
     """Its INS_GYRO_FILTER is 20 Hz: 11.25 ms."""
-    check = checked(align(read_log(corpus / "firmware" / "ac47_quadx_doublets.BIN"), Settings()))
+    check = checked(align(read_log(corpus / "firmware" / "ac47_quadx_doublets.BIN"), AlignSettings()))
     assert check.lag_s == pytest.approx(0.01125, abs=0.0005)
 
 
@@ -182,6 +182,6 @@ def test_of_all_flown_logs_one_contradicts_itself(corpus_log: Path) -> None:
         log = read_log(corpus_log)
     except LogError as error:
         pytest.skip(str(error))
-    findings = found(align(log, Settings()))
+    findings = found(align(log, AlignSettings()))
     name = f"{corpus_log.parent.name}/{corpus_log.name}"
     assert [each.axes for each in findings] == ([("roll",), ("pitch",)] if name == SLOW_LOOP else [])

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from quadid_logs.actuation import reconstruct
 from quadid_logs.align import align
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.log import NO_GYRO_FILTER, GyroFilter, Notch
 from quadid_logs.data.model import Model
-from quadid_logs.data.settings import Settings
+from quadid_logs.data.settings import AlignSettings, IdentifySettings
 from quadid_logs.identify import identify
 from quadid_logs.identify.design import Design, build_design
 from quadid_logs.identify.torque_errors import battery_errors, sampling_errors
@@ -25,7 +26,6 @@ from quadid_logs.simulate.logbook import Logging, write_logbook
 from quadid_logs.simulate.manoeuvres import doublets
 from quadid_logs.simulate.scenarios import Scenario, slow_motors, with_products
 from quadid_logs.simulate.truth import flight_truth
-from quadid_logs.vehicle import reconstruct
 
 from .vehicles import QUAD, multisine
 from .vehicles import fly as fly_plainly
@@ -44,11 +44,11 @@ def flown(scenario: Scenario, autopilot: str = "ardupilot") -> tuple[FlightData,
     )
     record = fly(setup)
     log = reconstruct(write_logbook((record,), scenario.logging))
-    return align(log, Settings()), flight_truth((record,), scenario=scenario.name, boot_s=31.0)
+    return align(log, AlignSettings()), flight_truth((record,), scenario=scenario.name, boot_s=31.0)
 
 
 def recommended(data: FlightData) -> Model:
-    model = identify(data, Settings()).recommended
+    model = identify(data, IdentifySettings()).recommended
     assert model is not None
     return model
 
@@ -100,7 +100,7 @@ def test_doublets_in_turn_claim_no_wrong_gyroscopic_term() -> None:
         duration_s=60.0,
     )
     data, truth = flown(scenario)
-    found = next(model for model in identify(data, Settings()).models if model.structure == "damped")
+    found = next(model for model in identify(data, IdentifySettings()).models if model.structure == "damped")
     stated = truth["models"]["damped"]
     for parameter in found.parameters:
         if parameter.identifiable and parameter.regressor in ("qr", "pr", "pq"):
@@ -153,7 +153,7 @@ def steady() -> Design:
             segments=tuple(dataclasses.replace(s, torque=np.ones_like(s.torque)) for s in data.segments),
         ),
         5.0,
-        Settings(),
+        IdentifySettings(),
     )
     assert design is not None
     return design

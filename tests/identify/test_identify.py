@@ -9,7 +9,7 @@ import pytest
 
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import Identification, Model, Parameter
-from quadid_logs.data.settings import Settings
+from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify import identify
 
 from .vehicles import PERIOD_S, QUAD, Truth, flight_data, fly, multisine
@@ -23,7 +23,7 @@ def moved() -> FlightData:
 
 @pytest.fixture(scope="module")
 def found(moved: FlightData) -> Identification:
-    return identify(moved, Settings())
+    return identify(moved, IdentifySettings())
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +101,7 @@ def test_a_full_inertia_tensor_gives_its_full_inverse() -> None:
     """Products of inertia: every element of B within 2 % of the largest."""
     tensor = np.array([[0.010, 0.001, -0.0015], [0.001, 0.012, 0.0008], [-0.0015, 0.0008, 0.020]])
     truth = dataclasses.replace(QUAD, inertia=tensor)
-    model = identify(fly(truth, multisine(40.0), feedback=8.0), Settings()).recommended
+    model = identify(fly(truth, multisine(40.0), feedback=8.0), IdentifySettings()).recommended
     assert model is not None
     assert np.abs(model.B - truth.B).max() < 0.02 * np.abs(truth.B).max()
 
@@ -109,7 +109,7 @@ def test_a_full_inertia_tensor_gives_its_full_inverse() -> None:
 def test_a_known_gyro_filter_is_modelled_and_not_taken_for_lag() -> None:
     """20 Hz delays by 11 ms; with the filter known, lag and delay stay what they are."""
     truth = dataclasses.replace(QUAD, gyro_filter_hz=20.0)
-    model = identify(fly(truth, multisine(40.0)), Settings()).recommended
+    model = identify(fly(truth, multisine(40.0)), IdentifySettings()).recommended
     assert model is not None
     assert model.actuator is not None
     assert model.actuator.lag_s + model.actuator.delay_s == pytest.approx(0.03625, abs=0.002)
@@ -118,7 +118,7 @@ def test_a_known_gyro_filter_is_modelled_and_not_taken_for_lag() -> None:
 
 def test_an_axis_at_rest_is_not_identifiable() -> None:
     """Only roll is moved: whatever comes out for pitch and yaw is not called a finding."""
-    model = identify(fly(QUAD, multisine(40.0, axes=(0,)), feedback=8.0), Settings()).recommended
+    model = identify(fly(QUAD, multisine(40.0, axes=(0,)), feedback=8.0), IdentifySettings()).recommended
     assert model is not None
     assert parameter(model, "B11").identifiable
     assert not parameter(model, "B22").identifiable
@@ -129,7 +129,7 @@ def test_torque_unrelated_to_the_motion_gives_no_identifiable_gain() -> None:
     """Noise against noise."""
     rng = np.random.default_rng(1)
     rate = np.cumsum(rng.standard_normal((16_000, 3)), axis=0) * 1e-3
-    model = identify(flight_data(rate, rng.standard_normal((16_000, 3))), Settings()).recommended
+    model = identify(flight_data(rate, rng.standard_normal((16_000, 3))), IdentifySettings()).recommended
     assert model is not None
     assert not any(parameter(model, name).identifiable for name in ("B11", "B22", "B33"))
 
@@ -137,24 +137,24 @@ def test_torque_unrelated_to_the_motion_gives_no_identifiable_gain() -> None:
 def test_without_segments_nothing_is_identified_and_the_reason_is_given() -> None:
     """An empty identification, not an error."""
     empty = flight_data(np.zeros((10, 3)), np.zeros((10, 3)), segments=())
-    assert "no stretch of flight" in identify(empty, Settings()).skipped
+    assert "no stretch of flight" in identify(empty, IdentifySettings()).skipped
 
 
 def test_a_flight_of_two_seconds_is_too_short() -> None:
     """Fewer rows than the unknowns need."""
     short = fly(QUAD, multisine(1.2))
-    assert "too short" in identify(short, Settings()).skipped
+    assert "too short" in identify(short, IdentifySettings()).skipped
 
 
 def test_a_constant_torque_does_not_crash() -> None:
     """Zero columns everywhere."""
-    result = identify(flight_data(np.zeros((16_000, 3)), np.zeros((16_000, 3))), Settings())
+    result = identify(flight_data(np.zeros((16_000, 3)), np.zeros((16_000, 3))), IdentifySettings())
     assert not any(p.identifiable and p.regressor in "LMN" for m in result.models for p in m.parameters)
 
 
 def test_the_asked_structure_comes_first() -> None:
     """--structure wins over the held-out error."""
-    result = identify(fly(QUAD, multisine(20.0)), Settings(structure="quadrotor-6"))
+    result = identify(fly(QUAD, multisine(20.0)), IdentifySettings(structure="quadrotor-6"))
     assert result.models[0].structure == "quadrotor-6"
     assert result.models[0].recommended
 
@@ -173,7 +173,9 @@ def test_wider_windows_and_slower_sampling_tame_the_condition_number(
     """--window 40 instead of 6: the medians differ by orders of magnitude."""
     plain = next(m for m in found.models if m.structure == "quadrotor-6").windows
     wide = next(
-        m for m in identify(moved, Settings(window=200, stride=50)).models if m.structure == "quadrotor-6"
+        m
+        for m in identify(moved, IdentifySettings(window=200, stride=50)).models
+        if m.structure == "quadrotor-6"
     ).windows
     assert plain is not None
     assert wide is not None
@@ -195,7 +197,7 @@ def test_ignoring_the_lag_would_give_a_wrong_gain(found: Identification) -> None
 def test_the_truth_may_have_no_lag_at_all() -> None:
     """ArduPilot's simulator has none: the lag found is near zero, the gain right."""
     truth = Truth(inertia=QUAD.inertia, damping=QUAD.damping, lag_s=0.0, delay_s=0.0)
-    model = identify(fly(truth, multisine(40.0)), Settings()).recommended
+    model = identify(fly(truth, multisine(40.0)), IdentifySettings()).recommended
     assert model is not None
     assert model.actuator is not None
     assert model.actuator.lag_s < 0.002
@@ -210,7 +212,7 @@ def test_products_that_no_rigid_body_explains_are_not_claimed() -> None:
     pushed = segment.torque.copy()
     pushed[:, 0] -= 0.4 * QUAD.inertia[0, 0] * q * r
     model = identify(
-        dataclasses.replace(data, segments=(dataclasses.replace(segment, torque=pushed),)), Settings()
+        dataclasses.replace(data, segments=(dataclasses.replace(segment, torque=pushed),)), IdentifySettings()
     ).recommended
     assert model is not None
     assert not parameter(model, "A11").identifiable
@@ -230,7 +232,7 @@ def test_a_flight_of_which_one_half_of_the_blocks_is_cut_out_is_fitted_to_the_ot
     sixth = (segment.end_s - segment.start_s) / 6.0
     cut = (segment.time_s > 1.9 * sixth) & (segment.time_s < 3.1 * sixth)
     marked = dataclasses.replace(segment, saturated=cut)
-    found = identify(dataclasses.replace(data, segments=(marked,)), Settings()).recommended
+    found = identify(dataclasses.replace(data, segments=(marked,)), IdentifySettings()).recommended
     assert found is not None
     assert np.isfinite(found.B).all()
 
@@ -242,7 +244,7 @@ def test_axes_moved_in_turn_need_longer_windows_than_axes_moved_at_once() -> Non
     in_turn = at_once * (turn[:, np.newaxis] == np.arange(3))
     width_s = []
     for torque in (at_once, in_turn):
-        models = identify(fly(QUAD, torque), Settings()).models
+        models = identify(fly(QUAD, torque), IdentifySettings()).models
         windows = next(model.windows for model in models if model.structure == "damped")
         assert windows is not None
         assert np.mean(windows.used) >= 0.5

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadid_logs.data.settings import Settings
+from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify.design import Design, build_design
 from quadid_logs.identify.products import torque_products
 
@@ -14,18 +14,18 @@ from .vehicles import QUAD, fly, multisine
 
 @pytest.fixture(scope="module")
 def design() -> Design:
-    found = build_design(fly(QUAD, multisine(23.7), feedback=8.0), 5.0, Settings())
+    found = build_design(fly(QUAD, multisine(23.7), feedback=8.0), 5.0, IdentifySettings())
     assert found is not None
     return found
 
 
-@pytest.mark.parametrize("slow_hz", [0.0, 0.3])
+@pytest.mark.parametrize("high_pass_hz", [0.0, 0.3])
 @pytest.mark.parametrize(("lag_s", "delay_s"), [(0.0, 0.0), (0.03, 0.007), (0.2, 0.05)])
 def test_they_equal_the_products_in_time(
-    design: Design, slow_hz: float, lag_s: float, delay_s: float
+    design: Design, high_pass_hz: float, lag_s: float, delay_s: float
 ) -> None:
     """To rounding, for any lag and delay, with and without what is slow."""
-    shaped = design.without_slow(slow_hz) if slow_hz else design
+    shaped = design.without_slow(high_pass_hz) if high_pass_hz else design
     directions = np.random.default_rng(0).standard_normal((design.time_s.size, 4))
     expected = directions.T @ shaped.torque(lag_s, delay_s)
     found = torque_products(shaped, directions)(lag_s, delay_s)

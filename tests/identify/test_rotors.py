@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from quadid_logs.actuation import reconstruct
 from quadid_logs.align import align
 from quadid_logs.data.model import Model
-from quadid_logs.data.settings import Settings
+from quadid_logs.data.settings import AlignSettings, IdentifySettings
 from quadid_logs.identify import identify
 from quadid_logs.identify.rotors import Rotors, _lagged
 from quadid_logs.simulate import simulate
-from quadid_logs.vehicle import reconstruct
 
 from .vehicles import QUAD, fly, multisine
 
@@ -20,7 +20,7 @@ from .vehicles import QUAD, fly, multisine
 def slow_motors() -> Model:
     """Rotors that speed up in 45 ms and slow down in 70 ms."""
     flight = simulate("slow-motors", seed=5)
-    found = identify(align(reconstruct(flight.log), Settings()), Settings()).recommended
+    found = identify(align(reconstruct(flight.log), AlignSettings()), IdentifySettings()).recommended
     assert found is not None
     return found
 
@@ -42,7 +42,7 @@ def test_uneven_rotors_do_not_bias_the_gain(slow_motors: Model) -> None:
 
 def test_without_known_rotors_the_lag_acts_on_the_torque() -> None:
     """A table of moments says nothing of rotors."""
-    model = identify(fly(QUAD, multisine(20.0), feedback=8.0), Settings()).recommended
+    model = identify(fly(QUAD, multisine(20.0), feedback=8.0), IdentifySettings()).recommended
     assert model is not None
     assert model.actuator is not None
     assert model.actuator.acts_on == "torque"

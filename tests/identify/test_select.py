@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from quadid_logs.data.settings import Settings
+from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify import identify
 from quadid_logs.identify.select import most_moved
 
@@ -47,7 +47,7 @@ def test_a_shorter_flight_stays_as_it_is() -> None:
 def test_the_gain_of_a_part_is_the_gain_of_the_flight() -> None:
     """Half of the flight, within half a per cent."""
     data = fly(QUAD, multisine(150.0), feedback=8.0)
-    found = identify(data, dataclasses.replace(Settings(), most_samples=data.n_samples // 2))
+    found = identify(data, dataclasses.replace(IdentifySettings(), most_samples=data.n_samples // 2))
     assert found.recommended is not None
     assert found.n_samples < 0.7 * data.n_samples
     np.testing.assert_allclose(np.diag(found.recommended.B), np.diag(QUAD.B), rtol=0.005)

@@ -10,7 +10,7 @@ import pytest
 from quadid_logs.cli.paper import paper
 from quadid_logs.cli.simulate import simulate
 from quadid_logs.errors import OutputError, SettingsError, SimulationError
-from quadid_logs.readers import read_log
+from quadid_logs.load import read_log
 from quadid_logs.simulate import SCENARIOS
 
 

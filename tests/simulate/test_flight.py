@@ -122,8 +122,8 @@ def test_the_mixer_keeps_every_motor_in_range_and_says_so(command):
     assert mixed.limited == 1.0
     assert min(mixed.thrust) >= 0.0
     assert max(mixed.thrust) <= 1.0
-    realised = np.linalg.lstsq(frame_geometry(1, 1).mixer, np.array(mixed.thrust) - np.mean(mixed.thrust))[0]
-    np.testing.assert_allclose(realised, mixed.torque, atol=1e-12)
+    achieved = np.linalg.lstsq(frame_geometry(1, 1).mixer, np.array(mixed.thrust) - np.mean(mixed.thrust))[0]
+    np.testing.assert_allclose(achieved, mixed.torque, atol=1e-12)
 
 
 @pytest.mark.parametrize("expo", [0.05, 0.5, 1.0])

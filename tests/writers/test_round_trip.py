@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from quadid_logs.data.log import FlightLog, Signal
-from quadid_logs.readers import read_log
+from quadid_logs.load import read_log
 
 from .conftest import flight, px4_flight, twice
 

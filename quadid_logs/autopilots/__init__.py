@@ -1,0 +1,1 @@
+"""What each autopilot logs, mixes and filters: one folder per autopilot."""

@@ -1,0 +1,1 @@
+"""ArduPilot: messages, parameters, mixer and filters."""

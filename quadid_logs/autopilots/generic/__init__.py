@@ -1,0 +1,1 @@
+"""Logs that name no autopilot: tables and plain MAVLink."""

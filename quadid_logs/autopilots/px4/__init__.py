@@ -1,0 +1,1 @@
+"""PX4: topics, parameters, control allocation and filters."""

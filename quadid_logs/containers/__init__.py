@@ -1,0 +1,1 @@
+"""Framing of log files: bytes to rows of messages, without meaning."""

@@ -1,0 +1,373 @@
+"""MAVLink telemetry logs: messages as columns, systems told apart, one clock.
+
+A bare MAVLink stream without host stamps is read the same way.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Collection, Mapping
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from quadid_logs.arrays import AnyArray, FloatArray, IntArray
+from quadid_logs.autopilots.generic.mav_type import vehicle_type_of
+from quadid_logs.containers.content import Bytes, FileParts, rows_at
+from quadid_logs.containers.mavlink_clock import (
+    BOOT_MS,
+    USEC,
+    BootClock,
+    boot_ms_s,
+    merge_clocks,
+    usec_to_boot_s,
+)
+from quadid_logs.containers.mavlink_dialect import Dialect, MessageType, enum_names, load_dialect
+from quadid_logs.containers.mavlink_frames import (
+    LONGEST,
+    MAGIC_1,
+    MAGIC_2,
+    STAMP_SIZE,
+    Packets,
+    frame,
+    host_time_s,
+)
+from quadid_logs.data.log import FlightLog, LoggedSystem, LostBytes, MessageCount
+from quadid_logs.errors import EmptyLogError, SettingsError
+
+_INVALID_AUTOPILOT: Final = 8
+_GROUND_STATION: Final = 6
+#: The packets of as many bytes are sorted and copied at once.
+_PART_BYTES: Final = 1 << 20
+_FEW: Final = 2
+"""Packets with a right checksum that make a file a MAVLink log, unless it begins with one."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MessageRows:
+    """All messages of one type, in file order.
+
+    Attributes
+    ----------
+    rows : structured ndarray, shape (n_rows,)
+        Truncated payloads are filled up with zeros.
+    position : ndarray of int64, shape (n_rows,)
+        Byte offset of each packet in the file.
+    system_id, component_id : ndarray of uint8, shape (n_rows,)
+        Who sent it.
+    """
+
+    name: str
+    rows: AnyArray
+    position: IntArray
+    system_id: AnyArray
+    component_id: AnyArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TlogContent:
+    """What a telemetry log says about the chosen system.
+
+    `clock` is the boot clock; `on_host_clock` tells that it had to be taken
+    from the host's stamps.
+    """
+
+    messages: Mapping[str, MessageRows]
+    clock: BootClock
+    on_host_clock: bool
+    systems: tuple[LoggedSystem, ...]
+    autopilot_id: int
+    mav_type: int
+    counts: tuple[MessageCount, ...]
+    lost: tuple[LostBytes, ...]
+    n_unknown: int
+    n_bytes: int
+
+    def time_s(self, message: MessageRows) -> FloatArray:
+        """Return when each row was sampled [s since boot]: its own time, else that of its neighbours."""
+        names = message.rows.dtype.names or ()
+        if BOOT_MS in names:
+            own = boot_ms_s(message.rows[BOOT_MS])
+        elif USEC in names:
+            own = usec_to_boot_s(message.rows[USEC], message.position, self.clock)
+        else:
+            return self.clock.at(message.position)
+        return np.where(np.isfinite(own), own, self.clock.at(message.position))
+
+
+def is_mine(head: bytes) -> bool:
+    """Tell whether a file beginning with `head` holds MAVLink packets."""
+    data = np.frombuffer(head, np.uint8)
+    if not ((data == MAGIC_1) | (data == MAGIC_2)).any():
+        return False
+    start = frame(FileParts(io.BytesIO(head)), load_dialect()).packets.start
+    return len(start) >= _FEW or (len(start) == 1 and int(start[0]) in (0, STAMP_SIZE))
+
+
+def read_messages(
+    path: str | Path, names: Collection[str] | None = None, *, system: int = 0
+) -> dict[str, MessageRows]:
+    """Return the messages of a telemetry log by type.
+
+    Parameters
+    ----------
+    path : str or Path
+    names : collection of str, optional
+        Message names to decode; all by default.
+    system : int
+        System id to keep; 0 keeps all.
+
+    Returns
+    -------
+    dict of str to MessageRows
+    """
+    dialect = load_dialect()
+    with closing(FileParts.open(path)) as file:
+        packets = frame(file, dialect).packets
+        if system:
+            packets = packets.where(packets.system == system)
+        return _decode(file, packets, dialect, names)
+
+
+def read_content(path: str | Path, names: Collection[str], *, system: int = 0) -> TlogContent:
+    """Read a telemetry log, decoding the given messages of one system.
+
+    Parameters
+    ----------
+    path : str or Path
+    names : collection of str
+        Message names to decode.
+    system : int
+        System id; 0 chooses the autopilot with most messages.
+
+    Raises
+    ------
+    EmptyLogError
+        If there is no packet with a right checksum.
+    SettingsError
+        If the file holds no system of that id.
+    """
+    with closing(FileParts.open(path)) as file:
+        return _content(file, names, system)
+
+
+def _content(file: FileParts, names: Collection[str], system: int) -> TlogContent:
+    """Find the packets, choose the system, and decode its messages and its clock."""
+    path, dialect = file.path, load_dialect()
+    framing = frame(file, dialect)
+    packets = framing.packets
+    if not len(packets.start):
+        raise EmptyLogError(
+            f"{path} holds no MAVLink packet with a right checksum.", hint="Copy the log again."
+        )
+    systems = _systems(file, packets, dialect, system)
+    if not any(one.chosen for one in systems):
+        present = ", ".join(str(one) for one in sorted({one.system_id for one in systems}))
+        raise SettingsError(f"There is no system {system} in {path}.", hint=f"It holds {present}.")
+    chosen = next(one for one in systems if one.chosen)
+    is_own = (packets.system == chosen.system_id) & (packets.component == chosen.component_id)
+    own = packets if is_own.all() else packets.where(is_own)
+    messages = _decode(file, own, dialect, {*names, "HEARTBEAT"})
+    clock, on_host_clock = _boot_clock(file, own, dialect, messages)
+    heartbeat = messages.get("HEARTBEAT")
+    return TlogContent(
+        messages=messages,
+        clock=clock,
+        on_host_clock=on_host_clock,
+        systems=systems,
+        autopilot_id=_most_frequent(heartbeat.rows["autopilot"]) if heartbeat else _INVALID_AUTOPILOT,
+        mav_type=_most_frequent(heartbeat.rows["type"]) if heartbeat else 0,
+        counts=_counts(own, dialect, clock),
+        lost=framing.lost,
+        n_unknown=framing.n_unknown,
+        n_bytes=file.n_bytes,
+    )
+
+
+def read(path: str | Path, *, system: int = 0) -> FlightLog:
+    """Read a telemetry log into canonical signals.
+
+    Parameters
+    ----------
+    path : str or Path
+    system : int
+        System id; 0 chooses the autopilot with most messages.
+
+    Returns
+    -------
+    FlightLog
+
+    Raises
+    ------
+    EmptyLogError
+        If there is no packet with a right checksum.
+    SettingsError
+        If the file holds no system of that id.
+    """
+    from quadid_logs.autopilots.generic import mavlink
+
+    return mavlink.flight_log(str(path), read_content(path, mavlink.MESSAGES, system=system))
+
+
+def _decode(
+    file: FileParts, packets: Packets, dialect: Dialect, names: Collection[str] | None
+) -> dict[str, MessageRows]:
+    """Decode the packets by type, part by part: only the rows themselves are as large as the file."""
+    tables: dict[int, MessageRows] = {}
+    for msg_id, count in enumerate(np.bincount(packets.msg_id).tolist()):
+        if count and (names is None or dialect.types[msg_id].name in names):
+            tables[msg_id] = _no_rows_yet(dialect.types[msg_id], count)
+    if not tables:
+        return {}
+    is_wanted = np.isin(packets.msg_id, list(tables))
+    packets = packets if is_wanted.all() else packets.where(is_wanted)
+    filled = dict.fromkeys(tables, 0)
+    last = 0
+    for begin, block in file.blocks(_PART_BYTES, LONGEST):
+        first, last = last, int(packets.start.searchsorted(begin + _PART_BYTES))
+        if first == last:
+            continue
+        part = packets.where(slice(first, last))
+        order = np.argsort(part.msg_id, kind="stable")  # radix sort
+        ids, firsts = np.unique(part.msg_id[order], return_index=True)
+        for msg_id, chosen in zip(ids.tolist(), np.split(order, firsts[1:]), strict=True):
+            done, filled[msg_id] = filled[msg_id], filled[msg_id] + len(chosen)
+            _fill(tables[msg_id], slice(done, filled[msg_id]), block, begin, part.where(chosen))
+    return {table.name: table for table in tables.values()}
+
+
+def _no_rows_yet(kind: MessageType, count: int) -> MessageRows:
+    """Return a table for so many rows: zero is what a sender leaves out of a payload's end."""
+    return MessageRows(
+        name=kind.name,
+        rows=np.zeros(count, kind.dtype),
+        position=np.empty(count, np.int64),
+        system_id=np.empty(count, np.uint8),
+        component_id=np.empty(count, np.uint8),
+    )
+
+
+def _fill(table: MessageRows, place: slice, block: Bytes, begin: int, packets: Packets) -> None:
+    """Put packets of the block that begins there into some rows of their table.
+
+    What we do not know of a payload is left out.
+    """
+    body = table.rows.view((np.uint8, table.rows.dtype.itemsize))
+    _copy_payloads(block, packets.payload - begin, packets.length, body[place])
+    table.position[place] = packets.start
+    table.system_id[place] = packets.system
+    table.component_id[place] = packets.component
+
+
+def _copy_payloads(block: Bytes, payload: IntArray, length: AnyArray, body: Bytes) -> None:
+    """Copy the payloads into the rows of `body`, those of equal length together."""
+    kept = np.minimum(length, min(body.shape[1], 255))
+    for size in np.flatnonzero(np.bincount(kept, minlength=1)).tolist():
+        group = np.flatnonzero(kept == size)
+        part = rows_at(block, payload[group], np.dtype((np.void, size)))
+        body[group, :size] = part.view(np.uint8).reshape(len(group), size)
+
+
+def _boot_clock(
+    file: FileParts, packets: Packets, dialect: Dialect, decoded: Mapping[str, MessageRows]
+) -> tuple[BootClock, bool]:
+    """Return the boot clock, and whether it had to be taken from the host's stamps.
+
+    What is already decoded usually tells the time; only where it does not, all messages are asked.
+    """
+    for name in (BOOT_MS, USEC):
+        clock = _clock_of(decoded, name)
+        if not len(clock.position):
+            present = [dialect.types[int(msg_id)] for msg_id in np.unique(packets.msg_id)]
+            timed = {kind.name for kind in present if name in (kind.dtype.names or ())}
+            clock = _clock_of(_decode(file, packets, dialect, timed), name)
+        if len(clock.position):
+            return clock, False
+    host_s = host_time_s(file, packets)
+    return BootClock(packets.start, host_s - host_s[0]), True
+
+
+def _clock_of(messages: Mapping[str, MessageRows], name: str) -> BootClock:
+    """Return the clock that a time field of these messages shows, without rows where it is not filled in."""
+    timed = [message for message in messages.values() if name in (message.rows.dtype.names or ())]
+    clock = merge_clocks([BootClock(message.position, _own_time_s(message, name)) for message in timed])
+    usable = np.isfinite(clock.time_s)
+    return BootClock(clock.position[usable], clock.time_s[usable])
+
+
+def _own_time_s(message: MessageRows, name: str) -> FloatArray:
+    """Return a message's own time as it stands [s]; NaN where not filled in."""
+    stamp = message.rows[name]
+    return boot_ms_s(stamp) if name == BOOT_MS else np.where(stamp > 0, stamp / 1e6, np.nan)
+
+
+def _most_frequent(values: AnyArray) -> int:
+    """Return the most frequent small integer."""
+    return int(np.bincount(values).argmax())
+
+
+def _systems(file: FileParts, packets: Packets, dialect: Dialect, system: int) -> tuple[LoggedSystem, ...]:
+    """List who speaks in the file, and choose the autopilot (of the given system) with most messages."""
+    autopilots, types = enum_names("MAV_AUTOPILOT", "MAV_AUTOPILOT_"), enum_names("MAV_TYPE", "MAV_TYPE_")
+    heartbeats = _decode(file, packets, dialect, {"HEARTBEAT"}).get("HEARTBEAT")
+    found: list[tuple[tuple[bool, int], LoggedSystem]] = []
+    address = packets.system.astype(np.uint16) * 256 + packets.component
+    for key, count in enumerate(np.bincount(address).tolist()):
+        if not count:
+            continue
+        autopilot, mav_type = _identity(heartbeats, key // 256, key % 256)
+        is_autopilot = autopilot not in (-1, _INVALID_AUTOPILOT) and mav_type != _GROUND_STATION
+        vehicle = vehicle_type_of(mav_type)
+        one = LoggedSystem(
+            system_id=key // 256,
+            component_id=key % 256,
+            autopilot=autopilots.get(autopilot, "unknown").lower(),
+            vehicle_type=types.get(mav_type, "unknown").lower() if vehicle == "unknown" else vehicle,
+            n_messages=count,
+            chosen=False,
+        )
+        found.append(((is_autopilot, count), one))
+    eligible = [entry for entry in found if not system or entry[1].system_id == system]
+    best = max(eligible, key=lambda entry: entry[0])[1] if eligible else None
+    return tuple(
+        LoggedSystem(
+            system_id=one.system_id,
+            component_id=one.component_id,
+            autopilot=one.autopilot,
+            vehicle_type=one.vehicle_type,
+            n_messages=one.n_messages,
+            chosen=one is best,
+        )
+        for _, one in found
+    )
+
+
+def _identity(heartbeats: MessageRows | None, system: int, component: int) -> tuple[int, int]:
+    """Return what its heartbeats say a sender is: MAV_AUTOPILOT and MAV_TYPE, -1 and 0 without heartbeats."""
+    if heartbeats is None:
+        return -1, 0
+    own = (heartbeats.system_id == system) & (heartbeats.component_id == component)
+    if not own.any():
+        return -1, 0
+    rows = heartbeats.rows[own]
+    return _most_frequent(rows["autopilot"]), _most_frequent(rows["type"])
+
+
+def _counts(packets: Packets, dialect: Dialect, clock: BootClock) -> tuple[MessageCount, ...]:
+    """Count the messages by type, with their mean rate over the time that the clock covers."""
+    running = np.diff(clock.time_s)
+    duration_s = float(running[(running > 0.0) & (running < 3600.0)].sum())
+    ids, counts = np.unique(packets.msg_id, return_counts=True)
+    rate = 1.0 / duration_s if duration_s > 0.0 else float("nan")
+    return tuple(
+        sorted(
+            (
+                MessageCount(name=dialect.types[msg_id].name, count=count, rate_hz=count * rate)
+                for msg_id, count in zip(ids.tolist(), counts.tolist(), strict=True)
+            ),
+            key=lambda count: count.name,
+        )
+    )

@@ -1,0 +1,228 @@
+"""PX4's ULog: topics as columns, parameters, texts and dropouts, and what was lost."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from quadid_logs.arrays import AnyArray, IntArray
+from quadid_logs.containers.content import FileParts, rows_of_types
+from quadid_logs.containers.ulog_definitions import HEADER_MAGIC, Definitions, Subscription
+from quadid_logs.containers.ulog_frames import Frames, frame
+from quadid_logs.data.log import FlightLog, LostBytes, MessageCount
+from quadid_logs.errors import EmptyLogError
+
+TopicKey = tuple[str, int]
+"""Name of a topic and its instance."""
+
+_MESSAGE_HEADER = 5
+"""Size, type and id before a row."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TopicTable:
+    """The rows of one topic instance, in file order.
+
+    Attributes
+    ----------
+    name, multi_id : str, int
+        Topic and instance.
+    rows : structured ndarray, shape (n_rows,)
+        Arrays are sub-arrays, nested types nested structures.
+    position : ndarray of int64, shape (n_rows,)
+        Byte offset of each message in the file.
+    """
+
+    name: str
+    multi_id: int
+    rows: AnyArray
+    position: IntArray
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Names of the top-level fields."""
+        return tuple(self.rows.dtype.names or ())
+
+    def has(self, field: str, kinds: str = "iu") -> bool:
+        """Tell whether a field holds one number of these kinds (of numpy dtypes) per row."""
+        return holds(self.rows.dtype, field, kinds)
+
+    def columns(self) -> dict[str, AnyArray]:
+        """Return one array per number, with names as ``control[0]`` or ``esc[1].esc_rpm``."""
+        return _flatten("", self.rows)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class UlogContent:
+    """A ULog file: some of its topics, and everything else that it says.
+
+    `n_unknown` counts messages that no subscription or type explains,
+    `n_joined` the further files that were appended to the first one.
+    """
+
+    topics: Mapping[TopicKey, TopicTable]
+    definitions: Definitions
+    counts: tuple[MessageCount, ...]
+    lost: tuple[LostBytes, ...]
+    n_unknown: int
+    n_joined: int
+    n_bytes: int
+
+
+def holds(layout: np.dtype[np.void], field: str, kinds: str) -> bool:
+    """Tell whether a row has the field, as one number of these kinds; a damaged format makes arrays of it."""
+    return field in (layout.names or ()) and layout[field].kind in kinds
+
+
+def is_mine(head: bytes) -> bool:
+    """Tell whether a file beginning with `head` is a ULog."""
+    return head.startswith(HEADER_MAGIC)
+
+
+def read_topics(path: str | Path, topics: Collection[str] | None = None) -> dict[TopicKey, TopicTable]:
+    """Return the rows of the topics.
+
+    Parameters
+    ----------
+    path : str or Path
+    topics : collection of str, optional
+        Names to decode; all by default.
+
+    Returns
+    -------
+    dict of (name, instance) to TopicTable
+    """
+    return dict(read_content(path, topics).topics)
+
+
+def read_content(path: str | Path, topics: Collection[str] | None = None) -> UlogContent:
+    """Read a ULog file, decoding only the rows of the given topics (all by default)."""
+    with closing(FileParts.open(path)) as file:
+        return _content(file, topics)
+
+
+def _content(file: FileParts, topics: Collection[str] | None) -> UlogContent:
+    """Find the messages and decode those that are asked for."""
+    frames = frame(file)
+    chosen = [
+        (subscription, starts)
+        for subscription, starts in zip(frames.definitions.subscriptions, frames.starts, strict=True)
+        if len(starts) and (topics is None or subscription.name in topics)
+    ]
+    wanted = [(starts, subscription.dtype) for subscription, starts in chosen]
+    found = rows_of_types(file, wanted, behind=_MESSAGE_HEADER)
+    tables: dict[TopicKey, list[TopicTable]] = {}
+    for (subscription, starts), rows in zip(chosen, found, strict=True):
+        key = (subscription.name, subscription.multi_id)
+        table = TopicTable(name=key[0], multi_id=key[1], rows=rows, position=starts)
+        tables.setdefault(key, []).append(table)
+    return UlogContent(
+        topics={key: _join(parts) for key, parts in sorted(tables.items())},
+        definitions=frames.definitions,
+        counts=_counts(file, frames),
+        lost=frames.lost,
+        n_unknown=frames.n_unknown,
+        n_joined=frames.n_joined,
+        n_bytes=file.n_bytes,
+    )
+
+
+def read(path: str | Path, *, system: int = 0) -> FlightLog:
+    """Read a ULog file into canonical signals.
+
+    Parameters
+    ----------
+    path : str or Path
+    system : int
+        Has no effect: a ULog holds one vehicle.
+
+    Returns
+    -------
+    FlightLog
+
+    Raises
+    ------
+    EmptyLogError
+        If the file holds no data message that can be read.
+    """
+    from quadid_logs.autopilots.px4 import signals as px4
+
+    content = read_content(path, px4.TOPICS)
+    if not content.counts:
+        raise EmptyLogError(
+            f"{path} begins as a ULog, but holds no data message that can be read.",
+            hint="The file was cut off or its definitions are damaged; copy it from the SD card again.",
+        )
+    return px4.flight_log(str(path), content, system=system)
+
+
+def _flatten(prefix: str, values: AnyArray) -> dict[str, AnyArray]:
+    """Split nested structures and sub-arrays into columns of numbers."""
+    columns: dict[str, AnyArray] = {}
+    for name in values.dtype.names or ():
+        part = values[name]
+        pieces = {f"{prefix}{name}": part}
+        if part.ndim > 1:
+            pieces = {f"{prefix}{name}[{k}]": part[:, k] for k in range(part.shape[1])}
+        for piece_name, piece in pieces.items():
+            if piece.dtype.names is None:
+                columns[piece_name] = piece
+            else:
+                columns |= _flatten(f"{piece_name}.", piece)
+    return columns
+
+
+def _join(tables: list[TopicTable]) -> TopicTable:
+    """Put the pieces of one topic together: it can be subscribed again, or come from a joined file."""
+    first = tables[0]
+    if len(tables) == 1:
+        return first
+    if any(table.rows.dtype != first.rows.dtype for table in tables):
+        # Firmware changed between joined files: keep what all of them have.
+        shared = [name for name in first.fields if all(_has_field(first, table, name) for table in tables)]
+        rows = np.concatenate(
+            [np.array(table.rows[shared].tolist(), _packed(first, shared)) for table in tables]
+        )
+    else:
+        rows = np.concatenate([table.rows for table in tables])
+    position = np.concatenate([table.position for table in tables])
+    order = np.argsort(position, kind="stable")
+    return TopicTable(name=first.name, multi_id=first.multi_id, rows=rows[order], position=position[order])
+
+
+def _has_field(first: TopicTable, other: TopicTable, name: str) -> bool:
+    """Tell whether both tables have the field, with the same type."""
+    return name in other.fields and first.rows.dtype[name] == other.rows.dtype[name]
+
+
+def _packed(table: TopicTable, names: list[str]) -> np.dtype[np.void]:
+    """Return the dtype of some fields of a table, without holes."""
+    return np.dtype([(name, table.rows.dtype[name]) for name in names])
+
+
+def _counts(file: FileParts, frames: Frames) -> tuple[MessageCount, ...]:
+    """Count the rows of every topic, with their mean rate."""
+    counts = []
+    for subscription, starts in zip(frames.definitions.subscriptions, frames.starts, strict=True):
+        if len(starts):
+            name = subscription.name + (f"[{subscription.multi_id}]" if subscription.multi_id else "")
+            rate = _mean_rate_hz(file, subscription, starts)
+            counts.append(MessageCount(name=name, count=len(starts), rate_hz=rate))
+    return tuple(sorted(counts, key=lambda count: count.name))
+
+
+def _mean_rate_hz(file: FileParts, subscription: Subscription, starts: IntArray) -> float:
+    """Return rows per second between the first and the last row, NaN where that cannot be told."""
+    layout = subscription.dtype
+    if not holds(layout, "timestamp", "iuf") or len(starts) < 2:
+        return float("nan")
+    first_us, last_us = (
+        float(file.part(start, start + layout.itemsize).view(layout)["timestamp"][0])
+        for start in (starts[[0, -1]] + _MESSAGE_HEADER).tolist()
+    )
+    duration_s = (last_us - first_us) * 1e-6
+    return (len(starts) - 1) / duration_s if duration_s > 0.0 else float("nan")
