@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from quadid_logs.data.log import FlightLog, Signal
+from quadid_logs.data.log import FlightLog, Rows, Signal
 from quadid_logs.writers import write_log
 
 HERE = Path(__file__).resolve().parent
@@ -70,4 +70,4 @@ def _signal(name: str, duration_s: float, rate_hz: float, n_columns: int, source
     """Return one series of sines."""
     row = np.arange(int(duration_s * rate_hz))
     values = 0.5 + 0.4 * np.sin(row[:, np.newaxis] / rate_hz + np.arange(n_columns))
-    return Signal(name=name, time_s=10.0 + row / rate_hz, values=values, position=row, source=source)
+    return Signal(name=name, rows=Rows(10.0 + row / rate_hz, row), values=values, source=source)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
-from quadid_logs.data.log import Signal
+from quadid_logs.data.log import Rows, Signal
 
 
 def any_motor(limited: BoolArray) -> BoolArray:
@@ -62,9 +62,8 @@ class MotorSeries:
         """Return values on these rows as a source of a signal."""
         return Signal(
             name=name,
-            time_s=self.time_s,
+            rows=Rows(self.time_s, self.position),
             values=np.asarray(values, dtype=np.float64),
-            position=self.position,
             source=self.source,
             reason=reason or self.reason,
             achieved=self.achieved,

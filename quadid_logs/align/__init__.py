@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -100,6 +101,8 @@ def cut(prepared: Prepared, settings: AlignSettings) -> FlightData:
     intervals = _clip(flights.intervals, settings)
     period_s = _period_s(torque, settings)
     segments = _segments(series, torque, intervals, period_s, settings) if _may_be_multirotor(log) else ()
+    described = _input(log, torque, segments)
+    segments, described = _with_rotor_thrust(log, segments, described)
     return FlightData(
         sample_period_s=period_s,
         segments=segments,
@@ -107,7 +110,7 @@ def cut(prepared: Prepared, settings: AlignSettings) -> FlightData:
         sources={
             name: describe(chosen, candidates[name], intervals, settings) for name, chosen in series.items()
         },
-        input=_input(log, torque, segments),
+        input=described,
         start_s=span[0],
         duration_s=span[1] - span[0],
         gyro_filter=series["body_rate"].signal.gyro_filter if "body_rate" in series else NO_GYRO_FILTER,
@@ -292,9 +295,30 @@ def _input(
         saturated_fraction=n_saturated / n_samples if n_samples else 0.0,
         achieved=torque.signal.achieved,
         calibration=log.torque.calibration if log.torque is not None else Calibration(),
-        allocation=log.torque.allocation if log.torque is not None and log.torque.n_rotors else None,
         every_step=_logs_every_step(log, torque),
     )
+
+
+def _with_rotor_thrust(
+    log: FlightLog, segments: tuple[Segment, ...], described: InputDescription | None
+) -> tuple[tuple[Segment, ...], InputDescription | None]:
+    """Add the thrust that each rotor needs for torque and throttle, where the allocation is known."""
+    if described is None or log.torque is None or not log.torque.n_rotors:
+        return segments, described
+    allocation = log.torque.allocation
+    unit = np.ones(3) if described.unit == "1" else np.array(described.calibration.n_m_per_command)
+    if (
+        not (np.isfinite(allocation).all() and np.isfinite(unit).all())
+        or int(np.linalg.matrix_rank(allocation)) < allocation.shape[1]
+        or any(segment.throttle is None for segment in segments)
+    ):
+        return segments, described
+    found = []
+    for segment in segments:
+        command = np.column_stack([segment.torque / unit, np.asarray(segment.throttle)])
+        found.append(replace(segment, rotor_thrust=np.clip(command @ allocation.T, 0.0, None)))
+    per_thrust = unit[:, np.newaxis] * np.linalg.pinv(allocation)[:3]
+    return tuple(found), replace(described, torque_per_thrust=per_thrust)
 
 
 def _logs_every_step(log: FlightLog, torque: CleanSeries) -> bool:

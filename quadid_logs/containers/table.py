@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.data.log import FlightLog, MessageCount, Signal
+from quadid_logs.data.log import FlightLog, MessageCount, Rows, Signal
 from quadid_logs.errors import EmptyLogError, UnknownFormatError
 from quadid_logs.vocabulary import MULTIROTOR, SIGNALS
 
@@ -279,9 +279,8 @@ def _signals(columns: Mapping[str, FloatArray], kind: str) -> tuple[dict[str, tu
         if wanted and not missing:
             signal = Signal(
                 name=name,
-                time_s=columns[_TIME],
+                rows=Rows(columns[_TIME], position),
                 values=np.column_stack([columns[column] for column in wanted]),
-                position=position,
                 source=f"{kind} columns {', '.join(wanted)}",
                 reason="the table's own column names",
             )

@@ -63,6 +63,9 @@ class Segment:
     attitude_rad : ndarray, shape (n_samples, 3), or None
         Euler angles, yaw unwrapped; None where the log has none.
     throttle : ndarray, shape (n_samples,), or None
+    rotor_thrust : ndarray, shape (n_samples, n_rotors), or None
+        Thrust of each rotor in the unit for which `InputDescription.torque_per_thrust` gives the
+        torque; None where the rotors are not known.
     reference : ndarray, shape (n_samples, 3 or 4), or None
         What was asked for, from outside the rate loop: rate setpoints [rad/s], and the excitation
         of a system-ID mode where there is one; None where the log has no setpoints.
@@ -79,6 +82,7 @@ class Segment:
     throttle: FloatArray | None
     saturated: BoolArray
     reference: FloatArray | None = None
+    rotor_thrust: FloatArray | None = None
     flight: int = 0
 
     @property
@@ -97,6 +101,7 @@ class Segment:
             throttle=None if self.throttle is None else self.throttle[rows],
             saturated=self.saturated[rows],
             reference=None if self.reference is None else self.reference[rows],
+            rotor_thrust=None if self.rotor_thrust is None else self.rotor_thrust[rows],
         )
 
     @property
@@ -161,8 +166,8 @@ class InputDescription:
 
     ``achieved`` torque contains saturation, so that saturated samples may be
     used; ``calibration`` is that of the log, for inertia and intervals;
-    ``allocation`` (n_rotors, 4) is each rotor's share of thrust per unit of
-    roll, pitch, yaw command and throttle, None where the rotors are not known.
+    ``torque_per_thrust`` (3, n_rotors) is L, M, N per unit of
+    `Segment.rotor_thrust`, None where the rotors are not known.
     ``every_step``: each step of the control loop was logged, so that the
     torque is known between the samples as well.
     """
@@ -173,7 +178,7 @@ class InputDescription:
     saturated_fraction: float = 0.0
     achieved: bool = False
     calibration: Calibration = field(default_factory=Calibration)
-    allocation: FloatArray | None = None
+    torque_per_thrust: FloatArray | None = None
     every_step: bool = False
 
 

@@ -54,24 +54,58 @@ class GyroFilter(NamedTuple):
 NO_GYRO_FILTER: Final = GyroFilter()
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Rows:
+    """The rows of one message: when and where in the file; shared by all signals that are built from them.
+
+    Attributes
+    ----------
+    time_s : ndarray, shape (n_samples,)
+        When the values were *sampled*, on the log's main clock [s].
+    position : ndarray of int64, shape (n_samples,)
+        Byte offset of the row in the file (row number for a table).
+    """
+
+    time_s: FloatArray
+    position: IntArray
+
+    def __post_init__(self) -> None:
+        if self.time_s.ndim != 1 or self.time_s.shape != self.position.shape:
+            raise ShapeError(
+                f"{self.time_s.shape} times and {self.position.shape} positions do not belong together."
+            )
+        _freeze(self, "time_s", "position")
+
+    @property
+    def n_samples(self) -> int:
+        """Number of rows."""
+        return int(self.time_s.shape[0])
+
+
+def _freeze(owner: object, *names: str) -> None:
+    """Replace arrays by views that cannot be written to."""
+    for name in names:
+        view = getattr(owner, name).view()
+        view.flags.writeable = False
+        object.__setattr__(owner, name, view)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Signal:
     """One source of one canonical signal, exactly as logged.
 
     Nothing is sorted, merged or dropped: rows stand in file order, times may
-    fall, repeat or be wild. `align` deals with that, and needs `position` to
-    tell a reboot from an out-of-order row.
+    fall, repeat or be outliers. `align` deals with that, and needs the rows'
+    positions to tell a reboot from an out-of-order row.
 
     Attributes
     ----------
     name : str
         Canonical name, a key of `vocabulary.SIGNALS`.
-    time_s : ndarray, shape (n_samples,)
-        When the value was *sampled*, on the log's main clock [s].
+    rows : Rows
+        Times and positions; signals from one message share the same object.
     values : ndarray, shape (n_samples, n_columns)
         In the unit, frame and sign that the vocabulary fixes.
-    position : ndarray of int64, shape (n_samples,)
-        Byte offset of the row in the file (row number for a table).
     source : str
         The vendor's message and fields, for the reader of the report.
     reason : str
@@ -81,13 +115,12 @@ class Signal:
     gyro_filter : GyroFilter
         Of body rates: what they passed before they were logged.
     achieved : bool
-        Of a torque: what the actuators did, saturation included, not what was asked of them.
+        Of a torque: what the actuators did, saturation included, not what was commanded.
     """
 
     name: str
-    time_s: FloatArray
+    rows: Rows
     values: FloatArray
-    position: IntArray
     source: str
     reason: str = ""
     nominal_rate_hz: float = float("nan")
@@ -100,20 +133,26 @@ class Signal:
         columns = len(SIGNALS[self.name].columns)
         if self.values.ndim != 2 or (columns and self.values.shape[1] != columns):
             raise ShapeError(f"{self.name} needs {columns or 'some'} columns, found {self.values.shape}.")
-        if not self.time_s.shape == self.position.shape == self.values.shape[:1]:
+        if self.values.shape[0] != self.rows.n_samples:
             raise ShapeError(
-                f"{self.name}: {self.time_s.shape} times, {self.values.shape} values and "
-                f"{self.position.shape} positions do not belong together."
+                f"{self.name}: {self.values.shape} values do not fit {self.rows.n_samples} rows."
             )
-        for name in ("time_s", "values", "position"):
-            view = getattr(self, name).view()
-            view.flags.writeable = False
-            object.__setattr__(self, name, view)
+        _freeze(self, "values")
+
+    @property
+    def time_s(self) -> FloatArray:
+        """When each value was sampled [s]; shape (n_samples,)."""
+        return self.rows.time_s
+
+    @property
+    def position(self) -> IntArray:
+        """Byte offset of each row in the file; shape (n_samples,)."""
+        return self.rows.position
 
     @property
     def n_samples(self) -> int:
         """Number of rows."""
-        return int(self.time_s.shape[0])
+        return self.rows.n_samples
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -247,9 +286,8 @@ def signal_from_columns(
     """Stack one array per column into a `Signal`."""
     return Signal(
         name=name,
-        time_s=np.asarray(time_s, dtype=np.float64),
+        rows=Rows(np.asarray(time_s, dtype=np.float64), np.asarray(position, dtype=np.int64)),
         values=np.column_stack([np.asarray(column, dtype=np.float64) for column in columns]),
-        position=np.asarray(position, dtype=np.int64),
         source=source,
         reason=reason,
     )

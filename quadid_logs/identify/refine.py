@@ -79,7 +79,7 @@ def find_drive(
     start : ActuatorFit
         Found as if the lag acted on the torque.
     described : InputDescription or None
-        With the ``allocation`` of the rotors, where they are known.
+        With the ``torque_per_thrust`` of the rotors, where they are known.
     settings : IdentifySettings
         ``max_lag_s``, ``max_delay_s``.
 

@@ -63,11 +63,8 @@ def rotors_known(data: FlightData) -> bool:
     described = data.input
     return (
         described is not None
-        and described.allocation is not None
-        and bool(np.isfinite(described.allocation).all())
-        and int(np.linalg.matrix_rank(described.allocation)) == described.allocation.shape[1]
-        and (described.unit == "1" or all(described.calibration.known))
-        and all(segment.throttle is not None for segment in data.segments)
+        and described.torque_per_thrust is not None
+        and all(segment.rotor_thrust is not None for segment in data.segments)
     )
 
 
@@ -78,7 +75,7 @@ def with_lag_on_rotors(design: Design, described: InputDescription, rotors: Roto
     ----------
     design : Design
     described : InputDescription
-        With the ``allocation`` of the rotors.
+        With the ``torque_per_thrust`` of the rotors.
     rotors : Rotors
 
     Returns
@@ -128,19 +125,16 @@ def rotor_slopes(design: Design, described: InputDescription, rotors: Rotors) ->
 
 def _torque(segment: Segment, described: InputDescription, period_s: float, rotors: Rotors) -> FloatArray:
     """Return the torque of one piece for a linear lag; shape (n_samples, 3)."""
-    allocation, throttle = described.allocation, segment.throttle
-    if allocation is None or throttle is None:
+    thrust, torque_per_thrust = segment.rotor_thrust, described.torque_per_thrust
+    if thrust is None or torque_per_thrust is None:
         return segment.torque
-    unit = np.ones(3) if described.unit == "1" else np.array(described.calibration.n_m_per_command)
-    command = np.column_stack([segment.torque / unit, throttle])
-    thrust = np.clip(command @ allocation.T, 0.0, None)
     target = np.sqrt(thrust)
     speed = _lagged(target, period_s, rotors)
     gap = target - speed
     # F + T dF/dt, with the T of the direction in dw/dt and the mean of both before dF/dt.
     share = np.where(gap > 0.0, rotors.mean_s / rotors.up_s, rotors.mean_s / rotors.down_s)
     change = speed**2 + 2.0 * speed * gap * share - thrust
-    return np.asarray(segment.torque + (change @ np.linalg.pinv(allocation)[:3].T) * unit)
+    return np.asarray(segment.torque + change @ torque_per_thrust.T)
 
 
 def _lagged(target: FloatArray, period_s: float, rotors: Rotors) -> FloatArray:

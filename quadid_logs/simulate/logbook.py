@@ -16,6 +16,7 @@ from quadid_logs.data.log import (
     LoggedSystem,
     LogText,
     ModeChange,
+    Rows,
     Signal,
 )
 from quadid_logs.maths.rotations import euler_from_quaternion, rotation_matrix
@@ -334,9 +335,8 @@ def _signals(messages: list[_Rows], positions: list[IntArray], setup: Setup) -> 
             name = "body_rate" if raw_name == "body_rate_raw" else raw_name
             signal = Signal(
                 name=name,
-                time_s=rows.stamp_s,
+                rows=Rows(rows.stamp_s, position),
                 values=rows.values[raw_name],
-                position=position,
                 source=f"{rows.stream.message}{instance}.{fields}",
                 reason=f"as {kind.firmware} logs it",
                 # A file says this by its parameter, and is read so.

@@ -14,7 +14,7 @@ from quadid_logs.autopilots.ardupilot.mixer import (
     mix,
     pulse_width,
 )
-from quadid_logs.data.log import FlightLog, Signal
+from quadid_logs.data.log import FlightLog, Rows, Signal
 from quadid_logs.maths.frames import frame_geometry
 
 GRAVITY = 9.80665
@@ -56,10 +56,9 @@ def signal(name: str, values: np.ndarray, *, every: int = 1, source: str = "") -
     row = np.arange(0, len(values), every)
     return Signal(
         name=name,
-        time_s=row / RATE_HZ,
+        rows=Rows(row / RATE_HZ, row * 1000 + (0 if every == 1 else 1) + (hash_of(name) if every > 1 else 0)),
         values=columns.astype(np.float64),
         # Rows of different messages lie between each other; the slow ones come after the fast ones.
-        position=row * 1000 + (0 if every == 1 else 1) + (hash_of(name) if every > 1 else 0),
         source=source or name.upper(),
     )
 

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from quadid_logs.data.log import FlightLog, Signal
+from quadid_logs.data.log import FlightLog, Rows, Signal
 
 
 def signal(name: str, time_s: np.ndarray, values: np.ndarray, *, source: str = "", start: int = 0) -> Signal:
     """Return a signal whose rows follow each other in the file, 50 bytes apart."""
     return Signal(
         name=name,
-        time_s=np.asarray(time_s, dtype=float),
+        rows=Rows(np.asarray(time_s, dtype=float), start + 50 * np.arange(len(time_s), dtype=np.int64)),
         values=np.asarray(values, dtype=float),
-        position=start + 50 * np.arange(len(time_s), dtype=np.int64),
         source=source or name,
     )
 

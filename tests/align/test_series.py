@@ -25,9 +25,8 @@ def of_one_message(time_s: np.ndarray) -> tuple[Signal, Signal]:
     rates = signal("body_rate", time_s, np.cos(time_s)[:, np.newaxis] * [1.0, 2.0, 3.0])
     torque = Signal(
         name="torque_command",
-        time_s=rates.time_s,
+        rows=rates.rows,
         values=0.1 * rates.values,
-        position=rates.position,
         source="RATE",
     )
     return rates, torque

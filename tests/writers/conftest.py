@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.data.log import FlightLog, LogText, ModeChange, Signal
+from quadid_logs.data.log import FlightLog, LogText, ModeChange, Rows, Signal
 from quadid_logs.writers import write_log
 
 START_S = 12.5
@@ -42,18 +42,15 @@ def series(name: str, *, rate_hz: float, n_columns: int, source: str, start_s: f
     phase = np.arange(n)[:, np.newaxis] / rate_hz + np.arange(n_columns) + len(name)
     low, span = SCALE.get(name, (-0.5, 1.0))
     values = low + span * (0.5 + 0.5 * np.sin(phase))
-    return Signal(
-        name=name, time_s=time_s, values=values, position=np.arange(n, dtype=np.int64), source=source
-    )
+    return Signal(name=name, rows=Rows(time_s, np.arange(n, dtype=np.int64)), values=values, source=source)
 
 
 def switch(name: str, times_s: list[float], states: list[float]) -> Signal:
     """Return a two-valued signal with a row per change."""
     return Signal(
         name=name,
-        time_s=np.array(times_s),
+        rows=Rows(np.array(times_s), np.arange(len(states), dtype=np.int64)),
         values=np.array(states)[:, np.newaxis],
-        position=np.arange(len(states), dtype=np.int64),
         source=name,
     )
 
@@ -119,9 +116,10 @@ def twice(log: FlightLog) -> FlightLog:
     def again(signal: Signal) -> Signal:
         return Signal(
             name=signal.name,
-            time_s=np.tile(signal.time_s, 2),
+            rows=Rows(
+                np.tile(signal.time_s, 2), np.concatenate((signal.position, signal.position + n_bytes))
+            ),
             values=np.tile(signal.values, (2, 1)),
-            position=np.concatenate((signal.position, signal.position + n_bytes)),
             source=signal.source,
         )
 

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from quadid_logs.data.log import FlightLog, ModeChange, Signal
+from quadid_logs.data.log import FlightLog, ModeChange, Rows, Signal
 
 from .conftest import START_S, flight, px4_flight, series, twice
 
 Write = Callable[[FlightLog, str], Path]
-Rows = dict[str, list[Any]]
+Records = dict[str, list[Any]]
 
 #: Message, fields, canonical signal, unit of the field in SI.
 FIELDS = [
@@ -36,9 +36,9 @@ FIELDS = [
 ]
 
 
-def rows(path: Path) -> Rows:
+def rows(path: Path) -> Records:
     """Read all messages with pymavlink."""
-    found: Rows = defaultdict(list)
+    found: Records = defaultdict(list)
     for message in stream(path):
         found[message.get_type()].append(message)
     return found
@@ -205,9 +205,11 @@ def test_a_mode_without_a_place_is_put_where_its_time_first_fits(written: Write)
     )
     stretched = Signal(
         name="attitude",
-        time_s=np.concatenate((START_S + np.arange(2000) / 1000.0, START_S + np.arange(6000) / 1000.0)),
+        rows=Rows(
+            np.concatenate((START_S + np.arange(2000) / 1000.0, START_S + np.arange(6000) / 1000.0)),
+            np.arange(8000),
+        ),
         values=np.zeros((8000, 3)),
-        position=np.arange(8000),
         source="ANG",
     )
     log = replace(both, signals={"attitude": (stretched,)}, modes=late, texts=())

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadid_logs.data.log import FlightLog, Signal
+from quadid_logs.data.log import FlightLog, Rows, Signal
 from quadid_logs.errors import OutputError, SettingsError
 from quadid_logs.writers import records, write_log
 
@@ -56,9 +56,8 @@ def test_a_failed_write_leaves_nothing_behind(tmp_path: Path, name: str) -> None
     (tmp_path / name).write_bytes(b"older")
     nowhen = Signal(
         name="attitude",
-        time_s=np.array([np.nan]),
+        rows=Rows(np.array([np.nan]), np.zeros(1, dtype=np.int64)),
         values=np.zeros((1, 3)),
-        position=np.zeros(1, dtype=np.int64),
         source="ATT",
     )
     with pytest.raises(OutputError, match="finite time"):

@@ -18,7 +18,7 @@ import numpy as np
 from quadid_logs.arrays import AnyArray, FloatArray, IntArray
 from quadid_logs.autopilots.ardupilot.clock import LogClock
 from quadid_logs.containers.message_table import MessageTable
-from quadid_logs.data.log import Signal
+from quadid_logs.data.log import Rows, Signal
 
 DEGREE: Final = math.pi / 180.0
 #: Full scale of the rate controller's output before ArduPilot 3.4 (ArduCopter/Parameters.cpp,
@@ -310,9 +310,8 @@ class SignalBuilder:
         source = " ".join(filter(None, (extra, f"EV.Id {' '.join(map(str, meaning))}")))
         yield Signal(
             name=name,
-            time_s=time,
+            rows=Rows(time, position[order]),
             values=state[:, None],
-            position=position[order],
             source=source,
             reason="changes of state",
         )
@@ -459,9 +458,8 @@ class SignalBuilder:
         """Build a signal from values in its unit and the rows that they come from."""
         return Signal(
             name=name,
-            time_s=self._clock.times(table),
+            rows=Rows(self._clock.times(table), table.position),
             values=values,
-            position=table.position,
             source=source,
             reason=reason,
         )
@@ -507,9 +505,8 @@ class _PidSum:
         """Scale and name the sum."""
         return Signal(
             name=name,
-            time_s=self.time_s,
+            rows=Rows(self.time_s, self.position),
             values=self.values * factor,
-            position=self.position,
             source=self.source,
             reason=reason,
         )
@@ -589,9 +586,8 @@ def _rescaled(signal: Signal, factor: float, unit: str) -> Signal:
     """Return a signal times a factor, and say so."""
     return Signal(
         name=signal.name,
-        time_s=signal.time_s,
+        rows=signal.rows,
         values=signal.values * factor,
-        position=signal.position,
         source=signal.source,
         reason=f"{signal.reason}; logged in {unit}",
     )

@@ -24,7 +24,7 @@ from quadid_logs.autopilots.ardupilot.mixer import (
     pulse_width,
     torque_of_thrust,
 )
-from quadid_logs.data.log import FlightLog, Signal
+from quadid_logs.data.log import FlightLog, Rows, Signal
 from quadid_logs.data.torque import MixerCheck
 from quadid_logs.maths.resampling import typical_period
 
@@ -196,7 +196,7 @@ def _best_law(
     row, _ = _matching(rate, outputs.signal)
     near = np.unique(np.clip(row[:, None] + np.array(_LOOPS), 0, rate.n_samples - 1))
     few = (
-        replace(rate, time_s=rate.time_s[near], values=rate.values[near], position=rate.position[near]),
+        replace(rate, rows=Rows(rate.time_s[near], rate.position[near]), values=rate.values[near]),
         throttle[near],
     )
     return min(

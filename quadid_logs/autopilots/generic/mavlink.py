@@ -18,7 +18,7 @@ from quadid_logs.autopilots.generic.mav_type import frame_words, vehicle_type_of
 from quadid_logs.autopilots.utc import utc_offset_s
 from quadid_logs.containers.mavlink_dialect import enum_names
 from quadid_logs.containers.tlog import MessageRows, TlogContent
-from quadid_logs.data.log import FlightLog, LogText, ModeChange, Signal
+from quadid_logs.data.log import FlightLog, LogText, ModeChange, Rows, Signal
 
 _ARDUPILOT: Final = 3
 _PX4: Final = 12
@@ -217,9 +217,8 @@ def _signals(content: TlogContent) -> dict[str, tuple[Signal, ...]]:
             found.setdefault(source.signal, []).append(
                 Signal(
                     name=source.signal,
-                    time_s=content.time_s(message),
+                    rows=Rows(content.time_s(message), message.position),
                     values=values,
-                    position=message.position,
                     source=f"{source.message}.{source.fields}",
                     reason=source.reason,
                 )
@@ -248,9 +247,8 @@ def _pid_torque(content: TlogContent) -> Signal | None:
     columns = [_following(total[axis], position[axis], position[roll]) for axis in axes]
     return Signal(
         name="torque_command",
-        time_s=content.clock.at(position[roll]),
+        rows=Rows(content.clock.at(position[roll]), position[roll]),
         values=np.column_stack(columns),
-        position=position[roll],
         source="PID_TUNING.FF + P + I + D",
         reason="sum of the rate controllers' parts (GCS_PID_MASK 7)",
     )
@@ -278,9 +276,8 @@ def _rotor_speed(content: TlogContent) -> Signal | None:
         return None
     return Signal(
         name="rotor_speed",
-        time_s=content.time_s(first),
+        rows=Rows(content.time_s(first), first.position),
         values=used,
-        position=first.position,
         source="ESC_TELEMETRY_1_TO_4.rpm" + (" ..." if len(groups) > 1 else ""),
         reason="reported by the ESCs",
     )

@@ -18,7 +18,7 @@ from quadid_logs.autopilots.generic.mav_type import airframe_words, frame_words,
 from quadid_logs.autopilots.gyro_filter import px4_gyro_filter, with_gyro_filter
 from quadid_logs.autopilots.utc import utc_offset_s
 from quadid_logs.containers.ulog import TopicTable, UlogContent
-from quadid_logs.data.log import FlightLog, LogText, ModeChange, Signal, whole_number
+from quadid_logs.data.log import FlightLog, LogText, ModeChange, Rows, Signal, whole_number
 
 _MAX_SAMPLE_AGE_US: Final = 100_000
 """A sample is published within milliseconds: a `timestamp_sample` further off is not filled in."""
@@ -266,9 +266,8 @@ def _signal(source: _Source, table: TopicTable) -> Signal | None:
     instance = f"[{table.multi_id}]" if table.multi_id else ""
     return Signal(
         name=source.signal,
-        time_s=time_s,
+        rows=Rows(time_s, table.position),
         values=values,
-        position=table.position,
         source=f"{source.topic}{instance}.{source.fields}",
         reason=source.reason,
     )

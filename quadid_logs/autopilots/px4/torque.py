@@ -117,9 +117,8 @@ def _from_setpoint(log: FlightLog, airframe: Airframe) -> MotorSeries | None:
         for axis in range(3):
             column = Signal(
                 name="lift_max",
-                time_s=unallocated.time_s,
+                rows=unallocated.rows,
                 values=np.abs(unallocated.values[:, axis : axis + 1]),
-                position=unallocated.position,
                 source=unallocated.source,
             )
             limited[:, axis] |= at_rows(column, signal.position, missing=0.0) > _LIMITED
