@@ -1,43 +1,19 @@
-"""Open any flight log: the content decides the format, never the name of the file.
-
-This package is the only place that knows vendors' names. Each format is a
-module with ``is_mine(head)`` and ``read(path, system=0)``.
-"""
+"""Open any flight log: the content decides the format, never the name of the file."""
 
 from __future__ import annotations
 
-import importlib
 import struct
 from pathlib import Path
-from typing import Final, Protocol, cast
+from typing import Final
 
 import numpy as np
 
+from quadid_logs.autopilots import LogFormat, formats
 from quadid_logs.containers.foreign import explain_foreign
 from quadid_logs.data.log import FlightLog
 from quadid_logs.errors import EmptyLogError, LogNotFoundError, UnknownFormatError
 
-#: In the order in which they are asked: sdlog2 shares the magic bytes of
-#: dataflash, and the text formats come last because they are the least strict.
-_FORMATS: Final = (
-    "containers.ulog",
-    "autopilots.px4.sdlog2",
-    "containers.dataflash",
-    "containers.tlog",
-    "containers.dataflash_text",
-    "containers.table",
-)
 _HEAD_BYTES: Final = 1 << 16
-
-
-class _Reader(Protocol):
-    """What every module of a format offers."""
-
-    def is_mine(self, head: bytes) -> bool:
-        """Tell whether a file that begins with `head` is of this format."""
-
-    def read(self, path: str | Path, *, system: int = 0) -> FlightLog:
-        """Read the file."""
 
 
 def read_log(path: str | Path, *, system: int = 0) -> FlightLog:
@@ -73,10 +49,9 @@ def read_log(path: str | Path, *, system: int = 0) -> FlightLog:
             f"{path} is empty (0 bytes).",
             hint="Download the log again; logs are only complete after disarming.",
         )
-    for name in _FORMATS:
-        reader = cast("_Reader", importlib.import_module(f"quadid_logs.{name}"))
-        if reader.is_mine(head):
-            return _read_with(reader, path, system)
+    for log_format in formats():
+        if log_format.is_mine(head):
+            return _read_with(log_format, path, system)
     raise UnknownFormatError(f"{path} is no flight log that we know.", hint=explain_foreign(head))
 
 
@@ -97,12 +72,12 @@ def _read_head(path: Path) -> bytes:
         ) from error
 
 
-def _read_with(reader: _Reader, path: str | Path, system: int) -> FlightLog:
+def _read_with(log_format: LogFormat, path: str | Path, system: int) -> FlightLog:
     """Read, and turn what damage can make of the bytes into one clear error."""
     try:
         # Damaged numbers may be signalling NaN or near overflow: they pass on as NaN or infinity, silently.
         with np.errstate(invalid="ignore", over="ignore"):
-            return reader.read(path, system=system)
+            return log_format.read(path, system=system)
     except OSError as error:
         raise LogNotFoundError(
             f"{path} cannot be read: {error}.", hint="Check the disk and try again."

@@ -1,1 +1,141 @@
-"""What each autopilot logs, mixes and filters: one folder per autopilot."""
+"""What an autopilot is to this package, and which ones there are.
+
+One folder per autopilot holds all that is known of it: how its logs look, what its messages and
+parameters mean, how it mixes, what to set and fly. The folder's ``AUTOPILOT`` is the way in, and nothing
+outside the folders knows a vendor's name. Importing this module imports no folder.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Mapping
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
+
+from quadid_logs.data.log import FlightLog
+
+if TYPE_CHECKING:
+    from quadid_logs.actuation.airframe import Airframe, Unknown
+    from quadid_logs.autopilots.ardupilot.torque import Rebuilt
+
+__all__ = ["Autopilot", "LogFormat", "formats", "known", "named", "register"]
+
+#: In the order in which their formats are asked; the last one answers for logs that name no autopilot.
+_FOLDERS: Final = ("px4", "ardupilot", "generic")
+
+
+class Reader(Protocol):
+    """Reads a file of one format."""
+
+    def __call__(self, path: str | Path, *, system: int = 0) -> FlightLog:
+        """Return the log; `system` is the MAVLink system to read, 0 chooses."""
+
+
+class LogFormat(NamedTuple):
+    """A kind of log file.
+
+    Attributes
+    ----------
+    name : str
+        As in `FlightLog.format`; one of `vocabulary.LOG_FORMATS`.
+    title : str
+        For people.
+    is_mine : callable
+        Tells from the first 64 kB whether a file is of this kind.
+    read : Reader
+    dialect : str
+        As in `FlightLog.dialect`.
+    strict : bool
+        False where `is_mine` takes much for its own, as formats of text do: asked after the strict ones.
+    """
+
+    name: str
+    title: str
+    is_mine: Callable[[bytes], bool]
+    read: Reader
+    dialect: str = ""
+    strict: bool = True
+
+
+class Autopilot:
+    """An autopilot; what a subclass does not override is not known of it.
+
+    Attributes
+    ----------
+    name : str
+        As in `FlightLog.autopilot`.
+    title : str
+        For people.
+    """
+
+    name: str = "other"
+    title: str = "not stated"
+
+    def formats(self) -> tuple[LogFormat, ...]:
+        """Return the formats of its logs, those with the surest marks first."""
+        return ()
+
+    def find_airframe(self, log: FlightLog) -> Airframe | Unknown:
+        """Tell the frame, its motors and outputs from a log's parameters."""
+        raise NotImplementedError
+
+    def rebuild(self, log: FlightLog, airframe: Airframe) -> Rebuilt:
+        """Rebuild what the motors did from commands and outputs."""
+        raise NotImplementedError
+
+    def loop_rate_hz(self, parameters: Mapping[str, float]) -> float:  # noqa: ARG002
+        """Return the rate of the rate controller's loop [Hz], 0 where the parameters do not say."""
+        return 0.0
+
+    @property
+    def advice(self) -> Any | None:
+        """What to log, set and fly: the module ``advice`` of its folder, None where there is none."""
+        return None
+
+
+_registered: list[Autopilot] = []
+
+
+def register(autopilot: Autopilot) -> None:
+    """Add an autopilot to those of this package; its formats are asked first.
+
+    Parameters
+    ----------
+    autopilot : Autopilot
+    """
+    _registered.insert(0, autopilot)
+
+
+def known() -> tuple[Autopilot, ...]:
+    """Return every autopilot, in the order in which their formats are asked."""
+    return (*_registered, *_own())
+
+
+@cache
+def _own() -> tuple[Autopilot, ...]:
+    """Return the autopilots that have a folder here."""
+    return tuple(importlib.import_module(f"{__name__}.{folder}").AUTOPILOT for folder in _FOLDERS)
+
+
+def named(name: str) -> Autopilot:
+    """Return the autopilot of a log.
+
+    Parameters
+    ----------
+    name : str
+        `FlightLog.autopilot`.
+
+    Returns
+    -------
+    Autopilot
+        For a name that nobody has, the one of logs that name no autopilot.
+    """
+    autopilots = known()
+    return next((autopilot for autopilot in autopilots if autopilot.name == name), autopilots[-1])
+
+
+def formats() -> tuple[LogFormat, ...]:
+    """Return every log format, in the order in which they are to be asked."""
+    found = [one for autopilot in known() for one in autopilot.formats()]
+    return tuple(sorted(found, key=lambda one: not one.strict))

@@ -1,1 +1,48 @@
-"""ArduPilot: messages, parameters, mixer and filters."""
+"""ArduPilot: its messages, parameters and mixer, and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from quadid_logs.autopilots import Autopilot, LogFormat
+from quadid_logs.data.log import FlightLog
+
+if TYPE_CHECKING:
+    from quadid_logs.actuation.airframe import Airframe
+    from quadid_logs.autopilots.ardupilot.torque import Rebuilt
+
+
+class ArduPilot(Autopilot):
+    """ArduPilot from 2.9 on."""
+
+    name = "ardupilot"
+    title = "ArduPilot"
+
+    def formats(self) -> tuple[LogFormat, ...]:
+        """DataFlash as bytes and as text."""
+        from quadid_logs.containers import dataflash, dataflash_text
+
+        return (
+            LogFormat("dataflash", "ArduPilot DataFlash", dataflash.is_mine, dataflash.read),
+            LogFormat(
+                "dataflash-text",
+                "ArduPilot DataFlash as text",
+                dataflash_text.is_mine,
+                dataflash_text.read,
+                strict=False,
+            ),
+        )
+
+    def rebuild(self, log: FlightLog, airframe: Airframe) -> Rebuilt:
+        """Take RATE through the mixer, or RCOU backwards."""
+        from quadid_logs.autopilots.ardupilot.torque import rebuild
+
+        return rebuild(log, airframe)
+
+    def loop_rate_hz(self, parameters: Mapping[str, float]) -> float:
+        """SCHED_LOOP_RATE."""
+        return parameters.get("SCHED_LOOP_RATE", 0.0)
+
+
+AUTOPILOT = ArduPilot()

@@ -1,1 +1,21 @@
-"""Logs that name no autopilot: tables and plain MAVLink."""
+"""What is not one autopilot's own: MAVLink, which several speak, and tables, which name none."""
+
+from __future__ import annotations
+
+from quadid_logs.autopilots import Autopilot, LogFormat
+
+
+class Generic(Autopilot):
+    """Of a log that names no autopilot, only the signals are known."""
+
+    def formats(self) -> tuple[LogFormat, ...]:
+        """MAVLink telemetry, whose messages name the autopilot; tables."""
+        from quadid_logs.containers import table, tlog
+
+        return (
+            LogFormat("tlog", "MAVLink telemetry log", tlog.is_mine, tlog.read),
+            LogFormat("table", "table", table.is_mine, table.read, strict=False),
+        )
+
+
+AUTOPILOT = Generic()

@@ -1,1 +1,44 @@
-"""PX4: topics, parameters, control allocation and filters."""
+"""PX4: its topics, parameters and mixer, and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from quadid_logs.autopilots import Autopilot, LogFormat
+from quadid_logs.data.log import FlightLog
+
+if TYPE_CHECKING:
+    from quadid_logs.actuation.airframe import Airframe
+    from quadid_logs.autopilots.ardupilot.torque import Rebuilt
+
+
+class Px4(Autopilot):
+    """PX4 from 1.0 on."""
+
+    name = "px4"
+    title = "PX4"
+
+    def formats(self) -> tuple[LogFormat, ...]:
+        """ULog, and before 1.4 sdlog2, which shares the magic bytes of DataFlash."""
+        from quadid_logs.autopilots.px4 import sdlog2
+        from quadid_logs.containers import ulog
+
+        return (
+            LogFormat("ulog", "PX4 ULog", ulog.is_mine, ulog.read),
+            LogFormat("dataflash", "PX4 sdlog2", sdlog2.is_mine, sdlog2.read, dialect="sdlog2"),
+        )
+
+    def rebuild(self, log: FlightLog, airframe: Airframe) -> Rebuilt:
+        """Take actuator_motors, the set-point through the allocation, or the outputs."""
+        from quadid_logs.autopilots.ardupilot.torque import Rebuilt
+        from quadid_logs.autopilots.px4.torque import rebuild
+
+        return Rebuilt(series=rebuild(log, airframe))
+
+    def loop_rate_hz(self, parameters: Mapping[str, float]) -> float:
+        """IMU_GYRO_RATEMAX; 0 there means as fast as the gyro, whose rate no parameter tells."""
+        return parameters.get("IMU_GYRO_RATEMAX", 0.0)
+
+
+AUTOPILOT = Px4()
