@@ -10,7 +10,7 @@ from typing import BinaryIO, Final, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from quadid_logs.arrays import AnyArray, IntArray
+from quadid_logs.arrays import AnyArray, FloatArray, IntArray
 from quadid_logs.data.log import LostBytes
 from quadid_logs.errors import LogError
 
@@ -182,6 +182,12 @@ def rows_of_types(
             found = rows_at(part, offsets[here] + (behind - start), dtype)
             rows[here] = found.view(np.uint8).reshape(-1, dtype.itemsize)
     return [rows.reshape(-1).view(dtype) for rows, (_, dtype) in zip(tables, wanted, strict=True)]
+
+
+def mean_rate_hz(count: int, time: FloatArray | None, unit_s: float = 1.0) -> float:
+    """Return rows per second between the first and the last time, NaN where that cannot be told."""
+    duration_s = float(time[-1] - time[0]) * unit_s if time is not None and len(time) > 1 else 0.0
+    return (count - 1) / duration_s if duration_s > 0.0 else float("nan")
 
 
 def merge_lost(stretches: list[LostBytes]) -> tuple[LostBytes, ...]:

@@ -1,4 +1,4 @@
-"""ArduPilot's DataFlash binary log (.bin): messages as columns, and the flight log made of them."""
+"""DataFlash as bytes (.bin): messages as columns."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import numpy as np
 from quadid_logs.arrays import AnyArray, IntArray
 from quadid_logs.containers.content import FileParts
 from quadid_logs.containers.dataflash_index import (
+    DEFINING,
     ByteArray,
     FormatCharacter,
     MessageDefinition,
@@ -22,7 +23,8 @@ from quadid_logs.containers.dataflash_index import (
     looks_like_dataflash,
 )
 from quadid_logs.containers.message_table import MessageTable, Unit, join_tables
-from quadid_logs.data.log import FlightLog, LostBytes
+from quadid_logs.containers.sdlog2 import is_sdlog2
+from quadid_logs.data.log import LostBytes
 from quadid_logs.errors import EmptyLogError, LogNotFoundError, UnknownFormatError
 
 #: Rows gathered at once: they stay in the processor's cache until their columns are copied out.
@@ -120,11 +122,6 @@ class DataFlashFile:
         return tuple(version for versions in self._index.definitions.values() for version in versions)
 
     @property
-    def n_motors(self) -> int:
-        """Fields of the message MOT of old firmware, 0 where it is not defined."""
-        return next((len(each.columns) for each in self.definitions if each.name == "MOT"), 0)
-
-    @property
     def has_headers(self) -> bool:
         """Say whether message headers are far denser than chance, one in 64 kB, makes them."""
         return self._index.n_headers >= max(16, self.n_bytes // 512)
@@ -215,45 +212,6 @@ def is_mine(head: bytes) -> bool:
     return looks_like_dataflash(head, lambda definitions: not is_sdlog2(definitions))
 
 
-def is_sdlog2(definitions: Collection[MessageDefinition]) -> bool:
-    """Say whether definitions are those of PX4's sdlog2, which shares DataFlash's framing.
-
-    Its rows carry no time; a TIME message with the field StartTime precedes
-    them (PX4 v1.0 src/modules/sdlog2/sdlog2_messages.h).
-    """
-    return any(
-        (definition.name == "TIME" and definition.columns[:1] == ("StartTime",))
-        or (definition.name == "ATT" and "RollRate" in definition.columns)
-        for definition in definitions
-    )
-
-
-def read(path: str | Path, *, system: int = 0) -> FlightLog:  # noqa: ARG001 (one vehicle per file)
-    """Read an ArduPilot DataFlash binary log.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    system : int
-        Not used: a DataFlash file holds one vehicle.
-
-    Raises
-    ------
-    LogNotFoundError
-        If there is no readable regular file.
-    EmptyLogError
-        If the file holds definitions but no data, or rows without their definitions.
-    UnknownFormatError
-        If the file holds neither.
-    """
-    from quadid_logs.autopilots.ardupilot.log import flight_log
-
-    with DataFlashFile.open(path) as file:
-        check_not_empty(file)
-        return flight_log(file, log_format="dataflash")
-
-
 def check_not_empty(file: DataFlashFile) -> None:
     """Refuse a file without definitions or without rows besides them.
 
@@ -274,7 +232,7 @@ def check_not_empty(file: DataFlashFile) -> None:
             f"{file.path} holds no message definition (FMT): its beginning is missing.",
             hint="Download the log again from its first byte; without definitions no row can be read.",
         )
-    if not set(file.counts) - {"FMT", "FMTU", "UNIT", "MULT"}:
+    if not set(file.counts) - DEFINING:
         raise EmptyLogError(
             f"{file.path} holds {len(file.definitions)} message definitions, but not one row of data.",
             hint="The log ended before anything was written; fetch the complete file from the vehicle.",

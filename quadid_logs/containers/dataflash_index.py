@@ -26,6 +26,8 @@ ByteArray = NDArray[np.uint8]
 HEADER: Final = b"\xa3\x95"
 FMT_ID: Final = 0x80
 FMT_LENGTH: Final = 89
+#: Messages that say what the others are.
+DEFINING: Final = frozenset({"FMT", "FMTU", "UNIT", "MULT"})
 
 #: Bytes scanned at once: the comparison's result stays in the processor's cache.
 _SCAN_BYTES: Final = 1 << 19

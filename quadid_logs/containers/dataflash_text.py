@@ -10,9 +10,14 @@ import numpy as np
 
 from quadid_logs.arrays import AnyArray, IntArray
 from quadid_logs.containers.content import merge_lost
-from quadid_logs.containers.dataflash_index import FORMAT_CHARACTERS, MessageDefinition, definition_at
+from quadid_logs.containers.dataflash_index import (
+    DEFINING,
+    FORMAT_CHARACTERS,
+    MessageDefinition,
+    definition_at,
+)
 from quadid_logs.containers.message_table import MessageTable, join_tables
-from quadid_logs.data.log import FlightLog, LostBytes
+from quadid_logs.data.log import LostBytes
 from quadid_logs.errors import EmptyLogError, LogNotFoundError, UnknownFormatError
 
 #: Printed as they are; all other numbers are printed with a decimal point, already scaled.
@@ -75,11 +80,6 @@ class TextLog:
     def definitions(self) -> tuple[MessageDefinition, ...]:
         """Every definition in the file."""
         return tuple(version for versions in self._definitions.values() for version in versions)
-
-    @property
-    def n_motors(self) -> int:
-        """Fields of the message MOT of old firmware, 0 where it is not defined."""
-        return len(self._definitions["MOT"][0].columns) if "MOT" in self._definitions else 0
 
     @property
     def lost(self) -> tuple[LostBytes, ...]:
@@ -222,39 +222,26 @@ def is_mine(head: bytes) -> bool:
     return any(parse_definition_line(line) for line in complete_lines if line.startswith(b"FMT,"))
 
 
-def read(path: str | Path, *, system: int = 0) -> FlightLog:  # noqa: ARG001 (one vehicle per file)
-    """Read an ArduPilot DataFlash text log.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    system : int
-        Not used: a DataFlash file holds one vehicle.
+def check_not_empty(log: TextLog) -> None:
+    """Refuse a file without definitions or without lines besides them.
 
     Raises
     ------
-    LogNotFoundError
-        If there is no readable regular file.
     EmptyLogError
         If there is no line of data.
     UnknownFormatError
         If there is not even a definition.
     """
-    from quadid_logs.autopilots.ardupilot.log import flight_log
-
-    log = TextLog.open(path)
     if not log.definitions:
         raise UnknownFormatError(
-            f"{path} is no DataFlash text log: it holds no message definition (FMT).",
+            f"{log.path} is no DataFlash text log: it holds no message definition (FMT).",
             hint="Give a .log or .bin file as the autopilot wrote it.",
         )
-    if not set(log.counts) - {"FMT", "FMTU", "UNIT", "MULT"}:
+    if not set(log.counts) - DEFINING:
         raise EmptyLogError(
-            f"{path} holds message definitions (FMT), but not one line of data.",
+            f"{log.path} holds message definitions (FMT), but not one line of data.",
             hint="Fetch the complete log from the vehicle.",
         )
-    return flight_log(log, log_format="dataflash-text", preamble=log.preamble)
 
 
 def _parser(kind: str) -> Callable[[bytes], Any]:

@@ -1,4 +1,4 @@
-"""Rows of one message type as columns: what the DataFlash readers hand to the vendor modules."""
+"""Rows of one message type as columns: what DataFlash files hold, as bytes or as text."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from quadid_logs.arrays import AnyArray, IntArray
+from quadid_logs.containers.dataflash_index import MessageDefinition
 from quadid_logs.data.log import LostBytes
 from quadid_logs.errors import ShapeError
 
@@ -74,12 +75,19 @@ class MessageTable:
         inside = np.abs(values.astype(np.float64)) < 2.0**63  # false for NaN
         return np.where(inside, values, 0).astype(np.int64) - np.where(inside, 0, 1)
 
-    def numbers(self) -> MessageTable:
-        """Return the columns that hold one number per row.
+    def column(self, field: str) -> AnyArray | None:
+        """Return a column that holds one number per row; None where there is none.
 
         A damaged or foreign definition may turn any column into text.
         """
-        return replace(self, columns={label: v for label, v in self.columns.items() if _is_numeric(v)})
+        return self.columns[field] if self.has_numbers(field) else None
+
+    def named_values(self, names: str, values: str) -> dict[str, float]:
+        """Return the last value of each name in two columns; empty where one of them is not there."""
+        if not (self.has_text(names) and self.has_numbers(values)):
+            return {}
+        pairs = zip(self.columns[names].tolist(), self.columns[values].tolist(), strict=True)
+        return {name: float(value) for name, value in pairs if name}
 
     def only(self, labels: Collection[str] | None) -> MessageTable:
         """Return the columns with these labels, all where None."""
@@ -113,8 +121,8 @@ class MessageSource(Protocol):
         """Rows per message type."""
 
     @property
-    def n_motors(self) -> int:
-        """Fields of the message MOT of old firmware, 0 where it is not defined."""
+    def definitions(self) -> Collection[MessageDefinition]:
+        """What the file defines."""
 
     @property
     def lost(self) -> tuple[LostBytes, ...]:

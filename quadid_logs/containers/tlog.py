@@ -10,12 +10,11 @@ from collections.abc import Collection, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from quadid_logs.arrays import AnyArray, FloatArray, IntArray
-from quadid_logs.autopilots.generic.mav_type import vehicle_type_of
 from quadid_logs.containers.content import Bytes, FileParts, rows_at
 from quadid_logs.containers.mavlink_clock import (
     BOOT_MS,
@@ -25,7 +24,7 @@ from quadid_logs.containers.mavlink_clock import (
     merge_clocks,
     usec_to_boot_s,
 )
-from quadid_logs.containers.mavlink_dialect import Dialect, MessageType, enum_names, load_dialect
+from quadid_logs.containers.mavlink_dialect import Dialect, MessageType, load_dialect
 from quadid_logs.containers.mavlink_frames import (
     LONGEST,
     MAGIC_1,
@@ -35,7 +34,7 @@ from quadid_logs.containers.mavlink_frames import (
     frame,
     host_time_s,
 )
-from quadid_logs.data.log import FlightLog, LoggedSystem, LostBytes, MessageCount
+from quadid_logs.data.log import LostBytes, MessageCount
 from quadid_logs.errors import EmptyLogError, SettingsError
 
 _INVALID_AUTOPILOT: Final = 8
@@ -66,10 +65,29 @@ class MessageRows:
     system_id: AnyArray
     component_id: AnyArray
 
+    def column(self, field: str) -> AnyArray | None:
+        """Return a field of every row; None where there is none."""
+        return self.rows[field] if field in (self.rows.dtype.names or ()) else None
+
+
+class Sender(NamedTuple):
+    """Who speaks in a file: MAV_AUTOPILOT and MAV_TYPE as its heartbeats say, -1 and 0 without any."""
+
+    system_id: int
+    component_id: int
+    autopilot: int
+    mav_type: int
+    n_messages: int
+
+    @property
+    def is_autopilot(self) -> bool:
+        """Whether it flies a vehicle."""
+        return self.autopilot not in (-1, _INVALID_AUTOPILOT) and self.mav_type != _GROUND_STATION
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TlogContent:
-    """What a telemetry log says about the chosen system.
+    """What the chosen one of the senders of a telemetry log says.
 
     `clock` is the boot clock; `on_host_clock` tells that it had to be taken
     from the host's stamps.
@@ -78,9 +96,8 @@ class TlogContent:
     messages: Mapping[str, MessageRows]
     clock: BootClock
     on_host_clock: bool
-    systems: tuple[LoggedSystem, ...]
-    autopilot_id: int
-    mav_type: int
+    senders: tuple[Sender, ...]
+    chosen: Sender
     counts: tuple[MessageCount, ...]
     lost: tuple[LostBytes, ...]
     n_unknown: int
@@ -88,14 +105,15 @@ class TlogContent:
 
     def time_s(self, message: MessageRows) -> FloatArray:
         """Return when each row was sampled [s since boot]: its own time, else that of its neighbours."""
-        names = message.rows.dtype.names or ()
-        if BOOT_MS in names:
-            own = boot_ms_s(message.rows[BOOT_MS])
-        elif USEC in names:
-            own = usec_to_boot_s(message.rows[USEC], message.position, self.clock)
+        boot_ms, usec = message.column(BOOT_MS), message.column(USEC)
+        near_s = self.clock.at(message.position)
+        if boot_ms is not None:
+            own = boot_ms_s(boot_ms)
+        elif usec is not None:
+            own = usec_to_boot_s(usec, message.position, self.clock)
         else:
-            return self.clock.at(message.position)
-        return np.where(np.isfinite(own), own, self.clock.at(message.position))
+            return near_s
+        return np.where(np.isfinite(own), own, near_s)
 
 
 def is_mine(head: bytes) -> bool:
@@ -163,53 +181,26 @@ def _content(file: FileParts, names: Collection[str], system: int) -> TlogConten
         raise EmptyLogError(
             f"{path} holds no MAVLink packet with a right checksum.", hint="Copy the log again."
         )
-    systems = _systems(file, packets, dialect, system)
-    if not any(one.chosen for one in systems):
-        present = ", ".join(str(one) for one in sorted({one.system_id for one in systems}))
+    senders = _senders(packets, _decode(file, packets, dialect, {"HEARTBEAT"}).get("HEARTBEAT"))
+    chosen = _choose(senders, system)
+    if chosen is None:
+        present = ", ".join(str(number) for number in sorted({one.system_id for one in senders}))
         raise SettingsError(f"There is no system {system} in {path}.", hint=f"It holds {present}.")
-    chosen = next(one for one in systems if one.chosen)
     is_own = (packets.system == chosen.system_id) & (packets.component == chosen.component_id)
     own = packets if is_own.all() else packets.where(is_own)
     messages = _decode(file, own, dialect, {*names, "HEARTBEAT"})
     clock, on_host_clock = _boot_clock(file, own, dialect, messages)
-    heartbeat = messages.get("HEARTBEAT")
     return TlogContent(
         messages=messages,
         clock=clock,
         on_host_clock=on_host_clock,
-        systems=systems,
-        autopilot_id=_most_frequent(heartbeat.rows["autopilot"]) if heartbeat else _INVALID_AUTOPILOT,
-        mav_type=_most_frequent(heartbeat.rows["type"]) if heartbeat else 0,
+        senders=senders,
+        chosen=chosen,
         counts=_counts(own, dialect, clock),
         lost=framing.lost,
         n_unknown=framing.n_unknown,
         n_bytes=file.n_bytes,
     )
-
-
-def read(path: str | Path, *, system: int = 0) -> FlightLog:
-    """Read a telemetry log into canonical signals.
-
-    Parameters
-    ----------
-    path : str or Path
-    system : int
-        System id; 0 chooses the autopilot with most messages.
-
-    Returns
-    -------
-    FlightLog
-
-    Raises
-    ------
-    EmptyLogError
-        If there is no packet with a right checksum.
-    SettingsError
-        If the file holds no system of that id.
-    """
-    from quadid_logs.autopilots.generic import mavlink
-
-    return mavlink.flight_log(str(path), read_content(path, mavlink.MESSAGES, system=system))
 
 
 def _decode(
@@ -309,40 +300,20 @@ def _most_frequent(values: AnyArray) -> int:
     return int(np.bincount(values).argmax())
 
 
-def _systems(file: FileParts, packets: Packets, dialect: Dialect, system: int) -> tuple[LoggedSystem, ...]:
-    """List who speaks in the file, and choose the autopilot (of the given system) with most messages."""
-    autopilots, types = enum_names("MAV_AUTOPILOT", "MAV_AUTOPILOT_"), enum_names("MAV_TYPE", "MAV_TYPE_")
-    heartbeats = _decode(file, packets, dialect, {"HEARTBEAT"}).get("HEARTBEAT")
-    found: list[tuple[tuple[bool, int], LoggedSystem]] = []
+def _senders(packets: Packets, heartbeats: MessageRows | None) -> tuple[Sender, ...]:
+    """List who speaks in the file."""
     address = packets.system.astype(np.uint16) * 256 + packets.component
-    for key, count in enumerate(np.bincount(address).tolist()):
-        if not count:
-            continue
-        autopilot, mav_type = _identity(heartbeats, key // 256, key % 256)
-        is_autopilot = autopilot not in (-1, _INVALID_AUTOPILOT) and mav_type != _GROUND_STATION
-        vehicle = vehicle_type_of(mav_type)
-        one = LoggedSystem(
-            system_id=key // 256,
-            component_id=key % 256,
-            autopilot=autopilots.get(autopilot, "unknown").lower(),
-            vehicle_type=types.get(mav_type, "unknown").lower() if vehicle == "unknown" else vehicle,
-            n_messages=count,
-            chosen=False,
-        )
-        found.append(((is_autopilot, count), one))
-    eligible = [entry for entry in found if not system or entry[1].system_id == system]
-    best = max(eligible, key=lambda entry: entry[0])[1] if eligible else None
     return tuple(
-        LoggedSystem(
-            system_id=one.system_id,
-            component_id=one.component_id,
-            autopilot=one.autopilot,
-            vehicle_type=one.vehicle_type,
-            n_messages=one.n_messages,
-            chosen=one is best,
-        )
-        for _, one in found
+        Sender(key // 256, key % 256, *_identity(heartbeats, key // 256, key % 256), count)
+        for key, count in enumerate(np.bincount(address).tolist())
+        if count
     )
+
+
+def _choose(senders: tuple[Sender, ...], system: int) -> Sender | None:
+    """Return the autopilot (of the given system) with most messages, else who has most."""
+    eligible = [one for one in senders if not system or one.system_id == system]
+    return max(eligible, key=lambda one: (one.is_autopilot, one.n_messages), default=None)
 
 
 def _identity(heartbeats: MessageRows | None, system: int, component: int) -> tuple[int, int]:

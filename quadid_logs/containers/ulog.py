@@ -9,12 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from quadid_logs.arrays import AnyArray, IntArray
-from quadid_logs.containers.content import FileParts, rows_of_types
+from quadid_logs.arrays import AnyArray, FloatArray, IntArray
+from quadid_logs.containers.content import FileParts, mean_rate_hz, rows_of_types
 from quadid_logs.containers.ulog_definitions import HEADER_MAGIC, Definitions, Subscription
 from quadid_logs.containers.ulog_frames import Frames, frame
-from quadid_logs.data.log import FlightLog, LostBytes, MessageCount
-from quadid_logs.errors import EmptyLogError
+from quadid_logs.data.log import LostBytes, MessageCount
 
 TopicKey = tuple[str, int]
 """Name of a topic and its instance."""
@@ -50,6 +49,17 @@ class TopicTable:
     def has(self, field: str, kinds: str = "iu") -> bool:
         """Tell whether a field holds one number of these kinds (of numpy dtypes) per row."""
         return holds(self.rows.dtype, field, kinds)
+
+    def column(self, field: str) -> AnyArray | None:
+        """Return a field of every row, as ``roll``, ``xyz`` or ``q[1]``; None where there is none."""
+        name, _, index = field.partition("[")
+        if name not in self.fields:
+            return None
+        values: AnyArray = self.rows[name]
+        if not index:
+            return values
+        k = int(index.rstrip("]"))
+        return values[:, k] if values.ndim == 2 and k < values.shape[1] else None
 
     def columns(self) -> dict[str, AnyArray]:
         """Return one array per number, with names as ``control[0]`` or ``esc[1].esc_rpm``."""
@@ -131,35 +141,6 @@ def _content(file: FileParts, topics: Collection[str] | None) -> UlogContent:
     )
 
 
-def read(path: str | Path, *, system: int = 0) -> FlightLog:
-    """Read a ULog file into canonical signals.
-
-    Parameters
-    ----------
-    path : str or Path
-    system : int
-        Has no effect: a ULog holds one vehicle.
-
-    Returns
-    -------
-    FlightLog
-
-    Raises
-    ------
-    EmptyLogError
-        If the file holds no data message that can be read.
-    """
-    from quadid_logs.autopilots.px4 import signals as px4
-
-    content = read_content(path, px4.TOPICS)
-    if not content.counts:
-        raise EmptyLogError(
-            f"{path} begins as a ULog, but holds no data message that can be read.",
-            hint="The file was cut off or its definitions are damaged; copy it from the SD card again.",
-        )
-    return px4.flight_log(str(path), content, system=system)
-
-
 def _flatten(prefix: str, values: AnyArray) -> dict[str, AnyArray]:
     """Split nested structures and sub-arrays into columns of numbers."""
     columns: dict[str, AnyArray] = {}
@@ -210,19 +191,15 @@ def _counts(file: FileParts, frames: Frames) -> tuple[MessageCount, ...]:
     for subscription, starts in zip(frames.definitions.subscriptions, frames.starts, strict=True):
         if len(starts):
             name = subscription.name + (f"[{subscription.multi_id}]" if subscription.multi_id else "")
-            rate = _mean_rate_hz(file, subscription, starts)
-            counts.append(MessageCount(name=name, count=len(starts), rate_hz=rate))
+            rate_hz = mean_rate_hz(len(starts), _first_and_last_us(file, subscription, starts), 1e-6)
+            counts.append(MessageCount(name=name, count=len(starts), rate_hz=rate_hz))
     return tuple(sorted(counts, key=lambda count: count.name))
 
 
-def _mean_rate_hz(file: FileParts, subscription: Subscription, starts: IntArray) -> float:
-    """Return rows per second between the first and the last row, NaN where that cannot be told."""
+def _first_and_last_us(file: FileParts, subscription: Subscription, starts: IntArray) -> FloatArray | None:
+    """Return when the first and the last row were logged [us]; None where they have no time."""
     layout = subscription.dtype
-    if not holds(layout, "timestamp", "iuf") or len(starts) < 2:
-        return float("nan")
-    first_us, last_us = (
-        float(file.part(start, start + layout.itemsize).view(layout)["timestamp"][0])
-        for start in (starts[[0, -1]] + _MESSAGE_HEADER).tolist()
-    )
-    duration_s = (last_us - first_us) * 1e-6
-    return (len(starts) - 1) / duration_s if duration_s > 0.0 else float("nan")
+    if not holds(layout, "timestamp", "iuf"):
+        return None
+    ends = (starts[[0, -1]] + _MESSAGE_HEADER).tolist()
+    return np.array([float(file.part(at, at + layout.itemsize).view(layout)["timestamp"][0]) for at in ends])

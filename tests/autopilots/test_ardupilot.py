@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from quadid_logs.autopilots.ardupilot.identity import identify_vehicle, mode_name
-from quadid_logs.autopilots.ardupilot.log import flight_log
-from quadid_logs.containers import dataflash, dataflash_text
+from quadid_logs.autopilots.ardupilot.log import flight_log, read_binary, read_text
+from quadid_logs.containers import dataflash
 from quadid_logs.data.log import FlightLog
 from tests.containers.dataflash_files import EV, FMT_OF_FMT, STRUCTS, fmt, row
 
@@ -21,13 +21,12 @@ def log_of(tmp_path: Path, *parts: bytes) -> FlightLog:
     """Read a file made of these messages."""
     path = tmp_path / "flight.bin"
     path.write_bytes(FMT_OF_FMT + b"".join(parts))
-    return dataflash.read(path)
+    return read_binary(path)
 
 
 def corpus_flight(corpus: Path, name: str) -> FlightLog:
     """Read a corpus log, binary or text."""
-    reader = dataflash_text if name.endswith(".log") else dataflash
-    return reader.read(corpus / name)
+    return (read_text if name.endswith(".log") else read_binary)(corpus / name)
 
 
 def sources(log: FlightLog, name: str) -> list[str]:

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from quadid_logs.autopilots.gyro_filter import ardupilot_gyro_filter, px4_gyro_filter
+from quadid_logs.autopilots.ardupilot.filters import parameter_filter as ardupilot_gyro_filter
+from quadid_logs.autopilots.px4.filters import parameter_filter as px4_gyro_filter
 
 _FIXED = {
     "INS_HNTCH_ENABLE": 1.0,

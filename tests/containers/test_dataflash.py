@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from quadid_logs.autopilots.ardupilot.log import read_binary
 from quadid_logs.containers import dataflash, dataflash_index
 from quadid_logs.containers.dataflash import DataFlashFile, read_messages
 from quadid_logs.containers.message_table import MessageTable
@@ -390,14 +391,14 @@ def test_other_files_called_bin_are_refused(corpus: Path, name: str) -> None:
     path = corpus / "damaged" / name
     assert not dataflash.is_mine(path.read_bytes()[:65_536])
     with pytest.raises(UnknownFormatError):
-        dataflash.read(path)
+        read_binary(path)
 
 
 @pytest.mark.corpus
 def test_a_header_without_rows_is_an_empty_log(corpus: Path) -> None:
     """600 bytes of definitions are a log that ended before it began."""
     with pytest.raises(EmptyLogError, match="not one row"):
-        dataflash.read(corpus / "damaged/only-header-600B.bin")
+        read_binary(corpus / "damaged/only-header-600B.bin")
 
 
 def test_rows_without_definitions_are_an_empty_log(tmp_path: Path) -> None:
@@ -405,7 +406,7 @@ def test_rows_without_definitions_are_an_empty_log(tmp_path: Path) -> None:
     path = tmp_path / "flight.bin"
     path.write_bytes(flight(200)[len(DEFINITIONS) :])
     with pytest.raises(EmptyLogError, match="beginning is missing"):
-        dataflash.read(path)
+        read_binary(path)
 
 
 def test_an_empty_or_absent_file_is_a_clear_error(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from quadid_logs.autopilots.ardupilot.log import read_text
 from quadid_logs.containers import dataflash_text
 from quadid_logs.containers.dataflash_text import TextLog
 from quadid_logs.errors import EmptyLogError, UnknownFormatError
@@ -140,7 +141,7 @@ def test_a_foreign_text_log_is_refused(corpus: Path) -> None:
     path = corpus / "damaged/not-a-flightlog-aeroprobe.log"
     assert not dataflash_text.is_mine(path.read_bytes()[:65_536])
     with pytest.raises(UnknownFormatError):
-        dataflash_text.read(path)
+        read_text(path)
 
 
 def test_definitions_without_rows_are_an_empty_log(tmp_path: Path) -> None:
@@ -148,4 +149,4 @@ def test_definitions_without_rows_are_an_empty_log(tmp_path: Path) -> None:
     path = tmp_path / "flight.log"
     path.write_bytes(HEADER)
     with pytest.raises(EmptyLogError, match="not one line"):
-        dataflash_text.read(path)
+        read_text(path)

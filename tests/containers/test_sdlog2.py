@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from quadid_logs.autopilots.px4 import sdlog2
-from quadid_logs.containers import dataflash
+from quadid_logs.autopilots.px4.sdlog2 import read
+from quadid_logs.containers import dataflash, sdlog2
 from quadid_logs.containers.dataflash import read_messages
 from quadid_logs.data.log import FlightLog
 
@@ -23,7 +23,7 @@ DEFINITIONS = fmt(129, "TIME", "Q", "StartTime") + fmt(
 @pytest.fixture(scope="module")
 def log(corpus: Path) -> FlightLog:
     """Return the corpus' sdlog2 log."""
-    return sdlog2.read(corpus / LOG)
+    return read(corpus / LOG)
 
 
 @pytest.mark.corpus
@@ -61,5 +61,5 @@ def test_rows_before_the_first_time_record_have_no_time(tmp_path: Path) -> None:
     att = row(2, "ffffff", *range(6))
     path = tmp_path / "a.px4log"
     path.write_bytes(DEFINITIONS + att + row(129, "Q", 2_000_000) + att + att)
-    time_s = sdlog2.read(path).candidates("body_rate")[0].time_s
+    time_s = read(path).candidates("body_rate")[0].time_s
     np.testing.assert_array_equal(time_s, [np.nan, 2.0, 2.0])

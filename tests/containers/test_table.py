@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from quadid_logs.containers import table
+from quadid_logs.autopilots.generic import table
 from quadid_logs.errors import EmptyLogError, LogError, UnknownFormatError
 from quadid_logs.load import read_log
 

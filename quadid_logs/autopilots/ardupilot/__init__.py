@@ -21,17 +21,13 @@ class ArduPilot(Autopilot):
 
     def formats(self) -> tuple[LogFormat, ...]:
         """DataFlash as bytes and as text."""
+        from quadid_logs.autopilots.ardupilot.log import read_binary, read_text
         from quadid_logs.containers import dataflash, dataflash_text
 
+        text = "ArduPilot DataFlash as text"
         return (
-            LogFormat("dataflash", "ArduPilot DataFlash", dataflash.is_mine, dataflash.read),
-            LogFormat(
-                "dataflash-text",
-                "ArduPilot DataFlash as text",
-                dataflash_text.is_mine,
-                dataflash_text.read,
-                strict=False,
-            ),
+            LogFormat("dataflash", "ArduPilot DataFlash", dataflash.is_mine, read_binary),
+            LogFormat("dataflash-text", text, dataflash_text.is_mine, read_text, strict=False),
         )
 
     def rebuild(self, log: FlightLog, airframe: Airframe) -> Rebuilt:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -208,8 +208,3 @@ def _frame(vehicle_type: str, parameters: Mapping[str, float], frame_text: str, 
 def _first_known(*candidates: str | None) -> str:
     """Return the first candidate that is known."""
     return next((candidate for candidate in candidates if candidate), "unknown")
-
-
-def parameter_table(names: Iterable[str], values: Iterable[float]) -> dict[str, float]:
-    """Collect parameters; the last value of each wins."""
-    return {name: float(value) for name, value in zip(names, values, strict=True) if name}

@@ -10,10 +10,11 @@ class Generic(Autopilot):
 
     def formats(self) -> tuple[LogFormat, ...]:
         """MAVLink telemetry, whose messages name the autopilot; tables."""
-        from quadid_logs.containers import table, tlog
+        from quadid_logs.autopilots.generic import mavlink, table
+        from quadid_logs.containers import tlog
 
         return (
-            LogFormat("tlog", "MAVLink telemetry log", tlog.is_mine, tlog.read),
+            LogFormat("tlog", "MAVLink telemetry log", tlog.is_mine, mavlink.read),
             LogFormat("table", "table", table.is_mine, table.read, strict=False),
         )
 

@@ -1,4 +1,4 @@
-"""MAVLink's vehicle types and PX4's airframe numbers in the words of `vocabulary.VEHICLE_TYPES`."""
+"""MAVLink's vehicle types in the words of `vocabulary.VEHICLE_TYPES`."""
 
 from __future__ import annotations
 
@@ -34,12 +34,6 @@ _FRAME_WORDS: Final = {
     35: "decarotor",
 }
 
-#: First number of each thousand in PX4's ROMFS/px4fmu_common/init.d/airframes.
-_BY_AIRFRAME: Final = {
-    4: "quad X", 5: "quad +", 6: "hexa X", 7: "hexa +", 8: "octa X", 9: "octa +",
-    11: "hexa coaxial", 12: "octo coaxial", 14: "tricopter",
-}  # fmt: skip
-
 
 def vehicle_type_of(mav_type: int) -> str:
     """Return the vehicle type of a MAV_TYPE, "unknown" where it says nothing about dynamics."""
@@ -49,8 +43,3 @@ def vehicle_type_of(mav_type: int) -> str:
 def frame_words(mav_type: int) -> str:
     """Return how many rotors a MAV_TYPE has, in words; "" where it does not say."""
     return _FRAME_WORDS.get(mav_type, "")
-
-
-def airframe_words(sys_autostart: int) -> str:
-    """Return the frame of a PX4 airframe number (SYS_AUTOSTART), "" where its thousand says nothing."""
-    return _BY_AIRFRAME.get(sys_autostart // 1000, "")

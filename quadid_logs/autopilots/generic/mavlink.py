@@ -6,143 +6,180 @@ https://github.com/mavlink/mavlink. MAVLink uses FRD and NED like we do.
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Callable
-from typing import Final, NamedTuple
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, TypeAlias
 
 import numpy as np
 
-from quadid_logs.arrays import AnyArray, FloatArray, IntArray
-from quadid_logs.autopilots.columns import attitude_columns, used_columns
+from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.autopilots.generic.mav_type import frame_words, vehicle_type_of
+from quadid_logs.autopilots.sources import (
+    RPM,
+    Built,
+    Part,
+    Source,
+    attitude,
+    build_signals,
+    messages_of,
+    plain,
+    used_columns,
+)
 from quadid_logs.autopilots.utc import utc_offset_s
 from quadid_logs.containers.mavlink_dialect import enum_names
-from quadid_logs.containers.tlog import MessageRows, TlogContent
-from quadid_logs.data.log import FlightLog, LogText, ModeChange, Rows, Signal
+from quadid_logs.containers.tlog import MessageRows, TlogContent, read_content
+from quadid_logs.data.log import FlightLog, LoggedSystem, LogText, ModeChange, Rows, Signal
 
+#: MAV_AUTOPILOT.
 _ARDUPILOT: Final = 3
 _PX4: Final = 12
+_NAMES: Final = {_ARDUPILOT: "ardupilot", _PX4: "px4"}
 _MILLI_G: Final = 9.80665e-3
-_RPM: Final = 2.0 * np.pi / 60.0
 _ARMED: Final = 128
 _NOT_MEASURED: Final = 65_535.0
 _ON_GROUND: Final = 1
 
-Build = Callable[[AnyArray], FloatArray | None]
+
+@dataclass(frozen=True, slots=True)
+class MavlinkSource(Source["MessagePart"]):
+    """A row of the table; ``sent_by`` is the MAV_AUTOPILOT that alone means it so, 0 for all."""
+
+    sent_by: int = 0
 
 
-class _Source(NamedTuple):
-    """A message that gives a signal; `build` makes the columns from its rows (None: never in use)."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MessagePart(Part[MessageRows]):
+    """The rows of a message, and the other messages."""
 
-    signal: str
-    message: str
-    fields: str
-    build: Build
-    reason: str
-    only_autopilot: int | None = None
+    log: TlogContent
 
 
-def _take(*names: str, scale: float = 1.0) -> Build:
-    """Return a builder that stacks fields."""
-
-    def build(rows: AnyArray) -> FloatArray:
-        return scale * np.column_stack([rows[name].astype(np.float64) for name in names])
-
-    return build
+_Row: TypeAlias = Source[MessagePart]
 
 
-def _sensor(*names: str, scale: float = 1.0) -> Build:
-    """Return a builder that stacks fields; None where all are zero, as for a sensor that is not there."""
-
-    def build(rows: AnyArray) -> FloatArray | None:
-        values = scale * np.column_stack([rows[name].astype(np.float64) for name in names])
-        return values if values.any() else None
-
-    return build
+def _sensor(part: MessagePart, source: _Row) -> FloatArray | None:
+    """Stack fields; None where all are zero, as for a sensor that is not there."""
+    values = plain(part, source)
+    return values if values is not None and values.any() else None
 
 
-def _attitude(rows: AnyArray) -> FloatArray:
-    """Euler 3-2-1 angles of the quaternion w, x, y, z; NaN where it is zero."""
-    quaternion = np.column_stack([rows[name].astype(np.float64) for name in ("q1", "q2", "q3", "q4")])
-    return attitude_columns(quaternion)
-
-
-def _outputs(rows: AnyArray) -> FloatArray | None:
+def _outputs(part: MessagePart, source: _Row) -> FloatArray | None:
     """Pulse widths of the main port, up to the last channel in use."""
-    names = [f"servo{k}_raw" for k in range(1, 17)]
-    output = np.column_stack([rows[name].astype(np.float64) for name in names])
-    output[rows["port"] != 0] = np.nan
-    used = used_columns(output, output > 0.0)
-    return used if used.size else None
+    output = plain(part, source)
+    if output is None:
+        return None
+    output[part.table.rows["port"] != 0] = np.nan
+    return used_columns(output, output > 0.0)
 
 
-def _armed(rows: AnyArray) -> FloatArray:
+def _armed(part: MessagePart, source: _Row) -> FloatArray:  # noqa: ARG001
     """MAV_MODE_FLAG_SAFETY_ARMED of base_mode."""
-    return (rows["base_mode"] & _ARMED > 0).astype(np.float64)[:, np.newaxis]
+    return (part.table.rows["base_mode"] & _ARMED > 0).astype(np.float64)[:, np.newaxis]
 
 
-def _landed(rows: AnyArray) -> FloatArray:
+def _landed(part: MessagePart, source: _Row) -> FloatArray:  # noqa: ARG001
     """MAV_LANDED_STATE: 0 undefined, 1 on ground, 2 in air, 3 taking off, 4 landing."""
-    state = rows["landed_state"]
+    state = part.table.rows["landed_state"]
     return np.where(state > 0, (state == _ON_GROUND).astype(np.float64), np.nan)[:, np.newaxis]
 
 
-def _battery(rows: AnyArray) -> FloatArray | None:
+def _battery(part: MessagePart, source: _Row) -> FloatArray | None:
     """Millivolt to volt; None where it is never measured."""
-    millivolt = rows["voltage_battery"].astype(np.float64)
+    millivolt = part.table.rows["voltage_battery"].astype(np.float64)
     measured = (millivolt > 0.0) & (millivolt < _NOT_MEASURED)
-    return np.where(measured, millivolt * 1e-3, np.nan)[:, np.newaxis] if measured.any() else None
+    return np.where(measured, millivolt * source.scale, np.nan)[:, np.newaxis] if measured.any() else None
 
 
-def _controls(rows: AnyArray) -> FloatArray | None:
+def _controls(part: MessagePart, source: _Row) -> FloatArray | None:  # noqa: ARG001
     """Roll, pitch, yaw of the flight controls, group 0."""
+    rows = part.table.rows
     own = rows["group_mlx"] == 0
     values = np.where(own[:, np.newaxis], rows["controls"][:, :3].astype(np.float64), np.nan)
     return values if own.any() else None
 
 
+def _pid_torque(part: MessagePart, source: _Row) -> Built | None:
+    """Sum the rate controllers' parts per axis: ArduPilot's RATE.ROut is FF + P + I + D.
+
+    One message an axis (1 roll, 2 pitch, 3 yaw); a row is complete with the
+    last pitch and yaw before the next roll.
+    """
+    rows, position = part.table.rows, part.table.position
+    total = np.sum([rows[term].astype(np.float64) for term in source.fields], axis=0)
+    axes = [np.flatnonzero(rows["axis"] == axis) for axis in (1, 2, 3)]
+    if not all(len(axis) for axis in axes):
+        return None
+    roll = position[axes[0]]
+    columns = [_following(total[axis], position[axis], roll) for axis in axes]
+    return Built(np.column_stack(columns), rows=Rows(part.log.clock.at(roll), roll))
+
+
+def _following(values: FloatArray, position: IntArray, wanted: IntArray) -> FloatArray:
+    """Return the first value at or behind each wanted place in the file, NaN behind the last one."""
+    found = np.searchsorted(position, wanted)
+    return np.where(found < len(values), values[np.minimum(found, len(values) - 1)], np.nan)
+
+
+def _rotor_speed(part: MessagePart, source: _Row) -> Built | None:
+    """Put the groups of four ESCs side by side; None where no speed ever moves."""
+    groups = [
+        part.log.messages[name] for name in (source.message, *source.beside) if name in part.log.messages
+    ]
+    columns = []
+    for group in groups:
+        speed = group.rows["rpm"].astype(np.float64) * source.scale
+        columns += [_following(one, group.position, part.rows.position) for one in speed.T]
+    speeds = np.column_stack(columns)
+    used = used_columns(speeds, speeds > 0.0)
+    if used is None or not (np.nanmax(used, axis=0) > np.nanmin(used, axis=0)).any():
+        return None
+    return Built(used, source=f"{source.message}.rpm" + (" ..." if len(groups) > 1 else ""))
+
+
 _GYRO: Final = ("xgyro", "ygyro", "zgyro")
 _ACCELERATION: Final = ("xacc", "yacc", "zacc")
 _RATES: Final = ("rollspeed", "pitchspeed", "yawspeed")
+_ANGLES: Final = ("roll", "pitch", "yaw")
+_QUATERNION: Final = ("q1", "q2", "q3", "q4")
+_SERVOS: Final = tuple(f"servo{k}_raw" for k in range(1, 17))
+_ESCS: Final = tuple(f"ESC_TELEMETRY_{k}_TO_{k + 3}" for k in (1, 5, 9, 13))
+_S: Final = MavlinkSource
 
-_SOURCES: Final = (
-    _Source("body_rate", "ATTITUDE", "rollspeed, pitchspeed, yawspeed", _take(*_RATES),
-            "the autopilot's filtered body rates, in step with its attitude"),
-    _Source("body_rate", "ATTITUDE_QUATERNION", "rollspeed, pitchspeed, yawspeed", _take(*_RATES),
-            "the autopilot's filtered body rates"),
-    _Source("body_rate", "HIGHRES_IMU", "xgyro, ygyro, zgyro", _sensor(*_GYRO), "gyro"),
-    _Source("body_rate", "SCALED_IMU", "xgyro, ygyro, zgyro", _sensor(*_GYRO, scale=1e-3), "gyro in mrad/s"),
-    _Source("body_rate", "RAW_IMU", "xgyro, ygyro, zgyro", _sensor(*_GYRO, scale=1e-3),
-            "first gyro; ArduPilot sends mrad/s here", _ARDUPILOT),
-    _Source("body_rate", "SCALED_IMU2", "xgyro, ygyro, zgyro", _sensor(*_GYRO, scale=1e-3), "second gyro"),
-    _Source("body_rate", "SCALED_IMU3", "xgyro, ygyro, zgyro", _sensor(*_GYRO, scale=1e-3), "third gyro"),
-    _Source("body_rate_setpoint", "ATTITUDE_TARGET", "body_roll_rate, body_pitch_rate, body_yaw_rate",
-            _take("body_roll_rate", "body_pitch_rate", "body_yaw_rate"),
-            "what the rate controller was asked for"),
-    _Source("attitude", "ATTITUDE", "roll, pitch, yaw", _take("roll", "pitch", "yaw"),
-            "the autopilot's attitude"),
-    _Source("attitude", "ATTITUDE_QUATERNION", "q1..q4", _attitude, "the autopilot's attitude"),
-    _Source("torque_command", "ACTUATOR_CONTROL_TARGET", "controls[0..2]", _controls,
-            "the rate controller's output before the mixer"),
-    _Source("output_pwm", "SERVO_OUTPUT_RAW", "servoN_raw", _outputs, "what the output driver sent"),
-    _Source("throttle", "VFR_HUD", "throttle", _take("throttle", scale=0.01), "in percent, for display"),
-    _Source("specific_force", "HIGHRES_IMU", "xacc, yacc, zacc", _sensor(*_ACCELERATION), "accelerometer"),
-    _Source("specific_force", "SCALED_IMU", "xacc, yacc, zacc", _sensor(*_ACCELERATION, scale=_MILLI_G),
-            "accelerometer in mG"),
-    _Source("specific_force", "RAW_IMU", "xacc, yacc, zacc", _sensor(*_ACCELERATION, scale=_MILLI_G),
-            "first accelerometer; ArduPilot sends mG here", _ARDUPILOT),
-    _Source("battery_voltage", "SYS_STATUS", "voltage_battery", _battery, "measured"),
-    _Source("armed", "HEARTBEAT", "base_mode & 128", _armed, "once a second"),
-    _Source("landed", "EXTENDED_SYS_STATE", "landed_state == 1", _landed, "the land detector"),
+SOURCES: Final = (
+    _S("body_rate", "ATTITUDE", _RATES, "the autopilot's filtered body rates, in step with its attitude"),
+    _S("body_rate", "ATTITUDE_QUATERNION", _RATES, "the autopilot's filtered body rates"),
+    _S("body_rate", "HIGHRES_IMU", _GYRO, "gyro", _sensor),
+    _S("body_rate", "SCALED_IMU", _GYRO, "gyro in mrad/s", _sensor, 1e-3),
+    _S("body_rate", "RAW_IMU", _GYRO, "first gyro; ArduPilot sends mrad/s here", _sensor, 1e-3,
+       sent_by=_ARDUPILOT),
+    _S("body_rate", "SCALED_IMU2", _GYRO, "second gyro", _sensor, 1e-3),
+    _S("body_rate", "SCALED_IMU3", _GYRO, "third gyro", _sensor, 1e-3),
+    _S("body_rate_setpoint", "ATTITUDE_TARGET", ("body_roll_rate", "body_pitch_rate", "body_yaw_rate"),
+       "the rate controller's setpoint"),
+    _S("attitude", "ATTITUDE", _ANGLES, "the autopilot's attitude"),
+    _S("attitude", "ATTITUDE_QUATERNION", _QUATERNION, "the autopilot's attitude", attitude, label="q1..q4"),
+    _S("torque_command", "ACTUATOR_CONTROL_TARGET", ("controls", "group_mlx"),
+       "the rate controller's output before the mixer", _controls, label="controls[0..2]"),
+    _S("output_pwm", "SERVO_OUTPUT_RAW", _SERVOS, "what the output driver sent", _outputs,
+       label="servoN_raw"),
+    _S("throttle", "VFR_HUD", ("throttle",), "in percent, for display", scale=0.01),
+    _S("specific_force", "HIGHRES_IMU", _ACCELERATION, "accelerometer", _sensor),
+    _S("specific_force", "SCALED_IMU", _ACCELERATION, "accelerometer in mG", _sensor, _MILLI_G),
+    _S("specific_force", "RAW_IMU", _ACCELERATION, "first accelerometer; ArduPilot sends mG here", _sensor,
+       _MILLI_G, sent_by=_ARDUPILOT),
+    _S("battery_voltage", "SYS_STATUS", ("voltage_battery",), "measured", _battery, 1e-3),
+    _S("armed", "HEARTBEAT", ("base_mode",), "once a second", _armed, label="base_mode & 128"),
+    _S("landed", "EXTENDED_SYS_STATE", ("landed_state",), "the land detector", _landed,
+       label="landed_state == 1"),
+    # Behind the others: a sum, and not of all messages.
+    _S("torque_command", "PID_TUNING", ("FF", "P", "I", "D"),
+       "sum of the rate controllers' parts (GCS_PID_MASK 7)", _pid_torque, label="FF + P + I + D"),
+    _S("rotor_speed", _ESCS[0], ("rpm",), "reported by the ESCs", _rotor_speed, RPM, beside=_ESCS[1:]),
 )  # fmt: skip
-
-_ESC_GROUPS: Final = (
-    "ESC_TELEMETRY_1_TO_4", "ESC_TELEMETRY_5_TO_8", "ESC_TELEMETRY_9_TO_12", "ESC_TELEMETRY_13_TO_16",
-)  # fmt: skip
-MESSAGES: Final = frozenset(
-    {source.message for source in _SOURCES}
-    | {*_ESC_GROUPS, "PID_TUNING", "PARAM_VALUE", "STATUSTEXT", "AUTOPILOT_VERSION", "SYSTEM_TIME"}
-)
+MESSAGES: Final = messages_of(SOURCES) | {"PARAM_VALUE", "STATUSTEXT", "AUTOPILOT_VERSION", "SYSTEM_TIME"}
 
 #: ArduPilot's mode enumeration by vehicle; `vehicle_type_of` knows no others that fly it.
 _MODE_ENUMS: Final = {
@@ -165,40 +202,43 @@ _FRAME: Final = re.compile(r"^Frame: (.+)$")
 _INTEGER_TYPES: Final = {1: "u1", 2: "i1", 3: "<u2", 4: "<i2", 5: "<u4", 6: "<i4"}
 
 
-def flight_log(path: str, content: TlogContent) -> FlightLog:
-    """Turn the messages of one system into canonical signals.
+def read(path: str | Path, *, system: int = 0) -> FlightLog:
+    """Read a telemetry log into canonical signals.
 
     Parameters
     ----------
-    path : str
-        As the user gave it.
-    content : TlogContent
-        With the messages of `MESSAGES`.
+    path : str or Path
+    system : int
+        System id; 0 chooses the autopilot with most messages.
 
     Returns
     -------
     FlightLog
+
+    Raises
+    ------
+    EmptyLogError
+        If there is no packet with a right checksum.
+    SettingsError
+        If the file holds no system of that id.
     """
-    with np.errstate(invalid="ignore"):  # any four bytes can be a signalling NaN
-        signals, parameters = _signals(content), _parameters(content)
-    texts = _texts(content)
-    chosen = next(one for one in content.systems if one.chosen)
-    autopilot = {_ARDUPILOT: "ardupilot", _PX4: "px4"}.get(content.autopilot_id, "other")
+    content = read_content(path, MESSAGES, system=system)
+    chosen, texts = content.chosen, _texts(content)
     return FlightLog(
-        path=path,
+        path=str(path),
         format="tlog",
-        autopilot=autopilot,
+        autopilot=_NAMES.get(chosen.autopilot, "other"),
         n_bytes=content.n_bytes,
-        signals=signals,
+        signals=_signals(content),
         firmware=_firmware(content, texts),
-        vehicle_type=vehicle_type_of(content.mav_type),
+        vehicle_type=vehicle_type_of(chosen.mav_type),
         vehicle_name=f"system {chosen.system_id}",
         frame=_frame(content, texts),
-        parameters=parameters,
+        parameters=_parameters(content),
         modes=_modes(content),
         texts=texts,
         lost=content.lost,
-        systems=content.systems,
+        systems=_systems(content),
         counts=content.counts,
         utc_offset_s=_utc_offset_s(content),
         remarks=_remarks(content),
@@ -207,79 +247,40 @@ def flight_log(path: str, content: TlogContent) -> FlightLog:
 
 def _signals(content: TlogContent) -> dict[str, tuple[Signal, ...]]:
     """Build every source of every canonical signal, in order of preference."""
-    found: dict[str, list[Signal]] = {}
-    for source in _SOURCES:
-        message = content.messages.get(source.message)
-        if message is None or source.only_autopilot not in (None, content.autopilot_id):
-            continue
-        values = source.build(message.rows)
-        if values is not None:
-            found.setdefault(source.signal, []).append(
-                Signal(
-                    name=source.signal,
-                    rows=Rows(content.time_s(message), message.position),
-                    values=values,
-                    source=f"{source.message}.{source.fields}",
-                    reason=source.reason,
-                )
-            )
-    for signal in (_pid_torque(content), _rotor_speed(content)):
-        if signal is not None:
-            found.setdefault(signal.name, []).append(signal)
-    return {name: tuple(signals) for name, signals in found.items()}
+    parts = {
+        name: MessagePart(
+            name=name, table=message, rows=Rows(content.time_s(message), message.position), log=content
+        )
+        for name, message in content.messages.items()
+    }
+
+    def parts_of(source: _Row) -> Iterable[MessagePart]:
+        sent_by = source.sent_by if isinstance(source, MavlinkSource) else 0
+        is_meant = sent_by in (0, content.chosen.autopilot)
+        return [parts[source.message]] if is_meant and source.message in parts else []
+
+    with np.errstate(invalid="ignore"):  # any four bytes can be a signalling NaN
+        return build_signals(SOURCES, parts_of, separator=", ")
 
 
-def _pid_torque(content: TlogContent) -> Signal | None:
-    """Sum the rate controllers' parts per axis: ArduPilot's RATE.ROut is FF + P + I + D.
+def _systems(content: TlogContent) -> tuple[LoggedSystem, ...]:
+    """Name who speaks in the file."""
+    autopilots, types = enum_names("MAV_AUTOPILOT", "MAV_AUTOPILOT_"), enum_names("MAV_TYPE", "MAV_TYPE_")
 
-    One message an axis (1 roll, 2 pitch, 3 yaw); a row is complete with the
-    last pitch and yaw before the next roll.
-    """
-    message = content.messages.get("PID_TUNING")
-    if message is None:
-        return None
-    rows, position = message.rows, message.position
-    total = np.sum([rows[part].astype(np.float64) for part in ("FF", "P", "I", "D")], axis=0)
-    axes = [np.flatnonzero(rows["axis"] == axis) for axis in (1, 2, 3)]
-    if not all(len(axis) for axis in axes):
-        return None
-    roll = axes[0]
-    columns = [_following(total[axis], position[axis], position[roll]) for axis in axes]
-    return Signal(
-        name="torque_command",
-        rows=Rows(content.clock.at(position[roll]), position[roll]),
-        values=np.column_stack(columns),
-        source="PID_TUNING.FF + P + I + D",
-        reason="sum of the rate controllers' parts (GCS_PID_MASK 7)",
-    )
+    def vehicle(mav_type: int) -> str:
+        known = vehicle_type_of(mav_type)
+        return types.get(mav_type, known).lower() if known == "unknown" else known
 
-
-def _following(values: FloatArray, position: IntArray, wanted: IntArray) -> FloatArray:
-    """Return the first value at or behind each wanted place in the file, NaN behind the last one."""
-    found = np.searchsorted(position, wanted)
-    return np.where(found < len(values), values[np.minimum(found, len(values) - 1)], np.nan)
-
-
-def _rotor_speed(content: TlogContent) -> Signal | None:
-    """Put the groups of four ESCs side by side; None where no speed ever moves."""
-    groups = [content.messages[name] for name in _ESC_GROUPS if name in content.messages]
-    if not groups or _ESC_GROUPS[0] not in content.messages:
-        return None
-    first = groups[0]
-    columns = []
-    for group in groups:
-        speed = group.rows["rpm"].astype(np.float64) * _RPM
-        columns += [_following(speed[:, k], group.position, first.position) for k in range(speed.shape[1])]
-    speeds = np.column_stack(columns)
-    used = used_columns(speeds, speeds > 0.0)
-    if not used.size or not (np.nanmax(used, axis=0) > np.nanmin(used, axis=0)).any():
-        return None
-    return Signal(
-        name="rotor_speed",
-        rows=Rows(content.time_s(first), first.position),
-        values=used,
-        source="ESC_TELEMETRY_1_TO_4.rpm" + (" ..." if len(groups) > 1 else ""),
-        reason="reported by the ESCs",
+    return tuple(
+        LoggedSystem(
+            system_id=one.system_id,
+            component_id=one.component_id,
+            autopilot=autopilots.get(one.autopilot, "unknown").lower(),
+            vehicle_type=vehicle(one.mav_type),
+            n_messages=one.n_messages,
+            chosen=one is content.chosen,
+        )
+        for one in content.senders
     )
 
 
@@ -287,7 +288,7 @@ def _utc_offset_s(content: TlogContent) -> float:
     """Return UTC minus the boot clock [s] as the autopilot tells it."""
     message = content.messages.get("SYSTEM_TIME")
     if message is None:
-        return float("nan")
+        return math.nan
     return utc_offset_s(message.rows["time_unix_usec"].astype(np.float64) / 1e6, content.time_s(message))
 
 
@@ -333,7 +334,7 @@ def _parameters(content: TlogContent) -> dict[str, float]:
     for name, value, kind in zip(
         rows["param_id"].tolist(), rows["param_value"], rows["param_type"].tolist(), strict=True
     ):
-        if content.autopilot_id == _PX4 and kind in _INTEGER_TYPES:
+        if content.chosen.autopilot == _PX4 and kind in _INTEGER_TYPES:
             parameters[_text(name)] = float(np.frombuffer(value.tobytes(), _INTEGER_TYPES[kind])[0])
         else:
             parameters[_text(name)] = float(value)
@@ -346,15 +347,15 @@ def _modes(content: TlogContent) -> tuple[ModeChange, ...]:
     if message is None:
         return ()
     mode, time_s = message.rows["custom_mode"], content.time_s(message)
-    enum = _MODE_ENUMS.get(vehicle_type_of(content.mav_type), "")
-    names = enum_names(enum, f"{enum}_") if content.autopilot_id == _ARDUPILOT else {}
+    enum = _MODE_ENUMS.get(vehicle_type_of(content.chosen.mav_type), "")
+    names = enum_names(enum, f"{enum}_") if content.chosen.autopilot == _ARDUPILOT else {}
     changes = np.flatnonzero(np.append(True, mode[1:] != mode[:-1]))
     return tuple(
         ModeChange(
             time_s=float(time_s[k]),
             position=int(message.position[k]),
             name=_px4_mode(int(mode[k]))
-            if content.autopilot_id == _PX4
+            if content.chosen.autopilot == _PX4
             else names.get(int(mode[k]), f"mode {int(mode[k])}"),
         )
         for k in changes.tolist()
@@ -381,14 +382,14 @@ def _firmware(content: TlogContent, texts: tuple[LogText, ...]) -> str:
 def _frame(content: TlogContent, texts: tuple[LogText, ...]) -> str:
     """Return the frame as the firmware states it in a text, else the words of the MAV_TYPE."""
     stated = [match[1] for text in texts if (match := _FRAME.match(text.text))]
-    return stated[-1] if stated else frame_words(content.mav_type)
+    return stated[-1] if stated else frame_words(content.chosen.mav_type)
 
 
 def _remarks(content: TlogContent) -> tuple[str, ...]:
     """Say what was decided or assumed."""
     remarks = []
-    chosen = next(one for one in content.systems if one.chosen)
-    others = [f"{one.system_id}/{one.component_id}" for one in content.systems if not one.chosen]
+    chosen = content.chosen
+    others = [f"{one.system_id}/{one.component_id}" for one in content.senders if one is not chosen]
     if others:
         remarks.append(
             f"System {chosen.system_id}, component {chosen.component_id} was read; "

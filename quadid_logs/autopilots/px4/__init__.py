@@ -21,12 +21,13 @@ class Px4(Autopilot):
 
     def formats(self) -> tuple[LogFormat, ...]:
         """ULog, and before 1.4 sdlog2, which shares the magic bytes of DataFlash."""
-        from quadid_logs.autopilots.px4 import sdlog2
-        from quadid_logs.containers import ulog
+        from quadid_logs.autopilots.px4.log import read
+        from quadid_logs.autopilots.px4.sdlog2 import read as read_sdlog2
+        from quadid_logs.containers import sdlog2, ulog
 
         return (
-            LogFormat("ulog", "PX4 ULog", ulog.is_mine, ulog.read),
-            LogFormat("dataflash", "PX4 sdlog2", sdlog2.is_mine, sdlog2.read, dialect="sdlog2"),
+            LogFormat("ulog", "PX4 ULog", ulog.is_mine, read),
+            LogFormat("dataflash", "PX4 sdlog2", sdlog2.is_mine, read_sdlog2, dialect="sdlog2"),
         )
 
     def rebuild(self, log: FlightLog, airframe: Airframe) -> Rebuilt:

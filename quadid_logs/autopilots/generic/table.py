@@ -1,0 +1,142 @@
+"""Tables with canonical column names, as CSV or Parquet.
+
+The names are those of `vocabulary.SIGNALS` (``time_s``, ``p_rad_s``, ...);
+signals with one column per motor are numbered (``motor_thrust_1``, ...).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.containers import table
+from quadid_logs.containers.content import mean_rate_hz
+from quadid_logs.data.log import FlightLog, MessageCount, Rows, Signal
+from quadid_logs.errors import EmptyLogError, UnknownFormatError
+from quadid_logs.vocabulary import MULTIROTOR, SIGNALS
+
+_TIME: Final = "time_s"
+_FIXED: Final = frozenset(column for spec in SIGNALS.values() for column in spec.columns) | {_TIME}
+_NUMBERED: Final = re.compile(
+    f"^({'|'.join(name for name, spec in SIGNALS.items() if not spec.columns)})_\\d{{1,2}}$"
+)
+
+
+def is_mine(head: bytes) -> bool:
+    """Tell whether a file beginning with `head` is Parquet, or text with a canonical column name on top."""
+    if table.is_parquet(head):
+        return True
+    known = _canonical_names(table.header_names(head))
+    return _TIME in known or len(known) > 1
+
+
+def read(path: str | Path, *, system: int = 0) -> FlightLog:
+    """Read a table into canonical signals.
+
+    Parameters
+    ----------
+    path : str or Path
+    system : int
+        Has no effect: a table holds one vehicle.
+
+    Returns
+    -------
+    FlightLog
+        A table does not say what it is from: a multirotor is assumed.
+
+    Raises
+    ------
+    UnknownFormatError
+        If there is no column ``time_s``, if the body rates are incomplete, or
+        if the file is damaged.
+    EmptyLogError
+        If there is no row.
+    """
+    cells = table.read_cells(path, lambda names: _check_names(path, names))
+    time_s = cells.columns[_TIME]
+    if not len(time_s):
+        raise EmptyLogError(f"{path} has a header but no rows.", hint="Export the table again.")
+    signals, incomplete = _signals(cells)
+    return FlightLog(
+        path=str(path),
+        format="table",
+        autopilot="other",
+        n_bytes=Path(path).stat().st_size,
+        signals=signals,
+        vehicle_type=MULTIROTOR,
+        counts=(MessageCount(name="rows", count=len(time_s), rate_hz=mean_rate_hz(len(time_s), time_s)),),
+        remarks=(
+            "A table does not say what flew: a multirotor is assumed.",
+            *incomplete,
+            *_remarks(cells, system),
+        ),
+    )
+
+
+def _canonical_names(names: Sequence[str]) -> list[str]:
+    """Return the names that the vocabulary has, each once, in the order of the table."""
+    return [name for name in dict.fromkeys(names) if name in _FIXED or _NUMBERED.match(name)]
+
+
+def _check_names(path: str | Path, names: Sequence[str]) -> list[str]:
+    """Return the canonical names among `names`, or say what is missing."""
+    present = ", ".join(names[:40]) or "none"
+    if _TIME not in names:
+        raise UnknownFormatError(
+            f"{path} is a table without a column {_TIME}; its columns are: {present}.",
+            hint="Name the columns time_s, p_rad_s, q_rad_s, r_rad_s and so on, in SI units.",
+        )
+    rates = SIGNALS["body_rate"].columns
+    missing = [name for name in rates if name not in names]
+    if missing and len(missing) < len(rates):
+        raise UnknownFormatError(
+            f"{path} is a table without {', '.join(missing)}; its columns are: {present}.",
+            hint="All three body rates are needed.",
+        )
+    return _canonical_names(names)
+
+
+def _signals(cells: table.Cells) -> tuple[dict[str, tuple[Signal, ...]], list[str]]:
+    """Build every signal whose columns are complete, and remark on the others."""
+    signals: dict[str, tuple[Signal, ...]] = {}
+    remarks = []
+    columns = cells.columns
+    rows = Rows(columns[_TIME], np.arange(len(columns[_TIME]), dtype=np.int64))
+    for name, spec in SIGNALS.items():
+        wanted = list(spec.columns) or _numbered(name, columns)
+        missing = [column for column in wanted if column not in columns]
+        if missing and len(missing) < len(wanted):
+            remarks.append(f"{name} is left out: there is no column {', '.join(missing)}.")
+        if wanted and not missing:
+            signal = Signal(
+                name=name,
+                rows=rows,
+                values=np.column_stack([columns[column] for column in wanted]),
+                source=f"{cells.kind} columns {', '.join(wanted)}",
+                reason="the table's own column names",
+            )
+            signals[name] = (signal,)
+    return signals, remarks
+
+
+def _numbered(name: str, columns: Mapping[str, FloatArray]) -> list[str]:
+    """Return ``name_1``, ``name_2``, ... as far as the table has them, in the order of their numbers."""
+    numbers = [int(column[len(name) + 1 :]) for column in columns if re.match(f"^{name}_\\d+$", column)]
+    return [f"{name}_{number}" for number in sorted(numbers)]
+
+
+def _remarks(cells: table.Cells, system: int) -> list[str]:
+    """Say what was left out."""
+    others = [name for name in cells.names if name not in cells.columns]
+    said = {
+        f"{cells.n_not_numeric} cells are no numbers and count as missing.": cells.n_not_numeric,
+        f"{cells.n_broken_rows} rows have too few or too many cells.": cells.n_broken_rows,
+        f"Columns without a canonical name are not used: {', '.join(others[:20])}.": len(others),
+        "A table holds one vehicle: the chosen system was not needed.": system,
+    }
+    return [words for words, how_many in said.items() if how_many]

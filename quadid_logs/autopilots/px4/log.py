@@ -1,0 +1,139 @@
+"""PX4's ULog as a `FlightLog`."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from quadid_logs.autopilots.px4.filters import parameter_filter
+from quadid_logs.autopilots.px4.identity import (
+    describe_frame,
+    firmware_words,
+    mode_names,
+    vehicle_type,
+    version_of,
+)
+from quadid_logs.autopilots.px4.signals import SOURCES, sample_time_s, signals
+from quadid_logs.autopilots.sources import messages_of, stacked
+from quadid_logs.autopilots.utc import utc_offset_s
+from quadid_logs.containers.ulog import UlogContent, read_content
+from quadid_logs.data.log import FlightLog, LogText, ModeChange
+from quadid_logs.errors import EmptyLogError
+
+#: Receivers, with the time of day; the second since 1.14.
+_RECEIVERS: Final = ("vehicle_gps_position", "sensor_gps")
+_STATUS: Final = ("is_vtol", "system_type", "vehicle_type")
+
+
+def read(path: str | Path, *, system: int = 0) -> FlightLog:
+    """Read a ULog file into canonical signals.
+
+    Parameters
+    ----------
+    path : str or Path
+    system : int
+        Has no effect: a ULog holds one vehicle.
+
+    Returns
+    -------
+    FlightLog
+
+    Raises
+    ------
+    EmptyLogError
+        If the file holds no data message that can be read.
+    """
+    content = read_content(path, messages_of(SOURCES) | {*_RECEIVERS})
+    if not content.counts:
+        raise EmptyLogError(
+            f"{path} begins as a ULog, but holds no data message that can be read.",
+            hint="The file was cut off or its definitions are damaged; copy it from the SD card again.",
+        )
+    known = content.definitions
+    return FlightLog(
+        path=str(path),
+        format="ulog",
+        autopilot="px4" if known.information.get("sys_name", "PX4") == "PX4" else "other",
+        n_bytes=content.n_bytes,
+        signals=signals(content.topics, parameter_filter(known.parameters)),
+        firmware=firmware_words(known.information),
+        vehicle_type=vehicle_type(known.parameters, _last_status(content)),
+        frame=describe_frame(known.parameters),
+        hardware_id=str(known.information.get("sys_uuid", "")),
+        parameters=dict(known.parameters),
+        modes=_modes(content),
+        texts=tuple(
+            LogText(time_s=text.timestamp_us / 1e6, position=text.offset, text=text.text)
+            for text in known.texts
+        ),
+        lost=content.lost,
+        n_dropped=len(known.dropouts),
+        counts=content.counts,
+        utc_offset_s=_utc_offset_s(content),
+        remarks=_remarks(content, system),
+    )
+
+
+def _utc_offset_s(content: UlogContent) -> float:
+    """Return UTC minus the log's clock [s] as the receivers tell it."""
+    for key, table in content.topics.items():
+        if key[0] in _RECEIVERS and (utc_us := stacked(table, ("time_utc_usec",))) is not None:
+            log_s = sample_time_s(table)
+            if log_s is not None and math.isfinite(found := utc_offset_s(utc_us[:, 0] / 1e6, log_s)):
+                return found
+    return math.nan
+
+
+def _last_status(content: UlogContent) -> dict[str, int]:
+    """Return the last values of the first vehicle_status."""
+    table = content.topics.get(("vehicle_status", 0))
+    if table is None:
+        return {}
+    return {field: int(table.rows[field][-1]) for field in _STATUS if table.has(field)}
+
+
+def _modes(content: UlogContent) -> tuple[ModeChange, ...]:
+    """Return where nav_state changes."""
+    table = content.topics.get(("vehicle_status", 0))
+    if table is None or not table.has("nav_state"):
+        return ()
+    time_s, state = sample_time_s(table), table.rows["nav_state"]
+    if time_s is None:
+        return ()
+    names = mode_names(version_of(content.definitions.information))
+    changes = np.flatnonzero(np.append(True, state[1:] != state[:-1]))
+    return tuple(
+        ModeChange(
+            time_s=float(time_s[k]),
+            position=int(table.position[k]),
+            name=names.get(int(state[k]), f"mode {int(state[k])}"),
+        )
+        for k in changes.tolist()
+    )
+
+
+def _remarks(content: UlogContent, system: int) -> tuple[str, ...]:
+    """Say what was decided or assumed."""
+    known = content.definitions
+    remarks = []
+    if known.dropouts:
+        total_s = sum(dropout.duration_ms for dropout in known.dropouts) * 1e-3
+        remarks.append(f"The logger reports {len(known.dropouts)} dropouts of {total_s:.2f} s in all.")
+    if known.n_changed_parameters:
+        remarks.append(
+            f"{known.n_changed_parameters} parameters were written while logging; the last value is used."
+        )
+    if content.n_joined:
+        remarks.append(f"The file holds {content.n_joined + 1} logs joined together.")
+    if content.n_unknown:
+        remarks.append(f"{content.n_unknown} messages belong to no announced topic or are of unknown type.")
+    if known.unknown_flags:
+        remarks.append("The log says that it needs a newer reader; it was read all the same.")
+    if known.information.get("ver_hw") == "PX4_SITL" and ("esc_status", 0) in content.topics:
+        remarks.append("This is a simulated flight: rotor speeds are derived from the commands.")
+    if system:
+        remarks.append("A ULog holds one vehicle: the chosen system was not needed.")
+    return tuple(remarks)
