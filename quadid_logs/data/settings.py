@@ -52,7 +52,7 @@ class AlignSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IdentifySettings:
-    """Structure, windows, band and validation of the fit."""
+    """Structure, windows and band of the fit; all other thresholds stand beside the code that uses them."""
 
     structure: str = ""
     """Structure to recommend; "" lets held-out error decide."""
@@ -60,10 +60,6 @@ class IdentifySettings:
     """Samples per window of the paper's structures; 0 takes as many as there are unknowns."""
     stride: int = 0
     """Samples between windows; 0 takes every window (the paper)."""
-    min_rate_hz: float = 40.0
-    """Below, a 50 ms motor lag and the rate loop (2 to 8 Hz) leave under five samples per
-    cycle between them, and the torque between two samples is a guess: B comes out wrong by
-    factors (measured: factor 2 at 11 Hz)."""
     smoothing_hz: float = 0.0
     """Cut-off of the one filter that target and regressors pass; 0 chooses it from the data."""
     high_pass_hz: float = 0.3
@@ -71,41 +67,8 @@ class IdentifySettings:
     move the vehicle (measured: gain -17 %, damping -50 % on flights by stick; with this below 1 % and
     25 %). At 1 Hz yaw, which moves slowly, would lose half of its information."""
     most_samples: int = 480_000
-    """Twenty minutes at 400 Hz: of a longer flight the minutes that move most are taken. They tell
+    """Twenty minutes at 400 Hz: of a longer flight the minutes with most motion are taken. They tell
     nearly all that there is to tell, and the interval is that of the sensors by then."""
-    held_out_fraction: float = 0.3
-    """Share of the flight that no fit sees; taken in blocks, never shuffled."""
-    held_out_block_s: float = 5.0
-    """Longer than the memory of the dynamics (under 1 s), short enough for both
-    sets to see all manoeuvres."""
-    horizons_s: tuple[float, ...] = (0.1, 0.2, 0.5)
-    max_delay_s: float = 0.06
-    """Loop, filter and radio-free output delay of known autopilots stay below 30 ms; twice that."""
-    max_lag_s: float = 0.25
-    """Published motor lags reach 80 ms; three times that."""
-    min_rate_rms_deg_s: float = 2.0
-    """A vehicle that hovers by itself turns at 1 to 2 deg/s rms; a manoeuvre must stand above that."""
-    min_signal_to_noise: float = 3.0
-    """Explained over unexplained acceleration variance in the fitted band: R2 of 0.75."""
-    min_simulated_r2: float = 0.0
-    """Rates simulated over a held-out block from its torque alone must beat a constant. Where
-    slow disturbances move the vehicle, the controller's answer to them is all the torque there
-    is, the one-step fit stays good, and the gain is biased (measured: -9 to -41 % at R2 below 0)."""
-    gyro_systematic: float = 0.01
-    """Scale and cross-axis sensitivity of a MEMS gyro are specified to 1 to 2 %, in 95 of 100 parts
-    better than this share. No flight can tell: it is added in squares to every interval."""
-    torque_systematic: float = 0.003
-    """Thrust is not quite what mixer and thrust curve say, and the torque between the rows of a
-    slow log is interpolated: no gain is known better than this share for that alone."""
-    damping_systematic: float = 0.005
-    """The damping by rotors goes with their speed, whose mean differs by half a per cent in a flight."""
-    timing_systematic: float = 0.015
-    """Stamps place torque against rate to no better than this share of a sample period: lag and delay
-    are not known better."""
-    lag_systematic: float = 0.003
-    """A rotor is a first-order lag to some thousandths: its time constant goes with its speed."""
-    max_relative_ci: float = 0.3
-    """A coefficient whose 95 % interval is wider than this half-width is not identified."""
 
     def __post_init__(self) -> None:
         if self.structure and self.structure not in STRUCTURES:

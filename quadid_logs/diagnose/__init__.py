@@ -54,7 +54,7 @@ def diagnose(
         *find_in_pool(pooled),
         *find_in_file(log, data),
         *find_in_data(log, data, identification, settings),
-        *find_in_gyro(data, settings),
+        *find_in_gyro(data),
         *find_in_torque(log, data, identification),
         *find_in_models(log, identification, settings),
         *find_in_given_inertia(data, identification, vehicle),

@@ -14,6 +14,7 @@ from quadid_logs.data.settings import Settings
 from quadid_logs.diagnose.advice import logging_advice
 from quadid_logs.diagnose.findings import finding, rounded
 from quadid_logs.diagnose.torque_findings import not_in_newton_metres
+from quadid_logs.identify import MIN_RATE_HZ
 from quadid_logs.vocabulary import MULTIROTOR
 
 #: A signal that is this much slower on average than between typical samples is not what it seems.
@@ -57,13 +58,13 @@ def find_in_data(
 
 def _rates(sources: Sequence[SourceChoice], advice: str, settings: Settings) -> Iterator[Finding]:
     """Judge how fast rates and torque were logged, in one finding for both."""
-    slow = [source for source in sources if source.rate_hz < settings.identify.min_rate_hz]
+    slow = [source for source in sources if source.rate_hz < MIN_RATE_HZ]
     slowish = [source for source in sources if source.rate_hz < settings.diagnose.caution_rate_hz]
     if slow:
         yield finding(
             "QL303",
             "error",
-            {**_sampling(slow), "needed_hz": settings.identify.min_rate_hz},
+            {**_sampling(slow), "needed_hz": MIN_RATE_HZ},
             advice=advice,
             title=f"{_told(slow)}, too slowly to identify anything",
         )
@@ -111,10 +112,10 @@ def _told(sources: Sequence[SourceChoice]) -> str:
 _SPOKEN = {"body_rate": "the body rate", "torque_command": "the torque", "torque_n_m": "the torque"}
 
 
-def _too_slow(data: FlightData, settings: Settings) -> bool:
+def _too_slow(data: FlightData) -> bool:
     """Return whether a rate is the reason that nothing was identified."""
     return any(
-        source.rate_hz < settings.identify.min_rate_hz
+        source.rate_hz < MIN_RATE_HZ
         for name, source in data.sources.items()
         if name in ("body_rate", "torque_command", "torque_n_m")
     )
@@ -152,7 +153,7 @@ def _flight(data: FlightData, identification: Identification, settings: Settings
             },
             title="The flight without gaps is too short",
         )
-    elif data.segments and identification.skipped and not _too_slow(data, settings):
+    elif data.segments and identification.skipped and not _too_slow(data):
         yield finding("QL402", "error", {"reason": identification.skipped, "gap_free_s": round(usable_s, 2)})
 
 

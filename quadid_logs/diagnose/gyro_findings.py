@@ -8,8 +8,8 @@ import numpy as np
 
 from quadid_logs.data.diagnosis import Finding, Level
 from quadid_logs.data.flight import FlightData, GyroCheck
-from quadid_logs.data.settings import Settings
 from quadid_logs.diagnose.findings import finding, rounded
+from quadid_logs.identify.actuator import MAX_DELAY_S
 from quadid_logs.vocabulary import AXES
 
 #: Attitude logged at 25 Hz leaves 2 % on flights of known truth, attitude and rates at 10 Hz 3 %.
@@ -25,7 +25,7 @@ _STEEPEST_RAD = np.radians(91.0)
 _MOST_TOO_STEEP = 0.01
 
 
-def find_in_gyro(data: FlightData, settings: Settings) -> Iterator[Finding]:
+def find_in_gyro(data: FlightData) -> Iterator[Finding]:
     """Yield what body rates and attitude contradict each other in."""
     attitude = data.overview.get("attitude")
     if attitude is not None and attitude.values.size:
@@ -35,7 +35,7 @@ def find_in_gyro(data: FlightData, settings: Settings) -> Iterator[Finding]:
             yield finding("QL310", "warning", {"share_of_samples": rounded(too_steep)}, title=title)
     if data.gyro_check is not None:
         yield from _scales(data.gyro_check)
-        yield from _lag(data.gyro_check, settings)
+        yield from _lag(data.gyro_check)
 
 
 def _scales(check: GyroCheck) -> Iterator[Finding]:
@@ -80,9 +80,9 @@ def _finding(check: GyroCheck, number: int, level: Level, title: str) -> Finding
     return finding("QL310", level, evidence, axes=(AXES[number],), title=title)
 
 
-def _lag(check: GyroCheck, settings: Settings) -> Iterator[Finding]:
+def _lag(check: GyroCheck) -> Iterator[Finding]:
     """Say that the two clocks differ by more than the filters of a gyro."""
-    if abs(check.lag_s) - check.lag_half_width_s <= settings.identify.max_delay_s:
+    if abs(check.lag_s) - check.lag_half_width_s <= MAX_DELAY_S:
         return
     lag_ms = 1e3 * check.lag_s
     title = f"The body rates come {abs(lag_ms):.0f} ms {'after' if lag_ms > 0.0 else 'before'} the attitude"

@@ -13,6 +13,10 @@ from quadid_logs.data.model import Excitation, Identification, Model, Parameter
 from quadid_logs.data.settings import Settings
 from quadid_logs.diagnose.advice import excitation_advice
 from quadid_logs.diagnose.findings import finding, rounded
+from quadid_logs.identify.actuator import MAX_DELAY_S, MAX_LAG_S
+from quadid_logs.identify.design import HELD_OUT_BLOCK_S
+from quadid_logs.identify.excitation import MIN_RATE_RMS_DEG_S
+from quadid_logs.identify.parameters import MAX_RELATIVE_CI, MIN_SIGNAL_TO_NOISE, MIN_SIMULATED_R2
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS, RATE_SYMBOLS
 
 #: A gain that moves by more than this from band to band is not one number.
@@ -39,7 +43,7 @@ def find_in_models(log: FlightLog, identification: Identification, settings: Set
         return
     for number in range(len(AXES)):
         yield from _axis(log, identification, model, settings, number)
-    yield from _actuator(model, settings)
+    yield from _actuator(model)
     yield from _windows(identification)
 
 
@@ -113,7 +117,7 @@ def _gain(axis: _Axis) -> dict[str, object]:
 
 
 def _hardly_moved(axis: _Axis) -> Finding | None:
-    needed = axis.settings.identify.min_rate_rms_deg_s
+    needed = MIN_RATE_RMS_DEG_S
     if axis.moved_deg_s >= needed:
         return None
     title = f"{axis.name.capitalize()} was hardly moved ({axis.moved_deg_s:.2g} deg/s rms)"
@@ -121,7 +125,7 @@ def _hardly_moved(axis: _Axis) -> Finding | None:
 
 
 def _not_explained(axis: _Axis) -> Finding | None:
-    if axis.excitation.signal_to_noise >= axis.settings.identify.min_signal_to_noise:
+    if axis.excitation.signal_to_noise >= MIN_SIGNAL_TO_NOISE:
         return None
     title = (
         f"The torque explains only {100.0 * max(0.0, np.nan_to_num(axis.r2)):.0f} % of the "
@@ -136,7 +140,7 @@ def _wrong_sign(axis: _Axis) -> Finding | None:
 
 def _too_wide(axis: _Axis) -> Finding | None:
     half_width = 0.5 * (axis.own.ci95[1] - axis.own.ci95[0])
-    if half_width <= axis.settings.identify.max_relative_ci * axis.own.value:
+    if half_width <= MAX_RELATIVE_CI * axis.own.value:
         return None
     return axis.finding("QL505", "error", _evidence(axis) | _gain(axis))
 
@@ -156,12 +160,10 @@ def _not_reproduced(axis: _Axis) -> Finding | None:
         return None
     evidence = {
         "simulated_rate_r2": rounded(r2),
-        "block_s": axis.settings.identify.held_out_block_s,
-        "needed_r2": axis.settings.identify.min_simulated_r2,
+        "block_s": HELD_OUT_BLOCK_S,
+        "needed_r2": MIN_SIMULATED_R2,
     }
-    return axis.finding(
-        "QL511", "warning" if r2 >= axis.settings.identify.min_simulated_r2 else "error", evidence
-    )
+    return axis.finding("QL511", "warning" if r2 >= MIN_SIMULATED_R2 else "error", evidence)
 
 
 def _slides_with_the_band(axis: _Axis) -> Finding | None:
@@ -224,14 +226,11 @@ def _interval_too_narrow(axis: _Axis) -> Finding | None:
     return axis.finding("QL514", "warning", evidence)
 
 
-def _actuator(model: Model, settings: Settings) -> Iterator[Finding]:
+def _actuator(model: Model) -> Iterator[Finding]:
     actuator = model.actuator
     if actuator is None:
         return
-    if (
-        actuator.lag_s >= 0.99 * settings.identify.max_lag_s
-        or actuator.delay_s >= 0.99 * settings.identify.max_delay_s
-    ):
+    if actuator.lag_s >= 0.99 * MAX_LAG_S or actuator.delay_s >= 0.99 * MAX_DELAY_S:
         yield finding(
             "QL507", "warning", {"lag_s": rounded(actuator.lag_s), "delay_s": rounded(actuator.delay_s)}
         )

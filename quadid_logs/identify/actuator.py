@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray, IntArray
-from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.instruments import Projection
-from quadid_logs.identify.products import torque_products
 from quadid_logs.identify.structures import Structure
+from quadid_logs.identify.torque_products import torque_products
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS
 
-#: Coarse grid as shares of the largest lag and delay, denser where real ones lie.
-_LAG_SHARES = (0.0, 0.02, 0.04, 0.06, 0.08, 0.12, 0.16, 0.2, 0.24, 0.32, 0.4, 0.52, 0.64, 0.8, 1.0)
-_DELAY_SHARES = (0.0, 0.04, 0.08, 0.13, 0.17, 0.21, 0.25, 0.33, 0.42, 0.5, 0.67, 0.83, 1.0)
+#: Loop, filter and radio-free output delay of known autopilots stay below 30 ms; twice that.
+MAX_DELAY_S: Final = 0.06
+#: Published motor lags reach 80 ms; three times that.
+MAX_LAG_S: Final = 0.25
+#: Coarse grid as fractions of the largest lag and delay, denser where real ones lie.
+_LAG_FRACTIONS = (0.0, 0.02, 0.04, 0.06, 0.08, 0.12, 0.16, 0.2, 0.24, 0.32, 0.4, 0.52, 0.64, 0.8, 1.0)
+_DELAY_FRACTIONS = (0.0, 0.04, 0.08, 0.13, 0.17, 0.21, 0.25, 0.33, 0.42, 0.5, 0.67, 0.83, 1.0)
 #: Each refinement shrinks the step by four; three leave below 0.1 ms of delay.
 _REFINEMENTS = 3
 #: Ten minutes of flight at fifty rows a second fix lag and delay to microseconds.
@@ -61,9 +64,7 @@ class _Fold(NamedTuple):
     slope: FloatArray
 
 
-def fit_actuator(
-    design: Design, structure: Structure, axes: Sequence[int], settings: IdentifySettings
-) -> ActuatorFit:
+def fit_actuator(design: Design, structure: Structure, axes: Sequence[int]) -> ActuatorFit:
     """Find the lag and delay that explain the training blocks best, as if the lag acted on the torque.
 
     Parameters
@@ -71,9 +72,7 @@ def fit_actuator(
     design : Design
     structure : Structure
     axes : sequence of int
-        Axes (0 roll, 1 pitch, 2 yaw) that are moved enough to tell.
-    settings : IdentifySettings
-        ``max_lag_s``, ``max_delay_s``.
+        Axes (0 roll, 1 pitch, 2 yaw) that are excited and informative.
 
     Returns
     -------
@@ -88,8 +87,8 @@ def fit_actuator(
     units. The held-out blocks stay unseen.
     """
     score = Scorer(design, structure, axes)
-    lags = settings.max_lag_s * np.array(_LAG_SHARES)
-    delays = settings.max_delay_s * np.array(_DELAY_SHARES)
+    lags = MAX_LAG_S * np.array(_LAG_FRACTIONS)
+    delays = MAX_DELAY_S * np.array(_DELAY_FRACTIONS)
     loss = np.exp([[score(lag, delay) for delay in delays] for lag in lags])
     row, column = divmod(int(np.argmin(loss)), delays.size)
     lag_s, delay_s = float(lags[row]), float(delays[column])
@@ -97,8 +96,8 @@ def fit_actuator(
     for _ in range(_REFINEMENTS):
         trial = [
             (score(lag, delay), lag, delay)
-            for lag in _around(lag_s, lag_step, settings.max_lag_s)
-            for delay in _around(delay_s, delay_step, settings.max_delay_s)
+            for lag in _around(lag_s, lag_step, MAX_LAG_S)
+            for delay in _around(delay_s, delay_step, MAX_DELAY_S)
         ]
         _, lag_s, delay_s = min(trial)
         lag_step, delay_step = lag_step / 4.0, delay_step / 4.0
@@ -127,8 +126,9 @@ class Scorer:
         design = design.thinned(_ENOUGH_ROWS)
         self._design = design
         self._axes = list(axes)
+        self._inputs = structure.inputs
         names = (*structure.regressors, *design.disturbances(structure))
-        self._fixed = np.column_stack([design.columns[name] for name in names])
+        self._fixed = np.column_stack([design.columns[name] for name in names if name not in self._inputs])
         targets = np.column_stack([design.columns[name] for name in ACCELERATION_SYMBOLS])
         self._targets = targets[:, self._axes]
         even = design.block % 4 < 2
@@ -147,7 +147,7 @@ class Scorer:
         )
         rows, project = halves[0]
         directions = project.directions(design.time_s.size, rows)
-        self._products = None if directions is None else torque_products(design, directions)
+        self._products = None if directions is None else torque_products(design, directions, self._inputs)
         self._explained = project.coordinates(self._targets[rows])
         self.same_loss = same_loss(halves[0][1], self._axes)
 
@@ -170,18 +170,18 @@ class Scorer:
         both = np.column_stack([self._products(lag_s, delay_s), self._explained])
         (fold,) = self._folds
         left = both - fold.fixed_fit @ (fold.slope @ both)
-        return self._log_error(_left_by_torque(left, left))
+        return self._log_error(_left_by_torque(left, left, len(self._inputs)))
 
     def _in_time(self, lag_s: float, delay_s: float) -> float:
         """Return the error where no instruments make few products of the many rows."""
-        both = np.column_stack([self._design.torque(lag_s, delay_s), self._targets])
+        both = np.column_stack([self._design.torque.behind(lag_s, delay_s, self._inputs), self._targets])
         error = np.zeros(len(self._axes))
         for fold in self._folds:
             fit = fold.to_fit.coordinates(both[fold.fit])
             slope = fold.slope @ fit
             inside = fit - fold.fixed_fit @ slope
             outside = fold.to_score.coordinates(both[fold.score]) - fold.fixed_score @ slope
-            error += _left_by_torque(inside, outside)
+            error += _left_by_torque(inside, outside, len(self._inputs))
         return self._log_error(error)
 
     def _log_error(self, error: FloatArray) -> float:
@@ -193,10 +193,10 @@ def same_loss(project: Projection, axes: Sequence[int]) -> float:
     return _CHANCE / (project.n_instruments * len(axes)) if project.n_instruments else _SAME_LOSS
 
 
-def _left_by_torque(fit: FloatArray, score: FloatArray) -> FloatArray:
-    """Return the squared error on rows to score of the gains fitted to other rows; [torque, targets] each."""
-    theta, *_ = np.linalg.lstsq(fit[:, :3], fit[:, 3:], rcond=None)
-    return np.asarray(np.sum((score[:, 3:] - score[:, :3] @ theta) ** 2, axis=0))
+def _left_by_torque(fit: FloatArray, score: FloatArray, n: int) -> FloatArray:
+    """Return the squared error on rows to score of gains fitted to other rows; [n torques, targets] each."""
+    theta, *_ = np.linalg.lstsq(fit[:, :n], fit[:, n:], rcond=None)
+    return np.asarray(np.sum((score[:, n:] - score[:, :n] @ theta) ** 2, axis=0))
 
 
 def _step_at(grid: FloatArray, index: int) -> float:

@@ -8,9 +8,10 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.model import ChangeCheck, FormulationCheck
+from quadid_logs.identify.actuator_model import ActuatorModel
 from quadid_logs.identify.design import Design
-from quadid_logs.identify.fit import PooledFit, Problem, clusters_of, fit_pooled
-from quadid_logs.identify.refine import Drive
+from quadid_logs.identify.fit import PooledFit, Regression, fit_pooled
+from quadid_logs.identify.inference import clusters_of
 from quadid_logs.identify.structures import Structure
 from quadid_logs.maths.least_squares import column_scale, solve_least_squares
 from quadid_logs.maths.stability import largest_change
@@ -25,18 +26,20 @@ _RESAMPLED = 400
 _FEWEST_BLOCKS = 6
 
 
-def check_change(design: Design, structure: Structure, problem: Problem, axes: Sequence[int]) -> ChangeCheck:
-    """Look for the time after which an axis' own gain is another one.
+def check_change(
+    design: Design, structure: Structure, regression: Regression, axes: Sequence[int]
+) -> ChangeCheck:
+    """Look for the time after which an axis' on-axis effectiveness is another one.
 
     Parameters
     ----------
     design : Design
         As it was fitted.
     structure : Structure
-    problem : Problem
+    regression : Regression
         Its rows.
     axes : sequence of int
-        Axes that are moved.
+        Axes that are excited.
 
     Returns
     -------
@@ -46,14 +49,14 @@ def check_change(design: Design, structure: Structure, problem: Problem, axes: S
     clusters, time_s = clusters_of(design), design.time_s[design.train]
     found = np.full((4, 3), np.nan)
     for axis in axes:
-        own, others = _own_and_others(structure, problem, axis)
+        own, others = _own_and_others(structure, regression, axis)
         columns = [own, *others]
         theta = solve_least_squares(
-            problem.explained[:, columns], problem.Y[:, axis : axis + 1]
+            regression.explained[:, columns], regression.Y[:, axis : axis + 1]
         ).coefficients[0]
-        residual = problem.Y[:, axis] - problem.Z[:, columns] @ theta
+        residual = regression.Y[:, axis] - regression.Z[:, columns] @ theta
         alone = solve_least_squares(
-            problem.explained[:, others], problem.explained[:, own : own + 1]
+            regression.explained[:, others], regression.explained[:, own : own + 1]
         ).residuals[:, 0]
         change = largest_change(alone, residual, clusters)
         if change is not None:
@@ -67,42 +70,65 @@ def check_change(design: Design, structure: Structure, problem: Problem, axes: S
     return ChangeCheck(time_s=found[0], before=found[1], after=found[2], statistic=found[3])
 
 
-def check_formulations(drive: Drive, structure: Structure, fit: PooledFit) -> FormulationCheck:
-    """Fit the integral form, with boxcars as test functions, beside the weak form with its Gaussians."""
-    n_rows = max(2, round(_INTEGRAL_S / drive.design.period_s))
-    integral = fit_pooled(drive.design, structure, drive.actuator, fit.kept, drive.unknown, average=n_rows)
-    n_regressors = len(structure.regressors)
+def check_formulations(model: ActuatorModel, structure: Structure, fit: PooledFit) -> FormulationCheck:
+    """Fit the integral formulation, with boxcars as test functions, beside the weak one with its Gaussians.
+
+    Parameters
+    ----------
+    model : ActuatorModel
+    structure : Structure
+    fit : PooledFit
+        In the weak formulation.
+
+    Returns
+    -------
+    FormulationCheck
+    """
+    n_rows = max(2, round(_INTEGRAL_S / model.design.period_s))
+    integral = fit_pooled(model.design, structure, model.actuator, fit.kept, model.unknown, average=n_rows)
     both = (fit, integral)
     return FormulationCheck(
-        on_axis_gain=np.array([np.diag(each.theta[:3, n_regressors:]) for each in both]),
-        half_width=np.array([np.diag(each.half_width[:3, n_regressors:]) for each in both]),
+        on_axis_gain=np.array([structure.on_axis(each.theta) for each in both]),
+        half_width=np.array([structure.on_axis(each.half_width) for each in both]),
     )
 
 
-def bootstrapped_half_width(design: Design, structure: Structure, problem: Problem) -> FloatArray:
-    """Return half widths of the 95 % intervals of the own gains by resampling blocks; shape (3,).
+def bootstrapped_half_width(design: Design, structure: Structure, regression: Regression) -> FloatArray:
+    """Return half widths of the 95 % intervals of B11, B22, B33 by resampling blocks; shape (3,).
 
     Blocks are longer than any memory of the residuals, so they may be drawn
     with replacement (H. R. Kunsch, Annals of Statistics 17, 1989). NaN where
     there are too few.
+
+    Parameters
+    ----------
+    design : Design
+    structure : Structure
+    regression : Regression
+        Its training rows.
+
+    Returns
+    -------
+    ndarray, shape (3,)
+        [rad/s^2 per unit of torque].
     """
     blocks = np.unique(design.block[design.train], return_inverse=True)[1]
     n_blocks = int(blocks.max()) + 1
     half_width = np.full(3, np.nan)
     if n_blocks < _FEWEST_BLOCKS:
         return half_width
-    scale = column_scale(problem.explained)
+    scale = column_scale(regression.explained)
     ends = np.flatnonzero(np.diff(blocks)) + 1
     left, right, target = (
-        np.split(each, ends) for each in (problem.explained / scale, problem.Z / scale, problem.Y)
+        np.split(each, ends) for each in (regression.explained / scale, regression.Z / scale, regression.Y)
     )
     squares = np.array([a.T @ b for a, b in zip(left, right, strict=True)])
     products = np.array([a.T @ b for a, b in zip(left, target, strict=True)])
-    shares = np.full(n_blocks, 1.0 / n_blocks)
-    drawn = np.random.default_rng(0).multinomial(n_blocks, shares, size=_RESAMPLED).astype(np.float64)
+    even = np.full(n_blocks, 1.0 / n_blocks)
+    drawn = np.random.default_rng(0).multinomial(n_blocks, even, size=_RESAMPLED).astype(np.float64)
     gram, moment = np.tensordot(drawn, squares, 1), np.tensordot(drawn, products, 1)
     for axis in range(3):
-        own, others = _own_and_others(structure, problem, axis)
+        own, others = _own_and_others(structure, regression, axis)
         columns = [own, *others]
         try:
             theta = np.linalg.solve(gram[:, columns][:, :, columns], moment[:, columns, axis, np.newaxis])
@@ -114,7 +140,7 @@ def bootstrapped_half_width(design: Design, structure: Structure, problem: Probl
     return half_width
 
 
-def _own_and_others(structure: Structure, problem: Problem, axis: int) -> tuple[int, list[int]]:
+def _own_and_others(structure: Structure, regression: Regression, axis: int) -> tuple[int, list[int]]:
     """Return the column of the axis' own torque and all others that its row uses."""
     own = structure.columns.index(TORQUE_SYMBOLS[axis])
-    return own, [int(column) for column in np.flatnonzero(problem.used[axis]) if column != own]
+    return own, [int(column) for column in np.flatnonzero(regression.used[axis]) if column != own]

@@ -1,22 +1,50 @@
-"""How much each axis was moved, and how much noise stands beside it."""
+"""How much each axis was excited, and how much noise there was beside it."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Final
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.data.model import Excitation
-from quadid_logs.maths.rigid_body import PRODUCTS
+from quadid_logs.identify.design import Design
+from quadid_logs.identify.terms import ANGLE_SYMBOLS, Term
 from quadid_logs.maths.spectra import averaged_spectra
 from quadid_logs.vocabulary import AXES, RATE_SYMBOLS, TORQUE_SYMBOLS
 
-#: Resolution of the spectra: half a hertz separates the lines of usual manoeuvres.
-_STRETCH_S = 4.0
-#: Above this share of the Nyquist frequency a multirotor's motion has died out
+#: Resolution of the spectra: half a hertz separates the lines of common manoeuvres.
+_SPECTRUM_S = 4.0
+#: Above this fraction of the Nyquist frequency a multirotor's motion has died out
 #: and what is left is noise (and vibration, which counts as noise here).
 _NOISE_BAND = 0.6
-_ANGLES = ("phi", "theta", "psi")
+#: A vehicle that hovers by itself turns at 1 to 2 deg/s rms; a manoeuvre must exceed that.
+MIN_RATE_RMS_DEG_S: Final = 2.0
+
+
+def excited_axes(design: Design) -> list[int]:
+    """Return the axes that turn more than a hovering vehicle does, all if none does.
+
+    On an axis at rest, the controller turns gyro noise into torque, and a
+    model with a short delay explains that noise perfectly: its R2 is no proof.
+
+    Parameters
+    ----------
+    design : Design
+
+    Returns
+    -------
+    list of int
+        0 roll, 1 pitch, 2 yaw.
+    """
+    excited = [
+        axis
+        for axis, name in enumerate(RATE_SYMBOLS)
+        if np.degrees(np.std(design.columns[name][design.train])) >= MIN_RATE_RMS_DEG_S
+    ]
+    return excited or [0, 1, 2]
 
 
 def measure_excitation(
@@ -47,7 +75,7 @@ def _axis(data: FlightData, axis: int, signal_to_noise: float, rate_rms_rad_s: f
     spectra = averaged_spectra(
         ((segment.torque[:, axis], segment.body_rate_rad_s[:, axis]) for segment in data.segments),
         period_s=data.sample_period_s,
-        n_stretch=min(int(_STRETCH_S / data.sample_period_s), longest),
+        n_stretch=min(int(_SPECTRUM_S / data.sample_period_s), longest),
     )
     return Excitation(
         axis=AXES[axis],
@@ -69,32 +97,40 @@ def noise_density(data: FlightData) -> dict[str, float]:
     that follows from it is the least there can be.
     """
     density = {}
-    for name in (*RATE_SYMBOLS, *TORQUE_SYMBOLS, *_ANGLES):
+    for name in (*RATE_SYMBOLS, *TORQUE_SYMBOLS, *ANGLE_SYMBOLS):
         found = [_column(segment, name) for segment in data.segments]
         pairs = [(column, column) for column in found if column is not None]
         if not pairs:
             continue
-        n_stretch = min(int(_STRETCH_S / data.sample_period_s), max(len(first) for first, _ in pairs))
+        n_stretch = min(int(_SPECTRUM_S / data.sample_period_s), max(len(first) for first, _ in pairs))
         spectra = averaged_spectra(pairs, period_s=data.sample_period_s, n_stretch=n_stretch)
         upper = spectra.frequency_hz > _NOISE_BAND * spectra.frequency_hz[-1]
         density[name] = float(np.median(spectra.input_psd[upper])) if upper.any() else 0.0
     return density
 
 
-def column_noise(
-    density: dict[str, float], columns: dict[str, FloatArray], bandwidth_hz: float
-) -> dict[str, float]:
-    """Return the noise (rms) of each smoothed column of H_k.
+class ColumnNoise:
+    """Noise of smoothed columns of H_k.
 
-    A product of rates carries the noise of each factor times the other, a square twice that of the rate.
+    Parameters
+    ----------
+    density : mapping of str to float
+        As of `noise_density`.
+    columns : mapping of str to ndarray
+        Smoothed rates by symbol.
+    bandwidth_hz : float
+        Equivalent noise bandwidth of the smoothing.
     """
-    rms = {name: float(np.sqrt(value * bandwidth_hz)) for name, value in density.items()}
-    for first, second in PRODUCTS:
-        size_first, size_second = (float(np.sqrt(np.mean(columns[name] ** 2))) for name in (first, second))
-        parts = size_first * rms[second], size_second * rms[first]
-        rms[first + second] = sum(parts) if first == second else float(np.hypot(*parts))
-    rms["1"] = 0.0
-    return rms
+
+    def __init__(
+        self, density: Mapping[str, float], columns: Mapping[str, FloatArray], bandwidth_hz: float
+    ) -> None:
+        self._rms = {name: float(np.sqrt(value * bandwidth_hz)) for name, value in density.items()}
+        self._size = {name: float(np.sqrt(np.mean(columns[name] ** 2))) for name in RATE_SYMBOLS}
+
+    def of(self, terms: Iterable[Term]) -> FloatArray:
+        """Return the noise (rms) of each term's column; shape (n_terms,)."""
+        return np.array([term.noise(self._rms, self._size) for term in terms])
 
 
 def _column(segment: Segment, name: str) -> FloatArray | None:
@@ -102,7 +138,7 @@ def _column(segment: Segment, name: str) -> FloatArray | None:
     for names, values in (
         (RATE_SYMBOLS, segment.body_rate_rad_s),
         (TORQUE_SYMBOLS, segment.torque),
-        (_ANGLES, segment.attitude_rad),
+        (ANGLE_SYMBOLS, segment.attitude_rad),
     ):
         if name in names and values is not None:
             return values[:, names.index(name)]

@@ -1,4 +1,4 @@
-"""The inertia tensor from torque effectiveness, where torque is known in N m."""
+"""The inertia tensor from control effectiveness, where torque is known in N m."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.flight import InputDescription
 from quadid_logs.data.model import Inertia, Parameter
-from quadid_logs.identify.parameters import Estimate
+from quadid_logs.identify.inference import Estimate
 from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, TORQUE_SYMBOLS
 
@@ -41,7 +41,7 @@ def inertia_of(
     -------
     Inertia, or None where no axis is calibrated or B cannot be inverted.
     """
-    newton_metre, share = _scale(given)
+    newton_metre, sigma = _scale(given)
     known = np.isfinite(newton_metre) & _identified(parameters)
     columns = estimate.theta.shape[1] - 3 + np.flatnonzero(known)
     if not known.any():
@@ -51,7 +51,7 @@ def inertia_of(
     if not (np.isfinite(B).all() and np.linalg.cond(B) < _MOST_CONDITION):
         return None
     half = np.nan_to_num((estimate.high - estimate.low)[rows] / 2.0, posinf=0.0) / newton_metre[known]
-    half = np.hypot(half, NORMAL_95 * share[known] * np.abs(B))
+    half = np.hypot(half, NORMAL_95 * sigma[known] * np.abs(B))
     J = np.linalg.inv(B)
     half_J = np.sqrt(np.abs(J) ** 2 @ half**2 @ np.abs(J) ** 2)
     symmetric, half_J = 0.5 * (J + J.T), np.maximum(half_J, half_J.T)
@@ -63,7 +63,7 @@ def inertia_of(
 
 
 def _identified(parameters: Sequence[Parameter]) -> BoolArray:
-    """Return which axes' gains on their own torque are identifiable; shape (3,)."""
+    """Return which axes' on-axis effectiveness is identifiable; shape (3,)."""
     own = set(zip(ACCELERATION_SYMBOLS, TORQUE_SYMBOLS, strict=True))
     found = {each.target: each.identifiable for each in parameters if (each.target, each.regressor) in own}
     return np.array([found.get(target, False) for target in ACCELERATION_SYMBOLS], dtype=np.bool_)

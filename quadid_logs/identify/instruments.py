@@ -1,8 +1,8 @@
-"""Estimates that feedback does not bias: instruments from what the vehicle was asked for.
+"""Estimates that feedback does not bias: instruments from what the vehicle was commanded.
 
 In flight the controller answers every gust and every noise of the gyro with
 torque, so torque and disturbance go together and plain least squares takes
-part of one for the other. What was asked for (rate setpoints, an injected
+part of one for the other. What was commanded (rate setpoints, an injected
 chirp) moves the vehicle too, but answers nothing. Only the part of torque and
 rate that follows from it is used: two-stage least squares (T. Soderstrom and
 P. Stoica, Instrumental Variable Methods for System Identification, 1983).
@@ -11,22 +11,18 @@ P. Stoica, Instrumental Variable Methods for System Identification, 1983).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.structures import Structure
-from quadid_logs.vocabulary import RATE_SYMBOLS, TORQUE_SYMBOLS
 
 #: The instruments must explain half of a torque, or the estimate loses more
-#: precision (its variance grows by one over that share) than bias.
+#: precision (its variance grows by one over that fraction) than bias.
 _LEAST_EXPLAINED = 0.5
 #: Squared relative size below which a direction of the Gram matrix is rounding.
 _ROUNDING = 1e-11
-#: What the controller answers disturbances with; all else stands for itself.
-_DISTURBED = (*RATE_SYMBOLS, *TORQUE_SYMBOLS)
 
 
 class Projection:
@@ -37,7 +33,7 @@ class Projection:
     design : Design
         Without instruments nothing is changed.
     structure : Structure
-        Its regressors that no controller answers with stand for themselves.
+        Its regressors that no controller answers disturbances with are their own instruments.
     rows : ndarray of bool, shape (n_rows,)
     also : ndarray, shape (n_rows, n_columns), optional
         More instruments.
@@ -53,8 +49,8 @@ class Projection:
     ) -> None:
         self._basis: FloatArray | None = None
         if design.instruments is not None:
-            regressors = (*structure.regressors, *design.disturbances(structure))
-            names = [name for name in regressors if name not in _DISTURBED and name in design.columns]
+            own = [term.symbol for term in structure.terms if not term.answers_disturbances]
+            names = [name for name in (*own, *design.disturbances(structure)) if name in design.columns]
             columns = [design.instruments, *(design.columns[name] for name in names)]
             columns += [] if also is None else [also]
             self._basis = _orthonormal(np.column_stack(columns)[rows])
@@ -81,23 +77,32 @@ class Projection:
         return 0 if self._basis is None else self._basis.shape[1]
 
 
-def with_strong_instruments(design: Design, swift: Design, axes: Sequence[int]) -> Design:
+def with_strong_instruments(design: Design, high_passed: Design, axes: Sequence[int]) -> Design:
     """Return the design, without its instruments where they hardly explain the torque of one of the axes.
 
-    ``swift`` is the same design as it is fitted, without what is slow.
+    Parameters
+    ----------
+    design, high_passed : Design
+        As it is, and as it is fitted.
+    axes : sequence of int
+        That are excited.
+
+    Returns
+    -------
+    Design
     """
-    share = explained_by_instruments(swift)
-    if share is None or (share[list(axes)] >= _LEAST_EXPLAINED).all():
+    fraction = explained_by_instruments(high_passed)
+    if fraction is None or (fraction[list(axes)] >= _LEAST_EXPLAINED).all():
         return design
-    return replace(design, instruments=None)
+    return design.without_instruments()
 
 
 def explained_by_instruments(design: Design) -> FloatArray | None:
-    """Return the share of each torque's variance that the instruments explain; shape (3,)."""
+    """Return the fraction of each torque's variance that the instruments explain; (3,), None without any."""
     if design.instruments is None:
         return None
     train = design.train
-    torque = design.torque(0.0, 0.0)[train]
+    torque = design.torque.behind(0.0, 0.0)[train]
     torque = torque - torque.mean(axis=0)
     basis = _orthonormal(np.column_stack([design.instruments[train], np.ones(len(torque))]))
     explained = np.sum((basis.T @ torque) ** 2, axis=0)

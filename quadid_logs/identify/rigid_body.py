@@ -1,43 +1,39 @@
-"""The rigid-body structure: one symmetric inertia tensor behind all rows.
+"""A single rigid body: one symmetric inertia tensor behind all equations.
 
-`damped` fits its rows one by one, and nothing makes their gyroscopic and
-torque coefficients those of one body. Here all follow from one tensor, so
-each row's data speak for the others, and there is half as much to find.
+Equation by equation, nothing makes the gyroscopic and torque coefficients
+those of one body. Here all follow from one tensor, so each equation's data
+speak for the others, and there is half as much to find.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
-from quadid_logs.identify.actuator import ActuatorFit
+from quadid_logs.data.flight import FlightData
+from quadid_logs.identify.actuator_model import ActuatorModel
 from quadid_logs.identify.design import Design
-from quadid_logs.identify.fit import (
-    NOTHING_UNKNOWN,
-    PooledFit,
-    TorqueUnknowns,
-    actuator_columns,
-    clusters_of,
-    covariance_95,
-    share_explained,
-    targets_changed,
-)
+from quadid_logs.identify.equation_by_equation import ActuatedFit
+from quadid_logs.identify.fit import PooledFit, explained_fraction, with_trim
+from quadid_logs.identify.inference import clusters_of, infer, torque_effects
 from quadid_logs.identify.instruments import Projection
-from quadid_logs.identify.structures import DAMPED, RIGID_BODY, RIGID_BODY_THROTTLED, Structure
-from quadid_logs.identify.systematic import seen_through
+from quadid_logs.identify.structures import Structure
+from quadid_logs.identify.systematic import GYRO_SYSTEMATIC, as_measured
+from quadid_logs.identify.terms import THROTTLED_YAW, TRIM
 from quadid_logs.maths.least_squares import Equation, solve_least_squares
 from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.maths.rigid_body import PRODUCTS, gyroscopic_matrix
-from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS, TORQUE_SYMBOLS
 
 #: Where the search begins, and where it stays in a direction of which the flight
 #: says nothing: log of Jxx/Jyy and of Jxx/Jzz of published multirotors, and no
 #: products of inertia.
-_USUAL_RATIOS = (0.0, -0.6)
-_USUAL_CORRELATIONS = (0.0, 0.0, 0.0)
+_PRIOR_RATIOS = (0.0, -0.6)
+_PRIOR_CORRELATIONS = (0.0, 0.0, 0.0)
 #: How far vehicles lie around that; many times what a good flight leaves open.
 _RATIO_SPREAD = 0.5
 _CORRELATION_SPREAD = 0.2
@@ -51,22 +47,31 @@ _PAIRS = ((0, 1), (0, 2), (1, 2))
 class _Body(NamedTuple):
     """How the parameters lie in one vector, and what A and B they make.
 
-    Own gains (3); log ratios of the inverse moments of inertia (2, absent
-    where torque is in N m: they are those of the gains then); correlations of
-    the inverse inertia (3); own damping (3); coefficients of the disturbances
-    (3 each); relative slope of the yaw gain over throttle (1, absent where the
-    throttle is not known); errors E of the gyro (9). The trim is left at zero:
-    see `with_trim`.
+    On-axis effectiveness (3); log ratios of the inverse moments of inertia (2, absent where torque
+    is in N m: they are those of the effectiveness then); correlations of the inverse inertia (3);
+    on-axis damping (3); coefficients of the ``loose`` columns, which no inertia ties together
+    (3 each); relative slope of the yaw effectiveness over throttle (1, absent where the throttle is
+    not known); errors E of the gyro (9). The trim is left at zero: see `with_trim`.
 
-    E must be among the unknowns: the ratio of two cross gains is that of the
+    E must be among the unknowns: the ratio of two off-axis entries of B is that of the
     torques' units, if they are the vehicle's; if they are the gyro's cross
     talk, it is anything, and inertia and gyroscopic terms would follow it.
     """
 
+    symbols: tuple[str, ...]
+    loose: tuple[str, ...]
     calibrated: bool
-    throttled: bool
-    n_disturbances: int
-    gyro_spread: float
+
+    @classmethod
+    def of(cls, structure: Structure, design: Design, *, calibrated: bool) -> _Body:
+        """Return the body of a structure that a flight's disturbances turn as well."""
+        symbols = (*structure.columns, *design.disturbances(structure))
+        tied = (*PRODUCTS, *RATE_SYMBOLS, TRIM.symbol, THROTTLED_YAW.symbol, *TORQUE_SYMBOLS)
+        return cls(symbols, tuple(symbol for symbol in symbols if symbol not in tied), calibrated)
+
+    @property
+    def throttled(self) -> bool:
+        return THROTTLED_YAW.symbol in self.symbols
 
     @property
     def ratios(self) -> slice:
@@ -81,23 +86,31 @@ class _Body(NamedTuple):
         return self._after_ratios(3, 3)
 
     @property
-    def disturbances(self) -> slice:
-        return self._after_ratios(6, 3 * self.n_disturbances)
+    def of_loose(self) -> slice:
+        return self._after_ratios(6, 3 * len(self.loose))
 
     @property
     def gyro(self) -> slice:
-        first = int(self.disturbances.stop) + int(self.throttled)
+        first = int(self.of_loose.stop) + int(self.throttled)
         return slice(first, first + 9)
 
     @property
     def size(self) -> int:
         return int(self.gyro.stop)
 
+    @property
+    def of_vehicle(self) -> BoolArray:
+        """Mark the parameters that are the vehicle's and not the gyro's."""
+        return np.asarray(np.arange(self.size) < self.gyro.start, dtype=np.bool_)
+
     def _after_ratios(self, first: int, count: int) -> slice:
         return slice(self.ratios.stop + first, self.ratios.stop + first + count)
 
+    def _places(self, symbols: tuple[str, ...]) -> list[int]:
+        return [self.symbols.index(symbol) for symbol in symbols]
+
     def coefficients(self, x: FloatArray) -> FloatArray:
-        """Return [A B] and the coefficients of the disturbances; shape (3, n_columns + n_disturbances).
+        """Return the coefficients of all columns; shape (3, n_symbols).
 
         With P the inverse inertia to any scale, B = P K and the damping P D,
         K and D diagonal such that the diagonals are the given ones.
@@ -107,28 +120,122 @@ class _Body(NamedTuple):
         for value, (i, j) in zip(x[self.correlations], _PAIRS, strict=True):
             P[i, j] = P[j, i] = value * np.sqrt(moments[i] * moments[j])
         B = P * (x[:3] / moments)
-        damping = P * (x[self.damping] / moments)
-        parts = [gyroscopic_matrix(np.linalg.inv(P)), damping, np.zeros((3, 1))]
+        theta = np.zeros((3, len(self.symbols)))
+        theta[:, self._places(TORQUE_SYMBOLS)] = B
+        theta[:, self._places(PRODUCTS)] = gyroscopic_matrix(np.linalg.inv(P))
+        theta[:, self._places(RATE_SYMBOLS)] = P * (x[self.damping] / moments)
+        theta[:, self._places(self.loose)] = x[self.of_loose].reshape(3, -1)
         if self.throttled:
-            parts.append(x[self.disturbances.stop] * B[:, 2:])
-        return np.concatenate([*parts, B, x[self.disturbances].reshape(3, -1)], axis=1)
+            theta[:, self.symbols.index(THROTTLED_YAW.symbol)] = x[self.of_loose.stop] * B[:, 2]
+        return theta
 
-    def seen(self, x: FloatArray) -> FloatArray:
+    def measured(self, x: FloatArray) -> FloatArray:
         """Return the `coefficients` for rates as the gyro shows them."""
         theta, E = self.coefficients(x), x[self.gyro].reshape(3, 3)
-        n_products = len(PRODUCTS)
-        products, damping = seen_through(E, theta[:, :n_products], theta[:, n_products : n_products + 3])
-        whole = np.concatenate([products, damping, theta[:, n_products + 3 :]], axis=1)
-        return np.asarray((np.eye(3) + E) @ whole)
+        products, rates = self._places(PRODUCTS), self._places(RATE_SYMBOLS)
+        theta[:, products], theta[:, rates] = as_measured(E, theta[:, products], theta[:, rates])
+        return np.asarray((np.eye(3) + E) @ theta)
 
-    def usual(self) -> tuple[FloatArray, FloatArray]:
-        """Return what is expected and its spread, infinite where anything goes; both (n_parameters,)."""
-        expected, spread = np.zeros(self.size), np.full(self.size, np.inf)
-        expected[self.correlations], spread[self.correlations] = _USUAL_CORRELATIONS, _CORRELATION_SPREAD
+    def prior(self) -> tuple[FloatArray, FloatArray]:
+        """Return prior mean and its spread, infinite where anything goes; both (n_parameters,)."""
+        mean, spread = np.zeros(self.size), np.full(self.size, np.inf)
+        mean[self.correlations], spread[self.correlations] = _PRIOR_CORRELATIONS, _CORRELATION_SPREAD
         if not self.calibrated:
-            expected[self.ratios], spread[self.ratios] = _USUAL_RATIOS, _RATIO_SPREAD
-        spread[self.gyro] = self.gyro_spread
-        return expected, spread
+            mean[self.ratios], spread[self.ratios] = _PRIOR_RATIOS, _RATIO_SPREAD
+        spread[self.gyro] = GYRO_SYSTEMATIC / NORMAL_95
+        return mean, spread
+
+
+class _Rows(NamedTuple):
+    """The training rows Y = Z coefficients', what the instruments make of Z, and where they are from."""
+
+    Z: FloatArray
+    explained: FloatArray
+    Y: FloatArray
+    design: Design
+    model: ActuatorModel
+    project: Projection
+
+
+class _Reduced(NamedTuple):
+    """The problem in the few rows of its triangle: Z = Q R, ``targets`` = Q' Y, rows weigh 1/``sigma``."""
+
+    R: FloatArray
+    targets: FloatArray
+    sigma: FloatArray
+
+
+def fit_single_rigid_body(structure: Structure, data: FlightData, first: ActuatedFit) -> ActuatedFit | None:
+    """Fit one tensor, damping, trim and the throttle's effect on yaw to all equations at once.
+
+    Parameters
+    ----------
+    structure : Structure
+        With products of rates, rates and torques among its columns.
+    data : FlightData
+        Torque in N m makes B itself symmetric.
+    first : ActuatedFit
+        Equation by equation: the start, and the actuator. Unless all three axes are informative,
+        nothing couples the equations, and no shape is claimed.
+
+    Returns
+    -------
+    ActuatedFit, or None where no body has such gains (a negative one), or none is found that explains them.
+
+    Notes
+    -----
+    The search works on the triangle of one QR decomposition, so that its steps
+    do not cost more for a longer flight.
+    """
+    if not (first.structure.on_axis(first.fit.theta) > 0.0).all():
+        return None
+    design = first.model.design
+    body = _Body.of(structure, design, calibrated=data.input is not None and data.input.unit == "N m")
+    rows = _rows(body, structure, first.model)
+    free = np.ones(body.size, dtype=np.bool_)
+    if len(first.informative) < len(RATE_SYMBOLS):
+        free[body.ratios] = free[body.correlations] = free[body.gyro] = False
+    n_clusters = int(clusters_of(design).max()) + 1
+    problem = _reduced(rows.explained, rows.Y, 1.0 - first.fit.r2, n_clusters)
+    x = _solve(body, problem, _start(body, first), free)
+    if x is None:
+        return None
+    fit = with_trim(
+        _as_fit(body, x, free, rows, len(structure.columns)), structure, first.whole, first.model.actuator
+    )
+    # How a gain changes with the band is a matter of the data, not of what the equations share.
+    change = first.band.on_axis_gain / first.band.on_axis_gain[0]
+    band = replace(first.band, on_axis_gain=structure.on_axis(fit.theta) * change)
+    return first._replace(structure=structure, fit=fit, band=band)
+
+
+def _rows(body: _Body, structure: Structure, model: ActuatorModel) -> _Rows:
+    """Lay out the training rows; what else passes the actuator is an instrument besides."""
+    design, train = model.design, model.design.train
+    torque = design.torque.behind(model.actuator.lag_s, model.actuator.delay_s, structure.inputs)
+    Z = design.stack(body.symbols, torque, structure.inputs)[train]
+    Y = np.column_stack([design.columns[name] for name in ACCELERATION_SYMBOLS])[train]
+    project = Projection(design, structure, train, also=torque[:, 3:])
+    return _Rows(Z, project(Z), Y, design, model, project)
+
+
+def _start(body: _Body, first: ActuatedFit) -> FloatArray:
+    """Return the parameters of a body of typical shape with the gains found equation by equation."""
+    x, _ = body.prior()
+    symbols = (*first.structure.columns, *first.model.design.disturbances(first.structure))
+    known = dict(zip(symbols, np.column_stack([first.fit.theta, first.fit.disturbance]).T, strict=True))
+    x[:3] = first.structure.on_axis(first.fit.theta)
+    x[body.damping] = [known[name][row] for row, name in enumerate(RATE_SYMBOLS)]
+    loose = [known.get(name, np.zeros(3)) for name in body.loose]
+    x[body.of_loose] = np.array(loose).T.ravel()
+    return x
+
+
+def _reduced(explained: FloatArray, Y: FloatArray, unexplained: FloatArray, n_clusters: int) -> _Reduced:
+    """Reduce the rows to a triangle; a cluster of correlated residuals counts as one observation."""
+    Q, R = np.linalg.qr(explained)
+    squares = unexplained * np.sum((Y - Y.mean(axis=0)) ** 2, axis=0)
+    return _Reduced(R, Q.T @ Y, np.sqrt(np.maximum(squares, 1e-24) / n_clusters))
 
 
 def _slopes(function: Callable[[FloatArray], FloatArray], x: FloatArray) -> FloatArray:
@@ -142,96 +249,6 @@ def _slopes(function: Callable[[FloatArray], FloatArray], x: FloatArray) -> Floa
     return np.stack(columns, axis=-1)
 
 
-class _Reduced(NamedTuple):
-    """The problem in the few rows of its triangle: Z = Q R, ``targets`` = Q' Y, rows weigh 1/``sigma``."""
-
-    R: FloatArray
-    targets: FloatArray
-    sigma: FloatArray
-
-
-def rigid_body_for(design: Design) -> Structure:
-    """Return the structure, with the throttle's effect on yaw where the throttle is known."""
-    return RIGID_BODY_THROTTLED if design.has_throttle else RIGID_BODY
-
-
-def fit_rigid_body(
-    design: Design,
-    actuator: ActuatorFit,
-    rows_apart: PooledFit,
-    telling: Sequence[int],
-    *,
-    calibrated: bool,
-    gyro_systematic: float,
-    unknown: TorqueUnknowns = NOTHING_UNKNOWN,
-) -> PooledFit | None:
-    """Fit one tensor, damping, trim and the throttle's effect on yaw to all rows at once.
-
-    Parameters
-    ----------
-    design : Design
-    actuator : ActuatorFit
-        Found with `DAMPED`.
-    rows_apart : PooledFit
-        `DAMPED` fitted with that actuator: the start.
-    telling : sequence of int
-        Axes that answer to their own torque. Unless all three do, nothing
-        couples the rows, and no shape is claimed.
-    calibrated : bool
-        Torque is in N m, so B itself is symmetric.
-    gyro_systematic : float
-        Half width of the 95 % interval of each scale and cross-axis error of the gyro.
-    unknown : TorqueUnknowns, optional
-        As in `fit_pooled`.
-
-    Returns
-    -------
-    PooledFit, or None where no body has such gains (a negative one), or none is found that explains them.
-
-    Notes
-    -----
-    The search works on the triangle of one QR decomposition, so that its steps
-    do not cost more for a longer flight.
-    """
-    structure = rigid_body_for(design)
-    own = np.diag(rows_apart.theta[:, len(DAMPED.regressors) :])
-    if not (own > 0.0).all():
-        return None
-    disturbances = design.disturbances(structure)
-    body = _Body(calibrated, design.has_throttle, len(disturbances), gyro_systematic / NORMAL_95)
-    train = design.train
-    torque = design.torque(actuator.lag_s, actuator.delay_s, throttled=design.has_throttle)
-    Z = design.stack((*structure.columns, *disturbances), torque)[train]
-    Y = np.column_stack([design.columns[name] for name in ACCELERATION_SYMBOLS])[train]
-    free = np.ones(body.size, dtype=np.bool_)
-    if len(telling) < len(RATE_SYMBOLS):
-        free[body.ratios] = free[body.correlations] = free[body.gyro] = False
-    n_clusters = int(clusters_of(design).max()) + 1
-    project = Projection(design, structure, train, also=torque[:, 3:])
-    x = _solve(body, _reduced(project(Z), Y, 1.0 - rows_apart.r2, n_clusters), _start(body, rows_apart), free)
-    if x is None:
-        return None
-    return _as_fit(body, x, free, Z, Y, design, actuator, project, len(structure.columns), unknown)
-
-
-def _start(body: _Body, rows_apart: PooledFit) -> FloatArray:
-    """Return the parameters of a body of usual shape with the gains that the rows have one by one."""
-    x, _ = body.usual()
-    A = rows_apart.theta[:, : len(DAMPED.regressors)]
-    x[:3] = np.diag(rows_apart.theta[:, len(DAMPED.regressors) :])
-    x[body.damping] = [A[row, DAMPED.regressors.index(name)] for row, name in enumerate(RATE_SYMBOLS)]
-    # Behind the air speed, rows apart have the squares of the rates, which here belong to the structure.
-    x[body.disturbances] = rows_apart.disturbance[:, : body.n_disturbances].ravel()
-    return x
-
-
-def _reduced(explained: FloatArray, Y: FloatArray, unexplained: FloatArray, n_clusters: int) -> _Reduced:
-    """Reduce the rows to a triangle; a stretch of correlated residuals counts as one observation."""
-    Q, R = np.linalg.qr(explained)
-    squares = unexplained * np.sum((Y - Y.mean(axis=0)) ** 2, axis=0)
-    return _Reduced(R, Q.T @ Y, np.sqrt(np.maximum(squares, 1e-24) / n_clusters))
-
-
 def _solve(body: _Body, problem: _Reduced, x: FloatArray, free: BoolArray) -> FloatArray | None:
     """Return the parameters of least weighted squares (Levenberg-Marquardt); the others stay as they are.
 
@@ -239,8 +256,8 @@ def _solve(body: _Body, problem: _Reduced, x: FloatArray, free: BoolArray) -> Fl
     """
     from scipy.optimize import least_squares
 
-    expected, spread = body.usual()
-    pull = np.diag(1.0 / spread)[np.ix_(free, free)]
+    mean, spread = body.prior()
+    prior_weight = np.diag(1.0 / spread)[np.ix_(free, free)]
 
     def with_free(values: FloatArray) -> FloatArray:
         whole = x.copy()
@@ -249,87 +266,57 @@ def _solve(body: _Body, problem: _Reduced, x: FloatArray, free: BoolArray) -> Fl
 
     def misfit(values: FloatArray) -> FloatArray:
         now = with_free(values)
-        of_rows = (problem.R @ body.seen(now).T - problem.targets) / problem.sigma
-        return np.concatenate([of_rows.T.ravel(), ((now - expected) / spread)[free]])
+        of_rows = (problem.R @ body.measured(now).T - problem.targets) / problem.sigma
+        return np.concatenate([of_rows.T.ravel(), ((now - mean) / spread)[free]])
 
     def jacobian(values: FloatArray) -> FloatArray:
-        slopes = _slopes(body.seen, with_free(values))[..., free]
-        return np.concatenate([*(problem.R @ slopes[row] / problem.sigma[row] for row in range(3)), pull])
+        slopes = _slopes(body.measured, with_free(values))[..., free]
+        of_rows = (problem.R @ slopes[row] / problem.sigma[row] for row in range(3))
+        return np.concatenate([*of_rows, prior_weight])
 
     found = least_squares(misfit, x[free], jac=jacobian, x_scale="jac", method="lm", max_nfev=_MOST_TRIALS)
     return with_free(found.x) if found.success else None
 
 
-def _as_fit(
-    body: _Body,
-    x: FloatArray,
-    free: BoolArray,
-    Z: FloatArray,
-    Y: FloatArray,
-    design: Design,
-    actuator: ActuatorFit,
-    project: Projection,
-    n_columns: int,
-    unknown: TorqueUnknowns,
-) -> PooledFit:
-    """Carry the covariance of the parameters over to A and B, to first order."""
-    theta, seen = body.coefficients(x), body.seen(x)
-    slopes, slopes_seen = (_slopes(function, x)[..., free] for function in (body.coefficients, body.seen))
+def _as_fit(body: _Body, x: FloatArray, free: BoolArray, rows: _Rows, n_columns: int) -> PooledFit:
+    """Carry the covariance of the parameters over to A and B (the first `n_columns`), to first order."""
+    theta, measured = body.coefficients(x), body.measured(x)
+    slopes, slopes_measured = (
+        _slopes(function, x)[..., free] for function in (body.coefficients, body.measured)
+    )
     coupled = bool(free[body.correlations].any())
     if not coupled:
         # Of a body whose shape is not known, only what its axes do by themselves is.
         own = np.abs(slopes).max(axis=2) > 0.0
         theta, slopes = np.where(own, theta, 0.0), slopes * own[..., np.newaxis]
-        seen, slopes_seen = theta, slopes
-    residual = Y - Z @ seen.T
-    clusters = clusters_of(design)
-    # As in the search: a stretch of correlated residuals counts as one observation.
-    per_stretch = np.sqrt(len(residual) / (int(clusters.max()) + 1))
-    weight = 1.0 / np.maximum(per_stretch * np.sqrt(np.mean(residual**2, axis=0)), 1e-12)
-    explained = project(Z)
-    B = seen[:, n_columns - 3 : n_columns]
-    of_actuator = actuator_columns(design, actuator, B, unknown.slopes)
-    shared = {name: project(column) for name, column in of_actuator.items()}
-    n_own = int(np.count_nonzero(free))
-    everything = np.arange(n_own + len(shared), dtype=np.int64)
-    _, spread = body.usual()
-    prior = np.concatenate([np.where(_of_gyro(body), 1.0 / spread**2, 0.0)[free], np.zeros(len(shared))])
+        measured, slopes_measured = theta, slopes
+    residual = rows.Y - rows.Z @ measured.T
+    clusters = clusters_of(rows.design)
+    # As in the search: a cluster of correlated residuals counts as one observation.
+    per_cluster = np.sqrt(len(residual) / (int(clusters.max()) + 1))
+    weight = 1.0 / np.maximum(per_cluster * np.sqrt(np.mean(residual**2, axis=0)), 1e-12)
+    B = measured[:, n_columns - 3 : n_columns]
+    effects = torque_effects(rows.design, rows.model.actuator, B, rows.model.unknown, rows.project)
+    n_free = int(np.count_nonzero(free))
     equations = [
-        Equation(
-            jacobian=np.column_stack(
-                [explained @ slopes_seen[row], *(column[:, row] for column in shared.values())]
-            )
-            * weight[row],
-            residuals=residual[:, row] * weight[row],
-            parameters=everything,
-        )
+        Equation(rows.explained @ slopes_measured[row], residual[:, row], np.arange(n_free, dtype=np.int64))
         for row in range(3)
     ]
-    errors = targets_changed(design, actuator, B, unknown) * weight[:, np.newaxis]
-    covariance = covariance_95(equations, clusters, errors, everything.size, prior)
-    variance = np.einsum("rcp,pq,rcq->rc", slopes, covariance[:n_own, :n_own], slopes)
-    kept = np.abs(slopes).max(axis=2) > 0.0
-    whole = solve_least_squares(Z[:, kept.any(axis=0)], Y)
-    actuator_half_width = np.sqrt(np.maximum(np.diag(covariance)[n_own:], 0.0))
-    by_name = dict(zip(shared, actuator_half_width.tolist(), strict=True))
+    # What is typical of vehicles is no observation of this one; what is known of its gyro is.
+    prior = np.where(body.of_vehicle, 0.0, 1.0 / body.prior()[1] ** 2)[free]
+    found = infer(equations, weight, clusters, effects, n_free, prior)
+    variance = np.einsum("rcp,pq,rcq->rc", slopes, found.covariance, slopes)
+    kept = np.asarray(np.abs(slopes).max(axis=2) > 0.0, dtype=np.bool_)
     return PooledFit(
         theta=theta[:, :n_columns],
         half_width=np.where(kept, np.sqrt(np.maximum(variance, 0.0)), np.inf)[:, :n_columns],
-        kept=np.asarray(kept, dtype=np.bool_)[:, :n_columns],
-        r2=share_explained(Y, residual),
-        condition_number=whole.condition_number,
-        rank=whole.rank,
-        n_parameters=int(np.count_nonzero(free & ~_of_gyro(body))) + len(shared),
-        lag_half_width_s=by_name.get("lag", float("nan")),
-        delay_half_width_s=by_name.get("delay", float("nan")),
-        disturbance=seen[:, n_columns:],
+        kept=kept[:, :n_columns],
+        r2=explained_fraction(rows.Y, residual),
+        condition_number=solve_least_squares(rows.Z[:, kept.any(axis=0)], rows.Y).condition_number,
+        n_parameters=int(np.count_nonzero(free & body.of_vehicle)) + len(effects.shared),
+        lag_half_width_s=found.lag_s,
+        delay_half_width_s=found.delay_s,
+        disturbance=measured[:, n_columns:],
         gyro=x[body.gyro].reshape(3, 3) if coupled else None,
-        seen=seen[:, :n_columns],
+        measured=measured[:, :n_columns],
     )
-
-
-def _of_gyro(body: _Body) -> BoolArray:
-    """Mark the parameters that are the gyro's; what is usual of vehicles is no observation of this one."""
-    marks = np.zeros(body.size, dtype=np.bool_)
-    marks[body.gyro] = True
-    return marks

@@ -16,15 +16,16 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData, InputDescription, Segment
 from quadid_logs.identify.design import Design
+from quadid_logs.identify.torque import RowTorque
 
 #: After so many time constants a wrong start is below a thousandth.
 _FORGOTTEN = 7.0
-#: Least samples of a stretch of the recursion, and least times its warming up: few steps, each for
-#: many stretches at once, are quicker than many steps for few.
-_STRETCH, _STRETCH_OVER_WARM = 200, 2
+#: Least samples of an interval of the recursion, and least times its warming up: few steps, each for
+#: many intervals at once, are quicker than many steps for few.
+_INTERVAL, _INTERVAL_OVER_WARM = 200, 2
 #: Motors that brake or that do not differ by less than this factor from those that push.
-MOST_UNEVEN = 3.0
-#: Relative step of the central differences, by the lag and by its unevenness.
+MOST_ASYMMETRIC = 3.0
+#: Relative step of the central differences, by the lag and by its spin-up/spin-down asymmetry.
 _STEP = 0.02
 
 
@@ -35,9 +36,9 @@ class Rotors(NamedTuple):
     down_s: float
 
     @classmethod
-    def of(cls, lag_s: float, log_unevenness: float) -> Rotors:
+    def of(cls, lag_s: float, log_asymmetry: float) -> Rotors:
         """Return those with a given mean and logarithm of up over down."""
-        ratio = float(np.exp(log_unevenness))
+        ratio = float(np.exp(log_asymmetry))
         return cls(2.0 * lag_s * ratio / (1.0 + ratio), 2.0 * lag_s / (1.0 + ratio))
 
     @property
@@ -46,16 +47,16 @@ class Rotors(NamedTuple):
         return 0.5 * (self.up_s + self.down_s)
 
     @property
-    def log_unevenness(self) -> float:
+    def log_asymmetry(self) -> float:
         """Logarithm of up over down."""
         return float(np.log(self.up_s / self.down_s))
 
 
 class RotorSlopes(NamedTuple):
-    """Designs whose torque is the derivative by the mean lag [unit/s], and by its log_unevenness."""
+    """Derivatives of the torque by the mean lag [unit/s], and by the log_asymmetry."""
 
-    by_lag: Design
-    by_unevenness: Design
+    by_lag: RowTorque
+    by_asymmetry: RowTorque
 
 
 def rotors_known(data: FlightData) -> bool:
@@ -82,8 +83,8 @@ def with_lag_on_rotors(design: Design, described: InputDescription, rotors: Roto
     -------
     Design
     """
-    torques = [_torque(piece, described, design.sample_period_s, rotors) for piece in design.pieces]
-    return design.with_torque(torques)
+    period_s = design.sample_period_s
+    return design.with_torque([_torque(chunk, described, period_s, rotors) for chunk in design.chunks])
 
 
 def rotor_slopes(design: Design, described: InputDescription, rotors: Rotors) -> RotorSlopes:
@@ -99,32 +100,28 @@ def rotor_slopes(design: Design, described: InputDescription, rotors: Rotors) ->
     -------
     RotorSlopes
     """
-    mean_s, uneven = rotors.mean_s, rotors.log_unevenness
+    mean_s, asymmetry = rotors.mean_s, rotors.log_asymmetry
+    period_s = design.sample_period_s
 
-    def slope(ahead: Rotors, behind: Rotors, step: float) -> Design:
-        return design.with_torque(
-            [
-                (
-                    _torque(piece, described, design.sample_period_s, ahead)
-                    - _torque(piece, described, design.sample_period_s, behind)
-                )
-                / (2.0 * step)
-                for piece in design.pieces
-            ]
+    def slope(ahead: Rotors, behind: Rotors, step: float) -> RowTorque:
+        differences = (
+            _torque(chunk, described, period_s, ahead) - _torque(chunk, described, period_s, behind)
+            for chunk in design.chunks
         )
+        return design.torque.replaced([difference / (2.0 * step) for difference in differences])
 
     return RotorSlopes(
         by_lag=slope(
-            Rotors.of(mean_s * (1.0 + _STEP), uneven),
-            Rotors.of(mean_s * (1.0 - _STEP), uneven),
+            Rotors.of(mean_s * (1.0 + _STEP), asymmetry),
+            Rotors.of(mean_s * (1.0 - _STEP), asymmetry),
             mean_s * _STEP,
         ),
-        by_unevenness=slope(Rotors.of(mean_s, uneven + _STEP), Rotors.of(mean_s, uneven - _STEP), _STEP),
+        by_asymmetry=slope(Rotors.of(mean_s, asymmetry + _STEP), Rotors.of(mean_s, asymmetry - _STEP), _STEP),
     )
 
 
 def _torque(segment: Segment, described: InputDescription, period_s: float, rotors: Rotors) -> FloatArray:
-    """Return the torque of one piece for a linear lag; shape (n_samples, 3)."""
+    """Return the torque of one chunk for a linear lag; shape (n_samples, 3)."""
     thrust, torque_per_thrust = segment.rotor_thrust, described.torque_per_thrust
     if thrust is None or torque_per_thrust is None:
         return segment.torque
@@ -132,32 +129,32 @@ def _torque(segment: Segment, described: InputDescription, period_s: float, roto
     speed = _lagged(target, period_s, rotors)
     gap = target - speed
     # F + T dF/dt, with the T of the direction in dw/dt and the mean of both before dF/dt.
-    share = np.where(gap > 0.0, rotors.mean_s / rotors.up_s, rotors.mean_s / rotors.down_s)
-    change = speed**2 + 2.0 * speed * gap * share - thrust
+    fraction = np.where(gap > 0.0, rotors.mean_s / rotors.up_s, rotors.mean_s / rotors.down_s)
+    change = speed**2 + 2.0 * speed * gap * fraction - thrust
     return np.asarray(segment.torque + change @ torque_per_thrust.T)
 
 
 def _lagged(target: FloatArray, period_s: float, rotors: Rotors) -> FloatArray:
     """Return speeds that approach held targets exponentially, up and down with their own time constant.
 
-    The recursion runs through stretches of the flight side by side: each
+    The recursion runs through intervals of the flight side by side: each
     begins early enough for its own start to be forgotten.
     """
     up, down = (1.0 - np.exp(-period_s / lag_s) for lag_s in rotors)
     n_samples, n_rotors = target.shape
     warm = int(np.ceil(_FORGOTTEN * max(rotors) / period_s))
-    length = max(_STRETCH, _STRETCH_OVER_WARM * warm)
-    n_stretches = int(np.ceil(n_samples / length))
+    length = max(_INTERVAL, _INTERVAL_OVER_WARM * warm)
+    n_intervals = int(np.ceil(n_samples / length))
     before, after = (
         np.repeat(row, count, axis=0)
-        for row, count in ((target[:1], warm), (target[-1:], n_stretches * length - n_samples))
+        for row, count in ((target[:1], warm), (target[-1:], n_intervals * length - n_samples))
     )
     padded = np.concatenate([before, target, after])
-    stretches = np.lib.stride_tricks.sliding_window_view(padded, warm + length, axis=0)[::length]
-    speed = stretches[:, :, 0].copy()
-    lagged = np.empty((length, n_stretches, n_rotors))
+    intervals = np.lib.stride_tricks.sliding_window_view(padded, warm + length, axis=0)[::length]
+    speed = intervals[:, :, 0].copy()
+    lagged = np.empty((length, n_intervals, n_rotors))
     for step in range(warm + length):
-        gap = stretches[:, :, step] - speed
+        gap = intervals[:, :, step] - speed
         speed = speed + gap * np.where(gap > 0.0, up, down)
         if step >= warm:
             lagged[step - warm] = speed

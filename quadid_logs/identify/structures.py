@@ -1,59 +1,114 @@
-"""The model structures: which regressors explain which targets."""
+"""The model structures: which terms explain which targets, and how they are estimated."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Collection
+from typing import Final, Literal, NamedTuple
 
-from quadid_logs.maths.rigid_body import PRODUCTS
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.identify.terms import (
+    AIR_SPEED,
+    ANGLE_SYMBOLS,
+    ANGLES,
+    GYROSCOPIC,
+    INPUTS,
+    PRODUCT_TERMS,
+    RATE_TERMS,
+    THROTTLED_YAW,
+    TRIM,
+    Term,
+    TorqueTerm,
+)
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS, TORQUE_SYMBOLS
 
-_GYROSCOPIC = ("qr", "pr", "pq")
-#: The constant of an equation.
-TRIM = "1"
-#: Yaw torque times the throttle's deviation from its mean.
-THROTTLED_YAW = "N*throttle"
-_ANGLES = ("phi", "theta", "psi")
+Estimator = Literal["as published", "equation by equation", "single rigid body"]
 
 
 class Structure(NamedTuple):
     """target = A @ regressors + B @ [L M N].
 
-    ``actuated`` structures see the torque through lag, delay and gyro filter;
-    the paper's own take it as logged. ``width`` is the number of samples per
-    window, 0 for one second.
+    ``terms`` are the regressors. Structures fitted ``as published`` take the torque as logged;
+    the others see it through lag, delay and gyro filter. ``width`` is the number of samples
+    per window, 0 where the paper does not fix it.
     """
 
     name: str
     states: tuple[str, ...]
-    regressors: tuple[str, ...]
+    terms: tuple[Term, ...]
     targets: tuple[str, ...]
-    actuated: bool
-    width: int
+    estimator: Estimator
+    width: int = 0
+
+    @property
+    def regressors(self) -> tuple[str, ...]:
+        """Symbols of the terms."""
+        return tuple(term.symbol for term in self.terms)
+
+    @property
+    def all_terms(self) -> tuple[Term, ...]:
+        """Regressors and inputs, in the order of the columns of H_k."""
+        return self.terms + INPUTS
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Regressors and inputs, in the order of the columns of H_k."""
+        """Symbols of regressors and inputs, in the order of the columns of H_k."""
         return self.regressors + TORQUE_SYMBOLS
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Symbols of all columns that pass the actuator: L, M, N, then those among the regressors."""
+        among = (term.symbol for term in self.terms if isinstance(term, TorqueTerm))
+        return (*TORQUE_SYMBOLS, *among)
+
+    @property
+    def actuated(self) -> bool:
+        """Whether the torque passes lag, delay and gyro filter."""
+        return self.estimator != "as published"
+
+    def on_axis(self, theta: FloatArray) -> FloatArray:
+        """Return the entries of B11, B22, B33 in an array like [A B], (n_targets, n_columns); shape (3,)."""
+        first = len(self.terms)
+        return np.diag(theta[:3, first : first + 3]).copy()
+
+    def known(self, symbols: Collection[str]) -> Structure:
+        """Return the structure without the terms of the torque that a flight does not have."""
+        lost = set(self.inputs).difference(symbols)
+        return self._replace(terms=tuple(term for term in self.terms if term.symbol not in lost))
 
 
 #: Eq. (10)-(11): the Newton-Euler equation of a rigid body, exact but for damping.
-QUADROTOR_6 = Structure("quadrotor-6", RATE_SYMBOLS, _GYROSCOPIC, ACCELERATION_SYMBOLS, False, 6)
+QUADROTOR_6: Final = Structure(
+    "quadrotor-6", RATE_SYMBOLS, GYROSCOPIC, ACCELERATION_SYMBOLS, "as published", 6
+)
 #: Eq. (4)-(5): the generic linear form.
-LINEAR_9 = Structure(
+LINEAR_9: Final = Structure(
     "linear-9",
-    RATE_SYMBOLS + _ANGLES,
-    RATE_SYMBOLS + _ANGLES,
-    ACCELERATION_SYMBOLS + tuple(f"{angle}_dot" for angle in _ANGLES),
-    False,
+    RATE_SYMBOLS + ANGLE_SYMBOLS,
+    RATE_TERMS + ANGLES,
+    ACCELERATION_SYMBOLS + tuple(f"{angle}_dot" for angle in ANGLE_SYMBOLS),
+    "as published",
     9,
 )
 #: Eq. (10) with what a real vehicle adds: rotor and air damping, and a trim torque.
-DAMPED = Structure("damped", RATE_SYMBOLS, (*_GYROSCOPIC, *RATE_SYMBOLS, TRIM), ACCELERATION_SYMBOLS, True, 0)
-
-#: Eq. (6)-(8) with one inertia tensor behind all rows; products of inertia bring in the squares.
-RIGID_BODY = Structure(
-    "rigid-body", RATE_SYMBOLS, (*PRODUCTS, *RATE_SYMBOLS, TRIM), ACCELERATION_SYMBOLS, True, 0
+DAMPED: Final = Structure(
+    "damped",
+    RATE_SYMBOLS,
+    (*GYROSCOPIC, *RATE_TERMS, TRIM),
+    ACCELERATION_SYMBOLS,
+    "equation by equation",
 )
-#: The same where throttle is logged: yaw comes from drag of the rotors, which
-#: grows with throttle in another way than thrust does.
-RIGID_BODY_THROTTLED = RIGID_BODY._replace(regressors=(*RIGID_BODY.regressors, THROTTLED_YAW))
+#: Eq. (6)-(8) with one inertia tensor behind all equations; products of inertia bring in the squares.
+RIGID_BODY: Final = Structure(
+    "rigid-body",
+    RATE_SYMBOLS,
+    (*PRODUCT_TERMS, *RATE_TERMS, TRIM, THROTTLED_YAW),
+    ACCELERATION_SYMBOLS,
+    "single rigid body",
+)
+#: In the order in which they are fitted: the single rigid body starts from the first.
+STRUCTURES: Final = (DAMPED, RIGID_BODY, QUADROTOR_6, LINEAR_9)
+#: What turns a vehicle beside the terms of an actuated structure. Of a vehicle with products of inertia the
+#: squares of the rates do: left out, they pass for a gyroscopic term where the gyro's cross talk mixes rates.
+DISTURBANCES: Final = (*AIR_SPEED, *PRODUCT_TERMS)

@@ -17,6 +17,7 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.identify.design import Design
+from quadid_logs.identify.torque import RowTorque
 from quadid_logs.maths.normal import NORMAL_95
 
 #: Every second and every third sample: three independent differences in all.
@@ -26,8 +27,8 @@ _EVERY = (2, 3)
 _DRIFT_1_S = 0.01 / 60.0
 
 
-def sampling_errors(design: Design) -> tuple[Design, ...]:
-    """Return designs whose torques are possible errors of this one's, for intervals of 95 %.
+def sampling_errors(design: Design) -> tuple[RowTorque, ...]:
+    """Return possible errors of the torque from not knowing it between the samples, for intervals of 95 %.
 
     Parameters
     ----------
@@ -36,14 +37,14 @@ def sampling_errors(design: Design) -> tuple[Design, ...]:
 
     Returns
     -------
-    tuple of Design
+    tuple of RowTorque
         The squares of what they do to an estimate, added, are the square of
         the half width that not knowing the torque between the samples makes.
 
     Notes
     -----
     A pulse shorter than a sample is seen at T with the probability of its
-    share of T, so the variance of what is seen grows with T: that of every
+    fraction of T, so the variance of what is seen grows with T: that of every
     n-th sample, over n, is that of all. Of longer pulses it is too much, which makes
     up for there being no more than three independent differences.
     """
@@ -51,13 +52,13 @@ def sampling_errors(design: Design) -> tuple[Design, ...]:
     for n in _EVERY:
         # The mean square over the n - 1 degrees of freedom, over n; and the mean of both ways.
         scale = NORMAL_95 / np.sqrt((n - 1) * n * len(_EVERY))
-        pieces = [_deviations(piece.torque, n) * scale for piece in design.pieces]
-        found += [design.with_torque([piece[start] for piece in pieces]) for start in range(n)]
+        chunks = [_deviations(chunk.torque, n) * scale for chunk in design.chunks]
+        found += [design.torque.replaced([chunk[start] for chunk in chunks]) for start in range(n)]
     return tuple(found)
 
 
-def battery_errors(design: Design) -> tuple[Design, ...]:
-    """Return designs, one per axis, whose torques are what a battery that runs down takes and gives.
+def battery_errors(design: Design) -> tuple[RowTorque, ...]:
+    """Return torques, one per axis, that are what a battery that runs down takes and gives.
 
     Parameters
     ----------
@@ -66,19 +67,19 @@ def battery_errors(design: Design) -> tuple[Design, ...]:
 
     Returns
     -------
-    tuple of Design
+    tuple of RowTorque
         As of `sampling_errors`.
     """
     middle_s = {
-        flight: np.mean([np.mean(piece.time_s) for piece in design.pieces if piece.flight == flight])
-        for flight in {piece.flight for piece in design.pieces}
+        flight: np.mean([np.mean(chunk.time_s) for chunk in design.chunks if chunk.flight == flight])
+        for flight in {chunk.flight for chunk in design.chunks}
     }
     drifts = [
-        _DRIFT_1_S * (piece.time_s - middle_s[piece.flight])[:, np.newaxis] * piece.torque
-        for piece in design.pieces
+        _DRIFT_1_S * (chunk.time_s - middle_s[chunk.flight])[:, np.newaxis] * chunk.torque
+        for chunk in design.chunks
     ]
     return tuple(
-        design.with_torque([drift * (np.arange(3) == axis) for drift in drifts]) for axis in range(3)
+        design.torque.replaced([drift * (np.arange(3) == axis) for drift in drifts]) for axis in range(3)
     )
 
 

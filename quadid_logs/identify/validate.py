@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Final
 
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.model import FitSeries, Validation
-from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.structures import Structure
+from quadid_logs.identify.terms import RateTerm
 from quadid_logs.maths.band import without_slow
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS
 
+#: The rate loop acts within the first, a pilot within the last.
+HORIZONS_S: Final = (0.1, 0.2, 0.5)
 #: Where the autocorrelation is below this, a residual tells nothing of the next.
 _FORGOTTEN = 0.2
 #: Residuals that remember for longer than this are no noise at all.
@@ -30,10 +33,9 @@ def validate(
     structure: Structure,
     theta: FloatArray,
     torque: FloatArray,
-    settings: IdentifySettings,
     *,
-    disturbance: FloatArray | None = None,
-    high_pass_hz: float = 0.0,
+    disturbance: FloatArray,
+    high_pass_hz: float,
 ) -> tuple[Validation, FitSeries]:
     """Compare the model with held-out acceleration and with rates simulated from held-out torque.
 
@@ -43,11 +45,9 @@ def validate(
     structure : Structure
     theta : ndarray, shape (n_targets, n_columns)
         [A B]; the rows of p_dot, q_dot, r_dot are used.
-    torque : ndarray, shape (n_rows, 3)
-        As the structure takes it (behind the actuator or as logged).
-    settings : IdentifySettings
-        ``horizons_s``.
-    disturbance : ndarray, shape (n_targets, n_disturbances), optional
+    torque : ndarray, shape (n_rows, n_inputs)
+        Columns of ``structure.inputs`` (behind the actuator or as logged).
+    disturbance : ndarray, shape (n_targets, n_disturbances)
         Coefficients of ``design.disturbances(structure)``, which are taken from the log.
     high_pass_hz : float
         The fit left out what is slower; accelerations are compared without it too.
@@ -58,14 +58,11 @@ def validate(
     """
     rate = np.column_stack([design.columns[name] for name in RATE_SYMBOLS])
     acceleration = np.column_stack([design.columns[name] for name in ACCELERATION_SYMBOLS])
-    names, coefficients = structure.columns, theta[:3]
-    if disturbance is not None:
-        names = (*names, *design.disturbances(structure))
-        coefficients = np.column_stack([coefficients, disturbance])
-    given = design.stack(names, torque)
+    names = (*structure.columns, *design.disturbances(structure))
+    coefficients = np.column_stack([theta[:3], disturbance[:3]])
+    given = design.stack(names, torque, structure.inputs)
     modelled = given @ coefficients.T
-    own = [number for number, name in enumerate(structure.columns) if name in _OF_RATE]
-    derivative = _derivative(names, own, given, coefficients)
+    derivative = _derivative(structure, given, coefficients)
     simulated = _simulate_blocks(derivative, rate, design)
     held_out = design.held_out
     series = FitSeries(
@@ -78,18 +75,19 @@ def validate(
     )
     if np.count_nonzero(held_out) < 2:
         return Validation(held_out_s=0.0), series
-    swift = design.swift(
+    high_passed = design.high_pass(
         np.column_stack([acceleration, acceleration - modelled, torque[:, :3]]), high_pass_hz
     )
-    spread, error, given_torque = np.split(swift, 3, axis=1)
+    spread, error, given_torque = np.split(high_passed, 3, axis=1)
+    missed = rate - simulated
     return Validation(
         held_out_s=float(np.count_nonzero(held_out) * design.period_s),
         r2_acceleration=_by_name(ACCELERATION_SYMBOLS, _r2(spread[held_out], error[held_out])),
-        r2_simulated_rate=_by_name(RATE_SYMBOLS, _r2(rate[held_out], (rate - simulated)[held_out])),
-        r2_high_passed_rate=_by_name(RATE_SYMBOLS, _swift_r2(rate, rate - simulated, design, high_pass_hz)),
-        fit_percent=_by_name(RATE_SYMBOLS, _fit_percent(rate[held_out], (rate - simulated)[held_out])),
-        horizon_s=settings.horizons_s,
-        horizon_rmse_rad_s=_horizon_errors(derivative, rate, design, settings.horizons_s),
+        r2_simulated_rate=_by_name(RATE_SYMBOLS, _r2(rate[held_out], missed[held_out])),
+        r2_high_passed_rate=_by_name(RATE_SYMBOLS, _high_passed_r2(rate, missed, design, high_pass_hz)),
+        fit_percent=_by_name(RATE_SYMBOLS, _fit_percent(rate[held_out], missed[held_out])),
+        horizon_s=HORIZONS_S,
+        horizon_rmse_rad_s=_horizon_errors(derivative, rate, design, HORIZONS_S),
         residual_memory_s=_by_name(ACCELERATION_SYMBOLS, _memory_s(error, design)),
         input_correlation=_by_name(ACCELERATION_SYMBOLS, _input_correlation(error, given_torque, design)),
     ), series
@@ -126,8 +124,8 @@ def _by_name(names: Sequence[str], values: Sequence[float]) -> dict[str, float]:
     return dict(zip(names, values, strict=True))
 
 
-def _swift_r2(rate: FloatArray, error: FloatArray, design: Design, high_pass_hz: float) -> list[float]:
-    """Return R2 of held-out simulated rates, without what is slow inside each block.
+def _high_passed_r2(rate: FloatArray, error: FloatArray, design: Design, high_pass_hz: float) -> list[float]:
+    """Return R2 of held-out simulated rates, high-passed inside each block.
 
     Gusts and drag push the rate away slowly; that is no fault of the model.
     """
@@ -149,37 +147,21 @@ def _swift_r2(rate: FloatArray, error: FloatArray, design: Design, high_pass_hz:
 Derivative = Callable[[FloatArray, IntArray], FloatArray]
 
 
-def _derivative(
-    names: Sequence[str], of_state: Sequence[int], measured: FloatArray, theta: FloatArray
-) -> Derivative:
-    """Return f(rate, row): the model's acceleration for rates (n, 3) at the rows (n,).
-
-    ``of_state`` are the columns in which the model's own rates stand.
-    """
-    given = [index for index in range(len(names)) if index not in of_state]
+def _derivative(structure: Structure, measured: FloatArray, theta: FloatArray) -> Derivative:
+    """Return f(rate, row): the model's acceleration for rates (n, 3) at the rows (n,)."""
+    terms = {number: term for number, term in enumerate(structure.terms) if isinstance(term, RateTerm)}
+    of_state = list(terms)
+    given = [index for index in range(measured.shape[1]) if index not in terms]
     forcing = measured[:, given] @ theta[:, given].T
     coupling = theta[:, of_state].T
 
     def derivative(rate: FloatArray, row: IntArray) -> FloatArray:
         # Angles (linear-9), disturbances, trim and torque come from the log; the rates are the model's own.
         given_now = forcing[np.minimum(row, len(forcing) - 1)]
-        own = np.stack([_OF_RATE[names[index]](rate) for index in of_state], axis=1)
+        own = np.stack([term.of_rate(rate) for term in terms.values()], axis=1)
         return np.asarray(given_now + own @ coupling, dtype=np.float64)
 
     return derivative
-
-
-_OF_RATE: dict[str, Callable[[FloatArray], FloatArray]] = {
-    "p": lambda rate: rate[:, 0],
-    "q": lambda rate: rate[:, 1],
-    "r": lambda rate: rate[:, 2],
-    "pp": lambda rate: rate[:, 0] ** 2,
-    "qq": lambda rate: rate[:, 1] ** 2,
-    "rr": lambda rate: rate[:, 2] ** 2,
-    "qr": lambda rate: rate[:, 1] * rate[:, 2],
-    "pr": lambda rate: rate[:, 0] * rate[:, 2],
-    "pq": lambda rate: rate[:, 0] * rate[:, 1],
-}
 
 
 def _advance(
@@ -237,7 +219,7 @@ def _stays_in_block(starts: IntArray, n_steps: int, design: Design) -> BoolArray
 
 
 def _r2(measured: FloatArray, error: FloatArray) -> list[float]:
-    """Return one minus the unexplained share of the variance, per column."""
+    """Return one minus the unexplained fraction of the variance, per column."""
     left = np.sum(error**2, axis=0)
     spread = np.sum((measured - measured.mean(axis=0)) ** 2, axis=0)
     return [float(1.0 - e / s) if s > 0.0 else float("nan") for e, s in zip(left, spread, strict=True)]

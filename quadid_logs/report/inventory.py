@@ -41,7 +41,7 @@ def missing_for_analysis(log: FlightLog, data: FlightData, settings: Settings) -
     found = [
         *find_in_file(log, data),
         *find_in_data(log, data, Identification(), settings),
-        *find_in_gyro(data, settings),
+        *find_in_gyro(data),
     ]
     return tuple(finding for level in ("error", "warning") for finding in found if finding.level == level)
 

@@ -20,7 +20,7 @@ from quadid_logs.diagnose.torque_findings import find_in_torque
 from quadid_logs.figures.airframe import airframe_from_above
 from quadid_logs.figures.spec import Figure, LeftOut
 from quadid_logs.identify.inertia import inertia_of
-from quadid_logs.identify.parameters import Estimate
+from quadid_logs.identify.inference import Estimate
 from quadid_logs.maths.frames import frame_geometry
 from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.report.airframe import airframe_facts

@@ -11,7 +11,7 @@ import pytest
 from quadid_logs.align import align
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.flight import FlightData, GyroCheck
-from quadid_logs.data.settings import AlignSettings, Settings
+from quadid_logs.data.settings import AlignSettings
 from quadid_logs.diagnose.gyro_findings import find_in_gyro
 from quadid_logs.errors import LogError
 from quadid_logs.load import read_log
@@ -65,7 +65,7 @@ def logged(
 
 
 def found(data: FlightData) -> list[Finding]:
-    return list(find_in_gyro(data, Settings()))
+    return list(find_in_gyro(data))
 
 
 def checked(data: FlightData) -> GyroCheck:

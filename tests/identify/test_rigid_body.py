@@ -1,4 +1,4 @@
-"""One inertia tensor behind all rows."""
+"""One inertia tensor behind all equations."""
 
 from __future__ import annotations
 
@@ -70,8 +70,8 @@ def test_gains_per_command_leave_the_inertia_to_the_gyroscopic_terms() -> None:
     np.testing.assert_allclose(model.A[:, : len(PRODUCTS)], expected, atol=0.1 * np.abs(expected).max())
 
 
-def test_one_moved_axis_tells_nothing_of_the_shape() -> None:
-    """Then no coupling is claimed, and the rows fitted one by one are recommended."""
+def test_one_excited_axis_tells_nothing_of_the_shape() -> None:
+    """Then no coupling is claimed, and the equations fitted one by one are recommended."""
     found = identify(fly(QUAD, multisine(40.0, axes=(0,)), feedback=8.0), IdentifySettings())
     model = body(found)
     assert not model.recommended
@@ -79,7 +79,7 @@ def test_one_moved_axis_tells_nothing_of_the_shape() -> None:
 
 
 def test_a_vehicle_that_is_no_rigid_body_is_not_called_one() -> None:
-    """A torque that goes with r^2 but comes from no inertia: the rows one by one explain it better."""
+    """A torque that goes with r^2 but comes from no inertia: the equations one by one explain it better."""
     flight = fly(QUAD, multisine(40.0), feedback=8.0)
     # Adding to the rate what a torque q*r on roll would have done makes rotation inconsistent.
     segment = flight.segments[0]

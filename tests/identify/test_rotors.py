@@ -25,7 +25,7 @@ def slow_motors() -> Model:
     return found
 
 
-def test_rotors_that_lag_unevenly_are_found_so(slow_motors: Model) -> None:
+def test_rotors_that_spin_up_and_down_at_different_rates_are_found_so(slow_motors: Model) -> None:
     """Both time constants within 2 ms."""
     actuator = slow_motors.actuator
     assert actuator is not None
@@ -34,7 +34,7 @@ def test_rotors_that_lag_unevenly_are_found_so(slow_motors: Model) -> None:
     assert actuator.lag_down_s == pytest.approx(0.070, abs=0.002)
 
 
-def test_uneven_rotors_do_not_bias_the_gain(slow_motors: Model) -> None:
+def test_asymmetric_rotors_do_not_bias_the_effectiveness(slow_motors: Model) -> None:
     """A lag on the torque would leave 1.6 %."""
     truth = np.array(simulate("slow-motors", seed=5).truth["models"]["damped"]["B"])
     np.testing.assert_allclose(np.diag(slow_motors.B), np.diag(truth), rtol=0.005)
@@ -49,7 +49,7 @@ def test_without_known_rotors_the_lag_acts_on_the_torque() -> None:
     assert np.isnan(model.actuator.lag_up_s)
 
 
-def test_stretches_side_by_side_give_the_recursion_of_one_after_the_other() -> None:
+def test_intervals_side_by_side_give_the_recursion_of_one_after_the_other() -> None:
     """To a thousandth of the step, the start forgotten."""
     rng = np.random.default_rng(1)
     target = 1.0 + np.cumsum(0.02 * rng.standard_normal((9000, 2)), axis=0)
@@ -63,8 +63,8 @@ def test_stretches_side_by_side_give_the_recursion_of_one_after_the_other() -> N
     np.testing.assert_allclose(_lagged(target, period_s, rotors), expected, atol=1e-3)
 
 
-def test_mean_and_unevenness_make_the_two_time_constants() -> None:
+def test_mean_and_asymmetry_make_the_two_time_constants() -> None:
     """Up over down is the exponential, their mean is the lag."""
     rotors = Rotors.of(0.05, np.log(0.6))
     assert 0.5 * (rotors.up_s + rotors.down_s) == pytest.approx(0.05)
-    assert rotors.log_unevenness == pytest.approx(np.log(0.6))
+    assert rotors.log_asymmetry == pytest.approx(np.log(0.6))

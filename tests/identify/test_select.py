@@ -1,4 +1,4 @@
-"""Of a long flight the minutes that move most."""
+"""Of a long flight the minutes with most motion."""
 
 from __future__ import annotations
 

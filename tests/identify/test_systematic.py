@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from quadid_logs.data.settings import IdentifySettings
-from quadid_logs.identify.structures import RIGID_BODY
-from quadid_logs.identify.systematic import systematic_half_width
+from quadid_logs.identify.structures import RIGID_BODY as WITH_THROTTLE
+from quadid_logs.identify.systematic import GYRO_SYSTEMATIC, gyro_half_width, systematic_half_width
 from quadid_logs.maths.rigid_body import gyroscopic_matrix, rate_products
+from quadid_logs.vocabulary import TORQUE_SYMBOLS
 
+#: Throttle is not known.
+RIGID_BODY = WITH_THROTTLE.known(TORQUE_SYMBOLS)
 INERTIA = np.array([[0.010, -0.0009, 0.0012], [-0.0009, 0.012, 0.0007], [0.0012, 0.0007, 0.020]])
 
 
@@ -18,7 +20,7 @@ def coefficients() -> np.ndarray:
     return np.concatenate([gyroscopic_matrix(INERTIA), damping, np.zeros((3, 1)), B], axis=1)
 
 
-def seen_by(E: np.ndarray, seed: int = 0) -> np.ndarray:
+def measured_by(E: np.ndarray, seed: int = 0) -> np.ndarray:
     """Coefficients that fit rates measured as (I + E) w, by least squares on exact data."""
     rng = np.random.default_rng(seed)
     w, u = rng.standard_normal((500, 3)), rng.standard_normal((500, 3))
@@ -29,29 +31,28 @@ def seen_by(E: np.ndarray, seed: int = 0) -> np.ndarray:
     return np.linalg.lstsq(Z, answer, rcond=None)[0].T
 
 
-def test_the_floor_is_what_errors_of_the_gyro_do() -> None:
+def test_the_systematic_uncertainty_is_what_errors_of_the_gyro_do() -> None:
     """The root of the summed squares over all nine entries of E, to 3 %."""
-    settings = IdentifySettings(damping_systematic=0.0, torque_systematic=0.0)
     changes = []
     for a in range(3):
         for b in range(3):
             E = np.zeros((3, 3))
-            E[a, b] = settings.gyro_systematic
-            changes.append(seen_by(E) - coefficients())
+            E[a, b] = GYRO_SYSTEMATIC
+            changes.append(measured_by(E) - coefficients())
     expected = np.sqrt(np.sum(np.square(changes), axis=0))
-    found = systematic_half_width(RIGID_BODY, coefficients(), settings)
+    found = gyro_half_width(RIGID_BODY, coefficients())
     np.testing.assert_allclose(found, expected, rtol=0.03, atol=0.01 * 0.03)
 
 
-def test_an_own_gain_is_known_to_one_per_cent_at_best() -> None:
+def test_an_on_axis_effectiveness_is_known_to_one_per_cent_at_best() -> None:
     """The scale of the gyro, and a third of that for the torque."""
-    floor = systematic_half_width(RIGID_BODY, coefficients(), IdentifySettings())
-    own = RIGID_BODY.columns.index("L")
-    assert 0.0104 <= floor[0, own] / coefficients()[0, own] < 0.0115
+    found = systematic_half_width(RIGID_BODY, coefficients())
+    column = RIGID_BODY.columns.index("L")
+    assert 0.0104 <= found[0, column] / coefficients()[0, column] < 0.0115
 
 
 def test_damping_is_known_to_half_a_per_cent_at_best() -> None:
     """It is a mean over the speeds of the rotors."""
-    floor = systematic_half_width(RIGID_BODY, coefficients(), IdentifySettings())
-    own = RIGID_BODY.columns.index("p")
-    assert 0.005 <= floor[0, own] / abs(coefficients()[0, own]) < 0.01
+    found = systematic_half_width(RIGID_BODY, coefficients())
+    column = RIGID_BODY.columns.index("p")
+    assert 0.005 <= found[0, column] / abs(coefficients()[0, column]) < 0.01

@@ -204,7 +204,7 @@ def test_the_report_can_be_made_again(usable_page: Page) -> None:
     digest = hashlib.sha256(b"\xa3\x95" * 1000).hexdigest()
     assert digest in usable_page.text
     assert "quadid-log analyze flight.bin" in usable_page.text
-    assert "held_out_fraction = 0.3" in usable_page.text
+    assert "high_pass_hz = 0.3" in usable_page.text
 
 
 def _pitch_refused(result: Result) -> Result:

@@ -55,7 +55,7 @@ def recommended(data: FlightData) -> Model:
 
 @pytest.fixture(scope="module")
 def clean() -> tuple[Model, dict[str, Any]]:
-    """Unevenly lagging rotors, without noise, and with a battery that does not run down."""
+    """Rotors that lag asymmetrically, without noise, and with a battery that does not run down."""
     steady = Battery(resistance_ohm=1e-6, capacity_a_s=1e9)
     scenario = dataclasses.replace(
         SCENARIOS["sysid-quad-x"],
@@ -153,7 +153,6 @@ def steady() -> Design:
             segments=tuple(dataclasses.replace(s, torque=np.ones_like(s.torque)) for s in data.segments),
         ),
         5.0,
-        IdentifySettings(),
     )
     assert design is not None
     return design
@@ -162,15 +161,15 @@ def steady() -> Design:
 def test_every_second_sample_of_a_steady_torque_is_as_good_as_all(steady: Design) -> None:
     """No error, for nothing happens between the samples."""
     for error in sampling_errors(steady):
-        np.testing.assert_allclose(error.torque(0.0, 0.0), 0.0, atol=1e-12)
+        np.testing.assert_allclose(error.behind(0.0, 0.0), 0.0, atol=1e-12)
 
 
 def test_a_battery_takes_at_the_end_what_it_gave_at_the_beginning(steady: Design) -> None:
     """Of a steady torque: minus and plus the same, and nothing on the other axes."""
-    roll = battery_errors(steady)[0].torque(0.0, 0.0)
+    roll = battery_errors(steady)[0].behind(0.0, 0.0)
     np.testing.assert_allclose(roll[:, 1:], 0.0, atol=1e-15)
-    (piece,) = steady.pieces
-    middle_s = piece.time_s.mean()
+    (chunk,) = steady.chunks
+    middle_s = chunk.time_s.mean()
     np.testing.assert_allclose(roll[:, 0], 0.01 / 60.0 * (steady.time_s - middle_s), atol=1e-4)
 
 

@@ -2,29 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.identify.design import Design
 from quadid_logs.maths.band import ComplexArray, delay_response, lag_response
+from quadid_logs.vocabulary import TORQUE_SYMBOLS
 
-#: Maps a lag and a delay [s] to products of shape (n_directions, 3).
+#: Maps a lag and a delay [s] to products of shape (n_directions, n_symbols).
 TorqueProducts = Callable[[float, float], FloatArray]
 
 
-def torque_products(design: Design, directions: FloatArray) -> TorqueProducts:
-    """Return the function of lag and delay that equals ``directions.T @ design.torque(lag_s, delay_s)``.
+def torque_products(
+    design: Design, directions: FloatArray, symbols: Sequence[str] = TORQUE_SYMBOLS
+) -> TorqueProducts:
+    """Return a function of lag and delay, ``directions.T @ design.torque.behind(lag_s, delay_s)``.
 
     Parameters
     ----------
     design : Design
     directions : ndarray, shape (n_rows, n_directions)
+    symbols : sequence of str
+        Columns of the torque.
 
     Returns
     -------
     callable
+        Of lag and delay [s], to products of shape (n_directions, n_symbols).
 
     Notes
     -----
@@ -32,25 +38,25 @@ def torque_products(design: Design, directions: FloatArray) -> TorqueProducts:
     and lag and delay only multiply the torque's. What takes out the slow is a
     projection, so it may as well be applied to the directions, once.
     """
-    swift = design.swift(directions, design.high_pass_hz)
+    directions = design.high_pass(directions, design.high_pass_hz)
+    columns = [design.torque.symbols.index(symbol) for symbol in symbols]
     kernels: list[tuple[ComplexArray, ComplexArray]] = []
     first = 0
-    for part in design.spectra:
-        count = part.rows.stop - part.rows.start
-        padded = np.zeros((part.n_out, directions.shape[1]))
-        padded[part.rows] = swift[first : first + count]
-        first += count
-        n_bins = part.n_out // 2 + 1
+    for grid, spectrum in zip(design.torque.grids, design.torque.spectra, strict=True):
+        padded = np.zeros((grid.n_out, directions.shape[1]))
+        padded[grid.rows] = directions[first : first + grid.n_rows]
+        first += grid.n_rows
+        n_bins = grid.n_bins
         # Of a real series each bin but the first, and the last of an even length, stands for two.
         twice = np.full(n_bins, 2.0)
         twice[0] = 1.0
-        if part.n_out % 2 == 0:
+        if grid.n_out % 2 == 0:
             twice[-1] = 1.0
-        s = part.s[:n_bins]
-        shape = part.smoothing[:n_bins] * twice / part.n_samples * design.gyro_response(s)
-        torque = shape[:, np.newaxis] * part.torque[:n_bins, :3]
-        spectrum = np.conj(np.fft.rfft(padded, axis=0))
-        kernels.append((s, spectrum[:, :, np.newaxis] * torque[:, np.newaxis, :]))
+        s = grid.s[:n_bins]
+        shape = grid.smoothing[:n_bins] * twice / grid.n_samples * design.torque.gyro_response(s)
+        torque = shape[:, np.newaxis] * spectrum[:n_bins, columns]
+        conjugate = np.conj(np.fft.rfft(padded, axis=0))
+        kernels.append((s, conjugate[:, :, np.newaxis] * torque[:, np.newaxis, :]))
 
     def products(lag_s: float, delay_s: float) -> FloatArray:
         parts = [

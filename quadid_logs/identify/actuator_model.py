@@ -1,4 +1,4 @@
-"""Lag, delay and unevenness of the rotors, brought to their least error together.
+"""Lag, delay and spin-up/spin-down asymmetry of the rotors, brought to their least error together.
 
 The search for a lag on the torque only comes near: behind rotors each lag
 needs a torque of its own, and to find the two in turn takes many rounds.
@@ -14,19 +14,26 @@ import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.flight import InputDescription
-from quadid_logs.data.settings import IdentifySettings
-from quadid_logs.identify.actuator import ActuatorFit, Scorer, lag_limit, same_loss
+from quadid_logs.identify.actuator import (
+    MAX_DELAY_S,
+    MAX_LAG_S,
+    ActuatorFit,
+    Scorer,
+    lag_limit,
+    same_loss,
+)
 from quadid_logs.identify.design import Design
-from quadid_logs.identify.fit import NOTHING_UNKNOWN, TorqueUnknowns, used_columns
+from quadid_logs.identify.fit import used_columns
+from quadid_logs.identify.inference import NOTHING_UNKNOWN, TorqueUnknowns
 from quadid_logs.identify.instruments import Projection
-from quadid_logs.identify.rotors import MOST_UNEVEN, Rotors, rotor_slopes, with_lag_on_rotors
+from quadid_logs.identify.rotors import MOST_ASYMMETRIC, Rotors, rotor_slopes, with_lag_on_rotors
 from quadid_logs.identify.structures import Structure
 from quadid_logs.identify.torque_errors import battery_errors, sampling_errors
-from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, TORQUE_SYMBOLS
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS
 
 #: Below [s], the lag of a rotor moves no torque by as much as can be seen.
 _LEAST_LAG_S = 0.002
-#: Steps of lag [s], delay [s] and logarithm of the unevenness that change the fit about as much.
+#: Steps of lag [s], delay [s] and logarithm of the asymmetry that change the fit about as much.
 _SCALE = (1e-3, 1e-3, 0.1)
 #: Relative change of the squared error, a hundredth of what chance makes of it in an hour of flight.
 _TOLERANCE = 1e-6
@@ -40,7 +47,7 @@ _MOST_TRIALS = 15
 _ROUNDS = 2
 
 
-class Drive(NamedTuple):
+class ActuatorModel(NamedTuple):
     """How the torque reaches the vehicle.
 
     ``design`` holds the torque that, behind the linear lag of ``actuator``,
@@ -54,7 +61,7 @@ class Drive(NamedTuple):
     unknown: TorqueUnknowns = NOTHING_UNKNOWN
 
 
-class Task(NamedTuple):
+class FitProblem(NamedTuple):
     """What is fitted: the rows, the columns each of them may use, and the axes that count.
 
     ``every_step``: each step of the control loop was logged.
@@ -67,83 +74,96 @@ class Task(NamedTuple):
     every_step: bool = False
 
 
-def find_drive(
-    task: Task, start: ActuatorFit, described: InputDescription | None, settings: IdentifySettings
-) -> Drive:
+def find_actuator_model(
+    problem: FitProblem, start: ActuatorFit, described: InputDescription | None
+) -> ActuatorModel:
     """Find lag and delay, and whether the lag acts on torque or rotors.
 
     Parameters
     ----------
-    task : Task
+    problem : FitProblem
         Its design with the torque as logged.
     start : ActuatorFit
         Found as if the lag acted on the torque.
     described : InputDescription or None
         With the ``torque_per_thrust`` of the rotors, where they are known.
-    settings : IdentifySettings
-        ``max_lag_s``, ``max_delay_s``.
 
     Returns
     -------
-    Drive
+    ActuatorModel
         On the torque where that explains the flight better, as in some
-        simulators; with even rotors unless uneven ones explain it better.
+        simulators; with symmetric rotors unless asymmetric ones explain it better.
     """
-    torque_search = _Search(task, None)
-    on_torque, torque_loss = torque_search.least(np.array([start.lag_s, start.delay_s]), settings)
-    drive = _drive(task.design, start, on_torque)
+    torque_search = _Search(problem, None)
+    on_torque, torque_loss = torque_search.least(np.array([start.lag_s, start.delay_s]))
+    model = _model(problem.design, start, on_torque)
     if described is not None and start.lag_s >= _LEAST_LAG_S:
-        by_chance = same_loss(torque_search.project, task.axes)
-        rotor_search = _Search(task, described)
-        on_rotors, rotor_loss = rotor_search.least(on_torque, settings)
-        uneven, uneven_loss = rotor_search.least(np.append(on_rotors, 0.0), settings)
-        if uneven_loss < rotor_loss - by_chance:
-            on_rotors, rotor_loss = uneven, uneven_loss
+        by_chance = same_loss(torque_search.project, problem.axes)
+        rotor_search = _Search(problem, described)
+        on_rotors, rotor_loss = rotor_search.least(on_torque)
+        asymmetric, loss = rotor_search.least(np.append(on_rotors, 0.0))
+        if loss < rotor_loss - by_chance:
+            on_rotors, rotor_loss = asymmetric, loss
         if rotor_loss <= torque_loss + by_chance:
-            drive = _drive(task.design, start, on_rotors, described)
-    return _with_doubts(drive, task, described)
+            model = _model(problem.design, start, on_rotors, described)
+    return _with_unknowns(model, problem, described)
 
 
-def same_drive(
-    task: Task, drive: Drive, described: InputDescription | None, settings: IdentifySettings
-) -> Drive:
-    """Return a drive of the same kind, with the unevenness it has, fitted to other rows; no doubts added."""
-    rotors = drive.rotors
+def same_actuator_model(
+    problem: FitProblem, model: ActuatorModel, described: InputDescription | None
+) -> ActuatorModel:
+    """Return a model of the same kind, with the asymmetry it has, fitted to other rows; nothing is unknown.
+
+    Parameters
+    ----------
+    problem : FitProblem
+        With the other rows.
+    model : ActuatorModel
+    described : InputDescription or None
+        As of `find_actuator_model`.
+
+    Returns
+    -------
+    ActuatorModel
+    """
+    rotors = model.rotors
     known = described if rotors is not None else None
-    search = _Search(task, known, 0.0 if rotors is None else rotors.log_unevenness)
-    start = np.array([drive.actuator.lag_s, drive.actuator.delay_s])
-    found, _ = search.least(start, settings, rounds=1)
-    return _drive(task.design, drive.actuator, found, known, search.log_unevenness)
+    search = _Search(problem, known, 0.0 if rotors is None else rotors.log_asymmetry)
+    start = np.array([model.actuator.lag_s, model.actuator.delay_s])
+    found, _ = search.least(start, rounds=1)
+    return _model(problem.design, model.actuator, found, known, search.log_asymmetry)
 
 
-def _drive(
+def _model(
     as_logged: Design,
     start: ActuatorFit,
     found: FloatArray,
     described: InputDescription | None = None,
-    log_unevenness: float = 0.0,
-) -> Drive:
-    """Put a drive together from its lag, delay and unevenness."""
+    log_asymmetry: float = 0.0,
+) -> ActuatorModel:
+    """Put a model together from its lag, delay and asymmetry."""
     lag_s, delay_s = (float(value) for value in found[:2])
     actuator = start._replace(lag_s=lag_s, delay_s=delay_s)
     if described is None:
-        return Drive(actuator, as_logged)
-    rotors = Rotors.of(lag_s, float(found[2]) if found.size > 2 else log_unevenness)
-    return Drive(actuator, with_lag_on_rotors(as_logged, described, rotors), rotors)
+        return ActuatorModel(actuator, as_logged)
+    rotors = Rotors.of(lag_s, float(found[2]) if found.size > 2 else log_asymmetry)
+    return ActuatorModel(actuator, with_lag_on_rotors(as_logged, described, rotors), rotors)
 
 
-def _with_doubts(drive: Drive, task: Task, described: InputDescription | None) -> Drive:
+def _with_unknowns(
+    model: ActuatorModel, problem: FitProblem, described: InputDescription | None
+) -> ActuatorModel:
     """Add how far the lag might be delay, and what else is not known of the torque."""
-    actuator = drive.actuator
-    score = Scorer(drive.design, task.structure, task.axes)
+    actuator = model.actuator
+    score = Scorer(model.design, problem.structure, problem.axes)
     limit_s = lag_limit(score, actuator.lag_s, actuator.delay_s)
     slopes = None
-    if drive.rotors is not None and described is not None:
-        slopes = rotor_slopes(task.design, described, drive.rotors)
-    errors = battery_errors(task.design)
-    if not task.every_step:
-        errors += sampling_errors(task.design)
-    return drive._replace(
+    if model.rotors is not None and described is not None:
+        slopes = rotor_slopes(problem.design, described, model.rotors)
+    errors = battery_errors(problem.design)
+    if not problem.every_step:
+        errors += sampling_errors(problem.design)
+    return model._replace(
         actuator=actuator._replace(lag_limit_s=limit_s), unknown=TorqueUnknowns(slopes, errors)
     )
 
@@ -165,24 +185,28 @@ class _Solved(NamedTuple):
 
 
 class _Search:
-    """Squared errors of each axis over lag, delay and unevenness, all else solved for (variable projection).
+    """Squared errors of each axis over lag, delay and asymmetry, all else solved for (variable projection).
 
     G. H. Golub and V. Pereyra, Inverse Problems 19, 2003; derivatives as L.
     Kaufman's, BIT 15, 1975. ``described`` is None for a lag on the torque.
     """
 
-    def __init__(self, task: Task, described: InputDescription | None, log_unevenness: float = 0.0) -> None:
-        design, structure = task.design, task.structure
-        self._design, self._described, self.log_unevenness = design, described, log_unevenness
+    def __init__(
+        self, problem: FitProblem, described: InputDescription | None, log_asymmetry: float = 0.0
+    ) -> None:
+        design, structure = problem.design, problem.structure
+        self._design, self._described, self.log_asymmetry = design, described, log_asymmetry
         self._train = design.train
         self.project = Projection(design, structure, self._train)
         disturbances = design.disturbances(structure)
-        fixed = np.column_stack([design.columns[name] for name in (*structure.regressors, *disturbances)])
+        self._inputs = structure.inputs
+        is_torque = np.isin((*structure.columns, *disturbances), self._inputs)
+        names = (*structure.regressors, *disturbances)
+        fixed = np.column_stack([design.columns[name] for name in names if name not in self._inputs])
         fixed = self.project.coordinates(fixed[self._train])
-        used = used_columns(design, structure, task.kept)
-        is_torque = np.isin((*structure.columns, *disturbances), TORQUE_SYMBOLS)
+        used = used_columns(design, structure, problem.kept)
         self._axes: list[_Axis] = []
-        for axis in task.axes:
+        for axis in problem.axes:
             basis, _ = np.linalg.qr(fixed[:, used[axis, ~is_torque]])
             target = design.columns[ACCELERATION_SYMBOLS[axis]][self._train, np.newaxis]
             target = _outside(basis, self.project.coordinates(target))[:, 0]
@@ -192,15 +216,13 @@ class _Search:
         self._torque_at = lru_cache(maxsize=2)(self._torque)
         self._design_with = lru_cache(maxsize=3)(self._design_at)
 
-    def least(
-        self, x: FloatArray, settings: IdentifySettings, *, rounds: int = _ROUNDS
-    ) -> tuple[FloatArray, float]:
-        """Return the point of least error from a start (lag, delay[, unevenness]), and its logarithm."""
+    def least(self, x: FloatArray, *, rounds: int = _ROUNDS) -> tuple[FloatArray, float]:
+        """Return the point of least error from a start (lag, delay[, asymmetry]), and its logarithm."""
         from scipy.optimize import least_squares
 
-        limit = float(np.log(MOST_UNEVEN))
+        limit = float(np.log(MOST_ASYMMETRIC))
         low = np.array([0.0, 0.0, -limit])[: x.size]
-        high = np.array([settings.max_lag_s, settings.max_delay_s, limit])[: x.size]
+        high = np.array([MAX_LAG_S, MAX_DELAY_S, limit])[: x.size]
         if not self._slopes(x).any():
             return x, self._loss(x)
         for _ in range(rounds):
@@ -231,21 +253,21 @@ class _Search:
         left = np.array([solved.left @ solved.left for solved in self._solved(x)])
         return np.asarray(left / self._weight**2)
 
-    def _design_at(self, lag_s: float, log_unevenness: float) -> Design:
+    def _design_at(self, lag_s: float, log_asymmetry: float) -> Design:
         """Return the design with the torque that belongs to such rotors."""
         if self._described is None:
             return self._design
-        rotors = Rotors.of(max(lag_s, _LEAST_LAG_S), log_unevenness)
+        rotors = Rotors.of(max(lag_s, _LEAST_LAG_S), log_asymmetry)
         return with_lag_on_rotors(self._design, self._described, rotors)
 
-    def _torque(self, lag_s: float, delay_s: float, log_unevenness: float) -> FloatArray:
+    def _torque(self, lag_s: float, delay_s: float, log_asymmetry: float) -> FloatArray:
         """Return the torque on the training rows, as far as it follows from the instruments."""
-        design = self._design_with(lag_s, log_unevenness)
-        return self.project.coordinates(design.torque(lag_s, delay_s)[self._train])
+        design = self._design_with(lag_s, log_asymmetry)
+        return self.project.coordinates(design.torque.behind(lag_s, delay_s, self._inputs)[self._train])
 
     def _place(self, x: FloatArray) -> tuple[float, float, float]:
-        """Return lag, delay and unevenness, which may not be searched for."""
-        return float(x[0]), float(x[1]), float(x[2]) if x.size > 2 else self.log_unevenness
+        """Return lag, delay and asymmetry, which may not be searched for."""
+        return float(x[0]), float(x[1]), float(x[2]) if x.size > 2 else self.log_asymmetry
 
     def _solved(self, x: FloatArray) -> list[_Solved]:
         """Solve each axis for its gains."""

@@ -1,0 +1,180 @@
+"""Every equation fitted by itself behind one actuator, and the checks that say whether to believe it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.data.flight import FlightData
+from quadid_logs.data.model import BandCheck, ChangeCheck, FormulationCheck
+from quadid_logs.data.settings import IdentifySettings
+from quadid_logs.identify.actuator import ActuatorFit, fit_actuator
+from quadid_logs.identify.actuator_model import (
+    ActuatorModel,
+    FitProblem,
+    find_actuator_model,
+    same_actuator_model,
+)
+from quadid_logs.identify.checks import bootstrapped_half_width, check_change, check_formulations
+from quadid_logs.identify.design import Design, build_design
+from quadid_logs.identify.excitation import excited_axes
+from quadid_logs.identify.fit import PooledFit, fit_pooled, lay_out, with_trim
+from quadid_logs.identify.parameters import plausible_size
+from quadid_logs.identify.rotors import rotors_known, with_lag_on_rotors
+from quadid_logs.identify.structures import Structure
+from quadid_logs.identify.terms import TRIM
+from quadid_logs.vocabulary import RATE_SYMBOLS, TORQUE_SYMBOLS
+
+#: The fit is repeated with the smoothing cut-off times these: half an octave
+#: and more to either side. A gain that slides with the band is no gain.
+_OTHER_BANDS = (0.5, 1.6)
+#: An axis is informative of the actuator if the model explains this fraction of its acceleration.
+_INFORMATIVE_R2 = 0.75
+
+
+class ActuatedFit(NamedTuple):
+    """A structure's estimate behind lag, delay and gyro filter, with what says whether to believe it.
+
+    ``whole`` are the rows before they were high-passed, with the lag on the rotors
+    if it acts there; ``informative`` are the axes that answer to their own torque.
+    """
+
+    whole: Design
+    model: ActuatorModel
+    structure: Structure
+    fit: PooledFit
+    informative: list[int]
+    band: BandCheck
+    change: ChangeCheck
+    formulations: FormulationCheck
+    bootstrap_half_width: FloatArray
+
+
+def fit_equation_by_equation(
+    data: FlightData, whole: Design, structure: Structure, settings: IdentifySettings
+) -> ActuatedFit:
+    """Fit a structure's equations one by one, lag and delay common to all.
+
+    Parameters
+    ----------
+    data : FlightData
+    whole : Design
+        Its rows, not high-passed, with the structure's terms.
+    structure : Structure
+    settings : IdentifySettings
+        ``high_pass_hz``.
+
+    Returns
+    -------
+    ActuatedFit
+    """
+    design = whole.high_passed(settings.high_pass_hz)
+    actuator, informative = _on_torque(structure, design)
+    described = data.input if rotors_known(data) else None
+    problem = FitProblem(
+        design,
+        structure,
+        _possible(structure, informative),
+        informative or excited_axes(design),
+        every_step=data.input is not None and data.input.every_step,
+    )
+    model = find_actuator_model(problem, actuator, described)
+    fit, informative = _fit_behind(model, structure)
+    if model.rotors is not None and described is not None:
+        whole = with_lag_on_rotors(whole, described, model.rotors)
+    regression = lay_out(model.design, structure, model.actuator, fit.kept)
+    return ActuatedFit(
+        whole=whole,
+        model=model,
+        structure=structure,
+        fit=with_trim(fit, structure, whole, model.actuator),
+        informative=informative,
+        band=_other_bands(data, problem._replace(kept=fit.kept), model, fit),
+        change=check_change(model.design, structure, regression, informative),
+        formulations=check_formulations(model, structure, fit),
+        bootstrap_half_width=bootstrapped_half_width(model.design, structure, regression),
+    )
+
+
+def _on_torque(structure: Structure, design: Design) -> tuple[ActuatorFit, list[int]]:
+    """Find a lag on the torque and a delay, and the axes that are informative behind them."""
+    axes = excited_axes(design)
+    actuator = fit_actuator(design, structure, axes)
+    informative = _informative(_r2_behind(actuator, structure, design), axes)
+    if informative and informative != axes:
+        actuator = fit_actuator(design, structure, informative)
+        informative = _informative(_r2_behind(actuator, structure, design), axes)
+    return actuator, informative
+
+
+def _r2_behind(actuator: ActuatorFit, structure: Structure, design: Design) -> FloatArray:
+    """Return R2 of each target behind a lag and a delay; shape (n_targets,)."""
+    regression = lay_out(design, structure, actuator)
+    return regression.r2(regression.solve())
+
+
+def _fit_behind(model: ActuatorModel, structure: Structure) -> tuple[PooledFit, list[int]]:
+    """Fit behind lag and delay without what cannot be seen, and return the informative axes as well."""
+    axes = excited_axes(model.design)
+    fit = fit_pooled(model.design, structure, model.actuator, unknown=model.unknown)
+    informative = _informative(fit.r2, axes)
+    kept = _visible(structure, fit, informative)
+    if not kept.all():
+        fit = fit_pooled(model.design, structure, model.actuator, kept, model.unknown)
+    return fit, informative
+
+
+def _informative(r2: FloatArray, axes: Sequence[int]) -> list[int]:
+    """Return the axes of whose acceleration the model explains enough."""
+    return [axis for axis in axes if r2[axis] >= _INFORMATIVE_R2]
+
+
+def _possible(structure: Structure, informative: Sequence[int]) -> BoolArray:
+    """Leave out what cannot be a cause; shape (n_targets, n_columns).
+
+    An axis that does not answer to its own torque is moved by noise: its rate
+    is nothing that another axis could answer to. Its torque may turn an axis
+    that does answer, where the inertia is askew.
+    """
+    kept = np.ones((len(structure.targets), len(structure.columns)), dtype=np.bool_)
+    silent = {0, 1, 2}.difference(informative)
+    for axis in silent:
+        others = np.arange(len(kept)) != axis
+        if RATE_SYMBOLS[axis] in structure.columns:
+            kept[others, structure.columns.index(RATE_SYMBOLS[axis])] = False
+        kept[list(silent - {axis}), structure.columns.index(TORQUE_SYMBOLS[axis])] = False
+    return kept
+
+
+def _visible(structure: Structure, fit: PooledFit, informative: Sequence[int]) -> BoolArray:
+    """Keep possible columns whose interval is narrower than what the coefficient can be at all.
+
+    The own torque and the trim stay in any case: they are the model.
+    """
+    gain = np.abs(structure.on_axis(fit.theta))
+    kept = _possible(structure, informative) & (fit.half_width < plausible_size(structure, gain))
+    for row in range(3):
+        kept[row, len(structure.terms) + row] = True
+        if TRIM in structure.terms:
+            kept[row, structure.terms.index(TRIM)] = True
+    return np.asarray(kept, dtype=np.bool_)
+
+
+def _other_bands(data: FlightData, problem: FitProblem, model: ActuatorModel, fit: PooledFit) -> BandCheck:
+    """Repeat the fit in a narrower and a wider band."""
+    design, structure = problem.design, problem.structure
+    cutoffs, gains = [design.smoothing_hz], [structure.on_axis(fit.theta)]
+    for factor in _OTHER_BANDS:
+        other = build_design(data, factor * design.smoothing_hz, [structure])
+        if other is not None and np.count_nonzero(other.train) > 2 * len(structure.columns):
+            if design.instruments is None:
+                other = other.without_instruments()
+            other = other.high_passed(design.high_pass_hz)
+            again = same_actuator_model(problem._replace(design=other), model, data.input)
+            regression = lay_out(again.design, structure, again.actuator, problem.kept)
+            cutoffs.append(other.smoothing_hz)
+            gains.append(structure.on_axis(regression.solve()))
+    return BandCheck(cutoff_hz=np.array(cutoffs), on_axis_gain=np.array(gains))

@@ -1,0 +1,311 @@
+"""Covariances and intervals: the one place where the uncertainty of an estimate is made.
+
+Statistical uncertainty comes from residuals that are correlated in time and
+from what is not known of the torque; to it are added, in squares, what the
+sensors cannot tell and what is not known of a newton metre.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray
+from quadid_logs.data.flight import InputDescription
+from quadid_logs.data.model import BandCheck
+from quadid_logs.identify.actuator import ActuatorFit
+from quadid_logs.identify.design import Design
+from quadid_logs.identify.instruments import Projection
+from quadid_logs.identify.rotors import RotorSlopes
+from quadid_logs.identify.structures import Structure
+from quadid_logs.identify.systematic import systematic_half_width
+from quadid_logs.identify.torque import RowTorque
+from quadid_logs.maths.least_squares import Equation, clustered_covariance, first_order_change
+from quadid_logs.maths.normal import NORMAL_95
+
+#: Stamps place torque against rate to no better than this fraction of a sample period: lag and delay
+#: are not known better.
+TIMING_SYSTEMATIC: Final = 0.015
+#: A rotor is a first-order lag to some thousandths: its time constant goes with its speed.
+LAG_SYSTEMATIC: Final = 0.003
+#: Residuals of flight data are correlated over some tenths of a second (rate
+#: loop, gusts); a second holds that memory, and thirty of them a variance.
+_CLUSTER_S = 1.0
+_MIN_CLUSTERS = 12
+#: A lag with less phase than this [rad] at the smoothing cut-off acts as a
+#: delay does; their derivatives are then parallel and only the sum is known.
+_LAG_SEEN = 0.1
+
+
+class TorqueUnknowns(NamedTuple):
+    """What is not known of the torque beside lag and delay.
+
+    ``slopes`` for the spin-up/spin-down asymmetry of rotors; ``errors`` are what
+    the torque may have been off by (see `torque_errors`).
+    """
+
+    slopes: RotorSlopes | None = None
+    errors: tuple[RowTorque, ...] = ()
+
+
+NOTHING_UNKNOWN: Final = TorqueUnknowns()
+
+
+class TorqueEffects(NamedTuple):
+    """What is not known of the torque, as it reaches the targets on the training rows.
+
+    ``shared`` are the derivatives of all targets by lag, delay and asymmetry, each (n_train,
+    n_targets), as far as they follow from the instruments; ``errors`` (n_train, n_targets,
+    n_errors) is what possible errors of the torque, each at its 95 %, make of the targets.
+    """
+
+    shared: Mapping[str, FloatArray]
+    errors: FloatArray
+
+
+class Uncertainty(NamedTuple):
+    """Covariance (n_parameters, n_parameters) and half widths of lag and delay [s], NaN where not fitted.
+
+    The roots of the covariance's diagonal are half widths of 95 % intervals.
+    """
+
+    covariance: FloatArray
+    lag_s: float
+    delay_s: float
+
+    @property
+    def half_width(self) -> FloatArray:
+        """Of the 95 % interval of each parameter; shape (n_parameters,)."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+
+class Estimate(NamedTuple):
+    """theta, interval and which columns were used, each (n_targets, n_columns)."""
+
+    theta: FloatArray
+    low: FloatArray
+    high: FloatArray
+    kept: BoolArray
+
+
+def infer(
+    equations: Sequence[Equation],
+    weight: FloatArray,
+    clusters: IntArray,
+    effects: TorqueEffects,
+    n_parameters: int,
+    prior_precision: FloatArray | None = None,
+) -> Uncertainty:
+    """Return the uncertainty of parameters whose equations share lag, delay and asymmetry.
+
+    Parameters
+    ----------
+    equations : sequence of Equation
+        One per target, by the parameters of A and B alone.
+    weight : ndarray, shape (n_targets,)
+        Of each target's rows: one over the size of its residual.
+    clusters : ndarray of int, shape (n_train,)
+        As of `clusters_of`.
+    effects : TorqueEffects
+    n_parameters : int
+        Of A and B.
+    prior_precision : ndarray, shape (n_parameters,), optional
+        As of `quadid_logs.maths.least_squares.clustered_covariance`.
+
+    Returns
+    -------
+    Uncertainty
+    """
+    names = list(effects.shared)
+    of_actuator = np.arange(n_parameters, n_parameters + len(names), dtype=np.int64)
+    weighted = [
+        Equation(
+            jacobian=np.column_stack([jacobian, *(column[:, row] for column in effects.shared.values())])
+            * weight[row],
+            residuals=residuals * weight[row],
+            parameters=np.concatenate([parameters, of_actuator]),
+        )
+        for row, (jacobian, residuals, parameters) in enumerate(equations)
+    ]
+    prior = np.zeros(n_parameters + len(names))
+    if prior_precision is not None:
+        prior[:n_parameters] = prior_precision
+    errors = effects.errors * weight[:, np.newaxis]
+    covariance = covariance_95(weighted, clusters, errors, prior)
+    half = dict(zip(names, np.sqrt(np.maximum(np.diag(covariance)[n_parameters:], 0.0)), strict=True))
+    return Uncertainty(
+        covariance[:n_parameters, :n_parameters],
+        float(half.get("lag", np.nan)),
+        float(half.get("delay", np.nan)),
+    )
+
+
+def covariance_95(
+    equations: Sequence[Equation], clusters: IntArray, errors: FloatArray, prior_precision: FloatArray
+) -> FloatArray:
+    """Return the covariance whose roots are half widths of 95 % intervals.
+
+    Parameters
+    ----------
+    equations, clusters, prior_precision
+        As of `quadid_logs.maths.least_squares.clustered_covariance`.
+    errors : ndarray, shape (n_samples, n_equations, n_errors)
+        What possible errors of the torque, each at its 95 %, make of the
+        targets, weighted as their residuals are.
+
+    Returns
+    -------
+    ndarray, shape (n_parameters, n_parameters)
+    """
+    n_parameters = prior_precision.size
+    of_residuals = clustered_covariance(equations, clusters, n_parameters, prior_precision)
+    by_row = [errors[:, row] for row in range(len(equations))]
+    change = first_order_change(equations, by_row, n_parameters, prior_precision)
+    return np.asarray(quantile_95(clusters) ** 2 * of_residuals + change @ change.T)
+
+
+def quantile_95(clusters: IntArray) -> float:
+    """Return the two-sided 95 % quantile of Student's t that a variance from so many clusters needs.
+
+    One degree of freedom less than there are clusters (Bell and McCaffrey, Survey Methodology 28, 2002).
+    """
+    from scipy.special import stdtrit
+
+    return float(stdtrit(max(int(clusters.max()), 1), 0.975))
+
+
+def clusters_of(design: Design) -> IntArray:
+    """Return the number of the cluster of each training row; residuals are correlated inside one only.
+
+    Parameters
+    ----------
+    design : Design
+
+    Returns
+    -------
+    ndarray of int, shape (n_train,)
+        From 0, without gaps.
+    """
+    train = design.train
+    length_s = min(_CLUSTER_S, np.count_nonzero(train) * design.period_s / _MIN_CLUSTERS)
+    # Clusters end where a chunk or a block ends: only neighbours in time are correlated.
+    elapsed = np.floor((design.time_s - design.time_s[0]) / length_s)
+    key = np.stack([design.block, elapsed.astype(np.int64)])[:, train]
+    return np.asarray(np.unique(key, axis=1, return_inverse=True)[1].ravel(), dtype=np.int64)
+
+
+def torque_effects(
+    design: Design,
+    actuator: ActuatorFit | None,
+    B: FloatArray,
+    unknown: TorqueUnknowns,
+    project: Projection,
+    *,
+    average: int = 1,
+) -> TorqueEffects:
+    """Return what is not known of the torque as it reaches the targets through B (n_targets, 3).
+
+    Parameters
+    ----------
+    design : Design
+    actuator : ActuatorFit or None
+        None for the torque as logged, of which all is taken for known.
+    B : ndarray, shape (n_targets, 3)
+    unknown : TorqueUnknowns
+    project : Projection
+        On the training rows.
+    average : int
+        Rows that both sides of the equations are averaged over.
+
+    Returns
+    -------
+    TorqueEffects
+    """
+    train = design.train
+    if actuator is None:
+        return TorqueEffects({}, np.zeros((np.count_nonzero(train), len(B), 0)))
+    lag_s, delay_s = actuator.lag_s, actuator.delay_s
+
+    def of_targets(torque: FloatArray) -> FloatArray:
+        return np.asarray(design.averaged(torque, average)[train] @ B.T)
+
+    shared = {}
+    if lag_s * 2.0 * np.pi * design.smoothing_hz >= _LAG_SEEN:
+        by_lag = design.torque.by_lag(lag_s, delay_s)
+        if unknown.slopes is not None:
+            by_lag = by_lag + unknown.slopes.by_lag.behind(lag_s, delay_s)
+            shared["asymmetry"] = of_targets(unknown.slopes.by_asymmetry.behind(lag_s, delay_s))
+        shared["lag"] = of_targets(by_lag)
+    shared["delay"] = of_targets(design.torque.by_delay(lag_s, delay_s))
+    errors = [of_targets(error.behind(lag_s, delay_s)) for error in unknown.errors]
+    none = np.zeros((np.count_nonzero(train), len(B), 0))
+    return TorqueEffects(
+        {name: project(column) for name, column in shared.items()},
+        np.stack(errors, axis=2) if errors else none,
+    )
+
+
+def intervals(
+    structure: Structure,
+    theta: FloatArray,
+    half_width: FloatArray,
+    kept: BoolArray,
+    *,
+    knows_gyro: bool,
+    band: BandCheck | None,
+    given: InputDescription | None,
+) -> Estimate:
+    """Return theta with 95 % intervals that cover all that is known to be uncertain.
+
+    Parameters
+    ----------
+    structure : Structure
+    theta, half_width : ndarray, shape (n_targets, n_columns)
+        [A B], and the statistical half widths.
+    kept : ndarray of bool, shape (n_targets, n_columns)
+    knows_gyro : bool
+        The fit had the gyro's errors among its unknowns.
+    band : BandCheck or None
+        The interval of an on-axis effectiveness covers its values in all bands.
+    given : InputDescription or None
+        Whose calibration widens effectiveness per N m.
+
+    Returns
+    -------
+    Estimate
+    """
+    half = np.hypot(half_width, systematic_half_width(structure, theta, knows_gyro=knows_gyro))
+    low, high = theta - half, theta + half
+    inputs = slice(len(structure.regressors), None)
+    if band is not None:
+        axes = np.arange(3), len(structure.regressors) + np.arange(3)
+        low[axes] = np.fmin(low[axes], band.on_axis_gain.min(axis=0))
+        high[axes] = np.fmax(high[axes], band.on_axis_gain.max(axis=0))
+    if given is not None and given.unit != "1":
+        fraction = NORMAL_95 * np.nan_to_num(np.array(given.calibration.relative_sigma))
+        spread = np.zeros(theta.shape)
+        spread[:, inputs] = np.abs(theta[:, inputs]) * fraction
+        low, high = theta - np.hypot(theta - low, spread), theta + np.hypot(high - theta, spread)
+    return Estimate(theta=theta, low=low, high=high, kept=kept)
+
+
+def lag_interval(actuator: ActuatorFit, half_width_s: float, period_s: float) -> tuple[float, float]:
+    """Return the 95 % interval of the lag [s], up to where it could not be told from a delay.
+
+    ``half_width_s`` is the statistical one, NaN where the lag was too short to be seen;
+    ``period_s`` that of the samples.
+    """
+    systematic_s = np.hypot(TIMING_SYSTEMATIC * period_s, LAG_SYSTEMATIC * actuator.lag_s)
+    half = np.hypot(np.nan_to_num(half_width_s), systematic_s)
+    low = max(0.0, actuator.lag_s - half) if np.isfinite(half_width_s) else 0.0
+    return low, max(actuator.lag_s + half, actuator.lag_limit_s)
+
+
+def delay_interval(actuator: ActuatorFit, half_width_s: float, period_s: float) -> tuple[float, float]:
+    """Return the 95 % interval of the delay [s]; what might be lag is taken off its lower end."""
+    half = np.hypot(half_width_s, TIMING_SYSTEMATIC * period_s)
+    mistaken_s = actuator.lag_limit_s - actuator.lag_s
+    low = min(actuator.delay_s - half, actuator.delay_s - mistaken_s)
+    return max(0.0, low), actuator.delay_s + half

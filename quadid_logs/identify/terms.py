@@ -1,0 +1,282 @@
+"""The terms of the model: all that the package knows of a column stands in one object.
+
+A new term is an object here and a place in a structure's list (`structures`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Final, NamedTuple
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.data.flight import Segment
+from quadid_logs.maths.rigid_body import PRODUCTS
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS, TORQUE_SYMBOLS
+
+#: Thrust is not quite what mixer and thrust curve say, and the torque between the rows of a slow log is
+#: interpolated: no effectiveness is known better than this fraction for that alone.
+TORQUE_SYSTEMATIC: Final = 0.003
+#: The damping by rotors goes with their speed, whose mean differs by half a per cent in a flight.
+DAMPING_SYSTEMATIC: Final = 0.005
+#: No moment of inertia exceeds the sum of the other two, so gyroscopic coefficients lie within 1.
+_MOST_GYROSCOPIC = 1.0
+#: Damping of multirotors is published at up to some 5 1/s.
+_MOST_DAMPING_1_S = 5.0
+_GRAVITY_M_S2 = 9.81
+#: Drag over mass of multirotors is 0.1 to 0.3 1/s. Which value hardly matters:
+#: it shapes what is slower than 0.05 Hz.
+_DRAG_1_S = 0.2
+
+#: Maps M of rates M w (3, 3) to the matrix that does the same to a family of columns.
+Mixing = Callable[[FloatArray], FloatArray]
+
+
+class Family(NamedTuple):
+    """Columns that turn into each other when the gyro's axes are not quite right.
+
+    ``mixing(M)`` is K with columns(M w) = K columns(w), in the order of ``symbols``.
+    """
+
+    symbols: tuple[str, ...]
+    mixing: Mixing
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Term:
+    """One column of the model.
+
+    Attributes
+    ----------
+    symbol : str
+    units : tuple of str
+        Of its coefficient in the equation of an angular acceleration, and of an Euler angle's rate.
+    words : str
+        For a reader of the report; "" where another term of its kind speaks for it.
+    factors : tuple of str
+        The one or two measured signals that it is made of, whose noise it carries.
+    plausible : float
+        How large its coefficient can physically be: an interval wider than this says nothing.
+    notable : float
+        A coefficient of this size changes how the vehicle flies; an interval that is narrow against it
+        is an answer even if it contains zero.
+    answers_disturbances : bool
+        The controller moves it to answer gusts and noise, so that it is no instrument.
+    family : Family or None
+        How errors of the gyro reach its coefficient; None where they do not.
+    systematic : mapping of str to float
+        By target, the fraction of the coefficient that no flight can tell.
+    """
+
+    symbol: str
+    units: tuple[str, str]
+    words: str = ""
+    factors: tuple[str, ...] = ()
+    plausible: float = np.inf
+    notable: float = np.inf
+    answers_disturbances: bool = False
+    family: Family | None = None
+    systematic: Mapping[str, float] | None = None
+
+    passes_actuator: ClassVar[bool] = False
+
+    def unit(self, target: str, input_unit: str) -> str:
+        """Return the unit of the coefficient in the equation of a target, where torque is in `input_unit`."""
+        unit = self.units[target not in ACCELERATION_SYMBOLS]
+        return f"{unit}/({input_unit})" if self.passes_actuator and input_unit != "1" else unit
+
+    def plausible_size(self, on_axis_gain: FloatArray) -> float:
+        """Return how large the coefficient can be beside |B11|, |B22|, |B33| (3,).
+
+        An off-axis effectiveness is bounded by the on-axis ones of its two axes.
+        """
+        return float(np.max(on_axis_gain)) if self.passes_actuator else self.plausible
+
+    def systematic_fraction(self, target: str) -> float:
+        """Return the fraction of the coefficient in the equation of a target that no flight can tell."""
+        return (self.systematic or {}).get(target, 0.0)
+
+    def noise(self, rms: Mapping[str, float], size: Mapping[str, float]) -> float:
+        """Return the noise (rms) of the column, from noise and size (rms) of its factors.
+
+        A product carries the noise of each factor times the other, a square twice that of its one factor.
+        """
+        if len(self.factors) < 2:
+            return sum(rms.get(factor, 0.0) for factor in self.factors)
+        first, second = self.factors
+        parts = size[first] * rms[second], size[second] * rms[first]
+        return sum(parts) if first == second else float(np.hypot(*parts))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RateTerm(Term):
+    """A column that follows from the body rates alone: (n, 3) [rad/s] to (n,), before smoothing."""
+
+    of_rate: Callable[[FloatArray], FloatArray]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AttitudeTerm(Term):
+    """A column that follows from the Euler angles (n, 3) [rad] and their period [s], before smoothing."""
+
+    of_attitude: Callable[[FloatArray, float], FloatArray]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TorqueTerm(Term):
+    """A column that passes the actuator: of torque (n, 3), and throttle above its mean (n,) or None."""
+
+    passes_actuator: ClassVar[bool] = True
+
+    of_torque: Callable[[FloatArray, FloatArray | None], FloatArray | None]
+
+
+def column_of(term: Term, segment: Segment, period_s: float) -> FloatArray | None:
+    """Return a term's raw column on the samples of a segment, shape (n_samples,).
+
+    None where the log does not have it, and for the constant and torques, which no smoothing filter makes.
+    """
+    if isinstance(term, RateTerm):
+        return term.of_rate(segment.body_rate_rad_s)
+    if isinstance(term, AttitudeTerm) and segment.attitude_rad is not None:
+        return term.of_attitude(segment.attitude_rad, period_s)
+    return None
+
+
+def products_mixed(M: FloatArray) -> FloatArray:
+    """Return K with products(M w) = K products(w); shape (6, 6)."""
+    pairs = [(RATE_SYMBOLS.index(name[0]), RATE_SYMBOLS.index(name[1])) for name in PRODUCTS]
+    place = {frozenset(pair): number for number, pair in enumerate(pairs)}
+    K = np.zeros((6, 6))
+    for row, (first, second) in enumerate(pairs):
+        for a, b in np.ndindex(3, 3):
+            K[row, place[frozenset((a, b))]] += M[first, a] * M[second, b]
+    return K
+
+
+_RATE_FAMILY = Family(RATE_SYMBOLS, lambda M: M)
+_PRODUCT_FAMILY = Family(PRODUCTS, products_mixed)
+_TORQUE_FAMILY = Family(TORQUE_SYMBOLS, lambda _M: np.eye(3))
+
+
+def _product(symbol: str, words: str = "") -> RateTerm:
+    """Return the product of two rates that a symbol names."""
+    first, second = (RATE_SYMBOLS.index(factor) for factor in symbol)
+    return RateTerm(
+        symbol=symbol,
+        units=("1", "s"),
+        words=words,
+        factors=(symbol[0], symbol[1]),
+        plausible=_MOST_GYROSCOPIC,
+        notable=0.5,
+        family=_PRODUCT_FAMILY,
+        of_rate=lambda rate: rate[:, first] * rate[:, second],
+    )
+
+
+def _rate(axis: int, words: str = "") -> RateTerm:
+    """Return a body rate itself."""
+    return RateTerm(
+        symbol=RATE_SYMBOLS[axis],
+        units=("1/s", "1"),
+        words=words,
+        factors=(RATE_SYMBOLS[axis],),
+        plausible=_MOST_DAMPING_1_S,
+        notable=1.0,
+        answers_disturbances=True,
+        family=_RATE_FAMILY,
+        systematic={ACCELERATION_SYMBOLS[axis]: DAMPING_SYSTEMATIC},
+        of_rate=lambda rate: rate[:, axis],
+    )
+
+
+def _angle(axis: int, symbol: str, words: str = "") -> AttitudeTerm:
+    """Return an Euler angle."""
+    return AttitudeTerm(
+        symbol=symbol,
+        units=("1/s^2", "1/s"),
+        words=words,
+        factors=(symbol,),
+        notable=1.0,
+        of_attitude=lambda attitude, _period_s: attitude[:, axis],
+    )
+
+
+def _torque(axis: int) -> TorqueTerm:
+    """Return the torque about an axis."""
+    everywhere = (*ACCELERATION_SYMBOLS, *(f"{symbol}_dot" for symbol in ANGLE_SYMBOLS))
+    return TorqueTerm(
+        symbol=TORQUE_SYMBOLS[axis],
+        units=("rad/s^2", "rad/s"),
+        factors=(TORQUE_SYMBOLS[axis],),
+        answers_disturbances=True,
+        family=_TORQUE_FAMILY,
+        systematic=dict.fromkeys(everywhere, TORQUE_SYSTEMATIC),
+        of_torque=lambda torque, _throttle: torque[:, axis],
+    )
+
+
+def _air_speed(along: int) -> Callable[[FloatArray, float], FloatArray]:
+    """Return what a tilt has brought of speed along x (0) or y (1), up to slow errors [m/s].
+
+    u' = -g sin(theta) - d u and v' = g sin(phi) cos(theta) - d v: thrust
+    balances weight, drag is linear.
+    """
+
+    def speed(attitude_rad: FloatArray, period_s: float) -> FloatArray:
+        # Not scipy.signal: it takes a quarter of a second to import, and this is all that is needed of it.
+        from scipy.linalg import solve_banded
+
+        phi, theta = attitude_rad[:, 0], attitude_rad[:, 1]
+        push = _GRAVITY_M_S2 * (np.sin(phi) * np.cos(theta) if along else -np.sin(theta))
+        # speed[k] - decay * speed[k - 1] = period * push[k], from rest.
+        diagonals = np.ones((2, len(push)))
+        diagonals[1] = -np.exp(-_DRAG_1_S * period_s)
+        return np.asarray(solve_banded((1, 0), diagonals, period_s * push), dtype=np.float64)
+
+    return speed
+
+
+def _throttled_yaw(torque: FloatArray, throttle: FloatArray | None) -> FloatArray | None:
+    return None if throttle is None else torque[:, 2] * throttle
+
+
+#: The Euler angles, in the order of their columns.
+ANGLE_SYMBOLS: Final = ("phi", "theta", "psi")
+RATE_TERMS: Final = (_rate(0, "p, q, r: the rates themselves, as in damping"), _rate(1), _rate(2))
+SQUARES: Final = (
+    _product("pp", "pp, qq, rr: squares of the rates, which act where products of inertia are"),
+    _product("qq"),
+    _product("rr"),
+)
+#: The diagonal coefficients of these are the gyroscopic ones of a vehicle without products of inertia.
+GYROSCOPIC: Final = (
+    _product("qr", "qr, pr, pq: products of two rates, by which a turn about two axes pushes the third"),
+    _product("pr"),
+    _product("pq"),
+)
+PRODUCT_TERMS: Final = (*SQUARES, *GYROSCOPIC)
+ANGLES: Final = (
+    _angle(0, "phi", "phi, theta, psi: roll, pitch and yaw angle"),
+    _angle(1, "theta"),
+    _angle(2, "psi"),
+)
+#: The constant of an equation.
+TRIM: Final = Term(symbol="1", units=("rad/s^2", "rad/s"), words="1: a steady push, as of a bent arm")
+INPUTS: Final = (_torque(0), _torque(1), _torque(2))
+#: Yaw comes from drag of the rotors, which grows with throttle in another way than thrust does.
+THROTTLED_YAW: Final = TorqueTerm(
+    symbol="N*throttle",
+    units=("rad/s^2", "rad/s"),
+    words="N*throttle: by how much yaw answers more strongly at more throttle",
+    of_torque=_throttled_yaw,
+)
+#: What an actuator may shape; those beside L, M, N only where the flight has what they need.
+TORQUE_TERMS: Final = (*INPUTS, THROTTLED_YAW)
+#: Speed along body x and y, as the tilt brings it.
+AIR_SPEED: Final = tuple(
+    AttitudeTerm(symbol=symbol, units=("rad/(m s)", "rad/m"), of_attitude=_air_speed(along))
+    for along, symbol in enumerate(("u", "v"))
+)
