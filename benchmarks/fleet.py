@@ -27,7 +27,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.fleet_cluster import LoopbackCluster, s3_server  # noqa: E402
 from benchmarks.fleet_logs import Worn, spoil, vehicles, write_fleet  # noqa: E402
-from benchmarks.fleet_rows import rows_of  # noqa: E402
+from benchmarks.fleet_rows import n_logs_of, rows_of  # noqa: E402
+from quadid_logs.fleet.store import DATABASE  # noqa: E402
 
 #: By the number of the vehicle: the propeller that wears, and from which flight on.
 WORN = {
@@ -90,9 +91,8 @@ def _whole_logs(logs: Path, options: argparse.Namespace) -> Iterator[str]:
     """Speed on undamaged logs, and the change points."""
     store = options.folder / "whole"
     yield from _speed(logs, store, options)
-    stored = [path.stat().st_size for path in store.rglob("*.parquet")]
     n_logs = len(list(logs.glob("*.bin")))
-    yield f"- the store: {len(stored)} files, {sum(stored) / n_logs / 1e3:.1f} kB a log"
+    yield f"- the store: {(store / DATABASE).stat().st_size / n_logs / 1e3:.1f} kB a log"
     began = time.perf_counter()
     found = _found(store)
     yield f"- reading it and looking for changes: {time.perf_counter() - began:.1f} s"
@@ -185,12 +185,12 @@ def _plain_rate(logs: Path, n_processes: int) -> _Rate:
 
 def _analyze_slice(paths: list[str]) -> _Rate:
     """Analyze logs one after the other; the first does not count, for it loads the libraries."""
+    from quadid_logs.fleet.log_files import find_logs
     from quadid_logs.fleet.options import Options
-    from quadid_logs.fleet.sources import find_sources
     from quadid_logs.fleet.tasks import Task
     from quadid_logs.fleet.work import work
 
-    tasks = [Task(source=source, options=Options()) for source in find_sources(paths)]
+    tasks = [Task(file=file, options=Options()) for file in find_logs(paths)]
     work(tasks[0])
     began, cpu_began = time.perf_counter(), time.process_time()
     for task in tasks:
@@ -201,15 +201,15 @@ def _analyze_slice(paths: list[str]) -> _Rate:
 def _run_alone(logs: Path, store: Path, n_workers: int) -> tuple[float, float]:
     """Run over a local cluster in this process; return wall clock [s] and logs per second once it works."""
     from quadid_logs.fleet.engine import Cluster
+    from quadid_logs.fleet.log_files import find_logs
     from quadid_logs.fleet.options import Options
     from quadid_logs.fleet.run import run_fleet
-    from quadid_logs.fleet.sources import find_sources
 
     shutil.rmtree(store, ignore_errors=True)
     began = time.perf_counter()
     rates: list[float] = []
     run_fleet(
-        find_sources([str(logs)]), store, Options(), Cluster(workers=n_workers),
+        find_logs([str(logs)]), store, Options(), Cluster(workers=n_workers),
         progress=lambda tally: rates.append(tally.rate_hz),
     )  # fmt: skip
     return time.perf_counter() - began, rates[-1]
@@ -217,12 +217,12 @@ def _run_alone(logs: Path, store: Path, n_workers: int) -> tuple[float, float]:
 
 def _found(store: Path) -> dict[int, list[int]]:
     """Return the change points by the number of the vehicle."""
-    from quadid_logs.fleet.lives import read_fleet
+    from quadid_logs.fleet.history import read_fleet
 
     return {
-        int(life.vehicle[-8:], 16) - 0x34383700: [change.flight for change in life.changes]
-        for life in read_fleet(store).lives
-        if life.changes
+        int(history.vehicle[-8:], 16) - 0x34383700: [change.flight for change in history.changes]
+        for history in read_fleet(store).histories
+        if history.changes
     }
 
 
@@ -238,7 +238,7 @@ def _command(*arguments: object, environment: dict[str, str] | None = None) -> s
 def _wait_for_share(process: subprocess.Popen[bytes], store: Path, logs: Path, share: float) -> None:
     """Wait until this share of the logs is in the store."""
     wanted = share * len(list(logs.glob("*.bin")))
-    while len(list(store.glob("vehicle=*/*.parquet"))) < wanted:
+    while n_logs_of(store) < wanted:
         if process.poll() is not None:
             raise SystemExit(f"the run ended before {share:.0%} were done")
         time.sleep(0.2)

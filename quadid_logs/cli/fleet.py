@@ -69,10 +69,10 @@ def fleet(
     their process; --resume tries them again.
     """
     from quadid_logs.fleet.engine import Cluster
-    from quadid_logs.fleet.identity import NamingRules
+    from quadid_logs.fleet.log_files import find_logs
+    from quadid_logs.fleet.naming import NamingRules
     from quadid_logs.fleet.options import Options
     from quadid_logs.fleet.run import LOST, run_fleet
-    from quadid_logs.fleet.sources import find_sources
     from quadid_logs.vehicle_file import read_vehicle
 
     if workers < 0 or not max_mb > 0.0 or not 0.0 < timeout <= _LONGEST_MIN:
@@ -92,7 +92,7 @@ def fleet(
     _ = options.settings  # checks the structure's name before the work
     progress = FleetProgress(quiet=quiet)
     tally = run_fleet(
-        find_sources(places),
+        find_logs(places),
         output,
         options,
         Cluster(scheduler=scheduler, workers=workers),

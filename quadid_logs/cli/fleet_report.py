@@ -19,12 +19,12 @@ def fleet_report(
     ),
     force: Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")] = False,
 ) -> int:
-    """Show every vehicle over its life: what changed when, and who stands out.
+    """Show every vehicle over its history: what changed when, and which vehicles are outliers.
 
-    One line per change and per vehicle that stands out goes to stdout.
+    One line per change and per outlier goes to stdout.
     Exit code 0: none. 1: some.
     """
-    from quadid_logs.fleet.lives import read_fleet
+    from quadid_logs.fleet.history import read_fleet
     from quadid_logs.fleet.page import fleet_page, headlines
 
     check_free(output, force=force)
@@ -35,5 +35,6 @@ def fleet_report(
     lines = headlines(fleet)
     for line in lines:
         say(line)
-    say(f"{len(fleet.lives)} vehicles: {printable(output)}")
+    n_vehicles = len(fleet.histories)
+    say(f"{n_vehicles} vehicle{'' if n_vehicles == 1 else 's'}: {printable(output)}")
     return 1 if lines else 0

@@ -2,7 +2,7 @@
 
 ::
 
-    sources  ->  work (on the workers)  ->  store  ->  lives  ->  changes  ->  page
+    sources  ->  work (on the workers)  ->  store  ->  histories  ->  changes  ->  page
                    ^ engine hands them out              sql asks anything else
 
 Needs ``quadid-logs[fleet]``; nothing else of the package does.

@@ -31,7 +31,7 @@ from quadid_logs.fleet.tasks import Outcome, Task, failure
 _START: Final = "import sys; from quadid_logs.fleet.analyst import serve; serve(*sys.argv[1:])"
 #: How often time and memory are looked at [s]: a process can hardly fill a machine meanwhile.
 _LOOK_S: Final = 0.5
-#: A process whose worker is gone cannot be told to end while a library holds Python's lock; it ends
+#: A process whose worker is gone cannot be known to end while a library holds Python's lock; it ends
 #: this much [s] after the time limit.
 _GRACE_S: Final = 60.0
 _ENVIRONMENT: Final = {
@@ -100,7 +100,7 @@ class Analyst:
         return self._process.poll() is None
 
     def kill(self) -> None:
-        """End the process; whoever waits for it is told."""
+        """End the process; whoever waits for it is known."""
         self._process.kill()
 
     def stop(self) -> None:

@@ -1,9 +1,9 @@
-"""When a vehicle changed, and which one stands out: decided with intervals, scatter and the number of tests.
+"""Change points and outliers of vehicles: tests with intervals, scatter and Bonferroni's correction.
 
-Three things can make a number differ between two flights of a whole vehicle:
-what the flight cannot tell (its interval), what the day brings (scatter of the
-vehicle's own flights beyond the intervals), and slow influences that are no
-damage (a floor per quantity). A change must exceed all three together.
+Three things can make a number differ between two flights of an undamaged
+vehicle: the estimation error (its interval), the scatter of the vehicle's own
+flights beyond the intervals, and slow influences that are no damage (a
+systematic uncertainty per quantity). A change must exceed all three together.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from quadid_logs.maths.normal import MEDIAN_DEVIATION, NORMAL_95
 FALSE_ALARMS: Final = 0.01
 #: Flights on either side of a change: fewer are a bad day, not a changed vehicle.
 MIN_RUN: Final = 3
-#: The scatter that is usual in the fleet counts like this many flights of the vehicle itself: its own
-#: few flights tell it badly, but it need not be like the others.
+#: Weight of the fleet's typical scatter, in flights of the vehicle itself: its own few flights estimate
+#: it badly, but it need not be like the others.
 _PRIOR_FLIGHTS: Final = 10.0
-#: Vehicles that must be there to say what is usual, or to stand out against.
+#: Vehicles that a prior, or an outlier test, needs.
 _MIN_VEHICLES: Final = 5
-#: A splitting of the life is followed by tests of the parts: as many again.
+#: A split is followed by tests of both parts: as many again.
 _LEVELS: Final = 2
-#: How much of the information the median absolute deviation uses (Hampel 1974): m vehicles tell
-#: their scatter by it as well as 0.37 m by the standard deviation.
+#: Statistical efficiency of the median absolute deviation (Hampel 1974): with m vehicles it is as good
+#: as the standard deviation with 0.37 m.
 _MAD_EFFICIENCY: Final = 0.37
 
 
@@ -42,20 +42,21 @@ class Series:
     name, axis : str
         ``axis`` is "" for what belongs to all.
     value, half_width : ndarray, shape (n_flights,)
-        Estimate and half of its 95 % interval, NaN where the flight does not tell.
-    floor : float
-        What may differ between flights of a whole vehicle, in the unit of `value`.
+        Estimate and half of its 95 % interval, NaN where it was not identifiable.
+    systematic : float
+        Systematic uncertainty: what may differ between flights of an undamaged
+        vehicle, in the unit of `value`.
     """
 
     name: str
     axis: str
     value: FloatArray
     half_width: FloatArray
-    floor: float
+    systematic: float
 
     @property
-    def told(self) -> FloatArray:
-        """Indices of the flights that tell the quantity."""
+    def known(self) -> FloatArray:
+        """Indices of the flights in which the quantity was identifiable."""
         usable = np.isfinite(self.value) & np.isfinite(self.half_width) & (self.half_width > 0.0)
         return np.flatnonzero(usable)  # type: ignore[return-value]
 
@@ -72,36 +73,36 @@ class Shift:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Change:
-    """From this flight on (its index in the vehicle's life) the vehicle is another one."""
+class ChangePoint:
+    """From this flight on (its index in the vehicle's history) the vehicle is another one."""
 
     flight: int
     shifts: tuple[Shift, ...]
 
 
-class Usual(NamedTuple):
-    """Scatter that is usual in the fleet, in squared intervals' standard errors, and what it counts for."""
+class ScatterPrior(NamedTuple):
+    """Prior of a vehicle's scatter: its mean in squared standard errors, and its weight in flights."""
 
     scatter: float = 1.0
     flights: float = 0.0
 
 
-def count_tests(lives: Sequence[Sequence[Series]]) -> int:
+def count_tests(histories: Sequence[Sequence[Series]]) -> int:
     """Return how many differences `find_changes` may look at in all vehicles together."""
     return _LEVELS * sum(
         max(b - a - 2 * MIN_RUN + 1, 0)
-        for life in lives
-        for one in life
-        for a, b in _stretches(0, len(one.told))
+        for history in histories
+        for one in history
+        for a, b in _seeded_intervals(0, len(one.known))
     )
 
 
-def _stretches(first: int, after: int) -> Iterator[tuple[int, int]]:
-    """Yield a part of a life, its halves, quarters and so on, overlapping by half.
+def _seeded_intervals(first: int, after: int) -> Iterator[tuple[int, int]]:
+    """Yield a part of a history, its halves, quarters and so on, overlapping by half.
 
-    A propeller that wore and was replaced leaves the whole life's two means
-    alike; some stretch holds one of the two changes alone (S. Kovács et al.,
-    "Seeded binary segmentation," Biometrika, vol. 110, pp. 249-256, 2023).
+    A propeller that wore and was replaced leaves the whole history's two means
+    alike; some seeded interval holds one of the two changes alone (S. Kovács et
+    al., "Seeded binary segmentation," Biometrika, vol. 110, pp. 249-256, 2023).
     """
     length, n_flights = float(after - first), after - first
     while length >= 2 * MIN_RUN:
@@ -112,53 +113,53 @@ def _stretches(first: int, after: int) -> Iterator[tuple[int, int]]:
         length /= 2.0
 
 
-def usual_scatter(lives: Sequence[Sequence[Series]]) -> dict[tuple[str, str], Usual]:
+def scatter_prior(histories: Sequence[Sequence[Series]]) -> dict[tuple[str, str], ScatterPrior]:
     """Return, by name and axis, how much more than their intervals the flights of one vehicle scatter.
 
     From differences of consecutive flights, which a change moves only once;
     the median over the vehicles, which few changed ones do not move.
     """
     found: dict[tuple[str, str], list[float]] = {}
-    for life in lives:
-        for one in life:
-            told = one.told
-            if len(told) >= 2 * MIN_RUN:
-                variance = (one.half_width[told] / NORMAL_95) ** 2
-                squared = np.diff(one.value[told]) ** 2 / (variance[1:] + variance[:-1])
+    for history in histories:
+        for one in history:
+            known = one.known
+            if len(known) >= 2 * MIN_RUN:
+                variance = (one.half_width[known] / NORMAL_95) ** 2
+                squared = np.diff(one.value[known]) ** 2 / (variance[1:] + variance[:-1])
                 found.setdefault((one.name, one.axis), []).append(float(np.mean(squared)))
     return {
-        key: Usual(max(float(np.median(all_)), 1.0), _PRIOR_FLIGHTS)
+        key: ScatterPrior(max(float(np.median(all_)), 1.0), _PRIOR_FLIGHTS)
         for key, all_ in found.items()
         if len(all_) >= _MIN_VEHICLES
     }
 
 
 def find_changes(
-    life: Sequence[Series], n_tests: int, usual: Mapping[tuple[str, str], Usual]
-) -> tuple[Change, ...]:
-    """Split a vehicle's life where it changed.
+    history: Sequence[Series], n_tests: int, prior: Mapping[tuple[str, str], ScatterPrior]
+) -> tuple[ChangePoint, ...]:
+    """Split a vehicle's history where it changed.
 
     Every series is split at every flight. Two means, weighted with the
     intervals, differ if they do so by more than Student's t allows after
     Bonferroni's correction for all tests in the fleet, with the intervals
     widened by the scatter inside the two parts (the Birge ratio [1]_, moderated
-    by what is usual in the fleet [2]_), and by more than the floor. Where any
-    series differs, the split is put where the sum of squares over all that
-    differ falls most; the parts are split again [3]_. The same is tried in
-    stretches of the life, because two changes can hide each other.
+    by a prior from the fleet [2]_), and by more than the systematic uncertainty.
+    Where any series differs, the split is put where the sum of squares over all
+    that differ falls most; the parts are split again [3]_. The same is tried in
+    seeded intervals of the history, because two changes can hide each other.
 
     Parameters
     ----------
-    life : sequence of Series
+    history : sequence of Series
         All over the same flights.
     n_tests : int
         From `count_tests`.
-    usual : mapping
-        From `usual_scatter`.
+    prior : mapping
+        From `scatter_prior`.
 
     Returns
     -------
-    tuple of Change
+    tuple of ChangePoint
         In order of time.
 
     References
@@ -170,11 +171,11 @@ def find_changes(
     .. [3] L. Y. Vostrikova, "Detecting disorder in multidimensional random
        processes," Soviet Math. Dokl., vol. 24, pp. 55-59, 1981.
     """
-    n_flights = max((one.value.shape[0] for one in life), default=0)
+    n_flights = max((one.value.shape[0] for one in history), default=0)
     open_parts, found = [(0, n_flights)], []
     while open_parts:
         first, after = open_parts.pop()
-        splits = [_best_split(life, stretch, n_tests, usual) for stretch in _stretches(first, after)]
+        splits = [_best_split(history, part, n_tests, prior) for part in _seeded_intervals(first, after)]
         gain, change = max(
             (split for split in splits if split), key=lambda split: split[0], default=(0.0, None)
         )
@@ -195,21 +196,21 @@ class _Splits(NamedTuple):
 
 
 def _best_split(
-    life: Sequence[Series],
+    history: Sequence[Series],
     part: tuple[int, int],
     n_tests: int,
-    usual: Mapping[tuple[str, str], Usual],
-) -> tuple[float, Change] | None:
-    """Return the most likely change inside a part of the life and how much it explains, None if none does."""
-    splits = [_splits(one, part, n_tests, usual.get((one.name, one.axis), Usual())) for one in life]
+    prior: Mapping[tuple[str, str], ScatterPrior],
+) -> tuple[float, ChangePoint] | None:
+    """Return the most likely change inside a part of the history and how much it explains, if any does."""
+    splits = [_splits(one, part, n_tests, prior.get((one.name, one.axis), ScatterPrior())) for one in history]
     changed = [np.abs(each.difference) > each.margin for each in splits]
-    moving = [number for number, each in enumerate(changed) if each.any()]
-    if not moving:
+    shifted = [number for number, each in enumerate(changed) if each.any()]
+    if not shifted:
         return None
-    total = np.sum([splits[number].gain for number in moving], axis=0)
-    anywhere = np.any([changed[number] for number in moving], axis=0)
+    total = np.sum([splits[number].gain for number in shifted], axis=0)
+    anywhere = np.any([changed[number] for number in shifted], axis=0)
     best = int(np.argmax(np.where(anywhere, total, -np.inf)))
-    return float(total[best]), Change(
+    return float(total[best]), ChangePoint(
         flight=part[0] + best,
         shifts=tuple(
             Shift(
@@ -219,35 +220,35 @@ def _best_split(
                 after=float(each.after[best]),
                 margin=float(each.margin[best]),
             )
-            for one, each, here in zip(life, splits, changed, strict=True)
+            for one, each, here in zip(history, splits, changed, strict=True)
             if here[best]
         ),
     )
 
 
-def _splits(one: Series, part: tuple[int, int], n_tests: int, usual: Usual) -> _Splits:
+def _splits(one: Series, part: tuple[int, int], n_tests: int, prior: ScatterPrior) -> _Splits:
     """Split one series at every flight of a part; margins are infinite where a side is too short."""
     n_flights = part[1] - part[0]
     nothing = np.zeros(n_flights)
-    told = one.told
-    told = told[(told >= part[0]) & (told < part[1])]
-    n_told = len(told)
-    if n_told < 2 * MIN_RUN:
+    known = one.known
+    known = known[(known >= part[0]) & (known < part[1])]
+    n_known = len(known)
+    if n_known < 2 * MIN_RUN:
         return _Splits(nothing, nothing + np.inf, nothing, nothing, nothing)
-    centre = float(np.median(one.value[told]))  # sums of squares of what is small
-    value, weight = one.value[told] - centre, (NORMAL_95 / one.half_width[told]) ** 2
-    # How many of the flights that tell lie before each flight of the part.
-    count = np.searchsorted(told, np.arange(part[0], part[1]))
+    centre = float(np.median(one.value[known]))  # sums of squares of what is small
+    value, weight = one.value[known] - centre, (NORMAL_95 / one.half_width[known]) ** 2
+    # How many informative flights lie before each flight of the part.
+    count = np.searchsorted(known, np.arange(part[0], part[1]))
     sums = [np.concatenate([[0.0], np.cumsum(weight * value**power)]) for power in (0, 1, 2)]
     w1, w2 = sums[0][count], sums[0][-1] - sums[0][count]
-    inside = (count >= MIN_RUN) & (n_told - count >= MIN_RUN)
+    inside = (count >= MIN_RUN) & (n_known - count >= MIN_RUN)
     with np.errstate(divide="ignore", invalid="ignore"):
         before, after = sums[1][count] / w1, (sums[1][-1] - sums[1][count]) / w2
         residual = sums[2][-1] - w1 * before**2 - w2 * after**2
         variance = 1.0 / w1 + 1.0 / w2
-        freedom = n_told - 2.0 + usual.flights
-        scatter = np.maximum((residual + usual.flights * usual.scatter) / freedom, 1.0)
-        margin = np.hypot(_student(n_tests, freedom) * np.sqrt(scatter * variance), one.floor)
+        freedom = n_known - 2.0 + prior.flights
+        scatter = np.maximum((residual + prior.flights * prior.scatter) / freedom, 1.0)
+        margin = np.hypot(_student(n_tests, freedom) * np.sqrt(scatter * variance), one.systematic)
         gain = (after - before) ** 2 / variance / scatter
     return _Splits(
         difference=np.where(inside, after - before, 0.0),
@@ -266,38 +267,40 @@ def _student(n_tests: int, freedom: float) -> float:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Standing:
+class OutlierTest:
     """A vehicle's present value of a quantity against the others of its model."""
 
     vehicle: str
     name: str
     axis: str
     value: float
-    usual: float
+    typical: float
     margin: float
 
     @property
-    def stands_out(self) -> bool:
+    def is_outlier(self) -> bool:
         """Whether it differs by more than chance and scatter between vehicles."""
-        return abs(self.value - self.usual) > self.margin
+        return abs(self.value - self.typical) > self.margin
 
 
-def present_value(one: Series, since: int, usual: Usual) -> tuple[float, float]:
-    """Return the mean of a series since a flight, and its standard error; NaN where no flight tells it."""
-    told = one.told
-    told = told[told >= since]
-    if not len(told):
+def present_value(one: Series, since: int, prior: ScatterPrior) -> tuple[float, float]:
+    """Return the mean of a series since a flight, and its standard error; NaN if nowhere identifiable."""
+    known = one.known
+    known = known[known >= since]
+    if not len(known):
         return float("nan"), float("nan")
-    weight = (NORMAL_95 / one.half_width[told]) ** 2
-    mean = float(np.sum(weight * one.value[told]) / np.sum(weight))
-    residual = float(np.sum(weight * (one.value[told] - mean) ** 2))
-    scatter = max((residual + usual.flights * usual.scatter) / max(len(told) - 1.0 + usual.flights, 1.0), 1.0)
+    weight = (NORMAL_95 / one.half_width[known]) ** 2
+    mean = float(np.sum(weight * one.value[known]) / np.sum(weight))
+    residual = float(np.sum(weight * (one.value[known] - mean) ** 2))
+    scatter = max(
+        (residual + prior.flights * prior.scatter) / max(len(known) - 1.0 + prior.flights, 1.0), 1.0
+    )
     return mean, float(np.sqrt(scatter / np.sum(weight)))
 
 
 def compare_vehicles(
-    present: Mapping[str, tuple[float, float]], *, name: str, axis: str, floor: float, n_tests: int
-) -> tuple[Standing, ...]:
+    present: Mapping[str, tuple[float, float]], *, name: str, axis: str, systematic: float, n_tests: int
+) -> tuple[OutlierTest, ...]:
     """Compare every vehicle with all others of its model.
 
     Parameters
@@ -306,29 +309,29 @@ def compare_vehicles(
         By vehicle, from `present_value`.
     name, axis : str
         Of the quantity.
-    floor : float
+    systematic : float
         As of the `Series`.
     n_tests : int
         Vehicles times quantities in the fleet.
 
     Returns
     -------
-    tuple of Standing
-        Median and median absolute deviation of the others say what is usual:
-        several that stand out do not hide each other. Empty with fewer than
-        five others.
+    tuple of OutlierTest
+        Against the median and the median absolute deviation of the others:
+        several outliers do not hide each other. Empty with fewer than five
+        others.
     """
     known = {vehicle: both for vehicle, both in present.items() if np.isfinite(both).all()}
     if len(known) <= _MIN_VEHICLES:
         return ()
-    standings = []
+    outlier_tests = []
     for vehicle, (value, error) in known.items():
         others = np.array([both[0] for other, both in known.items() if other != vehicle])
         middle = float(np.median(others))
         scatter = float(np.median(np.abs(others - middle))) / MEDIAN_DEVIATION
         freedom = max(_MAD_EFFICIENCY * (len(others) - 1), 1.0)
-        margin = float(np.hypot(_student(n_tests, freedom) * np.hypot(scatter, error), floor))
-        standings.append(
-            Standing(vehicle=vehicle, name=name, axis=axis, value=value, usual=middle, margin=margin)
+        margin = float(np.hypot(_student(n_tests, freedom) * np.hypot(scatter, error), systematic))
+        outlier_tests.append(
+            OutlierTest(vehicle=vehicle, name=name, axis=axis, value=value, typical=middle, margin=margin)
         )
-    return tuple(standings)
+    return tuple(outlier_tests)

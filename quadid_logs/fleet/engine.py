@@ -83,7 +83,7 @@ def run(tasks: Sequence[Task], cluster: Cluster, events: Events) -> None:
 
 @contextlib.contextmanager
 def _local_or_given(cluster: Cluster) -> Iterator[str]:
-    """Give the scheduler's address; a local cluster lives in this process, as long as the run."""
+    """Give the scheduler's address; a local cluster histories in this process, as long as the run."""
     if cluster.scheduler:
         # Where it goes away, the library shows its own attempts to come back as tracebacks.
         with load("distributed.utils").silence_logging_cmgr(logging.CRITICAL):
@@ -193,7 +193,7 @@ class _Crew:
         if failed is not None:
             self._settle_error(task, failed)
         elif outcome is not None and not self._events.take(outcome):
-            waiting.append(Task(source=task.source, options=task.options))
+            waiting.append(Task(file=task.file, options=task.options))
 
     def _settle_error(self, task: Task, error: BaseException) -> None:
         """Tell a killed worker, and what stops the whole run, from what is wrong with one log."""
@@ -213,7 +213,7 @@ class _Crew:
         """Keep a log whose process died for a second try alone; after that it is a row."""
         if task in self.suspects:
             self._events.take(failure(task, "", LOST, f"{what}, alone and repeatedly."))
-            self._events.remark(f"{task.source.url} kills whoever analyzes it")
+            self._events.remark(f"{task.file.url} kills whoever analyzes it")
         else:
             self.suspects.append(task)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from quadid_logs.data.settings import IdentifySettings, Settings
 from quadid_logs.data.vehicle import Vehicle
-from quadid_logs.fleet.identity import NamingRules
+from quadid_logs.fleet.naming import NamingRules
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Final
 from urllib.parse import quote
 
-from quadid_logs.fleet.changes import Change, Shift, Standing
-from quadid_logs.fleet.files import REPORTS
-from quadid_logs.fleet.lives import Failure, Fleet, Flight, Life
+from quadid_logs.fleet.changes import ChangePoint, OutlierTest, Shift
+from quadid_logs.fleet.history import Failure, Fleet, Flight, VehicleHistory
 from quadid_logs.fleet.sparklines import HEIGHT, WIDTH, Sparkline, sparkline
+from quadid_logs.fleet.store import REPORTS
 from quadid_logs.report.pages import environment
 from quadid_logs.untrusted import printable
 from quadid_logs.version import __version__
@@ -23,8 +23,10 @@ from quadid_logs.vocabulary import AXES
 #: Flights and failures that the page lists one by one; the rest is for `quadid-log query`.
 _MOST_FLIGHTS: Final = 200
 _MOST_FAILURES: Final = 500
+#: Drawn for every vehicle: the quantity's name in the store, and as people read it.
+_DRAWN: Final = {"gain": "effectiveness", "damping": "damping"}
 _VERDICTS: Final = ("usable", "caution", "refused")
-#: What a change of these quantities is usually a sign of, the most telling first.
+#: What a change of these quantities is typically a sign of, the most specific first.
 _CAUSES: Final = (
     ("from", "One rotor gives more or less thrust than the others (propeller, motor, speed controller), or "
              "the flight controller sits askew."),
@@ -48,7 +50,7 @@ class _FlightRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Story:
-    """What was found about a vehicle, in words, and its most telling quantity over the vehicle's life."""
+    """What was found about a vehicle, in words, and the quantity that says most over its history."""
 
     head: str
     items: tuple[str, ...]
@@ -95,8 +97,8 @@ def fleet_page(fleet: Fleet, store: Path, page_folder: Path) -> str:
         Where the page will stand: its links are relative to it.
     """
     links = _links(store, page_folder)
-    rows = [_vehicle_row(number, life, links) for number, life in enumerate(fleet.lives)]
-    # Who changed or stands out comes first: that is what the page is for.
+    rows = [_vehicle_row(number, history, links) for number, history in enumerate(fleet.histories)]
+    # Changed vehicles and outliers come first: that is what the page is for.
     rows.sort(key=lambda row: not (row.changes or row.outlier))
     page: str = (
         environment("quadid_logs.fleet")
@@ -106,7 +108,7 @@ def fleet_page(fleet: Fleet, store: Path, page_folder: Path) -> str:
             noticed=[row for row in rows if row.changes or row.outlier],
             failures=[_failure_row(failure) for failure in fleet.failures[:_MOST_FAILURES]],
             n_failures=len(fleet.failures),
-            n_flights=sum(len(life.flights) for life in fleet.lives),
+            n_flights=sum(len(history.flights) for history in fleet.histories),
             n_tests=fleet.n_tests,
             axes=AXES,
             version=__version__,
@@ -127,33 +129,40 @@ def _links(store: Path, page_folder: Path) -> Mapping[str, str]:
     return {path.name: f"{way}/{quote(path.name)}" for path in folder.iterdir() if path.suffix == ".html"}
 
 
-def _vehicle_row(number: int, life: Life, links: Mapping[str, str]) -> _VehicleRow:
+def _vehicle_row(number: int, history: VehicleHistory, links: Mapping[str, str]) -> _VehicleRow:
     """Collect what the page shows about one vehicle."""
-    changes = [change.flight for change in life.changes]
-    counts = Counter(verdict for flight in life.flights for verdict in flight.verdicts.values())
-    about = (life.model, life.firmware, f"named by its {life.vehicle_from}" if life.vehicle_from else "")
-    shown = list(enumerate(life.flights))[-_MOST_FLIGHTS:]
+    changes = [change.flight for change in history.changes]
+    counts = Counter(verdict for flight in history.flights for verdict in flight.verdicts.values())
+    about = (
+        history.model,
+        history.firmware,
+        f"named by its {history.vehicle_from}" if history.vehicle_from else "",
+    )
+    shown = list(enumerate(history.flights))[-_MOST_FLIGHTS:]
     return _VehicleRow(
         anchor=f"v{number}",
-        name=printable(life.vehicle, 80),
+        name=printable(history.vehicle, 80),
         about=printable(", ".join(filter(None, about)), 200),
-        n_flights=len(life.flights),
-        dates=_dates(life.flights),
+        n_flights=len(history.flights),
+        dates=_dates(history.flights),
         verdicts=tuple((verdict, counts[verdict]) for verdict in _VERDICTS if counts[verdict]),
-        gains=_lines(life, "gain", changes),
-        dampings=_lines(life, "damping", changes),
-        changes=tuple(_change_story(change, life) for change in life.changes),
-        outlier=_outlier_story(life) if life.outliers else None,
+        gains=_lines(history, "gain", changes),
+        dampings=_lines(history, "damping", changes),
+        changes=tuple(_change_story(change, history) for change in history.changes),
+        outlier=_outlier_story(history) if history.outliers else None,
         flights=tuple(_flight_row(k, flight, links, k in changes) for k, flight in reversed(shown)),
-        n_hidden=len(life.flights) - len(shown),
+        n_hidden=len(history.flights) - len(shown),
     )
 
 
-def _lines(life: Life, name: str, changes: Sequence[int]) -> tuple[tuple[str, Sparkline | None], ...]:
+def _lines(
+    history: VehicleHistory, name: str, changes: Sequence[int]
+) -> tuple[tuple[str, Sparkline | None], ...]:
     """Draw one quantity of the three axes."""
-    series = [(axis, life.of(name, axis)) for axis in AXES]
+    series = [(axis, history.of(name, axis)) for axis in AXES]
     return tuple(
-        (axis, None if one is None else sparkline(one, f"{axis} {name}", changes)) for axis, one in series
+        (axis, None if one is None else sparkline(one, f"{axis} {_DRAWN[name]}", changes))
+        for axis, one in series
     )
 
 
@@ -182,16 +191,16 @@ def _flight_row(index: int, flight: Flight, links: Mapping[str, str], begins_cha
     )
 
 
-def _change_story(change: Change, life: Life) -> _Story:
+def _change_story(change: ChangePoint, history: VehicleHistory) -> _Story:
     """Say when the vehicle changed, in what, and what that is a sign of."""
-    flight = life.flights[change.flight]
+    flight = history.flights[change.flight]
     when = f", {flight.started:%Y-%m-%d %H:%M}" if flight.started is not None else ""
     shifts = _largest_first(change.shifts)
     return _Story(
-        head=f"changed with flight {change.flight + 1} of {len(life.flights)}{when}",
-        items=tuple(_shift_words(shift, life.input_unit) for shift in shifts),
+        head=f"changed with flight {change.flight + 1} of {len(history.flights)}{when}",
+        items=tuple(_shift_words(shift, history.input_unit) for shift in shifts),
         cause=_cause(shift.name for shift in shifts),
-        drawing=_drawing(life, shifts[0].name, shifts[0].axis),
+        drawing=_drawing(history, shifts[0].name, shifts[0].axis),
     )
 
 
@@ -208,24 +217,24 @@ def _shift_words(shift: Shift, unit: str) -> str:
     return f"{name}: {before} to {after} {unit} (up to {margin} is no change)"
 
 
-def _outlier_story(life: Life) -> _Story:
-    """Say in what the vehicle stands out among those of its model."""
-    found = sorted(life.outliers, key=lambda one: -abs(one.value - one.usual) / one.margin)
+def _outlier_story(history: VehicleHistory) -> _Story:
+    """Say in what the vehicle differs from those of its model."""
+    found = sorted(history.outliers, key=lambda one: -abs(one.value - one.typical) / one.margin)
     return _Story(
-        head=f"stands out among {printable(life.model, 80)}",
-        items=tuple(_standing_words(one, life.input_unit) for one in found),
+        head=f"is an outlier among {printable(history.model, 80)}",
+        items=tuple(_outlier_words(one, history.input_unit) for one in found),
         cause=_cause(one.name for one in found),
-        drawing=_drawing(life, found[0].name, found[0].axis),
+        drawing=_drawing(history, found[0].name, found[0].axis),
     )
 
 
-def _standing_words(one: Standing, unit: str) -> str:
-    """Say what it is and what is usual."""
+def _outlier_words(one: OutlierTest, unit: str) -> str:
+    """Say what it is and what is typical of the others."""
     name, unit, factor = _spoken(one.name, one.axis, unit)
-    value, usual, margin = (
-        _rounded(factor * v, one.margin * factor) for v in (one.value, one.usual, one.margin)
+    value, typical, margin = (
+        _rounded(factor * v, one.margin * factor) for v in (one.value, one.typical, one.margin)
     )
-    return f"{name}: {value} {unit}, usual are {usual} ± {margin}"
+    return f"{name}: {value} {unit}, the others have {typical} ± {margin}"
 
 
 def _rounded(value: float, margin: float) -> str:
@@ -238,11 +247,11 @@ def _rounded(value: float, margin: float) -> str:
     return f"{round(value, decimals) + 0.0:.{decimals}f}"
 
 
-def _drawing(life: Life, name: str, axis: str) -> Sparkline | None:
-    """Draw one quantity over the vehicle's life."""
-    one = life.of(name, axis)
-    label, _, _ = _spoken(name, axis, life.input_unit)
-    return None if one is None else sparkline(one, label, [change.flight for change in life.changes])
+def _drawing(history: VehicleHistory, name: str, axis: str) -> Sparkline | None:
+    """Draw one quantity over the vehicle's history."""
+    one = history.of(name, axis)
+    label, _, _ = _spoken(name, axis, history.input_unit)
+    return None if one is None else sparkline(one, label, [change.flight for change in history.changes])
 
 
 def _spoken(name: str, axis: str, input_unit: str) -> tuple[str, str, float]:
@@ -253,12 +262,12 @@ def _spoken(name: str, axis: str, input_unit: str) -> tuple[str, str, float]:
     if name == "damping":
         return f"{axis} damping", "1/s", 1.0
     if name == "gain":
-        return f"{axis} gain", f"rad/s² {per}", 1.0
-    return f"{axis} moved by {name.removeprefix('from ')} torque", f"rad/s² {per}", 1.0
+        return f"{axis} effectiveness", f"rad/s² {per}", 1.0
+    return f"{axis} acceleration by {name.removeprefix('from ')} torque", f"rad/s² {per}", 1.0
 
 
 def _cause(names: Iterator[str] | Sequence[str]) -> str:
-    """Return what the most telling of the quantities is usually a sign of."""
+    """Return what the most specific of the quantities is typically a sign of."""
     heads = {name.split(" ")[0] for name in names}
     return next((cause for head, cause in _CAUSES if head in heads), "")
 
@@ -270,13 +279,14 @@ def _failure_row(failure: Failure) -> _FailureRow:
 
 
 def headlines(fleet: Fleet) -> list[str]:
-    """Return one line per change and per vehicle that stands out."""
+    """Return one line per change and per outlier."""
     lines = []
-    for life in fleet.lives:
-        stories = [_change_story(change, life) for change in life.changes]
-        if life.outliers:
-            stories.append(_outlier_story(life))
+    for history in fleet.histories:
+        stories = [_change_story(change, history) for change in history.changes]
+        if history.outliers:
+            stories.append(_outlier_story(history))
         lines += [
-            f"{printable(life.vehicle, 80)} {story.head}: {'; '.join(story.items[:2])}" for story in stories
+            f"{printable(history.vehicle, 80)} {story.head}: {'; '.join(story.items[:2])}"
+            for story in stories
         ]
     return lines

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Any, Final
 
 from quadid_logs.data.model import Model
 from quadid_logs.data.result import Result
-from quadid_logs.fleet.identity import Identity, NamingRules, clock_zero, identify_unread, identify_vehicle
-from quadid_logs.fleet.sources import Source
+from quadid_logs.fleet.log_files import LogFile
+from quadid_logs.fleet.naming import Identity, NamingRules, clock_zero, identify_unread, identify_vehicle
 from quadid_logs.untrusted import printable
 from quadid_logs.version import __version__
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS, TORQUE_SYMBOLS
@@ -33,46 +34,37 @@ _NUMBERS: Final = (
     "start_s", "duration_s", "analyzed_s", "condition_number", "r2", "run_s",
     *(f"{name}{end}" for name in QUANTITIES for end in ("", "_low", "_high")),
 )  # fmt: skip
+_EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 #: Columns that differ between two runs over the same files.
 RUN_COLUMNS: Final = ("run_s",)
+#: The columns of the store in order, with SQLite's types: ``started`` is UTC in ISO 8601, ``reasons`` a
+#: JSON list, everything else SI.
+COLUMNS: Final[Mapping[str, str]] = {
+    **dict.fromkeys(_TEXTS, "TEXT"),
+    **dict.fromkeys(("n_bytes", "flight", "n_flights"), "INTEGER"),
+    **dict.fromkeys(("started", "reasons"), "TEXT"),
+    **dict.fromkeys(_NUMBERS, "REAL"),
+}
 
 
 def schema() -> pa.Schema:
-    """Return the columns of the store; ``started`` is UTC, text is UTF-8, everything else SI."""
+    """Return the columns as Arrow's types."""
     import pyarrow as pa
 
-    return pa.schema(
-        [
-            *(pa.field(name, pa.string()) for name in _TEXTS),
-            pa.field("n_bytes", pa.int64()),
-            pa.field("flight", pa.int32()),
-            pa.field("n_flights", pa.int32()),
-            pa.field("started", pa.timestamp("us", tz="UTC")),
-            pa.field("reasons", pa.list_(pa.string())),
-            *(pa.field(name, pa.float64()) for name in _NUMBERS),
-        ]
-    )
+    types = {"TEXT": pa.string(), "INTEGER": pa.int64(), "REAL": pa.float64()}
+    special = {
+        "flight": pa.int32(),
+        "n_flights": pa.int32(),
+        "started": pa.timestamp("us", tz="UTC"),
+        "reasons": pa.list_(pa.string()),
+    }
+    return pa.schema([(name, special.get(name, types[kind])) for name, kind in COLUMNS.items()])
 
 
-def parquet_bytes(rows: Sequence[Mapping[str, Any]]) -> bytes:
-    """Return the rows as one Parquet file."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    buffer = pa.BufferOutputStream()
-    # No dictionaries and no statistics: of three rows they are most of the bytes.
-    table = pa.Table.from_pylist(list(rows), schema=schema())
-    pq.write_table(table, buffer, compression="zstd", use_dictionary=False, write_statistics=False)
-    content: bytes = buffer.getvalue().to_pybytes()
-    return content
-
-
-def failure_row(
-    source: Source, sha256: str, rules: NamingRules, *, status: str, error: str
-) -> dict[str, Any]:
+def failure_row(file: LogFile, sha256: str, rules: NamingRules, *, status: str, error: str) -> dict[str, Any]:
     """Return the row of a log that gave nothing, with the reason."""
     return {
-        **_file_part(source, sha256, identify_unread(source, rules)),
+        **_file_part(file, sha256, identify_unread(file, rules)),
         "status": status,
         "error": printable(error, 600),
         "reasons": [],
@@ -80,13 +72,13 @@ def failure_row(
 
 
 def result_rows(
-    results: Sequence[Result], source: Source, sha256: str, rules: NamingRules
+    results: Sequence[Result], file: LogFile, sha256: str, rules: NamingRules
 ) -> list[dict[str, Any]]:
     """Return the rows of an analyzed log, by flight and axis."""
     log = results[0].log
-    zero_s, started_from = clock_zero(log, results[0].data.start_s, source)
+    zero_s, started_from = clock_zero(log, results[0].data.start_s, file)
     shared = {
-        **_file_part(source, sha256, identify_vehicle(log, source, rules)),
+        **_file_part(file, sha256, identify_vehicle(log, file, rules)),
         "status": ANALYZED,
         "format": log.format,
         "autopilot": log.autopilot,
@@ -105,22 +97,22 @@ def result_rows(
             "flight": flight,
             "start_s": start_s,
             "duration_s": duration_s,
-            "started": round(when * 1e6) if 0.0 < when < 4e9 else None,
+            "started": _EPOCH + timedelta(microseconds=round(when * 1e6)) if 0.0 < when < 4e9 else None,
             "run_s": result.timings_s["total"],
         }
         rows += [{**shared, **part, **_axis_part(result, number)} for number in range(len(AXES))]
     return rows
 
 
-def _file_part(source: Source, sha256: str, identity: Identity) -> dict[str, Any]:
+def _file_part(file: LogFile, sha256: str, identity: Identity) -> dict[str, Any]:
     """Return what is known of every file."""
     return {
         "vehicle": printable(identity.vehicle, 200),
         "vehicle_from": identity.vehicle_from,
         "model": printable(identity.model, 200),
-        "url": source.url.encode("utf-8", "replace").decode(),
+        "url": file.name,
         "sha256": sha256,
-        "n_bytes": source.n_bytes,
+        "n_bytes": file.n_bytes,
         "version": __version__,
     }
 

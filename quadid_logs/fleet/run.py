@@ -8,12 +8,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from quadid_logs.fleet.compaction import compact
 from quadid_logs.fleet.engine import Cluster, Events, run
 from quadid_logs.fleet.extra import load
+from quadid_logs.fleet.log_files import LogFile
 from quadid_logs.fleet.options import Options
 from quadid_logs.fleet.rows import ANALYZED, LOST, UNREADABLE
-from quadid_logs.fleet.sources import Source
 from quadid_logs.fleet.store import Store
 from quadid_logs.fleet.tasks import Outcome, Task
 
@@ -52,7 +51,7 @@ class Tally:
 
 
 def run_fleet(
-    sources: Sequence[Source],
+    files: Sequence[LogFile],
     folder: Path,
     options: Options,
     cluster: Cluster,
@@ -65,7 +64,7 @@ def run_fleet(
 
     Parameters
     ----------
-    sources : sequence of Source
+    files : sequence of LogFile
     folder : Path
         The store.
     options : Options
@@ -89,7 +88,7 @@ def run_fleet(
     for library in ("distributed", "fsspec"):
         load(library)
     store = Store(folder, options, resume=resume)
-    tally = Tally(n_logs=len(sources))
+    tally = Tally(n_logs=len(files))
 
     def began(dashboard: str) -> None:
         tally.dashboard, tally.began_s = dashboard, time.monotonic()
@@ -102,11 +101,10 @@ def run_fleet(
         progress(tally)
         return True
 
-    tasks = [Task(source=source, options=options, known=store.known(source)) for source in sources]
-    if tasks:
-        run(tasks, cluster, Events(take=take, began=began, remark=remark))
-    if tally.n_done > tally.counts[KNOWN]:
-        compact(folder)
+    with store:
+        tasks = [Task(file=file, options=options, known=store.known(file)) for file in files]
+        if tasks:
+            run(tasks, cluster, Events(take=take, began=began, remark=remark))
     return tally
 
 

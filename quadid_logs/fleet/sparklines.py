@@ -1,4 +1,4 @@
-"""A series over a vehicle's life as a drawing the height of a line of text."""
+"""A series over a vehicle's history as a drawing the height of a line of text."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from quadid_logs.fleet.changes import Series
 WIDTH: Final = 132.0
 HEIGHT: Final = 34.0
 _EDGE: Final = 3.0
-#: More points than pixels show nothing; a long life is thinned evenly.
+#: More points than pixels show nothing; a long history is thinned evenly.
 _MOST_POINTS: Final = 100
 #: An interval may reach this many times the spread of the values outside the drawing.
 _REACH: Final = 0.5
@@ -36,7 +36,7 @@ class Sparkline:
 
 
 def sparkline(one: Series, label: str, changes: Sequence[int]) -> Sparkline | None:
-    """Return the drawing of a series; None where no flight tells it.
+    """Return the drawing of a series; None if it is nowhere identifiable.
 
     Parameters
     ----------
@@ -46,11 +46,11 @@ def sparkline(one: Series, label: str, changes: Sequence[int]) -> Sparkline | No
     changes : sequence of int
         Flights from which on the vehicle is another one.
     """
-    told = one.told
-    if not len(told):
+    known = one.known
+    if not len(known):
         return None
-    told = told[np.unique(np.linspace(0, len(told) - 1, min(len(told), _MOST_POINTS)).astype(int))]
-    value, half = one.value[told], one.half_width[told]
+    known = known[np.unique(np.linspace(0, len(known) - 1, min(len(known), _MOST_POINTS)).astype(int))]
+    value, half = one.value[known], one.half_width[known]
     low, high = float(value.min()), float(value.max())
     room = max(high - low, 2.0 * float(np.median(half)), 1e-3 * abs(high)) * _REACH
     bottom, top = low - room, high + room
@@ -60,15 +60,15 @@ def sparkline(one: Series, label: str, changes: Sequence[int]) -> Sparkline | No
         return round(_EDGE + (WIDTH - 2.0 * _EDGE) * index / last, 1)
 
     def up(level: float) -> float:
-        share = float(np.clip((level - bottom) / (top - bottom), 0.0, 1.0)) if top > bottom else 0.5
-        return round(HEIGHT - _EDGE - (HEIGHT - 2.0 * _EDGE) * share, 1)
+        height = float(np.clip((level - bottom) / (top - bottom), 0.0, 1.0)) if top > bottom else 0.5
+        return round(HEIGHT - _EDGE - (HEIGHT - 2.0 * _EDGE) * height, 1)
 
-    points = [(across(float(k)), up(float(v))) for k, v in zip(told, value, strict=True)]
+    points = [(across(float(k)), up(float(v))) for k, v in zip(known, value, strict=True)]
     bars = [
         f"M{across(float(k)):g} {up(float(v - h)):g}V{up(float(v + h)):g}"
-        for k, v, h in zip(told, value, half, strict=True)
+        for k, v, h in zip(known, value, half, strict=True)
     ]
-    words = f"{label} over {len(one.told)} flights: {low:.4g} to {high:.4g}, now {value[-1]:.4g}"
+    words = f"{label} over {len(one.known)} flights: {low:.4g} to {high:.4g}, now {value[-1]:.4g}"
     if changes:
         words += f"; changed at flight {', '.join(str(flight + 1) for flight in changes)}"
     return Sparkline(

@@ -1,4 +1,4 @@
-"""SQL over a store: DuckDB in memory, with the store as its only, read-only table."""
+"""SQL over a store: DuckDB in memory, with a copy of the store as its only table."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 from quadid_logs.errors import SettingsError
 from quadid_logs.fleet.extra import load
-from quadid_logs.fleet.files import dataset
+from quadid_logs.fleet.store import read_table
 
 #: No file, no network, no extension, no spilling to disk, and no way to change that.
 _LOCKS = (
@@ -33,8 +33,8 @@ class Answer:
 def ask(folder: Path, sql: str) -> Answer:
     """Run one SQL statement over a store; its table is called ``fleet``.
 
-    The rows come through Arrow, not through DuckDB's own file system, which is
-    closed: a statement can read nothing else and write nothing.
+    The rows are copied to it first, and its own file system is closed: a
+    statement can read nothing else and write nothing.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def ask(folder: Path, sql: str) -> Answer:
     duckdb = load("duckdb")
     load("pytz")  # DuckDB makes times with a zone by it
     connection = duckdb.connect(":memory:")
-    connection.register("fleet", dataset(folder))
+    connection.register("fleet", read_table(folder))
     for lock in _LOCKS:
         connection.execute(lock)
     try:

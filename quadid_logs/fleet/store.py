@@ -1,96 +1,133 @@
-"""The store that a run writes into; `files` says what lies where."""
+"""The store: one SQLite file with the table ``fleet``, and the reports beside it.
+
+::
+
+    STORE/fleet.sqlite                 tables fleet (one row per log, flight and axis) and made_with
+    STORE/reports/<sha256>-<flight>.html
+
+What a log gives is one transaction, so that a run can be killed at any moment;
+in SQLite's write-ahead mode [1]_ whoever reads meanwhile sees the last of them
+and neither waits nor lets the run wait.
+
+References
+----------
+.. [1] https://www.sqlite.org/wal.html
+"""
 
 from __future__ import annotations
 
+import contextlib
 import gzip
-import hashlib
 import json
-from collections.abc import Iterator
-from dataclasses import dataclass
+import sqlite3
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from datetime import datetime
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Final
 
 from quadid_logs.errors import OutputError, SettingsError
-from quadid_logs.fleet.files import (
-    DESCRIPTION,
-    LOST_PREFIX,
-    PART,
-    REPORTS,
-    key_of,
-    own_files,
-    partition,
-    partition_safe,
-    rows_by_vehicle,
-    write_whole,
-)
+from quadid_logs.fleet.log_files import LogFile
 from quadid_logs.fleet.options import Options
-from quadid_logs.fleet.rows import LOST
-from quadid_logs.fleet.sources import Source
+from quadid_logs.fleet.rows import COLUMNS, LOST, schema
 from quadid_logs.fleet.tasks import Outcome
+from quadid_logs.output import make_folder, write_together
 from quadid_logs.untrusted import printable
 from quadid_logs.version import __version__
 
-_FORMAT = 1
+if TYPE_CHECKING:
+    import pyarrow as pa
 
-
-@dataclass(frozen=True, slots=True)
-class _Entry:
-    """What the store holds about one log; `path` is its own file, if it has one."""
-
-    path: Path | None
-    url: str
-    n_bytes: int
-    done: bool
+DATABASE: Final = "fleet.sqlite"
+REPORTS: Final = "reports"
+_FORMAT: Final = "2"
+_TABLES: Final = (
+    "CREATE TABLE made_with (name TEXT PRIMARY KEY, value TEXT)",
+    f"CREATE TABLE fleet ({', '.join(f'{name} {kind}' for name, kind in COLUMNS.items())})",
+    *(f"CREATE INDEX fleet_{name} ON fleet ({name})" for name in ("sha256", "url", "n_bytes")),
+)
+_INSERT: Final = f"INSERT INTO fleet VALUES ({', '.join('?' * len(COLUMNS))})"  # noqa: S608 - no values in it
+#: A log is known by its content, or by its place where the content was never seen.
+_REMOVE: Final = "DELETE FROM fleet WHERE (sha256 = ? AND sha256 <> '') OR (sha256 = '' AND url = ?)"
+#: How long another run's transaction is waited for [s]; it takes milliseconds.
+_PATIENCE_S: Final = 60.0
+#: Rows that become Arrow's at once: Python's own numbers take ten times the memory.
+_BATCH: Final = 10_000
 
 
 class Store:
-    """A store that one run writes into."""
+    """A store that a run writes into; a context manager."""
 
     def __init__(self, folder: Path, options: Options, *, resume: bool) -> None:
         """Open a store, or make it.
+
+        Parameters
+        ----------
+        folder : Path
+        options : Options
+            What the store is made with; must be the same for all runs into it.
+        resume : bool
+            Add to a store that exists.
 
         Raises
         ------
         OutputError
             If the folder holds something and `resume` is not set, or cannot be written.
         SettingsError
-            If it was made with other options.
+            If it was made with other options, or is damaged.
         """
         self.folder = folder
-        self._entries: dict[str, _Entry] = {}
-        self._by_size: dict[int, list[str]] = {}
-        try:
-            self._open(options, resume=resume)
-        except OSError as error:
-            raise OutputError(f"{printable(folder)} cannot be written: {error.strerror or error}.") from error
+        exists = folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
+        if exists:
+            _check_resumable(folder, resume=resume)
+        make_folder(folder)
+        with self._writing():
+            self._database = sqlite3.connect(folder / DATABASE, timeout=_PATIENCE_S, isolation_level=None)
+            try:
+                self._open(options)
+            except BaseException:
+                self._database.close()
+                raise
 
-    def _open(self, options: Options, *, resume: bool) -> None:
-        """Check or write the description, remove what a killed run left, take stock."""
-        if self.folder.exists() and (not self.folder.is_dir() or any(self.folder.iterdir())):
-            if not (self.folder / DESCRIPTION).is_file():
-                raise OutputError(
-                    f"{printable(self.folder)} exists and is no store.", hint="Choose another -o."
+    def _open(self, options: Options) -> None:
+        """Make the tables, or check what they were made with."""
+        self._database.execute("PRAGMA journal_mode = WAL")
+        wanted = {"format": _FORMAT, **options.fingerprint()}
+        with self._transaction():
+            if not self._database.execute("SELECT name FROM sqlite_master").fetchall():
+                for table in _TABLES:
+                    self._database.execute(table)
+                self._database.executemany("INSERT INTO made_with VALUES (?, ?)", wanted.items())
+            made = dict(self._database.execute("SELECT name, value FROM made_with"))
+        for name, value in wanted.items():
+            if made.get(name) != value:
+                raise SettingsError(
+                    f"The store was made with another {name}: {printable(made.get(name))!r}, not {value!r}.",
+                    hint="Give the same options, or choose another -o.",
                 )
-            if not resume:
-                raise OutputError(
-                    f"{printable(self.folder)} exists already.", hint="Add --resume to add what is missing."
-                )
-            check_options(self.folder, options)
-            for part in self.folder.rglob(f".*{PART}"):
-                part.unlink(missing_ok=True)
-        self.folder.mkdir(parents=True, exist_ok=True)
-        text = json.dumps({"format": _FORMAT, **options.fingerprint()}, indent=1) + "\n"
-        write_whole(self.folder / DESCRIPTION, text.encode())
-        own = {key_of(path): path for path in own_files(self.folder)}
-        for key, row in _stock(self.folder):
-            entry = _Entry(own.get(key), row["url"], row["n_bytes"], _is_done(row))
-            self._entries[key] = entry
-            if entry.done:
-                self._by_size.setdefault(entry.n_bytes, []).append(key)
 
-    def known(self, source: Source) -> tuple[str, ...]:
+    def __enter__(self) -> Store:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave one plain file, which can be read where nothing can be written."""
+        with contextlib.suppress(sqlite3.Error):  # somebody reads: the next run will do it
+            self._database.execute("PRAGMA journal_mode = DELETE")
+        self._database.close()
+
+    def known(self, file: LogFile) -> tuple[str, ...]:
         """Return the hashes that a file of this size may have so that nothing is left to do."""
-        return tuple(self._by_size.get(source.n_bytes, ()))
+        found = self._database.execute(
+            "SELECT DISTINCT sha256 FROM fleet WHERE n_bytes = ? AND status <> ? AND version = ?",
+            (file.n_bytes, LOST, __version__),
+        )
+        return tuple(sha256 for (sha256,) in found)
 
     def take(self, outcome: Outcome) -> bool:
         """Write the rows of a log, in the place of whatever the store held about it.
@@ -98,67 +135,176 @@ class Store:
         Of two files with the same content the first by name stays, in whatever
         order they come, so that every run ends with the same store.
 
+        Parameters
+        ----------
+        outcome : Outcome
+
         Returns
         -------
         bool
             False if the content is known under a later name: analyze it again, for the first.
+
+        Raises
+        ------
+        OutputError
+            If the store cannot be written.
         """
-        key = _key(outcome.sha256, outcome.source.url)
-        old = self._entries.get(key)
-        if outcome.is_known:
-            return old is None or old.url <= outcome.source.url
-        if old is not None and old.done and old.url < outcome.source.url:
-            return True
-        path = self.folder / partition(outcome.vehicle) / f"{key}-{partition_safe(__version__)}.parquet"
-        try:
-            for flight, page in outcome.reports.items():
-                write_whole(self.folder / REPORTS / f"{key}-{flight}.html", gzip.decompress(page))
-            write_whole(path, outcome.table)
-            self._forget(old, path)
-            self._forget(self._entries.pop(_key("", outcome.source.url), None), path)
-        except OSError as error:
-            raise OutputError(f"{printable(path)} cannot be written: {error.strerror or error}.") from error
-        done = outcome.status != LOST
-        self._entries[key] = _Entry(path, outcome.source.url, outcome.source.n_bytes, done)
+        url = outcome.file.name
+        with self._writing(), self._transaction():
+            held, is_done = self._held(outcome.sha256)
+            if outcome.is_known:
+                return not held or held <= url
+            if not is_done or held >= url:
+                self._write_reports(outcome)
+                self._database.execute(_REMOVE, (outcome.sha256, url))
+                self._database.executemany(_INSERT, map(_stored, outcome.rows))
         return True
 
-    def _forget(self, old: _Entry | None, path: Path) -> None:
-        """Remove an older file about the same log; elsewhere its rows do not count any more."""
-        if old is not None and old.path is not None and old.path != path:
-            old.path.unlink(missing_ok=True)
+    def _write_reports(self, outcome: Outcome) -> None:
+        """Write the pages beside the table, before the rows that point to them."""
+        pages = {
+            f"{outcome.sha256}-{flight}.html": gzip.decompress(page)
+            for flight, page in outcome.reports.items()
+        }
+        if pages:
+            make_folder(self.folder / REPORTS)
+            write_together(self.folder / REPORTS, pages)
+
+    def _held(self, sha256: str) -> tuple[str, bool]:
+        """Return the name under which the store has a content, "" if none, and whether that may stay."""
+        found = self._database.execute(
+            "SELECT url, version FROM fleet WHERE sha256 = ? AND sha256 <> ''", (sha256,)
+        ).fetchone()
+        return (found[0], found[1] == __version__) if found else ("", False)
+
+    @contextmanager
+    def _transaction(self) -> Iterator[None]:
+        """Do all of it or nothing."""
+        self._database.execute("BEGIN IMMEDIATE")
+        try:
+            yield
+        except BaseException:
+            if self._database.in_transaction:  # a full disk has ended it already
+                self._database.execute("ROLLBACK")
+            raise
+        self._database.execute("COMMIT")
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Turn what the database says into one clear line."""
+        path = printable(self.folder / DATABASE)
+        try:
+            yield
+        except sqlite3.OperationalError as error:
+            raise OutputError(f"{path} cannot be written: {error}.") from error
+        except sqlite3.DatabaseError as error:
+            raise SettingsError(f"{path} is damaged: {error}.", hint="Choose another -o.") from error
 
 
-def _key(sha256: str, url: str) -> str:
-    """Name a log by its content, or by its place where that was never seen."""
-    return sha256 or f"{LOST_PREFIX}{hashlib.sha256(url.encode('utf-8', 'replace')).hexdigest()[:32]}"
+def _check_resumable(folder: Path, *, resume: bool) -> None:
+    """Refuse a folder of something else, and a store that nobody wants to go on with."""
+    if not (folder / DATABASE).is_file():
+        raise OutputError(f"{printable(folder)} exists and is no store.", hint="Choose another -o.")
+    if not resume:
+        raise OutputError(f"{printable(folder)} exists already.", hint="Add --resume to add what is missing.")
 
 
-def _is_done(row: dict[str, Any]) -> bool:
-    return bool(row["status"] != LOST and row["version"] == __version__)
+def _stored(row: Mapping[str, Any]) -> list[Any]:
+    """Return a row as SQLite keeps it: times as ISO 8601, lists as JSON."""
+    values = [row.get(name) for name in COLUMNS]
+    return [
+        value.isoformat()
+        if isinstance(value, datetime)
+        else json.dumps(value)
+        if isinstance(value, list)
+        else value
+        for value in values
+    ]
 
 
-def check_options(folder: Path, options: Options) -> None:
-    """Refuse to mix numbers that were made differently.
+def read_rows(folder: Path, columns: Sequence[str]) -> Iterator[dict[str, Any]]:
+    """Yield some columns of all rows, vehicle by vehicle, each row as the worker made it.
+
+    Parameters
+    ----------
+    folder : Path
+        The store; a run may write into it meanwhile.
+    columns : sequence of str
+        Of `COLUMNS`.
 
     Raises
     ------
     SettingsError
+        If the folder is no store, or is damaged.
     """
-    try:
-        made = json.loads((folder / DESCRIPTION).read_text(encoding="utf-8"))
-    except ValueError as error:
+    decoders = {"started": datetime.fromisoformat, "reasons": json.loads}
+    decoded = [(name, decoders[name]) for name in columns if name in decoders]
+    with _reading(folder) as database:
+        for values in database.execute(
+            f"SELECT {', '.join(columns)} FROM fleet ORDER BY vehicle, sha256, rowid"  # noqa: S608 - our own names
+        ):
+            row = dict(zip(columns, values, strict=True))
+            for name, decode in decoded:
+                row[name] = None if row[name] is None else decode(row[name])
+            yield row
+
+
+def read_table(folder: Path) -> pa.Table:
+    """Return all rows as Arrow's table.
+
+    Parameters
+    ----------
+    folder : Path
+        The store; a run may write into it meanwhile.
+
+    Raises
+    ------
+    SettingsError
+        If the folder is no store, or is damaged.
+    """
+    import pyarrow as pa
+
+    batches = []
+    with _reading(folder) as database:
+        rows = database.execute(f"SELECT {', '.join(COLUMNS)} FROM fleet")  # noqa: S608 - our own names
+        while part := rows.fetchmany(_BATCH):
+            batches.append(_batch(part))
+    return pa.Table.from_batches(batches, schema())
+
+
+def _batch(rows: list[tuple[Any, ...]]) -> pa.RecordBatch:
+    """Turn rows of SQLite into columns."""
+    import pyarrow as pa
+
+    columns = dict(zip(COLUMNS, zip(*rows, strict=True), strict=True))
+    columns["reasons"] = tuple(None if text is None else json.loads(text) for text in columns["reasons"])
+    fields = schema()
+    return pa.record_batch(
+        [
+            pa.array(values, pa.string()).cast(fields.field(name).type)
+            if name == "started"
+            else pa.array(values, fields.field(name).type)
+            for name, values in columns.items()
+        ],
+        schema=fields,
+    )
+
+
+@contextmanager
+def _reading(folder: Path) -> Iterator[sqlite3.Connection]:
+    """Open a store that is not to be changed."""
+    path = folder / DATABASE
+    if not path.is_file():
         raise SettingsError(
-            f"{printable(folder / DESCRIPTION)} is damaged.", hint="Choose another -o."
+            f"{printable(folder)} is no store of a fleet.",
+            hint="Make one with: quadid-log fleet LOGS -o STORE",
+        )
+    try:
+        with closing(
+            sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True, timeout=_PATIENCE_S)
+        ) as database:
+            yield database
+    except sqlite3.DatabaseError as error:
+        raise SettingsError(
+            f"{printable(path)} cannot be read: {error}.", hint="Resume the run, or copy the whole folder."
         ) from error
-    for name, value in options.fingerprint().items():
-        if made.get(name) != value:
-            raise SettingsError(
-                f"The store was made with another {name}: {printable(made.get(name))!r}, not {value!r}.",
-                hint="Give the same options, or choose another -o.",
-            )
-
-
-def _stock(folder: Path) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield one row per log of the store, and the log's name."""
-    for rows in rows_by_vehicle(folder, ["sha256", "url", "n_bytes", "status", "version"]):
-        yield from {_key(row["sha256"], row["url"]): row for row in rows}.items()

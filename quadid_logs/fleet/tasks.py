@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
+from quadid_logs.fleet.log_files import LogFile
 from quadid_logs.fleet.options import Options
-from quadid_logs.fleet.rows import failure_row, parquet_bytes
-from quadid_logs.fleet.sources import Source
+from quadid_logs.fleet.rows import failure_row
 from quadid_logs.version import __version__
 
 
@@ -15,7 +16,7 @@ from quadid_logs.version import __version__
 class Task:
     """One log to analyze, unless its content is one of `known` (SHA-256)."""
 
-    source: Source
+    file: LogFile
     options: Options
     known: tuple[str, ...] = ()
     version: str = __version__
@@ -25,26 +26,27 @@ class Task:
 class Outcome:
     """What became of a log.
 
-    ``table`` is a Parquet file of its rows, empty where the content was known;
+    ``rows`` are by flight and axis, none where the content was known;
     ``reports`` are pages by number of the flight, compressed with gzip.
     """
 
-    source: Source
+    file: LogFile
     sha256: str
-    status: str = ""
-    vehicle: str = ""
-    table: bytes = b""
+    rows: Sequence[Mapping[str, Any]] = ()
     reports: Mapping[int, bytes] = field(default_factory=dict)
+
+    @property
+    def status(self) -> str:
+        """What became of it, "" where nothing was done."""
+        return str(self.rows[0]["status"]) if self.rows else ""
 
     @property
     def is_known(self) -> bool:
         """Whether nothing was done, because the store has this content."""
-        return not self.table
+        return not self.rows
 
 
 def failure(task: Task, sha256: str, status: str, error: str) -> Outcome:
     """Return the outcome of a log that gave nothing."""
-    row = failure_row(task.source, sha256, task.options.rules, status=status, error=error)
-    return Outcome(
-        source=task.source, sha256=sha256, status=status, vehicle=row["vehicle"], table=parquet_bytes([row])
-    )
+    row = failure_row(task.file, sha256, task.options.rules, status=status, error=error)
+    return Outcome(file=task.file, sha256=sha256, rows=(row,))

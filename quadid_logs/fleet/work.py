@@ -8,9 +8,9 @@ from pathlib import Path
 
 from quadid_logs.data.result import Result
 from quadid_logs.errors import QuadidError, SettingsError
-from quadid_logs.fleet.flights import analyze_flights
-from quadid_logs.fleet.rows import LOST, UNREADABLE, parquet_bytes, result_rows
-from quadid_logs.fleet.sources import FetchError, Source, fetched
+from quadid_logs.fleet.log_files import FetchError, LogFile, fetched
+from quadid_logs.fleet.per_flight import analyze_flights
+from quadid_logs.fleet.rows import LOST, UNREADABLE, result_rows
 from quadid_logs.fleet.tasks import Outcome, Task, failure
 from quadid_logs.untrusted import printable
 from quadid_logs.version import __version__
@@ -30,9 +30,9 @@ def work(task: Task) -> Outcome:
             hint="Install the same version everywhere.",
         )
     try:
-        with fetched(task.source, task.options.max_bytes) as (path, sha256):
+        with fetched(task.file, task.options.max_bytes) as (path, sha256):
             if sha256 in task.known:
-                return Outcome(source=task.source, sha256=sha256)
+                return Outcome(file=task.file, sha256=sha256)
             return _analyze(task, path, sha256)
     except FetchError as error:
         return failure(task, "", LOST, str(error))
@@ -56,27 +56,25 @@ def _analyze(task: Task, path: Path, sha256: str) -> Outcome:
 
 def _success(task: Task, sha256: str, results: tuple[Result, ...]) -> Outcome:
     """Return the outcome of an analyzed log."""
-    rows = result_rows(results, task.source, sha256, task.options.rules)
+    rows = result_rows(results, task.file, sha256, task.options.rules)
     return Outcome(
-        source=task.source,
+        file=task.file,
         sha256=sha256,
-        status=rows[0]["status"],
-        vehicle=rows[0]["vehicle"],
-        table=parquet_bytes(rows),
-        reports={flight: _page(result, task.source, sha256) for flight, result in enumerate(results)}
+        rows=rows,
+        reports={flight: _page(result, task.file, sha256) for flight, result in enumerate(results)}
         if task.options.reports
         else {},
     )
 
 
-def _page(result: Result, source: Source, sha256: str) -> bytes:
+def _page(result: Result, file: LogFile, sha256: str) -> bytes:
     """Return the compressed report of one flight; it names the log, not the copy that was read."""
     from quadid_logs.figures import figures_of
     from quadid_logs.report.html import render_html
     from quadid_logs.report.provenance import Provenance
     from quadid_logs.report.view import view_of
 
-    named = dataclasses.replace(result, log=dataclasses.replace(result.log, path=source.url))
+    named = dataclasses.replace(result, log=dataclasses.replace(result.log, path=file.url))
     provenance = Provenance(version=__version__, command="", log_sha256=sha256)
     page = render_html(view_of(named, provenance), figures_of(named))
     return gzip.compress(page.encode())

@@ -55,7 +55,7 @@ class Analysts(WorkerPlugin):
         return analyst
 
     def _give_back(self, analyst: Analyst) -> None:
-        """Keep the process for the next log, if it lives."""
+        """Keep the process for the next log, if it histories."""
         with self._lock:
             self._busy.remove(analyst)
             keep = analyst.is_alive and not self._ended

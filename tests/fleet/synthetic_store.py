@@ -7,9 +7,9 @@ import hashlib
 
 import numpy as np
 
+from quadid_logs.fleet.log_files import LogFile
 from quadid_logs.fleet.options import Options
-from quadid_logs.fleet.rows import ANALYZED, UNREADABLE, parquet_bytes
-from quadid_logs.fleet.sources import Source
+from quadid_logs.fleet.rows import ANALYZED, UNREADABLE
 from quadid_logs.fleet.store import Store
 from quadid_logs.fleet.tasks import Outcome, Task, failure
 from quadid_logs.vocabulary import AXES
@@ -19,15 +19,15 @@ GAIN = {"roll": 200.0, "pitch": 180.0, "yaw": 11.0}
 
 
 def make_store(folder, names, n_flights=12, *, worn=None, reports=False):
-    """Write flights of vehicles; `worn` names the one whose couplings grow from half of its life on."""
+    """Write flights of vehicles; `worn` names the one whose couplings grow from half of its history on."""
     rng = np.random.default_rng(11)
-    store = Store(folder, Options(), resume=False)
-    for name in names:
-        for flight in range(n_flights):
-            broken = name == worn and flight >= n_flights // 2
-            store.take(_outcome(name, flight, rng, broken=broken, reports=reports))
-    task = Task(source=Source(url="/logs/<script>alert(1)</script>.bin"), options=Options())
-    store.take(failure(task, "f" * 64, UNREADABLE, "no <b>log</b>"))
+    with Store(folder, Options(), resume=False) as store:
+        for name in names:
+            for flight in range(n_flights):
+                broken = name == worn and flight >= n_flights // 2
+                store.take(_outcome(name, flight, rng, broken=broken, reports=reports))
+        task = Task(file=LogFile(url="/logs/<script>alert(1)</script>.bin"), options=Options())
+        store.take(failure(task, "f" * 64, UNREADABLE, "no <b>log</b>"))
     return folder
 
 
@@ -36,11 +36,9 @@ def _outcome(name, flight, rng, *, broken, reports):
     sha256 = hashlib.sha256(url.encode()).hexdigest()
     rows = [_row(name, url, sha256, flight, axis, rng, broken) for axis in AXES]
     return Outcome(
-        source=Source(url=url, n_bytes=100),
+        file=LogFile(url=url, n_bytes=100),
         sha256=sha256,
-        status=ANALYZED,
-        vehicle=name,
-        table=parquet_bytes(rows),
+        rows=rows,
         reports={0: b"\x1f\x8b\x08\x00\x00\x00\x00\x00\x00\x03\x03\x00\x00\x00\x00\x00\x00\x00\x00\x00"}
         if reports
         else {},

@@ -7,7 +7,7 @@ import re
 import pytest
 
 from quadid_logs.cli import main
-from quadid_logs.fleet.lives import read_fleet
+from quadid_logs.fleet.history import read_fleet
 from tests import chromium
 from tests.fleet.synthetic_store import make_store
 from tests.report.test_accessibility import RUN, axe  # noqa: F401 - a fixture
@@ -31,33 +31,35 @@ def page(store):
 
 
 def test_the_worn_vehicle_is_found_and_no_other(store):
-    """From the flight on that it happened; it also stands out among the others."""
+    """From the flight on that it happened; it is also the one outlier."""
     fleet = read_fleet(store)
     changed = {
-        life.vehicle: [change.flight for change in life.changes] for life in fleet.lives if life.changes
+        history.vehicle: [change.flight for change in history.changes]
+        for history in fleet.histories
+        if history.changes
     }
     assert changed == {"quad-4": [6]}
-    assert [life.vehicle for life in fleet.lives if life.outliers] == ["quad-4"]
+    assert [history.vehicle for history in fleet.histories if history.outliers] == ["quad-4"]
 
 
-def test_a_refused_axis_tells_nothing(store):
+def test_a_refused_axis_is_left_out(store):
     """Flight 4 of every vehicle refuses yaw: its gain is a hole in the series."""
-    for life in read_fleet(store).lives:
-        assert 3 not in life.of("gain", "yaw").told
-        assert 3 in life.of("gain", "roll").told
+    for history in read_fleet(store).histories:
+        assert 3 not in history.of("gain", "yaw").known
+        assert 3 in history.of("gain", "roll").known
 
 
 def test_the_command_says_what_it_found(store, tmp_path, capsys):
-    """One line a change and a vehicle that stands out; exit code 1 for scripts."""
+    """One line a change and an outlier; exit code 1 for scripts."""
     assert main(["fleet-report", str(store), "-o", str(tmp_path / "x.html")]) == 1
     out = capsys.readouterr().out.splitlines()
     assert out[0].startswith("quad-4 changed with flight 7 of 12, 2026-03-07 12:00")
-    assert out[1].startswith("quad-4 stands out among ardupilot quad X")
+    assert out[1].startswith("quad-4 is an outlier among ardupilot quad X")
     assert len(out) == 3
 
 
 def test_a_quiet_fleet_ends_with_zero(tmp_path, capsys):
-    """Nothing changed, nobody stands out."""
+    """Nothing changed, no outlier."""
     store = make_store(tmp_path / "store", NAMES)
     assert main(["fleet-report", str(store), "-o", str(tmp_path / "x.html")]) == 0
     assert "No vehicle changed" in (tmp_path / "x.html").read_text()

@@ -10,9 +10,9 @@ import os
 import pytest
 
 from quadid_logs.cli import main
+from quadid_logs.fleet.log_files import LogFile
 from quadid_logs.fleet.options import Options
 from quadid_logs.fleet.rows import UNREADABLE
-from quadid_logs.fleet.sources import Source
 from quadid_logs.fleet.store import Store
 from quadid_logs.fleet.tasks import Task, failure
 
@@ -20,10 +20,10 @@ from quadid_logs.fleet.tasks import Task, failure
 @pytest.fixture
 def store(tmp_path):
     """Three rows, one with a hostile text."""
-    store = Store(tmp_path / "store", Options(), resume=False)
-    for number, error in enumerate(("plain", 'comma, "quote"', "\x1b[31mred")):
-        task = Task(source=Source(url=f"/{number}.bin", n_bytes=number), options=Options())
-        store.take(failure(task, str(number) * 64, UNREADABLE, error))
+    with Store(tmp_path / "store", Options(), resume=False) as store:
+        for number, error in enumerate(("plain", 'comma, "quote"', "\x1b[31mred")):
+            task = Task(file=LogFile(url=f"/{number}.bin", n_bytes=number), options=Options())
+            store.take(failure(task, str(number) * 64, UNREADABLE, error))
     return store.folder
 
 

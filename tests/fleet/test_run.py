@@ -14,13 +14,13 @@ import pytest
 from distributed import Client
 
 from benchmarks.fleet_cluster import LoopbackCluster, s3_server
-from benchmarks.fleet_rows import rows_of
+from benchmarks.fleet_rows import n_logs_of, rows_of
 from quadid_logs.cli import main
 from quadid_logs.errors import OutputError, SettingsError
 from quadid_logs.fleet.engine import Cluster
+from quadid_logs.fleet.log_files import find_logs
 from quadid_logs.fleet.options import Options
 from quadid_logs.fleet.run import KNOWN, run_fleet
-from quadid_logs.fleet.sources import find_sources
 
 pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")  # sockets of the cluster's own libraries
 
@@ -29,7 +29,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")  # sockets of
 def undisturbed(logs, tmp_path_factory):
     """The store of a run in which nothing happened."""
     store = tmp_path_factory.mktemp("run") / "store"
-    run_fleet(find_sources([str(logs)]), store, Options(), Cluster(workers=1))
+    run_fleet(find_logs([str(logs)]), store, Options(), Cluster(workers=1))
     return store
 
 
@@ -53,13 +53,10 @@ def command(*arguments, environment=None, **keywords):
     )
 
 
-def n_files(store):
-    return len(list(store.glob("vehicle=*/*.parquet")))
-
-
-def wait_for_files(store, n_wanted, process=None):
+def wait_for_logs(store, n_wanted, process=None):
+    """Wait until the store holds so many; it can be read while the run goes on."""
     until = time.monotonic() + 120.0
-    while n_files(store) < n_wanted:
+    while n_logs_of(store) < n_wanted:
         assert time.monotonic() < until, "the run got stuck"
         assert process is None or process.poll() is None, process.communicate()
         time.sleep(0.05)
@@ -82,22 +79,22 @@ def test_every_log_is_a_row_per_axis_or_a_reason(undisturbed):
 
 def test_resuming_does_nothing_twice(undisturbed, logs):
     """All contents are known, also under a new name."""
-    before = {path: path.stat().st_mtime_ns for path in undisturbed.rglob("*.parquet")}
-    tally = run_fleet(find_sources([str(logs)]), undisturbed, Options(), Cluster(workers=1), resume=True)
+    before = rows_of(undisturbed, with_times=True)
+    tally = run_fleet(find_logs([str(logs)]), undisturbed, Options(), Cluster(workers=1), resume=True)
     assert tally.counts == {KNOWN: 6}
-    assert {path: path.stat().st_mtime_ns for path in undisturbed.rglob("*.parquet")} == before
+    assert rows_of(undisturbed, with_times=True) == before
 
 
 def test_a_store_is_neither_overwritten_nor_mixed(undisturbed, logs, tmp_path):
     """Without --resume, with other options, and into a folder of something else: refused."""
-    sources = find_sources([str(logs)])
+    files = find_logs([str(logs)])
     with pytest.raises(OutputError, match="--resume"):
-        run_fleet(sources, undisturbed, Options(), Cluster(workers=1))
+        run_fleet(files, undisturbed, Options(), Cluster(workers=1))
     with pytest.raises(SettingsError, match="structure"):
-        run_fleet(sources, undisturbed, Options(structure="linear-9"), Cluster(workers=1), resume=True)
+        run_fleet(files, undisturbed, Options(structure="linear-9"), Cluster(workers=1), resume=True)
     (tmp_path / "letter.txt").write_text("mine")
     with pytest.raises(OutputError, match="no store"):
-        run_fleet(sources, tmp_path, Options(), Cluster(workers=1), resume=True)
+        run_fleet(files, tmp_path, Options(), Cluster(workers=1), resume=True)
 
 
 def test_a_killed_worker_and_a_restarted_scheduler_change_nothing(undisturbed, logs, tmp_path):
@@ -106,9 +103,9 @@ def test_a_killed_worker_and_a_restarted_scheduler_change_nothing(undisturbed, l
     with LoopbackCluster(tmp_path / "cluster", n_workers=1) as cluster:
         process = command("fleet", logs, "-o", store, "--scheduler", cluster.address)
         try:
-            wait_for_files(store, 1, process)
+            wait_for_logs(store, 1, process)
             cluster.kill_worker()
-            wait_for_files(store, 2, process)
+            wait_for_logs(store, 2, process)
             cluster.restart()
             out, err = process.communicate(timeout=180)
         finally:
@@ -123,14 +120,14 @@ def test_ctrl_c_leaves_a_good_store_that_resume_completes(undisturbed, logs, tmp
     """Interrupted like at a terminal: the whole process group gets the signal."""
     store = tmp_path / "store"
     process = command("fleet", logs, "-o", store, "--workers", "1", start_new_session=True)
-    wait_for_files(store, 1, process)
+    wait_for_logs(store, 1, process)
     os.killpg(process.pid, signal.SIGINT)
     _, err = process.communicate(timeout=180)
     assert process.returncode == 130
     assert "Traceback" not in err
     interrupted = rows_of(store)
     assert all(row in rows_of(undisturbed) for row in interrupted)
-    tally = run_fleet(find_sources([str(logs)]), store, Options(), Cluster(workers=1), resume=True)
+    tally = run_fleet(find_logs([str(logs)]), store, Options(), Cluster(workers=1), resume=True)
     assert tally.counts[KNOWN] >= 1
     assert rows_of(store) == rows_of(undisturbed)
 
@@ -141,7 +138,7 @@ def test_a_killed_run_leaves_a_good_store_and_no_process(undisturbed, logs, tmp_
     downloads.mkdir()
     environment = {"TMPDIR": str(downloads)}
     process = command("fleet", logs, "-o", store, "--workers", "1", environment=environment)
-    wait_for_files(store, 1, process)
+    wait_for_logs(store, 1, process)
     analysts = psutil.Process(process.pid).children(recursive=True)
     assert analysts
     assert list(downloads.glob("quadid-fleet-*"))
@@ -232,7 +229,7 @@ def test_a_log_that_hangs_or_kills_is_a_row_and_its_neighbours_are_not(undisturb
     assert "0.25 minutes" in lost["holder.bin"]
     assert "SIGKILL" in lost["killer.bin"]
     assert others == rows_of(undisturbed)
-    again = run_fleet(find_sources([str(tmp_path)]), store, Options(), Cluster(workers=1), resume=True)
+    again = run_fleet(find_logs([str(tmp_path)]), store, Options(), Cluster(workers=1), resume=True)
     assert again.counts == {"unreadable": 2}
     assert lost_rows(store)[0] == {}
 
@@ -298,7 +295,7 @@ def test_a_worker_with_another_version_stops_the_run(one_log, tmp_path, monkeypa
     """Its numbers would not fit the others."""
     monkeypatch.setattr("quadid_logs.fleet.run.Task", _old_task)
     with pytest.raises(SettingsError, match=r"same version"):
-        run_fleet(find_sources([str(one_log)]), tmp_path / "store", Options(), Cluster(workers=1))
+        run_fleet(find_logs([str(one_log)]), tmp_path / "store", Options(), Cluster(workers=1))
 
 
 def _old_task(**keywords):
@@ -341,7 +338,7 @@ def test_a_failure_of_the_worker_is_a_row(one_log, tmp_path):
 FULL = """
 from quadid_logs.fleet import work
 
-def fetched(source, max_bytes):
+def fetched(file, max_bytes):
     raise OSError(28, "No space left on device")
 
 work.fetched = fetched
@@ -356,7 +353,7 @@ def test_without_a_scheduler_nothing_can_be_reached_from_outside(one_log, tmp_pa
         found = psutil.Process().net_connections()
         listening.update(one.laddr.ip for one in found if one.status == psutil.CONN_LISTEN)
 
-    run_fleet(find_sources([str(one_log)]), tmp_path / "store", Options(), Cluster(workers=1), progress=look)
+    run_fleet(find_logs([str(one_log)]), tmp_path / "store", Options(), Cluster(workers=1), progress=look)
     assert listening == {"127.0.0.1"}
 
 

@@ -27,19 +27,24 @@ _PAUSES_S = (0.5, 3.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Source:
+class LogFile:
     """A file that may be a log: path or URL, size [bytes] and time of modification [s UTC], -1 if unknown."""
 
     url: str
     n_bytes: int = -1
     modified_s: float = -1.0
 
+    @property
+    def name(self) -> str:
+        """The path or URL as UTF-8 can hold it, as the store does."""
+        return self.url.encode("utf-8", "replace").decode()
+
 
 class FetchError(LogError):
     """The file could not be fetched; another time it may."""
 
 
-def find_sources(places: Iterable[str]) -> tuple[Source, ...]:
+def find_logs(places: Iterable[str]) -> tuple[LogFile, ...]:
     """Return every file that the places name, each once, in the order of their names.
 
     Parameters
@@ -55,7 +60,7 @@ def find_sources(places: Iterable[str]) -> tuple[Source, ...]:
     FetchError
         If a remote place cannot be listed.
     """
-    found: dict[str, Source] = {}
+    found: dict[str, LogFile] = {}
     for place in places:
         here = list(_remote(place) if is_url(place) else _local(place))
         if not here:
@@ -63,7 +68,7 @@ def find_sources(places: Iterable[str]) -> tuple[Source, ...]:
                 f"There is no log at {printable(place)}.",
                 hint=f"Of a folder, files that end in {', '.join(SUFFIXES)} are taken.",
             )
-        found |= {source.url: source for source in here}
+        found |= {file.url: file for file in here}
     return tuple(found[url] for url in sorted(found))
 
 
@@ -72,35 +77,35 @@ def is_url(place: str) -> bool:
     return "://" in place
 
 
-def _local(place: str) -> Iterator[Source]:
+def _local(place: str) -> Iterator[LogFile]:
     """Find local files; a name that only looks like a pattern is taken as it is."""
     path = Path(place)
     if path.is_dir():
         for folder, folders, names in os.walk(path):
             folders.sort()
             yield from (
-                _local_source(os.path.join(folder, name))  # noqa: PTH118 - a million of them
+                _local_file(os.path.join(folder, name))  # noqa: PTH118 - a million of them
                 for name in names
                 if name.lower().endswith(SUFFIXES) and not name.startswith(".")
             )
     elif path.exists():
-        yield _local_source(place)
+        yield _local_file(place)
     else:
         found = glob.iglob(place, recursive=True)  # noqa: PTH207 - a Path has no absolute patterns
-        yield from (_local_source(name) for name in found if Path(name).is_file())
+        yield from (_local_file(name) for name in found if Path(name).is_file())
 
 
-def _local_source(path: str) -> Source:
+def _local_file(path: str) -> LogFile:
     """Describe a local file; its name is absolute, so that a store means the same everywhere."""
     full = os.path.abspath(path)  # noqa: PTH100 - links stay: the name is what the user chose
     try:
         status = Path(full).stat()
     except OSError:
-        return Source(url=full)
-    return Source(url=full, n_bytes=status.st_size, modified_s=status.st_mtime)
+        return LogFile(url=full)
+    return LogFile(url=full, n_bytes=status.st_size, modified_s=status.st_mtime)
 
 
-def _remote(place: str) -> Iterator[Source]:
+def _remote(place: str) -> Iterator[LogFile]:
     """Find what a URL names: a file, a pattern, or everything below a folder."""
     files, path = _file_system(place)
     try:
@@ -118,7 +123,7 @@ def _remote(place: str) -> Iterator[Source]:
         ) from error
     for name, info in listing.items():
         if info.get("type", "file") == "file":
-            yield Source(
+            yield LogFile(
                 url=str(files.unstrip_protocol(name)),
                 n_bytes=int(-1 if info.get("size") is None else info["size"]),
                 modified_s=_modified_s(info),
@@ -149,7 +154,7 @@ def _modified_s(info: dict[str, Any]) -> float:
 
 
 @contextmanager
-def fetched(source: Source, max_bytes: int) -> Iterator[tuple[Path, str]]:
+def fetched(file: LogFile, max_bytes: int) -> Iterator[tuple[Path, str]]:
     """Give a local path to the content, and its SHA-256; a download is deleted at the end.
 
     Raises
@@ -157,12 +162,12 @@ def fetched(source: Source, max_bytes: int) -> Iterator[tuple[Path, str]]:
     FetchError
         If it cannot be fetched, or not now.
     """
-    if is_url(source.url):
+    if is_url(file.url):
         with tempfile.TemporaryDirectory(prefix="quadid-fleet-", ignore_cleanup_errors=True) as folder:
             path = Path(folder) / "log"
-            yield path, _download(source.url, path, max_bytes)
+            yield path, _download(file.url, path, max_bytes)
     else:
-        yield Path(source.url), _local_hash(source.url)
+        yield Path(file.url), _local_hash(file.url)
 
 
 def _local_hash(path: str) -> str:

@@ -1,4 +1,4 @@
-"""The store's rows by vehicle and in order of time, with what changed and who stands out."""
+"""Vehicle histories: the store's rows by vehicle and in order of time, with change points and outliers."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
+from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,26 +16,26 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.compare import COUPLING_FLOOR, DAMPING_FLOOR
 from quadid_logs.fleet.changes import (
-    Change,
+    ChangePoint,
+    OutlierTest,
+    ScatterPrior,
     Series,
-    Standing,
-    Usual,
     compare_vehicles,
     count_tests,
     find_changes,
     present_value,
-    usual_scatter,
+    scatter_prior,
 )
-from quadid_logs.fleet.files import rows_by_vehicle
 from quadid_logs.fleet.rows import ANALYZED
+from quadid_logs.fleet.store import read_rows
 from quadid_logs.vocabulary import AXES, TORQUE_SYMBOLS
 
-#: What differs between flights of a whole vehicle, although nothing broke. A gain goes with the air's
+#: Systematic uncertainty between flights of an undamaged vehicle. A gain goes with the air's
 #: density: 3.5 % per 10 degrees or 300 m of height, so 10 % between a cold day at sea level and a warm
 #: one in the hills; payload and battery are in the same size.
-_GAIN_FLOOR: Final = 0.10
+_GAIN_SYSTEMATIC: Final = 0.10
 #: Measured between manoeuvres: 1 ms [s]; rotors answer slower in thin air and on an old battery.
-_LAG_FLOOR_S: Final = 0.003
+_LAG_SYSTEMATIC_S: Final = 0.003
 _COLUMNS: Final = (
     "vehicle", "vehicle_from", "model", "status", "error", "url", "sha256", "autopilot", "frame", "firmware",
     "hardware_id", "flight", "n_flights", "axis", "verdict", "reasons", "structure", "input_unit", "started",
@@ -59,7 +61,7 @@ class Flight:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Life:
+class VehicleHistory:
     """A vehicle's flights in order of time, its quantities over them, and what was found.
 
     ``series`` are as logged (gains in rad/s^2 per unit of torque); ``structure`` and
@@ -76,13 +78,13 @@ class Life:
     input_unit: str
     flights: tuple[Flight, ...]
     series: tuple[Series, ...]
-    changes: tuple[Change, ...] = ()
-    standings: tuple[Standing, ...] = ()
+    changes: tuple[ChangePoint, ...] = ()
+    outlier_tests: tuple[OutlierTest, ...] = ()
 
     @property
-    def outliers(self) -> tuple[Standing, ...]:
-        """Quantities in which it stands out now."""
-        return tuple(standing for standing in self.standings if standing.stands_out)
+    def outliers(self) -> tuple[OutlierTest, ...]:
+        """Quantities in which it is an outlier now."""
+        return tuple(test for test in self.outlier_tests if test.is_outlier)
 
     def of(self, name: str, axis: str) -> Series | None:
         """Return one series."""
@@ -103,7 +105,7 @@ class Failure:
 class Fleet:
     """Everything that a page about the fleet shows."""
 
-    lives: tuple[Life, ...]
+    histories: tuple[VehicleHistory, ...]
     failures: tuple[Failure, ...]
     n_tests: int
 
@@ -111,59 +113,78 @@ class Fleet:
 def read_fleet(folder: Path) -> Fleet:
     """Read a store, vehicle by vehicle, and look for changes and outliers.
 
+    Parameters
+    ----------
+    folder : Path
+        The store; a run may write into it meanwhile.
+
+    Returns
+    -------
+    Fleet
+
     Raises
     ------
     SettingsError
-        If the folder is no store.
+        If the folder is no store, or is damaged.
     """
-    lives, failures = [], []
-    for rows in rows_by_vehicle(folder, _COLUMNS):
+    histories, failures = [], []
+    for _, group in groupby(read_rows(folder, _COLUMNS), itemgetter("vehicle")):
+        rows = list(group)
         flown = [row for row in rows if row["status"] == ANALYZED]
         if flown:
-            lives.append(_life(flown[0]["vehicle"], flown))
+            histories.append(_history(flown[0]["vehicle"], flown))
         failures += [_failure(row) for row in rows if row["status"] != ANALYZED]
-    lives.sort(key=lambda life: life.vehicle)
+    histories.sort(key=lambda history: history.vehicle)
     failures.sort(key=lambda failure: failure.url)
-    judged, n_tests = judge(lives)
-    return Fleet(lives=judged, failures=tuple(failures), n_tests=n_tests)
+    tested, n_tests = _tested(histories)
+    return Fleet(histories=tested, failures=tuple(failures), n_tests=n_tests)
 
 
 def _failure(row: Mapping[str, Any]) -> Failure:
     return Failure(url=row["url"], vehicle=row["vehicle"], status=row["status"], error=row["error"] or "")
 
 
-def judge(lives: Sequence[Life]) -> tuple[tuple[Life, ...], int]:
-    """Return the lives with changes and standings, and how many tests the changes were corrected for."""
-    all_series = [life.series for life in lives]
-    n_tests, usual = count_tests(all_series), usual_scatter(all_series)
-    changed = [replace(life, changes=find_changes(life.series, n_tests, usual)) for life in lives]
-    standings: dict[str, list[Standing]] = {}
-    for standing in _standings(changed, usual):
-        standings.setdefault(standing.vehicle, []).append(standing)
-    judged = tuple(replace(life, standings=tuple(standings.get(life.vehicle, ()))) for life in changed)
-    return judged, n_tests
+def _tested(histories: Sequence[VehicleHistory]) -> tuple[tuple[VehicleHistory, ...], int]:
+    """Return the histories with changes and outlier tests, and how many tests there were for changes."""
+    all_series = [history.series for history in histories]
+    n_tests, prior = count_tests(all_series), scatter_prior(all_series)
+    changed = [
+        replace(history, changes=find_changes(history.series, n_tests, prior)) for history in histories
+    ]
+    outlier_tests: dict[str, list[OutlierTest]] = {}
+    for test in _outlier_tests(changed, prior):
+        outlier_tests.setdefault(test.vehicle, []).append(test)
+    tested = tuple(
+        replace(history, outlier_tests=tuple(outlier_tests.get(history.vehicle, ()))) for history in changed
+    )
+    return tested, n_tests
 
 
-def _standings(lives: Sequence[Life], usual: Mapping[tuple[str, str], Usual]) -> Iterator[Standing]:
+def _outlier_tests(
+    histories: Sequence[VehicleHistory], prior: Mapping[tuple[str, str], ScatterPrior]
+) -> Iterator[OutlierTest]:
     """Compare vehicles of the same model, structure and unit, as they are since their last change."""
-    groups: dict[tuple[str, str, str], list[Life]] = {}
-    for life in lives:
-        groups.setdefault((life.model, life.structure, life.input_unit), []).append(life)
-    n_tests = sum(len(life.series) for life in lives)
+    groups: dict[tuple[str, str, str], list[VehicleHistory]] = {}
+    for history in histories:
+        groups.setdefault((history.model, history.structure, history.input_unit), []).append(history)
+    n_tests = sum(len(history.series) for history in histories)
     for group in groups.values():
-        for name, axis in dict.fromkeys((one.name, one.axis) for life in group for one in life.series):
-            present, floors = {}, []
-            for life in group:
-                one = life.of(name, axis)
+        for name, axis in dict.fromkeys((one.name, one.axis) for history in group for one in history.series):
+            present, systematic = {}, []
+            for history in group:
+                one = history.of(name, axis)
                 if one is not None:
-                    since = life.changes[-1].flight if life.changes else 0
-                    present[life.vehicle] = present_value(one, since, usual.get((name, axis), Usual()))
-                    floors.append(one.floor)
-            floor = float(np.median(floors))
-            yield from compare_vehicles(present, name=name, axis=axis, floor=floor, n_tests=n_tests)
+                    since = history.changes[-1].flight if history.changes else 0
+                    present[history.vehicle] = present_value(
+                        one, since, prior.get((name, axis), ScatterPrior())
+                    )
+                    systematic.append(one.systematic)
+            yield from compare_vehicles(
+                present, name=name, axis=axis, systematic=float(np.median(systematic)), n_tests=n_tests
+            )
 
 
-def _life(vehicle: str, rows: list[dict[str, Any]]) -> Life:
+def _history(vehicle: str, rows: list[dict[str, Any]]) -> VehicleHistory:
     """Put one vehicle's rows in order."""
     by_flight: dict[tuple[Any, ...], dict[str, dict[str, Any]]] = {}
     for row in rows:
@@ -174,7 +195,7 @@ def _life(vehicle: str, rows: list[dict[str, Any]]) -> Life:
     kinds = Counter((row["structure"], row["input_unit"]) for row in rows if row["gain"] is not None)
     structure, unit = kinds.most_common(1)[0][0] if kinds else ("", "")
     last = ordered[-1][AXES[0]]
-    return Life(
+    return VehicleHistory(
         vehicle=vehicle,
         vehicle_from=last["vehicle_from"] or "",
         model=last["model"] or "",
@@ -205,7 +226,7 @@ def _flight(rows: Mapping[str, dict[str, Any]]) -> Flight:
 
 
 def _series(flights: Sequence[Mapping[str, dict[str, Any]]], structure: str, unit: str) -> Iterator[Series]:
-    """Yield the quantities over all flights; a refused axis tells nothing."""
+    """Yield the quantities over all flights; refused axes are left out."""
     usable = [
         {
             axis: row
@@ -217,7 +238,7 @@ def _series(flights: Sequence[Mapping[str, dict[str, Any]]], structure: str, uni
     gains = {axis: _column(usable, axis, "gain") for axis in AXES}
     scale = {axis: _typical(gains[axis][0]) for axis in AXES}
     for axis in AXES:
-        yield _one("gain", axis, gains[axis], _GAIN_FLOOR * scale[axis])
+        yield _one("gain", axis, gains[axis], _GAIN_SYSTEMATIC * scale[axis])
         for torque, other in zip(TORQUE_SYMBOLS, AXES, strict=True):
             if other != axis:
                 coupling = _column(usable, axis, f"from_{torque.lower()}")
@@ -225,18 +246,18 @@ def _series(flights: Sequence[Mapping[str, dict[str, Any]]], structure: str, uni
         damping = _column(usable, axis, "damping")
         yield _one("damping", axis, damping, DAMPING_FLOOR * _typical(damping[0]))
     lag = _column([{"": next(iter(rows.values()))} if rows else {} for rows in usable], "", "lag_s")
-    yield _one("lag", "", lag, _LAG_FLOOR_S)
+    yield _one("lag", "", lag, _LAG_SYSTEMATIC_S)
 
 
-def _one(name: str, axis: str, known: tuple[FloatArray, FloatArray], floor: float) -> Series:
+def _one(name: str, axis: str, known: tuple[FloatArray, FloatArray], systematic: float) -> Series:
     value, half_width = known
-    return Series(name=name, axis=axis, value=value, half_width=half_width, floor=floor)
+    return Series(name=name, axis=axis, value=value, half_width=half_width, systematic=systematic)
 
 
 def _column(
     flights: Sequence[Mapping[str, dict[str, Any]]], axis: str, name: str
 ) -> tuple[FloatArray, FloatArray]:
-    """Return value and half-width over the flights, NaN where a flight does not tell it."""
+    """Return value and half-width over the flights, NaN where it was not identifiable."""
 
     def number(rows: Mapping[str, dict[str, Any]], column: str) -> float:
         value = rows[axis][column] if axis in rows else None

@@ -10,7 +10,7 @@ from pathlib import PurePosixPath
 
 from quadid_logs.data.log import FlightLog
 from quadid_logs.errors import SettingsError
-from quadid_logs.fleet.sources import Source
+from quadid_logs.fleet.log_files import LogFile
 
 UNKNOWN = "unknown"
 #: Part of an id that is unique: ArduPilot's three words of the processor, PX4's sys_uuid.
@@ -49,17 +49,17 @@ class Identity:
     model: str
 
 
-def identify_unread(source: Source, rules: NamingRules) -> Identity:
+def identify_unread(file: LogFile, rules: NamingRules) -> Identity:
     """Name the vehicle of a file that nothing could be read from."""
-    vehicle = _match(rules.vehicle_from, source.url)
+    vehicle = _match(rules.vehicle_from, file.url)
     return Identity(
         vehicle=vehicle or UNKNOWN,
         vehicle_from="path" if vehicle else "",
-        model=_match(rules.model_from, source.url) or UNKNOWN,
+        model=_match(rules.model_from, file.url) or UNKNOWN,
     )
 
 
-def identify_vehicle(log: FlightLog, source: Source, rules: NamingRules) -> Identity:
+def identify_vehicle(log: FlightLog, file: LogFile, rules: NamingRules) -> Identity:
     """Name vehicle and model.
 
     The vehicle's name is, in this order: what ``vehicle_from`` finds in the
@@ -67,16 +67,16 @@ def identify_vehicle(log: FlightLog, source: Source, rules: NamingRules) -> Iden
     (BRD_SERIAL_NUM), its MAVLink id where somebody set one, the folder. The
     model is what ``model_from`` finds, otherwise autopilot and frame.
     """
-    vehicle, taken_from = _vehicle(log, source, rules)
+    vehicle, taken_from = _vehicle(log, file, rules)
     described = " ".join(filter(None, (log.autopilot, log.frame or log.vehicle_type)))
     return Identity(
-        vehicle=vehicle, vehicle_from=taken_from, model=_match(rules.model_from, source.url) or described
+        vehicle=vehicle, vehicle_from=taken_from, model=_match(rules.model_from, file.url) or described
     )
 
 
-def _vehicle(log: FlightLog, source: Source, rules: NamingRules) -> tuple[str, str]:
+def _vehicle(log: FlightLog, file: LogFile, rules: NamingRules) -> tuple[str, str]:
     """Return the first name that tells vehicles apart."""
-    if name := _match(rules.vehicle_from, source.url):
+    if name := _match(rules.vehicle_from, file.url):
         return name, "path"
     words = log.hardware_id.replace("-", "").split()
     if _UNIQUE.search("".join(words[1:] or words)) and not _EMPTY.fullmatch("".join(words)):
@@ -87,7 +87,7 @@ def _vehicle(log: FlightLog, source: Source, rules: NamingRules) -> tuple[str, s
         number = log.parameters.get(parameter, 1.0)
         if math.isfinite(number) and number != 1.0:
             return f"system {number:.0f}", parameter
-    folder = PurePosixPath(source.url.replace("\\", "/")).parent.name
+    folder = PurePosixPath(file.url.replace("\\", "/")).parent.name
     return folder or UNKNOWN, "folder"
 
 
@@ -99,7 +99,7 @@ def _match(pattern: str, url: str) -> str:
     return next((group for group in found.groups() if group), found[0])
 
 
-def clock_zero(log: FlightLog, start_s: float, source: Source) -> tuple[float, str]:
+def clock_zero(log: FlightLog, start_s: float, file: LogFile) -> tuple[float, str]:
     """Return the UTC at zero of the log's clock [s since 1970] and what says so; NaN and "" if nothing does.
 
     `start_s` is where the log begins on its clock. The date in a file's name is
@@ -108,10 +108,10 @@ def clock_zero(log: FlightLog, start_s: float, source: Source) -> tuple[float, s
     """
     if math.isfinite(log.utc_offset_s) and log.has_time:
         return log.utc_offset_s, "receiver"
-    if date := _date_in(source.url):
+    if date := _date_in(file.url):
         return date - start_s, "file name"
-    if source.modified_s > 0.0:
-        return source.modified_s - start_s, "modification"
+    if file.modified_s > 0.0:
+        return file.modified_s - start_s, "modification"
     return math.nan, ""
 
 

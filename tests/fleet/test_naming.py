@@ -10,10 +10,10 @@ import pytest
 
 from quadid_logs.data.log import FlightLog
 from quadid_logs.errors import SettingsError
-from quadid_logs.fleet.identity import NamingRules, clock_zero, identify_unread, identify_vehicle
-from quadid_logs.fleet.sources import Source
+from quadid_logs.fleet.log_files import LogFile
+from quadid_logs.fleet.naming import NamingRules, clock_zero, identify_unread, identify_vehicle
 
-SOURCE = Source(url="/data/quad-07/2026-05-01/00000012.BIN", n_bytes=10, modified_s=1.75e9)
+SOURCE = LogFile(url="/data/quad-07/2026-05-01/00000012.BIN", n_bytes=10, modified_s=1.75e9)
 CUBE = "CubeOrange 003A0027 3130510A 34383704"
 PX4_ID = "000600000000383638393239510d0035002d"
 
@@ -71,7 +71,7 @@ def test_the_receiver_knows_the_time_best():
     assert clock_zero(log(), 30.0, SOURCE) == (utc(2026, 5, 1) - 30.0, "file name")
     plain = dataclasses.replace(SOURCE, url="/data/00000012.BIN")
     assert clock_zero(log(), 30.0, plain) == (1.75e9 - 30.0, "modification")
-    unknown, says = clock_zero(log(), 30.0, Source(url="/data/1.bin"))
+    unknown, says = clock_zero(log(), 30.0, LogFile(url="/data/1.bin"))
     assert math.isnan(unknown)
     assert says == ""
 
@@ -89,10 +89,10 @@ def test_the_receiver_knows_the_time_best():
 )
 def test_dates_are_read_as_ground_stations_write_them(name, date):
     """Mission Planner, QGroundControl, PX4's own folders, people."""
-    assert clock_zero(log(), 0.0, Source(url=f"/data/{name}"))[0] == date
+    assert clock_zero(log(), 0.0, LogFile(url=f"/data/{name}"))[0] == date
 
 
 @pytest.mark.parametrize("name", ["00000123.bin", "2021-13-45.bin", "120210304999.bin", "v2021.bin"])
 def test_numbers_that_are_no_date_are_none(name):
     """Counters, impossible months, serial numbers."""
-    assert math.isnan(clock_zero(log(), 0.0, Source(url=f"/data/{name}"))[0])
+    assert math.isnan(clock_zero(log(), 0.0, LogFile(url=f"/data/{name}"))[0])

@@ -1,4 +1,4 @@
-"""One log -> one `Result` per flight: a vehicle's life is counted in flights, not in files."""
+"""One log -> one `Result` per flight: a vehicle's history is counted in flights, not in files."""
 
 from __future__ import annotations
 
