@@ -32,9 +32,9 @@ from quadid_logs.fleet.store import DATABASE  # noqa: E402
 
 #: By the number of the vehicle: the propeller that wears, and from which flight on.
 WORN = {
-    4: Worn(flight=12, share=0.8),
-    9: Worn(flight=6, rotor=2, share=0.85),
-    15: Worn(flight=18, rotor=3, share=0.75),
+    4: Worn(flight=12, fraction=0.8),
+    9: Worn(flight=6, rotor=2, fraction=0.85),
+    15: Worn(flight=18, rotor=3, fraction=0.75),
 }
 #: Of every twenty logs, one is none.
 SPOILED_EVERY = 20
@@ -119,8 +119,8 @@ def _speed(logs: Path, store: Path, options: argparse.Namespace) -> Iterator[str
     size_mb = sum(path.stat().st_size for path in logs.glob("*.bin")) / 1e6
     yield f"- {n_logs} logs, {size_mb:.0f} MB, {options.vehicles} vehicles, {n} workers"
     yield f"- without Dask: one process {single.logs_hz:.2f} logs/s, {n} at once {together.logs_hz:.2f}"
-    share, core_s = rate / (n * single.logs_hz), n / rate
-    yield f"- the fleet: {rate:.2f} logs/s, {share:.0%} of {n} times one process"
+    fraction, core_s = rate / (n * single.logs_hz), n / rate
+    yield f"- the fleet: {rate:.2f} logs/s, {fraction:.0%} of {n} times one process"
     yield f"- that is {rate / together.logs_hz:.0%} of {n} processes at once"
     yield f"- wall clock with start and end: {seconds:.1f} s; per 1000 logs {1000.0 * core_s:.0f} core s"
     yield f"- processor time a log: {together.cpu_s:.2f} s without Dask, {cpu_s / n_logs:.2f} s in all"
@@ -235,12 +235,12 @@ def _command(*arguments: object, environment: dict[str, str] | None = None) -> s
     )
 
 
-def _wait_for_share(process: subprocess.Popen[bytes], store: Path, logs: Path, share: float) -> None:
-    """Wait until this share of the logs is in the store."""
-    wanted = share * len(list(logs.glob("*.bin")))
+def _wait_for_fraction(process: subprocess.Popen[bytes], store: Path, logs: Path, fraction: float) -> None:
+    """Wait until this fraction of the logs is in the store."""
+    wanted = fraction * len(list(logs.glob("*.bin")))
     while n_logs_of(store) < wanted:
         if process.poll() is not None:
-            raise SystemExit(f"the run ended before {share:.0%} were done")
+            raise SystemExit(f"the run ended before {fraction:.0%} were done")
         time.sleep(0.2)
 
 
@@ -249,8 +249,12 @@ def _killed(logs: Path, store: Path, n_workers: int) -> None:
     shutil.rmtree(store, ignore_errors=True)
     with LoopbackCluster(store.with_suffix(".cluster"), n_workers) as cluster:
         process = _command("fleet", logs, "-o", store, "--scheduler", cluster.address)
-        for share, harm in ((0.2, cluster.kill_worker), (0.4, cluster.restart), (0.7, cluster.kill_worker)):
-            _wait_for_share(process, store, logs, share)
+        for fraction, harm in (
+            (0.2, cluster.kill_worker),
+            (0.4, cluster.restart),
+            (0.7, cluster.kill_worker),
+        ):
+            _wait_for_fraction(process, store, logs, fraction)
             harm()
         process.wait()
 
@@ -258,9 +262,9 @@ def _killed(logs: Path, store: Path, n_workers: int) -> None:
 def _interrupted(logs: Path, store: Path, n_workers: int) -> None:
     """Press Ctrl-C, resume; kill, resume."""
     shutil.rmtree(store, ignore_errors=True)
-    for share, ending in ((0.3, signal.SIGINT), (0.6, signal.SIGKILL)):
+    for fraction, ending in ((0.3, signal.SIGINT), (0.6, signal.SIGKILL)):
         process = _command("fleet", logs, "-o", store, "--workers", n_workers, "--resume")
-        _wait_for_share(process, store, logs, share)
+        _wait_for_fraction(process, store, logs, fraction)
         os.killpg(process.pid, ending)
         process.wait()
     _command("fleet", logs, "-o", store, "--workers", n_workers, "--resume").wait()

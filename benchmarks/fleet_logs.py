@@ -20,18 +20,18 @@ from quadid_logs.simulate.logbook import Logging, write_logbook
 from quadid_logs.simulate.wind import Wind
 from quadid_logs.writers import write_log
 
-#: Flown in turn: what a flight tells must not depend on its manoeuvre.
+#: Flown in turn: what a flight identifies must not depend on its manoeuvre.
 SCENARIOS = ("sysid-quad-x", "doublets", "steps-3211")
 _FIRST_DAY = datetime.datetime(2026, 3, 2, 9, 0, tzinfo=datetime.UTC)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Worn:
-    """From this flight on, one propeller gives a share of its thrust only."""
+    """From this flight on, one propeller gives a fraction of its thrust only."""
 
     flight: int
     rotor: int = 0
-    share: float = 0.8
+    fraction: float = 0.8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,15 +126,15 @@ def _built(airframe: Airframe, number: int) -> Airframe:
 
 def _flown(airframe: Airframe, vehicle: Vehicle, flight: int, rng: np.random.Generator) -> Airframe:
     """One day's vehicle: air of 0 to 20 degrees (3 % of thrust), load within 1 %, propellers as they are."""
-    shares = [1.0] * airframe.n_rotors
+    fractions = [1.0] * airframe.n_rotors
     if vehicle.worn is not None and flight >= vehicle.worn.flight:
-        shares[vehicle.worn.rotor] = vehicle.worn.share
+        fractions[vehicle.worn.rotor] = vehicle.worn.fraction
     density = 1.0 + 0.035 * math.sin(2.0 * math.pi * flight / 40.0) + 0.01 * rng.standard_normal()
     return dataclasses.replace(
         airframe,
         mass_kg=airframe.mass_kg * (1.0 + 0.01 * rng.standard_normal()),
         max_thrust_n=airframe.max_thrust_n * density,
-        propellers=tuple(shares),
+        propellers=tuple(fractions),
     )
 
 

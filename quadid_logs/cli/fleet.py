@@ -98,7 +98,7 @@ def fleet(
         Cluster(scheduler=scheduler, workers=workers),
         resume=resume,
         progress=progress,
-        remark=progress.remark,
+        notice=progress.notice,
     )
     progress.end()
     if not quiet:
@@ -139,7 +139,7 @@ class FleetProgress:
             left = span_words(tally.left_s)
             self._write(f"{tally.n_done} of {tally.n_logs} logs, {tally.rate_hz:.2g}/s, {left} left")
 
-    def remark(self, text: str) -> None:
+    def notice(self, text: str) -> None:
         """Say what happened to the cluster."""
         self.end()
         report_problem(text)

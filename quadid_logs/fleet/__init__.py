@@ -2,8 +2,8 @@
 
 ::
 
-    sources  ->  work (on the workers)  ->  store  ->  histories  ->  changes  ->  page
-                   ^ engine hands them out              sql asks anything else
+    log_files  ->  work (in processes of the workers)  ->  store  ->  history  ->  changes  ->  page
+                     ^ engine hands them out                  sql asks anything else
 
 Needs ``quadid-logs[fleet]``; nothing else of the package does.
 """

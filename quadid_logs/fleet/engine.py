@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from quadid_logs.errors import QuadidError, SettingsError
-from quadid_logs.fleet.analyst import AnalystDiedError
 from quadid_logs.fleet.extra import load
 from quadid_logs.fleet.rows import LOST
 from quadid_logs.fleet.tasks import Outcome, Task, failure
@@ -28,7 +27,7 @@ from quadid_logs.untrusted import printable
 _AHEAD: Final = 4
 #: How long a scheduler may be away [s]: a machine restarts in less.
 PATIENCE_S: Final = 300.0
-_KNOCK_S: Final = 1.0
+_RECONNECT_S: Final = 1.0
 _LOOPBACK: Final = "127.0.0.1:0"
 #: Of what Dask does beside the work, a run of hours needs neither samples of where Python is (100 a
 #: second) nor fifty looks a second at whether its own loop is busy.
@@ -48,16 +47,16 @@ class Cluster:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Events:
-    """What the engine tells while it runs.
+    """What the engine reports while it runs.
 
     ``take`` gets every outcome and returns False if the task must be done
     again although its content is known; ``began`` gets the dashboard's
-    address; ``remark`` gets what happened to workers and scheduler.
+    address; ``notice`` gets what happened to workers and scheduler.
     """
 
     take: Callable[[Outcome], bool]
     began: Callable[[str], None]
-    remark: Callable[[str], None]
+    notice: Callable[[str], None]
 
 
 class _SchedulerGoneError(Exception):
@@ -73,12 +72,12 @@ def run(tasks: Sequence[Task], cluster: Cluster, events: Events) -> None:
         If the scheduler does not answer, or its workers have not this version of quadid-logs.
     """
     with _local_or_given(cluster) as address:
-        crew = _Crew(address, events)
+        dispatcher = _Dispatcher(address, events)
         try:
-            crew.work_through(tasks, ahead=_AHEAD)
-            crew.work_through(crew.suspects, ahead=0)
+            dispatcher.work_through(tasks, ahead=_AHEAD)
+            dispatcher.work_through(dispatcher.retry_list, ahead=0)
         finally:
-            crew.leave()
+            dispatcher.leave()
 
 
 @contextlib.contextmanager
@@ -103,18 +102,18 @@ def _local_or_given(cluster: Cluster) -> Iterator[str]:
         yield str(local.scheduler_address)
 
 
-class _Crew:
+class _Dispatcher:
     """A connection to the scheduler and the tasks in flight on it."""
 
     def __init__(self, address: str, events: Events) -> None:
         self._address = address
         self._events = events
         self._client = self._connect(SettingsError)
-        self._flying: dict[str, Task] = {}
-        self.suspects: list[Task] = []
+        self._in_flight: dict[str, Task] = {}
+        self.retry_list: list[Task] = []
         events.began(str(self._client.dashboard_link))
         if not self._n_threads():
-            events.remark("the scheduler has no workers yet; waiting for them")
+            events.notice("the scheduler has no workers yet; waiting for them")
 
     def work_through(self, tasks: Sequence[Task], *, ahead: int) -> None:
         """Do tasks, `ahead` per thread at a time, or one alone if that is zero."""
@@ -124,12 +123,12 @@ class _Crew:
                 self._stream(waiting, ahead)
             except _SchedulerGoneError:
                 # In front, in their old order: the store must not depend on it, but people watch.
-                waiting.extendleft(reversed(self._flying.values()))
-                self._flying.clear()
-                self._events.remark("the scheduler went away; waiting for it")
+                waiting.extendleft(reversed(self._in_flight.values()))
+                self._in_flight.clear()
+                self._events.notice("the scheduler went away; waiting for it")
                 self.leave()
                 self._client = self._connect(_SchedulerAwayError)
-                self._events.remark("the scheduler is back")
+                self._events.notice("the scheduler is back")
 
     def leave(self) -> None:
         """Close the connection; what is still in flight is given up."""
@@ -137,7 +136,7 @@ class _Crew:
             self._client.close(timeout=5)
 
     def _connect(self, failure_type: type[QuadidError]) -> Any:  # the client's library has no types
-        """Knock until the scheduler answers."""
+        """Try until the scheduler answers."""
         distributed = load("distributed")
         patience_s = PATIENCE_S if failure_type is _SchedulerAwayError else 0.0
         until = time.monotonic() + patience_s
@@ -152,16 +151,16 @@ class _Crew:
                         f"The scheduler {printable(self._address)} does not answer.",
                         hint="Check the address; go on with --resume.",
                     ) from error
-            time.sleep(_KNOCK_S)
+            time.sleep(_RECONNECT_S)
 
     def _stream(self, waiting: deque[Task], ahead: int) -> None:
-        """Keep the workers busy until nothing waits and nothing flies."""
+        """Keep the workers busy until nothing waits and nothing is in flight."""
         done = load("distributed").as_completed(loop=self._client.loop)
         self._hand_out(waiting, done, ahead)
         for future in done:
-            task = self._flying[future.key]
+            task = self._in_flight[future.key]
             self._settle(task, future, waiting)
-            del self._flying[future.key]
+            del self._in_flight[future.key]
             self._hand_out(waiting, done, ahead)
 
     def _hand_out(self, waiting: deque[Task], done: Any, ahead: int) -> None:
@@ -172,9 +171,9 @@ class _Crew:
             raise _SchedulerGoneError
         try:
             most = max(ahead * self._n_threads(), 1)
-            while waiting and len(self._flying) < most:
+            while waiting and len(self._in_flight) < most:
                 future = self._client.submit(hand_over, waiting[0], pure=False)
-                self._flying[future.key] = waiting.popleft()
+                self._in_flight[future.key] = waiting.popleft()
                 done.add(future)
         except OSError as error:
             raise _SchedulerGoneError from error
@@ -197,10 +196,12 @@ class _Crew:
 
     def _settle_error(self, task: Task, error: BaseException) -> None:
         """Tell a killed worker, and what stops the whole run, from what is wrong with one log."""
-        if isinstance(error, AnalystDiedError):
-            self._suspect(task, f"Analyzing it killed the process ({error})")
+        from quadid_logs.fleet.worker import ProcessDiedError
+
+        if isinstance(error, ProcessDiedError):
+            self._put_on_retry_list(task, f"Analyzing it killed the process ({error})")
         elif isinstance(error, load("distributed").KilledWorker):
-            self._suspect(task, "Its workers died")
+            self._put_on_retry_list(task, "Its workers died")
         elif isinstance(error, QuadidError):
             raise error
         elif isinstance(error, ImportError) or "deserialization" in str(error):  # of what was submitted
@@ -209,21 +210,21 @@ class _Crew:
             reason = f"The worker failed: {type(error).__name__}: {printable(error)}."
             self._events.take(failure(task, "", LOST, reason))
 
-    def _suspect(self, task: Task, what: str) -> None:
-        """Keep a log whose process died for a second try alone; after that it is a row."""
-        if task in self.suspects:
+    def _put_on_retry_list(self, task: Task, what: str) -> None:
+        """Try a log whose process died again, alone, after the others; after that it is a row."""
+        if task in self.retry_list:
             self._events.take(failure(task, "", LOST, f"{what}, alone and repeatedly."))
-            self._events.remark(f"{task.file.url} kills whoever analyzes it")
+            self._events.notice(f"{printable(task.file.url)} kills the process that analyzes it")
         else:
-            self.suspects.append(task)
+            self.retry_list.append(task)
 
 
 def _equipped(client: Any) -> Any:
     """Give the workers, present and to come, their processes for the analysis."""
-    from quadid_logs.fleet.worker import Analysts
+    from quadid_logs.fleet.worker import AnalysisPool
 
     try:
-        client.register_plugin(Analysts())
+        client.register_plugin(AnalysisPool())
     except Exception as error:
         client.close(timeout=5)
         if isinstance(error, OSError):

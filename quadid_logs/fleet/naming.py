@@ -75,7 +75,7 @@ def identify_vehicle(log: FlightLog, file: LogFile, rules: NamingRules) -> Ident
 
 
 def _vehicle(log: FlightLog, file: LogFile, rules: NamingRules) -> tuple[str, str]:
-    """Return the first name that tells vehicles apart."""
+    """Return the first name that distinguishes vehicles."""
     if name := _match(rules.vehicle_from, file.url):
         return name, "path"
     words = log.hardware_id.replace("-", "").split()

@@ -238,7 +238,7 @@ def _outlier_words(one: OutlierTest, unit: str) -> str:
 
 
 def _rounded(value: float, margin: float) -> str:
-    """Round to what a difference of `margin` lets one tell: two digits of it.
+    """Round to two digits of `margin`: more would not be significant.
 
     >>> _rounded(194.2719, 2.3), _rounded(-0.0007, 2.3)
     ('194.3', '0.0')

@@ -15,7 +15,7 @@ from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.load import read_log
 from quadid_logs.pipeline import judge
 
-#: A battery lasts for one flight, and a day of flying holds some twenty; more in one file is damage
+#: A battery lasts for one flight, and a day some twenty; more in one file is damage
 #: or hops on the ground, which together are one model.
 MOST_FLIGHTS = 32
 

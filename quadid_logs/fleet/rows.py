@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 ANALYZED, UNREADABLE, LOST = "analyzed", "unreadable", "lost"
 
 #: Estimated quantities: value, and low and high end of the 95 % interval. Null where the flight does
-#: not tell them. `gain` is how the axis answers to its own torque, `from_l` to `from_n` the whole row of B.
+#: not identify them. `gain` is the on-axis control effectiveness, `from_l` to `from_n` the whole row of B.
 QUANTITIES: Final = ("gain", "from_l", "from_m", "from_n", "damping", "trim", "lag_s", "delay_s")
 _TEXTS: Final = (
     "vehicle", "vehicle_from", "model", "status", "error", "url", "sha256", "version",
@@ -148,7 +148,7 @@ def _axis_part(result: Result, number: int) -> dict[str, Any]:
 
 
 def _quantities(model: Model, number: int) -> Iterator[tuple[str, float | None]]:
-    """Yield value, low and high of everything that the flight tells about one axis."""
+    """Yield value, low and high of everything that was identified about one axis."""
     target = ACCELERATION_SYMBOLS[number]
     names = {TORQUE_SYMBOLS[number]: ["gain"], RATE_SYMBOLS[number]: ["damping"], "1": ["trim"]}
     for symbol in TORQUE_SYMBOLS:

@@ -58,7 +58,7 @@ def run_fleet(
     *,
     resume: bool = False,
     progress: Callable[[Tally], None] = lambda _tally: None,
-    remark: Callable[[str], None] = lambda _text: None,
+    notice: Callable[[str], None] = lambda _text: None,
 ) -> Tally:
     """Analyze every log that the store does not hold yet.
 
@@ -73,7 +73,7 @@ def run_fleet(
         Add to a store that exists.
     progress : callable
         Called with the tally after every log.
-    remark : callable
+    notice : callable
         Called with what happened to scheduler and workers.
 
     Returns
@@ -85,7 +85,7 @@ def run_fleet(
     OutputError, SettingsError
         If the store cannot be written, or was made otherwise; if the scheduler does not answer.
     """
-    for library in ("distributed", "fsspec"):
+    for library in ("distributed", "fsspec", "pebble"):
         load(library)
     store = Store(folder, options, resume=resume)
     tally = Tally(n_logs=len(files))
@@ -104,7 +104,7 @@ def run_fleet(
     with store:
         tasks = [Task(file=file, options=options, known=store.known(file)) for file in files]
         if tasks:
-            run(tasks, cluster, Events(take=take, began=began, remark=remark))
+            run(tasks, cluster, Events(take=take, began=began, notice=notice))
     return tally
 
 

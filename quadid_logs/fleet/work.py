@@ -3,8 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import faulthandler
 import gzip
+import multiprocessing
+import os
+import shutil
+import tempfile
+import threading
 from pathlib import Path
+from typing import Final
 
 from quadid_logs.data.result import Result
 from quadid_logs.errors import QuadidError, SettingsError
@@ -14,6 +21,47 @@ from quadid_logs.fleet.rows import LOST, UNREADABLE, result_rows
 from quadid_logs.fleet.tasks import Outcome, Task, failure
 from quadid_logs.untrusted import printable
 from quadid_logs.version import __version__
+
+#: A process whose worker is gone cannot be told to end while a library holds Python's lock; it ends
+#: this much [s] after the time limit.
+_GRACE_S: Final = 60.0
+
+
+def begin(most_bytes: int) -> None:
+    """Prepare a process: it may take so much memory (0: all), and ends with its worker, however that ends."""
+    if most_bytes:
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_DATA, (most_bytes, most_bytes))
+    threading.Thread(target=_end_with_worker, daemon=True).start()
+
+
+def _end_with_worker() -> None:
+    """Wait until the worker is gone, and remove what lies in the folder for downloads."""
+    worker = multiprocessing.parent_process()
+    if worker is not None:
+        worker.join()
+        if tempfile.tempdir:
+            shutil.rmtree(tempfile.tempdir, ignore_errors=True)
+        os._exit(0)
+
+
+def work_in(folder: str, task: Task) -> Outcome:
+    """Do `work` in a process that `begin` prepared; downloads go to the folder.
+
+    Raises
+    ------
+    SettingsError
+        As `work` does.
+    """
+    tempfile.tempdir = folder
+    with Path(os.devnull).open("w") as nowhere:
+        faulthandler.dump_traceback_later(task.options.timeout_s + _GRACE_S, exit=True, file=nowhere)
+        try:
+            return work(task)
+        finally:
+            faulthandler.cancel_dump_traceback_later()
+            tempfile.tempdir = None
 
 
 def work(task: Task) -> Outcome:
@@ -36,8 +84,20 @@ def work(task: Task) -> Outcome:
             return _analyze(task, path, sha256)
     except FetchError as error:
         return failure(task, "", LOST, str(error))
-    except Exception as error:  # noqa: BLE001 - a full disk, no memory: one log must never stop the others
+    except MemoryError:
+        return failure(
+            task, "", LOST, f"Its analysis takes more than {_memory_words()} of memory of a worker."
+        )
+    except Exception as error:  # noqa: BLE001 - a full disk, say: one log must never stop the others
         return failure(task, "", LOST, f"The worker failed: {type(error).__name__}: {printable(error)}.")
+
+
+def _memory_words() -> str:
+    """Say how much memory this process may take."""
+    import resource
+
+    limit = resource.getrlimit(resource.RLIMIT_DATA)[0]
+    return "the" if limit == resource.RLIM_INFINITY else f"the {limit / 1e9:.2g} GB"
 
 
 def _analyze(task: Task, path: Path, sha256: str) -> Outcome:

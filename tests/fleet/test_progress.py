@@ -60,5 +60,5 @@ def test_quiet_is_quiet(tally, capsys):
     """Only problems are said then."""
     progress = FleetProgress(quiet=True)
     progress(tally)
-    progress.remark("the scheduler went away")
+    progress.notice("the scheduler went away")
     assert capsys.readouterr().err == "quadid-log: the scheduler went away\n"

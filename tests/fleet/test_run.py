@@ -42,6 +42,11 @@ run()
 """
 
 
+def first_on_path(folder):
+    """Return the environment in which Python looks into the folder first."""
+    return {"PYTHONPATH": os.pathsep.join(filter(None, (str(folder), os.environ.get("PYTHONPATH"))))}
+
+
 def command(*arguments, environment=None, **keywords):
     return subprocess.Popen(
         [sys.executable, "-c", _COMMAND, *map(str, arguments)],
@@ -139,12 +144,12 @@ def test_a_killed_run_leaves_a_good_store_and_no_process(undisturbed, logs, tmp_
     environment = {"TMPDIR": str(downloads)}
     process = command("fleet", logs, "-o", store, "--workers", "1", environment=environment)
     wait_for_logs(store, 1, process)
-    analysts = psutil.Process(process.pid).children(recursive=True)
-    assert analysts
+    processes = psutil.Process(process.pid).children(recursive=True)
+    assert processes
     assert list(downloads.glob("quadid-fleet-*"))
     process.kill()
     process.communicate(timeout=180)
-    assert psutil.wait_procs(analysts, timeout=10.0)[1] == []
+    assert psutil.wait_procs(processes, timeout=10.0)[1] == []
     assert not list(downloads.glob("quadid-fleet-*"))
     assert all(row in rows_of(undisturbed) for row in rows_of(store))
 
@@ -200,7 +205,7 @@ def poisoned(tmp_path):
         path.write_bytes(name.encode())
         return path
 
-    return poison, {"PYTHONPATH": str(tmp_path)}
+    return poison, first_on_path(tmp_path)
 
 
 #: What a log may take here [minutes]: it takes a second, and on a busy machine a few.
@@ -326,7 +331,7 @@ def test_a_failure_of_the_worker_is_a_row(one_log, tmp_path):
     """A full disk there, say: no end to the run, no endless loop, and the next run tries again."""
     (tmp_path / "sitecustomize.py").write_text(FULL)
     store = tmp_path / "store"
-    environment = {"PYTHONPATH": str(tmp_path)}
+    environment = first_on_path(tmp_path)
     process = command("fleet", one_log, "-o", store, "--workers", "1", environment=environment)
     out, err = process.communicate(timeout=180)
     assert process.returncode == 1, err
