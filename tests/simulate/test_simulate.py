@@ -11,8 +11,8 @@ from quadid_logs.data.vehicle import Rotor, Vehicle
 from quadid_logs.errors import SimulationError
 from quadid_logs.maths.rotations import quaternion_from_euler, rotation_matrix
 from quadid_logs.simulate import SCENARIOS, Damage, damage_bytes, simulate
+from quadid_logs.simulate.closed_loop import SPIN_MAX, SPIN_MIN
 from quadid_logs.simulate.control import throttle_for_thrust
-from quadid_logs.simulate.flight import SPIN_MAX, SPIN_MIN
 
 NAMES = pytest.mark.parametrize("name", sorted(SCENARIOS))
 
@@ -75,35 +75,37 @@ def test_pulse_widths_follow_from_command_voltage_and_parameters(quad):
     command = signals["torque_command"][0].values[rows] / lift[:, np.newaxis]
     throttle = signals["throttle"][0].values[rows, 0] / lift
     factors = 0.5 * np.array([[-1, 1, 1], [1, -1, 1], [1, 1, -1], [-1, -1, -1]])
-    share = throttle[:, np.newaxis] + command @ factors.T
-    linear = throttle_for_thrust(share * lift[:, np.newaxis], parameters["MOT_THST_EXPO"])
+    thrust = throttle[:, np.newaxis] + command @ factors.T
+    linear = throttle_for_thrust(thrust * lift[:, np.newaxis], parameters["MOT_THST_EXPO"])
     actuator = SPIN_MIN + (SPIN_MAX - SPIN_MIN) * linear / ratio[:, np.newaxis]
     (begin, end) = quad.truth["segments_s"][0]
-    flying = (pwm.time_s > begin) & (pwm.time_s < end)
-    assert np.abs(1000.0 + 1000.0 * actuator - pwm.values)[flying].max() < 0.51
+    in_flight = (pwm.time_s > begin) & (pwm.time_s < end)
+    assert np.abs(1000.0 + 1000.0 * actuator - pwm.values)[in_flight].max() < 0.51
 
 
 def test_px4s_motors_are_mix_times_setpoints(px4):
-    """actuator_motors carries thrust shares of which torque and thrust set-points are linear functions."""
+    """actuator_motors carries thrust fractions of which torque and thrust set-points are linear functions."""
     signals = px4.log.signals
     rows = signals["motor_thrust"][0]
     inputs = np.hstack([signals["torque_command"][0].values, signals["throttle"][0].values])
     (begin, end) = px4.truth["segments_s"][0]
-    flying = (rows.time_s > begin) & (rows.time_s < end)
-    solution, *_ = np.linalg.lstsq(inputs[flying], rows.values[flying])
-    np.testing.assert_allclose(inputs[flying] @ solution, rows.values[flying], atol=1e-5)
+    in_flight = (rows.time_s > begin) & (rows.time_s < end)
+    solution, *_ = np.linalg.lstsq(inputs[in_flight], rows.values[in_flight])
+    np.testing.assert_allclose(inputs[in_flight] @ solution, rows.values[in_flight], atol=1e-5)
     np.testing.assert_allclose(np.abs(solution[0]), np.sqrt(0.5), atol=1e-3)
 
 
 def test_the_accelerometer_feels_the_ground_and_the_thrust(quad):
     """At rest -g on z; in flight the mean lift carries the weight."""
     force = quad.log.signals["specific_force"][0]
-    standing = force.time_s < 31.4
-    np.testing.assert_allclose(force.values[standing].mean(axis=0), [0.0, 0.0, -9.80665], atol=0.05)
+    on_ground = force.time_s < 31.4
+    np.testing.assert_allclose(force.values[on_ground].mean(axis=0), [0.0, 0.0, -9.80665], atol=0.05)
     (begin, end) = quad.truth["segments_s"][0]
-    flying = (force.time_s > begin) & (force.time_s < end)
-    attitude = quad.log.signals["attitude"][0].values[flying]
-    turned = np.einsum("nij,nj->ni", rotation_matrix(quaternion_from_euler(attitude)), force.values[flying])
+    in_flight = (force.time_s > begin) & (force.time_s < end)
+    attitude = quad.log.signals["attitude"][0].values[in_flight]
+    turned = np.einsum(
+        "nij,nj->ni", rotation_matrix(quaternion_from_euler(attitude)), force.values[in_flight]
+    )
     assert turned[:, 2].mean() == pytest.approx(-9.80665, abs=0.1)
 
 
@@ -212,7 +214,7 @@ def test_what_cannot_be_simulated_is_refused(name, options, words):
 
 
 def test_damage_hits_where_it_says():
-    """Noise, zeros, a missing stretch and a cut, each in its place."""
+    """Noise, zeros, a missing block and a cut, each in its place."""
     content = bytes(range(1, 101))
     damages = (
         Damage(kind="zeros", at=0.1, n_bytes=5),

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quadid_logs.errors import ShapeError
-from quadid_logs.maths.windows import solve_windows, stack_windows
+from quadid_logs.maths.sliding_windows import solve_windows, stack_windows
 
 
 def _windows(seed: int, width: int, unknowns: int) -> tuple[np.ndarray, np.ndarray]:

@@ -9,9 +9,10 @@ import pytest
 
 from quadid_logs.errors import SimulationError
 from quadid_logs.maths.frames import frame_geometry, known_frames, torque_matrix
-from quadid_logs.maths.rigid_body import inertia_terms
+from quadid_logs.maths.rotational_dynamics import inertia_terms
 from quadid_logs.simulate import SCENARIOS, fly, fly_many, plan_flights
-from quadid_logs.simulate.airframe import Airframe, layout, quad_x
+from quadid_logs.simulate.airframes import SimulatedAirframe, layout, quad_x
+from quadid_logs.simulate.closed_loop import Noise, mixer_factors, torque_gain
 from quadid_logs.simulate.control import (
     Mixer,
     arithmetic,
@@ -21,7 +22,6 @@ from quadid_logs.simulate.control import (
     throttle_for_thrust,
     thrust_of_throttle,
 )
-from quadid_logs.simulate.flight import Noise, mixer_factors, torque_gain
 from quadid_logs.simulate.plant import Body, advance, at_rest
 from quadid_logs.simulate.truth import torque_per_command
 from quadid_logs.simulate.wind import Wind, dryden_wind
@@ -92,7 +92,7 @@ def test_thrust_and_drag_torque_go_with_the_square_of_the_speed():
 
 
 def test_a_vehicle_without_lift_stays_on_the_ground():
-    """Gravity does not pull it through the floor."""
+    """Gravity does not pull it into the ground."""
     state = at_rest(4, 0.0)
     for _ in range(100):
         state = advance(state, (100.0,) * 4, (0.0, 0.0, 0.0), body_of(quad_x(), 0.0025))
@@ -109,9 +109,9 @@ def test_the_mixer_realises_what_fits(key):
     command = (0.06, -0.05, 0.04)
     mixed = mix(command, 0.45, mixer, arithmetic(1))
     assert mixed.limited == 0.0
-    shares = np.array(mixed.thrust)
-    np.testing.assert_allclose(shares - shares.mean(), frame.mixer @ command - (frame.mixer @ command).mean())
-    assert shares.mean() - (frame.mixer @ command).mean() == pytest.approx(0.45)
+    thrust = np.array(mixed.thrust)
+    np.testing.assert_allclose(thrust - thrust.mean(), frame.mixer @ command - (frame.mixer @ command).mean())
+    assert thrust.mean() - (frame.mixer @ command).mean() == pytest.approx(0.45)
 
 
 @pytest.mark.parametrize("command", [(0.0, 0.0, 1.5), (1.0, 1.0, 0.0), (0.9, -0.8, 0.9)])
@@ -153,7 +153,7 @@ def test_the_gyro_filter_is_scipys_butterworth():
 def test_frames_of_every_class_hover(key):
     """The loops are stable on frames of every class: a doublet flight ends level and at its height."""
     n = frame_geometry(*key).n_rotors
-    airframe = Airframe(
+    airframe = SimulatedAirframe(
         name="any",
         mass_kg=0.4 * n,
         inertia_kg_m2=np.diag([0.004, 0.0045, 0.007]) * n,
@@ -207,8 +207,8 @@ def test_a_batch_flies_what_its_members_fly_alone():
 
 
 def test_a_batch_of_unequal_flights_is_refused():
-    """Flights of different length cannot share one loop."""
-    with pytest.raises(SimulationError, match="share"):
+    """Flights of different length cannot run in one loop."""
+    with pytest.raises(SimulationError, match="same number of rotors"):
         fly_many([setup_of("hover", duration_s=15.0), setup_of("hover", duration_s=16.0)])
 
 
@@ -282,13 +282,13 @@ def test_turbulence_has_drydens_intensity():
 
 
 def test_a_gyro_scale_error_multiplies_what_the_gyro_shows():
-    """Of each axis by its own share; the true rate is what flew."""
+    """Of each axis by its own factor; the true rate is what flew."""
     setup = setup_of("sysid-quad-x", noise=dataclasses.replace(SILENT, gyro_scale=(0.01, -0.02, 0.0)))
     channels = fly(setup).channels
     np.testing.assert_allclose(channels["gyro"], channels["rate"] * [1.01, 0.98, 1.0], rtol=0.0, atol=1e-9)
 
 
-def test_a_cross_axis_gyro_shows_a_share_of_the_other_rates():
+def test_a_cross_axis_gyro_shows_a_fraction_of_the_other_rates():
     """p of q and r, q of p and r, r of p and q."""
     cross = (0.01, -0.02, 0.0, 0.03, 0.005, 0.0)
     setup = setup_of("sysid-quad-x", noise=dataclasses.replace(SILENT, gyro_cross=cross))

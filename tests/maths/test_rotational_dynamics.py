@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.special import ellipj
 
 from quadid_logs.errors import ShapeError
-from quadid_logs.maths.rigid_body import (
+from quadid_logs.maths.rotational_dynamics import (
     angular_acceleration,
     gyroscopic_matrix,
     inertia_terms,

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from quadid_logs.maths.stability import largest_change
+from quadid_logs.maths.structural_change import largest_change
 
 
 def series(change_at: int | None, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Residuals of a fit to 4000 samples in 80 stretches, the coefficient 2.0, later 2.5."""
+    """Residuals of a fit to 4000 samples in 80 clusters, the coefficient 2.0, later 2.5."""
     rng = np.random.default_rng(seed)
     x = rng.standard_normal(4000)
     slope = np.full(4000, 2.0)
@@ -19,7 +19,7 @@ def series(change_at: int | None, seed: int) -> tuple[np.ndarray, np.ndarray, np
 
 
 def test_a_change_is_found_at_its_time_with_both_values() -> None:
-    """To two stretches, and the difference to a fifth of it."""
+    """To two clusters, and the difference to a fifth of it."""
     found = largest_change(*series(2500, seed=1))
     assert found is not None
     assert abs(found.first_cluster - 50) <= 2
