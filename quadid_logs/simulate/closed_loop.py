@@ -187,7 +187,7 @@ def fly_many(setups: Sequence[Setup]) -> Record:
         )
         if not shared:
             raise SimulationError(
-                "Flights of one batch have the same number of rotors, schedule, autopilot, delay and loop rate."
+                "Flights of one batch have the same number of rotors, schedule, autopilot, delay, loop rate."
             )
     values = _fly(tuple(setups), CORE)
     if len(setups) == 1:
