@@ -37,7 +37,8 @@ from typing import Final, Literal, NamedTuple
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 LISTS: Final = ROOT / "benchmarks" / "mutations"
-TIMEOUT_S: Final = 900.0
+#: A change that lets the tests run that much longer has been noticed.
+TIMEOUT_S: Final = 300.0
 
 Outcome = Literal["caught", "survived", "hung"]
 

@@ -72,7 +72,7 @@ def test_one_jump_of_the_compass_changes_nothing() -> None:
 
 
 def test_the_half_widths_are_those_of_95_percent() -> None:
-    """1.96 times the spread over 60 noises of nine elements and the lag: known to 9 % each, to 3 % together."""
+    """1.96 times the spread over 60 noises, of nine elements and the lag: known to 9 % each, 3 % together."""
     rng = np.random.default_rng(2)
     # No end in common: the formula takes the errors of two intervals as independent.
     apart = np.column_stack([np.arange(0, 3000, 60), np.arange(50, 3001, 60)])

@@ -228,3 +228,65 @@ def test_damage_hits_where_it_says():
     assert damaged[34:50] == content[34:50]
     assert damaged[50:] == content[60:90]
     assert damaged == damage_bytes(content, damages, seed=1)
+
+
+def test_the_accelerometer_turns_with_the_vehicle(quad):
+    """In body axes rotor thrust is along z: sideways there is drag alone, however far it tilts."""
+    force = quad.log.signals["specific_force"][0]
+    (begin, end) = quad.truth["segments_s"][0]
+    in_flight = (force.time_s > begin) & (force.time_s < end)
+    sideways = np.abs(force.values[in_flight, :2]).max()
+    tilt = np.abs(quad.log.signals["attitude"][0].values[:, :2]).max()
+    assert sideways < 0.1 * 9.80665 * np.sin(tilt)
+
+
+def test_the_accelerometer_noise_has_its_density(quad):
+    """At rest on the ground: white up to half the control rate."""
+    force = quad.log.signals["specific_force"][0]
+    at_rest = force.values[force.time_s < 32.4]
+    np.testing.assert_allclose(at_rest.std(axis=0), 2.0e-3 * np.sqrt(200.0), rtol=0.15)
+
+
+def test_the_true_delay_is_half_a_period_and_the_gyro_filter(quad):
+    """sqrt(2) / (2 pi f_c) to a per cent: the digital filter's own differs a little."""
+    delay_s = 0.5 / 400.0 + np.sqrt(2.0) / (2.0 * np.pi * 40.0)
+    assert quad.truth["actuator"]["delay_s"] == pytest.approx(delay_s, rel=0.05)
+    assert quad.truth["actuator"]["delay_parts_s"]["zero_order_hold"] == pytest.approx(0.5 / 400.0)
+
+
+def test_the_true_models_say_what_euler_s_equation_says():
+    """A and B of two structures against J^-1 (u - d w - w x J w) at random rates and commands."""
+    truth = simulate("products-of-inertia", seed=5, duration_s=15.0).truth
+    J, damping = np.array(truth["vehicle"]["inertia_kg_m2"]), np.array(truth["vehicle"]["rate_damping_n_m_s"])
+    gain = np.array(truth["torque_n_m_per_command"])
+    model = truth["models"]["rigid-body"]
+    A, B = np.array(model["A"]), np.array(model["B"])
+    for w, command in np.random.default_rng(2).standard_normal((5, 2, 3)):
+        expected = np.linalg.solve(J, gain @ command - damping * w - np.cross(w, J @ w))
+        p, q, r = w
+        products = {"pp": p * p, "qq": q * q, "rr": r * r, "qr": q * r, "pr": p * r, "pq": p * q}
+        columns = products | {"p": p, "q": q, "r": r}
+        found = A @ [columns[name] for name in model["regressors"]] + B @ command
+        np.testing.assert_allclose(found, expected, rtol=1e-9)
+    np.testing.assert_allclose(np.array(model["inertia_over_torque_command"]) @ B, np.eye(3), atol=1e-9)
+
+
+def test_the_six_term_truth_is_that_of_a_vehicle_without_products():
+    """Each of qr, pr, pq on its own axis."""
+    truth = simulate("hover", seed=5, duration_s=15.0).truth
+    xx, yy, zz = np.diagonal(truth["vehicle"]["inertia_kg_m2"])
+    model = truth["models"]["quadrotor-6"]
+    assert model["regressors"] == ["qr", "pr", "pq"]
+    np.testing.assert_allclose(
+        model["A"], np.diag([(yy - zz) / xx, (zz - xx) / yy, (xx - yy) / zz]), atol=1e-12
+    )
+
+
+def test_unallocated_torque_is_what_was_commanded_and_not_achieved():
+    """On a vehicle short of thrust: positive where a positive command was cut."""
+    log = simulate("saturation", seed=2, duration_s=20.0, autopilot="px4").log
+    missing, command = log.signals["unallocated_torque"][0], log.signals["torque_command"][0]
+    at = np.searchsorted(command.time_s, missing.time_s + 1e-3) - 1
+    cut = np.abs(missing.values) > 0.02
+    assert cut.any()
+    assert (np.sign(missing.values[cut]) == np.sign(command.values[at][cut])).mean() > 0.95
