@@ -1,4 +1,4 @@
-"""Own gains by several methods from the same aligned data, in per cent of the truth.
+"""On-axis control effectiveness by several methods from the same aligned data, in per cent of the truth.
 
 The logs are those of QUADID_LOG_CORPUS that firmware flew in simulators whose
 truth is known, and flights of our own simulator. Run
@@ -64,7 +64,7 @@ _SEED: Final = 7
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Case:
-    """An aligned flight with its true own gains, shape (3,), and our verdict on each axis."""
+    """An aligned flight with its true B11, B22, B33, shape (3,), and our verdict on each axis."""
 
     name: str
     data: FlightData
@@ -83,7 +83,7 @@ class Row:
 
 def main() -> int:
     """Print the table; with --output write it to a file too."""
-    parser = argparse.ArgumentParser(description="Own gains by several methods against the truth.")
+    parser = argparse.ArgumentParser(description="B11, B22, B33 by several methods against the truth.")
     parser.add_argument("--output", type=Path, help="file to write the table to")
     parser.add_argument("--short", action="store_true", help="two simulated flights only")
     options = parser.parse_args()

@@ -167,7 +167,7 @@ def signalviewer_all(path: str) -> object:
 
 def quadid_windows(count: str) -> object:
     """Ours: so many H_k of eq. (5), 9 samples by 9 unknowns, six targets each."""
-    from quadid_logs.maths.windows import solve_windows, stack_windows
+    from quadid_logs.maths.sliding_windows import solve_windows, stack_windows
 
     rng = np.random.default_rng(0)
     n = int(count) + 8

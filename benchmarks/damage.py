@@ -1,7 +1,7 @@
 """Rows that we and the reference readers keep of damaged logs.
 
 Run with ``python benchmarks/damage.py``; prints two Markdown tables. The logs are
-the corpus' damaged ones, and its intact ones with 100 stretches of 512 bytes
+the corpus' damaged ones, and its intact ones with 100 blocks of 512 bytes
 overwritten with zeros, which is what a failing card leaves behind.
 """
 
@@ -39,7 +39,7 @@ INTACT = (
     "firmware/ac47_quadx_multisine.tlog",
     "firmware/px4_quad_default_logging.ulg",
 )
-N_STRETCHES, STRETCH = 100, 512
+N_BLOCKS, BLOCK_BYTES = 100, 512
 
 
 def main() -> None:
@@ -55,7 +55,7 @@ def main() -> None:
         for name in INTACT:
             print(_line(folder / name, "none"))
             copy, _ = _with_holes(folder / name, Path(scratch))
-            print(_line(copy, f"{N_STRETCHES} x {STRETCH} B zeroed"))
+            print(_line(copy, f"{N_BLOCKS} x {BLOCK_BYTES} B zeroed"))
         copy, starts = _with_holes(folder / INTACT[0], Path(scratch))
         print(f"\nRows of {copy.name} that reach into zeroed bytes and are handed out as data:")
         for reader, rows in (("quadid-logs", _ours_places), ("pymavlink", _pymavlink_places)):
@@ -63,9 +63,9 @@ def main() -> None:
 
 
 def _n_overlapping(begin: np.ndarray, end: np.ndarray, starts: np.ndarray) -> int:
-    """Count the rows that overlap a zeroed stretch."""
+    """Count the rows that overlap a zeroed block."""
     return int(
-        np.count_nonzero(np.searchsorted(starts + STRETCH, begin, "right") < np.searchsorted(starts, end))
+        np.count_nonzero(np.searchsorted(starts + BLOCK_BYTES, begin, "right") < np.searchsorted(starts, end))
     )
 
 
@@ -93,11 +93,11 @@ def _pymavlink_places(path: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _with_holes(path: Path, folder: Path) -> tuple[Path, np.ndarray]:
-    """Return a copy of the log with stretches of zeros, never at the very beginning, and where they are."""
+    """Return a copy of the log with blocks of zeros, never at the very beginning, and where they are."""
     content, rng = bytearray(path.read_bytes()), random.Random(0)
-    starts = sorted(rng.sample(range(len(content) // 20, len(content) - STRETCH, STRETCH), N_STRETCHES))
+    starts = sorted(rng.sample(range(len(content) // 20, len(content) - BLOCK_BYTES, BLOCK_BYTES), N_BLOCKS))
     for start in starts:
-        content[start : start + STRETCH] = bytes(STRETCH)
+        content[start : start + BLOCK_BYTES] = bytes(BLOCK_BYTES)
     copy = folder / path.name
     copy.write_bytes(content)
     return copy, np.array(starts)

@@ -27,7 +27,7 @@ MOST_BYTES = 20e6
 PER_LOG = 12
 HEADS = {".bin": b"\xa3\x95\x80", ".tlog": b"\xfd\x10\x00\x00", ".ulg": b"\x40\x00D\x01\x00"}
 KINDS = ("zeros", "noise", "copy", "headers", "one bit")
-#: So many rows before and behind the damage may be in doubt.
+#: So many rows before and behind the damage may be affected.
 FEW = 2
 
 

@@ -16,7 +16,7 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify import identify
-from quadid_logs.maths.windows import solve_windows, stack_windows
+from quadid_logs.maths.sliding_windows import solve_windows, stack_windows
 
 Estimator = Callable[[FlightData], FloatArray]
 

@@ -14,9 +14,9 @@ import numpy as np
 
 from quadid_logs.data.log import FlightLog, LogText
 from quadid_logs.simulate import find_scenario, fly, plan_flights
-from quadid_logs.simulate.airframe import Airframe
-from quadid_logs.simulate.flight import Setup
-from quadid_logs.simulate.logbook import Logging, write_logbook
+from quadid_logs.simulate.airframes import SimulatedAirframe
+from quadid_logs.simulate.closed_loop import Setup
+from quadid_logs.simulate.logger import Logging, log_flights
 from quadid_logs.simulate.wind import Wind
 from quadid_logs.writers import write_log
 
@@ -58,7 +58,7 @@ def write_flight(
     """Fly once and write the log; the same vehicle and flight give the same bytes."""
     setup = _setup(vehicle, flight, duration_s, rate_hz)
     logging = Logging(rate_hz=rate_hz)
-    log = _signed(write_logbook((fly(setup),), logging), vehicle)
+    log = _signed(log_flights((fly(setup),), logging), vehicle)
     when = _FIRST_DAY + datetime.timedelta(days=flight, minutes=20 * vehicle.number)
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{when:%Y-%m-%d %H-%M-%S} {vehicle.number:03d}.bin"
@@ -112,7 +112,7 @@ def _setup(vehicle: Vehicle, flight: int, duration_s: float, rate_hz: float) -> 
     )
 
 
-def _built(airframe: Airframe, number: int) -> Airframe:
+def _built(airframe: SimulatedAirframe, number: int) -> SimulatedAirframe:
     """Build one vehicle: 3 % of scatter in inertia, 2 % in mass and thrust, between vehicles of one model."""
     rng = np.random.default_rng([number, *b"built"])
     spread = 1.0 + 0.03 * rng.standard_normal(3)
@@ -124,7 +124,9 @@ def _built(airframe: Airframe, number: int) -> Airframe:
     )
 
 
-def _flown(airframe: Airframe, vehicle: Vehicle, flight: int, rng: np.random.Generator) -> Airframe:
+def _flown(
+    airframe: SimulatedAirframe, vehicle: Vehicle, flight: int, rng: np.random.Generator
+) -> SimulatedAirframe:
     """One day's vehicle: air of 0 to 20 degrees (3 % of thrust), load within 1 %, propellers as they are."""
     fractions = [1.0] * airframe.n_rotors
     if vehicle.worn is not None and flight >= vehicle.worn.flight:

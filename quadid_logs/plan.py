@@ -29,8 +29,8 @@ from quadid_logs.diagnose.advice import (
 from quadid_logs.errors import SettingsError
 from quadid_logs.identify import identify
 from quadid_logs.simulate import Scenario, fly, plan_flights
-from quadid_logs.simulate.airframe import Airframe, hexa_x, octa_coaxial, quad_x
-from quadid_logs.simulate.logbook import write_logbook
+from quadid_logs.simulate.airframes import SimulatedAirframe, hexa_x, octa_coaxial, quad_x
+from quadid_logs.simulate.logger import log_flights
 from quadid_logs.simulate.manoeuvres import Reference, doublets
 from quadid_logs.simulate.sweep import Sweep, sweeps_in_turn
 from quadid_logs.vocabulary import AXES
@@ -178,7 +178,7 @@ def predict(plan: Plan, vehicle: Vehicle | None = None) -> Prediction:
         autopilot=plan.autopilot,
     )
     settings = Settings()
-    log = reconstruct(write_logbook(tuple(fly(setup) for setup in setups), scenario.logging), vehicle)
+    log = reconstruct(log_flights(tuple(fly(setup) for setup in setups), scenario.logging), vehicle)
     data = align(log, settings.align)
     identification = identify(data, settings.identify)
     return Prediction(
@@ -188,7 +188,7 @@ def predict(plan: Plan, vehicle: Vehicle | None = None) -> Prediction:
     )
 
 
-def _airframe(n_rotors: int) -> Airframe:
+def _airframe(n_rotors: int) -> SimulatedAirframe:
     """Return the simulated vehicle with that number of rotors, a quadrotor if it is not known."""
     makers = {0: quad_x, 4: quad_x, 6: hexa_x, 8: octa_coaxial}
     return makers.get(n_rotors, quad_x)()

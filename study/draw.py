@@ -17,9 +17,9 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.maths.rotations import quaternion_from_euler, rotation_matrix
 from quadid_logs.simulate import Scenario, manoeuvres
-from quadid_logs.simulate.airframe import GRAVITY_M_S2, Airframe, Battery, layout
-from quadid_logs.simulate.flight import Noise, torque_gain
-from quadid_logs.simulate.logbook import Logging
+from quadid_logs.simulate.airframes import GRAVITY_M_S2, Battery, SimulatedAirframe, layout
+from quadid_logs.simulate.closed_loop import Noise, torque_gain
+from quadid_logs.simulate.logger import Logging
 from quadid_logs.simulate.manoeuvres import Reference
 from quadid_logs.simulate.wind import Wind
 
@@ -115,7 +115,7 @@ def draw_flight(seed: int, number: int) -> Drawn:
     return Drawn(seed=seed, settings=settings, scenario=scenario, autopilot=autopilot)
 
 
-def _draw_airframe(rng: np.random.Generator) -> tuple[Airframe, dict[str, float | str]]:
+def _draw_airframe(rng: np.random.Generator) -> tuple[SimulatedAirframe, dict[str, float | str]]:
     """Draw a vehicle of 0.3 to 8 kg whose arms, inertias, drag and battery go with its size."""
     frame = str(rng.choice(list(FRAMES), p=[share for _, share in FRAMES.values()]))
     (frame_class, frame_type), _ = FRAMES[frame]
@@ -130,7 +130,7 @@ def _draw_airframe(rng: np.random.Generator) -> tuple[Airframe, dict[str, float 
     uneven = rng.random() < 0.25
     lag_down_s = lag_up_s * (rng.uniform(1.1, 1.5) if uneven else 1.0)
     damping_1_s = np.append(np.repeat(rng.uniform(0.3, 2.5), 2), rng.uniform(0.3, 1.5))
-    airframe = Airframe(
+    airframe = SimulatedAirframe(
         name=frame,
         mass_kg=mass_kg,
         inertia_kg_m2=inertia,
@@ -179,7 +179,7 @@ def _draw_inertia(rng: np.random.Generator, mass_kg: float, arm_m: float) -> tup
 
 
 def _draw_manoeuvre(
-    rng: np.random.Generator, airframe: Airframe, autopilot: str
+    rng: np.random.Generator, airframe: SimulatedAirframe, autopilot: str
 ) -> tuple[Manoeuvre, dict[str, float | str]]:
     """Draw what is flown; ``amplitude`` is relative to the manoeuvre's usual one."""
     name = str(rng.choice(list(MANOEUVRES), p=list(MANOEUVRES.values())))

@@ -19,7 +19,7 @@ from quadid_logs.data.settings import Settings
 from quadid_logs.diagnose import diagnose
 from quadid_logs.identify import identify
 from quadid_logs.simulate import fly, plan_flights
-from quadid_logs.simulate.logbook import write_logbook
+from quadid_logs.simulate.logger import log_flights
 from quadid_logs.simulate.truth import flight_truth
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS, TORQUE_SYMBOLS
 from study.draw import Drawn
@@ -74,7 +74,7 @@ def simulate_drawn(drawn: Drawn) -> tuple[FlightLog, dict[str, Any]]:
         autopilot=drawn.autopilot,
     )
     record = fly(setup)
-    log = write_logbook((record,), scenario.logging)
+    log = log_flights((record,), scenario.logging)
     parameters = {
         name: _PX4_PLACEHOLDER_CT if name.startswith("CA_ROTOR") and name.endswith("_CT") else value
         for name, value in log.parameters.items()

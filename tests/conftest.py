@@ -26,13 +26,31 @@ def corpus_logs(*folders: str) -> list[str]:
     return sorted(f"{path.parent.name}/{path.name}" for path in found if path.suffix != ".json")
 
 
+def has_corpus() -> bool:
+    """Say whether the logs are there."""
+    return (corpus_folder() / "firmware").is_dir()
+
+
+def pytest_configure() -> None:
+    """Refuse to run where a corpus was named and is not there: its tests would only seem to pass."""
+    if "QUADID_LOG_CORPUS" in os.environ and not has_corpus():
+        raise pytest.UsageError(f"QUADID_LOG_CORPUS names {corpus_folder()}, which holds no corpus of logs.")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark every test that reads the corpus, before `-m` chooses."""
+    for item in items:
+        if "corpus" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.corpus)
+
+
 @pytest.fixture(scope="session")
 def corpus() -> Path:
-    """Return the folder of real logs; skip the test where it is absent."""
-    folder = corpus_folder()
-    if not (folder / "firmware").is_dir():
-        pytest.skip(f"no log corpus at {folder}; set QUADID_LOG_CORPUS to run this test")
-    return folder
+    """Return the folder of real logs; skip the test where none is expected."""
+    if not has_corpus():
+        pytest.skip(f"no log corpus at {corpus_folder()}; set QUADID_LOG_CORPUS to run this test")
+    return corpus_folder()
 
 
 @pytest.fixture
@@ -40,5 +58,5 @@ def corpus_log(corpus: Path, request: pytest.FixtureRequest) -> Path:
     """Return one log of the corpus, named by indirect parametrisation."""
     path = corpus / str(request.param)
     if not path.exists():
-        pytest.skip(f"{path} is not in the log corpus")
+        pytest.fail(f"{path} is missing from the log corpus")
     return path

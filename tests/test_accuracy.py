@@ -46,8 +46,8 @@ def test_each_package_gives_three_gains_of_the_right_size(flight, name):
     """None is used so that it cannot but fail: the right sign, and within a factor of two."""
     pytest.importorskip(name)
     data, truth = flight
-    share = estimators.ESTIMATORS[name](data) / truth
-    assert ((share > 0.5) & (share < 2.0)).all()
+    ratio = estimators.ESTIMATORS[name](data) / truth
+    assert ((ratio > 0.5) & (ratio < 2.0)).all()
 
 
 @pytest.mark.parametrize(
@@ -62,7 +62,7 @@ def test_each_package_gives_three_gains_of_the_right_size(flight, name):
         {"at_hover": {"B_rad_s2_per_unit": {"M": [[1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 3.0]]}}},
     ],
 )
-def test_every_form_of_a_firmware_truth_is_read(truth):
+def test_every_layout_of_a_firmware_truth_is_read(truth):
     """PX4's, ArduPilot's at the mean throttle, ArduPilot's at hover."""
     np.testing.assert_array_equal(accuracy._firmware_truth(truth), [1.0, 2.0, 3.0])
 

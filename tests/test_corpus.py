@@ -10,8 +10,7 @@ import pytest
 from quadid_logs import pipeline
 from quadid_logs.data.result import Result
 from quadid_logs.errors import LogError
-
-pytestmark = pytest.mark.corpus
+from quadid_logs.load import read_log
 
 ARDUPILOT_TRUTH = ("at_segment_mean", "B_rad_s2_per_unit")
 
@@ -143,7 +142,6 @@ def test_a_file_that_is_no_log_is_refused_with_a_hint(corpus: Path, name: str, h
 @pytest.mark.parametrize(
     "name",
     [
-        "appended-multiple.ulg",
         "corrupt-format-not-utf8.ulg",
         "corrupt-wrong-size.ulg",
         "garbage-tail-ac47-sitl.bin",
@@ -154,10 +152,30 @@ def test_a_file_that_is_no_log_is_refused_with_a_hint(corpus: Path, name: str, h
     ],
 )
 def test_a_damaged_log_is_judged_and_says_what_was_lost(corpus: Path, name: str) -> None:
-    """Never a crash; either a verdict or a clear error."""
-    judged: object
-    try:
-        judged = set(pipeline.analyze(corpus / "damaged" / name).diagnosis.axes)
-    except LogError as error:
-        judged = bool(error.hint)
-    assert judged in ({"roll", "pitch", "yaw"}, True)
+    """QL101 counts each byte once that no message could be read from."""
+    path = corpus / "damaged" / name
+    diagnosis = pipeline.analyze(path).diagnosis
+    assert set(diagnosis.axes) == {"roll", "pitch", "yaw"}
+    lost = sorted((part.offset, part.offset + part.n_bytes) for part in read_log(path).lost)
+    edges = [edge for span in lost for edge in span]
+    assert edges == sorted(edges)
+    assert 0 <= edges[0] < edges[-1] <= path.stat().st_size
+    (finding,) = (each for each in diagnosis.findings if each.code == "QL101")
+    assert finding.evidence["corrupt_bytes"] == sum(end - begin for begin, end in lost) > 0
+
+
+def test_a_log_to_which_others_were_appended_has_lost_nothing(corpus: Path) -> None:
+    """ULog's appended data is announced in the header: it is no damage."""
+    path = corpus / "damaged" / "appended-multiple.ulg"
+    assert "QL101" not in codes(pipeline.analyze(path))
+    assert read_log(path).lost == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "n_bytes"), [("truncated-80k-ac462-real.bin", 2), ("one-packet-70B.tlog", 14)]
+)
+def test_what_a_cut_leaves_of_the_last_message_is_lost(corpus: Path, name: str, n_bytes: int) -> None:
+    """From the start of a message that the file's end cuts off, and nothing before it."""
+    path = corpus / "damaged" / name
+    (part,) = read_log(path).lost
+    assert (part.offset, part.n_bytes) == (path.stat().st_size - n_bytes, n_bytes)

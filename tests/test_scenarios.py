@@ -16,7 +16,7 @@ AXES = ("roll", "pitch", "yaw")
 
 
 @pytest.mark.parametrize("name", sorted(SCENARIOS))
-def test_a_usable_axis_has_the_true_gain_and_the_others_are_doubted(name: str, tmp_path: Path) -> None:
+def test_a_usable_axis_has_the_true_gain_and_the_others_are_not_usable(name: str, tmp_path: Path) -> None:
     """Truth -> file -> verdict: "usable" means within 5 %, and no axis beyond what its flight allows."""
     flight = simulate(name, seed=3)
     path = tmp_path / "flight.bin"

@@ -22,7 +22,7 @@ def paper(
     force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run.")] = False,
 ) -> int:
     """Re-run the source paper's experiment and say what agrees with eq. (12), what cannot, and why."""
-    from quadid_logs.simulate.paper import run_experiment
+    from quadid_logs.simulate.paper_experiment import run_experiment
     from quadid_logs.simulate.paper_page import figures, page_text, windows_csv
 
     check_free(*(output / name for name in _FILES), force=force)

@@ -56,7 +56,7 @@ def _axis(data: FlightData, model: Model, column: int, n_stretch: int) -> tuple[
     spectra = averaged_spectra(
         ((segment.torque[:, column], segment.body_rate_rad_s[:, column]) for segment in data.segments),
         period_s=data.sample_period_s,
-        n_stretch=n_stretch,
+        n_per_segment=n_stretch,
     )
     band = (spectra.frequency_hz > 0.0) & (spectra.frequency_hz <= _HIGHEST_HZ)
     frequency_hz = spectra.frequency_hz[band]

@@ -12,7 +12,7 @@ from quadid_logs.data.result import Result
 from quadid_logs.figures.flight import TIME
 from quadid_logs.figures.spec import Axis, Band, Curve, Figure, LeftOut, Level, Panel
 from quadid_logs.figures.thinning import break_at_gaps, thin_line, thin_points
-from quadid_logs.maths.windows import weakest_words
+from quadid_logs.maths.sliding_windows import weakest_words
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, TORQUE_SYMBOLS
 
 #: Share of the windows that a panel must show; the wildest rest would flatten the picture.

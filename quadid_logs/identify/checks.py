@@ -14,7 +14,7 @@ from quadid_logs.identify.fit import PooledFit, Regression, fit_pooled
 from quadid_logs.identify.inference import clusters_of
 from quadid_logs.identify.structures import Structure
 from quadid_logs.maths.least_squares import column_scale, solve_least_squares
-from quadid_logs.maths.stability import largest_change
+from quadid_logs.maths.structural_change import largest_change
 from quadid_logs.vocabulary import TORQUE_SYMBOLS
 
 #: Length of the integrals of the integral form: a quarter of a second gives

@@ -19,7 +19,7 @@ from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.identify.structures import DISTURBANCES, STRUCTURES, Structure
 from quadid_logs.identify.terms import ANGLES, RATE_TERMS, TRIM, Term, column_of
 from quadid_logs.identify.torque import RowGrid, RowTorque, spectrum_of
-from quadid_logs.maths.band import delay_response, gaussian_reach_s, without_slow
+from quadid_logs.maths.band import delay_response, gaussian_reach_s, high_pass
 from quadid_logs.vocabulary import TORQUE_SYMBOLS
 
 #: Fraction of the flight that no fit sees; taken in blocks, never shuffled.
@@ -111,7 +111,7 @@ class Design:
         """Take what is slow out of columns, chunk by chunk; shape (n_rows, n_columns) stays."""
         if not high_pass_hz:
             return columns
-        parts = [without_slow(part, self.period_s, high_pass_hz) for part in self._by_chunk(columns)]
+        parts = [high_pass(part, self.period_s, high_pass_hz) for part in self._by_chunk(columns)]
         return np.concatenate(parts)
 
     def averaged(self, columns: FloatArray, n_rows: int) -> FloatArray:

@@ -75,7 +75,7 @@ def _axis(data: FlightData, axis: int, signal_to_noise: float, rate_rms_rad_s: f
     spectra = averaged_spectra(
         ((segment.torque[:, axis], segment.body_rate_rad_s[:, axis]) for segment in data.segments),
         period_s=data.sample_period_s,
-        n_stretch=min(int(_SPECTRUM_S / data.sample_period_s), longest),
+        n_per_segment=min(int(_SPECTRUM_S / data.sample_period_s), longest),
     )
     return Excitation(
         axis=AXES[axis],
@@ -103,7 +103,7 @@ def noise_density(data: FlightData) -> dict[str, float]:
         if not pairs:
             continue
         n_stretch = min(int(_SPECTRUM_S / data.sample_period_s), max(len(first) for first, _ in pairs))
-        spectra = averaged_spectra(pairs, period_s=data.sample_period_s, n_stretch=n_stretch)
+        spectra = averaged_spectra(pairs, period_s=data.sample_period_s, n_per_segment=n_stretch)
         upper = spectra.frequency_hz > _NOISE_BAND * spectra.frequency_hz[-1]
         density[name] = float(np.median(spectra.input_psd[upper])) if upper.any() else 0.0
     return density

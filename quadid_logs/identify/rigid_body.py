@@ -26,7 +26,7 @@ from quadid_logs.identify.systematic import GYRO_SYSTEMATIC, as_measured
 from quadid_logs.identify.terms import THROTTLED_YAW, TRIM
 from quadid_logs.maths.least_squares import Equation, solve_least_squares
 from quadid_logs.maths.normal import NORMAL_95
-from quadid_logs.maths.rigid_body import PRODUCTS, gyroscopic_matrix
+from quadid_logs.maths.rotational_dynamics import PRODUCTS, gyroscopic_matrix
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS, TORQUE_SYMBOLS
 
 #: Where the search begins, and where it stays in a direction of which the flight

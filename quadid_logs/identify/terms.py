@@ -13,7 +13,7 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import Segment
-from quadid_logs.maths.rigid_body import PRODUCTS
+from quadid_logs.maths.rotational_dynamics import PRODUCTS
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS, TORQUE_SYMBOLS
 
 #: Thrust is not quite what mixer and thrust curve say, and the torque between the rows of a slow log is

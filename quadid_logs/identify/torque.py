@@ -22,8 +22,8 @@ from quadid_logs.maths.band import (
     gaussian_reach_s,
     gaussian_response,
     gyro_response,
+    high_pass,
     lag_response,
-    without_slow,
 )
 from quadid_logs.vocabulary import TORQUE_SYMBOLS
 
@@ -188,7 +188,7 @@ class RowTorque:
             for grid, spectrum, response in zip(self.grids, self.spectra, responses, strict=True)
         ]
         if self.high_pass_hz:
-            parts = [without_slow(part, self.row_period_s, self.high_pass_hz) for part in parts]
+            parts = [high_pass(part, self.row_period_s, self.high_pass_hz) for part in parts]
         return np.concatenate(parts)
 
 

@@ -12,7 +12,7 @@ from quadid_logs.data.model import FitSeries, Validation
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.structures import Structure
 from quadid_logs.identify.terms import RateTerm
-from quadid_logs.maths.band import without_slow
+from quadid_logs.maths.band import high_pass
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS
 
 #: The rate loop acts within the first, a pilot within the last.
@@ -133,7 +133,7 @@ def _high_passed_r2(rate: FloatArray, error: FloatArray, design: Design, high_pa
     blocks = zip(*(np.split(each, ends) for each in (rate, error, design.held_out)), strict=True)
     kept = [
         tuple(
-            without_slow(part, design.period_s, high_pass_hz) if high_pass_hz else part
+            high_pass(part, design.period_s, high_pass_hz) if high_pass_hz else part
             for part in (moved, missed)
         )
         for moved, missed, held_out in blocks

@@ -12,7 +12,7 @@ from quadid_logs.data.model import Windows
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.structures import Structure
-from quadid_logs.maths.windows import WindowSolution, solve_windows, stack_windows
+from quadid_logs.maths.sliding_windows import WindowSolution, solve_windows, stack_windows
 
 #: Windows solved at once: 20 000 of 9x9 are 13 MB, so memory stays flat for any log.
 _BATCH = 20_000

@@ -20,58 +20,155 @@ ComplexArray = NDArray[np.complex128]
 
 
 def angular_frequency(n_samples: int, period_s: float) -> ComplexArray:
-    """Return j*omega [rad/s] of the bins of a real FFT; shape (n_samples // 2 + 1,)."""
+    """Return the Laplace variable on the imaginary axis at the bins of a real FFT.
+
+    Parameters
+    ----------
+    n_samples : int
+    period_s : float
+        Between samples [s].
+
+    Returns
+    -------
+    ndarray of complex, shape (n_samples // 2 + 1,)
+        j*omega [rad/s].
+    """
     return np.asarray(2j * np.pi * np.fft.rfftfreq(n_samples, period_s), dtype=np.complex128)
 
 
 def gaussian_response(s: ComplexArray, cutoff_hz: float) -> FloatArray:
-    """Zero-phase Gaussian low-pass, -3 dB at `cutoff_hz`; `s` is j*omega."""
+    """Zero-phase Gaussian low-pass, -3 dB at the cut-off.
+
+    Parameters
+    ----------
+    s : ndarray of complex, shape (n_bins,)
+        j*omega [rad/s].
+    cutoff_hz : float
+
+    Returns
+    -------
+    ndarray, shape (n_bins,)
+    """
     return np.asarray(2.0 ** (-0.5 * (s.imag / (2.0 * np.pi * cutoff_hz)) ** 2), dtype=np.float64)
 
 
 def gaussian_reach_s(cutoff_hz: float) -> float:
     """Return the time [s] beyond which the Gaussian kernel is below 1e-6 of its peak.
 
+    Parameters
+    ----------
+    cutoff_hz : float
+        As of `gaussian_response`.
+
+    Returns
+    -------
+    float
+
+    Notes
+    -----
     The kernel of a response with standard deviation sigma_f [Hz] has the
-    standard deviation 1 / (2 pi sigma_f) in time.
+    standard deviation 1 / (2 pi sigma_f) in time (the Fourier transform of a Gaussian).
     """
     sigma_hz = cutoff_hz / np.sqrt(np.log(2.0))
     return float(np.sqrt(2.0 * np.log(1e6)) / (2.0 * np.pi * sigma_hz))
 
 
 def lag_response(s: ComplexArray, lag_s: float) -> ComplexArray:
-    """First-order lag 1 / (1 + s T)."""
+    """First-order lag 1 / (1 + s T).
+
+    Parameters
+    ----------
+    s : ndarray of complex, shape (n_bins,)
+        j*omega [rad/s].
+    lag_s : float
+        Time constant T [s].
+
+    Returns
+    -------
+    ndarray of complex, shape (n_bins,)
+    """
     return 1.0 / (1.0 + s * lag_s)
 
 
 def delay_response(s: ComplexArray, delay_s: float) -> ComplexArray:
-    """Pure delay exp(-s tau), of any fraction of a sample."""
+    """Pure delay exp(-s tau), of any fraction of a sample.
+
+    Parameters
+    ----------
+    s : ndarray of complex, shape (n_bins,)
+        j*omega [rad/s].
+    delay_s : float
+        tau [s].
+
+    Returns
+    -------
+    ndarray of complex, shape (n_bins,)
+    """
     return np.asarray(np.exp(-s * delay_s), dtype=np.complex128)
 
 
 def butterworth_response(s: ComplexArray, cutoff_hz: float) -> ComplexArray:
-    """Second-order Butterworth low-pass, as autopilots filter their gyros.
+    """Second-order Butterworth low-pass 1 / (1 + sqrt(2) x + x^2) with x = s / omega_c.
 
-    ArduPilot INS_GYRO_FILTER and PX4 IMU_GYRO_CUTOFF (LowPassFilter2p).
+    Parameters
+    ----------
+    s : ndarray of complex, shape (n_bins,)
+        j*omega [rad/s].
+    cutoff_hz : float
+
+    Returns
+    -------
+    ndarray of complex, shape (n_bins,)
+
+    References
+    ----------
+    S. Butterworth, "On the theory of filter amplifiers," Wireless Engineer, vol. 7, 1930.
     """
     x = s / (2.0 * np.pi * cutoff_hz)
     return np.asarray(1.0 / (1.0 + np.sqrt(2.0) * x + x * x), dtype=np.complex128)
 
 
 def notch_response(s: ComplexArray, frequency_hz: float, inverse_q: float, depth: float) -> ComplexArray:
-    """Notch of second order that leaves a share of `depth` at its centre.
+    """Analogue notch of second order, (1 + depth x / Q + x^2) / (1 + x / Q + x^2) with x = s / omega_0.
 
-    ArduPilot NotchFilter.cpp, PX4 NotchFilter.hpp, both before they are made digital.
+    Parameters
+    ----------
+    s : ndarray of complex, shape (n_bins,)
+        j*omega [rad/s].
+    frequency_hz : float
+        Of its centre.
+    inverse_q : float
+        1 / Q: the width at -3 dB over the centre frequency (of a notch of depth 0).
+    depth : float
+        Gain that is left at the centre.
+
+    Returns
+    -------
+    ndarray of complex, shape (n_bins,)
     """
     x = s / (2.0 * np.pi * frequency_hz)
-    straight = 1.0 + x * x
-    return np.asarray((straight + depth * inverse_q * x) / (straight + inverse_q * x), dtype=np.complex128)
+    undamped = 1.0 + x * x
+    return np.asarray((undamped + depth * inverse_q * x) / (undamped + inverse_q * x), dtype=np.complex128)
 
 
 def gyro_response(
     s: ComplexArray, low_pass_hz: float, notches: Sequence[tuple[float, float, float]]
 ) -> ComplexArray:
-    """Return what is known of a gyro's filters: low-pass (NaN for none) and notches; 1 without any."""
+    """Return the product of a gyro's known filters, 1 without any.
+
+    Parameters
+    ----------
+    s : ndarray of complex, shape (n_bins,)
+        j*omega [rad/s].
+    low_pass_hz : float
+        Cut-off of the second-order Butterworth low-pass, NaN for none.
+    notches : sequence of (frequency_hz, inverse_q, depth)
+        As of `notch_response`.
+
+    Returns
+    -------
+    ndarray of complex, shape (n_bins,)
+    """
     response = butterworth_response(s, low_pass_hz) if np.isfinite(low_pass_hz) else np.ones_like(s)
     for notch in notches:
         response = response * notch_response(s, *notch)
@@ -97,17 +194,18 @@ def filtered(
     Returns
     -------
     ndarray, shape (n_out, n_columns)
+        At the times of the signals from the first sample on, spaced n_samples / n_out as far.
     """
     n_bins = n_out // 2 + 1
     shaped = spectrum[:n_bins] * response[:n_bins, np.newaxis]
     return np.asarray(np.fft.irfft(shaped, n_out, axis=0) * (n_out / n_samples), dtype=np.float64)
 
 
-def without_slow(columns: FloatArray, period_s: float, cutoff_hz: float) -> FloatArray:
-    """Remove mean, drift and all cosines slower than the cut-off from columns of one gap-free stretch.
+def high_pass(columns: FloatArray, period_s: float, cutoff_hz: float) -> FloatArray:
+    """Remove mean, drift and all cosines below the cut-off from columns of one gap-free record.
 
-    A projection, not a filter with a memory: a linear relation between
-    columns holds afterwards as before, up to the first and the last row.
+    A projection, not a recursive filter: a linear relation between columns
+    holds afterwards as before, up to the first and the last row.
 
     Parameters
     ----------
@@ -124,12 +222,12 @@ def without_slow(columns: FloatArray, period_s: float, cutoff_hz: float) -> Floa
     Examples
     --------
     >>> t = np.arange(0.0, 10.0, 0.01)
-    >>> float(np.abs(without_slow((2.0 + 0.0 * t)[:, np.newaxis], 0.01, 0.3)).max().round(9))
+    >>> float(np.abs(high_pass((2.0 + 0.0 * t)[:, np.newaxis], 0.01, 0.3)).max().round(9))
     0.0
     """
     from scipy.fft import dct, idct
 
-    slow = int(2.0 * len(columns) * period_s * cutoff_hz) + 1
+    n_removed = int(2.0 * len(columns) * period_s * cutoff_hz) + 1
     spectrum = dct(columns, axis=0, norm="ortho")
-    spectrum[:slow] = 0.0
+    spectrum[:n_removed] = 0.0
     return np.asarray(idct(spectrum, axis=0, norm="ortho"), dtype=np.float64)

@@ -10,7 +10,7 @@ from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.maths.normal import MEDIAN_DEVIATION, NORMAL_95
 from quadid_logs.maths.rotations import euler_rates
 
-#: Points per stretch at which the kinematics are evaluated: 100 Hz over a second, ten times what turns.
+#: Points per interval at which the kinematics are evaluated: 100 Hz over a second, ten times the bandwidth.
 _POINTS = 100
 #: The kinematics of Euler angles are singular at 90 degrees of pitch.
 _STEEPEST_RAD = np.radians(60.0)
@@ -31,16 +31,16 @@ class GyroFit(NamedTuple):
 
     Attributes
     ----------
-    start_s : ndarray, shape (n_stretches,)
-        Of the stretches that could be used [s].
-    attitude_change, integrated_change : ndarray, shape (n_stretches, 3)
-        Change of roll, pitch and yaw over each stretch, by the attitude, and by the body rates
+    start_s : ndarray, shape (n_intervals,)
+        Of the intervals that could be used [s].
+    attitude_change, integrated_change : ndarray, shape (n_intervals, 3)
+        Change of roll, pitch and yaw over each interval, by the attitude, and by the body rates
         with the fitted bias and lag but without the fitted matrix [rad].
     matrix, half_width, explained : ndarray, shape (3, 3)
         Body rates that the attitude shows over those logged (the identity if they agree), half
-        of the 95 % interval, and the share (0 to 1) of that part of the motion that it explains.
+        of the 95 % interval, and the fraction (0 to 1) of that part of the motion that it explains.
     bias_rad_s : ndarray, shape (3,)
-        What is to be added to the rates.
+        To be added to the rates.
     lag_s, lag_half_width_s : float
         How long the rates come after the attitude, and half of its 95 % interval.
     """
@@ -61,11 +61,11 @@ def fit_gyro_to_attitude(
     body_rate_rad_s: FloatArray,
     attitude_time_s: FloatArray,
     euler_rad: FloatArray,
-    stretches: IntArray,
+    intervals: IntArray,
 ) -> GyroFit | None:
     r"""Fit the matrix, bias and lag that make body rates integrate to the change of attitude.
 
-    Over a stretch from :math:`t_0` to :math:`t_1`, with the kinematics :math:`W` of
+    Over an interval from :math:`t_0` to :math:`t_1`, with the kinematics :math:`W` of
     `rotations.euler_rates` at the *logged* angles, the change of the Euler angles is
 
     .. math::
@@ -83,8 +83,8 @@ def fit_gyro_to_attitude(
         Strictly increasing [s].
     euler_rad : ndarray, shape (n_attitudes, 3)
         Roll, pitch, yaw, unwrapped.
-    stretches : ndarray of int, shape (n_stretches, 2)
-        First and last *attitude* sample of stretches of about equal length without gaps. Those
+    intervals : ndarray of int, shape (n_intervals, 2)
+        First and last *attitude* sample of intervals of about equal length without gaps. Those
         steeper than 60 degrees of pitch are left out.
 
     Returns
@@ -99,7 +99,7 @@ def fit_gyro_to_attitude(
     """
     shift_s = 0.0
     for _ in range(_SHIFTS):
-        fit = _fit_shifted(rate_time_s - shift_s, body_rate_rad_s, attitude_time_s, euler_rad, stretches)
+        fit = _fit_shifted(rate_time_s - shift_s, body_rate_rad_s, attitude_time_s, euler_rad, intervals)
         if fit is None or abs(fit.lag_s) < _SMALL_LAG_S:
             break
         shift_s += fit.lag_s
@@ -111,11 +111,11 @@ def _fit_shifted(
     body_rate_rad_s: FloatArray,
     attitude_time_s: FloatArray,
     euler_rad: FloatArray,
-    stretches: IntArray,
+    intervals: IntArray,
 ) -> GyroFit | None:
     """Fit with the lag to first order, which is exact for a small one."""
     regressors, change, start_s = _equations(
-        rate_time_s, body_rate_rad_s, attitude_time_s, euler_rad, stretches
+        rate_time_s, body_rate_rad_s, attitude_time_s, euler_rad, intervals
     )
     if change.size < 2 * regressors.shape[2]:
         return None
@@ -146,13 +146,13 @@ def _equations(
     body_rate_rad_s: FloatArray,
     attitude_time_s: FloatArray,
     euler_rad: FloatArray,
-    stretches: IntArray,
+    intervals: IntArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return regressors (n, 3, 13), changes (n, 3) and starts (n,) of stretches not too steep."""
-    first, last = stretches.T
-    share = np.linspace(0.0, 1.0, _POINTS + 1)
+    """Return regressors (n, 3, 13), changes (n, 3) and starts (n,) of intervals not too steep."""
+    first, last = intervals.T
+    fraction = np.linspace(0.0, 1.0, _POINTS + 1)
     start_s, end_s = attitude_time_s[first], attitude_time_s[last]
-    edges_s = start_s[:, None] + (end_s - start_s)[:, None] * share
+    edges_s = start_s[:, None] + (end_s - start_s)[:, None] * fraction
     turning = np.gradient(euler_rad, attitude_time_s, axis=0)
     euler = _hermite(attitude_time_s, euler_rad, turning, 0.5 * (edges_s[:, 1:] + edges_s[:, :-1]))
     level = np.abs(euler[..., 1]).max(axis=1) < _STEEPEST_RAD
@@ -220,7 +220,7 @@ def _scaled(regressors: FloatArray, weight: FloatArray) -> tuple[FloatArray, Flo
 def _certainty(
     regressors: FloatArray, residuals: FloatArray, weight: FloatArray, solution: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return 95 % half-widths and the share that each unknown explains of its own part of the motion.
+    """Return 95 % half-widths and the fraction that each unknown explains of its own part of the motion.
 
     That part is what the other unknowns cannot explain of a regressor; its
     noise is that of the rows in which it lies.

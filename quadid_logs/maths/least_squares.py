@@ -10,7 +10,7 @@ import numpy as np
 from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.errors import ShapeError
 
-#: Keeps a stretch that alone carries a parameter from dividing by zero: its interval is huge all the same.
+#: Keeps a cluster that alone carries a parameter from dividing by zero: its interval is huge all the same.
 _SINGULAR = 1e-9
 
 
@@ -67,22 +67,32 @@ def solve_least_squares(regressors: FloatArray, targets: FloatArray) -> LeastSqu
     # QR first: the SVD of the small triangle has the same singular values and costs nothing.
     q, triangle = np.linalg.qr(regressors / scale)
     u, singular, vt = np.linalg.svd(triangle)
-    floor = singular[0] * n_samples * np.finfo(np.float64).eps
-    inverse = np.divide(1.0, singular, out=np.zeros_like(singular), where=singular > floor)
+    significant = singular > singular[0] * n_samples * np.finfo(np.float64).eps
+    inverse = np.divide(1.0, singular, out=np.zeros_like(singular), where=significant)
     coefficients = ((vt.T * inverse) @ (u.T @ (q.T @ targets))).T / scale
-    rank = int(np.count_nonzero(singular > floor))
+    rank = int(np.count_nonzero(significant))
     condition = float(singular[0] / singular[-1]) if rank == n_regressors else float("inf")
     return LeastSquares(coefficients, targets - regressors @ coefficients.T, condition, rank)
 
 
 def column_scale(regressors: FloatArray) -> FloatArray:
-    """Return the length of each column, 1 where a column is zero; shape (n_regressors,)."""
+    """Return the Euclidean length of each column.
+
+    Parameters
+    ----------
+    regressors : ndarray, shape (n_samples, n_regressors)
+
+    Returns
+    -------
+    ndarray, shape (n_regressors,)
+        1 where a column is zero.
+    """
     length = np.linalg.norm(regressors, axis=0)
     return np.where(length > 0.0, length, 1.0)
 
 
 class Equation(NamedTuple):
-    """The rows of one target in a problem whose targets may share parameters.
+    """The rows of one target in a problem whose targets may have parameters in common.
 
     ``jacobian`` (n_samples, n_own) holds the derivatives by the parameters
     numbered in ``parameters`` (n_own,); ``residuals`` (n_samples,).
@@ -102,11 +112,11 @@ def clustered_covariance(
     r"""Covariance of least-squares parameters when residuals are correlated in time.
 
     The sandwich :math:`(J^T J)^{-1} \left[\sum_c s_c s_c^T\right] (J^T J)^{-1}`
-    with the score :math:`s_c = J_c^T (I - H_c)^{-1} e_c` of stretches
+    with the score :math:`s_c = J_c^T (I - H_c)^{-1} e_c` of clusters
     longer than the memory of the residuals, so that any autocorrelation (and
     any difference in variance, and any correlation between targets) inside a
-    stretch is counted in full. White-noise formulas were 5 to 7 times too
-    small on flight data. The leverage H_c of a stretch makes its residual
+    cluster is counted in full. White-noise formulas were 5 to 7 times too
+    small on flight data. The leverage H_c of a cluster makes its residual
     that of a fit without it (CR3, the jackknife): where few manoeuvres carry
     an estimate, the residuals that they leave are too small to judge it by.
 
@@ -115,7 +125,7 @@ def clustered_covariance(
     equations : sequence of Equation
         One per target, on the same samples.
     clusters : ndarray of int, shape (n_samples,)
-        Number of the stretch that each sample lies in, from 0.
+        Number of the cluster that each sample lies in, from 0.
     n_parameters : int
     prior_precision : ndarray, shape (n_parameters,), optional
         One over the variance of what was known of each parameter before, in
@@ -132,28 +142,35 @@ def clustered_covariance(
     McCaffrey, Survey Methodology 28, 2002, and J. G. MacKinnon, M. O. Nielsen and
     M. D. Webb, J. Econometrics 232, 2023.
     """
+    scale = _parameter_scale(equations, n_parameters)
+    prior = np.zeros(n_parameters) if prior_precision is None else prior_precision / scale**2
+    bread = _inverse_information(equations, scale, prior)
+    scores, information = _by_cluster(equations, clusters, scale)
+    # Without a cluster, the fit would have left (I - H)^-1 of that cluster's residual.
+    left_out = np.eye(n_parameters) - information @ bread
+    jackknifed = np.linalg.solve(left_out + _SINGULAR * np.eye(n_parameters), scores[..., np.newaxis])[..., 0]
+    small_sample = (len(scores) - 1) / len(scores)
+    # The prior is one more observation of its parameter, as uncertain as it says.
+    covariance = bread @ (small_sample * jackknifed.T @ jackknifed + np.diag(prior)) @ bread
+    return np.asarray(covariance / np.outer(scale, scale), dtype=np.float64)
+
+
+def _parameter_scale(equations: Sequence[Equation], n_parameters: int) -> FloatArray:
+    """Return the length of each parameter's column over all equations, 1 where it is zero."""
     squares = np.zeros(n_parameters)
     for equation in equations:
         squares[equation.parameters] += np.einsum("ij,ij->j", equation.jacobian, equation.jacobian)
-    scale = np.where(squares > 0.0, np.sqrt(squares), 1.0)
-    prior = np.zeros(n_parameters) if prior_precision is None else prior_precision / scale**2
-    scores, information = _by_cluster(equations, clusters, scale)
-    triangles = [_triangle(equation, scale) for equation in equations]
-    _, singular, vt = np.linalg.svd(
-        np.concatenate([*triangles, np.diag(np.sqrt(prior))]), full_matrices=False
-    )
+    return np.where(squares > 0.0, np.sqrt(squares), 1.0)
+
+
+def _inverse_information(equations: Sequence[Equation], scale: FloatArray, prior: FloatArray) -> FloatArray:
+    """Return the pseudo-inverse of J^T J plus the prior's precision, J in scaled columns, by SVD."""
+    rows = [*(_triangle(equation, scale) for equation in equations), np.diag(np.sqrt(prior))]
+    _, singular, vt = np.linalg.svd(np.concatenate(rows), full_matrices=False)
     n_samples = sum(len(equation.residuals) for equation in equations)
-    floor = singular[0] * n_samples * np.finfo(np.float64).eps
-    inverse = np.divide(1.0, singular**2, out=np.zeros_like(singular), where=singular > floor)
-    bread = (vt.T * inverse) @ vt
-    # Without its own stretch, the fit would have left (I - H)^-1 of a stretch's residual.
-    left_out = np.eye(n_parameters) - information @ bread
-    jackknifed = np.linalg.solve(left_out + _SINGULAR * np.eye(n_parameters), scores[..., np.newaxis])[..., 0]
-    n_filled = len(scores)
-    small_sample = (n_filled - 1) / n_filled
-    # What was known before is one more observation of its parameter, as uncertain as it says.
-    covariance = bread @ (small_sample * jackknifed.T @ jackknifed + np.diag(prior)) @ bread
-    return np.asarray(covariance / np.outer(scale, scale), dtype=np.float64)
+    significant = singular > singular[0] * n_samples * np.finfo(np.float64).eps
+    inverse = np.divide(1.0, singular**2, out=np.zeros_like(singular), where=significant)
+    return np.asarray((vt.T * inverse) @ vt)
 
 
 def first_order_change(
@@ -162,7 +179,9 @@ def first_order_change(
     n_parameters: int,
     prior_precision: FloatArray | None = None,
 ) -> FloatArray:
-    """Return what errors of the targets change of least-squares parameters.
+    """Return the change of least-squares parameters by errors of their targets.
+
+    Least squares is linear in its targets: (J^T J)^-1 J^T times the errors.
 
     Parameters
     ----------

@@ -27,6 +27,11 @@ def unwrapped(angles_rad: FloatArray) -> FloatArray:
     angles_rad : ndarray, shape (n_samples, n_angles)
         Finite [rad].
 
+    Returns
+    -------
+    ndarray, shape (n_samples, n_angles)
+        The first sample as it was.
+
     Examples
     --------
     >>> unwrapped(np.array([[3.0], [-3.0], [-2.9]])).round(3).ravel().tolist()
@@ -54,6 +59,12 @@ def quaternion_from_euler(euler_rad: FloatArray) -> FloatArray:
     Returns
     -------
     ndarray, shape (..., 4)
+        w, x, y, z; body to Earth.
+
+    References
+    ----------
+    J. Diebel, "Representing attitude: Euler angles, unit quaternions, and rotation vectors,"
+    Stanford University, 2006, eq. (297).
     """
     half = 0.5 * np.asarray(euler_rad, dtype=np.float64)
     (cr, cp, cy), (sr, sp, sy) = np.moveaxis(np.cos(half), -1, 0), np.moveaxis(np.sin(half), -1, 0)
@@ -69,7 +80,18 @@ def quaternion_from_euler(euler_rad: FloatArray) -> FloatArray:
 
 
 def euler_from_quaternion(quaternion: FloatArray) -> FloatArray:
-    """Return roll, pitch, yaw [rad] of shape (..., 3); the quaternion need not be of unit length."""
+    """Return the Euler 3-2-1 angles of a quaternion.
+
+    Parameters
+    ----------
+    quaternion : ndarray, shape (..., 4)
+        w, x, y, z; body to Earth, of any length but zero.
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+        Roll in (-pi, pi], pitch in [-pi/2, pi/2], yaw in (-pi, pi] [rad].
+    """
     w, x, y, z = np.moveaxis(np.asarray(quaternion, dtype=np.float64), -1, 0)
     norm = w * w + x * x + y * y + z * z
     roll = np.arctan2(2.0 * (w * x + y * z), norm - 2.0 * (x * x + y * y))
@@ -79,7 +101,16 @@ def euler_from_quaternion(quaternion: FloatArray) -> FloatArray:
 
 
 def multiply_quaternions(left: FloatArray, right: FloatArray) -> FloatArray:
-    """Return the Hamilton product: first `right`, then `left`; shape (..., 4)."""
+    """Return the Hamilton product, the rotation by `right` followed by that by `left`.
+
+    Parameters
+    ----------
+    left, right : ndarray, shape (..., 4)
+
+    Returns
+    -------
+    ndarray, shape (..., 4)
+    """
     a, b, c, d = np.moveaxis(left, -1, 0)
     w, x, y, z = np.moveaxis(right, -1, 0)
     return np.stack(
@@ -94,7 +125,17 @@ def multiply_quaternions(left: FloatArray, right: FloatArray) -> FloatArray:
 
 
 def rotation_matrix(quaternion: FloatArray) -> FloatArray:
-    """Return the body-to-Earth matrix of shape (..., 3, 3) of a unit quaternion."""
+    """Return the matrix that turns body vectors into Earth vectors.
+
+    Parameters
+    ----------
+    quaternion : ndarray, shape (..., 4)
+        w, x, y, z of unit length.
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+    """
     w, x, y, z = np.moveaxis(np.asarray(quaternion, dtype=np.float64), -1, 0)
     rows = [
         [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
@@ -105,10 +146,23 @@ def rotation_matrix(quaternion: FloatArray) -> FloatArray:
 
 
 def euler_rates(euler_rad: FloatArray, body_rate_rad_s: FloatArray) -> FloatArray:
-    """Return the time derivatives of roll, pitch and yaw [rad/s], shape (..., 3).
+    """Return the time derivatives of roll, pitch and yaw; singular at a pitch of 90 degrees.
 
-    Singular at a pitch of 90 degrees. Stevens and Lewis, *Aircraft Control and
-    Simulation*, eq. (1.4-4).
+    Parameters
+    ----------
+    euler_rad : ndarray, shape (..., 3)
+        Roll, pitch, yaw [rad].
+    body_rate_rad_s : ndarray, shape (..., 3)
+        p, q, r [rad/s].
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+        [rad/s].
+
+    References
+    ----------
+    B. L. Stevens and F. L. Lewis, *Aircraft Control and Simulation*, eq. (1.4-4).
     """
     phi, theta, _ = np.moveaxis(euler_rad, -1, 0)
     p, q, r = np.moveaxis(body_rate_rad_s, -1, 0)
@@ -119,7 +173,20 @@ def euler_rates(euler_rad: FloatArray, body_rate_rad_s: FloatArray) -> FloatArra
 
 
 def body_rates(euler_rad: FloatArray, euler_rate_rad_s: FloatArray) -> FloatArray:
-    """Return p, q, r [rad/s], shape (..., 3): the inverse of `euler_rates`, nowhere singular."""
+    """Return p, q, r from the derivatives of roll, pitch and yaw; nowhere singular.
+
+    Parameters
+    ----------
+    euler_rad : ndarray, shape (..., 3)
+        Roll, pitch, yaw [rad].
+    euler_rate_rad_s : ndarray, shape (..., 3)
+        Their time derivatives [rad/s].
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+        [rad/s].
+    """
     phi, theta, _ = np.moveaxis(euler_rad, -1, 0)
     roll_rate, pitch_rate, yaw_rate = np.moveaxis(euler_rate_rad_s, -1, 0)
     return np.stack(
@@ -136,7 +203,20 @@ def quaternion_rate(
     quaternion: tuple[Component, Component, Component, Component],
     rate: tuple[Component, Component, Component],
 ) -> tuple[Component, Component, Component, Component]:
-    """Return the quaternion's time derivative, half its product with (0, p, q, r)."""
+    """Return the quaternion's time derivative, half its product with (0, p, q, r).
+
+    Parameters
+    ----------
+    quaternion : tuple
+        w, x, y, z; body to Earth.
+    rate : tuple
+        p, q, r [rad/s].
+
+    Returns
+    -------
+    tuple
+        Derivatives of w, x, y, z [1/s].
+    """
     w, x, y, z = quaternion
     p, q, r = rate
     p, q, r = 0.5 * p, 0.5 * q, 0.5 * r

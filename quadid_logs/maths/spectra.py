@@ -14,7 +14,7 @@ class Spectra(NamedTuple):
     """Averaged one-sided densities over ``frequency_hz`` (n_frequencies,).
 
     ``input_psd`` and ``output_psd`` [unit^2/Hz]; ``cross`` = conj(input) * output;
-    ``n_averages`` counts the half-overlapping stretches.
+    ``n_averages`` counts the half-overlapping segments.
     """
 
     frequency_hz: FloatArray
@@ -25,7 +25,7 @@ class Spectra(NamedTuple):
 
     @property
     def coherence(self) -> FloatArray:
-        """Share of the output's power that a linear system explains; shape (n_frequencies,)."""
+        """Magnitude-squared coherence |S_xy|^2 / (S_xx S_yy), 0 without power; shape (n_frequencies,)."""
         product = self.input_psd * self.output_psd
         explained = np.zeros_like(product)
         np.divide(np.abs(self.cross) ** 2, product, out=explained, where=product > 0.0)
@@ -33,45 +33,47 @@ class Spectra(NamedTuple):
 
 
 def averaged_spectra(
-    pairs: Iterable[tuple[FloatArray, FloatArray]], *, period_s: float, n_stretch: int
+    pairs: Iterable[tuple[FloatArray, FloatArray]], *, period_s: float, n_per_segment: int
 ) -> Spectra:
-    """Average periodograms of Hann-windowed, half-overlapping stretches (Welch's method).
+    """Average periodograms of Hann-windowed, half-overlapping segments (Welch's method).
 
     Parameters
     ----------
     pairs : iterable of (input, output)
-        One pair of arrays of shape (n_samples,) per gap-free segment; no
-        stretch reaches across two segments.
+        One pair of arrays of shape (n_samples,) per gap-free record; no
+        segment reaches across two records.
     period_s : float
         Sample period [s].
-    n_stretch : int
-        Samples per stretch.
+    n_per_segment : int
+        Samples per segment.
 
     Returns
     -------
     Spectra
-        All zero, with ``n_averages`` 0, if no segment is long enough.
+        One-sided densities, each segment's mean removed; all zero, with
+        ``n_averages`` 0, if no record is long enough.
 
     References
     ----------
     P. D. Welch, IEEE Trans. Audio Electroacoust., vol. 15, pp. 70-73, 1967.
     """
-    window = np.hanning(n_stretch + 1)[:-1]
-    n_bins = n_stretch // 2 + 1
+    window = np.hanning(n_per_segment + 1)[:-1]
+    n_bins = n_per_segment // 2 + 1
     input_psd, output_psd = np.zeros(n_bins), np.zeros(n_bins)
     cross = np.zeros(n_bins, dtype=np.complex128)
     n_averages = 0
     for first, second in pairs:
-        if first.shape[0] < n_stretch:
+        if first.shape[0] < n_per_segment:
             continue
         both = np.stack([first, second])
-        stretches = np.lib.stride_tricks.sliding_window_view(both, n_stretch, axis=1)[:, :: n_stretch // 2]
-        centred = stretches - stretches.mean(axis=2, keepdims=True)
+        view = np.lib.stride_tricks.sliding_window_view(both, n_per_segment, axis=1)
+        segments = view[:, :: n_per_segment // 2]
+        centred = segments - segments.mean(axis=2, keepdims=True)
         x, y = np.fft.rfft(centred * window, axis=2)
         input_psd += np.sum(np.abs(x) ** 2, axis=0)
         output_psd += np.sum(np.abs(y) ** 2, axis=0)
         cross += np.sum(np.conj(x) * y, axis=0)
         n_averages += x.shape[0]
     norm = 2.0 * period_s / (np.sum(window**2) * max(n_averages, 1))
-    frequency = np.asarray(np.fft.rfftfreq(n_stretch, period_s), dtype=np.float64)
+    frequency = np.asarray(np.fft.rfftfreq(n_per_segment, period_s), dtype=np.float64)
     return Spectra(frequency, input_psd * norm, output_psd * norm, cross * norm, n_averages)

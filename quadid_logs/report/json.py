@@ -29,7 +29,7 @@ from quadid_logs.data.model import (
 from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
 from quadid_logs.data.torque import TorqueModel
-from quadid_logs.maths.windows import weakest_words
+from quadid_logs.maths.sliding_windows import weakest_words
 from quadid_logs.report.provenance import Provenance
 
 if TYPE_CHECKING:

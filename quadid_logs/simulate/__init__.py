@@ -11,10 +11,10 @@ import numpy as np
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.errors import SimulationError
-from quadid_logs.simulate.airframe import adapted
+from quadid_logs.simulate.airframes import adapted
+from quadid_logs.simulate.closed_loop import Record, Schedule, Setup, fly, fly_many
 from quadid_logs.simulate.damage import Damage, damage_bytes
-from quadid_logs.simulate.flight import Record, Schedule, Setup, fly, fly_many
-from quadid_logs.simulate.logbook import Logging, write_logbook
+from quadid_logs.simulate.logger import Logging, log_flights
 from quadid_logs.simulate.scenarios import SCENARIOS, Scenario
 from quadid_logs.simulate.truth import flight_truth
 from quadid_logs.simulate.vendors import vendor
@@ -83,10 +83,14 @@ def simulate(
     autopilot : str
         "ardupilot" or "px4": whose mixer flies and whose messages are logged.
 
+    Returns
+    -------
+    Simulation
+
     Raises
     ------
     SimulationError
-        If there is no such scenario, or it cannot be flown as asked.
+        If there is no such scenario, or it cannot be flown with these values.
     """
     found = find_scenario(scenario)
     kind = vendor(autopilot)
@@ -106,11 +110,20 @@ def simulate(
     records = tuple(fly(setup) for setup in setups)
     truth = flight_truth(records, scenario=scenario, boot_s=logging.boot_s)
     truth |= _logging_truth(found, logging)
-    return Simulation(log=write_logbook(records, logging), truth=truth, damage=found.damage)
+    return Simulation(log=log_flights(records, logging), truth=truth, damage=found.damage)
 
 
 def find_scenario(name: str) -> Scenario:
     """Return a scenario by its name.
+
+    Parameters
+    ----------
+    name : str
+        A key of `SCENARIOS`.
+
+    Returns
+    -------
+    Scenario
 
     Raises
     ------
@@ -134,7 +147,26 @@ def plan_flights(
     vehicle: Vehicle | None = None,
     autopilot: str = "ardupilot",
 ) -> tuple[Setup, ...]:
-    """Prepare the scenario's flights without flying them.
+    """Prepare the scenario's flights; `fly` flies each.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    seed : int
+        Of manoeuvre, noise and wind.
+    duration_s : float
+        Of all flights together [s].
+    rate_hz : float
+        Of the main messages [Hz]; the control rate is a multiple of it.
+    vehicle : Vehicle, optional
+        What is given replaces the scenario's vehicle.
+    autopilot : str
+        "ardupilot" or "px4".
+
+    Returns
+    -------
+    tuple of Setup
+        One per flight of the scenario.
 
     Raises
     ------

@@ -14,8 +14,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from quadid_logs.maths.rigid_body import Component, Quadruple, Triple
-from quadid_logs.simulate.airframe import GRAVITY_M_S2
+from quadid_logs.maths.rotational_dynamics import Quadruple, Triple
+from quadid_logs.maths.rotations import Component
+from quadid_logs.simulate.airframes import GRAVITY_M_S2
 
 
 class Arithmetic(NamedTuple):
@@ -72,13 +73,13 @@ def filter_rates(
 
 
 class Gains(NamedTuple):
-    """Per axis: attitude P [1/s], rate P, I, D [per rad/s], and the filter of D as its share per step."""
+    """Per axis: attitude P [1/s], rate P, I, D [per rad/s], and the weight of a new slope in D per step."""
 
     attitude: Triple
     proportional: Triple
     integral: Triple
     derivative: Triple
-    derivative_share: float
+    derivative_weight: float
     step_s: float
     integral_limit: float = 0.5
 
@@ -92,7 +93,7 @@ class RateMemory(NamedTuple):
 
 
 def rate_setpoint(attitude: Quadruple, wanted: Quadruple, feedforward: Triple, gains: Gains) -> Triple:
-    """Turn an attitude error into body rates, plus what the pilot asks for directly [rad/s]."""
+    """Turn an attitude error into body rates, plus the pilot's own rate command [rad/s]."""
     w, x, y, z = attitude
     a, b, c, d = wanted
     # conj(attitude) * wanted: the rotation still to be made, in body axes.
@@ -117,7 +118,7 @@ def torque_command(
         integral = memory.integral[axis] + gains.integral[axis] * error * learn
         integral = ops.higher(ops.lower(integral, bound), -bound)
         slope = (memory.rate[axis] - rate[axis]) / gains.step_s
-        derivative = memory.derivative[axis] + gains.derivative_share * (slope - memory.derivative[axis])
+        derivative = memory.derivative[axis] + gains.derivative_weight * (slope - memory.derivative[axis])
         commands.append(gains.proportional[axis] * error + integral + gains.derivative[axis] * derivative)
         integrals.append(integral)
         derivatives.append(derivative)
@@ -147,7 +148,7 @@ def altitude_throttle(
 
 
 class Mixer(NamedTuple):
-    """Roll, pitch, yaw and throttle factor of every motor, and how the mixer shares."""
+    """Roll, pitch, yaw and throttle factor of every motor, and the mixer's settings."""
 
     roll: tuple[Component, ...]
     pitch: tuple[Component, ...]
@@ -159,7 +160,7 @@ class Mixer(NamedTuple):
 
 
 class Mixed(NamedTuple):
-    """Thrust share per motor (0 to 1), torque that was achieved, 1 where anything was limited."""
+    """Thrust fraction per motor (0 to 1), torque that was achieved, 1 where anything was limited."""
 
     thrust: tuple[Component, ...]
     torque: Triple
@@ -167,7 +168,7 @@ class Mixed(NamedTuple):
 
 
 def mix(command: Triple, throttle: Component, mixer: Mixer, ops: Arithmetic) -> Mixed:
-    """Share torque and throttle out to the motors: yaw is clipped first, then all is scaled."""
+    """Allocate torque and throttle to the motors: yaw is clipped first, then all is scaled."""
     roll, pitch, yaw = command
     average = ops.higher(throttle, (1.0 - mixer.throttle_mix) * throttle + mixer.throttle_mix * mixer.hover)
     tilt = [r * roll + p * pitch for r, p in zip(mixer.roll, mixer.pitch, strict=True)]
@@ -212,5 +213,5 @@ def throttle_for_thrust(thrust: Component, expo: Component) -> Component:
 
 
 def thrust_of_throttle(throttle: Component, expo: Component) -> Component:
-    """Return the thrust share (1-e) y + e y^2 of the voltage-effective throttle y."""
+    """Return the thrust fraction (1-e) y + e y^2 of the voltage-effective throttle y."""
     return throttle * (1.0 - expo + expo * throttle)

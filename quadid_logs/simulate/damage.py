@@ -12,7 +12,7 @@ from quadid_logs.errors import SimulationError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Damage:
-    """What happens to a file, and where: ``at`` is a share of its length.
+    """What happens to a file, and where: ``at`` is a fraction of its length.
 
     ``n_bytes`` are overwritten with noise or zeros, or missing; "cut" ends the file at ``at``.
     """
@@ -24,6 +24,17 @@ class Damage:
 
 def damage_bytes(content: bytes, damages: tuple[Damage, ...], seed: int) -> bytes:
     r"""Return a file's content with all damages applied, the later ones in the file first.
+
+    Parameters
+    ----------
+    content : bytes
+    damages : tuple of Damage
+    seed : int
+        Of the noise.
+
+    Returns
+    -------
+    bytes
 
     Raises
     ------

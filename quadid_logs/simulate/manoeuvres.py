@@ -2,7 +2,7 @@
 
 Each function returns a `Reference` over the manoeuvre's own time, which
 starts at zero and is uniform. Excitation enters as a body-rate or as a torque
-command on top of what the attitude loop asks for, as the autopilots' own
+command on top of the attitude loop's command, as the autopilots' own
 system-identification modes do it.
 """
 
@@ -17,7 +17,7 @@ from quadid_logs.arrays import FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Reference:
-    """What the pilot or the test mode asks for, one row per control period.
+    """What the pilot or the test mode commands, one row per control period.
 
     ``tilt_rad`` (n, 2) roll and pitch angles, ``yaw_rate_rad_s`` (n,),
     ``rate_rad_s`` (n, 3) added to the rate set-point, ``torque`` (n, 3)
@@ -38,7 +38,7 @@ def _reference(
     rate_rad_s: FloatArray | None = None,
     torque: FloatArray | None = None,
 ) -> Reference:
-    """Fill what is not asked for with zeros."""
+    """Fill what is not given with zeros."""
     n = time_s.shape[0]
     return Reference(
         tilt_rad=np.zeros((n, 2)) if tilt_rad is None else tilt_rad,
@@ -49,12 +49,12 @@ def _reference(
 
 
 def hover(time_s: FloatArray, rng: np.random.Generator) -> Reference:  # noqa: ARG001
-    """Hold the attitude: nothing but the disturbances moves the vehicle."""
+    """Hold the attitude: only disturbances excite the vehicle."""
     return _reference(time_s)
 
 
 def gentle_sticks(time_s: FloatArray, rng: np.random.Generator) -> Reference:
-    """Move the sticks like a careful pilot: angles below 3 degrees, hardly any yaw."""
+    """Move the sticks like a careful pilot: angles below 3 degrees, almost no yaw."""
     return sticks(time_s, rng, tilt_rad=0.03, yaw_rate_rad_s=0.05)
 
 
@@ -124,8 +124,8 @@ def _in_turn(
     turn_s = pattern.size * pulse_s
     cycle = time_s % (4.0 * turn_s)
     rate = np.zeros((time_s.shape[0], 3))
-    for axis, (begin, stretch, gain) in enumerate(((0.0, 1.0, 1.0), (1.0, 1.0, 1.0), (2.0, 2.0, 0.5))):
-        index = np.floor((cycle - begin * turn_s) / (stretch * pulse_s)).astype(np.int64)
+    for axis, (begin, width, gain) in enumerate(((0.0, 1.0, 1.0), (1.0, 1.0, 1.0), (2.0, 2.0, 0.5))):
+        index = np.floor((cycle - begin * turn_s) / (width * pulse_s)).astype(np.int64)
         inside = (index >= 0) & (index < pattern.size)
         rate[inside, axis] = gain * amplitude * pattern[index[inside]]
     return _reference(time_s, rate_rad_s=rate)

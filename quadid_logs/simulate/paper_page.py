@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.simulate.paper import (
+from quadid_logs.simulate.paper_experiment import (
     PUBLISHED_A,
     PUBLISHED_B,
     SAMPLE_S,
     WIDTH,
-    Estimate,
     Experiment,
+    PaperEstimate,
     Run,
 )
 
@@ -72,7 +72,7 @@ def _tables(experiment: Experiment) -> list[str]:
     return ["\n".join(rows), note, "\n".join(ranks)]
 
 
-def _median(estimate: Estimate) -> FloatArray:
+def _median(estimate: PaperEstimate) -> FloatArray:
     """Median [A B] over the windows, shape (3, 6)."""
     return np.asarray(np.median(np.concatenate([estimate.A, estimate.B], axis=2), axis=0), dtype=np.float64)
 

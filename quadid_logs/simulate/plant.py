@@ -1,22 +1,22 @@
 """The vehicle's physics over one control period: rotors, rotation, translation.
 
 All quantities are components: floats for one flight, arrays of one value per
-flight for many (see `maths.rigid_body`).
+flight for many (see `maths.rotational_dynamics`).
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-from quadid_logs.maths.rigid_body import (
-    Component,
+from quadid_logs.maths.rotational_dynamics import (
     InertiaTerms,
     Quadruple,
     Triple,
     step_attitude,
     step_rates,
 )
-from quadid_logs.simulate.airframe import GRAVITY_M_S2
+from quadid_logs.maths.rotations import Component
+from quadid_logs.simulate.airframes import GRAVITY_M_S2
 
 Rotors = tuple[Component, ...]
 

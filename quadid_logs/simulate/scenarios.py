@@ -13,10 +13,10 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.simulate import manoeuvres
-from quadid_logs.simulate.airframe import Airframe, hexa_x, octa_coaxial, quad_x
+from quadid_logs.simulate.airframes import SimulatedAirframe, hexa_x, octa_coaxial, quad_x
+from quadid_logs.simulate.closed_loop import Noise
 from quadid_logs.simulate.damage import Damage
-from quadid_logs.simulate.flight import Noise
-from quadid_logs.simulate.logbook import Logging
+from quadid_logs.simulate.logger import Logging
 from quadid_logs.simulate.manoeuvres import Reference
 from quadid_logs.simulate.wind import Wind
 
@@ -28,7 +28,7 @@ _ANY: Final = ("usable", "caution", "refused")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scenario:
-    """A flight that can be asked for by name.
+    """A named flight.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Scenario:
     name: str
     sentence: str
     manoeuvre: Callable[[FloatArray, np.random.Generator], Reference] = manoeuvres.multisine
-    airframe: Callable[[], Airframe] = quad_x
+    airframe: Callable[[], SimulatedAirframe] = quad_x
     duration_s: float = 60.0
     gyro_filter_hz: float = 40.0
     delay_steps: int = 0
@@ -66,25 +66,25 @@ def _all(verdicts: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
     return dict.fromkeys(("roll", "pitch", "yaw"), verdicts)
 
 
-def with_products() -> Airframe:
+def with_products() -> SimulatedAirframe:
     """Return the quadrotor with its load mounted askew: all products of inertia."""
     inertia = np.array([[0.0150, -0.0011, 0.0017], [-0.0011, 0.0172, 0.0008], [0.0017, 0.0008, 0.0268]])
     return dataclasses.replace(quad_x(), name="quad 450, load askew", inertia_kg_m2=inertia)
 
 
-def underpowered() -> Airframe:
+def underpowered() -> SimulatedAirframe:
     """Return the quadrotor with weak rotors: little thrust and little yaw torque in reserve."""
     return dataclasses.replace(
         quad_x(), name="quad 450, underpowered", max_thrust_n=7.0, torque_to_thrust_m=0.013
     )
 
 
-def slow_motors() -> Airframe:
+def slow_motors() -> SimulatedAirframe:
     """Return the quadrotor with large propellers: 45 ms up, 70 ms down."""
     return dataclasses.replace(quad_x(), name="quad 450, slow motors", lag_up_s=0.045, lag_down_s=0.07)
 
 
-def paper_vehicle() -> Airframe:
+def paper_vehicle() -> SimulatedAirframe:
     """Return the quadrotor with the inertia of the source paper's Table I."""
     inertia = np.diag([0.008, 0.008, 0.01])
     return dataclasses.replace(
@@ -122,7 +122,7 @@ _LIST: Final = (
     ),
     Scenario(
         name="gentle-hover",
-        sentence="A careful pilot in a light breeze: hardly any excitation.",
+        sentence="A careful pilot in a light breeze: almost no excitation.",
         manoeuvre=manoeuvres.gentle_sticks,
         wind=Wind(speed_m_s=2.0),
         verdicts=_all(_BAD),
@@ -181,7 +181,7 @@ _LIST: Final = (
     ),
     Scenario(
         name="damaged",
-        sentence="The good flight on a bad card: noise, zeros and a lost stretch in the file, no end.",
+        sentence="The good flight on a bad card: noise, zeros and a lost block in the file, no end.",
         damage=(
             Damage(kind="noise", at=0.3, n_bytes=3000),
             Damage(kind="zeros", at=0.5, n_bytes=4096),
@@ -210,7 +210,7 @@ _LIST: Final = (
     ),
     Scenario(
         name="paper",
-        sentence="The paper's input on a flying vehicle: 1 rad/s on roll alone, logged every 200 ms.",
+        sentence="The paper's input on a vehicle in flight: 1 rad/s on roll alone, logged every 200 ms.",
         manoeuvre=manoeuvres.sinusoid,
         airframe=paper_vehicle,
         logging=Logging(rate_hz=5.0),

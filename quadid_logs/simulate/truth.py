@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
-from quadid_logs.maths.rigid_body import PRODUCTS, gyroscopic_matrix
-from quadid_logs.simulate.airframe import Airframe
+from quadid_logs.maths.rotational_dynamics import PRODUCTS, gyroscopic_matrix
+from quadid_logs.simulate.airframes import SimulatedAirframe
+from quadid_logs.simulate.closed_loop import Record, Setup, mixer_factors
 from quadid_logs.simulate.control import throttle_for_thrust, thrust_of_throttle
-from quadid_logs.simulate.flight import Record, Setup, mixer_factors
 
 _TARGETS = ["p_dot", "q_dot", "r_dot"]
 _INPUTS = ["L", "M", "N"]
@@ -34,7 +34,7 @@ def flight_truth(records: tuple[Record, ...], *, scenario: str, boot_s: float) -
         Ready for JSON.
     """
     setup = records[0].setups[0]
-    flying = _manoeuvre(records[0])
+    in_manoeuvre = _manoeuvre(records[0])
     return {
         "schema_version": "1.0",
         "version": version("quadid-logs"),
@@ -47,8 +47,8 @@ def flight_truth(records: tuple[Record, ...], *, scenario: str, boot_s: float) -
         "sensing": _sensing(setup),
         "wind_m_s": setup.wind.speed_m_s,
         "loop_hz": setup.loop_hz,
-        "mean": _means(records[0], flying),
-        "excitation": _excitation(records[0], flying),
+        "mean": _means(records[0], in_manoeuvre),
+        "excitation": _excitation(records[0], in_manoeuvre),
         "torque_n_m_per_command": torque_per_command(records[0]).tolist(),
         "models": model_truth(setup.airframe, torque_per_command(records[0])),
     }
@@ -70,7 +70,7 @@ def _segments(records: tuple[Record, ...], boot_s: float) -> list[list[float]]:
     return segments
 
 
-def vehicle_truth(airframe: Airframe) -> dict[str, Any]:
+def vehicle_truth(airframe: SimulatedAirframe) -> dict[str, Any]:
     """Return mass, inertia, rotors and drag of the vehicle."""
     rotors = zip(airframe.position_m.tolist(), airframe.spin.tolist(), strict=True)
     return {
@@ -133,22 +133,22 @@ def _sensing(setup: Setup) -> dict[str, Any]:
     }
 
 
-def _means(record: Record, flying: BoolArray) -> dict[str, float]:
+def _means(record: Record, in_manoeuvre: BoolArray) -> dict[str, float]:
     """Operating point of the manoeuvre."""
     channels = record.channels
     return {
-        "throttle": float(channels["throttle"][flying].mean()),
-        "thrust_share": float(channels["thrust_share"][flying].mean()),
-        "battery_ratio": float(channels["voltage"][flying].mean()),
-        "battery_ratio_filtered": float(channels["voltage_filtered"][flying].mean()),
-        "mixer_limited_fraction": float(channels["limited"][flying].mean()),
+        "throttle": float(channels["throttle"][in_manoeuvre].mean()),
+        "thrust_fraction": float(channels["thrust_fraction"][in_manoeuvre].mean()),
+        "battery_ratio": float(channels["voltage"][in_manoeuvre].mean()),
+        "battery_ratio_filtered": float(channels["voltage_filtered"][in_manoeuvre].mean()),
+        "mixer_limited_fraction": float(channels["limited"][in_manoeuvre].mean()),
     }
 
 
-def _excitation(record: Record, flying: BoolArray) -> dict[str, list[float]]:
-    """How much the vehicle really moved."""
-    rate = record.channels["rate"][flying]
-    command = record.channels["command"][flying]
+def _excitation(record: Record, in_manoeuvre: BoolArray) -> dict[str, list[float]]:
+    """Rates and commands of the manoeuvre: root mean square and largest."""
+    rate = record.channels["rate"][in_manoeuvre]
+    command = record.channels["command"][in_manoeuvre]
     return {
         "rms_rate_rad_s": np.sqrt(np.mean(rate**2, axis=0)).tolist(),
         "max_rate_rad_s": np.abs(rate).max(axis=0).tolist(),
@@ -161,25 +161,25 @@ def torque_per_command(record: Record) -> FloatArray:
     """Return N m per unit torque command around the manoeuvre's mean, shape (3, 3).
 
     The chain mixer, thrust curve, battery is linearised at the mean thrust
-    share and the mean voltages; lag and mixer limits are not part of it.
+    fraction and the mean voltages; lag and mixer limits are not part of it.
     """
     setup = record.setups[0]
     airframe, means = setup.airframe, _means(record, _manoeuvre(record))
     factors = mixer_factors(airframe, setup.autopilot)[:, :3]
     slope = _thrust_slope(airframe, setup.autopilot, means)
-    share = airframe.rotor_thrust_n / airframe.max_thrust_n
-    return slope * airframe.torque_per_thrust @ (share[:, np.newaxis] * factors)
+    remaining = airframe.rotor_thrust_n / airframe.max_thrust_n
+    return slope * airframe.torque_per_thrust @ (remaining[:, np.newaxis] * factors)
 
 
-def _thrust_slope(airframe: Airframe, autopilot: str, means: dict[str, float]) -> float:
+def _thrust_slope(airframe: SimulatedAirframe, autopilot: str, means: dict[str, float]) -> float:
     """Newton per unit of mixer factor times torque command, at the operating point."""
     expo = airframe.thrust_expo
     if autopilot == "ardupilot":
         # The gain 1/lift before the mixer cancels the lift behind it, but at the operating point.
         divisor = means["battery_ratio_filtered"]
-        argument = thrust_of_throttle(divisor, expo) * means["thrust_share"]
+        argument = thrust_of_throttle(divisor, expo) * means["thrust_fraction"]
     else:
-        argument, divisor = means["thrust_share"], 1.0
+        argument, divisor = means["thrust_fraction"], 1.0
 
     def thrust(value: float) -> float:
         throttle = throttle_for_thrust(value, expo) / divisor
@@ -189,7 +189,7 @@ def _thrust_slope(airframe: Airframe, autopilot: str, means: dict[str, float]) -
     return (thrust(argument + step) - thrust(argument - step)) / (2.0 * step)
 
 
-def model_truth(airframe: Airframe, torque_n_m_per_command: FloatArray) -> dict[str, Any]:
+def model_truth(airframe: SimulatedAirframe, torque_n_m_per_command: FloatArray) -> dict[str, Any]:
     """Return A and B [rad/s^2 per unit of regressor or torque command] in the terms of every structure."""
     J = airframe.inertia_kg_m2
     B = np.asarray(np.linalg.solve(J, torque_n_m_per_command), dtype=np.float64)

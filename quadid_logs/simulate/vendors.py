@@ -9,8 +9,8 @@ import numpy as np
 
 from quadid_logs.errors import SimulationError
 from quadid_logs.maths.frames import FRAME_CLASSES, FRAME_TYPES
+from quadid_logs.simulate.closed_loop import SPIN_MAX, SPIN_MIN, Setup, controller_gains
 from quadid_logs.simulate.control import Gains
-from quadid_logs.simulate.flight import SPIN_MAX, SPIN_MIN, Setup, controller_gains
 
 _PWM_MIN: Final = 1000.0
 _PWM_MAX: Final = 2000.0
@@ -39,7 +39,7 @@ class Vendor:
     firmware: str
     default_rate_hz: float
     streams: tuple[Stream, ...]
-    flying_mode: str
+    flight_mode: str
     sysid_mode: str
     landing_mode: str
 
@@ -69,7 +69,7 @@ ARDUPILOT: Final = Vendor(
         Stream(message="BAT", signals=(("battery_voltage", "Volt"),), rate_hz=10.0),
         Stream(message="ESC", signals=(("rotor_speed", "RPM"),), rate_hz=20.0, latency_s=0.01),
     ),
-    flying_mode="ALT_HOLD",
+    flight_mode="ALT_HOLD",
     sysid_mode="SYSTEMID",
     landing_mode="LAND",
 )
@@ -107,7 +107,7 @@ PX4: Final = Vendor(
             message="esc_status", signals=(("rotor_speed", "esc[].esc_rpm"),), rate_hz=10.0, latency_s=0.01
         ),
     ),
-    flying_mode="ALTCTL",
+    flight_mode="ALTCTL",
     sysid_mode="ALTCTL",
     landing_mode="AUTO_LAND",
 )

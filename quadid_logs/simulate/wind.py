@@ -21,11 +21,24 @@ class Wind:
 
 
 def dryden_wind(wind: Wind, n_samples: int, step_s: float, rng: np.random.Generator) -> FloatArray:
-    """Return wind velocity in NED [m/s], shape (n_samples, 3).
+    """Return the wind's velocity.
 
     The low-altitude Dryden model of MIL-F-8785C: intensities and lengths from
     the height and from the wind at 20 ft, shaping filters driven by white
     noise. A hovering vehicle meets the frozen field at the mean wind's speed.
+
+    Parameters
+    ----------
+    wind : Wind
+    n_samples : int
+    step_s : float
+        Between samples [s].
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    ndarray, shape (n_samples, 3)
+        In NED [m/s]; zero without mean wind.
 
     References
     ----------

@@ -53,15 +53,15 @@ def _writer(suffix: str) -> Callable[[FlightLog, BinaryIO], None]:
     """Return the function that writes the format of a file name's suffix."""
     # Imported here: one format's writer never costs the time of the others.
     if suffix.lower() == ".bin":
-        from quadid_logs.writers.dataflash import write_dataflash
+        from quadid_logs.writers.dataflash_writer import write_dataflash
 
         return write_dataflash
     if suffix.lower() == ".ulg":
-        from quadid_logs.writers.ulog import write_ulog
+        from quadid_logs.writers.ulog_writer import write_ulog
 
         return write_ulog
     if suffix.lower() == ".tlog":
-        from quadid_logs.writers.tlog import write_tlog
+        from quadid_logs.writers.tlog_writer import write_tlog
 
         return write_tlog
     raise SettingsError(f"No log format has the suffix {suffix!r}.", hint="Use .bin, .ulg or .tlog.")

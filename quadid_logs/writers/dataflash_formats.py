@@ -56,7 +56,7 @@ class Message(NamedTuple):
 
 
 def _outputs(name: str, number: int, first: int, last: int) -> Message:
-    """Describe one of the messages that share the output channels."""
+    """Describe one of the messages among which the output channels are divided."""
     channels = range(first, last + 1)
     n = len(channels)
     columns = ",".join(["TimeUS", *(f"C{channel}" for channel in channels)])

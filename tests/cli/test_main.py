@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-import time
 import tomllib
 from collections.abc import Callable
 from dataclasses import replace
@@ -348,22 +347,19 @@ def quadid_log(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
 
 
-def test_help_names_every_verb_and_starts_quickly() -> None:
-    """No plotting, no parsing, no table library is imported for it."""
+def test_help_names_every_verb_and_imports_nothing_heavy() -> None:
+    """No plotting, no parsing, no table library: that is what keeps it quick."""
     script = (
         "import sys; from quadid_logs.cli import main; code = main(['--help']);"
         "heavy = {'numpy', 'scipy', 'pandas', 'matplotlib', 'plotly', 'jinja2', 'pymavlink', 'rich'};"
         "assert not heavy & set(sys.modules), heavy & set(sys.modules); sys.exit(code)"
     )
-    started = time.perf_counter()
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False
     )
     assert done.returncode == 0, done.stderr
     for verb in ("analyze", "info", "export", "explain"):
         assert verb in done.stdout
-    # 0.3 s is the aim on an idle machine; the modules above are what could break it by much.
-    assert time.perf_counter() - started < 3.0
 
 
 def test_the_version_is_printed() -> None:

@@ -20,9 +20,9 @@ from quadid_logs.identify.design import Design, build_design
 from quadid_logs.identify.torque_errors import battery_errors, sampling_errors
 from quadid_logs.maths.band import angular_frequency, notch_response
 from quadid_logs.simulate import SCENARIOS, fly, plan_flights
-from quadid_logs.simulate.airframe import Battery
-from quadid_logs.simulate.flight import Noise
-from quadid_logs.simulate.logbook import Logging, write_logbook
+from quadid_logs.simulate.airframes import Battery
+from quadid_logs.simulate.closed_loop import Noise
+from quadid_logs.simulate.logger import Logging, log_flights
 from quadid_logs.simulate.manoeuvres import doublets
 from quadid_logs.simulate.scenarios import Scenario, slow_motors, with_products
 from quadid_logs.simulate.truth import flight_truth
@@ -43,7 +43,7 @@ def flown(scenario: Scenario, autopilot: str = "ardupilot") -> tuple[FlightData,
         autopilot=autopilot,
     )
     record = fly(setup)
-    log = reconstruct(write_logbook((record,), scenario.logging))
+    log = reconstruct(log_flights((record,), scenario.logging))
     return align(log, AlignSettings()), flight_truth((record,), scenario=scenario.name, boot_s=31.0)
 
 

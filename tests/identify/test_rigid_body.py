@@ -10,7 +10,7 @@ import pytest
 from quadid_logs.data.model import Identification, Model
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify import identify
-from quadid_logs.maths.rigid_body import PRODUCTS, gyroscopic_matrix
+from quadid_logs.maths.rotational_dynamics import PRODUCTS, gyroscopic_matrix
 
 from .vehicles import QUAD, Truth, fly, multisine
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from quadid_logs.identify.structures import RIGID_BODY as WITH_THROTTLE
 from quadid_logs.identify.systematic import GYRO_SYSTEMATIC, gyro_half_width, systematic_half_width
-from quadid_logs.maths.rigid_body import gyroscopic_matrix, rate_products
+from quadid_logs.maths.rotational_dynamics import gyroscopic_matrix, rate_products
 from quadid_logs.vocabulary import TORQUE_SYMBOLS
 
 #: Throttle is not known.

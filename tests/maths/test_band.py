@@ -12,6 +12,8 @@ from quadid_logs.maths.band import (
     filtered,
     gaussian_reach_s,
     gaussian_response,
+    gyro_response,
+    high_pass,
     lag_response,
     notch_response,
 )
@@ -88,3 +90,44 @@ def test_far_below_its_centre_a_notch_is_a_delay() -> None:
     s = 2j * np.pi * np.array([1.0])
     delay_s = -np.angle(notch_response(s, frequency_hz, inverse_q, depth))[0] / (2.0 * np.pi)
     assert delay_s == pytest.approx((1.0 - depth) * inverse_q / (2.0 * np.pi * frequency_hz), rel=1e-3)
+
+
+def test_the_reach_is_where_the_kernel_has_fallen_to_a_millionth() -> None:
+    """Neither nearer nor much farther: rows within it of a gap are lost."""
+    sigma_hz = 5.0 / np.sqrt(np.log(2.0))
+    kernel = np.exp(-0.5 * (2.0 * np.pi * sigma_hz * gaussian_reach_s(5.0)) ** 2)
+    assert kernel == pytest.approx(1e-6, rel=1e-9)
+
+
+def test_the_gyro_low_pass_is_a_second_order_butterworth() -> None:
+    """3 dB down at its cut-off, and 40 dB per decade above."""
+    s = 2j * np.pi * np.array([20.0, 2000.0, 20_000.0])
+    gain = np.abs(butterworth_response(s, 20.0))
+    assert gain[0] == pytest.approx(np.sqrt(0.5))
+    assert gain[1] / gain[2] == pytest.approx(100.0, rel=1e-3)
+
+
+def test_a_notch_is_as_wide_as_its_inverse_quality() -> None:
+    """Half of the power passes at two frequencies that lie f_0 / Q apart."""
+    half = 0.5 * 0.3
+    edges_hz = 80.0 * (np.sqrt(1.0 + half**2) + np.array([-half, half]))
+    assert np.diff(edges_hz)[0] == pytest.approx(0.3 * 80.0)
+    power = np.abs(notch_response(2j * np.pi * edges_hz, 80.0, 0.3, 0.0)) ** 2
+    np.testing.assert_allclose(power, 0.5, rtol=1e-9)
+
+
+def test_a_gyro_s_filters_act_one_after_the_other() -> None:
+    """Low-pass and all notches; nothing known is no filter."""
+    s = 2j * np.pi * np.array([3.0, 30.0, 90.0])
+    first, second = (60.0, 0.5, 0.1), (120.0, 0.4, 0.05)
+    expected = butterworth_response(s, 40.0) * notch_response(s, *first) * notch_response(s, *second)
+    np.testing.assert_allclose(gyro_response(s, 40.0, [first, second]), expected, rtol=1e-12)
+    np.testing.assert_array_equal(gyro_response(s, np.nan, []), np.ones(3))
+
+
+def test_the_high_pass_takes_out_the_cosines_below_its_cutoff_and_no_others() -> None:
+    """Cosine k over T seconds has the frequency k / (2 T): up to six and the mean go."""
+    k = np.arange(12)
+    cosines = np.cos(np.pi * (np.arange(N)[:, np.newaxis] + 0.5) * k / N)
+    passed = high_pass(cosines, PERIOD_S, 0.32)
+    np.testing.assert_allclose(passed, np.where(k <= 6, 0.0, cosines), atol=1e-9)

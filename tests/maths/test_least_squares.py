@@ -99,3 +99,55 @@ def test_the_first_order_change_is_that_of_a_fit_to_the_changed_targets() -> Non
     equations = [Equation(j, np.zeros(50), place) for j, place in zip(jacobians, places, strict=True)]
     found = first_order_change(equations, list(errors), 4, prior)
     np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+def _shared_problem() -> tuple[list[Equation], np.ndarray, np.ndarray, np.ndarray]:
+    """Two targets with one common parameter, 12 clusters, columns of unlike size, one prior.
+
+    Returns equations, clusters, the prior's precision, and the rows of both
+    equations by all parameters, shape (2, 60, 4).
+    """
+    rng = np.random.default_rng(11)
+    places = [np.array([0, 1, 3]), np.array([2, 3])]
+    whole = np.zeros((2, 60, 4))
+    for rows, place in zip(whole, places, strict=True):
+        rows[:, place] = rng.standard_normal((60, place.size)) * np.array([1.0, 50.0, 0.02, 3.0])[place]
+    prior = np.array([0.0, 900.0, 0.0, 40.0])
+    noise = np.repeat(rng.standard_normal((2, 12)), 5, axis=1) + 0.3 * rng.standard_normal((2, 60))
+    clusters = np.arange(60) // 5
+    theta = _fit(whole, noise, prior, np.ones(60, dtype=bool))
+    equations = [
+        Equation(rows[:, place], target - rows @ theta, place)
+        for rows, place, target in zip(whole, places, noise, strict=True)
+    ]
+    return equations, clusters, prior, np.concatenate([whole, noise[..., np.newaxis]], axis=2)
+
+
+def _fit(whole: np.ndarray, targets: np.ndarray, prior: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """Solve some samples of both equations together with the prior."""
+    stacked = np.concatenate([*whole[:, kept], np.diag(np.sqrt(prior))])
+    return np.linalg.lstsq(stacked, np.concatenate([*targets[:, kept], np.zeros(4)]), rcond=None)[0]
+
+
+def test_the_clustered_covariance_is_the_jackknife_of_leaving_each_cluster_out() -> None:
+    """CR3: (G - 1) / G times the sum of squared changes, by refitting G times; the prior adds its own."""
+    equations, clusters, prior, table = _shared_problem()
+    whole, targets = table[..., :4], table[..., 4]
+    theta = _fit(whole, targets, prior, np.ones(60, dtype=bool))
+    changes = np.array([_fit(whole, targets, prior, clusters != number) - theta for number in range(12)])
+    information = np.einsum("eni,enj->ij", whole, whole) + np.diag(prior)
+    inverse = np.linalg.inv(information)
+    expected = 11.0 / 12.0 * changes.T @ changes + inverse @ np.diag(prior) @ inverse
+    found = clustered_covariance(equations, clusters, 4, prior)
+    deviation = np.sqrt(np.diagonal(expected))
+    np.testing.assert_allclose(
+        found / np.outer(deviation, deviation), expected / np.outer(deviation, deviation), atol=1e-6
+    )
+
+
+def test_a_parameter_that_no_row_holds_takes_its_variance_from_the_prior() -> None:
+    """One over its precision, in whatever unit."""
+    x = np.random.default_rng(3).standard_normal((40, 1))
+    equation = Equation(x, np.ones(40), np.array([0]))
+    covariance = clustered_covariance([equation], np.arange(40) // 4, 2, np.array([0.0, 25.0]))
+    assert covariance[1, 1] == pytest.approx(1.0 / 25.0)

@@ -69,3 +69,19 @@ def test_the_quaternion_rate_is_the_derivative_of_the_attitude(euler, rate):
 def test_angles_are_unwrapped_as_by_numpy(angles: np.ndarray) -> None:
     """Jumps of any number of turns, and none at all."""
     np.testing.assert_allclose(unwrapped(angles), np.unwrap(angles, axis=0), atol=1e-9)
+
+
+@given(angles, st.floats(0.1, 10.0))
+def test_the_length_of_a_quaternion_does_not_change_its_angles(euler: np.ndarray, length: float) -> None:
+    """Logs hold quaternions in single precision, or not normalised at all."""
+    scaled = length * quaternion_from_euler(euler)
+    np.testing.assert_allclose(euler_from_quaternion(scaled), euler, atol=1e-7)
+
+
+def test_euler_rates_are_the_derivative_of_the_angles_that_body_rates_lead_to() -> None:
+    """Through the quaternion, which knows nothing of angles."""
+    euler, rate, step = np.array([0.5, -0.4, 2.0]), np.array([0.7, -1.1, 0.9]), 1e-6
+    q = quaternion_from_euler(euler)
+    ahead = q + step * np.array(quaternion_rate(tuple(q), tuple(rate)))
+    slope = (euler_from_quaternion(ahead) - euler) / step
+    np.testing.assert_allclose(euler_rates(euler, rate), slope, atol=1e-5)

@@ -33,8 +33,8 @@ def test_a_written_flight_reads_back(tmp_path, suffix):
     assert log.corrupt_bytes == 0
     (begin, end) = truth["segments_s"][0]
     rate = log.candidates("body_rate")[0]
-    flying = (rate.time_s > begin) & (rate.time_s < end)
-    rms = np.sqrt(np.mean(rate.values[flying] ** 2, axis=0))
+    in_flight = (rate.time_s > begin) & (rate.time_s < end)
+    rms = np.sqrt(np.mean(rate.values[in_flight] ** 2, axis=0))
     np.testing.assert_allclose(rms, truth["excitation"]["rms_rate_rad_s"], rtol=0.05)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadid_logs.simulate.paper import (
+from quadid_logs.simulate.paper_experiment import (
     PUBLISHED_B,
     SAMPLE_S,
     run_experiment,

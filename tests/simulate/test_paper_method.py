@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadid_logs.maths.rigid_body import (
+from quadid_logs.maths.rotational_dynamics import (
     angular_acceleration,
     gyroscopic_matrix,
     integrate_adams,
     rate_products,
 )
-from quadid_logs.maths.windows import solve_windows, stack_windows
+from quadid_logs.maths.sliding_windows import solve_windows, stack_windows
 
 DIAGONAL = np.diag([0.008, 0.009, 0.014])
 FULL = np.array([[0.0150, -0.0011, 0.0017], [-0.0011, 0.0172, 0.0008], [0.0017, 0.0008, 0.0268]])
@@ -63,7 +63,7 @@ def test_with_the_squares_of_the_rates_a_full_tensor_is_returned_exactly():
 
 
 def test_without_the_squares_a_full_tensor_is_not_returned():
-    """The 6x6 form cannot express products of inertia: it is off by more than a hundredth."""
+    """The 6x6 structure cannot express products of inertia: it is off by more than a hundredth."""
     rate, torque, acceleration = flown(FULL)
     p, q, r = rate.T
     found = solved(np.column_stack([q * r, p * r, p * q, torque]), acceleration)

@@ -11,8 +11,8 @@ from quadid_logs.data.vehicle import Rotor, Vehicle
 from quadid_logs.errors import SimulationError
 from quadid_logs.maths.rotations import quaternion_from_euler, rotation_matrix
 from quadid_logs.simulate import SCENARIOS, Damage, damage_bytes, simulate
+from quadid_logs.simulate.closed_loop import SPIN_MAX, SPIN_MIN
 from quadid_logs.simulate.control import throttle_for_thrust
-from quadid_logs.simulate.flight import SPIN_MAX, SPIN_MIN
 
 NAMES = pytest.mark.parametrize("name", sorted(SCENARIOS))
 
@@ -75,35 +75,37 @@ def test_pulse_widths_follow_from_command_voltage_and_parameters(quad):
     command = signals["torque_command"][0].values[rows] / lift[:, np.newaxis]
     throttle = signals["throttle"][0].values[rows, 0] / lift
     factors = 0.5 * np.array([[-1, 1, 1], [1, -1, 1], [1, 1, -1], [-1, -1, -1]])
-    share = throttle[:, np.newaxis] + command @ factors.T
-    linear = throttle_for_thrust(share * lift[:, np.newaxis], parameters["MOT_THST_EXPO"])
+    thrust = throttle[:, np.newaxis] + command @ factors.T
+    linear = throttle_for_thrust(thrust * lift[:, np.newaxis], parameters["MOT_THST_EXPO"])
     actuator = SPIN_MIN + (SPIN_MAX - SPIN_MIN) * linear / ratio[:, np.newaxis]
     (begin, end) = quad.truth["segments_s"][0]
-    flying = (pwm.time_s > begin) & (pwm.time_s < end)
-    assert np.abs(1000.0 + 1000.0 * actuator - pwm.values)[flying].max() < 0.51
+    in_flight = (pwm.time_s > begin) & (pwm.time_s < end)
+    assert np.abs(1000.0 + 1000.0 * actuator - pwm.values)[in_flight].max() < 0.51
 
 
 def test_px4s_motors_are_mix_times_setpoints(px4):
-    """actuator_motors carries thrust shares of which torque and thrust set-points are linear functions."""
+    """actuator_motors carries thrust fractions of which torque and thrust set-points are linear functions."""
     signals = px4.log.signals
     rows = signals["motor_thrust"][0]
     inputs = np.hstack([signals["torque_command"][0].values, signals["throttle"][0].values])
     (begin, end) = px4.truth["segments_s"][0]
-    flying = (rows.time_s > begin) & (rows.time_s < end)
-    solution, *_ = np.linalg.lstsq(inputs[flying], rows.values[flying])
-    np.testing.assert_allclose(inputs[flying] @ solution, rows.values[flying], atol=1e-5)
+    in_flight = (rows.time_s > begin) & (rows.time_s < end)
+    solution, *_ = np.linalg.lstsq(inputs[in_flight], rows.values[in_flight])
+    np.testing.assert_allclose(inputs[in_flight] @ solution, rows.values[in_flight], atol=1e-5)
     np.testing.assert_allclose(np.abs(solution[0]), np.sqrt(0.5), atol=1e-3)
 
 
 def test_the_accelerometer_feels_the_ground_and_the_thrust(quad):
     """At rest -g on z; in flight the mean lift carries the weight."""
     force = quad.log.signals["specific_force"][0]
-    standing = force.time_s < 31.4
-    np.testing.assert_allclose(force.values[standing].mean(axis=0), [0.0, 0.0, -9.80665], atol=0.05)
+    on_ground = force.time_s < 31.4
+    np.testing.assert_allclose(force.values[on_ground].mean(axis=0), [0.0, 0.0, -9.80665], atol=0.05)
     (begin, end) = quad.truth["segments_s"][0]
-    flying = (force.time_s > begin) & (force.time_s < end)
-    attitude = quad.log.signals["attitude"][0].values[flying]
-    turned = np.einsum("nij,nj->ni", rotation_matrix(quaternion_from_euler(attitude)), force.values[flying])
+    in_flight = (force.time_s > begin) & (force.time_s < end)
+    attitude = quad.log.signals["attitude"][0].values[in_flight]
+    turned = np.einsum(
+        "nij,nj->ni", rotation_matrix(quaternion_from_euler(attitude)), force.values[in_flight]
+    )
     assert turned[:, 2].mean() == pytest.approx(-9.80665, abs=0.1)
 
 
@@ -212,7 +214,7 @@ def test_what_cannot_be_simulated_is_refused(name, options, words):
 
 
 def test_damage_hits_where_it_says():
-    """Noise, zeros, a missing stretch and a cut, each in its place."""
+    """Noise, zeros, a missing block and a cut, each in its place."""
     content = bytes(range(1, 101))
     damages = (
         Damage(kind="zeros", at=0.1, n_bytes=5),
@@ -226,3 +228,65 @@ def test_damage_hits_where_it_says():
     assert damaged[34:50] == content[34:50]
     assert damaged[50:] == content[60:90]
     assert damaged == damage_bytes(content, damages, seed=1)
+
+
+def test_the_accelerometer_turns_with_the_vehicle(quad):
+    """In body axes rotor thrust is along z: sideways there is drag alone, however far it tilts."""
+    force = quad.log.signals["specific_force"][0]
+    (begin, end) = quad.truth["segments_s"][0]
+    in_flight = (force.time_s > begin) & (force.time_s < end)
+    sideways = np.abs(force.values[in_flight, :2]).max()
+    tilt = np.abs(quad.log.signals["attitude"][0].values[:, :2]).max()
+    assert sideways < 0.1 * 9.80665 * np.sin(tilt)
+
+
+def test_the_accelerometer_noise_has_its_density(quad):
+    """At rest on the ground: white up to half the control rate."""
+    force = quad.log.signals["specific_force"][0]
+    at_rest = force.values[force.time_s < 32.4]
+    np.testing.assert_allclose(at_rest.std(axis=0), 2.0e-3 * np.sqrt(200.0), rtol=0.15)
+
+
+def test_the_true_delay_is_half_a_period_and_the_gyro_filter(quad):
+    """sqrt(2) / (2 pi f_c) to a per cent: the digital filter's own differs a little."""
+    delay_s = 0.5 / 400.0 + np.sqrt(2.0) / (2.0 * np.pi * 40.0)
+    assert quad.truth["actuator"]["delay_s"] == pytest.approx(delay_s, rel=0.05)
+    assert quad.truth["actuator"]["delay_parts_s"]["zero_order_hold"] == pytest.approx(0.5 / 400.0)
+
+
+def test_the_true_models_say_what_euler_s_equation_says():
+    """A and B of two structures against J^-1 (u - d w - w x J w) at random rates and commands."""
+    truth = simulate("products-of-inertia", seed=5, duration_s=15.0).truth
+    J, damping = np.array(truth["vehicle"]["inertia_kg_m2"]), np.array(truth["vehicle"]["rate_damping_n_m_s"])
+    gain = np.array(truth["torque_n_m_per_command"])
+    model = truth["models"]["rigid-body"]
+    A, B = np.array(model["A"]), np.array(model["B"])
+    for w, command in np.random.default_rng(2).standard_normal((5, 2, 3)):
+        expected = np.linalg.solve(J, gain @ command - damping * w - np.cross(w, J @ w))
+        p, q, r = w
+        products = {"pp": p * p, "qq": q * q, "rr": r * r, "qr": q * r, "pr": p * r, "pq": p * q}
+        columns = products | {"p": p, "q": q, "r": r}
+        found = A @ [columns[name] for name in model["regressors"]] + B @ command
+        np.testing.assert_allclose(found, expected, rtol=1e-9)
+    np.testing.assert_allclose(np.array(model["inertia_over_torque_command"]) @ B, np.eye(3), atol=1e-9)
+
+
+def test_the_six_term_truth_is_that_of_a_vehicle_without_products():
+    """Each of qr, pr, pq on its own axis."""
+    truth = simulate("hover", seed=5, duration_s=15.0).truth
+    xx, yy, zz = np.diagonal(truth["vehicle"]["inertia_kg_m2"])
+    model = truth["models"]["quadrotor-6"]
+    assert model["regressors"] == ["qr", "pr", "pq"]
+    np.testing.assert_allclose(
+        model["A"], np.diag([(yy - zz) / xx, (zz - xx) / yy, (xx - yy) / zz]), atol=1e-12
+    )
+
+
+def test_unallocated_torque_is_what_was_commanded_and_not_achieved():
+    """On a vehicle short of thrust: positive where a positive command was cut."""
+    log = simulate("saturation", seed=2, duration_s=20.0, autopilot="px4").log
+    missing, command = log.signals["unallocated_torque"][0], log.signals["torque_command"][0]
+    at = np.searchsorted(command.time_s, missing.time_s + 1e-3) - 1
+    cut = np.abs(missing.values) > 0.02
+    assert cut.any()
+    assert (np.sign(missing.values[cut]) == np.sign(command.values[at][cut])).mean() > 0.95

@@ -203,7 +203,7 @@ def test_a_mode_without_a_place_is_put_where_its_time_first_fits(written: Write)
         ModeChange(time_s=START_S + 0.5, position=0, name="LOITER"),
         ModeChange(time_s=START_S + 5.0, position=0, name="LAND"),
     )
-    stretched = Signal(
+    with_resets = Signal(
         name="attitude",
         rows=Rows(
             np.concatenate((START_S + np.arange(2000) / 1000.0, START_S + np.arange(6000) / 1000.0)),
@@ -212,7 +212,7 @@ def test_a_mode_without_a_place_is_put_where_its_time_first_fits(written: Write)
         values=np.zeros((8000, 3)),
         source="ANG",
     )
-    log = replace(both, signals={"attitude": (stretched,)}, modes=late, texts=())
+    log = replace(both, signals={"attitude": (with_resets,)}, modes=late, texts=())
     path = written(log, "a.bin")
     place = [message.TimeUS for message in stream(path) if message.get_type() in ("ANG", "MODE")]
     assert place[500:502] == [13_000_000, 13_000_000]
@@ -245,11 +245,11 @@ def test_definitions_equal_the_firmware_s(written: Write, corpus: Path) -> None:
         DFReader_binary(str(path))
         for path in (written(flight(), "a.bin"), corpus / "firmware" / "ac47_quadx_sid_roll.BIN")
     )
-    firmware = {form.name: form for form in theirs.formats.values()}
-    for form in ours.formats.values():
-        other = firmware[form.name]
-        assert (form.len, form.format, form.columns) == (other.len, other.format, other.columns)
-        assert form.units == other.units
-        assert form.msg_mults == other.msg_mults
+    firmware = {found.name: found for found in theirs.formats.values()}
+    for found in ours.formats.values():
+        other = firmware[found.name]
+        assert (found.len, found.format, found.columns) == (other.len, other.format, other.columns)
+        assert found.units == other.units
+        assert found.msg_mults == other.msg_mults
     ours.filehandle.close()
     theirs.filehandle.close()

@@ -146,7 +146,7 @@ def test_px4_s_integer_parameters_are_sent_by_their_bytes(written: Write) -> Non
 
 
 def test_a_long_text_is_sent_in_chunks(written: Write) -> None:
-    """Chunks share an id and are numbered; together they are the text."""
+    """All chunks have one id and are numbered; together they are the text."""
     text = "PreArm: " + "a very long reason, " * 6
     texts = (LogText(time_s=START_S + 1.0, position=0, text=text),)
     found = rows(written(flight(texts=texts), "a.tlog"))["STATUSTEXT"]

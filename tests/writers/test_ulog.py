@@ -187,5 +187,5 @@ def test_formats_equal_the_firmware_s(written: Write, corpus: Path) -> None:
     ours = read(written(px4_flight(), "a.ulg")).message_formats
     theirs = read(corpus / "firmware" / "px4_quad_multisine.ulg").message_formats
     assert ours
-    for name, form in ours.items():
-        assert form.fields == theirs[name].fields
+    for name, found in ours.items():
+        assert found.fields == theirs[name].fields

@@ -98,9 +98,9 @@ def test_merging_in_blocks_equals_one_stable_sort(
     ]
     expected = b"".join(row for _, _, row in sorted(rows, key=lambda row: row[:2]))
     file = io.BytesIO()
-    usual, records.BLOCK_ROWS = records.BLOCK_ROWS, block_rows
+    before, records.BLOCK_ROWS = records.BLOCK_ROWS, block_rows
     try:
         records.write_merged(file, streams)
     finally:
-        records.BLOCK_ROWS = usual
+        records.BLOCK_ROWS = before
     assert file.getvalue() == expected

@@ -9,9 +9,10 @@ import pytest
 
 from quadid_logs.errors import SimulationError
 from quadid_logs.maths.frames import frame_geometry, known_frames, torque_matrix
-from quadid_logs.maths.rigid_body import inertia_terms
+from quadid_logs.maths.rotational_dynamics import inertia_terms
 from quadid_logs.simulate import SCENARIOS, fly, fly_many, plan_flights
-from quadid_logs.simulate.airframe import Airframe, layout, quad_x
+from quadid_logs.simulate.airframes import SimulatedAirframe, layout, quad_x
+from quadid_logs.simulate.closed_loop import Noise, mixer_factors, torque_gain
 from quadid_logs.simulate.control import (
     Mixer,
     arithmetic,
@@ -21,7 +22,6 @@ from quadid_logs.simulate.control import (
     throttle_for_thrust,
     thrust_of_throttle,
 )
-from quadid_logs.simulate.flight import Noise, mixer_factors, torque_gain
 from quadid_logs.simulate.plant import Body, advance, at_rest
 from quadid_logs.simulate.truth import torque_per_command
 from quadid_logs.simulate.wind import Wind, dryden_wind
@@ -92,7 +92,7 @@ def test_thrust_and_drag_torque_go_with_the_square_of_the_speed():
 
 
 def test_a_vehicle_without_lift_stays_on_the_ground():
-    """Gravity does not pull it through the floor."""
+    """Gravity does not pull it into the ground."""
     state = at_rest(4, 0.0)
     for _ in range(100):
         state = advance(state, (100.0,) * 4, (0.0, 0.0, 0.0), body_of(quad_x(), 0.0025))
@@ -101,7 +101,7 @@ def test_a_vehicle_without_lift_stays_on_the_ground():
 
 
 @pytest.mark.parametrize("key", [key for key in known_frames() if key not in TAILS])
-def test_the_mixer_realises_what_fits(key):
+def test_the_mixer_achieves_what_fits(key):
     """A moderate command on any frame comes out of the motors as it went in."""
     frame = frame_geometry(*key)
     columns = [tuple(column) for column in frame.mixer.T.tolist()]
@@ -109,9 +109,9 @@ def test_the_mixer_realises_what_fits(key):
     command = (0.06, -0.05, 0.04)
     mixed = mix(command, 0.45, mixer, arithmetic(1))
     assert mixed.limited == 0.0
-    shares = np.array(mixed.thrust)
-    np.testing.assert_allclose(shares - shares.mean(), frame.mixer @ command - (frame.mixer @ command).mean())
-    assert shares.mean() - (frame.mixer @ command).mean() == pytest.approx(0.45)
+    thrust = np.array(mixed.thrust)
+    np.testing.assert_allclose(thrust - thrust.mean(), frame.mixer @ command - (frame.mixer @ command).mean())
+    assert thrust.mean() - (frame.mixer @ command).mean() == pytest.approx(0.45)
 
 
 @pytest.mark.parametrize("command", [(0.0, 0.0, 1.5), (1.0, 1.0, 0.0), (0.9, -0.8, 0.9)])
@@ -153,7 +153,7 @@ def test_the_gyro_filter_is_scipys_butterworth():
 def test_frames_of_every_class_hover(key):
     """The loops are stable on frames of every class: a doublet flight ends level and at its height."""
     n = frame_geometry(*key).n_rotors
-    airframe = Airframe(
+    airframe = SimulatedAirframe(
         name="any",
         mass_kg=0.4 * n,
         inertia_kg_m2=np.diag([0.004, 0.0045, 0.007]) * n,
@@ -207,8 +207,8 @@ def test_a_batch_flies_what_its_members_fly_alone():
 
 
 def test_a_batch_of_unequal_flights_is_refused():
-    """Flights of different length cannot share one loop."""
-    with pytest.raises(SimulationError, match="share"):
+    """Flights of different length cannot run in one loop."""
+    with pytest.raises(SimulationError, match="same number of rotors"):
         fly_many([setup_of("hover", duration_s=15.0), setup_of("hover", duration_s=16.0)])
 
 
@@ -282,16 +282,77 @@ def test_turbulence_has_drydens_intensity():
 
 
 def test_a_gyro_scale_error_multiplies_what_the_gyro_shows():
-    """Of each axis by its own share; the true rate is what flew."""
+    """Of each axis by its own factor; the true rate is what flew."""
     setup = setup_of("sysid-quad-x", noise=dataclasses.replace(SILENT, gyro_scale=(0.01, -0.02, 0.0)))
     channels = fly(setup).channels
     np.testing.assert_allclose(channels["gyro"], channels["rate"] * [1.01, 0.98, 1.0], rtol=0.0, atol=1e-9)
 
 
-def test_a_cross_axis_gyro_shows_a_share_of_the_other_rates():
+def test_a_cross_axis_gyro_shows_a_fraction_of_the_other_rates():
     """p of q and r, q of p and r, r of p and q."""
     cross = (0.01, -0.02, 0.0, 0.03, 0.005, 0.0)
     setup = setup_of("sysid-quad-x", noise=dataclasses.replace(SILENT, gyro_cross=cross))
     channels = fly(setup).channels
     E = np.array([[1.0, 0.01, -0.02], [0.0, 1.0, 0.03], [0.005, 0.0, 1.0]])
     np.testing.assert_allclose(channels["gyro"], channels["rate"] @ E.T, rtol=0.0, atol=1e-9)
+
+
+def test_drag_grows_with_airspeed_and_its_square_and_attacks_above_the_centre_of_mass():
+    """-(d v + rho / 2 A v^2) along the airspeed; blown from ahead, the nose rises."""
+    frame = dataclasses.replace(quad_x(), drag_n_s_m=0.3, drag_area_m2=0.02, drag_height_m=0.05)
+    body = body_of(frame, 1e-4)._replace(drag=0.3, drag_area=0.02, drag_height=0.05)
+    state = at_rest(4, 0.0)._replace(height=100.0, velocity=(7.0, 0.0, 0.0))
+    moved = advance(state, (0.0,) * 4, (3.0, 0.0, 0.0), body)
+    drag = 0.3 * 4.0 + 0.5 * 1.225 * 0.02 * 4.0**2
+    np.testing.assert_allclose(moved.acceleration, [-drag / frame.mass_kg, 0.0, 9.80665], atol=1e-6)
+    pitching = 0.05 * drag / frame.inertia_kg_m2[1, 1] * 1e-4
+    np.testing.assert_allclose(moved.rate, [0.0, pitching, 0.0], rtol=1e-3)
+
+
+def test_the_gyro_noise_has_its_density():
+    """White up to half the sampling rate: sigma^2 is the density squared times that."""
+    noise = Noise(gyro_rad_s_per_rthz=1e-3, gyro_bias_rad_s=(0.1, -0.2, 0.3), gyro_resolution_rad_s=1e-12)
+    record = fly(setup_of("hover", duration_s=15.0, noise=noise))
+    error = record.channels["gyro"] - record.channels["rate"]
+    np.testing.assert_allclose(error.std(axis=0), 1e-3 * np.sqrt(200.0), rtol=0.03)
+
+
+def test_a_tenth_of_the_gyro_bias_is_left_at_take_off():
+    """The autopilot's estimator has found the rest."""
+    noise = dataclasses.replace(SILENT, gyro_bias_rad_s=(0.1, -0.2, 0.3))
+    record = fly(setup_of("hover", duration_s=15.0, noise=noise))
+    error = record.channels["gyro"] - record.channels["rate"]
+    np.testing.assert_allclose(error, np.tile([0.01, -0.02, 0.03], (error.shape[0], 1)), atol=1e-9)
+
+
+def test_the_voltage_falls_with_the_charge_and_with_the_current():
+    """Current as thrust to the power 1.5, every tenth of a second."""
+    frame = dataclasses.replace(quad_x(), battery=dataclasses.replace(quad_x().battery, sag=30.0))
+    record = fly(setup_of("sysid-quad-x", airframe=frame, duration_s=15.0))
+    battery, every = frame.battery, 40
+    speed = record.channels["rotor_speed"][::every]
+    thrust = np.sum(frame.rotor_thrust_n * (speed / frame.rotor_speed_max_rad_s) ** 2, axis=1)
+    current = battery.hover_current_a * (thrust / (frame.mass_kg * 9.80665)) ** 1.5
+    charge = np.cumsum(current) * 0.1
+    expected = 1.0 - battery.sag * charge / battery.capacity_a_s
+    expected -= battery.resistance_ohm * current / battery.full_v
+    assert expected.min() < 0.9
+    np.testing.assert_allclose(record.channels["voltage"][::every, 0], expected, rtol=1e-9)
+
+
+def test_the_wind_blows_where_its_heading_points():
+    """From the mean of a long series; 0 is north, a quarter turn east."""
+    wind = Wind(speed_m_s=5.0, heading_rad=0.4)
+    mean = dryden_wind(wind, 400_000, 0.05, np.random.default_rng(1)).mean(axis=0)
+    np.testing.assert_allclose(mean, [5.0 * np.cos(0.4), 5.0 * np.sin(0.4), 0.0], atol=0.15)
+
+
+def test_rotors_that_slow_down_slowly_have_the_longer_time_constant_on_the_way_down():
+    """A step up and a step down of one rotor: each its own exponential."""
+    airframe = quad_x()
+    up, down = (tuple(np.exp(-part * 0.0025 / lag) for part in (0.5, 1.0)) for lag in (0.02, 0.2))
+    body = body_of(airframe, 0.0025)._replace(decay_up=up, decay_down=down)
+    state = at_rest(4, 0.0)._replace(speeds=(100.0, 900.0, 500.0, 500.0))
+    moved = advance(state, (500.0,) * 4, (0.0, 0.0, 0.0), body)
+    expected = (500.0 - 400.0 * up[1], 500.0 + 400.0 * down[1], 500.0, 500.0)
+    np.testing.assert_allclose(moved.speeds, expected, rtol=1e-12)

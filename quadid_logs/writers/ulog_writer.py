@@ -17,8 +17,7 @@ from quadid_logs.arrays import AnyArray, FloatArray
 from quadid_logs.data.log import FlightLog, Signal
 from quadid_logs.maths.rotations import quaternion_from_euler
 from quadid_logs.writers.flight_modes import find_mode
-from quadid_logs.writers.records import Column, Field, Records, write_merged
-from quadid_logs.writers.series import (
+from quadid_logs.writers.log_series import (
     Stamps,
     WriteClock,
     clip_text,
@@ -32,6 +31,7 @@ from quadid_logs.writers.series import (
     packed_version,
     write_clock,
 )
+from quadid_logs.writers.records import Column, Field, Records, write_merged
 from quadid_logs.writers.ulog_topics import TOPICS, row_type, whole_parameter
 
 MAGIC = b"ULog\x01\x12\x35"

@@ -18,8 +18,7 @@ from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.data.log import FlightLog, Signal
 from quadid_logs.writers.dataflash_formats import HEADER, MESSAGES, MULTIPLIERS, UNITS
 from quadid_logs.writers.flight_modes import find_mode
-from quadid_logs.writers.records import Column, Field, Records, write_merged
-from quadid_logs.writers.series import (
+from quadid_logs.writers.log_series import (
     Stamps,
     WriteClock,
     changes,
@@ -31,6 +30,7 @@ from quadid_logs.writers.series import (
     imu_rates,
     write_clock,
 )
+from quadid_logs.writers.records import Column, Field, Records, write_merged
 
 DEG = 180.0 / math.pi
 RPM = 30.0 / math.pi
@@ -145,12 +145,12 @@ def _attitude(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
         return
     stamps = clock.of(attitude)
     tenths = stamps.key_us // ATT_PERIOD_US
-    slow = np.flatnonzero(np.diff(tenths, prepend=tenths[0] - 1))
-    if slow.size < stamps.key_us.size:
+    tenth_rows = np.flatnonzero(np.diff(tenths, prepend=tenths[0] - 1))
+    if tenth_rows.size < stamps.key_us.size:
         period_s = np.diff(stamps.key_us, prepend=stamps.key_us[0]) * 1e-6
         yield _records("ANG", stamps, _angles(attitude.values) | {"Dt": period_s})
-    few = Stamps(time_us=stamps.time_us[slow], key_us=stamps.key_us[slow])
-    yield _records("ATT", few, _angles(attitude.values[slow]) | {"AEKF": 3})
+    few = Stamps(time_us=stamps.time_us[tenth_rows], key_us=stamps.key_us[tenth_rows])
+    yield _records("ATT", few, _angles(attitude.values[tenth_rows]) | {"AEKF": 3})
 
 
 def _angles(attitude_rad: FloatArray) -> dict[str, Field]:

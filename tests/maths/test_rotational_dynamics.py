@@ -9,13 +9,14 @@ from hypothesis import strategies as st
 from scipy.special import ellipj
 
 from quadid_logs.errors import ShapeError
-from quadid_logs.maths.rigid_body import (
+from quadid_logs.maths.rotational_dynamics import (
     angular_acceleration,
     gyroscopic_matrix,
     inertia_terms,
     integrate_adams,
     integrate_fixed_step,
     rate_products,
+    step_rates,
 )
 from quadid_logs.maths.rotations import rotation_matrix
 
@@ -119,3 +120,12 @@ def test_an_impossible_tensor_is_refused(bad):
     """Not symmetric, not positive definite, or of the wrong shape."""
     with pytest.raises(ShapeError):
         inertia_terms(bad)
+
+
+def test_damping_slows_a_spin_exponentially():
+    """Ixx p_dot = -d p: after a second exp(-d / Ixx) is left of it."""
+    inertia = inertia_terms(np.diag([0.01, 0.02, 0.03]))
+    rate, nothing = (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for _ in range(400):
+        rate, _ = step_rates(rate, (nothing, nothing, nothing), 0.0025, inertia, (0.007, 0.5, 0.5))
+    assert rate == pytest.approx((np.exp(-0.7), 0.0, 0.0), rel=1e-10)

@@ -1,4 +1,4 @@
-"""What the autopilot's logger makes of a flight: its rates, stamps, delays and losses."""
+"""Logger model: the rates, stamps, delays and losses with which an autopilot logs a flight."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from quadid_logs.data.log import (
     Signal,
 )
 from quadid_logs.maths.rotations import euler_from_quaternion, rotation_matrix
-from quadid_logs.simulate.airframe import GRAVITY_M_S2
+from quadid_logs.simulate.airframes import GRAVITY_M_S2
+from quadid_logs.simulate.closed_loop import Record, Setup, generator
 from quadid_logs.simulate.control import thrust_of_throttle
-from quadid_logs.simulate.flight import Record, Setup, generator
 from quadid_logs.simulate.vendors import (
     SYSID_STREAM,
     Stream,
@@ -53,9 +53,9 @@ class Logging:
     jitter_s : float
         Standard deviation of the stamps around their samples' times [s].
     drop_fraction : float
-        Share of the time that is lost in bursts of about 0.1 s.
+        Fraction of the time that is lost in bursts of about 0.1 s.
     clock_jump_s, clock_jump_at : float
-        The clock is set by so much [s] at this share of the log.
+        The clock is set by so much [s] at this fraction of the log.
     """
 
     rate_hz: float = 400.0
@@ -68,7 +68,7 @@ class Logging:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Rows:
+class _MessageRows:
     """Rows of one message: true time [s], stamp [s], and its signals' values."""
 
     stream: Stream
@@ -77,12 +77,29 @@ class _Rows:
     values: Mapping[str, FloatArray]
 
 
-def write_logbook(records: tuple[Record, ...], logging: Logging) -> FlightLog:
+def log_flights(records: tuple[Record, ...], logging: Logging) -> FlightLog:
     """Log one or several flights into one `FlightLog`.
 
     Each further flight begins where the one before ended. Rows stand in the
-    order of their true time, whatever the clock says; `Signal.position` is
-    that order, the same for all signals of one row.
+    order of their true time, whatever the clock says; `Rows.position` is
+    that order, and the signals of one message share one `Rows` object.
+
+    Parameters
+    ----------
+    records : tuple of Record
+        Of the flights in order, all of one vehicle and autopilot.
+    logging : Logging
+        Rates, clock and losses of the logger.
+
+    Returns
+    -------
+    FlightLog
+        Without a path: `writers.write_log` makes a file of it.
+
+    Raises
+    ------
+    SimulationError
+        If the setup names an autopilot that is not simulated.
     """
     setup = records[0].setups[0]
     kind = vendor(setup.autopilot)
@@ -125,7 +142,7 @@ def write_logbook(records: tuple[Record, ...], logging: Logging) -> FlightLog:
 
 def _default_streams(kind: Vendor) -> tuple[Stream, ...]:
     """Without changed log settings, attitude, IMU and motors come at their own, lower rates."""
-    slow = {
+    default = {
         "ANG": ("ATT", 10.0),
         "IMU": ("IMU", 25.0),
         "vehicle_attitude": ("vehicle_attitude", 20.0),
@@ -134,16 +151,18 @@ def _default_streams(kind: Vendor) -> tuple[Stream, ...]:
     }
     return tuple(
         Stream(
-            message=slow.get(s.message, (s.message, s.rate_hz))[0],
+            message=default.get(s.message, (s.message, s.rate_hz))[0],
             signals=s.signals,
-            rate_hz=slow.get(s.message, (s.message, s.rate_hz))[1],
+            rate_hz=default.get(s.message, (s.message, s.rate_hz))[1],
             latency_s=s.latency_s,
         )
         for s in kind.streams
     )
 
 
-def _collect(stream: Stream, records: tuple[Record, ...], offsets: FloatArray, logging: Logging) -> _Rows:
+def _collect(
+    stream: Stream, records: tuple[Record, ...], offsets: FloatArray, logging: Logging
+) -> _MessageRows:
     """Take every n-th control period of all flights."""
     true, sampled, parts = [], [], []
     for record, offset in zip(records, offsets[:-1], strict=True):
@@ -160,7 +179,7 @@ def _collect(stream: Stream, records: tuple[Record, ...], offsets: FloatArray, l
     for values in columns.values():
         inside &= np.isfinite(values).all(axis=1)
     stamps = _stamp(time, records[0].setups[0], logging, float(offsets[-1]))
-    return _Rows(
+    return _MessageRows(
         stream=stream,
         true_s=time[inside],
         stamp_s=stamps[inside],
@@ -191,7 +210,7 @@ def _signal_values(name: str, record: Record, index: IntArray) -> FloatArray:
         "torque_command": "command",
         "throttle": "throttle",
         "rotor_speed": "rotor_speed",
-        "motor_thrust": "thrust_share",
+        "motor_thrust": "thrust_fraction",
         "battery_ratio": "voltage_filtered",
     }
     if name in direct:
@@ -252,15 +271,15 @@ def _armed(setup: Setup, time_s: FloatArray) -> BoolArray:
     return (time_s >= setup.schedule.arm_s) & (time_s < setup.schedule.disarm_s)
 
 
-def _events(records: tuple[Record, ...], offsets: FloatArray, logging: Logging) -> list[_Rows]:
+def _events(records: tuple[Record, ...], offsets: FloatArray, logging: Logging) -> list[_MessageRows]:
     """Rows where the log begins, and where the vehicle arms, takes off, lands and disarms."""
     armed, landed = [(0.0, 0.0)], [(0.0, 1.0)]
     for record, offset in zip(records, offsets[:-1].tolist(), strict=True):
         schedule = record.setups[0].schedule
-        flying = record.time_s[record.channels["height"][:, 0] > 0.05]
+        airborne_s = record.time_s[record.channels["height"][:, 0] > 0.05]
         armed += [(offset + schedule.arm_s, 1.0), (offset + schedule.disarm_s, 0.0)]
-        if flying.size:
-            landed += [(offset + float(flying[0]), 0.0), (offset + float(flying[-1]), 1.0)]
+        if airborne_s.size:
+            landed += [(offset + float(airborne_s[0]), 0.0), (offset + float(airborne_s[-1]), 1.0)]
     ardupilot = records[0].setups[0].autopilot == "ardupilot"
     streams = (
         Stream(message="ARM", signals=(("armed", "ArmState"),)),
@@ -277,13 +296,13 @@ def _events(records: tuple[Record, ...], offsets: FloatArray, logging: Logging) 
 
 def _event_rows(
     stream: Stream, events: list[tuple[float, float]], setup: Setup, logging: Logging, end_s: float
-) -> _Rows:
+) -> _MessageRows:
     """Log the state in which the log finds the vehicle, and every change from then on."""
     before = [state for time, state in events if time <= logging.start_s]
     kept = [(logging.start_s, before[-1]), *(event for event in events if event[0] > logging.start_s)]
     time, values = np.array(kept).T
     time = np.round(time * setup.loop_hz) / setup.loop_hz
-    return _Rows(
+    return _MessageRows(
         stream=stream,
         true_s=time,
         stamp_s=_stamp(time, setup, logging, end_s),
@@ -291,7 +310,9 @@ def _event_rows(
     )
 
 
-def _drop(messages: list[_Rows], setup: Setup, logging: Logging, end_s: float) -> tuple[list[_Rows], int]:
+def _drop(
+    messages: list[_MessageRows], setup: Setup, logging: Logging, end_s: float
+) -> tuple[list[_MessageRows], int]:
     """Lose all rows of random short bursts, and count them; events are never lost."""
     if logging.drop_fraction <= 0.0:
         return messages, 0
@@ -306,7 +327,7 @@ def _drop(messages: list[_Rows], setup: Setup, logging: Logging, end_s: float) -
                 lost |= (rows.true_s >= begin) & (rows.true_s < begin + length)
         n_dropped += int(lost.sum())
         kept.append(
-            _Rows(
+            _MessageRows(
                 stream=rows.stream,
                 true_s=rows.true_s[~lost],
                 stamp_s=rows.stamp_s[~lost],
@@ -325,17 +346,20 @@ def _positions(times: list[FloatArray]) -> list[IntArray]:
     return np.split(rank, np.cumsum([time.size for time in times])[:-1])
 
 
-def _signals(messages: list[_Rows], positions: list[IntArray], setup: Setup) -> dict[str, tuple[Signal, ...]]:
+def _signals(
+    messages: list[_MessageRows], positions: list[IntArray], setup: Setup
+) -> dict[str, tuple[Signal, ...]]:
     """Signals by canonical name, in the order of the vendor's messages."""
     kind = vendor(setup.autopilot)
     found: dict[str, tuple[Signal, ...]] = {}
     for rows, position in zip(messages, positions, strict=True):
         instance = "[0]" if rows.stream.message == "IMU" else ""
+        shared = Rows(rows.stamp_s, position)
         for raw_name, fields in rows.stream.signals:
             name = "body_rate" if raw_name == "body_rate_raw" else raw_name
             signal = Signal(
                 name=name,
-                rows=Rows(rows.stamp_s, position),
+                rows=shared,
                 values=rows.values[raw_name],
                 source=f"{rows.stream.message}{instance}.{fields}",
                 reason=f"as {kind.firmware} logs it",
@@ -349,13 +373,13 @@ def _signals(messages: list[_Rows], positions: list[IntArray], setup: Setup) -> 
 def _modes(
     records: tuple[Record, ...], offsets: FloatArray, logging: Logging, row_s: FloatArray
 ) -> tuple[ModeChange, ...]:
-    """Flying mode from the beginning, the test mode during torque injection, then landing."""
+    """Flight mode from the beginning, the test mode during torque injection, then landing."""
     setup = records[0].setups[0]
     kind = vendor(setup.autopilot)
     changes: list[tuple[float, str]] = []
     for record, offset in zip(records, offsets[:-1].tolist(), strict=True):
         flown = record.setups[0]
-        changes.append((max(offset, logging.start_s), kind.flying_mode))
+        changes.append((max(offset, logging.start_s), kind.flight_mode))
         if np.any(flown.reference.torque):
             changes.append((offset + flown.schedule.manoeuvre_s, kind.sysid_mode))
         changes.append((offset + flown.schedule.land_s, kind.landing_mode))

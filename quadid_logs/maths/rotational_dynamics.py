@@ -14,10 +14,8 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.errors import ShapeError
-from quadid_logs.maths.rotations import quaternion_rate
+from quadid_logs.maths.rotations import Component, quaternion_rate
 
-Component: TypeAlias = Any
-"""A float, or an ndarray of one value per flight."""
 Triple: TypeAlias = tuple[Component, Component, Component]
 Quadruple: TypeAlias = tuple[Component, Component, Component, Component]
 
@@ -43,7 +41,16 @@ class InertiaTerms(NamedTuple):
 
 
 def inertia_terms(inertia_kg_m2: FloatArray) -> InertiaTerms:
-    """Take a tensor of shape (3, 3), or (n_flights, 3, 3), apart.
+    """Take an inertia tensor apart, for equations that run on components.
+
+    Parameters
+    ----------
+    inertia_kg_m2 : ndarray, shape (3, 3) or (n_flights, 3, 3)
+
+    Returns
+    -------
+    InertiaTerms
+        Floats, or arrays of shape (n_flights,).
 
     Raises
     ------
@@ -70,6 +77,12 @@ def euler_equation(rate: Triple, torque: Triple, inertia: InertiaTerms) -> Tripl
         p, q, r [rad/s].
     torque : tuple
         L, M, N [N m].
+    inertia : InertiaTerms
+
+    Returns
+    -------
+    tuple
+        p_dot, q_dot, r_dot [rad/s^2].
     """
     p, q, r = rate
     L, M, N = torque
@@ -90,7 +103,23 @@ def euler_equation(rate: Triple, torque: Triple, inertia: InertiaTerms) -> Tripl
 def angular_acceleration(
     rate_rad_s: FloatArray, torque_n_m: FloatArray, inertia_kg_m2: FloatArray
 ) -> FloatArray:
-    """Return eq. (8) for arrays of shape (..., 3) [rad/s^2]."""
+    """Return eq. (8), J^-1 (u - w x (J w)), for arrays.
+
+    Parameters
+    ----------
+    rate_rad_s, torque_n_m : ndarray, shape (..., 3)
+    inertia_kg_m2 : ndarray, shape (3, 3)
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+        [rad/s^2].
+
+    Raises
+    ------
+    ShapeError
+        If the tensor is not symmetric and positive definite.
+    """
     rate, torque = np.moveaxis(rate_rad_s, -1, 0), np.moveaxis(torque_n_m, -1, 0)
     acceleration = euler_equation(
         (rate[0], rate[1], rate[2]), (torque[0], torque[1], torque[2]), inertia_terms(inertia_kg_m2)
@@ -110,6 +139,7 @@ def gyroscopic_matrix(inertia_kg_m2: FloatArray) -> FloatArray:
     Returns
     -------
     ndarray, shape (3, 6)
+        Dimensionless: -J^-1 times the coefficients of w x (J w).
 
     Examples
     --------
@@ -129,7 +159,17 @@ def gyroscopic_matrix(inertia_kg_m2: FloatArray) -> FloatArray:
 
 
 def rate_products(rate_rad_s: FloatArray) -> FloatArray:
-    """Return `PRODUCTS` of rates (..., 3) as (..., 6) [rad^2/s^2]."""
+    """Return the products of rates in the order of `PRODUCTS`.
+
+    Parameters
+    ----------
+    rate_rad_s : ndarray, shape (..., 3)
+
+    Returns
+    -------
+    ndarray, shape (..., 6)
+        pp, qq, rr, qr, pr, pq [rad^2/s^2].
+    """
     p, q, r = np.moveaxis(rate_rad_s, -1, 0)
     return np.stack([p * p, q * q, r * r, q * r, p * r, p * q], axis=-1)
 
@@ -187,7 +227,21 @@ def _damped(torque: Triple, rate: Triple, damping: Triple) -> Triple:
 def step_attitude(
     quaternion: Quadruple, stages: tuple[Triple, Triple, Triple, Triple], step_s: float
 ) -> Quadruple:
-    """Advance the attitude with the rates of the same Runge-Kutta step, and renormalise."""
+    """Advance the attitude with the rates of the same Runge-Kutta step, and renormalise.
+
+    Parameters
+    ----------
+    quaternion : tuple
+        w, x, y, z of unit length, body to Earth.
+    stages : tuple of tuples
+        p, q, r [rad/s] at the four stages of `step_rates`.
+    step_s : float
+
+    Returns
+    -------
+    tuple
+        w, x, y, z, of unit length to second order of the step's error.
+    """
     w, x, y, z = quaternion
     first, second, third, fourth = stages
     half = 0.5 * step_s

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quadid_logs.errors import ShapeError
-from quadid_logs.maths.windows import solve_windows, stack_windows
+from quadid_logs.maths.sliding_windows import solve_windows, stack_windows
 
 
 def _windows(seed: int, width: int, unknowns: int) -> tuple[np.ndarray, np.ndarray]:
@@ -75,3 +75,30 @@ def test_a_stride_of_zero_is_refused() -> None:
     """It would never get anywhere."""
     with pytest.raises(ShapeError, match="at least 1"):
         stack_windows(np.zeros((5, 2)), width=2, stride=0)
+
+
+@given(n=st.integers(0, 30), width=st.integers(1, 5), stride=st.integers(1, 4), step=st.integers(1, 4))
+def test_every_window_that_fits_is_there(n: int, width: int, stride: int, step: int) -> None:
+    """Sample i of window k is sample k * stride + i * step, as long as the series reaches."""
+    windows = stack_windows(np.arange(float(n))[:, np.newaxis], width=width, stride=stride, step=step)
+    expected = [
+        [start + i * step for i in range(width)]
+        for start in range(0, n, stride)
+        if start + (width - 1) * step < n
+    ]
+    np.testing.assert_array_equal(windows[:, :, 0], np.reshape(expected, (-1, width)))
+
+
+def test_the_condition_number_is_the_ratio_of_the_singular_values_of_unit_columns() -> None:
+    """Two columns at an angle of 60 degrees: sqrt((1 + cos) / (1 - cos)), whatever their lengths."""
+    H = np.array([[[2.0, 2.5], [0.0, 2.5 * np.sqrt(3.0)]]])
+    assert solve_windows(H, np.ones((1, 2, 1))).condition_number[0] == pytest.approx(np.sqrt(3.0))
+
+
+def test_residual_and_columns_are_given_by_their_root_mean_square() -> None:
+    """A constant of 3 against a target that alternates: nothing is explained."""
+    H = np.full((1, 4, 1), 3.0)
+    solution = solve_windows(H, np.array([1.0, -1.0, 1.0, -1.0]).reshape(1, 4, 1))
+    assert solution.coefficients.item() == pytest.approx(0.0, abs=1e-12)
+    assert solution.residual_rms.item() == pytest.approx(1.0)
+    assert solution.column_rms.item() == pytest.approx(3.0)

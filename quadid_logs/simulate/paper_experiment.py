@@ -13,8 +13,8 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.arrays import FloatArray, IntArray
-from quadid_logs.maths.rigid_body import angular_acceleration, gyroscopic_matrix, integrate_adams
-from quadid_logs.maths.windows import solve_windows, stack_windows
+from quadid_logs.maths.rotational_dynamics import angular_acceleration, gyroscopic_matrix, integrate_adams
+from quadid_logs.maths.sliding_windows import solve_windows, stack_windows
 
 INERTIA_KG_M2: Final = ((0.008, 0.0, 0.0), (0.0, 0.008, 0.0), (0.0, 0.0, 0.01))
 AMPLITUDE_N_M: Final = 0.01
@@ -46,7 +46,7 @@ class Run:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Estimate:
+class PaperEstimate:
     """[A B] of every window.
 
     ``A`` and ``B`` (n_windows, 3, 3); ``rank`` and ``condition_number``
@@ -71,15 +71,15 @@ class Experiment:
 
     single: tuple[Run, Run, Run]
     together: Run
-    increments: Estimate
-    exact: Estimate
-    together_increments: Estimate
-    together_exact: Estimate
+    increments: PaperEstimate
+    exact: PaperEstimate
+    together_increments: PaperEstimate
+    together_exact: PaperEstimate
     true_A: FloatArray  # noqa: N815 - A and B are the textbook's names
     true_B: FloatArray  # noqa: N815
 
     @property
-    def estimates(self) -> tuple[Estimate, ...]:
+    def estimates(self) -> tuple[PaperEstimate, ...]:
         """All four, the paper's convention first."""
         return (self.increments, self.exact, self.together_increments, self.together_exact)
 
@@ -121,11 +121,11 @@ def _fly(frequencies_rad_s: tuple[float, ...]) -> Run:
     )
 
 
-def _estimate(label: str, runs: tuple[Run, Run, Run], *, exact: bool) -> Estimate:
+def _estimate(label: str, runs: tuple[Run, Run, Run], *, exact: bool) -> PaperEstimate:
     """Solve row n of [A B] from run n, for every window of six samples."""
     rows = [_solve_row(run, axis, exact=exact) for axis, run in enumerate(runs)]
     coefficients = np.stack([row[0] for row in rows], axis=1)
-    return Estimate(
+    return PaperEstimate(
         label=label,
         A=coefficients[:, :, :3],
         B=coefficients[:, :, 3:],

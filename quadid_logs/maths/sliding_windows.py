@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray, IntArray
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.errors import ShapeError
 
-#: A column with less than half of the largest share is no part of the weak direction.
+#: A column with less than half of the largest component is no part of the weakest direction.
 _PART = 0.5
 
 
@@ -75,9 +75,8 @@ def solve_windows(regressors: FloatArray, targets: FloatArray) -> WindowSolution
     r"""Solve :math:`H_k \theta_n = \dot x_n` for every window at once, eq. (4) and (10).
 
     Square windows are inverted as the paper does, wider ones solved by least
-    squares; a rank-deficient window gets the minimum-norm solution. All by one
-    SVD of the column-scaled H_k, so that the condition number does not depend
-    on the units.
+    squares, rank-deficient ones by minimum norm: all by one SVD of the
+    column-scaled H_k, whose condition number does not depend on the units.
 
     Parameters
     ----------
@@ -89,17 +88,13 @@ def solve_windows(regressors: FloatArray, targets: FloatArray) -> WindowSolution
     Returns
     -------
     WindowSolution
-        ``coefficients[k, n]`` is row n of [A B] in window k.
+        ``coefficients[k, n]`` is row n of [A B] in window k. A badly conditioned window is no
+        error: its singular values say how far to trust it.
 
     Raises
     ------
     ShapeError
         If a window has fewer samples than regressors.
-
-    Notes
-    -----
-    A badly conditioned window is not an error: its coefficients are returned,
-    and the singular values say how far to trust them.
 
     Examples
     --------
@@ -120,38 +115,52 @@ def solve_windows(regressors: FloatArray, targets: FloatArray) -> WindowSolution
     scale = np.where(length > 0.0, length, 1.0)
     u, singular, vt = np.linalg.svd(regressors / scale, full_matrices=False)
     # Below this a direction carries rounding noise only: give it zero weight.
-    floor = singular[:, :1] * n_samples * np.finfo(np.float64).eps
-    strong = singular > floor
+    strong = singular > singular[:, :1] * n_samples * np.finfo(np.float64).eps
     inverse = np.divide(1.0, singular, out=np.zeros_like(singular), where=strong)
     projected = inverse[..., np.newaxis] * (np.swapaxes(u, 1, 2) @ targets)
     theta = (np.swapaxes(vt, 1, 2) @ projected) / np.swapaxes(scale, 1, 2)
     residual = targets - regressors @ theta
-    condition = np.divide(
-        singular[:, 0], singular[:, -1], out=np.full(len(singular), np.inf), where=strong[:, -1]
-    )
     return WindowSolution(
         coefficients=np.swapaxes(theta, 1, 2),
         singular_values=singular,
-        condition_number=condition,
+        condition_number=_condition_number(singular, strong),
         rank=np.count_nonzero(strong, axis=1).astype(np.int64),
         residual_rms=np.sqrt(np.mean(residual**2, axis=1)),
         column_rms=length[:, 0, :] / np.sqrt(n_samples),
     )
 
 
+def _condition_number(singular: FloatArray, strong: BoolArray) -> FloatArray:
+    """Return largest over smallest singular value, infinite where the smallest is rounding noise."""
+    found = np.full(len(singular), np.inf)
+    np.divide(singular[:, 0], singular[:, -1], out=found, where=strong[:, -1])
+    return found
+
+
 def weakest_words(direction: FloatArray, names: Sequence[str]) -> str:
-    """Say which columns of H_k can hardly be told apart, or which hardly move.
+    """Say which columns of H_k are nearly collinear, or which is poorly excited.
+
+    Parameters
+    ----------
+    direction : ndarray, shape (n_regressors,)
+        Right singular vector of the smallest singular value.
+    names : sequence of str
+        Of the columns; "1" is the constant.
+
+    Returns
+    -------
+    str
 
     Examples
     --------
     >>> weakest_words(np.array([0.02, 0.7, -0.71]), ["p", "q", "M"])
-    'q and M move together'
+    'q and M are nearly collinear'
     >>> weakest_words(np.array([0.0, 1.0, 0.1]), ["p", "q", "M"])
-    'q hardly moves by itself'
+    'q is poorly excited'
     """
     size = np.abs(direction)
     said = ["the trim" if name == "1" else name for name in names]
-    part = [name for name, share in zip(said, size, strict=True) if share >= _PART * size.max()]
+    part = [name for name, one in zip(said, size, strict=True) if one >= _PART * size.max()]
     if len(part) == 1:
-        return f"{part[0]} hardly moves by itself"
-    return f"{', '.join(part[:-1])} and {part[-1]} move together"
+        return f"{part[0]} is poorly excited"
+    return f"{', '.join(part[:-1])} and {part[-1]} are nearly collinear"

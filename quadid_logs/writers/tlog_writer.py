@@ -17,8 +17,7 @@ import numpy as np
 from quadid_logs.arrays import AnyArray, FloatArray
 from quadid_logs.data.log import FlightLog, Signal
 from quadid_logs.writers.flight_modes import find_mode
-from quadid_logs.writers.records import fit
-from quadid_logs.writers.series import (
+from quadid_logs.writers.log_series import (
     Stamps,
     WriteClock,
     clip_text,
@@ -32,6 +31,7 @@ from quadid_logs.writers.series import (
     packed_version,
     write_clock,
 )
+from quadid_logs.writers.records import fit
 from quadid_logs.writers.ulog_topics import whole_parameter
 
 #: Host time of the log's zero: 2025-01-01 00:00 UTC [µs]. Fixed, so that the bytes are.
@@ -301,7 +301,7 @@ def _landed(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
 
 
 def _texts(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
-    """STATUSTEXT; a long text in chunks that share an id."""
+    """STATUSTEXT; a long text in chunks with one id."""
     keys = event_stamps(clock, log.texts).key_us.tolist()
     for number, (key, text) in enumerate(zip(keys, log.texts, strict=True), start=1):
         encoded = clip_text(text.text, TEXT_BYTES * 255)

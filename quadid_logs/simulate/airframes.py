@@ -17,9 +17,9 @@ GRAVITY_M_S2 = 9.80665
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Battery:
-    """A lithium pack: open-circuit voltage falls with charge, and the current takes its share.
+    """A lithium pack: open-circuit voltage falls with charge, terminal voltage with current.
 
-    ``sag`` is the share of the full voltage that goes with the whole charge,
+    ``sag`` is the fraction of the full voltage that is lost with the whole charge,
     ``hover_current_a`` what hovering draws; more thrust draws its power 1.5.
     """
 
@@ -31,7 +31,7 @@ class Battery:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Airframe:
+class SimulatedAirframe:
     """A multirotor.
 
     Attributes
@@ -57,7 +57,7 @@ class Airframe:
     drag_height_m : float
         Where the drag attacks, above the centre of mass.
     propellers : tuple of float
-        Share of its thrust that each damaged propeller still gives; () if all are whole. The
+        Fraction of its thrust that each damaged propeller still gives; () if all are whole. The
         autopilot, its mixer and its tuning know nothing of it.
     """
 
@@ -88,7 +88,7 @@ class Airframe:
 
     @property
     def hover_throttle(self) -> float:
-        """Share of the full thrust that carries the weight."""
+        """Fraction of the full thrust that carries the weight [1]."""
         return self.mass_kg * GRAVITY_M_S2 / (self.n_rotors * self.max_thrust_n)
 
     @property
@@ -103,7 +103,7 @@ class Airframe:
 
 
 def layout(frame_class: int, frame_type: int, arm_length_m: float) -> dict[str, object]:
-    """Return the fields of an `Airframe` that follow from its frame and arm length [m]."""
+    """Return the fields of an `SimulatedAirframe` that follow from its frame and arm length [m]."""
     frame: Frame = frame_geometry(frame_class, frame_type)
     return {
         "frame_class": frame_class,
@@ -113,21 +113,21 @@ def layout(frame_class: int, frame_type: int, arm_length_m: float) -> dict[str, 
     }
 
 
-def quad_x() -> Airframe:
+def quad_x() -> SimulatedAirframe:
     """Return a 1.5 kg quadrotor of the 450 mm class."""
     return _make(
         "quad 450", (1, 1), 0.225, mass_kg=1.5, inertia=(0.0145, 0.0162, 0.0265), max_thrust_n=9.0, k_m=0.016
     )
 
 
-def hexa_x() -> Airframe:
+def hexa_x() -> SimulatedAirframe:
     """Return a 3.2 kg hexarotor of the 680 mm class."""
     return _make(
         "hexa 680", (2, 1), 0.34, mass_kg=3.2, inertia=(0.055, 0.059, 0.102), max_thrust_n=11.5, k_m=0.019
     )
 
 
-def octa_coaxial() -> Airframe:
+def octa_coaxial() -> SimulatedAirframe:
     """Return a 4.5 kg coaxial octorotor (X8)."""
     return _make(
         "octa coaxial", (4, 1), 0.3, mass_kg=4.5, inertia=(0.062, 0.071, 0.108), max_thrust_n=12.0, k_m=0.018
@@ -143,9 +143,9 @@ def _make(
     inertia: tuple[float, float, float],
     max_thrust_n: float,
     k_m: float,
-) -> Airframe:
+) -> SimulatedAirframe:
     """Build an airframe whose damping and drag go with its size."""
-    return Airframe(
+    return SimulatedAirframe(
         name=name,
         mass_kg=mass_kg,
         inertia_kg_m2=np.diag(inertia),
@@ -158,7 +158,7 @@ def _make(
     )
 
 
-def adapted(airframe: Airframe, vehicle: Vehicle) -> Airframe:
+def adapted(airframe: SimulatedAirframe, vehicle: Vehicle) -> SimulatedAirframe:
     """Replace what a vehicle file gives; without a given inertia, the known one grows with m r^2.
 
     Raises
@@ -193,7 +193,7 @@ def adapted(airframe: Airframe, vehicle: Vehicle) -> Airframe:
     return changed
 
 
-def _rotor_changes(airframe: Airframe, vehicle: Vehicle) -> dict[str, object]:
+def _rotor_changes(airframe: SimulatedAirframe, vehicle: Vehicle) -> dict[str, object]:
     """Rotor positions and spins, or the arm length alone."""
     if vehicle.rotors:
         if len(vehicle.rotors) != airframe.n_rotors:
@@ -210,6 +210,6 @@ def _rotor_changes(airframe: Airframe, vehicle: Vehicle) -> dict[str, object]:
     return {}
 
 
-def _reach(airframe: Airframe) -> float:
+def _reach(airframe: SimulatedAirframe) -> float:
     """Length of the longest arm [m]."""
     return float(np.hypot(airframe.position_m[:, 0], airframe.position_m[:, 1]).max())

@@ -16,7 +16,7 @@ from quadid_logs.pipeline import analyze
 from quadid_logs.report import json_text
 
 SAMPLES = Path(__file__).parents[1] / "sample_logs"
-WILD = [math.nan, math.inf, -math.inf, 1e30, -1.0]
+CORRUPTED = [math.nan, math.inf, -math.inf, 1e30, -1.0]
 
 Damaged = Callable[[bytes, float, int | None], bytes | None]
 
@@ -51,9 +51,9 @@ FORMATS = [
 ]
 
 
-@pytest.mark.parametrize("value", WILD)
+@pytest.mark.parametrize("value", CORRUPTED)
 @pytest.mark.parametrize(("name", "damaged"), FORMATS)
-def test_a_log_whose_parameters_are_all_wild_is_analyzed(
+def test_a_log_whose_parameters_are_all_corrupted_is_analyzed(
     name: str, damaged: Damaged, value: float, tmp_path: Path
 ) -> None:
     """It gets a result, whatever that says."""
@@ -73,7 +73,7 @@ def test_each_parameter_may_be_no_number(name: str, damaged: Damaged, tmp_path: 
     assert number > 50
 
 
-@pytest.mark.parametrize("value", [None, *WILD[:4], -(2.0**32)])
+@pytest.mark.parametrize("value", [None, *CORRUPTED[:4], -(2.0**32)])
 def test_what_is_no_number_of_32_bits_is_no_whole_number(value: float | None) -> None:
     """Then the caller's default stands."""
     assert whole_number(value, 7) == 7

@@ -12,9 +12,9 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.errors import SimulationError
 from quadid_logs.maths.frames import frame_geometry, normalised_allocation
-from quadid_logs.maths.rigid_body import Component, Quadruple, Triple, inertia_terms
-from quadid_logs.maths.rotations import body_rates, quaternion_from_euler
-from quadid_logs.simulate.airframe import GRAVITY_M_S2, Airframe
+from quadid_logs.maths.rotational_dynamics import Quadruple, Triple, inertia_terms
+from quadid_logs.maths.rotations import Component, body_rates, quaternion_from_euler
+from quadid_logs.simulate.airframes import GRAVITY_M_S2, SimulatedAirframe
 from quadid_logs.simulate.control import (
     Arithmetic,
     Gains,
@@ -43,7 +43,7 @@ BATTERY_PERIOD_S: Final = 0.1
 class Noise:
     """Of the inertial sensors: densities, residual and raw gyro bias, gyro resolution.
 
-    ``gyro_scale`` is the error of each gyro axis's scale, as a share of the
+    ``gyro_scale`` is the error of each gyro axis's scale, as a fraction of the
     rate; ``gyro_cross`` how much p shows of q and r, q of p and r, r of p and q.
     """
 
@@ -78,7 +78,7 @@ class Setup:
     the control periods between mixer and motors.
     """
 
-    airframe: Airframe
+    airframe: SimulatedAirframe
     reference: Reference
     schedule: Schedule
     autopilot: str = "ardupilot"
@@ -116,7 +116,7 @@ EXTRA: Final = (
     Channel("torque", 3),
     Channel("achieved", 3),
     Channel("actuator", 0),
-    Channel("thrust_share", 0),
+    Channel("thrust_fraction", 0),
     Channel("rotor_speed", 0),
 )
 
@@ -141,7 +141,17 @@ class Record:
 
 
 def fly(setup: Setup) -> Record:
-    """Fly once and record everything."""
+    """Fly once and record everything.
+
+    Parameters
+    ----------
+    setup : Setup
+
+    Returns
+    -------
+    Record
+        With the channels of `CORE` and `EXTRA`, each of shape (n_steps, n_columns).
+    """
     values = _fly((setup,), CORE + EXTRA)
     return Record(time_s=_times(setup), channels=_by_name(values, (setup,), CORE + EXTRA), setups=(setup,))
 
@@ -150,12 +160,21 @@ def fly_many(setups: Sequence[Setup]) -> Record:
     """Fly many at once, recording the `CORE` channels in single precision.
 
     The flights may differ in everything but frame, schedule, autopilot and
-    control rate. 200 flights of 60 s at 400 Hz take about 1 GB while they fly.
+    control rate. 200 flights of 60 s at 400 Hz take about 1 GB meanwhile.
+
+    Parameters
+    ----------
+    setups : sequence of Setup
+
+    Returns
+    -------
+    Record
+        With the channels of `CORE`, each of shape (n_flights, n_steps, n_columns).
 
     Raises
     ------
     SimulationError
-        If they differ in what they must share.
+        If they differ in what must be the same.
     """
     first = setups[0]
     for other in setups:
@@ -168,7 +187,7 @@ def fly_many(setups: Sequence[Setup]) -> Record:
         )
         if not shared:
             raise SimulationError(
-                "Flights of one batch must share number of rotors, schedule, autopilot, delay and loop rate."
+                "Flights of one batch have the same number of rotors, schedule, autopilot, delay, loop rate."
             )
     values = _fly(tuple(setups), CORE)
     if len(setups) == 1:
@@ -199,8 +218,8 @@ def _by_name(
     return named
 
 
-class Autopilot(NamedTuple):
-    """What the control loop needs to know, as components."""
+class Controller(NamedTuple):
+    """Constants of the control loop, as components."""
 
     gains: Gains
     mixer: Mixer
@@ -224,20 +243,20 @@ def _fly(setups: tuple[Setup, ...], channels: tuple[Channel, ...]) -> FloatArray
 
 
 class Decision(NamedTuple):
-    """What the autopilot makes of one control period."""
+    """The controller's outputs of one control period."""
 
     setpoint: Triple
     command: Triple
     throttle: Component
     limited: Component
     achieved: Triple
-    shares: tuple[Component, ...]
+    thrust: tuple[Component, ...]
     actuators: tuple[Component, ...]
     targets: tuple[Component, ...]
 
 
-class Wish(NamedTuple):
-    """What is asked of the autopilot in one control period."""
+class PlanRow(NamedTuple):
+    """What the flight plan commands in one control period."""
 
     height: float
     climb: float
@@ -250,34 +269,34 @@ def _periods(setups: tuple[Setup, ...], *, full: bool) -> Iterator[tuple[Compone
     """Yield one record row per control period."""
     first = setups[0]
     ops = arithmetic(len(setups))
-    body, autopilot, battery, gyro = _body(setups), _autopilot(setups), _Battery(setups), _Gyro(setups)
+    body, controller, battery, gyro = _body(setups), _controller(setups), _Battery(setups), _Gyro(setups)
     zero = _stacked([0.0 for _ in setups])
     idle = _idle(first.airframe.n_rotors, zero)
     state = at_rest(first.airframe.n_rotors, zero)
     rates, height_integral, decision = RateMemory(*[idle.command] * 3), zero, idle
     queue = [idle.targets] * first.delay_steps
     battery_period = round(BATTERY_PERIOD_S * first.loop_hz)
-    for k, (active, wish, noise, wind) in enumerate(_inputs(setups)):
+    for k, (active, plan, noise, wind) in enumerate(_inputs(setups)):
         if k % battery_period == 0:
             battery.update(state.wrench.thrust, ops)
         raw, filtered = gyro.read(state.rate, noise)
         if active:
-            lift = wish.height - state.height
+            lift = plan.height - state.height
             height_integral = ops.higher(ops.lower(height_integral + 0.5 * body.step_s * lift, 2.0), -2.0)
-            setpoint = rate_setpoint(state.attitude, wish.attitude, wish.feedforward, autopilot.gains)
+            setpoint = rate_setpoint(state.attitude, plan.attitude, plan.feedforward, controller.gains)
             command, rates = torque_command(
-                setpoint, filtered, rates, autopilot.gains, limited=decision.limited, ops=ops
+                setpoint, filtered, rates, controller.gains, limited=decision.limited, ops=ops
             )
             throttle = altitude_throttle(
                 lift,
-                wish.climb + state.velocity[2],
+                plan.climb + state.velocity[2],
                 height_integral,
-                hover=autopilot.mixer.hover,
+                hover=controller.mixer.hover,
                 attitude=state.attitude,
                 ops=ops,
             )
-            command = _injected(command, wish.injected, ops)
-            decision = _decide(setpoint, command, throttle, autopilot, battery, ops)
+            command = _injected(command, plan.injected, ops)
+            decision = _decide(setpoint, command, throttle, controller, battery, ops)
         else:
             rates, height_integral, decision = RateMemory(idle.command, filtered, idle.command), zero, idle
         yield _row(state, decision, raw, filtered, battery, full=full)
@@ -294,7 +313,7 @@ def _idle(n_rotors: int, zero: Component) -> Decision:
 def _row(
     state: State, decision: Decision, raw: Triple, filtered: Triple, battery: _Battery, *, full: bool
 ) -> tuple[Component, ...]:
-    """Return the values of the `CORE` channels, and of `EXTRA` behind them if asked for."""
+    """Return the values of the `CORE` channels, and of `EXTRA` behind them if `full`."""
     core = (
         *filtered,
         *decision.setpoint,
@@ -317,7 +336,7 @@ def _row(
         *state.wrench.torque,
         *decision.achieved,
         *decision.actuators,
-        *decision.shares,
+        *decision.thrust,
         *state.speeds,
     )
 
@@ -362,32 +381,32 @@ def _decide(
     setpoint: Triple,
     command: Triple,
     throttle: Component,
-    autopilot: Autopilot,
+    controller: Controller,
     battery: _Battery,
     ops: Arithmetic,
 ) -> Decision:
     """Mix the command and turn it into rotor speeds, on the way that the autopilot goes."""
-    gain = 1.0 / battery.lift if autopilot.compensates_voltage else 1.0
+    gain = 1.0 / battery.lift if controller.compensates_voltage else 1.0
     scaled = (command[0] * gain, command[1] * gain, command[2] * gain)
-    mixed = mix(scaled, throttle * gain, autopilot.mixer, ops)
+    mixed = mix(scaled, throttle * gain, controller.mixer, ops)
     roll, pitch, yaw = mixed.torque
-    expo = autopilot.expo
+    expo = controller.expo
     actuators, targets = [], []
-    for share in mixed.thrust:
-        if autopilot.compensates_voltage:
-            value = throttle_for_thrust(battery.lift * share, expo) / battery.filtered
+    for thrust in mixed.thrust:
+        if controller.compensates_voltage:
+            value = throttle_for_thrust(battery.lift * thrust, expo) / battery.filtered
         else:
-            value = throttle_for_thrust(share, expo)
+            value = throttle_for_thrust(thrust, expo)
         value = ops.lower(value, 1.0)
         actuators.append(value)
-        targets.append(autopilot.speed_max * thrust_of_throttle(value * battery.ratio, expo) ** 0.5)
+        targets.append(controller.speed_max * thrust_of_throttle(value * battery.ratio, expo) ** 0.5)
     return Decision(
         setpoint=setpoint,
         command=command,
         throttle=throttle,
         limited=mixed.limited,
         achieved=(roll / gain, pitch / gain, yaw / gain),
-        shares=mixed.thrust,
+        thrust=mixed.thrust,
         actuators=tuple(actuators),
         targets=tuple(targets),
     )
@@ -457,7 +476,7 @@ def _decay(lags_s: Sequence[float], step_s: float) -> tuple[Component, Component
     return _stacked(half), _stacked([value * value for value in half])
 
 
-def mixer_factors(airframe: Airframe, autopilot: str) -> FloatArray:
+def mixer_factors(airframe: SimulatedAirframe, autopilot: str) -> FloatArray:
     """Return motor command per unit of roll, pitch, yaw and throttle, shape (n_rotors, 4)."""
     if autopilot == "px4":
         effectiveness = np.vstack([airframe.torque_per_thrust, -np.ones(airframe.n_rotors)])
@@ -466,7 +485,7 @@ def mixer_factors(airframe: Airframe, autopilot: str) -> FloatArray:
     return np.column_stack([factors, np.ones(airframe.n_rotors)])
 
 
-def torque_gain(airframe: Airframe, autopilot: str) -> FloatArray:
+def torque_gain(airframe: SimulatedAirframe, autopilot: str) -> FloatArray:
     """Return N m per unit torque command with a full battery, shape (3, 3), at rest of the curve."""
     factors = mixer_factors(airframe, autopilot)[:, :3]
     return airframe.max_thrust_n * airframe.torque_per_thrust @ factors
@@ -491,12 +510,12 @@ def controller_gains(setup: Setup) -> Gains:
         proportional=_vector([proportional]),
         integral=_vector([0.25 * crossover * proportional]),
         derivative=_vector([lead_s * proportional]),
-        derivative_share=1.0 / (1.0 + setup.loop_hz / (2.0 * math.pi * 25.0)),
+        derivative_weight=1.0 / (1.0 + setup.loop_hz / (2.0 * math.pi * 25.0)),
         step_s=1.0 / setup.loop_hz,
     )
 
 
-def _autopilot(setups: tuple[Setup, ...]) -> Autopilot:
+def _controller(setups: tuple[Setup, ...]) -> Controller:
     """Collect what the control loop needs."""
     gains = [controller_gains(s) for s in setups]
     factors = np.array([mixer_factors(s.airframe, s.autopilot) for s in setups])
@@ -504,7 +523,7 @@ def _autopilot(setups: tuple[Setup, ...]) -> Autopilot:
         tuple(_stacked([float(f[motor, axis]) for f in factors]) for motor in range(factors.shape[1]))
         for axis in range(4)
     )
-    return Autopilot(
+    return Controller(
         gains=gains[0]._replace(
             attitude=_vector([np.array(g.attitude) for g in gains]),
             proportional=_vector([np.array(g.proportional) for g in gains]),
@@ -524,8 +543,8 @@ def _autopilot(setups: tuple[Setup, ...]) -> Autopilot:
     )
 
 
-def _inputs(setups: tuple[Setup, ...]) -> Iterator[tuple[bool, Wish, Triple, Triple]]:
-    """Yield for every control period: motors run, what is wanted, gyro noise, wind."""
+def _inputs(setups: tuple[Setup, ...]) -> Iterator[tuple[bool, PlanRow, Triple, Triple]]:
+    """Yield for every control period: motors run, what is commanded, gyro noise, wind."""
     first = setups[0]
     time_s, phases = _times(first), first.schedule
     active = (time_s >= phases.take_off_s) & (time_s < phases.disarm_s)
@@ -542,7 +561,7 @@ def _inputs(setups: tuple[Setup, ...]) -> Iterator[tuple[bool, Wish, Triple, Tri
         strict=True,
     )
     for run, above, climb, attitude, feedforward, injected, noise, wind in rows:
-        yield run, Wish(above, climb, attitude, feedforward, injected), noise, wind
+        yield run, PlanRow(above, climb, attitude, feedforward, injected), noise, wind
 
 
 def _rows(setups: tuple[Setup, ...], series: Callable[[Setup], FloatArray]) -> Any:
@@ -557,7 +576,7 @@ def _rows(setups: tuple[Setup, ...], series: Callable[[Setup], FloatArray]) -> A
 
 
 def _height(time_s: FloatArray, phases: Schedule) -> FloatArray:
-    """Wanted height: climb, hold, come down, and press on below the ground until disarmed."""
+    """Commanded height: climb, hold, come down, and press on below the ground until disarmed."""
     climb_end = 0.5 * (phases.take_off_s + phases.manoeuvre_s)
     return np.interp(
         time_s,
@@ -567,7 +586,7 @@ def _height(time_s: FloatArray, phases: Schedule) -> FloatArray:
 
 
 def _plan(setup: Setup) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Wanted attitude, rates to add, torque to add, over the whole flight."""
+    """Commanded attitude, rates to add, torque to add, over the whole flight."""
     from scipy.signal import lfilter
 
     n, reference = n_steps(setup), setup.reference
@@ -578,9 +597,9 @@ def _plan(setup: Setup) -> tuple[FloatArray, FloatArray, FloatArray]:
     euler[rows, 2] = reference.yaw_rate_rad_s
     euler[:, 2] = np.cumsum(euler[:, 2]) / setup.loop_hz
     # The autopilot shapes the pilot's steps (ATC_INPUT_TC): two lags of 0.1 s.
-    share = 1.0 / (1.0 + 0.1 * setup.loop_hz)
-    shaping = np.polymul([1.0, share - 1.0], [1.0, share - 1.0])
-    euler = np.asarray(lfilter([share * share], shaping, euler, axis=0), dtype=np.float64)
+    weight = 1.0 / (1.0 + 0.1 * setup.loop_hz)
+    shaping = np.polymul([1.0, weight - 1.0], [1.0, weight - 1.0])
+    euler = np.asarray(lfilter([weight * weight], shaping, euler, axis=0), dtype=np.float64)
     rate[rows], torque[rows] = reference.rate_rad_s, reference.torque
     slopes = np.asarray(np.gradient(euler, 1.0 / setup.loop_hz, axis=0), dtype=np.float64)
     return quaternion_from_euler(euler), rate + body_rates(euler, slopes), torque
