@@ -90,7 +90,7 @@ class Toy(Autopilot):
 
     def formats(self) -> tuple[LogFormat, ...]:
         """Tell a file by its first bytes."""
-        return (LogFormat("toy", "toy log", lambda head: head.startswith(b"TOY1"), read),)
+        return (LogFormat("toy", "toy log", lambda head: head.startswith(b"TOY1"), read, (".toy",)),)
 
 
 AUTOPILOT = Toy()

@@ -26,8 +26,8 @@ class Px4(Autopilot):
         from quadid_logs.containers import sdlog2, ulog
 
         return (
-            LogFormat("ulog", "PX4 ULog", ulog.is_mine, read),
-            LogFormat("dataflash", "PX4 sdlog2", sdlog2.is_mine, read_sdlog2, dialect="sdlog2"),
+            LogFormat("ulog", "PX4 ULog", ulog.is_mine, read, (".ulg",)),
+            LogFormat("dataflash", "PX4 sdlog2", sdlog2.is_mine, read_sdlog2, (".px4log",), "sdlog2"),
         )
 
     def rebuild(self, log: FlightLog, airframe: Airframe) -> Rebuilt:
