@@ -55,7 +55,7 @@ def read_log(path: str | Path, *, system: int = 0) -> FlightLog:
 
 
 def _known() -> str:
-    """Name the formats and how their files usually end."""
+    """Name the formats and how their files mostly end."""
     return ", ".join(f"{one.title} ({', '.join(one.suffixes)})" for one in formats())
 
 

@@ -45,7 +45,7 @@ class LogFormat(NamedTuple):
         Tells from the first 64 kB whether a file is of this kind.
     read : Reader
     suffixes : tuple of str
-        How such files usually end; only for people and for listing folders.
+        How such files mostly end; only for people and for listing folders.
     dialect : str
         As in `FlightLog.dialect`.
     strict : bool

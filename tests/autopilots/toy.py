@@ -65,7 +65,7 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
     tables, lost = read_tables(content)
     if not tables:
         raise EmptyLogError(f"{path} holds no message.", hint="Fly first.")
-    # One Rows per message: its signals share it, and with it all that is found out about the clock.
+    # One Rows per message: its signals all have it, and with it all that is found out about the clock.
     parts = {
         name: [Part(name=name, table=table, rows=Rows(time_ms / 1e3, table.position))]
         for name, table in tables.items()
