@@ -19,9 +19,9 @@ Frame = tuple[int, int]
 """Where a message begins and where it ends."""
 
 DATAFLASH_HEADER, ULOG_HEADER = b"\xa3\x95", 16
-WILD = (float("nan"), float("inf"), -float("inf"), 1e38, -3.4e38, 1e-40, 0.0, -0.0, 1e300, 1e16)
+EXTREME = (float("nan"), float("inf"), -float("inf"), 1e38, -3.4e38, 1e-40, 0.0, -0.0, 1e300, 1e16)
 #: Those that a single-precision number can hold.
-WILD_SINGLES = tuple(number for number in WILD if not 3.4e38 < abs(number) < float("inf"))
+EXTREME_SINGLES = tuple(number for number in EXTREME if not 3.4e38 < abs(number) < float("inf"))
 SIGNALLING = (b"\x01\x00\xa0\x7f", b"\x01\x00\x00\x00\x00\x00\xf4\x7f")
 HEADERS = (b"\xa3\x95\x80", b"\xa3\x95", b"\xfe\x09", b"\xfd\x1c\x00\x00", b"\x10\x00D", b"ULog\x01\x12\x35")
 LETTERS = (
@@ -46,7 +46,7 @@ def mutated(rng: random.Random, kind: str, content: bytes) -> bytes:
     return bytes(data)
 
 
-def _stretch(rng: random.Random, data: bytearray) -> slice:
+def _block(rng: random.Random, data: bytearray) -> slice:
     """Return 1 byte to 64 kB somewhere; short ones are as likely as long ones."""
     size = min(len(data), int(2 ** rng.uniform(0.0, 16.0)))
     start = rng.randrange(len(data) - size + 1)
@@ -60,39 +60,39 @@ def truncate(rng: random.Random, data: bytearray) -> bytearray:
 
 def behead(rng: random.Random, data: bytearray) -> bytearray:
     """Cut the beginning off."""
-    return data[_stretch(rng, data).stop :]
+    return data[_block(rng, data).stop :]
 
 
 def cut_out(rng: random.Random, data: bytearray) -> bytearray:
-    """Leave a stretch out."""
-    del data[_stretch(rng, data)]
+    """Leave a block out."""
+    del data[_block(rng, data)]
     return data
 
 
 def zeros(rng: random.Random, data: bytearray) -> bytearray:
-    """Overwrite a stretch with zeros or ones."""
-    part = _stretch(rng, data)
+    """Overwrite a block with zeros or ones."""
+    part = _block(rng, data)
     data[part] = rng.choice((b"\0", b"\xff")) * (part.stop - part.start)
     return data
 
 
 def noise(rng: random.Random, data: bytearray) -> bytearray:
-    """Overwrite a stretch with noise."""
-    part = _stretch(rng, data)
+    """Overwrite a block with noise."""
+    part = _block(rng, data)
     data[part] = rng.randbytes(part.stop - part.start)
     return data
 
 
 def insert_noise(rng: random.Random, data: bytearray) -> bytearray:
     """Put noise between, so that everything behind moves."""
-    part = _stretch(rng, data)
+    part = _block(rng, data)
     data[part.start : part.start] = rng.randbytes(part.stop - part.start)
     return data
 
 
 def copied_block(rng: random.Random, data: bytearray) -> bytearray:
     """Write a block of the log to another place of it, over what is there or between."""
-    part = _stretch(rng, data)
+    part = _block(rng, data)
     block = bytes(data[part])
     place = rng.randrange(len(data))
     data[place : place + rng.choice((0, len(block)))] = block
@@ -100,8 +100,8 @@ def copied_block(rng: random.Random, data: bytearray) -> bytearray:
 
 
 def header_flood(rng: random.Random, data: bytearray) -> bytearray:
-    """Fill a stretch with copies of a header."""
-    part = _stretch(rng, data)
+    """Fill a block with copies of a header."""
+    part = _block(rng, data)
     header = rng.choice(HEADERS) + rng.choice((b"", bytes([rng.randrange(256)])))
     n_bytes = part.stop - part.start
     data[part] = (header * (n_bytes // len(header) + 1))[:n_bytes]
@@ -115,11 +115,11 @@ def flip_bits(rng: random.Random, data: bytearray) -> bytearray:
     return data
 
 
-def wild_numbers(rng: random.Random, data: bytearray) -> bytearray:
+def extreme_numbers(rng: random.Random, data: bytearray) -> bytearray:
     """Write NaN, infinities and huge numbers anywhere."""
     for _ in range(rng.choice((1, 20, 400))):
-        number = rng.choice(WILD)
-        value = struct.pack("<f" if number in WILD_SINGLES and rng.random() < 0.7 else "<d", number)
+        number = rng.choice(EXTREME)
+        value = struct.pack("<f" if number in EXTREME_SINGLES and rng.random() < 0.7 else "<d", number)
         _write_over(data, rng.randrange(len(data)), rng.choice((value, value, value, *SIGNALLING)))
     return data
 
@@ -144,8 +144,8 @@ def _write_over(data: bytearray, place: int, value: bytes) -> None:
 
 
 def _write_singles(rng: random.Random, data: bytearray, places: list[int]) -> None:
-    """Write one wild number at some or all places."""
-    value = struct.pack("<f", rng.choice(WILD_SINGLES))
+    """Write one extreme number at some or all places."""
+    value = struct.pack("<f", rng.choice(EXTREME_SINGLES))
     for place in rng.sample(places, min(len(places), rng.choice((1, 10, len(places))))):
         _write_over(data, place, value)
 
@@ -236,7 +236,7 @@ def parameter_values(data: bytearray) -> list[int]:
 
 
 def dataflash_parameters(rng: random.Random, data: bytearray) -> bytearray:
-    """Give some or all parameters wild values."""
+    """Give some or all parameters extreme values."""
     _write_singles(rng, data, parameter_values(data))
     return data
 
@@ -296,7 +296,7 @@ def ulog_definitions(rng: random.Random, data: bytearray) -> bytearray:
 
 
 def ulog_parameters(rng: random.Random, data: bytearray) -> bytearray:
-    """Give some or all parameters wild values (message P: type and name, then four bytes)."""
+    """Give some or all parameters extreme values (message P: type and name, then four bytes)."""
     places = []
     for begin, end in ulog_frames(data):
         key = data[begin + 4 : begin + 4 + data[begin + 3]] if end - begin > 4 else b""
@@ -312,7 +312,7 @@ def ulog_appended(rng: random.Random, data: bytearray) -> bytearray:
     offsets = [rng.choice((0, len(data), len(data) // 2, 1 << 40, 2**64 - 1)) for _ in range(3)]
     message = struct.pack("<HB", 40, ord("B")) + flags + struct.pack("<3Q", *offsets)
     data[ULOG_HEADER:ULOG_HEADER] = message
-    return data + data[_stretch(rng, data)]
+    return data + data[_block(rng, data)]
 
 
 def ulog_clock(rng: random.Random, data: bytearray) -> bytearray:
@@ -367,7 +367,7 @@ def _sealed(packet: bytearray) -> bytearray:
 
 def tlog_payloads(rng: random.Random, data: bytearray) -> bytearray:
     """Change payloads, or who sent them, and put the checksum right again: only the content is wrong."""
-    mutation = rng.choice((wild_numbers, noise, zeros, odd_letters, flip_bits))
+    mutation = rng.choice((extreme_numbers, noise, zeros, odd_letters, flip_bits))
     for begin, end in _some(rng, tlog_frames(data), rng.choice((1, 10, 100))):
         packet = data[begin:end]
         header = 6 if packet[0] == 0xFE else 10
@@ -381,7 +381,7 @@ def tlog_payloads(rng: random.Random, data: bytearray) -> bytearray:
 
 
 def tlog_parameters(rng: random.Random, data: bytearray) -> bytearray:
-    """Give some or all parameters wild values (PARAM_VALUE, 22, begins with the value)."""
+    """Give some or all parameters extreme values (PARAM_VALUE, 22, begins with the value)."""
     packets = [(begin, end) for begin, end in tlog_frames(data) if _message_id(data[begin:end]) == 22]
     _write_singles(rng, data, [begin + (6 if data[begin] == 0xFE else 10) for begin, _ in packets])
     for begin, end in packets:
@@ -525,7 +525,7 @@ ANY: tuple[Mutation, ...] = (
     copied_block,
     header_flood,
     flip_bits,
-    wild_numbers,
+    extreme_numbers,
     odd_letters,
     twice,
 )

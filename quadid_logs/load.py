@@ -22,8 +22,7 @@ def read_log(path: str | Path, *, system: int = 0) -> FlightLog:
     Parameters
     ----------
     path : str or Path
-        DataFlash binary or text, PX4 ULog or sdlog2, MAVLink telemetry, CSV or
-        Parquet table; the content decides.
+        Of any registered format; the content decides.
     system : int
         MAVLink system to read from a telemetry log; 0 chooses the autopilot.
 
@@ -52,7 +51,12 @@ def read_log(path: str | Path, *, system: int = 0) -> FlightLog:
     for log_format in formats():
         if log_format.is_mine(head):
             return _read_with(log_format, path, system)
-    raise UnknownFormatError(f"{path} is no flight log that we know.", hint=explain_foreign(head))
+    raise UnknownFormatError(f"{path} is no flight log that we know.", hint=explain_foreign(head, _known()))
+
+
+def _known() -> str:
+    """Name the formats and how their files mostly end."""
+    return ", ".join(f"{one.title} ({', '.join(one.suffixes)})" for one in formats())
 
 
 def _read_head(path: Path) -> bytes:

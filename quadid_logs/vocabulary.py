@@ -141,5 +141,5 @@ VEHICLE_TYPES: Final = (
     "unknown",
 )
 
-#: ``format`` in result.json. PX4's old sdlog2 shares the framing of dataflash; `FlightLog.dialect` tells.
+#: ``format`` in result.json; `FlightLog.dialect` tells variants with the same framing apart.
 LOG_FORMATS: Final = ("dataflash", "dataflash-text", "ulog", "tlog", "table")

@@ -44,6 +44,8 @@ class LogFormat(NamedTuple):
     is_mine : callable
         Tells from the first 64 kB whether a file is of this kind.
     read : Reader
+    suffixes : tuple of str
+        How such files mostly end; only for people and for listing folders.
     dialect : str
         As in `FlightLog.dialect`.
     strict : bool
@@ -54,6 +56,7 @@ class LogFormat(NamedTuple):
     title: str
     is_mine: Callable[[bytes], bool]
     read: Reader
+    suffixes: tuple[str, ...] = ()
     dialect: str = ""
     strict: bool = True
 

@@ -23,7 +23,7 @@ def utc_offset_s(utc_s: FloatArray, log_s: FloatArray) -> float:
     Parameters
     ----------
     utc_s : ndarray, shape (n_rows,)
-        Seconds since 1970 as the receiver sent them, wild values included.
+        Seconds since 1970 as the receiver sent them, implausible ones included.
     log_s : ndarray, shape (n_rows,)
         The same rows on the log's clock [s].
 

@@ -41,7 +41,7 @@ def room_for(n_bytes: int) -> Bytes:
 def _keep_small_memory() -> None:
     """Let the C library keep arrays of up to 8 MB that are done with, for the next ones.
 
-    glibc hands back what is larger than the largest piece that was freed so far
+    glibc hands back what is larger than the largest block that was freed so far
     (mallopt(3), M_MMAP_THRESHOLD), at first 128 kB. The system zeroes every page
     again before its next use, which costs more than most of what is done with it.
     """
@@ -91,7 +91,7 @@ class FileParts:
     def blocks(self, size: int, overlap: int) -> Iterator[tuple[int, Bytes]]:
         """Yield the file in blocks, each with `overlap` bytes of the next one, and where they begin.
 
-        All share one buffer, which keeps it in the processor's cache: a block
+        All use one buffer, which keeps it in the processor's cache: a block
         is only valid until the next one.
         """
         buffer = np.empty(size + overlap, np.uint8)
@@ -150,7 +150,7 @@ def rows_at(data: Bytes, offsets: IntArray, dtype: np.dtype[np.void]) -> AnyArra
 def rows_of_types(
     file: FileParts, wanted: Sequence[tuple[IntArray, np.dtype[np.void]]], *, behind: int = 0
 ) -> list[AnyArray]:
-    """Cut the rows of several types out of a file, all into one piece of memory.
+    """Cut the rows of several types out of a file, all into one block of memory.
 
     Parameters
     ----------
@@ -190,14 +190,14 @@ def mean_rate_hz(count: int, time: FloatArray | None, unit_s: float = 1.0) -> fl
     return (count - 1) / duration_s if duration_s > 0.0 else float("nan")
 
 
-def merge_lost(stretches: list[LostBytes]) -> tuple[LostBytes, ...]:
-    """Sort the lost stretches and join those that touch."""
+def merge_lost(lost: list[LostBytes]) -> tuple[LostBytes, ...]:
+    """Sort lost bytes and join those that touch."""
     merged: list[LostBytes] = []
-    for stretch in sorted(stretches, key=lambda lost: lost.offset):
+    for block in sorted(lost, key=lambda one: one.offset):
         before = merged[-1] if merged else None
-        if before is not None and stretch.offset <= before.offset + before.n_bytes:
-            end = max(before.offset + before.n_bytes, stretch.offset + stretch.n_bytes)
+        if before is not None and block.offset <= before.offset + before.n_bytes:
+            end = max(before.offset + before.n_bytes, block.offset + block.n_bytes)
             merged[-1] = LostBytes(offset=before.offset, n_bytes=end - before.offset, reason=before.reason)
-        elif stretch.n_bytes > 0:
-            merged.append(stretch)
+        elif block.n_bytes > 0:
+            merged.append(block)
     return tuple(merged)

@@ -107,11 +107,11 @@ class DataFlashFile:
         counts: dict[str, int] = {}
         for type_id, versions in self._index.definitions.items():
             if len(versions) == 1:
-                pieces = [(versions[0], int(self._rows_per_id[type_id]))]
+                groups = [(versions[0], int(self._rows_per_id[type_id]))]
             else:
                 rows = self._index.position[self._index.type_id == type_id]
-                pieces = [(version, len(positions)) for version, positions in _by_version(versions, rows)]
-            for definition, count in pieces:
+                groups = [(version, len(positions)) for version, positions in _by_version(versions, rows)]
+            for definition, count in groups:
                 if count:
                     counts[definition.name] = counts.get(definition.name, 0) + count
         return counts
@@ -137,25 +137,25 @@ class DataFlashFile:
             Only types that occur. Values are scaled by their format character
             (``c C e E`` by 1/100, ``L`` by 1e-7) and otherwise as logged.
         """
-        return self._decode(self._pieces(types), labels)
+        return self._decode(self._groups(types), labels)
 
     def first_and_last(self) -> dict[str, MessageTable]:
         """Decode the first and the last row of every message id."""
         first, last = _first_and_last(self._index.type_id)
-        pieces = []
+        groups = []
         for type_id, versions in self._index.definitions.items():
             if first[type_id] >= 0:
                 rows = np.unique([first[type_id], last[type_id]])
-                pieces += _by_version(versions, self._index.position[rows])
-        return self._decode(pieces)
+                groups += _by_version(versions, self._index.position[rows])
+        return self._decode(groups)
 
     def _decode(
-        self, pieces: list[tuple[MessageDefinition, AnyArray]], labels: Collection[str] | None = None
+        self, groups: list[tuple[MessageDefinition, AnyArray]], labels: Collection[str] | None = None
     ) -> dict[str, MessageTable]:
-        """Decode the rows of each piece and join pieces of one name."""
+        """Decode the rows of each group and join groups of one name."""
         units = self._units_by_type()
         tables: dict[str, list[MessageTable]] = {}
-        for definition, columns in _gather(self._content, pieces, labels):
+        for definition, columns in _gather(self._content, groups, labels):
             table = MessageTable(
                 name=definition.name,
                 columns=columns,
@@ -165,7 +165,7 @@ class DataFlashFile:
             tables.setdefault(definition.name, []).append(table)
         return {name: join_tables(parts) for name, parts in tables.items()}
 
-    def _pieces(self, types: Collection[str] | None) -> list[tuple[MessageDefinition, AnyArray]]:
+    def _groups(self, types: Collection[str] | None) -> list[tuple[MessageDefinition, AnyArray]]:
         """Return each definition of the named types with the positions of its rows."""
         index = self._index
         wanted = {
@@ -181,10 +181,10 @@ class DataFlashFile:
         positions = index.position[rows][np.argsort(type_ids, kind="stable")]
         bounds = np.concatenate([[0], np.cumsum(np.bincount(type_ids, minlength=256))]).tolist()
         return [
-            piece
+            group
             for type_id, versions in wanted.items()
-            for piece in _by_version(versions, positions[bounds[type_id] : bounds[type_id + 1]])
-            if types is None or piece[0].name in types
+            for group in _by_version(versions, positions[bounds[type_id] : bounds[type_id + 1]])
+            if types is None or group[0].name in types
         ]
 
     def _units_by_type(self) -> dict[int, dict[str, Unit]]:
@@ -271,15 +271,15 @@ def _first_and_last(type_ids: ByteArray) -> tuple[IntArray, IntArray]:
 
 def _gather(
     content: FileParts,
-    pieces: list[tuple[MessageDefinition, AnyArray]],
+    groups: list[tuple[MessageDefinition, AnyArray]],
     labels: Collection[str] | None,
 ) -> list[tuple[MessageDefinition, dict[str, AnyArray]]]:
-    """Copy the rows of each piece into columns, part of the file by part of the file."""
-    fields = [_wanted_fields(definition, labels) for definition, _ in pieces]
-    columns = [_empty_columns(of, len(positions)) for of, (_, positions) in zip(fields, pieces, strict=True)]
+    """Copy the rows of each group into columns, part of the file by part of the file."""
+    fields = [_wanted_fields(definition, labels) for definition, _ in groups]
+    columns = [_empty_columns(of, len(positions)) for of, (_, positions) in zip(fields, groups, strict=True)]
     for start, part in content.blocks(_GATHER_BYTES, _LONGEST_MESSAGE):
         stop = min(start + _GATHER_BYTES, content.n_bytes)
-        for (definition, positions), of, into in zip(pieces, fields, columns, strict=True):
+        for (definition, positions), of, into in zip(groups, fields, columns, strict=True):
             first, last = np.searchsorted(positions, np.array([start, stop], positions.dtype))
             here = slice(int(first), int(last))
             _gather_rows(
@@ -290,7 +290,7 @@ def _gather(
                 {label: column[here] for label, column in into.items()},
             )
     result = []
-    for (definition, positions), of, into in zip(pieces, fields, columns, strict=True):
+    for (definition, positions), of, into in zip(groups, fields, columns, strict=True):
         finished = {label: _finish(values, of[label][0]) for label, values in into.items()}
         result.append((definition, {**finished, _POSITION: positions}))
     return result

@@ -337,7 +337,7 @@ def _find_successors(content: FileParts, headers: Headers, header: IntArray, end
 def _is_flood(header: IntArray, successor: IntArray, length: IntArray) -> BoolArray:
     """Say which messages hold so many headers in their payload that they are no messages.
 
-    A stretch filled with copies of one header otherwise looks like a chain. Real
+    A block filled with copies of one header otherwise looks like a chain. Real
     payloads hold ``A3 95`` by chance only: once in 1300 messages of 50 bytes.
     """
     inside = successor - header - 1
@@ -367,7 +367,7 @@ def _follow_chain(
 def _walk(chain: _Chain) -> tuple[list[int], list[int], list[tuple[int, int]]]:
     """Follow the chain from break to break; one step per break that a chain really passes.
 
-    Returns the beginnings and ends of the accepted stretches and, for every
+    Returns the beginnings and ends of the accepted runs and, for every
     interruption, the header that could not be followed and the one that could again.
     """
     n_headers = len(chain.leads_on)

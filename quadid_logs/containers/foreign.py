@@ -31,16 +31,22 @@ _KINDS: Final = (
     _Foreign((b"#ROSBAG", b"\x89MCAP", b"SQLite"),
              "This is a ROS bag: export its columns to CSV or Parquet."),
 )  # fmt: skip
-_KNOWN: Final = "ArduPilot .bin or .log, PX4 .ulg or .px4log, MAVLink .tlog, CSV or Parquet"
 
 
-def explain_foreign(head: bytes) -> str:
+def explain_foreign(head: bytes, known: str) -> str:
     """Return what a file beginning with `head` seems to be, and what to do.
 
     Parameters
     ----------
     head : bytes
         First bytes of the file, at least some hundred where it is that long.
+    known : str
+        The formats that can be read.
+
+    Returns
+    -------
+    str
+        One or two sentences.
     """
     start = head.lstrip(b"\xef\xbb\xbf \t\r\n").lower()
     for kind in _KINDS:
@@ -52,10 +58,10 @@ def explain_foreign(head: bytes) -> str:
         return "Its beginning is erased flash memory (0xff)."
     if _is_text(head):
         return (
-            "It is text, but neither an ArduPilot text log nor a table with a column time_s "
-            f"(and p_rad_s, q_rad_s, r_rad_s, ...). Known are {_KNOWN}."
+            "It is text, but neither a log nor a table with a column time_s "
+            f"(and p_rad_s, q_rad_s, r_rad_s, ...). Known are {known}."
         )
-    return f"Known are {_KNOWN}."
+    return f"Known are {known}."
 
 
 def _is_text(head: bytes) -> bool:

@@ -300,7 +300,7 @@ def _without_overlap(found: Packets) -> BoolArray:
 def _between(
     file: FileParts, packets: Packets, dialect: Dialect, stamp: int
 ) -> tuple[tuple[LostBytes, ...], int]:
-    """Explain the bytes between the packets: lost stretches, and how many packets of unknown type."""
+    """Explain the bytes between the packets: lost bytes, and how many packets of unknown type."""
     begins = np.concatenate([[0], packets.end])
     ends = np.concatenate([packets.start - stamp, [file.n_bytes]])
     lost: list[LostBytes] = []

@@ -18,7 +18,7 @@ def is_mine(head: bytes) -> bool:
 
 
 def is_sdlog2(definitions: Collection[MessageDefinition]) -> bool:
-    """Say whether definitions are those of sdlog2, which shares DataFlash's framing.
+    """Say whether definitions are those of sdlog2, which has DataFlash's framing.
 
     Its rows carry no time; a TIME message with the field StartTime precedes
     them (PX4 v1.0 src/modules/sdlog2/sdlog2_messages.h).

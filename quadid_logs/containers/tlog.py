@@ -267,7 +267,7 @@ def _boot_clock(
 ) -> tuple[BootClock, bool]:
     """Return the boot clock, and whether it had to be taken from the host's stamps.
 
-    What is already decoded usually tells the time; only where it does not, all messages are asked.
+    What is already decoded mostly tells the time; only where it does not, all messages are decoded.
     """
     for name in (BOOT_MS, USEC):
         clock = _clock_of(decoded, name)

@@ -116,7 +116,7 @@ def read_content(path: str | Path, topics: Collection[str] | None = None) -> Ulo
 
 
 def _content(file: FileParts, topics: Collection[str] | None) -> UlogContent:
-    """Find the messages and decode those that are asked for."""
+    """Find the messages and decode those of the wanted topics."""
     frames = frame(file)
     chosen = [
         (subscription, starts)
@@ -146,19 +146,19 @@ def _flatten(prefix: str, values: AnyArray) -> dict[str, AnyArray]:
     columns: dict[str, AnyArray] = {}
     for name in values.dtype.names or ():
         part = values[name]
-        pieces = {f"{prefix}{name}": part}
+        named = {f"{prefix}{name}": part}
         if part.ndim > 1:
-            pieces = {f"{prefix}{name}[{k}]": part[:, k] for k in range(part.shape[1])}
-        for piece_name, piece in pieces.items():
-            if piece.dtype.names is None:
-                columns[piece_name] = piece
+            named = {f"{prefix}{name}[{k}]": part[:, k] for k in range(part.shape[1])}
+        for column_name, column in named.items():
+            if column.dtype.names is None:
+                columns[column_name] = column
             else:
-                columns |= _flatten(f"{piece_name}.", piece)
+                columns |= _flatten(f"{column_name}.", column)
     return columns
 
 
 def _join(tables: list[TopicTable]) -> TopicTable:
-    """Put the pieces of one topic together: it can be subscribed again, or come from a joined file."""
+    """Put the tables of one topic together: it can be subscribed again, or come from a joined file."""
     first = tables[0]
     if len(tables) == 1:
         return first

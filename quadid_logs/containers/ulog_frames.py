@@ -218,9 +218,9 @@ def _sort_by_topic(walk: _Walk) -> None:
     order = topics.astype(np.min_scalar_type(len(walk.known.subscriptions))).argsort(kind="stable")
     topics = topics.take(order)
     firsts = np.flatnonzero(topics[1:] != topics[:-1]) + 1
-    pieces = np.split(starts.take(order), firsts)
-    for topic, piece in zip(topics[[0, *firsts]].tolist(), pieces, strict=True):
-        walk.starts.setdefault(topic, []).append(piece)
+    by_topic = np.split(starts.take(order), firsts)
+    for topic, found in zip(topics[[0, *firsts]].tolist(), by_topic, strict=True):
+        walk.starts.setdefault(topic, []).append(found)
 
 
 def _find_images(walk: _Walk, begin: int) -> _Images:

@@ -216,7 +216,7 @@ class FlightLog:
     dialect : str
         A variant of the format, "" for the ordinary one ("sdlog2").
     autopilot : str
-        "ardupilot", "px4" or "other".
+        The name of one of the registered autopilots, "other" where the log names none.
     firmware, frame, vehicle_name : str
         As the log states them; untrusted text.
     vehicle_type : str

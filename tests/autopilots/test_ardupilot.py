@@ -150,7 +150,7 @@ def test_the_accelerometer_points_up_at_rest(corpus: Path) -> None:
 
 @pytest.mark.corpus
 def test_flights_are_marked_by_arming(corpus: Path) -> None:
-    """Two flights in one file give two armed stretches; ARM and EV both report each change."""
+    """Two flights in one file give two armed intervals; ARM and EV both report each change."""
     armed = corpus_flight(corpus, "firmware/ac47_two_flights.BIN").candidates("armed")[0]
     assert armed.values[:, 0].tolist() == [1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0]
     np.testing.assert_allclose(armed.time_s[::2], [42.077, 132.757, 143.097, 228.402], atol=1e-3)
@@ -205,7 +205,7 @@ def test_angles_become_radians_within_half_a_turn(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.degrees(log.candidates("attitude")[0].values), [[90.0, -45.0, -10.0]])
 
 
-def test_wild_stamps_and_nan_pass_untouched(tmp_path: Path) -> None:
+def test_implausible_stamps_and_nan_pass_untouched(tmp_path: Path) -> None:
     """Judging them is not the reader's task."""
     definition = fmt(1, "ATT", "Qfff", "TimeUS,Roll,Pitch,Yaw")
     stamps = [5_000_000, 4_200_000_000_000_000_000, 0, 5_002_500]
@@ -294,7 +294,7 @@ def test_a_battery_in_hundredths_of_a_volt_is_recognised(tmp_path: Path) -> None
 def test_what_flew_is_told_from_texts_and_parameters(
     texts: list[str], parameters: dict[str, float], build: int | None, expected: tuple[str, str]
 ) -> None:
-    """Helicopters, QuadPlanes and boats share firmware with others."""
+    """Helicopters, QuadPlanes and boats have the firmware of others."""
     found = identify_vehicle(texts, parameters, build_type=build, n_motors=0)
     assert (found.vehicle_type, found.frame) == expected
 

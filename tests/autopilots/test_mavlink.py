@@ -94,7 +94,7 @@ def test_esc_messages_that_are_always_zero_are_no_measurement(tmp_path: Path) ->
 
 
 def test_the_land_detector_keeps_what_it_does_not_know(tmp_path: Path) -> None:
-    """Undefined is neither landed nor flying."""
+    """Undefined is neither landed nor in flight."""
     sender = make.Sender()
     packets = [sender.stamped("EXTENDED_SYS_STATE", landed_state=state) for state in (0, 1, 2)]
     values = log_of(tmp_path, sender, *packets).candidates("landed")[0].values.ravel()

@@ -70,9 +70,9 @@ def test_thrust_points_up(tmp_path: Path) -> None:
 def test_a_stopped_motor_stays_nan_and_unused_motors_have_no_column(tmp_path: Path) -> None:
     """NaN means stopped; twelve columns are logged, four are used."""
     form = {"actuator_motors": "float[12] control;"}
-    flying = struct.pack("<12f", 0.5, 0.5, 0.5, 0.5, *[np.nan] * 8)
+    all_run = struct.pack("<12f", 0.5, 0.5, 0.5, 0.5, *[np.nan] * 8)
     one_stopped = struct.pack("<12f", 0.5, np.nan, 0.5, 0.5, *[np.nan] * 8)
-    log = log_of(tmp_path, form, [("actuator_motors", flying), ("actuator_motors", one_stopped)])
+    log = log_of(tmp_path, form, [("actuator_motors", all_run), ("actuator_motors", one_stopped)])
     np.testing.assert_array_equal(preferred(log, "motor_thrust"), [[0.5] * 4, [0.5, np.nan, 0.5, 0.5]])
 
 

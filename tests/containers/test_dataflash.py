@@ -228,7 +228,7 @@ def test_a_wrong_length_in_a_definition_is_corrected_by_the_rows() -> None:
 
 
 def test_an_unknown_id_costs_only_its_own_bytes() -> None:
-    """Messages around one without definition stay, and the stretch is named."""
+    """Messages around one without definition stay, and the lost bytes are named."""
     loops = flight(4)
     unknown = bytes([0xA3, 0x95, 99]) + bytes(30)
     file = DataFlashFile.from_bytes(loops + unknown + loops[len(DEFINITIONS) :])
@@ -248,11 +248,11 @@ def test_truncation_at_every_byte_loses_only_what_is_cut() -> None:
         read = sum(table.n_rows for name, table in file.read_messages().items() if name != "FMT")
         complete = int(np.count_nonzero(starts[1:] <= length)) - DEFINITIONS.count(b"\xa3\x95\x80")
         assert read == complete
-        assert sum(stretch.n_bytes for stretch in file.lost) == length - starts[starts <= length][-1]
+        assert sum(block.n_bytes for block in file.lost) == length - starts[starts <= length][-1]
 
 
 def damage_cases() -> dict[str, bytes]:
-    """Return contents to overwrite a stretch with."""
+    """Return contents to overwrite a block with."""
     noise = np.random.default_rng(5).integers(0, 256, 70_000, dtype=np.uint8).tobytes()
     return {
         "zeros": bytes(70_000),
@@ -267,7 +267,7 @@ def damage_cases() -> dict[str, bytes]:
 
 @pytest.mark.parametrize("kind", damage_cases())
 @pytest.mark.parametrize("size", [1, 7, 63, 500, 4096, 65_536])
-def test_a_damaged_stretch_costs_only_itself(kind: str, size: int) -> None:
+def test_a_damaged_block_costs_only_itself(kind: str, size: int) -> None:
     """Lost rows are at most the damaged bytes over the mean message length plus 4; none is invented."""
     content = flight(3000)
     tables = decode(content)
@@ -300,9 +300,9 @@ def test_inserted_or_missing_bytes_cost_only_their_neighbours(
 @settings(max_examples=150, deadline=None)
 @given(st.binary(max_size=600))
 def test_any_bytes_are_read_or_refused_without_a_crash(content: bytes) -> None:
-    """Rows and lost stretches together never exceed the file."""
+    """Rows and lost bytes together never exceed the file."""
     file = DataFlashFile.from_bytes(DEFINITIONS + content)
-    lost = sum(stretch.n_bytes for stretch in file.lost)
+    lost = sum(block.n_bytes for block in file.lost)
     lengths = {each.name: each.length for each in file.definitions}
     read = sum(count * lengths[name] for name, count in file.counts.items())
     assert lost + read == len(DEFINITIONS) + len(content)

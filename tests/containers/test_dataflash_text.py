@@ -90,7 +90,7 @@ def test_positions_are_the_offsets_of_the_lines() -> None:
     ],
 )
 def test_a_malformed_line_costs_only_itself(line: bytes, reason: str) -> None:
-    """It becomes a lost stretch of just its bytes."""
+    """It becomes lost bytes of just that line."""
     log = TextLog("", HEADER + ROWS + line + ROWS)
     assert log.read_messages()["ATT"].n_rows == 4
     assert [(s.offset, s.n_bytes, s.reason) for s in log.lost] == [(len(HEADER + ROWS), len(line), reason)]
@@ -109,13 +109,13 @@ def test_truncation_at_every_byte_keeps_all_complete_lines() -> None:
 @settings(max_examples=150, deadline=None)
 @given(st.binary(max_size=400))
 def test_any_bytes_are_read_or_refused_without_a_crash(content: bytes) -> None:
-    """Lost stretches lie inside the file and do not overlap."""
+    """Lost bytes lie inside the file and do not overlap."""
     log = TextLog("", HEADER + content)
     log.read_messages()
     end = 0
-    for stretch in log.lost:
-        assert stretch.offset >= end
-        end = stretch.offset + stretch.n_bytes
+    for block in log.lost:
+        assert block.offset >= end
+        end = block.offset + block.n_bytes
     assert end <= log.n_bytes
 
 

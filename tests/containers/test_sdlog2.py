@@ -1,4 +1,4 @@
-"""PX4's legacy log format, which shares DataFlash's magic bytes."""
+"""PX4's legacy log format, which begins like DataFlash."""
 
 from __future__ import annotations
 

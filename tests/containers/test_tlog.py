@@ -89,7 +89,7 @@ def test_every_field_of_every_message_equals_pymavlink(
 
 @pytest.mark.corpus
 @pytest.mark.parametrize("corpus_log", INTACT, indirect=True)
-def test_an_intact_log_has_no_lost_stretch(corpus_log: Path) -> None:
+def test_an_intact_log_has_no_lost_bytes(corpus_log: Path) -> None:
     """Nothing is called lost where nothing is damaged."""
     assert read_log(corpus_log).lost == ()
 

@@ -90,7 +90,7 @@ def test_parameters_texts_information_and_dropouts_equal_pyulog(corpus_log: Path
 
 @pytest.mark.corpus
 @pytest.mark.parametrize("corpus_log", INTACT, indirect=True)
-def test_an_intact_log_has_no_lost_stretch(corpus_log: Path) -> None:
+def test_an_intact_log_has_no_lost_bytes(corpus_log: Path) -> None:
     """Nothing is called lost where nothing is damaged."""
     assert ulog.read_content(corpus_log, ()).lost == ()
 
@@ -210,7 +210,7 @@ def test_a_log_whose_only_row_is_cut_short_still_gives_its_text(tmp_path: Path) 
 
 
 def test_a_size_that_lies_does_not_swallow_the_rows_behind_it(tmp_path: Path) -> None:
-    """A text that claims 5000 bytes costs itself and the row before it, whose end is then in doubt."""
+    """A text that claims 5000 bytes costs itself and the row before it, whose end is then not certain."""
     lying = bytearray(make.text(1_000_000, "short"))
     lying[0:2] = struct.pack("<H", 5000)
     content = make.header() + make.definitions() + make.rows(3) + bytes(lying) + make.rows(200, 3)

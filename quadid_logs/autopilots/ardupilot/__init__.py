@@ -26,8 +26,8 @@ class ArduPilot(Autopilot):
 
         text = "ArduPilot DataFlash as text"
         return (
-            LogFormat("dataflash", "ArduPilot DataFlash", dataflash.is_mine, read_binary),
-            LogFormat("dataflash-text", text, dataflash_text.is_mine, read_text, strict=False),
+            LogFormat("dataflash", "ArduPilot DataFlash", dataflash.is_mine, read_binary, (".bin",)),
+            LogFormat("dataflash-text", text, dataflash_text.is_mine, read_text, (".log",), strict=False),
         )
 
     def rebuild(self, log: FlightLog, airframe: Airframe) -> Rebuilt:

@@ -172,7 +172,7 @@ def mode_name(mode: str | float, vehicle_type: str) -> str:
 
 
 def _refine_type(flown_by: str, parameters: Mapping[str, float], frame_text: str) -> str:
-    """Tell helicopters, QuadPlanes and boats from what shares their firmware."""
+    """Tell helicopters, QuadPlanes and boats from what has the same firmware."""
     frame_class = whole_number(parameters.get("FRAME_CLASS"), -1)
     if flown_by == "fixed-wing":
         return "vtol" if parameters.get("Q_ENABLE", 0.0) > 0 else flown_by

@@ -14,8 +14,8 @@ class Generic(Autopilot):
         from quadid_logs.containers import tlog
 
         return (
-            LogFormat("tlog", "MAVLink telemetry log", tlog.is_mine, mavlink.read),
-            LogFormat("table", "table", table.is_mine, table.read, strict=False),
+            LogFormat("tlog", "MAVLink telemetry log", tlog.is_mine, mavlink.read, (".tlog",)),
+            LogFormat("table", "table", table.is_mine, table.read, (".csv", ".parquet"), strict=False),
         )
 
 

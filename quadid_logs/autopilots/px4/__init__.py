@@ -20,14 +20,14 @@ class Px4(Autopilot):
     title = "PX4"
 
     def formats(self) -> tuple[LogFormat, ...]:
-        """ULog, and before 1.4 sdlog2, which shares the magic bytes of DataFlash."""
+        """ULog, and before 1.4 sdlog2, which has the magic bytes of DataFlash."""
         from quadid_logs.autopilots.px4.log import read
         from quadid_logs.autopilots.px4.sdlog2 import read as read_sdlog2
         from quadid_logs.containers import sdlog2, ulog
 
         return (
-            LogFormat("ulog", "PX4 ULog", ulog.is_mine, read),
-            LogFormat("dataflash", "PX4 sdlog2", sdlog2.is_mine, read_sdlog2, dialect="sdlog2"),
+            LogFormat("ulog", "PX4 ULog", ulog.is_mine, read, (".ulg",)),
+            LogFormat("dataflash", "PX4 sdlog2", sdlog2.is_mine, read_sdlog2, (".px4log",), "sdlog2"),
         )
 
     def rebuild(self, log: FlightLog, airframe: Airframe) -> Rebuilt:

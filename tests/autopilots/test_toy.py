@@ -1,0 +1,75 @@
+"""The extension point: one module adds an autopilot, and nothing else is touched."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from quadid_logs import autopilots
+from quadid_logs.data.log import FlightLog
+from quadid_logs.load import read_log
+from quadid_logs.pipeline import analyze
+from quadid_logs.simulate import Simulation, simulate
+
+from . import toy
+
+
+@pytest.fixture
+def registered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Register the toy for one test."""
+    monkeypatch.setattr(autopilots, "_registered", [])
+    autopilots.register(toy.AUTOPILOT)
+
+
+def toy_log(log: FlightLog) -> str:
+    """Write gyro and commands of a log as the toy would."""
+    rate, command = log.candidates("body_rate")[0], log.candidates("torque_command")[0]
+    throttle = log.candidates("throttle")[0]
+    lines = [
+        *(f"GYRO {1e3 * t:.3f} " + " ".join(f"{v:.9g}" for v in row) + "\n"
+          for t, row in zip(rate.time_s, np.degrees(rate.values), strict=True)),
+        *(f"CMD {1e3 * t:.3f} " + " ".join(f"{100 * v:.9g}" for v in (*row, up)) + "\n"
+          for t, row, up in zip(command.time_s, command.values, throttle.values[:, 0], strict=True)),
+    ]  # fmt: skip
+    return "TOY1\n" + "".join(sorted(lines, key=lambda line: float(line.split()[1])))
+
+
+@pytest.fixture(scope="module")
+def flight() -> Simulation:
+    """Fly a flight with known truth."""
+    return simulate("sysid-quad-x", seed=3, duration_s=40.0, rate_hz=100.0)
+
+
+@pytest.fixture(scope="module")
+def flown(flight: Simulation, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Log it as the toy does."""
+    path = tmp_path_factory.mktemp("toy") / "flight.toy"
+    path.write_text(toy_log(flight.log))
+    return path
+
+
+@pytest.mark.usefixtures("registered")
+def test_one_module_adds_an_autopilot_down_to_the_model(flown: Path, flight: Simulation) -> None:
+    """The on-axis effectiveness is the true one, to what a log without gyro filter and voltage can tell."""
+    model = analyze(flown).identification.recommended
+    assert model is not None
+    found = {parameter.name: parameter.value for parameter in model.parameters}
+    truth = np.diag(flight.truth["models"]["quadrotor-6"]["B"])
+    np.testing.assert_allclose([found["B11"], found["B22"], found["B33"]], truth, rtol=0.1)
+
+
+@pytest.mark.usefixtures("registered")
+def test_a_registered_format_is_asked_and_named(flown: Path) -> None:
+    """The registry answers for its format and its name."""
+    log = read_log(flown)
+    assert (log.format, log.autopilot, log.corrupt_bytes) == ("toy", "toy", 0)
+    assert autopilots.named("toy").title == "Toy autopilot"
+
+
+def test_without_it_the_file_is_unknown(flown: Path) -> None:
+    """What was registered for one test is gone."""
+    assert autopilots.named("toy").name == "other"
+    with pytest.raises(Exception, match="no flight log that we know"):
+        read_log(flown)
