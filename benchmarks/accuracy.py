@@ -30,15 +30,14 @@ import numpy as np  # noqa: E402
 
 from benchmarks.estimators import ESTIMATORS  # noqa: E402
 from benchmarks.logs import corpus_folder  # noqa: E402
-from quadid_logs.actuation import reconstruct  # noqa: E402
-from quadid_logs.align import align  # noqa: E402
+from quadid_logs.align import cut  # noqa: E402
 from quadid_logs.arrays import FloatArray  # noqa: E402
 from quadid_logs.data.flight import FlightData  # noqa: E402
 from quadid_logs.data.log import FlightLog  # noqa: E402
 from quadid_logs.data.settings import Settings  # noqa: E402
 from quadid_logs.diagnose import diagnose  # noqa: E402
 from quadid_logs.identify import identify  # noqa: E402
-from quadid_logs.load import read_log  # noqa: E402
+from quadid_logs.load import prepare, read_log  # noqa: E402
 from quadid_logs.simulate import simulate  # noqa: E402
 from quadid_logs.vocabulary import AXES  # noqa: E402
 
@@ -133,8 +132,8 @@ def _firmware_truth(truth: dict[str, Any]) -> FloatArray:
 def _case(name: str, log: FlightLog, truth: FloatArray) -> Iterator[Case]:
     """Align a log and ask for our verdicts; yield nothing if there is no flight in it."""
     settings = Settings()
-    log = reconstruct(log, None)
-    data = align(log, settings.align)
+    prepared = prepare(log)
+    log, data = prepared.log, cut(prepared, settings.align)
     if not data.segments or data.input is None:
         return
     diagnosis = diagnose(log, data, identify(data, settings.identify), settings)

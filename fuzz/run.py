@@ -37,10 +37,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from fuzz.mutations import mutated  # noqa: E402
 from fuzz.seeds import Seed, load_seeds  # noqa: E402
-from quadid_logs.align import align  # noqa: E402
+from quadid_logs.align import cut  # noqa: E402
 from quadid_logs.data.settings import AlignSettings  # noqa: E402
 from quadid_logs.errors import QuadidError  # noqa: E402
-from quadid_logs.load import read_log  # noqa: E402
+from quadid_logs.load import load  # noqa: E402
 from quadid_logs.pipeline import analyze  # noqa: E402
 from quadid_logs.report import json_text, write_report  # noqa: E402
 
@@ -113,8 +113,7 @@ def _case(number: int, seed: int, seeds: list[Seed]) -> tuple[Seed, str, bytes]:
 def _run(path: Path, depth: str) -> None:
     """Take one file through the chain."""
     if depth == "read":
-        log = read_log(path)
-        align(log, AlignSettings())
+        cut(load(path), AlignSettings())
         return
     result = analyze(path)
     json_text(result)

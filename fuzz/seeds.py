@@ -7,9 +7,9 @@ import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
-from quadid_logs.align import align
+from quadid_logs.align import cut
 from quadid_logs.data.settings import AlignSettings
-from quadid_logs.load import read_log
+from quadid_logs.load import load
 from quadid_logs.report.table import write_table
 from quadid_logs.simulate import simulate
 from quadid_logs.writers import write_log
@@ -59,7 +59,7 @@ def _simulated() -> list[Seed]:
             flight = simulate("sysid-quad-x", seed=1, duration_s=15.0, rate_hz=50.0, autopilot=autopilot)
             write_log(flight.log, path / f"flight{suffix}")
             seeds.append(_seed(path / f"flight{suffix}", kind))
-        data = align(read_log(path / "flight.bin"), AlignSettings())
+        data = cut(load(path / "flight.bin"), AlignSettings())
         for suffix, kind in ((".csv", "text"), (".parquet", "plain")):
             write_table(data, path / f"table{suffix}")
             seeds.append(_seed(path / f"table{suffix}", kind))

@@ -1,19 +1,69 @@
-"""Open any flight log: the content decides the format, never the name of the file."""
+"""From a file to a log on one clock with its torque; the content decides the format, never the name."""
 
 from __future__ import annotations
 
 import struct
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from quadid_logs.autopilots import LogFormat, formats
+from quadid_logs.actuation import reconstruct
+from quadid_logs.align import Prepared, assemble, clean
+from quadid_logs.autopilots import LogFormat, formats, named
 from quadid_logs.containers.foreign import explain_foreign
-from quadid_logs.data.log import FlightLog
+from quadid_logs.data.log import FlightLog, Rows
+from quadid_logs.data.settings import Settings
+from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.errors import EmptyLogError, LogNotFoundError, UnknownFormatError
 
 _HEAD_BYTES: Final = 1 << 16
+
+
+def load(path: str | Path, settings: Settings | None = None, vehicle: Vehicle | None = None) -> Prepared:
+    """Read a log, put it on one clock and rebuild its torque: what every command works on.
+
+    Parameters
+    ----------
+    path : str or Path
+    settings : Settings, optional
+        Of these, which MAVLink system to read.
+    vehicle : Vehicle, optional
+        What the user knows; it wins over the log's parameters.
+
+    Returns
+    -------
+    Prepared
+        For `align.cut`, which resamples the part that is wanted.
+
+    Raises
+    ------
+    LogError
+        If the file cannot be read as a flight log at all; see `read_log`.
+    """
+    return prepare(read_log(path, system=(settings or Settings()).system), vehicle)
+
+
+def prepare(log: FlightLog, vehicle: Vehicle | None = None) -> Prepared:
+    """Put a log that was read, or simulated, on one clock and rebuild its torque.
+
+    Parameters
+    ----------
+    log : FlightLog
+    vehicle : Vehicle, optional
+        What the user knows; it wins over the log's parameters.
+
+    Returns
+    -------
+    Prepared
+        Its ``log`` says in ``torque`` what is known of the airframe.
+    """
+    autopilot = named(log.autopilot)
+    cleaned = clean(log)
+    torques = reconstruct(cleaned, autopilot, vehicle)
+    loop_rate_hz = autopilot.loop_rate_hz(log.parameters)
+    return assemble(replace(log, torque=torques.model), cleaned, torques.sources, loop_rate_hz)
 
 
 def read_log(path: str | Path, *, system: int = 0) -> FlightLog:
@@ -91,3 +141,17 @@ def _read_with(log_format: LogFormat, path: str | Path, system: int) -> FlightLo
             f"{path} is damaged in a way that stops the reader ({type(error).__name__}: {error}).",
             hint="Please report it with the log.",
         ) from error
+
+
+def _sharing_rows(log: FlightLog) -> FlightLog:
+    """TEMPORARY, until the readers make them so: let the signals of one message share their rows."""
+    found: dict[tuple[bytes, bytes], Rows] = {}
+
+    def shared(rows: Rows) -> Rows:
+        return found.setdefault((rows.time_s.tobytes(), rows.position.tobytes()), rows)
+
+    signals = {
+        name: tuple(replace(one, rows=shared(one.rows)) for one in sources)
+        for name, sources in log.signals.items()
+    }
+    return replace(log, signals=signals)

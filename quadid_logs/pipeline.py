@@ -7,8 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from quadid_logs.actuation import reconstruct
-from quadid_logs.align import cut, prepare
+from quadid_logs.align import Prepared, cut
 from quadid_logs.align.pool import pool
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.log import FlightLog
@@ -17,7 +16,7 @@ from quadid_logs.data.settings import AlignSettings, Settings
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.diagnose import diagnose
 from quadid_logs.identify import identify
-from quadid_logs.load import read_log
+from quadid_logs.load import prepare, read_log
 
 Progress = Callable[[str], None]
 
@@ -29,7 +28,7 @@ def analyze(
     vehicle: Vehicle | None = None,
     progress: Progress | None = None,
 ) -> Result:
-    """Read, rebuild the torque, align, identify and judge one log.
+    """Read, put on one clock, rebuild the torque, cut, identify and judge one log.
 
     Parameters
     ----------
@@ -93,14 +92,13 @@ def _analyze(
     tell("read")
     logs = [read_log(path, system=settings.system) for path in paths]
     clock.lap("read")
-    tell("torque")
-    logs = [reconstruct(log, vehicle) for log in logs]
-    clock.lap("torque")
     tell("align")
-    flights = _align_alike(logs, settings.align)
+    prepared = [prepare(log, vehicle) for log in logs]
+    flights = _cut_alike(prepared, settings.align)
     data = flights[0] if len(flights) == 1 or not any(each.segments for each in flights) else pool(flights)
     # What is not pooled (sources, airframe, texts) is told of the first log that flew.
-    log = next((log for log, each in zip(logs, flights, strict=True) if each.segments), logs[0])
+    flown = (one.log for one, each in zip(prepared, flights, strict=True) if each.segments)
+    log = next(flown, prepared[0].log)
     clock.lap("align")
     tell("identify")
     pooled = tuple(
@@ -149,9 +147,8 @@ def judge(
     )
 
 
-def _align_alike(logs: Sequence[FlightLog], settings: AlignSettings) -> list[FlightData]:
-    """Align every log; where their rates differ, all at the slowest of them."""
-    prepared = [prepare(log, settings) for log in logs]
+def _cut_alike(prepared: Sequence[Prepared], settings: AlignSettings) -> list[FlightData]:
+    """Resample every log; where their rates differ, all at the slowest of them."""
     flights = [cut(each, settings) for each in prepared]
     slowest_s = max((each.sample_period_s for each in flights if each.segments), default=float("nan"))
     same = replace(settings, sample_rate_hz=1.0 / slowest_s) if slowest_s > 0.0 else settings

@@ -11,8 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.actuation import reconstruct
-from quadid_logs.align import align
+from quadid_logs.align import cut
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.diagnosis import Diagnosis
 from quadid_logs.data.model import Identification
@@ -28,6 +27,7 @@ from quadid_logs.diagnose.advice import (
 )
 from quadid_logs.errors import SettingsError
 from quadid_logs.identify import identify
+from quadid_logs.load import prepare
 from quadid_logs.simulate import Scenario, fly, plan_flights
 from quadid_logs.simulate.airframes import SimulatedAirframe, hexa_x, octa_coaxial, quad_x
 from quadid_logs.simulate.logger import log_flights
@@ -178,8 +178,8 @@ def predict(plan: Plan, vehicle: Vehicle | None = None) -> Prediction:
         autopilot=plan.autopilot,
     )
     settings = Settings()
-    log = reconstruct(log_flights(tuple(fly(setup) for setup in setups), scenario.logging), vehicle)
-    data = align(log, settings.align)
+    prepared = prepare(log_flights(tuple(fly(setup) for setup in setups), scenario.logging), vehicle)
+    log, data = prepared.log, cut(prepared, settings.align)
     identification = identify(data, settings.identify)
     return Prediction(
         vehicle=setups[0].airframe.name,

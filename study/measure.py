@@ -9,8 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from quadid_logs.actuation import reconstruct
-from quadid_logs.align import align
+from quadid_logs.align import cut
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.diagnosis import Diagnosis
 from quadid_logs.data.log import FlightLog
@@ -18,6 +17,7 @@ from quadid_logs.data.model import Model
 from quadid_logs.data.settings import Settings
 from quadid_logs.diagnose import diagnose
 from quadid_logs.identify import identify
+from quadid_logs.load import prepare
 from quadid_logs.simulate import fly, plan_flights
 from quadid_logs.simulate.logger import log_flights
 from quadid_logs.simulate.truth import flight_truth
@@ -34,8 +34,8 @@ def measure(drawn: Drawn) -> dict[str, Any]:
     log, truth = simulate_drawn(drawn)
     began = time.perf_counter()
     settings = Settings()
-    log = reconstruct(log, None)
-    data = align(log, settings.align)
+    prepared = prepare(log)
+    log, data = prepared.log, cut(prepared, settings.align)
     identification = identify(data, settings.identify)
     diagnosis = diagnose(log, data, identification, settings)
     seconds = time.perf_counter() - began

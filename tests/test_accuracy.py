@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from benchmarks import accuracy, estimators
-from quadid_logs.actuation import reconstruct
-from quadid_logs.align import align
+from quadid_logs.align import cut
 from quadid_logs.data.settings import AlignSettings
+from quadid_logs.load import prepare
 from quadid_logs.simulate import simulate
 
 
@@ -19,7 +19,7 @@ from quadid_logs.simulate import simulate
 def flight():
     """A short good flight, aligned, and its true gains."""
     flown = simulate("sysid-quad-x", seed=2, duration_s=25.0, rate_hz=200.0)
-    data = align(reconstruct(flown.log, None), AlignSettings())
+    data = cut(prepare(flown.log), AlignSettings())
     return data, np.diag(np.array(flown.truth["models"]["damped"]["B"]))
 
 

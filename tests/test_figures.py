@@ -249,17 +249,18 @@ def test_the_model_s_frequency_response_is_the_transfer_function_of_its_numbers(
 
 def test_the_frequency_response_of_a_simulated_flight_lies_on_the_model() -> None:
     """Where the multisine moves roll, 1 to 5 Hz, gain within 3 % and phase within 3 degrees."""
-    from quadid_logs.align import align
+    from quadid_logs.align import cut
     from quadid_logs.data.settings import Settings
     from quadid_logs.diagnose import diagnose
     from quadid_logs.figures.frequency import frequency_response
     from quadid_logs.figures.spec import Figure
     from quadid_logs.identify import identify
+    from quadid_logs.load import prepare
     from quadid_logs.simulate import simulate
 
     settings = Settings()
     log = simulate("sysid-quad-x", duration_s=40.0).log
-    data = align(log, settings.align)
+    data = cut(prepare(log), settings.align)
     found = identify(data, settings.identify)
     result = Result(
         log=log,

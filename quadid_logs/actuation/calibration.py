@@ -1,27 +1,26 @@
-"""From motor thrust in shares of full command to newtons and newton metres."""
+"""From motor thrust as a fraction of full command to newtons and newton metres."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from quadid_logs.actuation.airframe import Airframe
 from quadid_logs.actuation.motors import MotorSeries
-from quadid_logs.actuation.slow import at_rows, first
-from quadid_logs.arrays import FloatArray, IntArray
-from quadid_logs.data.log import FlightLog, Signal
+from quadid_logs.align.series import CleanLog, CleanSeries, TorqueSeries
+from quadid_logs.arrays import FloatArray
 from quadid_logs.data.torque import Calibration
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.maths.frames import torque_matrix
 from quadid_logs.maths.resampling import typical_period
 
-#: One standard deviation, as a share, of what a user measures or a parameter claims: a kitchen scale, a
-#: ruler from hub to hub, a thrust stand without the airframe below the rotor, CA_ROTORn_CT as set by an
-#: owner, a torque-to-thrust ratio from a data sheet, and a calibrated accelerometer's scale.
+#: One relative standard deviation of what a user measures or a parameter claims: a kitchen scale, a
+#: ruler from hub to hub, a thrust stand without the airframe below the rotor, a thrust parameter as set by
+#: an owner, a torque-to-thrust ratio from a data sheet, and a calibrated accelerometer's scale.
 MASS_SIGMA, ARM_SIGMA, STAND_SIGMA, PARAMETER_SIGMA, RATIO_SIGMA, ACCELEROMETER_SIGMA = (
     0.01, 0.01, 0.05, 0.1, 0.05, 0.01,
 )  # fmt: skip
@@ -33,9 +32,6 @@ _FEW_BLOCKS: Final = 5
 _STEADIER: Final = 0.9
 #: Parameters that disagree with the hover by more than this are no calibration.
 _HOVER_RANGE: Final = (0.8, 1.25)
-#: A log with this many parameters of ArduPilot's simulator was made by it.
-_SIMULATOR_PARAMETERS: Final = 50
-
 #: Standard gravity [m/s^2], and the tilt (its cosine) beyond which no vertical balance is drawn.
 GRAVITY: Final = 9.80665
 _LEAST_UPRIGHT: Final = 0.5
@@ -49,24 +45,25 @@ class Scaled:
 
     ``thrust_of`` gives newtons per motor (n_samples, n_rotors); None where
     thrust is not known. ``position`` (n_rotors, 3) [m], None where not known.
+    ``refused`` says which claims of parameters were not believed.
     """
 
     calibration: Calibration
     thrust_of: ThrustOf | None
     position: FloatArray | None
-    yaw_with_command: bool
     remarks: tuple[str, ...]
+    refused: tuple[str, ...]
     needs: tuple[str, ...]
 
 
 def calibrate(
-    log: FlightLog, airframe: Airframe, vehicle: Vehicle | None, series: tuple[MotorSeries, ...]
+    log: CleanLog, airframe: Airframe, vehicle: Vehicle | None, series: tuple[MotorSeries, ...]
 ) -> Scaled:
     """Find the best route to N m that vehicle file, parameters and hover allow.
 
     Parameters
     ----------
-    log : FlightLog
+    log : CleanLog
     airframe : Airframe
     vehicle : Vehicle or None
     series : tuple of MotorSeries
@@ -79,57 +76,66 @@ def calibrate(
     given = vehicle or Vehicle()
     position = _position(airframe, given)
     ratio_m = given.torque_to_thrust_m or airframe.torque_to_thrust_m
-    simulated = log.autopilot == "ardupilot" and (
-        sum(name.startswith("SIM_") for name in log.parameters) >= _SIMULATOR_PARAMETERS
-    )
     hover = _hover(log, series[0], given.mass_kg) if series and given.mass_kg else None
     thrust = _thrust(airframe, given, hover)
-    remarks = list(thrust.remarks)
-    if simulated and thrust.of is not None and math.isfinite(ratio_m):
-        remarks.append(
-            "Flown in ArduPilot's simulator, whose yaw torque is torque_to_thrust_m times thrust times motor "
-            "command (SIM_Motor.cpp); N is computed like that here, unlike for a real propeller."
-        )
-    calibration = _calibration(
-        airframe, given, thrust, position=position, ratio_m=ratio_m, series=series, simulated=simulated
+    arms = position if position is not None else np.zeros((0, 3))
+    calibration = Calibration(
+        torque_to_thrust_m=ratio_m,
+        mass_kg=given.mass_kg or math.nan,
+        arm_length_m=float(np.hypot(arms[:, 0], arms[:, 1]).max()) if len(arms) else math.nan,
     )
+    if thrust.of is not None and position is not None and series:
+        torque = _torque(thrust.of(series[0]), series[0].actuator, airframe, position, ratio_m)
+        calibration = _calibrated(calibration, thrust, _per_command(series[0], torque))
+    known_yaw = thrust.of is not None and math.isfinite(ratio_m)
     return Scaled(
         calibration=calibration,
         thrust_of=thrust.of,
         position=position,
-        yaw_with_command=simulated,
-        remarks=tuple(remarks),
+        remarks=(airframe.yaw_remark,) if airframe.yaw_with_command and known_yaw else (),
+        refused=thrust.refused,
         needs=_needs(thrust, position, ratio_m),
     )
 
 
-def torque_n_m(series: MotorSeries, airframe: Airframe, scaled: Scaled) -> FloatArray | None:
-    """Return L, M, N [N m] of a motor series, NaN on axes that are not calibrated; shape (n_samples, 3)."""
+def torque_n_m(series: MotorSeries, airframe: Airframe, scaled: Scaled) -> TorqueSeries | None:
+    """Return the torque of a motor series in N m.
+
+    Parameters
+    ----------
+    series : MotorSeries
+    airframe : Airframe
+    scaled : Scaled
+
+    Returns
+    -------
+    TorqueSeries or None
+        L, M, N [N m] and the rotors' thrust [N]; None where thrust or arms are not known.
+    """
     if scaled.thrust_of is None or scaled.position is None:
         return None
-    return _torque(
-        scaled.thrust_of(series),
-        series.actuator,
-        airframe.spin,
-        position=scaled.position,
-        ratio_m=scaled.calibration.torque_to_thrust_m,
-        with_command=scaled.yaw_with_command,
+    ratio_m = scaled.calibration.torque_to_thrust_m
+    thrust = scaled.thrust_of(series)
+    torque = _torque(thrust, series.actuator, airframe, scaled.position, ratio_m)
+    per_thrust = torque_matrix(scaled.position, airframe.spin, ratio_m)
+    if airframe.yaw_with_command:
+        per_thrust[2] *= _slope((thrust @ per_thrust[2])[series.flown], torque[series.flown, 2])
+    known = bool(np.isfinite(per_thrust).all())
+    return TorqueSeries(
+        series=series.series("torque_n_m", torque, f"{series.reason}; N m by {scaled.calibration.route}"),
+        saturated=series.marks,
+        rotor_thrust=np.clip(thrust, 0.0, None) if known else None,
+        torque_per_thrust=per_thrust if known else None,
     )
 
 
 def _torque(
-    thrust_n: FloatArray,
-    actuator: FloatArray,
-    spin: FloatArray,
-    *,
-    position: FloatArray,
-    ratio_m: float,
-    with_command: bool,
+    thrust_n: FloatArray, actuator: FloatArray, airframe: Airframe, position: FloatArray, ratio_m: float
 ) -> FloatArray:
     """Return torque about the centre of mass (n_samples, 3) [N m]."""
-    matrix = torque_matrix(position, spin, ratio_m)
+    matrix = torque_matrix(position, airframe.spin, ratio_m)
     torque = thrust_n @ matrix.T
-    if with_command:
+    if airframe.yaw_with_command:
         torque[:, 2] = (thrust_n * actuator) @ matrix[2]
     return np.asarray(torque, dtype=np.float64)
 
@@ -146,33 +152,33 @@ class _Thrust:
     sigma: float = math.nan
     max_thrust_n: float = math.nan
     other_n: float = math.nan
-    remarks: tuple[str, ...] = ()
+    refused: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Hover:
-    """Thrust per share of full command [N] that carries the weight, and how it varies."""
+    """Thrust of a rotor at full command [N] that carries the weight, and how it varies."""
 
     newton: float
     sigma: float
     voltage_exponent: float
-    voltage: Signal | None
+    voltage: CleanSeries | None
     mean_voltage: float
 
     def thrust(self, series: MotorSeries) -> FloatArray:
         """Return thrust per motor (n_samples, n_rotors) [N]."""
-        return self.newton * series.thrust * self.sag(series.position)[:, None]
+        return self.newton * series.thrust * self.sag(series.time_s)[:, None]
 
-    def sag(self, position: IntArray) -> FloatArray:
-        """Return thrust against that at the mean voltage [1]; shape of `position`."""
-        if not self.voltage_exponent:
-            return np.ones(position.shape)
-        volt = at_rows(self.voltage, position, missing=self.mean_voltage)
-        return np.asarray((volt / self.mean_voltage) ** self.voltage_exponent, dtype=np.float64)
+    def sag(self, time_s: FloatArray) -> FloatArray:
+        """Return thrust against that at the mean voltage [1]; shape of `time_s`."""
+        if not self.voltage_exponent or self.voltage is None:
+            return np.ones(time_s.shape)
+        ratio = self.voltage.at(time_s) / self.mean_voltage
+        return np.asarray(ratio**self.voltage_exponent, dtype=np.float64)
 
 
 def _thrust(airframe: Airframe, given: Vehicle, hover: _Hover | None) -> _Thrust:
-    """Choose the way to newtons: thrust given, weight given and carried, CA_ROTOR*."""
+    """Choose the way to newtons: thrust given, weight given and carried, a parameter."""
     if given.thrust_curve is not None:
         curve = given.thrust_curve
         return _Thrust(
@@ -196,18 +202,20 @@ def _thrust(airframe: Airframe, given: Vehicle, hover: _Hover | None) -> _Thrust
         # The mass is given, and what is given wins over the log's parameters.
         ratio = hover.newton / newton
         odd = math.isfinite(ratio) and not _HOVER_RANGE[0] <= ratio <= _HOVER_RANGE[1]
-        remark = f"CA_ROTORn_CT ({newton:.3g} N) is not used: the weight needs {ratio:.2f} times that."
+        refused = (
+            f"{airframe.thrust_source} ({newton:.3g} N) is not used: the weight needs {ratio:.2f} times that."
+        )
         return _Thrust(
             route="mass times specific force over the flight",
             of=hover.thrust,
             sigma=hover.sigma,
             max_thrust_n=hover.newton,
             other_n=newton,
-            remarks=(remark,) if odd else (),
+            refused=(refused,) if odd else (),
         )
     if math.isfinite(newton):
         return _Thrust(
-            route="CA_ROTORn_CT",
+            route=airframe.thrust_source,
             of=lambda one: newton * one.thrust,
             sigma=PARAMETER_SIGMA,
             max_thrust_n=newton,
@@ -225,28 +233,28 @@ def _position(airframe: Airframe, given: Vehicle) -> FloatArray | None:
     return airframe.position if airframe.in_metres else None
 
 
-def _hover(log: FlightLog, series: MotorSeries, mass_kg: float) -> _Hover | None:
+def _hover(log: CleanLog, series: MotorSeries, mass_kg: float) -> _Hover | None:
     """Balance thrust with mass times specific force over blocks of flight.
 
-    Over a block the mean of the shares of all motors times the newtons of a
+    Over a block the mean of the fractions of all motors times the newtons of a
     full one is the mean of m f, f the specific force that the rotors must
     give: in any manoeuvre, not only at hover.
     """
     blocks = _blocks(log, series)
     if blocks is None:
         return None
-    share, force, place = blocks
-    voltage = first(log, "battery_voltage")
-    volt = at_rows(voltage, place, missing=math.nan)
-    newton, exponent = mass_kg * force / share, 0.0
-    if voltage is not None and np.isfinite(volt).all() and (volt > 0.0).all():
+    total, force, middle_s = blocks
+    voltage = log.first("battery_voltage")
+    volt = log.at("battery_voltage", middle_s, missing=math.nan)
+    newton, exponent = mass_kg * force / total, 0.0
+    if np.isfinite(volt).all() and (volt > 0.0).all():
         compensated = newton / (volt / volt.mean()) ** 2
         if np.std(compensated) < _STEADIER * np.std(newton):
             newton, exponent = compensated, 2.0
-    middle = float(np.sum(newton * share) / np.sum(share))
-    scatter = float(np.std(newton) / (abs(middle) * math.sqrt(len(newton))))
+    mean = float(np.sum(newton * total) / np.sum(total))
+    scatter = float(np.std(newton) / (abs(mean) * math.sqrt(len(newton))))
     return _Hover(
-        newton=middle,
+        newton=mean,
         sigma=math.hypot(scatter, MASS_SIGMA, ACCELEROMETER_SIGMA),
         voltage_exponent=exponent,
         voltage=voltage,
@@ -254,8 +262,8 @@ def _hover(log: FlightLog, series: MotorSeries, mass_kg: float) -> _Hover | None
     )
 
 
-def _blocks(log: FlightLog, series: MotorSeries) -> tuple[FloatArray, FloatArray, IntArray] | None:
-    """Return sum of shares, specific force of the rotors [m/s^2] and place in the file, block by block."""
+def _blocks(log: CleanLog, series: MotorSeries) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Return block by block the sum of all motors, the rotors' specific force [m/s^2], the middle [s]."""
     needed = _rotor_force(log)
     period_s = typical_period(series.time_s)
     if needed is None or not period_s > 0.0:
@@ -264,29 +272,28 @@ def _blocks(log: FlightLog, series: MotorSeries) -> tuple[FloatArray, FloatArray
     n_blocks = len(series.time_s) // length
     rows = slice(0, n_blocks * length)
     total = np.where(series.flown, series.thrust.sum(axis=1), np.nan)[rows].reshape(n_blocks, length)
-    place = series.position[rows].reshape(n_blocks, length)
-    edges = np.searchsorted(needed.position, place[:, [0, -1]])
+    time_s = series.time_s[rows].reshape(n_blocks, length)
+    edges = np.searchsorted(needed.time_s, time_s[:, [0, -1]])
     cumulated = np.concatenate([[0.0], np.cumsum(needed.force)])
     count = edges[:, 1] - edges[:, 0]
     force = np.divide(
         cumulated[edges[:, 1]] - cumulated[edges[:, 0]], count, out=np.full(n_blocks, np.nan), where=count > 0
     )
-    share = total.mean(axis=1) if n_blocks else np.zeros(0)
-    usable = np.isfinite(share) & np.isfinite(force) & (share > 0.0) & (force > 0.0)
+    mean = total.mean(axis=1) if n_blocks else np.zeros(0)
+    usable = np.isfinite(mean) & np.isfinite(force) & (mean > 0.0) & (force > 0.0)
     if np.count_nonzero(usable) < _FEW_BLOCKS:
         return None
-    return share[usable], force[usable], place[usable, length // 2]
+    return mean[usable], force[usable], time_s[usable, length // 2]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _RotorForce:
-    """Specific force that the rotors give [m/s^2] at places in the file, both (n_samples,)."""
+class _RotorForce(NamedTuple):
+    """Specific force that the rotors give [m/s^2] at times [s], both (n_samples,)."""
 
-    position: IntArray
+    time_s: FloatArray
     force: FloatArray
 
 
-def _rotor_force(log: FlightLog) -> _RotorForce | None:
+def _rotor_force(log: CleanLog) -> _RotorForce | None:
     """Return thrust over mass: from the accelerometer less the air's drag, or from weight and tilt.
 
     In level flight the air pushes horizontally, so that the vertical part of
@@ -294,99 +301,55 @@ def _rotor_force(log: FlightLog) -> _RotorForce | None:
     attitude, T / m = -(R f)_z / (cos phi cos theta). Without an
     accelerometer, the vertical acceleration is taken as zero in the mean.
     """
-    attitude = first(log, "attitude")
-    accelerometer = max(log.candidates("specific_force"), key=lambda signal: signal.n_samples, default=None)
-    if accelerometer is None or not accelerometer.n_samples:
-        if attitude is None or not attitude.n_samples:
+    attitude = log.first("attitude")
+    accelerometer = max(log.sources("specific_force"), key=lambda one: one.n_samples, default=None)
+    if accelerometer is None:
+        if attitude is None:
             return None
-        order = np.argsort(attitude.position, kind="stable")
-        phi, theta = attitude.values[order, 0], attitude.values[order, 1]
-        upright = np.cos(phi) * np.cos(theta)
-        return _RotorForce(
-            position=attitude.position[order],
-            force=np.nan_to_num(GRAVITY / np.where(upright > _LEAST_UPRIGHT, upright, np.nan)),
-        )
-    order = np.argsort(accelerometer.position, kind="stable")
-    position = accelerometer.position[order]
-    ax, ay, az = np.nan_to_num(accelerometer.values[order]).T
+        upright = np.cos(attitude.values[:, 0]) * np.cos(attitude.values[:, 1])
+        force = np.nan_to_num(GRAVITY / np.where(upright > _LEAST_UPRIGHT, upright, np.nan))
+        return _RotorForce(attitude.time_s, force)
+    ax, ay, az = accelerometer.values.T
     force = -az
-    if attitude is not None and attitude.n_samples:
-        phi, theta = _tilt(attitude, position)
+    if attitude is not None:
+        phi, theta = (attitude.at(accelerometer.time_s, column) for column in (0, 1))
         upright = np.cos(phi) * np.cos(theta)
         drag = ax * np.sin(theta) - ay * np.sin(phi) * np.cos(theta)
         force = force + np.where(upright > _LEAST_UPRIGHT, drag / np.maximum(upright, _LEAST_UPRIGHT), 0.0)
-    return _RotorForce(position=position, force=force)
+    return _RotorForce(accelerometer.time_s, force)
 
 
-def _tilt(attitude: Signal, position: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return roll and pitch [rad] at rows of the file."""
-    order = np.argsort(attitude.position, kind="stable")
-    known = order[np.isfinite(attitude.values[order, :2]).all(axis=1)]
-    if not len(known):
-        return np.zeros(position.shape), np.zeros(position.shape)
-    place = attitude.position[known].astype(np.float64)
-    phi, theta = (np.interp(position.astype(np.float64), place, attitude.values[known, i]) for i in (0, 1))
-    return phi, theta
-
-
-def _calibration(
-    airframe: Airframe,
-    given: Vehicle,
-    thrust: _Thrust,
-    *,
-    position: FloatArray | None,
-    ratio_m: float,
-    series: tuple[MotorSeries, ...],
-    simulated: bool,
-) -> Calibration:
-    """Put the numbers together."""
-    arms = position if position is not None else np.zeros((0, 3))
-    arm_length_m = float(np.hypot(arms[:, 0], arms[:, 1]).max()) if len(arms) else math.nan
-    if thrust.of is None or position is None or not series:
-        return Calibration(
-            mass_kg=given.mass_kg or math.nan, arm_length_m=arm_length_m, torque_to_thrust_m=ratio_m
-        )
-    per_command = _per_command(
-        series[0],
-        _torque(
-            thrust.of(series[0]),
-            series[0].actuator,
-            airframe.spin,
-            position=position,
-            ratio_m=ratio_m,
-            with_command=simulated,
-        ),
-    )
+def _calibrated(known: Calibration, thrust: _Thrust, per_command: tuple[float, float, float]) -> Calibration:
+    """Add what the way to newtons says."""
     tilt_sigma, yaw_sigma = math.hypot(thrust.sigma, ARM_SIGMA), math.hypot(thrust.sigma, RATIO_SIGMA)
-    sigma = tuple(
+    roll, pitch, yaw = (
         each if math.isfinite(value) else math.nan
         for each, value in zip((tilt_sigma, tilt_sigma, yaw_sigma), per_command, strict=True)
     )
-    return Calibration(
+    return replace(
+        known,
         route=thrust.route,
         n_m_per_command=per_command,
-        relative_sigma=(sigma[0], sigma[1], sigma[2]),
+        relative_sigma=(roll, pitch, yaw),
         max_thrust_n=thrust.max_thrust_n,
-        torque_to_thrust_m=ratio_m,
-        mass_kg=given.mass_kg or math.nan,
-        arm_length_m=arm_length_m,
         second_opinion=thrust.other_n / thrust.max_thrust_n,
     )
 
 
 def _per_command(series: MotorSeries, torque: FloatArray) -> tuple[float, float, float]:
     """Return the slope of torque over command on flown rows [N m], NaN where either is unknown."""
-    slopes = []
     rows = series.flown & np.isfinite(series.command).all(axis=1)
-    for axis in range(3):
-        command, made = series.command[rows, axis], torque[rows, axis]
-        if len(command) < 2 or not np.isfinite(made).all():
-            slopes.append(math.nan)
-            continue
-        command = command - command.mean()
-        spread = float(command @ command)
-        slopes.append(float(command @ (made - made.mean())) / spread if spread > 0.0 else math.nan)
-    return slopes[0], slopes[1], slopes[2]
+    roll, pitch, yaw = (_slope(series.command[rows, axis], torque[rows, axis]) for axis in range(3))
+    return roll, pitch, yaw
+
+
+def _slope(one: FloatArray, other: FloatArray) -> float:
+    """Return the slope of `other` over `one` by least squares, NaN where it is not known."""
+    if len(one) < 2 or not np.isfinite(other).all():
+        return math.nan
+    centred = one - one.mean()
+    spread = float(centred @ centred)
+    return float(centred @ (other - other.mean())) / spread if spread > 0.0 else math.nan
 
 
 def _needs(thrust: _Thrust, position: FloatArray | None, ratio_m: float) -> tuple[str, ...]:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
-from quadid_logs.arrays import BoolArray, FloatArray, IntArray
-from quadid_logs.data.log import Rows, Signal
+from quadid_logs.actuation.airframe import Airframe, Unknown
+from quadid_logs.align.series import CleanLog, CleanSeries, TorqueSeries
+from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.data.log import FlightLog
+from quadid_logs.data.torque import MixerCheck
 
 
 def any_motor(limited: BoolArray) -> BoolArray:
@@ -22,20 +26,22 @@ def on_all_axes(limited: BoolArray) -> BoolArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MotorSeries:
-    """What the motors did, or were asked to do.
+    """What the motors did, or were commanded to do.
 
     Attributes
     ----------
-    time_s, position : ndarray, shape (n_samples,)
-        As of the `Signal` that it was rebuilt from.
+    base : CleanSeries
+        What it was rebuilt from; tells the times.
     thrust : ndarray, shape (n_samples, n_rotors)
-        Share of one rotor's thrust at full command and full battery in air of sea level [1].
+        Fraction of one rotor's thrust at full command and full battery in air of sea level [1].
+    command_thrust : ndarray, shape (n_samples, n_rotors)
+        The same before any compensation of battery and air: what the mixing gives for the command [1].
     actuator : ndarray, shape (n_samples, n_rotors)
         Motor command, 0 to 1 over the range that makes thrust.
     command : ndarray, shape (n_samples, 3)
         Torque on the scale of the autopilot's own command [1].
     saturated : ndarray of bool, shape (n_samples, 3), or None
-        Axes that got less than they asked for; None where that is not known.
+        Axes that got less than was commanded; None where that is not known.
     flown : ndarray of bool, shape (n_samples,)
         Certainly off the ground.
     source, reason : str
@@ -43,9 +49,9 @@ class MotorSeries:
         Saturation is contained.
     """
 
-    time_s: FloatArray
-    position: IntArray
+    base: CleanSeries
     thrust: FloatArray
+    command_thrust: FloatArray
     actuator: FloatArray
     command: FloatArray
     saturated: BoolArray | None
@@ -54,17 +60,58 @@ class MotorSeries:
     reason: str
     achieved: bool
 
-    def as_command(self) -> Signal:
-        """Return the normalised torque as a source of ``torque_command``."""
-        return self.signal("torque_command", self.command)
+    @property
+    def time_s(self) -> FloatArray:
+        """On the common clock [s]; shape (n_samples,)."""
+        return self.base.time_s
 
-    def signal(self, name: str, values: FloatArray, reason: str = "") -> Signal:
-        """Return values on these rows as a source of a signal."""
-        return Signal(
+    @property
+    def marks(self) -> CleanSeries | None:
+        """Where the axes got less than was commanded, as a series ``torque_saturation``."""
+        if self.saturated is None:
+            return None
+        return self.series("torque_saturation", self.saturated.astype(np.float64))
+
+    def series(self, name: str, values: FloatArray, reason: str = "") -> CleanSeries:
+        """Return values at these times as a source of a signal."""
+        return replace(
+            self.base,
             name=name,
-            rows=Rows(self.time_s, self.position),
             values=np.asarray(values, dtype=np.float64),
             source=self.source,
             reason=reason or self.reason,
             achieved=self.achieved,
         )
+
+    def as_command(self, airframe: Airframe) -> TorqueSeries:
+        """Return the normalised torque, with the thrust that makes it."""
+        return TorqueSeries(
+            series=self.series("torque_command", self.command),
+            saturated=self.marks,
+            rotor_thrust=np.clip(self.command_thrust, 0.0, None) if airframe.inverts else None,
+            torque_per_thrust=airframe.command_per_thrust if airframe.inverts else None,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rebuilt:
+    """The motor series that a log allows, the check of them, and what stood in the way."""
+
+    series: tuple[MotorSeries, ...] = ()
+    check: MixerCheck | None = None
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the recomputed pulse widths fit, or could not be compared."""
+        return self.check is None or self.check.fits
+
+
+class Mixing(Protocol):
+    """What the torque needs to know of an autopilot."""
+
+    def find_airframe(self, log: FlightLog) -> Airframe | Unknown:
+        """Tell the frame, its motors and outputs from a log's parameters."""
+
+    def rebuild(self, log: CleanLog, airframe: Airframe) -> Rebuilt:
+        """Rebuild what the motors did from commands and outputs."""

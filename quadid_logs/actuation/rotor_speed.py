@@ -9,10 +9,8 @@ import numpy as np
 
 from quadid_logs.actuation.airframe import Airframe
 from quadid_logs.actuation.motors import MotorSeries
-from quadid_logs.actuation.slow import first, flown
+from quadid_logs.align.series import CleanLog
 from quadid_logs.arrays import FloatArray, IntArray
-from quadid_logs.autopilots.ardupilot.mixer import torque_of_thrust
-from quadid_logs.data.log import FlightLog
 
 #: Speeds that a rotor in flight cannot fall below or exceed [rad/s]; 100 and 100 000 rpm.
 _SPEEDS: Final = (10.0, 10_500.0)
@@ -35,24 +33,28 @@ class RotorSpeed:
     series: MotorSeries | None = None
 
 
-def from_rotor_speed(log: FlightLog, airframe: Airframe, reference: MotorSeries | None) -> RotorSpeed:
+def from_rotor_speed(log: CleanLog, airframe: Airframe, reference: MotorSeries | None) -> RotorSpeed:
     """Judge the rotor speeds and turn them into thrust, which goes with their square.
 
     Parameters
     ----------
-    log : FlightLog
+    log : CleanLog
     airframe : Airframe
     reference : MotorSeries or None
         Thrust from commands: fixes the scale, and tells measured from computed speeds.
+
+    Returns
+    -------
+    RotorSpeed
     """
-    signal = first(log, "rotor_speed")
+    signal = log.first("rotor_speed")
     if signal is None:
         return RotorSpeed()
     columns = [channel - 1 for channel in airframe.channels] or list(range(airframe.n_rotors))
     if reference is None or max(columns) >= signal.values.shape[1]:
         return RotorSpeed(verdict=f"{signal.source}: {signal.values.shape[1]} speeds fit no known motors")
     speed = signal.values[:, columns]
-    up = flown(log, signal.position, np.nan_to_num(speed).mean(axis=1)) & np.isfinite(speed).all(axis=1)
+    up = log.flown(signal.time_s, np.nan_to_num(speed).mean(axis=1)) & np.isfinite(speed).all(axis=1)
     up &= ((speed > _SPEEDS[0]) & (speed < _SPEEDS[1])).all(axis=1)
     if np.count_nonzero(up) < _FEW_ROWS or np.ptp(speed[up]) < _LEAST_SPREAD * speed[up].mean():
         return RotorSpeed(verdict=f"{signal.source}: zero or constant in flight, not used")
@@ -69,16 +71,17 @@ def from_rotor_speed(log: FlightLog, airframe: Airframe, reference: MotorSeries 
         )
     scale = float(reference.thrust[row].mean() / np.mean(speed[up] ** 2))
     thrust = scale * speed**2
-    as_command = torque_of_thrust(reference.thrust, airframe.factors, np.ones(len(reference.thrust)))
-    ratio = _slope(reference.command[reference.flown], as_command[reference.flown])
+    # By how much the reference's thrust was raised against battery and air.
+    per_thrust = airframe.command_per_thrust
+    gain = _slope(reference.command[reference.flown], reference.thrust[reference.flown] @ per_thrust.T)
     return RotorSpeed(
         verdict=f"{signal.source}: follows the commanded thrust (correlation {likeness:.3f})",
         series=MotorSeries(
-            time_s=signal.time_s,
-            position=signal.position,
+            base=signal,
             thrust=thrust,
+            command_thrust=thrust / gain,
             actuator=np.sqrt(np.clip(thrust, 0.0, 1.0)),
-            command=torque_of_thrust(thrust, airframe.factors, np.full(len(thrust), ratio)),
+            command=thrust @ per_thrust.T / gain,
             saturated=None,
             flown=up,
             source=f"{signal.source} squared",
@@ -90,9 +93,7 @@ def from_rotor_speed(log: FlightLog, airframe: Airframe, reference: MotorSeries 
 
 def _likeness(speed: FloatArray, time_s: FloatArray, reference: MotorSeries) -> tuple[float, IntArray]:
     """Return how well speeds follow command or thrust, and the rows of the reference at their times."""
-    order = np.argsort(reference.time_s, kind="stable")
-    last = np.searchsorted(reference.time_s[order], time_s + 1e-9, side="right") - 1
-    row = order[np.maximum(last, 0)]
+    row = np.maximum(reference.base.last_before(time_s), 0)
     both = (
         _correlation(speed, reference.actuator[row]),
         _correlation(speed**2, reference.thrust[row]),

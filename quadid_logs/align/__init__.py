@@ -1,17 +1,20 @@
-"""FlightLog -> FlightData: one clock, one period, gaps kept as gaps, flights found."""
+"""One clock, one period, gaps kept as gaps, flights found.
+
+`clean` comes before the torque is rebuilt, `assemble` and `cut` after it.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from quadid_logs.align.clock import Clock, find_clock
-from quadid_logs.align.flights import Flights, Interval, find_flights
+from quadid_logs.align.flights import find_flights
 from quadid_logs.align.gyro import check_gyro
-from quadid_logs.align.series import Cleaner, CleanSeries
+from quadid_logs.align.series import GAP_PERIODS, Cleaner, CleanLog, CleanSeries, Interval, TorqueSeries
 from quadid_logs.align.sources import choose_sources, describe
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.flight import FlightData, InputDescription, Overview, Segment
@@ -22,8 +25,12 @@ from quadid_logs.maths.resampling import resample, resample_held
 from quadid_logs.maths.rotations import unwrapped
 from quadid_logs.vocabulary import MULTIROTOR, SIGNALS
 
-__all__ = ["Prepared", "align", "cut", "prepare"]
+__all__ = ["Prepared", "assemble", "clean", "cut"]
 
+#: The rigid body's content ends far below; loop rates above only add noise and time [Hz].
+_MOST_RATE_HZ = 400.0
+#: Shorter segments hold no full cycle of the slowest motion that the model must explain [s].
+_SHORTEST_SEGMENT_S = 2.0
 #: No rate loop of a multirotor runs slower than this [Hz]; a log that is as
 #: fast holds every output.
 _LOOP_RATE_HZ = 200.0
@@ -31,26 +38,109 @@ _LOOP_RATE_HZ = 200.0
 _EVERY_STEP = 0.9
 
 
-class Prepared(NamedTuple):
-    """A log on one clock, not yet resampled: by signal the cleaned sources and the chosen one."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Prepared:
+    """A log on one clock with its torque, not yet resampled.
+
+    Attributes
+    ----------
+    log : FlightLog
+    clean : CleanLog
+    candidates, series : mapping of str
+        By signal the sources, rebuilt ones among them, and the one that was chosen.
+    torque : TorqueSeries or None
+        What was chosen as L, M, N.
+    loop_rate_hz : float
+        Of the autopilot's rate loop, 0 where that is not known.
+    """
 
     log: FlightLog
-    clock: Clock
+    clean: CleanLog
     candidates: Mapping[str, Sequence[CleanSeries]]
     series: Mapping[str, CleanSeries]
-    torque: CleanSeries | None
-    flights: Flights
+    torque: TorqueSeries | None
+    loop_rate_hz: float = 0.0
+
+    @property
+    def flights(self) -> tuple[Interval, ...]:
+        """From take-off to landing (start_s, end_s)."""
+        return self.clean.flights
 
 
-def align(log: FlightLog, settings: AlignSettings) -> FlightData:
-    """Bring the log's signals onto one clock and a fixed period.
+def clean(log: FlightLog) -> CleanLog:
+    """Bring a log's signals onto one clock, each once, and find its flights.
 
     Parameters
     ----------
     log : FlightLog
         As a reader returns it.
+
+    Returns
+    -------
+    CleanLog
+        Without signals where the log has no time.
+    """
+    clock = find_clock(_signals_with_time(log))
+    cleaner = Cleaner(clock)
+    candidates = {
+        name: tuple(cleaner.clean(signal) for signal in log.candidates(name))
+        for name in (log.signals if log.has_time else ())
+    }
+    flights = find_flights(choose_sources(candidates), _span(clock))
+    return CleanLog(
+        log=log,
+        clock=clock,
+        candidates=candidates,
+        flights=flights.intervals,
+        on_ground_reason=flights.reason,
+    )
+
+
+def assemble(
+    log: FlightLog, cleaned: CleanLog, torques: Sequence[TorqueSeries], loop_rate_hz: float = 0.0
+) -> Prepared:
+    """Choose the source of every signal.
+
+    Parameters
+    ----------
+    log : FlightLog
+        With what is known of the torque.
+    cleaned : CleanLog
+    torques : sequence of TorqueSeries
+        All sources of torque, rebuilt or as logged, the preferred one of a kind first.
+    loop_rate_hz : float
+        Of the autopilot's rate loop, 0 where that is not known.
+
+    Returns
+    -------
+    Prepared
+    """
+    candidates: dict[str, Sequence[CleanSeries]] = dict(cleaned.candidates)
+    for name in ("torque_command", "torque_n_m"):
+        candidates[name] = [one.series for one in torques if one.series.name == name]
+    series = choose_sources(candidates)
+    chosen = series.get("torque_n_m") or series.get("torque_command")
+    torque = next((one for one in torques if one.series is chosen), None)
+    if torque is not None and torque.saturated is not None and torque.saturated.n_samples:
+        series["torque_saturation"] = torque.saturated
+        candidates["torque_saturation"] = [torque.saturated]
+    return Prepared(
+        log=log,
+        clean=cleaned,
+        candidates=candidates,
+        series=series,
+        torque=torque,
+        loop_rate_hz=loop_rate_hz,
+    )
+
+
+def cut(prepared: Prepared, settings: AlignSettings) -> FlightData:
+    """Resample the part of a log that the settings choose.
+
+    Parameters
+    ----------
+    prepared : Prepared
     settings : AlignSettings
-        ``sample_rate_hz``, ``start_s``, ``end_s`` and the thresholds on gaps and clocks.
 
     Returns
     -------
@@ -58,84 +148,31 @@ def align(log: FlightLog, settings: AlignSettings) -> FlightData:
         Without segments where the log lacks time, torque, rates or flight;
         what was found is described all the same.
     """
-    return cut(prepare(log, settings), settings)
-
-
-def prepare(log: FlightLog, settings: AlignSettings) -> Prepared:
-    """Bring the log's signals onto one clock and find its flights: the same for every part of the log.
-
-    Parameters
-    ----------
-    log : FlightLog
-    settings : AlignSettings
-        The thresholds on clocks and stamps.
-    """
-    clock = find_clock(_signals_with_time(log), settings)
-    cleaner = Cleaner(clock, settings)
-    candidates = {
-        name: [cleaner.clean(signal) for signal in log.candidates(name)]
-        for name in (log.signals if log.has_time else ())
-    }
-    series = choose_sources(candidates)
-    torque = series.get("torque_n_m") or series.get("torque_command")
-    _take_saturation(series, candidates, torque)
-    return Prepared(log, clock, candidates, series, torque, find_flights(series, _span(clock)))
-
-
-def cut(prepared: Prepared, settings: AlignSettings) -> FlightData:
-    """Resample what the settings ask for: ``start_s``, ``end_s``, ``sample_rate_hz``.
-
-    Parameters
-    ----------
-    prepared : Prepared
-        From `prepare`, with the same thresholds.
-    settings : AlignSettings
-
-    Returns
-    -------
-    FlightData
-        As of `align`.
-    """
-    log, clock, candidates, series, torque, flights = prepared
+    log, series, torque = prepared.log, prepared.series, prepared.torque
+    clock = prepared.clean.clock
     span = _span(clock)
-    intervals = _clip(flights.intervals, settings)
+    intervals = _clip(prepared.flights, settings)
     period_s = _period_s(torque, settings)
-    segments = _segments(series, torque, intervals, period_s, settings) if _may_be_multirotor(log) else ()
-    described = _input(log, torque, segments)
-    segments, described = _with_rotor_thrust(log, segments, described)
+    segments = _segments(series, torque, intervals, period_s) if _may_be_multirotor(log) else ()
     return FlightData(
         sample_period_s=period_s,
         segments=segments,
         flights=intervals,
         sources={
-            name: describe(chosen, candidates[name], intervals, settings) for name, chosen in series.items()
+            name: describe(chosen, prepared.candidates[name], intervals) for name, chosen in series.items()
         },
-        input=described,
+        input=_input(prepared, segments),
         start_s=span[0],
         duration_s=span[1] - span[0],
-        gyro_filter=series["body_rate"].signal.gyro_filter if "body_rate" in series else NO_GYRO_FILTER,
+        gyro_filter=series["body_rate"].gyro_filter if "body_rate" in series else NO_GYRO_FILTER,
         clock_resets=clock.n_resets,
-        on_ground_reason=flights.reason
+        on_ground_reason=prepared.clean.on_ground_reason
         or ("" if intervals else "the chosen part of the log holds no flight"),
-        gyro_check=check_gyro(series.get("body_rate"), series.get("attitude"), intervals, settings),
+        gyro_check=check_gyro(series.get("body_rate"), series.get("attitude"), intervals),
         overview={name: _overview(series[name]) for name in series if SIGNALS[name].columns},
         modes=_on_clock(log.modes, clock),
-        texts=_on_clock_texts(log.texts, clock),
+        texts=_texts_on_clock(log.texts, clock),
     )
-
-
-def _take_saturation(
-    series: dict[str, CleanSeries],
-    candidates: Mapping[str, Sequence[CleanSeries]],
-    torque: CleanSeries | None,
-) -> None:
-    """Replace the chosen saturation by that of the torque's own source; drop it where there is none."""
-    series.pop("torque_saturation", None)
-    source = None if torque is None else torque.signal.source
-    own = (one for one in candidates.get("torque_saturation", ()) if one.signal.source == source)
-    found = next(own, None)
-    if found is not None and found.time_s.size:
-        series["torque_saturation"] = found
 
 
 def _may_be_multirotor(log: FlightLog) -> bool:
@@ -154,46 +191,43 @@ def _span(clock: Clock) -> Interval:
 
 
 def _clip(intervals: Iterable[Interval], settings: AlignSettings) -> tuple[Interval, ...]:
-    """Keep what lies inside the part of the log that the user asked for."""
+    """Keep what lies inside the part of the log that the user chose."""
     clipped = [(max(a, settings.start_s), min(b, settings.end_s)) for a, b in intervals]
     return tuple((a, b) for a, b in clipped if b > a)
 
 
-def _period_s(torque: CleanSeries | None, settings: AlignSettings) -> float:
-    """Return the period to resample to: as asked, or that of the torque series, within bounds."""
+def _period_s(torque: TorqueSeries | None, settings: AlignSettings) -> float:
+    """Return the period to resample to: as set, or that of the torque series, within bounds."""
     if settings.sample_rate_hz:
         return 1.0 / settings.sample_rate_hz
-    if torque is None or not torque.period_s > 0.0:
-        return float("nan")
-    return max(torque.period_s, 1.0 / settings.max_sample_rate_hz)
+    if torque is None or not torque.series.period_s > 0.0:
+        return math.nan
+    return max(torque.series.period_s, 1.0 / _MOST_RATE_HZ)
 
 
 def _segments(
     series: Mapping[str, CleanSeries],
-    torque: CleanSeries | None,
+    torque: TorqueSeries | None,
     intervals: tuple[Interval, ...],
     period_s: float,
-    settings: AlignSettings,
 ) -> tuple[Segment, ...]:
-    """Resample the needed signals on every gap-free stretch of every flight."""
+    """Resample the needed signals on every gap-free part of every flight."""
     rate = series.get("body_rate")
     if torque is None or rate is None or not np.isfinite(period_s):
         return ()
     found = []
     for flight, interval in enumerate(intervals):
-        for stretch in _without_gaps(rate, interval, period_s, settings):
-            for start_s, end_s in _without_gaps(torque, stretch, period_s, settings):
-                if end_s - start_s >= settings.min_segment_s:
+        for logged in _without_gaps(rate, interval, period_s):
+            for start_s, end_s in _without_gaps(torque.series, logged, period_s):
+                if end_s - start_s >= _SHORTEST_SEGMENT_S:
                     n_samples = int((end_s - start_s) / period_s + 1e-6) + 1
                     grid = start_s + period_s * np.arange(n_samples, dtype=np.float64)
-                    found.append(_segment(series, torque, rate, grid, flight))
+                    found.append(replace(_segment(series, torque, grid), flight=flight))
     return tuple(found)
 
 
-def _without_gaps(
-    series: CleanSeries, interval: Interval, period_s: float, settings: AlignSettings
-) -> list[Interval]:
-    """Return the stretches of the interval between samples that follow each other without a gap.
+def _without_gaps(series: CleanSeries, interval: Interval, period_s: float) -> list[Interval]:
+    """Return the parts of the interval between samples that follow each other without a gap.
 
     Faster logging than the grid needs may pause for as long as the grid's own period allows.
     """
@@ -201,39 +235,38 @@ def _without_gaps(
     if time_s.size < 2:
         return []
     # A microsecond of slack: stamps are rounded to it.
-    longest_s = settings.gap_periods * max(series.period_s, period_s) + 1e-6
+    longest_s = GAP_PERIODS * max(series.period_s, period_s) + 1e-6
     breaks = np.flatnonzero(np.diff(time_s) > longest_s)
     first = np.concatenate([[0], breaks + 1])
     last = np.concatenate([breaks, [time_s.size - 1]])
     return [(float(time_s[a]), float(time_s[b])) for a, b in zip(first, last, strict=True) if b > a]
 
 
-def _segment(
-    series: Mapping[str, CleanSeries], torque: CleanSeries, rate: CleanSeries, grid: FloatArray, flight: int
-) -> Segment:
-    attitude = series.get("attitude")
-    throttle = series.get("throttle")
+def _segment(series: Mapping[str, CleanSeries], torque: TorqueSeries, grid: FloatArray) -> Segment:
+    rate, attitude, throttle = series["body_rate"], series.get("attitude"), series.get("throttle")
+    thrust = torque.rotor_thrust
     return Segment(
         time_s=grid,
         body_rate_rad_s=resample(rate.time_s, rate.values, grid),
-        torque=_torque(torque, grid),
+        torque=_on_grid(torque.series, torque.series.values, grid),
         attitude_rad=None if attitude is None else _attitude(attitude, grid),
         throttle=None if throttle is None else resample(throttle.time_s, throttle.values, grid)[:, 0],
         saturated=_saturated(series.get("torque_saturation"), grid),
         reference=_reference(series, grid),
-        flight=flight,
+        # What comes out of a low-pass may fall a hair below zero.
+        rotor_thrust=None if thrust is None else np.clip(_on_grid(torque.series, thrust, grid), 0.0, None),
     )
 
 
-def _torque(torque: CleanSeries, grid: FloatArray) -> FloatArray:
-    """Return the torque on the grid: held between the outputs of a loop, interpolated if logged slower.
+def _on_grid(torque: CleanSeries, values: FloatArray, grid: FloatArray) -> FloatArray:
+    """Return torque or thrust on the grid: held between the outputs of a loop, interpolated if logged slower.
 
     The motors obey an output until the next one comes, so where every output is
     logged, and comes at uneven times, holding is exact and interpolating is not.
     """
     if torque.rate_hz < _LOOP_RATE_HZ:
-        return resample(torque.time_s, torque.values, grid)
-    return resample_held(torque.time_s, torque.values, grid)
+        return resample(torque.time_s, values, grid)
+    return resample_held(torque.time_s, values, grid)
 
 
 def _saturated(marks: CleanSeries | None, grid: FloatArray) -> BoolArray:
@@ -280,70 +313,35 @@ def _attitude(attitude: CleanSeries, grid: FloatArray) -> FloatArray | None:
     return resample(time_s, unwrapped(values), grid)
 
 
-def _input(
-    log: FlightLog, torque: CleanSeries | None, segments: tuple[Segment, ...]
-) -> InputDescription | None:
-    if torque is None:
+def _input(prepared: Prepared, segments: tuple[Segment, ...]) -> InputDescription | None:
+    """Say what L, M, N are in the segments."""
+    if prepared.torque is None:
         return None
-    name = torque.signal.name
+    series, model = prepared.torque.series, prepared.log.torque
     n_samples = sum(segment.n_samples for segment in segments)
     n_saturated = sum(int(np.count_nonzero(segment.saturated)) for segment in segments)
+    loop_hz = prepared.loop_rate_hz
     return InputDescription(
-        kind=name,
-        unit="N m" if name == "torque_n_m" else "1",
-        source=torque.signal.source,
+        kind=series.name,
+        unit="N m" if series.name == "torque_n_m" else "1",
+        source=series.source,
         saturated_fraction=n_saturated / n_samples if n_samples else 0.0,
-        achieved=torque.signal.achieved,
-        calibration=log.torque.calibration if log.torque is not None else Calibration(),
-        every_step=_logs_every_step(log, torque),
+        achieved=series.achieved,
+        calibration=Calibration() if model is None else model.calibration,
+        torque_per_thrust=prepared.torque.torque_per_thrust,
+        every_step=loop_hz > 0.0 and 1.0 / series.period_s >= _EVERY_STEP * loop_hz,
     )
-
-
-def _with_rotor_thrust(
-    log: FlightLog, segments: tuple[Segment, ...], described: InputDescription | None
-) -> tuple[tuple[Segment, ...], InputDescription | None]:
-    """Add the thrust that each rotor needs for torque and throttle, where the allocation is known."""
-    if described is None or log.torque is None or not log.torque.n_rotors:
-        return segments, described
-    allocation = log.torque.allocation
-    unit = np.ones(3) if described.unit == "1" else np.array(described.calibration.n_m_per_command)
-    if (
-        not (np.isfinite(allocation).all() and np.isfinite(unit).all())
-        or int(np.linalg.matrix_rank(allocation)) < allocation.shape[1]
-        or any(segment.throttle is None for segment in segments)
-    ):
-        return segments, described
-    found = []
-    for segment in segments:
-        command = np.column_stack([segment.torque / unit, np.asarray(segment.throttle)])
-        found.append(replace(segment, rotor_thrust=np.clip(command @ allocation.T, 0.0, None)))
-    per_thrust = unit[:, np.newaxis] * np.linalg.pinv(allocation)[:3]
-    return tuple(found), replace(described, torque_per_thrust=per_thrust)
-
-
-def _logs_every_step(log: FlightLog, torque: CleanSeries) -> bool:
-    """Say whether the log holds the torque of each step of the control loop.
-
-    The loop's rate is ArduPilot's SCHED_LOOP_RATE or PX4's IMU_GYRO_RATEMAX (0: as fast as the gyro).
-    """
-    loop_hz = max(log.parameters.get(name, 0.0) for name in ("SCHED_LOOP_RATE", "IMU_GYRO_RATEMAX"))
-    return bool(loop_hz > 0.0 and 1.0 / torque.period_s >= _EVERY_STEP * loop_hz)
 
 
 def _overview(series: CleanSeries) -> Overview:
-    name = series.signal.name
-    return Overview(signal=name, columns=SIGNALS[name].columns, time_s=series.time_s, values=series.values)
+    return Overview(
+        signal=series.name, columns=SIGNALS[series.name].columns, time_s=series.time_s, values=series.values
+    )
 
 
 def _on_clock(modes: Iterable[ModeChange], clock: Clock) -> tuple[ModeChange, ...]:
-    return tuple(
-        ModeChange(time_s=clock.time_at(mode.time_s, mode.position), position=mode.position, name=mode.name)
-        for mode in modes
-    )
+    return tuple(replace(mode, time_s=clock.time_at(mode.time_s, mode.position)) for mode in modes)
 
 
-def _on_clock_texts(texts: Iterable[LogText], clock: Clock) -> tuple[LogText, ...]:
-    return tuple(
-        LogText(time_s=clock.time_at(text.time_s, text.position), position=text.position, text=text.text)
-        for text in texts
-    )
+def _texts_on_clock(texts: Iterable[LogText], clock: Clock) -> tuple[LogText, ...]:
+    return tuple(replace(text, time_s=clock.time_at(text.time_s, text.position)) for text in texts)

@@ -9,8 +9,13 @@ import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.log import Signal
-from quadid_logs.data.settings import AlignSettings
 
+#: Logged rows are out of order by at most some 100 ms; time falling by more is a reboot [s].
+RESET_S = 1.0
+#: A longer pause than any battery lasts is a clock that was set, not a flight [s].
+JUMP_S = 3600.0
+#: A single stamp this far from both its neighbours in the file is damaged [s].
+OUTLIER_S = 5.0
 #: Neighbours on each side that a stamp is compared with. Four outvote a burst
 #: of three damaged rows, and a reboot still has a clean edge.
 _NEIGHBOURS = 4
@@ -24,7 +29,7 @@ EVENTS = frozenset({"armed", "landed"})
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Clock:
-    """The epochs of a log: stretches of the file over which its clock ran on.
+    """The epochs of a log: parts of the file over which its clock ran on.
 
     Attributes
     ----------
@@ -62,7 +67,7 @@ class Clock:
         """Mark stamps that are not finite or far from what the clock showed at that place in the file."""
         if self.time_s.size == 0:
             return ~np.isfinite(time_s)
-        wild = np.empty(time_s.shape, dtype=bool)
+        bad = np.empty(time_s.shape, dtype=bool)
         # In parts, which stay in the processor's cache.
         for first in range(0, time_s.size, _ROWS):
             part = slice(first, first + _ROWS)
@@ -70,8 +75,8 @@ class Clock:
             off = np.abs(time_s[part] - self.time_s[nearest])
             before = np.abs(time_s[part] - self.time_s[np.maximum(nearest - 1, 0)])
             # At a reset the rows on either side disagree: being near one of them is enough.
-            wild[part] = ~(np.minimum(off, before) <= tolerance_s)
-        return wild
+            bad[part] = ~(np.minimum(off, before) <= tolerance_s)
+        return bad
 
     def _row_at(self, position: IntArray) -> IntArray:
         """Return the first row at or behind each file position, looked up in the part that holds them all."""
@@ -84,16 +89,25 @@ class Clock:
         return float(self.common_time(np.array([time_s]), np.array([position]))[0])
 
 
-def find_clock(signals: Iterable[Signal], settings: AlignSettings) -> Clock:
+def find_clock(signals: Iterable[Signal]) -> Clock:
     """Split a log where its clock fell (a reboot) or jumped ahead.
 
     All signals vote together in file order: one late row is out of order, but
     when every row from here on is earlier than every row before, the clock
     was reset.
+
+    Parameters
+    ----------
+    signals : iterable of Signal
+        Those of one message share their rows, which vote once.
+
+    Returns
+    -------
+    Clock
     """
     position, time_s = _merged(signals)
-    wild = is_outlier(time_s, settings.outlier_stamp_s)
-    position, time_s = position[~wild], time_s[~wild]
+    bad = is_outlier(time_s, OUTLIER_S)
+    position, time_s = position[~bad], time_s[~bad]
     if time_s.size == 0:
         zero = np.zeros(1)
         nowhere = np.zeros(0, np.int64)
@@ -105,7 +119,7 @@ def find_clock(signals: Iterable[Signal], settings: AlignSettings) -> Clock:
             position=nowhere,
             time_s=np.zeros(0),
         )
-    starts = np.concatenate([[0], _breaks(time_s, settings)])
+    starts = np.concatenate([[0], _breaks(time_s)])
     first_s = np.minimum.reduceat(time_s, starts)
     last_s = np.maximum.reduceat(time_s, starts)
     shift_s = np.zeros(len(starts))
@@ -131,12 +145,12 @@ def is_outlier(time_s: FloatArray, tolerance_s: float) -> BoolArray:
     finite = np.isfinite(time_s)
     if np.count_nonzero(finite) <= 2 * _NEIGHBOURS:
         return ~finite
-    wild = ~finite
+    bad = ~finite
     known = time_s if finite.all() else time_s[finite]
-    wild[finite] = np.concatenate(
+    bad[finite] = np.concatenate(
         [_far_from_neighbours(known, first, tolerance_s) for first in range(0, known.size, _STAMPS)]
     )
-    return wild
+    return bad
 
 
 def _far_from_neighbours(time_s: FloatArray, first: int, tolerance_s: float) -> BoolArray:
@@ -151,29 +165,26 @@ def _far_from_neighbours(time_s: FloatArray, first: int, tolerance_s: float) -> 
 
 def _merged(signals: Iterable[Signal]) -> tuple[IntArray, FloatArray]:
     """Return positions and times of all signals in file order, each message counted once."""
-    distinct: dict[tuple[int, int, int], Signal] = {}
-    for signal in signals:
-        if signal.n_samples and signal.name not in EVENTS:
-            key = (int(signal.position[0]), int(signal.position[-1]), signal.n_samples)
-            distinct.setdefault(key, signal)
+    periodic = (signal.rows for signal in signals if signal.name not in EVENTS)
+    distinct = dict.fromkeys(rows for rows in periodic if rows.n_samples)
     if not distinct:
         return np.zeros(0, np.int64), np.zeros(0)
-    position = np.concatenate([signal.position for signal in distinct.values()])
-    time_s = np.concatenate([signal.time_s for signal in distinct.values()])
+    position = np.concatenate([rows.position for rows in distinct])
+    time_s = np.concatenate([rows.time_s for rows in distinct])
     order = np.argsort(position, kind="stable")
     return position[order], time_s[order]
 
 
-def _breaks(time_s: FloatArray, settings: AlignSettings) -> IntArray:
+def _breaks(time_s: FloatArray) -> IntArray:
     """Return the indices at which a new epoch begins."""
     n = 2 * _NEIGHBOURS
     if time_s.size < 2:
         return np.zeros(0, np.int64)
     # Almost all rows are in order: look closely only where the clock moved a lot.
     step = np.diff(time_s)
-    suspect = np.flatnonzero((step < -settings.clock_reset_s) | (step > settings.clock_jump_s))
-    before = time_s[np.clip(suspect[:, np.newaxis] - np.arange(n), 0, None)]
-    after = time_s[np.clip(suspect[:, np.newaxis] + 1 + np.arange(n), None, time_s.size - 1)]
-    fell = after.max(axis=1) < before.min(axis=1) - settings.clock_reset_s
-    jumped = after.min(axis=1) > before.max(axis=1) + settings.clock_jump_s
-    return np.asarray(suspect[fell | jumped] + 1, dtype=np.int64)
+    candidate = np.flatnonzero((step < -RESET_S) | (step > JUMP_S))
+    before = time_s[np.clip(candidate[:, np.newaxis] - np.arange(n), 0, None)]
+    after = time_s[np.clip(candidate[:, np.newaxis] + 1 + np.arange(n), None, time_s.size - 1)]
+    fell = after.max(axis=1) < before.min(axis=1) - RESET_S
+    jumped = after.min(axis=1) > before.max(axis=1) + JUMP_S
+    return np.asarray(candidate[fell | jumped] + 1, dtype=np.int64)

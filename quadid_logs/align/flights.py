@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from quadid_logs.align.series import CleanSeries
+from quadid_logs.align.series import CleanSeries, Interval
 from quadid_logs.arrays import BoolArray, FloatArray
 
 #: Take-off and touch-down push on the vehicle with forces that no model of free flight has.
 _GROUND_MARGIN_S = 1.0
-#: Motors of a flying multirotor never rest below this share of full throttle.
+#: Motors of a multirotor in the air never rest below this fraction of full throttle.
 _IDLE_THROTTLE = 0.05
 #: Two flights lie at least this far apart; a shorter dip of the evidence is a bounce.
 _MIN_PAUSE_S = 1.0
@@ -20,8 +20,6 @@ _MIN_PAUSE_S = 1.0
 _SHORT_LOG_S = 10.0
 #: Between two samples of slow evidence (1 Hz land detector) its value is held.
 _GRID_S = 0.1
-
-Interval = tuple[float, float]
 
 
 class Flights(NamedTuple):
@@ -54,7 +52,7 @@ def find_flights(series: Mapping[str, CleanSeries], span: Interval) -> Flights:
         return Flights((), "the log covers no time")
     # A clock that jumped far ahead must not cost memory: at most a million points.
     grid = np.linspace(*span, min(int((span[1] - span[0]) / _GRID_S) + 2, 1_000_000))
-    flying = np.ones(grid.shape, dtype=bool)
+    aloft = np.ones(grid.shape, dtype=bool)
     evidence = 0
     for name, believe, failure in (
         ("armed", _is_set, "the motors were never armed"),
@@ -64,12 +62,12 @@ def find_flights(series: Mapping[str, CleanSeries], span: Interval) -> Flights:
         if name not in series:
             continue
         evidence += 1
-        flying &= believe(series[name], grid)
-        if not flying.any():
+        aloft &= believe(series[name], grid)
+        if not aloft.any():
             return Flights((), f"{failure}{_in_so_short(span)}")
     if not evidence:
         return _from_motion(series)
-    intervals = _intervals(flying, grid)
+    intervals = _intervals(aloft, grid)
     trimmed = tuple((a + _GROUND_MARGIN_S, b - _GROUND_MARGIN_S) for a, b in intervals)
     lasting = tuple((a, b) for a, b in trimmed if b > a)
     return Flights(lasting, "" if lasting else "the vehicle was in the air for less than two seconds")
@@ -83,7 +81,7 @@ def _in_so_short(span: Interval) -> str:
 
 def _from_motion(series: Mapping[str, CleanSeries]) -> Flights:
     """Without any other evidence, take the span over which the torque changes."""
-    torque = series.get("torque_n_m") or series.get("torque_command")
+    torque = series.get("torque_n_m") or series.get("torque_command") or series.get("motor_thrust")
     if torque is None:
         return Flights((), "the log tells neither arming, nor landing, nor throttle, nor torque")
     moving = np.flatnonzero(np.any(np.diff(torque.values, axis=0) != 0.0, axis=1))
@@ -117,7 +115,7 @@ def _above_idle(series: CleanSeries, grid: FloatArray) -> BoolArray:
 
 
 def _intervals(mask: BoolArray, grid: FloatArray) -> list[Interval]:
-    """Return the stretches where the mask holds, bridging short dips."""
+    """Return the intervals where the mask holds, bridging short dips."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     found: list[Interval] = []
     for first, after in zip(edges[::2], edges[1::2], strict=True):

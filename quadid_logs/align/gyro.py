@@ -6,39 +6,34 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from quadid_logs.align.flights import Interval
-from quadid_logs.align.series import CleanSeries
+from quadid_logs.align.series import GAP_PERIODS, CleanSeries, Interval
 from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.data.flight import GyroCheck
-from quadid_logs.data.settings import AlignSettings
 from quadid_logs.maths.gyro_attitude import fit_gyro_to_attitude
 from quadid_logs.maths.rotations import unwrapped
 
 #: Long enough for the noise of an angle to be small against its change, short enough for the
 #: corrections by compass and GPS, which no gyro shows, to be small too.
-_STRETCH_S = 1.0
+_INTERVAL_S = 1.0
 #: Five minutes of flight say all that the check can say; it stays as quick on an hour.
-_MOST_STRETCHES = 300
+_MOST_INTERVALS = 300
 #: A clock that jumped far ahead must not cost memory: no flight lasts a week.
 _LONGEST_S = 7.0 * 86_400.0
 #: Three equations each, for thirteen unknowns, and still enough to tell a habit from an accident.
-_FEWEST_STRETCHES = 20
+_FEWEST_INTERVALS = 20
 
 
 def check_gyro(
     rate: CleanSeries | None,
     attitude: CleanSeries | None,
     flights: Sequence[Interval],
-    settings: AlignSettings,
 ) -> GyroCheck | None:
-    """Fit the body rates to the change of attitude over stretches of a second.
+    """Fit the body rates to the change of attitude over intervals of a second.
 
     Parameters
     ----------
     rate, attitude : CleanSeries or None
     flights : sequence of (start_s, end_s)
-    settings : AlignSettings
-        For what a gap is.
 
     Returns
     -------
@@ -47,36 +42,34 @@ def check_gyro(
     """
     if rate is None or attitude is None or min(rate.time_s.size, attitude.time_s.size) < 4:
         return None
-    stretches = _stretches(rate, attitude, flights, settings)
-    if stretches.shape[0] < _FEWEST_STRETCHES:
+    pairs = _intervals(rate, attitude, flights)
+    if pairs.shape[0] < _FEWEST_INTERVALS:
         return None
-    # Only what lies around the stretches: hours of flight or on the ground cost nothing.
-    spans_s = attitude.time_s[stretches] + (-_STRETCH_S, _STRETCH_S)
+    # Only what lies around the intervals: hours of flight or on the ground cost nothing.
+    spans_s = attitude.time_s[pairs] + (-_INTERVAL_S, _INTERVAL_S)
     rates, attitudes = _rows_within(rate, spans_s), _rows_within(attitude, spans_s)
     fit = fit_gyro_to_attitude(
         rate.time_s[rates],
         rate.values[rates],
         attitude.time_s[attitudes],
         unwrapped(attitude.values[attitudes]),
-        np.searchsorted(attitudes, stretches),
+        np.searchsorted(attitudes, pairs),
     )
-    if fit is None or fit.start_s.size < _FEWEST_STRETCHES:
+    if fit is None or fit.start_s.size < _FEWEST_INTERVALS:
         return None
-    return GyroCheck(stretch_s=_STRETCH_S, **fit._asdict())
+    return GyroCheck(stretch_s=_INTERVAL_S, **fit._asdict())
 
 
-def _stretches(
-    rate: CleanSeries, attitude: CleanSeries, flights: Sequence[Interval], settings: AlignSettings
-) -> IntArray:
-    """Return first and last attitude sample of stretches in the air that neither signal pauses in."""
+def _intervals(rate: CleanSeries, attitude: CleanSeries, flights: Sequence[Interval]) -> IntArray:
+    """Return first and last attitude sample of intervals in the air that neither signal pauses in."""
     edges = [_edges(attitude, flight) for flight in flights]
     pairs = np.concatenate(
         [np.column_stack([each[:-1], each[1:]]) for each in edges if each.size > 1]
         or [np.zeros((0, 2), dtype=np.intp)]
     )
     start_s, end_s = attitude.time_s[pairs.T]
-    longest_s = settings.gap_periods * max(rate.period_s, attitude.period_s) + 1e-6
-    good = (end_s - start_s < 1.5 * _STRETCH_S) & (start_s >= rate.time_s[0]) & (end_s <= rate.time_s[-1])
+    longest_s = GAP_PERIODS * max(rate.period_s, attitude.period_s) + 1e-6
+    good = (end_s - start_s < 1.5 * _INTERVAL_S) & (start_s >= rate.time_s[0]) & (end_s <= rate.time_s[-1])
     for series in (rate, attitude):
         pauses = np.concatenate([[0], np.cumsum(np.diff(series.time_s) > longest_s)])
         last = series.time_s.size - 1
@@ -84,7 +77,7 @@ def _stretches(
         after = np.minimum(np.searchsorted(series.time_s, end_s), last)
         good &= pauses[before] == pauses[after]
     kept = pairs[good]
-    return np.asarray(kept[:: -(-kept.shape[0] // _MOST_STRETCHES) or 1], dtype=np.intp)
+    return np.asarray(kept[:: -(-kept.shape[0] // _MOST_INTERVALS) or 1], dtype=np.intp)
 
 
 def _rows_within(series: CleanSeries, spans_s: FloatArray) -> IntArray:
@@ -98,5 +91,5 @@ def _rows_within(series: CleanSeries, spans_s: FloatArray) -> IntArray:
 def _edges(attitude: CleanSeries, flight: Interval) -> IntArray:
     """Return the attitude sample that comes first in each second of the flight."""
     end_s = min(flight[1], flight[0] + _LONGEST_S)
-    found = np.searchsorted(attitude.time_s, np.arange(flight[0], end_s, _STRETCH_S))
+    found = np.searchsorted(attitude.time_s, np.arange(flight[0], end_s, _INTERVAL_S))
     return np.asarray(np.unique(found[found < attitude.time_s.size]), dtype=np.intp)

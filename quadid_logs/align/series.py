@@ -1,16 +1,16 @@
-"""From a logged signal to a clean series: sorted, one value per time, counted losses."""
+"""Signals on the log's one clock: sorted, one value per time, counted losses."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from quadid_logs.align.clock import EVENTS, Clock
+from quadid_logs.align.clock import EVENTS, JUMP_S, OUTLIER_S, Clock
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
-from quadid_logs.data.log import Signal
-from quadid_logs.data.settings import AlignSettings
+from quadid_logs.data.log import NO_GYRO_FILTER, FlightLog, GyroFilter, Rows, Signal
 from quadid_logs.maths.resampling import typical_period
 
 #: In SI units nothing that a multirotor logs comes near this: such a number is damage, and its
@@ -18,28 +18,54 @@ from quadid_logs.maths.resampling import typical_period
 _IMPOSSIBLE = 1e6
 #: No log's clock is finer [s]: what is closer than this has the same time.
 _SAME_TIME_S = 1e-9
-#: Address, number of elements, strides.
-_Place = tuple[int, int, tuple[int, ...]]
+#: A pause longer than this many periods stays a gap: interpolating over it invents data.
+GAP_PERIODS = 3.0
+#: In flight the throttle stays above this much of its median: motors that idle on the ground are not flown.
+_FLOWN_THROTTLE = 0.5
 _ONE_COLUMN_PER_MOTOR = frozenset({"motor_thrust", "rotor_speed", "output_pwm"})
+
+Interval = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CleanSeries:
-    """A signal on the common clock.
+    """A signal on the common clock, as logged or rebuilt.
 
-    ``time_s`` (n_samples,) strictly increasing [s]; ``values`` (n_samples,
-    n_columns). ``period_s`` is the typical sample period [s], NaN for fewer than
-    two samples. The counts say what was dropped, merged or put in order.
+    Attributes
+    ----------
+    name : str
+        Canonical name, a key of `vocabulary.SIGNALS`.
+    rows : Rows
+        Of the message that it was logged in or rebuilt from: series of one message share the object.
+    time_s : ndarray, shape (n_samples,)
+        Strictly increasing [s].
+    values : ndarray, shape (n_samples, n_columns)
+    period_s : float
+        Typical sample period [s], NaN for fewer than two samples.
+    source, reason, gyro_filter, achieved
+        As of `Signal`.
+    n_duplicate, n_out_of_order, n_outliers, n_not_finite : int
+        Rows that were merged, put in order, or dropped.
     """
 
-    signal: Signal
+    name: str
+    rows: Rows
     time_s: FloatArray
     values: FloatArray
     period_s: float
-    n_duplicate: int
-    n_out_of_order: int
-    n_outliers: int
-    n_not_finite: int
+    source: str
+    reason: str = ""
+    gyro_filter: GyroFilter = NO_GYRO_FILTER
+    achieved: bool = False
+    n_duplicate: int = 0
+    n_out_of_order: int = 0
+    n_outliers: int = 0
+    n_not_finite: int = 0
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples."""
+        return int(self.time_s.shape[0])
 
     @property
     def rate_hz(self) -> float:
@@ -51,21 +77,98 @@ class CleanSeries:
         first, last = np.searchsorted(self.time_s, [start_s, end_s + 1e-9])
         return slice(int(first), int(last))
 
+    def at(self, time_s: FloatArray, column: int = 0) -> FloatArray:
+        """Interpolate a column to other times, held beyond the ends; shape of `time_s`."""
+        return np.asarray(np.interp(time_s, self.time_s, self.values[:, column]), dtype=np.float64)
 
-class _Rows(NamedTuple):
-    """Times (n_samples,), values (n_samples, n_columns), and which values are known."""
+    def last_before(self, time_s: FloatArray) -> IntArray:
+        """Return the number of the last sample at or before each time, -1 ahead of the first one."""
+        return np.asarray(np.searchsorted(self.time_s, time_s + _SAME_TIME_S, side="right") - 1, np.int64)
 
-    time_s: FloatArray
-    values: FloatArray
-    known: BoolArray
+    def take(self, samples: IntArray | BoolArray) -> CleanSeries:
+        """Return chosen samples, in order of time; the rate stays that of the whole."""
+        return replace(self, time_s=self.time_s[samples], values=self.values[samples])
 
-    def at(self, chosen: BoolArray | IntArray) -> _Rows:
-        """Return the chosen rows."""
-        return _Rows(self.time_s[chosen], self.values[chosen], self.known[chosen])
 
-    def where(self, chosen: BoolArray) -> _Rows:
-        """Return the marked rows; where all are, as in most logs, nothing is copied."""
-        return self if chosen.all() else self.at(chosen)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TorqueSeries:
+    """A torque, and what is known beside it.
+
+    Attributes
+    ----------
+    series : CleanSeries
+        ``torque_command`` or ``torque_n_m``; ``achieved`` where the motors' limits are in it.
+    saturated : CleanSeries or None
+        ``torque_saturation``: where the axes got less than was commanded; None where that is not known.
+    rotor_thrust : ndarray, shape (n_samples, n_rotors), or None
+        Thrust of each rotor; the unit is that of ``torque_per_thrust``.
+    torque_per_thrust : ndarray, shape (3, n_rotors), or None
+        L, M, N per unit of each rotor's thrust; None where the rotors are not known.
+    """
+
+    series: CleanSeries
+    saturated: CleanSeries | None = None
+    rotor_thrust: FloatArray | None = None
+    torque_per_thrust: FloatArray | None = None
+
+    def possible(self) -> TorqueSeries:
+        """Drop the samples that no multirotor can have, as cleaning does with what was logged."""
+        good = np.asarray((np.abs(self.series.values) < _IMPOSSIBLE).all(axis=1), dtype=np.bool_)
+        if good.all():
+            return self
+        lost = int(np.count_nonzero(~good))
+        thrust = None if self.rotor_thrust is None else self.rotor_thrust[good]
+        series = replace(self.series.take(good), n_not_finite=self.series.n_not_finite + lost)
+        return replace(self, series=series, rotor_thrust=thrust)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CleanLog:
+    """A log whose signals are on one clock, and its flights.
+
+    Attributes
+    ----------
+    log : FlightLog
+    clock : Clock
+    candidates : mapping of str to tuple of CleanSeries
+        All sources of each signal, the preferred one first.
+    flights : tuple of (start_s, end_s)
+        From take-off to landing.
+    on_ground_reason : str
+        Why there is none.
+    """
+
+    log: FlightLog
+    clock: Clock
+    candidates: Mapping[str, tuple[CleanSeries, ...]]
+    flights: tuple[Interval, ...] = ()
+    on_ground_reason: str = ""
+
+    def sources(self, name: str) -> tuple[CleanSeries, ...]:
+        """Return the sources of a signal that hold any sample, the preferred one first."""
+        return tuple(one for one in self.candidates.get(name, ()) if one.n_samples)
+
+    def first(self, name: str) -> CleanSeries | None:
+        """Return the preferred source of a signal, None where there is none."""
+        return next(iter(self.sources(name)), None)
+
+    def at(self, name: str, time_s: FloatArray, *, missing: float) -> FloatArray:
+        """Interpolate the preferred source of a signal; `missing` where there is none."""
+        found = self.first(name)
+        return np.full(time_s.shape, missing) if found is None else found.at(time_s)
+
+    def flown(self, time_s: FloatArray, throttle: FloatArray) -> BoolArray:
+        """Mark the times at which the vehicle was certainly off the ground; shape (n_samples,).
+
+        In a flight, and at more than half of the throttle that is typical there.
+        """
+        up = np.zeros(time_s.shape, dtype=np.bool_)
+        for start_s, end_s in self.flights:
+            up |= (time_s >= start_s) & (time_s <= end_s)
+        up &= np.isfinite(throttle)
+        if up.any():
+            up &= throttle > _FLOWN_THROTTLE * float(np.median(throttle[up]))
+        return up
 
 
 class _Order(NamedTuple):
@@ -77,6 +180,13 @@ class _Order(NamedTuple):
     period_s: float
 
 
+class _Stamps(NamedTuple):
+    """The stamps of a message on the common clock, and which are damaged."""
+
+    time_s: FloatArray
+    outlier: BoolArray
+
+
 class Cleaner:
     """Puts the signals of a log onto its common clock.
 
@@ -85,67 +195,72 @@ class Cleaner:
     Parameters
     ----------
     clock : Clock
-    settings : AlignSettings
-        The thresholds on stamps.
     """
 
-    def __init__(self, clock: Clock, settings: AlignSettings) -> None:
+    def __init__(self, clock: Clock) -> None:
         self._clock = clock
-        self._settings = settings
-        # The signals kept beside hold the memory that the keys name.
-        self._wild: dict[tuple[_Place, _Place, float], tuple[Signal, BoolArray]] = {}
-        self._orders: dict[_Place, tuple[Signal, _Order]] = {}
+        self._stamps: dict[tuple[Rows, float], _Stamps] = {}
+        self._orders: dict[tuple[Rows, float], _Order] = {}
 
     def clean(self, signal: Signal) -> CleanSeries:
-        """Drop wild stamps and impossible values, put rows in order, merge repeated stamps.
+        """Drop damaged stamps and impossible values, put rows in order, merge repeated stamps.
 
         Rows are ordered by time *within* an epoch only; a reboot is never sorted
         away. Of rows with the same stamp the last stands: it is what the
         autopilot knew last at that time.
+
+        Parameters
+        ----------
+        signal : Signal
+
+        Returns
+        -------
+        CleanSeries
         """
-        wild = self._wild_stamps(signal)
+        # An event may stand alone, minutes from the periodic rows around it in the file.
+        key = signal.rows, JUMP_S if signal.name in EVENTS else OUTLIER_S
+        stamps = self._stamps_of(*key)
         known = _is_possible(signal.values)
         finite = _says_something(known, signal.name in _ONE_COLUMN_PER_MOTOR)
-        rows = _Rows(self._clock.common_time(signal.time_s, signal.position), signal.values, known)
-        rows = rows.where(~wild & finite)
-        order = self._order(rows.time_s, signal)
+        n_not_finite = int(np.count_nonzero(~stamps.outlier & ~finite))
+        time_s, values = stamps.time_s, signal.values
+        kept = ~stamps.outlier & finite
+        if not kept.all():  # in most logs all are, and nothing is copied
+            time_s, values, known = time_s[kept], values[kept], known[kept]
+        order = _order_of(time_s) if n_not_finite else self._order(key, time_s)
         if order.chosen is not None:
-            rows = rows.at(order.chosen)
+            time_s, values, known = time_s[order.chosen], values[order.chosen], known[order.chosen]
         return CleanSeries(
-            signal=signal,
-            time_s=rows.time_s,
-            values=rows.values if _all(rows.known) else np.where(rows.known, rows.values, np.nan),
+            name=signal.name,
+            rows=signal.rows,
+            time_s=time_s,
+            values=values if _all(known) else np.where(known, values, np.nan),
             period_s=order.period_s,
+            source=signal.source,
+            reason=signal.reason,
+            gyro_filter=signal.gyro_filter,
+            achieved=signal.achieved,
             n_duplicate=order.n_duplicate,
             n_out_of_order=order.n_out_of_order,
-            n_outliers=int(np.count_nonzero(wild)),
-            n_not_finite=int(np.count_nonzero(~wild & ~finite)),
+            n_outliers=int(np.count_nonzero(stamps.outlier)),
+            n_not_finite=n_not_finite,
         )
 
-    def _wild_stamps(self, signal: Signal) -> BoolArray:
-        """Mark the stamps that are far from what the clock showed."""
-        # An event may stand alone, minutes from the periodic rows around it in the file.
-        is_event = signal.name in EVENTS
-        tolerance_s = self._settings.clock_jump_s if is_event else self._settings.outlier_stamp_s
-        key = (_place(signal.time_s), _place(signal.position), tolerance_s)
-        if key not in self._wild:
-            wild = self._clock.is_outlier(signal.time_s, signal.position, tolerance_s)
-            self._wild[key] = signal, wild
-        return self._wild[key][1]
+    def _stamps_of(self, rows: Rows, tolerance_s: float) -> _Stamps:
+        """Return the stamps of a message on the common clock, and those far from what the clock showed."""
+        key = rows, tolerance_s
+        if key not in self._stamps:
+            self._stamps[key] = _Stamps(
+                self._clock.common_time(rows.time_s, rows.position),
+                self._clock.is_outlier(rows.time_s, rows.position, tolerance_s),
+            )
+        return self._stamps[key]
 
-    def _order(self, time_s: FloatArray, signal: Signal) -> _Order:
-        """Return the order of the rows of a signal that have stayed; kept where all have."""
-        if time_s is not signal.time_s:
-            return _order_of(time_s)
-        place = _place(time_s)
-        if place not in self._orders:
-            self._orders[place] = signal, _order_of(time_s)
-        return self._orders[place][1]
-
-
-def _place(series: FloatArray | IntArray) -> _Place:
-    """Return where a series lies in memory: every signal has views of its own of its message's stamps."""
-    return series.__array_interface__["data"][0], series.size, series.strides
+    def _order(self, key: tuple[Rows, float], time_s: FloatArray) -> _Order:
+        """Return the order of a message's rows whose stamps are believed."""
+        if key not in self._orders:
+            self._orders[key] = _order_of(time_s)
+        return self._orders[key]
 
 
 def _order_of(time_s: FloatArray) -> _Order:

@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from quadid_logs.align.flights import Interval
-from quadid_logs.align.series import CleanSeries
+from quadid_logs.align.series import GAP_PERIODS, CleanSeries, Interval
+from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import SourceChoice
-from quadid_logs.data.settings import AlignSettings
 from quadid_logs.maths.resampling import typical_period
 
 #: A preferred source may be this much slower than the fastest one before its
@@ -63,18 +62,29 @@ def _first_fast_enough(sources: Sequence[CleanSeries], needed_hz: float) -> Clea
 
 
 def describe(
-    series: CleanSeries,
-    candidates: Sequence[CleanSeries],
-    flights: Sequence[Interval],
-    settings: AlignSettings,
+    series: CleanSeries, candidates: Sequence[CleanSeries], flights: Sequence[Interval]
 ) -> SourceChoice:
-    """Tell where a signal came from and how it was really sampled while flying."""
+    """Tell where a signal came from and how it was really sampled in flight.
+
+    Parameters
+    ----------
+    series : CleanSeries
+        The chosen source.
+    candidates : sequence of CleanSeries
+        All sources of the signal, this one among them.
+    flights : sequence of (start_s, end_s)
+        Where there is none, the whole log counts.
+
+    Returns
+    -------
+    SourceChoice
+    """
     steps = _steps_in_flight(series, flights)
     period = typical_period(np.cumsum(steps))
-    gaps = steps[steps > settings.gap_periods * period]
+    gaps = steps[steps > GAP_PERIODS * period]
     return SourceChoice(
-        signal=series.signal.name,
-        source=series.signal.source,
+        signal=series.name,
+        source=series.source,
         reason=_reason(series, candidates),
         n_samples=int(series.time_s.size),
         rate_hz=1.0 / period if period > 0.0 else 0.0,
@@ -85,13 +95,11 @@ def describe(
         n_out_of_order=series.n_out_of_order,
         n_outliers=series.n_outliers,
         n_not_finite=series.n_not_finite,
-        others=tuple((other.signal.source, other.rate_hz) for other in candidates if other is not series),
+        others=tuple((other.source, other.rate_hz) for other in candidates if other is not series),
     )
 
 
-def _steps_in_flight(
-    series: CleanSeries, flights: Sequence[Interval]
-) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def _steps_in_flight(series: CleanSeries, flights: Sequence[Interval]) -> FloatArray:
     """Return the time steps inside the flights, of the whole log where there is no flight."""
     if not flights:
         return np.diff(series.time_s)
@@ -102,9 +110,9 @@ def _reason(series: CleanSeries, candidates: Sequence[CleanSeries]) -> str:
     """Say why this source: the reader's reason, and whether a preferred one was too slow."""
     position = next(i for i, other in enumerate(candidates) if other is series)
     if position == 0:
-        return series.signal.reason or "the preferred source"
+        return series.reason or "the preferred source"
     passed = candidates[0]
     return (
-        f"{series.signal.reason or 'next in preference'}; {passed.signal.source} is preferred "
+        f"{series.reason or 'next in preference'}; {passed.source} is preferred "
         f"but has only {passed.rate_hz:.3g} Hz"
     )

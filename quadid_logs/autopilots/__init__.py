@@ -17,7 +17,8 @@ from quadid_logs.data.log import FlightLog
 
 if TYPE_CHECKING:
     from quadid_logs.actuation.airframe import Airframe, Unknown
-    from quadid_logs.autopilots.ardupilot.torque import Rebuilt
+    from quadid_logs.actuation.motors import Rebuilt
+    from quadid_logs.align.series import CleanLog
 
 __all__ = ["Autopilot", "LogFormat", "formats", "known", "named", "register"]
 
@@ -79,13 +80,17 @@ class Autopilot:
         """Return the formats of its logs, those with the surest marks first."""
         return ()
 
-    def find_airframe(self, log: FlightLog) -> Airframe | Unknown:
+    def find_airframe(self, log: FlightLog) -> Airframe | Unknown:  # noqa: ARG002
         """Tell the frame, its motors and outputs from a log's parameters."""
-        raise NotImplementedError
+        from quadid_logs.actuation.airframe import Unknown
 
-    def rebuild(self, log: FlightLog, airframe: Airframe) -> Rebuilt:
+        return Unknown(remark="The log names no autopilot, so no frame either.")
+
+    def rebuild(self, log: CleanLog, airframe: Airframe) -> Rebuilt:  # noqa: ARG002
         """Rebuild what the motors did from commands and outputs."""
-        raise NotImplementedError
+        from quadid_logs.actuation.motors import Rebuilt
+
+        return Rebuilt()
 
     def loop_rate_hz(self, parameters: Mapping[str, float]) -> float:  # noqa: ARG002
         """Return the rate of the rate controller's loop [Hz], 0 where the parameters do not say."""

@@ -15,6 +15,7 @@ from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
     from quadid_logs.data.settings import Settings
+    from quadid_logs.data.vehicle import Vehicle
 
 
 def export(
@@ -36,7 +37,8 @@ def export(
         ),
     ] = False,
     vehicle: Annotated[
-        Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="With --model: for N m and kg m^2.")
+        Path | None,
+        typer.Option("--vehicle", metavar="FILE.toml", help="Mass, arms, thrust: for N m and kg m^2."),
     ] = None,
     sample_rate_hz: Annotated[
         float, typer.Option("--sample-rate-hz", metavar="HZ", help="Resample to this rate; 0 chooses.")
@@ -47,39 +49,41 @@ def export(
     force: Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")] = False,
 ) -> int:
     """Write the aligned series that analyze works on, or the model for another program."""
-    from quadid_logs.align import align
+    from quadid_logs.align import cut
     from quadid_logs.data.settings import AlignSettings, Settings
-    from quadid_logs.load import read_log
+    from quadid_logs.load import load
     from quadid_logs.report.table import check_table_path, write_table
+    from quadid_logs.vehicle_file import read_vehicle
 
+    given = None if vehicle is None else read_vehicle(vehicle)
     settings = Settings(system=system, align=AlignSettings(sample_rate_hz=sample_rate_hz))
     if model:
-        return _export_model(log, output, settings, vehicle, force=force)
+        return _export_model(log, output, settings, given, force=force)
     check_table_path(output, force=force)
     check_log(log)
     with Progress(log.name) as progress:
         progress("reading")
-        content = read_log(log, system=system)
+        prepared = load(log, settings, given)
         progress("aligning")
-        data = align(content, settings.align)
+        data = cut(prepared, settings.align)
         progress("writing")
         n_rows = write_table(data, output, force=force)
     say(f"Wrote {n_rows} rows to {printable(output)}")
     return 0
 
 
-def _export_model(log: Path, output: Path, settings: Settings, vehicle: Path | None, *, force: bool) -> int:
+def _export_model(
+    log: Path, output: Path, settings: Settings, vehicle: Vehicle | None, *, force: bool
+) -> int:
     """Write the recommended model; 1 if it holds an axis that must not be trusted."""
     from quadid_logs.pipeline import analyze
     from quadid_logs.report.model_files import check_model_format, model_bytes
-    from quadid_logs.vehicle_file import read_vehicle
 
     check_model_format(output)
     check_free(output, force=force)
     check_log(log)
-    described = None if vehicle is None else read_vehicle(vehicle)
     with Progress(log.name) as progress:
-        result = analyze(log, settings, vehicle=described, progress=progress)
+        result = analyze(log, settings, vehicle=vehicle, progress=progress)
     write_beside(output, model_bytes(result, output.suffix.lower()))
     say(f"Wrote the model to {printable(output)}")
     return 0 if result.diagnosis.usable else 1

@@ -23,10 +23,9 @@ def info(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> int:
     """Say what is in a log, at which true rates, and what is missing for analyze."""
-    from quadid_logs.actuation import reconstruct
-    from quadid_logs.align import align
+    from quadid_logs.align import cut
     from quadid_logs.data.settings import Settings
-    from quadid_logs.load import read_log
+    from quadid_logs.load import load
     from quadid_logs.report.inventory import inventory_lines, inventory_text
     from quadid_logs.vehicle_file import read_vehicle
 
@@ -35,9 +34,9 @@ def info(
     check_log(log)
     with Progress(log.name) as progress:
         progress("reading")
-        content = reconstruct(read_log(log, system=system), given)
+        prepared = load(log, settings, given)
         progress("aligning")
-        data = align(content, settings.align)
+        content, data = prepared.log, cut(prepared, settings.align)
     if as_json:
         say(inventory_text(content, data, settings).rstrip("\n"))
         return 0

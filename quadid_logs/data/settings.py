@@ -17,25 +17,13 @@ def _check_at_least(name: str, value: float, lowest: float) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AlignSettings:
-    """One clock, one period, segments."""
+    """The part of the log to use, and the period to resample it to."""
 
     start_s: float = -math.inf
     end_s: float = math.inf
     """Part of the log to analyze, on the log's clock."""
     sample_rate_hz: float = 0.0
-    """Rate to resample to; 0 takes the rate of the torque series, at most `max_sample_rate_hz`."""
-    max_sample_rate_hz: float = 400.0
-    """The rigid body's content ends far below; loop rates above only add noise and time."""
-    gap_periods: float = 3.0
-    """A pause longer than this many periods stays a gap: interpolating over it invents data."""
-    min_segment_s: float = 2.0
-    """Shorter stretches hold no full cycle of the slowest motion that the model must explain."""
-    clock_reset_s: float = 1.0
-    """Logged rows are out of order by at most some 100 ms; time falling by more is a reboot."""
-    clock_jump_s: float = 3600.0
-    """A longer pause than any battery lasts is a clock that was set, not a flight."""
-    outlier_stamp_s: float = 5.0
-    """A single stamp this far from both its neighbours in the file is damaged."""
+    """Rate to resample to; 0 takes that of the torque series, at most 400 Hz."""
 
     def __post_init__(self) -> None:
         if not self.start_s < self.end_s:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from enum import StrEnum
 
 import numpy as np
 
@@ -13,13 +14,21 @@ from quadid_logs.arrays import FloatArray
 _TYPICAL_LIMIT_US = 5.0
 
 
+class DensityLaw(StrEnum):
+    """Where the air density comes from that the firmware's compensation used."""
+
+    LOGGED = "logged"
+    NONE = "none"
+    FITTED = "fitted"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MixerCheck:
     """Pulse widths recomputed from the torque command against the logged ones, unsaturated samples only.
 
     Mean, standard deviation and largest error [us] over ``n_samples`` rows of
-    all motors, and what 68 % of the errors stay below; ``density`` names the
-    air density law that explains them.
+    all motors, and what 68 % of the errors stay below; ``law`` is the air
+    density law that explains them, ``density`` its name for people.
     """
 
     n_samples: int
@@ -28,6 +37,7 @@ class MixerCheck:
     largest_us: float
     typical_us: float
     density: str
+    law: DensityLaw = DensityLaw.NONE
 
     @property
     def fits(self) -> bool:
@@ -48,7 +58,7 @@ class Calibration:
     n_m_per_command : tuple of 3 floats
         Torque per unit of normalised command [N m], mean over the flight; NaN where it is not known.
     relative_sigma : tuple of 3 floats
-        One standard deviation of that, as a share; NaN where it is not known.
+        Relative standard deviation of that; NaN where it is not known.
     max_thrust_n : float
         Thrust of one rotor at full command and full battery [N]; in air of sea level where the
         density is logged, else in that of the flight.
@@ -57,7 +67,7 @@ class Calibration:
     mass_kg, arm_length_m : float
         As given; for the check of the inertia against m r^2.
     second_opinion : float
-        Thrust by the next best route (hover, or CA_ROTORn_CT) over that taken [-]; NaN where there is none.
+        Thrust by the next best route (hover, or a parameter) over that taken [-]; NaN where there is none.
     """
 
     route: str = ""
@@ -97,7 +107,7 @@ class TorqueModel:
     spin : ndarray, shape (n_rotors,)
         +1 counter-clockwise from above, -1 clockwise, 0 unknown or none.
     allocation : ndarray, shape (n_rotors, 4)
-        Share of thrust per unit of roll, pitch, yaw command and throttle [1].
+        Fraction of thrust per unit of roll, pitch, yaw command and throttle [1].
     channels : tuple of int
         Output channel of each motor, counted from 1; empty where outputs are logged per motor.
     channel_source : str
@@ -105,11 +115,13 @@ class TorqueModel:
     calibration : Calibration
     check : MixerCheck, optional
     saturated_fraction : tuple of 3 floats
-        Share of flown samples in which the axis did not get what it asked for; NaN where unknown.
+        Fraction of flown samples in which the axis did not get what was commanded; NaN where unknown.
     rotor_speed : str
         What the ESCs' speeds turned out to be, "" where there are none.
     remarks : tuple of str
         What had to be decided or refused.
+    refused : tuple of str
+        Of these, which parameters look like a calibration but are not used as one, and why.
     needs : tuple of str
         What to pass with --vehicle to learn more.
     """
@@ -127,6 +139,7 @@ class TorqueModel:
     saturated_fraction: tuple[float, float, float] = (math.nan, math.nan, math.nan)
     rotor_speed: str = ""
     remarks: tuple[str, ...] = ()
+    refused: tuple[str, ...] = ()
     needs: tuple[str, ...] = ()
 
     @property

@@ -31,11 +31,8 @@ def find_in_torque(log: FlightLog, data: FlightData, identification: Identificat
     if not model.n_rotors and data.input.unit == "1":
         yield finding("QL309", "info", {"why": model.remarks, "pass": model.needs}, advice=_pass(model.needs))
     yield from _mixer(model, data.input)
-    refused = [
-        remark for remark in model.remarks if "Not used as calib" in remark or "is not used:" in remark
-    ]
-    if refused:
-        yield finding("QL308", "info", {"why": refused})
+    if model.refused:
+        yield finding("QL308", "info", {"why": list(model.refused)})
     if data.segments:
         yield from _saturation(model, data.input)
     best = identification.recommended

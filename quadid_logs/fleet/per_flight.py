@@ -7,12 +7,11 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from quadid_logs.actuation import reconstruct
-from quadid_logs.align import cut, prepare
+from quadid_logs.align import cut
 from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
 from quadid_logs.data.vehicle import Vehicle
-from quadid_logs.load import read_log
+from quadid_logs.load import load
 from quadid_logs.pipeline import judge
 
 #: A battery lasts for one flight, and a day some twenty; more in one file is damage
@@ -35,9 +34,8 @@ def analyze_flights(path: Path, settings: Settings, vehicle: Vehicle | None) -> 
         If the file cannot be read as a flight log at all.
     """
     began = time.perf_counter()
-    log = reconstruct(read_log(path), vehicle)
-    prepared = prepare(log, settings.align)
-    flights = prepared.flights.intervals
+    prepared = load(path, settings, vehicle)
+    flights = prepared.flights
     parts = [settings]
     if 2 <= len(flights) <= MOST_FLIGHTS:
         parts = [
@@ -51,4 +49,4 @@ def analyze_flights(path: Path, settings: Settings, vehicle: Vehicle | None) -> 
         began = time.perf_counter()
         data = cut(prepared, part.align)
         timings_s = {"read": read_s, "align": time.perf_counter() - began}
-        yield judge(log, data, part, vehicle=vehicle, timings_s=timings_s)
+        yield judge(prepared.log, data, part, vehicle=vehicle, timings_s=timings_s)

@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
+from quadid_logs.autopilots.ardupilot.frames import Frame, frame_geometry
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.errors import SimulationError
-from quadid_logs.maths.frames import Frame, frame_geometry, torque_matrix
+from quadid_logs.maths.frames import torque_matrix
 
 GRAVITY_M_S2 = 9.80665
 

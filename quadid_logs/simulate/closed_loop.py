@@ -10,8 +10,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
+from quadid_logs.autopilots.ardupilot.frames import frame_geometry
 from quadid_logs.errors import SimulationError
-from quadid_logs.maths.frames import frame_geometry, normalised_allocation
+from quadid_logs.maths.frames import normalised_allocation
 from quadid_logs.maths.rotational_dynamics import Quadruple, Triple, inertia_terms
 from quadid_logs.maths.rotations import Component, body_rates, quaternion_from_euler
 from quadid_logs.simulate.airframes import GRAVITY_M_S2, SimulatedAirframe

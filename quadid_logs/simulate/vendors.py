@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
+from quadid_logs.autopilots.ardupilot.frames import FRAME_CLASSES, FRAME_TYPES
 from quadid_logs.errors import SimulationError
-from quadid_logs.maths.frames import FRAME_CLASSES, FRAME_TYPES
 from quadid_logs.simulate.closed_loop import SPIN_MAX, SPIN_MIN, Setup, controller_gains
 from quadid_logs.simulate.control import Gains
 

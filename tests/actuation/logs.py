@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 
 import numpy as np
 
+from quadid_logs.autopilots.ardupilot.frames import frame_geometry
 from quadid_logs.autopilots.ardupilot.mixer import (
     MotorSettings,
     Supply,
@@ -15,7 +17,6 @@ from quadid_logs.autopilots.ardupilot.mixer import (
     pulse_width,
 )
 from quadid_logs.data.log import FlightLog, Rows, Signal
-from quadid_logs.maths.frames import frame_geometry
 
 GRAVITY = 9.80665
 MOTORS = MotorSettings(
@@ -50,15 +51,23 @@ def supply(n: int, *, voltage: float = 1.0, density: float = 1.0, average_max: f
     )
 
 
+@cache
+def fast_rows(n: int) -> Rows:
+    """Return the rows of the one message that holds all that is fast."""
+    row = np.arange(n)
+    return Rows(row / RATE_HZ, row * 1000)
+
+
 def signal(name: str, values: np.ndarray, *, every: int = 1, source: str = "") -> Signal:
     """Return a signal sampled with the rows of the log, or every so many of them."""
     columns = values.reshape(len(values), -1)[::every]
     row = np.arange(0, len(values), every)
+    # Rows of different messages lie between each other; the slow ones come after the fast ones.
+    rows = fast_rows(len(values)) if every == 1 else Rows(row / RATE_HZ, row * 1000 + 1 + hash_of(name))
     return Signal(
         name=name,
-        rows=Rows(row / RATE_HZ, row * 1000 + (0 if every == 1 else 1) + (hash_of(name) if every > 1 else 0)),
+        rows=rows,
         values=columns.astype(np.float64),
-        # Rows of different messages lie between each other; the slow ones come after the fast ones.
         source=source or name.upper(),
     )
 

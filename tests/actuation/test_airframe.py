@@ -10,11 +10,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from quadid_logs.actuation import reconstruct
-from quadid_logs.actuation.airframe import Airframe, Unknown, find_airframe
+from quadid_logs.actuation.airframe import Airframe, Unknown, with_rotors
+from quadid_logs.autopilots import named
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.vehicle import Rotor, Vehicle
-from quadid_logs.load import read_log
+from quadid_logs.load import load, prepare
 from tests.actuation.logs import PARAMETERS, ardupilot_log
 
 
@@ -29,6 +29,11 @@ def log_of(parameters: Mapping[str, float], autopilot: str = "ardupilot", frame:
         parameters=parameters,
         frame=frame,
     )
+
+
+def find_airframe(log: FlightLog, vehicle: Vehicle | None = None) -> Airframe | Unknown:
+    """Return what the log's autopilot and the vehicle file say."""
+    return with_rotors(named(log.autopilot).find_airframe(log), vehicle)
 
 
 def rotors(count: int) -> dict[str, float]:
@@ -48,7 +53,7 @@ def rotors(count: int) -> dict[str, float]:
 def test_servo_functions_give_the_output_of_each_motor() -> None:
     """Motor 1 may sit on any channel; 82 to 85 are motors 9 to 12."""
     parameters = dict(PARAMETERS) | {"SERVO1_FUNCTION": 36.0, "SERVO4_FUNCTION": 33.0}
-    found = find_airframe(log_of(parameters), None)
+    found = find_airframe(log_of(parameters))
     assert isinstance(found, Airframe)
     assert found.channels == (4, 2, 3, 1)
 
@@ -57,14 +62,14 @@ def test_twelve_motors_use_the_second_range_of_functions() -> None:
     """A dodeca-hexa on outputs 1 to 12."""
     parameters = {"FRAME_CLASS": 12.0, "FRAME_TYPE": 1.0}
     parameters |= {f"SERVO{n}_FUNCTION": float(32 + n if n <= 8 else 73 + n) for n in range(1, 13)}
-    found = find_airframe(log_of(parameters), None)
+    found = find_airframe(log_of(parameters))
     assert isinstance(found, Airframe)
     assert found.channels == tuple(range(1, 13))
 
 
 def test_a_motor_without_an_output_is_named() -> None:
     """No guess is made where SERVOn_FUNCTION leaves a motor out."""
-    found = find_airframe(log_of(dict(PARAMETERS) | {"SERVO3_FUNCTION": 0.0}), None)
+    found = find_airframe(log_of(dict(PARAMETERS) | {"SERVO3_FUNCTION": 0.0}))
     assert isinstance(found, Airframe)
     assert found.channels == ()
     assert "motor 3" in found.channel_source
@@ -74,7 +79,7 @@ def test_a_quadplane_has_parameters_of_its_own() -> None:
     """Q_FRAME_CLASS counts, and Q_M_* are the motors'."""
     parameters = {f"Q_{name}" if "FRAME" in name else name: value for name, value in PARAMETERS.items()}
     parameters |= {"Q_ENABLE": 1.0, "Q_FRAME_CLASS": 2.0, "FRAME_CLASS": 0.0}
-    found = find_airframe(log_of(parameters), None)
+    found = find_airframe(log_of(parameters))
     assert isinstance(found, Airframe)
     assert found.n_rotors == 6
     assert found.source.startswith("Q_FRAME_CLASS 2")
@@ -82,8 +87,8 @@ def test_a_quadplane_has_parameters_of_its_own() -> None:
 
 def test_frame_alone_needs_the_number_of_motors() -> None:
     """FRAME 1 is an X of any number of arms; the start-up text may tell."""
-    assert isinstance(find_airframe(log_of({"FRAME": 1.0}), None), Unknown)
-    found = find_airframe(log_of({"FRAME": 1.0}, frame="hexa X"), None)
+    assert isinstance(find_airframe(log_of({"FRAME": 1.0})), Unknown)
+    found = find_airframe(log_of({"FRAME": 1.0}, frame="hexa X"))
     assert isinstance(found, Airframe)
     assert found.n_rotors == 6
 
@@ -94,16 +99,16 @@ def test_untouched_px4_geometry_is_refused_as_calibration() -> None:
     for number, (x, y, spin) in enumerate(((1, 1, 1), (-1, -1, 1), (1, -1, -1), (-1, 1, -1))):
         values |= {f"CA_ROTOR{number}_PX": float(x), f"CA_ROTOR{number}_PY": float(y)}
         values |= {f"CA_ROTOR{number}_CT": 6.5, f"CA_ROTOR{number}_KM": 0.05 * spin}
-    found = find_airframe(log_of(values, "px4"), None)
+    found = find_airframe(log_of(values, "px4"))
     assert isinstance(found, Airframe)
     assert not found.in_metres
     assert np.isnan([found.max_thrust_n, found.torque_to_thrust_m]).all()
-    assert all(word in found.remarks[0] for word in ("arms of 1 m", "6.5", "0.05"))
+    assert all(word in found.refused[0] for word in ("arms of 1 m", "6.5", "0.05"))
 
 
 def test_touched_px4_geometry_is_taken_in_metres() -> None:
     """A careful owner's CA_ROTOR* are arms, newtons and a ratio."""
-    found = find_airframe(log_of(rotors(6), "px4"), None)
+    found = find_airframe(log_of(rotors(6), "px4"))
     assert isinstance(found, Airframe)
     assert found.in_metres
     assert found.max_thrust_n == 9.0
@@ -144,7 +149,7 @@ def test_rotors_of_the_vehicle_file_win() -> None:
 )
 def test_flown_logs_tell_their_airframe(corpus: Path, name: str, n_motors: int, word: str) -> None:
     """Number of motors and frame of the logs of the corpus."""
-    model = reconstruct(read_log(corpus / "real" / name)).torque
+    model = load(corpus / "real" / name).log.torque
     assert model is not None
     assert model.n_rotors == n_motors
     assert word in model.frame
@@ -152,29 +157,35 @@ def test_flown_logs_tell_their_airframe(corpus: Path, name: str, n_motors: int, 
 
 def test_a_log_that_cannot_tell_says_what_to_pass(corpus: Path) -> None:
     """Eight motors of an old build may be an octa or an octa-quad."""
-    model = reconstruct(read_log(corpus / "real" / "ac301-octo-apm2-MOT.log")).torque
+    model = load(corpus / "real" / "ac301-octo-apm2-MOT.log").log.torque
     assert model is not None
     assert model.n_rotors == 0
     assert "[[rotor]]" in model.needs[0]
     assert "octa-quad" in model.remarks[0]
 
 
-_WILD = st.one_of(st.floats(), st.sampled_from([1e300, -1e300, 0.0, 1.0, -1.0, 33.0]))
+_CORRUPTED = st.one_of(st.floats(), st.sampled_from([1e300, -1e300, 0.0, 1.0, -1.0, 33.0]))
 
 
 # A slow machine needs long for the first draws.
 @settings(suppress_health_check=[HealthCheck.too_slow])
 @given(
-    st.dictionaries(st.sampled_from([*PARAMETERS, "FRAME", "Q_ENABLE", "RC3_MIN", "RCMAP_THROTTLE"]), _WILD)
+    st.dictionaries(
+        st.sampled_from([*PARAMETERS, "FRAME", "Q_ENABLE", "RC3_MIN", "RCMAP_THROTTLE"]), _CORRUPTED
+    )
 )
-def test_no_ardupilot_parameter_value_breaks_the_reconstruction(wild: dict[str, float]) -> None:
-    """NaN, infinities and numbers of any size are doubts about the vehicle, never an exception."""
-    log = ardupilot_log(parameters={**PARAMETERS, **wild}, n=200)
-    assert reconstruct(log, Vehicle(mass_kg=2.0, arm_length_m=0.2)).torque is not None
+def test_no_ardupilot_parameter_value_breaks_the_reconstruction(corrupted: dict[str, float]) -> None:
+    """NaN, infinities and numbers of any size are caveats about the vehicle, never an exception."""
+    log = ardupilot_log(parameters={**PARAMETERS, **corrupted}, n=200)
+    assert prepare(log, Vehicle(mass_kg=2.0, arm_length_m=0.2)).log.torque is not None
 
 
-@given(st.dictionaries(st.sampled_from([*rotors(4), "CA_ROTOR0_AX", "CA_ROTOR0_AZ", "SYS_AUTOSTART"]), _WILD))
-def test_no_px4_parameter_value_breaks_the_reconstruction(wild: dict[str, float]) -> None:
+@given(
+    st.dictionaries(
+        st.sampled_from([*rotors(4), "CA_ROTOR0_AX", "CA_ROTOR0_AZ", "SYS_AUTOSTART"]), _CORRUPTED
+    )
+)
+def test_no_px4_parameter_value_breaks_the_reconstruction(corrupted: dict[str, float]) -> None:
     """The same for CA_ROTOR*."""
-    model = reconstruct(log_of({**rotors(4), **wild}, "px4")).torque
+    model = prepare(log_of({**rotors(4), **corrupted}, "px4")).log.torque
     assert model is not None

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from quadid_logs.actuation import reconstruct
+from quadid_logs.autopilots.ardupilot.frames import frame_geometry
 from quadid_logs.cli import main
 from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.data.flight import FlightData, InputDescription
@@ -21,7 +21,7 @@ from quadid_logs.figures.airframe import airframe_from_above
 from quadid_logs.figures.spec import Figure, LeftOut
 from quadid_logs.identify.inertia import inertia_of
 from quadid_logs.identify.inference import Estimate
-from quadid_logs.maths.frames import frame_geometry
+from quadid_logs.load import prepare
 from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.report.airframe import airframe_facts
 from tests.actuation.logs import ardupilot_log
@@ -86,13 +86,13 @@ def test_an_inertia_that_no_such_body_has_is_a_warning(moments: tuple[float, ...
     assert evidence["level"] == "warning"
 
 
-def test_saturation_is_a_warning_only_where_the_torque_is_a_wish() -> None:
+def test_saturation_is_a_warning_only_where_the_torque_is_a_command() -> None:
     """In achieved torque the cut is contained; only the axis that was limited is named."""
     limited = quad(saturated_fraction=(0.0, 0.0, 0.08))
     assert found_for(None, limited)["QL405"]["level"] == "info"
-    asked = found_for(None, limited, achieved=False)["QL405"]
-    assert asked["level"] == "warning"
-    assert asked["axes"] == ("yaw",)
+    commanded = found_for(None, limited, achieved=False)["QL405"]
+    assert commanded["level"] == "warning"
+    assert commanded["axes"] == ("yaw",)
 
 
 def test_an_unknown_airframe_says_what_to_pass() -> None:
@@ -171,7 +171,7 @@ def test_info_takes_the_vehicle_file(
 
 def test_info_names_frame_motors_and_route() -> None:
     """What a pilot checks first."""
-    log: FlightLog = reconstruct(ardupilot_log(), Vehicle(mass_kg=2.0, arm_length_m=0.3))
+    log: FlightLog = prepare(ardupilot_log(), Vehicle(mass_kg=2.0, arm_length_m=0.3)).log
     facts = dict(airframe_facts(log))
     assert facts["Airframe"].startswith("quad x, 4 motors (FRAME_CLASS 1")
     assert "1: out 1 (+0.21, +0.21) ccw" in facts["Motors"]

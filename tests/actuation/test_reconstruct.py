@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from quadid_logs.actuation import reconstruct
-from quadid_logs.align import align
+from quadid_logs.align import Prepared, cut
+from quadid_logs.align.series import CleanSeries
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.settings import AlignSettings
 from quadid_logs.data.vehicle import Vehicle
-from quadid_logs.load import read_log
+from quadid_logs.load import load, prepare
 from quadid_logs.pipeline import analyze
 from quadid_logs.simulate import simulate
 from tests.actuation.logs import PARAMETERS, ardupilot_log, signal
@@ -38,6 +38,18 @@ def truth_of(path: Path) -> dict[str, object]:
     return dict(json.loads(path.with_suffix(".truth.json").read_text()))
 
 
+def torques_of(log: Prepared) -> list[CleanSeries]:
+    """Return the sources of the normalised torque, the preferred one first."""
+    return list(log.candidates["torque_command"])
+
+
+def marks_of(log: Prepared) -> CleanSeries:
+    """Return where the chosen torque is saturated."""
+    assert log.torque is not None
+    assert log.torque.saturated is not None
+    return log.torque.saturated
+
+
 def moments(truth: dict[str, object]) -> np.ndarray:
     """Return Ixx, Iyy, Izz of a truth file."""
     given = truth["inertia_kg_m2"]
@@ -47,7 +59,7 @@ def moments(truth: dict[str, object]) -> np.ndarray:
 @pytest.mark.parametrize("name", ARDUPILOT)
 def test_recomputed_pulse_widths_meet_the_logged_ones(corpus: Path, name: str) -> None:
     """Mean error below 1 us and standard deviation below 2 us outside saturated samples."""
-    model = reconstruct(read_log(corpus / "firmware" / f"{name}.BIN")).torque
+    model = load(corpus / "firmware" / f"{name}.BIN").log.torque
     assert model is not None
     assert model.check is not None
     assert model.check.n_samples > 300
@@ -57,7 +69,7 @@ def test_recomputed_pulse_widths_meet_the_logged_ones(corpus: Path, name: str) -
 
 def test_flown_vehicles_confirm_the_mixer_too(corpus: Path) -> None:
     """The recomputed pulse widths of a real quad, firmware 4.1, are right to a microsecond."""
-    model = reconstruct(read_log(corpus / "real" / "ac413-quadx-goodprop-hover1.bin")).torque
+    model = load(corpus / "real" / "ac413-quadx-goodprop-hover1.bin").log.torque
     assert model is not None
     assert model.check is not None
     assert model.check.largest_us <= 1.0
@@ -66,14 +78,14 @@ def test_flown_vehicles_confirm_the_mixer_too(corpus: Path) -> None:
 @pytest.mark.parametrize("name", ["px4_quad_multisine", "px4_quad_default_logging"])
 def test_px4_motors_return_the_set_point_where_nothing_is_limited(corpus: Path, name: str) -> None:
     """actuator_motors through the allocation is vehicle_torque_setpoint to single precision."""
-    log = reconstruct(read_log(corpus / "firmware" / f"{name}.ulg"))
-    achieved, asked = log.candidates("torque_command")[:2]
-    free = log.candidates("torque_saturation")[0].values.sum(axis=1) == 0.0
-    row = np.searchsorted(asked.time_s, achieved.time_s)
-    row = np.minimum(row, asked.n_samples - 1)
-    same = free & (np.abs(asked.time_s[row] - achieved.time_s) < 1e-6)
+    log = load(corpus / "firmware" / f"{name}.ulg")
+    achieved, commanded = torques_of(log)[:2]
+    free = marks_of(log).values.sum(axis=1) == 0.0
+    row = np.searchsorted(commanded.time_s, achieved.time_s)
+    row = np.minimum(row, commanded.n_samples - 1)
+    same = free & (np.abs(commanded.time_s[row] - achieved.time_s) < 1e-6)
     assert same.mean() > 0.9
-    assert np.abs(achieved.values[same] - asked.values[row[same]]).max() < 1e-3
+    assert np.abs(achieved.values[same] - commanded.values[row[same]]).max() < 1e-3
 
 
 # The multisine flight is in the next test.
@@ -135,19 +147,21 @@ def made() -> FlightLog:
 
 
 def test_unsaturated_torque_is_the_command_and_saturated_torque_is_less(made: FlightLog) -> None:
-    """Realised equals asked outside the marks, and never exceeds it inside."""
-    log = reconstruct(made)
-    achieved, asked = log.candidates("torque_command")[:2]
-    limited = log.candidates("torque_saturation")[0].values > 0.5
+    """Achieved equals commanded outside the marks, and never exceeds it inside."""
+    log = prepare(made)
+    achieved, commanded = torques_of(log)[:2]
+    limited = marks_of(log).values > 0.5
     assert achieved.achieved
     assert 0.01 < limited[:, 2].mean() < 0.9
-    np.testing.assert_allclose(achieved.values[~limited], asked.values[~limited], atol=1e-3)
-    assert (np.abs(achieved.values[limited[:, 2], 2]) <= np.abs(asked.values[limited[:, 2], 2]) + 1e-9).all()
+    np.testing.assert_allclose(achieved.values[~limited], commanded.values[~limited], atol=1e-3)
+    assert (
+        np.abs(achieved.values[limited[:, 2], 2]) <= np.abs(commanded.values[limited[:, 2], 2]) + 1e-9
+    ).all()
 
 
 def test_hover_gives_newtons(made: FlightLog) -> None:
     """Mass times specific force over the motors' share of full thrust is the thrust of a rotor."""
-    log = reconstruct(made, Vehicle(mass_kg=2.0, arm_length_m=0.3))
+    log = prepare(made, Vehicle(mass_kg=2.0, arm_length_m=0.3)).log
     assert log.torque is not None
     known = log.torque.calibration
     assert known.max_thrust_n == pytest.approx(10.0, rel=2e-3)
@@ -158,20 +172,20 @@ def test_hover_gives_newtons(made: FlightLog) -> None:
 def test_torque_in_newton_metres_is_that_of_rotors_at_their_places(made: FlightLog) -> None:
     """Roll by one unit of command: four rotors of 0.5 times 10 N at 0.3 m / sqrt 2, each way."""
     vehicle = Vehicle(max_thrust_n=10.0, arm_length_m=0.3, torque_to_thrust_m=0.016)
-    log = reconstruct(made, vehicle)
-    assert log.torque is not None
-    per_command = log.torque.calibration.n_m_per_command
+    prepared = prepare(made, vehicle)
+    assert prepared.log.torque is not None
+    per_command = prepared.log.torque.calibration.n_m_per_command
     # The compensation gain cancels lift_max; density is not logged here.
     assert per_command[0] == pytest.approx(4 * 0.5 * 10.0 * 0.3 / math.sqrt(2.0), rel=1e-3)
     assert per_command[2] == pytest.approx(4 * 0.5 * 10.0 * 0.016, rel=1e-3)
-    torque = log.candidates("torque_n_m")[0]
-    command = log.candidates("torque_command")[0]
+    torque = prepared.candidates["torque_n_m"][0]
+    command = prepared.candidates["torque_command"][0]
     np.testing.assert_allclose(torque.values, command.values * per_command, atol=1e-2)
 
 
 def test_given_thrust_is_checked_against_the_weight(made: FlightLog) -> None:
     """The hover is the second opinion on a thrust that the user gives."""
-    log = reconstruct(made, Vehicle(max_thrust_n=20.0, arm_length_m=0.3, mass_kg=2.0))
+    log = prepare(made, Vehicle(max_thrust_n=20.0, arm_length_m=0.3, mass_kg=2.0)).log
     assert log.torque is not None
     assert log.torque.calibration.route.startswith("largest thrust")
     assert log.torque.calibration.second_opinion == pytest.approx(0.5, rel=1e-2)
@@ -180,25 +194,25 @@ def test_given_thrust_is_checked_against_the_weight(made: FlightLog) -> None:
 def test_pulse_widths_that_do_not_fit_leave_the_command_first(made: FlightLog) -> None:
     """With a wrong expo in the parameters the mixer is not believed, and the report says so."""
     wrong = replace(made, parameters={**PARAMETERS, "MOT_THST_EXPO": 0.2})
-    log = reconstruct(wrong, Vehicle(mass_kg=2.0, arm_length_m=0.3, torque_to_thrust_m=0.016))
-    assert log.torque is not None
-    assert not log.candidates("torque_command")[0].achieved
-    assert all(signal.n_samples > 1000 for signal in log.candidates("torque_n_m"))
-    assert any("pulse widths miss" in remark for remark in log.torque.remarks)
+    prepared = prepare(wrong, Vehicle(mass_kg=2.0, arm_length_m=0.3, torque_to_thrust_m=0.016))
+    assert prepared.log.torque is not None
+    assert not torques_of(prepared)[0].achieved
+    assert all(series.n_samples > 1000 for series in prepared.candidates["torque_n_m"])
+    assert any("pulse widths miss" in remark for remark in prepared.log.torque.remarks)
 
 
 def test_parameters_from_before_3_4_rebuild_nothing(made: FlightLog) -> None:
     """Without the thrust curve the command stays as logged, and the reason is given."""
     old = replace(made, parameters={"FRAME": 1.0, "MOT_TCRV_MIDPCT": 52.0})
-    log = reconstruct(old)
-    assert log.torque is not None
-    assert log.candidates("torque_command") == made.candidates("torque_command")
-    assert any("MOT_THST_EXPO" in remark for remark in log.torque.remarks)
+    prepared = prepare(old)
+    assert prepared.log.torque is not None
+    assert torques_of(prepared) == list(prepared.clean.sources("torque_command"))
+    assert any("MOT_THST_EXPO" in remark for remark in prepared.log.torque.remarks)
 
 
 def test_saturated_samples_are_marked_after_alignment(made: FlightLog) -> None:
-    """The share in the input is that of the grid points near a limited sample."""
-    data = align(reconstruct(made), AlignSettings())
+    """The fraction in the input is that of the grid points near a limited sample."""
+    data = cut(prepare(made), AlignSettings())
     assert data.input is not None
     assert data.input.achieved
     marks = np.concatenate([segment.saturated for segment in data.segments])
@@ -208,16 +222,14 @@ def test_saturated_samples_are_marked_after_alignment(made: FlightLog) -> None:
 
 def test_speeds_computed_from_the_command_are_no_measurement(made: FlightLog) -> None:
     """A simulator's RPM repeats the motor command; zeros are worth nothing either."""
-    log = reconstruct(made)
-    assert log.torque is not None
     output = made.candidates("output_pwm")[0]
     repeated = signal("rotor_speed", np.repeat(output.values[:, :4] - 900.0, 10, axis=0), every=10)
     computed = replace(made, signals={**made.signals, "rotor_speed": (repeated,)})
-    model = reconstruct(computed).torque
+    model = prepare(computed).log.torque
     assert model is not None
     assert "computed from the command" in model.rotor_speed
     flat = replace(repeated, values=np.zeros_like(repeated.values))
-    still = reconstruct(replace(made, signals={**made.signals, "rotor_speed": (flat,)})).torque
+    still = prepare(replace(made, signals={**made.signals, "rotor_speed": (flat,)})).log.torque
     assert still is not None
     assert "zero or constant" in still.rotor_speed
 
@@ -225,20 +237,20 @@ def test_speeds_computed_from_the_command_are_no_measurement(made: FlightLog) ->
 def test_a_log_slower_than_its_loop_still_shows_where_the_mixer_limits() -> None:
     """Rows between those of RCOU differ where the command jumps, and no more than there."""
     flight = simulate("saturation", seed=2, rate_hz=125.0)
-    data = align(reconstruct(flight.log), AlignSettings())
+    data = cut(prepare(flight.log), AlignSettings())
     assert data.input is not None
     assert data.input.saturated_fraction > 0.01
 
 
-def test_marks_of_saturation_go_with_the_torque_as_asked_where_the_mixer_is_mistrusted(
+def test_marks_of_saturation_go_with_the_torque_as_commanded_where_the_mixer_is_mistrusted(
     made: FlightLog,
 ) -> None:
     """Pulse widths that are off by 20 us everywhere: another mixer than the one computed."""
     output = made.candidates("output_pwm")[0]
     rng = np.random.default_rng(0)
     noisy = replace(output, values=output.values + 20.0 * rng.standard_normal(output.values.shape))
-    log = reconstruct(replace(made, signals={**made.signals, "output_pwm": (noisy,)}))
-    data = align(log, AlignSettings())
+    log = prepare(replace(made, signals={**made.signals, "output_pwm": (noisy,)}))
+    data = cut(log, AlignSettings())
     assert data.input is not None
     assert not data.input.achieved
     assert data.input.saturated_fraction > 0.0

@@ -4,7 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
+from quadid_logs.align import assemble, clean, cut
+from quadid_logs.align.series import TorqueSeries
+from quadid_logs.data.flight import FlightData
 from quadid_logs.data.log import FlightLog, Rows, Signal
+from quadid_logs.data.settings import AlignSettings
+
+
+def align(log: FlightLog, settings: AlignSettings) -> FlightData:
+    """Put a log on one clock and cut it, with the torque as logged."""
+    cleaned = clean(log)
+    torques = [
+        TorqueSeries(series=one)
+        for name in ("torque_command", "torque_n_m")
+        for one in cleaned.candidates.get(name, ())
+    ]
+    return cut(assemble(log, cleaned, torques), settings)
 
 
 def signal(name: str, time_s: np.ndarray, values: np.ndarray, *, source: str = "", start: int = 0) -> Signal:

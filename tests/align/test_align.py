@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadid_logs.align import align
 from quadid_logs.data.log import ModeChange
 from quadid_logs.data.settings import AlignSettings
 
-from .flights import flight_log, flown, motion, signal
+from .flights import align, flight_log, flown, motion, signal
 
 STEADY = np.arange(10.0, 40.0, 0.0025)
 

@@ -11,7 +11,6 @@ from quadid_logs.align import series
 from quadid_logs.align.clock import find_clock
 from quadid_logs.align.series import Cleaner, CleanSeries
 from quadid_logs.data.log import Signal
-from quadid_logs.data.settings import AlignSettings
 
 from .flights import signal
 
@@ -40,10 +39,10 @@ def facts(one: CleanSeries) -> tuple[object, ...]:
 def test_signals_that_share_stamps_are_cleaned_as_each_would_be_alone(rows: np.ndarray) -> None:
     """In order, out of order, repeated, and both."""
     signals = of_one_message(STAMPS[rows])
-    clock = find_clock(signals, AlignSettings())
-    together = Cleaner(clock, AlignSettings())
+    clock = find_clock(signals)
+    together = Cleaner(clock)
     for each in signals:
-        shared, alone = together.clean(each), Cleaner(clock, AlignSettings()).clean(each)
+        shared, alone = together.clean(each), Cleaner(clock).clean(each)
         assert facts(shared) == facts(alone)
         np.testing.assert_array_equal(shared.time_s, alone.time_s)
         np.testing.assert_array_equal(shared.values, alone.values)
@@ -54,7 +53,7 @@ def test_a_row_lost_to_one_signal_stays_with_the_other() -> None:
     rates, torque = of_one_message(STAMPS)
     values = rates.values.copy()
     values[50, 1] = np.nan
-    cleaner = Cleaner(find_clock([rates, torque], AlignSettings()), AlignSettings())
+    cleaner = Cleaner(find_clock([rates, torque]))
     assert cleaner.clean(replace(rates, values=values)).time_s.size == STAMPS.size - 1
     assert cleaner.clean(torque).time_s.size == STAMPS.size
 
@@ -65,7 +64,7 @@ def test_the_stamps_of_one_message_are_looked_at_once(monkeypatch: pytest.Monkey
     order_of = series._order_of
     monkeypatch.setattr(series, "_order_of", lambda time_s: looked_at.append(1) or order_of(time_s))
     signals = of_one_message(STAMPS)
-    cleaner = Cleaner(find_clock(signals, AlignSettings()), AlignSettings())
+    cleaner = Cleaner(find_clock(signals))
     for each in signals:
         cleaner.clean(each)
     assert len(looked_at) == 1

@@ -8,7 +8,6 @@ import re
 import numpy as np
 import pytest
 
-from quadid_logs.align import align
 from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.data.diagnosis import Diagnosis
 from quadid_logs.data.flight import FlightData, SourceChoice
@@ -17,7 +16,7 @@ from quadid_logs.data.model import Identification
 from quadid_logs.data.settings import AlignSettings, Settings
 from quadid_logs.diagnose import diagnose
 from quadid_logs.identify import identify
-from tests.align.flights import flight_log, flown
+from tests.align.flights import align, flight_log, flown
 from tests.identify.vehicles import QUAD, fly, multisine
 
 ROLL_ONLY = (0,)

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from quadid_logs.align import align
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.flight import FlightData, GyroCheck
 from quadid_logs.data.settings import AlignSettings
@@ -17,7 +16,7 @@ from quadid_logs.errors import LogError
 from quadid_logs.load import read_log
 from quadid_logs.maths.rotations import euler_from_quaternion, quaternion_rate
 from quadid_logs.simulate import simulate
-from tests.align.flights import flight_log, signal
+from tests.align.flights import align, flight_log, signal
 from tests.conftest import corpus_logs
 
 RATE_HZ = 200.0

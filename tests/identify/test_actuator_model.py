@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from quadid_logs.actuation import reconstruct
-from quadid_logs.align import align
+from quadid_logs.align import cut
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.log import NO_GYRO_FILTER, GyroFilter, Notch
 from quadid_logs.data.model import Model
@@ -18,6 +17,7 @@ from quadid_logs.data.settings import AlignSettings, IdentifySettings
 from quadid_logs.identify import identify
 from quadid_logs.identify.design import Design, build_design
 from quadid_logs.identify.torque_errors import battery_errors, sampling_errors
+from quadid_logs.load import prepare
 from quadid_logs.maths.band import angular_frequency, notch_response
 from quadid_logs.simulate import SCENARIOS, fly, plan_flights
 from quadid_logs.simulate.airframes import Battery
@@ -43,8 +43,8 @@ def flown(scenario: Scenario, autopilot: str = "ardupilot") -> tuple[FlightData,
         autopilot=autopilot,
     )
     record = fly(setup)
-    log = reconstruct(log_flights((record,), scenario.logging))
-    return align(log, AlignSettings()), flight_truth((record,), scenario=scenario.name, boot_s=31.0)
+    log = prepare(log_flights((record,), scenario.logging))
+    return cut(log, AlignSettings()), flight_truth((record,), scenario=scenario.name, boot_s=31.0)
 
 
 def recommended(data: FlightData) -> Model:

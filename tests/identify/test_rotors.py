@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadid_logs.actuation import reconstruct
-from quadid_logs.align import align
+from quadid_logs.align import cut
 from quadid_logs.data.model import Model
 from quadid_logs.data.settings import AlignSettings, IdentifySettings
 from quadid_logs.identify import identify
 from quadid_logs.identify.rotors import Rotors, _lagged
+from quadid_logs.load import prepare
 from quadid_logs.simulate import simulate
 
 from .vehicles import QUAD, fly, multisine
@@ -20,7 +20,7 @@ from .vehicles import QUAD, fly, multisine
 def slow_motors() -> Model:
     """Rotors that speed up in 45 ms and slow down in 70 ms."""
     flight = simulate("slow-motors", seed=5)
-    found = identify(align(reconstruct(flight.log), AlignSettings()), IdentifySettings()).recommended
+    found = identify(cut(prepare(flight.log), AlignSettings()), IdentifySettings()).recommended
     assert found is not None
     return found
 

@@ -5,13 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from quadid_logs.autopilots.ardupilot.frames import frame_geometry, known_frames
 from quadid_logs.errors import ShapeError
-from quadid_logs.maths.frames import (
-    frame_geometry,
-    known_frames,
-    normalised_allocation,
-    torque_matrix,
-)
+from quadid_logs.maths.frames import normalised_allocation, torque_matrix
 
 FRAMES = pytest.mark.parametrize("key", known_frames())
 TAILS = ((1, 4), (1, 5))

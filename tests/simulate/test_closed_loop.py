@@ -7,8 +7,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from quadid_logs.autopilots.ardupilot.frames import frame_geometry, known_frames
 from quadid_logs.errors import SimulationError
-from quadid_logs.maths.frames import frame_geometry, known_frames, torque_matrix
+from quadid_logs.maths.frames import torque_matrix
 from quadid_logs.maths.rotational_dynamics import inertia_terms
 from quadid_logs.simulate import SCENARIOS, fly, fly_many, plan_flights
 from quadid_logs.simulate.airframes import SimulatedAirframe, layout, quad_x

@@ -9,8 +9,9 @@ from quadid_logs.autopilots import Autopilot, LogFormat
 from quadid_logs.data.log import FlightLog
 
 if TYPE_CHECKING:
-    from quadid_logs.actuation.airframe import Airframe
-    from quadid_logs.autopilots.ardupilot.torque import Rebuilt
+    from quadid_logs.actuation.airframe import Airframe, Unknown
+    from quadid_logs.actuation.motors import Rebuilt
+    from quadid_logs.align.series import CleanLog
 
 
 class ArduPilot(Autopilot):
@@ -30,7 +31,13 @@ class ArduPilot(Autopilot):
             LogFormat("dataflash-text", text, dataflash_text.is_mine, read_text, (".log",), strict=False),
         )
 
-    def rebuild(self, log: FlightLog, airframe: Airframe) -> Rebuilt:
+    def find_airframe(self, log: FlightLog) -> Airframe | Unknown:
+        """FRAME_CLASS and FRAME_TYPE; FRAME before 3.5."""
+        from quadid_logs.autopilots.ardupilot.airframe import find_airframe
+
+        return find_airframe(log)
+
+    def rebuild(self, log: CleanLog, airframe: Airframe) -> Rebuilt:
         """Take RATE through the mixer, or RCOU backwards."""
         from quadid_logs.autopilots.ardupilot.torque import rebuild
 

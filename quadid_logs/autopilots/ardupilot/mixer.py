@@ -54,8 +54,8 @@ class Supply:
 class MixerOutput:
     """What the mixer made of a command.
 
-    ``thrust`` (n_samples, n_rotors) is the share of the available thrust per
-    motor; ``limited`` (n_samples, 3) marks the axes that got less than asked.
+    ``thrust`` (n_samples, n_rotors) is the fraction of the available thrust per
+    motor; ``limited`` (n_samples, 3) marks the axes that got less than was commanded.
     """
 
     thrust: FloatArray
@@ -128,7 +128,7 @@ def actuator_of_thrust(thrust: FloatArray, supply: Supply, settings: MotorSettin
     Parameters
     ----------
     thrust : ndarray, shape (n_samples, n_rotors)
-        Share of the available thrust [1].
+        Fraction of the available thrust [1].
     supply : Supply
     settings : MotorSettings
     """
@@ -167,22 +167,3 @@ def actuator_of_pulse(pulse_us: FloatArray, settings: MotorSettings) -> FloatArr
     # Half a microsecond for what the firmware cut off.
     spin = (pulse_us + 0.5 - settings.pwm_min_us) / (settings.pwm_max_us - settings.pwm_min_us)
     return np.clip((spin - settings.spin_min) / (settings.spin_max - settings.spin_min), 0.0, 1.0)
-
-
-def torque_of_thrust(thrust: FloatArray, factors: FloatArray, gain: FloatArray) -> FloatArray:
-    """Return the command that would give these thrusts without any limit; shape (n_samples, 3).
-
-    The inverse of `mix` where nothing is limited: least squares on the
-    columns roll, pitch, yaw and throttle, over the compensation gain. For
-    PX4's allocation, a pseudo-inverse itself, the same holds with gain 1.
-
-    Parameters
-    ----------
-    thrust : ndarray, shape (n_samples, n_rotors)
-        Share of the available thrust [1].
-    factors : ndarray, shape (n_rotors, 4)
-        Motor thrust per unit of roll, pitch, yaw and throttle.
-    gain : ndarray, shape (n_samples,)
-    """
-    inverse = np.asarray(np.linalg.pinv(factors), dtype=np.float64)[:3]
-    return (thrust @ inverse.T) / gain[:, None]

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadid_logs.actuation.airframe import Airframe, motor_prefix
-from quadid_logs.actuation.motors import MotorSeries, any_motor, on_all_axes
-from quadid_logs.actuation.slow import at_rows, first, flown
+from quadid_logs.actuation.airframe import Airframe
+from quadid_logs.actuation.motors import MotorSeries, Rebuilt, any_motor, on_all_axes
+from quadid_logs.align.series import CleanLog, CleanSeries
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
+from quadid_logs.autopilots.ardupilot.airframe import motor_prefix
 from quadid_logs.autopilots.ardupilot.mixer import (
-    MixerOutput,
     MotorSettings,
     Supply,
     actuator_of_pulse,
@@ -22,11 +22,8 @@ from quadid_logs.autopilots.ardupilot.mixer import (
     full_battery_thrust,
     mix,
     pulse_width,
-    torque_of_thrust,
 )
-from quadid_logs.data.log import FlightLog, Rows, Signal
-from quadid_logs.data.torque import MixerCheck
-from quadid_logs.maths.resampling import typical_period
+from quadid_logs.data.torque import DensityLaw, MixerCheck
 
 #: A fitted gain explains the outputs better than a known one by chance: rounding leaves 0.05 us.
 _HANDICAP_US = 1.0
@@ -34,7 +31,7 @@ _HANDICAP_US = 1.0
 _SAME_LOOP_PERIODS = 1.5
 #: Whether RATE is written before or after its loop's outputs depends on the firmware's order of tasks.
 _LOOPS = (0, -1, 1)
-#: Share of a normal distribution within one standard deviation.
+#: Fraction of a normal distribution within one standard deviation.
 _ONE_SIGMA = 0.683
 #: Fewer rows prove nothing.
 _FEW_ROWS = 20
@@ -42,30 +39,18 @@ _FEW_ROWS = 20
 _GAIN_ROWS = 9
 #: Below this throttle a ratio to it is all rounding.
 _LEAST_THROTTLE = 0.05
+#: A motor at its stop limits every axis that it serves; rounding is far below a thousandth.
+_LIMITED = 1e-3
 #: MOT_THST_EXPO, MOT_SPIN_MIN, MOT_SPIN_MAX (AP_Motors_Thrust_Linearization.cpp) and MOT_YAW_HEADROOM.
 _DEFAULTS = {"MOT_THST_EXPO": 0.65, "MOT_SPIN_MIN": 0.15, "MOT_SPIN_MAX": 0.95, "MOT_YAW_HEADROOM": 200.0}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Rebuilt:
-    """The motor series that a log allows, the check of them, and what stood in the way."""
-
-    series: tuple[MotorSeries, ...] = ()
-    check: MixerCheck | None = None
-    remarks: tuple[str, ...] = ()
-
-    @property
-    def trusted(self) -> bool:
-        """Whether the recomputed pulse widths fit, or could not be compared."""
-        return self.check is None or self.check.fits
-
-
-def rebuild(log: FlightLog, airframe: Airframe) -> Rebuilt:
+def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
     """Rebuild motor thrusts from RATE and the mixer, and from RCOU.
 
     Parameters
     ----------
-    log : FlightLog
+    log : CleanLog
     airframe : Airframe
 
     Returns
@@ -73,7 +58,7 @@ def rebuild(log: FlightLog, airframe: Airframe) -> Rebuilt:
     Rebuilt
         The series at loop rate first, unless its pulse widths do not fit.
     """
-    settings = motor_settings(log)
+    settings = motor_settings(log.log.parameters)
     if settings is None:
         return Rebuilt(
             remarks=(
@@ -82,30 +67,30 @@ def rebuild(log: FlightLog, airframe: Airframe) -> Rebuilt:
             )
         )
     outputs = _motor_pulses(log, airframe)
-    rate, throttle = _commands(log)
-    found: list[MotorSeries] = []
-    check, density, gain_of = None, "", None
-    if rate is not None and throttle is not None:
-        law = _best_law(log, airframe, settings, (rate, throttle), outputs)
-        best = _trial(log, airframe, settings, (rate, throttle), law)
-        check = _compare(best, outputs, settings)
-        density, gain_of = best.density, best.series
-        found.append(best.series)
+    vehicle = _Vehicle(log, airframe, settings, outputs)
+    command = _command(log)
+    law, mixed = _Law(DensityLaw.NONE), None
+    if command is not None:
+        law = _best_law(vehicle, command)
+        mixed = _mixed(vehicle, command, law)
+    check = None if mixed is None else _compare(vehicle, mixed, law)
+    found = () if mixed is None or (check is not None and not check.fits) else (mixed,)
     if outputs is not None:
-        found.append(_from_pulses(log, airframe, settings, outputs, density))
-    rebuilt = Rebuilt(series=tuple(found), check=check, remarks=_remarks(log, check))
-    if gain_of is not None and not rebuilt.trusted:
-        rebuilt = replace(rebuilt, series=tuple(series for series in found if series is not gain_of))
-    return rebuilt
+        found = (*found, _from_pulses(vehicle, outputs, law))
+    return Rebuilt(series=found, check=check, remarks=_remarks(log, check))
 
 
-def motor_settings(log: FlightLog) -> MotorSettings | None:
+def motor_settings(known: Mapping[str, float]) -> MotorSettings | None:
     """Return the motor parameters; None where the log has none of them or they make no sense.
 
     MOT_PWM_MIN and MOT_PWM_MAX of 0 mean the throttle stick's range
     (AP_MotorsMulticopter.cpp, `get_pwm_output_min`).
+
+    Parameters
+    ----------
+    known : mapping of str to float
+        The log's parameters.
     """
-    known = log.parameters
     prefix = motor_prefix(known)
     if f"{prefix}MOT_THST_EXPO" not in known or f"{prefix}MOT_SPIN_MIN" not in known:
         return None
@@ -130,234 +115,197 @@ def motor_settings(log: FlightLog) -> MotorSettings | None:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Pulses:
-    """Logged pulse widths per motor."""
+    """Logged pulse widths, one column per motor."""
 
-    signal: Signal
+    series: CleanSeries
     values: FloatArray
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Vehicle:
+    """What stays the same in every attempt to mix."""
+
+    log: CleanLog
+    airframe: Airframe
+    settings: MotorSettings
+    outputs: _Pulses | None
+
+    def supply(self, time_s: FloatArray, density: CleanSeries | None) -> Supply:
+        """Return battery, air and throttle limits at times [s]."""
+        lift_max = self.log.at("lift_max", time_s, missing=1.0)
+        ratio = np.ones(time_s.shape) if density is None else density.at(time_s)
+        return Supply(
+            lift_max=lift_max,
+            voltage_ratio=self.log.at("battery_ratio", time_s, missing=1.0),
+            gain=compensation_gain(lift_max, ratio),
+            throttle_limit=self.log.at("throttle_limit", time_s, missing=1.0),
+            throttle_average_max=self.log.at("throttle_average_max", time_s, missing=0.0),
+        )
+
+    def air(self, time_s: FloatArray) -> FloatArray:
+        """Return the density ratio that thrust itself follows, 1 where it is not logged; as a column."""
+        air = self.log.at("air_density_ratio", time_s, missing=1.0)
+        return np.where((air > 0.3) & (air < 1.5), air, 1.0)[:, None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Command:
+    """Torque command of the rate loop, and the throttle at the same times (n_samples,)."""
+
+    series: CleanSeries
+    throttle: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Law:
-    """An air density that the compensation may have used, at given rows, and its name."""
+    """An air density that the compensation may have used."""
 
-    name: str
-    source: Signal | None
-    gain: FloatArray | None = None
+    kind: DensityLaw
+    source: CleanSeries | None = None
 
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Trial:
-    """The mixer's output under one law."""
-
-    density: str
-    series: MotorSeries
+    @property
+    def name(self) -> str:
+        """For people."""
+        if self.source is not None:
+            return self.source.source
+        return "fitted to the pulse widths" if self.kind is DensityLaw.FITTED else "none"
 
 
-def _commands(log: FlightLog) -> tuple[Signal | None, FloatArray | None]:
-    """Return the loop-rate torque command and the throttle in the same rows."""
-    for command in log.candidates("torque_command"):
-        for throttle in log.candidates("throttle"):
-            if np.array_equal(throttle.position, command.position) and not command.achieved:
-                return command, throttle.values[:, 0]
-    return None, None
+def _command(log: CleanLog) -> _Command | None:
+    """Return the loop's torque command with the throttle of the same message."""
+    for command in log.sources("torque_command"):
+        for throttle in log.sources("throttle"):
+            if throttle.rows is command.rows and not command.achieved:
+                return _Command(command, throttle.at(command.time_s))
+    return None
 
 
-def _motor_pulses(log: FlightLog, airframe: Airframe) -> _Pulses | None:
+def _motor_pulses(log: CleanLog, airframe: Airframe) -> _Pulses | None:
     """Return the pulse widths in the order of the motors, None where a motor's channel is not logged."""
-    signal = first(log, "output_pwm")
-    if signal is None or not airframe.channels or max(airframe.channels) > signal.values.shape[1]:
+    series = log.first("output_pwm")
+    if series is None or not airframe.channels or max(airframe.channels) > series.values.shape[1]:
         return None
-    return _Pulses(signal=signal, values=signal.values[:, [channel - 1 for channel in airframe.channels]])
+    return _Pulses(series, series.values[:, [channel - 1 for channel in airframe.channels]])
 
 
-def _density_laws(log: FlightLog, outputs: _Pulses | None) -> Iterator[_Law]:
-    """Yield the density laws of the firmware's ages, and none at all."""
-    for source in log.candidates("air_density_ratio"):
-        yield _Law(name=source.source, source=source)
-    yield _Law(name="none", source=None)
-    if outputs is not None:
-        yield _Law(name="fitted to the pulse widths", source=None, gain=np.zeros(0))
-
-
-def _best_law(
-    log: FlightLog,
-    airframe: Airframe,
-    settings: MotorSettings,
-    commands: tuple[Signal, FloatArray],
-    outputs: _Pulses | None,
-) -> _Law:
+def _best_law(vehicle: _Vehicle, command: _Command) -> _Law:
     """Return the density law whose pulse widths fit best, tried on the rows around those of RCOU."""
-    laws = list(_density_laws(log, outputs))
-    if outputs is None:
+    laws = [_Law(DensityLaw.LOGGED, source) for source in vehicle.log.sources("air_density_ratio")]
+    laws.append(_Law(DensityLaw.NONE))
+    if vehicle.outputs is None:
         return laws[0]
-    rate, throttle = commands
-    row, _ = _matching(rate, outputs.signal)
-    near = np.unique(np.clip(row[:, None] + np.array(_LOOPS), 0, rate.n_samples - 1))
-    few = (
-        replace(rate, rows=Rows(rate.time_s[near], rate.position[near]), values=rate.values[near]),
-        throttle[near],
-    )
-    return min(
-        laws,
-        key=lambda law: _misfit(_compare(_trial(log, airframe, settings, few, law), outputs, settings)),
-    )
+    laws.append(_Law(DensityLaw.FITTED))
+    row, _ = _same_loop(command.series, vehicle.outputs.series)
+    near = np.unique(np.clip(row[:, None] + np.array(_LOOPS), 0, command.series.n_samples - 1))
+    few = _Command(command.series.take(near), command.throttle[near])
+    return min(laws, key=lambda law: _misfit(_compare(vehicle, _mixed(vehicle, few, law), law)))
 
 
-def _trial(
-    log: FlightLog,
-    airframe: Airframe,
-    settings: MotorSettings,
-    commands: tuple[Signal, FloatArray],
-    law: _Law,
-) -> _Trial:
-    """Run the mixer under one density law."""
-    rate, throttle = commands
-    supply = _supply(log, rate.position, law.source)
-    if law.gain is not None:
-        supply = replace(supply, gain=_fitted_gain(log, airframe, settings, commands, supply))
-    output = mix(rate.values, throttle, airframe.factors, supply, settings.yaw_headroom)
+def _mixed(vehicle: _Vehicle, command: _Command, law: _Law) -> MotorSeries:
+    """Return what the motors made of the mixer's output under one density law."""
+    series, settings, factors = command.series, vehicle.settings, vehicle.airframe.factors
+    supply = vehicle.supply(series.time_s, law.source)
+    if law.kind is DensityLaw.FITTED:
+        supply = replace(supply, gain=_fitted_gain(vehicle, command, supply))
+    output = mix(series.values, command.throttle, factors, supply, settings.yaw_headroom)
     actuator = actuator_of_thrust(output.thrust, supply, settings)
-    return _Trial(
-        density=law.name, series=_series(log, airframe, settings, rate, throttle, supply, output, actuator)
-    )
-
-
-def _series(
-    log: FlightLog,
-    airframe: Airframe,
-    settings: MotorSettings,
-    rate: Signal,
-    throttle: FloatArray,
-    supply: Supply,
-    output: MixerOutput,
-    actuator: FloatArray,
-) -> MotorSeries:
-    """Return what the motors made of the mixer's output."""
-    thrust = full_battery_thrust(actuator, supply, settings)
-    share = thrust / np.where(supply.lift_max > 0.0, supply.lift_max, 1.0)[:, None]
-    command = torque_of_thrust(share, airframe.factors, supply.gain)
-    # A motor at its stop limits every axis that it serves; rounding is far below a thousandth.
-    limited = output.limited | (np.abs(command - rate.values) > 1e-3)
-    return MotorSeries(
-        time_s=rate.time_s,
-        position=rate.position,
-        thrust=thrust * _air(log, rate.position)[:, None],
-        actuator=actuator,
-        command=command,
+    mixed = _motor_series(vehicle, series, actuator, supply)
+    limited = output.limited | (np.abs(mixed.command - series.values) > _LIMITED)
+    return replace(
+        mixed,
         saturated=limited,
-        flown=flown(log, rate.position, throttle),
-        source=f"{rate.source} through the mixer",
+        flown=vehicle.log.flown(series.time_s, command.throttle),
+        source=f"{series.source} through the mixer",
         reason="what the motors could give of the rate controller's output: yaw headroom, scaling, "
         "motor limits, battery and air density as the firmware computes them",
+    )
+
+
+def _motor_series(vehicle: _Vehicle, base: CleanSeries, actuator: FloatArray, supply: Supply) -> MotorSeries:
+    """Return what motor commands (n_samples, n_rotors) mean at a supply."""
+    thrust = full_battery_thrust(actuator, supply, vehicle.settings)
+    available = thrust / np.where(supply.lift_max > 0.0, supply.lift_max, 1.0)[:, None]
+    command_thrust = available / supply.gain[:, None]
+    return MotorSeries(
+        base=base,
+        thrust=thrust * vehicle.air(base.time_s),
+        command_thrust=command_thrust,
+        actuator=actuator,
+        command=command_thrust @ vehicle.airframe.command_per_thrust.T,
+        saturated=None,
+        flown=vehicle.log.flown(base.time_s, available.mean(axis=1)),
+        source=base.source,
+        reason=base.reason,
         achieved=True,
     )
 
 
-def _supply(log: FlightLog, position: IntArray, density: Signal | None) -> Supply:
-    """Return battery, air and throttle limits at rows of the file."""
-    lift_max = at_rows(first(log, "lift_max"), position, missing=1.0)
-    return Supply(
-        lift_max=lift_max,
-        voltage_ratio=at_rows(first(log, "battery_ratio"), position, missing=1.0),
-        gain=compensation_gain(lift_max, at_rows(density, position, missing=1.0)),
-        throttle_limit=at_rows(first(log, "throttle_limit"), position, missing=1.0),
-        throttle_average_max=at_rows(first(log, "throttle_average_max"), position, missing=0.0),
-    )
-
-
-def _air(log: FlightLog, position: IntArray) -> FloatArray:
-    """Return the density ratio that thrust itself follows, 1 where it is not logged; shape of `position`."""
-    air = at_rows(first(log, "air_density_ratio"), position, missing=1.0)
-    return np.where((air > 0.3) & (air < 1.5), air, 1.0)
-
-
-def _fitted_gain(
-    log: FlightLog,
-    airframe: Airframe,
-    settings: MotorSettings,
-    commands: tuple[Signal, FloatArray],
-    supply: Supply,
-) -> FloatArray:
+def _fitted_gain(vehicle: _Vehicle, command: _Command, supply: Supply) -> FloatArray:
     """Return the compensation gain that the mean thrust of all motors tells; shape of the command's rows.
 
     Of use where the firmware's density is not logged: it was cached until
     the altitude changed by 25 m (AP_Baro.cpp before 4.7).
     """
-    rate, throttle = commands
-    outputs = _motor_pulses(log, airframe)
+    outputs = vehicle.outputs
     if outputs is None:
         return supply.gain
-    row, same = _matching(rate, outputs.signal)
-    inverse = _inverse(log, settings, outputs)
-    usable = same & flown(log, rate.position, throttle)[row] & (throttle[row] > _LEAST_THROTTLE)
+    row, same = _same_loop(command.series, outputs.series)
+    at_outputs = vehicle.supply(outputs.series.time_s, None)
+    actuator = actuator_of_pulse(outputs.values, vehicle.settings)
+    available = _motor_series(vehicle, outputs.series, actuator, at_outputs).command_thrust
+    available = available * at_outputs.gain[:, None]
+    flown = vehicle.log.flown(command.series.time_s, command.throttle)
+    usable = same & flown[row] & (command.throttle[row] > _LEAST_THROTTLE)
     if np.count_nonzero(usable) < _FEW_ROWS:
         return supply.gain
-    ratio = inverse.mean(axis=1)[usable] / throttle[row[usable]]
+    ratio = available.mean(axis=1)[usable] / command.throttle[row[usable]]
     padded = np.pad(ratio, _GAIN_ROWS // 2, mode="edge")
     smooth = np.median(np.lib.stride_tricks.sliding_window_view(padded, _GAIN_ROWS), axis=1)
-    place = outputs.signal.position[usable].astype(np.float64)
-    return np.asarray(np.interp(rate.position.astype(np.float64), place, smooth), dtype=np.float64)
+    gain = np.interp(command.series.time_s, outputs.series.time_s[usable], smooth)
+    return np.asarray(gain, dtype=np.float64)
 
 
-def _inverse(log: FlightLog, settings: MotorSettings, outputs: _Pulses) -> FloatArray:
-    """Return the share of the available thrust per motor from pulse widths; shape (n_rows, n_rotors)."""
-    supply = _supply(log, outputs.signal.position, None)
-    thrust = full_battery_thrust(actuator_of_pulse(outputs.values, settings), supply, settings)
-    return thrust / np.where(supply.lift_max > 0.0, supply.lift_max, 1.0)[:, None]
-
-
-def _from_pulses(
-    log: FlightLog, airframe: Airframe, settings: MotorSettings, outputs: _Pulses, density: str
-) -> MotorSeries:
+def _from_pulses(vehicle: _Vehicle, outputs: _Pulses, law: _Law) -> MotorSeries:
     """Return the series that RCOU tells, at RCOU's rate."""
-    signal = outputs.signal
-    source = next((each for each in log.candidates("air_density_ratio") if each.source == density), None)
-    supply = _supply(log, signal.position, source)
-    actuator = actuator_of_pulse(outputs.values, settings)
-    thrust = full_battery_thrust(actuator, supply, settings)
-    share = thrust / np.where(supply.lift_max > 0.0, supply.lift_max, 1.0)[:, None]
+    supply = vehicle.supply(outputs.series.time_s, law.source)
+    actuator = actuator_of_pulse(outputs.values, vehicle.settings)
     at_stop = any_motor((actuator <= 0.0) | (actuator >= 1.0))
-    return MotorSeries(
-        time_s=signal.time_s,
-        position=signal.position,
-        thrust=thrust * _air(log, signal.position)[:, None],
-        actuator=actuator,
-        command=torque_of_thrust(share, airframe.factors, supply.gain),
+    return replace(
+        _motor_series(vehicle, outputs.series, actuator, supply),
         saturated=on_all_axes(at_stop),
-        flown=flown(log, signal.position, share.mean(axis=1)),
-        source=f"{signal.source} back through the thrust curve",
+        source=f"{outputs.series.source} back through the thrust curve",
         reason="the pulse widths that the motors got: saturation and spin limits are in them",
-        achieved=True,
     )
 
 
-def _matching(rate: Signal, outputs: Signal) -> tuple[IntArray, BoolArray]:
+def _same_loop(rate: CleanSeries, outputs: CleanSeries) -> tuple[IntArray, BoolArray]:
     """Return the row of RATE before each row of RCOU, and whether it is of the same loop."""
-    row = np.searchsorted(rate.position, outputs.position, side="right") - 1
+    row = rate.last_before(outputs.time_s)
     inside = np.maximum(row, 0)
-    period_s = typical_period(rate.time_s)
     age = np.abs(outputs.time_s - rate.time_s[inside])
-    return inside, (row >= 0) & (age <= _SAME_LOOP_PERIODS * period_s)
+    return inside, (row >= 0) & (age <= _SAME_LOOP_PERIODS * rate.period_s)
 
 
-def _compare(trial: _Trial, outputs: _Pulses | None, settings: MotorSettings) -> MixerCheck | None:
+def _compare(vehicle: _Vehicle, mixed: MotorSeries, law: _Law) -> MixerCheck | None:
     """Compare recomputed with logged pulse widths on flown rows that nothing limits."""
-    if outputs is None:
+    if vehicle.outputs is None:
         return None
-    checks = [_compare_loop(trial, outputs, settings, loop) for loop in _LOOPS]
+    outputs = vehicle.outputs
+    checks = [_compare_loop(mixed, outputs, vehicle.settings, law, loop) for loop in _LOOPS]
     return min(checks, key=_misfit)
 
 
-def _compare_loop(trial: _Trial, outputs: _Pulses, settings: MotorSettings, loop: int) -> MixerCheck | None:
+def _compare_loop(
+    mixed: MotorSeries, outputs: _Pulses, settings: MotorSettings, law: _Law, loop: int
+) -> MixerCheck | None:
     """Compare with the command of the same loop, or of a neighbouring one."""
-    series = trial.series
-    row, same = _matching(series.as_command(), outputs.signal)
-    row = np.clip(row + loop, 0, len(series.position) - 1)
-    free = np.zeros(row.shape, np.bool_) if series.saturated is None else ~series.saturated[row].any(axis=1)
-    usable = same & free & series.flown[row]
-    error = pulse_width(series.actuator[row[usable]], settings) - outputs.values[usable]
+    row, same = _same_loop(mixed.base, outputs.series)
+    row = np.clip(row + loop, 0, mixed.base.n_samples - 1)
+    free = np.zeros(row.shape, np.bool_) if mixed.saturated is None else ~mixed.saturated[row].any(axis=1)
+    usable = same & free & mixed.flown[row]
+    error = pulse_width(mixed.actuator[row[usable]], settings) - outputs.values[usable]
     if len(error) < _FEW_ROWS or not np.isfinite(error).all():
         return None
     return MixerCheck(
@@ -366,7 +314,8 @@ def _compare_loop(trial: _Trial, outputs: _Pulses, settings: MotorSettings, loop
         std_us=float(error.std()),
         largest_us=float(np.abs(error).max()),
         typical_us=float(np.quantile(np.abs(error), _ONE_SIGMA)),
-        density=trial.density,
+        density=law.name,
+        law=law.kind,
     )
 
 
@@ -374,20 +323,20 @@ def _misfit(check: MixerCheck | None) -> float:
     """Return what to minimise over density laws; a fitted gain must be clearly better than a known one."""
     if check is None:
         return math.inf
-    handicap = _HANDICAP_US if check.density.startswith("fitted") else 0.0
-    return check.typical_us + handicap
+    return check.typical_us + (_HANDICAP_US if check.law is DensityLaw.FITTED else 0.0)
 
 
-def _remarks(log: FlightLog, check: MixerCheck | None) -> tuple[str, ...]:
+def _remarks(log: CleanLog, check: MixerCheck | None) -> tuple[str, ...]:
     """Say what the check does not cover."""
-    prefix = motor_prefix(log.parameters)
+    parameters = log.log.parameters
+    prefix = motor_prefix(parameters)
     slow = [
         name
         for name in (f"{prefix}MOT_SLEW_UP_TIME", f"{prefix}MOT_SLEW_DN_TIME")
-        if log.parameters.get(name, 0.0) > 0.0
+        if parameters.get(name, 0.0) > 0.0
     ]
     remarks = [f"{' and '.join(slow)} slow the motors down beyond what is rebuilt here."] if slow else []
-    if check is not None and check.density.startswith("fitted"):
+    if check is not None and check.law is DensityLaw.FITTED:
         remarks.append(
             "The gain against thin air is not logged in this firmware: fitted to the pulse widths."
         )

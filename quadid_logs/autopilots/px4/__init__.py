@@ -9,8 +9,9 @@ from quadid_logs.autopilots import Autopilot, LogFormat
 from quadid_logs.data.log import FlightLog
 
 if TYPE_CHECKING:
-    from quadid_logs.actuation.airframe import Airframe
-    from quadid_logs.autopilots.ardupilot.torque import Rebuilt
+    from quadid_logs.actuation.airframe import Airframe, Unknown
+    from quadid_logs.actuation.motors import Rebuilt
+    from quadid_logs.align.series import CleanLog
 
 
 class Px4(Autopilot):
@@ -30,12 +31,17 @@ class Px4(Autopilot):
             LogFormat("dataflash", "PX4 sdlog2", sdlog2.is_mine, read_sdlog2, (".px4log",), "sdlog2"),
         )
 
-    def rebuild(self, log: FlightLog, airframe: Airframe) -> Rebuilt:
+    def find_airframe(self, log: FlightLog) -> Airframe | Unknown:
+        """CA_ROTORn_*; SYS_AUTOSTART before 1.13."""
+        from quadid_logs.autopilots.px4.airframe import find_airframe
+
+        return find_airframe(log)
+
+    def rebuild(self, log: CleanLog, airframe: Airframe) -> Rebuilt:
         """Take actuator_motors, the set-point through the allocation, or the outputs."""
-        from quadid_logs.autopilots.ardupilot.torque import Rebuilt
         from quadid_logs.autopilots.px4.torque import rebuild
 
-        return Rebuilt(series=rebuild(log, airframe))
+        return rebuild(log, airframe)
 
     def loop_rate_hz(self, parameters: Mapping[str, float]) -> float:
         """IMU_GYRO_RATEMAX; 0 there means as fast as the gyro, whose rate no parameter tells."""

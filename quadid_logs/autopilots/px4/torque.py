@@ -12,11 +12,9 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from quadid_logs.actuation.airframe import Airframe
-from quadid_logs.actuation.motors import MotorSeries, any_motor, on_all_axes
-from quadid_logs.actuation.slow import at_rows, first, flown
+from quadid_logs.actuation.motors import MotorSeries, Rebuilt, any_motor, on_all_axes
+from quadid_logs.align.series import CleanLog, CleanSeries
 from quadid_logs.arrays import BoolArray, FloatArray
-from quadid_logs.autopilots.ardupilot.mixer import torque_of_thrust
-from quadid_logs.data.log import FlightLog, Signal
 
 #: Single precision of the allocation is 1e-7; a thousandth of full command is a limit at work.
 _LIMITED = 1e-3
@@ -29,31 +27,39 @@ _FIRST_MOTOR_FUNCTION = 101
 _N_OUTPUTS = 16
 
 
-def rebuild(log: FlightLog, airframe: Airframe) -> tuple[MotorSeries, ...]:
+def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
     """Rebuild motor thrusts from every source that the log holds.
 
     Parameters
     ----------
-    log : FlightLog
+    log : CleanLog
     airframe : Airframe
 
     Returns
     -------
-    tuple of MotorSeries
+    Rebuilt
         What was achieved first, then the set-point as if nothing were limited, then the outputs.
     """
     found = (_from_motors(log, airframe), _from_setpoint(log, airframe), _from_outputs(log, airframe))
-    return tuple(series for series in found if series is not None)
+    return Rebuilt(series=tuple(series for series in found if series is not None))
 
 
-def _thrust_model(log: FlightLog) -> float:
+def _thrust_model(log: CleanLog) -> float:
     """Return THR_MDL_FAC, 0 where it is not logged."""
-    factor = log.parameters.get("THR_MDL_FAC", 0.0)
+    factor = log.log.parameters.get("THR_MDL_FAC", 0.0)
     return factor if 0.0 <= factor <= 1.0 else 0.0
 
 
 def output_of_thrust(thrust: FloatArray, factor: float) -> FloatArray:
-    """Return the output x that solves f x^2 + (1 - f) x = thrust (FunctionMotors.hpp); same shape."""
+    """Return the output x that solves f x^2 + (1 - f) x = thrust (FunctionMotors.hpp); same shape.
+
+    Parameters
+    ----------
+    thrust : ndarray
+        Fraction of full thrust [1].
+    factor : float
+        THR_MDL_FAC, f.
+    """
     thrust = np.clip(thrust, 0.0, 1.0)
     if factor <= 0.0:
         return thrust
@@ -61,106 +67,97 @@ def output_of_thrust(thrust: FloatArray, factor: float) -> FloatArray:
     return np.asarray((-rest + np.sqrt(rest**2 + 4.0 * factor * thrust)) / (2.0 * factor), dtype=np.float64)
 
 
-def _from_motors(log: FlightLog, airframe: Airframe) -> MotorSeries | None:
+def _from_motors(log: CleanLog, airframe: Airframe) -> MotorSeries | None:
     """Take actuator_motors: allocated thrust, before THR_MDL_FAC; NaN is a stopped motor."""
-    signal = first(log, "motor_thrust")
-    if signal is None or signal.values.shape[1] < airframe.n_rotors:
+    series = log.first("motor_thrust")
+    if series is None or series.values.shape[1] < airframe.n_rotors:
         return None
     # A stopped motor gives no thrust, but a row of NaN only says nothing.
-    known = np.isfinite(signal.values[:, : airframe.n_rotors]).any(axis=1)
-    thrust = np.nan_to_num(signal.values[:, : airframe.n_rotors])
+    known = np.isfinite(series.values[:, : airframe.n_rotors]).any(axis=1)
+    thrust = np.nan_to_num(series.values[:, : airframe.n_rotors])
     thrust[~known] = np.nan
-    command = torque_of_thrust(thrust, airframe.factors, np.ones(len(thrust)))
+    command = thrust @ airframe.command_per_thrust.T
     return MotorSeries(
-        time_s=signal.time_s,
-        position=signal.position,
+        base=series,
         thrust=thrust,
+        command_thrust=thrust,
         actuator=output_of_thrust(thrust, _thrust_model(log)),
         command=command,
-        saturated=_limited(log, signal, thrust, command),
-        flown=flown(log, signal.position, np.nan_to_num(thrust).mean(axis=1)) & known,
-        source=f"{signal.source} through CA_ROTOR*",
+        saturated=_limited(log, series, thrust, command),
+        flown=log.flown(series.time_s, np.nan_to_num(thrust).mean(axis=1)) & known,
+        source=f"{series.source} through CA_ROTOR*",
         reason="the thrust that the allocation gave each motor: saturation is in it",
         achieved=True,
     )
 
 
-def _limited(log: FlightLog, signal: Signal, thrust: FloatArray, command: FloatArray) -> BoolArray:
+def _limited(log: CleanLog, series: CleanSeries, thrust: FloatArray, command: FloatArray) -> BoolArray:
     """Mark the axes that got less than the sample's set-point; without one, rows with a motor at a stop."""
-    at_stop = any_motor((thrust <= 0.0) | (thrust >= 1.0))
-    limited = on_all_axes(at_stop)
-    setpoint = first(log, "torque_command")
-    if setpoint is None or not setpoint.n_samples:
+    limited = on_all_axes(any_motor((thrust <= 0.0) | (thrust >= 1.0)))
+    setpoint = log.first("torque_command")
+    if setpoint is None:
         return limited
-    order = np.argsort(setpoint.time_s, kind="stable")
-    after = np.clip(np.searchsorted(setpoint.time_s[order], signal.time_s), 1, max(len(order) - 1, 1))
-    row = order[np.minimum(after, len(order) - 1)]
-    before = order[after - 1]
-    closer = np.abs(setpoint.time_s[before] - signal.time_s) < np.abs(setpoint.time_s[row] - signal.time_s)
-    row = np.where(closer, before, row)
-    same = np.abs(setpoint.time_s[row] - signal.time_s) < _SAME_SAMPLE_S
+    last = setpoint.n_samples - 1
+    after = np.clip(np.searchsorted(setpoint.time_s, series.time_s), min(1, last), last)
+    before = np.maximum(after - 1, 0)
+    closer = np.abs(setpoint.time_s[before] - series.time_s) < np.abs(setpoint.time_s[after] - series.time_s)
+    row = np.where(closer, before, after)
+    same = np.abs(setpoint.time_s[row] - series.time_s) < _SAME_SAMPLE_S
     limited[same] = np.abs(command - setpoint.values[row])[same] > _LIMITED
     return limited
 
 
-def _from_setpoint(log: FlightLog, airframe: Airframe) -> MotorSeries | None:
+def _from_setpoint(log: CleanLog, airframe: Airframe) -> MotorSeries | None:
     """Take the torque set-point as the allocation would meet it without limits."""
-    signal = first(log, "torque_command")
-    throttle = first(log, "throttle")
-    if signal is None or throttle is None or signal.achieved:
+    series = log.first("torque_command")
+    throttle = log.first("throttle")
+    if series is None or throttle is None or series.achieved:
         return None
-    collective = at_rows(throttle, signal.position, missing=math.nan)
-    thrust = np.column_stack([signal.values, collective]) @ airframe.factors.T
-    unallocated = first(log, "unallocated_torque")
+    collective = throttle.at(series.time_s)
+    thrust = np.column_stack([series.values, collective]) @ airframe.factors.T
     limited = on_all_axes(any_motor((thrust < 0.0) | (thrust > 1.0)))
+    unallocated = log.first("unallocated_torque")
     if unallocated is not None:
         for axis in range(3):
-            column = Signal(
-                name="lift_max",
-                rows=unallocated.rows,
-                values=np.abs(unallocated.values[:, axis : axis + 1]),
-                source=unallocated.source,
-            )
-            limited[:, axis] |= at_rows(column, signal.position, missing=0.0) > _LIMITED
+            size = np.interp(series.time_s, unallocated.time_s, np.abs(unallocated.values[:, axis]))
+            limited[:, axis] |= size > _LIMITED
     return MotorSeries(
-        time_s=signal.time_s,
-        position=signal.position,
+        base=series,
         thrust=thrust,
+        command_thrust=thrust,
         actuator=output_of_thrust(thrust, _thrust_model(log)),
-        command=signal.values,
+        command=series.values,
         saturated=limited,
-        flown=flown(log, signal.position, collective),
-        source=signal.source,
-        reason=f"{signal.reason}; saturation is not in it",
+        flown=log.flown(series.time_s, collective),
+        source=series.source,
+        reason=f"{series.reason}; saturation is not in it",
         achieved=False,
     )
 
 
-def _from_outputs(log: FlightLog, airframe: Airframe) -> MotorSeries | None:
+def _from_outputs(log: CleanLog, airframe: Airframe) -> MotorSeries | None:
     """Take actuator_outputs back through pulse range and thrust model."""
-    for signal in log.candidates("output_pwm"):
-        ranges = _pulse_ranges(log.parameters, airframe, signal.values.shape[1])
+    factor = _thrust_model(log)
+    for series in log.sources("output_pwm"):
+        ranges = _pulse_ranges(log.log.parameters, airframe, series.values.shape[1])
         if ranges is None:
             continue
         channel, low, high = ranges
-        actuator = np.clip((signal.values[:, channel] - low) / (high - low), 0.0, 1.0)
-        if not actuator.any():
-            continue
-        factor = _thrust_model(log)
+        actuator = np.clip((series.values[:, channel] - low) / (high - low), 0.0, 1.0)
         thrust = factor * actuator**2 + (1.0 - factor) * actuator
         at_stop = any_motor((actuator <= 0.0) | (actuator >= 1.0))
-        up = flown(log, signal.position, thrust.mean(axis=1))
-        if not up.any() or np.mean(at_stop[up]) > _OFTEN:
+        up = log.flown(series.time_s, thrust.mean(axis=1))
+        if not actuator.any() or not up.any() or np.mean(at_stop[up]) > _OFTEN:
             continue
         return MotorSeries(
-            time_s=signal.time_s,
-            position=signal.position,
+            base=series,
             thrust=thrust,
+            command_thrust=thrust,
             actuator=actuator,
-            command=torque_of_thrust(thrust, airframe.factors, np.ones(len(thrust))),
+            command=thrust @ airframe.command_per_thrust.T,
             saturated=on_all_axes(at_stop),
             flown=up,
-            source=f"{signal.source} back through THR_MDL_FAC",
+            source=f"{series.source} back through THR_MDL_FAC",
             reason="what the outputs sent: saturation is in it",
             achieved=True,
         )
