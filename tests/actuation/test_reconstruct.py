@@ -10,12 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from quadid_logs.align import Prepared, cut
+from quadid_logs.actuation import reconstruct
+from quadid_logs.align import Prepared, clean, cut
 from quadid_logs.align.series import CleanSeries
+from quadid_logs.autopilots import named
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.settings import AlignSettings
 from quadid_logs.data.vehicle import Vehicle
-from quadid_logs.load import load, prepare
+from quadid_logs.load import load, prepare, read_log
 from quadid_logs.pipeline import analyze
 from quadid_logs.simulate import simulate
 from tests.actuation.logs import PARAMETERS, ardupilot_log, signal
@@ -78,9 +80,10 @@ def test_flown_vehicles_confirm_the_mixer_too(corpus: Path) -> None:
 @pytest.mark.parametrize("name", ["px4_quad_multisine", "px4_quad_default_logging"])
 def test_px4_motors_return_the_set_point_where_nothing_is_limited(corpus: Path, name: str) -> None:
     """actuator_motors through the allocation is vehicle_torque_setpoint to single precision."""
-    log = load(corpus / "firmware" / f"{name}.ulg")
-    achieved, commanded = torques_of(log)[:2]
-    free = marks_of(log).values.sum(axis=1) == 0.0
+    cleaned = clean(read_log(corpus / "firmware" / f"{name}.ulg"))
+    first, second = reconstruct(cleaned, named("px4")).sources[:2]
+    assert first.saturated is not None
+    achieved, commanded, free = first.series, second.series, first.saturated.values.sum(axis=1) == 0.0
     row = np.searchsorted(commanded.time_s, achieved.time_s)
     row = np.minimum(row, commanded.n_samples - 1)
     same = free & (np.abs(commanded.time_s[row] - achieved.time_s) < 1e-6)
