@@ -13,7 +13,7 @@ from quadid_logs.actuation import reconstruct
 from quadid_logs.align import Prepared, assemble, clean
 from quadid_logs.autopilots import LogFormat, formats, named
 from quadid_logs.containers.foreign import explain_foreign
-from quadid_logs.data.log import FlightLog, Rows
+from quadid_logs.data.log import FlightLog
 from quadid_logs.data.settings import Settings
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.errors import EmptyLogError, LogNotFoundError, UnknownFormatError
@@ -141,17 +141,3 @@ def _read_with(log_format: LogFormat, path: str | Path, system: int) -> FlightLo
             f"{path} is damaged in a way that stops the reader ({type(error).__name__}: {error}).",
             hint="Please report it with the log.",
         ) from error
-
-
-def _sharing_rows(log: FlightLog) -> FlightLog:
-    """TEMPORARY, until the readers make them so: let the signals of one message share their rows."""
-    found: dict[tuple[bytes, bytes], Rows] = {}
-
-    def shared(rows: Rows) -> Rows:
-        return found.setdefault((rows.time_s.tobytes(), rows.position.tobytes()), rows)
-
-    signals = {
-        name: tuple(replace(one, rows=shared(one.rows)) for one in sources)
-        for name, sources in log.signals.items()
-    }
-    return replace(log, signals=signals)
