@@ -254,7 +254,7 @@ def _data(segments: tuple[Segment, ...], duration_s: float) -> FlightData:
 def _gyro_check(segments: tuple[Segment, ...]) -> GyroCheck:
     change = np.concatenate([segment.body_rate_rad_s[:: int(RATE_HZ)] for segment in segments])
     return GyroCheck(
-        stretch_s=1.0,
+        length_s=1.0,
         start_s=np.concatenate([segment.time_s[:: int(RATE_HZ)] for segment in segments]),
         attitude_change=change,
         integrated_change=1.004 * change,

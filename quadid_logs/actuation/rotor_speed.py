@@ -14,7 +14,7 @@ from quadid_logs.arrays import FloatArray, IntArray
 
 #: Speeds that a rotor in flight cannot fall below or exceed [rad/s]; 100 and 100 000 rpm.
 _SPEEDS: Final = (10.0, 10_500.0)
-#: Speeds of a flying multirotor vary; what does not is no measurement.
+#: Speeds of a multirotor in flight vary; what does not is no measurement.
 _LEAST_SPREAD: Final = 1e-3
 #: A measurement has lag, noise and rounding; what follows the command closer than this is computed from it.
 _COMPUTED: Final = 0.9995

@@ -34,7 +34,7 @@ _SHORTEST_SEGMENT_S = 2.0
 #: No rate loop of a multirotor runs slower than this [Hz]; a log that is as
 #: fast holds every output.
 _LOOP_RATE_HZ = 200.0
-#: The next slower log holds half the steps of the loop; uneven stamps are far from making that of it.
+#: The next slower log holds half the steps of the loop; jittery stamps are far from making that of it.
 _EVERY_STEP = 0.9
 
 

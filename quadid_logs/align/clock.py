@@ -99,7 +99,7 @@ def find_clock(signals: Iterable[Signal]) -> Clock:
     Parameters
     ----------
     signals : iterable of Signal
-        Those of one message share their rows, which vote once.
+        Those of one message have the same rows, which vote once.
 
     Returns
     -------

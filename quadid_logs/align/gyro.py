@@ -57,7 +57,7 @@ def check_gyro(
     )
     if fit is None or fit.start_s.size < _FEWEST_INTERVALS:
         return None
-    return GyroCheck(stretch_s=_INTERVAL_S, **fit._asdict())
+    return GyroCheck(length_s=_INTERVAL_S, **fit._asdict())
 
 
 def _intervals(rate: CleanSeries, attitude: CleanSeries, flights: Sequence[Interval]) -> IntArray:

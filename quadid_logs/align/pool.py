@@ -75,7 +75,7 @@ def _check_alike(first: FlightData, other: FlightData) -> None:
 
 
 def _joint_input(merged: FlightData, parts: Sequence[FlightData]) -> InputDescription | None:
-    """Describe the input of all: saturation by its share, achieved and every step only if every log is."""
+    """Describe the input of all: saturation by its fraction, achieved and every step only if every log is."""
     if merged.input is None:
         return None
     described = [each.input for each in parts if each.input is not None]

@@ -36,7 +36,7 @@ class CleanSeries:
     name : str
         Canonical name, a key of `vocabulary.SIGNALS`.
     rows : Rows
-        Of the message that it was logged in or rebuilt from: series of one message share the object.
+        Of the message that it was logged in or rebuilt from: the same object for all series of one message.
     time_s : ndarray, shape (n_samples,)
         Strictly increasing [s].
     values : ndarray, shape (n_samples, n_columns)

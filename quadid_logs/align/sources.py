@@ -22,7 +22,7 @@ def choose_sources(candidates: Mapping[str, Sequence[CleanSeries]]) -> dict[str,
     """Take for each signal the most preferred source that is fast enough.
 
     Body rates need not be faster than the torque they are compared with, so
-    there the source that shares the torque's rows usually wins.
+    there the source with the torque's rows mostly wins.
 
     Parameters
     ----------

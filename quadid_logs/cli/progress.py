@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _PATIENCE_S = 1.0
 #: Share of an analysis that is done when a stage begins: the median of twelve logs that hold a flight.
 _DONE_BEFORE: Final[Mapping[str, float]] = MappingProxyType(
-    {"read": 0.0, "torque": 0.02, "align": 0.03, "identify": 0.06, "writing the report": 0.3}
+    {"read": 0.0, "align": 0.02, "identify": 0.06, "writing the report": 0.3}
 )
 
 

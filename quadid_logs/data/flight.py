@@ -52,7 +52,7 @@ class SourceChoice:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Segment:
-    """A stretch of flight on a uniform time grid, without gaps.
+    """A part of a flight on a uniform time grid, without gaps.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class Segment:
         Thrust of each rotor in the unit for which `InputDescription.torque_per_thrust` gives the
         torque; None where the rotors are not known.
     reference : ndarray, shape (n_samples, 3 or 4), or None
-        What was asked for, from outside the rate loop: rate setpoints [rad/s], and the excitation
+        What was commanded, from outside the rate loop: rate setpoints [rad/s], and the excitation
         of a system-ID mode where there is one; None where the log has no setpoints.
     saturated : ndarray of bool, shape (n_samples,)
         The torque could not be achieved, or was clipped.
@@ -121,20 +121,20 @@ class GyroCheck:
 
     Attributes
     ----------
-    start_s : ndarray, shape (n_stretches,)
-        Of stretches of `stretch_s` in flight [s].
-    attitude_change, integrated_change : ndarray, shape (n_stretches, 3)
+    start_s : ndarray, shape (n_intervals,)
+        Of intervals of `length_s` in flight [s].
+    attitude_change, integrated_change : ndarray, shape (n_intervals, 3)
         Change of roll, pitch and yaw by the attitude, and by the body rates as they were
         logged, but for the bias and the lag [rad].
     matrix, half_width, explained : ndarray, shape (3, 3)
         Body rates that the attitude shows over those logged: the identity if they agree. Half
-        of the 95 % interval, and the share of that part of the motion that it explains.
+        of the 95 % interval, and the fraction of that part of the motion that it explains.
     bias_rad_s : ndarray, shape (3,)
     lag_s, lag_half_width_s : float
         How long the rates come after the attitude: the filter of the gyro.
     """
 
-    stretch_s: float
+    length_s: float
     start_s: FloatArray
     attitude_change: FloatArray
     integrated_change: FloatArray
@@ -149,9 +149,9 @@ class GyroCheck:
     def interval(self) -> tuple[FloatArray, FloatArray]:
         """Lowest and highest value that the data allow each element of `matrix`; each (3, 3).
 
-        Noise in the rates pulls least squares towards zero. The true value lies between that
-        estimate and the one with rates and attitude exchanged, which noise in the attitude pulls
-        the other way: the estimate over the explained share (R. Frisch, *Statistical Confluence
+        Noise in the rates draws least squares towards zero. The true value lies between that
+        estimate and the one with rates and attitude exchanged, which noise in the attitude draws
+        the other way: the estimate over the explained fraction (R. Frisch, *Statistical Confluence
         Analysis*, 1934; S. Klepper and E. Leamer, Econometrica, vol. 52, 1984).
         """
         far = np.copysign(np.inf, self.matrix)
@@ -204,7 +204,7 @@ class FlightData:
     sample_period_s : float
         Of every segment; NaN where there is nothing to resample.
     segments : tuple of Segment
-        Stretches that can be identified from, in order of time.
+        Gap-free parts that can be identified from, in order of time.
     flights : tuple of (start_s, end_s)
         Take-off to landing, whether or not signals suffice for a segment.
     sources : mapping of str to SourceChoice

@@ -32,7 +32,7 @@ def whole_number(value: float | None, otherwise: int = 0) -> int:
 
 
 class Notch(NamedTuple):
-    """A notch of second order: its centre, one over its Q, and the share that it leaves at the centre."""
+    """A notch of second order: its centre, one over its Q, and the gain that it leaves at the centre."""
 
     frequency_hz: float
     inverse_q: float
@@ -103,7 +103,7 @@ class Signal:
     name : str
         Canonical name, a key of `vocabulary.SIGNALS`.
     rows : Rows
-        Times and positions; signals from one message share the same object.
+        Times and positions; one object for all signals of a message.
     values : ndarray, shape (n_samples, n_columns)
         In the unit, frame and sign that the vocabulary fixes.
     source : str
@@ -266,8 +266,8 @@ class FlightLog:
 
     @property
     def corrupt_bytes(self) -> int:
-        """Sum of all lost stretches [bytes]."""
-        return sum(stretch.n_bytes for stretch in self.lost)
+        """Sum of all lost bytes."""
+        return sum(part.n_bytes for part in self.lost)
 
     def candidates(self, name: str) -> tuple[Signal, ...]:
         """Return the sources of a canonical signal, the preferred one first."""

@@ -75,7 +75,7 @@ def _finding(check: GyroCheck, number: int, level: Level, title: str) -> Finding
         "attitude_over_rate": rounded(check.matrix[number, number]),
         "range": [rounded(low[number, number]), rounded(high[number, number])],
         "stretches": int(check.start_s.size),
-        "stretch_s": check.stretch_s,
+        "stretch_s": check.length_s,
     }
     return finding("QL310", level, evidence, axes=(AXES[number],), title=title)
 

@@ -37,7 +37,7 @@ def gyro_against_attitude(result: Result) -> Figure | LeftOut:
             )
         )
     caption = (
-        f"Change of each angle over {check.start_s.size} stretches of {check.stretch_s:g} s. Points on the "
+        f"Change of each angle over {check.start_s.size} stretches of {check.length_s:g} s. Points on the "
         "dashed line: what the body rates add up to is what the attitude shows, so units, signs and axes of "
         "the log are right. A round cloud says nothing: the axis hardly turned, or the rates were logged too "
         f"slowly to add them up. {_lag(check)}"

@@ -11,6 +11,8 @@ from quadid_logs.arrays import FloatArray
 #: Half length of the anti-alias filter, in periods of the output grid: the
 #: transition from pass to stop band then fits between 0.35 and 0.5 of its rate.
 _FILTER_PERIODS = 8
+#: A step of more than so many medians is a pause, unless more than one in ten is as long.
+_PAUSE_MEDIANS, _RARE = 5.0, 0.1
 
 
 def typical_period(time_s: FloatArray) -> float:
@@ -18,7 +20,8 @@ def typical_period(time_s: FloatArray) -> float:
 
     The median alone misleads where stamps lie on a coarse grid or come in
     bunches; the mean alone where there are gaps. A pause is a step of more
-    than five medians, far above any jitter.
+    than five medians, far above any jitter, and rare: where many steps are that
+    long, they are the rhythm of bunches, and count.
 
     Parameters
     ----------
@@ -30,9 +33,14 @@ def typical_period(time_s: FloatArray) -> float:
         steps = steps[steps > 0.0]
     if steps.size == 0:
         return float("nan")
-    longest = 5.0 * np.median(steps)
+    longest = _PAUSE_MEDIANS * np.median(steps)
     # Most series hold neither repeated stamps nor pauses: nothing is copied.
-    return float(np.mean(steps if steps.max() <= longest else steps[steps <= longest]))
+    while steps.max() > longest:
+        long = steps > longest
+        if np.count_nonzero(long) <= _RARE * steps.size:
+            return float(np.mean(steps[~long]))
+        longest = _PAUSE_MEDIANS * np.median(steps[long])
+    return float(np.mean(steps))
 
 
 def resample(time_s: FloatArray, values: FloatArray, grid_s: FloatArray) -> FloatArray:

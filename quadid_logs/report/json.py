@@ -184,7 +184,7 @@ def _gyro(check: GyroCheck) -> dict[str, Any]:
     low, high = check.interval
     return {
         "n_stretches": check.start_s.shape[0],
-        "stretch_s": check.stretch_s,
+        "stretch_s": check.length_s,
         "attitude_over_rate": check.matrix,
         "low": low,
         "high": high,

@@ -95,9 +95,9 @@ def ardupilot_log(
     output = mix(command, throttle, factors, given, MOTORS.yaw_headroom)
     actuator = actuator_of_thrust(output.thrust, given, MOTORS)
     y = actuator * voltage
-    share = (1.0 - MOTORS.expo) * y + MOTORS.expo * y**2
+    thrust = (1.0 - MOTORS.expo) * y + MOTORS.expo * y**2
     force = np.zeros((n, 3))
-    force[:, 2] = -share.sum(axis=1) * max_thrust_n / mass_kg
+    force[:, 2] = -thrust.sum(axis=1) * max_thrust_n / mass_kg
     signals = [
         signal("torque_command", command, source="RATE.ROut POut YOut"),
         signal("throttle", throttle, source="RATE.AOut"),

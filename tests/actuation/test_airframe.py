@@ -1,4 +1,4 @@
-"""Which airframe a log describes, and what is asked for where it cannot tell."""
+"""Which airframe a log describes, and what to pass where it cannot tell."""
 
 from __future__ import annotations
 

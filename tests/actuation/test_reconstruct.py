@@ -163,7 +163,7 @@ def test_unsaturated_torque_is_the_command_and_saturated_torque_is_less(made: Fl
 
 
 def test_hover_gives_newtons(made: FlightLog) -> None:
-    """Mass times specific force over the motors' share of full thrust is the thrust of a rotor."""
+    """Mass times specific force over the motors' fraction of full thrust is the thrust of a rotor."""
     log = prepare(made, Vehicle(mass_kg=2.0, arm_length_m=0.3)).log
     assert log.torque is not None
     known = log.torque.calibration

@@ -36,7 +36,7 @@ def test_a_gap_stays_a_gap() -> None:
     assert second.start_s >= 25.5
 
 
-def test_two_gap_free_stretches_of_one_flight_are_one_flight_segment() -> None:
+def test_two_gap_free_parts_of_one_flight_are_one_flight_segment() -> None:
     """The user sees flights; the gaps inside are listed apart."""
     time_s = STEADY[(STEADY < 25.0) | (STEADY > 25.5)]
     assert len(align(flown(time_s), AlignSettings()).flight_segments) == 1
@@ -84,7 +84,7 @@ def test_repeated_stamps_are_merged_and_counted() -> None:
 
 
 @pytest.mark.parametrize("stamp", [4.2e12, -1e6, np.nan, np.inf, 1e16])
-def test_a_wild_stamp_costs_only_its_own_row(stamp: float) -> None:
+def test_a_damaged_stamp_costs_only_its_own_row(stamp: float) -> None:
     """One corrupted TimeUS once broke slicing for a whole log."""
     time_s = STEADY.copy()
     time_s[700] = stamp
@@ -196,17 +196,24 @@ def test_a_log_too_short_to_show_a_flight_says_so() -> None:
     assert data.on_ground_reason == "the throttle never left idle in the 0.4 s that the log holds"
 
 
-def test_only_the_asked_part_of_the_log_is_used() -> None:
+def test_only_the_chosen_part_of_the_log_is_used() -> None:
     """--start-s and --end-s."""
     (segment,) = align(flown(STEADY), AlignSettings(start_s=20.0, end_s=30.0)).segments
     assert segment.start_s >= 20.0
     assert segment.end_s <= 30.0
 
 
-def test_a_rate_asked_for_is_the_rate_that_is_used() -> None:
+def test_a_rate_that_is_set_is_the_rate_that_is_used() -> None:
     """--sample-rate-hz."""
     data = align(flown(STEADY), AlignSettings(sample_rate_hz=50.0))
     np.testing.assert_allclose(np.diff(data.segments[0].time_s), 0.02)
+
+
+def test_rows_that_come_in_pairs_are_a_flight() -> None:
+    """Stamps 1 us apart every 5 ms once passed for a megahertz, at which every step is a gap."""
+    pairs = np.repeat(STEADY[::2], 2) + np.tile([0.0, 1e-6], STEADY.size // 2)
+    (segment,) = align(flown(pairs), AlignSettings()).segments
+    assert segment.end_s - segment.start_s == pytest.approx(28.0, abs=0.3)
 
 
 def test_torque_faster_than_the_limit_is_resampled_to_the_limit() -> None:

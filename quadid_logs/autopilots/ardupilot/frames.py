@@ -177,7 +177,7 @@ class Frame:
     mixer : ndarray, shape (n_rotors, 3)
         Roll, pitch and yaw factor, the largest of each axis 0.5 [1].
     position : ndarray, shape (n_rotors, 3)
-        FRD, the longest arm 1 [arm lengths]. Coaxial rotors share a place.
+        FRD, the longest arm 1 [arm lengths]. Coaxial rotors have the same place.
     spin : ndarray, shape (n_rotors,)
         +1 counter-clockwise from above, -1 clockwise, 0 where the table has no yaw.
     """
