@@ -73,7 +73,20 @@ class MotorSeries:
         return self.series("torque_saturation", self.saturated.astype(np.float64))
 
     def series(self, name: str, values: FloatArray, reason: str = "") -> CleanSeries:
-        """Return values at these times as a source of a signal."""
+        """Return values at these times as a source of a signal.
+
+        Parameters
+        ----------
+        name : str
+            A key of `vocabulary.SIGNALS`.
+        values : ndarray, shape (n_samples, n_columns)
+        reason : str
+            Instead of that of the motors.
+
+        Returns
+        -------
+        CleanSeries
+        """
         return replace(
             self.base,
             name=name,
@@ -84,7 +97,17 @@ class MotorSeries:
         )
 
     def as_command(self, airframe: Airframe) -> TorqueSeries:
-        """Return the normalised torque, with the thrust that makes it."""
+        """Return the normalised torque, with the thrust that makes it.
+
+        Parameters
+        ----------
+        airframe : Airframe
+
+        Returns
+        -------
+        TorqueSeries
+            ``torque_command`` [1].
+        """
         return TorqueSeries(
             series=self.series("torque_command", self.command),
             saturated=self.marks,

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from quadid_logs.actuation.airframe import Airframe
 from quadid_logs.actuation.motors import MotorSeries
-from quadid_logs.align.series import CleanLog
+from quadid_logs.align.series import CleanLog, CleanSeries
 from quadid_logs.arrays import FloatArray, IntArray
 
 #: Speeds that a rotor in flight cannot fall below or exceed [rad/s]; 100 and 100 000 rpm.
@@ -54,8 +54,8 @@ def from_rotor_speed(log: CleanLog, airframe: Airframe, reference: MotorSeries |
     if reference is None or max(columns) >= signal.values.shape[1]:
         return RotorSpeed(verdict=f"{signal.source}: {signal.values.shape[1]} speeds fit no known motors")
     speed = signal.values[:, columns]
-    up = log.flown(signal.time_s, np.nan_to_num(speed).mean(axis=1)) & np.isfinite(speed).all(axis=1)
-    up &= ((speed > _SPEEDS[0]) & (speed < _SPEEDS[1])).all(axis=1)
+    believable = np.asarray(((speed > _SPEEDS[0]) & (speed < _SPEEDS[1])).all(axis=1), dtype=np.bool_)
+    up = log.flown(signal.time_s, np.nan_to_num(speed).mean(axis=1)) & believable
     if np.count_nonzero(up) < _FEW_ROWS or np.ptp(speed[up]) < _LEAST_SPREAD * speed[up].mean():
         return RotorSpeed(verdict=f"{signal.source}: zero or constant in flight, not used")
     likeness, row = max(
@@ -69,25 +69,31 @@ def from_rotor_speed(log: CleanLog, airframe: Airframe, reference: MotorSeries |
             verdict=f"{signal.source}: not used, it does not follow the commanded thrust "
             f"(correlation {likeness:.2f})"
         )
-    scale = float(reference.thrust[row].mean() / np.mean(speed[up] ** 2))
-    thrust = scale * speed**2
-    # By how much the reference's thrust was raised against battery and air.
-    per_thrust = airframe.command_per_thrust
-    gain = _slope(reference.command[reference.flown], reference.thrust[reference.flown] @ per_thrust.T)
+    thrust = float(reference.thrust[row].mean() / np.mean(speed[up] ** 2)) * speed**2
     return RotorSpeed(
         verdict=f"{signal.source}: follows the commanded thrust (correlation {likeness:.3f})",
-        series=MotorSeries(
-            base=signal,
-            thrust=thrust,
-            command_thrust=thrust / gain,
-            actuator=np.sqrt(np.clip(thrust, 0.0, 1.0)),
-            command=thrust @ per_thrust.T / gain,
-            saturated=None,
-            flown=up,
-            source=f"{signal.source} squared",
-            reason="measured rotor speeds: lag and saturation are in them",
-            achieved=True,
-        ),
+        series=replace(_of_thrust(signal, thrust, airframe, reference), flown=up),
+    )
+
+
+def _of_thrust(
+    signal: CleanSeries, thrust: FloatArray, airframe: Airframe, reference: MotorSeries
+) -> MotorSeries:
+    """Return the series of a thrust (n_samples, n_rotors), with the reference's scale of the command."""
+    per_thrust = airframe.command_per_thrust
+    # By how much the reference's thrust was raised against battery and air.
+    gain = _slope(reference.command[reference.flown], reference.thrust[reference.flown] @ per_thrust.T)
+    return MotorSeries(
+        base=signal,
+        thrust=thrust,
+        command_thrust=thrust / gain,
+        actuator=np.sqrt(np.clip(thrust, 0.0, 1.0)),
+        command=thrust @ per_thrust.T / gain,
+        saturated=None,
+        flown=np.isfinite(thrust).all(axis=1),
+        source=f"{signal.source} squared",
+        reason="measured rotor speeds: lag and saturation are in them",
+        achieved=True,
     )
 
 

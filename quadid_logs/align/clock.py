@@ -56,15 +56,48 @@ class Clock:
         return len(self.start_position) - 1
 
     def epoch_of(self, position: IntArray) -> IntArray:
-        """Return the number of the epoch that each file position lies in."""
+        """Return the epoch that each file position lies in.
+
+        Parameters
+        ----------
+        position : ndarray of int64, shape (n,)
+            Byte offsets.
+
+        Returns
+        -------
+        ndarray of int64, shape (n,)
+            Numbers of epochs, from 0.
+        """
         return np.clip(np.searchsorted(self.start_position, position, side="right") - 1, 0, None)
 
     def common_time(self, time_s: FloatArray, position: IntArray) -> FloatArray:
-        """Bring logged times onto the common clock."""
+        """Bring logged times onto the common clock.
+
+        Parameters
+        ----------
+        time_s, position : ndarray, shape (n,)
+            As of `Rows`.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            [s]; the same array where the clock was never reset.
+        """
         return time_s + self.shift_s[self.epoch_of(position)] if self.n_resets else time_s
 
     def is_outlier(self, time_s: FloatArray, position: IntArray, tolerance_s: float) -> BoolArray:
-        """Mark stamps that are not finite or far from what the clock showed at that place in the file."""
+        """Mark stamps that are not finite or far from what the clock showed at that place in the file.
+
+        Parameters
+        ----------
+        time_s, position : ndarray, shape (n,)
+            As of `Rows`.
+        tolerance_s : float
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+        """
         if self.time_s.size == 0:
             return ~np.isfinite(time_s)
         bad = np.empty(time_s.shape, dtype=bool)
@@ -141,6 +174,16 @@ def is_outlier(time_s: FloatArray, tolerance_s: float) -> BoolArray:
 
     At a pause or a reset a good stamp has its neighbours of one side within
     reach, so it stays.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (n,)
+        In the order of the file.
+    tolerance_s : float
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
     """
     finite = np.isfinite(time_s)
     if np.count_nonzero(finite) <= 2 * _NEIGHBOURS:

@@ -73,20 +73,63 @@ class CleanSeries:
         return 1.0 / self.period_s if self.period_s > 0.0 else 0.0
 
     def within(self, start_s: float, end_s: float) -> slice:
-        """Return the slice of samples with start_s <= time <= end_s."""
+        """Return the samples of an interval.
+
+        Parameters
+        ----------
+        start_s, end_s : float
+            Both belong to it [s].
+
+        Returns
+        -------
+        slice
+        """
         first, last = np.searchsorted(self.time_s, [start_s, end_s + 1e-9])
         return slice(int(first), int(last))
 
     def at(self, time_s: FloatArray, column: int = 0) -> FloatArray:
-        """Interpolate a column to other times, held beyond the ends; shape of `time_s`."""
+        """Interpolate a column linearly to other times, held beyond the ends.
+
+        Parameters
+        ----------
+        time_s : ndarray, shape (n,)
+            On the common clock [s].
+        column : int
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            In the unit of the signal.
+        """
         return np.asarray(np.interp(time_s, self.time_s, self.values[:, column]), dtype=np.float64)
 
     def last_before(self, time_s: FloatArray) -> IntArray:
-        """Return the number of the last sample at or before each time, -1 ahead of the first one."""
+        """Return which sample was the last one at given times.
+
+        Parameters
+        ----------
+        time_s : ndarray, shape (n,)
+            On the common clock [s].
+
+        Returns
+        -------
+        ndarray of int64, shape (n,)
+            Index of the last sample at or before each time, -1 ahead of the first one.
+        """
         return np.asarray(np.searchsorted(self.time_s, time_s + _SAME_TIME_S, side="right") - 1, np.int64)
 
     def take(self, samples: IntArray | BoolArray) -> CleanSeries:
-        """Return chosen samples, in order of time; the rate stays that of the whole."""
+        """Return chosen samples; the rate stays that of the whole.
+
+        Parameters
+        ----------
+        samples : ndarray of int or bool
+            In order of time.
+
+        Returns
+        -------
+        CleanSeries
+        """
         return replace(self, time_s=self.time_s[samples], values=self.values[samples])
 
 
@@ -145,7 +188,17 @@ class CleanLog:
     on_ground_reason: str = ""
 
     def sources(self, name: str) -> tuple[CleanSeries, ...]:
-        """Return the sources of a signal that hold any sample, the preferred one first."""
+        """Return the sources of a signal that hold any sample, the preferred one first.
+
+        Parameters
+        ----------
+        name : str
+            A key of `vocabulary.SIGNALS`.
+
+        Returns
+        -------
+        tuple of CleanSeries
+        """
         return tuple(one for one in self.candidates.get(name, ()) if one.n_samples)
 
     def first(self, name: str) -> CleanSeries | None:
@@ -153,14 +206,38 @@ class CleanLog:
         return next(iter(self.sources(name)), None)
 
     def at(self, name: str, time_s: FloatArray, *, missing: float) -> FloatArray:
-        """Interpolate the preferred source of a signal; `missing` where there is none."""
+        """Interpolate the first column of a signal's preferred source.
+
+        Parameters
+        ----------
+        name : str
+            A key of `vocabulary.SIGNALS`.
+        time_s : ndarray, shape (n,)
+            On the common clock [s].
+        missing : float
+            The value where the log has no such signal.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+        """
         found = self.first(name)
         return np.full(time_s.shape, missing) if found is None else found.at(time_s)
 
     def flown(self, time_s: FloatArray, throttle: FloatArray) -> BoolArray:
-        """Mark the times at which the vehicle was certainly off the ground; shape (n_samples,).
+        """Mark the times at which the vehicle was certainly off the ground.
 
-        In a flight, and at more than half of the throttle that is typical there.
+        Parameters
+        ----------
+        time_s : ndarray, shape (n,)
+            On the common clock [s].
+        throttle : ndarray, shape (n,)
+            Or anything that goes with it, in any unit.
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+            In a flight, and at more than half of the throttle that is typical there.
         """
         up = np.zeros(time_s.shape, dtype=np.bool_)
         for start_s, end_s in self.flights:

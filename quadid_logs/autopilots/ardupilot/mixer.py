@@ -63,7 +63,15 @@ class MixerOutput:
 
 
 def compensation_gain(lift_max: FloatArray, density_ratio: FloatArray) -> FloatArray:
-    """Return the factor on all commands against a weak battery and thin air [-]; shape (n_samples,)."""
+    """Return the factor on all commands against a weak battery and thin air [-]; shape (n_samples,).
+
+    Parameters
+    ----------
+    lift_max : ndarray, shape (n_samples,)
+        MOTB.LiftMax: available lift over that of a full battery [1].
+    density_ratio : ndarray, shape (n_samples,)
+        Air density over that at sea level; believed between 0.3 and 1.5, limited to 0.5 to 1.25.
+    """
     believed = (density_ratio > 0.3) & (density_ratio < 1.5)
     density = np.where(believed, np.clip(density_ratio, 0.5, 1.25), 1.0)
     return np.where(lift_max > 0.0, 1.0 / (np.where(lift_max > 0.0, lift_max, 1.0) * density), 1.0)
@@ -144,6 +152,13 @@ def full_battery_thrust(actuator: FloatArray, supply: Supply, settings: MotorSet
     """Return thrust over that at full command and full battery [1]; same shape as `actuator`.
 
     The curve (1 - e) y + e y^2 of the voltage-effective throttle y.
+
+    Parameters
+    ----------
+    actuator : ndarray, shape (n_samples, n_rotors)
+        Motor command, 0 at MOT_SPIN_MIN to 1 at MOT_SPIN_MAX.
+    supply : Supply
+    settings : MotorSettings
     """
     y = actuator * _voltage(supply)
     e = float(np.clip(settings.expo, -1.0, 1.0))
@@ -156,14 +171,27 @@ def _voltage(supply: Supply) -> FloatArray:
 
 
 def pulse_width(actuator: FloatArray, settings: MotorSettings) -> FloatArray:
-    """Return the pulse width [us] of a motor command, cut to whole microseconds as the firmware does."""
+    """Return the pulse width [us] of a motor command, cut to whole microseconds as the firmware does.
+
+    Parameters
+    ----------
+    actuator : ndarray, shape (n_samples, n_rotors)
+        Motor command, 0 at MOT_SPIN_MIN to 1 at MOT_SPIN_MAX.
+    settings : MotorSettings
+    """
     spin = settings.spin_min + (settings.spin_max - settings.spin_min) * actuator
     # A hair of slack: what single precision rounds up, double precision leaves just below.
     return np.floor(settings.pwm_min_us + (settings.pwm_max_us - settings.pwm_min_us) * spin + 1e-4)
 
 
 def actuator_of_pulse(pulse_us: FloatArray, settings: MotorSettings) -> FloatArray:
-    """Return the motor command between spin minimum and maximum of a logged pulse width; same shape."""
+    """Return the motor command between spin minimum and maximum of a logged pulse width; same shape.
+
+    Parameters
+    ----------
+    pulse_us : ndarray, shape (n_samples, n_rotors)
+    settings : MotorSettings
+    """
     # Half a microsecond for what the firmware cut off.
     spin = (pulse_us + 0.5 - settings.pwm_min_us) / (settings.pwm_max_us - settings.pwm_min_us)
     return np.clip((spin - settings.spin_min) / (settings.spin_max - settings.spin_min), 0.0, 1.0)
