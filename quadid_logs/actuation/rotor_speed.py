@@ -55,7 +55,7 @@ def from_rotor_speed(log: CleanLog, airframe: Airframe, reference: MotorSeries |
         return RotorSpeed(verdict=f"{signal.source}: {signal.values.shape[1]} speeds fit no known motors")
     speed = signal.values[:, columns]
     believable = np.asarray(((speed > _SPEEDS[0]) & (speed < _SPEEDS[1])).all(axis=1), dtype=np.bool_)
-    up = log.flown(signal.time_s, np.nan_to_num(speed).mean(axis=1)) & believable
+    up = np.asarray(log.flown(signal.time_s, np.nan_to_num(speed).mean(axis=1)) & believable, np.bool_)
     if np.count_nonzero(up) < _FEW_ROWS or np.ptp(speed[up]) < _LEAST_SPREAD * speed[up].mean():
         return RotorSpeed(verdict=f"{signal.source}: zero or constant in flight, not used")
     likeness, row = max(
