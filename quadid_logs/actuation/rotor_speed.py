@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from quadid_logs.actuation.airframe import Airframe
 from quadid_logs.actuation.motors import MotorSeries
 from quadid_logs.align.series import CleanLog, CleanSeries
-from quadid_logs.arrays import FloatArray, IntArray
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 
 #: Speeds that a rotor in flight cannot fall below or exceed [rad/s]; 100 and 100 000 rpm.
 _SPEEDS: Final = (10.0, 10_500.0)
@@ -72,12 +72,12 @@ def from_rotor_speed(log: CleanLog, airframe: Airframe, reference: MotorSeries |
     thrust = float(reference.thrust[row].mean() / np.mean(speed[up] ** 2)) * speed**2
     return RotorSpeed(
         verdict=f"{signal.source}: follows the commanded thrust (correlation {likeness:.3f})",
-        series=replace(_of_thrust(signal, thrust, airframe, reference), flown=up),
+        series=_of_thrust(signal, thrust, up, airframe, reference),
     )
 
 
 def _of_thrust(
-    signal: CleanSeries, thrust: FloatArray, airframe: Airframe, reference: MotorSeries
+    signal: CleanSeries, thrust: FloatArray, flown: BoolArray, airframe: Airframe, reference: MotorSeries
 ) -> MotorSeries:
     """Return the series of a thrust (n_samples, n_rotors), with the reference's scale of the command."""
     per_thrust = airframe.command_per_thrust
@@ -90,7 +90,7 @@ def _of_thrust(
         actuator=np.sqrt(np.clip(thrust, 0.0, 1.0)),
         command=thrust @ per_thrust.T / gain,
         saturated=None,
-        flown=np.isfinite(thrust).all(axis=1),
+        flown=flown,
         source=f"{signal.source} squared",
         reason="measured rotor speeds: lag and saturation are in them",
         achieved=True,
