@@ -1,4 +1,4 @@
-"""Ways to find the own gains B11, B22, B33 from one aligned flight, ours and others'.
+"""Ways to find the on-axis effectiveness B11, B22, B33 from one aligned flight, ours and others'.
 
 Each takes a `FlightData` and returns three gains [rad/s^2 per unit of torque],
 NaN where it gives none. Every package is used as its documentation has it for
@@ -29,7 +29,7 @@ _BLOCK_ROWS: Final = 5
 _ORDER: Final = 12
 #: The band in which a discrete model's response is read: rate loops excite it, filters do not bend it.
 _READ_HZ: Final = np.geomspace(0.3, 4.0, 30)
-#: Of the usual script: above the rate loop's band, below most vibration.
+#: Of the common script: above the rate loop's band, below most vibration.
 _LOW_PASS_HZ: Final = 10.0
 #: The best of four between 0.03 and 0.3 s on most of six flights tried.
 _SINDY_WINDOW_S: Final = 0.3
@@ -52,7 +52,7 @@ def paper(data: FlightData) -> FloatArray:
 
 
 def least_squares(data: FlightData) -> FloatArray:
-    """Least squares on zero-phase low-passed series, with damping and trim, no lag: the usual script."""
+    """Least squares on zero-phase low-passed series, with damping and trim, no lag: the common script."""
     from scipy.signal import butter, sosfiltfilt
 
     sos = butter(
@@ -102,7 +102,7 @@ def pysindy(data: FlightData) -> FloatArray:
 
 
 def nfoursid(data: FlightData) -> FloatArray:
-    """Subspace identification (N4SID) of the longest stretch."""
+    """Subspace identification (N4SID) of the longest segment."""
     import pandas as pd
     from nfoursid.nfoursid import NFourSID
 
@@ -122,7 +122,7 @@ def nfoursid(data: FlightData) -> FloatArray:
 
 
 def sysidentpy(data: FlightData) -> FloatArray:
-    """Linear ARX per axis, terms chosen by its FROLS with AIC, on the longest stretch."""
+    """Linear ARX per axis, terms chosen by its FROLS with AIC, on the longest segment."""
     from sysidentpy.basis_function import Polynomial
     from sysidentpy.model_structure_selection import FROLS
     from sysidentpy.parameter_estimation import LeastSquares
@@ -170,7 +170,7 @@ ESTIMATORS: Final[dict[str, Estimator]] = {
 
 
 def _discrete_series(data: FlightData, rate_hz: float) -> tuple[FloatArray, float]:
-    """Return rates and torques of the longest stretch, anti-aliased, mean removed, (n, 6), and the period."""
+    """Return rates and torques of the longest segment, anti-aliased, mean removed, (n, 6), and the period."""
     from scipy.signal import decimate
 
     segment: Segment = max(data.segments, key=lambda segment: segment.n_samples)

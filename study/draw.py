@@ -25,7 +25,7 @@ from quadid_logs.simulate.wind import Wind
 
 Manoeuvre = Callable[[FloatArray, np.random.Generator], Reference]
 
-#: ArduPilot's frame class and type, with the share of flights.
+#: ArduPilot's frame class and type, with the fraction of flights.
 FRAMES: Final = {
     "quad x": ((1, 1), 0.4),
     "quad plus": ((1, 0), 0.1),
@@ -34,11 +34,11 @@ FRAMES: Final = {
     "octa x": ((3, 1), 0.1),
     "octa coaxial x": ((4, 1), 0.15),
 }
-#: What is flown, with the share of flights.
+#: What is flown, with the fraction of flights.
 MANOEUVRES: Final = {"multisine": 0.3, "doublets": 0.2, "steps-3211": 0.2, "sticks": 0.2, "chirp": 0.1}
 #: Logging rates with which a control loop at about 400 Hz can be sampled evenly.
 RATES_HZ: Final = (100.0, 125.0, 200.0, 250.0, 400.0)
-#: The floor of the intervals says that scale and cross-axis sensitivity of the gyro are 1 % or less
+#: The intervals allow for scale and cross-axis sensitivities of the gyro of 1 % or less
 #: in 95 of 100 cases.
 GYRO_SCALE_SIGMA: Final = 0.01 / NORMAL_95
 
@@ -117,7 +117,7 @@ def draw_flight(seed: int, number: int) -> Drawn:
 
 def _draw_airframe(rng: np.random.Generator) -> tuple[SimulatedAirframe, dict[str, float | str]]:
     """Draw a vehicle of 0.3 to 8 kg whose arms, inertias, drag and battery go with its size."""
-    frame = str(rng.choice(list(FRAMES), p=[share for _, share in FRAMES.values()]))
+    frame = str(rng.choice(list(FRAMES), p=[fraction for _, fraction in FRAMES.values()]))
     (frame_class, frame_type), _ = FRAMES[frame]
     mass_kg = _log_uniform(rng, 0.3, 8.0)
     # 1.5 kg and 0.225 m are a common quadrotor; density falls a little with size.
@@ -127,8 +127,8 @@ def _draw_airframe(rng: np.random.Generator) -> tuple[SimulatedAirframe, dict[st
     n_rotors = len(described["spin"])  # type: ignore[arg-type]
     hover = rng.uniform(0.25, 0.5)
     lag_up_s = _log_uniform(rng, 0.010, 0.070)
-    uneven = rng.random() < 0.25
-    lag_down_s = lag_up_s * (rng.uniform(1.1, 1.5) if uneven else 1.0)
+    asymmetric = rng.random() < 0.25
+    lag_down_s = lag_up_s * (rng.uniform(1.1, 1.5) if asymmetric else 1.0)
     damping_1_s = np.append(np.repeat(rng.uniform(0.3, 2.5), 2), rng.uniform(0.3, 1.5))
     airframe = SimulatedAirframe(
         name=frame,
@@ -181,7 +181,7 @@ def _draw_inertia(rng: np.random.Generator, mass_kg: float, arm_m: float) -> tup
 def _draw_manoeuvre(
     rng: np.random.Generator, airframe: SimulatedAirframe, autopilot: str
 ) -> tuple[Manoeuvre, dict[str, float | str]]:
-    """Draw what is flown; ``amplitude`` is relative to the manoeuvre's usual one."""
+    """Draw what is flown; ``amplitude`` is relative to the manoeuvre's typical one."""
     name = str(rng.choice(list(MANOEUVRES), p=list(MANOEUVRES.values())))
     amplitude = _log_uniform(rng, 0.4, 1.3)
     settings: dict[str, float | str] = {"manoeuvre": name, "amplitude": amplitude}

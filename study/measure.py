@@ -89,9 +89,9 @@ def kind_of(target: str, regressor: str) -> str:
         return ""
     axis = ACCELERATION_SYMBOLS.index(target)
     if regressor in TORQUE_SYMBOLS:
-        return "own gain" if regressor == TORQUE_SYMBOLS[axis] else "cross gain"
+        return "on-axis effectiveness" if regressor == TORQUE_SYMBOLS[axis] else "off-axis effectiveness"
     if regressor in RATE_SYMBOLS:
-        return "own damping" if regressor == RATE_SYMBOLS[axis] else "cross damping"
+        return "on-axis damping" if regressor == RATE_SYMBOLS[axis] else "off-axis damping"
     if regressor in ("qr", "pr", "pq", "pp", "qq", "rr"):
         return "gyroscopic" if regressor == ("qr", "pr", "pq")[axis] else "product of inertia"
     return ""
@@ -130,14 +130,14 @@ def _parameters(model: Model, truth: dict[str, Any]) -> list[dict[str, Any]]:
 def _scale(kind: str, target: str, regressor: str, true: float, gains: FloatArray) -> float:
     """Return against what an error of ten per cent is counted: the truth, where it cannot be zero.
 
-    A cross gain is held against the geometric mean of the two axes' own gains,
+    An off-axis effectiveness is held against the geometric mean of the two axes' on-axis effectiveness,
     which does not depend on the units of the torques; a gyroscopic term against
-    1, the largest that a rigid body can have; a cross damping against 1 1/s.
+    1, the largest that a rigid body can have; an off-axis damping against 1 1/s.
     """
-    if kind == "cross gain":
+    if kind == "off-axis effectiveness":
         row, column = ACCELERATION_SYMBOLS.index(target), TORQUE_SYMBOLS.index(regressor)
         return float(np.sqrt(gains[row, row] * gains[column, column]))
-    if kind in ("own gain", "own damping"):
+    if kind in ("on-axis effectiveness", "on-axis damping"):
         return abs(true)
     return 1.0
 

@@ -12,7 +12,14 @@ from matplotlib.figure import Figure
 from quadid_logs.maths.normal import NORMAL_95
 from study.summary import PROMISE, binomial_interval, grouped
 
-_SHOWN: Final = ("own gain", "cross gain", "own damping", "gyroscopic", "lag", "delay")
+_SHOWN: Final = (
+    "on-axis effectiveness",
+    "off-axis effectiveness",
+    "on-axis damping",
+    "gyroscopic",
+    "lag",
+    "delay",
+)
 _BY: Final = {
     "manoeuvre": "manoeuvre",
     "wind_m_s": "wind [m/s]",
@@ -48,22 +55,27 @@ def _histograms(claimed: pd.DataFrame) -> Figure:
 
 
 def _groups(claimed: pd.DataFrame) -> Figure:
-    """Coverage of own gains and dampings by manoeuvre, wind, lag and rate, with binomial intervals."""
+    """Coverage of on-axis effectiveness and damping by what flights differ in, with binomial intervals."""
     figure = Figure(figsize=(12.0, 3.8), layout="constrained")
     axes = figure.subplots(1, 4, sharey=True)
     for axis, (column, label) in zip(axes, _BY.items(), strict=True):
         axis.axhspan(*PROMISE, color="#4c9f70", alpha=0.25, linewidth=0.0)
         names = list(grouped(claimed, column).cat.categories)
-        for offset, kind, colour in ((-0.12, "own gain", "#1f5fa8"), (0.12, "own damping", "#c8553d")):
+        for offset, kind, colour in (
+            (-0.12, "on-axis effectiveness", "#1f5fa8"),
+            (0.12, "on-axis damping", "#c8553d"),
+        ):
             part = claimed[claimed["kind"] == kind]
             for name, group in part.groupby(grouped(part, column), observed=True):
                 low, high = binomial_interval(int(group["inside"].sum()), len(group))
-                place, share = names.index(name) + offset, group["inside"].mean()
-                axis.errorbar(place, share, yerr=[[share - low], [high - share]], fmt="o", color=colour)
+                place, fraction = names.index(name) + offset, group["inside"].mean()
+                axis.errorbar(
+                    place, fraction, yerr=[[fraction - low], [high - fraction]], fmt="o", color=colour
+                )
             axis.plot([], [], "o", color=colour, label=kind)
         axis.set_xticks(range(len(names)), names, rotation=35, ha="right", fontsize=8)
         axis.set_xlabel(label)
-    axes[0].set_ylabel("share of truths inside the interval")
+    axes[0].set_ylabel("fraction of truths inside the interval")
     # The second panel is empty below: bars of few flights reach down in the first.
     axes[1].legend(fontsize=8, loc="lower left")
     return figure

@@ -17,10 +17,10 @@ from quadid_logs.vocabulary import AXES
 
 #: In the order of the tables.
 KINDS: Final = (
-    "own gain",
-    "cross gain",
-    "own damping",
-    "cross damping",
+    "on-axis effectiveness",
+    "off-axis effectiveness",
+    "on-axis damping",
+    "off-axis damping",
     "gyroscopic",
     "product of inertia",
     "lag",
@@ -45,7 +45,7 @@ GROUPS: Final[Mapping[str, tuple[float, ...]]] = {
     "askew_deg": (-1.0, 0.01, 90.0),
     "drop_fraction": (-1.0, 0.0, 0.02),
 }
-#: An interval promises this share, and a study of many hundred values may miss it by so much.
+#: An interval promises this fraction, and a study of many hundred values may miss it by so much.
 PROMISE: Final = (0.93, 0.97)
 
 
@@ -83,14 +83,14 @@ def parameters_of(flights: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
 
 
 def _verdict(verdicts: Mapping[str, str], axis: str) -> str:
-    """Return the verdict of the axis of p, q or r; of the best axis for what all share."""
+    """Return the verdict of the axis of p, q or r; of the best axis for what is common to all."""
     if axis:
         return verdicts[AXES["pqr".index(axis)]]
     return min(verdicts.values(), key=("usable", "caution", "refused").index)
 
 
 def binomial_interval(successes: int, n: int) -> tuple[float, float]:
-    """Return the exact 95 % interval of a share (Clopper and Pearson, 1934)."""
+    """Return the exact 95 % interval of a fraction (Clopper and Pearson, 1934)."""
     from scipy.stats import binomtest
 
     interval = binomtest(successes, n).proportion_ci(0.95, method="exact")
@@ -98,21 +98,21 @@ def binomial_interval(successes: int, n: int) -> tuple[float, float]:
 
 
 def flights_interval(inside: BoolArray, flight: Any) -> tuple[float, float]:
-    """Return the 95 % interval of a share whose values come several from each flight.
+    """Return the 95 % interval of a fraction whose values come several from each flight.
 
-    Values of one flight share its disturbances and its gyro: they count as
+    Values of one flight have its disturbances and its gyro in common: they count as
     many values as the variance between flights says, not more than there are.
     """
     frame = (
         pd.DataFrame({"inside": inside, "flight": flight}).groupby("flight")["inside"].agg(["sum", "size"])
     )
-    n, share = int(frame["size"].sum()), float(frame["sum"].sum() / frame["size"].sum())
-    deviation = frame["sum"] - share * frame["size"]
+    n, fraction = int(frame["size"].sum()), float(frame["sum"].sum() / frame["size"].sum())
+    deviation = frame["sum"] - fraction * frame["size"]
     n_flights = len(frame)
     variance = float((deviation**2).sum()) / n**2 * n_flights / max(n_flights - 1, 1)
-    independent = share * (1.0 - share) / n
+    independent = fraction * (1.0 - fraction) / n
     effective = max(1, round(n * min(1.0, independent / variance))) if variance > 0.0 else n_flights
-    return binomial_interval(round(share * effective), effective)
+    return binomial_interval(round(fraction * effective), effective)
 
 
 def coverage_table(table: pd.DataFrame) -> pd.DataFrame:
@@ -175,7 +175,7 @@ def group_table(table: pd.DataFrame, kind: str) -> pd.DataFrame:
 def page(flights: list[dict[str, Any]], table: pd.DataFrame) -> str:
     """Return the tables as Markdown."""
     lines = [*_flights_part(flights), *_coverage_part(coverage_table(table)), *_axes_part(flights, table)]
-    for kind in ("own gain", "own damping", "lag"):
+    for kind in ("on-axis effectiveness", "on-axis damping", "lag"):
         lines += _group_part(kind, group_table(table, kind))
     return "\n".join(lines) + "\n"
 
@@ -210,20 +210,23 @@ def _coverage_part(summary: pd.DataFrame) -> list[str]:
 
 
 def _axes_part(flights: list[dict[str, Any]], table: pd.DataFrame) -> list[str]:
-    """Own gain by axis: verdicts, coverage, error."""
+    """On-axis effectiveness by axis: verdicts, coverage, error."""
     lines = [
         "| axis | usable | caution | refused | coverage | within 10 % | worst error |",
         "|---|---|---|---|---|---|---|",
     ]
     for axis, letter in zip(AXES, "pqr", strict=True):
         verdicts = [flight["verdicts"][axis] for flight in flights]
-        shares = " | ".join(
+        fractions = " | ".join(
             _percent(verdicts.count(verdict) / len(verdicts)) for verdict in ("usable", "caution", "refused")
         )
-        own = table[table["claimed"] & (table["kind"] == "own gain") & (table["axis"] == letter)]
+        on_axis = table[
+            table["claimed"] & (table["kind"] == "on-axis effectiveness") & (table["axis"] == letter)
+        ]
         lines.append(
-            f"| {axis} | {shares} | {_percent(own['inside'].mean())} "
-            f"| {_percent((own['error'].abs() <= 0.1).mean())} | {_percent(own['error'].abs().max())} |"
+            f"| {axis} | {fractions} | {_percent(on_axis['inside'].mean())} "
+            f"| {_percent((on_axis['error'].abs() <= 0.1).mean())} "
+            f"| {_percent(on_axis['error'].abs().max())} |"
         )
     return [*lines, ""]
 
@@ -251,5 +254,5 @@ def _kept(coverage: float) -> str:
     return "no, too many" if coverage > PROMISE[1] else "yes"
 
 
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.1f} %"
+def _percent(fraction: float) -> str:
+    return f"{100.0 * fraction:.1f} %"

@@ -31,12 +31,12 @@ def drawn():
 
 
 def parameter(**changes):
-    """One row as `measure` returns it: an own gain of roll that is right."""
+    """One row as `measure` returns it: an on-axis effectiveness of roll that is right."""
     return {
         "name": "B11",
         "target": "p_dot",
         "regressor": "L",
-        "kind": "own gain",
+        "kind": "on-axis effectiveness",
         "axis": "p",
         "identifiable": True,
         "value": 100.0,
@@ -116,10 +116,10 @@ def test_the_gyro_scale_errs_by_what_the_intervals_allow_for(drawn):
 @pytest.mark.parametrize(
     ("target", "regressor", "kind"),
     [
-        ("p_dot", "L", "own gain"),
-        ("p_dot", "N", "cross gain"),
-        ("q_dot", "q", "own damping"),
-        ("q_dot", "r", "cross damping"),
+        ("p_dot", "L", "on-axis effectiveness"),
+        ("p_dot", "N", "off-axis effectiveness"),
+        ("q_dot", "q", "on-axis damping"),
+        ("q_dot", "r", "off-axis damping"),
         ("r_dot", "pq", "gyroscopic"),
         ("r_dot", "pr", "product of inertia"),
         ("q_dot", "pp", "product of inertia"),
@@ -211,7 +211,7 @@ def test_a_short_study_flies_once_and_goes_on_where_it_stopped(tmp_path, capsys)
     flights = read_flights(path)
     assert [each["number"] for each in flights] == [0, 1]
     assert sum("kept" in each for each in flights) == 1
-    assert "| own gain |" in (tmp_path / "coverage.md").read_text()
+    assert "| on-axis effectiveness |" in (tmp_path / "coverage.md").read_text()
     assert "2 flights" in capsys.readouterr().out
 
 
@@ -229,10 +229,10 @@ def test_a_flight_that_fails_is_told_and_fails_the_study(monkeypatch):
 
 def test_page_and_plots_need_no_full_study(tmp_path):
     """A few flights, of which none shows a lag."""
-    flights = [flight(n, parameter(truth=100.0 + n), parameter(kind="own damping")) for n in range(4)]
+    flights = [flight(n, parameter(truth=100.0 + n), parameter(kind="on-axis damping")) for n in range(4)]
     table = parameters_of(flights)
     text = page(flights, table)
     draw_plots(table, tmp_path)
-    assert "| own gain | 4 of 4 | 75.0 %" in text
+    assert "| on-axis effectiveness | 4 of 4 | 75.0 %" in text
     assert (tmp_path / "z.png").stat().st_size > 5000
     assert (tmp_path / "groups.png").stat().st_size > 5000

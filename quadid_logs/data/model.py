@@ -1,4 +1,4 @@
-"""What `identify` hands on: models with their doubts."""
+"""What `identify` hands on: models with their caveats."""
 
 from __future__ import annotations
 
@@ -184,7 +184,7 @@ class BandCheck:
 
     @property
     def spread(self) -> FloatArray:
-        """Largest deviation from the model's own gain, relative to it; shape (3,)."""
+        """Largest deviation from the model's gain, relative to it; shape (3,)."""
         own = np.abs(self.on_axis_gain[0])
         deviation = np.max(np.abs(self.on_axis_gain - self.on_axis_gain[0]), axis=0)
         relative: FloatArray = np.full_like(own, np.inf)
@@ -246,7 +246,7 @@ class Model:
     bootstrap_half_width : ndarray, shape (3,), or None
         Of the 95 % intervals of B11, B22, B33 by resampling blocks of the flight.
     criterion : float
-        Bayesian information criterion, stretches of correlated residuals counted once; less is better.
+        Bayesian information criterion, clusters of correlated residuals counted once; less is better.
     """
 
     structure: str

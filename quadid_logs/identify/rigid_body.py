@@ -1,7 +1,7 @@
 """A single rigid body: one symmetric inertia tensor behind all equations.
 
 Equation by equation, nothing makes the gyroscopic and torque coefficients
-those of one body. Here all follow from one tensor, so each equation's data
+those of a rigid body. Here all follow from one tensor, so each equation's data
 speak for the others, and there is half as much to find.
 """
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,6 +24,8 @@ class Truth:
     delay_s: float = 0.005
     noise_rad_s: float = 0.002
     gyro_filter_hz: float = float("nan")
+    quadratic_roll_damping: float = 0.0
+    """Of p |p| [1/rad]."""
 
     @property
     def B(self) -> np.ndarray:
@@ -69,6 +71,7 @@ def fly(truth: Truth, excitation: np.ndarray, *, seed: int = 0, feedback: float 
             wanted = history[now - behind] if now >= behind else np.zeros(3)
             actual = wanted + (actual - wanted) * decay
             push = truth.B @ actual
+            push[0] -= truth.quadratic_roll_damping * w[0] * abs(w[0])
             middle = w + 0.5 * step * (push - _resistance(w, J, B, D))
             w = w + step * (push - _resistance(middle, J, B, D))
     if np.isfinite(truth.gyro_filter_hz):
@@ -89,6 +92,64 @@ def _resistance(rate: np.ndarray, J: list, B: list, D: list) -> np.ndarray:  # t
             for b, d in zip(B, D, strict=True)
         ]
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drawn:
+    """A flight drawn at random, with its truth: on-axis effectiveness and damping, each (3,)."""
+
+    data: FlightData
+    gain: np.ndarray
+    damping: np.ndarray
+
+
+def draw_flights(n_flights: int, duration_s: float, *, seed: int, gyro_sigma: float) -> list[Drawn]:
+    """Integrate many random flights side by side: other vehicles, manoeuvres, gusts and gyros.
+
+    Gusts are torques that no log tells, with a memory of 0.15 s. The torque is flown as planned, without
+    feedback, and is the instrument as well: the estimate has no bias, and its intervals are what is tested.
+    ``gyro_sigma`` is that of each scale and cross-axis error of the gyro.
+    """
+    rng = np.random.default_rng(seed)
+    moments = np.array([0.010, 0.012, 0.020]) * rng.uniform(0.8, 1.25, (n_flights, 3))
+    damping = rng.uniform(0.8, 2.5, (n_flights, 3))
+    lag_s, behind = rng.uniform(0.015, 0.06, (n_flights, 1)), rng.integers(1, 5, n_flights)
+    t = np.arange(0.0, duration_s, PERIOD_S)
+    command = np.zeros((t.size, n_flights, 3))
+    for k in range(6):
+        frequency = rng.uniform(0.4 + 0.55 * k, 0.7 + 0.55 * k, (n_flights, 3))
+        command += np.sin(2.0 * np.pi * frequency * t[:, None, None] + rng.uniform(0.0, 6.3, (n_flights, 3)))
+    command *= 12.0 * moments
+    gust, fade = np.zeros((n_flights, 3)), np.exp(-PERIOD_S / 0.15)
+    decay = np.exp(-PERIOD_S / lag_s)
+    rate, actual, logged = np.zeros((n_flights, 3)), np.zeros((n_flights, 3)), np.empty_like(command)
+    for now in range(t.size):
+        logged[now] = rate
+        wanted = command[np.maximum(now - behind, 0), np.arange(n_flights)]
+        gust = fade * gust + 4.0 * np.sqrt(1.0 - fade**2) * moments * rng.standard_normal((n_flights, 3))
+        before, actual = actual, wanted + (actual - wanted) * decay
+        torque = 0.5 * (before + actual) + gust
+
+        def slope(w: np.ndarray, torque: np.ndarray = torque) -> np.ndarray:
+            return (torque - np.cross(w, moments * w)) / moments - damping * w
+
+        middle = rate + 0.5 * PERIOD_S * slope(rate)
+        rate = rate + PERIOD_S * slope(middle)
+    flights = []
+    for number in range(n_flights):
+        E = gyro_sigma * rng.standard_normal((3, 3))
+        shown = logged[:, number] @ (np.eye(3) + E).T + 0.002 * rng.standard_normal((t.size, 3))
+        data = flight_data(shown, command[:, number])
+        (segment,) = data.segments
+        planned = replace(segment, reference=command[:, number] / moments[number])
+        flights.append(
+            Drawn(
+                data=replace(data, segments=(planned,)),
+                gain=1.0 / moments[number],
+                damping=damping[number],
+            )
+        )
+    return flights
 
 
 def flight_data(rate: np.ndarray, torque: np.ndarray, **changes: object) -> FlightData:

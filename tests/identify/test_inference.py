@@ -1,0 +1,273 @@
+"""Each ingredient of an interval against a value that was found in another way."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from quadid_logs.data.flight import InputDescription
+from quadid_logs.data.model import BandCheck
+from quadid_logs.data.settings import IdentifySettings
+from quadid_logs.data.torque import Calibration
+from quadid_logs.identify import identify
+from quadid_logs.identify.actuator import ActuatorFit
+from quadid_logs.identify.checks import bootstrapped_half_width
+from quadid_logs.identify.design import Design, build_design
+from quadid_logs.identify.fit import Regression, _mean_half_width
+from quadid_logs.identify.inference import (
+    TorqueEffects,
+    clusters_of,
+    delay_interval,
+    infer,
+    intervals,
+    lag_interval,
+    quantile_95,
+)
+from quadid_logs.identify.instruments import Projection
+from quadid_logs.identify.structures import DAMPED
+from quadid_logs.identify.systematic import systematic_half_width
+from quadid_logs.identify.torque_errors import sampling_errors
+from quadid_logs.maths.least_squares import Equation
+
+from .vehicles import PERIOD_S, QUAD, fly, multisine
+
+NO_EFFECTS = TorqueEffects({}, np.zeros((600, 1, 0)))
+
+
+@pytest.fixture(scope="module")
+def rows() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Two regressors, residuals that are alike inside each of twenty clusters, and the clusters."""
+    rng = np.random.default_rng(3)
+    Z = rng.standard_normal((600, 2))
+    clusters = np.repeat(np.arange(20), 30)
+    Z[clusters == 4] *= 4.0
+    noise = rng.standard_normal(20)[clusters] + 0.5 * rng.standard_normal(600)
+    return Z, Z @ [2.0, -1.0] + noise, clusters
+
+
+def fitted(Z: np.ndarray, y: np.ndarray) -> np.ndarray:
+    return np.linalg.lstsq(Z, y, rcond=None)[0]
+
+
+def equation(Z: np.ndarray, y: np.ndarray) -> Equation:
+    return Equation(Z, y - Z @ fitted(Z, y), np.arange(Z.shape[1]))
+
+
+@pytest.mark.parametrize(
+    ("n_clusters", "quantile"), [(2, 12.7062), (13, 2.1788), (31, 2.0423), (121, 1.9799)]
+)
+def test_the_quantile_is_that_of_the_table_of_students_t(n_clusters: int, quantile: float) -> None:
+    """Two-sided 95 %, one degree of freedom less than there are clusters."""
+    assert quantile_95(np.arange(n_clusters)) == pytest.approx(quantile, abs=1e-4)
+
+
+def test_half_widths_are_those_of_fits_without_each_cluster(
+    rows: tuple[np.ndarray, np.ndarray, np.ndarray],
+) -> None:
+    """The jackknife by refitting: what CR3 computes without refitting, with t of 19 degrees of freedom."""
+    Z, y, clusters = rows
+    without = np.array([fitted(Z[clusters != each], y[clusters != each]) for each in range(20)])
+    variance = 19.0 / 20.0 * np.sum((without - fitted(Z, y)) ** 2, axis=0)
+    found = infer([equation(Z, y)], np.ones(1), clusters, NO_EFFECTS, 2)
+    np.testing.assert_allclose(found.half_width, 2.093024 * np.sqrt(variance), rtol=1e-5)
+
+
+def test_the_size_of_the_weights_changes_no_interval(rows: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
+    """One target alone: weights only say which of several targets counts more."""
+    Z, y, clusters = rows
+    half_widths = [
+        infer([equation(Z, y)], np.array([weight]), clusters, NO_EFFECTS, 2).half_width
+        for weight in (1.0, 7.0)
+    ]
+    np.testing.assert_allclose(half_widths[1], half_widths[0], rtol=1e-8)
+
+
+def test_an_error_of_the_torque_is_added_in_squares(rows: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
+    """As far as least squares takes it for the vehicle."""
+    Z, y, clusters = rows
+    error = 0.3 * Z[:, 0] + 0.1 * np.sin(np.arange(600.0))
+    effects = TorqueEffects({}, error[:, np.newaxis, np.newaxis])
+    plain = infer([equation(Z, y)], np.ones(1), clusters, NO_EFFECTS, 2).half_width
+    found = infer([equation(Z, y)], np.ones(1), clusters, effects, 2).half_width
+    np.testing.assert_allclose(found, np.hypot(plain, fitted(Z, error)), rtol=1e-8)
+
+
+def test_a_shared_unknown_widens_as_one_more_column_does(
+    rows: tuple[np.ndarray, np.ndarray, np.ndarray],
+) -> None:
+    """A lag whose derivative resembles a regressor takes precision from it."""
+    Z, y, clusters = rows
+    by_lag = Z[:, 0] + 0.5 * np.cos(np.arange(600.0))
+    residual = equation(Z, y).residuals
+    whole = Equation(np.column_stack([Z, by_lag]), residual, np.arange(3))
+    expected = infer([whole], np.ones(1), clusters, NO_EFFECTS, 3).half_width
+    effects = TorqueEffects({"lag": by_lag[:, np.newaxis]}, np.zeros((600, 1, 0)))
+    found = infer([equation(Z, y)], np.ones(1), clusters, effects, 2)
+    np.testing.assert_allclose([*found.half_width, found.lag_s], expected, rtol=1e-8)
+    assert np.isnan(found.delay_s)
+
+
+def test_where_the_data_say_nothing_the_interval_is_that_of_the_prior(
+    rows: tuple[np.ndarray, np.ndarray, np.ndarray],
+) -> None:
+    """Standard deviation 0.2 before, t of 19 degrees of freedom."""
+    Z, y, clusters = rows
+    weak = equation(1e-6 * Z, y)
+    found = infer([weak], np.ones(1), clusters, NO_EFFECTS, 2, np.full(2, 1.0 / 0.2**2))
+    np.testing.assert_allclose(found.half_width, 2.093024 * 0.2, rtol=1e-3)
+
+
+def test_the_effectiveness_of_a_rigid_body_is_known_no_better_than_the_scale_of_the_gyro() -> None:
+    """Per command it is off by as much as the gyro, 1 %; gyroscopic terms tell a fifth of that apart."""
+    flight = fly(dataclasses.replace(QUAD, noise_rad_s=1e-6), multisine(40.0))
+    given = InputDescription(kind="torque_command", unit="1", source="test")
+    models = identify(dataclasses.replace(flight, input=given), IdentifySettings()).models
+    body = next(model for model in models if model.structure == "rigid-body")
+    for target, torque in (("p_dot", "L"), ("q_dot", "M"), ("r_dot", "N")):
+        parameter = body.entries[target, torque]
+        relative = 0.5 * (parameter.ci95[1] - parameter.ci95[0]) / parameter.value
+        assert 0.007 < relative < 0.0125
+
+
+@pytest.fixture(scope="module")
+def design() -> Design:
+    found = build_design(fly(QUAD, multisine(40.0)), 5.0)
+    assert found is not None
+    return found
+
+
+def test_clusters_hold_neighbours_only(design: Design) -> None:
+    """A second at most, of one block, so that clusters share no residual's memory."""
+    clusters, time_s, block = clusters_of(design), design.time_s[design.train], design.block[design.train]
+    for number in range(clusters.max() + 1):
+        rows = clusters == number
+        assert np.ptp(time_s[rows]) < 1.0
+        assert np.unique(block[rows]).size == 1
+
+
+def test_resampled_blocks_give_the_interval_of_textbooks_for_white_residuals(design: Design) -> None:
+    """1.96 sigma over the length of the column; 400 draws of 90 blocks fix it to a tenth."""
+    n = int(np.count_nonzero(design.train))
+    blocks = np.zeros(design.time_s.size, dtype=np.int64)
+    blocks[design.train] = np.arange(n) * 90 // n
+    rng = np.random.default_rng(8)
+    Z = rng.standard_normal((n, len(DAMPED.columns)))
+    Y = Z @ rng.standard_normal((Z.shape[1], 3)) + 0.7 * rng.standard_normal((n, 3))
+    project = Projection(design, DAMPED, design.train)
+    regression = Regression(Z, Z, Y, np.ones((3, Z.shape[1]), dtype=bool), project)
+    found = bootstrapped_half_width(dataclasses.replace(design, block=blocks), DAMPED, regression)
+    expected = 1.96 * 0.7 / np.linalg.norm(Z[:, -3:], axis=0)
+    assert found.mean() == pytest.approx(expected.mean(), rel=0.1)
+
+
+def test_the_interval_of_a_mean_is_that_of_the_means_of_blocks(design: Design) -> None:
+    """Students t over blocks of equal weight, for residuals that are one number per block."""
+    levels = np.random.default_rng(2).standard_normal(design.block.max() + 1)
+    column = levels[design.block[design.train]]
+    blocks = np.unique(design.block[design.train])
+    without = np.array([column[design.block[design.train] != each].mean() for each in blocks])
+    n = blocks.size
+    expected = quantile_95(np.arange(n)) * np.sqrt((n - 1) / n * np.sum((without - column.mean()) ** 2))
+    (found,) = _mean_half_width(column[:, np.newaxis], design)
+    assert found == pytest.approx(expected, rel=1e-6)
+
+
+def test_not_knowing_the_torque_between_samples_costs_what_every_nth_sample_misses(design: Design) -> None:
+    """White torque of variance 1: what n-th samples miss, over n, is (1/2 + 1/3) / 2 of it on average."""
+    rng = np.random.default_rng(5)
+    chunks = [
+        dataclasses.replace(chunk, torque=rng.standard_normal(chunk.torque.shape)) for chunk in design.chunks
+    ]
+    found = sampling_errors(dataclasses.replace(design, chunks=tuple(chunks)))
+    n_samples = chunks[0].n_samples
+    errors = [np.fft.irfft(error.spectra[0], n_samples, axis=0) for error in found]
+    variance = np.sum([np.mean(error**2) for error in errors])
+    assert variance == pytest.approx(1.96**2 * 0.5 * (1.0 / 2.0 + 1.0 / 3.0), rel=0.03)
+
+
+def theta_of_quad() -> np.ndarray:
+    """A and B of `DAMPED`."""
+    theta = np.zeros((3, len(DAMPED.columns)))
+    theta[:, 3:6], theta[:, 7:] = -QUAD.damping, QUAD.B
+    return theta
+
+
+def widened(half_width: float, **changes: object) -> tuple[np.ndarray, np.ndarray]:
+    """Return how far the interval of B reaches below and above it; each (3, 3)."""
+    theta = theta_of_quad()
+    given: dict[str, object] = {"knows_gyro": False, "band": None, "given": None} | changes
+    estimate = intervals(
+        DAMPED, theta, np.full(theta.shape, half_width), np.ones(theta.shape, dtype=bool), **given
+    )
+    return (theta - estimate.low)[:, 7:], (estimate.high - theta)[:, 7:]
+
+
+def test_systematic_uncertainty_is_added_in_squares() -> None:
+    """To the statistical half width, on both sides."""
+    systematic = systematic_half_width(DAMPED, theta_of_quad())[:, 7:]
+    for side in widened(0.4):
+        np.testing.assert_allclose(side, np.hypot(0.4, systematic))
+
+
+def test_an_effectiveness_per_newton_metre_is_as_uncertain_as_the_newton_metre() -> None:
+    """Standard deviations of 3, 4 and 5 %, added in squares by axis of torque."""
+    sigma = np.array([0.03, 0.04, 0.05])
+    given = InputDescription(
+        kind="torque_n_m",
+        unit="N m",
+        source="test",
+        calibration=Calibration(n_m_per_command=(1.0, 1.0, 1.0), relative_sigma=tuple(sigma.tolist())),
+    )
+    below, above = widened(0.4, given=given)
+    expected = np.hypot(widened(0.4)[0], 1.959964 * sigma * QUAD.B)
+    np.testing.assert_allclose(below, expected)
+    np.testing.assert_allclose(above, expected)
+
+
+def test_an_effectiveness_per_command_does_not_depend_on_the_newton_metre() -> None:
+    """The same calibration, but torque as commanded."""
+    given = InputDescription(
+        kind="torque_command",
+        unit="1",
+        source="test",
+        calibration=Calibration(n_m_per_command=(1.0, 1.0, 1.0), relative_sigma=(0.1, 0.1, 0.1)),
+    )
+    np.testing.assert_array_equal(widened(0.4, given=given), widened(0.4))
+
+
+def test_the_interval_covers_the_effectiveness_in_every_band() -> None:
+    """Ten units below in one band, twenty above in another; off-axis entries stay."""
+    gain = np.diag(QUAD.B)
+    band = BandCheck(cutoff_hz=np.array([5.0, 2.5, 8.0]), on_axis_gain=np.array([gain, gain - 10, gain + 20]))
+    below, above = widened(0.4, band=band)
+    np.testing.assert_allclose(np.diag(below), 10.0)
+    np.testing.assert_allclose(np.diag(above), 20.0)
+    assert above[0, 1] == widened(0.4)[1][0, 1]
+
+
+def actuator(lag_s: float, delay_s: float, lag_limit_s: float) -> ActuatorFit:
+    nothing = np.zeros(0)
+    return ActuatorFit(lag_s, delay_s, nothing, nothing, nothing, lag_limit_s)
+
+
+def test_lag_and_delay_are_known_to_a_fraction_of_a_sample_at_best() -> None:
+    """1.5 % of 10 ms, and 0.3 % of the lag, in squares to 1 ms and 0.5 ms."""
+    found = actuator(0.04, 0.01, 0.04)
+    low, high = lag_interval(found, 1e-3, 0.01)
+    assert 0.5 * (high - low) == pytest.approx(np.sqrt(1e-3**2 + 1.5e-4**2 + 1.2e-4**2))
+    low, high = delay_interval(found, 5e-4, 0.01)
+    assert 0.5 * (high - low) == pytest.approx(np.hypot(5e-4, 1.5e-4))
+
+
+def test_what_might_be_lag_or_delay_is_in_the_interval_of_both() -> None:
+    """Up to 8 ms of the delay could be lag."""
+    found = actuator(0.004, 0.010, 0.012)
+    assert lag_interval(found, 1e-3, PERIOD_S)[1] == pytest.approx(0.012)
+    assert delay_interval(found, 1e-4, PERIOD_S)[0] == pytest.approx(0.002)
+
+
+def test_a_lag_too_short_to_be_seen_may_be_zero() -> None:
+    """Then it was no parameter of the fit."""
+    assert lag_interval(actuator(0.002, 0.01, 0.004), float("nan"), PERIOD_S)[0] == 0.0
