@@ -190,6 +190,36 @@ def mean_rate_hz(count: int, time: FloatArray | None, unit_s: float = 1.0) -> fl
     return (count - 1) / duration_s if duration_s > 0.0 else float("nan")
 
 
+def time_before(position: IntArray, known_at: IntArray, known_s: FloatArray) -> FloatArray:
+    """Return for places in a file the time of the last row with a time before them.
+
+    Parameters
+    ----------
+    position : ndarray of int64, shape (n_rows,)
+        Byte offsets.
+    known_at, known_s : ndarray, shape (n_known,)
+        Byte offsets, rising, and times [s] of the rows with a time.
+
+    Returns
+    -------
+    ndarray, shape (n_rows,)
+        Before the first of them its time; NaN where there is none.
+    """
+    if not len(known_at):
+        return np.full(len(position), np.nan)
+    before = np.searchsorted(known_at, position, side="right") - 1
+    times: FloatArray = known_s[np.maximum(before, 0)]
+    return times
+
+
+def decode_text(raw: bytes) -> str:
+    """Decode UTF-8, else Latin-1, so that no byte is refused."""
+    try:
+        return raw.decode("utf-8")
+    except UnicodeDecodeError:
+        return raw.decode("latin-1")
+
+
 def merge_lost(lost: list[LostBytes]) -> tuple[LostBytes, ...]:
     """Sort lost bytes and join those that touch."""
     merged: list[LostBytes] = []

@@ -52,28 +52,16 @@ class FormatCharacter(NamedTuple):
 
 #: ArduPilot libraries/AP_Logger/README.md and LogStructure.h, "Format characters".
 FORMAT_CHARACTERS: Final[dict[str, FormatCharacter]] = {
-    "a": FormatCharacter("(32,)<i2"),
-    "b": FormatCharacter("i1"),
-    "B": FormatCharacter("u1"),
-    "h": FormatCharacter("<i2"),
-    "H": FormatCharacter("<u2"),
-    "i": FormatCharacter("<i4"),
-    "I": FormatCharacter("<u4"),
-    "f": FormatCharacter("<f4"),
-    "d": FormatCharacter("<f8"),
-    "g": FormatCharacter("<f2"),
-    "n": FormatCharacter("S4", is_text=True),
-    "N": FormatCharacter("S16", is_text=True),
-    "Z": FormatCharacter("S64", is_text=True),
-    "c": FormatCharacter("<i2", 100.0),
-    "C": FormatCharacter("<u2", 100.0),
-    "e": FormatCharacter("<i4", 100.0),
-    "E": FormatCharacter("<u4", 100.0),
-    "L": FormatCharacter("<i4", 1e7),
-    "M": FormatCharacter("i1"),
-    "q": FormatCharacter("<i8"),
+    "a": FormatCharacter("(32,)<i2"), "b": FormatCharacter("i1"), "B": FormatCharacter("u1"),
+    "h": FormatCharacter("<i2"), "H": FormatCharacter("<u2"), "i": FormatCharacter("<i4"),
+    "I": FormatCharacter("<u4"), "f": FormatCharacter("<f4"), "d": FormatCharacter("<f8"),
+    "g": FormatCharacter("<f2"), "n": FormatCharacter("S4", is_text=True),
+    "N": FormatCharacter("S16", is_text=True), "Z": FormatCharacter("S64", is_text=True),
+    "c": FormatCharacter("<i2", 100.0), "C": FormatCharacter("<u2", 100.0),
+    "e": FormatCharacter("<i4", 100.0), "E": FormatCharacter("<u4", 100.0),
+    "L": FormatCharacter("<i4", 1e7), "M": FormatCharacter("i1"), "q": FormatCharacter("<i8"),
     "Q": FormatCharacter("<u8"),
-}
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
