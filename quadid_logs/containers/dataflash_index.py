@@ -143,7 +143,16 @@ def index_messages(content: FileParts) -> MessageIndex:
 
 
 def find_headers(content: FileParts) -> Headers:
-    """Find every ``A3 95`` that is followed by an id byte."""
+    """Find every ``A3 95`` that is followed by an id byte.
+
+    Parameters
+    ----------
+    content : FileParts
+
+    Returns
+    -------
+    Headers
+    """
     n_bytes = content.n_bytes
     offset_type = np.uint32 if n_bytes < 1 << 32 else np.int64
     positions: list[AnyArray] = [np.zeros(0, offset_type)]
@@ -249,7 +258,18 @@ def _has_header(content: FileParts, positions: IntArray) -> BoolArray:
 
 
 def definition_at(definitions: list[MessageDefinition], positions: AnyArray) -> IntArray:
-    """Return for each position the number of the definition in force there."""
+    """Return for each position the number of the definition in force there.
+
+    Parameters
+    ----------
+    definitions : list of MessageDefinition
+        Of one message id, in file order.
+    positions : ndarray of integers, shape (n_rows,)
+
+    Returns
+    -------
+    ndarray of int64, shape (n_rows,)
+    """
     offsets = np.array([definition.offset for definition in definitions[1:]], dtype=np.int64)
     return np.searchsorted(offsets, positions, side="right")
 

@@ -45,7 +45,17 @@ def merge_clocks(clocks: list[BootClock]) -> BootClock:
 
 
 def boot_ms_s(boot_ms: AnyArray) -> FloatArray:
-    """Return milliseconds since boot in seconds; zero means not filled in and becomes NaN."""
+    """Return milliseconds since boot in seconds; zero means not filled in and becomes NaN.
+
+    Parameters
+    ----------
+    boot_ms : ndarray of unsigned integers, shape (n_rows,)
+
+    Returns
+    -------
+    ndarray, shape (n_rows,)
+        [s].
+    """
     return np.where(boot_ms > 0, boot_ms / 1e3, np.nan)
 
 

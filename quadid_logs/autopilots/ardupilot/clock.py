@@ -33,7 +33,16 @@ def _time_label(table: MessageTable) -> str | None:
 
 
 def own_time(table: MessageTable) -> FloatArray | None:
-    """Return the rows' own time [s] as logged, however implausible; None where the message type has none."""
+    """Return the rows' own time [s] as logged, however implausible; None where the message type has none.
+
+    Parameters
+    ----------
+    table : MessageTable
+
+    Returns
+    -------
+    ndarray, shape (n_rows,), or None
+    """
     label = _time_label(table)
     if label is None:
         return None
@@ -64,7 +73,17 @@ class LogClock:
         return self._reference is not None
 
     def rows(self, table: MessageTable) -> Rows:
-        """Return the rows of a table: the same object each time."""
+        """Return the rows of a table: the same object each time.
+
+        Parameters
+        ----------
+        table : MessageTable
+
+        Returns
+        -------
+        Rows
+            With their own time [s], else that of the row before them in the file; NaN where no row has any.
+        """
         if table not in self._rows:
             known, own = self._reference, own_time(table)
             if own is None and known is not None:

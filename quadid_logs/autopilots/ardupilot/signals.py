@@ -187,7 +187,19 @@ class Messages:
         return _spread(stacked(table, measured)) / reference if reference > 0.0 else math.nan
 
     def command_scale(self, values: FloatArray) -> tuple[float, str]:
-        """Return the factor to the scale of -1 to 1, and the words for it."""
+        """Return the factor to the scale of -1 to 1, and the words for it.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n_rows, 3)
+            Commands as logged.
+
+        Returns
+        -------
+        factor : float
+        words : str
+            "" where the factor is 1.
+        """
         old_rate = self.rate_scale is not None and self.rate_scale.unit == "centidegrees/s"
         if _typical(values) > _LARGEST_COMMAND or old_rate or self._old_firmware:
             return 1.0 / _OLD_COMMAND_SCALE, _OLD_COMMAND_NOTE
@@ -463,7 +475,17 @@ LABELS: Final = TIME_LABELS.union(
 
 
 def messages_to_read(present: Mapping[str, int]) -> frozenset[str]:
-    """Return the messages from which a log that holds these would get its signals."""
+    """Return the messages from which a log that holds these would get its signals.
+
+    Parameters
+    ----------
+    present : mapping of str to int
+        Rows of each message in the log.
+
+    Returns
+    -------
+    frozenset of str
+    """
     wanted = [source for source in SOURCES if source.unless not in present]
     return messages_of(wanted).union(*(source.joined for source in wanted))
 
