@@ -116,7 +116,13 @@ def register(autopilot: Autopilot) -> None:
 
 
 def known() -> tuple[Autopilot, ...]:
-    """Return every autopilot, in the order in which their formats are asked."""
+    """Return every autopilot, in the order in which their formats are asked.
+
+    Returns
+    -------
+    tuple of Autopilot
+        Registered ones first.
+    """
     return (*_registered, *_own())
 
 
@@ -144,6 +150,12 @@ def named(name: str) -> Autopilot:
 
 
 def formats() -> tuple[LogFormat, ...]:
-    """Return every log format, in the order in which they are to be asked."""
+    """Return every log format, in the order in which they are to be asked.
+
+    Returns
+    -------
+    tuple of LogFormat
+        Those that are told by their first bytes before those that could be any text.
+    """
     found = [one for autopilot in known() for one in autopilot.formats()]
     return tuple(sorted(found, key=lambda one: not one.strict))

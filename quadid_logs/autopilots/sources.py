@@ -75,7 +75,18 @@ Build = Callable[[P, "Source[P]"], "FloatArray | Built | None"]
 
 
 def plain(part: P, source: Source[P]) -> FloatArray | None:
-    """Put the fields side by side, times the scale."""
+    """Put the fields side by side, times the scale.
+
+    Parameters
+    ----------
+    part : Part
+    source : Source
+
+    Returns
+    -------
+    ndarray, shape (n_rows, n_columns), or None
+        None where a field is missing.
+    """
     return stacked(part.table, source.fields, source.scale)
 
 
@@ -122,7 +133,16 @@ class Source(Generic[P]):
 
 
 def messages_of(sources: Iterable[Source[Any]]) -> frozenset[str]:
-    """Return every message that a table needs."""
+    """Return every message that a table needs.
+
+    Parameters
+    ----------
+    sources : iterable of Source
+
+    Returns
+    -------
+    frozenset of str
+    """
     return frozenset(name for source in sources for name in (source.message, *source.beside))
 
 
@@ -207,9 +227,16 @@ def stacked(table: Table, fields: Collection[str], scale: float = 1.0) -> FloatA
 
 
 def attitude_columns(quaternion: FloatArray) -> FloatArray:
-    """Return Euler 3-2-1 angles [rad] of quaternions w, x, y, z (body FRD to Earth NED).
+    """Return Euler 3-2-1 angles of quaternions w, x, y, z (body FRD to Earth NED).
 
-    NaN where the quaternion is zero, as before the estimator has started.
+    Parameters
+    ----------
+    quaternion : ndarray, shape (n_rows, 4)
+
+    Returns
+    -------
+    ndarray, shape (n_rows, 3)
+        Roll, pitch, yaw [rad]; NaN where the quaternion is zero, as before the estimator has started.
     """
     is_zero = ~quaternion.any(axis=1)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
@@ -225,6 +252,16 @@ def attitude(part: Part[Any], source: Source[Any]) -> FloatArray | None:
 
 
 def used_columns(values: FloatArray, in_use: BoolArray) -> FloatArray | None:
-    """Leave out the columns behind the last one that is ever `in_use`; None where none is."""
+    """Leave out the columns behind the last one that is ever `in_use`; None where none is.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n_rows, n_columns)
+    in_use : ndarray of bool, shape (n_rows, n_columns)
+
+    Returns
+    -------
+    ndarray, shape (n_rows, 1 or more), or None
+    """
     columns = np.flatnonzero(in_use.any(axis=0))
     return values[:, : columns[-1] + 1] if len(columns) else None

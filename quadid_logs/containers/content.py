@@ -93,6 +93,17 @@ class FileParts:
 
         All use one buffer, which keeps it in the processor's cache: a block
         is only valid until the next one.
+
+        Parameters
+        ----------
+        size, overlap : int
+            [bytes].
+
+        Yields
+        ------
+        start : int
+            Byte offset of the block.
+        block : ndarray of uint8, shape (up to size + overlap,)
         """
         buffer = np.empty(size + overlap, np.uint8)
         for start in range(0, self.n_bytes, size):
@@ -185,13 +196,69 @@ def rows_of_types(
 
 
 def mean_rate_hz(count: int, time: FloatArray | None, unit_s: float = 1.0) -> float:
-    """Return rows per second between the first and the last time, NaN where that cannot be told."""
+    """Return rows per second between the first and the last time, NaN where that cannot be told.
+
+    Parameters
+    ----------
+    count : int
+        Number of rows.
+    time : ndarray, shape (n_times,), or None
+        The first and the last matter.
+    unit_s : float
+        Of the times [s].
+
+    Returns
+    -------
+    float
+        [Hz].
+    """
     duration_s = float(time[-1] - time[0]) * unit_s if time is not None and len(time) > 1 else 0.0
     return (count - 1) / duration_s if duration_s > 0.0 else float("nan")
 
 
+def time_before(position: IntArray, known_at: IntArray, known_s: FloatArray) -> FloatArray:
+    """Return for places in a file the time of the last row with a time before them.
+
+    Parameters
+    ----------
+    position : ndarray of int64, shape (n_rows,)
+        Byte offsets.
+    known_at, known_s : ndarray, shape (n_known,)
+        Byte offsets, rising, and times [s] of the rows with a time.
+
+    Returns
+    -------
+    ndarray, shape (n_rows,)
+        Before the first of them its time; NaN where there is none.
+    """
+    if not len(known_at):
+        return np.full(len(position), np.nan)
+    before = np.searchsorted(known_at, position, side="right") - 1
+    times: FloatArray = known_s[np.maximum(before, 0)]
+    return times
+
+
+def decode_text(raw: bytes) -> str:
+    """Decode UTF-8, else Latin-1, so that no byte is refused."""
+    try:
+        return raw.decode("utf-8")
+    except UnicodeDecodeError:
+        return raw.decode("latin-1")
+
+
 def merge_lost(lost: list[LostBytes]) -> tuple[LostBytes, ...]:
-    """Sort lost bytes and join those that touch."""
+    """Sort lost bytes and join those that touch.
+
+    Parameters
+    ----------
+    lost : list of LostBytes
+        In any order, overlapping or not.
+
+    Returns
+    -------
+    tuple of LostBytes
+        Rising, none empty; of those that touch, the reason of the first.
+    """
     merged: list[LostBytes] = []
     for block in sorted(lost, key=lambda one: one.offset):
         before = merged[-1] if merged else None

@@ -11,7 +11,7 @@ from typing import Final, Self
 import numpy as np
 
 from quadid_logs.arrays import AnyArray, IntArray
-from quadid_logs.containers.content import FileParts
+from quadid_logs.containers.content import FileParts, decode_text
 from quadid_logs.containers.dataflash_index import (
     DEFINING,
     ByteArray,
@@ -348,17 +348,8 @@ def _finish(values: AnyArray, kind: FormatCharacter) -> AnyArray:
     """Turn stored text into strings; numbers pass."""
     if not kind.is_text:
         return values
-    decoded = {raw: decode_text(raw) for raw in set(values.tolist())}
+    decoded = {raw: decode_text(raw.split(b"\0", 1)[0]) for raw in set(values.tolist())}
     return np.array([decoded[raw] for raw in values.tolist()], dtype=np.str_)
-
-
-def decode_text(raw: bytes) -> str:
-    """Decode a text field up to its first NUL: UTF-8, else Latin-1, so that no byte is refused."""
-    raw = raw.split(b"\0", 1)[0]
-    try:
-        return raw.decode("utf-8")
-    except UnicodeDecodeError:
-        return raw.decode("latin-1")
 
 
 def _read_units(file: DataFlashFile, index: MessageIndex) -> dict[int, dict[str, Unit]]:

@@ -52,28 +52,16 @@ class FormatCharacter(NamedTuple):
 
 #: ArduPilot libraries/AP_Logger/README.md and LogStructure.h, "Format characters".
 FORMAT_CHARACTERS: Final[dict[str, FormatCharacter]] = {
-    "a": FormatCharacter("(32,)<i2"),
-    "b": FormatCharacter("i1"),
-    "B": FormatCharacter("u1"),
-    "h": FormatCharacter("<i2"),
-    "H": FormatCharacter("<u2"),
-    "i": FormatCharacter("<i4"),
-    "I": FormatCharacter("<u4"),
-    "f": FormatCharacter("<f4"),
-    "d": FormatCharacter("<f8"),
-    "g": FormatCharacter("<f2"),
-    "n": FormatCharacter("S4", is_text=True),
-    "N": FormatCharacter("S16", is_text=True),
-    "Z": FormatCharacter("S64", is_text=True),
-    "c": FormatCharacter("<i2", 100.0),
-    "C": FormatCharacter("<u2", 100.0),
-    "e": FormatCharacter("<i4", 100.0),
-    "E": FormatCharacter("<u4", 100.0),
-    "L": FormatCharacter("<i4", 1e7),
-    "M": FormatCharacter("i1"),
-    "q": FormatCharacter("<i8"),
+    "a": FormatCharacter("(32,)<i2"), "b": FormatCharacter("i1"), "B": FormatCharacter("u1"),
+    "h": FormatCharacter("<i2"), "H": FormatCharacter("<u2"), "i": FormatCharacter("<i4"),
+    "I": FormatCharacter("<u4"), "f": FormatCharacter("<f4"), "d": FormatCharacter("<f8"),
+    "g": FormatCharacter("<f2"), "n": FormatCharacter("S4", is_text=True),
+    "N": FormatCharacter("S16", is_text=True), "Z": FormatCharacter("S64", is_text=True),
+    "c": FormatCharacter("<i2", 100.0), "C": FormatCharacter("<u2", 100.0),
+    "e": FormatCharacter("<i4", 100.0), "E": FormatCharacter("<u4", 100.0),
+    "L": FormatCharacter("<i4", 1e7), "M": FormatCharacter("i1"), "q": FormatCharacter("<i8"),
     "Q": FormatCharacter("<u8"),
-}
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -155,7 +143,16 @@ def index_messages(content: FileParts) -> MessageIndex:
 
 
 def find_headers(content: FileParts) -> Headers:
-    """Find every ``A3 95`` that is followed by an id byte."""
+    """Find every ``A3 95`` that is followed by an id byte.
+
+    Parameters
+    ----------
+    content : FileParts
+
+    Returns
+    -------
+    Headers
+    """
     n_bytes = content.n_bytes
     offset_type = np.uint32 if n_bytes < 1 << 32 else np.int64
     positions: list[AnyArray] = [np.zeros(0, offset_type)]
@@ -261,7 +258,18 @@ def _has_header(content: FileParts, positions: IntArray) -> BoolArray:
 
 
 def definition_at(definitions: list[MessageDefinition], positions: AnyArray) -> IntArray:
-    """Return for each position the number of the definition in force there."""
+    """Return for each position the number of the definition in force there.
+
+    Parameters
+    ----------
+    definitions : list of MessageDefinition
+        Of one message id, in file order.
+    positions : ndarray of integers, shape (n_rows,)
+
+    Returns
+    -------
+    ndarray of int64, shape (n_rows,)
+    """
     offsets = np.array([definition.offset for definition in definitions[1:]], dtype=np.int64)
     return np.searchsorted(offsets, positions, side="right")
 

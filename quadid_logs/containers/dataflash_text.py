@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from quadid_logs.arrays import AnyArray, IntArray
-from quadid_logs.containers.content import merge_lost
+from quadid_logs.containers.content import decode_text, merge_lost
 from quadid_logs.containers.dataflash_index import (
     DEFINING,
     FORMAT_CHARACTERS,
@@ -262,11 +262,7 @@ def _parse_integer(field: bytes) -> int:
 
 
 def _decode(field: bytes) -> str:
-    """Decode text: UTF-8, else Latin-1, so that no byte is refused."""
-    try:
-        return field.strip().decode("utf-8")
-    except UnicodeDecodeError:
-        return field.strip().decode("latin-1")
+    return decode_text(field.strip())
 
 
 def _parse_columns(rows: list[list[bytes]], parsers: list[Callable[[bytes], Any]]) -> list[AnyArray]:

@@ -12,6 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import AnyArray, FloatArray, IntArray
+from quadid_logs.containers.content import time_before
 
 BOOT_MS: Final = "time_boot_ms"
 USEC: Final = "time_usec"
@@ -30,10 +31,7 @@ class BootClock(NamedTuple):
 
     def at(self, position: IntArray) -> FloatArray:
         """Return the time at places in the file: that of the last message with own time before them [s]."""
-        if not len(self.position):
-            return np.full(len(position), np.nan)
-        before = np.searchsorted(self.position, position, side="right") - 1
-        return self.time_s[np.maximum(before, 0)]
+        return time_before(position, self.position, self.time_s)
 
 
 def merge_clocks(clocks: list[BootClock]) -> BootClock:
@@ -47,7 +45,17 @@ def merge_clocks(clocks: list[BootClock]) -> BootClock:
 
 
 def boot_ms_s(boot_ms: AnyArray) -> FloatArray:
-    """Return milliseconds since boot in seconds; zero means not filled in and becomes NaN."""
+    """Return milliseconds since boot in seconds; zero means not filled in and becomes NaN.
+
+    Parameters
+    ----------
+    boot_ms : ndarray of unsigned integers, shape (n_rows,)
+
+    Returns
+    -------
+    ndarray, shape (n_rows,)
+        [s].
+    """
     return np.where(boot_ms > 0, boot_ms / 1e3, np.nan)
 
 

@@ -132,6 +132,15 @@ def host_time_s(file: FileParts, packets: Packets) -> FloatArray:
     """Return the host's stamps before the packets [s since 1970]; NaN where none is possible.
 
     Big-endian microseconds. The host's clock can run wrong by factors.
+
+    Parameters
+    ----------
+    file : FileParts
+    packets : Packets
+
+    Returns
+    -------
+    ndarray, shape (n_packets,)
     """
     time_s = np.full(len(packets.start), np.nan)
     has_stamp = packets.start >= STAMP_SIZE

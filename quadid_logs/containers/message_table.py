@@ -151,6 +151,15 @@ def join_tables(tables: list[MessageTable]) -> MessageTable:
 
     Rows come out in file order. A column that one of the definitions lacks is
     NaN there (empty for text), never a made-up zero.
+
+    Parameters
+    ----------
+    tables : list of MessageTable
+        At least one.
+
+    Returns
+    -------
+    MessageTable
     """
     if len(tables) == 1:
         return tables[0]

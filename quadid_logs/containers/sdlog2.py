@@ -7,6 +7,7 @@ from collections.abc import Collection
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
+from quadid_logs.containers.content import time_before
 from quadid_logs.containers.dataflash_index import MessageDefinition, looks_like_dataflash
 from quadid_logs.containers.message_table import MessageTable
 from quadid_logs.data.log import Rows
@@ -51,10 +52,8 @@ class TimeRecords:
 
     def times(self, table: MessageTable) -> FloatArray:
         """Return the time of each row [s], NaN for rows before the first TIME."""
-        if not self.has_time:
-            return np.full(table.n_rows, np.nan)
-        before = np.searchsorted(self._position, table.position, side="right") - 1
-        return np.where(before >= 0, self._time_s[np.maximum(before, 0)], np.nan)
+        time_s = time_before(table.position, self._position, self._time_s)
+        return np.where(table.position < self._position[0], np.nan, time_s) if self.has_time else time_s
 
     def rows(self, table: MessageTable) -> Rows:
         """Return times and positions of a table."""

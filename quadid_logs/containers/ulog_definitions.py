@@ -221,19 +221,11 @@ def _take_sync(known: Definitions, body: bytes, offset: int) -> None:  # noqa: A
 
 
 _TAKE: Final = {
-    ord("B"): _take_flags,
-    ord("F"): _take_format,
-    ord("A"): _take_subscription,
-    ord("R"): _take_end_of_subscription,
-    ord("I"): _take_information,
-    ord("M"): _take_information_multiple,
-    ord("P"): _take_parameter,
-    ord("Q"): _take_parameter_default,
-    ord("L"): _take_text,
-    ord("C"): _take_tagged_text,
-    ord("O"): _take_dropout,
-    ord("S"): _take_sync,
-}
+    ord("B"): _take_flags, ord("F"): _take_format, ord("A"): _take_subscription,
+    ord("R"): _take_end_of_subscription, ord("I"): _take_information, ord("M"): _take_information_multiple,
+    ord("P"): _take_parameter, ord("Q"): _take_parameter_default, ord("L"): _take_text,
+    ord("C"): _take_tagged_text, ord("O"): _take_dropout, ord("S"): _take_sync,
+}  # fmt: skip
 
 
 def row_layout(formats: dict[str, str], name: str) -> tuple[np.dtype[np.void], int]:

@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-import numpy as np
-
 from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.data.torque import TorqueModel
 from quadid_logs.errors import ShapeError
@@ -272,22 +270,3 @@ class FlightLog:
     def candidates(self, name: str) -> tuple[Signal, ...]:
         """Return the sources of a canonical signal, the preferred one first."""
         return tuple(self.signals.get(name, ()))
-
-
-def signal_from_columns(
-    name: str,
-    time_s: FloatArray,
-    columns: list[FloatArray],
-    position: IntArray,
-    *,
-    source: str,
-    reason: str = "",
-) -> Signal:
-    """Stack one array per column into a `Signal`."""
-    return Signal(
-        name=name,
-        rows=Rows(np.asarray(time_s, dtype=np.float64), np.asarray(position, dtype=np.int64)),
-        values=np.column_stack([np.asarray(column, dtype=np.float64) for column in columns]),
-        source=source,
-        reason=reason,
-    )

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from quadid_logs.autopilots.ardupilot.log import read_binary
 from quadid_logs.containers import dataflash, dataflash_index
+from quadid_logs.containers.content import decode_text
 from quadid_logs.containers.dataflash import DataFlashFile, read_messages
 from quadid_logs.containers.message_table import MessageTable
 from quadid_logs.errors import EmptyLogError, LogError, LogNotFoundError, UnknownFormatError
@@ -155,7 +156,7 @@ def test_any_format_decodes_like_the_reference_reader(data: st.DataObject) -> No
         if factor is not None:
             raw = [value / (1.0 / factor) for value in raw]
         if kind in "nZ":
-            raw = [dataflash.decode_text(value) for value in raw]
+            raw = [decode_text(value.split(b"\0", 1)[0]) for value in raw]
         assert same(table.columns[labels[number]].tolist(), raw)
 
 

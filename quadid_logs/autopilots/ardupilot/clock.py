@@ -7,7 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray, IntArray
+from quadid_logs.arrays import FloatArray
+from quadid_logs.containers.content import time_before
 from quadid_logs.containers.message_table import MessageTable
 from quadid_logs.data.log import Rows
 
@@ -32,7 +33,16 @@ def _time_label(table: MessageTable) -> str | None:
 
 
 def own_time(table: MessageTable) -> FloatArray | None:
-    """Return the rows' own time [s] as logged, however implausible; None where the message type has none."""
+    """Return the rows' own time [s] as logged, however implausible; None where the message type has none.
+
+    Parameters
+    ----------
+    table : MessageTable
+
+    Returns
+    -------
+    ndarray, shape (n_rows,), or None
+    """
     label = _time_label(table)
     if label is None:
         return None
@@ -52,8 +62,10 @@ class LogClock:
 
     def __init__(self, tables: Iterable[MessageTable]) -> None:
         self._rows: dict[MessageTable, Rows] = {}
+        self._reference: Rows | None = None
         timed = [table for table in tables if _time_label(table) is not None]
-        self._reference = self.rows(max(timed, key=lambda table: table.n_rows)) if timed else None
+        if timed:
+            self._reference = self.rows(max(timed, key=lambda table: table.n_rows))
 
     @property
     def has_time(self) -> bool:
@@ -61,16 +73,20 @@ class LogClock:
         return self._reference is not None
 
     def rows(self, table: MessageTable) -> Rows:
-        """Return the rows of a table: the same object each time."""
-        if table not in self._rows:
-            own = own_time(table)
-            time_s = self.times_at(table.position) if own is None else own
-            self._rows[table] = Rows(time_s, table.position)
-        return self._rows[table]
+        """Return the rows of a table: the same object each time.
 
-    def times_at(self, position: IntArray) -> FloatArray:
-        """Return the time of the last reference row before each position [s], NaN without any."""
-        if self._reference is None:
-            return np.full(len(position), np.nan)
-        before = np.searchsorted(self._reference.position, position, side="right") - 1
-        return self._reference.time_s[np.maximum(before, 0)]
+        Parameters
+        ----------
+        table : MessageTable
+
+        Returns
+        -------
+        Rows
+            With their own time [s], else that of the row before them in the file; NaN where no row has any.
+        """
+        if table not in self._rows:
+            known, own = self._reference, own_time(table)
+            if own is None and known is not None:
+                own = time_before(table.position, known.position, known.time_s)
+            self._rows[table] = Rows(np.full(table.n_rows, np.nan) if own is None else own, table.position)
+        return self._rows[table]

@@ -11,25 +11,14 @@ from quadid_logs.data.log import whole_number
 
 #: ArduPilot libraries/AP_Vehicle/AP_Vehicle_Type.h, logged as VER.BU.
 _BUILD_TYPES: Final = {
-    1: "rover",
-    2: "multirotor",
-    3: "fixed-wing",
-    4: "tracker",
-    7: "submarine",
-    13: "helicopter",
-}
+    1: "rover", 2: "multirotor", 3: "fixed-wing", 4: "tracker", 7: "submarine", 13: "helicopter",
+}  # fmt: skip
 #: Parameters.h of each vehicle, `k_software_type`, logged by old firmware as SYSID_SW_TYPE.
 _SOFTWARE_TYPES: Final = {0: "fixed-wing", 4: "tracker", 10: "multirotor", 20: "rover", 40: "submarine"}
 _FIRMWARE_NAMES: Final = {
-    "copter": "multirotor",
-    "plane": "fixed-wing",
-    "rover": "rover",
-    "rover2": "rover",
-    "sub": "submarine",
-    "antennatracker": "tracker",
-    "tracker": "tracker",
-    "blimp": "unknown",
-}
+    "copter": "multirotor", "plane": "fixed-wing", "rover": "rover", "rover2": "rover", "sub": "submarine",
+    "antennatracker": "tracker", "tracker": "tracker", "blimp": "unknown",
+}  # fmt: skip
 _FIRMWARE: Final = re.compile(
     r"^(?:APM:|Ardu|APM)?(copter|plane|rover2?|sub|antennatracker|tracker|blimp)\s+V?(\d+)\.(\d+)",
     re.IGNORECASE,
@@ -39,44 +28,16 @@ _FRAME_TEXT: Final = re.compile(r"^Frame: (\S.*)$")
 
 #: AP_Motors_Class.h, `motor_frame_class`.
 FRAME_CLASSES: Final = {
-    1: "quad",
-    2: "hexa",
-    3: "octa",
-    4: "octa-quad",
-    5: "Y6",
-    6: "helicopter",
-    7: "tri",
-    8: "single",
-    9: "coax",
-    10: "bicopter",
-    11: "dual helicopter",
-    12: "dodeca-hexa",
-    13: "quad helicopter",
-    14: "deca",
-    15: "scripted matrix",
-    16: "six-axis scripted matrix",
-    17: "dynamic scripted matrix",
-}
+    1: "quad", 2: "hexa", 3: "octa", 4: "octa-quad", 5: "Y6", 6: "helicopter", 7: "tri", 8: "single",
+    9: "coax", 10: "bicopter", 11: "dual helicopter", 12: "dodeca-hexa", 13: "quad helicopter", 14: "deca",
+    15: "scripted matrix", 16: "six-axis scripted matrix", 17: "dynamic scripted matrix",
+}  # fmt: skip
 #: AP_Motors_Class.h, `motor_frame_type`; the first five also of the old parameter FRAME.
 FRAME_TYPES: Final = {
-    0: "plus",
-    1: "X",
-    2: "V",
-    3: "H",
-    4: "V-tail",
-    5: "A-tail",
-    6: "plus reversed",
-    10: "Y6B",
-    11: "Y6F",
-    12: "Betaflight X",
-    13: "DJI X",
-    14: "clockwise X",
-    15: "I",
-    16: "NYT plus",
-    17: "NYT X",
-    18: "Betaflight X reversed",
-    19: "Y4",
-}
+    0: "plus", 1: "X", 2: "V", 3: "H", 4: "V-tail", 5: "A-tail", 6: "plus reversed", 10: "Y6B", 11: "Y6F",
+    12: "Betaflight X", 13: "DJI X", 14: "clockwise X", 15: "I", 16: "NYT plus", 17: "NYT X",
+    18: "Betaflight X reversed", 19: "Y4",
+}  # fmt: skip
 #: Firmware before 3.1 was built for one number of motors.
 _BUILDS: Final = {3: "tri", 4: "quad", 6: "six-motor", 8: "eight-motor"}
 _HELICOPTERS: Final = frozenset({6, 11, 13})
@@ -85,35 +46,12 @@ _VANES: Final = frozenset({8, 9, 10})
 
 #: ArduCopter/mode.h, `Mode::Number`; 8 and 10 belong to firmware before 3.2.
 COPTER_MODES: Final = {
-    0: "STABILIZE",
-    1: "ACRO",
-    2: "ALT_HOLD",
-    3: "AUTO",
-    4: "GUIDED",
-    5: "LOITER",
-    6: "RTL",
-    7: "CIRCLE",
-    8: "POSITION",
-    9: "LAND",
-    10: "OF_LOITER",
-    11: "DRIFT",
-    13: "SPORT",
-    14: "FLIP",
-    15: "AUTOTUNE",
-    16: "POSHOLD",
-    17: "BRAKE",
-    18: "THROW",
-    19: "AVOID_ADSB",
-    20: "GUIDED_NOGPS",
-    21: "SMART_RTL",
-    22: "FLOWHOLD",
-    23: "FOLLOW",
-    24: "ZIGZAG",
-    25: "SYSTEMID",
-    26: "AUTOROTATE",
-    27: "AUTO_RTL",
+    0: "STABILIZE", 1: "ACRO", 2: "ALT_HOLD", 3: "AUTO", 4: "GUIDED", 5: "LOITER", 6: "RTL", 7: "CIRCLE",
+    8: "POSITION", 9: "LAND", 10: "OF_LOITER", 11: "DRIFT", 13: "SPORT", 14: "FLIP", 15: "AUTOTUNE",
+    16: "POSHOLD", 17: "BRAKE", 18: "THROW", 19: "AVOID_ADSB", 20: "GUIDED_NOGPS", 21: "SMART_RTL",
+    22: "FLOWHOLD", 23: "FOLLOW", 24: "ZIGZAG", 25: "SYSTEMID", 26: "AUTOROTATE", 27: "AUTO_RTL",
     28: "TURTLE",
-}
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

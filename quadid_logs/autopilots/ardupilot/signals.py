@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+import string
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
@@ -110,40 +111,38 @@ class Messages:
         self.tables = {**tables, **_complete_loops(tables)}
         self.clock = clock
         self._old_firmware = version is not None and version < _NEW_COMMAND_SINCE
-        self._split: dict[tuple[MessageTable, Split], list[MessagePart]] = {}
+        self._known: dict[tuple[MessageTable, Split], list[tuple[int | None, MessageTable]]] = {}
 
     def parts(self, source: Source[MessagePart]) -> list[MessagePart]:
         """Return the rows of a source: one part a sensor or core, none where a field is missing."""
         found = self.named(source)
         if not isinstance(source, DataFlashSource) or not found or not found[0].has_numbers(*source.fields):
             return []
-        key = found[0], source.split
-        if key not in self._split:
-            self._split[key] = self._parts(*key)
-        return self._split[key]
+        return [
+            self._part(table, number, source.split) for number, table in self._split(found[0], source.split)
+        ]
 
     def named(self, source: Source[MessagePart]) -> list[MessageTable]:
         """Return the messages of a source that the log has."""
         joined = source.joined if isinstance(source, DataFlashSource) else ()
         return [self.tables[name] for name in (source.message, *joined) if name in self.tables]
 
-    def _parts(self, table: MessageTable, split: Split) -> list[MessagePart]:
-        instances = _instances(table, split.value)
-        if split is Split.FIRST:
-            instances = [(None, instances[0][1])]
-        elif split is Split.SENSORS:
-            from_name = re.search(r"\d*$", table.name)
-            number = int(f"0{from_name[0]}") if from_name else 0
-            return [
-                self._part(part, own, f" of sensor {number if own is None else own}")
-                for own, part in instances
-            ]
-        elif split is Split.CORES:
-            instances = self._primary_first(table, instances)
-        return [self._part(part, own, "" if own is None else f", core {own}") for own, part in instances]
+    def _split(self, table: MessageTable, split: Split) -> list[tuple[int | None, MessageTable]]:
+        """Return the number of each sensor or core with its rows, once for all signals."""
+        if (table, split) not in self._known:
+            instances = _instances(table, split.value)
+            if split is Split.FIRST:
+                instances = [(None, instances[0][1])]
+            elif split is Split.CORES:
+                instances = self._primary_first(table, instances)
+            self._known[table, split] = instances
+        return self._known[table, split]
 
-    def _part(self, table: MessageTable, instance: int | None, note: str) -> MessagePart:
-        name = table.name if instance is None else f"{table.name}[{instance}]"
+    # Parts are not kept: with their way back to all messages these would outlive the reading.
+    def _part(self, table: MessageTable, number: int | None, split: Split) -> MessagePart:
+        name, note = (table.name, "") if number is None else (f"{table.name}[{number}]", f", core {number}")
+        if split is Split.SENSORS:
+            note = f" of sensor {_number_in(table.name) if number is None else number}"
         return MessagePart(name=name, table=table, rows=self.clock.rows(table), note=note, log=self)
 
     def _primary_first(
@@ -188,7 +187,19 @@ class Messages:
         return _spread(stacked(table, measured)) / reference if reference > 0.0 else math.nan
 
     def command_scale(self, values: FloatArray) -> tuple[float, str]:
-        """Return the factor to the scale of -1 to 1, and the words for it."""
+        """Return the factor to the scale of -1 to 1, and the words for it.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n_rows, 3)
+            Commands as logged.
+
+        Returns
+        -------
+        factor : float
+        words : str
+            "" where the factor is 1.
+        """
         old_rate = self.rate_scale is not None and self.rate_scale.unit == "centidegrees/s"
         if _typical(values) > _LARGEST_COMMAND or old_rate or self._old_firmware:
             return 1.0 / _OLD_COMMAND_SCALE, _OLD_COMMAND_NOTE
@@ -464,7 +475,17 @@ LABELS: Final = TIME_LABELS.union(
 
 
 def messages_to_read(present: Mapping[str, int]) -> frozenset[str]:
-    """Return the messages from which a log that holds these would get its signals."""
+    """Return the messages from which a log that holds these would get its signals.
+
+    Parameters
+    ----------
+    present : mapping of str to int
+        Rows of each message in the log.
+
+    Returns
+    -------
+    frozenset of str
+    """
     wanted = [source for source in SOURCES if source.unless not in present]
     return messages_of(wanted).union(*(source.joined for source in wanted))
 
@@ -498,6 +519,15 @@ def _instances(table: MessageTable, labels: tuple[str, ...]) -> list[tuple[int |
     if table.n_rows and (instance == instance[0]).all():
         return [(int(instance[0]), table)]  # without a copy
     return [(int(number), table.rows(instance == number)) for number in np.unique(instance)]
+
+
+def _number_in(name: str) -> int:
+    """Return the number behind a message's name, 0 where there is none.
+
+    >>> _number_in("IMU2"), _number_in("GYR")
+    (2, 0)
+    """
+    return int(f"0{name.lstrip(string.ascii_letters)}")
 
 
 def _channels(table: MessageTable) -> tuple[str, ...]:

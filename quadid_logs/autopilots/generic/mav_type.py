@@ -25,14 +25,9 @@ _BY_MAV_TYPE: Final = {
 
 #: Words for the MAV_TYPEs that say how many rotors there are.
 _FRAME_WORDS: Final = {
-    2: "quadrotor",
-    3: "coaxial",
-    13: "hexarotor",
-    14: "octorotor",
-    15: "tricopter",
-    29: "dodecarotor",
+    2: "quadrotor", 3: "coaxial", 13: "hexarotor", 14: "octorotor", 15: "tricopter", 29: "dodecarotor",
     35: "decarotor",
-}
+}  # fmt: skip
 
 
 def vehicle_type_of(mav_type: int) -> str:

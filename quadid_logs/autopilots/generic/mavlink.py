@@ -17,6 +17,7 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.autopilots.generic.mav_type import frame_words, vehicle_type_of
+from quadid_logs.autopilots.modes import mode_changes
 from quadid_logs.autopilots.sources import (
     RPM,
     Built,
@@ -346,20 +347,10 @@ def _modes(content: TlogContent) -> tuple[ModeChange, ...]:
     message: MessageRows | None = content.messages.get("HEARTBEAT")
     if message is None:
         return ()
-    mode, time_s = message.rows["custom_mode"], content.time_s(message)
     enum = _MODE_ENUMS.get(vehicle_type_of(content.chosen.mav_type), "")
     names = enum_names(enum, f"{enum}_") if content.chosen.autopilot == _ARDUPILOT else {}
-    changes = np.flatnonzero(np.append(True, mode[1:] != mode[:-1]))
-    return tuple(
-        ModeChange(
-            time_s=float(time_s[k]),
-            position=int(message.position[k]),
-            name=_px4_mode(int(mode[k]))
-            if content.chosen.autopilot == _PX4
-            else names.get(int(mode[k]), f"mode {int(mode[k])}"),
-        )
-        for k in changes.tolist()
-    )
+    name_of = _px4_mode if content.chosen.autopilot == _PX4 else names.get
+    return mode_changes(message.rows["custom_mode"], content.time_s(message), message.position, name_of)
 
 
 def _px4_mode(custom_mode: int) -> str:

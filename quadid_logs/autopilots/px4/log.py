@@ -6,8 +6,7 @@ import math
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-
+from quadid_logs.autopilots.modes import mode_changes
 from quadid_logs.autopilots.px4.filters import parameter_filter
 from quadid_logs.autopilots.px4.identity import (
     describe_frame,
@@ -100,19 +99,10 @@ def _modes(content: UlogContent) -> tuple[ModeChange, ...]:
     table = content.topics.get(("vehicle_status", 0))
     if table is None or not table.has("nav_state"):
         return ()
-    time_s, state = sample_time_s(table), table.rows["nav_state"]
+    time_s, names = sample_time_s(table), mode_names(version_of(content.definitions.information))
     if time_s is None:
         return ()
-    names = mode_names(version_of(content.definitions.information))
-    changes = np.flatnonzero(np.append(True, state[1:] != state[:-1]))
-    return tuple(
-        ModeChange(
-            time_s=float(time_s[k]),
-            position=int(table.position[k]),
-            name=names.get(int(state[k]), f"mode {int(state[k])}"),
-        )
-        for k in changes.tolist()
-    )
+    return mode_changes(table.rows["nav_state"], time_s, table.position, names.get)
 
 
 def _remarks(content: UlogContent, system: int) -> tuple[str, ...]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.autopilots.generic.mav_type import frame_words, vehicle_type_of
+from quadid_logs.autopilots.modes import mode_changes
 from quadid_logs.autopilots.px4.identity import airframe_words
 from quadid_logs.autopilots.sources import Part, Source, build_signals, messages_of, plain
 from quadid_logs.containers.content import mean_rate_hz
@@ -122,15 +123,7 @@ def _modes(table: MessageTable | None, clock: TimeRecords) -> tuple[ModeChange, 
     """Return the main states where they change."""
     if table is None or not table.has_numbers("MainState"):
         return ()
-    state, time_s = table.integers("MainState"), clock.times(table)
-    return tuple(
-        ModeChange(
-            time_s=float(time_s[row]),
-            position=int(table.position[row]),
-            name=_MAIN_STATES.get(int(state[row]), f"mode {int(state[row])}"),
-        )
-        for row in np.flatnonzero(np.diff(state, prepend=-1)).tolist()
-    )
+    return mode_changes(table.integers("MainState"), clock.times(table), table.position, _MAIN_STATES.get)
 
 
 def _counts(file: DataFlashFile, clock: TimeRecords) -> tuple[MessageCount, ...]:

@@ -141,6 +141,14 @@ def sample_time_s(table: TopicTable) -> FloatArray | None:
 
     `timestamp_sample` where it is filled in (not zero, at most 0.1 s from
     `timestamp`), else `timestamp`, the time of publication.
+
+    Parameters
+    ----------
+    table : TopicTable
+
+    Returns
+    -------
+    ndarray, shape (n_rows,), or None
     """
     if not table.has("timestamp", "u"):
         return None

@@ -1,0 +1,38 @@
+"""Flight modes from numbers that are logged again and again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from quadid_logs.arrays import AnyArray, FloatArray, IntArray
+from quadid_logs.data.log import ModeChange
+
+
+def mode_changes(
+    numbers: AnyArray, time_s: FloatArray, position: IntArray, name_of: Callable[[int], str | None]
+) -> tuple[ModeChange, ...]:
+    """Return the first mode and every change.
+
+    Parameters
+    ----------
+    numbers : ndarray of integers, shape (n_rows,)
+    time_s, position : ndarray, shape (n_rows,)
+        When [s] and where in the file they were logged.
+    name_of : callable
+        Returns the name of a number, None where it has none.
+
+    Returns
+    -------
+    tuple of ModeChange
+    """
+    changes = np.flatnonzero(np.append(True, numbers[1:] != numbers[:-1]))
+    return tuple(
+        ModeChange(
+            time_s=float(time_s[row]),
+            position=int(position[row]),
+            name=name_of(int(numbers[row])) or f"mode {int(numbers[row])}",
+        )
+        for row in changes.tolist()
+    )
