@@ -22,7 +22,7 @@ from quadid_logs.fleet.tasks import Outcome, Task, failure
 from quadid_logs.untrusted import printable
 from quadid_logs.version import __version__
 
-#: A process whose worker is gone cannot be told to end while a library holds Python's lock; it ends
+#: A process whose worker is gone cannot be asked to end while a library holds Python's lock; it ends
 #: this much [s] after the time limit.
 _GRACE_S: Final = 60.0
 
