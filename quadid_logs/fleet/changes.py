@@ -88,7 +88,18 @@ class ScatterPrior(NamedTuple):
 
 
 def count_tests(histories: Sequence[Sequence[Series]]) -> int:
-    """Return how many differences `find_changes` may look at in all vehicles together."""
+    """Return how many differences `find_changes` may look at in all vehicles together.
+
+    Parameters
+    ----------
+    histories : sequence of sequence of Series
+        By vehicle.
+
+    Returns
+    -------
+    int
+        Tests that Bonferroni's correction must count.
+    """
     return _LEVELS * sum(
         max(b - a - 2 * MIN_RUN + 1, 0)
         for history in histories
@@ -116,8 +127,18 @@ def _seeded_intervals(first: int, after: int) -> Iterator[tuple[int, int]]:
 def scatter_prior(histories: Sequence[Sequence[Series]]) -> dict[tuple[str, str], ScatterPrior]:
     """Return, by name and axis, how much more than their intervals the flights of one vehicle scatter.
 
-    From differences of consecutive flights, which a change moves only once;
-    the median over the vehicles, which few changed ones do not move.
+    From differences of consecutive flights, which a change shifts only once;
+    the median over the vehicles, which few changed ones do not shift.
+
+    Parameters
+    ----------
+    histories : sequence of sequence of Series
+        By vehicle.
+
+    Returns
+    -------
+    dict of (name, axis) to ScatterPrior
+        None for a quantity that fewer than five vehicles have.
     """
     found: dict[tuple[str, str], list[float]] = {}
     for history in histories:
@@ -284,7 +305,21 @@ class OutlierTest:
 
 
 def present_value(one: Series, since: int, prior: ScatterPrior) -> tuple[float, float]:
-    """Return the mean of a series since a flight, and its standard error; NaN if nowhere identifiable."""
+    """Return the mean of a series since a flight, and its standard error; NaN if nowhere identifiable.
+
+    Parameters
+    ----------
+    one : Series
+    since : int
+        Index of the first flight that counts: that of the last change.
+    prior : ScatterPrior
+        Of the quantity.
+
+    Returns
+    -------
+    mean, standard_error : float
+        In the unit of the series.
+    """
     known = one.known
     known = known[known >= since]
     if not len(known):

@@ -53,6 +53,10 @@ def find_logs(places: Iterable[str]) -> tuple[LogFile, ...]:
         Files, folders (searched to the bottom for the endings of logs) and
         patterns; with ``://`` a URL of any file system that fsspec knows.
 
+    Returns
+    -------
+    tuple of LogFile
+
     Raises
     ------
     LogNotFoundError
@@ -156,6 +160,17 @@ def _modified_s(info: dict[str, Any]) -> float:
 @contextmanager
 def fetched(file: LogFile, max_bytes: int) -> Iterator[tuple[Path, str]]:
     """Give a local path to the content, and its SHA-256; a download is deleted at the end.
+
+    Parameters
+    ----------
+    file : LogFile
+    max_bytes : int
+        Largest download.
+
+    Yields
+    ------
+    path : Path
+    sha256 : str
 
     Raises
     ------

@@ -66,6 +66,17 @@ def identify_vehicle(log: FlightLog, file: LogFile, rules: NamingRules) -> Ident
     path, the autopilot's unique hardware id, its serial number
     (BRD_SERIAL_NUM), its MAVLink id where somebody set one, the folder. The
     model is what ``model_from`` finds, otherwise autopilot and frame.
+
+    Parameters
+    ----------
+    log : FlightLog
+    file : LogFile
+        Where it lies.
+    rules : NamingRules
+
+    Returns
+    -------
+    Identity
     """
     vehicle, taken_from = _vehicle(log, file, rules)
     described = " ".join(filter(None, (log.autopilot, log.frame or log.vehicle_type)))
@@ -100,11 +111,25 @@ def _match(pattern: str, url: str) -> str:
 
 
 def clock_zero(log: FlightLog, start_s: float, file: LogFile) -> tuple[float, str]:
-    """Return the UTC at zero of the log's clock [s since 1970] and what says so; NaN and "" if nothing does.
+    """Return the UTC at zero of the log's clock and what says so.
 
-    `start_s` is where the log begins on its clock. The date in a file's name is
-    the local one of whoever wrote it; it is taken as UTC, which keeps the order
-    of one vehicle's flights.
+    The date in a file's name is the local one of whoever wrote it; it is taken
+    as UTC, which keeps the order of one vehicle's flights.
+
+    Parameters
+    ----------
+    log : FlightLog
+    start_s : float
+        Where the log begins on its clock [s].
+    file : LogFile
+        Where it lies.
+
+    Returns
+    -------
+    zero_s : float
+        UTC [s since 1970], NaN if nothing says it.
+    taken_from : str
+        "receiver", "file name", "modification", or "".
     """
     if math.isfinite(log.utc_offset_s) and log.has_time:
         return log.utc_offset_s, "receiver"

@@ -95,6 +95,11 @@ def fleet_page(fleet: Fleet, store: Path, page_folder: Path) -> str:
         Where the single reports are, if they were kept.
     page_folder : Path
         Where the page will stand: its links are relative to it.
+
+    Returns
+    -------
+    str
+        HTML.
     """
     links = _links(store, page_folder)
     rows = [_vehicle_row(number, history, links) for number, history in enumerate(fleet.histories)]

@@ -22,6 +22,14 @@ MOST_FLIGHTS = 32
 def analyze_flights(path: Path, settings: Settings, vehicle: Vehicle | None) -> Iterator[Result]:
     """Read a log once and analyze each of its flights alone.
 
+    Parameters
+    ----------
+    path : Path
+    settings : Settings
+        Its start and end are replaced by those of each flight.
+    vehicle : Vehicle or None
+        What is known of mass, arms and thrust.
+
     Yields
     ------
     Result

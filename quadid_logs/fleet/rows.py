@@ -62,7 +62,24 @@ def schema() -> pa.Schema:
 
 
 def failure_row(file: LogFile, sha256: str, rules: NamingRules, *, status: str, error: str) -> dict[str, Any]:
-    """Return the row of a log that gave nothing, with the reason."""
+    """Return the row of a log that gave nothing.
+
+    Parameters
+    ----------
+    file : LogFile
+    sha256 : str
+        Of its content, "" if that was never seen.
+    rules : NamingRules
+    status : str
+        `UNREADABLE` or `LOST`.
+    error : str
+        The reason, for people.
+
+    Returns
+    -------
+    dict
+        With the keys of `COLUMNS`, fewer where nothing is known.
+    """
     return {
         **_file_part(file, sha256, identify_unread(file, rules)),
         "status": status,
@@ -74,7 +91,22 @@ def failure_row(file: LogFile, sha256: str, rules: NamingRules, *, status: str, 
 def result_rows(
     results: Sequence[Result], file: LogFile, sha256: str, rules: NamingRules
 ) -> list[dict[str, Any]]:
-    """Return the rows of an analyzed log, by flight and axis."""
+    """Return the rows of an analyzed log, by flight and axis.
+
+    Parameters
+    ----------
+    results : sequence of Result
+        One per flight.
+    file : LogFile
+    sha256 : str
+        Of the log's content.
+    rules : NamingRules
+
+    Returns
+    -------
+    list of dict
+        With the keys of `COLUMNS`, fewer where nothing is known.
+    """
     log = results[0].log
     zero_s, started_from = clock_zero(log, results[0].data.start_s, file)
     shared = {

@@ -47,6 +47,21 @@ class Outcome:
 
 
 def failure(task: Task, sha256: str, status: str, error: str) -> Outcome:
-    """Return the outcome of a log that gave nothing."""
+    """Return the outcome of a log that gave nothing.
+
+    Parameters
+    ----------
+    task : Task
+    sha256 : str
+        Of its content, "" if that was never seen.
+    status : str
+        `UNREADABLE` or `LOST`.
+    error : str
+        The reason, for people.
+
+    Returns
+    -------
+    Outcome
+    """
     row = failure_row(task.file, sha256, task.options.rules, status=status, error=error)
     return Outcome(file=task.file, sha256=sha256, rows=(row,))

@@ -22,7 +22,7 @@ from quadid_logs.fleet.tasks import Outcome, Task, failure
 from quadid_logs.untrusted import printable
 from quadid_logs.version import __version__
 
-#: A process whose worker is gone cannot be told to end while a library holds Python's lock; it ends
+#: A process whose worker is gone cannot be asked to end while a library holds Python's lock; it ends
 #: this much [s] after the time limit.
 _GRACE_S: Final = 60.0
 
@@ -66,6 +66,14 @@ def work_in(folder: str, task: Task) -> Outcome:
 
 def work(task: Task) -> Outcome:
     """Fetch, read and analyze one log; whatever is wrong with it becomes its row.
+
+    Parameters
+    ----------
+    task : Task
+
+    Returns
+    -------
+    Outcome
 
     Raises
     ------

@@ -56,7 +56,7 @@ class AnalysisPool(WorkerPlugin):
 
     def teardown(self, worker: Worker) -> None:  # noqa: ARG002 - Dask gives it
         """End all processes."""
-        self._pool.stop()
+        self._pool.stop()  # type: ignore[no-untyped-call]
         self._pool.join()
         for name, value in self._before.items():
             os.environ.pop(name)
@@ -78,7 +78,7 @@ class AnalysisPool(WorkerPlugin):
                 work_in, args=(folder, task), timeout=task.options.timeout_s
             )
             try:
-                return cast(Outcome, future.result())
+                return future.result()
             except TimeoutError:
                 limit = f"{task.options.timeout_s / 60.0:g} minutes (--timeout)"
                 return failure(task, "", LOST, f"It was not analyzed within {limit}.")

@@ -1,0 +1,58 @@
+"""The pool of processes inside a Dask worker."""
+
+from __future__ import annotations
+
+import os
+import time
+from types import SimpleNamespace
+
+import psutil
+import pytest
+
+from quadid_logs.fleet.log_files import LogFile
+from quadid_logs.fleet.options import Options
+from quadid_logs.fleet.rows import UNREADABLE
+from quadid_logs.fleet.tasks import Task
+from quadid_logs.fleet.worker import AnalysisPool
+
+#: What Dask gives a plugin, as far as it is used here: one thread, no limit of memory.
+WORKER = SimpleNamespace(memory_manager=SimpleNamespace(memory_limit=None), state=SimpleNamespace(nthreads=1))
+
+
+@pytest.fixture
+def pool(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    pool = AnalysisPool()
+    pool.setup(WORKER)
+    yield pool
+    pool.teardown(WORKER)
+    assert os.environ["OMP_NUM_THREADS"] == "3"
+
+
+@pytest.fixture
+def task(tmp_path):
+    """A file that is no log: it becomes a row at once."""
+    path = tmp_path / "noise.bin"
+    path.write_bytes(b"no log at all" * 100)
+    return Task(file=LogFile(url=str(path)), options=Options())
+
+
+def test_a_process_killed_between_two_logs_costs_no_log(pool, task):
+    """As the kernel does it where another program takes the memory."""
+    before = set(psutil.Process().children())
+    assert pool.analyze(task).status == UNREADABLE
+    begun = set(psutil.Process().children()) - before
+    (process,) = (one for one in begun if "spawn_main" in " ".join(one.cmdline()))
+    process.kill()
+    until = time.monotonic() + 60.0
+    while pool._pool.active and time.monotonic() < until:
+        time.sleep(0.05)
+    assert not pool._pool.active
+    assert pool.analyze(task).status == UNREADABLE
+
+
+def test_nothing_is_left_of_a_download(pool, task, tmp_path, monkeypatch):
+    """The folder for it goes with the log."""
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    pool.analyze(task)
+    assert [path.name for path in tmp_path.iterdir()] == ["noise.bin"]
