@@ -98,7 +98,7 @@ class Browser:
         return message
 
     def _note(self, event: dict[str, Any]) -> None:
-        """Keep what a user would see in the console, and what was asked for."""
+        """Keep what a user would see in the console, and what was requested."""
         method, values = event.get("method"), event.get("params", {})
         if method == "Runtime.exceptionThrown":
             self.problems.append(json.dumps(values["exceptionDetails"])[:400])

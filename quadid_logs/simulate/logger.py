@@ -82,7 +82,7 @@ def log_flights(records: tuple[Record, ...], logging: Logging) -> FlightLog:
 
     Each further flight begins where the one before ended. Rows stand in the
     order of their true time, whatever the clock says; `Rows.position` is
-    that order, and the signals of one message share one `Rows` object.
+    that order, and the signals of one message have one common `Rows` object.
 
     Parameters
     ----------

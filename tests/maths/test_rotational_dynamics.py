@@ -122,10 +122,13 @@ def test_an_impossible_tensor_is_refused(bad):
         inertia_terms(bad)
 
 
-def test_damping_slows_a_spin_exponentially():
-    """Ixx p_dot = -d p: after a second exp(-d / Ixx) is left of it."""
-    inertia = inertia_terms(np.diag([0.01, 0.02, 0.03]))
-    rate, nothing = (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_damping_slows_a_spin_exponentially(axis):
+    """I w_dot = -d w about a principal axis: after a second exp(-d / I) is left of it."""
+    inertia, damping = inertia_terms(np.diag([0.01, 0.02, 0.03])), (0.002, 0.014, 0.006)
+    nothing = (0.0, 0.0, 0.0)
+    rate = tuple(np.eye(3)[axis].tolist())
     for _ in range(400):
-        rate, _ = step_rates(rate, (nothing, nothing, nothing), 0.0025, inertia, (0.007, 0.5, 0.5))
-    assert rate == pytest.approx((np.exp(-0.7), 0.0, 0.0), rel=1e-10)
+        rate, _ = step_rates(rate, (nothing, nothing, nothing), 0.0025, inertia, damping)
+    expected = np.exp(-np.array([0.2, 0.7, 0.2])) * np.eye(3)[axis]
+    assert rate == pytest.approx(tuple(expected), rel=1e-10)

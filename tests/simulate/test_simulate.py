@@ -117,13 +117,13 @@ def test_the_attitude_is_the_integral_of_the_rates(quad):
     assert np.corrcoef(np.convolve(slope, np.ones(5) / 5, "same"), p)[0, 1] > 0.97
 
 
-def test_rows_of_one_message_share_their_place(quad):
-    """RATE's signals have the same positions, and positions rise with time."""
+def test_signals_of_one_message_have_the_same_rows(quad):
+    """RATE's are one object, ANG has its own; positions rise with time."""
     signals = quad.log.signals
-    place = signals["body_rate"][0].position
-    assert np.array_equal(place, signals["torque_command"][0].position)
-    assert not np.array_equal(place, signals["attitude"][0].position)
-    assert np.all(np.diff(place) > 0)
+    rows = signals["body_rate"][0].rows
+    assert rows is signals["torque_command"][0].rows
+    assert rows is not signals["attitude"][0].rows
+    assert np.all(np.diff(rows.position) > 0)
 
 
 def test_a_clock_that_is_set_back_leaves_the_rows_in_order():
