@@ -19,7 +19,7 @@ DOCS = Path(__file__).parent
 def findings_page() -> str:
     """Return the catalogue of findings as a page."""
     parts = [
-        "# Findings\n\nEvery doubt that a report can raise, by code: QL1xx the file, QL2xx the vehicle, "
+        "# Findings\n\nEverything that a report can find, by code: QL1xx the file, QL2xx the vehicle, "
         "QL3xx what was logged and how fast, QL4xx the flight, QL5xx the model. "
         "`quadid-log explain CODE` prints the same texts.\n"
     ]

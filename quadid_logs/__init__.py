@@ -1,4 +1,4 @@
-"""quadid-logs: a multirotor's flight log in, a rotational model with its doubts out.
+"""quadid-logs: a multirotor's flight log in, a rotational model with error bars out.
 
 >>> from quadid_logs import analyze
 >>> result = analyze("flight.bin")  # doctest: +SKIP

@@ -50,7 +50,7 @@ def export(
     from quadid_logs.align import align
     from quadid_logs.data.settings import AlignSettings, Settings
     from quadid_logs.load import read_log
-    from quadid_logs.report.table import check_table_path, write_table
+    from quadid_logs.report.series_file import check_table_path, write_table
 
     settings = Settings(system=system, align=AlignSettings(sample_rate_hz=sample_rate_hz))
     if model:

@@ -71,7 +71,7 @@ def simulate(
         )
     _check_output(output, seed=seed, force=force)
     with Progress(scenario) as progress:
-        progress("flying")
+        progress("simulating")
         simulation = fly_scenario(
             scenario,
             seed=seed,

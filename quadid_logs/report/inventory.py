@@ -14,7 +14,7 @@ from quadid_logs.data.settings import Settings
 from quadid_logs.diagnose.data_findings import find_in_data
 from quadid_logs.diagnose.file_findings import find_in_file
 from quadid_logs.diagnose.gyro_findings import find_in_gyro
-from quadid_logs.report.airframe import airframe_facts
+from quadid_logs.report.airframe_facts import airframe_facts
 from quadid_logs.report.json import SCHEMA_VERSION, data_dict, finding_dict, log_dict, strict_text
 from quadid_logs.report.log_tables import spans_text
 from quadid_logs.report.numbers import number, seconds, size

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from quadid_logs.data.flight import FlightData, SourceChoice
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.result import Result
-from quadid_logs.report.airframe import airframe_facts
+from quadid_logs.report.airframe_facts import airframe_facts
 from quadid_logs.report.cells import Cell, Table
 from quadid_logs.report.numbers import number, percent, seconds, size
 from quadid_logs.report.words import pretty_unit, signal_name
@@ -91,7 +91,7 @@ def _clock(data: FlightData) -> str:
 
 def _lost(log: FlightLog) -> str:
     """Say what of the log is missing."""
-    lost = f"{size(log.corrupt_bytes)} in {_counted(len(log.lost), 'stretch', 'stretches')}"
+    lost = f"{size(log.corrupt_bytes)} in {_counted(len(log.lost), 'block', 'blocks')}"
     dropped = f"{_counted(log.n_dropped, 'message', 'messages')} dropped by the autopilot"
     return "; ".join([lost] * bool(log.lost) + [dropped] * bool(log.n_dropped)) or "nothing"
 
@@ -101,14 +101,14 @@ def _counted(count: int, one: str, many: str) -> str:
 
     Examples
     --------
-    >>> _counted(1, "stretch", "stretches"), _counted(0, "stretch", "stretches")
-    ('1 stretch', '0 stretches')
+    >>> _counted(1, "block", "blocks"), _counted(0, "block", "blocks")
+    ('1 block', '0 blocks')
     """
     return f"{count} {one if count == 1 else many}"
 
 
 def spans_text(spans: Iterable[tuple[float, float]]) -> str:
-    """Return stretches of time, the first few in full."""
+    """Return intervals of time in words, the first few in full."""
     listed = list(spans)
     shown = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in listed[:6])
     return shown + (f" and {len(listed) - 6} more" if len(listed) > 6 else "")
@@ -167,12 +167,12 @@ def _unit(signal: str) -> str:
     return "normalised" if unit == "1" else pretty_unit(unit).replace("us", "µs")
 
 
-def unread_stretches(result: Result) -> tuple[str, ...]:
-    """Return what could not be read, each stretch in a line."""
+def lost_blocks(result: Result) -> tuple[str, ...]:
+    """Return what could not be read, each block of bytes in a line."""
     lost = result.log.lost
     lines = [
-        f"{stretch.n_bytes} bytes at offset {stretch.offset}: {printable(stretch.reason, 160)}"
-        for stretch in lost[:MOST_ROWS]
+        f"{block.n_bytes} bytes at offset {block.offset}: {printable(block.reason, 160)}"
+        for block in lost[:MOST_ROWS]
     ]
     if len(lost) > MOST_ROWS:
         lines.append(f"and {len(lost) - MOST_ROWS} more")

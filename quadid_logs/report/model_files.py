@@ -109,10 +109,10 @@ def _python_control(result: Result, model: Model) -> str:
     refused = refused_names(result)
     unit = "N m" if input_unit(result) == "N m" else "normalised command"
     name = printable(PurePath(result.log.path).name, 120)
-    doubt = f"# NOT TO BE TRUSTED: {', '.join(refused)}\n" if refused else ""
+    warning = f"# NOT TO BE TRUSTED: {', '.join(refused)}\n" if refused else ""
     return f'''"""Rates p, q, r [rad/s] from torques L, M, N [{unit}]; written by quadid-logs."""
 # from {name!a}, structure {model.structure}; linear part about hover
-{doubt}import control
+{warning}import control
 import numpy as np
 
 A = np.array({_rounded(rates)})

@@ -1,4 +1,4 @@
-"""B, A and the inertia tensor as tables, with their intervals and doubts."""
+"""B, A and the inertia tensor as tables, with their intervals and caveats."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from quadid_logs.data.result import Result
 from quadid_logs.report.cells import Table
 from quadid_logs.report.fit_tables import excitation_table, structures_table, values_of, windows_table
 from quadid_logs.report.json import settings_of
-from quadid_logs.report.log_tables import MOST_ROWS, log_facts, main_signals, other_signals, unread_stretches
+from quadid_logs.report.log_tables import MOST_ROWS, log_facts, lost_blocks, main_signals, other_signals
 from quadid_logs.report.model_tables import model_tables
 from quadid_logs.report.numbers import estimate, number, percent, seconds
 from quadid_logs.report.provenance import Provenance
@@ -72,7 +72,7 @@ class View:
     facts: tuple[tuple[str, str], ...]
     signals: Table
     more_signals: Table
-    stretches: tuple[str, ...]
+    lost_blocks: tuple[str, ...]
     remarks: tuple[str, ...]
     messages: tuple[str, ...]
     structures: Table | None
@@ -109,7 +109,7 @@ def view_of(result: Result, provenance: Provenance) -> View:
         facts=log_facts(result),
         signals=main_signals(result),
         more_signals=other_signals(result),
-        stretches=unread_stretches(result),
+        lost_blocks=lost_blocks(result),
         remarks=tuple(printable(remark) for remark in result.log.remarks[:MOST_ROWS]),
         messages=tuple(
             f"{text.time_s:.1f} s: {printable(text.text)}" for text in result.data.texts[:MOST_ROWS]

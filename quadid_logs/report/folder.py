@@ -8,10 +8,11 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 from quadid_logs.data.result import Result
 from quadid_logs.errors import OutputError
-from quadid_logs.figures import FIGURE_KEYS, Figure, figures_of
+from quadid_logs.figures import FIGURE_KEYS, FIRST_CHAPTER, Figure, figures_of
 from quadid_logs.output import check_free
 from quadid_logs.report.json import json_text
 from quadid_logs.report.provenance import Provenance, provenance_of
@@ -19,6 +20,8 @@ from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES
 
 RESULT_FILE, REPORT_FILE = "result.json", "report.html"
+#: Which figures are also written as PNG: the summary and those of the first chapter, every one, or none.
+PngChoice = Literal["first", "all", "none"]
 
 
 def report_folders(logs: Iterable[Path], parent: Path) -> tuple[Path, ...]:
@@ -76,9 +79,10 @@ def write_report(
     *,
     force: bool = False,
     drawings: bool = True,
+    png: PngChoice = "first",
     command: str = "",
 ) -> Result:
-    """Write result.json, and report.html and every figure as PNG unless told not to.
+    """Write result.json, and report.html with figures as PNG beside it unless told not to.
 
     Everything is first written into a new folder beside the target and moved
     into place at the end, so that a full disk or Ctrl-C leaves nothing
@@ -93,6 +97,9 @@ def write_report(
         Replace files of an earlier run.
     drawings : bool
         False writes result.json only.
+    png : {"first", "all", "none"}
+        Which figures are also written as PNG: ``summary.png`` and those of the
+        report's first chapter, every figure of the report, or none.
     command : str
         The command line, for the report.
 
@@ -111,7 +118,7 @@ def write_report(
     provenance = provenance_of(result.log.path, command)
     with _writing_beside(folder) as beside:
         if drawings:
-            write_drawings(result, provenance, beside)
+            write_drawings(result, provenance, beside, png)
         timed = _with_report_time(result, time.perf_counter() - started)
         text = json_text(timed, provenance)
         (beside / RESULT_FILE).write_text(text, encoding="utf-8")
@@ -119,17 +126,20 @@ def write_report(
     return timed
 
 
-def write_drawings(result: Result, provenance: Provenance, folder: Path) -> None:
-    """Write report.html and the PNG files into an existing folder."""
-    from quadid_logs.figures.batch import PngBatch
+def write_drawings(result: Result, provenance: Provenance, folder: Path, png: PngChoice) -> None:
+    """Write report.html and the chosen PNG files into an existing folder."""
+    from quadid_logs.figures.png import write_png
     from quadid_logs.report.html import render_html
     from quadid_logs.report.view import view_of
 
-    with PngBatch() as batch:
-        figures = figures_of(result)
-        page = render_html(view_of(result, provenance), figures)
-        (folder / REPORT_FILE).write_text(page, encoding="utf-8", newline="\n")
-        batch.write((_summary(result), *figures.shown), folder)
+    figures = figures_of(result)
+    page = render_html(view_of(result, provenance), figures)
+    (folder / REPORT_FILE).write_text(page, encoding="utf-8", newline="\n")
+    if png == "none":
+        return
+    chosen = [figure for figure in figures.shown if png == "all" or figure.key in FIRST_CHAPTER]
+    for figure in (_summary(result), *chosen):
+        write_png(figure, folder / f"{figure.key}.png")
 
 
 def _summary(result: Result) -> Figure:
