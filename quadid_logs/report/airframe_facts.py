@@ -17,7 +17,7 @@ def airframe_facts(log: FlightLog) -> list[tuple[str, str]]:
 
     Examples
     --------
-    >>> airframe_facts(FlightLog(path="", format="ulog", autopilot="px4", n_bytes=0, signals={}))
+    >>> airframe_facts(FlightLog(path="", format="table", autopilot="other", n_bytes=0, signals={}))
     []
     """
     model = log.torque

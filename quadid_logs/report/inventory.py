@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
+from quadid_logs.autopilots import named
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.flight import FlightData, SourceChoice
 from quadid_logs.data.log import FlightLog
@@ -68,7 +69,7 @@ def inventory_lines(log: FlightLog, data: FlightData, settings: Settings) -> Ite
     """Yield the inventory as lines for people."""
     yield f"{printable(log.path)}  {size(log.n_bytes)}, {log.format} {printable(log.dialect, 40)}".rstrip()
     for name, value in (
-        ("autopilot", printable(log.autopilot, 40)),
+        ("autopilot", named(log.autopilot).title),
         ("firmware", printable(log.firmware, 120)),
         ("vehicle", ", ".join(filter(None, map(printable, (log.vehicle_type, log.frame, log.vehicle_name))))),
         ("time", f"{data.start_s:.1f} s, for {seconds(data.duration_s)}; {data.clock_resets} clock resets"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
+from quadid_logs.autopilots import formats, named
 from quadid_logs.data.flight import FlightData, SourceChoice
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.result import Result
@@ -21,16 +22,6 @@ _MAIN_SIGNALS = frozenset({"torque_n_m", "torque_command", "body_rate", "attitud
 
 MOST_ROWS = 60
 
-_FORMATS = {
-    "dataflash": "ArduPilot DataFlash",
-    "dataflash-text": "ArduPilot DataFlash as text",
-    "ulog": "PX4 ULog",
-    "tlog": "MAVLink telemetry log",
-    "table": "table",
-}
-
-_AUTOPILOTS = {"ardupilot": "ArduPilot", "px4": "PX4", "other": "not stated"}
-
 
 def log_facts(result: Result) -> tuple[tuple[str, str], ...]:
     """Return what the log is."""
@@ -46,11 +37,8 @@ def log_facts(result: Result) -> tuple[tuple[str, str], ...]:
     period_s = data.sample_period_s
     facts = [
         ("File", f"{printable(log.path)} ({size(log.n_bytes)})"),
-        (
-            "Format",
-            " ".join(filter(None, (_FORMATS.get(log.format, log.format), printable(log.dialect, 40)))),
-        ),
-        ("Autopilot", _AUTOPILOTS.get(log.autopilot, printable(log.autopilot, 40))),
+        ("Format", _format(log)),
+        ("Autopilot", named(log.autopilot).title),
         ("Firmware", printable(log.firmware, 120) or "not stated"),
         (
             "Vehicle",
@@ -79,6 +67,14 @@ def log_facts(result: Result) -> tuple[tuple[str, str], ...]:
         )
         facts.append(("MAVLink systems", spoken))
     return tuple(facts)
+
+
+def _format(log: FlightLog) -> str:
+    """Return the title of the log's format, and its dialect where that has no title of its own."""
+    titles = {(one.name, one.dialect): one.title for one in formats()}
+    if (log.format, log.dialect) in titles:
+        return titles[log.format, log.dialect]
+    return f"{titles.get((log.format, ''), printable(log.format, 40))} {printable(log.dialect, 40)}".rstrip()
 
 
 def _clock(data: FlightData) -> str:

@@ -12,8 +12,8 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.data.model import Inertia, Model, Parameter
 from quadid_logs.data.result import Result
 from quadid_logs.report.cells import Cell, Table
+from quadid_logs.report.inertia_table import comparison_rows
 from quadid_logs.report.numbers import interval, number, resolved
-from quadid_logs.report.published import comparison_rows
 from quadid_logs.report.verdict import input_unit, refused_axes
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS

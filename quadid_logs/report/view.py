@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isfinite
 
+from quadid_logs.autopilots import named
 from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.model import Model
@@ -130,7 +131,7 @@ def _subtitle(result: Result) -> str:
         printable(log.vehicle_name, 60),
         printable(log.frame, 60),
         printable(log.vehicle_type, 40) if log.vehicle_type != "unknown" else "",
-        printable(log.firmware, 80) or printable(log.autopilot, 40),
+        printable(log.firmware, 80) or named(log.autopilot).title,
         flown_sentence(result),
     ]
     return " · ".join(part for part in parts if part)
