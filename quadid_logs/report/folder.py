@@ -32,6 +32,11 @@ def report_folders(logs: Iterable[Path], parent: Path) -> tuple[Path, ...]:
     logs : iterable of Path
     parent : Path
 
+    Returns
+    -------
+    tuple of Path
+        In the order of the logs.
+
     Examples
     --------
     >>> logs = [Path("a/f.bin"), Path("b/f.tlog"), Path("c/f.tlog")]
@@ -53,6 +58,12 @@ def report_folders(logs: Iterable[Path], parent: Path) -> tuple[Path, ...]:
 
 def check_folder(folder: Path, *, force: bool = False) -> None:
     """Refuse early what `write_report` would refuse after the work.
+
+    Parameters
+    ----------
+    folder : Path
+    force : bool
+        Whether the files of an earlier run may be replaced.
 
     Raises
     ------
@@ -112,6 +123,17 @@ def write_report(
     ------
     OutputError
         If a file exists and `force` is not set, or something cannot be written.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from quadid_logs import analyze, write_report
+    >>> result = analyze("sample_logs/sysid-quad-x.bin")
+    >>> with tempfile.TemporaryDirectory() as parent:
+    ...     folder = pathlib.Path(parent, "flight")
+    ...     _ = write_report(result, folder, png="none")
+    ...     sorted(file.name for file in folder.iterdir())
+    ['report.html', 'result.json']
     """
     check_folder(folder, force=force)
     started = time.perf_counter()

@@ -62,6 +62,15 @@ def render_html(view: View, figures: Figures) -> str:
 def script_json(value: Any) -> str:
     r"""Return JSON that may stand inside a script element.
 
+    Parameters
+    ----------
+    value : object
+        Of strings, numbers, lists and dictionaries; no NaN.
+
+    Returns
+    -------
+    str
+
     Examples
     --------
     >>> script_json({"a": "</script>"})

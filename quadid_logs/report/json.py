@@ -55,13 +55,32 @@ def result_dict(result: Result, provenance: Provenance | None = None) -> dict[st
     dict
         Keys, units and meanings as docs/result.schema.json says. What is
         unknown or not finite is None.
+
+    Examples
+    --------
+    >>> from quadid_logs import analyze, result_dict
+    >>> content = result_dict(analyze("sample_logs/sysid-quad-x.bin"))
+    >>> content["axes"]["roll"]["verdict"], content["data"]["input"]["unit"]
+    ('usable', '1')
     """
     values: dict[str, Any] = plain(_content(result, provenance))
     return values
 
 
 def json_text(result: Result, provenance: Provenance | None = None, *, compact: bool = False) -> str:
-    """Return result.json's text: `result_dict` as strict JSON in ASCII, in one line if `compact`."""
+    """Return result.json's text: `result_dict` as strict JSON in ASCII.
+
+    Parameters
+    ----------
+    result : Result
+    provenance : Provenance, optional
+    compact : bool
+        In one line.
+
+    Returns
+    -------
+    str
+    """
     return strict_text(_content(result, provenance), compact=compact)
 
 

@@ -29,6 +29,10 @@ MODEL_FORMATS = MappingProxyType(
 def check_model_format(path: Path) -> None:
     """Refuse an ending that says no format.
 
+    Parameters
+    ----------
+    path : Path
+
     Raises
     ------
     SettingsError
@@ -50,6 +54,10 @@ def model_bytes(result: Result, ending: str) -> bytes:
         One of `MODEL_FORMATS`: ``.mat`` holds A, B and names; ``.py`` makes a
         python-control system; ``.sdf`` is an ``<inertial>`` block in Gazebo's
         forward-left-up axes; ``.json`` a frame file (`quadid_logs.writers.sitl_frame`).
+
+    Returns
+    -------
+    bytes
 
     Raises
     ------
@@ -98,7 +106,17 @@ def _matlab(model: Model) -> bytes:
 
 
 def rate_matrices(model: Model) -> tuple[FloatArray, FloatArray]:
-    """Return the linear part in p, q, r: A and B of shape (3, 3)."""
+    """Return the linear part of the model in p, q, r.
+
+    Parameters
+    ----------
+    model : Model
+
+    Returns
+    -------
+    A, B : ndarray, shape (3, 3)
+        [1/s], and [rad/s^2 per unit of torque].
+    """
     rows = [model.targets.index(symbol) for symbol in ACCELERATION_SYMBOLS]
     rates = np.zeros((3, 3))
     for column, symbol in enumerate(RATE_SYMBOLS):

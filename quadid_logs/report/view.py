@@ -194,7 +194,17 @@ def _milliseconds(value_s: float, low_s: float, high_s: float, *, known: bool) -
 
 
 def next_steps(result: Result) -> tuple[str, ...]:
-    """Return what to do next: the advice of the gravest findings, each once."""
+    """Return what to do next: the advice of the gravest findings, each once.
+
+    Parameters
+    ----------
+    result : Result
+
+    Returns
+    -------
+    tuple of str
+        At most `_MOST_STEPS`, that of errors first.
+    """
     graded = [
         printable(finding.advice, 400)
         for level in ("error", "warning")
