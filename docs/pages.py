@@ -34,8 +34,8 @@ def findings_page() -> str:
 
 NOMENCLATURE = """# Nomenclature
 
-Body axes are forward, right, down (FRD), Earth axes north, east, down (NED), attitude is Euler 3-2-1, signs are
-right-handed, units are SI. `p, q, r` are body rates, not the derivatives of the angles.
+Body axes are forward, right, down (FRD), Earth axes north, east, down (NED), attitude is Euler 3-2-1, signs
+are right-handed, units are SI. `p, q, r` are body rates, not the derivatives of the angles.
 
 ## Axes
 
@@ -48,8 +48,8 @@ normalised torque has no unit; its scale is that of the autopilot's own command.
 
 ## Signals
 
-What every reader turns a log's messages into. Signals without columns have one for each motor or output. The columns
-are those of tables, read and exported.
+What every reader turns a log's messages into. Signals without columns have one for each motor or output. The
+columns are those of tables, read and exported.
 
 | signal | symbols | columns | unit | meaning |
 |---|---|---|---|---|
