@@ -86,7 +86,7 @@ def simulate(
 
 
 def truth_path(log: Path) -> Path:
-    """Return where the truth about a log stands: flight.bin has flight.truth.json."""
+    """Return where the truth about a log is written: flight.bin has flight.truth.json."""
     return log.with_suffix(".truth.json")
 
 

@@ -27,21 +27,21 @@ def excitation_spectra(result: Result) -> Figure | LeftOut:
     bands = _fitted_band(result)
     panels = (
         Panel(
-            title="How fast it turned",
+            title="Body rate",
             x=_FREQUENCY,
             y=Axis(label="rate density", unit="(deg/s)²/Hz", log=True),
             curves=tuple(_curve(item, item.rate_psd * np.degrees(1.0) ** 2) for item in shown),
             bands=bands,
         ),
         Panel(
-            title="How hard it was pushed",
+            title="Torque",
             x=_FREQUENCY,
             y=Axis(label="torque density", unit=density, log=True),
             curves=tuple(_curve(item, item.torque_psd) for item in shown),
             bands=bands,
         ),
         Panel(
-            title="Fraction that the torque explains",
+            title="Fraction of the rate that the torque explains",
             x=_FREQUENCY,
             y=Axis(label="coherence", low=0.0, high=1.02),
             curves=tuple(_curve(item, item.coherence) for item in shown),

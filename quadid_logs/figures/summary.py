@@ -1,4 +1,4 @@
-"""One picture that says it all: verdict and gain of each axis over the rates, measured and simulated."""
+"""The summary picture: verdict and gain of each axis over the rates, measured and simulated."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from quadid_logs.vocabulary import AXES
 
 
 def summary_figure(result: Result, headline: str, gains: Mapping[str, str]) -> Figure:
-    """Return the picture to post.
+    """Return the summary: one panel per axis.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def summary_figure(result: Result, headline: str, gains: Mapping[str, str]) -> F
     Returns
     -------
     Figure
-        One panel per axis; where nothing was fitted, the rates of the whole log.
+        Where nothing was fitted, the rates of the whole log.
     """
     name = printable(result.name, 60)
     vehicle = ", ".join(filter(None, (printable(result.log.frame, 30), printable(result.log.firmware, 50))))

@@ -174,7 +174,7 @@ def aligned_series(result: Result) -> Figure | LeftOut:
         panels.append(Panel(title=f"{axis.capitalize()} torque", x=TIME, y=y_torque, curves=curves))
     caption = (
         f"What the model was fitted to: both series on one clock, {1.0 / data.sample_period_s:.0f} samples "
-        "a second. A rate should answer every move of its torque; a flat torque teaches nothing."
+        "a second. A rate should answer every change of its torque; a constant torque excites nothing."
     )
     if saturated.any():
         caption += " Orange points: the torque could not be achieved or was clipped."

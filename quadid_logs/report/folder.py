@@ -95,9 +95,7 @@ def write_report(
 ) -> Result:
     """Write result.json, and report.html with figures as PNG beside it unless told not to.
 
-    Everything is first written into a new folder beside the target and moved
-    into place at the end, so that a full disk or Ctrl-C leaves nothing
-    half-written.
+    A full disk or Ctrl-C leaves nothing half-written.
 
     Parameters
     ----------
@@ -109,8 +107,7 @@ def write_report(
     drawings : bool
         False writes result.json only.
     png : {"first", "all", "none"}
-        Which figures are also written as PNG: ``summary.png`` and those of the
-        report's first chapter, every figure of the report, or none.
+        ``summary.png`` and the figures of the report's first chapter, every figure, or none.
     command : str
         The command line, for the report.
 
@@ -138,6 +135,7 @@ def write_report(
     check_folder(folder, force=force)
     started = time.perf_counter()
     provenance = provenance_of(result.log.path, command)
+    # All of it into a new folder beside the target, which is moved into place in the end.
     with _writing_beside(folder) as beside:
         if drawings:
             write_drawings(result, provenance, beside, png)
@@ -165,7 +163,7 @@ def write_drawings(result: Result, provenance: Provenance, folder: Path, png: Pn
 
 
 def _summary(result: Result) -> Figure:
-    """Return the one picture to post."""
+    """Return the summary picture."""
     from quadid_logs.figures.summary import summary_figure
     from quadid_logs.report.verdict import effect_sentence, headline
 

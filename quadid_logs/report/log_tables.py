@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 
 from quadid_logs.autopilots import formats, named
-from quadid_logs.data.flight import FlightData, SourceChoice
+from quadid_logs.data.flight import FlightData, InputDescription, SourceChoice
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.result import Result
 from quadid_logs.report.airframe_facts import airframe_facts
@@ -26,14 +26,6 @@ MOST_ROWS = 60
 def log_facts(result: Result) -> tuple[tuple[str, str], ...]:
     """Return what the log is."""
     log, data = result.log, result.data
-    described = data.input
-    torque = "none found"
-    if described is not None:
-        torque = (
-            f"{printable(described.source, 120)}, "
-            + ("in N m" if described.unit == "N m" else "normalised command, not N m")
-            + f"; {percent(described.saturated_fraction)} of the samples saturated"
-        )
     period_s = data.sample_period_s
     facts = [
         ("File", f"{printable(log.path)} ({size(log.n_bytes)})"),
@@ -46,27 +38,37 @@ def log_facts(result: Result) -> tuple[tuple[str, str], ...]:
         ),
         ("Frame", printable(log.frame, 80) or "not stated"),
         ("Clock", _clock(data)),
-        ("Torque", torque),
+        ("Torque", _torque(data.input)),
         ("Flights", spans_text(data.flights) or printable(data.on_ground_reason) or "none"),
         (
             "Analysed" if result.identification.recommended else "Without gaps",
             spans_text((item.start_s, item.end_s) for item in data.segments) or "nothing",
         ),
         ("Resampled to", f"{1.0 / period_s:.4g} Hz" if math.isfinite(period_s) and period_s > 0 else "–"),
-        (
-            "Missing",
-            _lost(log),
-        ),
+        ("Missing", _lost(log)),
     ]
     facts += airframe_facts(log)
     if log.systems:
-        spoken = ", ".join(
-            f"{system.system_id}/{system.component_id} {printable(system.vehicle_type, 30)}"
-            + (" (chosen)" if system.chosen else "")
-            for system in log.systems[:12]
-        )
-        facts.append(("MAVLink systems", spoken))
+        facts.append(("MAVLink systems", _systems(log)))
     return tuple(facts)
+
+
+def _torque(described: InputDescription | None) -> str:
+    """Say where the torque comes from, and in which unit it is."""
+    if described is None:
+        return "none found"
+    unit = "in N m" if described.unit == "N m" else "normalised command, not N m"
+    saturated = percent(described.saturated_fraction)
+    return f"{printable(described.source, 120)}, {unit}; {saturated} of the samples saturated"
+
+
+def _systems(log: FlightLog) -> str:
+    """Return the MAVLink systems, the chosen one marked."""
+    return ", ".join(
+        f"{system.system_id}/{system.component_id} {printable(system.vehicle_type, 30)}"
+        + (" (chosen)" if system.chosen else "")
+        for system in log.systems[:12]
+    )
 
 
 def _format(log: FlightLog) -> str:

@@ -26,10 +26,10 @@ _ROUNDING = 1e-6
 _DISTRUSTED = "not to be trusted"
 _REGRESSORS = {
     "pp": "pp, qq, rr: squares of the rates, which act where products of inertia are",
-    "qr": "qr, pr, pq: products of two rates, by which a turn about two axes pushes the third",
+    "qr": "qr, pr, pq: products of two rates, by which rotation about two axes couples into the third",
     "p": "p, q, r: the rates themselves, as in damping",
     "phi": "phi, theta, psi: roll, pitch and yaw angle",
-    "1": "1: a steady push, as of a bent arm",
+    "1": "1: a constant angular acceleration, as of a bent arm",
     "N*throttle": "N*throttle: by how much yaw answers more strongly at more throttle",
 }
 
