@@ -39,7 +39,7 @@ _SPECS = (
         ("p_setpoint_rad_s", "q_setpoint_rad_s", "r_setpoint_rad_s"),
         ("p_sp", "q_sp", "r_sp"),
         "rad/s",
-        "commanded body rates: the set-point of the rate controller",
+        "what the rate controller was commanded",
     ),
     SignalSpec(
         "attitude",
@@ -89,14 +89,14 @@ _SPECS = (
         ("L_unallocated", "M_unallocated", "N_unallocated"),
         ("L", "M", "N"),
         "1",
-        "commanded less achieved torque of the mixer, normalised",
+        "torque that the mixer could not give, normalised",
     ),
     SignalSpec(
         "torque_saturation",
         ("L_saturated", "M_saturated", "N_saturated"),
         ("L", "M", "N"),
         "1",
-        "1 where the actuators could not achieve what was commanded about this axis",
+        "1 where the actuators could not do what was commanded about this axis",
     ),
     SignalSpec(
         "throttle_limit",
@@ -124,7 +124,7 @@ AXES: Final = ("roll", "pitch", "yaw")
 RATE_SYMBOLS: Final = ("p", "q", "r")
 TORQUE_SYMBOLS: Final = ("L", "M", "N")
 ACCELERATION_SYMBOLS: Final = ("p_dot", "q_dot", "r_dot")
-#: By axis: target and regressor of its on-axis control effectiveness (B11, B22, B33).
+#: By axis: target and regressor of its on-axis gain, how the torque about it turns the vehicle about it.
 ON_AXIS: Final = dict(zip(AXES, zip(ACCELERATION_SYMBOLS, TORQUE_SYMBOLS, strict=True), strict=True))
 
 #: What a vehicle can be. Only a multirotor is analysed.

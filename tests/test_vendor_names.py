@@ -27,9 +27,7 @@ EXCEPTIONS = {
     "actuation/airframe.py": "being cleaned",
     "actuation/calibration.py": "being cleaned",
     "actuation/rotor_speed.py": "being cleaned",
-    "cli/completion.py": "being cleaned",
     "cli/plan.py": "being cleaned",
-    "cli/simulate.py": "being cleaned",
     "data/catalogue.py": "being cleaned",
     "data/torque.py": "being cleaned",
     "diagnose/advice.py": "being cleaned",
@@ -39,12 +37,7 @@ EXCEPTIONS = {
     "maths/band.py": "being cleaned",
     "maths/frames.py": "being cleaned",
     "plan.py": "being cleaned",
-    "report/airframe.py": "being cleaned",
-    "report/log_tables.py": "being cleaned",
-    "report/model_files.py": "being cleaned",
     "report/plan.py": "being cleaned",
-    "report/published.py": "being cleaned",
-    "report/words.py": "being cleaned",
 }
 
 

@@ -25,7 +25,7 @@ PngChoice = Literal["first", "all", "none"]
 
 
 def report_folders(logs: Iterable[Path], parent: Path) -> tuple[Path, ...]:
-    """Return one folder per log, named after its stem; no two logs share one.
+    """Return one folder per log, named after its stem; no two logs get the same.
 
     Parameters
     ----------

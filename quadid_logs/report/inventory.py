@@ -93,7 +93,7 @@ def inventory_lines(log: FlightLog, data: FlightData, settings: Settings) -> Ite
     if not lacks:
         yield "  Nothing is missing for analyze."
     for finding in lacks:
-        word = "missing" if finding.level == "error" else "doubtful"
+        word = "missing" if finding.level == "error" else "caution"
         yield f"  {word} for analyze: {printable(finding.title)} [{finding.code}]"
         if finding.advice:
             yield f"    {printable(finding.advice, 600)}"

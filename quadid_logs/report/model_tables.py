@@ -75,12 +75,12 @@ def _note(model: Model, columns: tuple[str, ...], distrusted: frozenset[str]) ->
     words = "; ".join(_REGRESSORS[name] for name in columns if name in _REGRESSORS)
     words = f"{words}." if words else ""
     refused = f"Entries marked {_DISTRUSTED!r} belong to refused axes: they are no results."
-    doubted = (
+    trusted = (
         parameter
         for parameter in model.parameters
         if parameter.target not in distrusted and parameter.regressor in columns
     )
-    return " ".join(filter(None, (words, refused if distrusted else "", _weak_note(doubted))))
+    return " ".join(filter(None, (words, refused if distrusted else "", _weak_note(trusted))))
 
 
 def _transposed(table: Table) -> Table:

@@ -88,8 +88,8 @@ def evidence_value(value: object) -> str:
 
     Examples
     --------
-    >>> evidence_value({"out_of_order": 3, "source": "RATE.R"}), evidence_value([1.5, True])
-    ('out of order: 3, source: RATE.R', '1.5, yes')
+    >>> evidence_value({"out_of_order": 3, "source": "gyro"}), evidence_value([1.5, True])
+    ('out of order: 3, source: gyro', '1.5, yes')
     """
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
