@@ -10,7 +10,7 @@ from typing import NamedTuple
 from quadid_logs.align import cut
 from quadid_logs.data.settings import AlignSettings
 from quadid_logs.load import load
-from quadid_logs.report.table import write_table
+from quadid_logs.report.series_file import write_table
 from quadid_logs.simulate import simulate
 from quadid_logs.writers import write_log
 

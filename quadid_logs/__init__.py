@@ -1,8 +1,9 @@
-"""quadid-logs: a multirotor's flight log in, a rotational model with its doubts out.
+"""quadid-logs: a multirotor's flight log in, a rotational model with error bars out.
 
 >>> from quadid_logs import analyze
->>> result = analyze("flight.bin")  # doctest: +SKIP
->>> result.identification.recommended.B  # doctest: +SKIP
+>>> result = analyze("sample_logs/sysid-quad-x.bin")
+>>> result.identification.recommended.B.shape
+(3, 3)
 """
 
 from __future__ import annotations

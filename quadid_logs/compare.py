@@ -13,15 +13,15 @@ from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS, RATE_SYM
 
 AxisChange = Literal["same", "changed", "not comparable"]
 
-#: Of two unchanged vehicles, this share is called changed by chance, over all quantities together.
+#: Of two unchanged vehicles, this fraction is called changed by chance, over all quantities together.
 _FALSE_ALARMS = 0.05
-#: What the intervals do not hold, because the flights differ and not the vehicle. Measured on one
-#: simulated vehicle with multisines, doublets, 3-2-1-1 steps and wind of 8 m/s: couplings move by up to
-#: 0.3 % of the larger of the two own gains (and half a degree in the mounting of a gyro makes 0.9 %),
+#: Spread between flights of one vehicle, which the intervals do not hold. Measured on one simulated
+#: vehicle with multisines, doublets, 3-2-1-1 steps and wind of 8 m/s: couplings change by up to 0.3 % of
+#: the larger of the two on-axis effectivenesses (and half a degree in the mounting of a gyro makes 0.9 %),
 #: damping by 12 % (drag is no constant), lag and delay by 1 ms.
-COUPLING_FLOOR = 0.01
-DAMPING_FLOOR = 0.15
-_TIME_FLOOR_MS = 1.0
+COUPLING_SPREAD = 0.01
+DAMPING_SPREAD = 0.15
+_TIME_SPREAD_MS = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,9 +29,10 @@ class Quantity:
     """One number of the model in both flights.
 
     ``axis`` is "" for what belongs to all; ``ci95`` are the intervals of the
-    two values, ``floor`` is what differs between flights of one vehicle, and
+    two values, ``spread`` is what differs between flights of one vehicle, and
     ``margin`` the least difference that counts as a change. ``scale`` is what
-    a difference is a share of, the value called ``scale_name``.
+    a difference is a fraction of, the value called ``scale_name``. ``is_on_axis``
+    marks how an axis answers to the torque about it.
     """
 
     name: str
@@ -41,20 +42,16 @@ class Quantity:
     after: float
     ci95_before: tuple[float, float]
     ci95_after: tuple[float, float]
-    floor: float = 0.0
+    spread: float = 0.0
     margin: float = math.nan
     scale: float = math.nan
     scale_name: str = ""
+    is_on_axis: bool = False
 
     @property
     def difference(self) -> float:
         """After minus before, in `unit`."""
         return self.after - self.before
-
-    @property
-    def is_own_gain(self) -> bool:
-        """Whether this is how an axis answers to its own torque."""
-        return self.floor == 0.0
 
     @property
     def changed(self) -> bool:
@@ -130,8 +127,8 @@ def compare(before: Result, after: Result) -> Comparison:
     quantities = tuple(_with_margin(quantity, widening) for quantity in found)
     axes: dict[str, AxisChange] = {}
     for axis in AXES:
-        moved = any(quantity.changed for quantity in quantities if quantity.axis == axis)
-        axes[axis] = "not comparable" if axis in reasons else "changed" if moved else "same"
+        changed = any(quantity.changed for quantity in quantities if quantity.axis == axis)
+        axes[axis] = "not comparable" if axis in reasons else "changed" if changed else "same"
     return Comparison(
         structure=first.structure if first is not None and found else "",
         quantities=quantities,
@@ -157,7 +154,7 @@ def _obstacle(both: tuple[Result, Result], axis: str) -> str:
             "describe the vehicle with --vehicle, or compare logs of one kind"
         )
     if units[0] == "1" and before.log.autopilot != after.log.autopilot:
-        return "each autopilot has a unit of command of its own: describe the vehicle with --vehicle"
+        return "each autopilot has its own unit of command: describe the vehicle with --vehicle"
     return ""
 
 
@@ -168,9 +165,9 @@ def _why_unknown(result: Result, axis: str) -> str:
     if verdict is None or verdict.verdict == "refused" or model is None:
         sentence = verdict.sentence if verdict else "there is no verdict"
         return sentence.removeprefix(f"{axis.capitalize()} is refused: ").removesuffix(".")
-    own = model.entries.get(ON_AXIS[axis])
-    if own is None or not own.identifiable:
-        return f"the flight does not tell the gain ({own.reason if own else 'not fitted'})"
+    gain = model.entries.get(ON_AXIS[axis])
+    if gain is None or not gain.identifiable:
+        return f"the flight does not tell the gain ({gain.reason if gain else 'not fitted'})"
     return ""
 
 
@@ -194,10 +191,10 @@ def _models(before: Result, after: Result) -> tuple[Model | None, Model | None]:
     return None, None
 
 
-def _larger_gain(model: Model, own: Parameter, torque: str) -> Parameter:
-    """Return what a coupling is a share of: the larger own gain of the two axes that it couples."""
+def _larger_gain(model: Model, gain: Parameter, torque: str) -> Parameter:
+    """Return what a coupling is a fraction of: the larger on-axis gain of the two axes that it couples."""
     other = model.entries.get(ON_AXIS[AXES[TORQUE_SYMBOLS.index(torque)]])
-    return own if other is None or abs(own.value) >= abs(other.value) else other
+    return gain if other is None or abs(gain.value) >= abs(other.value) else other
 
 
 def _parameters(first: Model, second: Model, reasons: Mapping[str, str]) -> Iterator[Quantity]:
@@ -205,15 +202,15 @@ def _parameters(first: Model, second: Model, reasons: Mapping[str, str]) -> Iter
     before, after = first.entries, second.entries
     for number, axis in enumerate(AXES):
         target, rate = ACCELERATION_SYMBOLS[number], RATE_SYMBOLS[number]
-        own = before.get(ON_AXIS[axis])
-        if axis in reasons or own is None:
+        gain = before.get(ON_AXIS[axis])
+        if axis in reasons or gain is None:
             continue
         for regressor in (*TORQUE_SYMBOLS, rate):
             one, two = before.get((target, regressor)), after.get((target, regressor))
             if one is None or two is None or not (_known(one) and _known(two)):
                 continue
-            scale = one if regressor == rate else _larger_gain(first, own, regressor)
-            share = DAMPING_FLOOR if regressor == rate else 0.0 if one is own else COUPLING_FLOOR
+            scale = one if regressor == rate else _larger_gain(first, gain, regressor)
+            spread = DAMPING_SPREAD if regressor == rate else 0.0 if one is gain else COUPLING_SPREAD
             yield Quantity(
                 name=one.name,
                 axis=axis,
@@ -222,9 +219,10 @@ def _parameters(first: Model, second: Model, reasons: Mapping[str, str]) -> Iter
                 after=two.value,
                 ci95_before=one.ci95,
                 ci95_after=two.ci95,
-                floor=share * abs(scale.value),
+                spread=spread * abs(scale.value),
                 scale=abs(scale.value),
                 scale_name=scale.name,
+                is_on_axis=one is gain,
             )
 
 
@@ -253,7 +251,7 @@ def _actuators(first: Model, second: Model) -> Iterator[Quantity]:
                 after=1e3 * values[1],
                 ci95_before=before,
                 ci95_after=after,
-                floor=_TIME_FLOOR_MS,
+                spread=_TIME_SPREAD_MS,
             )
 
 
@@ -275,7 +273,7 @@ def _with_margin(quantity: Quantity, widening: float) -> Quantity:
     import dataclasses
 
     halves = [0.5 * (high - low) for low, high in (quantity.ci95_before, quantity.ci95_after)]
-    return dataclasses.replace(quantity, margin=math.hypot(widening * math.hypot(*halves), quantity.floor))
+    return dataclasses.replace(quantity, margin=math.hypot(widening * math.hypot(*halves), quantity.spread))
 
 
 def _advice(both: tuple[Result, Result], reasons: Mapping[str, str]) -> tuple[str, ...]:

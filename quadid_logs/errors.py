@@ -29,6 +29,15 @@ class QuadidError(Exception):
         What was expected and what was found.
     hint : str, optional
         What the user can do about it.
+
+    Examples
+    --------
+    >>> from quadid_logs import QuadidError, read_log
+    >>> try:
+    ...     read_log("not-there.bin")
+    ... except QuadidError as error:
+    ...     print(error)
+    There is no file not-there.bin. Check the path.
     """
 
     def __init__(self, message: str, *, hint: str = "") -> None:

@@ -91,6 +91,13 @@ def read_log(path: str | Path, *, system: int = 0) -> FlightLog:
         If the content is no log that we know; the hint says what it looks like.
     SettingsError
         If `system` is not in the file.
+
+    Examples
+    --------
+    >>> from quadid_logs import read_log
+    >>> log = read_log("sample_logs/doublets.tlog")
+    >>> log.format, {signal.values.shape[1] for signal in log.signals["body_rate"]}
+    ('tlog', {3})
     """
     head = _read_head(Path(path))
     if not head:

@@ -40,6 +40,16 @@ def show(result: Result) -> Shown:
     ----------
     result : Result
         Of `quadid_logs.analyze`.
+
+    Returns
+    -------
+    Shown
+
+    Examples
+    --------
+    >>> from quadid_logs import analyze, show
+    >>> print(str(show(analyze("sample_logs/default-logging.bin"))).splitlines()[0])
+    default-logging.bin: no model, 33.6 s of flight in 39.7 s of log, nothing identified
     """
     return Shown(result=result)
 
@@ -55,6 +65,13 @@ def matplotlib_figures(result: Result) -> dict[str, Canvas]:
     -------
     dict of str to matplotlib.figure.Figure
         Not registered with pyplot: nothing has to be closed.
+
+    Examples
+    --------
+    >>> from quadid_logs import analyze, matplotlib_figures
+    >>> figures = matplotlib_figures(analyze("sample_logs/default-logging.bin"))
+    >>> figures["flight"].axes[0].get_ylabel()
+    'body rate [deg/s]'
     """
     from quadid_logs.figures.png import draw
 
@@ -71,6 +88,13 @@ def plotly_figures(result: Result) -> dict[str, Any]:
     Returns
     -------
     dict of str to plotly.graph_objects.Figure
+
+    Examples
+    --------
+    >>> from quadid_logs import analyze, plotly_figures
+    >>> figures = plotly_figures(analyze("sample_logs/default-logging.bin"))
+    >>> figures["flight"].data[0].name
+    'p'
     """
     import plotly.graph_objects as go
 

@@ -13,6 +13,13 @@ from quadid_logs.untrusted import printable
 def check_free(*paths: Path, force: bool) -> None:
     """Refuse before the work what could not be written after it.
 
+    Parameters
+    ----------
+    *paths : Path
+        Files that shall be written.
+    force : bool
+        Whether files may be replaced.
+
     Raises
     ------
     OutputError
@@ -26,7 +33,17 @@ def check_free(*paths: Path, force: bool) -> None:
 
 
 def make_folder(folder: Path) -> None:
-    """Make the folder and those above it."""
+    """Make the folder and those above it.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Raises
+    ------
+    OutputError
+        If it cannot be made.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -34,12 +51,29 @@ def make_folder(folder: Path) -> None:
 
 
 def write_beside(path: Path, content: bytes) -> None:
-    """Write a file beside its place and rename it, so that none is ever half-written."""
+    """Write a file beside its place and rename it, so that none is ever half-written.
+
+    Parameters
+    ----------
+    path : Path
+    content : bytes
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
     write_together(path.parent, {path.name: content})
 
 
 def write_together(folder: Path, files: Mapping[str, bytes]) -> None:
     """Write files beside their places and rename them when all are there: all of them or none.
+
+    Parameters
+    ----------
+    folder : Path
+    files : mapping of str to bytes
+        Content by file name.
 
     Raises
     ------

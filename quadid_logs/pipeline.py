@@ -48,6 +48,17 @@ def analyze(
     ------
     LogError
         If the file cannot be read as a flight log at all.
+
+    Examples
+    --------
+    >>> from quadid_logs import analyze
+    >>> result = analyze("sample_logs/sysid-quad-x.bin")
+    >>> {axis: found.verdict for axis, found in result.diagnosis.axes.items()}
+    {'roll': 'usable', 'pitch': 'usable', 'yaw': 'usable'}
+    >>> model = result.identification.recommended
+    >>> gain = model.entries["p_dot", "L"]
+    >>> print(f"{gain.name} = {gain.value:.0f} {gain.unit}, 95 %: {gain.ci95[0]:.0f} to {gain.ci95[1]:.0f}")
+    B11 = 198 rad/s^2, 95 %: 196 to 200
     """
     return _analyze([Path(path)], settings or Settings(), vehicle, progress)
 
@@ -79,6 +90,13 @@ def analyze_pooled(
         If one of the files cannot be read as a flight log at all.
     SettingsError
         If the logs' torques are not the same quantity.
+
+    Examples
+    --------
+    >>> from quadid_logs import analyze_pooled
+    >>> result = analyze_pooled(["sample_logs/sysid-quad-x.bin", "sample_logs/damaged.bin"])
+    >>> [f"{one.path}: {one.used_s:.0f} s" for one in result.pooled]
+    ['sample_logs/sysid-quad-x.bin: 24 s', 'sample_logs/damaged.bin: 14 s']
     """
     return _analyze([Path(path) for path in paths], settings or Settings(), vehicle, progress)
 

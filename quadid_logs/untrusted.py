@@ -15,6 +15,17 @@ def printable(text: object, longest: int = 300) -> str:
     This is not an escape for HTML; it keeps terminal sequences, overrides of
     the writing direction and line breaks out of what people read.
 
+    Parameters
+    ----------
+    text : object
+        Shown as `str` shows it.
+    longest : int
+        Most characters of the result; what is longer ends in an ellipsis.
+
+    Returns
+    -------
+    str
+
     Examples
     --------
     >>> printable("quad\x1b[31m X") == "quad\ufffd[31m X"

@@ -32,7 +32,7 @@ _MOST_BYTES, _MOST_ROTORS = 1_000_000, 64
 
 
 def read_vehicle(path: Path) -> Vehicle:
-    """Read a vehicle file.
+    r"""Read a vehicle file.
 
     Parameters
     ----------
@@ -53,6 +53,17 @@ def read_vehicle(path: Path) -> Vehicle:
     VehicleFileError
         If the file cannot be read, is no TOML, or holds an unknown key, a
         value of the wrong type, or one that is not positive or beyond any vehicle.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from quadid_logs import read_vehicle
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = pathlib.Path(folder, "quad.toml")
+    ...     _ = file.write_text("mass_kg = 1.5\narm_length_m = 0.225")
+    ...     vehicle = read_vehicle(file)
+    >>> vehicle.mass_kg, vehicle.arm_length_m
+    (1.5, 0.225)
     """
     content = _toml(path)
     _refuse_unknown(path, content, _KEYS)

@@ -426,7 +426,7 @@ def _diagnosis() -> Diagnosis:
         code="QL401",
         level="warning",
         title="The yaw torque was clipped",
-        evidence={"share": 0.02, "where": [31.2, 58.9]},
+        evidence={"fraction": 0.02, "where": [31.2, 58.9]},
         advice="Fly gentler yaw, or lower ATC_RAT_YAW_P.",
         axes=("yaw",),
     )

@@ -14,14 +14,15 @@ from quadid_logs.data.catalogue import CATALOGUE
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 
 
-def test_the_page_of_findings_is_the_catalogue() -> None:
+@pytest.mark.parametrize("name", ["findings.md", "nomenclature.md"])
+def test_a_generated_page_is_what_the_program_says(name: str) -> None:
     """Otherwise run: python docs/pages.py."""
     spec = importlib.util.spec_from_file_location("pages", DOCS / "pages.py")
     assert spec is not None
     assert spec.loader is not None
     pages = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(pages)
-    assert (DOCS / "findings.md").read_text(encoding="utf-8") == pages.findings_page()
+    assert (DOCS / name).read_text(encoding="utf-8") == pages.PAGES[name]()
 
 
 def test_every_finding_that_the_code_raises_is_in_the_catalogue() -> None:

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import doctest
+import functools
 import importlib
 import re
+from collections.abc import Callable
 
 import pytest
 
+import quadid_logs
+from quadid_logs import pipeline
+from quadid_logs.data.result import Result
 from tests.conftest import REPOSITORY
 
 FILES = [
@@ -20,7 +25,25 @@ MODULES = [
 ]
 
 
+@pytest.fixture(scope="module")
+def analyze_once() -> Callable[..., Result]:
+    """Return `analyze`, which remembers: most examples are about the same sample log."""
+    return functools.cache(pipeline.analyze)
+
+
 @pytest.mark.parametrize("module", MODULES)
-def test_the_examples_hold(module: str) -> None:
+def test_the_examples_hold(
+    module: str, analyze_once: Callable[..., Result], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Each gives what it says."""
+    monkeypatch.chdir(REPOSITORY)
+    monkeypatch.setattr(pipeline, "analyze", analyze_once)
     assert doctest.testmod(importlib.import_module(module)).failed == 0
+
+
+@pytest.mark.parametrize("name", sorted({*quadid_logs.__all__} - {"__version__"}))
+def test_every_public_name_has_an_example(name: str) -> None:
+    """One that can be run, and shows the name itself."""
+    examples = doctest.DocTestParser().get_examples(getattr(quadid_logs, name).__doc__ or "")
+    shown = [one for one in examples if not one.options.get(doctest.SKIP, False)]
+    assert any(re.search(rf"\b{name}\b|\banalyze\b", one.source) for one in shown)

@@ -18,13 +18,13 @@ from quadid_logs.data.flight import Segment
 from quadid_logs.data.log import NO_GYRO_FILTER, GyroFilter, ModeChange
 from quadid_logs.data.result import Result
 from quadid_logs.figures import FIGURE_KEYS, figures_of
-from quadid_logs.figures.flight import flight_overview
-from quadid_logs.figures.frequency import model_response
+from quadid_logs.figures.bode import model_response
 from quadid_logs.figures.interactive import interactive
 from quadid_logs.figures.palette import DARK, LIGHT
 from quadid_logs.figures.png import draw, write_png
 from quadid_logs.figures.spec import Figure
 from quadid_logs.figures.thinning import break_at_gaps, thin_line, thin_points
+from quadid_logs.figures.time_series import flight_overview
 from tests.synthetic_results import hostile_result, refused_result, usable_result
 
 
@@ -252,7 +252,7 @@ def test_the_frequency_response_of_a_simulated_flight_lies_on_the_model() -> Non
     from quadid_logs.align import cut
     from quadid_logs.data.settings import Settings
     from quadid_logs.diagnose import diagnose
-    from quadid_logs.figures.frequency import frequency_response
+    from quadid_logs.figures.bode import frequency_response
     from quadid_logs.figures.spec import Figure
     from quadid_logs.identify import identify
     from quadid_logs.load import prepare
@@ -312,7 +312,7 @@ def test_gyro_and_attitude_are_shown_against_each_other(usable: Result) -> None:
 def test_the_frequency_response_of_a_long_flight_is_that_of_the_minutes_that_were_fitted() -> None:
     """The log's points come from the same part as the model's line, and the caption says so."""
     from quadid_logs.data.settings import IdentifySettings, Settings
-    from quadid_logs.figures.frequency import frequency_response
+    from quadid_logs.figures.bode import frequency_response
     from quadid_logs.identify.select import most_moved
 
     whole = usable_result()

@@ -11,7 +11,6 @@ import shlex
 import sys
 
 from quadid_logs.cli.failure import ReaderGoneError, exit_code_of, report_problem
-from quadid_logs.cli.memory import keep_freed_memory
 
 __all__ = ["main", "run"]
 
@@ -26,7 +25,6 @@ def run() -> None:
     factorisations). It reads its setting once, before numpy is imported.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    keep_freed_memory()
     sys.exit(main())
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from dataclasses import dataclass
+from enum import Enum
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -23,12 +24,21 @@ if TYPE_CHECKING:
     from quadid_logs.data.result import Result
     from quadid_logs.data.settings import Settings
     from quadid_logs.data.vehicle import Vehicle
+    from quadid_logs.report.folder import PngChoice
     from quadid_logs.report.index import IndexRow
 
 _POOLED_FOLDER = "pooled"
 _DEFAULT_FOLDER = Path("quadid-report")
 #: Not imported from the report: that would import numpy for --help.
 INDEX_FILE = "index.html"
+
+
+class _Png(Enum):
+    """What ``--png`` takes."""
+
+    first = "first"
+    all = "all"
+    none = "none"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,6 +50,7 @@ class _Wish:
     force: bool
     as_json: bool
     drawings: bool
+    png: PngChoice
     files: bool
     one_line: bool
     quiet: bool
@@ -88,6 +99,14 @@ def analyze(
     pool: Annotated[bool, typer.Option("--pool", help="Pool all logs into one model.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print result.json to stdout.")] = False,
+    png: Annotated[
+        _Png,
+        typer.Option(
+            "--png",
+            help="Figures as PNG beside report.html, which holds every one: the summary and those of the "
+            "first chapter, all of them, or none.",
+        ),
+    ] = _Png.first,
     no_report: Annotated[bool, typer.Option("--no-report", help="Write neither HTML nor PNG.")] = False,
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Print problems only.")] = False,
 ) -> int:
@@ -115,6 +134,7 @@ def analyze(
         force=force,
         as_json=as_json,
         drawings=not no_report,
+        png=png.value,
         # A script that takes the result from stdout and wants no report needs no folder either.
         files=not (as_json and no_report and output is None),
         one_line=len(logs) > 1 and not pool,
@@ -173,7 +193,12 @@ def _analyze_one(logs: list[Path], folder: Path, part: Part, wish: _Wish, rows: 
         if wish.files:
             progress("writing the report")
             result = write_report(
-                result, folder, force=wish.force, drawings=wish.drawings, command=wish.command
+                result,
+                folder,
+                force=wish.force,
+                drawings=wish.drawings,
+                png=wish.png,
+                command=wish.command,
             )
     rows[folder] = index_row(result, folder.name)
     if not wish.quiet:

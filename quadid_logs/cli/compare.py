@@ -74,7 +74,7 @@ def _write(folder: Path, comparison: Comparison, text: str) -> str:
     import tempfile
 
     from quadid_logs.figures import Figure
-    from quadid_logs.figures.comparison import comparison_figure
+    from quadid_logs.figures.comparison_chart import comparison_figure
     from quadid_logs.figures.png import write_png
 
     files = {_JSON: text.encode("ascii")}

@@ -52,7 +52,7 @@ def export(
     from quadid_logs.align import cut
     from quadid_logs.data.settings import AlignSettings, Settings
     from quadid_logs.load import load
-    from quadid_logs.report.table import check_table_path, write_table
+    from quadid_logs.report.series_file import check_table_path, write_table
     from quadid_logs.vehicle_file import read_vehicle
 
     given = None if vehicle is None else read_vehicle(vehicle)

@@ -42,7 +42,7 @@ def exit_code_of(action: Callable[[], int]) -> int:
 
 
 def _report(text: str) -> None:
-    """Write one line, and the traceback of the present exception if it is asked for."""
+    """Write one line, and the traceback of the present exception where debugging is on."""
     report_problem(text)
     if os.environ.get("QUADID_DEBUG") == "1":
         traceback.print_exc()

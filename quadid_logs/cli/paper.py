@@ -27,7 +27,7 @@ def paper(
 
     check_free(*(output / name for name in _FILES), force=force)
     with Progress("paper") as progress:
-        progress("flying")
+        progress("simulating")
         experiment = run_experiment()
         progress("drawing")
         text = page_text(experiment)

@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
 _PATIENCE_S = 1.0
-#: Share of an analysis that is done when a stage begins: the median of twelve logs that hold a flight.
+#: Fraction of an analysis that is done when a stage begins: the median of twelve logs that hold a flight.
 _DONE_BEFORE: Final[Mapping[str, float]] = MappingProxyType(
     {"read": 0.0, "align": 0.02, "identify": 0.06, "writing the report": 0.3}
 )
 
 
 class Part(NamedTuple):
-    """Where a log lies in a longer work: the shares done before and after it, and when that work began."""
+    """Where a log lies in a longer work: the fractions done before and after it, and when that work began."""
 
     before: float = 0.0
     after: float = 1.0

@@ -18,9 +18,6 @@ from quadid_logs.untrusted import printable
 if TYPE_CHECKING:
     from quadid_logs.simulate import Simulation
 
-#: Whose flight a file of this ending holds, unless --autopilot says otherwise.
-_AUTOPILOTS = {".bin": "ardupilot", ".ulg": "px4", ".tlog": "ardupilot"}
-
 
 def simulate(
     scenario: Annotated[
@@ -45,7 +42,7 @@ def simulate(
         typer.Option(
             "--autopilot",
             metavar="NAME",
-            help="ardupilot or px4 [default: by the ending].",
+            help="Whose log to write [default: by the ending].",
             autocompletion=autopilots,
         ),
     ] = "",
@@ -59,6 +56,7 @@ def simulate(
     from quadid_logs.simulate import SCENARIOS
     from quadid_logs.simulate import simulate as fly_scenario
     from quadid_logs.vehicle_file import read_vehicle
+    from quadid_logs.writers.endings import AUTOPILOT_OF_ENDING
 
     if list_scenarios:
         for one in SCENARIOS.values():
@@ -71,14 +69,14 @@ def simulate(
         )
     _check_output(output, seed=seed, force=force)
     with Progress(scenario) as progress:
-        progress("flying")
+        progress("simulating")
         simulation = fly_scenario(
             scenario,
             seed=seed,
             duration_s=duration_s,
             rate_hz=rate_hz,
             vehicle=None if vehicle is None else read_vehicle(vehicle),
-            autopilot=autopilot or _AUTOPILOTS[output.suffix.lower()],
+            autopilot=autopilot or AUTOPILOT_OF_ENDING[output.suffix.lower()],
         )
         progress("writing")
         write_simulation(simulation, output)
@@ -88,18 +86,20 @@ def simulate(
 
 
 def truth_path(log: Path) -> Path:
-    """Return where the truth about a log stands: flight.bin has flight.truth.json."""
+    """Return where the truth about a log is written: flight.bin has flight.truth.json."""
     return log.with_suffix(".truth.json")
 
 
 def _check_output(output: Path, *, seed: int, force: bool) -> None:
     """Refuse before the work what could not be written after it."""
+    from quadid_logs.writers.endings import AUTOPILOT_OF_ENDING
+
     if seed < 0:
         raise SettingsError(f"A seed of {seed} is negative.", hint="Give 0 or more.")
-    if output.suffix.lower() not in _AUTOPILOTS:
+    if output.suffix.lower() not in AUTOPILOT_OF_ENDING:
         raise SettingsError(
             f"Cannot tell the format from the name {printable(output.name, 80)!r}.",
-            hint="Let it end in .bin, .ulg or .tlog.",
+            hint=f"Let it end in {', '.join(AUTOPILOT_OF_ENDING)}.",
         )
     check_free(output, truth_path(output), force=force)
 

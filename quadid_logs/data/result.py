@@ -28,6 +28,13 @@ class Result:
 
     ``pooled`` names the logs where the model is that of several; ``log`` is
     then the first that flew.
+
+    Examples
+    --------
+    >>> from quadid_logs import analyze
+    >>> result = analyze("sample_logs/default-logging.bin")
+    >>> result.name, result.diagnosis.usable
+    ('default-logging.bin', False)
     """
 
     log: FlightLog

@@ -83,7 +83,15 @@ class DiagnoseSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """Settings of one analysis, by stage."""
+    """Settings of one analysis, by stage.
+
+    Examples
+    --------
+    >>> from quadid_logs import Settings
+    >>> from quadid_logs.data.settings import AlignSettings
+    >>> Settings(align=AlignSettings(start_s=20.0, end_s=80.0)).align.end_s
+    80.0
+    """
 
     system: int = 0
     """MAVLink system id to analyze; 0 chooses the autopilot with most messages."""

@@ -20,6 +20,12 @@ class Vehicle:
     """Values given here win over the log's parameters; None means not given.
 
     ``inertia_kg_m2`` (3, 3) is only ever compared with, never used in a fit.
+
+    Examples
+    --------
+    >>> from quadid_logs import Vehicle
+    >>> Vehicle(mass_kg=1.5, arm_length_m=0.225).mass_kg
+    1.5
     """
 
     name: str = ""

@@ -3,26 +3,32 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Final, NamedTuple
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from quadid_logs.data.result import Result
 from quadid_logs.data.settings import STRUCTURES
 from quadid_logs.figures.spec import Figure, LeftOut
-from quadid_logs.vocabulary import AXES
 
-__all__ = ["FIGURE_KEYS", "Figure", "Figures", "LeftOut", "figures_of"]
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
+__all__ = ["CHAPTERS", "FIGURE_KEYS", "FIRST_CHAPTER", "Figure", "Figures", "LeftOut", "figures_of"]
+
+#: The chapters of the report that hold figures, in its order, each with the keys of its figures.
+CHAPTERS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
+    {
+        "flight": ("flight", "aligned", "gyro", "airframe"),
+        "excitation": ("excitation",),
+        "windows": (*(f"condition-{structure}" for structure in STRUCTURES), "over-time", "singular"),
+        "fit": ("lag", "held-out", "fit", "simulation", "frequency", "horizon", "residuals"),
+        "structures": ("structures",),
+    }
+)
+#: The keys of the figures that a report is drawn with unless every one is wanted.
+FIRST_CHAPTER: Final = next(iter(CHAPTERS.values()))
 #: Every key that a figure can have.
-FIGURE_KEYS: Final = (
-    *("flight", "aligned", "gyro", "airframe", "excitation", "windows", "over-time", "singular"),
-    *("structures", "lag", "frequency"),
-    *("summary", "held-out", "fit", "simulation", "residuals", "horizon"),
-    *(f"condition-{structure}" for structure in STRUCTURES),
-)
-#: Figures whose panels show what an axis' model says.
-_OF_THE_MODEL: Final = frozenset(
-    {"over-time", "structures", "held-out", "fit", "simulation", "residuals", "frequency"}
-)
+FIGURE_KEYS: Final = ("summary", *(key for keys in CHAPTERS.values() for key in keys))
 
 
 class Figures(NamedTuple):
@@ -44,13 +50,13 @@ def figures_of(result: Result) -> Figures:
     Figures
         Series thinned for display without losing peaks, angles in degrees.
     """
-    from quadid_logs.figures.airframe import airframe_from_above
-    from quadid_logs.figures.excitation import excitation_spectra
-    from quadid_logs.figures.fit import fit_figures, horizon_error, lag_profile, structure_comparison
-    from quadid_logs.figures.flight import aligned_series, flight_overview
-    from quadid_logs.figures.frequency import frequency_response
-    from quadid_logs.figures.gyro import gyro_against_attitude
-    from quadid_logs.figures.windows import window_figures
+    from quadid_logs.figures.bode import frequency_response
+    from quadid_logs.figures.excitation_spectra import excitation_spectra
+    from quadid_logs.figures.gyro_scatter import gyro_against_attitude
+    from quadid_logs.figures.model_fit import fit_figures, horizon_error, lag_profile, structure_comparison
+    from quadid_logs.figures.rotor_layout import airframe_from_above
+    from quadid_logs.figures.time_series import aligned_series, flight_overview
+    from quadid_logs.figures.window_estimates import window_figures
 
     everything = [
         flight_overview(result),
@@ -74,13 +80,11 @@ def figures_of(result: Result) -> Figures:
 def _marked(figure: Figure, result: Result) -> Figure:
     """Say in the panels of refused axes that they show no results."""
     found = result.diagnosis.axes
-    refused = tuple(axis.capitalize() for axis in AXES if axis in found and found[axis].verdict == "refused")
-    if figure.key not in _OF_THE_MODEL or not refused:
-        return figure
+    refused = {axis for axis in found if found[axis].verdict == "refused"}
     # Three panels beside each other leave no room for more.
     mark = "refused" if figure.columns > 2 else "refused, not to be trusted"
     panels = tuple(
-        replace(panel, title=f"{panel.title} – {mark}") if panel.title.startswith(refused) else panel
+        replace(panel, title=f"{panel.title} – {mark}") if panel.model_of in refused else panel
         for panel in figure.panels
     )
     return replace(figure, panels=panels)

@@ -177,7 +177,7 @@ def _legend_rows(figure: Figure, width_px: float) -> int:
 
 
 def _column_domain(column: int, columns: int) -> tuple[float, float]:
-    """Return left and right end of a column, as shares of the width."""
+    """Return left and right end of a column, as fractions of the width."""
     width = (1.0 - _COLUMN_GAP * (columns - 1)) / columns
     left = column * (width + _COLUMN_GAP)
     return left, min(1.0, left + width)
@@ -286,7 +286,7 @@ def _across(x_id: str, y_id: str, along: str) -> dict[str, str]:
 def _text(
     text: str, axes: tuple[str, str], at: tuple[float, float], anchor: tuple[str, str]
 ) -> dict[str, Any]:
-    """Return an annotation at a place given as shares of its panel."""
+    """Return an annotation at a place given as fractions of its panel."""
     return {
         "text": text,
         "xref": f"{axes[0]} domain",

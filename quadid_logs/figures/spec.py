@@ -46,7 +46,7 @@ class Curve:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Band:
-    """A shaded stretch along one axis."""
+    """A shaded interval along one axis."""
 
     start: float
     end: float
@@ -77,9 +77,10 @@ class Label:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Panel:
-    """One pair of axes; ``height`` is relative to the other panels', ``note`` stands inside.
+    """One pair of axes; ``height`` is relative to the other panels', ``note`` is written inside.
 
-    ``equal`` gives both axes one scale, as a drawing needs it.
+    ``equal`` gives both axes one scale, as a drawing needs it. ``model_of`` names
+    the vehicle's axis whose model the panel shows, "" where it shows none.
     """
 
     title: str
@@ -92,6 +93,7 @@ class Panel:
     note: str = ""
     labels: tuple[Label, ...] = ()
     equal: bool = False
+    model_of: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -1,4 +1,4 @@
-"""One picture that says it all: verdict and gain of each axis over the rates, measured and simulated."""
+"""The summary picture: verdict and gain of each axis over the rates, measured and simulated."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from collections.abc import Mapping
 import numpy as np
 
 from quadid_logs.data.result import Result
-from quadid_logs.figures.fit import lively_stretch
-from quadid_logs.figures.flight import RATE_AXIS, TIME
+from quadid_logs.figures.model_fit import most_excited_seconds
 from quadid_logs.figures.spec import Curve, Figure, Panel
 from quadid_logs.figures.thinning import break_at_gaps, thin_line
+from quadid_logs.figures.time_series import RATE_AXIS, TIME
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES
 
 
 def summary_figure(result: Result, headline: str, gains: Mapping[str, str]) -> Figure:
-    """Return the picture to post.
+    """Return the summary: one panel per axis.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def summary_figure(result: Result, headline: str, gains: Mapping[str, str]) -> F
     Returns
     -------
     Figure
-        One panel per axis; where nothing was fitted, the rates of the whole log.
+        Where nothing was fitted, the rates of the whole log.
     """
     name = printable(result.name, 60)
     vehicle = ", ".join(filter(None, (printable(result.log.frame, 30), printable(result.log.firmware, 50))))
@@ -65,7 +65,7 @@ def _verdict(result: Result, axis: str) -> str:
 
 
 def _simulated(result: Result) -> dict[str, tuple[Curve, ...]]:
-    """Return measured and simulated rate of each axis over the liveliest held-out seconds."""
+    """Return measured and simulated rate of each axis over the most excited held-out seconds."""
     model = result.identification.recommended
     fit = None if model is None else model.fit
     if fit is None:
@@ -73,7 +73,7 @@ def _simulated(result: Result) -> dict[str, tuple[Curve, ...]]:
     lines = (("measured", "measured", fit.rate), ("simulated", "modelled", fit.simulated_rate))
     curves: dict[str, tuple[Curve, ...]] = {}
     for column, axis in enumerate(AXES):
-        chosen = lively_stretch(fit, column)
+        chosen = most_excited_seconds(fit, column)
         if chosen is not None:
             curves[axis] = tuple(
                 Curve(label=label, x=fit.time_s[chosen], y=np.degrees(values[chosen, column]), role=role)

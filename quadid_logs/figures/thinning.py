@@ -11,7 +11,7 @@ BUCKETS = 2000
 
 
 def thin_line(x: FloatArray, y: FloatArray, buckets: int = BUCKETS) -> tuple[FloatArray, FloatArray]:
-    """Keep the lowest and the highest point of each of `buckets` equal stretches.
+    """Keep the lowest and the highest point of each of `buckets` equal intervals.
 
     No peak is lost, no point is moved, and a gap (NaN) stays a gap.
 
@@ -73,8 +73,8 @@ def thin_points(
 def _cell(values: FloatArray, n_cells: int) -> IntArray:
     """Return the number of the cell that each value falls into."""
     low, high = values.min(), values.max()
-    share = (values - low) / (high - low if high > low else 1.0)
-    return np.asarray(np.minimum(share * n_cells, n_cells - 1), dtype=np.int64)
+    fraction = (values - low) / (high - low if high > low else 1.0)
+    return np.asarray(np.minimum(fraction * n_cells, n_cells - 1), dtype=np.int64)
 
 
 def break_at_gaps(

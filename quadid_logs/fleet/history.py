@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.compare import COUPLING_FLOOR, DAMPING_FLOOR
+from quadid_logs.compare import COUPLING_SPREAD, DAMPING_SPREAD
 from quadid_logs.fleet.changes import (
     ChangePoint,
     OutlierTest,
@@ -242,9 +242,9 @@ def _series(flights: Sequence[Mapping[str, dict[str, Any]]], structure: str, uni
         for torque, other in zip(TORQUE_SYMBOLS, AXES, strict=True):
             if other != axis:
                 coupling = _column(usable, axis, f"from_{torque.lower()}")
-                yield _one(f"from {other}", axis, coupling, COUPLING_FLOOR * max(scale[axis], scale[other]))
+                yield _one(f"from {other}", axis, coupling, COUPLING_SPREAD * max(scale[axis], scale[other]))
         damping = _column(usable, axis, "damping")
-        yield _one("damping", axis, damping, DAMPING_FLOOR * _typical(damping[0]))
+        yield _one("damping", axis, damping, DAMPING_SPREAD * _typical(damping[0]))
     lag = _column([{"": next(iter(rows.values()))} if rows else {} for rows in usable], "", "lag_s")
     yield _one("lag", "", lag, _LAG_SYSTEMATIC_S)
 

@@ -1,6 +1,6 @@
 """The result for people and for programs: view, HTML, text, JSON."""
 
-from quadid_logs.report.files import check_folder, report_folders, write_report
+from quadid_logs.report.folder import check_folder, report_folders, write_report
 from quadid_logs.report.json import json_text, result_dict
 from quadid_logs.report.provenance import provenance_of
 

@@ -46,11 +46,11 @@ def comparison_lines(before: Result, after: Result, comparison: Comparison) -> t
 
 
 def _quantity_lines(comparison: Comparison, axis: str) -> list[str]:
-    """Return a line for each quantity of an axis: its own gain, and the others if they changed."""
+    """Return a line for each quantity of an axis: the on-axis one, and the others if they changed."""
     return [
         f"{'':9}{_sentence(quantity)}"
         for quantity in comparison.quantities
-        if quantity.axis == axis and (quantity.changed or not axis or quantity.is_own_gain)
+        if quantity.axis == axis and (quantity.changed or not axis or quantity.is_on_axis)
     ]
 
 
@@ -65,7 +65,7 @@ def _sentence(quantity: Quantity) -> str:
 
 
 def _amount(quantity: Quantity, difference: float) -> str:
-    """Return a difference as a share of what it is to be compared with, or in its unit."""
+    """Return a difference as a fraction of what it is to be compared with, or in its unit."""
     if not quantity.scale > 0.0:
         return f"{number(difference, 3)} {pretty_unit(quantity.unit)}"
     of = "" if quantity.name == quantity.scale_name else f" of {printable(quantity.scale_name, 20)}"

@@ -41,8 +41,8 @@ def structures_table(result: Result) -> Table | None:
 
 def _structure(model: Model, distrusted: tuple[bool, ...]) -> tuple[Cell, ...]:
     """Return one row of the table of structures."""
-    own = [model.entries.get(place) for place in ON_AXIS.values()]
-    diagonal = [math.nan if parameter is None else parameter.value for parameter in own]
+    on_axis = [model.entries.get(place) for place in ON_AXIS.values()]
+    diagonal = [math.nan if parameter is None else parameter.value for parameter in on_axis]
     checked = model.validation
     return (
         Cell(text=model.structure, detail="recommended" if model.recommended else printable(model.note, 160)),
@@ -99,7 +99,7 @@ def _window_row(structure: str, windows: Windows) -> tuple[Cell, ...]:
 
 
 def excitation_table(result: Result) -> Table | None:
-    """Return how much each axis was moved."""
+    """Return how much each axis was excited."""
     items = result.identification.excitation
     if not items:
         return None
@@ -115,7 +115,7 @@ def excitation_table(result: Result) -> Table | None:
         for item in items
     )
     return Table(
-        caption="How much each axis was moved",
+        caption="How much each axis was excited",
         head=("axis", f"torque RMS [{unit}]", "rate RMS [deg/s]", "signal to noise", "coherent (above 0.5)"),
         rows=rows,
         note="Signal to noise: acceleration that the torque explains over what it does not, as power.",

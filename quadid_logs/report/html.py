@@ -11,22 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from quadid_logs.errors import OutputError
-from quadid_logs.figures import Figures
+from quadid_logs.figures import CHAPTERS, Figures
 from quadid_logs.figures.interactive import interactive
 from quadid_logs.figures.palette import DARK, LIGHT
-from quadid_logs.figures.spec import Figure
 from quadid_logs.report.pages import environment
 from quadid_logs.report.view import View
-
-#: Which figures belong to which chapter, by the beginning of their key.
-_CHAPTERS = {
-    "log": ("gyro",),
-    "flight": ("flight", "aligned", "airframe"),
-    "excitation": ("excitation",),
-    "windows": ("condition", "over-time", "singular"),
-    "fit": ("lag", "held-out", "fit", "simulation", "frequency", "horizon", "residuals"),
-    "structures": ("structures",),
-}
 
 
 def render_html(view: View, figures: Figures) -> str:
@@ -51,12 +40,15 @@ def render_html(view: View, figures: Figures) -> str:
         If the installed plotly package does not hold its script.
     """
     pages = environment()
+    by_key = {figure.key: figure for figure in figures.shown}
     # As it is: what a content security policy lets run is known by its hash.
     script = resources.files("quadid_logs.report").joinpath("templates/report.js").read_text("utf-8")
     plotly = _plotly_script() if figures.shown else ""
     page: str = pages.get_template("report.html").render(
         view=view,
-        chapters={name: _of_chapter(figures.shown, keys) for name, keys in _CHAPTERS.items()},
+        chapters={
+            chapter: [by_key[key] for key in keys if key in by_key] for chapter, keys in CHAPTERS.items()
+        },
         left_out=figures.left_out,
         figure_json={figure.key: script_json(interactive(figure)) for figure in figures.shown},
         palettes=script_json({"light": dict(LIGHT), "dark": dict(DARK)}),
@@ -67,15 +59,17 @@ def render_html(view: View, figures: Figures) -> str:
     return page
 
 
-def _of_chapter(figures: tuple[Figure, ...], keys: tuple[str, ...]) -> list[Figure]:
-    """Return the figures whose key is one of `keys` or an extension of one by "-"."""
-    return [
-        figure for key in keys for figure in figures if figure.key == key or figure.key.startswith(f"{key}-")
-    ]
-
-
 def script_json(value: Any) -> str:
     r"""Return JSON that may stand inside a script element.
+
+    Parameters
+    ----------
+    value : object
+        Of strings, numbers, lists and dictionaries; no NaN.
+
+    Returns
+    -------
+    str
 
     Examples
     --------

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
+from quadid_logs.autopilots import named
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.flight import FlightData, SourceChoice
 from quadid_logs.data.log import FlightLog
@@ -14,7 +15,7 @@ from quadid_logs.data.settings import Settings
 from quadid_logs.diagnose.data_findings import find_in_data
 from quadid_logs.diagnose.file_findings import find_in_file
 from quadid_logs.diagnose.gyro_findings import find_in_gyro
-from quadid_logs.report.airframe import airframe_facts
+from quadid_logs.report.airframe_facts import airframe_facts
 from quadid_logs.report.json import SCHEMA_VERSION, data_dict, finding_dict, log_dict, strict_text
 from quadid_logs.report.log_tables import spans_text
 from quadid_logs.report.numbers import number, seconds, size
@@ -68,7 +69,7 @@ def inventory_lines(log: FlightLog, data: FlightData, settings: Settings) -> Ite
     """Yield the inventory as lines for people."""
     yield f"{printable(log.path)}  {size(log.n_bytes)}, {log.format} {printable(log.dialect, 40)}".rstrip()
     for name, value in (
-        ("autopilot", printable(log.autopilot, 40)),
+        ("autopilot", named(log.autopilot).title),
         ("firmware", printable(log.firmware, 120)),
         ("vehicle", ", ".join(filter(None, map(printable, (log.vehicle_type, log.frame, log.vehicle_name))))),
         ("time", f"{data.start_s:.1f} s, for {seconds(data.duration_s)}; {data.clock_resets} clock resets"),
@@ -92,7 +93,7 @@ def inventory_lines(log: FlightLog, data: FlightData, settings: Settings) -> Ite
     if not lacks:
         yield "  Nothing is missing for analyze."
     for finding in lacks:
-        word = "missing" if finding.level == "error" else "doubtful"
+        word = "missing" if finding.level == "error" else "caution"
         yield f"  {word} for analyze: {printable(finding.title)} [{finding.code}]"
         if finding.advice:
             yield f"    {printable(finding.advice, 600)}"

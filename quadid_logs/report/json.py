@@ -35,8 +35,8 @@ from quadid_logs.report.provenance import Provenance
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-#: The gain of each axis on its own torque.
-_OWN_GAINS = ("B11", "B22", "B33")
+#: The on-axis control effectiveness of roll, pitch and yaw.
+_ON_AXIS_NAMES = ("B11", "B22", "B33")
 #: Minor steps add keys, a major step changes or removes one.
 SCHEMA_VERSION = "1.0"
 
@@ -55,13 +55,32 @@ def result_dict(result: Result, provenance: Provenance | None = None) -> dict[st
     dict
         Keys, units and meanings as docs/result.schema.json says. What is
         unknown or not finite is None.
+
+    Examples
+    --------
+    >>> from quadid_logs import analyze, result_dict
+    >>> content = result_dict(analyze("sample_logs/sysid-quad-x.bin"))
+    >>> content["axes"]["roll"]["verdict"], content["data"]["input"]["unit"]
+    ('usable', '1')
     """
     values: dict[str, Any] = plain(_content(result, provenance))
     return values
 
 
 def json_text(result: Result, provenance: Provenance | None = None, *, compact: bool = False) -> str:
-    """Return result.json's text: `result_dict` as strict JSON in ASCII, in one line if `compact`."""
+    """Return result.json's text: `result_dict` as strict JSON in ASCII.
+
+    Parameters
+    ----------
+    result : Result
+    provenance : Provenance, optional
+    compact : bool
+        In one line.
+
+    Returns
+    -------
+    str
+    """
     return strict_text(_content(result, provenance), compact=compact)
 
 
@@ -138,7 +157,7 @@ def log_dict(log: FlightLog, data: FlightData) -> dict[str, Any]:
         "start_s": data.start_s,
         "duration_s": data.duration_s,
         "corrupt_bytes": log.corrupt_bytes,
-        "lost": [fields_of(stretch) for stretch in log.lost],
+        "lost": [fields_of(block) for block in log.lost],
         "n_dropped": log.n_dropped,
         "clock_resets": data.clock_resets,
         "remarks": log.remarks,
@@ -183,8 +202,8 @@ def _gyro(check: GyroCheck) -> dict[str, Any]:
     """Return ``data.gyro_check``: the matrix from logged body rates to those that the attitude shows."""
     low, high = check.interval
     return {
-        "n_stretches": check.start_s.shape[0],
-        "stretch_s": check.length_s,
+        "n_intervals": check.start_s.shape[0],
+        "interval_s": check.length_s,
         "attitude_over_rate": check.matrix,
         "low": low,
         "high": high,
@@ -233,10 +252,10 @@ def _model(model: Model) -> dict[str, Any]:
         "condition_number": model.condition_number,
         "band_check": None if model.band is None else _band(model.band),
         "change_check": None if model.change is None else _change(model.change),
-        "forms_check": None if model.formulations is None else _forms(model.formulations),
+        "formulations_check": None if model.formulations is None else _formulations(model.formulations),
         "bootstrap_half_width": None
         if model.bootstrap_half_width is None
-        else dict(zip(_OWN_GAINS, model.bootstrap_half_width, strict=True)),
+        else dict(zip(_ON_AXIS_NAMES, model.bootstrap_half_width, strict=True)),
         "information_criterion": model.criterion,
         "note": model.note,
     }
@@ -314,29 +333,29 @@ def _estimate(values: FloatArray) -> dict[str, Any]:
 
 
 def _band(check: BandCheck) -> dict[str, Any]:
-    """Return ``band_check``: each axis' own gain with the smoothing at each cut-off, the model's first."""
+    """Return ``band_check``: each on-axis effectiveness by cut-off of the smoothing, the model's first."""
     return {
         "cutoff_hz": check.cutoff_hz,
-        "gain": dict(zip(_OWN_GAINS, check.on_axis_gain.T, strict=True)),
-        "spread": dict(zip(_OWN_GAINS, check.spread, strict=True)),
+        "gain": dict(zip(_ON_AXIS_NAMES, check.on_axis_gain.T, strict=True)),
+        "spread": dict(zip(_ON_AXIS_NAMES, check.spread, strict=True)),
     }
 
 
 def _change(check: ChangeCheck) -> dict[str, Any]:
-    """Return ``change_check``: the likeliest change of each axis' own gain."""
+    """Return ``change_check``: the likeliest change of each on-axis effectiveness."""
     return {
         name: {"time_s": time_s, "before": before, "after": after, "statistic": statistic}
         for name, time_s, before, after, statistic in zip(
-            _OWN_GAINS, check.time_s, check.before, check.after, check.statistic, strict=True
+            _ON_AXIS_NAMES, check.time_s, check.before, check.after, check.statistic, strict=True
         )
     }
 
 
-def _forms(check: FormulationCheck) -> dict[str, Any]:
-    """Return ``forms_check``: each axis' own gain in the weak and the integral form."""
+def _formulations(check: FormulationCheck) -> dict[str, Any]:
+    """Return ``formulations_check``: each on-axis effectiveness in the weak and the integral formulation."""
     return {
-        "gain": dict(zip(_OWN_GAINS, check.on_axis_gain.T, strict=True)),
-        "half_width": dict(zip(_OWN_GAINS, check.half_width.T, strict=True)),
+        "gain": dict(zip(_ON_AXIS_NAMES, check.on_axis_gain.T, strict=True)),
+        "half_width": dict(zip(_ON_AXIS_NAMES, check.half_width.T, strict=True)),
     }
 
 

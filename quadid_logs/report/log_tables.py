@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from quadid_logs.data.flight import FlightData, SourceChoice
+from quadid_logs.autopilots import formats, named
+from quadid_logs.data.flight import FlightData, InputDescription, SourceChoice
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.result import Result
-from quadid_logs.report.airframe import airframe_facts
+from quadid_logs.report.airframe_facts import airframe_facts
 from quadid_logs.report.cells import Cell, Table
 from quadid_logs.report.numbers import number, percent, seconds, size
 from quadid_logs.report.words import pretty_unit, signal_name
@@ -21,36 +22,15 @@ _MAIN_SIGNALS = frozenset({"torque_n_m", "torque_command", "body_rate", "attitud
 
 MOST_ROWS = 60
 
-_FORMATS = {
-    "dataflash": "ArduPilot DataFlash",
-    "dataflash-text": "ArduPilot DataFlash as text",
-    "ulog": "PX4 ULog",
-    "tlog": "MAVLink telemetry log",
-    "table": "table",
-}
-
-_AUTOPILOTS = {"ardupilot": "ArduPilot", "px4": "PX4", "other": "not stated"}
-
 
 def log_facts(result: Result) -> tuple[tuple[str, str], ...]:
     """Return what the log is."""
     log, data = result.log, result.data
-    described = data.input
-    torque = "none found"
-    if described is not None:
-        torque = (
-            f"{printable(described.source, 120)}, "
-            + ("in N m" if described.unit == "N m" else "normalised command, not N m")
-            + f"; {percent(described.saturated_fraction)} of the samples saturated"
-        )
     period_s = data.sample_period_s
     facts = [
         ("File", f"{printable(log.path)} ({size(log.n_bytes)})"),
-        (
-            "Format",
-            " ".join(filter(None, (_FORMATS.get(log.format, log.format), printable(log.dialect, 40)))),
-        ),
-        ("Autopilot", _AUTOPILOTS.get(log.autopilot, printable(log.autopilot, 40))),
+        ("Format", _format(log)),
+        ("Autopilot", named(log.autopilot).title),
         ("Firmware", printable(log.firmware, 120) or "not stated"),
         (
             "Vehicle",
@@ -58,27 +38,45 @@ def log_facts(result: Result) -> tuple[tuple[str, str], ...]:
         ),
         ("Frame", printable(log.frame, 80) or "not stated"),
         ("Clock", _clock(data)),
-        ("Torque", torque),
+        ("Torque", _torque(data.input)),
         ("Flights", spans_text(data.flights) or printable(data.on_ground_reason) or "none"),
         (
             "Analysed" if result.identification.recommended else "Without gaps",
             spans_text((item.start_s, item.end_s) for item in data.segments) or "nothing",
         ),
         ("Resampled to", f"{1.0 / period_s:.4g} Hz" if math.isfinite(period_s) and period_s > 0 else "–"),
-        (
-            "Missing",
-            _lost(log),
-        ),
+        ("Missing", _lost(log)),
     ]
     facts += airframe_facts(log)
     if log.systems:
-        spoken = ", ".join(
-            f"{system.system_id}/{system.component_id} {printable(system.vehicle_type, 30)}"
-            + (" (chosen)" if system.chosen else "")
-            for system in log.systems[:12]
-        )
-        facts.append(("MAVLink systems", spoken))
+        facts.append(("MAVLink systems", _systems(log)))
     return tuple(facts)
+
+
+def _torque(described: InputDescription | None) -> str:
+    """Say where the torque comes from, and in which unit it is."""
+    if described is None:
+        return "none found"
+    unit = "in N m" if described.unit == "N m" else "normalised command, not N m"
+    saturated = percent(described.saturated_fraction)
+    return f"{printable(described.source, 120)}, {unit}; {saturated} of the samples saturated"
+
+
+def _systems(log: FlightLog) -> str:
+    """Return the MAVLink systems, the chosen one marked."""
+    return ", ".join(
+        f"{system.system_id}/{system.component_id} {printable(system.vehicle_type, 30)}"
+        + (" (chosen)" if system.chosen else "")
+        for system in log.systems[:12]
+    )
+
+
+def _format(log: FlightLog) -> str:
+    """Return the title of the log's format, and its dialect where that has no title of its own."""
+    titles = {(one.name, one.dialect): one.title for one in formats()}
+    if (log.format, log.dialect) in titles:
+        return titles[log.format, log.dialect]
+    return f"{titles.get((log.format, ''), printable(log.format, 40))} {printable(log.dialect, 40)}".rstrip()
 
 
 def _clock(data: FlightData) -> str:
@@ -91,7 +89,7 @@ def _clock(data: FlightData) -> str:
 
 def _lost(log: FlightLog) -> str:
     """Say what of the log is missing."""
-    lost = f"{size(log.corrupt_bytes)} in {_counted(len(log.lost), 'stretch', 'stretches')}"
+    lost = f"{size(log.corrupt_bytes)} in {_counted(len(log.lost), 'block', 'blocks')}"
     dropped = f"{_counted(log.n_dropped, 'message', 'messages')} dropped by the autopilot"
     return "; ".join([lost] * bool(log.lost) + [dropped] * bool(log.n_dropped)) or "nothing"
 
@@ -101,14 +99,14 @@ def _counted(count: int, one: str, many: str) -> str:
 
     Examples
     --------
-    >>> _counted(1, "stretch", "stretches"), _counted(0, "stretch", "stretches")
-    ('1 stretch', '0 stretches')
+    >>> _counted(1, "block", "blocks"), _counted(0, "block", "blocks")
+    ('1 block', '0 blocks')
     """
     return f"{count} {one if count == 1 else many}"
 
 
 def spans_text(spans: Iterable[tuple[float, float]]) -> str:
-    """Return stretches of time, the first few in full."""
+    """Return intervals of time in words, the first few in full."""
     listed = list(spans)
     shown = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in listed[:6])
     return shown + (f" and {len(listed) - 6} more" if len(listed) > 6 else "")
@@ -167,12 +165,12 @@ def _unit(signal: str) -> str:
     return "normalised" if unit == "1" else pretty_unit(unit).replace("us", "µs")
 
 
-def unread_stretches(result: Result) -> tuple[str, ...]:
-    """Return what could not be read, each stretch in a line."""
+def lost_blocks(result: Result) -> tuple[str, ...]:
+    """Return what could not be read, each block of bytes in a line."""
     lost = result.log.lost
     lines = [
-        f"{stretch.n_bytes} bytes at offset {stretch.offset}: {printable(stretch.reason, 160)}"
-        for stretch in lost[:MOST_ROWS]
+        f"{block.n_bytes} bytes at offset {block.offset}: {printable(block.reason, 160)}"
+        for block in lost[:MOST_ROWS]
     ]
     if len(lost) > MOST_ROWS:
         lines.append(f"and {len(lost) - MOST_ROWS} more")

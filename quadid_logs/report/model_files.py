@@ -1,11 +1,11 @@
-"""The model for other programs: MATLAB, python-control, Gazebo, ArduPilot's simulator."""
+"""The model for other programs: MATLAB, python-control, and simulators."""
 
 from __future__ import annotations
 
 import io
-import json
 import math
 from pathlib import Path, PurePath
+from types import MappingProxyType
 from typing import Any, cast
 
 import numpy as np
@@ -17,12 +17,21 @@ from quadid_logs.errors import EmptyLogError, SettingsError
 from quadid_logs.report.verdict import input_unit, refused_names
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS
+from quadid_logs.writers.sitl_frame import TITLE as SITL_TITLE
+from quadid_logs.writers.sitl_frame import sitl_frame
 
-MODEL_FORMATS = (".mat", ".py", ".sdf", ".json")
+#: What each ending stands for.
+MODEL_FORMATS = MappingProxyType(
+    {".mat": "MATLAB", ".py": "python-control", ".sdf": "Gazebo's inertia", ".json": SITL_TITLE}
+)
 
 
 def check_model_format(path: Path) -> None:
     """Refuse an ending that says no format.
+
+    Parameters
+    ----------
+    path : Path
 
     Raises
     ------
@@ -31,7 +40,7 @@ def check_model_format(path: Path) -> None:
     if path.suffix.lower() not in MODEL_FORMATS:
         raise SettingsError(
             f"Cannot tell the format from the name {printable(path.name, 80)!r}.",
-            hint=".mat is MATLAB, .py python-control, .sdf Gazebo's inertia, .json ArduPilot SITL's frame.",
+            hint=f"{', '.join(f'{ending} is {title}' for ending, title in MODEL_FORMATS.items())}.",
         )
 
 
@@ -44,7 +53,11 @@ def model_bytes(result: Result, ending: str) -> bytes:
     ending : str
         One of `MODEL_FORMATS`: ``.mat`` holds A, B and names; ``.py`` makes a
         python-control system; ``.sdf`` is an ``<inertial>`` block in Gazebo's
-        forward-left-up axes; ``.json`` a frame file for ArduPilot's SITL.
+        forward-left-up axes; ``.json`` a frame file (`quadid_logs.writers.sitl_frame`).
+
+    Returns
+    -------
+    bytes
 
     Raises
     ------
@@ -62,7 +75,7 @@ def model_bytes(result: Result, ending: str) -> bytes:
         return _python_control(result, model).encode()
     inertia = _trusted_inertia(result, model)
     mass_kg = _mass_kg(result)
-    return (_sdf(inertia, mass_kg) if ending == ".sdf" else _sitl(inertia, mass_kg)).encode()
+    return (_sdf(inertia, mass_kg) if ending == ".sdf" else sitl_frame(inertia, mass_kg)).encode()
 
 
 def _matlab(model: Model) -> bytes:
@@ -93,7 +106,17 @@ def _matlab(model: Model) -> bytes:
 
 
 def rate_matrices(model: Model) -> tuple[FloatArray, FloatArray]:
-    """Return the linear part in p, q, r: A and B of shape (3, 3)."""
+    """Return the linear part of the model in p, q, r.
+
+    Parameters
+    ----------
+    model : Model
+
+    Returns
+    -------
+    A, B : ndarray, shape (3, 3)
+        [1/s], and [rad/s^2 per unit of torque].
+    """
     rows = [model.targets.index(symbol) for symbol in ACCELERATION_SYMBOLS]
     rates = np.zeros((3, 3))
     for column, symbol in enumerate(RATE_SYMBOLS):
@@ -109,10 +132,10 @@ def _python_control(result: Result, model: Model) -> str:
     refused = refused_names(result)
     unit = "N m" if input_unit(result) == "N m" else "normalised command"
     name = printable(PurePath(result.log.path).name, 120)
-    doubt = f"# NOT TO BE TRUSTED: {', '.join(refused)}\n" if refused else ""
+    warning = f"# NOT TO BE TRUSTED: {', '.join(refused)}\n" if refused else ""
     return f'''"""Rates p, q, r [rad/s] from torques L, M, N [{unit}]; written by quadid-logs."""
 # from {name!a}, structure {model.structure}; linear part about hover
-{doubt}import control
+{warning}import control
 import numpy as np
 
 A = np.array({_rounded(rates)})
@@ -173,12 +196,3 @@ def _sdf(inertia: FloatArray, mass_kg: float) -> str:
         )
     )
     return f"<inertial>\n{mass}  <inertia>\n{elements}  </inertia>\n</inertial>\n"
-
-
-def _sitl(inertia: FloatArray, mass_kg: float) -> str:
-    """Return a frame file; keys as in ArduPilot's SIM_Frame.cpp, which knows no products of inertia."""
-    content: dict[str, object] = {}
-    if math.isfinite(mass_kg):
-        content["mass"] = float(f"{mass_kg:.6g}")
-    content["moment_inertia"] = [float(f"{value:.6g}") for value in np.diagonal(inertia)]
-    return json.dumps(content, indent=1) + "\n"

@@ -1,4 +1,4 @@
-"""B, A and the inertia tensor as tables, with their intervals and doubts."""
+"""B, A and the inertia tensor as tables, with their intervals and caveats."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.data.model import Inertia, Model, Parameter
 from quadid_logs.data.result import Result
 from quadid_logs.report.cells import Cell, Table
+from quadid_logs.report.inertia_table import comparison_rows
 from quadid_logs.report.numbers import interval, number, resolved
-from quadid_logs.report.published import comparison_rows
 from quadid_logs.report.verdict import input_unit, refused_axes
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS
@@ -26,10 +26,10 @@ _ROUNDING = 1e-6
 _DISTRUSTED = "not to be trusted"
 _REGRESSORS = {
     "pp": "pp, qq, rr: squares of the rates, which act where products of inertia are",
-    "qr": "qr, pr, pq: products of two rates, by which a turn about two axes pushes the third",
+    "qr": "qr, pr, pq: products of two rates, by which rotation about two axes couples into the third",
     "p": "p, q, r: the rates themselves, as in damping",
     "phi": "phi, theta, psi: roll, pitch and yaw angle",
-    "1": "1: a steady push, as of a bent arm",
+    "1": "1: a constant angular acceleration, as of a bent arm",
     "N*throttle": "N*throttle: by how much yaw answers more strongly at more throttle",
 }
 
@@ -75,12 +75,12 @@ def _note(model: Model, columns: tuple[str, ...], distrusted: frozenset[str]) ->
     words = "; ".join(_REGRESSORS[name] for name in columns if name in _REGRESSORS)
     words = f"{words}." if words else ""
     refused = f"Entries marked {_DISTRUSTED!r} belong to refused axes: they are no results."
-    doubted = (
+    trusted = (
         parameter
         for parameter in model.parameters
         if parameter.target not in distrusted and parameter.regressor in columns
     )
-    return " ".join(filter(None, (words, refused if distrusted else "", _weak_note(doubted))))
+    return " ".join(filter(None, (words, refused if distrusted else "", _weak_note(trusted))))
 
 
 def _transposed(table: Table) -> Table:

@@ -109,12 +109,12 @@ def size(n_bytes: int) -> str:
     return f"{n_bytes} bytes"
 
 
-def percent(share: float) -> str:
-    """Return a share of 1 in per cent.
+def percent(fraction: float) -> str:
+    """Return a fraction of 1 in per cent.
 
     Examples
     --------
     >>> percent(0.021), percent(float("nan"))
     ('2.1 %', '–')
     """
-    return "–" if math.isnan(share) else f"{number(100.0 * share, 3)} %"
+    return "–" if math.isnan(fraction) else f"{number(100.0 * fraction, 3)} %"

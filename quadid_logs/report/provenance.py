@@ -26,6 +26,10 @@ def provenance_of(log_path: str | Path, command: str = "") -> Provenance:
     log_path : str or Path
     command : str
         The command line as it was given.
+
+    Returns
+    -------
+    Provenance
     """
     try:
         with Path(log_path).open("rb") as file:

@@ -11,7 +11,7 @@ from quadid_logs.vocabulary import AXES, ON_AXIS
 
 _HEADLINES = {
     "usable": "The model can be used on all three axes.",
-    "caution": "The model can be used, with the doubts named below.",
+    "caution": "The model can be used, with the caveats named below.",
     "refused": "This log gives no model that can be trusted.",
 }
 
@@ -69,8 +69,8 @@ def used_s(result: Result) -> float:
 def effect_sentence(result: Result, axis: str) -> str:
     """Return the axis' torque effectiveness with its interval, "" where there is none to be trusted."""
     model, verdict = result.identification.recommended, result.diagnosis.axes.get(axis)
-    own = None if model is None else model.entries.get(ON_AXIS[axis])
-    if own is None or not math.isfinite(own.value) or verdict is None or verdict.verdict == "refused":
+    gain = None if model is None else model.entries.get(ON_AXIS[axis])
+    if gain is None or not math.isfinite(gain.value) or verdict is None or verdict.verdict == "refused":
         return ""
     per = " per unit command" if input_unit(result) == "1" else ""
-    return f"{own.name} = {estimate(own.value, *own.ci95)} {pretty_unit(own.unit)}{per}"
+    return f"{gain.name} = {estimate(gain.value, *gain.ci95)} {pretty_unit(gain.unit)}{per}"

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isfinite
 
+from quadid_logs.autopilots import named
 from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.model import Model
@@ -13,7 +14,7 @@ from quadid_logs.data.result import Result
 from quadid_logs.report.cells import Table
 from quadid_logs.report.fit_tables import excitation_table, structures_table, values_of, windows_table
 from quadid_logs.report.json import settings_of
-from quadid_logs.report.log_tables import MOST_ROWS, log_facts, main_signals, other_signals, unread_stretches
+from quadid_logs.report.log_tables import MOST_ROWS, log_facts, lost_blocks, main_signals, other_signals
 from quadid_logs.report.model_tables import model_tables
 from quadid_logs.report.numbers import estimate, number, percent, seconds
 from quadid_logs.report.provenance import Provenance
@@ -72,7 +73,7 @@ class View:
     facts: tuple[tuple[str, str], ...]
     signals: Table
     more_signals: Table
-    stretches: tuple[str, ...]
+    lost_blocks: tuple[str, ...]
     remarks: tuple[str, ...]
     messages: tuple[str, ...]
     structures: Table | None
@@ -109,7 +110,7 @@ def view_of(result: Result, provenance: Provenance) -> View:
         facts=log_facts(result),
         signals=main_signals(result),
         more_signals=other_signals(result),
-        stretches=unread_stretches(result),
+        lost_blocks=lost_blocks(result),
         remarks=tuple(printable(remark) for remark in result.log.remarks[:MOST_ROWS]),
         messages=tuple(
             f"{text.time_s:.1f} s: {printable(text.text)}" for text in result.data.texts[:MOST_ROWS]
@@ -130,7 +131,7 @@ def _subtitle(result: Result) -> str:
         printable(log.vehicle_name, 60),
         printable(log.frame, 60),
         printable(log.vehicle_type, 40) if log.vehicle_type != "unknown" else "",
-        printable(log.firmware, 80) or printable(log.autopilot, 40),
+        printable(log.firmware, 80) or named(log.autopilot).title,
         flown_sentence(result),
     ]
     return " · ".join(part for part in parts if part)
@@ -193,7 +194,17 @@ def _milliseconds(value_s: float, low_s: float, high_s: float, *, known: bool) -
 
 
 def next_steps(result: Result) -> tuple[str, ...]:
-    """Return what to do next: the advice of the gravest findings, each once."""
+    """Return what to do next: the advice of the gravest findings, each once.
+
+    Parameters
+    ----------
+    result : Result
+
+    Returns
+    -------
+    tuple of str
+        At most `_MOST_STEPS`, that of errors first.
+    """
     graded = [
         printable(finding.advice, 400)
         for level in ("error", "warning")

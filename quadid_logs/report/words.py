@@ -28,7 +28,7 @@ _PHRASES: Final[Mapping[str, str]] = MappingProxyType(
         "above_noise": "windows above the noise",
         "airborne": "time in the air",
         "better": "better",
-        "block": "length of a held-out stretch",
+        "block": "length of a held-out segment",
         "ci95": "95 % interval",
         "corrupt_bytes": "unreadable bytes",
         "cutoff": "cut-off of the filter",
@@ -37,14 +37,14 @@ _PHRASES: Final[Mapping[str, str]] = MappingProxyType(
         "gain": "gain B",
         "gap_free": "flight without gaps",
         "gaps": "number of gaps",
-        "held_out_r2": "share explained on held-out flight (R²)",
+        "held_out_r2": "fraction explained on held-out flight (R²)",
         "mean_rate": "mean rate with all gaps",
         "needed": "needed at least",
-        "needed_r2": "share needed (R²)",
+        "needed_r2": "fraction needed (R²)",
         "rate": "logged at",
         "rate_rms": "motion (rate RMS)",
         "signal_to_noise": "signal to noise (power)",
-        "simulated_rate_r2": "share of the simulated motion (R²)",
+        "simulated_rate_r2": "fraction of the simulated motion (R²)",
         "torque_rms": "torque RMS",
     }
 )
@@ -88,8 +88,8 @@ def evidence_value(value: object) -> str:
 
     Examples
     --------
-    >>> evidence_value({"out_of_order": 3, "source": "RATE.R"}), evidence_value([1.5, True])
-    ('out of order: 3, source: RATE.R', '1.5, yes')
+    >>> evidence_value({"out_of_order": 3, "source": "gyro"}), evidence_value([1.5, True])
+    ('out of order: 3, source: gyro', '1.5, yes')
     """
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"

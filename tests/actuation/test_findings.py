@@ -17,13 +17,13 @@ from quadid_logs.data.model import Identification, Inertia
 from quadid_logs.data.torque import Calibration, TorqueModel
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.diagnose.torque_findings import find_in_torque
-from quadid_logs.figures.airframe import airframe_from_above
+from quadid_logs.figures.rotor_layout import airframe_from_above
 from quadid_logs.figures.spec import Figure, LeftOut
 from quadid_logs.identify.inertia import inertia_of
 from quadid_logs.identify.inference import Estimate
 from quadid_logs.load import prepare
 from quadid_logs.maths.normal import NORMAL_95
-from quadid_logs.report.airframe import airframe_facts
+from quadid_logs.report.airframe_facts import airframe_facts
 from tests.actuation.logs import ardupilot_log
 from tests.synthetic_results import usable_result
 

@@ -17,15 +17,15 @@ from quadid_logs.data.result import Result
 from tests.synthetic_results import refused_result, usable_result
 
 
-def with_gain(result: Result, *, share: float, axis: int = 0, identifiable: bool = True) -> Result:
-    """Return the result with the own gain of an axis scaled, its interval with it."""
+def with_gain(result: Result, *, fraction: float, axis: int = 0, identifiable: bool = True) -> Result:
+    """Return the result with the on-axis gain of an axis scaled, its interval with it."""
     model = result.identification.models[0]
     name = f"B{axis + 1}{axis + 1}"
     parameters = tuple(
         replace(
             item,
-            value=item.value * share,
-            ci95=(item.ci95[0] * share, item.ci95[1] * share),
+            value=item.value * fraction,
+            ci95=(item.ci95[0] * fraction, item.ci95[1] * fraction),
             identifiable=identifiable,
         )
         if item.name == name
@@ -51,10 +51,10 @@ def test_a_flight_compared_with_itself_has_not_changed(flight: Result) -> None:
     assert all(quantity.margin > 0.0 for quantity in comparison.quantities)
 
 
-@pytest.mark.parametrize(("share", "verdict"), [(1.002, "same"), (0.9, "changed"), (1.1, "changed")])
-def test_a_gain_changed_if_it_left_the_intervals(share: float, verdict: str, flight: Result) -> None:
+@pytest.mark.parametrize(("fraction", "verdict"), [(1.002, "same"), (0.9, "changed"), (1.1, "changed")])
+def test_a_gain_changed_if_it_left_the_intervals(fraction: float, verdict: str, flight: Result) -> None:
     """Two per thousand are chance here, ten per cent are not; the other axes stay."""
-    comparison = compare(flight, with_gain(flight, share=share))
+    comparison = compare(flight, with_gain(flight, fraction=fraction))
     assert comparison.verdict == verdict
     assert comparison.axes["pitch"] == "same"
     changed = {quantity.name for quantity in comparison.quantities if quantity.changed}
@@ -66,8 +66,8 @@ def test_a_coupling_that_a_skewed_gyro_makes_is_no_change(flight: Result) -> Non
     model = flight.identification.models[0]
     roll_gain = next(item.value for item in model.parameters if item.name == "B11")
 
-    def coupled(share: float) -> Result:
-        value = share * roll_gain
+    def coupled(fraction: float) -> Result:
+        value = fraction * roll_gain
         parameters = tuple(
             replace(item, value=value, ci95=(value - 0.1, value + 0.1), identifiable=True)
             if item.name == "B31"
@@ -83,7 +83,7 @@ def test_a_coupling_that_a_skewed_gyro_makes_is_no_change(flight: Result) -> Non
 
 def test_the_verdict_does_not_depend_on_the_order(flight: Result) -> None:
     """What changed one way changed the other way round."""
-    other = with_gain(flight, share=0.9)
+    other = with_gain(flight, fraction=0.9)
     there, back = compare(flight, other), compare(other, flight)
     assert there.verdict == back.verdict == "changed"
     differences = [
@@ -132,7 +132,7 @@ def _not_best(result: Result) -> tuple[Model, ...]:
 
 def test_an_axis_whose_gain_is_not_known_is_not_comparable(flight: Result) -> None:
     """The others still are, but the whole is not called the same."""
-    comparison = compare(flight, with_gain(flight, share=1.0, axis=1, identifiable=False))
+    comparison = compare(flight, with_gain(flight, fraction=1.0, axis=1, identifiable=False))
     assert comparison.axes == {"roll": "same", "pitch": "not comparable", "yaw": "same"}
     assert comparison.verdict == "not comparable"
 
@@ -152,7 +152,7 @@ def analysed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, flight: Result) ->
     """Let the file's name say what the analysis finds."""
     found = {
         "good": flight,
-        "other": with_gain(flight, share=0.9),
+        "other": with_gain(flight, fraction=0.9),
         "refused": refused_result(),
     }
     monkeypatch.setattr(

@@ -62,7 +62,6 @@ def pipeline(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> FakePipeline:
     monkeypatch.setattr("quadid_logs.pipeline.analyze", fake)
     # Drawing is tested elsewhere, and takes long; so does a machine with other work to do.
     monkeypatch.setattr("quadid_logs.figures.png.write_png", lambda _figure, path: path.write_bytes(b"PNG"))
-    monkeypatch.setattr("quadid_logs.figures.batch._processors", lambda: 1)
     monkeypatch.setattr("quadid_logs.cli.progress._PATIENCE_S", 60.0)
     monkeypatch.chdir(tmp_path)
     for name in ("usable", "refused", "hostile", "broken", "bug", "interrupted"):
@@ -91,6 +90,24 @@ def test_a_usable_log_exits_with_0(pipeline: FakePipeline, capsys: pytest.Captur
     assert str(Path("out/usable/report.html")) in out
     names = {path.name for path in Path("out/usable").iterdir()}
     assert {"result.json", "report.html", "flight.png"} <= names
+
+
+@pytest.mark.parametrize(("choice", "n_least", "n_most"), [("first", 2, 5), ("all", 12, 40), ("none", 0, 0)])
+def test_png_says_which_figures_are_written_as_png(
+    choice: str, n_least: int, n_most: int, pipeline: FakePipeline
+) -> None:
+    """The page is there whatever the choice."""
+    assert main(["analyze", "usable.bin", "-o", "out", "-q", "--png", choice]) == 0
+    assert n_least <= len(list(Path("out/usable").glob("*.png"))) <= n_most
+    assert Path("out/usable/report.html").exists()
+
+
+def test_an_unknown_choice_of_figures_is_wrong_usage(
+    pipeline: FakePipeline, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The line names what can be chosen."""
+    assert main(["analyze", "usable.bin", "--png", "some"]) == 2
+    assert "'first', 'all', 'none'" in one_clear_line(capsys.readouterr().err)
 
 
 def test_an_axis_that_is_refused_exits_with_1(
@@ -323,7 +340,7 @@ def test_a_full_disk_is_one_clear_line(
     def full(*_arguments: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("quadid_logs.report.files.write_drawings", full)
+    monkeypatch.setattr("quadid_logs.report.folder.write_drawings", full)
     assert main(["analyze", "usable.bin", "-o", "out"]) == 2
     assert "No space left" in one_clear_line(capsys.readouterr().err)
     assert list(Path("out").iterdir()) == []

@@ -62,7 +62,7 @@ def test_what_is_quick_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().err == ""
 
 
-def test_each_log_takes_its_share_by_size(tmp_path: Path) -> None:
+def test_each_log_takes_its_part_by_size(tmp_path: Path) -> None:
     """Missing ones take none."""
     small, large, none = tmp_path / "a", tmp_path / "b", tmp_path / "c"
     small.write_bytes(bytes(100))

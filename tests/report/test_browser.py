@@ -200,7 +200,7 @@ THINNED = """(() => {
 def test_paper_shows_fewer_points_and_no_lower_peak(
     browser: chromium.Browser, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    """Each stretch keeps its lowest and its highest value."""
+    """Each block of points keeps its lowest and its highest value."""
     browser.show(1280)
     browser.open(write_page(usable_result(), tmp_path_factory.mktemp("thin")))
     browser.run(SCROLL)

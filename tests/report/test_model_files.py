@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import sys
-import types
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
@@ -49,31 +47,36 @@ def test_matlab_gets_the_matrices_and_their_names(calibrated: Result) -> None:
     np.testing.assert_array_equal(found["inertia_kg_m2"], TENSOR)
 
 
-def run_with_fake_control(text: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """Run the script with a stand-in for python-control."""
-    fake = types.ModuleType("control")
-    for name in ("ss", "tf", "append", "series"):
-        setattr(fake, name, lambda *_a, **_k: 1.0)
-    fake.pade = lambda *_a: ([1.0], [1.0])  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "control", fake)
+def run_script(result: Result) -> dict[str, Any]:
+    """Run the exported script with python-control, and return what it defines."""
     names: dict[str, Any] = {}
-    exec(compile(text, "model.py", "exec"), names)
+    exec(compile(model_bytes(result, ".py").decode(), "model.py", "exec"), names)
     return names
 
 
-def test_the_python_script_holds_the_linear_part(calibrated: Result, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A in p, q, r and B, to six digits."""
-    names = run_with_fake_control(model_bytes(calibrated, ".py").decode(), monkeypatch)
-    rates, gains = rate_matrices(calibrated.identification.models[0])
-    np.testing.assert_allclose(names["A"], rates, rtol=1e-5)
-    np.testing.assert_allclose(names["B"], gains, rtol=1e-5)
+def test_the_python_script_makes_the_model_s_transfer_functions(calibrated: Result) -> None:
+    """(s I - A)^-1 B behind lag and delay, at frequencies where the delay's Pade approximation is exact."""
+    vehicle = run_script(calibrated)["vehicle"]
+    model = calibrated.identification.models[0]
+    rates, gains = rate_matrices(model)
+    assert model.actuator is not None
+    assert model.actuator.delay_s > 0.0
+    for s in (2j * np.pi * frequency_hz for frequency_hz in (0.2, 1.0, 4.0)):
+        actuator = np.exp(-s * model.actuator.delay_s) / (1.0 + s * model.actuator.lag_s)
+        expected = np.linalg.solve(s * np.eye(3) - rates, gains) * actuator
+        np.testing.assert_allclose(vehicle(s), expected, rtol=1e-4, atol=1e-6)
 
 
-def test_a_hostile_log_puts_no_code_into_the_script(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_python_script_names_torques_and_rates(calibrated: Result) -> None:
+    """So that a loop can be closed by name."""
+    rates = run_script(calibrated)["rates"]
+    assert (rates.input_labels, rates.output_labels) == (["L", "M", "N"], ["p", "q", "r"])
+
+
+def test_a_hostile_log_puts_no_code_into_the_script() -> None:
     """The file's name stays within its comment line."""
     result = hostile_result(path='x"\n"""\nimport os; hacked = True\r#.bin')
-    names = run_with_fake_control(model_bytes(result, ".py").decode(), monkeypatch)
-    assert "hacked" not in names
+    assert "hacked" not in run_script(result)
 
 
 def test_gazebo_gets_the_tensor_in_its_own_axes(calibrated: Result) -> None:

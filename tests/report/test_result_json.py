@@ -102,7 +102,7 @@ def test_the_checks_of_the_gains_are_in_the_result(usable: Result) -> None:
     assert content["band_check"]["gain"]["B22"] == list(model.band.on_axis_gain[:, 1])
     assert content["band_check"]["spread"]["B33"] == pytest.approx(model.band.spread[2])
     assert content["change_check"]["B11"]["before"] == model.change.before[0]
-    assert content["forms_check"]["gain"]["B11"] == list(model.formulations.on_axis_gain[:, 0])
+    assert content["formulations_check"]["gain"]["B11"] == list(model.formulations.on_axis_gain[:, 0])
 
 
 def test_the_check_of_the_gyro_is_in_the_result(usable: Result) -> None:

@@ -28,16 +28,16 @@
     return dtype === "f8" ? new Float64Array(bytes.buffer) : new Float32Array(bytes.buffer);
   };
 
-  // Lines keep the lowest and the highest value and the first gap of each stretch, clouds every n-th point.
+  // Lines keep the lowest and the highest value and the first gap of each block of points, clouds every n-th point.
   const thinned = (trace) => {
     if (!trace.x || !trace.x.bdata) return trace;
     const x = decoded(trace.x), y = decoded(trace.y), lines = trace.mode === "lines";
-    const stretch = Math.ceil((lines ? 2 : 1) * x.length / mostPoints[trace.mode]);
-    if (stretch < 2) return trace;
+    const size = Math.ceil((lines ? 2 : 1) * x.length / mostPoints[trace.mode]);
+    if (size < 2) return trace;
     const kept = [];
-    for (let from = 0; from < x.length; from += stretch) {
+    for (let from = 0; from < x.length; from += size) {
       let low = from, high = from, gap = -1;
-      for (let at = from; lines && at < Math.min(from + stretch, x.length); at++) {
+      for (let at = from; lines && at < Math.min(from + size, x.length); at++) {
         if (Number.isNaN(y[at])) gap = gap < 0 ? at : gap;
         else {
           if (!(y[at] >= y[low])) low = at;
@@ -77,9 +77,9 @@
   const showTime = (range, except) => {
     shared = range;
     spreading = true;
-    const moved = [...drawn].filter(([chart, figure]) => figure.over_time && chart !== except).map(([chart]) =>
+    const zoomed = [...drawn].filter(([chart, figure]) => figure.over_time && chart !== except).map(([chart]) =>
       Plotly.relayout(chart, range ? { "xaxis.range": [...range] } : { "xaxis.autorange": true }));
-    Promise.all(moved).finally(() => { spreading = false; });
+    Promise.all(zoomed).finally(() => { spreading = false; });
   };
 
   const followTime = (chart, change) => {

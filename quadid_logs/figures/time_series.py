@@ -16,7 +16,7 @@ TIME = Axis(label="time on the log's clock", unit="s")
 RATE_AXIS = Axis(label="body rate", unit="deg/s")
 ANGLE_AXIS = Axis(label="angle", unit="deg")
 ANGLE_NAMES = ("roll angle", "pitch angle", "yaw angle")
-#: More shaded stretches than this are noise to the eye and weight to the file.
+#: More shaded intervals than this are noise to the eye and weight to the file.
 MOST_BANDS = 60
 _MODE_ROLES = 6
 _HALF_TURN_DEG = 180.0
@@ -30,7 +30,7 @@ def torque_axis(description: InputDescription | None, kind: str = "") -> Axis:
 
 
 def flight_overview(result: Result) -> Figure | LeftOut:
-    """Show rates, attitude and torque over the whole log, with modes and the analysed stretches."""
+    """Show rates, attitude and torque over the whole log, with modes and the analysed segments."""
     data = result.data
     title = "The whole flight"
     candidates = (_overview_panel(data, *wanted) for wanted in _overview_order(data))
@@ -40,7 +40,7 @@ def flight_overview(result: Result) -> Figure | LeftOut:
     bands, hidden = mode_bands(data)
     more = f" Only the first {MOST_BANDS} of {MOST_BANDS + hidden} modes are shaded." if hidden else ""
     caption = (
-        "Shading shows the flight modes. The bars below show when the vehicle flew and which stretches were "
+        "Shading shows the flight modes. The bars below show when the vehicle flew and which segments were "
         "analysed. Where a line is missing, the log holds nothing." + more
     )
     shaded = [
@@ -129,17 +129,17 @@ def _timeline(result: Result) -> Panel:
         ("in the air", "muted", data.flights),
     )
     curves = tuple(
-        Curve(label=name, role=role, mark="thick", **_bars(stretches, float(height)))
-        for height, (name, role, stretches) in enumerate(rows)
+        Curve(label=name, role=role, mark="thick", **_bars(intervals, float(height)))
+        for height, (name, role, intervals) in enumerate(rows)
     )
     ticks = tuple((float(height), name) for height, (name, _, _) in enumerate(rows))
     y = Axis(label="", low=-0.6, high=2.6, ticks=ticks)
     return Panel(title="Use of the data", x=TIME, y=y, curves=curves, height=0.45)
 
 
-def _bars(stretches: tuple[tuple[float, float], ...], height: float) -> dict[str, FloatArray]:
+def _bars(intervals: tuple[tuple[float, float], ...], height: float) -> dict[str, FloatArray]:
     """Return x and y of horizontal bars, NaN between them."""
-    x = np.array([value for start, end in stretches[:MOST_BANDS] for value in (start, end, end)])
+    x = np.array([value for start, end in intervals[:MOST_BANDS] for value in (start, end, end)])
     y = np.full(x.shape, height)
     y[2::3] = np.nan
     return {"x": x, "y": y}
@@ -157,7 +157,7 @@ def aligned_series(result: Result) -> Figure | LeftOut:
     data = result.data
     title = "The aligned series"
     if not data.segments:
-        reason = data.on_ground_reason or "No stretch of the log can be analysed."
+        reason = data.on_ground_reason or "No segment of the log can be analysed."
         return LeftOut(key="aligned", title=title, reason=printable(reason))
     time_s, rate, torque, saturated = _joined(data)
     y_torque = torque_axis(data.input)
@@ -174,7 +174,7 @@ def aligned_series(result: Result) -> Figure | LeftOut:
         panels.append(Panel(title=f"{axis.capitalize()} torque", x=TIME, y=y_torque, curves=curves))
     caption = (
         f"What the model was fitted to: both series on one clock, {1.0 / data.sample_period_s:.0f} samples "
-        "a second. A rate should answer every move of its torque; a flat torque teaches nothing."
+        "a second. A rate should answer every change of its torque; a constant torque excites nothing."
     )
     if saturated.any():
         caption += " Orange points: the torque could not be achieved or was clipped."

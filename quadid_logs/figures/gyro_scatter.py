@@ -9,7 +9,7 @@ from quadid_logs.data.result import Result
 from quadid_logs.figures.spec import Axis, Curve, Figure, LeftOut, Panel
 from quadid_logs.vocabulary import AXES
 
-#: Half the delay of a usual gyro filter: a lag known no better is none of interest.
+#: Half the delay of a typical gyro filter: a lag known no better is none of interest.
 _VAGUE_MS = 5.0
 
 
@@ -37,7 +37,7 @@ def gyro_against_attitude(result: Result) -> Figure | LeftOut:
             )
         )
     caption = (
-        f"Change of each angle over {check.start_s.size} stretches of {check.length_s:g} s. Points on the "
+        f"Change of each angle over {check.start_s.size} intervals of {check.length_s:g} s. Points on the "
         "dashed line: what the body rates add up to is what the attitude shows, so units, signs and axes of "
         "the log are right. A round cloud says nothing: the axis hardly turned, or the rates were logged too "
         f"slowly to add them up. {_lag(check)}"

@@ -9,9 +9,9 @@ import numpy as np
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.model import Actuator, FitSeries, Model
 from quadid_logs.data.result import Result
-from quadid_logs.figures.flight import MOST_BANDS, TIME, spans
 from quadid_logs.figures.spec import Axis, Band, Curve, Figure, LeftOut, Level, Panel
 from quadid_logs.figures.thinning import thin_line
+from quadid_logs.figures.time_series import MOST_BANDS, TIME, spans
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS, TORQUE_SYMBOLS
 
 _ACCELERATION = Axis(label="angular acceleration", unit="deg/s²")
@@ -37,11 +37,11 @@ def fit_figures(result: Result) -> list[Figure | LeftOut]:
 
 
 def _close_look(model: Model, fit: FitSeries) -> Figure | LeftOut:
-    """Show the liveliest held-out seconds at full resolution."""
+    """Show the most excited held-out seconds at full resolution."""
     title = f"A close look at held-out data: {model.structure}"
     panels: list[Panel] = []
     for column in range(len(AXES)):
-        chosen = lively_stretch(fit, column)
+        chosen = most_excited_seconds(fit, column)
         if chosen is None:
             return LeftOut(key="held-out", title=title, reason="No data were held out.")
         acceleration = (fit.acceleration[chosen], fit.modelled_acceleration[chosen])
@@ -51,33 +51,46 @@ def _close_look(model: Model, fit: FitSeries) -> Figure | LeftOut:
     return Figure(
         key="held-out",
         title=title,
-        caption=f"Up to {_CLOSE_LOOK_S:g} s of flight that the fit never saw, for each axis the liveliest of "
-        "the held-out stretches. Left: the angular acceleration that the torque should cause. Right: the "
+        caption=f"Up to {_CLOSE_LOOK_S:g} s of flight that the fit never saw, for each axis the most excited "
+        "of the held-out segments. Left: the angular acceleration that the torque should cause. Right: the "
         "rate when the model flies on the torque alone. Where the lines part, the model is wrong.",
         panels=tuple(panels),
         columns=2,
     )
 
 
-def lively_stretch(fit: FitSeries, column: int) -> BoolArray | None:
-    """Return the samples (n_samples,) of an axis' liveliest held-out seconds, None without any."""
-    stretches = [_first_seconds(fit, *span) for span in spans(fit.time_s, fit.held_out)]
-    stretches = [chosen for chosen in stretches if np.count_nonzero(chosen) > 1]
-    if not stretches:
+def most_excited_seconds(fit: FitSeries, column: int) -> BoolArray | None:
+    """Return which held-out seconds move an axis most.
+
+    Parameters
+    ----------
+    fit : FitSeries
+    column : int
+        The axis: 0 roll, 1 pitch, 2 yaw.
+
+    Returns
+    -------
+    ndarray of bool, shape (n_samples,), or None
+        At most the first `_CLOSE_LOOK_S` of the held-out segment whose
+        acceleration has the largest standard deviation; None without any.
+    """
+    segments = [_first_seconds(fit, *span) for span in spans(fit.time_s, fit.held_out)]
+    segments = [chosen for chosen in segments if np.count_nonzero(chosen) > 1]
+    if not segments:
         return None
-    return max(stretches, key=lambda part: float(np.std(np.nan_to_num(fit.acceleration[part, column]))))
+    return max(segments, key=lambda part: float(np.std(np.nan_to_num(fit.acceleration[part, column]))))
 
 
 def _first_seconds(fit: FitSeries, start_s: float, end_s: float) -> BoolArray:
-    """Return the samples of a stretch, at most as many seconds as an eye can follow."""
+    """Return the samples of a segment, at most as many seconds as an eye can follow."""
     end_s = min(end_s, start_s + _CLOSE_LOOK_S)
     return np.asarray((fit.time_s >= start_s) & (fit.time_s <= end_s))
 
 
 def _held_out(fit: FitSeries) -> tuple[Band, ...]:
-    """Return a band per held-out stretch."""
-    stretches = spans(fit.time_s, fit.held_out)[: 2 * MOST_BANDS]
-    return tuple(Band(start=start, end=end, role="held-out", label="held out") for start, end in stretches)
+    """Return a band per held-out segment."""
+    segments = spans(fit.time_s, fit.held_out)[: 2 * MOST_BANDS]
+    return tuple(Band(start=start, end=end, role="held-out", label="held out") for start, end in segments)
 
 
 def _pair(
@@ -95,7 +108,16 @@ def _pair(
             x, y = thin_line(time_s, np.degrees(values[:, column]))
             curves.append(Curve(label=label, x=x, y=y, role=role))
         y_axis = _around(axis, np.degrees(series[0][:, column]), np.degrees(series[1][:, column]))
-        panels.append(Panel(title=name.capitalize(), x=TIME, y=y_axis, curves=tuple(curves), bands=bands))
+        panels.append(
+            Panel(
+                title=name.capitalize(),
+                x=TIME,
+                y=y_axis,
+                curves=tuple(curves),
+                bands=bands,
+                model_of=name,
+            )
+        )
     return panels
 
 
@@ -113,10 +135,7 @@ def _around(axis: Axis, measured: FloatArray, modelled: FloatArray) -> Axis:
 
 def _noted(panels: list[Panel], notes: list[str]) -> tuple[Panel, ...]:
     """Return the panels with a note inside each."""
-    return tuple(
-        Panel(title=panel.title, x=panel.x, y=panel.y, curves=panel.curves, bands=panel.bands, note=note)
-        for panel, note in zip(panels, notes, strict=True)
-    )
+    return tuple(replace(panel, note=note) for panel, note in zip(panels, notes, strict=True))
 
 
 def _acceleration(model: Model, fit: FitSeries) -> Figure:
@@ -168,7 +187,16 @@ def _residuals(model: Model, fit: FitSeries) -> Figure:
     for column, axis in enumerate(AXES):
         x, y = thin_line(fit.time_s, left_over[:, column])
         line = Curve(label="measured − model", x=x, y=y, role=axis)
-        panels.append(Panel(title=axis.capitalize(), x=TIME, y=_ACCELERATION, curves=(line,), bands=bands))
+        panels.append(
+            Panel(
+                title=axis.capitalize(),
+                x=TIME,
+                y=_ACCELERATION,
+                curves=(line,),
+                bands=bands,
+                model_of=axis,
+            )
+        )
         panels.append(_distribution(axis, left_over[:, column], fit))
     return Figure(
         key="residuals",
@@ -189,13 +217,14 @@ def _distribution(axis: str, left_over: FloatArray, fit: FitSeries) -> Panel:
     for label, role, chosen in (("fitted", axis, ~fit.held_out), ("held out", "ink", fit.held_out)):
         values = left_over[finite & chosen]
         if values.size:
-            share = np.histogram(values, edges)[0] * (100.0 / values.size)
-            curves.append(Curve(label=label, x=(edges[1:] + edges[:-1]) / 2.0, y=share, role=role))
+            percent = np.histogram(values, edges)[0] * (100.0 / values.size)
+            curves.append(Curve(label=label, x=(edges[1:] + edges[:-1]) / 2.0, y=percent, role=role))
     return Panel(
         title=f"{axis.capitalize()}: distribution",
         x=Axis(label="residual", unit="deg/s²"),
-        y=Axis(label="share of samples", unit="%"),
+        y=Axis(label="fraction of samples", unit="%"),
         curves=tuple(curves),
+        model_of=axis,
     )
 
 
@@ -223,7 +252,7 @@ def lag_profile(result: Result) -> Figure | LeftOut:
         title=title,
         caption="How much of the acceleration stays unexplained for each assumed lag (left) and delay "
         f"(right), the other one at its best; the lag acts on {_acts_on(actuator)}. A deep valley "
-        "is a value well known; a flat floor means that lag and delay cannot be told apart in this flight.",
+        "is a value well known; a flat valley means that lag and delay cannot be told apart in this flight.",
         panels=panels,
         columns=2,
     )
@@ -246,11 +275,11 @@ def _profile(
             Band(start=low * milliseconds, end=high * milliseconds, role="interval", label="95 % interval"),
         )
     level = Level(value=best_s * milliseconds, role="ink", label=f"{best_s * milliseconds:.1f} ms", along="x")
-    curve = Curve(label="unexplained share", x=grid_s * milliseconds, y=loss, role="estimate")
+    curve = Curve(label="unexplained fraction", x=grid_s * milliseconds, y=loss, role="estimate")
     return Panel(
         title=name,
         x=Axis(label=name.lower(), unit="ms"),
-        y=Axis(label="unexplained share, 1 − R²"),
+        y=Axis(label="unexplained fraction, 1 − R²"),
         curves=(curve,),
         bands=bands,
         levels=(level,) if np.isfinite(best_s) else (),
@@ -275,7 +304,7 @@ def horizon_error(result: Result) -> Figure | LeftOut:
     return Figure(
         key="horizon",
         title=title,
-        caption="How far the model's rate is off after flying ahead for 0.1 s and longer, on held-out data. "
+        caption="How far the model's rate is off after a prediction over 0.1 s and longer, on held-out data. "
         "The lowest line is the best structure; a controller design needs the first tenths of a second.",
         panels=panels,
         columns=3,
@@ -348,4 +377,5 @@ def _structure_panel(models: tuple[Model, ...], axis: str, target: str, torque: 
         x=Axis(label="", ticks=ticks, low=-0.6, high=len(models) - 0.4),
         y=Axis(label=found[0][2].name, unit=found[0][2].unit),
         curves=curves,
+        model_of=axis,
     )

@@ -8,10 +8,11 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 from quadid_logs.data.result import Result
 from quadid_logs.errors import OutputError
-from quadid_logs.figures import FIGURE_KEYS, Figure, figures_of
+from quadid_logs.figures import FIGURE_KEYS, FIRST_CHAPTER, Figure, figures_of
 from quadid_logs.output import check_free
 from quadid_logs.report.json import json_text
 from quadid_logs.report.provenance import Provenance, provenance_of
@@ -19,15 +20,22 @@ from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES
 
 RESULT_FILE, REPORT_FILE = "result.json", "report.html"
+#: Which figures are also written as PNG: the summary and those of the first chapter, every one, or none.
+PngChoice = Literal["first", "all", "none"]
 
 
 def report_folders(logs: Iterable[Path], parent: Path) -> tuple[Path, ...]:
-    """Return one folder per log, named after its stem; no two logs share one.
+    """Return one folder per log, named after its stem; no two logs get the same.
 
     Parameters
     ----------
     logs : iterable of Path
     parent : Path
+
+    Returns
+    -------
+    tuple of Path
+        In the order of the logs.
 
     Examples
     --------
@@ -50,6 +58,12 @@ def report_folders(logs: Iterable[Path], parent: Path) -> tuple[Path, ...]:
 
 def check_folder(folder: Path, *, force: bool = False) -> None:
     """Refuse early what `write_report` would refuse after the work.
+
+    Parameters
+    ----------
+    folder : Path
+    force : bool
+        Whether the files of an earlier run may be replaced.
 
     Raises
     ------
@@ -76,13 +90,12 @@ def write_report(
     *,
     force: bool = False,
     drawings: bool = True,
+    png: PngChoice = "first",
     command: str = "",
 ) -> Result:
-    """Write result.json, and report.html and every figure as PNG unless told not to.
+    """Write result.json, and report.html with figures as PNG beside it unless told not to.
 
-    Everything is first written into a new folder beside the target and moved
-    into place at the end, so that a full disk or Ctrl-C leaves nothing
-    half-written.
+    A full disk or Ctrl-C leaves nothing half-written.
 
     Parameters
     ----------
@@ -93,6 +106,8 @@ def write_report(
         Replace files of an earlier run.
     drawings : bool
         False writes result.json only.
+    png : {"first", "all", "none"}
+        ``summary.png`` and the figures of the report's first chapter, every figure, or none.
     command : str
         The command line, for the report.
 
@@ -105,13 +120,25 @@ def write_report(
     ------
     OutputError
         If a file exists and `force` is not set, or something cannot be written.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from quadid_logs import analyze, write_report
+    >>> result = analyze("sample_logs/sysid-quad-x.bin")
+    >>> with tempfile.TemporaryDirectory() as parent:
+    ...     folder = pathlib.Path(parent, "flight")
+    ...     _ = write_report(result, folder, png="none")
+    ...     sorted(file.name for file in folder.iterdir())
+    ['report.html', 'result.json']
     """
     check_folder(folder, force=force)
     started = time.perf_counter()
     provenance = provenance_of(result.log.path, command)
+    # All of it into a new folder beside the target, which is moved into place in the end.
     with _writing_beside(folder) as beside:
         if drawings:
-            write_drawings(result, provenance, beside)
+            write_drawings(result, provenance, beside, png)
         timed = _with_report_time(result, time.perf_counter() - started)
         text = json_text(timed, provenance)
         (beside / RESULT_FILE).write_text(text, encoding="utf-8")
@@ -119,21 +146,24 @@ def write_report(
     return timed
 
 
-def write_drawings(result: Result, provenance: Provenance, folder: Path) -> None:
-    """Write report.html and the PNG files into an existing folder."""
-    from quadid_logs.figures.batch import PngBatch
+def write_drawings(result: Result, provenance: Provenance, folder: Path, png: PngChoice) -> None:
+    """Write report.html and the chosen PNG files into an existing folder."""
+    from quadid_logs.figures.png import write_png
     from quadid_logs.report.html import render_html
     from quadid_logs.report.view import view_of
 
-    with PngBatch() as batch:
-        figures = figures_of(result)
-        page = render_html(view_of(result, provenance), figures)
-        (folder / REPORT_FILE).write_text(page, encoding="utf-8", newline="\n")
-        batch.write((_summary(result), *figures.shown), folder)
+    figures = figures_of(result)
+    page = render_html(view_of(result, provenance), figures)
+    (folder / REPORT_FILE).write_text(page, encoding="utf-8", newline="\n")
+    if png == "none":
+        return
+    chosen = [figure for figure in figures.shown if png == "all" or figure.key in FIRST_CHAPTER]
+    for figure in (_summary(result), *chosen):
+        write_png(figure, folder / f"{figure.key}.png")
 
 
 def _summary(result: Result) -> Figure:
-    """Return the one picture to post."""
+    """Return the summary picture."""
     from quadid_logs.figures.summary import summary_figure
     from quadid_logs.report.verdict import effect_sentence, headline
 

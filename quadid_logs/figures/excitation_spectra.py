@@ -1,4 +1,4 @@
-"""Figures of how much the vehicle was moved, and at which frequencies."""
+"""Figures of how much each axis was excited, and at which frequencies."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.model import Excitation
 from quadid_logs.data.result import Result
-from quadid_logs.figures.flight import torque_axis
 from quadid_logs.figures.spec import Axis, Band, Curve, Figure, LeftOut, Level, Panel
 from quadid_logs.figures.thinning import thin_line
+from quadid_logs.figures.time_series import torque_axis
 
 _FREQUENCY = Axis(label="frequency", unit="Hz", log=True)
 #: Coherence above this means that noise takes less than half of what is seen.
@@ -21,27 +21,27 @@ def excitation_spectra(result: Result) -> Figure | LeftOut:
     title = "Spectra and coherence"
     shown = [item for item in result.identification.excitation if item.frequency_hz.size > 1]
     if not shown:
-        return LeftOut(key="excitation", title=title, reason="No stretch was long enough for a spectrum.")
+        return LeftOut(key="excitation", title=title, reason="No segment was long enough for a spectrum.")
     unit = torque_axis(result.data.input).unit
     density = "1/Hz" if unit == "normalised" else f"({unit})²/Hz"
     bands = _fitted_band(result)
     panels = (
         Panel(
-            title="How fast it turned",
+            title="Body rate",
             x=_FREQUENCY,
             y=Axis(label="rate density", unit="(deg/s)²/Hz", log=True),
             curves=tuple(_curve(item, item.rate_psd * np.degrees(1.0) ** 2) for item in shown),
             bands=bands,
         ),
         Panel(
-            title="How hard it was pushed",
+            title="Torque",
             x=_FREQUENCY,
             y=Axis(label="torque density", unit=density, log=True),
             curves=tuple(_curve(item, item.torque_psd) for item in shown),
             bands=bands,
         ),
         Panel(
-            title="Share that the torque explains",
+            title="Fraction of the rate that the torque explains",
             x=_FREQUENCY,
             y=Axis(label="coherence", low=0.0, high=1.02),
             curves=tuple(_curve(item, item.coherence) for item in shown),

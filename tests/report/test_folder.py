@@ -10,22 +10,46 @@ import pytest
 
 from quadid_logs.data.result import Result
 from quadid_logs.errors import OutputError
+from quadid_logs.figures import figures_of
 from quadid_logs.report import check_folder, report_folders, write_report
+from quadid_logs.report.folder import PngChoice
 
 
-def test_a_report_is_result_page_and_pictures(report_folder: Path) -> None:
-    """Every promised file is there, and nothing else is left beside it."""
+def test_a_report_is_result_page_and_the_pictures_of_its_first_chapter(report_folder: Path) -> None:
+    """Every promised file is there, and nothing else."""
+    pictures = {"summary.png", "flight.png", "aligned.png", "gyro.png", "airframe.png"}
     names = {path.name for path in report_folder.iterdir()}
-    assert {
-        "result.json",
-        "report.html",
-        "summary.png",
-        "flight.png",
-        "condition-quadrotor-6.png",
-        "lag.png",
-    } <= names
-    assert {path.suffix for path in report_folder.iterdir()} == {".json", ".html", ".png"}
+    assert names == {"result.json", "report.html", *pictures}
+
+
+def test_nothing_is_left_beside_a_report(report_folder: Path) -> None:
+    """The folder that it was written in first is gone."""
     assert [path.name for path in report_folder.parent.iterdir() if path.name.startswith(".")] == []
+
+
+def pictures_of(result: Result, folder: Path, png: PngChoice, monkeypatch: pytest.MonkeyPatch) -> set[str]:
+    """Return the names of the PNG files of a report; what they show is tested elsewhere."""
+    monkeypatch.setattr("quadid_logs.figures.png.write_png", lambda _figure, path: path.write_bytes(b"PNG"))
+    write_report(result, folder, png=png)
+    return {path.stem for path in folder.glob("*.png")}
+
+
+def test_all_pictures_are_every_figure_of_the_report(
+    usable: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """``--png all``: none of those that the page shows is missing, and the summary is there too."""
+    every = {"summary", *(figure.key for figure in figures_of(usable).shown)}
+    assert pictures_of(usable, tmp_path / "log", "all", monkeypatch) == every
+    assert len(every) > 12
+
+
+def test_no_pictures_leave_a_page_with_every_figure(
+    usable: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """``--png none``: the figures of the page are its own."""
+    assert pictures_of(usable, tmp_path / "log", "none", monkeypatch) == set()
+    page = (tmp_path / "log" / "report.html").read_text(encoding="utf-8")
+    assert all(f'id="figure-{figure.key}"' in page for figure in figures_of(usable).shown)
 
 
 def test_the_time_of_the_report_is_noted(report_folder: Path) -> None:
@@ -105,7 +129,7 @@ def test_a_failure_in_the_middle_leaves_nothing(
     def full(*_arguments: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("quadid_logs.report.files.write_drawings", full)
+    monkeypatch.setattr("quadid_logs.report.folder.write_drawings", full)
     with pytest.raises(OutputError, match="No space left"):
         write_report(refused, tmp_path / "log")
     assert list(tmp_path.iterdir()) == []
@@ -119,7 +143,7 @@ def test_an_interruption_leaves_nothing(
     def interrupted(*_arguments: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("quadid_logs.report.files.write_drawings", interrupted)
+    monkeypatch.setattr("quadid_logs.report.folder.write_drawings", interrupted)
     with pytest.raises(KeyboardInterrupt):
         write_report(refused, tmp_path / "log")
     assert list(tmp_path.iterdir()) == []

@@ -9,14 +9,14 @@ import numpy as np
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.model import Model, Parameter, Windows
 from quadid_logs.data.result import Result
-from quadid_logs.figures.flight import TIME
 from quadid_logs.figures.spec import Axis, Band, Curve, Figure, LeftOut, Level, Panel
 from quadid_logs.figures.thinning import break_at_gaps, thin_line, thin_points
+from quadid_logs.figures.time_series import TIME
 from quadid_logs.maths.sliding_windows import weakest_words
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, TORQUE_SYMBOLS
 
-#: Share of the windows that a panel must show; the wildest rest would flatten the picture.
-_SHOWN_SHARE = 0.85
+#: Fraction of the windows that a panel must show; the outliers would flatten the picture.
+_SHOWN_FRACTION = 0.85
 _CONDITION = Axis(label="condition number of H_k", log=True)
 
 
@@ -126,6 +126,7 @@ def _over_time(model: Model, windows: Windows) -> Figure:
                 bands=bands,
                 levels=levels,
                 note=note,
+                model_of=effect.axis,
             )
         )
     caption = (
@@ -163,7 +164,7 @@ def _estimate_axis(effect: _Effect) -> tuple[Axis, str]:
     centre = pooled.value if pooled is not None else float(np.median(finite))
     reach = [abs(value - centre) for value in (pooled.ci95 if pooled is not None else ())]
     if finite.size:
-        reach.append(float(np.quantile(np.abs(finite - centre), _SHOWN_SHARE)))
+        reach.append(float(np.quantile(np.abs(finite - centre), _SHOWN_FRACTION)))
     half = 1.15 * max((value for value in reach if np.isfinite(value)), default=0.0) or max(abs(centre), 1.0)
     outside = float(np.mean(np.abs(finite - centre) > half)) if finite.size else 0.0
     note = f"{outside:.0%} of the windows lie outside" if outside >= 0.005 else ""
@@ -203,7 +204,7 @@ def _running_median(condition: FloatArray, estimates: FloatArray) -> Curve | Non
 def _singular_values(model: Model, windows: Windows) -> Figure:
     """Plot the singular values of H_k against what noise alone would give."""
     caption = (
-        "How strongly the flight moved each independent combination of regressors, the strongest first. A "
+        "How strongly the flight excited each independent combination of regressors, the strongest first. A "
         "direction whose bar reaches down into the noise floor was not excited: what H_k says about it is "
         "noise, however good the condition number looks. The weakest direction here: "
         f"{weakest_words(windows.weakest, (*model.regressors, *model.inputs))}."
@@ -222,10 +223,10 @@ def _spread_panel(windows: Windows) -> Panel:
     values = np.where(np.isfinite(windows.singular_values), windows.singular_values, 0.0)
     low, middle, high = _positive(np.quantile(values, [0.05, 0.5, 0.95], axis=0))
     order = np.arange(1.0, values.shape[1] + 1.0)
-    floor = windows.noise_floor[np.isfinite(windows.noise_floor) & (windows.noise_floor > 0.0)]
+    noise = windows.noise_floor[np.isfinite(windows.noise_floor) & (windows.noise_floor > 0.0)]
     bands: tuple[Band, ...] = ()
-    if floor.size:
-        end = float(np.median(floor))
+    if noise.size:
+        end = float(np.median(noise))
         lowest = float(np.nanmin(low)) if np.isfinite(low).any() else end
         bands = (Band(start=min(lowest, end) / 2.0, end=end, role="noise", along="y", label="noise"),)
     return Panel(

@@ -11,7 +11,7 @@ from scipy.io import loadmat
 
 from quadid_logs.data.result import Result
 from quadid_logs.errors import EmptyLogError, OutputError, SettingsError
-from quadid_logs.report.table import aligned_table, write_table
+from quadid_logs.report.series_file import aligned_table, write_table
 
 
 def read(path: Path) -> pd.DataFrame:

@@ -21,6 +21,12 @@ TABLE_FORMATS = (".csv", ".parquet", ".mat")
 def check_table_path(path: Path, *, force: bool = False) -> None:
     """Refuse early what `write_table` would refuse after the work.
 
+    Parameters
+    ----------
+    path : Path
+    force : bool
+        Whether the file may be replaced.
+
     Raises
     ------
     SettingsError
@@ -91,6 +97,13 @@ def write_table(data: FlightData, path: Path, *, force: bool = False) -> int:
     """Write the aligned series to CSV, Parquet or MAT, as the ending says.
 
     The file is written beside and renamed, so it is whole or not there.
+
+    Parameters
+    ----------
+    data : FlightData
+    path : Path
+    force : bool
+        Replace the file if it exists.
 
     Returns
     -------

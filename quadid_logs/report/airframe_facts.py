@@ -17,7 +17,7 @@ def airframe_facts(log: FlightLog) -> list[tuple[str, str]]:
 
     Examples
     --------
-    >>> airframe_facts(FlightLog(path="", format="ulog", autopilot="px4", n_bytes=0, signals={}))
+    >>> airframe_facts(FlightLog(path="", format="table", autopilot="other", n_bytes=0, signals={}))
     []
     """
     model = log.torque
@@ -95,8 +95,8 @@ def _check(check: MixerCheck) -> str:
 
 
 def _saturation(model: TorqueModel) -> str:
-    """Say how often each axis got less than it asked for, "" where that is not known."""
-    shares = zip(AXES, model.saturated_fraction, strict=True)
+    """Say how often each axis got less than was commanded, "" where that is not known."""
+    fractions = zip(AXES, model.saturated_fraction, strict=True)
     return ", ".join(
-        f"{axis} {percent(share)} of the flight" for axis, share in shares if math.isfinite(share)
+        f"{axis} {percent(fraction)} of the flight" for axis, fraction in fractions if math.isfinite(fraction)
     )

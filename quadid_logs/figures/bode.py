@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
@@ -9,8 +11,8 @@ from quadid_logs.data.flight import FlightData
 from quadid_logs.data.log import GyroFilter
 from quadid_logs.data.model import Model
 from quadid_logs.data.result import Result
-from quadid_logs.figures.flight import torque_axis
 from quadid_logs.figures.spec import Axis, Curve, Figure, LeftOut, Level, Panel
+from quadid_logs.figures.time_series import torque_axis
 from quadid_logs.identify.select import most_moved
 from quadid_logs.maths.band import ComplexArray, delay_response, gyro_response, lag_response
 from quadid_logs.maths.spectra import Spectra, averaged_spectra
@@ -18,7 +20,7 @@ from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS
 
 _TITLE = "Frequency response from torque to rate"
 _KEY = "frequency"
-_STRETCH_S = 4.0
+_BLOCK_S = 4.0
 #: Above, a multirotor's body answers with less than the noise.
 _HIGHEST_HZ = 30.0
 #: Below this coherence, gain and phase of the log are mostly chance.
@@ -32,11 +34,11 @@ def frequency_response(result: Result) -> Figure | LeftOut:
     model = result.identification.recommended
     data = most_moved(result.data, result.settings.identify.most_samples)
     longest = max((segment.n_samples for segment in data.segments), default=0)
-    n_stretch = int(_STRETCH_S / data.sample_period_s) if data.segments else 0
-    if model is None or not n_stretch or longest < 2 * n_stretch:
-        reason = "No model was fitted." if model is None else "No stretch was long enough for a spectrum."
+    n_block = int(_BLOCK_S / data.sample_period_s) if data.segments else 0
+    if model is None or not n_block or longest < 2 * n_block:
+        reason = "No model was fitted." if model is None else "No segment was long enough for a spectrum."
         return LeftOut(key=_KEY, title=_TITLE, reason=reason)
-    columns = [_axis(data, model, column, n_stretch) for column in range(len(AXES))]
+    columns = [_axis(data, model, column, n_block) for column in range(len(AXES))]
     chosen = "" if data is result.data else " Of this long flight: the minutes that the model was fitted to."
     return Figure(
         key=_KEY,
@@ -51,12 +53,12 @@ def frequency_response(result: Result) -> Figure | LeftOut:
     )
 
 
-def _axis(data: FlightData, model: Model, column: int, n_stretch: int) -> tuple[Panel, Panel, Panel]:
+def _axis(data: FlightData, model: Model, column: int, n_block: int) -> tuple[Panel, ...]:
     """Return gain, phase and coherence of one axis."""
     spectra = averaged_spectra(
         ((segment.torque[:, column], segment.body_rate_rad_s[:, column]) for segment in data.segments),
         period_s=data.sample_period_s,
-        n_per_segment=n_stretch,
+        n_per_segment=n_block,
     )
     band = (spectra.frequency_hz > 0.0) & (spectra.frequency_hz <= _HIGHEST_HZ)
     frequency_hz = spectra.frequency_hz[band]
@@ -68,18 +70,18 @@ def _axis(data: FlightData, model: Model, column: int, n_stretch: int) -> tuple[
     measured_deg = model_deg[good] + (apart + 180.0) % 360.0 - 180.0
     name, unit = AXES[column], torque_axis(data.input).unit
     gain_unit = "deg/s per unit" if unit == "normalised" else f"deg/s/({unit})"
-    seen = frequency_hz[good]
-    return (
+    measured_hz = frequency_hz[good]
+    panels = (
         _panel(
             f"{name.capitalize()}: gain",
             Axis(label="gain", unit=gain_unit, log=True),
-            (seen, np.degrees(np.abs(measured))),
+            (measured_hz, np.degrees(np.abs(measured))),
             (frequency_hz, np.degrees(np.abs(response))),
         ),
         _panel(
             f"{name.capitalize()}: phase",
             Axis(label="phase", unit="deg"),
-            (seen, measured_deg),
+            (measured_hz, measured_deg),
             (frequency_hz, model_deg),
         ),
         Panel(
@@ -91,6 +93,7 @@ def _axis(data: FlightData, model: Model, column: int, n_stretch: int) -> tuple[
             height=_HEIGHT,
         ),
     )
+    return tuple(replace(panel, model_of=name) for panel in panels)
 
 
 def _measured(spectra: Spectra, band: BoolArray) -> tuple[BoolArray, ComplexArray]:
@@ -140,12 +143,12 @@ def model_response(model: Model, frequency_hz: FloatArray, gyro_filter: GyroFilt
             rates[:, column] = model.A[_rows(model), model.regressors.index(symbol)]
     gains = model.B[_rows(model)]
     free = np.linalg.solve(s[:, np.newaxis, np.newaxis] * np.eye(3) - rates, gains[np.newaxis])
-    own = np.diagonal(free, axis1=1, axis2=2)
+    on_axis = np.diagonal(free, axis1=1, axis2=2)
     shaping = np.ones(s.shape, dtype=np.complex128)
     if model.actuator is not None:
         shaping = lag_response(s, model.actuator.lag_s) * delay_response(s, model.actuator.delay_s)
         shaping = shaping * gyro_response(s, *gyro_filter)
-    return np.asarray(own * shaping[:, np.newaxis], dtype=np.complex128)
+    return np.asarray(on_axis * shaping[:, np.newaxis], dtype=np.complex128)
 
 
 def _rows(model: Model) -> list[int]:

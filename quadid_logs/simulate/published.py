@@ -1,0 +1,56 @@
+"""Inertias of multirotors that others have published."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PublishedVehicle:
+    """A vehicle with a citable inertia: mass [kg], Ixx, Iyy, Izz [kg m^2], and where it is said."""
+
+    name: str
+    mass_kg: float
+    inertia_kg_m2: tuple[float, float, float]
+    source: str
+
+
+PUBLISHED: Final = (
+    PublishedVehicle(
+        name="Crazyflie 2.0",
+        mass_kg=0.027,
+        inertia_kg_m2=(16.571710e-6, 16.655602e-6, 29.261652e-6),
+        source="J. Förster, ETH Zürich, 2015, as in crazyflie-firmware",
+    ),
+    PublishedVehicle(
+        name="AscTec Hummingbird",
+        mass_kg=0.5,
+        inertia_kg_m2=(3.65e-3, 3.68e-3, 7.03e-3),
+        source="RotorPy, hummingbird_params.py",
+    ),
+    PublishedVehicle(
+        name="Iris (RotorS)",
+        mass_kg=1.5,
+        inertia_kg_m2=(0.0347563, 0.0458929, 0.0977),
+        source="RotorS, widely copied",
+    ),
+    PublishedVehicle(
+        name="Iris (PX4, Gazebo classic)",
+        mass_kg=1.5,
+        inertia_kg_m2=(0.029125, 0.029125, 0.055225),
+        source="ETH Zürich, quadrotor_model.yaml",
+    ),
+    PublishedVehicle(
+        name="x500 (PX4, Gazebo) with propellers",
+        mass_kg=2.064,
+        inertia_kg_m2=(0.0236, 0.0236, 0.0439),
+        source="PX4 model.sdf, its parts summed",
+    ),
+    PublishedVehicle(
+        name="ArduPilot SITL quadrotor",
+        mass_kg=3.0,
+        inertia_kg_m2=(0.02297, 0.02297, 0.04594),
+        source="ArduPilot, SIM_Frame.cpp: half the mass on a ring of 0.35 m",
+    ),
+)
