@@ -253,3 +253,12 @@ def test_definitions_equal_the_firmware_s(written: Write, corpus: Path) -> None:
         assert found.msg_mults == other.msg_mults
     ours.filehandle.close()
     theirs.filehandle.close()
+
+
+def test_the_gyro_beside_a_chirp_is_in_degrees(written: Write) -> None:
+    """SIDD's G is the IMU's last rate, which IMU itself holds in rad/s."""
+    found = rows(written(flight(), "a.bin"))
+    imu_us, imu = column(found["IMU"], "TimeUS")[:, 0], column(found["IMU"], "GyrX", "GyrY", "GyrZ")
+    sidd_us, gyro = column(found["SIDD"], "TimeUS")[:, 0], column(found["SIDD"], "Gx", "Gy", "Gz")
+    held = imu[np.searchsorted(imu_us, sidd_us, side="right") - 1]
+    np.testing.assert_allclose(gyro, np.degrees(held), rtol=1e-5, atol=1e-6)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -189,3 +190,13 @@ def test_formats_equal_the_firmware_s(written: Write, corpus: Path) -> None:
     assert ours
     for name, found in ours.items():
         assert found.fields == theirs[name].fields
+
+
+def test_a_torque_is_achieved_where_next_to_nothing_is_unallocated(written: Write) -> None:
+    """A squared norm below 1e-6, and only there."""
+    log = px4_flight()
+    torque = log.signals["unallocated_torque"][0]
+    values = np.where(np.arange(torque.n_samples)[:, np.newaxis] % 2, 0.1, 1e-4) * np.ones(3)
+    changed = replace(log, signals={**log.signals, "unallocated_torque": (replace(torque, values=values),)})
+    data = read(written(changed, "a.ulg")).get_dataset("control_allocator_status").data
+    np.testing.assert_array_equal(data["torque_setpoint_achieved"], 1 - np.arange(torque.n_samples) % 2)
