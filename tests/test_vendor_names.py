@@ -26,9 +26,6 @@ EXCEPTIONS = {
     "data/catalogue.py": "being cleaned",
     "diagnose/advice.py": "being cleaned",
     "diagnose/data_findings.py": "being cleaned",
-    "fleet/identity.py": "being cleaned",
-    "fleet/sources.py": "being cleaned",
-    "maths/band.py": "being cleaned",
     "plan.py": "being cleaned",
     "report/plan.py": "being cleaned",
 }

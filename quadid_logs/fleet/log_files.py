@@ -14,16 +14,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from quadid_logs.autopilots import formats
 from quadid_logs.errors import LogError, LogNotFoundError
 from quadid_logs.fleet.extra import load
 from quadid_logs.untrusted import printable
 
-#: Of a folder, only these are taken: beside the logs lie parameters, videos and missions. A file that
-#: is named, or matches a pattern, is taken whatever its ending. Tables would be too many.
-SUFFIXES = (".bin", ".log", ".ulg", ".px4log", ".tlog")
 _BLOCK_BYTES = 1 << 20
 #: A network that fails thrice within these pauses [s] is down, not busy.
 _PAUSES_S = (0.5, 3.0, 0.0)
+
+
+def log_suffixes() -> tuple[str, ...]:
+    """Return the endings of files that are taken of a folder: beside the logs lie parameters and videos.
+
+    A file that is named, or matches a pattern, is taken whatever its ending. Tables would be too many.
+    """
+    return tuple(suffix for one in formats() if one.name != "table" for suffix in one.suffixes)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,7 +76,7 @@ def find_logs(places: Iterable[str]) -> tuple[LogFile, ...]:
         if not here:
             raise LogNotFoundError(
                 f"There is no log at {printable(place)}.",
-                hint=f"Of a folder, files that end in {', '.join(SUFFIXES)} are taken.",
+                hint=f"Of a folder, files that end in {', '.join(log_suffixes())} are taken.",
             )
         found |= {file.url: file for file in here}
     return tuple(found[url] for url in sorted(found))
@@ -83,14 +89,14 @@ def is_url(place: str) -> bool:
 
 def _local(place: str) -> Iterator[LogFile]:
     """Find local files; a name that only looks like a pattern is taken as it is."""
-    path = Path(place)
+    path, suffixes = Path(place), log_suffixes()
     if path.is_dir():
         for folder, folders, names in os.walk(path):
             folders.sort()
             yield from (
                 _local_file(os.path.join(folder, name))  # noqa: PTH118 - a million of them
                 for name in names
-                if name.lower().endswith(SUFFIXES) and not name.startswith(".")
+                if name.lower().endswith(suffixes) and not name.startswith(".")
             )
     elif path.exists():
         yield _local_file(place)
@@ -118,8 +124,8 @@ def _remote(place: str) -> Iterator[LogFile]:
         elif files.isfile(path):
             listing = {path: files.info(path)}
         else:
-            below = files.find(path, detail=True)
-            listing = {name: info for name, info in below.items() if name.lower().endswith(SUFFIXES)}
+            below, suffixes = files.find(path, detail=True), log_suffixes()
+            listing = {name: info for name, info in below.items() if name.lower().endswith(suffixes)}
     except Exception as error:
         raise FetchError(
             f"{printable(place)} cannot be listed: {type(error).__name__}: {printable(error)}.",

@@ -8,12 +8,13 @@ import re
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 
+from quadid_logs.autopilots import known
 from quadid_logs.data.log import FlightLog
 from quadid_logs.errors import SettingsError
 from quadid_logs.fleet.log_files import LogFile
 
 UNKNOWN = "unknown"
-#: Part of an id that is unique: ArduPilot's three words of the processor, PX4's sys_uuid.
+#: Part of an id that is unique: the processor's, in words of hexadecimal digits.
 _UNIQUE = re.compile(r"[0-9A-Fa-f]{16,}")
 _EMPTY = re.compile(r"[0 ]*")
 _DATE = re.compile(
@@ -92,9 +93,10 @@ def _vehicle(log: FlightLog, file: LogFile, rules: NamingRules) -> tuple[str, st
     words = log.hardware_id.replace("-", "").split()
     if _UNIQUE.search("".join(words[1:] or words)) and not _EMPTY.fullmatch("".join(words)):
         return log.hardware_id, "hardware id"
-    if serial := log.parameters.get("BRD_SERIAL_NUM", 0.0):
-        return f"serial {serial:.0f}", "BRD_SERIAL_NUM"
-    for parameter in ("SYSID_THISMAV", "MAV_SYSID", "MAV_SYS_ID"):
+    for parameter in (name for autopilot in known() for name in autopilot.serial_parameters):
+        if serial := log.parameters.get(parameter, 0.0):
+            return f"serial {serial:.0f}", parameter
+    for parameter in (name for autopilot in known() for name in autopilot.system_parameters):
         number = log.parameters.get(parameter, 1.0)
         if math.isfinite(number) and number != 1.0:
             return f"system {number:.0f}", parameter

@@ -19,6 +19,8 @@ class ArduPilot(Autopilot):
 
     name = "ardupilot"
     title = "ArduPilot"
+    serial_parameters = ("BRD_SERIAL_NUM",)
+    system_parameters = ("SYSID_THISMAV", "MAV_SYSID")
 
     def formats(self) -> tuple[LogFormat, ...]:
         """DataFlash as bytes and as text."""
