@@ -197,7 +197,7 @@ class ChangeCheck:
     """The likeliest time at which B11, B22, B33 changed, each of shape (3,).
 
     ``time_s``; the gain ``before`` and ``after``; ``statistic``, the squared
-    difference over its variance. NaN on axes that were not moved.
+    difference over its variance. NaN on axes that were not excited.
     """
 
     time_s: FloatArray

@@ -109,6 +109,17 @@ def lag_limit(score: Scorer, lag_s: float, delay_s: float) -> float:
 
     For slow motion lag and delay act by their sum alone. Along a constant
     sum, lags are as good as the best while the error is larger by chance only.
+
+    Parameters
+    ----------
+    score : Scorer
+    lag_s, delay_s : float
+        The best ones [s].
+
+    Returns
+    -------
+    float
+        The largest lag [s] that does as well.
     """
     trials = np.linspace(lag_s, lag_s + delay_s, 21)
     best = score(lag_s, delay_s)
@@ -189,7 +200,19 @@ class Scorer:
 
 
 def same_loss(project: Projection, axes: Sequence[int]) -> float:
-    """Return the relative difference of squared errors, mean over the axes, that chance makes."""
+    """Return the relative difference of squared errors, mean over the axes, that chance makes.
+
+    Parameters
+    ----------
+    project : Projection
+    axes : sequence of int
+        That are scored.
+
+    Returns
+    -------
+    float
+        A thousandth without instruments.
+    """
     return _CHANCE / (project.n_instruments * len(axes)) if project.n_instruments else _SAME_LOSS
 
 

@@ -170,6 +170,15 @@ def quantile_95(clusters: IntArray) -> float:
     """Return the two-sided 95 % quantile of Student's t that a variance from so many clusters needs.
 
     One degree of freedom less than there are clusters (Bell and McCaffrey, Survey Methodology 28, 2002).
+
+    Parameters
+    ----------
+    clusters : ndarray of int, shape (n_rows,)
+        From 0, without gaps.
+
+    Returns
+    -------
+    float
     """
     from scipy.special import stdtrit
 
@@ -294,8 +303,18 @@ def intervals(
 def lag_interval(actuator: ActuatorFit, half_width_s: float, period_s: float) -> tuple[float, float]:
     """Return the 95 % interval of the lag [s], up to where it could not be told from a delay.
 
-    ``half_width_s`` is the statistical one, NaN where the lag was too short to be seen;
-    ``period_s`` that of the samples.
+    Parameters
+    ----------
+    actuator : ActuatorFit
+        With its ``lag_limit_s``.
+    half_width_s : float
+        The statistical one [s], NaN where the lag was too short to be seen.
+    period_s : float
+        Of the samples [s].
+
+    Returns
+    -------
+    tuple of float
     """
     systematic_s = np.hypot(TIMING_SYSTEMATIC * period_s, LAG_SYSTEMATIC * actuator.lag_s)
     half = np.hypot(np.nan_to_num(half_width_s), systematic_s)
@@ -304,7 +323,17 @@ def lag_interval(actuator: ActuatorFit, half_width_s: float, period_s: float) ->
 
 
 def delay_interval(actuator: ActuatorFit, half_width_s: float, period_s: float) -> tuple[float, float]:
-    """Return the 95 % interval of the delay [s]; what might be lag is taken off its lower end."""
+    """Return the 95 % interval of the delay [s]; what might be lag is taken off its lower end.
+
+    Parameters
+    ----------
+    actuator, half_width_s, period_s
+        As of `lag_interval`, of the delay.
+
+    Returns
+    -------
+    tuple of float
+    """
     half = np.hypot(half_width_s, TIMING_SYSTEMATIC * period_s)
     mistaken_s = actuator.lag_limit_s - actuator.lag_s
     low = min(actuator.delay_s - half, actuator.delay_s - mistaken_s)

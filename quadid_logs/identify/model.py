@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData
-from quadid_logs.data.model import Actuator, Discrete, Model, Validation, Windows
+from quadid_logs.data.model import Actuator, BandCheck, Discrete, Model, Validation, Windows
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.equation_by_equation import ActuatedFit
@@ -42,8 +44,23 @@ def actuated_model(
     structure, actuator = found.structure, found.model.actuator
     torque = found.whole.torque.behind(actuator.lag_s, actuator.delay_s, structure.inputs)
     windows = windows_on_rows(structure, found.whole, torque, settings, noise.of(structure.all_terms))
-    return build_model(
-        data, found.whole, structure, found.fit, torque=torque, windows=windows, actuated=found
+    model = build_model(
+        data,
+        found.whole,
+        structure,
+        found.fit,
+        torque=torque,
+        windows=windows,
+        band=found.band,
+        high_pass_hz=found.model.design.high_pass_hz,
+    )
+    return replace(
+        model,
+        actuator=_actuator(found, data.sample_period_s),
+        band=found.band,
+        change=found.change,
+        formulations=found.formulations,
+        bootstrap_half_width=found.bootstrap_half_width,
     )
 
 
@@ -55,7 +72,8 @@ def build_model(
     *,
     torque: FloatArray,
     windows: Windows | None,
-    actuated: ActuatedFit | None = None,
+    band: BandCheck | None = None,
+    high_pass_hz: float = 0.0,
 ) -> Model:
     """Validate a fit, give it intervals, and put the model together.
 
@@ -69,34 +87,24 @@ def build_model(
     torque : ndarray, shape (n_rows, n_inputs)
         Columns of ``structure.inputs`` as the structure takes them.
     windows : Windows or None
-    actuated : ActuatedFit, optional
-        The same fit with its checks; none for the published method.
+    band : BandCheck, optional
+    high_pass_hz : float
 
     Returns
     -------
     Model
     """
-    high_pass_hz = 0.0 if actuated is None else actuated.model.design.high_pass_hz
     validation, series = validate(
         design, structure, fit.as_measured, torque, disturbance=fit.disturbance, high_pass_hz=high_pass_hz
     )
+    theta, gyro = fit.theta, fit.gyro is not None
     estimate = intervals(
-        structure,
-        fit.theta,
-        fit.half_width,
-        fit.kept,
-        knows_gyro=fit.gyro is not None,
-        band=None if actuated is None else actuated.band,
-        given=data.input,
+        structure, theta, fit.half_width, fit.kept, knows_gyro=gyro, band=band, given=data.input
     )
-    parameters = build_parameters(
-        structure,
-        estimate,
-        input_unit=data.input.unit if data.input is not None else "1",
-        caveats=_caveats_by_target(design, validation),
-    )
-    n_regressors = len(structure.terms)
-    A, B = fit.theta[:, :n_regressors], fit.theta[:, n_regressors:]
+    unit = data.input.unit if data.input is not None else "1"
+    caveats = _caveats_by_target(design, validation)
+    parameters = build_parameters(structure, estimate, input_unit=unit, caveats=caveats)
+    A, B = np.split(theta, [len(structure.terms)], axis=1)
     return Model(
         structure=structure.name,
         recommended=False,
@@ -109,16 +117,11 @@ def build_model(
         parameters=parameters,
         windows=windows,
         validation=validation,
-        actuator=None if actuated is None else _actuator(actuated, data.sample_period_s),
         inertia=None if data.input is None else inertia_of(estimate, parameters, data.input),
         discrete=_discrete(structure, A, B, data.sample_period_s),
         fit=series,
         smoothing_hz=design.smoothing_hz,
         condition_number=fit.condition_number,
-        band=None if actuated is None else actuated.band,
-        change=None if actuated is None else actuated.change,
-        formulations=None if actuated is None else actuated.formulations,
-        bootstrap_half_width=None if actuated is None else actuated.bootstrap_half_width,
         criterion=_criterion(design, fit),
     )
 

@@ -137,6 +137,17 @@ def column_of(term: Term, segment: Segment, period_s: float) -> FloatArray | Non
     """Return a term's raw column on the samples of a segment, shape (n_samples,).
 
     None where the log does not have it, and for the constant and torques, which no smoothing filter makes.
+
+    Parameters
+    ----------
+    term : Term
+    segment : Segment
+    period_s : float
+        Of its samples [s].
+
+    Returns
+    -------
+    ndarray, shape (n_samples,), or None
     """
     if isinstance(term, RateTerm):
         return term.of_rate(segment.body_rate_rad_s)
@@ -146,7 +157,17 @@ def column_of(term: Term, segment: Segment, period_s: float) -> FloatArray | Non
 
 
 def products_mixed(M: FloatArray) -> FloatArray:
-    """Return K with products(M w) = K products(w); shape (6, 6)."""
+    """Return K with products(M w) = K products(w); shape (6, 6).
+
+    Parameters
+    ----------
+    M : ndarray, shape (3, 3)
+
+    Returns
+    -------
+    ndarray, shape (6, 6)
+        In the order of `PRODUCTS`.
+    """
     pairs = [(RATE_SYMBOLS.index(name[0]), RATE_SYMBOLS.index(name[1])) for name in PRODUCTS]
     place = {frozenset(pair): number for number, pair in enumerate(pairs)}
     K = np.zeros((6, 6))
@@ -253,7 +274,9 @@ SQUARES: Final = (
 )
 #: The diagonal coefficients of these are the gyroscopic ones of a vehicle without products of inertia.
 GYROSCOPIC: Final = (
-    _product("qr", "qr, pr, pq: products of two rates, by which a turn about two axes pushes the third"),
+    _product(
+        "qr", "qr, pr, pq: products of two rates, by which rotation about two axes couples into the third"
+    ),
     _product("pr"),
     _product("pq"),
 )
@@ -264,7 +287,9 @@ ANGLES: Final = (
     _angle(2, "psi"),
 )
 #: The constant of an equation.
-TRIM: Final = Term(symbol="1", units=("rad/s^2", "rad/s"), words="1: a steady push, as of a bent arm")
+TRIM: Final = Term(
+    symbol="1", units=("rad/s^2", "rad/s"), words="1: a constant angular acceleration, as of a bent arm"
+)
 INPUTS: Final = (_torque(0), _torque(1), _torque(2))
 #: Yaw comes from drag of the rotors, which grows with throttle in another way than thrust does.
 THROTTLED_YAW: Final = TorqueTerm(

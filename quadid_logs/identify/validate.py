@@ -58,27 +58,24 @@ def validate(
     """
     rate = np.column_stack([design.columns[name] for name in RATE_SYMBOLS])
     acceleration = np.column_stack([design.columns[name] for name in ACCELERATION_SYMBOLS])
-    names = (*structure.columns, *design.disturbances(structure))
     coefficients = np.column_stack([theta[:3], disturbance[:3]])
-    given = design.stack(names, torque, structure.inputs)
+    given = design.stack((*structure.columns, *design.disturbances(structure)), torque, structure.inputs)
     modelled = given @ coefficients.T
     derivative = _derivative(structure, given, coefficients)
     simulated = _simulate_blocks(derivative, rate, design)
-    held_out = design.held_out
     series = FitSeries(
         time_s=design.time_s,
         acceleration=acceleration,
         modelled_acceleration=modelled,
         rate=rate,
         simulated_rate=simulated,
-        held_out=held_out,
+        held_out=design.held_out,
     )
+    held_out = design.held_out
     if np.count_nonzero(held_out) < 2:
         return Validation(held_out_s=0.0), series
-    high_passed = design.high_pass(
-        np.column_stack([acceleration, acceleration - modelled, torque[:, :3]]), high_pass_hz
-    )
-    spread, error, given_torque = np.split(high_passed, 3, axis=1)
+    both = np.column_stack([acceleration, acceleration - modelled, torque[:, :3]])
+    spread, error, given_torque = np.split(design.high_pass(both, high_pass_hz), 3, axis=1)
     missed = rate - simulated
     return Validation(
         held_out_s=float(np.count_nonzero(held_out) * design.period_s),

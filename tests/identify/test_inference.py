@@ -75,11 +75,11 @@ def test_half_widths_are_those_of_fits_without_each_cluster(
 
 
 def test_the_size_of_the_weights_changes_no_interval(rows: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
-    """One target alone: weights only say which of several targets counts more."""
+    """One target alone: weights say which of several targets counts more, of errors of the torque too."""
     Z, y, clusters = rows
+    effects = TorqueEffects({}, 0.3 * Z[:, :1, np.newaxis])
     half_widths = [
-        infer([equation(Z, y)], np.array([weight]), clusters, NO_EFFECTS, 2).half_width
-        for weight in (1.0, 7.0)
+        infer([equation(Z, y)], np.array([weight]), clusters, effects, 2).half_width for weight in (1.0, 7.0)
     ]
     np.testing.assert_allclose(half_widths[1], half_widths[0], rtol=1e-8)
 
