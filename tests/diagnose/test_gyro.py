@@ -88,7 +88,7 @@ def checked(data: FlightData) -> GyroCheck:
     return data.gyro_check
 
 
-def test_rates_that_integrate_to_the_attitude_are_not_doubted() -> None:
+def test_rates_that_integrate_to_the_attitude_raise_no_finding() -> None:
     """The matrix is the identity within its own small intervals."""
     check = checked(logged())
     assert np.abs(check.matrix - np.eye(3)).max() < 0.003
@@ -191,7 +191,7 @@ def test_a_slow_correction_by_the_estimator_is_no_scale_of_the_gyro() -> None:
 
 
 def test_an_axis_that_only_shook_is_not_judged() -> None:
-    """Noise alone pulls the scale to zero; its interval says so."""
+    """Noise alone biases the scale towards zero; its interval says so."""
     still = RATE * (0.002, 1.0, 1.0)
     data = logged(still)
     assert not [each for each in found(data) if each.axes == ("roll",)]
