@@ -116,7 +116,7 @@ def make_plan(autopilot: str, axes: Sequence[str] = (), version: Version | None 
 
     Examples
     --------
-    >>> plan = make_plan("px4", ["roll"])
+    >>> plan = make_plan(plannable()[-1], ["roll"])
     >>> plan.axes, plan.duration_s
     (('roll',), 42.0)
     """

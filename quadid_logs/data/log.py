@@ -12,7 +12,7 @@ from quadid_logs.data.torque import TorqueModel
 from quadid_logs.errors import ShapeError
 from quadid_logs.vocabulary import SIGNALS
 
-#: As autopilots write it: "ArduCopter V4.5.7 (2a3dc4b7)", "PX4 v1.15.0-beta (b589596a)", "v4.5.7".
+#: As autopilots write it after their name: "V4.5.7 (2a3dc4b7)", "v1.15.0-beta", "V3.4-rc2".
 _VERSION: Final = re.compile(r"\b[Vv](\d{1,4})\.(\d{1,4})(?:\.(\d{1,4}))?")
 
 
