@@ -11,6 +11,7 @@ import pytest
 
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.flight import FlightData, GyroCheck
+from quadid_logs.data.log import Rows, Signal
 from quadid_logs.data.settings import AlignSettings
 from quadid_logs.diagnose.gyro_findings import find_in_gyro
 from quadid_logs.errors import LogError
@@ -63,6 +64,11 @@ def turning(
 TIME_S, RATE, EULER = turning()
 
 
+def _among(sparse: Signal, every: int) -> Signal:
+    """Place the rows of a sparse signal in the file beside those that were logged meanwhile."""
+    return dataclasses.replace(sparse, rows=Rows(sparse.time_s, sparse.position * every))
+
+
 def logged(
     rate: np.ndarray = RATE, euler: np.ndarray = EULER, *, rate_late_s: float = 0.0, every: int = 1
 ) -> FlightData:
@@ -71,7 +77,7 @@ def logged(
     return align(
         flight_log(
             signal("body_rate", TIME_S + rate_late_s, rate + noise),
-            signal("attitude", TIME_S[::every], euler[::every]),
+            _among(signal("attitude", TIME_S[::every], euler[::every]), every),
             signal("torque_command", TIME_S, 0.1 * rate),
             signal("throttle", TIME_S, np.full((TIME_S.size, 1), 0.4)),
         ),
