@@ -136,7 +136,7 @@ def _case(name: str, log: FlightLog, truth: FloatArray) -> Iterator[Case]:
     log, data = prepared.log, cut(prepared, settings.align)
     if not data.segments or data.input is None:
         return
-    diagnosis = diagnose(log, data, identify(data, settings.identify), settings)
+    diagnosis = diagnose(log, data, identify(data, settings.identify))
     yield Case(
         name=name,
         data=data,

@@ -151,7 +151,7 @@ def judge(
     """
     began = time.perf_counter()
     identification = identify(data, settings.identify)
-    diagnosis = diagnose(log, data, identification, settings, pooled, vehicle)
+    diagnosis = diagnose(log, data, identification, pooled, vehicle)
     timings = {**timings_s, "identify": time.perf_counter() - began}
     return Result(
         log=log,

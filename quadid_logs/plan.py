@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
-from typing import Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,13 +18,7 @@ from quadid_logs.data.model import Identification
 from quadid_logs.data.settings import Settings
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.diagnose import diagnose
-from quadid_logs.diagnose.advice import (
-    ATTITUDE_FAST,
-    DEFAULT_LOG_BITMASK,
-    SDLOG_PROFILE,
-    SID_AXIS,
-    SID_MAGNITUDE,
-)
+from quadid_logs.diagnose.advice import advice_for, plannable
 from quadid_logs.errors import SettingsError
 from quadid_logs.identify import identify
 from quadid_logs.load import prepare
@@ -35,14 +29,15 @@ from quadid_logs.simulate.manoeuvres import Reference, doublets
 from quadid_logs.simulate.sweep import Sweep, sweeps_in_turn
 from quadid_logs.vocabulary import AXES
 
+if TYPE_CHECKING:
+    from quadid_logs.autopilots.generic.advice import Advice, Setting, Version
+
 #: Before and after the manoeuvre: take-off, climb, landing, as simulated.
 _AROUND_S = 12.0
 #: What a pilot needs to choose the next axis on the ground station.
 _PAUSE_S = 6.0
 #: Stick doublets: a third of the stick for 0.4 s each way, 30 s per axis.
 _DOUBLET_RAD_S, _DOUBLET_S, _DOUBLETS_PER_AXIS_S = 0.7, 0.4, 30.0
-
-Setting = tuple[str, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,33 +47,40 @@ class Plan:
     Attributes
     ----------
     autopilot : str
-        "ardupilot" or "px4".
+        As in `FlightLog.autopilot`.
+    version : tuple of int, or None
+        Of its firmware, None for a recent one.
     axes : tuple of str
     sweeps : mapping of str to Sweep
         By axis, where the autopilot sweeps by itself; else empty, and the pilot flies doublets.
     duration_s : float
         From take-off to landing.
-    logging : tuple of (name, value)
-        Parameters that make the autopilot log enough.
     """
 
     autopilot: str
+    version: Version | None
     axes: tuple[str, ...]
     sweeps: Mapping[str, Sweep]
     duration_s: float
-    logging: tuple[Setting, ...]
+
+    @property
+    def advice(self) -> Advice:
+        """What the autopilot's folder knows of setting and flying it."""
+        return advice_for(self.autopilot)
+
+    @property
+    def logging(self) -> tuple[Setting, ...]:
+        """Parameters that make the autopilot log enough."""
+        return self.advice.logging_settings
 
     def settings_of(self, axis: str) -> tuple[Setting, ...]:
-        """Return the parameters of an axis' sweep, SID_AXIS first: it shows the others."""
-        sweep = self.sweeps[axis]
-        return (
-            ("SID_AXIS", float(SID_AXIS[axis])),
-            ("SID_MAGNITUDE", sweep.magnitude),
-            ("SID_F_START_HZ", sweep.start_hz),
-            ("SID_F_STOP_HZ", sweep.stop_hz),
-            ("SID_T_FADE_IN", sweep.fade_in_s),
-            ("SID_T_REC", sweep.record_s),
-            ("SID_T_FADE_OUT", sweep.fade_out_s),
+        """Return the parameters of an axis' sweep, in the order in which they are to be set."""
+        return self.advice.sweep_settings(axis, dataclasses.asdict(self.sweeps[axis]))
+
+    def steps(self) -> tuple[str, ...]:
+        """Return what to fly, in order."""
+        return self.advice.steps(
+            self.axes, {axis: dataclasses.asdict(each) for axis, each in self.sweeps.items()}
         )
 
 
@@ -91,15 +93,17 @@ class Prediction:
     diagnosis: Diagnosis
 
 
-def make_plan(autopilot: str, axes: Sequence[str] = ()) -> Plan:
+def make_plan(autopilot: str, axes: Sequence[str] = (), version: Version | None = None) -> Plan:
     """Plan a flight.
 
     Parameters
     ----------
     autopilot : str
-        "ardupilot" or "px4".
+        One of `diagnose.advice.plannable`.
     axes : sequence of str
         Of roll, pitch, yaw; empty means all.
+    version : tuple of int, optional
+        Of the firmware; without, a recent one.
 
     Returns
     -------
@@ -110,38 +114,57 @@ def make_plan(autopilot: str, axes: Sequence[str] = ()) -> Plan:
     SettingsError
         If there is no such autopilot or axis.
 
-    Notes
-    -----
-    ArduCopter's parameters and their ranges are those of mode_systemid.cpp
-    (SID_AXIS 10 to 12: mixer roll, pitch, yaw); LOG_BITMASK's bit 0 is
-    ATTITUDE_FAST. PX4's SDLOG_PROFILE 25 is default (1), system
-    identification (8) and high rate (16).
+    Examples
+    --------
+    >>> plan = make_plan(plannable()[-1], ["roll"])
+    >>> plan.axes, plan.duration_s
+    (('roll',), 42.0)
     """
     unknown = [axis for axis in axes if axis not in AXES]
     if unknown:
         raise SettingsError(f"There is no axis {unknown[0]!r}.", hint=f"Choose of {', '.join(AXES)}.")
-    if autopilot not in _LOGGING:
+    if autopilot not in plannable():
         raise SettingsError(
-            f"There is no plan for {autopilot!r}.", hint=f"Choose one of {', '.join(_LOGGING)}."
+            f"There is no plan for {autopilot!r}.", hint=f"Choose one of {', '.join(plannable())}."
         )
     chosen = tuple(axis for axis in AXES if not axes or axis in axes)
-    sweeps = {axis: Sweep(magnitude=SID_MAGNITUDE[axis]) for axis in chosen if autopilot == "ardupilot"}
+    magnitudes = advice_for(autopilot).sweep_magnitudes(version)
+    sweeps = {axis: Sweep(magnitude=magnitudes[axis]) for axis in chosen if axis in magnitudes}
     flown_s = sum(sweep.record_s + _PAUSE_S for sweep in sweeps.values())
     return Plan(
         autopilot=autopilot,
+        version=version,
         axes=chosen,
         sweeps=MappingProxyType(sweeps),
         duration_s=_AROUND_S + (flown_s or _DOUBLETS_PER_AXIS_S * len(chosen)),
-        logging=_LOGGING[autopilot],
     )
 
 
-_LOGGING: Final[Mapping[str, tuple[Setting, ...]]] = MappingProxyType(
-    {
-        "ardupilot": (("LOG_BITMASK", float(DEFAULT_LOG_BITMASK | ATTITUDE_FAST)),),
-        "px4": (("SDLOG_PROFILE", float(SDLOG_PROFILE)),),
-    }
-)
+def parse_version(text: str) -> Version:
+    """Return the numbers of a firmware's version.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    tuple of int
+
+    Raises
+    ------
+    SettingsError
+        If the text is none.
+
+    Examples
+    --------
+    >>> parse_version("v4.5.7")
+    (4, 5, 7)
+    """
+    numbers = text.removeprefix("v").removeprefix("V").split(".")
+    if not all(number.isascii() and number.isdigit() and len(number) < 5 for number in numbers):
+        raise SettingsError(f"{text[:40]!r} is no version of a firmware.", hint="Give it as 4.5 or 4.5.7.")
+    return tuple(int(number) for number in numbers)
 
 
 def predict(plan: Plan, vehicle: Vehicle | None = None) -> Prediction:
@@ -184,7 +207,7 @@ def predict(plan: Plan, vehicle: Vehicle | None = None) -> Prediction:
     return Prediction(
         vehicle=setups[0].airframe.name,
         identification=identification,
-        diagnosis=diagnose(log, data, identification, settings),
+        diagnosis=diagnose(log, data, identification),
     )
 
 

@@ -37,7 +37,7 @@ def measure(drawn: Drawn) -> dict[str, Any]:
     prepared = prepare(log)
     log, data = prepared.log, cut(prepared, settings.align)
     identification = identify(data, settings.identify)
-    diagnosis = diagnose(log, data, identification, settings)
+    diagnosis = diagnose(log, data, identification)
     seconds = time.perf_counter() - began
     model = identification.recommended
     parameters: list[dict[str, Any]] = []

@@ -266,7 +266,7 @@ def test_the_frequency_response_of_a_simulated_flight_lies_on_the_model() -> Non
         log=log,
         data=data,
         identification=found,
-        diagnosis=diagnose(log, data, found, settings),
+        diagnosis=diagnose(log, data, found),
         settings=settings,
     )
     figure = frequency_response(result)

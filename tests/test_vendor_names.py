@@ -22,12 +22,6 @@ NAMES = re.compile(
 )
 #: Each with the reason; a file that no longer needs its entry fails the second test.
 EXCEPTIONS = {
-    "cli/plan.py": "being cleaned",
-    "data/catalogue.py": "being cleaned",
-    "diagnose/advice.py": "being cleaned",
-    "diagnose/data_findings.py": "being cleaned",
-    "plan.py": "being cleaned",
-    "report/plan.py": "being cleaned",
 }
 
 

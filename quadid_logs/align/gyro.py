@@ -12,15 +12,22 @@ from quadid_logs.data.flight import GyroCheck
 from quadid_logs.maths.gyro_attitude import fit_gyro_to_attitude
 from quadid_logs.maths.rotations import unwrapped
 
-#: Long enough for the noise of an angle to be small against its change, short enough for the
-#: corrections by compass and GPS, which no gyro shows, to be small too.
-_INTERVAL_S = 1.0
+#: Long enough for the noise of an angle to be small against its change, short enough for a manoeuvre
+#: to change within a block.
+_INTERVAL_S = 0.3
+#: Over four of them what compass, GPS and accelerometer correct, which no gyro shows, is a constant drift.
+_PER_BLOCK = 4
+#: Blocks differ in length by these factors: in even ones a periodic motion always has the same phase.
+_SHORTEST, _LONGEST = 0.6, 1.4
+#: The multiples of the golden ratio, modulo one, repeat no pattern.
+_GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 #: Five minutes of flight say all that the check can say; it stays as quick on an hour.
-_MOST_INTERVALS = 300
-#: A clock that jumped far ahead must not cost memory: no flight lasts a week.
-_LONGEST_S = 7.0 * 86_400.0
-#: Three equations each, for thirteen unknowns, and still enough to tell a habit from an accident.
-_FEWEST_INTERVALS = 20
+_MOST_BLOCKS = 250
+#: A clock that jumped far ahead must not cost memory: no battery lasts a day.
+_LONGEST_S = 86_400.0
+_LONGEST_BLOCK_S = _PER_BLOCK * _LONGEST * _INTERVAL_S
+#: Nine equations each, for ten unknowns, and still enough to tell a habit from an accident.
+_FEWEST_BLOCKS = 15
 
 
 def check_gyro(
@@ -28,7 +35,7 @@ def check_gyro(
     attitude: CleanSeries | None,
     flights: Sequence[Interval],
 ) -> GyroCheck | None:
-    """Fit the body rates to the change of attitude over intervals of a second.
+    """Fit the body rates to the change of attitude over intervals of some tenths of a second.
 
     Parameters
     ----------
@@ -42,11 +49,11 @@ def check_gyro(
     """
     if rate is None or attitude is None or min(rate.time_s.size, attitude.time_s.size) < 4:
         return None
-    pairs = _intervals(rate, attitude, flights)
-    if pairs.shape[0] < _FEWEST_INTERVALS:
+    pairs, block = _intervals(rate, attitude, flights)
+    if np.unique(block).size < _FEWEST_BLOCKS:
         return None
     # Only what lies around the intervals: hours of flight or on the ground cost nothing.
-    spans_s = attitude.time_s[pairs] + (-_INTERVAL_S, _INTERVAL_S)
+    spans_s = attitude.time_s[pairs] + (-_LONGEST_BLOCK_S, _LONGEST_BLOCK_S)
     rates, attitudes = _rows_within(rate, spans_s), _rows_within(attitude, spans_s)
     fit = fit_gyro_to_attitude(
         rate.time_s[rates],
@@ -54,30 +61,34 @@ def check_gyro(
         attitude.time_s[attitudes],
         unwrapped(attitude.values[attitudes]),
         np.searchsorted(attitudes, pairs),
+        block,
     )
-    if fit is None or fit.start_s.size < _FEWEST_INTERVALS:
+    if fit is None or fit.start_s.size < _FEWEST_BLOCKS * _PER_BLOCK:
         return None
     return GyroCheck(length_s=_INTERVAL_S, **fit._asdict())
 
 
-def _intervals(rate: CleanSeries, attitude: CleanSeries, flights: Sequence[Interval]) -> IntArray:
-    """Return first and last attitude sample of intervals in the air that neither signal pauses in."""
-    edges = [_edges(attitude, flight) for flight in flights]
-    pairs = np.concatenate(
-        [np.column_stack([each[:-1], each[1:]]) for each in edges if each.size > 1]
-        or [np.zeros((0, 2), dtype=np.intp)]
+def _intervals(
+    rate: CleanSeries, attitude: CleanSeries, flights: Sequence[Interval]
+) -> tuple[IntArray, IntArray]:
+    """Return first and last attitude sample (n, 2) of the intervals without a pause, and their block (n,)."""
+    edges = np.concatenate(
+        [np.zeros((0, _PER_BLOCK + 1), dtype=np.intp), *(_edges(attitude, each) for each in flights)]
     )
+    edges = edges[:: -(-edges.shape[0] // _MOST_BLOCKS) or 1]
+    pairs = np.stack([edges[:, :-1], edges[:, 1:]], axis=-1).reshape(-1, 2)
+    block = np.repeat(np.arange(edges.shape[0]), _PER_BLOCK)
     start_s, end_s = attitude.time_s[pairs.T]
     longest_s = GAP_PERIODS * max(rate.period_s, attitude.period_s) + 1e-6
-    good = (end_s - start_s < 1.5 * _INTERVAL_S) & (start_s >= rate.time_s[0]) & (end_s <= rate.time_s[-1])
+    good = (end_s > start_s) & (end_s - start_s < _LONGEST_BLOCK_S)
+    good &= (start_s >= rate.time_s[0]) & (end_s <= rate.time_s[-1])
     for series in (rate, attitude):
         pauses = np.concatenate([[0], np.cumsum(np.diff(series.time_s) > longest_s)])
         last = series.time_s.size - 1
         before = np.maximum(np.searchsorted(series.time_s, start_s, side="right") - 1, 0)
         after = np.minimum(np.searchsorted(series.time_s, end_s), last)
         good &= pauses[before] == pauses[after]
-    kept = pairs[good]
-    return np.asarray(kept[:: -(-kept.shape[0] // _MOST_INTERVALS) or 1], dtype=np.intp)
+    return pairs[good], block[good]
 
 
 def _rows_within(series: CleanSeries, spans_s: FloatArray) -> IntArray:
@@ -89,7 +100,11 @@ def _rows_within(series: CleanSeries, spans_s: FloatArray) -> IntArray:
 
 
 def _edges(attitude: CleanSeries, flight: Interval) -> IntArray:
-    """Return the attitude sample that comes first in each second of the flight."""
+    """Return the attitude samples at the edges of the intervals of each block; shape (n_blocks, 5)."""
     end_s = min(flight[1], flight[0] + _LONGEST_S)
-    found = np.searchsorted(attitude.time_s, np.arange(flight[0], end_s, _INTERVAL_S))
-    return np.asarray(np.unique(found[found < attitude.time_s.size]), dtype=np.intp)
+    count = np.arange(int((end_s - flight[0]) / (_PER_BLOCK * _SHORTEST * _INTERVAL_S)) + 1)
+    length_s = _INTERVAL_S * (_SHORTEST + (_LONGEST - _SHORTEST) * np.modf(count * _GOLDEN)[0])
+    start_s = flight[0] + _PER_BLOCK * (np.cumsum(length_s) - length_s)
+    edges_s = start_s[:, None] + length_s[:, None] * np.arange(_PER_BLOCK + 1)
+    found = np.searchsorted(attitude.time_s, edges_s[edges_s[:, -1] <= end_s])
+    return np.asarray(found[found[:, -1] < attitude.time_s.size], dtype=np.intp)

@@ -11,7 +11,7 @@ import importlib
 from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Final, NamedTuple, Protocol
 
 from quadid_logs.data.log import FlightLog
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from quadid_logs.actuation.airframe import Airframe, Unknown
     from quadid_logs.actuation.motors import Rebuilt
     from quadid_logs.align.series import CleanLog
+    from quadid_logs.autopilots.generic.advice import Advice
 
 __all__ = ["Autopilot", "LogFormat", "formats", "known", "named", "register"]
 
@@ -102,9 +103,11 @@ class Autopilot:
         return 0.0
 
     @property
-    def advice(self) -> Any | None:
-        """What to log, set and fly: the module ``advice`` of its folder, None where there is none."""
-        return None
+    def advice(self) -> Advice:
+        """What to log, set and fly."""
+        from quadid_logs.autopilots.generic.advice import ADVICE
+
+        return ADVICE
 
 
 _registered: list[Autopilot] = []

@@ -38,8 +38,8 @@ def info(
         progress("aligning")
         content, data = prepared.log, cut(prepared, settings.align)
     if as_json:
-        say(inventory_text(content, data, settings).rstrip("\n"))
+        say(inventory_text(content, data).rstrip("\n"))
         return 0
-    for line in inventory_lines(content, data, settings):
+    for line in inventory_lines(content, data):
         say(line)
     return 0

@@ -16,7 +16,10 @@ from quadid_logs.untrusted import printable
 
 def plan(
     autopilot: Annotated[
-        str, typer.Option("--autopilot", metavar="NAME", help="ardupilot or px4.", autocompletion=autopilots)
+        str,
+        typer.Option(
+            "--autopilot", metavar="NAME", help="Whose parameters to set.", autocompletion=autopilots
+        ),
     ],
     axis: Annotated[
         list[str] | None,
@@ -25,6 +28,12 @@ def plan(
             metavar="AXIS",
             help="roll, pitch or yaw; may be repeated [default: all].",
             autocompletion=axes,
+        ),
+    ] = None,
+    firmware: Annotated[
+        str | None,
+        typer.Option(
+            "--firmware", metavar="VERSION", help="Of the autopilot, as 4.5 [default: a recent one]."
         ),
     ] = None,
     vehicle: Annotated[
@@ -41,11 +50,11 @@ def plan(
 
     Without -o the card is only printed.
     """
-    from quadid_logs.plan import make_plan, predict
+    from quadid_logs.plan import make_plan, parse_version, predict
     from quadid_logs.report.plan import CARD_FILE, card_lines, parameter_files, plan_text
     from quadid_logs.vehicle_file import read_vehicle
 
-    planned = make_plan(autopilot.lower(), axis or ())
+    planned = make_plan(autopilot.lower(), axis or (), None if firmware is None else parse_version(firmware))
     files = {name: text.encode() for name, text in parameter_files(planned).items()}
     if output is not None:
         check_free(*(output / name for name in (CARD_FILE, *files)), force=force)

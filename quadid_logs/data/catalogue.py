@@ -1,5 +1,7 @@
 """What every finding means and what to do about it: the one text for report, `explain` and docs.
 
+What to set on a certain autopilot stands in its folder (`Advice.remedies` by code), not here.
+
 Codes: QL1xx the file, QL2xx the vehicle, QL3xx what was logged and how fast,
 QL4xx the flight, QL5xx the model.
 """
@@ -34,20 +36,20 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Part of the file could not be read",
                 "Some bytes are not valid messages: the file was cut off, copied badly, or the card "
                 "dropped blocks. Only the rows in those bytes are lost; the rest is used.",
-                "If the lost stretch lies in the manoeuvre, download the log again or fly once more.",
+                "If the lost part lies in the manoeuvre, download the log again or fly once more.",
             ),
             _entry(
                 "QL102",
                 "The autopilot dropped log messages",
-                "The logger could not keep up and left messages out. The places show as gaps and "
-                "nothing is interpolated across them.",
+                "The logger could not keep up and left messages out. The places show as gaps and nothing "
+                "is interpolated across them.",
                 "Use a faster card, or log fewer message types.",
             ),
             _entry(
                 "QL103",
                 "The clock was reset or jumped",
-                "Times fall or leap inside the file: a reboot, or a clock that was set. The parts are "
-                "kept apart and shown one after the other.",
+                "Times fall or leap inside the file: a reboot, or a clock that was set. The parts are kept "
+                "apart and shown one after the other.",
                 "Nothing to do if each part is a flight of its own.",
             ),
             _entry(
@@ -65,15 +67,15 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL106",
                 "Some time stamps were repaired",
-                "Rows were out of order, repeated a stamp, or carried an impossible one. They were "
-                "put in order, merged, or left out.",
-                "Nothing to do while it stays a small share of the rows.",
+                "Rows were out of order, repeated a stamp, or carried an impossible one. They were put in "
+                "order, merged, or left out.",
+                "Nothing to do while it stays a small fraction of the rows.",
             ),
             _entry(
                 "QL107",
                 "Several logs are behind one model",
-                "Their flights were put one after the other and fitted together. A change between them shows "
-                "as a change in flight; what is told of the file is that of the first.",
+                "Their flights were put one after the other and fitted together. A change between them "
+                "shows as a change in flight; what is said of the file is that of the first.",
                 "Nothing to do if all are of one vehicle in one state. To compare them, leave --pool out.",
             ),
             _entry(
@@ -98,21 +100,22 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL302",
                 "The log holds no torque",
-                "Nothing in the log says what torque the autopilot asked for, so there is no input "
-                "to identify a model from.",
+                "Nothing in the log says what torque the autopilot commanded, so there is no input to "
+                "identify a model from.",
                 "Log the rate controller's outputs.",
             ),
             _entry(
                 "QL303",
                 "Logged too slowly to identify anything",
-                "Between two samples the torque and the rates change in ways that the log does not "
-                "show. Interpolating gives inertias that are wrong by factors, so no number is given.",
+                "Between two samples the torque and the rates change in ways that the log does not show. "
+                "Interpolating gives inertias that are wrong by factors, so no number is given.",
                 "Log rates and torque at 100 Hz or more.",
             ),
             _entry(
                 "QL304",
                 "Logged rather slowly",
-                "The rate is enough for the gain, but lag and gain are hard to tell apart.",
+                "The rate is enough for the control effectiveness, but lag and effectiveness are hard to "
+                "tell apart.",
                 "Log rates and torque at 200 Hz or more.",
             ),
             _entry(
@@ -133,22 +136,23 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL307",
                 "The mixer could not be recomputed",
                 "From the torque command, the parameters and the battery, the pulse widths of the motors "
-                "follow; here they miss the logged ones. The mixer of this firmware is another one, or "
-                "the rows are too sparse to compare. The torque is taken as it was asked for, and "
-                "saturation is not seen.",
-                "Log RATE, RCOU and MOTB with a current firmware to get the torque that was achieved.",
+                "follow; here they miss the logged ones. The mixer of this firmware is another one, or the "
+                "rows are too sparse to compare. The torque is taken as it was commanded, and saturation "
+                "is not seen.",
+                "Log the rate controller's output, the motor outputs and the mixer's battery compensation "
+                "with a current firmware to get the torque that was achieved.",
             ),
             _entry(
                 "QL308",
                 "Geometry parameters are not used as calibration",
-                "CA_ROTORn_PX, PY, CT and KM mix the motors well whatever their unit is. Values that were "
-                "never touched (arms of 1 m, CT 6.5, KM 0.05), or that contradict the hover, are no "
-                "measurement of the vehicle.",
+                "Rotor positions and coefficients of thrust and moment mix the motors well whatever their "
+                "unit is. Parameters that were never set, or that contradict the hover, are no measurement "
+                "of the vehicle.",
                 "Pass mass_kg, arm_length_m and torque_to_thrust_m with --vehicle FILE.toml.",
             ),
             _entry(
                 "QL309",
-                "The log does not tell the airframe",
+                "The log does not describe the airframe",
                 "Without the number, place and spin of the motors, nothing can be rebuilt from motor "
                 "outputs. Torque commands, where they are logged, are used as they are.",
                 "Describe the rotors with [[rotor]] tables in --vehicle FILE.toml.",
@@ -156,24 +160,25 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL310",
                 "Gyro and attitude contradict each other",
-                "Over a second, the body rates must add up to the change of roll, pitch and yaw. Here they "
-                "do not: an axis has the wrong scale, sign or place, or one of the two comes late. One of "
-                "them is wrong and the log alone does not tell which; wrong rates make the gain wrong by "
-                "the same factor.",
-                "Check units, signs and order of the columns of a table. On an autopilot, check its mounting "
-                "(AHRS_ORIENTATION, SENS_BOARD_ROT) and whether its main loop keeps up.",
+                "Over tenths of a second, the body rates must integrate to the change of roll, pitch and "
+                "yaw. Here they do not: an axis has the wrong scale, sign or place, or one of the two "
+                "comes late. One of them is wrong and the log alone does not show which; wrong rates make "
+                "the control effectiveness wrong by the same factor.",
+                "Check units, signs and order of the columns of a table. On an autopilot, check the "
+                "orientation in which it is mounted, and whether its main loop keeps up.",
             ),
             _entry(
                 "QL311",
-                "Of this long flight the minutes that move most were used",
-                "Twenty minutes of motion tell nearly all that a flight can tell; the rest costs time only.",
+                "Of this long flight the most excited minutes were used",
+                "Twenty minutes with the most motion hold nearly all information of a flight; the rest "
+                "costs time only.",
                 "To have another part analyzed, give --start-s and --end-s.",
             ),
             _entry(
                 "QL401",
                 "No flight in this log",
-                "By the evidence that the log holds, the vehicle did not fly, or the part with the flight is "
-                "missing.",
+                "By the evidence that the log holds, the vehicle did not fly, or the part with the flight "
+                "is missing.",
                 "Use a log with a flight of at least half a minute. If you did fly, fetch the whole file "
                 "from the vehicle again.",
             ),
@@ -185,37 +190,37 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL403",
-                "This axis was hardly moved",
+                "This axis was poorly excited",
                 "What the axis did is mostly noise and gusts, not an answer to the torque. A number fitted "
                 "to that would look fine and be wrong.",
-                "Move this axis: quick stick doublets for half a minute, or a system-ID chirp.",
+                "Excite this axis: quick stick doublets for half a minute, or a system-ID chirp.",
             ),
             _entry(
                 "QL404",
-                "This axis was moved only a little",
+                "This axis was weakly excited",
                 "The torque explains most, but not nearly all, of the motion.",
                 "Fly quicker and larger stick doublets on this axis, in calm air.",
             ),
             _entry(
                 "QL405",
-                "The motors could not give what was asked",
-                "For part of the flight a motor was at its limit and the mixer cut roll, pitch or yaw down. "
-                "Where the torque was rebuilt from what the motors did, the cut is in it and nothing is "
-                "lost. Where only the command is known, the rows around are left out.",
+                "The motors could not give the commanded torque",
+                "For part of the flight a motor was at its limit and the mixer cut roll, pitch or yaw "
+                "down. Where the torque was rebuilt from what the motors did, the cut is in it and nothing "
+                "is lost. Where only the command is known, the rows around are left out.",
                 "Fly smaller manoeuvres, or with a throttle nearer to the middle.",
             ),
             _entry(
                 "QL406",
                 "A system-identification run is in this flight",
-                "The autopilot injected a known excitation. It answers no gust and no noise, so the estimate "
-                "rests on it: what follows from it counts, what does not is left out.",
-                "Nothing to do. Only the axes that the run moves can be identified from it.",
+                "The autopilot injected a known excitation. It answers no gust and no noise, so the "
+                "estimate rests on it: what follows from it counts, what does not is left out.",
+                "Nothing to do. Only the axes that the run excites can be identified from it.",
             ),
             _entry(
                 "QL501",
                 "The short windows of the published method are filled with noise",
                 "The published method solves each window of a few samples by itself. Consecutive samples "
-                "differ by little more than noise, so the square matrix H_k of a window can hardly be "
+                "differ by little more than noise, so the square matrix H_k of a window can barely be "
                 "inverted. The models here are fitted to all data at once and do not suffer from it.",
                 "Nothing to do for the model. Try --sample-rate-hz 20 and a wider --window to see the "
                 "published method at its best.",
@@ -223,8 +228,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL503",
                 "The estimate depends on the frequency band",
-                "Fitted to slower or faster motion the gain comes out differently. A true gain does not "
-                "do that: noise, wind, or feedback from the controller is in the way.",
+                "Fitted to slower or faster motion the control effectiveness comes out differently. That "
+                "of a rigid body does not: noise, wind, or feedback from the controller is in the way.",
                 "Fly with stronger excitation on this axis, in calm air.",
             ),
             _entry(
@@ -236,12 +241,13 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL505",
                 "The interval is too wide",
-                "The data allow values of the gain that differ too much for the number to be useful.",
+                "The data allow values of the control effectiveness too far apart for the number to be "
+                "useful.",
                 "Fly longer, with stronger excitation on this axis.",
             ),
             _entry(
                 "QL506",
-                "The gain has the wrong sign",
+                "The control effectiveness has the wrong sign",
                 "More torque would turn the vehicle the other way. That is not physics: the signs of a "
                 "signal are wrong, or the controller's feedback was identified instead of the vehicle.",
                 "Check the axes of the log; fly with stronger excitation.",
@@ -254,55 +260,61 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL509",
-                "The gain differs between parts of the flight",
-                "Before and after one time the gain is not the same, by more than chance allows: the vehicle "
-                "changed (payload, damage, a propeller), or something else than torque moved it.",
+                "The control effectiveness differs between parts of the flight",
+                "Before and after one time the effectiveness is not the same, by more than chance allows: "
+                "the vehicle changed (payload, damage, a propeller), or something else than torque moved "
+                "it.",
                 "Look at the figure of estimates over time, and analyze both parts by themselves with "
                 "--start-s and --end-s.",
             ),
             _entry(
                 "QL511",
                 "The torque alone does not reproduce the motion",
-                "Simulated over seconds from the logged torque, the rate drifts away from the measured one: "
-                "wind or an unbalance moved the vehicle, and the torque is mostly the controller's answer to "
-                "that. A gain fitted to such an answer is biased even if the fit looks good.",
+                "Simulated over seconds from the logged torque, the rate drifts away from the measured "
+                "one: wind or an unbalance moved the vehicle, and the torque is mostly the controller's "
+                "answer to that. An effectiveness fitted to such an answer is biased even if the fit looks "
+                "good.",
                 "Fly stronger manoeuvres on this axis, in calm air.",
             ),
             _entry(
                 "QL510",
                 "The torque is a normalised command",
-                "The log holds no torque in N m. Gains are per unit of command and no inertia in kg m^2 "
-                "can be given.",
+                "The log holds no torque in N m. Effectiveness is per unit of command and no inertia in kg "
+                "m^2 can be given.",
                 "Describe the vehicle with --vehicle FILE.toml to get physical units.",
             ),
             _entry(
                 "QL513",
-                "Two forms of the same equation disagree",
-                "Integrated over quarters of a second the equation of motion gives another gain than "
-                "smoothed with Gaussians. Both hold for a rigid body behind its actuators, so something "
-                "else moved the vehicle, or torque and rates are not from one clock.",
+                "Two formulations of the same equation disagree",
+                "Integrated over quarters of a second (integral formulation) the equation of motion gives "
+                "another effectiveness than smoothed with Gaussians (weak formulation). Both hold for a "
+                "rigid body behind its actuators, so something else moved the vehicle, or torque and rates "
+                "are not from one clock.",
                 "Fly stronger manoeuvres on this axis, in calm air; check the clocks in the report.",
             ),
             _entry(
                 "QL514",
                 "The interval may be too narrow",
-                "When blocks of the flight are drawn at random and fitted again, the gain scatters by more "
-                "than its interval says: single manoeuvres or gusts carry much of the estimate.",
+                "When blocks of the flight are drawn at random and fitted again, the effectiveness "
+                "scatters by more than its interval says: single manoeuvres or gusts carry much of the "
+                "estimate.",
                 "Fly longer, and repeat the manoeuvre evenly.",
             ),
             _entry(
                 "QL515",
-                "Held against the inertia that was given",
-                "The gain times the given moment of inertia is the real torque over the commanded one, if "
-                "that inertia is right. It is a calibration of the torque, not an inertia found in flight.",
+                "Compared with the inertia that was given",
+                "The effectiveness times the given moment of inertia is the real torque over the commanded "
+                "one, if that inertia is right. It is a calibration of the torque, not an inertia found in "
+                "flight.",
                 "Use the ratio to correct the commanded torque; an axis that is refused has no ratio to use.",
             ),
             _entry(
                 "QL512",
-                "The inertia is hardly that of a multirotor",
-                "A body's largest moment of inertia is at most the sum of the other two, and a multirotor's "
-                "lie well within its mass times the square of its arm. What came out does not, by more than "
-                "its interval: mass, arm, thrust or the torque-to-thrust ratio is not this vehicle's.",
+                "The inertia is implausible for a multirotor",
+                "A body's largest moment of inertia is at most the sum of the other two, and a "
+                "multirotor's lie well within its mass times the square of its arm. What came out does "
+                "not, by more than its interval: mass, arm, thrust or the torque-to-thrust ratio is not "
+                "this vehicle's.",
                 "Check the numbers in the vehicle file against the figure of the airframe.",
             ),
         )

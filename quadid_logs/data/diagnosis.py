@@ -12,7 +12,7 @@ Verdict = Literal["usable", "caution", "refused"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """A doubt about the flight, with what it rests on and what to do.
+    """A caveat about the flight, with what it rests on and what to do.
 
     ``axes`` names the axes that the finding touches; empty means all. The
     texts may quote the log, so they are escaped wherever they are shown.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
@@ -10,6 +11,9 @@ from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.data.torque import TorqueModel
 from quadid_logs.errors import ShapeError
 from quadid_logs.vocabulary import SIGNALS
+
+#: As autopilots write it after their name: "V4.5.7 (2a3dc4b7)", "v1.15.0-beta", "V3.4-rc2".
+_VERSION: Final = re.compile(r"\b[Vv](\d{1,4})\.(\d{1,4})(?:\.(\d{1,4}))?")
 
 
 def whole_number(value: float | None, otherwise: int = 0) -> int:
@@ -261,6 +265,12 @@ class FlightLog:
     utc_offset_s: float = float("nan")
     remarks: tuple[str, ...] = ()
     torque: TorqueModel | None = None
+
+    @property
+    def version(self) -> tuple[int, ...] | None:
+        """The numbers of the firmware's version, most significant first; None where the log does not say."""
+        match = _VERSION.search(self.firmware)
+        return tuple(int(number) for number in match.groups() if number) if match else None
 
     @property
     def corrupt_bytes(self) -> int:

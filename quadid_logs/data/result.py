@@ -1,4 +1,4 @@
-"""Everything that `analyze` found out, as one object: what a report is made of."""
+"""Everything that `analyze` found, as one object: what a report is made of."""
 
 from __future__ import annotations
 

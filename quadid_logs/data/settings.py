@@ -68,20 +68,6 @@ class IdentifySettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DiagnoseSettings:
-    """When a result is worth a warning."""
-
-    caution_rate_hz: float = 90.0
-    """Between `min_rate_hz` and this, lag and gain can only be told apart on calm data."""
-    min_flight_s: float = 10.0
-    """Twenty fits of half a second: below, held-out validation says nothing."""
-    caution_signal_to_noise: float = 9.0
-    """R2 of 0.9."""
-    caution_simulated_r2: float = 0.7
-    """Wind of 8 m/s leaves 0.4 to 0.9 at a bias below 1 %: below this it is worth a warning."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
     """Settings of one analysis, by stage.
 
@@ -97,7 +83,6 @@ class Settings:
     """MAVLink system id to analyze; 0 chooses the autopilot with most messages."""
     align: AlignSettings = field(default_factory=AlignSettings)
     identify: IdentifySettings = field(default_factory=IdentifySettings)
-    diagnose: DiagnoseSettings = field(default_factory=DiagnoseSettings)
 
     def __post_init__(self) -> None:
         _check_at_least("system", self.system, 0)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
 from quadid_logs.data.diagnosis import AxisVerdict, Diagnosis, Finding
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Identification
 from quadid_logs.data.result import PooledLog
-from quadid_logs.data.settings import Settings
 from quadid_logs.data.vehicle import Vehicle
+from quadid_logs.diagnose.advice import advice_for
 from quadid_logs.diagnose.data_findings import find_in_data
 from quadid_logs.diagnose.file_findings import find_in_file, find_in_pool
 from quadid_logs.diagnose.gyro_findings import find_in_gyro
@@ -27,7 +28,6 @@ def diagnose(
     log: FlightLog,
     data: FlightData,
     identification: Identification,
-    settings: Settings,
     pooled: Sequence[PooledLog] = (),
     vehicle: Vehicle | None = None,
 ) -> Diagnosis:
@@ -38,32 +38,48 @@ def diagnose(
     log : FlightLog
     data : FlightData
     identification : Identification
-    settings : Settings
     pooled : sequence of PooledLog
         The logs behind the one model, where there are several.
     vehicle : Vehicle, optional
-        What the user gave: its inertia is held against the gains.
+        What the user gave: its inertia is compared with the control effectiveness.
 
     Returns
     -------
     Diagnosis
         An axis is *refused* if any error touches it, *caution* if any warning
         does, else *usable*.
+
+    Examples
+    --------
+    >>> from quadid_logs.data.flight import FlightData
+    >>> log = FlightLog(path="a.csv", format="table", autopilot="other", n_bytes=0, signals={})
+    >>> nothing = FlightData(
+    ...     sample_period_s=0.01, segments=(), flights=(), sources={}, input=None, start_s=0.0, duration_s=0.0
+    ... )
+    >>> diagnose(log, nothing, Identification()).axes["roll"].verdict
+    'refused'
     """
-    findings = [
+    found = [
         *find_in_pool(pooled),
         *find_in_file(log, data),
-        *find_in_data(log, data, identification, settings),
+        *find_in_data(log, data, identification),
         *find_in_gyro(data),
         *find_in_torque(log, data, identification),
-        *find_in_models(log, identification, settings),
+        *find_in_models(log, identification),
         *find_in_given_inertia(data, identification, vehicle),
     ]
-    findings.sort(key=lambda finding: _SEVERITY[finding.level])
+    findings = sorted(_remedied(found, log.autopilot), key=lambda finding: _SEVERITY[finding.level])
     return Diagnosis(
         findings=tuple(findings),
         axes={axis: _verdict(axis, findings) for axis in AXES},
     )
+
+
+def _remedied(findings: Iterable[Finding], autopilot: str) -> Iterator[Finding]:
+    """Put what to do on this autopilot in the place of the catalogue's advice."""
+    remedies = advice_for(autopilot).remedies
+    for finding in findings:
+        yield replace(finding, advice=remedies.get(finding.code, finding.advice))
 
 
 def _verdict(axis: str, findings: list[Finding]) -> AxisVerdict:

@@ -1,4 +1,4 @@
-"""Doubts about what was logged, how fast, and whether the vehicle flew."""
+"""Caveats about what was logged, how fast, and whether the vehicle flew."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.flight import FlightData, SourceChoice
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Identification
-from quadid_logs.data.settings import Settings
-from quadid_logs.diagnose.advice import logging_advice
+from quadid_logs.diagnose.advice import advice_for
 from quadid_logs.diagnose.findings import finding, rounded
 from quadid_logs.diagnose.torque_findings import not_in_newton_metres
 from quadid_logs.identify import MIN_RATE_HZ
@@ -21,29 +20,43 @@ from quadid_logs.vocabulary import MULTIROTOR
 _RATE_SHORTFALL = 0.7
 #: Angles interpolated over more than this say little about their own rate of change.
 _MIN_ATTITUDE_HZ = 20.0
+#: Between the least rate and this, lag and effectiveness can only be told apart on calm data.
+_CAUTION_RATE_HZ = 90.0
+#: Twenty fits of half a second: below, held-out validation says nothing.
+_MIN_FLIGHT_S = 10.0
 
 
-def find_in_data(
-    log: FlightLog, data: FlightData, identification: Identification, settings: Settings
-) -> Iterator[Finding]:
-    """Yield the findings about signals, rates and flight; none about a vehicle that the model is not for."""
+def find_in_data(log: FlightLog, data: FlightData, identification: Identification) -> Iterator[Finding]:
+    """Yield the findings about signals, rates and flight; none about a vehicle that the model is not for.
+
+    Parameters
+    ----------
+    log : FlightLog
+    data : FlightData
+    identification : Identification
+        Empty where nothing was fitted yet.
+
+    Yields
+    ------
+    Finding
+    """
     if not log.has_time or log.vehicle_type not in (MULTIROTOR, "unknown"):
         return
-    advice = logging_advice(log.autopilot, log.format, log.parameters)
+    advice = advice_for(log.autopilot).logging(log.format, log.parameters, log.version)
     rate = data.sources.get("body_rate")
     torque = data.sources.get("torque_n_m") or data.sources.get("torque_command")
     logged = sorted(data.sources)
-    # Without a flight, that is what a pilot must hear first.
+    # Without a flight, a pilot must be told of that first.
     if not data.flights:
         yield _no_flight(data)
     if rate is None:
         yield finding("QL301", "error", {"found": logged}, advice=advice)
     if torque is None:
         yield finding("QL302", "error", {"found": logged}, advice=advice)
-    yield from _rates([source for source in (rate, torque) if source is not None], advice, settings)
+    yield from _rates([source for source in (rate, torque) if source is not None], advice)
     yield from _attitude(data)
     if data.flights:
-        yield from _flight(data, identification, settings)
+        yield from _flight(data, identification)
     yield from _system_identification(log, data)
     if 0 < identification.n_samples < data.n_samples:
         minute = 60.0 / data.sample_period_s
@@ -56,10 +69,10 @@ def find_in_data(
         yield not_in_newton_metres(log, data.input)
 
 
-def _rates(sources: Sequence[SourceChoice], advice: str, settings: Settings) -> Iterator[Finding]:
+def _rates(sources: Sequence[SourceChoice], advice: str) -> Iterator[Finding]:
     """Judge how fast rates and torque were logged, in one finding for both."""
     slow = [source for source in sources if source.rate_hz < MIN_RATE_HZ]
-    slowish = [source for source in sources if source.rate_hz < settings.diagnose.caution_rate_hz]
+    slowish = [source for source in sources if source.rate_hz < _CAUTION_RATE_HZ]
     if slow:
         yield finding(
             "QL303",
@@ -72,7 +85,7 @@ def _rates(sources: Sequence[SourceChoice], advice: str, settings: Settings) -> 
         yield finding(
             "QL304",
             "warning",
-            {**_sampling(slowish), "better_hz": settings.diagnose.caution_rate_hz},
+            {**_sampling(slowish), "better_hz": _CAUTION_RATE_HZ},
             advice=advice,
             title=f"{_told(slowish)}, which is rather slow",
         )
@@ -131,25 +144,23 @@ def _attitude(data: FlightData) -> Iterator[Finding]:
 
 def _no_flight(data: FlightData) -> Finding:
     reason = data.on_ground_reason
-    title = f"No flight in this log: {reason or 'nothing tells of one'}"
+    title = f"No flight in this log: {reason or 'no evidence of one'}"
     return finding("QL401", "error", {"reason": reason}, title=title)
 
 
-def _flight(data: FlightData, identification: Identification, settings: Settings) -> Iterator[Finding]:
+def _flight(data: FlightData, identification: Identification) -> Iterator[Finding]:
     airborne_s = sum(end - start for start, end in data.flights)
     usable_s = data.n_samples * data.sample_period_s if data.segments else 0.0
-    if airborne_s < settings.diagnose.min_flight_s:
-        yield finding(
-            "QL402", "error", {"airborne_s": round(airborne_s, 2), "needed_s": settings.diagnose.min_flight_s}
-        )
-    elif data.input is not None and "body_rate" in data.sources and usable_s < settings.diagnose.min_flight_s:
+    if airborne_s < _MIN_FLIGHT_S:
+        yield finding("QL402", "error", {"airborne_s": round(airborne_s, 2), "needed_s": _MIN_FLIGHT_S})
+    elif data.input is not None and "body_rate" in data.sources and usable_s < _MIN_FLIGHT_S:
         yield finding(
             "QL402",
             "error",
             {
                 "airborne_s": round(airborne_s, 2),
                 "gap_free_s": round(usable_s, 2),
-                "needed_s": settings.diagnose.min_flight_s,
+                "needed_s": _MIN_FLIGHT_S,
             },
             title="The flight without gaps is too short",
         )
@@ -171,7 +182,7 @@ def _system_identification(log: FlightLog, data: FlightData) -> Iterator[Finding
         "to_s": round(float(running[-1]), 2),
         "source": source,
     }
-    for name in ("SID_AXIS", "SID_MAGNITUDE", "SID_F_START_HZ", "SID_F_STOP_HZ"):
+    for name in advice_for(log.autopilot).excitation_parameters:
         if name in log.parameters:
             evidence[name] = rounded(log.parameters[name])
     yield finding("QL406", "info", evidence)

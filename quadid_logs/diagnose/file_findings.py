@@ -1,4 +1,4 @@
-"""Doubts about the file itself: damage, clocks, whose log it is."""
+"""Caveats about the file itself: damage, clocks, whose log it is."""
 
 from __future__ import annotations
 
@@ -14,19 +14,39 @@ from quadid_logs.vocabulary import MULTIROTOR
 
 #: Under one per thousand of the rows a repaired stamp changes no estimate.
 _NOTABLE_REPAIRS = 1e-3
-#: Lost bytes beyond this share of the file may well hide a part of the manoeuvre.
+#: More lost bytes than this fraction of the file may well hide a part of the manoeuvre.
 _NOTABLE_LOSS = 0.01
 
 
 def find_in_file(log: FlightLog, data: FlightData) -> Iterator[Finding]:
-    """Yield the findings about damage, dropped messages, clocks, systems and the kind of vehicle."""
+    """Yield the findings about damage, dropped messages, clocks, systems and the kind of vehicle.
+
+    Parameters
+    ----------
+    log : FlightLog
+    data : FlightData
+
+    Yields
+    ------
+    Finding
+    """
     yield from _damage(log)
     yield from _clock(log, data)
     yield from _vehicle(log)
 
 
 def find_in_pool(pooled: Sequence[PooledLog]) -> Iterator[Finding]:
-    """Say which logs are behind the model, and warn of those that added nothing."""
+    """Say which logs are behind the model, and warn of those that added nothing.
+
+    Parameters
+    ----------
+    pooled : sequence of PooledLog
+        Empty where the model is that of one log.
+
+    Yields
+    ------
+    Finding
+    """
     if not pooled:
         return
     flown = {PurePath(each.path).name: round(each.used_s, 1) for each in pooled}
@@ -37,16 +57,18 @@ def find_in_pool(pooled: Sequence[PooledLog]) -> Iterator[Finding]:
 
 def _damage(log: FlightLog) -> Iterator[Finding]:
     if log.corrupt_bytes:
-        largest = sorted(log.lost, key=lambda stretch: -stretch.n_bytes)[:5]
-        share = log.corrupt_bytes / max(log.n_bytes, 1)
+        largest = sorted(log.lost, key=lambda block: -block.n_bytes)[:5]
+        fraction = log.corrupt_bytes / max(log.n_bytes, 1)
         yield finding(
             "QL101",
-            "warning" if share > _NOTABLE_LOSS else "info",
+            "warning" if fraction > _NOTABLE_LOSS else "info",
             {
                 "corrupt_bytes": log.corrupt_bytes,
                 "file_bytes": log.n_bytes,
-                "stretches": len(log.lost),
-                "largest": [f"{s.n_bytes} bytes at offset {s.offset}: {s.reason}" for s in largest],
+                "lost_blocks": len(log.lost),
+                "largest": [
+                    f"{block.n_bytes} bytes at offset {block.offset}: {block.reason}" for block in largest
+                ],
             },
         )
     if log.n_dropped:

@@ -17,7 +17,24 @@ def finding(
     title: str = "",
     advice: str = "",
 ) -> Finding:
-    """Return a finding with the catalogue's title and advice unless better ones are given."""
+    """Return a finding with the catalogue's title and advice unless better ones are given.
+
+    Parameters
+    ----------
+    code : str
+        A key of the catalogue.
+    level : "info", "warning" or "error"
+    evidence : mapping of str to object
+        What it rests on: units at the end of the keys, values that JSON knows.
+    axes : sequence of str
+        The axes that it touches; empty means all.
+    title, advice : str
+        "" takes the catalogue's.
+
+    Returns
+    -------
+    Finding
+    """
     entry = CATALOGUE[code]
     return Finding(
         code=code,
@@ -31,6 +48,15 @@ def finding(
 
 def rounded(value: float, digits: int = 4) -> float:
     """Return so many significant digits: evidence is read by people.
+
+    Parameters
+    ----------
+    value : float
+    digits : int
+
+    Returns
+    -------
+    float
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Doubts about the recommended model, axis by axis."""
+"""Caveats about the recommended model, axis by axis."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ import numpy as np
 from quadid_logs.data.diagnosis import Finding, Level
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Excitation, Identification, Model, Parameter
-from quadid_logs.data.settings import Settings
-from quadid_logs.diagnose.advice import excitation_advice
+from quadid_logs.diagnose.advice import advice_for
 from quadid_logs.diagnose.findings import finding, rounded
 from quadid_logs.identify.actuator import MAX_DELAY_S, MAX_LAG_S
 from quadid_logs.identify.design import HELD_OUT_BLOCK_S
@@ -19,30 +18,45 @@ from quadid_logs.identify.excitation import MIN_RATE_RMS_DEG_S
 from quadid_logs.identify.parameters import MAX_RELATIVE_CI, MIN_SIGNAL_TO_NOISE, MIN_SIMULATED_R2
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS, RATE_SYMBOLS
 
-#: A gain that moves by more than this from band to band is not one number.
+#: Effectiveness that differs by more than this from band to band is not one number.
 _BAND_ERROR = 0.25
 _BAND_WARNING = 0.1
 #: The squared difference over its variance passes 12.2 in 1 % of flights
 #: without a change (Andrews 2003); three axes are looked at, and residuals are not quite normal.
 _CHANGE_SEEN = 16.0
-#: A battery that empties lowers the gain by some per cent; more is another vehicle.
+#: A battery that empties lowers the effectiveness by some per cent; more is another vehicle.
 _CHANGE_WARNING = 0.1
 _CHANGE_ERROR = 0.25
-#: Gains are not known better than to some per cent in practice: less is no matter.
-_FORMS_WARNING = 0.05
+#: Effectiveness is not known better than to some per cent in practice: less is no matter.
+_FORMULATIONS_WARNING = 0.05
 #: Half as wide again: beyond what chance makes of a few blocks.
 _WIDER = 1.5
-#: Windows of the paper of which fewer than this share rise above the noise.
+#: Windows of the paper of which a smaller fraction than this rises above the noise.
 _FEW_WINDOWS = 0.5
+#: R2 of 0.9: the torque explains nearly all.
+_CAUTION_SIGNAL_TO_NOISE = 9.0
+#: Wind of 8 m/s leaves 0.4 to 0.9 at a bias below 1 %: below this it is worth a warning.
+_CAUTION_SIMULATED_R2 = 0.7
 
 
-def find_in_models(log: FlightLog, identification: Identification, settings: Settings) -> Iterator[Finding]:
-    """Yield the findings about the models."""
+def find_in_models(log: FlightLog, identification: Identification) -> Iterator[Finding]:
+    """Yield the findings about the models.
+
+    Parameters
+    ----------
+    log : FlightLog
+        For what to fly next: autopilot and version.
+    identification : Identification
+
+    Yields
+    ------
+    Finding
+    """
     model = identification.recommended
     if model is None:
         return
     for number in range(len(AXES)):
-        yield from _axis(log, identification, model, settings, number)
+        yield from _axis(log, identification, model, number)
     yield from _actuator(model)
     yield from _windows(identification)
 
@@ -54,17 +68,16 @@ class _Axis(NamedTuple):
     number: int
     model: Model
     excitation: Excitation
-    own: Parameter
-    settings: Settings
+    on_axis: Parameter
     advice: str
 
     @property
     def r2(self) -> float:
-        """Share of held-out acceleration that the model explains."""
+        """Fraction of held-out acceleration that the model explains."""
         return self.model.validation.r2_acceleration.get(ACCELERATION_SYMBOLS[self.number], float("nan"))
 
     @property
-    def moved_deg_s(self) -> float:
+    def rate_rms_deg_s(self) -> float:
         """How much the axis turned [deg/s rms]."""
         return float(np.degrees(self.excitation.rate_rms_rad_s))
 
@@ -73,30 +86,27 @@ class _Axis(NamedTuple):
         return finding(code, level, evidence, axes=(self.name,), advice=self.advice, title=title)
 
 
-def _axis(
-    log: FlightLog, identification: Identification, model: Model, settings: Settings, number: int
-) -> Iterator[Finding]:
+def _axis(log: FlightLog, identification: Identification, model: Model, number: int) -> Iterator[Finding]:
     """Judge one axis; the first thing that makes its number worthless is enough."""
     axis = _Axis(
         name=AXES[number],
         number=number,
         model=model,
         excitation=identification.excitation[number],
-        own=model.entries[ON_AXIS[AXES[number]]],
-        settings=settings,
-        advice=excitation_advice(log.autopilot, AXES[number]),
+        on_axis=model.entries[ON_AXIS[AXES[number]]],
+        advice=advice_for(log.autopilot).excitation(AXES[number], log.version),
     )
-    for check in (_hardly_moved, _not_explained, _wrong_sign, _too_wide):
+    for check in (_poorly_excited, _not_explained, _wrong_sign, _too_wide):
         if (found := check(axis)) is not None:
             yield found
             return
     for check in (
         _not_reproduced,
-        _slides_with_the_band,
-        _forms_disagree,
+        _depends_on_the_band,
+        _formulations_disagree,
         _changes_in_flight,
         _interval_too_narrow,
-        _little_moved,
+        _weakly_excited,
     ):
         if (found := check(axis)) is not None:
             yield found
@@ -106,21 +116,21 @@ def _evidence(axis: _Axis) -> dict[str, object]:
     return {
         "held_out_r2": rounded(axis.r2),
         "signal_to_noise": rounded(axis.excitation.signal_to_noise),
-        "rate_rms_deg_s": rounded(axis.moved_deg_s),
+        "rate_rms_deg_s": rounded(axis.rate_rms_deg_s),
         "torque_rms": rounded(axis.excitation.torque_rms),
     }
 
 
 def _gain(axis: _Axis) -> dict[str, object]:
-    low, high = axis.own.ci95
-    return {"gain": rounded(axis.own.value), "ci95": [rounded(low), rounded(high)]}
+    low, high = axis.on_axis.ci95
+    return {"gain": rounded(axis.on_axis.value), "ci95": [rounded(low), rounded(high)]}
 
 
-def _hardly_moved(axis: _Axis) -> Finding | None:
+def _poorly_excited(axis: _Axis) -> Finding | None:
     needed = MIN_RATE_RMS_DEG_S
-    if axis.moved_deg_s >= needed:
+    if axis.rate_rms_deg_s >= needed:
         return None
-    title = f"{axis.name.capitalize()} was hardly moved ({axis.moved_deg_s:.2g} deg/s rms)"
+    title = f"{axis.name.capitalize()} was poorly excited ({axis.rate_rms_deg_s:.2g} deg/s rms)"
     return axis.finding("QL403", "error", {**_evidence(axis), "needed_deg_s": needed}, title)
 
 
@@ -135,28 +145,26 @@ def _not_explained(axis: _Axis) -> Finding | None:
 
 
 def _wrong_sign(axis: _Axis) -> Finding | None:
-    return None if axis.own.value > 0.0 else axis.finding("QL506", "error", _evidence(axis) | _gain(axis))
+    return None if axis.on_axis.value > 0.0 else axis.finding("QL506", "error", _evidence(axis) | _gain(axis))
 
 
 def _too_wide(axis: _Axis) -> Finding | None:
-    half_width = 0.5 * (axis.own.ci95[1] - axis.own.ci95[0])
-    if half_width <= MAX_RELATIVE_CI * axis.own.value:
+    half_width = 0.5 * (axis.on_axis.ci95[1] - axis.on_axis.ci95[0])
+    if half_width <= MAX_RELATIVE_CI * axis.on_axis.value:
         return None
     return axis.finding("QL505", "error", _evidence(axis) | _gain(axis))
 
 
-def _little_moved(axis: _Axis) -> Finding | None:
-    if axis.excitation.signal_to_noise >= axis.settings.diagnose.caution_signal_to_noise:
+def _weakly_excited(axis: _Axis) -> Finding | None:
+    if axis.excitation.signal_to_noise >= _CAUTION_SIGNAL_TO_NOISE:
         return None
-    return axis.finding(
-        "QL404", "warning", _evidence(axis), f"{axis.name.capitalize()} was moved only a little"
-    )
+    return axis.finding("QL404", "warning", _evidence(axis), f"{axis.name.capitalize()} was weakly excited")
 
 
 def _not_reproduced(axis: _Axis) -> Finding | None:
-    """Doubt an axis whose motion does not follow from its torque over some seconds."""
+    """Warn of an axis whose motion does not follow from its torque over some seconds."""
     r2 = axis.model.validation.r2_high_passed_rate.get(RATE_SYMBOLS[axis.number], float("nan"))
-    if r2 >= axis.settings.diagnose.caution_simulated_r2:
+    if r2 >= _CAUTION_SIMULATED_R2:
         return None
     evidence = {
         "simulated_rate_r2": rounded(r2),
@@ -166,7 +174,7 @@ def _not_reproduced(axis: _Axis) -> Finding | None:
     return axis.finding("QL511", "warning" if r2 >= MIN_SIMULATED_R2 else "error", evidence)
 
 
-def _slides_with_the_band(axis: _Axis) -> Finding | None:
+def _depends_on_the_band(axis: _Axis) -> Finding | None:
     band = axis.model.band
     spread = 0.0 if band is None else float(band.spread[axis.number])
     if band is None or spread <= _BAND_WARNING:
@@ -195,32 +203,34 @@ def _changes_in_flight(axis: _Axis) -> Finding | None:
         "statistic": rounded(float(change.statistic[axis.number])),
         "needed": _CHANGE_SEEN,
     }
-    title = f"The {axis.name} gain changes by {100.0 * relative:.0f} % at {time_s:.4g} s into the log"
+    title = (
+        f"The {axis.name} effectiveness changes by {100.0 * relative:.0f} % at {time_s:.4g} s into the log"
+    )
     return axis.finding("QL509", "error" if relative > _CHANGE_ERROR else "warning", evidence, title)
 
 
-def _forms_disagree(axis: _Axis) -> Finding | None:
-    """Doubt a gain that depends on how the same equation is written."""
+def _formulations_disagree(axis: _Axis) -> Finding | None:
+    """Warn of effectiveness that depends on how the same equation is written."""
     formulations = axis.model.formulations
     disagreement = 0.0 if formulations is None else float(formulations.disagree[axis.number])
-    if formulations is None or disagreement <= _FORMS_WARNING:
+    if formulations is None or disagreement <= _FORMULATIONS_WARNING:
         return None
     evidence = {
-        "gain_weak_form": rounded(float(formulations.on_axis_gain[0, axis.number])),
-        "gain_integral_form": rounded(float(formulations.on_axis_gain[1, axis.number])),
+        "gain_weak": rounded(float(formulations.on_axis_gain[0, axis.number])),
+        "gain_integral": rounded(float(formulations.on_axis_gain[1, axis.number])),
         "half_widths_95": [rounded(float(value)) for value in formulations.half_width[:, axis.number]],
     }
     return axis.finding("QL513", "error" if disagreement > _BAND_ERROR else "warning", evidence)
 
 
 def _interval_too_narrow(axis: _Axis) -> Finding | None:
-    """Say where resampling the flight scatters the gain by more than its interval."""
+    """Say where resampling the flight scatters the effectiveness by more than its interval."""
     half_width = axis.model.bootstrap_half_width
-    own = 0.5 * (axis.own.ci95[1] - axis.own.ci95[0])
-    if half_width is None or not half_width[axis.number] > _WIDER * own:
+    fitted = 0.5 * (axis.on_axis.ci95[1] - axis.on_axis.ci95[0])
+    if half_width is None or not half_width[axis.number] > _WIDER * fitted:
         return None
     evidence = {
-        "half_width": rounded(own),
+        "half_width": rounded(fitted),
         "half_width_by_resampling": rounded(float(half_width[axis.number])),
     }
     return axis.finding("QL514", "warning", evidence)
@@ -237,14 +247,14 @@ def _actuator(model: Model) -> Iterator[Finding]:
 
 
 def _windows(identification: Identification) -> Iterator[Finding]:
-    """Say how the published windows fare, once for all structures that have them."""
+    """Say how many of the published windows rise above the noise, once for all structures that have them."""
     weak = {}
     for model in identification.models:
         windows = model.windows
         if windows is None or model.actuator is not None:
             continue
-        share = float(np.mean(windows.used)) if windows.used.size else 0.0
-        if share < _FEW_WINDOWS:
+        fraction = float(np.mean(windows.used)) if windows.used.size else 0.0
+        if fraction < _FEW_WINDOWS:
             weak[model.structure] = {
                 "windows": int(windows.used.size),
                 "above_noise": int(np.count_nonzero(windows.used)),

@@ -1,4 +1,4 @@
-"""Doubts about how torque follows from the outputs, and about the inertia that it leads to."""
+"""Caveats about how torque follows from the outputs, and about the inertia that it leads to."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.diagnose.findings import finding, rounded
 from quadid_logs.vocabulary import AXES, ON_AXIS
 
-#: Limited this often, an axis' gain on its command is lower than that on what it got by some percent.
+#: Limited this often, effectiveness per command is lower than that per achieved torque by some percent.
 _OFTEN_LIMITED = 0.01
 #: Moments of inertia over mass times arm squared. All mass at the tips of a cross gives 0.5 about x and y
 #: and 1 about z; the known vehicles lie at 0.06 to 0.4.
@@ -24,7 +24,18 @@ _INERTIA_RATIO = ((0.01, 0.6), (0.01, 0.6), (0.02, 1.1))
 
 
 def find_in_torque(log: FlightLog, data: FlightData, identification: Identification) -> Iterator[Finding]:
-    """Yield the findings about airframe, mixer, saturation and calibration."""
+    """Yield the findings about airframe, mixer, saturation and calibration.
+
+    Parameters
+    ----------
+    log : FlightLog
+    data : FlightData
+    identification : Identification
+
+    Yields
+    ------
+    Finding
+    """
     model = log.torque
     if model is None or data.input is None:
         return
@@ -41,7 +52,18 @@ def find_in_torque(log: FlightLog, data: FlightData, identification: Identificat
 
 
 def not_in_newton_metres(log: FlightLog, given: InputDescription) -> Finding:
-    """Return the finding that gains are per unit of command, with what would change that."""
+    """Return the finding that effectiveness is per unit of command, with what would change that.
+
+    Parameters
+    ----------
+    log : FlightLog
+    given : InputDescription
+
+    Returns
+    -------
+    Finding
+        QL510.
+    """
     needs = log.torque.needs if log.torque is not None else ()
     evidence: dict[str, object] = {"source": given.source}
     if any(given.calibration.known):
@@ -70,19 +92,19 @@ def _mixer(model: TorqueModel, given: InputDescription) -> Iterator[Finding]:
 
 
 def _saturation(model: TorqueModel, given: InputDescription) -> Iterator[Finding]:
-    """Say which axes got less than they asked for."""
+    """Say which axes got less torque than was commanded."""
     often = [
         axis
-        for axis, share in zip(AXES, model.saturated_fraction, strict=True)
-        if math.isfinite(share) and share > _OFTEN_LIMITED
+        for axis, fraction in zip(AXES, model.saturated_fraction, strict=True)
+        if math.isfinite(fraction) and fraction > _OFTEN_LIMITED
     ]
     if not often:
         return
-    shares = {axis: rounded(share) for axis, share in zip(AXES, model.saturated_fraction, strict=True)}
+    limited = {axis: rounded(each) for axis, each in zip(AXES, model.saturated_fraction, strict=True)}
     yield finding(
         "QL405",
         "info" if given.achieved else "warning",
-        {"share_of_flight": shares, "torque": "as achieved" if given.achieved else "as asked for"},
+        {"fraction_of_flight": limited, "torque": "as achieved" if given.achieved else "as commanded"},
         axes=often,
     )
 
@@ -107,7 +129,7 @@ def _inertia(inertia: Inertia, calibration: Calibration) -> Iterator[Finding]:
             least, most = _INERTIA_RATIO[axis]
             if high[axis] / size < least or low[axis] / size > most:
                 ratio = rounded(float(moment[axis]) / size)
-                wrong[f"I{'xyz'[axis] * 2}_over_m_r2"] = f"{ratio}, usual are {least} to {most}"
+                wrong[f"I{'xyz'[axis] * 2}_over_m_r2"] = f"{ratio}, typical are {least} to {most}"
     if wrong:
         yield finding(
             "QL512", "warning", {**wrong, "moments_kg_m2": [rounded(float(value)) for value in moment]}
@@ -117,7 +139,19 @@ def _inertia(inertia: Inertia, calibration: Calibration) -> Iterator[Finding]:
 def find_in_given_inertia(
     data: FlightData, identification: Identification, vehicle: Vehicle | None
 ) -> Iterator[Finding]:
-    """Hold the gains against the inertia in the vehicle file, where torque is in N m."""
+    """Compare the effectiveness with the inertia in the vehicle file, where torque is in N m.
+
+    Parameters
+    ----------
+    data : FlightData
+    identification : Identification
+    vehicle : Vehicle or None
+
+    Yields
+    ------
+    Finding
+        QL515.
+    """
     model = identification.recommended
     if model is None or vehicle is None or vehicle.inertia_kg_m2 is None:
         return
@@ -125,11 +159,11 @@ def find_in_given_inertia(
         return
     evidence: dict[str, object] = {}
     for axis, moment in zip(AXES, np.diagonal(vehicle.inertia_kg_m2), strict=True):
-        own = model.entries[ON_AXIS[axis]]
-        low, high = own.ci95
-        evidence[f"{axis}_real_over_commanded"] = rounded(own.value * moment, 3)
+        on_axis = model.entries[ON_AXIS[axis]]
+        low, high = on_axis.ci95
+        evidence[f"{axis}_real_over_commanded"] = rounded(on_axis.value * moment, 3)
         evidence[f"{axis}_ci95"] = [rounded(low * moment, 3), rounded(high * moment, 3)]
-        evidence[f"{axis}_identified"] = own.identifiable
+        evidence[f"{axis}_identified"] = on_axis.identifiable
     title = "Real torque over commanded, by the inertia given: " + ", ".join(
         f"{axis} {evidence[f'{axis}_real_over_commanded']}" for axis in AXES
     )

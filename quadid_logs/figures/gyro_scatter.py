@@ -32,7 +32,7 @@ def gyro_against_attitude(result: Result) -> Figure | LeftOut:
                 y=Axis(label="by the attitude", unit="deg"),
                 curves=(
                     Curve(label="agreement", x=ends, y=ends, role="muted", mark="dashed"),
-                    Curve(label=f"{axis}, each second", x=by_rates, y=by_attitude, role=axis, mark="points"),
+                    Curve(label=f"{axis}, per interval", x=by_rates, y=by_attitude, role=axis, mark="points"),
                 ),
             )
         )

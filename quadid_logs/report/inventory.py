@@ -11,7 +11,6 @@ from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.flight import FlightData, SourceChoice
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Identification
-from quadid_logs.data.settings import Settings
 from quadid_logs.diagnose.data_findings import find_in_data
 from quadid_logs.diagnose.file_findings import find_in_file
 from quadid_logs.diagnose.gyro_findings import find_in_gyro
@@ -24,14 +23,13 @@ from quadid_logs.untrusted import printable
 _MOST_TYPES = 14
 
 
-def missing_for_analysis(log: FlightLog, data: FlightData, settings: Settings) -> tuple[Finding, ...]:
+def missing_for_analysis(log: FlightLog, data: FlightData) -> tuple[Finding, ...]:
     """Return what `analyze` would complain about before it has looked at the motion.
 
     Parameters
     ----------
     log : FlightLog
     data : FlightData
-    settings : Settings
 
     Returns
     -------
@@ -41,13 +39,13 @@ def missing_for_analysis(log: FlightLog, data: FlightData, settings: Settings) -
     """
     found = [
         *find_in_file(log, data),
-        *find_in_data(log, data, Identification(), settings),
+        *find_in_data(log, data, Identification()),
         *find_in_gyro(data),
     ]
     return tuple(finding for level in ("error", "warning") for finding in found if finding.level == level)
 
 
-def inventory_text(log: FlightLog, data: FlightData, settings: Settings) -> str:
+def inventory_text(log: FlightLog, data: FlightData) -> str:
     """Return the inventory as JSON."""
     content: dict[str, Any] = {
         "schema_version": SCHEMA_VERSION,
@@ -58,14 +56,12 @@ def inventory_text(log: FlightLog, data: FlightData, settings: Settings) -> str:
         ],
         "modes": [{"time_s": mode.time_s, "name": mode.name} for mode in data.modes],
         "n_parameters": len(log.parameters),
-        "missing_for_analysis": [
-            finding_dict(finding) for finding in missing_for_analysis(log, data, settings)
-        ],
+        "missing_for_analysis": [finding_dict(finding) for finding in missing_for_analysis(log, data)],
     }
     return strict_text(content)
 
 
-def inventory_lines(log: FlightLog, data: FlightData, settings: Settings) -> Iterator[str]:
+def inventory_lines(log: FlightLog, data: FlightData) -> Iterator[str]:
     """Yield the inventory as lines for people."""
     yield f"{printable(log.path)}  {size(log.n_bytes)}, {log.format} {printable(log.dialect, 40)}".rstrip()
     for name, value in (
@@ -89,7 +85,7 @@ def inventory_lines(log: FlightLog, data: FlightData, settings: Settings) -> Ite
     for choice in data.sources.values():
         yield from _signal_lines(choice)
     yield ""
-    lacks = missing_for_analysis(log, data, settings)
+    lacks = missing_for_analysis(log, data)
     if not lacks:
         yield "  Nothing is missing for analyze."
     for finding in lacks:

@@ -67,14 +67,14 @@ def evidence_name(key: str) -> str:
 
 
 def evidence_text(key: str, value: object) -> str:
-    """Return a piece of evidence as text: a share in per cent, anything else as it is.
+    """Return a piece of evidence as text: a fraction in per cent, anything else as it is.
 
     Examples
     --------
-    >>> evidence_text("share_of_flight", {"roll": 0.0013}), evidence_text("gaps", 3)
+    >>> evidence_text("fraction_of_flight", {"roll": 0.0013}), evidence_text("gaps", 3)
     ('roll: 0.13 %', '3')
     """
-    if not key.startswith("share_"):
+    if not key.startswith("fraction_"):
         return evidence_value(value)
     if isinstance(value, Mapping):
         return ", ".join(

@@ -14,7 +14,7 @@ from quadid_logs.plan import Prediction, make_plan, predict
 from quadid_logs.report.plan import card_lines, parameter_files
 from quadid_logs.simulate.sweep import Sweep, sweep_wave
 
-#: ArduCopter, mode_systemid.cpp: the ranges of its parameters; the mixer takes a share of 1.
+#: ArduCopter, mode_systemid.cpp: the ranges of its parameters; the mixer takes a fraction of 1.
 RANGES = {
     "SID_AXIS": (10, 12),
     "SID_MAGNITUDE": (0.0, 0.3),
@@ -53,6 +53,16 @@ def test_parameter_files_are_what_the_ground_stations_read() -> None:
             assert line.startswith("#") or len(line.split(",")) == 2
     (text,) = parameter_files(make_plan("px4")).values()
     assert text.splitlines()[-1].split("\t") == ["1", "1", "SDLOG_PROFILE", "25", "6"]
+
+
+def test_before_system_id_mode_the_pilot_flies_doublets() -> None:
+    """And the card says why, and what the logger cannot do."""
+    plan = make_plan("ardupilot", ["roll"], (3, 4))
+    assert not plan.sweeps
+    assert parameter_files(plan).keys() == {"logging.param"}
+    notes = plan.advice.version_notes(plan.version)
+    assert any("needs ArduCopter 4.0" in note for note in notes)
+    assert any("at 25 Hz" in note for note in notes)
 
 
 def test_the_sweep_starts_slow_ends_fast_and_fades() -> None:
@@ -125,6 +135,7 @@ def test_card_and_files_are_written_together(
     [
         (["--autopilot", "betaflight"], "ardupilot, px4"),
         (["--autopilot", "px4", "--axis", "heave"], "roll, pitch, yaw"),
+        (["--autopilot", "ardupilot", "--firmware", "four"], "4.5.7"),
         ([], "--autopilot"),
     ],
 )

@@ -24,7 +24,7 @@ ROLL_ONLY = (0,)
 
 def judge(data: FlightData, log: FlightLog | None = None) -> Diagnosis:
     settings = Settings()
-    return diagnose(log or flight_log(), data, identify(data, settings.identify), settings)
+    return diagnose(log or flight_log(), data, identify(data, settings.identify))
 
 
 def logged_at(rate_hz: float) -> dict[str, SourceChoice]:
@@ -56,7 +56,7 @@ def test_a_good_flight_is_usable_on_all_axes(good: FlightData) -> None:
     assert diagnosis.usable
 
 
-def test_axes_that_were_not_moved_are_refused_by_name() -> None:
+def test_axes_that_were_not_excited_are_refused_by_name() -> None:
     """Roll alone was excited."""
     data = dataclasses.replace(
         fly(QUAD, multisine(30.0, axes=ROLL_ONLY), feedback=8.0), sources=logged_at(400.0)
@@ -84,7 +84,7 @@ def test_ten_hertz_logging_is_refused_with_the_parameter_to_set() -> None:
     log = flown(np.arange(0.0, 60.0, 0.1), parameters={"LOG_BITMASK": 176126.0})
     settings = Settings()
     data = align(log, settings.align)
-    diagnosis = diagnose(log, data, identify(data, settings.identify), settings)
+    diagnosis = diagnose(log, data, identify(data, settings.identify))
     finding = next(each for each in diagnosis.findings if each.code == "QL303")
     assert "LOG_BITMASK to 176127" in finding.advice
     assert not diagnosis.usable
@@ -94,7 +94,7 @@ def test_px4_is_told_its_own_parameter() -> None:
     """SDLOG_PROFILE, not LOG_BITMASK."""
     log = flown(np.arange(0.0, 60.0, 0.1), autopilot="px4", format="ulog")
     data = align(log, AlignSettings())
-    (finding, *_) = diagnose(log, data, Identification(), Settings()).findings
+    (finding, *_) = diagnose(log, data, Identification()).findings
     assert "SDLOG_PROFILE to 25" in finding.advice
     assert "LOG_BITMASK" not in finding.advice
 
@@ -109,7 +109,7 @@ def test_px4_is_told_its_own_parameter() -> None:
         ({"lost": (LostBytes(offset=100, n_bytes=50, reason="no header"),)}, "QL101"),
     ],
 )
-def test_each_doubt_about_the_file_has_its_finding(changes: dict[str, object], code: str) -> None:
+def test_each_caveat_about_the_file_has_its_finding(changes: dict[str, object], code: str) -> None:
     """One cause, one code."""
     log = flown(np.arange(0.0, 60.0, 0.0025), **changes)
     assert code in codes(judge(align(log, AlignSettings()), log))
@@ -145,7 +145,7 @@ def test_a_vehicle_that_stayed_on_the_ground_is_refused() -> None:
     assert "the throttle never left idle" in finding.title
 
 
-def test_a_gain_of_the_wrong_sign_is_refused(good: FlightData) -> None:
+def test_effectiveness_of_the_wrong_sign_is_refused(good: FlightData) -> None:
     """Torque logged with its sign turned."""
     segment = good.segments[0]
     turned = dataclasses.replace(segment, torque=-segment.torque)
@@ -169,7 +169,7 @@ def test_every_catalogue_entry_says_what_it_means_and_what_to_do() -> None:
         assert entry.advice.endswith(".")
 
 
-def test_a_vehicle_that_changes_in_mid_flight_is_doubted() -> None:
+def test_a_vehicle_that_changes_in_mid_flight_is_reported() -> None:
     """A payload drop lowers the inertia by a quarter after the first half."""
     heavy = fly(QUAD, multisine(25.0), feedback=8.0).segments[0]
     light = fly(dataclasses.replace(QUAD, inertia=0.75 * QUAD.inertia), multisine(25.0), feedback=8.0)
@@ -178,6 +178,6 @@ def test_a_vehicle_that_changes_in_mid_flight_is_doubted() -> None:
     assert "QL509" in codes(judge(both))
 
 
-def test_a_vehicle_that_stays_the_same_is_not_doubted(good: FlightData) -> None:
+def test_a_vehicle_that_stays_the_same_is_not_reported(good: FlightData) -> None:
     """No false alarm on the two halves of one flight."""
     assert "QL509" not in codes(judge(good))

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from quadid_logs.actuation.airframe import Airframe, Unknown
     from quadid_logs.actuation.motors import Rebuilt
     from quadid_logs.align.series import CleanLog
+    from quadid_logs.autopilots.generic.advice import Advice
 
 
 class ArduPilot(Autopilot):
@@ -48,6 +49,13 @@ class ArduPilot(Autopilot):
     def loop_rate_hz(self, parameters: Mapping[str, float]) -> float:
         """SCHED_LOOP_RATE."""
         return parameters.get("SCHED_LOOP_RATE", 0.0)
+
+    @property
+    def advice(self) -> Advice:
+        """LOG_BITMASK and System ID mode."""
+        from quadid_logs.autopilots.ardupilot.advice import ADVICE
+
+        return ADVICE
 
 
 AUTOPILOT = ArduPilot()

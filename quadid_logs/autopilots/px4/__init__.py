@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from quadid_logs.actuation.airframe import Airframe, Unknown
     from quadid_logs.actuation.motors import Rebuilt
     from quadid_logs.align.series import CleanLog
+    from quadid_logs.autopilots.generic.advice import Advice
 
 
 class Px4(Autopilot):
@@ -47,6 +48,13 @@ class Px4(Autopilot):
     def loop_rate_hz(self, parameters: Mapping[str, float]) -> float:
         """IMU_GYRO_RATEMAX; 0 there means as fast as the gyro, whose rate no parameter tells."""
         return parameters.get("IMU_GYRO_RATEMAX", 0.0)
+
+    @property
+    def advice(self) -> Advice:
+        """SDLOG_PROFILE and stick doublets."""
+        from quadid_logs.autopilots.px4.advice import ADVICE
+
+        return ADVICE
 
 
 AUTOPILOT = Px4()

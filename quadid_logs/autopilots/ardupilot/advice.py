@@ -1,0 +1,156 @@
+"""What to log, set and fly with ArduCopter, by the version of the firmware."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Final
+
+from quadid_logs.autopilots.generic.advice import Advice, Setting, Version
+from quadid_logs.data.log import whole_number
+
+#: ArduCopter/defines.h: bit 0 of LOG_BITMASK has been ATTITUDE_FAST since 2.x; what it logs has changed.
+_ATTITUDE_FAST: Final = 1
+_DEFAULT_LOG_BITMASK: Final = 176126
+#: Rate of RATE [Hz] under ATTITUDE_FAST, from this version on (ArduCopter.pde and ArduCopter.cpp: ATT alone;
+#: fifty_hz_logging_loop; twentyfive_hz_logging, still so in 3.5-dev; fourhundred_hz_logging).
+_RATE_LOGGED: Final[tuple[tuple[Version, float], ...]] = (
+    ((0,), 0.0),
+    ((3, 3), 50.0),
+    ((3, 4), 25.0),
+    ((3, 6), float("inf")),
+)
+#: mode_systemid.cpp came with 4.0.
+_SYSTEM_ID_SINCE: Final[Version] = (4, 0)
+#: mode_systemid.cpp, SID_AXIS: 10 mixer roll, 11 mixer pitch, 12 mixer yaw.
+_SID_AXIS: Final[Mapping[str, int]] = MappingProxyType({"roll": 10, "pitch": 11, "yaw": 12})
+#: Fraction of the mixer's range. Rolls and pitches a quadrotor by some 30 deg/s at 1 Hz and by little at
+#: 8 Hz; yaw answers ten times less. Too small drowns in noise, too large meets the motors' limits.
+_SID_MAGNITUDE: Final[Mapping[str, float]] = MappingProxyType({"roll": 0.05, "pitch": 0.05, "yaw": 0.15})
+_SID_PARAMETERS: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "magnitude": "SID_MAGNITUDE",
+        "start_hz": "SID_F_START_HZ",
+        "stop_hz": "SID_F_STOP_HZ",
+        "fade_in_s": "SID_T_FADE_IN",
+        "record_s": "SID_T_REC",
+        "fade_out_s": "SID_T_FADE_OUT",
+    }
+)
+
+
+class ArduPilotAdvice(Advice):
+    """LOG_BITMASK, System ID mode, and files of NAME,VALUE."""
+
+    remedies = MappingProxyType(
+        {
+            "QL307": "Log RATE, RCOU and MOTB with a current firmware to get the torque that was achieved.",
+            "QL310": "Check AHRS_ORIENTATION, and in the PM messages whether the main loop keeps up.",
+        }
+    )
+    excitation_parameters = ("SID_AXIS", "SID_MAGNITUDE", "SID_F_START_HZ", "SID_F_STOP_HZ")
+    logging_settings = (("LOG_BITMASK", float(_DEFAULT_LOG_BITMASK | _ATTITUDE_FAST)),)
+    logging_note = "if yours is not the default, keep it and add bit 0"
+    gyro_filter_parameter = "INS_GYRO_FILTER"
+    hover_mode = "Stabilize"
+    parameter_suffix = ".param"
+
+    def _logging(
+        self,
+        log_format: str,  # noqa: ARG002
+        parameters: Mapping[str, float],
+        version: Version | None,
+    ) -> str:
+        """Say what to do about LOG_BITMASK; a mask of 16 or 32 bits may be negative."""
+        if limit := _logging_limit(version):
+            return f"{limit} Then set bit 0 of LOG_BITMASK (ATTITUDE_FAST) and fly again."
+        mask = whole_number(parameters.get("LOG_BITMASK"), _DEFAULT_LOG_BITMASK)
+        if mask & _ATTITUDE_FAST:
+            return (
+                f"LOG_BITMASK is {mask}: bit 0 (ATTITUDE_FAST) is set, and RATE is logged at the loop rate. "
+                "Where its rows are missing, the card did not keep up: use a faster one, or log fewer "
+                "message types."
+            )
+        return (
+            f"Set LOG_BITMASK to {mask | _ATTITUDE_FAST} (adds bit 0, ATTITUDE_FAST), so that RATE is logged "
+            "at the loop rate (400 Hz), and fly again."
+        )
+
+    def excitation(self, axis: str, version: Version | None) -> str:
+        """Add what System ID mode does by itself, where the firmware has it."""
+        by_stick = super().excitation(axis, version)
+        if not self.sweep_magnitudes(version):
+            return f"{by_stick} {_no_system_id(version)}"
+        return (
+            f"{by_stick} ArduCopter's System ID mode does it by itself: SID_AXIS {_SID_AXIS[axis]} "
+            f"(mixer {axis}), SID_MAGNITUDE {_SID_MAGNITUDE[axis]}. On the mixer axes the unit is a fraction "
+            "of the full command, so that the default of 15 is dangerous: read the value back before the "
+            "flight; see quadid-log plan."
+        )
+
+    def sweep_magnitudes(self, version: Version | None) -> Mapping[str, float]:
+        """Return SID_MAGNITUDE by axis, nothing before System ID mode."""
+        return {} if version is not None and version < _SYSTEM_ID_SINCE else _SID_MAGNITUDE
+
+    def sweep_settings(self, axis: str, sweep: Mapping[str, float]) -> tuple[Setting, ...]:
+        """Return the parameters SID_*, SID_AXIS first: it shows the others."""
+        described = ((name, sweep[meaning]) for meaning, name in _SID_PARAMETERS.items())
+        return (("SID_AXIS", float(_SID_AXIS[axis])), *described)
+
+    def sweep_comment(self, axis: str) -> str:
+        """Return the first line of the parameter file of an axis' sweep."""
+        return f"Sweep the {axis} axis. Load twice: SID_AXIS shows the others. Check SID_MAGNITUDE"
+
+    def version_notes(self, version: Version | None) -> tuple[str, ...]:
+        """Return what is logged too slowly, and whether System ID mode is missing."""
+        missing = "" if self.sweep_magnitudes(version) else _no_system_id(version)
+        return tuple(note for note in (_logging_limit(version), missing) if note)
+
+    def parameter_text(self, comment: str, settings: Sequence[Setting]) -> str:
+        """Return lines of NAME,VALUE."""
+        return "\n".join((f"# {comment}", *(f"{name},{value:g}" for name, value in settings))) + "\n"
+
+    def steps(self, axes: Sequence[str], sweeps: Mapping[str, Mapping[str, float]]) -> tuple[str, ...]:
+        """Return the steps of a flight with System ID mode, or by stick."""
+        if not sweeps:
+            return super().steps(axes, sweeps)
+        return (
+            "Put System ID (mode 25) on a switch beside AltHold or Stabilize.",
+            "SID_MAGNITUDE is a fraction of full motor authority here, and its default of 15 would flip the "
+            "vehicle: never switch to System ID before you have read it back.",
+            "Take off in Stabilize and hover. System ID flies like Stabilize; leaving it stops the sweep.",
+            *(
+                f"{axis.capitalize()}: load sweep-{axis}.param, READ BACK that SID_MAGNITUDE is "
+                f"{sweeps[axis]['magnitude']:g}, switch to System ID, hold the place with small stick moves "
+                f"for {sweeps[axis]['record_s']:g} s, switch back when it says finished."
+                for axis in axes
+            ),
+            "If the vehicle barely shakes at the first sweep, double SID_MAGNITUDE; if it leans more than 20 "
+            "degrees, halve it.",
+            "Set SID_AXIS back to 0.",
+        )
+
+
+def _logging_limit(version: Version | None) -> str:
+    """Say that no bit makes this firmware log RATE fast enough; "" where one does."""
+    if version is None:
+        return ""
+    rate_hz = next(rate for since, rate in reversed(_RATE_LOGGED) if version >= since)
+    if rate_hz == float("inf"):
+        return ""
+    what = f"logs RATE at {rate_hz:g} Hz at most" if rate_hz else "does not log the rate controller's output"
+    return (
+        f"ArduCopter {_dotted(version)} {what}, whatever LOG_BITMASK is: update the firmware to 4.0 or later "
+        "(8-bit APM boards stay at 3.2)."
+    )
+
+
+def _no_system_id(version: Version | None) -> str:
+    return f"System ID mode, which injects a sweep, needs ArduCopter 4.0; this is {_dotted(version or ())}."
+
+
+def _dotted(version: Version) -> str:
+    return ".".join(map(str, version))
+
+
+ADVICE: Final = ArduPilotAdvice()

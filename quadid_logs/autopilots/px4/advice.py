@@ -1,0 +1,61 @@
+"""What to log, set and fly with PX4, by the version of the firmware."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Final
+
+from quadid_logs.autopilots.generic.advice import Advice, Setting, Version
+from quadid_logs.data.log import whole_number
+
+#: Bits of SDLOG_PROFILE (src/modules/logger/params.c): default, system identification, high rate.
+_PROFILE: Final = 1 | 8 | 16
+#: Before, SDLOG_PROFILE was no bitmask or did not exist.
+_BITMASK_SINCE: Final[Version] = (1, 8)
+
+
+class Px4Advice(Advice):
+    """SDLOG_PROFILE, stick doublets, and QGroundControl's parameter files."""
+
+    remedies = MappingProxyType(
+        {
+            "QL308": "Pass mass_kg, arm_length_m and torque_to_thrust_m with --vehicle FILE.toml. "
+            "CA_ROTORn_PX, PY, CT and KM that were never set (arms of 1 m, CT 6.5, KM 0.05) measure nothing.",
+            "QL310": "Check SENS_BOARD_ROT and the rotations of the sensors.",
+        }
+    )
+    logging_settings = (("SDLOG_PROFILE", float(_PROFILE)),)
+    logging_note = "restart the vehicle afterwards"
+    gyro_filter_parameter = "IMU_GYRO_CUTOFF"
+    hover_mode = "Stabilized or Altitude mode"
+    parameter_suffix = ".params"
+
+    def _logging(self, log_format: str, parameters: Mapping[str, float], version: Version | None) -> str:
+        """Say what to do about SDLOG_PROFILE; the old logger's files are of DataFlash's framing."""
+        if limit := "; ".join(self.version_notes((0,) if log_format == "dataflash" else version)):
+            return f"{limit} Then set SDLOG_PROFILE to {_PROFILE} and fly again."
+        profile = whole_number(parameters.get("SDLOG_PROFILE"), 1)
+        if profile & _PROFILE == _PROFILE:
+            return (
+                f"SDLOG_PROFILE is {profile} and logs rates and torque at a high rate. Where rows are "
+                "missing, the card did not keep up: use a faster one, or log fewer topics."
+            )
+        return (
+            f"Set SDLOG_PROFILE to {profile | _PROFILE} (default + system identification + high rate), "
+            "restart the vehicle, and fly again."
+        )
+
+    def version_notes(self, version: Version | None) -> tuple[str, ...]:
+        """Return that an old logger has no profile of high rates."""
+        if version is None or version >= _BITMASK_SINCE:
+            return ()
+        return ("PX4 before 1.8 has no logging profile of high rate: update the firmware.",)
+
+    def parameter_text(self, comment: str, settings: Sequence[Setting]) -> str:  # noqa: ARG002
+        """Return QGroundControl's columns: vehicle, component, name, value, type (6: an integer)."""
+        lines = (f"1\t1\t{name}\t{value:g}\t6" for name, value in settings)
+        return "\n".join(("# Vehicle-Id Component-Id Name Value Type", *lines)) + "\n"
+
+
+ADVICE: Final = Px4Advice()

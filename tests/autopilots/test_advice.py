@@ -1,0 +1,115 @@
+"""What to log, set and fly, by autopilot and by the version of its firmware."""
+
+from __future__ import annotations
+
+import pytest
+
+from quadid_logs.autopilots import Autopilot, known
+from quadid_logs.autopilots.ardupilot.advice import ADVICE as ARDUPILOT
+from quadid_logs.autopilots.px4.advice import ADVICE as PX4
+from quadid_logs.data.catalogue import CATALOGUE
+from quadid_logs.data.log import FlightLog
+from quadid_logs.vocabulary import AXES, LOG_FORMATS
+
+Version = tuple[int, ...] | None
+
+
+def ardupilot_logging(mask: float, version: Version = (4, 5, 7), log_format: str = "dataflash") -> str:
+    return ARDUPILOT.logging(log_format, {"LOG_BITMASK": mask}, version)
+
+
+def px4_logging(profile: float, version: Version = (1, 15, 4), log_format: str = "ulog") -> str:
+    return PX4.logging(log_format, {"SDLOG_PROFILE": profile}, version)
+
+
+@pytest.mark.parametrize(
+    ("mask", "to_set"), [(176126.0, 176127), (830.0, 831), (-22530.0, -22529), (float("nan"), 176127)]
+)
+def test_the_bit_is_added_to_the_mask_of_the_log(mask: float, to_set: int) -> None:
+    """Negative where the parameter has 16 bits and the highest is set; the default where it is no number."""
+    assert f"Set LOG_BITMASK to {to_set} " in ardupilot_logging(mask)
+
+
+@pytest.mark.parametrize("mask", [176127.0, 407551.0, 32767.0, -1.0, -22529.0])
+def test_a_bit_that_is_set_is_not_to_be_set_again(mask: float) -> None:
+    """Then the card is what is too slow."""
+    advice = ardupilot_logging(mask)
+    assert "Set LOG_BITMASK" not in advice
+    assert f"LOG_BITMASK is {mask:.0f}" in advice
+
+
+@pytest.mark.parametrize(
+    ("version", "limit"),
+    [((3, 1, 3), "does not log the rate controller"), ((3, 3), "at 50 Hz"), ((3, 4), "at 25 Hz")],
+)
+def test_firmware_that_logs_too_slowly_whatever_the_mask_is_to_be_updated(
+    version: tuple[int, ...], limit: str
+) -> None:
+    """A mask alone would cost the user a flight for nothing."""
+    advice = ardupilot_logging(32767.0, version)
+    assert limit in advice
+    assert "update the firmware to 4.0" in advice
+
+
+@pytest.mark.parametrize("version", [(3, 6, 4), (4, 0), (4, 7, 0), None])
+def test_firmware_that_logs_at_the_loop_rate_is_not_to_be_updated(version: Version) -> None:
+    """Nor one that does not say its version."""
+    assert "update" not in ardupilot_logging(176126.0, version)
+
+
+@pytest.mark.parametrize(("version", "has_it"), [((3, 6, 4), False), ((4, 0, 0), True), (None, True)])
+def test_system_id_mode_is_advised_from_4_0_on(version: Version, has_it: bool) -> None:
+    """And before it is said what it needs."""
+    advice = ARDUPILOT.excitation("yaw", version)
+    assert ("SID_AXIS 12" in advice) == has_it
+    assert ("needs ArduCopter 4.0" in advice) != has_it
+    assert bool(ARDUPILOT.sweep_magnitudes(version)) == has_it
+
+
+@pytest.mark.parametrize(("profile", "to_set"), [(1.0, 25), (11.0, 27), (0.0, 25), (3.0, 27)])
+def test_bits_of_the_profile_are_added(profile: float, to_set: int) -> None:
+    """Default, system identification and high rate; what was chosen beside stays."""
+    assert f"Set SDLOG_PROFILE to {to_set} " in px4_logging(profile)
+
+
+def test_a_profile_of_high_rate_is_not_to_be_set_again() -> None:
+    """25, and more than it."""
+    assert "Set SDLOG_PROFILE" not in px4_logging(25.0)
+    assert "Set SDLOG_PROFILE" not in px4_logging(59.0)
+
+
+@pytest.mark.parametrize(("version", "log_format"), [((1, 6, 0), "ulog"), (None, "dataflash")])
+def test_a_logger_without_profiles_is_to_be_updated(version: Version, log_format: str) -> None:
+    """Before 1.8, and sdlog2, whose framing is that of DataFlash."""
+    assert "update the firmware" in px4_logging(1.0, version, log_format)
+
+
+@pytest.mark.parametrize("autopilot", known(), ids=lambda one: one.name)
+def test_every_autopilot_answers_every_question(autopilot: Autopilot) -> None:
+    """In whole sentences, whatever format and version."""
+    advice = autopilot.advice
+    for version in (None, (0,), (1, 20), (9, 9, 9)):
+        assert all(advice.logging(each, {}, version).endswith(".") for each in LOG_FORMATS)
+        assert all(advice.excitation(axis, version).endswith(".") for axis in AXES)
+        assert all(note.endswith(".") for note in advice.version_notes(version))
+        assert set(advice.sweep_magnitudes(version)) in (set(), set(AXES))
+    assert advice.remedies.keys() <= CATALOGUE.keys()
+    assert all(step.endswith(".") for step in advice.steps(AXES, {}))
+
+
+@pytest.mark.parametrize(
+    ("firmware", "version"),
+    [
+        ("ArduCopter V4.5.7 (2a3dc4b7)", (4, 5, 7)),
+        ("APM:Copter V3.4-rc2 (f46a31d0)", (3, 4)),
+        ("PX4 v1.15.0-beta (b589596a)", (1, 15, 0)),
+        ("v4.6.0", (4, 6, 0)),
+        ("PX4 44d2c4a1e5c0", None),
+        ("", None),
+        ("V99999999999999999999.1", None),
+    ],
+)
+def test_the_version_is_read_from_what_the_firmware_calls_itself(firmware: str, version: Version) -> None:
+    """As the corpus has it."""
+    log = FlightLog(path="", format="ulog", autopilot="px4", n_bytes=0, signals={}, firmware=firmware)
+    assert log.version == version
