@@ -109,6 +109,18 @@ def lag_limit(score: Scorer, lag_s: float, delay_s: float) -> float:
 
     For slow motion lag and delay act by their sum alone. Along a constant
     sum, lags are as good as the best while the error is larger by chance only.
+
+    Parameters
+    ----------
+    score : Scorer
+        Squared errors of a lag and a delay.
+    lag_s, delay_s : float
+        The best ones [s].
+
+    Returns
+    -------
+    float
+        The longest such lag [s].
     """
     trials = np.linspace(lag_s, lag_s + delay_s, 21)
     best = score(lag_s, delay_s)
@@ -189,7 +201,18 @@ class Scorer:
 
 
 def same_loss(project: Projection, axes: Sequence[int]) -> float:
-    """Return the relative difference of squared errors, mean over the axes, that chance makes."""
+    """Return the relative difference of squared errors, mean over the axes, that chance makes.
+
+    Parameters
+    ----------
+    project : Projection
+    axes : sequence of int
+        Targets that count.
+
+    Returns
+    -------
+    float
+    """
     return _CHANCE / (project.n_instruments * len(axes)) if project.n_instruments else _SAME_LOSS
 
 

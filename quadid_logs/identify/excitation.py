@@ -95,6 +95,15 @@ def noise_density(data: FlightData) -> dict[str, float]:
     Taken as the median density in the upper part of the band, where no
     rotation is left. A gyro filter makes it an underestimate: the noise floor
     that follows from it is the least there can be.
+
+    Parameters
+    ----------
+    data : FlightData
+
+    Returns
+    -------
+    dict of str to float
+        By symbol.
     """
     density = {}
     for name in (*RATE_SYMBOLS, *TORQUE_SYMBOLS, *ANGLE_SYMBOLS):

@@ -105,7 +105,17 @@ def lay_out(
     *,
     average: int = 1,
 ) -> Regression:
-    """Lay out the rows that a structure is fitted to; parameters as of `fit_pooled`."""
+    """Lay out the rows that a structure is fitted to; parameters as of `fit_pooled`.
+
+    Parameters
+    ----------
+    design, structure, actuator, kept, average
+        As of `fit_pooled`.
+
+    Returns
+    -------
+    Regression
+    """
     train = design.train
     torque = (
         design.torque.as_logged()
@@ -126,6 +136,17 @@ def used_columns(design: Design, structure: Structure, kept: BoolArray | None) -
     """Return which columns of structure and disturbances each target may use; shape (n_targets, n_columns).
 
     Of high-passed rows there is no trim to be seen.
+
+    Parameters
+    ----------
+    design : Design
+    structure : Structure
+    kept : ndarray of bool, optional
+        Columns that are left in, as of `fit_pooled`.
+
+    Returns
+    -------
+    ndarray of bool, shape (n_targets, n_columns)
     """
     n_disturbances = len(design.disturbances(structure))
     used = np.ones((len(structure.targets), len(structure.columns) + n_disturbances), dtype=np.bool_)
@@ -262,6 +283,16 @@ def _mean_half_width(columns: FloatArray, design: Design) -> list[float]:
 
 
 def explained_fraction(Y: FloatArray, residual: FloatArray) -> FloatArray:
-    """Return R2 of each column; shape (n_targets,)."""
+    """Return R2 of each column; shape (n_targets,).
+
+    Parameters
+    ----------
+    Y, residual : ndarray, shape (n_samples, n_targets)
+
+    Returns
+    -------
+    ndarray, shape (n_targets,)
+        1 where nothing is left over, below 0 where more is left than there was.
+    """
     spread = np.sum((Y - Y.mean(axis=0)) ** 2, axis=0)
     return np.asarray(1.0 - np.sum(residual**2, axis=0) / np.where(spread > 0.0, spread, np.inf))

@@ -149,11 +149,13 @@ def covariance_95(
 
     Parameters
     ----------
-    equations, clusters, prior_precision
+    equations, clusters
         As of `quadid_logs.maths.least_squares.clustered_covariance`.
     errors : ndarray, shape (n_samples, n_equations, n_errors)
         What possible errors of the torque, each at its 95 %, make of the
         targets, weighted as their residuals are.
+    prior_precision
+        As `equations`.
 
     Returns
     -------
@@ -170,6 +172,15 @@ def quantile_95(clusters: IntArray) -> float:
     """Return the two-sided 95 % quantile of Student's t that a variance from so many clusters needs.
 
     One degree of freedom less than there are clusters (Bell and McCaffrey, Survey Methodology 28, 2002).
+
+    Parameters
+    ----------
+    clusters : ndarray of int, shape (n_samples,)
+        Number of the cluster of each row.
+
+    Returns
+    -------
+    float
     """
     from scipy.special import stdtrit
 
@@ -296,6 +307,16 @@ def lag_interval(actuator: ActuatorFit, half_width_s: float, period_s: float) ->
 
     ``half_width_s`` is the statistical one, NaN where the lag was too short to be seen;
     ``period_s`` that of the samples.
+
+    Parameters
+    ----------
+    actuator : ActuatorFit
+    half_width_s : float
+    period_s : float
+
+    Returns
+    -------
+    low, high : float
     """
     systematic_s = np.hypot(TIMING_SYSTEMATIC * period_s, LAG_SYSTEMATIC * actuator.lag_s)
     half = np.hypot(np.nan_to_num(half_width_s), systematic_s)
@@ -304,7 +325,20 @@ def lag_interval(actuator: ActuatorFit, half_width_s: float, period_s: float) ->
 
 
 def delay_interval(actuator: ActuatorFit, half_width_s: float, period_s: float) -> tuple[float, float]:
-    """Return the 95 % interval of the delay [s]; what might be lag is taken off its lower end."""
+    """Return the 95 % interval of the delay [s]; what might be lag is taken off its lower end.
+
+    Parameters
+    ----------
+    actuator : ActuatorFit
+    half_width_s : float
+        The statistical one [s].
+    period_s : float
+        Of the samples [s].
+
+    Returns
+    -------
+    low, high : float
+    """
     half = np.hypot(half_width_s, TIMING_SYSTEMATIC * period_s)
     mistaken_s = actuator.lag_limit_s - actuator.lag_s
     low = min(actuator.delay_s - half, actuator.delay_s - mistaken_s)

@@ -98,7 +98,16 @@ def with_strong_instruments(design: Design, high_passed: Design, axes: Sequence[
 
 
 def explained_by_instruments(design: Design) -> FloatArray | None:
-    """Return the fraction of each torque's variance that the instruments explain; (3,), None without any."""
+    """Return the fraction of each torque's variance that the instruments explain; (3,), None without any.
+
+    Parameters
+    ----------
+    design : Design
+
+    Returns
+    -------
+    ndarray, shape (3,), or None
+    """
     if design.instruments is None:
         return None
     train = design.train

@@ -60,7 +60,16 @@ class RotorSlopes(NamedTuple):
 
 
 def rotors_known(data: FlightData) -> bool:
-    """Say whether the thrust of each rotor follows from the torque."""
+    """Say whether the thrust of each rotor follows from the torque.
+
+    Parameters
+    ----------
+    data : FlightData
+
+    Returns
+    -------
+    bool
+    """
     described = data.input
     return (
         described is not None

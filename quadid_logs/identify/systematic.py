@@ -45,6 +45,16 @@ def gyro_half_width(structure: Structure, theta: FloatArray) -> FloatArray:
     (I + E)^-1, and the gyroscopic terms (I + E) G K, where K turns products of
     measured rates into those of true ones: see `terms.Family`. Each of the nine
     entries of E is taken by itself, and the effects are added in squares.
+
+    Parameters
+    ----------
+    structure : Structure
+    theta : ndarray, shape (n_targets, n_columns)
+        The model's coefficients.
+
+    Returns
+    -------
+    ndarray, shape (n_targets, n_columns)
     """
     symbols = structure.columns
     found = np.zeros(theta.shape)
@@ -66,6 +76,18 @@ def as_measured(E: FloatArray, gyroscopic: FloatArray, damping: FloatArray) -> t
     """Return gyroscopic terms (3, 6) and damping (3, 3) as they are for rates measured as (I + E) w.
 
     All targets are multiplied by I + E besides.
+
+    Parameters
+    ----------
+    E : ndarray, shape (3, 3)
+        Scale errors and cross-axis sensitivities of the gyro.
+    gyroscopic : ndarray, shape (3, 6)
+    damping : ndarray, shape (3, 3)
+
+    Returns
+    -------
+    gyroscopic, damping : ndarray
+        Shaped as those given.
     """
     back = _undone(E)
     return gyroscopic @ products_mixed(back), damping @ back

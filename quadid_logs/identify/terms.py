@@ -137,6 +137,17 @@ def column_of(term: Term, segment: Segment, period_s: float) -> FloatArray | Non
     """Return a term's raw column on the samples of a segment, shape (n_samples,).
 
     None where the log does not have it, and for the constant and torques, which no smoothing filter makes.
+
+    Parameters
+    ----------
+    term : Term
+    segment : Segment
+    period_s : float
+        Of the samples [s].
+
+    Returns
+    -------
+    ndarray, shape (n_samples,), or None
     """
     if isinstance(term, RateTerm):
         return term.of_rate(segment.body_rate_rad_s)
@@ -146,7 +157,16 @@ def column_of(term: Term, segment: Segment, period_s: float) -> FloatArray | Non
 
 
 def products_mixed(M: FloatArray) -> FloatArray:
-    """Return K with products(M w) = K products(w); shape (6, 6)."""
+    """Return K with products(M w) = K products(w); shape (6, 6).
+
+    Parameters
+    ----------
+    M : ndarray, shape (3, 3)
+
+    Returns
+    -------
+    ndarray, shape (6, 6)
+    """
     pairs = [(RATE_SYMBOLS.index(name[0]), RATE_SYMBOLS.index(name[1])) for name in PRODUCTS]
     place = {frozenset(pair): number for number, pair in enumerate(pairs)}
     K = np.zeros((6, 6))

@@ -193,5 +193,14 @@ class RowTorque:
 
 
 def spectrum_of(columns: FloatArray) -> ComplexArray:
-    """Return the real FFT of columns over time."""
+    """Return the real FFT of columns over time.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (n_samples, n_columns)
+
+    Returns
+    -------
+    ndarray of complex, shape (n_frequencies, n_columns)
+    """
     return np.asarray(np.fft.rfft(columns, axis=0), dtype=np.complex128)
