@@ -19,8 +19,13 @@ CHECKS = frozenset(CONFIGURED["numpydoc_validation"]["checks"])
 EXPORTING = ("quadid_logs", "quadid_logs.figures", "quadid_logs.report")
 #: Modules and packages of which every public function is checked.
 WHOLE: tuple[str, ...] = (
+    "quadid_logs.actuation",
+    "quadid_logs.align",
     "quadid_logs.compare",
+    "quadid_logs.data",
+    "quadid_logs.identify",
     "quadid_logs.load",
+    "quadid_logs.maths",
     "quadid_logs.notebook",
     "quadid_logs.output",
     "quadid_logs.pipeline",

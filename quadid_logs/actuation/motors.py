@@ -15,12 +15,30 @@ from quadid_logs.data.torque import MixerCheck
 
 
 def any_motor(limited: BoolArray) -> BoolArray:
-    """Return whether any motor of a row is marked; (n_samples, n_rotors) to (n_samples,)."""
+    """Return whether any motor of a row is marked; (n_samples, n_rotors) to (n_samples,).
+
+    Parameters
+    ----------
+    limited : ndarray of bool, shape (n_samples, n_rotors)
+
+    Returns
+    -------
+    ndarray of bool, shape (n_samples,)
+    """
     return np.asarray(np.any(limited, axis=1), dtype=np.bool_)
 
 
 def on_all_axes(limited: BoolArray) -> BoolArray:
-    """Return a mark per row as a mark per row and axis, shape (n_samples, 3)."""
+    """Return a mark per row as a mark per row and axis, shape (n_samples, 3).
+
+    Parameters
+    ----------
+    limited : ndarray of bool, shape (n_samples,)
+
+    Returns
+    -------
+    ndarray of bool, shape (n_samples, 3)
+    """
     return np.repeat(limited[:, None], 3, axis=1)
 
 

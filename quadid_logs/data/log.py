@@ -25,6 +25,10 @@ def whole_number(value: float | None, otherwise: int = 0) -> int:
     otherwise : int
         For a parameter that is missing or, in a damaged log, no number of up to 32 bits.
 
+    Returns
+    -------
+    int
+
     Examples
     --------
     >>> whole_number(12.0), whole_number(float("nan")), whole_number(None, 4)

@@ -27,6 +27,10 @@ def typical_period(time_s: FloatArray) -> float:
     ----------
     time_s : ndarray, shape (n_samples,)
         Increasing [s].
+
+    Returns
+    -------
+    float
     """
     steps = np.diff(time_s)
     if steps.size and not steps.min() > 0.0:

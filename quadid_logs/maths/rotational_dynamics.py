@@ -185,8 +185,12 @@ def step_rates(
 
     Parameters
     ----------
+    rate : tuple
+        p, q, r at the beginning of the step [rad/s].
     torques : tuple of three
         L, M, N at the beginning, the middle and the end of the step [N m].
+    step_s : float
+    inertia : InertiaTerms
     damping : tuple
         Torque against each rate [N m s/rad].
 
@@ -336,6 +340,8 @@ def integrate_adams(
         When the solution is wanted.
     rate_rad_s : ndarray, shape (3,)
         At the first sample. The attitude starts level.
+    tolerance : float
+        Relative error of a step.
 
     Returns
     -------
