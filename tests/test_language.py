@@ -1,0 +1,57 @@
+"""Names and prose use the terms that a control engineer would search for: no private metaphors."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+#: What was said before, and what it is called in the field.
+REPLACED = {
+    r"swift": "high-passed",
+    r"telling": "informative",
+    r"hardly moved": "poorly excited",
+    r"rows? apart": "equation-by-equation",
+    r"own[ _]gains?": "on-axis control effectiveness",
+    r"cross[ _]gains?": "off-axis control effectiveness",
+    r"one[ _]body": "single rigid body",
+    r"uneven(ness|ly)?": "spin-up/spin-down asymmetry",
+    r"(gyro|torque|damping|timing|lag|sensor)[ _]floors?": "systematic uncertainty",
+    r"usual": "prior mean, or typical",
+    r"asked[ _]for": "commanded",
+    r"realised": "achieved",
+    r"as[ _]seen": "as measured",
+    r"wild": "outlier, corrupted",
+    r"doubt(s|ed|ful)?": "caveat",
+    r"lives": "vehicle history",
+    r"stand(s|ing)?[ _]out": "outlier test",
+    r"analysts?": "worker",
+    r"suspects?": "retry list",
+    r"log ?books?": "logger model",
+    r"stretch(es)?": "segment",
+    r"pieces?": "chunk",
+    r"shares?": "fraction",
+}
+SEARCHED = sorted(
+    path
+    for pattern in ("quadid_logs/**/*", "docs/**/*.md", "docs/*.py", "study/*.py", "benchmarks/*.py", "fuzz/*.py", "*.md")
+    for path in ROOT.glob(pattern)
+    if path.suffix in (".py", ".md", ".html", ".js", ".css")
+)
+
+
+def _words(text: str) -> str:
+    """Separate the words of identifiers: both `FreshWater` and `fresh_water` become two."""
+    return re.sub(r"(?<=[a-z])(?=[A-Z])|_", " ", text)
+
+
+@pytest.mark.parametrize("path", SEARCHED, ids=lambda path: str(path.relative_to(ROOT)))
+def test_no_private_word_stands_for_a_term_of_the_field(path: Path) -> None:
+    """Each line is named with the term to use instead."""
+    found = [
+        f"{number}: {line.strip()[:90]!r} -> {term}"
+        for number, line in enumerate(path.read_text().splitlines(), 1)
+        for pattern, term in REPLACED.items()
+        if re.search(rf"(?<![a-z]){pattern.replace('[ _]', ' ')}(?![a-z])", _words(line), re.IGNORECASE)
+    ]
+    assert not found, "\n".join(found)
