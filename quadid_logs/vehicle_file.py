@@ -21,7 +21,7 @@ _LARGEST = {
     "mass_kg": (250.0, "Give kg, not g."),
     "arm_length_m": (10.0, "Give m, not mm."),
     "max_thrust_n": (2000.0, "Give N for one rotor, not g."),
-    "torque_to_thrust_m": (1.0, "Give N m of torque per N of thrust; 0.005 to 0.05 m is usual."),
+    "torque_to_thrust_m": (1.0, "Give N m of torque per N of thrust; 0.005 to 0.05 m is typical."),
 }
 _POSITIVE = tuple(_LARGEST)
 _KEYS = ("name", *_POSITIVE, "rotor", "thrust_curve", "inertia_kg_m2")

@@ -30,11 +30,19 @@ REPLACED = {
     r"log ?books?": "logger model",
     r"stretch(es)?": "segment",
     r"pieces?": "chunk",
-    r"shares?": "fraction",
+    r"(a|the|its|their|same|this|that|largest|smallest) shares?|shares? of": "fraction",
 }
 SEARCHED = sorted(
     path
-    for pattern in ("quadid_logs/**/*", "docs/**/*.md", "docs/*.py", "study/*.py", "benchmarks/*.py", "fuzz/*.py", "*.md")
+    for pattern in (
+        "quadid_logs/**/*",
+        "docs/**/*.md",
+        "docs/*.py",
+        "study/*.py",
+        "benchmarks/*.py",
+        "fuzz/*.py",
+        "*.md",
+    )
     for path in ROOT.glob(pattern)
     if path.suffix in (".py", ".md", ".html", ".js", ".css")
 )

@@ -262,7 +262,7 @@ def _on_grid(torque: CleanSeries, values: FloatArray, grid: FloatArray) -> Float
     """Return torque or thrust on the grid: held between the outputs of a loop, interpolated if logged slower.
 
     The motors obey an output until the next one comes, so where every output is
-    logged, and comes at uneven times, holding is exact and interpolating is not.
+    logged, and comes at irregular times, holding is exact and interpolating is not.
     """
     if torque.rate_hz < _LOOP_RATE_HZ:
         return resample(torque.time_s, values, grid)

@@ -9,7 +9,7 @@ from pathlib import Path
 from quadid_logs.errors import LogNotFoundError
 from quadid_logs.untrusted import printable
 
-_WILD = frozenset("*?[")
+_WILDCARDS = frozenset("*?[")
 
 
 def expanded(logs: Iterable[Path]) -> tuple[Path, ...]:
@@ -25,7 +25,7 @@ def expanded(logs: Iterable[Path]) -> tuple[Path, ...]:
     """
     found: list[Path] = []
     for log in logs:
-        if not _WILD & set(log.name) or log.exists():
+        if not _WILDCARDS & set(log.name) or log.exists():
             found.append(log)
             continue
         matches = sorted(path for path in log.parent.glob(log.name) if path.is_file())

@@ -42,7 +42,7 @@ class AnalysisPool(WorkerPlugin):
     """The processes of one worker, one per thread."""
 
     name = _NAME
-    #: Runs that share a cluster share the processes.
+    #: Runs on one cluster use the same processes.
     idempotent = True
 
     def setup(self, worker: Worker) -> None:

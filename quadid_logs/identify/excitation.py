@@ -111,8 +111,8 @@ def noise_density(data: FlightData) -> dict[str, float]:
         pairs = [(column, column) for column in found if column is not None]
         if not pairs:
             continue
-        n_stretch = min(int(_SPECTRUM_S / data.sample_period_s), max(len(first) for first, _ in pairs))
-        spectra = averaged_spectra(pairs, period_s=data.sample_period_s, n_per_segment=n_stretch)
+        n_per_segment = min(int(_SPECTRUM_S / data.sample_period_s), max(len(first) for first, _ in pairs))
+        spectra = averaged_spectra(pairs, period_s=data.sample_period_s, n_per_segment=n_per_segment)
         upper = spectra.frequency_hz > _NOISE_BAND * spectra.frequency_hz[-1]
         density[name] = float(np.median(spectra.input_psd[upper])) if upper.any() else 0.0
     return density

@@ -51,7 +51,7 @@ _PHRASES: Final[Mapping[str, str]] = MappingProxyType(
 
 
 def evidence_name(key: str) -> str:
-    """Return the name of a piece of evidence in words, its unit in brackets.
+    """Return the name of an entry of the evidence in words, its unit in brackets.
 
     Examples
     --------
@@ -67,7 +67,7 @@ def evidence_name(key: str) -> str:
 
 
 def evidence_text(key: str, value: object) -> str:
-    """Return a piece of evidence as text: a fraction in per cent, anything else as it is.
+    """Return a value of the evidence as text: a fraction in per cent, anything else as it is.
 
     Examples
     --------

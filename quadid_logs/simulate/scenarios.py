@@ -21,7 +21,7 @@ from quadid_logs.simulate.manoeuvres import Reference
 from quadid_logs.simulate.wind import Wind
 
 _GOOD: Final = ("usable",)
-_DOUBTFUL: Final = ("usable", "caution")
+_AT_MOST_CAUTION: Final = ("usable", "caution")
 _BAD: Final = ("refused",)
 _ANY: Final = ("usable", "caution", "refused")
 
@@ -144,13 +144,13 @@ _LIST: Final = (
         sentence="Too much excitation for weak motors: the mixer is at its limits for much of the flight.",
         manoeuvre=partial(manoeuvres.multisine, rms_rad_s=(1.5, 1.5, 0.6)),
         airframe=underpowered,
-        verdicts=_all(_DOUBTFUL),
+        verdicts=_all(_AT_MOST_CAUTION),
     ),
     Scenario(
         name="wind",
         sentence="The good flight in 8 m/s of wind with turbulence.",
         wind=Wind(speed_m_s=8.0),
-        verdicts=_all(_DOUBTFUL),
+        verdicts=_all(_AT_MOST_CAUTION),
     ),
     Scenario(
         name="products-of-inertia",
@@ -167,7 +167,7 @@ _LIST: Final = (
         sentence="A badly damped flight controller: ten times the gyro noise.",
         noise=Noise(gyro_rad_s_per_rthz=1.0e-3),
         gyro_filter_hz=20.0,
-        verdicts=_all(_DOUBTFUL),
+        verdicts=_all(_AT_MOST_CAUTION),
     ),
     Scenario(
         name="hexa-x",
@@ -188,13 +188,13 @@ _LIST: Final = (
             Damage(kind="missing", at=0.7, n_bytes=1777),
             Damage(kind="cut", at=0.97),
         ),
-        verdicts=_all(_DOUBTFUL),
+        verdicts=_all(_AT_MOST_CAUTION),
     ),
     Scenario(
         name="dropouts",
         sentence="A slow card: 2 % of the rows missing in bursts of 0.1 s, late start, stamps that jitter.",
         logging=Logging(drop_fraction=0.02, start_s=4.0, jitter_s=150e-6),
-        verdicts=_all(_DOUBTFUL),
+        verdicts=_all(_AT_MOST_CAUTION),
     ),
     Scenario(
         name="two-flights",
@@ -206,7 +206,7 @@ _LIST: Final = (
         name="clock-jump",
         sentence="The autopilot's clock is set back by 20 s in the middle of the flight.",
         logging=Logging(clock_jump_s=-20.0),
-        verdicts=_all(_DOUBTFUL),
+        verdicts=_all(_AT_MOST_CAUTION),
     ),
     Scenario(
         name="paper",
