@@ -238,6 +238,22 @@ def test_the_primary_ekf_core_comes_first(tmp_path: Path) -> None:
     assert sources(log, "attitude") == ["XKF1[1].Roll Pitch Yaw", "XKF1[0].Roll Pitch Yaw"]
 
 
+def test_only_rates_from_behind_the_filters_carry_them(tmp_path: Path) -> None:
+    """GYR holds raw samples: what RATE and IMU passed, they did not."""
+    axes = "Qfff"
+    log = log_of(
+        tmp_path,
+        fmt(1, "PARM", "QNf", "TimeUS,Name,Value"),
+        fmt(2, "RATE", axes, "TimeUS,R,P,Y"),
+        fmt(3, "IMU", axes, "TimeUS,GyrX,GyrY,GyrZ"),
+        fmt(4, "GYR", axes, "TimeUS,GyrX,GyrY,GyrZ"),
+        row(1, "QNf", 1, b"INS_GYRO_FILTER", 40.0),
+        *(row(kind, axes, 2, 0.1, 0.2, 0.3) for kind in (2, 3, 4)),
+    )
+    found = {signal.source[:4]: signal.gyro_filter.low_pass_hz for signal in log.candidates("body_rate")}
+    np.testing.assert_equal(found, {"RATE": 40.0, "IMU.": 40.0, "GYR.": np.nan})
+
+
 def test_the_last_value_of_a_parameter_wins(tmp_path: Path) -> None:
     """A parameter changed in flight is logged again."""
     log = log_of(

@@ -49,6 +49,12 @@ def test_a_double_notch_shares_its_width_between_two() -> None:
     assert found[0].inverse_q == pytest.approx(80.0 / 70.0 - 70.0 / 80.0)
 
 
+def test_the_low_pass_is_that_of_the_parameter() -> None:
+    """INS_GYRO_FILTER and IMU_GYRO_CUTOFF are cut-offs in hertz."""
+    assert ardupilot_gyro_filter({"INS_GYRO_FILTER": 40.0}).low_pass_hz == 40.0
+    assert px4_gyro_filter({"IMU_GYRO_CUTOFF": 30.0}).low_pass_hz == 30.0
+
+
 def test_notches_count_without_a_low_pass() -> None:
     """INS_GYRO_FILTER 0 switches the low-pass off, and nothing else."""
     found = ardupilot_gyro_filter(_FIXED | {"INS_GYRO_FILTER": 0.0})
