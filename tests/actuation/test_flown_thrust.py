@@ -15,9 +15,10 @@ import numpy as np
 import pytest
 
 from quadid_logs.actuation import reconstruct
-from quadid_logs.align import Prepared, clean
+from quadid_logs.align import Prepared, clean, cut
 from quadid_logs.autopilots import named
 from quadid_logs.data.log import FlightLog, Rows, Signal
+from quadid_logs.data.settings import AlignSettings
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.load import prepare
 
@@ -231,6 +232,14 @@ def test_the_thrust_beside_the_torque_is_that_of_the_rotors() -> None:
     assert torque is not None
     assert torque.rotor_thrust is not None
     np.testing.assert_allclose(torque.rotor_thrust[400:-400], TRUE.thrust_n[400:-400], rtol=5e-3)
+
+
+def test_segments_hold_the_thrust_of_each_rotor_in_its_own_column() -> None:
+    """Resampled like the torque: here every sample is a grid point."""
+    (segment,) = cut(calibrated(ardupilot()), AlignSettings()).segments
+    assert segment.rotor_thrust is not None
+    row = np.rint((segment.time_s - 30.0) * RATE_HZ).astype(int)
+    np.testing.assert_allclose(segment.rotor_thrust, TRUE.thrust_n[row], rtol=1e-2)
 
 
 @pytest.mark.parametrize("flown", [ardupilot(rotor_speed=True, density=False), px4()])
