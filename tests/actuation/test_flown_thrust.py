@@ -234,6 +234,13 @@ def test_the_thrust_beside_the_torque_is_that_of_the_rotors() -> None:
     np.testing.assert_allclose(torque.rotor_thrust[400:-400], TRUE.thrust_n[400:-400], rtol=5e-3)
 
 
+def test_torque_that_is_calibrated_about_two_axes_only_stays_a_command() -> None:
+    """Newton metres about roll and pitch beside a command about yaw would be no torque at all."""
+    found = calibrated(ardupilot(), Vehicle(mass_kg=MASS_KG, arm_length_m=ARM_M))
+    assert found.torque is not None
+    assert found.torque.series.name == "torque_command"
+
+
 def test_segments_hold_the_thrust_of_each_rotor_in_its_own_column() -> None:
     """Resampled like the torque: here every sample is a grid point."""
     (segment,) = cut(calibrated(ardupilot()), AlignSettings()).segments

@@ -88,3 +88,11 @@ def test_torque_in_newton_metres_is_preferred_to_a_command() -> None:
     described = align(both, AlignSettings()).input
     assert described is not None
     assert described.kind == "torque_n_m"
+
+
+def test_less_than_two_seconds_between_gaps_is_no_segment() -> None:
+    """Shorter parts hold no full cycle of the slowest motion."""
+    time_s = np.arange(10.0, 40.0, 0.0025)
+    kept = (time_s < 20.0) | ((time_s > 20.5) & (time_s < 22.3)) | (time_s > 22.8)
+    starts_s = [segment.start_s for segment in align(flown(time_s[kept]), AlignSettings()).segments]
+    np.testing.assert_allclose(starts_s, [11.0, 22.8], atol=0.11)
