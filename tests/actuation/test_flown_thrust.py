@@ -19,6 +19,7 @@ from quadid_logs.align import Prepared, clean, cut
 from quadid_logs.autopilots import named
 from quadid_logs.data.log import FlightLog, Rows, Signal
 from quadid_logs.data.settings import AlignSettings
+from quadid_logs.data.torque import DensityLaw
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.load import prepare
 
@@ -331,3 +332,22 @@ def test_what_scatters_from_block_to_block_is_in_the_uncertainty_over_the_root_o
     scatter = float(np.std(inside) / np.mean(inside)) / math.sqrt(len(inside))
     expected = math.hypot(scatter, 0.01, 0.01, 0.01)
     assert calibration.calibration.relative_sigma[0] == pytest.approx(expected, rel=0.03)
+
+
+@pytest.mark.parametrize(("density", "law"), [(True, DensityLaw.LOGGED), (False, DensityLaw.FITTED)])
+def test_a_gain_is_fitted_only_where_no_logged_density_explains_the_outputs(
+    density: bool, law: DensityLaw
+) -> None:
+    """A fit explains anything a little better: what the log says comes first."""
+    model = prepare(ardupilot(density=density)).log.torque
+    assert model is not None
+    assert model.check is not None
+    assert model.check.law is law
+
+
+def test_what_is_refused_as_a_calibration_is_told_apart_from_other_remarks() -> None:
+    """Arms of 1 m and the default thrust are a finding, whatever the words."""
+    model = prepare(px4()).log.torque
+    assert model is not None
+    (refused,) = model.refused
+    assert refused in model.remarks
