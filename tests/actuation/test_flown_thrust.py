@@ -15,9 +15,11 @@ import numpy as np
 import pytest
 
 from quadid_logs.actuation import reconstruct
-from quadid_logs.align import Prepared, clean
+from quadid_logs.align import Prepared, clean, cut
 from quadid_logs.autopilots import named
 from quadid_logs.data.log import FlightLog, Rows, Signal
+from quadid_logs.data.settings import AlignSettings
+from quadid_logs.data.torque import DensityLaw
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.load import prepare
 
@@ -233,6 +235,21 @@ def test_the_thrust_beside_the_torque_is_that_of_the_rotors() -> None:
     np.testing.assert_allclose(torque.rotor_thrust[400:-400], TRUE.thrust_n[400:-400], rtol=5e-3)
 
 
+def test_torque_that_is_calibrated_about_two_axes_only_stays_a_command() -> None:
+    """Newton metres about roll and pitch beside a command about yaw would be no torque at all."""
+    found = calibrated(ardupilot(), Vehicle(mass_kg=MASS_KG, arm_length_m=ARM_M))
+    assert found.torque is not None
+    assert found.torque.series.name == "torque_command"
+
+
+def test_segments_hold_the_thrust_of_each_rotor_in_its_own_column() -> None:
+    """Resampled like the torque: here every sample is a grid point."""
+    (segment,) = cut(calibrated(ardupilot()), AlignSettings()).segments
+    assert segment.rotor_thrust is not None
+    row = np.rint((segment.time_s - 30.0) * RATE_HZ).astype(int)
+    np.testing.assert_allclose(segment.rotor_thrust, TRUE.thrust_n[row], rtol=1e-2)
+
+
 @pytest.mark.parametrize("flown", [ardupilot(rotor_speed=True, density=False), px4()])
 def test_the_thrust_beside_every_torque_makes_it(flown: FlightLog) -> None:
     """Mixed, from outputs, from rotor speeds and as commanded; on the scale of the command and in N m."""
@@ -315,3 +332,22 @@ def test_what_scatters_from_block_to_block_is_in_the_uncertainty_over_the_root_o
     scatter = float(np.std(inside) / np.mean(inside)) / math.sqrt(len(inside))
     expected = math.hypot(scatter, 0.01, 0.01, 0.01)
     assert calibration.calibration.relative_sigma[0] == pytest.approx(expected, rel=0.03)
+
+
+@pytest.mark.parametrize(("density", "law"), [(True, DensityLaw.LOGGED), (False, DensityLaw.FITTED)])
+def test_a_gain_is_fitted_only_where_no_logged_density_explains_the_outputs(
+    density: bool, law: DensityLaw
+) -> None:
+    """A fit explains anything a little better: what the log says comes first."""
+    model = prepare(ardupilot(density=density)).log.torque
+    assert model is not None
+    assert model.check is not None
+    assert model.check.law is law
+
+
+def test_what_is_refused_as_a_calibration_is_told_apart_from_other_remarks() -> None:
+    """Arms of 1 m and the default thrust are a finding, whatever the words."""
+    model = prepare(px4()).log.torque
+    assert model is not None
+    (refused,) = model.refused
+    assert refused in model.remarks

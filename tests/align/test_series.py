@@ -9,7 +9,7 @@ import pytest
 
 from quadid_logs.align import series
 from quadid_logs.align.clock import find_clock
-from quadid_logs.align.series import Cleaner, CleanSeries
+from quadid_logs.align.series import Cleaner, CleanSeries, TorqueSeries
 from quadid_logs.data.log import Signal
 
 from .flights import signal
@@ -68,3 +68,29 @@ def test_the_stamps_of_one_message_are_looked_at_once(monkeypatch: pytest.Monkey
     for each in signals:
         cleaner.clean(each)
     assert len(looked_at) == 1
+
+
+def test_of_rows_with_one_stamp_the_last_stands() -> None:
+    """It is what the autopilot knew last at that time."""
+    stamps = STAMPS.copy()
+    stamps[100:103] = stamps[100]
+    throttle = signal("throttle", stamps, np.arange(stamps.size)[:, np.newaxis])
+    cleaned = Cleaner(find_clock([throttle])).clean(throttle)
+    assert cleaned.values[99:102, 0].tolist() == [99.0, 102.0, 103.0]
+
+
+def test_values_that_no_vehicle_has_take_their_thrust_with_them() -> None:
+    """A torque of ten million is dropped, counted, and the thrust beside it with it."""
+    values = np.array([[0.1, 0.0, 0.0], [1e7, 0.0, 0.0], [0.3, 0.0, 0.0]])
+    torque = signal("torque_command", STAMPS[:3], values)
+    one = CleanSeries(
+        name="torque_command",
+        rows=torque.rows,
+        time_s=STAMPS[:3],
+        values=values,
+        period_s=0.0025,
+        source="RATE",
+    )
+    found = TorqueSeries(series=one, rotor_thrust=np.array([[1.0], [2.0], [3.0]])).possible()
+    assert found.rotor_thrust is not None
+    assert (found.rotor_thrust[:, 0].tolist(), found.series.n_not_finite) == ([1.0, 3.0], 1)
