@@ -313,12 +313,12 @@ def test_the_frequency_response_of_a_long_flight_is_that_of_the_minutes_that_wer
     """The log's points come from the same part as the model's line, and the caption says so."""
     from quadid_logs.data.settings import IdentifySettings, Settings
     from quadid_logs.figures.bode import frequency_response
-    from quadid_logs.identify.select import most_moved
+    from quadid_logs.identify.select import most_excited
 
     whole = usable_result()
     settings = Settings(identify=IdentifySettings(most_samples=whole.data.n_samples // 2))
     data = replace(whole.data, segments=tuple(_halves(whole.data.segments)))
-    chosen = most_moved(data, settings.identify.most_samples)
+    chosen = most_excited(data, settings.identify.most_samples)
     assert chosen.n_samples < whole.data.n_samples
     long = frequency_response(replace(whole, data=data, settings=settings))
     fitted = frequency_response(replace(whole, data=chosen))

@@ -13,7 +13,7 @@ from quadid_logs.data.model import Model
 from quadid_logs.data.result import Result
 from quadid_logs.figures.spec import Axis, Curve, Figure, LeftOut, Level, Panel
 from quadid_logs.figures.time_series import torque_axis
-from quadid_logs.identify.select import most_moved
+from quadid_logs.identify.select import most_excited
 from quadid_logs.maths.band import ComplexArray, delay_response, gyro_response, lag_response
 from quadid_logs.maths.spectra import Spectra, averaged_spectra
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS
@@ -32,7 +32,7 @@ _FREQUENCY = Axis(label="frequency", unit="Hz", log=True)
 def frequency_response(result: Result) -> Figure | LeftOut:
     """Show gain, phase and coherence of each axis, and the model's gain and phase over them."""
     model = result.identification.recommended
-    data = most_moved(result.data, result.settings.identify.most_samples)
+    data = most_excited(result.data, result.settings.identify.most_samples)
     longest = max((segment.n_samples for segment in data.segments), default=0)
     n_block = int(_BLOCK_S / data.sample_period_s) if data.segments else 0
     if model is None or not n_block or longest < 2 * n_block:

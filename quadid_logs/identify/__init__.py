@@ -19,7 +19,7 @@ from quadid_logs.identify.instruments import with_strong_instruments
 from quadid_logs.identify.model import actuated_model
 from quadid_logs.identify.published import fit_as_published
 from quadid_logs.identify.rigid_body import fit_single_rigid_body
-from quadid_logs.identify.select import most_moved
+from quadid_logs.identify.select import most_excited
 from quadid_logs.identify.structures import RIGID_BODY, STRUCTURES, Structure
 from quadid_logs.identify.terms import GYROSCOPIC
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS
@@ -75,7 +75,7 @@ def identify(
     smoothing_hz = settings.smoothing_hz or min(
         _SMOOTHING_HZ, 1.0 / (data.sample_period_s * _SAMPLES_PER_CYCLE)
     )
-    data = most_moved(data, settings.most_samples)
+    data = most_excited(data, settings.most_samples)
     design = build_design(data, smoothing_hz, structures)
     n_needed = _ROWS_PER_UNKNOWN * len(structures[0].columns)
     if design is None or np.count_nonzero(design.train) < n_needed:

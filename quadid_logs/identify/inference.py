@@ -98,7 +98,7 @@ def infer(
     n_parameters: int,
     prior_precision: FloatArray | None = None,
 ) -> Uncertainty:
-    """Return the uncertainty of parameters whose equations share lag, delay and asymmetry.
+    """Return the uncertainty of parameters whose equations have lag, delay and asymmetry in common.
 
     Parameters
     ----------

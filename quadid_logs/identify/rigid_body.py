@@ -203,7 +203,7 @@ def fit_single_rigid_body(structure: Structure, data: FlightData, first: Actuate
     fit = with_trim(
         _as_fit(body, x, free, rows, len(structure.columns)), structure, first.whole, first.model.actuator
     )
-    # How a gain changes with the band is a matter of the data, not of what the equations share.
+    # How a gain changes with the band is a matter of the data, not of what the equations have in common.
     change = first.band.on_axis_gain / first.band.on_axis_gain[0]
     band = replace(first.band, on_axis_gain=structure.on_axis(fit.theta) * change)
     return first._replace(structure=structure, fit=fit, band=band)

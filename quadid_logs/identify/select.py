@@ -16,7 +16,7 @@ from quadid_logs.data.flight import FlightData, Segment
 _CHUNK_S = 60.0
 
 
-def most_moved(data: FlightData, n_samples: int) -> FlightData:
+def most_excited(data: FlightData, n_samples: int) -> FlightData:
     """Return the chunks of a flight that move the vehicle most, in order of time.
 
     Parameters

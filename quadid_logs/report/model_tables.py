@@ -11,6 +11,7 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.model import Inertia, Model, Parameter
 from quadid_logs.data.result import Result
+from quadid_logs.identify.structures import STRUCTURES
 from quadid_logs.report.cells import Cell, Table
 from quadid_logs.report.inertia_table import comparison_rows
 from quadid_logs.report.numbers import interval, number, resolved
@@ -24,14 +25,7 @@ _A_CAPTION = "A: angular acceleration per regressor, one a line [rad/s² per uni
 #: An interval this far below the largest entry is what a tensor's inverse leaves of an exact zero.
 _ROUNDING = 1e-6
 _DISTRUSTED = "not to be trusted"
-_REGRESSORS = {
-    "pp": "pp, qq, rr: squares of the rates, which act where products of inertia are",
-    "qr": "qr, pr, pq: products of two rates, by which rotation about two axes couples into the third",
-    "p": "p, q, r: the rates themselves, as in damping",
-    "phi": "phi, theta, psi: roll, pitch and yaw angle",
-    "1": "1: a constant angular acceleration, as of a bent arm",
-    "N*throttle": "N*throttle: by how much yaw answers more strongly at more throttle",
-}
+_WORDS = {term.symbol: term.words for structure in STRUCTURES for term in structure.terms}
 
 
 def model_tables(result: Result, model: Model) -> tuple[Table, ...]:
@@ -72,7 +66,7 @@ def _matrix(
 
 def _note(model: Model, columns: tuple[str, ...], distrusted: frozenset[str]) -> str:
     """Say what the regressors are, which entries are no results, and why."""
-    words = "; ".join(_REGRESSORS[name] for name in columns if name in _REGRESSORS)
+    words = "; ".join(filter(None, (_WORDS.get(name) for name in columns)))
     words = f"{words}." if words else ""
     refused = f"Entries marked {_DISTRUSTED!r} belong to refused axes: they are no results."
     trusted = (

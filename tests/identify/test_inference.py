@@ -139,7 +139,7 @@ def design() -> Design:
 
 
 def test_clusters_hold_neighbours_only(design: Design) -> None:
-    """A second at most, of one block, so that clusters share no residual's memory."""
+    """A second at most, of one block, so that residuals of different clusters are independent."""
     clusters, time_s, block = clusters_of(design), design.time_s[design.train], design.block[design.train]
     for number in range(clusters.max() + 1):
         rows = clusters == number

@@ -8,7 +8,7 @@ import numpy as np
 
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify import identify
-from quadid_logs.identify.select import most_moved
+from quadid_logs.identify.select import most_excited
 
 from .vehicles import PERIOD_S, QUAD, flight_data, fly, multisine
 
@@ -24,7 +24,7 @@ def restless(n_minutes: int, moved: list[int]) -> np.ndarray:
 def test_the_minutes_that_move_most_are_kept_in_order_of_time() -> None:
     """Two of six."""
     rate = restless(6, [1, 4])
-    kept = most_moved(flight_data(rate, np.zeros_like(rate)), round(120.0 / PERIOD_S))
+    kept = most_excited(flight_data(rate, np.zeros_like(rate)), round(120.0 / PERIOD_S))
     assert [round(segment.start_s) for segment in kept.segments] == [60, 240]
 
 
@@ -34,14 +34,14 @@ def test_an_axis_that_moves_least_counts_as_much_as_the_others() -> None:
     rate[:, 2] *= 0.01
     minute = slice(round(180.0 / PERIOD_S), None)
     rate[minute, 2] *= 1000.0
-    kept = most_moved(flight_data(rate, np.zeros_like(rate)), round(120.0 / PERIOD_S))
+    kept = most_excited(flight_data(rate, np.zeros_like(rate)), round(120.0 / PERIOD_S))
     assert [round(segment.start_s) for segment in kept.segments] == [0, 180]
 
 
 def test_a_shorter_flight_stays_as_it_is() -> None:
     """The same object."""
     data = flight_data(np.zeros((1000, 3)), np.zeros((1000, 3)))
-    assert most_moved(data, 1000) is data
+    assert most_excited(data, 1000) is data
 
 
 def test_the_gain_of_a_part_is_the_gain_of_the_flight() -> None:
