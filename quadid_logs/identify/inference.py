@@ -149,11 +149,13 @@ def covariance_95(
 
     Parameters
     ----------
-    equations, clusters, prior_precision
+    equations, clusters
         As of `quadid_logs.maths.least_squares.clustered_covariance`.
     errors : ndarray, shape (n_samples, n_equations, n_errors)
         What possible errors of the torque, each at its 95 %, make of the
         targets, weighted as their residuals are.
+    prior_precision : ndarray, shape (n_parameters,)
+        Zero where nothing was known before.
 
     Returns
     -------
