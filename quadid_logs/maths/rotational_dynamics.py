@@ -8,7 +8,7 @@ of one value per flight (many flights at once).
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -158,22 +158,6 @@ def gyroscopic_matrix(inertia_kg_m2: FloatArray) -> FloatArray:
     return np.asarray(-np.linalg.solve(J, cross), dtype=np.float64)
 
 
-def rate_products(rate_rad_s: FloatArray) -> FloatArray:
-    """Return the products of rates in the order of `PRODUCTS`.
-
-    Parameters
-    ----------
-    rate_rad_s : ndarray, shape (..., 3)
-
-    Returns
-    -------
-    ndarray, shape (..., 6)
-        pp, qq, rr, qr, pr, pq [rad^2/s^2].
-    """
-    p, q, r = np.moveaxis(rate_rad_s, -1, 0)
-    return np.stack([p * p, q * q, r * r, q * r, p * r, p * q], axis=-1)
-
-
 def step_rates(
     rate: Triple,
     torques: tuple[Triple, Triple, Triple],
@@ -262,60 +246,6 @@ def step_attitude(
     # One Newton step towards unit length: the error per step is of order step^5 already.
     scale = 1.5 - 0.5 * (w * w + x * x + y * y + z * z)
     return w * scale, x * scale, y * scale, z * scale
-
-
-def integrate_fixed_step(
-    inertia_kg_m2: FloatArray,
-    torque_n_m: Callable[[float], FloatArray],
-    time_s: FloatArray,
-    *,
-    rate_rad_s: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Integrate eq. (8) and the attitude with one Runge-Kutta step per sample.
-
-    Parameters
-    ----------
-    inertia_kg_m2 : ndarray, shape (3, 3) or (n_flights, 3, 3)
-    torque_n_m : callable
-        Torque of shape (..., 3) at a time.
-    time_s : ndarray, shape (n_samples,)
-        Uniform.
-    rate_rad_s : ndarray, shape (..., 3)
-        At the first sample. The attitude starts level.
-
-    Returns
-    -------
-    rate_rad_s : ndarray, shape (n_samples, ..., 3)
-    quaternion : ndarray, shape (n_samples, ..., 4)
-    """
-    inertia = inertia_terms(inertia_kg_m2)
-    step_s = float(time_s[1] - time_s[0])
-    rate = _components(rate_rad_s)
-    attitude: Quadruple = (1.0 + 0.0 * rate[0], 0.0 * rate[0], 0.0 * rate[0], 0.0 * rate[0])
-    rates, attitudes = [rate], [attitude]
-    end = _components(torque_n_m(float(time_s[0])))
-    for time in time_s[:-1].tolist():
-        start, end = end, _components(torque_n_m(time + step_s))
-        middle = _components(torque_n_m(time + 0.5 * step_s))
-        rate, stages = step_rates(rate, (start, middle, end), step_s, inertia, (0.0, 0.0, 0.0))
-        attitude = step_attitude(attitude, stages, step_s)
-        rates.append(rate)
-        attitudes.append(attitude)
-    return _stacked(rates), _stacked(attitudes)
-
-
-def _components(vector: FloatArray) -> Triple:
-    """Take a vector of shape (..., 3) apart, into floats where it is a single one."""
-    if vector.ndim == 1:
-        p, q, r = vector.tolist()
-        return p, q, r
-    return vector[..., 0], vector[..., 1], vector[..., 2]
-
-
-def _stacked(history: list[Any]) -> FloatArray:
-    """Put tuples of components back into one array, time first and components last."""
-    values = np.asarray(history, dtype=np.float64)
-    return np.moveaxis(values, 1, -1)
 
 
 def integrate_adams(

@@ -6,8 +6,9 @@ import numpy as np
 
 from quadid_logs.identify.structures import RIGID_BODY as WITH_THROTTLE
 from quadid_logs.identify.systematic import GYRO_SYSTEMATIC, gyro_half_width, systematic_half_width
-from quadid_logs.maths.rotational_dynamics import gyroscopic_matrix, rate_products
+from quadid_logs.maths.rotational_dynamics import gyroscopic_matrix
 from quadid_logs.vocabulary import TORQUE_SYMBOLS
+from tests.reference_maths import rate_products
 
 #: Throttle is not known.
 RIGID_BODY = WITH_THROTTLE.known(TORQUE_SYMBOLS)

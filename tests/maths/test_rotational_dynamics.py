@@ -14,11 +14,10 @@ from quadid_logs.maths.rotational_dynamics import (
     gyroscopic_matrix,
     inertia_terms,
     integrate_adams,
-    integrate_fixed_step,
-    rate_products,
     step_rates,
 )
 from quadid_logs.maths.rotations import rotation_matrix
+from tests.reference_maths import integrate_fixed_step, rate_products
 
 FULL = np.array([[0.0150, -0.0011, 0.0017], [-0.0011, 0.0172, 0.0008], [0.0017, 0.0008, 0.0268]])
 INTEGRATORS = pytest.mark.parametrize("integrate", [integrate_adams, integrate_fixed_step])

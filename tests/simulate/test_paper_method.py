@@ -9,9 +9,9 @@ from quadid_logs.maths.rotational_dynamics import (
     angular_acceleration,
     gyroscopic_matrix,
     integrate_adams,
-    rate_products,
 )
 from quadid_logs.maths.sliding_windows import solve_windows, stack_windows
+from tests.reference_maths import rate_products
 
 DIAGONAL = np.diag([0.008, 0.009, 0.014])
 FULL = np.array([[0.0150, -0.0011, 0.0017], [-0.0011, 0.0172, 0.0008], [0.0017, 0.0008, 0.0268]])

@@ -217,7 +217,7 @@ def frame_geometry(frame_class: int, frame_type: int) -> Frame:
     key = (frame_class, frame_type)
     if frame_class == 5 and key not in _BY_FACTOR:
         key = (5, 0)
-    if key not in _BY_ANGLE and key not in _BY_FACTOR:
+    if key not in known_frames():
         raise ShapeError(f"There is no multirotor with FRAME_CLASS {frame_class}, FRAME_TYPE {frame_type}.")
     factors, position = _from_angles(key) if key in _BY_ANGLE else _from_factors(key)
     return Frame(
