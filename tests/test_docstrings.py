@@ -23,6 +23,7 @@ WHOLE: tuple[str, ...] = (
     "quadid_logs.align",
     "quadid_logs.compare",
     "quadid_logs.data",
+    "quadid_logs.diagnose",
     "quadid_logs.identify",
     "quadid_logs.load",
     "quadid_logs.maths",

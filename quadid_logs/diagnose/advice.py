@@ -27,5 +27,11 @@ def advice_for(autopilot: str) -> Advice:
 
 
 def plannable() -> tuple[str, ...]:
-    """Return the names of the autopilots that a flight can be planned for, in the order of the alphabet."""
+    """Return the names of the autopilots that a flight can be planned for, in the order of the alphabet.
+
+    Returns
+    -------
+    tuple of str
+        As in `FlightLog.autopilot`.
+    """
     return tuple(sorted(autopilot.name for autopilot in known() if autopilot.advice.logging_settings))

@@ -173,12 +173,7 @@ def plan_flights(
     SimulationError
         If duration, rate or vehicle cannot be flown.
     """
-    each_s = duration_s / scenario.n_flights
-    if not (each_s >= _MIN_FLIGHT_S and duration_s <= _MAX_DURATION_S):
-        raise SimulationError(
-            f"A duration of {duration_s:g} s cannot be flown.",
-            hint=f"Give {_MIN_FLIGHT_S * scenario.n_flights:g} to {_MAX_DURATION_S:g} s.",
-        )
+    each_s = _flight_s(scenario, duration_s)
     airframe = scenario.airframe()
     if vehicle is not None:
         airframe = adapted(airframe, vehicle)
@@ -202,6 +197,17 @@ def plan_flights(
             )
         )
     return tuple(setups)
+
+
+def _flight_s(scenario: Scenario, duration_s: float) -> float:
+    """Return the duration of each flight of a scenario [s]."""
+    each_s = duration_s / scenario.n_flights
+    if not (each_s >= _MIN_FLIGHT_S and duration_s <= _MAX_DURATION_S):
+        raise SimulationError(
+            f"A duration of {duration_s:g} s cannot be flown.",
+            hint=f"Give {_MIN_FLIGHT_S * scenario.n_flights:g} to {_MAX_DURATION_S:g} s.",
+        )
+    return each_s
 
 
 def _loop_rate(rate_hz: float) -> float:

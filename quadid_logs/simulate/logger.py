@@ -127,16 +127,19 @@ def log_flights(records: tuple[Record, ...], logging: Logging) -> FlightLog:
             for text in start_texts(setup)
         ),
         n_dropped=n_dropped,
-        systems=(
-            LoggedSystem(
-                system_id=1,
-                component_id=1,
-                autopilot=kind.name,
-                vehicle_type=MULTIROTOR,
-                n_messages=sum(rows.true_s.size for rows in kept),
-                chosen=True,
-            ),
-        ),
+        systems=(_system(kind, sum(rows.true_s.size for rows in kept)),),
+    )
+
+
+def _system(kind: Vendor, n_messages: int) -> LoggedSystem:
+    """Return the one vehicle that speaks in a simulated log."""
+    return LoggedSystem(
+        system_id=1,
+        component_id=1,
+        autopilot=kind.name,
+        vehicle_type=MULTIROTOR,
+        n_messages=n_messages,
+        chosen=True,
     )
 
 
