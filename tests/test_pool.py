@@ -84,3 +84,20 @@ def test_the_command_line_writes_one_result_for_all(
     content = json.loads((tmp_path / "pooled" / "result.json").read_text())
     assert [Path(each["path"]).name for each in content["pooled"]] == ["roll.bin", "all.bin"]
     assert "and 1 more" in capsys.readouterr().out
+
+
+def test_what_was_used_of_a_log_is_what_lies_in_its_segments(pooled: Result) -> None:
+    """Not the time on the ground: the sums are those of the pooled flight."""
+    used_s = [each.used_s for each in pooled.pooled]
+    assert used_s == pytest.approx([end - start for start, end in pooled.data.flight_segments])
+    assert sum(used_s) < pooled.data.duration_s - 60.0
+
+
+def test_what_is_told_of_the_vehicle_is_that_of_the_first_log_that_flew(
+    flights: list[Path], tmp_path: Path
+) -> None:
+    """The log ahead of it ended on the ground."""
+    ground = tmp_path / "ground.bin"
+    ground.write_bytes(flights[1].read_bytes()[:30_000])
+    result = analyze_pooled([ground, flights[1]])
+    assert Path(result.log.path).name == "all.bin"

@@ -17,9 +17,10 @@ import pytest
 from quadid_logs.actuation import reconstruct
 from quadid_logs.align import Prepared, clean, cut
 from quadid_logs.autopilots import named
+from quadid_logs.autopilots.ardupilot.torque import _misfit
 from quadid_logs.data.log import FlightLog, Rows, Signal
 from quadid_logs.data.settings import AlignSettings
-from quadid_logs.data.torque import DensityLaw
+from quadid_logs.data.torque import DensityLaw, MixerCheck
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.load import prepare
 
@@ -351,3 +352,41 @@ def test_what_is_refused_as_a_calibration_is_told_apart_from_other_remarks() -> 
     assert model is not None
     (refused,) = model.refused
     assert refused in model.remarks
+
+
+def test_a_thrust_curve_is_asked_for_the_motor_command() -> None:
+    """From 0 at MOT_SPIN_MIN to 1 at MOT_SPIN_MAX, whatever thrust the autopilot believes in."""
+    curve = np.array([[0.0, 0.0], [0.4, 2.0], [1.0, 11.0]])
+    given = Vehicle(thrust_curve=curve, arm_length_m=ARM_M, torque_to_thrust_m=RATIO_M)
+    torque = calibrated(ardupilot(), given).torque
+    assert torque is not None
+    assert torque.rotor_thrust is not None
+    effective = (-(1.0 - EXPO) + np.sqrt((1.0 - EXPO) ** 2 + 4.0 * EXPO * available())) / (2.0 * EXPO)
+    command = effective / (TRUE.volt / 16.8)[:, None]
+    rows = slice(400, -400)
+    np.testing.assert_allclose(
+        torque.rotor_thrust[rows], np.interp(command, curve[:, 0], curve[:, 1])[rows], rtol=5e-3
+    )
+
+
+def test_torque_in_newton_metres_that_is_slower_than_the_command_is_not_used() -> None:
+    """Without the loop's throttle, outputs at 10 Hz alone tell of thrust: units are not worth samples."""
+    flown = ardupilot()
+    without = replace(
+        flown, signals={name: each for name, each in flown.signals.items() if name != "throttle"}
+    )
+    sources = reconstruct(clean(without), named("ardupilot"), VEHICLE).sources
+    assert {one.series.name for one in sources} == {"torque_command"}
+
+
+def test_a_density_that_the_log_holds_is_preferred_to_a_fitted_gain_that_fits_a_little_better() -> None:
+    """By less than the microsecond that chance makes; by more it is believed."""
+
+    def check(law: DensityLaw, typical_us: float) -> MixerCheck:
+        return MixerCheck(
+            n_samples=100, mean_us=0.0, std_us=1.0, largest_us=2.0, typical_us=typical_us, density="", law=law
+        )
+
+    logged = check(DensityLaw.LOGGED, 1.2)
+    assert _misfit(logged) < _misfit(check(DensityLaw.FITTED, 0.4))
+    assert _misfit(logged) > _misfit(check(DensityLaw.FITTED, 0.1))

@@ -160,3 +160,9 @@ def test_no_expo_means_a_straight_line() -> None:
     straight = replace(MOTORS, expo=0.0)
     row = supply(1)
     assert actuator_of_thrust(np.array([[0.3]]), row, straight)[0, 0] == pytest.approx(0.3)
+
+
+def test_the_gain_against_thin_air_is_limited_as_the_density_that_is_believed() -> None:
+    """Ratios of 0.3 to 1.5 are believed and limited to 0.5 to 1.25; others count as sea level."""
+    density = np.array([0.25, 0.35, 0.5, 1.25, 1.45, 1.6])
+    np.testing.assert_allclose(compensation_gain(np.ones(6), density), [1.0, 2.0, 2.0, 0.8, 0.8, 1.0])

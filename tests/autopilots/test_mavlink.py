@@ -153,3 +153,11 @@ def test_vehicles_of_the_corpus_are_recognised(corpus: Path, name: str, vehicle_
     assert (log.autopilot, log.vehicle_type) == ("ardupilot", vehicle_type)
     assert set(log.signals) <= set(SIGNALS)
     assert all(signal.reason for signals in log.signals.values() for signal in signals)
+
+
+def test_a_battery_that_is_not_measured_has_no_voltage(tmp_path: Path) -> None:
+    """65535 mV says so, zero as well; between, it is measured."""
+    sender = make.Sender()
+    packets = [sender.stamped("SYS_STATUS", voltage_battery=value) for value in (65_535, 15_200, 0)]
+    (battery,) = log_of(tmp_path, sender, *packets).candidates("battery_voltage")
+    np.testing.assert_allclose(battery.values[:, 0], [np.nan, 15.2, np.nan])

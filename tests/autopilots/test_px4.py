@@ -186,3 +186,16 @@ def test_infinite_outputs_are_no_obstacle(tmp_path: Path) -> None:
     second = ("actuator_outputs", struct.pack("<I4f", 4, 1500, 1500, 1600, 1500))
     log = log_of(tmp_path, form, [first, second, second])
     assert log.candidates("output_pwm")[0].n_samples == 3
+
+
+def test_outputs_are_those_of_the_driver_that_moves_most(tmp_path: Path) -> None:
+    """The first one drives a gimbal."""
+    content = make.header() + make.message("F", b"actuator_outputs:uint64_t timestamp;float[4] output;")
+    content += make.subscription(0, "actuator_outputs") + make.subscription(1, "actuator_outputs", 1)
+    for k in range(20):
+        for msg_id, swing in ((0, 10.0), (1, 200.0)):
+            output = [1500.0 + swing * (-1) ** (k + motor) for motor in range(4)]
+            content += make.message("D", struct.pack("<HQ4f", msg_id, 1_000_000 + 10_000 * k, *output))
+    path = tmp_path / "log"
+    path.write_bytes(content)
+    np.testing.assert_allclose(np.ptp(preferred(read_log(path), "output_pwm"), axis=0), 400.0)

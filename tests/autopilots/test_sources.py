@@ -393,3 +393,18 @@ def test_further_groups_of_escs_stand_beside_the_first(tmp_path: Path) -> None:
     (tmp_path / "log").write_bytes(sender.heartbeat() + b"".join(packets))
     (speed,) = read_log(tmp_path / "log").candidates("rotor_speed")
     np.testing.assert_allclose(speed.values, 2.0 * math.pi * np.eye(8))
+
+
+@pytest.mark.parametrize(
+    ("unit", "count"), [("deg/s", DEGREE), ("centidegrees/s", DEGREE / 100.0), ("rad/s", 1.0)]
+)
+def test_the_unit_of_rate_is_told_by_the_gyro(unit: str, count: float, tmp_path: Path) -> None:
+    """Where the log does not state it; by what it is called in the reason, and by its size."""
+    time_s = np.linspace(0.0, 20.0, 400)
+    turn = np.column_stack([np.sin(time_s), np.cos(2.0 * time_s), np.sin(3.0 * time_s)])
+    rows = [(name, list(values)) for gyro in turn for name, values in (("RATE", gyro / count), ("IMU", gyro))]
+    path = tmp_path / "log"
+    path.write_bytes(dataflash_log({"RATE": ("R", "P", "Y"), "IMU": GYRO}, rows))
+    rate = next(one for one in read_log(path).candidates("body_rate") if one.source.startswith("RATE"))
+    np.testing.assert_allclose(rate.values, turn, atol=1e-5)
+    assert f"logged in {unit} (compared with the gyro)" in rate.reason

@@ -47,3 +47,10 @@ def test_telemetry_and_card_tell_the_same_date(corpus):
     card = read_log(corpus / "firmware" / "ac47_quadx_doublets.BIN")
     radio = read_log(corpus / "firmware" / "ac47_quadx_doublets.tlog")
     assert radio.utc_offset_s == pytest.approx(card.utc_offset_s, abs=0.5)
+
+
+def test_gps_time_is_ahead_of_utc_by_the_leap_seconds():
+    """Week 2200 began at midnight of 2022-03-06 by the satellites, 18 s earlier by UTC."""
+    (utc_s,) = gps_utc_s(np.array([2200.0]), np.array([0.0]))
+    midnight = datetime.datetime(2022, 3, 6, tzinfo=datetime.UTC)
+    assert datetime.datetime.fromtimestamp(utc_s, datetime.UTC) == midnight - datetime.timedelta(seconds=18)

@@ -9,7 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from quadid_logs.containers.content import FileParts, room_for, rows_at, rows_of_types
+from quadid_logs.containers.content import (
+    FileParts,
+    mean_rate_hz,
+    merge_lost,
+    room_for,
+    rows_at,
+    rows_of_types,
+    time_before,
+)
+from quadid_logs.data.log import LostBytes
 from quadid_logs.errors import LogError
 
 
@@ -57,3 +66,23 @@ def test_blocks_hold_every_byte_and_the_first_ones_of_the_next(n_bytes: int) -> 
     content = bytes(range(n_bytes))
     blocks = [(start, block.tobytes()) for start, block in FileParts(io.BytesIO(content)).blocks(4, 3)]
     assert blocks == [(start, content[start : start + 7]) for start in range(0, n_bytes, 4)]
+
+
+def test_a_mean_rate_counts_the_steps_between_the_rows() -> None:
+    """Eleven rows in a second are ten steps."""
+    assert mean_rate_hz(11, np.array([3.0, 4.0])) == pytest.approx(10.0)
+    assert mean_rate_hz(11, np.array([3e6, 4e6]), 1e-6) == pytest.approx(10.0)
+
+
+def test_a_row_without_a_time_takes_that_of_the_row_before_it() -> None:
+    """At its own place its own; ahead of the first row with a time that one's."""
+    times = time_before(np.array([5, 10, 15, 20, 99]), np.array([10, 20]), np.array([1.0, 2.0]))
+    np.testing.assert_array_equal(times, [1.0, 1.0, 1.0, 2.0, 2.0])
+
+
+def test_lost_bytes_inside_others_are_theirs() -> None:
+    """Those that touch are joined, with the reason of the first; those apart stay apart."""
+    blocks = [(0, 100), (20, 10), (100, 5), (300, 7)]
+    lost = [LostBytes(offset=first, n_bytes=count, reason=str(first)) for first, count in blocks]
+    found = [(one.offset, one.n_bytes, one.reason) for one in merge_lost(lost[::-1])]
+    assert found == [(0, 105, "0"), (300, 7, "300")]

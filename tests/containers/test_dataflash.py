@@ -458,3 +458,25 @@ def test_what_is_appended_while_a_log_is_read_is_not_seen(tmp_path: Path) -> Non
             stream.write(flight(50))
         rows = file.read_messages({"RATE"})["RATE"].n_rows
     assert rows == decode(flight(50))["RATE"].n_rows
+
+
+def test_a_unit_has_the_factor_that_its_character_says() -> None:
+    """ "-" is logged as zero and means none; a format with a scale of its own has been applied already."""
+    content = FMT_OF_FMT + b"".join(
+        (
+            fmt(1, "FMTU", "QBNN", "TimeUS,FmtType,UnitIds,MultIds"),
+            fmt(2, "UNIT", "QbZ", "TimeUS,Id,Label"),
+            fmt(3, "MULT", "Qbd", "TimeUS,Id,Mult"),
+            fmt(4, "ONE", "Qffc", "TimeUS,plain,small,scaled"),
+            *(row(2, "QbZ", 1, ord(key), label) for key, label in (("s", b"s"), ("k", b"deg/s"))),
+            *(row(3, "Qbd", 1, ord(key), factor) for key, factor in (("F", 1e-6), ("-", 0.0), ("B", 1e-2))),
+            row(1, "QBNN", 1, 4, b"skkk", b"F-BB"),
+            row(4, "Qffc", 1, 1.0, 1.0, 100),
+        )
+    )
+    with DataFlashFile.from_bytes(content) as file:
+        table = file.read_messages({"ONE"})["ONE"]
+    assert {label: unit.factor for label, unit in table.units.items() if label != "TimeUS"} == {
+        "plain": 1.0, "small": 0.01, "scaled": 1.0,
+    }  # fmt: skip
+    assert table.columns["scaled"].tolist() == [1.0]

@@ -365,3 +365,28 @@ def test_packets_inside_the_payload_of_another_are_its_payload(tmp_path: Path) -
         "FILE_TRANSFER_PROTOCOL": 1,
         "ATTITUDE": 1,
     }
+
+
+def test_a_time_that_is_not_filled_in_is_that_of_the_neighbours(tmp_path: Path) -> None:
+    """Zero milliseconds since boot are no time."""
+    sender = make.Sender()
+    content = sender.heartbeat() + sender.attitude(0)
+    content += sender.stamped("ATTITUDE", time_boot_ms=0, roll=0.5) + sender.attitude(2)
+    (attitude,) = read_log(write(tmp_path, content)).candidates("attitude")
+    np.testing.assert_allclose(attitude.time_s, [1.0, 1.0, 1.02])
+
+
+@pytest.mark.parametrize("off_ms", [-30, 0, 30])
+def test_a_32_bit_counter_that_is_a_little_off_the_boot_clock_does_not_wrap(
+    off_ms: int, tmp_path: Path
+) -> None:
+    """It may be stamped before or behind the message that tells the time."""
+    sender = make.Sender()
+    content = sender.heartbeat()
+    for k in range(20):
+        content += sender.attitude(k)
+        content += sender.stamped(
+            "SERVO_OUTPUT_RAW", time_usec=1_000_000 + 10_000 * k + 1000 * off_ms, servo1_raw=1500
+        )
+    times = read_log(write(tmp_path, content)).candidates("output_pwm")[0].time_s
+    np.testing.assert_allclose(times, 1.0 + 0.01 * np.arange(20) + 1e-3 * off_ms)

@@ -399,3 +399,25 @@ def test_signalling_nan_in_a_row_raises_no_warning(tmp_path: Path) -> None:
     content = make.header() + make.definitions() + make.rows(1) + bytes(broken) + make.rows(1, 2)
     values = read_log(write(tmp_path, content)).candidates("body_rate")[0].values
     assert np.isnan(values[:, 0]).tolist() == [False, True, False]
+
+
+@pytest.mark.parametrize(
+    ("kind", "code", "values"),
+    [
+        ("int8_t", "b", (-128, 127)), ("uint8_t", "B", (0, 255)), ("int16_t", "h", (-32768, 32767)),
+        ("uint16_t", "H", (0, 65535)), ("int32_t", "i", (-(2**31), 2**31 - 1)),
+        ("uint32_t", "I", (0, 2**32 - 1)), ("int64_t", "q", (-(2**62), 2**62)), ("uint64_t", "Q", (0, 2**63)), ("float", "f", (-1.5, 1e30)),
+        ("double", "d", (-1.25, 1e300)),
+    ],
+)  # fmt: skip
+def test_the_least_and_the_largest_number_of_every_type_are_read(
+    kind: str, code: str, values: tuple[float, float], tmp_path: Path
+) -> None:
+    """With their signs."""
+    content = make.header() + make.message("F", f"one:uint64_t timestamp;{kind} value;".encode())
+    content += make.subscription(9, "one")
+    for number, value in enumerate(values):
+        content += make.message("D", struct.pack(f"<HQ{code}", 9, number, value))
+    found = ulog.read_topics(write(tmp_path, content))["one", 0].columns()["value"]
+    np.testing.assert_array_equal(found, np.array(values, dtype=found.dtype))
+    np.testing.assert_allclose(found.astype(float), values, rtol=1e-6)

@@ -15,15 +15,18 @@ from quadid_logs.identify import identify
 from quadid_logs.identify.actuator import ActuatorFit
 from quadid_logs.identify.checks import bootstrapped_half_width
 from quadid_logs.identify.design import Design, build_design
-from quadid_logs.identify.fit import Regression, _mean_half_width
+from quadid_logs.identify.fit import Regression, _mean_half_width, fit_pooled, with_trim
 from quadid_logs.identify.inference import (
+    NOTHING_UNKNOWN,
     TorqueEffects,
+    TorqueUnknowns,
     clusters_of,
     delay_interval,
     infer,
     intervals,
     lag_interval,
     quantile_95,
+    torque_effects,
 )
 from quadid_logs.identify.instruments import Projection
 from quadid_logs.identify.structures import DAMPED
@@ -271,3 +274,77 @@ def test_what_might_be_lag_or_delay_is_in_the_interval_of_both() -> None:
 def test_a_lag_too_short_to_be_seen_may_be_zero() -> None:
     """Then it was no parameter of the fit."""
     assert lag_interval(actuator(0.002, 0.01, 0.004), float("nan"), PERIOD_S)[0] == 0.0
+
+
+ACTUATOR = actuator(0.03, 0.005, 0.03)
+
+
+def test_clusters_end_where_a_block_ends(design: Design) -> None:
+    """Also where blocks begin within a second of each other: half a second after each whole one."""
+    blocks = ((design.time_s - design.time_s[0] + 0.5) // 3.0).astype(np.int64)
+    shifted = dataclasses.replace(design, block=blocks, held_out=np.zeros_like(design.held_out))
+    clusters, block = clusters_of(shifted), blocks[shifted.train]
+    assert all(np.unique(block[clusters == number]).size == 1 for number in range(clusters.max() + 1))
+
+
+def test_units_of_an_axis_change_no_relative_interval(design: Design) -> None:
+    """Lag and delay are common to all axes: one in other units must not count for more."""
+    other = dict(design.columns, q_dot=100.0 * design.columns["q_dot"])
+    fits = [
+        fit_pooled(each, DAMPED, ACTUATOR) for each in (design, dataclasses.replace(design, columns=other))
+    ]
+    gain, half = (
+        np.array([DAMPED.on_axis(getattr(fit, of)) for fit in fits]) for of in ("theta", "half_width")
+    )
+    np.testing.assert_allclose(gain[1], gain[0] * [1.0, 100.0, 1.0], rtol=1e-9)
+    np.testing.assert_allclose(half[1] / gain[1], half[0] / gain[0], rtol=1e-6)
+
+
+def test_what_is_not_known_of_the_torque_reaches_the_targets_through_the_effectiveness(
+    design: Design,
+) -> None:
+    """Also across axes: B times the torque that may have been, row by row."""
+    B = np.array([[90.0, 5.0, 0.0], [-7.0, 80.0, 2.0], [1.0, 0.0, 45.0]])
+    error = dataclasses.replace(design.torque)
+    unknown = TorqueUnknowns(errors=(error,))
+    project = Projection(design, DAMPED, design.train)
+    found = torque_effects(design, ACTUATOR, B, unknown, project)
+    torque = error.behind(ACTUATOR.lag_s, ACTUATOR.delay_s)[design.train]
+    np.testing.assert_allclose(found.errors[:, :, 0], torque @ B.T)
+
+
+@pytest.mark.parametrize(("lag_s", "names"), [(0.03, {"lag", "delay"}), (0.001, {"delay"})])
+def test_a_lag_that_is_seen_is_an_unknown_and_one_that_is_not_is_none(
+    design: Design, lag_s: float, names: set[str]
+) -> None:
+    """Of a millisecond there are 2 degrees of phase at 5 Hz: only its sum with the delay is seen."""
+    project = Projection(design, DAMPED, design.train)
+    assert (
+        set(torque_effects(design, actuator(lag_s, 0.005, lag_s), np.eye(3), NOTHING_UNKNOWN, project).shared)
+        == names
+    )
+
+
+def test_the_trim_is_what_the_torque_leaves_when_it_has_passed_the_actuator() -> None:
+    """A torque that rises for a whole flight is 0.13 s old when it acts: the trim must know that."""
+    data = fly(QUAD, multisine(40.0))
+    (segment,) = data.segments
+    rising = 0.02 * segment.time_s[:, np.newaxis] * np.ones(3)
+    built = build_design(
+        dataclasses.replace(data, segments=(dataclasses.replace(segment, torque=rising),)), 5.0, (DAMPED,)
+    )
+    assert built is not None
+    late = actuator(0.08, 0.05, 0.08)
+    theta = np.zeros((3, len(DAMPED.columns)))
+    theta[:, -3:] = np.diag([100.0, 80.0, 50.0])
+    fit = dataclasses.replace(
+        fit_pooled(built, DAMPED, late),
+        theta=theta,
+        disturbance=np.zeros((3, len(built.disturbances(DAMPED)))),
+    )
+    expected = [
+        np.mean(built.columns[target][built.train] - gain * 0.02 * (built.time_s[built.train] - 0.13))
+        for target, gain in zip(("p_dot", "q_dot", "r_dot"), (100.0, 80.0, 50.0), strict=True)
+    ]
+    found = with_trim(fit, DAMPED, built, late).theta[:, DAMPED.regressors.index("1")]
+    np.testing.assert_allclose(found, expected, atol=0.02)
