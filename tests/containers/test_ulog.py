@@ -404,12 +404,18 @@ def test_signalling_nan_in_a_row_raises_no_warning(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("kind", "code", "values"),
     [
-        ("int8_t", "b", (-128, 127)), ("uint8_t", "B", (0, 255)), ("int16_t", "h", (-32768, 32767)),
-        ("uint16_t", "H", (0, 65535)), ("int32_t", "i", (-(2**31), 2**31 - 1)),
-        ("uint32_t", "I", (0, 2**32 - 1)), ("int64_t", "q", (-(2**62), 2**62)), ("uint64_t", "Q", (0, 2**63)), ("float", "f", (-1.5, 1e30)),
+        ("int8_t", "b", (-128, 127)),
+        ("uint8_t", "B", (0, 255)),
+        ("int16_t", "h", (-32768, 32767)),
+        ("uint16_t", "H", (0, 65535)),
+        ("int32_t", "i", (-(2**31), 2**31 - 1)),
+        ("uint32_t", "I", (0, 2**32 - 1)),
+        ("int64_t", "q", (-(2**62), 2**62)),
+        ("uint64_t", "Q", (0, 2**63)),
+        ("float", "f", (-1.5, 1e30)),
         ("double", "d", (-1.25, 1e300)),
     ],
-)  # fmt: skip
+)
 def test_the_least_and_the_largest_number_of_every_type_are_read(
     kind: str, code: str, values: tuple[float, float], tmp_path: Path
 ) -> None:
