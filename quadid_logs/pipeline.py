@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from quadid_logs.align import Prepared, cut
+from quadid_logs.align import Prepared, check_part, cut
 from quadid_logs.align.pool import pool
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.log import FlightLog
@@ -48,6 +48,8 @@ def analyze(
     ------
     LogError
         If the file cannot be read as a flight log at all.
+    SettingsError
+        If the part of the log that was chosen holds no flight.
 
     Examples
     --------
@@ -89,7 +91,7 @@ def analyze_pooled(
     LogError
         If one of the files cannot be read as a flight log at all.
     SettingsError
-        If the logs' torques are not the same quantity.
+        If the logs' torques are not the same quantity, or the part that was chosen holds no flight.
 
     Examples
     --------
@@ -112,6 +114,7 @@ def _analyze(
     clock.lap("read")
     tell("align")
     prepared = [prepare(log, vehicle) for log in logs]
+    check_part(prepared, settings.align)
     flights = _cut_alike(prepared, settings.align)
     data = flights[0] if len(flights) == 1 or not any(each.segments for each in flights) else pool(flights)
     # What is not pooled (sources, airframe, texts) is told of the first log that flew.

@@ -21,11 +21,12 @@ from quadid_logs.data.flight import FlightData, InputDescription, Overview, Segm
 from quadid_logs.data.log import NO_GYRO_FILTER, FlightLog, LogText, ModeChange, Signal
 from quadid_logs.data.settings import AlignSettings
 from quadid_logs.data.torque import Calibration
+from quadid_logs.errors import SettingsError
 from quadid_logs.maths.resampling import resample, resample_held
 from quadid_logs.maths.rotations import unwrapped
 from quadid_logs.vocabulary import MULTIROTOR, SIGNALS
 
-__all__ = ["Prepared", "assemble", "clean", "cut"]
+__all__ = ["Prepared", "assemble", "check_part", "clean", "cut"]
 
 #: The rigid body's content ends far below; loop rates above only add noise and time [Hz].
 _MOST_RATE_HZ = 400.0
@@ -172,6 +173,34 @@ def cut(prepared: Prepared, settings: AlignSettings) -> FlightData:
         overview={name: _overview(series[name]) for name in series if SIGNALS[name].columns},
         modes=_on_clock(log.modes, clock),
         texts=_texts_on_clock(log.texts, clock),
+    )
+
+
+def check_part(logs: Sequence[Prepared], settings: AlignSettings) -> None:
+    """Refuse a choice of start and end that holds no flight of logs that have one.
+
+    Parameters
+    ----------
+    logs : sequence of Prepared
+    settings : AlignSettings
+
+    Raises
+    ------
+    SettingsError
+        With the range of the first log: it is the choice that is wrong, not the log.
+    """
+    timed = [each for each in logs if each.log.has_time]
+    if not timed or any(_clip(each.flights or (_span(each.clean.clock),), settings) for each in timed):
+        return
+    first = timed[0]
+    start_s, end_s = _span(first.clean.clock)
+    flown = ", ".join(f"{a:.1f} to {b:.1f} s" for a, b in first.flights[:6])
+    ends = (("from", settings.start_s), ("to", settings.end_s))
+    chosen = " ".join(f"{word} {time_s:g} s" for word, time_s in ends if math.isfinite(time_s))
+    raise SettingsError(
+        f"The part {chosen} holds no flight: the log runs from {start_s:.1f} to {end_s:.1f} s"
+        f"{f', flown {flown}' if flown else ''}.",
+        hint="Give --start-s and --end-s on the log's clock, as quadid-log info shows it.",
     )
 
 

@@ -79,10 +79,16 @@ def analyze(
         ),
     ] = "",
     start_s: Annotated[
-        float | None, typer.Option("--start-s", metavar="S", help="Leave out what is before [s].")
+        float | None,
+        typer.Option(
+            "--start-s",
+            metavar="S",
+            help="Leave out what is before, on the log's clock as info shows it [s].",
+        ),
     ] = None,
     end_s: Annotated[
-        float | None, typer.Option("--end-s", metavar="S", help="Leave out what is after [s].")
+        float | None,
+        typer.Option("--end-s", metavar="S", help="Leave out what is after, on the same clock [s]."),
     ] = None,
     sample_rate_hz: Annotated[
         float, typer.Option("--sample-rate-hz", metavar="HZ", help="Resample to this rate; 0 chooses.")

@@ -186,7 +186,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL402",
                 "The flight is too short",
                 "There is less gap-free flight than a model and its check on held-out data need.",
-                "Fly for a minute with the manoeuvre, without landing in between.",
+                "Fly for a minute with the manoeuvre, without landing in between. If --start-s or --end-s "
+                "chose a part of the flight, choose a longer one.",
             ),
             _entry(
                 "QL403",

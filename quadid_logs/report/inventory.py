@@ -17,7 +17,7 @@ from quadid_logs.diagnose.gyro_findings import find_in_gyro
 from quadid_logs.report.airframe_facts import airframe_facts
 from quadid_logs.report.json import SCHEMA_VERSION, data_dict, finding_dict, log_dict, strict_text
 from quadid_logs.report.log_tables import spans_text
-from quadid_logs.report.numbers import number, seconds, size
+from quadid_logs.report.numbers import number, size
 from quadid_logs.untrusted import printable
 
 _MOST_TYPES = 14
@@ -68,7 +68,10 @@ def inventory_lines(log: FlightLog, data: FlightData) -> Iterator[str]:
         ("autopilot", named(log.autopilot).title),
         ("firmware", printable(log.firmware, 120)),
         ("vehicle", ", ".join(filter(None, map(printable, (log.vehicle_type, log.frame, log.vehicle_name))))),
-        ("time", f"{data.start_s:.1f} s, for {seconds(data.duration_s)}; {data.clock_resets} clock resets"),
+        (
+            "time",
+            f"{data.start_s:.1f} to {data.start_s + data.duration_s:.1f} s, {data.clock_resets} clock resets",
+        ),
         ("flights", spans_text(data.flights) or printable(data.on_ground_reason) or "none"),
         ("analysable", spans_text((part.start_s, part.end_s) for part in data.segments) or "nothing"),
         ("lost", f"{size(log.corrupt_bytes)} unreadable, {log.n_dropped} messages dropped by the autopilot"),

@@ -1,0 +1,38 @@
+"""``--start-s`` and ``--end-s``: a part without a flight is wrong usage, and costs no report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from quadid_logs.cli import main
+
+LOG = Path(__file__).parents[2] / "sample_logs" / "sysid-quad-x.bin"
+
+
+@pytest.mark.parametrize("chosen", [("--start-s", "5000"), ("--end-s", "-3")])
+def test_a_part_without_a_flight_is_wrong_usage_that_names_the_range_of_the_log(
+    chosen: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It said "fetch the whole file from the vehicle again", exit 1."""
+    assert main(["analyze", str(LOG), "-o", str(tmp_path), *chosen]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "the log runs from 31.3 to 61.0 s" in line
+    assert "fetch" not in line
+
+
+def test_a_part_without_a_flight_leaves_the_report_that_is_there(tmp_path: Path) -> None:
+    """--force replaced it by a report of nothing."""
+    report = tmp_path / LOG.stem / "report.html"
+    report.parent.mkdir()
+    report.write_text("good")
+    assert main(["analyze", str(LOG), "-o", str(tmp_path), "--force", "--start-s", "5000"]) == 2
+    assert report.read_text() == "good"
+    assert [path.name for path in report.parent.iterdir()] == ["report.html"]
+
+
+def test_the_help_says_which_clock_is_meant(capsys: pytest.CaptureFixture[str]) -> None:
+    """Seconds of what."""
+    assert main(["analyze", "--help"]) == 0
+    assert "on the log's clock as info shows it" in " ".join(capsys.readouterr().out.split())
