@@ -9,6 +9,7 @@ from typing import Literal
 
 from quadid_logs.data.model import Model, Parameter
 from quadid_logs.data.result import Result
+from quadid_logs.diagnose.advice import next_steps
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS, RATE_SYMBOLS, TORQUE_SYMBOLS
 
 AxisChange = Literal["same", "changed", "not comparable"]
@@ -277,11 +278,10 @@ def _with_margin(quantity: Quantity, widening: float) -> Quantity:
 
 
 def _advice(both: tuple[Result, Result], reasons: Mapping[str, str]) -> tuple[str, ...]:
-    """Return what the findings behind the obstacles advise, each once."""
-    texts = [
-        finding.advice
+    """Return what the findings behind the obstacles advise, each once, what is to be set first."""
+    return next_steps(
+        (result.log, finding)
         for result in both
         for finding in result.diagnosis.findings
-        if finding.level == "error" and finding.advice and reasons
-    ]
-    return tuple(dict.fromkeys(texts))
+        if finding.level == "error" and reasons
+    )

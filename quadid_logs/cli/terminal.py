@@ -44,5 +44,5 @@ def show_result(result: Result) -> None:
         table.add_row(axis, Text(verdict.verdict, style=_COLOURS[verdict.verdict]), Text(words))
     console.print(Text(result_lines(result)[0], style="bold"))
     console.print(table)
-    for step in next_steps(result)[:3]:
+    for step in next_steps(result):
         console.print(Text(f"next: {step}"))

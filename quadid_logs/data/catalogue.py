@@ -11,7 +11,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Final
+from typing import Final, Literal
+
+#: What its advice is: to be set before the next flight, the manoeuvre to fly, or anything else.
+Step = Literal["set", "fly", "other"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -22,10 +25,16 @@ class CatalogueEntry:
     title: str
     meaning: str
     advice: str
+    step: Step
+
+
+_SET: Final = frozenset({"QL102", "QL104", "QL301", "QL302", "QL303", "QL304", "QL305", "QL306", "QL307"})
+_FLY: Final = frozenset({"QL403", "QL404", "QL503", "QL504", "QL505", "QL511"})
 
 
 def _entry(code: str, title: str, meaning: str, advice: str) -> tuple[str, CatalogueEntry]:
-    return code, CatalogueEntry(code=code, title=title, meaning=meaning, advice=advice)
+    step: Step = "set" if code in _SET else "fly" if code in _FLY else "other"
+    return code, CatalogueEntry(code=code, title=title, meaning=meaning, advice=advice, step=step)
 
 
 CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.data.diagnosis import Finding, Level
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Excitation, Identification, Model, Parameter
@@ -82,8 +83,9 @@ class _Axis(NamedTuple):
         return float(np.degrees(self.excitation.rate_rms_rad_s))
 
     def finding(self, code: str, level: Level, evidence: Mapping[str, object], title: str = "") -> Finding:
-        """Return a finding about this axis."""
-        return finding(code, level, evidence, axes=(self.name,), advice=self.advice, title=title)
+        """Return a finding about this axis; what to fly where that is what it asks for."""
+        advice = self.advice if CATALOGUE[code].step == "fly" else ""
+        return finding(code, level, evidence, axes=(self.name,), advice=advice, title=title)
 
 
 def _axis(log: FlightLog, identification: Identification, model: Model, number: int) -> Iterator[Finding]:
@@ -94,7 +96,7 @@ def _axis(log: FlightLog, identification: Identification, model: Model, number: 
         model=model,
         excitation=identification.excitation[number],
         on_axis=model.entries[ON_AXIS[AXES[number]]],
-        advice=advice_for(log.autopilot).excitation(AXES[number], log.version),
+        advice=advice_for(log.autopilot).excitation(AXES[number : number + 1], log.version),
     )
     for check in (_poorly_excited, _not_explained, _wrong_sign, _too_wide):
         if (found := check(axis)) is not None:

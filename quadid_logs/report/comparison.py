@@ -42,7 +42,7 @@ def comparison_lines(before: Result, after: Result, comparison: Comparison) -> t
         lines.append(f"  {axis:<5}  {change}{f': {printable(reason, 400)}' if reason else ''}")
         lines += _quantity_lines(comparison, axis)
     lines += _quantity_lines(comparison, "")
-    return (*lines, *(f"  next: {printable(text, 400)}" for text in comparison.advice[:3]))
+    return (*lines, *(f"  next: {printable(text, 800)}" for text in comparison.advice))
 
 
 def _quantity_lines(comparison: Comparison, axis: str) -> list[str]:

@@ -27,7 +27,7 @@ def result_lines(result: Result) -> tuple[str, ...]:
     for axis in AXES:
         if axis in result.diagnosis.axes:
             lines += _axis_lines(result, axis)
-    lines += [f"  next: {step}" for step in next_steps(result)[:3]]
+    lines += [f"  next: {step}" for step in next_steps(result)]
     return tuple(lines)
 
 

@@ -11,6 +11,7 @@ from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.model import Model
 from quadid_logs.data.result import Result
+from quadid_logs.diagnose.advice import next_steps as ordered_steps
 from quadid_logs.report.cells import Table
 from quadid_logs.report.fit_tables import excitation_table, structures_table, values_of, windows_table
 from quadid_logs.report.json import settings_of
@@ -194,7 +195,7 @@ def _milliseconds(value_s: float, low_s: float, high_s: float, *, known: bool) -
 
 
 def next_steps(result: Result) -> tuple[str, ...]:
-    """Return what to do next: the advice of the gravest findings, each once.
+    """Return what to do next: the advice of the gravest findings, each once, what is to be set first.
 
     Parameters
     ----------
@@ -203,15 +204,10 @@ def next_steps(result: Result) -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        At most `_MOST_STEPS`, that of errors first.
+        At most `_MOST_STEPS`.
     """
-    graded = [
-        printable(finding.advice, 400)
-        for level in ("error", "warning")
-        for finding in result.diagnosis.findings
-        if finding.level == level and finding.advice
-    ]
-    return tuple(dict.fromkeys(graded))[:_MOST_STEPS]
+    steps = ordered_steps((result.log, finding) for finding in result.diagnosis.findings)
+    return tuple(printable(step, 800) for step in steps[:_MOST_STEPS])
 
 
 def _validation_sentence(model: Model | None) -> str:

@@ -60,7 +60,7 @@ def test_firmware_that_logs_at_the_loop_rate_is_not_to_be_updated(version: Versi
 @pytest.mark.parametrize(("version", "has_it"), [((3, 6, 4), False), ((4, 0, 0), True), (None, True)])
 def test_system_id_mode_is_advised_from_4_0_on(version: Version, has_it: bool) -> None:
     """And before it is said what it needs."""
-    advice = ARDUPILOT.excitation("yaw", version)
+    advice = ARDUPILOT.excitation(["yaw"], version)
     assert ("SID_AXIS 12" in advice) == has_it
     assert ("needs ArduCopter 4.0" in advice) != has_it
     assert bool(ARDUPILOT.sweep_magnitudes(version)) == has_it
@@ -90,7 +90,7 @@ def test_every_autopilot_answers_every_question(autopilot: Autopilot) -> None:
     advice = autopilot.advice
     for version in (None, (0,), (1, 20), (9, 9, 9)):
         assert all(advice.logging(each, {}, version).endswith(".") for each in LOG_FORMATS)
-        assert all(advice.excitation(axis, version).endswith(".") for axis in AXES)
+        assert all(advice.excitation(AXES[:n], version).endswith(".") for n in (1, 2, 3))
         assert all(note.endswith(".") for note in advice.version_notes(version))
         assert set(advice.sweep_magnitudes(version)) in (set(), set(AXES))
     assert advice.remedies.keys() <= CATALOGUE.keys()

@@ -76,16 +76,15 @@ class ArduPilotAdvice(Advice):
             "at the loop rate (400 Hz), and fly again."
         )
 
-    def excitation(self, axis: str, version: Version | None) -> str:
+    def excitation(self, axes: Sequence[str], version: Version | None) -> str:
         """Add what System ID mode does by itself, where the firmware has it."""
-        by_stick = super().excitation(axis, version)
+        by_stick = super().excitation(axes, version)
         if not self.sweep_magnitudes(version):
             return f"{by_stick} {_no_system_id(version)}"
         return (
-            f"{by_stick} ArduCopter's System ID mode does it by itself: SID_AXIS {_SID_AXIS[axis]} "
-            f"(mixer {axis}), SID_MAGNITUDE {_SID_MAGNITUDE[axis]}. On the mixer axes the unit is a fraction "
-            "of the full command, so that the default of 15 is dangerous: read the value back before the "
-            "flight; see quadid-log plan."
+            f"{by_stick} ArduCopter's System ID mode does it by itself: {_sweeps(axes)}. On the mixer axes "
+            "the unit is a fraction of the full command, so that the default of 15 is dangerous: read the "
+            "value back before the flight; see quadid-log plan."
         )
 
     def sweep_magnitudes(self, version: Version | None) -> Mapping[str, float]:
@@ -142,6 +141,13 @@ def _logging_limit(version: Version | None) -> str:
     return (
         f"ArduCopter {_dotted(version)} {what}, whatever LOG_BITMASK is: update the firmware to 4.0 or later "
         "(8-bit APM boards stay at 3.2)."
+    )
+
+
+def _sweeps(axes: Sequence[str]) -> str:
+    return "; ".join(
+        f"SID_AXIS {_SID_AXIS[axis]} (mixer {axis}) with SID_MAGNITUDE {_SID_MAGNITUDE[axis]}"
+        for axis in axes
     )
 
 

@@ -79,13 +79,13 @@ class Advice:
         """Say what to set on this autopilot."""
         return "Log body rates and the rate controller's outputs at 100 Hz or more."
 
-    def excitation(self, axis: str, version: Version | None) -> str:  # noqa: ARG002
-        """Say what to fly so that an axis is excited enough.
+    def excitation(self, axes: Sequence[str], version: Version | None) -> str:  # noqa: ARG002
+        """Say what to fly so that axes are excited enough.
 
         Parameters
         ----------
-        axis : str
-            "roll", "pitch" or "yaw".
+        axes : sequence of str
+            Of "roll", "pitch" and "yaw", at least one.
         version : tuple of int, or None
 
         Returns
@@ -93,8 +93,8 @@ class Advice:
         str
         """
         return (
-            f"In calm air, fly quick {_STICKS[axis]} stick doublets (half a second each way, a third of full "
-            "stick) for 30 s."
+            f"In calm air, fly quick {_listed([_STICKS[axis] for axis in axes])} stick doublets (half a "
+            f"second each way, a third of full stick) for 30 s{' each' if len(axes) > 1 else ''}."
         )
 
     def sweep_magnitudes(self, version: Version | None) -> Mapping[str, float]:  # noqa: ARG002
@@ -171,6 +171,11 @@ class Advice:
                 for axis in axes
             ),
         )
+
+
+def _listed(words: Sequence[str]) -> str:
+    *first, last = words
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 ADVICE: Final = Advice()

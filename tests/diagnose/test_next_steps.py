@@ -1,0 +1,65 @@
+"""What to do next: once each, in the order of doing it, and nothing hidden."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from quadid_logs.autopilots import known
+from quadid_logs.data.catalogue import CATALOGUE
+from quadid_logs.data.diagnosis import Diagnosis, Finding, Level
+from quadid_logs.data.log import FlightLog
+from quadid_logs.data.result import Result
+from quadid_logs.diagnose.advice import advice_for, next_steps
+from quadid_logs.report.text import result_lines
+from quadid_logs.vocabulary import AXES
+from tests.synthetic_results import usable_result
+
+SET = "Set SOMETHING to 25."
+
+
+def _log(autopilot: str = "other") -> FlightLog:
+    return FlightLog(path="", format="table", autopilot=autopilot, n_bytes=0, signals={})
+
+
+def _finding(code: str, level: Level, *axes: str, advice: str = "Fly.") -> Finding:
+    return Finding(code=code, level=level, title="", evidence={}, advice=advice, axes=axes)
+
+
+THREE_WEAK_AXES = [_finding("QL403", "error", axis, advice=f"Fly {axis}.") for axis in AXES]
+TOO_SLOW = _finding("QL304", "warning", advice=SET)
+
+
+@pytest.mark.parametrize("autopilot", [each.name for each in known()])
+def test_what_is_to_be_set_comes_before_one_manoeuvre_for_all_axes(autopilot: str) -> None:
+    """A flight that is logged as the last one is for nothing, even if only a warning says so."""
+    steps = next_steps((_log(autopilot), each) for each in (*THREE_WEAK_AXES, TOO_SLOW))
+    assert steps == (SET, advice_for(autopilot).excitation(AXES, None))
+
+
+def test_the_manoeuvre_names_the_axes_that_need_it_and_no_other() -> None:
+    """Minutes in the air are what it costs."""
+    (step,) = next_steps((_log(), each) for each in THREE_WEAK_AXES[1:])
+    assert "forward-back and rudder left-right" in step
+    assert " left-right, " not in step
+
+
+def test_an_axis_that_changed_in_flight_is_not_to_be_flown_again() -> None:
+    """The advice is to analyze both parts; doublets would tell nothing."""
+    entry = CATALOGUE["QL509"]
+    change = _finding(entry.code, "error", "roll", advice=entry.advice)
+    assert next_steps([(_log(), change)]) == (entry.advice,)
+
+
+def _with_findings(*findings: Finding) -> Result:
+    result = usable_result(4.0)
+    return replace(result, diagnosis=Diagnosis(findings=findings, axes=result.diagnosis.axes))
+
+
+def test_the_terminal_does_not_cut_what_is_to_be_set() -> None:
+    """Three lines of doublets hid it."""
+    lines = result_lines(_with_findings(*THREE_WEAK_AXES, TOO_SLOW))
+    steps = [line.strip() for line in lines if "next:" in line]
+    assert steps[0] == f"next: {SET}"
+    assert len(steps) == 2
