@@ -96,7 +96,8 @@ def _toml(path: Path) -> dict[str, Any]:
         raise VehicleFileError(
             f"Cannot read the vehicle file {printable(path)}: {error.strerror}."
         ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
+        # Of ValueError: no TOML, no UTF-8, or an integer of thousands of digits.
         raise _wrong(path, f"it is no valid TOML ({printable(error)})", "See docs for an example.") from error
 
 
@@ -119,6 +120,10 @@ def _positive(path: Path, key: str, value: Any) -> float:
     """Return a finite positive number."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise _wrong(path, f"{key} must be a number, not {printable(value, 60)!r}", "Leave the unit out.")
+    try:
+        value = float(value)
+    except OverflowError:
+        raise _wrong(path, f"{key} has more digits than a number can have", "Is it the right file?") from None
     if not (math.isfinite(value) and value > 0.0):
         raise _wrong(
             path, f"{key} is {value:g}, but must be above 0", "Leave the key out if it is not known."
@@ -126,7 +131,7 @@ def _positive(path: Path, key: str, value: Any) -> float:
     largest, hint = _LARGEST[key]
     if value > largest:
         raise _wrong(path, f"{key} is {value:g}, but no multirotor has more than {largest:g}", hint)
-    return float(value)
+    return value
 
 
 def _array(path: Path, key: str, value: Any, shapes: tuple[tuple[int, ...], ...], hint: str) -> FloatArray:

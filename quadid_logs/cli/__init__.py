@@ -10,7 +10,7 @@ import os
 import shlex
 import sys
 
-from quadid_logs.cli.failure import ReaderGoneError, exit_code_of, report_problem
+from quadid_logs.cli.failure import ReaderGoneError, exit_code_of, flush, report_problem
 
 __all__ = ["main", "run"]
 
@@ -42,17 +42,34 @@ def main(argv: list[str] | None = None) -> int:
         The exit code.
     """
     arguments = sys.argv[1:] if argv is None else list(argv)
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w")  # noqa: PTH123, SIM115 - for as long as we run
+    if sys.stdout is None:
+        report_problem("error: standard output is closed; send it to a file, or to /dev/null.")
+        return 2
     try:
         code = exit_code_of(lambda: _dispatch(arguments))
-        sys.stdout.flush()
+        return code or exit_code_of(_flushed)
     except KeyboardInterrupt:
         report_problem("interrupted; nothing was left half-written.")
         return _INTERRUPTED
-    except (ReaderGoneError, BrokenPipeError):
-        # What is still buffered would raise again when Python closes stdout.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    except ReaderGoneError:
         return 141
-    return code
+    finally:
+        _forget_unwritten()
+
+
+def _flushed() -> int:
+    flush()
+    return 0
+
+
+def _forget_unwritten() -> None:
+    """Drop what could not be written: it would raise again when Python closes stdout."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
 
 
 def _dispatch(arguments: list[str]) -> int:

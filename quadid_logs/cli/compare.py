@@ -71,7 +71,7 @@ def compare(
 
 def _write(folder: Path, comparison: Comparison, text: str) -> str:
     """Write the JSON and, where something was compared, the figure; return what was written."""
-    import tempfile
+    import io
 
     from quadid_logs.figures import Figure
     from quadid_logs.figures.comparison_chart import comparison_figure
@@ -80,9 +80,9 @@ def _write(folder: Path, comparison: Comparison, text: str) -> str:
     files = {_JSON: text.encode("ascii")}
     figure = comparison_figure(comparison)
     if isinstance(figure, Figure):
-        with tempfile.TemporaryDirectory(prefix="quadid-") as beside:
-            write_png(figure, Path(beside) / _PNG)
-            files[_PNG] = (Path(beside) / _PNG).read_bytes()
+        drawn = io.BytesIO()
+        write_png(figure, drawn)
+        files[_PNG] = drawn.getvalue()
     make_folder(folder)
     write_together(folder, files)
     return ", ".join(printable(folder / name) for name in files)

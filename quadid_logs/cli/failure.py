@@ -7,7 +7,7 @@ import sys
 import traceback
 from collections.abc import Callable
 
-from quadid_logs.errors import QuadidError
+from quadid_logs.errors import OutputError, QuadidError
 from quadid_logs.untrusted import printable
 
 _LONGEST = 600
@@ -29,6 +29,10 @@ def exit_code_of(action: Callable[[], int]) -> int:
         raise
     except QuadidError as error:
         _report(f"error: {error}")
+    except BrokenPipeError:
+        raise ReaderGoneError from None
+    except OSError as error:
+        _report(f"error: {_told(error)}")
     except Exception as error:  # noqa: BLE001 - the one place that must let nothing through
         usage = getattr(error, "format_message", None)
         if usage is not None:
@@ -39,6 +43,13 @@ def exit_code_of(action: Callable[[], int]) -> int:
                 "report it with the log. QUADID_DEBUG=1 shows the details."
             )
     return 2
+
+
+def _told(error: OSError) -> str:
+    """Say what the system refused: a full disk, a lost network drive, an output that nobody takes."""
+    what = error.strerror or str(error) or type(error).__name__
+    where = f" ({error.filename})" if error.filename is not None else ""
+    return f"{what}{where}. Check the disk, the temporary folder, and where the output goes."
 
 
 def _report(text: str) -> None:
@@ -53,6 +64,22 @@ def report_problem(text: str) -> None:
     sys.stderr.write(f"quadid-log: {printable(text, _LONGEST)}\n")
 
 
+def flush() -> None:
+    """Write out what `say` still holds.
+
+    Raises
+    ------
+    ReaderGoneError, OutputError
+        As `say`.
+    """
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        raise ReaderGoneError from None
+    except OSError as error:
+        raise OutputError(f"The output cannot be written: {error.strerror}.") from error
+
+
 def say(line: str) -> None:
     """Write one line of a result to stdout.
 
@@ -60,11 +87,15 @@ def say(line: str) -> None:
     ------
     ReaderGoneError
         If nobody reads it.
+    OutputError
+        If it cannot be written.
     """
     try:
         sys.stdout.write(f"{line}\n")
     except BrokenPipeError:
         raise ReaderGoneError from None
+    except OSError as error:
+        raise OutputError(f"The output cannot be written: {error.strerror}.") from error
     except UnicodeEncodeError:
         encoding = sys.stdout.encoding or "ascii"
         sys.stdout.write(line.encode(encoding, "replace").decode(encoding) + "\n")

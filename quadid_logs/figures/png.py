@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
@@ -35,19 +35,19 @@ _STYLE: dict[str, Any] = {
 }
 
 
-def write_png(figure: Figure, path: Path) -> None:
+def write_png(figure: Figure, path: Path | BinaryIO) -> None:
     """Write one figure at print quality.
 
     Parameters
     ----------
     figure : Figure
-    path : Path
+    path : Path or binary file
         Overwritten if it exists; the caller decides about that.
     """
     from matplotlib import rc_context
 
     with rc_context(_STYLE):  # type: ignore[arg-type]
-        draw(figure).savefig(path, dpi=_DPI, pil_kwargs={"compress_level": 2})
+        draw(figure).savefig(path, format="png", dpi=_DPI, pil_kwargs={"compress_level": 2})
 
 
 def draw(figure: Figure) -> Canvas:

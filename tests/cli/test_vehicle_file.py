@@ -116,3 +116,10 @@ def test_deeply_nested_toml_is_refused(tmp_path: Path) -> None:
     """No recursion error comes through."""
     with pytest.raises(VehicleFileError):
         read_vehicle(write(tmp_path, "mass_kg = " + "[" * 20_000))
+
+
+@pytest.mark.parametrize("digits", [400, 4000, 5000])
+def test_a_number_of_thousands_of_digits_is_refused(digits: int, tmp_path: Path) -> None:
+    """It overflowed, which was called a bug of ours."""
+    with pytest.raises(VehicleFileError, match=r"vehicle\.toml"):
+        read_vehicle(write(tmp_path, f"mass_kg = {'9' * digits}"))
