@@ -165,7 +165,7 @@ def _why_unknown(result: Result, axis: str) -> str:
     model = result.identification.recommended
     if verdict is None or verdict.verdict == "refused" or model is None:
         sentence = verdict.sentence if verdict else "there is no verdict"
-        return sentence.removeprefix(f"{axis.capitalize()} is refused: ").removesuffix(".")
+        return (sentence[:1].lower() + sentence[1:]).removesuffix(".")
     gain = model.entries.get(ON_AXIS[axis])
     if gain is None or not gain.identifiable:
         return f"the flight does not tell the gain ({gain.reason if gain else 'not fitted'})"

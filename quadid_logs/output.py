@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -23,13 +24,38 @@ def check_free(*paths: Path, force: bool) -> None:
     Raises
     ------
     OutputError
-        If a path is a folder, or exists and `force` is not set.
+        If a path is a folder, or exists and `force` is not set, or nothing can be
+        written beside it.
     """
     for path in paths:
         if path.is_dir():
             raise OutputError(f"{printable(path)} is a folder.", hint="Give another name, or move it away.")
         if os.path.lexists(path) and not force:
             raise OutputError(f"{printable(path)} exists already.", hint="Add --force to replace it.")
+    for folder in {path.parent for path in paths}:
+        check_writable(folder)
+
+
+def check_writable(folder: Path) -> None:
+    """Refuse a folder in which nothing can be made, by trying.
+
+    Parameters
+    ----------
+    folder : Path
+        May be missing: then the nearest one above it counts.
+
+    Raises
+    ------
+    OutputError
+    """
+    here = next(each for each in (folder, *folder.absolute().parents) if os.path.lexists(each))
+    try:
+        Path(tempfile.mkdtemp(prefix=".quadid-", dir=here)).rmdir()
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        raise OutputError(
+            f"{printable(folder)} cannot be written to: {reason}.", hint="Choose another -o."
+        ) from error
 
 
 def make_folder(folder: Path) -> None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from quadid_logs.cli.completion import structures
-from quadid_logs.cli.failure import exit_code_of, say
+from quadid_logs.cli.failure import exit_code_of, report_problem, say
 from quadid_logs.cli.logs import check_log, expanded
 from quadid_logs.cli.progress import Part, Progress, parts
 from quadid_logs.cli.terminal import is_terminal, show_result
@@ -114,7 +114,9 @@ def analyze(
         ),
     ] = _Png.first,
     no_report: Annotated[bool, typer.Option("--no-report", help="Write neither HTML nor PNG.")] = False,
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Print problems only.")] = False,
+    quiet: Annotated[
+        bool, typer.Option("-q", "--quiet", help="Print problems only, refused axes too.")
+    ] = False,
 ) -> int:
     """Identify the rotational model of each log and write a report; several logs get an index page too.
 
@@ -185,6 +187,7 @@ def _analyze_one(logs: list[Path], folder: Path, part: Part, wish: _Wish, rows: 
     from quadid_logs.pipeline import analyze_pooled
     from quadid_logs.report import check_folder, write_report
     from quadid_logs.report.index import index_row
+    from quadid_logs.report.text import one_line
 
     for log in logs:
         check_log(log)
@@ -207,8 +210,10 @@ def _analyze_one(logs: list[Path], folder: Path, part: Part, wish: _Wish, rows: 
                 command=wish.command,
             )
     rows[folder] = index_row(result, folder.name)
-    if not wish.quiet:
+    if wish.as_json or not wish.quiet:
         _say_result(result, folder, wish)
+    elif not result.diagnosis.usable:
+        report_problem(one_line(result))
     return 0 if result.diagnosis.usable else 1
 
 

@@ -31,10 +31,12 @@ def make_app() -> typer.Typer:
         rich_markup_mode=None,
         pretty_exceptions_enable=False,
         no_args_is_help=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
     )
     app.callback(invoke_without_command=True)(_top)
     for verb in (analyze, compare, plan, info, export, explain, simulate, paper, fleet, fleet_report, query):
-        app.command()(verb)
+        # Given as such: what is made of the docstring is cut in mid-sentence.
+        app.command(short_help=(verb.__doc__ or "").split("\n", 1)[0])(verb)
     return app
 
 

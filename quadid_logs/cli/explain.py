@@ -21,7 +21,7 @@ def explain(
         str,
         typer.Argument(
             metavar="[CODE]",
-            help="A finding's code; all are listed without.",
+            help="A finding's code, as QL303 or 303; all are listed without.",
             autocompletion=finding_codes,
         ),
     ] = "",
@@ -33,9 +33,10 @@ def explain(
         for entry in CATALOGUE.values():
             say(f"{entry.code}  {entry.title}")
         return 0
-    entry_or_none = CATALOGUE.get(code.strip().upper())
+    asked = code.strip().upper()
+    entry_or_none = CATALOGUE.get(asked) or CATALOGUE.get(f"QL{asked}")
     if entry_or_none is None:
-        close = difflib.get_close_matches(code.upper(), CATALOGUE, n=1)
+        close = difflib.get_close_matches(asked, CATALOGUE, n=1)
         hint = f"Did you mean {close[0]}?" if close else "quadid-log explain lists them all."
         raise SettingsError(f"There is no finding {printable(code, 40)!r}.", hint=hint)
     entry = entry_or_none

@@ -10,7 +10,7 @@ import typer
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.logs import check_log
 from quadid_logs.cli.progress import Progress
-from quadid_logs.output import check_free, write_beside
+from quadid_logs.output import check_free, make_folder, write_beside
 from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
@@ -52,6 +52,7 @@ def export(
     from quadid_logs.align import cut
     from quadid_logs.data.settings import AlignSettings, Settings
     from quadid_logs.load import load
+    from quadid_logs.report.numbers import counted
     from quadid_logs.report.series_file import check_table_path, write_table
     from quadid_logs.vehicle_file import read_vehicle
 
@@ -68,7 +69,7 @@ def export(
         data = cut(prepared, settings.align)
         progress("writing")
         n_rows = write_table(data, output, force=force)
-    say(f"Wrote {n_rows} rows to {printable(output)}")
+    say(f"Wrote {counted(n_rows, 'row')} to {printable(output)}")
     return 0
 
 
@@ -84,6 +85,8 @@ def _export_model(
     check_log(log)
     with Progress(log.name) as progress:
         result = analyze(log, settings, vehicle=vehicle, progress=progress)
-    write_beside(output, model_bytes(result, output.suffix.lower()))
+    content = model_bytes(result, output.suffix.lower())
+    make_folder(output.parent)
+    write_beside(output, content)
     say(f"Wrote the model to {printable(output)}")
     return 0 if result.diagnosis.usable else 1

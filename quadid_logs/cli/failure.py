@@ -36,7 +36,9 @@ def exit_code_of(action: Callable[[], int]) -> int:
     except Exception as error:  # noqa: BLE001 - the one place that must let nothing through
         usage = getattr(error, "format_message", None)
         if usage is not None:
-            _report(f"error: {usage()} See quadid-log --help.")
+            context = getattr(error, "ctx", None)
+            verb = "quadid-log" if context is None else context.command_path
+            _report(f"error: {usage()} See {verb} --help.")
         else:
             _report(
                 f"error: unexpected {type(error).__name__}: {error}. This is a bug in quadid-logs; please "

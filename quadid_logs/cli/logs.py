@@ -42,6 +42,11 @@ def check_log(log: Path) -> None:
     ------
     LogNotFoundError
     """
+    if log.is_dir():
+        raise LogNotFoundError(
+            f"{printable(log)} is a folder.",
+            hint="Name the logs in it, or give the folder to quadid-log fleet.",
+        )
     if log.exists():
         return
     siblings = [path.name for path in log.parent.iterdir()] if log.parent.is_dir() else []

@@ -30,7 +30,7 @@ class Finding:
 class AxisVerdict:
     """Whether the numbers of one axis can be used, and the codes of the reasons.
 
-    ``sentence`` says it in plain words.
+    ``sentence`` gives the first of them, or why the axis is usable, in plain words.
     """
 
     verdict: Verdict

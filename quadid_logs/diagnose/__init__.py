@@ -83,23 +83,17 @@ def _remedied(findings: Iterable[Finding], autopilot: str) -> Iterator[Finding]:
 
 
 def _verdict(axis: str, findings: list[Finding]) -> AxisVerdict:
-    """Sum up what touches one axis."""
+    """Sum up what touches one axis; the sentence gives the reason and leaves the verdict to its own word."""
     touching = [finding for finding in findings if not finding.axes or axis in finding.axes]
     errors = [finding for finding in touching if finding.level == "error"]
     warnings = [finding for finding in touching if finding.level == "warning"]
     if errors:
-        sentence = f"{axis.capitalize()} is refused: {_lower(errors[0].title)}."
-        return AxisVerdict(verdict="refused", reasons=_codes(errors), sentence=sentence)
+        return AxisVerdict(verdict="refused", reasons=_codes(errors), sentence=f"{errors[0].title}.")
     if warnings:
-        sentence = f"{axis.capitalize()} can be used with caution: {_lower(warnings[0].title)}."
-        return AxisVerdict(verdict="caution", reasons=_codes(warnings), sentence=sentence)
-    sentence = f"{axis.capitalize()} is usable: the model explains flight that it was not fitted to."
+        return AxisVerdict(verdict="caution", reasons=_codes(warnings), sentence=f"{warnings[0].title}.")
+    sentence = "The model explains flight that it was not fitted to."
     return AxisVerdict(verdict="usable", reasons=(), sentence=sentence)
 
 
 def _codes(findings: list[Finding]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(finding.code for finding in findings))
-
-
-def _lower(title: str) -> str:
-    return title[:1].lower() + title[1:]

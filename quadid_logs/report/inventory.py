@@ -17,7 +17,7 @@ from quadid_logs.diagnose.gyro_findings import find_in_gyro
 from quadid_logs.report.airframe_facts import airframe_facts
 from quadid_logs.report.json import SCHEMA_VERSION, data_dict, finding_dict, log_dict, strict_text
 from quadid_logs.report.log_tables import spans_text
-from quadid_logs.report.numbers import number, size
+from quadid_logs.report.numbers import counted, number, size
 from quadid_logs.untrusted import printable
 
 _MOST_TYPES = 14
@@ -70,11 +70,16 @@ def inventory_lines(log: FlightLog, data: FlightData) -> Iterator[str]:
         ("vehicle", ", ".join(filter(None, map(printable, (log.vehicle_type, log.frame, log.vehicle_name))))),
         (
             "time",
-            f"{data.start_s:.1f} to {data.start_s + data.duration_s:.1f} s, {data.clock_resets} clock resets",
+            f"{data.start_s:.1f} to {data.start_s + data.duration_s:.1f} s, "
+            f"{counted(data.clock_resets, 'clock reset')}",
         ),
         ("flights", spans_text(data.flights) or printable(data.on_ground_reason) or "none"),
         ("analysable", spans_text((part.start_s, part.end_s) for part in data.segments) or "nothing"),
-        ("lost", f"{size(log.corrupt_bytes)} unreadable, {log.n_dropped} messages dropped by the autopilot"),
+        (
+            "lost",
+            f"{size(log.corrupt_bytes)} unreadable, "
+            f"{counted(log.n_dropped, 'message')} dropped by the autopilot",
+        ),
         ("modes", ", ".join(dict.fromkeys(printable(mode.name, 24) for mode in data.modes[:200]))),
         ("systems", _systems(log)),
         ("messages", _types(log)),
@@ -115,7 +120,7 @@ def _systems(log: FlightLog) -> str:
     """Return the MAVLink systems, the chosen one marked."""
     return ", ".join(
         f"{system.system_id}/{system.component_id} {printable(system.vehicle_type, 30)}"
-        f" {system.n_messages} messages" + (" (chosen)" if system.chosen else "")
+        f" {counted(system.n_messages, 'message')}" + (" (chosen)" if system.chosen else "")
         for system in log.systems[:12]
     )
 

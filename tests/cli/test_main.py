@@ -198,13 +198,79 @@ def test_a_pattern_that_the_shell_left_is_expanded(
 
 
 def test_quiet_prints_problems_only(pipeline: FakePipeline, capsys: pytest.CaptureFixture[str]) -> None:
-    """The exit code and the files say the rest."""
-    assert main(["analyze", "refused.bin", "-q"]) == 1
+    """A refused axis is one; of a usable log the exit code and the files say all."""
+    assert main(["analyze", "usable.bin", "-q"]) == 0
     assert capsys.readouterr() == ("", "")
+    assert main(["analyze", "refused.bin", "-q"]) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "roll refused (QL001)" in one_clear_line(err)
     assert main(["analyze", "broken.bin", "--quiet"]) == 2
     out, err = capsys.readouterr()
     assert out == ""
     one_clear_line(err)
+
+
+def test_quiet_does_not_hide_the_json_that_was_asked_of_it(
+    pipeline: FakePipeline, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """-q is about words for people."""
+    assert main(["analyze", "usable.bin", "--json", "--no-report", "-q"]) == 0
+    assert json.loads(capsys.readouterr().out)["axes"]["roll"]["verdict"] == "usable"
+
+
+def test_a_folder_is_sent_to_fleet(pipeline: FakePipeline, capsys: pytest.CaptureFixture[str]) -> None:
+    """It is what a user with many logs looks for."""
+    assert main(["analyze", "."]) == 2
+    assert "quadid-log fleet" in one_clear_line(capsys.readouterr().err)
+
+
+@pytest.mark.parametrize("verb", ["analyze", "compare", "export"])
+def test_a_place_that_cannot_be_written_is_found_before_the_work(
+    verb: str, pipeline: FakePipeline, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Not after 15 s of it."""
+    where = {
+        "analyze": ["usable.bin", "-o", "/proc/out"],
+        "compare": ["usable.bin", "usable.bin", "-o", "/proc/out"],
+        "export": ["usable.bin", "-o", "/proc/out/model.mat", "--model"],
+    }
+    assert main([verb, *where[verb]]) == 2
+    assert "cannot be written to" in one_clear_line(capsys.readouterr().err)
+    assert pipeline.settings == []
+
+
+def test_looking_whether_a_place_can_be_written_leaves_nothing(pipeline: FakePipeline) -> None:
+    """Neither a file to try nor a folder above."""
+    before = sorted(Path.cwd().iterdir())
+    assert main(["analyze", "broken.bin", "-o", "new/folder"]) == 2
+    assert sorted(Path.cwd().iterdir()) == before
+
+
+def test_a_wrong_option_names_the_help_of_its_own_verb(capsys: pytest.CaptureFixture[str]) -> None:
+    """The general help does not list it."""
+    assert main(["plan", "--axes", "roll"]) == 2
+    assert "See quadid-log plan --help." in one_clear_line(capsys.readouterr().err)
+
+
+@pytest.mark.parametrize("arguments", [["-h"], ["analyze", "-h"]])
+def test_a_single_h_is_help(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """As everywhere."""
+    assert main(arguments) == 0
+    assert "Usage: quadid-log" in capsys.readouterr().out
+
+
+def test_the_help_cuts_no_sentence(capsys: pytest.CaptureFixture[str]) -> None:
+    """Half of the verbs ended in three dots."""
+    assert main(["--help"]) == 0
+    verbs = capsys.readouterr().out.split("Commands:")[1]
+    assert "..." not in verbs.replace('..."', "")
+
+
+def test_a_finding_is_explained_by_its_number_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    """QL is what all of them begin with."""
+    assert main(["explain", "303"]) == 0
+    assert capsys.readouterr().out.startswith("QL303: ")
 
 
 def test_a_mistyped_file_gets_the_nearest_name(

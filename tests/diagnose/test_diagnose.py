@@ -181,3 +181,10 @@ def test_a_vehicle_that_changes_in_mid_flight_is_reported() -> None:
 def test_a_vehicle_that_stays_the_same_is_not_reported(good: FlightData) -> None:
     """No false alarm on the two halves of one flight."""
     assert "QL509" not in codes(judge(good))
+
+
+def test_the_sentence_of_an_axis_does_not_say_the_verdict_again(good: FlightData) -> None:
+    """It stands beside the verdict everywhere: "roll usable Roll is usable"."""
+    for axis in judge(good).axes.values():
+        assert axis.verdict == "usable"
+        assert axis.sentence == "The model explains flight that it was not fitted to."
