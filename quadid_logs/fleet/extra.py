@@ -21,5 +21,5 @@ def load(name: str) -> Any:
     except ImportError as error:
         raise SettingsError(
             f"{error.name or name} is not installed.",
-            hint="Install it with: pip install 'quadid-logs[fleet]'",
+            hint="Install it in the folder of quadid-logs' source with: pip install '.[fleet]'",
         ) from error

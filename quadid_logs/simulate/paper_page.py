@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
+from quadid_logs.maths.rotations import multiply_quaternions
 from quadid_logs.simulate.paper_experiment import (
     PUBLISHED_A,
     PUBLISHED_B,
@@ -179,14 +180,33 @@ def _figure_4(runs: tuple[Run, Run, Run]) -> Figure:
 
 
 def _shown(run: Run, attribute: str) -> FloatArray:
-    """Return the series to draw; of the attitude, the angle turned about each body axis.
-
-    Exact while only one axis turns. Euler angles would jump where the pitch passes 90 degrees.
-    """
+    """Return the series to draw; of the attitude, the angle turned about each body axis."""
     values: FloatArray = getattr(run, attribute)
-    if attribute != "quaternion":
-        return values
-    return 2.0 * np.unwrap(np.arctan2(values[:, 1:], values[:, :1]), axis=0)
+    return angle_turned(values) if attribute == "quaternion" else values
+
+
+def angle_turned(quaternion: FloatArray) -> FloatArray:
+    """Return the angle turned about each body axis since the first sample.
+
+    Summed over the rotations from sample to sample, each below half a turn: exact while only
+    one axis turns, over any number of turns. Euler angles would jump where the pitch passes 90 degrees.
+
+    Parameters
+    ----------
+    quaternion : ndarray, shape (n_samples, 4)
+        w, x, y, z.
+
+    Returns
+    -------
+    ndarray, shape (n_samples, 3)
+        [rad]
+    """
+    step = multiply_quaternions(quaternion[:-1] * np.array([1.0, -1.0, -1.0, -1.0]), quaternion[1:])
+    # q and -q are one attitude: of the two, the shorter rotation.
+    step *= np.where(step[:, :1] < 0.0, -1.0, 1.0)
+    sine = np.linalg.norm(step[:, 1:], axis=1, keepdims=True)
+    per_sine = 2.0 * np.arctan2(sine, step[:, :1]) / np.where(sine > 0.0, sine, 1.0)
+    return np.concatenate([np.zeros((1, 3)), np.cumsum(per_sine * step[:, 1:], axis=0)])
 
 
 def _figure_windows(experiment: Experiment) -> Figure:

@@ -105,4 +105,4 @@ def test_a_missing_library_is_one_clear_line(store, capsys, monkeypatch):
     """With the extra to install."""
     monkeypatch.setitem(__import__("sys").modules, "duckdb", None)
     assert ask(store, "SELECT 1") == 2
-    assert "quadid-logs[fleet]" in capsys.readouterr().err
+    assert "'.[fleet]'" in capsys.readouterr().err

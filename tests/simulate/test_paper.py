@@ -10,7 +10,7 @@ from quadid_logs.simulate.paper_experiment import (
     SAMPLE_S,
     run_experiment,
 )
-from quadid_logs.simulate.paper_page import figures, page_text, windows_csv
+from quadid_logs.simulate.paper_page import angle_turned, figures, page_text, windows_csv
 
 
 @pytest.fixture(scope="module")
@@ -70,3 +70,18 @@ def test_the_figures_are_png(experiment):
     assert set(first) == {"fig4.png", "windows.png", "tables.png"}
     assert all(content.startswith(b"\x89PNG") for content in first.values())
     assert first == second
+
+
+def test_an_axis_that_is_not_excited_does_not_turn(experiment):
+    """Fig. 4 showed it jump between 0 and 6.28 rad while the other one turned past half a turn."""
+    for axis, run in enumerate(experiment.single):
+        idle = np.delete(angle_turned(run.quaternion), axis, axis=1)
+        np.testing.assert_allclose(idle, 0.0, atol=1e-9)
+
+
+def test_the_angle_turned_is_the_integral_of_the_rate(experiment):
+    """Over more than one turn, with I theta'' = 0.01 sin t from rest: theta = 0.01 / I (t - sin t)."""
+    for axis, run in enumerate(experiment.single):
+        expected = 0.01 * experiment.true_B[axis, axis] * (run.time_s - np.sin(run.time_s))
+        assert expected[-1] > 2.0 * np.pi
+        np.testing.assert_allclose(angle_turned(run.quaternion)[:, axis], expected, atol=1e-6)
