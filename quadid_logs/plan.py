@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 #: Before and after the manoeuvre: take-off, climb, landing, as simulated.
 _AROUND_S = 12.0
-#: What a pilot needs to choose the next axis on the ground station.
+#: What a second person needs to load the next axis at the ground station; a pilot alone lands for it.
 _PAUSE_S = 6.0
 #: Stick doublets: a third of the stick for 0.4 s each way, 30 s per axis.
 _DOUBLET_RAD_S, _DOUBLET_S, _DOUBLETS_PER_AXIS_S = 0.7, 0.4, 30.0

@@ -98,7 +98,24 @@ def test_the_card_predicts_for_the_vehicle_that_was_given(yaw_flight: Prediction
     assert "- yaw: usable, B33 = " in text
     assert "known to ±" in text
     assert "- roll:" not in text
-    assert "READ BACK that SID_MAGNITUDE is 0.15" in text
+    assert "READ BACK that SID_AXIS is 12 and SID_MAGNITUDE is 0.15" in text
+
+
+def test_every_sweep_is_loaded_twice_and_read_back_before_it_is_flown() -> None:
+    """Loaded once it leaves SID_MAGNITUDE at its default of 15 on a mixer axis: the vehicle flips."""
+    steps = make_plan("ardupilot").steps()
+    for axis in ("roll", "pitch", "yaw"):
+        own = [step for step in steps if step.startswith(f"{axis.capitalize()}, ")]
+        words = ["A SECOND TIME", "READ BACK", "switch to System ID"]
+        assert [next(word for word in words if word in step) for step in own] == words
+
+
+def test_parameters_are_loaded_on_the_ground_before_the_first_sweep() -> None:
+    """A pilot who flies has no hand for a ground station."""
+    steps = make_plan("ardupilot", ["roll"]).steps()
+    (on_ground,) = (place for place, step in enumerate(steps) if "on the ground and disarmed" in step)
+    assert "second person" in steps[on_ground]
+    assert on_ground < next(place for place, step in enumerate(steps) if step.startswith("Roll, load"))
 
 
 def test_stick_doublets_are_planned_where_there_is_no_sweep() -> None:

@@ -117,17 +117,31 @@ class ArduPilotAdvice(Advice):
             "Put System ID (mode 25) on a switch beside AltHold or Stabilize.",
             "SID_MAGNITUDE is a fraction of full motor authority here, and its default of 15 would flip the "
             "vehicle: never switch to System ID before you have read it back.",
-            "Take off in Stabilize and hover. System ID flies like Stabilize; leaving it stops the sweep.",
-            *(
-                f"{axis.capitalize()}: load sweep-{axis}.param, READ BACK that SID_MAGNITUDE is "
-                f"{sweeps[axis]['magnitude']:g}, switch to System ID, hold the place with small stick moves "
-                f"for {sweeps[axis]['record_s']:g} s, switch back when it says finished."
-                for axis in axes
-            ),
+            "Load parameter files on the ground and disarmed. While the vehicle hovers only a second person "
+            "may, at the ground station.",
+            *(step for axis in axes for step in _axis_steps(axis, sweeps[axis])),
             "If the vehicle barely shakes at the first sweep, double SID_MAGNITUDE; if it leans more than 20 "
             "degrees, halve it.",
             "Set SID_AXIS back to 0.",
         )
+
+
+def _axis_steps(axis: str, sweep: Mapping[str, float]) -> tuple[str, ...]:
+    """Return how to load an axis' sweep, and how to fly it.
+
+    SID_AXIS enables the group (AP_PARAM_FLAG_ENABLE): before it is set a ground station
+    knows no other SID_*, and SID_MAGNITUDE keeps its default of 15.
+    """
+    name = axis.capitalize()
+    return (
+        f"{name}, load: sweep-{axis}.param; refresh the parameters; load the file A SECOND TIME. The first "
+        "time sets SID_AXIS only, which makes the others known.",
+        f"{name}, check: READ BACK that SID_AXIS is {_SID_AXIS[axis]} and SID_MAGNITUDE is "
+        f"{sweep['magnitude']:g}. If either is not, do not fly the sweep.",
+        f"{name}, fly: hover in Stabilize, switch to System ID (it flies like Stabilize; leaving it stops the "
+        f"sweep), hold the place with small stick moves for {sweep['record_s']:g} s, switch back when it says "
+        "finished, and land.",
+    )
 
 
 def _logging_limit(version: Version | None) -> str:
