@@ -138,9 +138,9 @@ def _axis_steps(axis: str, sweep: Mapping[str, float]) -> tuple[str, ...]:
         "time sets SID_AXIS only, which makes the others known.",
         f"{name}, check: READ BACK that SID_AXIS is {_SID_AXIS[axis]} and SID_MAGNITUDE is "
         f"{sweep['magnitude']:g}. If either is not, do not fly the sweep.",
-        f"{name}, fly: hover in Stabilize, switch to System ID (it flies like Stabilize; leaving it stops the "
-        f"sweep), hold the place with small stick moves for {sweep['record_s']:g} s, switch back when it says "
-        "finished, and land.",
+        f"{name}, fly: hover in Stabilize, switch to System ID (it flies like Stabilize; leaving it stops "
+        f"the sweep), hold the place with small stick moves for {sweep['record_s']:g} s, switch back when it "
+        "says finished, and land.",
     )
 
 
