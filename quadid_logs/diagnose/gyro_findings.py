@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
+from quadid_logs.arrays import FloatArray
 from quadid_logs.data.diagnosis import Finding, Level
-from quadid_logs.data.flight import FlightData, GyroCheck
+from quadid_logs.data.flight import FlightData, GyroCheck, Overview
 from quadid_logs.diagnose.findings import finding, rounded
 from quadid_logs.identify.actuator import MAX_DELAY_S
 from quadid_logs.vocabulary import AXES
@@ -23,6 +24,10 @@ _SWAPPED = 0.5
 #: Above 90 degrees by more than rounding, in more samples than damage explains.
 _STEEPEST_RAD = np.radians(91.0)
 _MOST_TOO_STEEP = 0.01
+#: Turning by this much about an axis moves any angle that is measured [rad/s rms].
+_TURNS_RAD_S = np.radians(2.0)
+#: A few samples may repeat one value.
+_FEWEST_SAMPLES = 20
 
 
 def find_in_gyro(data: FlightData) -> Iterator[Finding]:
@@ -43,9 +48,39 @@ def find_in_gyro(data: FlightData) -> Iterator[Finding]:
         if too_steep > _MOST_TOO_STEEP:
             title = "The attitude's pitch exceeds 90 degrees, which no such angle can"
             yield finding("QL310", "warning", {"fraction_of_samples": rounded(too_steep)}, title=title)
+        yield from _stuck(data, attitude)
     if data.gyro_check is not None:
         yield from _scales(data.gyro_check)
         yield from _lag(data.gyro_check)
+
+
+def _stuck(data: FlightData, attitude: Overview) -> Iterator[Finding]:
+    """Say which angles keep one value to the last digit while the vehicle turns about their axes."""
+    rate = data.overview.get("body_rate")
+    if rate is None:
+        return
+    angles, rates = (_in_flight(each, data.flights) for each in (attitude, rate))
+    if min(angles.shape[0], rates.shape[0]) < _FEWEST_SAMPLES:
+        return
+    still = (np.ptp(angles, axis=0) == 0.0) & (np.std(rates, axis=0) > _TURNS_RAD_S)
+    axes = tuple(axis for axis, is_still in zip(AXES, still, strict=True) if is_still)
+    if axes:
+        evidence = {
+            "angle_deg": {axis: rounded(np.degrees(angles[0, AXES.index(axis)])) for axis in axes},
+            "rate_rms_deg_s": {
+                axis: rounded(np.degrees(np.std(rates[:, AXES.index(axis)]))) for axis in axes
+            },
+        }
+        title = f"The attitude's {', '.join(axes)} never changes while the vehicle turns"
+        yield finding("QL310", "warning", evidence, axes=axes, title=title)
+
+
+def _in_flight(series: Overview, flights: Iterable[tuple[float, float]]) -> FloatArray:
+    """Return the samples (n, 3) that lie in a flight."""
+    inside = np.zeros(series.time_s.shape, dtype=np.bool_)
+    for start_s, end_s in flights:
+        inside |= (series.time_s >= start_s) & (series.time_s <= end_s)
+    return series.values[inside]
 
 
 def _scales(check: GyroCheck) -> Iterator[Finding]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -53,7 +53,8 @@ def aligned_table(data: FlightData) -> dict[str, AnyArray]:
     -------
     dict of str to ndarray, shape (n_samples,)
         ``time_s`` [s], rates [rad/s], attitude [rad], torque (in the unit that
-        its column name says), throttle, ``saturated`` (0 or 1), ``segment`` and
+        its column name says), throttle, rate set-points [rad/s] and the injected chirp
+        where they were logged, ``saturated`` (0 or 1), ``segment`` and
         ``flight`` (numbers from 0). NaN where a segment lacks a signal.
 
     Raises
@@ -70,6 +71,7 @@ def aligned_table(data: FlightData) -> dict[str, AnyArray]:
         ("attitude", [_or_nan(segment.attitude_rad, segment, 3) for segment in data.segments]),
         (data.input.kind, [segment.torque for segment in data.segments]),
         ("throttle", [_or_nan(segment.throttle, segment, 1) for segment in data.segments]),
+        *_references(data),
     ):
         joined = np.concatenate(values)
         columns = joined.reshape(joined.shape[0], -1).T
@@ -79,6 +81,27 @@ def aligned_table(data: FlightData) -> dict[str, AnyArray]:
     blocks["segment"] = _numbers(range(len(counts)), counts)
     blocks["flight"] = _numbers((segment.flight for segment in data.segments), counts)
     return blocks
+
+
+def _references(data: FlightData) -> Iterator[tuple[str, list[FloatArray]]]:
+    """Yield the rate set-points, and the injected chirp, where any segment has them."""
+    width = max(0 if each.reference is None else each.reference.shape[1] for each in data.segments)
+    for name, columns in (("body_rate_setpoint", slice(0, 3)), ("sysid_chirp", slice(3, 4))):
+        if width < columns.stop:
+            return
+        yield (
+            name,
+            [
+                _or_nan(
+                    None
+                    if each.reference is None or each.reference.shape[1] < columns.stop
+                    else each.reference[:, columns],
+                    each,
+                    columns.stop - columns.start,
+                )
+                for each in data.segments
+            ],
+        )
 
 
 def _or_nan(values: FloatArray | None, segment: Segment, n_columns: int) -> FloatArray:

@@ -18,6 +18,7 @@ from quadid_logs.errors import LogError
 from quadid_logs.load import read_log
 from quadid_logs.maths.rotations import euler_from_quaternion, quaternion_rate
 from quadid_logs.simulate import simulate
+from quadid_logs.vocabulary import AXES
 from tests.align.flights import align, flight_log, signal
 from tests.conftest import corpus_logs
 
@@ -237,3 +238,18 @@ def test_of_all_flown_logs_one_contradicts_itself(corpus_log: Path) -> None:
     assert [each.axes for each in findings] == (
         [("roll",), ("pitch",), ("yaw",)] if name == SLOW_LOOP else []
     )
+
+
+@pytest.mark.parametrize("column", [0, 1, 2])
+def test_an_angle_that_never_changes_while_the_vehicle_turns_is_a_warning(column: int) -> None:
+    """All zero, as from an estimator that never started; nothing was said."""
+    euler = EULER.copy()
+    euler[:, column] = 0.0
+    levels = {each.axes: each.level for each in found(logged(euler=euler)) if "never changes" in each.title}
+    assert levels == {(AXES[column],): "warning"}
+
+
+def test_an_attitude_of_zeros_is_one_warning_for_all_axes() -> None:
+    """Not three of one cause."""
+    (only,) = found(logged(euler=np.zeros_like(EULER)))
+    assert only.axes == AXES

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from scipy.io import loadmat
 from quadid_logs.data.result import Result
 from quadid_logs.errors import EmptyLogError, OutputError, SettingsError
 from quadid_logs.report.series_file import aligned_table, write_table
+from quadid_logs.vocabulary import SIGNALS
 
 
 def read(path: Path) -> pd.DataFrame:
@@ -38,8 +40,6 @@ def test_the_table_comes_back_as_it_was(ending: str, usable: Result, tmp_path: P
 
 def test_a_signal_that_a_segment_lacks_is_nan(usable: Result) -> None:
     """Columns are always the same."""
-    from dataclasses import replace
-
     segments = tuple(replace(segment, attitude_rad=None, throttle=None) for segment in usable.data.segments)
     table = aligned_table(replace(usable.data, segments=segments))
     assert np.isnan(table["phi_rad"]).all()
@@ -68,3 +68,23 @@ def test_an_unknown_ending_is_refused(usable: Result, tmp_path: Path) -> None:
     """The known ones are named."""
     with pytest.raises(SettingsError, match=r"\.parquet"):
         write_table(usable.data, tmp_path / "series.xlsx")
+
+
+def test_the_set_points_are_exported_beside_what_was_flown(usable: Result) -> None:
+    """They were dropped, and without them no closed loop can be looked at."""
+    first, second = usable.data.segments
+    wanted = np.arange(3.0 * first.n_samples).reshape(-1, 3)
+    data = replace(usable.data, segments=(replace(first, reference=wanted), replace(second, reference=None)))
+    table = aligned_table(data)
+    for column, name in enumerate(SIGNALS["body_rate_setpoint"].columns):
+        np.testing.assert_array_equal(table[name][: first.n_samples], wanted[:, column])
+        assert np.isnan(table[name][first.n_samples :]).all()
+    assert "sysid_chirp" not in table
+
+
+def test_an_injected_chirp_is_exported(usable: Result) -> None:
+    """With the set-points it is all that came from outside the rate loop."""
+    first, second = usable.data.segments
+    chirp = np.column_stack([np.zeros((first.n_samples, 3)), np.arange(first.n_samples)])
+    data = replace(usable.data, segments=(replace(first, reference=chirp), second))
+    np.testing.assert_array_equal(aligned_table(data)["sysid_chirp"][: first.n_samples], chirp[:, 3])
