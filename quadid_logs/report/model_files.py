@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import io
 import math
+from collections.abc import Sequence
 from pathlib import Path, PurePath
 from types import MappingProxyType
 from typing import Any, cast
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray
+from quadid_logs.arrays import AnyArray, FloatArray
 from quadid_logs.data.model import Model
 from quadid_logs.data.result import Result
 from quadid_logs.errors import EmptyLogError, SettingsError
 from quadid_logs.report.verdict import input_unit, refused_names
 from quadid_logs.untrusted import printable
-from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS
 from quadid_logs.writers.sitl_frame import TITLE as SITL_TITLE
 from quadid_logs.writers.sitl_frame import sitl_frame
 
@@ -51,8 +52,9 @@ def model_bytes(result: Result, ending: str) -> bytes:
     ----------
     result : Result
     ending : str
-        One of `MODEL_FORMATS`: ``.mat`` holds A, B and names; ``.py`` makes a
-        python-control system; ``.sdf`` is an ``<inertial>`` block in Gazebo's
+        One of `MODEL_FORMATS`: ``.mat`` holds A and B with intervals, units, names
+        and verdicts; ``.py`` makes a python-control system of what can be told
+        from zero; ``.sdf`` is an ``<inertial>`` block in Gazebo's
         forward-left-up axes; ``.json`` a frame file (`quadid_logs.writers.sitl_frame`).
 
     Returns
@@ -70,7 +72,7 @@ def model_bytes(result: Result, ending: str) -> bytes:
         why = printable(result.identification.skipped) or "this log holds too little"
         raise EmptyLogError(f"There is no model to export: {why}.", hint="See quadid-log analyze.")
     if ending == ".mat":
-        return _matlab(model)
+        return _matlab(result, model)
     if ending == ".py":
         return _python_control(result, model).encode()
     inertia = _trusted_inertia(result, model)
@@ -78,21 +80,37 @@ def model_bytes(result: Result, ending: str) -> bytes:
     return (_sdf(inertia, mass_kg) if ending == ".sdf" else sitl_frame(inertia, mass_kg)).encode()
 
 
-def _matlab(model: Model) -> bytes:
-    """Return A, B, names, lag, delay and, where it is known, the inertia."""
+def _matlab(result: Result, model: Model) -> bytes:
+    """Return A, B, lag, delay and inertia with intervals and units, and the verdicts."""
     from scipy.io import savemat
 
+    low_A, high_A, unit_A = _intervals(model, model.regressors)
+    low_B, high_B, unit_B = _intervals(model, model.inputs)
+    verdicts = result.diagnosis.axes
     content: dict[str, object] = {
+        "structure": model.structure,
         "A": model.A,
+        "A_ci95_low": low_A,
+        "A_ci95_high": high_A,
+        "A_unit": unit_A,
         "B": model.B,
+        "B_ci95_low": low_B,
+        "B_ci95_high": high_B,
+        "B_unit": unit_B,
         "regressors": np.array(model.regressors, dtype=object),
         "targets": np.array(model.targets, dtype=object),
         "inputs": np.array(model.inputs, dtype=object),
+        "input_unit": input_unit(result),
+        "axes": np.array(AXES, dtype=object),
+        "verdict": np.array([verdicts[axis].verdict for axis in AXES], dtype=object),
     }
-    if model.actuator is not None:
-        content |= {"lag_s": model.actuator.lag_s, "delay_s": model.actuator.delay_s}
-    if model.inertia is not None:
-        content["inertia_kg_m2"] = model.inertia.matrix
+    if (actuator := model.actuator) is not None:
+        content |= {"lag_s": actuator.lag_s, "lag_ci95_s": actuator.lag_ci95_s}
+        content |= {"delay_s": actuator.delay_s, "delay_ci95_s": actuator.delay_ci95_s}
+    if (inertia := model.inertia) is not None:
+        content["inertia_kg_m2"] = inertia.matrix
+        content["inertia_ci95_low_kg_m2"] = inertia.ci95_low
+        content["inertia_ci95_high_kg_m2"] = inertia.ci95_high
     if model.discrete is not None:
         content |= {
             "A_d": model.discrete.A_d,
@@ -103,6 +121,18 @@ def _matlab(model: Model) -> bytes:
     # The stubs know paths only; scipy takes any open file.
     savemat(cast("Any", buffer), content)
     return buffer.getvalue()
+
+
+def _intervals(model: Model, columns: Sequence[str]) -> tuple[FloatArray, FloatArray, AnyArray]:
+    """Return both ends of the 95 % intervals and the units; NaN and "" where an element was not fitted."""
+    shape = (len(model.targets), len(columns))
+    low, high = np.full(shape, np.nan), np.full(shape, np.nan)
+    unit = np.full(shape, "", dtype=object)
+    for i, target in enumerate(model.targets):
+        for j, column in enumerate(columns):
+            if (entry := model.entries.get((target, column))) is not None:
+                (low[i, j], high[i, j]), unit[i, j] = entry.ci95, entry.unit
+    return low, high, unit
 
 
 def rate_matrices(model: Model) -> tuple[FloatArray, FloatArray]:
@@ -126,16 +156,24 @@ def rate_matrices(model: Model) -> tuple[FloatArray, FloatArray]:
 
 
 def _python_control(result: Result, model: Model) -> str:
-    """Return a script that makes the system: rates behind lag and delay."""
+    """Return a script that makes the system: rates behind lag and delay.
+
+    A lag or delay whose interval holds zero is left out: as a number it would be a pole at -1e10 rad/s.
+    """
     rates, gains = rate_matrices(model)
-    lag_s, delay_s = (model.actuator.lag_s, model.actuator.delay_s) if model.actuator else (0.0, 0.0)
+    lag_s, delay_s = 0.0, 0.0
+    if (actuator := model.actuator) is not None:
+        lag_s = actuator.lag_s if actuator.lag_ci95_s[0] > 0.0 else 0.0
+        delay_s = actuator.delay_s if actuator.delay_ci95_s[0] > 0.0 else 0.0
+    nothing = [name for name, value_s in (("lag", lag_s), ("delay", delay_s)) if not value_s]
     refused = refused_names(result)
     unit = "N m" if input_unit(result) == "N m" else "normalised command"
     name = printable(PurePath(result.log.path).name, 120)
     warning = f"# NOT TO BE TRUSTED: {', '.join(refused)}\n" if refused else ""
+    left_out = f"# left out, cannot be told from zero: {', '.join(nothing)}\n" if nothing else ""
     return f'''"""Rates p, q, r [rad/s] from torques L, M, N [{unit}]; written by quadid-logs."""
 # from {name!a}, structure {model.structure}; linear part about hover
-{warning}import control
+{left_out}{warning}import control
 import numpy as np
 
 A = np.array({_rounded(rates)})
@@ -143,7 +181,7 @@ B = np.array({_rounded(gains)})
 lag_s, delay_s = {lag_s:.6g}, {delay_s:.6g}
 
 rates = control.ss(A, B, np.eye(3), np.zeros((3, 3)), inputs=["L", "M", "N"], outputs=["p", "q", "r"])
-lag = control.tf([1.0], [lag_s, 1.0])
+lag = control.tf([1.0], [lag_s, 1.0]) if lag_s > 0.0 else control.tf([1.0], [1.0])
 delay = control.tf(*control.pade(delay_s, 2)) if delay_s > 0.0 else control.tf([1.0], [1.0])
 actuator = control.append(*(control.ss(lag * delay) for _ in range(3)))
 vehicle = control.series(actuator, rates)

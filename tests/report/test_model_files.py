@@ -47,6 +47,35 @@ def test_matlab_gets_the_matrices_and_their_names(calibrated: Result) -> None:
     np.testing.assert_array_equal(found["inertia_kg_m2"], TENSOR)
 
 
+def test_matlab_gets_intervals_units_and_verdicts(calibrated: Result) -> None:
+    """A number without them claims more than the flight told."""
+    found = loadmat(io.BytesIO(model_bytes(calibrated, ".mat")), squeeze_me=True)
+    model = calibrated.identification.models[0]
+    for item in model.parameters:
+        matrix, names = ("B", model.inputs) if item.regressor in model.inputs else ("A", model.regressors)
+        place = model.targets.index(item.target), names.index(item.regressor)
+        assert (found[f"{matrix}_ci95_low"][place], found[f"{matrix}_ci95_high"][place]) == item.ci95
+        assert found[f"{matrix}_unit"][place] == item.unit
+    assert model.actuator is not None
+    np.testing.assert_array_equal(found["lag_ci95_s"], model.actuator.lag_ci95_s)
+    np.testing.assert_array_equal(found["delay_ci95_s"], model.actuator.delay_ci95_s)
+    np.testing.assert_array_equal(found["inertia_ci95_low_kg_m2"], TENSOR - 1e-4)
+    verdicts = {axis: verdict.verdict for axis, verdict in calibrated.diagnosis.axes.items()}
+    assert dict(zip(found["axes"], found["verdict"], strict=True)) == verdicts
+
+
+@pytest.mark.parametrize("name", ["lag", "delay"])
+def test_a_time_that_cannot_be_told_from_zero_makes_no_pole(calibrated: Result, name: str) -> None:
+    """A lag of 9e-11 s put poles at -1e10 rad/s into the model: no solver gets past them."""
+    first, *others = calibrated.identification.models
+    assert first.actuator is not None
+    nothing: dict[str, Any] = {f"{name}_s": 9e-11, f"{name}_ci95_s": (0.0, 0.004)}
+    model = replace(first, actuator=replace(first.actuator, **nothing))
+    result = replace(calibrated, identification=replace(calibrated.identification, models=(model, *others)))
+    assert np.abs(run_script(result)["vehicle"].poles()).max() < 1e4
+    assert f"left out, cannot be told from zero: {name}\n" in model_bytes(result, ".py").decode()
+
+
 def run_script(result: Result) -> dict[str, Any]:
     """Run the exported script with python-control, and return what it defines."""
     names: dict[str, Any] = {}
