@@ -85,4 +85,7 @@ def _write(folder: Path, comparison: Comparison, text: str) -> str:
         files[_PNG] = drawn.getvalue()
     make_folder(folder)
     write_together(folder, files)
+    if _PNG not in files:
+        # That of an earlier run would contradict the JSON beside it.
+        (folder / _PNG).unlink(missing_ok=True)
     return ", ".join(printable(folder / name) for name in files)

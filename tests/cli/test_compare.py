@@ -194,6 +194,28 @@ def test_figure_and_json_are_written_and_not_overwritten(
     assert [path.name for path in Path("fresh").iterdir()] == ["compare.json"]
 
 
+def test_a_full_temporary_folder_costs_no_comparison(
+    analysed: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The figure went through a file there."""
+
+    def full(*_a: object, **_k: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("tempfile.TemporaryDirectory.__init__", full)
+    assert main(["compare", "good.bin", "other.bin", "-o", "out"]) == 1
+    assert Path("out/compare.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_no_figure_of_an_earlier_comparison_is_left_beside_another_one(
+    analysed: Callable[..., Path],
+) -> None:
+    """Nothing was compared, so nothing is drawn; the old picture would say otherwise."""
+    assert main(["compare", "good.bin", "other.bin", "-o", "out"]) == 1
+    assert main(["compare", "good.bin", "refused.bin", "-o", "out", "--force"]) == 3
+    assert [path.name for path in Path("out").iterdir()] == ["compare.json"]
+
+
 def test_whole_and_cut_propellers_at_10_hz_allow_no_comparison(
     corpus: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
