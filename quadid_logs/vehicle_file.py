@@ -121,17 +121,17 @@ def _positive(path: Path, key: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise _wrong(path, f"{key} must be a number, not {printable(value, 60)!r}", "Leave the unit out.")
     try:
-        value = float(value)
+        number = float(value)
     except OverflowError:
         raise _wrong(path, f"{key} has more digits than a number can have", "Is it the right file?") from None
-    if not (math.isfinite(value) and value > 0.0):
+    if not (math.isfinite(number) and number > 0.0):
         raise _wrong(
-            path, f"{key} is {value:g}, but must be above 0", "Leave the key out if it is not known."
+            path, f"{key} is {number:g}, but must be above 0", "Leave the key out if it is not known."
         )
     largest, hint = _LARGEST[key]
-    if value > largest:
-        raise _wrong(path, f"{key} is {value:g}, but no multirotor has more than {largest:g}", hint)
-    return value
+    if number > largest:
+        raise _wrong(path, f"{key} is {number:g}, but no multirotor has more than {largest:g}", hint)
+    return number
 
 
 def _array(path: Path, key: str, value: Any, shapes: tuple[tuple[int, ...], ...], hint: str) -> FloatArray:
