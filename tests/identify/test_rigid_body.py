@@ -154,6 +154,6 @@ def test_what_is_known_of_gyros_narrows_intervals(
 def test_errors_of_the_gyro_are_no_parameters_of_the_vehicle(
     parts: tuple[rigid_body._Body, rigid_body._Rows, np.ndarray],
 ) -> None:
-    """Three gains, three products of inertia, three dampings, the disturbances of each axis, lag and delay."""
+    """Gains, products of inertia and dampings of three axes, their disturbances, lag and delay."""
     body = parts[0]
     assert carried_over(parts).n_parameters == 3 + 3 + 3 + 3 * len(body.loose) + 2
