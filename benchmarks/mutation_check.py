@@ -108,7 +108,7 @@ def _environment(tree: Path, corpus: str) -> dict[str, str]:
     return {**environment, "QUADID_LOG_CORPUS": str(Path(corpus).resolve())} if corpus else environment
 
 
-def tests_pass(
+def passes(
     tree: Path, tests: Sequence[str], corpus: str = "", timeout_s: float | None = TIMEOUT_S
 ) -> bool | None:
     """Run tests in a copy until the first failure; None if they do not end.
@@ -142,9 +142,9 @@ def judge(mutation: Mutation, tree: Path, *, whole: bool, corpus: str = "") -> V
     intact, begin = path.read_text(encoding="utf-8"), time.perf_counter()
     try:
         _write_source(path, mutation.applied(tree))
-        passed = tests_pass(tree, mutation.tests, corpus)
+        passed = passes(tree, mutation.tests, corpus)
         if passed and whole:
-            passed = tests_pass(tree, ["tests"], corpus, None)
+            passed = passes(tree, ["tests"], corpus, None)
     finally:
         _write_source(path, intact)
     outcome: Outcome = "hung" if passed is None else "survived" if passed else "caught"
@@ -175,7 +175,7 @@ def judge_all(
             trees.put(tree)
         tree = trees.get()
         named = sorted({test for mutation in mutations for test in mutation.tests})
-        if not tests_pass(tree, named, corpus, None):
+        if not passes(tree, named, corpus, None):
             raise RuntimeError("The tests fail without any change.")
         trees.put(tree)
 
