@@ -7,8 +7,9 @@ INSTALLED_DOCS := $(VENV)/.installed-docs
 BENCH ?= --output benchmarks/results.md
 FUZZ ?= --count 50000
 STUDY ?= --flights 300
+MUTATIONS ?= --workers 2
 
-.PHONY: help demo test lint types contracts bench fuzz study fleet docs samples check clean
+.PHONY: help demo test lint types contracts bench fuzz study mutations fleet docs samples check clean
 
 help:  ## List the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/'
@@ -50,6 +51,9 @@ fuzz: $(INSTALLED)  ## Random damage against every reader and the whole analysis
 
 study: $(INSTALLED)  ## Coverage of the intervals over simulated flights; STUDY='--flights 60' for a short look
 	$(BIN)/python study/run.py $(STUDY)
+
+mutations: $(INSTALLED)  ## Plausible mistakes, one at a time: which do the tests notice? MUTATIONS='--only intervals'
+	$(BIN)/python benchmarks/mutation_check.py $(MUTATIONS)
 
 fleet: $(INSTALLED)  ## 500 logs of 20 vehicles: speed, change points, and what kills and restarts leave
 	$(BIN)/python benchmarks/fleet.py $(FLEET)

@@ -1,7 +1,7 @@
 """Which of a list of plausible wrong changes the tests notice.
 
-Run with ``python benchmarks/mutation_check.py [FILE.toml...]``; prints a Markdown
-table. Each file of ``benchmarks/mutations/`` (all by default) lists changes of one
+Run with ``python benchmarks/mutation_check.py [FILE.toml...]``; prints Markdown
+tables. Each file of ``benchmarks/mutations/`` (all by default) lists changes of one
 part of the package, one a table::
 
     [[mutation]]
@@ -10,12 +10,14 @@ part of the package, one a table::
     new = "np.exp(s * delay_s)"                  # what replaces it
     why = "delay and lead exchanged"             # the mistake, in a few words
     tests = ["tests/maths/test_band.py"]         # what should notice it, the quickest first
+    survives = "why no test can notice it"       # only of those that nobody noticed
 
 A mutation is one mistake that a tired person makes: a sign, a factor, an index, a
 quantile, rows or columns taken wrongly. It changes a result and raises no error by
 itself. Changes are made one at a time in a copy of the working tree; the tests
-named run until the first failure (``--whole``: all tests where those pass). A
-survivor shows what no test holds: add the test, not an exception.
+named run until the first failure (``--whole``: all tests where those pass), without
+flown logs unless ``--corpus`` is given. A survivor shows what no test holds: add the
+test, not an exception.
 """
 
 from __future__ import annotations
@@ -51,6 +53,8 @@ class Mutation(NamedTuple):
     new: str
     why: str
     tests: tuple[str, ...]
+    survives: str = ""
+    part: str = ""
 
     def applied(self, root: Path) -> str:
         """Return the changed text of its file.
@@ -77,7 +81,7 @@ class Verdict(NamedTuple):
 def load_mutations(paths: Sequence[Path]) -> list[Mutation]:
     """Read lists of mutations."""
     return [
-        Mutation(**{**entry, "tests": tuple(entry["tests"])})
+        Mutation(**{**entry, "tests": tuple(entry["tests"]), "part": path.stem})
         for path in paths
         for entry in tomllib.loads(path.read_text(encoding="utf-8"))["mutation"]
     ]
@@ -97,17 +101,16 @@ def copy_tree(target: Path) -> None:
             shutil.copy2(ROOT / name, target / name)
 
 
-def _environment(tree: Path) -> dict[str, str]:
+def _environment(tree: Path, corpus: str) -> dict[str, str]:
     """Let a test process import the copy, and find the corpus from there."""
-    corpus = os.environ.get("QUADID_LOG_CORPUS", str(ROOT.parent / "shared" / "logs"))
     environment = {**os.environ, "PYTHONPATH": str(tree), "OPENBLAS_NUM_THREADS": "1"}
     environment.pop("QUADID_LOG_CORPUS", None)
-    if (Path(corpus) / "firmware").is_dir():
-        environment["QUADID_LOG_CORPUS"] = str(Path(corpus).resolve())
-    return environment
+    return {**environment, "QUADID_LOG_CORPUS": str(Path(corpus).resolve())} if corpus else environment
 
 
-def tests_pass(tree: Path, tests: Sequence[str]) -> bool | None:
+def passes(
+    tree: Path, tests: Sequence[str], corpus: str = "", timeout_s: float | None = TIMEOUT_S
+) -> bool | None:
     """Run tests in a copy until the first failure; None if they do not end.
 
     Raises
@@ -120,10 +123,10 @@ def tests_pass(tree: Path, tests: Sequence[str]) -> bool | None:
         done = subprocess.run(
             command,
             cwd=tree,
-            env=_environment(tree),
+            env=_environment(tree, corpus),
             capture_output=True,
             text=True,
-            timeout=TIMEOUT_S,
+            timeout=timeout_s,
             check=False,
         )
     except subprocess.TimeoutExpired:
@@ -133,15 +136,15 @@ def tests_pass(tree: Path, tests: Sequence[str]) -> bool | None:
     return done.returncode == 0
 
 
-def judge(mutation: Mutation, tree: Path, *, whole: bool) -> Verdict:
+def judge(mutation: Mutation, tree: Path, *, whole: bool, corpus: str = "") -> Verdict:
     """Change one file of a copy, run the tests, change it back."""
     path = tree / mutation.file
     intact, begin = path.read_text(encoding="utf-8"), time.perf_counter()
     try:
         _write_source(path, mutation.applied(tree))
-        passed = tests_pass(tree, mutation.tests)
+        passed = passes(tree, mutation.tests, corpus)
         if passed and whole:
-            passed = tests_pass(tree, ["tests"])
+            passed = passes(tree, ["tests"], corpus, None)
     finally:
         _write_source(path, intact)
     outcome: Outcome = "hung" if passed is None else "survived" if passed else "caught"
@@ -154,7 +157,9 @@ def _write_source(path: Path, text: str) -> None:
     Path(importlib.util.cache_from_source(str(path))).unlink(missing_ok=True)
 
 
-def judge_all(mutations: Sequence[Mutation], *, n_workers: int, whole: bool) -> Iterator[Verdict]:
+def judge_all(
+    mutations: Sequence[Mutation], *, n_workers: int, whole: bool, corpus: str = ""
+) -> Iterator[Verdict]:
     """Judge mutations in parallel, each worker in a copy of its own.
 
     Raises
@@ -169,28 +174,43 @@ def judge_all(mutations: Sequence[Mutation], *, n_workers: int, whole: bool) -> 
             copy_tree(tree)
             trees.put(tree)
         tree = trees.get()
-        if not tests_pass(tree, sorted({test for mutation in mutations for test in mutation.tests})):
+        named = sorted({test for mutation in mutations for test in mutation.tests})
+        if not passes(tree, named, corpus, None):
             raise RuntimeError("The tests fail without any change.")
         trees.put(tree)
 
         def work(mutation: Mutation) -> Verdict:
             free = trees.get()
             try:
-                return judge(mutation, free, whole=whole)
+                return judge(mutation, free, whole=whole, corpus=corpus)
             finally:
                 trees.put(free)
 
         yield from workers.map(work, mutations)
 
 
+def table_of_parts(verdicts: Sequence[Verdict]) -> str:
+    """Return how many mistakes of each part were caught, and the survivors with the reason."""
+    lines = ["| part | mistakes | caught |", "|---|---|---|"]
+    for part in sorted({verdict.mutation.part for verdict in verdicts}):
+        own = [verdict for verdict in verdicts if verdict.mutation.part == part]
+        lines.append(f"| {part} | {len(own)} | {sum(one.outcome != 'survived' for one in own)} |")
+    survivors = [verdict.mutation for verdict in verdicts if verdict.outcome == "survived"]
+    lines += [f"- `{one.file}`, {one.why}: {one.survives or 'not explained'}" for one in survivors]
+    return "\n".join(lines)
+
+
 def main() -> int:
-    """Print the table; 1 if fewer than 90 % were caught."""
+    """Print the tables; 1 if fewer than 90 % were caught."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("lists", nargs="*", type=Path, help="lists of mutations; all by default")
     parser.add_argument("--only", default="", help="judge those whose file, text or reason contains this")
     parser.add_argument("--whole", action="store_true", help="all tests for those that the named ones miss")
+    parser.add_argument(
+        "--corpus", default="", help="folder of flown logs; without it their tests are left out"
+    )
     parser.add_argument("--workers", type=int, default=1)
     options = parser.parse_args()
     mutations = [
@@ -202,14 +222,16 @@ def main() -> int:
         mutation.applied(ROOT)
     verdicts = []
     print("| outcome | file | mistake | s |\n|---|---|---|---|", flush=True)
-    for verdict in judge_all(mutations, n_workers=options.workers, whole=options.whole):
+    for verdict in judge_all(
+        mutations, n_workers=options.workers, whole=options.whole, corpus=options.corpus
+    ):
         verdicts.append(verdict)
         file = verdict.mutation.file.removeprefix("quadid_logs/")
         print(
             f"| {verdict.outcome} | `{file}` | {verdict.mutation.why} | {verdict.seconds:.0f} |", flush=True
         )
     n_caught = sum(verdict.outcome != "survived" for verdict in verdicts)
-    print(f"\n{n_caught} of {len(verdicts)} caught.")
+    print(f"\n{table_of_parts(verdicts)}\n\n{n_caught} of {len(verdicts)} caught.")
     return 0 if n_caught >= 0.9 * len(verdicts) else 1
 
 

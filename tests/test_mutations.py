@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -24,6 +25,14 @@ def test_a_wrong_change_applies_to_the_code_and_leaves_python(mutation: Mutation
         path, *names = test.split("::")
         assert all(f"def {name}(" in (ROOT / path).read_text(encoding="utf-8") for name in names)
         assert (ROOT / path).exists()
+
+
+def test_every_part_that_a_result_depends_on_has_its_mistakes() -> None:
+    """At least so many of each: what nobody tried says nothing."""
+    n_of_part = Counter(mutation.part for mutation in MUTATIONS)
+    least = {"actuation": 12, "align": 10, "autopilots": 12, "containers": 12, "maths": 12}
+    least |= {"identify": 22, "load": 2}
+    assert all(n_of_part[part] >= count for part, count in least.items()), n_of_part
 
 
 def test_no_mistake_is_listed_twice() -> None:

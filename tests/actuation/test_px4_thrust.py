@@ -64,6 +64,7 @@ def test_the_output_gives_the_thrust_of_the_model(factor: float) -> None:
     thrust = np.linspace(0.0, 1.0, 21)
     output = output_of_thrust(thrust, factor)
     np.testing.assert_allclose(factor * output**2 + (1.0 - factor) * output, thrust, atol=1e-12)
+    assert (np.diff(output, prepend=-1e-9) > 0.0).all()
 
 
 def test_outputs_give_the_command_back_through_the_thrust_model() -> None:

@@ -172,3 +172,12 @@ def test_a_row_with_a_stopped_motor_stays_and_one_without_any_number_goes() -> N
     found = clean(flight_log(signal("motor_thrust", STAMPS, thrust))).candidates["motor_thrust"][0]
     assert found.n_samples == STAMPS.size - 1
     assert np.isnan(found.values[100]).tolist() == [False, False, True, False]
+
+
+@pytest.mark.parametrize(("rate_hz", "source"), [(45.0, "preferred"), (25.0, "other")])
+def test_a_preferred_source_may_be_a_little_slower_than_needed(rate_hz: float, source: str) -> None:
+    """Attitude is needed at 50 Hz: four fifths of that are enough, half is not."""
+    slow = np.arange(10.0, 40.0, 1.0 / rate_hz)
+    preferred = signal("attitude", slow, motion(slow), source="preferred")
+    other = signal("attitude", STAMPS, motion(STAMPS), source="other", start=3)
+    assert align(with_signals(preferred, other), AlignSettings()).sources["attitude"].source == source

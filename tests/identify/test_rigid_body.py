@@ -9,7 +9,11 @@ import pytest
 
 from quadid_logs.data.model import Identification, Model
 from quadid_logs.data.settings import IdentifySettings
-from quadid_logs.identify import identify
+from quadid_logs.identify import identify, rigid_body
+from quadid_logs.identify.design import build_design
+from quadid_logs.identify.equation_by_equation import fit_equation_by_equation
+from quadid_logs.identify.fit import PooledFit
+from quadid_logs.identify.structures import DAMPED, RIGID_BODY
 from quadid_logs.maths.rotational_dynamics import PRODUCTS, gyroscopic_matrix
 
 from .vehicles import QUAD, Truth, fly, multisine
@@ -106,3 +110,50 @@ def test_cross_talk_of_the_gyro_is_not_taken_for_products_of_inertia() -> None:
             # One in twenty may lie outside; none by more than half of its width.
             low, high = parameter.ci95
             assert low - 0.25 * (high - low) <= true <= high + 0.25 * (high - low), parameter
+
+
+@pytest.fixture(scope="module")
+def parts() -> tuple[rigid_body._Body, rigid_body._Rows, np.ndarray]:
+    """Return the body of a short flight, its rows, and the parameters that the search begins with."""
+    flight = fly(ASKEW, multisine(20.0), feedback=8.0)
+    structure = RIGID_BODY.known(("L", "M", "N"))
+    whole = build_design(flight, 5.0, (DAMPED, structure))
+    assert whole is not None
+    first = fit_equation_by_equation(flight, whole, DAMPED, IdentifySettings())
+    body = rigid_body._Body.of(structure, first.model.design, calibrated=True)
+    return body, rigid_body._rows(body, structure, first.model), rigid_body._start(body, first)
+
+
+def carried_over(parts: tuple[rigid_body._Body, rigid_body._Rows, np.ndarray]) -> PooledFit:
+    body, rows, x = parts
+    n_columns = len(RIGID_BODY.known(("L", "M", "N")).columns)
+    return rigid_body._as_fit(body, x, np.ones(body.size, dtype=bool), rows, n_columns)
+
+
+def test_what_is_typical_of_vehicles_narrows_no_interval(
+    parts: tuple[rigid_body._Body, rigid_body._Rows, np.ndarray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It helps the search, but is no observation of this one: ten times as sure, ten times as unsure."""
+    half_widths = []
+    for factor in (0.1, 10.0):
+        monkeypatch.setattr(rigid_body, "_CORRELATION_SPREAD", factor * 0.05)
+        half_widths.append(carried_over(parts).half_width)
+    np.testing.assert_array_equal(*half_widths)
+
+
+def test_what_is_known_of_gyros_narrows_intervals(
+    parts: tuple[rigid_body._Body, rigid_body._Rows, np.ndarray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A gyro ten times as good leaves less uncertain of every effectiveness."""
+    as_it_is = carried_over(parts).half_width[:, -3:]
+    monkeypatch.setattr(rigid_body, "GYRO_SYSTEMATIC", 0.1 * rigid_body.GYRO_SYSTEMATIC)
+    better = carried_over(parts).half_width[:, -3:]
+    assert (np.diag(better) < 0.995 * np.diag(as_it_is)).all()
+
+
+def test_errors_of_the_gyro_are_no_parameters_of_the_vehicle(
+    parts: tuple[rigid_body._Body, rigid_body._Rows, np.ndarray],
+) -> None:
+    """Gains, products of inertia and dampings of three axes, their disturbances, lag and delay."""
+    body = parts[0]
+    assert carried_over(parts).n_parameters == 3 + 3 + 3 + 3 * len(body.loose) + 2
