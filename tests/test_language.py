@@ -34,7 +34,15 @@ REPLACED = {
 }
 SEARCHED = sorted(
     path
-    for pattern in ("quadid_logs/**/*", "docs/**/*.md", "docs/*.py", "study/*.py", "benchmarks/*.py", "fuzz/*.py", "*.md")
+    for pattern in (
+        "quadid_logs/**/*",
+        "docs/**/*.md",
+        "docs/*.py",
+        "study/*.py",
+        "benchmarks/*.py",
+        "fuzz/*.py",
+        "*.md",
+    )
     for path in ROOT.glob(pattern)
     if path.suffix in (".py", ".md", ".html", ".js", ".css")
 )

@@ -21,8 +21,7 @@ NAMES = re.compile(
     r"|vehicle_(?:torque_setpoint|angular_velocity|attitude|status))\b"
 )
 #: Each with the reason; a file that no longer needs its entry fails the second test.
-EXCEPTIONS = {
-}
+EXCEPTIONS = {}
 
 
 def files() -> Iterator[tuple[str, str]]:

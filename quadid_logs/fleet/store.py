@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Any, Final
 from quadid_logs.errors import OutputError, SettingsError
 from quadid_logs.fleet.log_files import LogFile
 from quadid_logs.fleet.options import Options
-from quadid_logs.fleet.rows import COLUMNS, LOST, schema
+from quadid_logs.fleet.rows import ANALYZED, COLUMNS, LOST, schema
 from quadid_logs.fleet.tasks import Outcome
 from quadid_logs.output import make_folder, write_together
 from quadid_logs.untrusted import printable
@@ -247,6 +247,28 @@ def read_rows(folder: Path, columns: Sequence[str]) -> Iterator[dict[str, Any]]:
             for name, decode in decoded:
                 row[name] = None if row[name] is None else decode(row[name])
             yield row
+
+
+def count_verdicts(folder: Path) -> Iterator[tuple[str, tuple[str, ...], int]]:
+    """Yield verdict, reasons and number of the analyzed axes.
+
+    Parameters
+    ----------
+    folder : Path
+        The store; a run may write into it meanwhile.
+
+    Raises
+    ------
+    SettingsError
+        If the folder is no store, or is damaged.
+    """
+    with _reading(folder) as database:
+        for verdict, reasons, count in database.execute(
+            "SELECT verdict, reasons, count(*) FROM fleet WHERE status = ? GROUP BY verdict, reasons",
+            (ANALYZED,),
+        ):
+            with contextlib.suppress(ValueError, TypeError, RecursionError):
+                yield str(verdict), tuple(map(str, json.loads(reasons))), count
 
 
 def read_table(folder: Path) -> pa.Table:
