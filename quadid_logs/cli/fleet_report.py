@@ -9,6 +9,7 @@ import typer
 
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.fleet import NOTHING_USABLE
+from quadid_logs.cli.query import report_set_aside
 from quadid_logs.output import check_free, make_folder, write_beside
 from quadid_logs.untrusted import printable
 
@@ -38,6 +39,7 @@ def fleet_report(
 
     check_free(output, force=force)
     fleet = read_fleet(store)
+    report_set_aside(fleet.set_aside)
     page = fleet_page(fleet, store, output.parent)
     make_folder(output.parent)
     write_beside(output, page.encode("utf-8"))

@@ -32,7 +32,7 @@ from quadid_logs.fleet.changes import (
 from quadid_logs.fleet.coverage import Coverage, coverage_of
 from quadid_logs.fleet.naming import MODIFICATION, number_in
 from quadid_logs.fleet.rows import ANALYZED
-from quadid_logs.fleet.store import read_rows
+from quadid_logs.fleet.store import SetAside, read_rows
 from quadid_logs.vocabulary import AXES, TORQUE_SYMBOLS
 
 #: Systematic uncertainty between flights of an undamaged vehicle. A gain goes with the air's
@@ -129,6 +129,7 @@ class Fleet:
     histories: tuple[VehicleHistory, ...]
     failures: tuple[Failure, ...]
     n_tests: int
+    set_aside: tuple[SetAside, ...] = ()
 
     @property
     def coverage(self) -> Coverage:
@@ -159,7 +160,8 @@ def read_fleet(folder: Path) -> Fleet:
         If the folder is no store, or is damaged.
     """
     histories, failures = [], []
-    for _, group in groupby(read_rows(folder, _COLUMNS), itemgetter("vehicle")):
+    set_aside: list[SetAside] = []
+    for _, group in groupby(read_rows(folder, _COLUMNS, set_aside.append), itemgetter("vehicle")):
         rows = list(group)
         flown = [row for row in rows if row["status"] == ANALYZED]
         if flown:
@@ -168,7 +170,7 @@ def read_fleet(folder: Path) -> Fleet:
     histories.sort(key=lambda history: history.vehicle)
     failures.sort(key=lambda failure: failure.url)
     tested, n_tests = _tested(histories)
-    return Fleet(histories=tested, failures=tuple(failures), n_tests=n_tests)
+    return Fleet(histories=tested, failures=tuple(failures), n_tests=n_tests, set_aside=tuple(set_aside))
 
 
 def _failure(row: Mapping[str, Any]) -> Failure:

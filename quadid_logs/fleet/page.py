@@ -122,6 +122,8 @@ def fleet_page(fleet: Fleet, store: Path, page_folder: Path) -> str:
             all_clear=_all_clear(fleet),
             failures=[_failure_row(failure) for failure in fleet.failures[:_MOST_FAILURES]],
             n_failures=len(fleet.failures),
+            n_set_aside=len(fleet.set_aside),
+            set_aside=[f"{row.url}: {row.reason}" for row in fleet.set_aside[:_MOST_FAILURES]],
             n_flights=sum(len(history.flights) for history in fleet.histories),
             n_tests=fleet.n_tests,
             axes=AXES,

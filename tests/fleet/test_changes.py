@@ -54,13 +54,13 @@ def test_fleets_that_never_change_give_no_alarm(scatter):
     assert FALSE_ALARMS == 0.01
 
 
-def uneven_fleet(rng, n_vehicles, *, scatter, n_flights, n_series=13):
-    """Flights whose intervals differ by a factor of some two, and whose scatter adds to them."""
+def uneven_fleet(rng, n_vehicles, *, scatter, n_flights, n_series=13, unequal=0.5):
+    """Flights whose intervals differ by a factor of exp(`unequal`), and whose scatter adds to them."""
     histories = []
     for _ in range(n_vehicles):
         history = []
         for k in range(n_series):
-            error = np.exp(0.5 * rng.standard_normal(n_flights))
+            error = np.exp(unequal * rng.standard_normal(n_flights))
             noise = error * rng.standard_normal(n_flights) + scatter * rng.standard_normal(n_flights)
             history.append(
                 Series(
@@ -94,7 +94,9 @@ def test_last_flights_of_vehicles_that_never_change_give_no_alarm(n_flights, sca
 def test_uneven_intervals_of_vehicles_that_never_change_give_no_alarm():
     """Days scatter alike whether a flight's interval is wide or narrow: 20 fleets."""
     rng = np.random.default_rng(22)
-    alarms = sum(any(all_changes(uneven_fleet(rng, 6, scatter=5.0, n_flights=12))) for _ in range(20))
+    alarms = sum(
+        any(all_changes(uneven_fleet(rng, 6, scatter=5.0, n_flights=12, unequal=1.0))) for _ in range(20)
+    )
     # Three or more of 20 have a chance of 0.1 % at 1 % each.
     assert alarms <= 2
 
