@@ -75,12 +75,15 @@ class Autopilot:
     serial_parameters, system_parameters : tuple of str
         Parameters in which people number their vehicles: a serial number (0: none), a system on the radio
         link (1: the default).
+    airframe_parameters : tuple of str
+        Parameters that number the airframe, beyond what its frame is called (0: none).
     """
 
     name: str = "other"
     title: str = "not stated"
     serial_parameters: tuple[str, ...] = ()
     system_parameters: tuple[str, ...] = ()
+    airframe_parameters: tuple[str, ...] = ()
 
     def formats(self) -> tuple[LogFormat, ...]:
         """Return the formats of its logs, those with the surest marks first."""

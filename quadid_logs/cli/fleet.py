@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 #: A week: who wants more wants no limit, and timers of processes have one of their own [minutes].
 _LONGEST_MIN = 10_080.0
+#: Exit code: all done, and no axis in the store is usable.
+NOTHING_USABLE = 4
 
 
 def fleet(
@@ -64,15 +66,20 @@ def fleet(
 ) -> int:
     """Analyze all logs, one row per log, flight and axis, on this machine's cores or on a cluster.
 
-    A log that cannot be read is a row with its reason. Exit code 0: all done.
-    1: some logs are lost, for they could not be fetched, took too long or killed
-    their process; --resume tries them again.
+    A log that cannot be read is a row with its reason. The first line says how
+    many axes in the store are usable, and what blocks the others.
+
+    Exit code 0: all done. 1: some logs are lost, for they could not be fetched,
+    took too long or killed their process; --resume tries them again. 4: all
+    done, but no axis in the store is usable.
     """
+    from quadid_logs.fleet.coverage import coverage_of, coverage_words
     from quadid_logs.fleet.engine import Cluster
     from quadid_logs.fleet.log_files import find_logs
     from quadid_logs.fleet.naming import NamingRules
     from quadid_logs.fleet.options import Options
     from quadid_logs.fleet.run import LOST, run_fleet
+    from quadid_logs.fleet.store import count_verdicts
     from quadid_logs.vehicle_file import read_vehicle
 
     if workers < 0 or not max_mb > 0.0 or not 0.0 < timeout <= _LONGEST_MIN:
@@ -101,9 +108,13 @@ def fleet(
         notice=progress.notice,
     )
     progress.end()
+    coverage = coverage_of(count_verdicts(output))
     if not quiet:
+        say(coverage_words(coverage))
         say(f"{_summary(tally)} -> {printable(output)}")
-    return 1 if tally.counts[LOST] else 0
+    if tally.counts[LOST]:
+        return 1
+    return NOTHING_USABLE if coverage.is_empty else 0
 
 
 def _summary(tally: Tally) -> str:
@@ -113,7 +124,8 @@ def _summary(tally: Tally) -> str:
     words = {ANALYZED: "analyzed", UNREADABLE: "unreadable", LOST: "lost", KNOWN: "already there"}
     parts = [f"{tally.counts[key]} {word}" for key, word in words.items() if tally.counts[key]]
     rate = f"{tally.rate_hz:.2g} logs/s" if tally.rate_hz else ""
-    return f"{tally.n_logs} logs: {', '.join(filter(None, (*parts, rate)))}"
+    logs = "1 log" if tally.n_logs == 1 else f"{tally.n_logs} logs"
+    return f"{logs}: {', '.join(filter(None, (*parts, rate)))}"
 
 
 class FleetProgress:

@@ -4,23 +4,31 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import islice
+from numbers import Number
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from quadid_logs.cli.failure import say
+from quadid_logs.cli.failure import report_problem, say
 from quadid_logs.errors import SettingsError
 from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
     from quadid_logs.fleet.sql import Answer
+    from quadid_logs.fleet.store import SetAside
 
 #: Rows of a table that are laid out together: a column is as wide as the widest of them.
 _PAGE = 1000
 _WIDEST = 60
+#: Rows set aside that are named one by one.
+_MOST_NAMED = 5
+#: More than any column of ours holds.
+_LONGEST_CELL = 32_000
+#: What a spreadsheet takes for the begin of a formula.
+_FORMULA = ("=", "+", "-", "@")
 
 
 def query(
@@ -39,10 +47,19 @@ def query(
     if as_json and as_csv:
         raise SettingsError("--json and --csv exclude each other.", hint="Give one of them.")
     answer = ask(store, sql)
+    report_set_aside(answer.set_aside)
     write = _json_lines if as_json else _csv_lines if as_csv else _table_lines
     for line in write(answer):
         say(line)
     return 0
+
+
+def report_set_aside(rows: Sequence[SetAside]) -> None:
+    """Name the rows of a store that are not ours, so that nobody takes the rest for the whole."""
+    for row in rows[:_MOST_NAMED]:
+        report_problem(f"a row of the store is set aside: {row.reason} (of {row.url})")
+    if len(rows) > _MOST_NAMED:
+        report_problem(f"{len(rows) - _MOST_NAMED} more rows of the store are set aside")
 
 
 def _json_lines(answer: Answer) -> Iterator[str]:
@@ -57,8 +74,18 @@ def _csv_lines(answer: Answer) -> Iterator[str]:
     """Yield lines with the separators quoted."""
     for row in _chain(answer):
         line = io.StringIO()
-        csv.writer(line, lineterminator="").writerow(["" if value is None else value for value in row])
+        csv.writer(line, lineterminator="").writerow(map(_cell, row))
         yield line.getvalue()
+
+
+def _cell(value: Any) -> Any:
+    """Return a value for a cell: a text without control characters, and none that is run as a formula."""
+    if value is None:
+        return ""
+    if isinstance(value, Number):
+        return value
+    text = printable(value, _LONGEST_CELL)
+    return f"'{text}" if text.startswith(_FORMULA) else text
 
 
 def _chain(answer: Answer) -> Iterator[Iterable[Any]]:

@@ -8,13 +8,14 @@ systematic uncertainty per quantity). A change must exceed all three together.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.maths.normal import MEDIAN_DEVIATION, NORMAL_95
 
 #: Chance of any false alarm in a whole fleet: one in a hundred fleets.
@@ -55,21 +56,26 @@ class Series:
     systematic: float
 
     @property
-    def known(self) -> FloatArray:
+    def known(self) -> IntArray:
         """Indices of the flights in which the quantity was identifiable."""
         usable = np.isfinite(self.value) & np.isfinite(self.half_width) & (self.half_width > 0.0)
-        return np.flatnonzero(usable)  # type: ignore[return-value]
+        return np.flatnonzero(usable)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shift:
-    """A quantity before and after, and the least difference that counts."""
+    """A quantity before and after, and the least difference that counts.
+
+    ``half_width`` is that of the difference's own 95 % interval, with the
+    scatter of the flights, but without systematic uncertainty and correction.
+    """
 
     name: str
     axis: str
     before: float
     after: float
     margin: float
+    half_width: float = float("nan")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,6 +86,26 @@ class ChangePoint:
     shifts: tuple[Shift, ...]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OpenChange:
+    """The vehicle's last flights differ, and one side has too few to call it a change.
+
+    ``flight`` is the first that differs; ``n_before`` and ``n_after`` count the
+    flights on either side since the last change in which the quantity that
+    differs most is known.
+    """
+
+    flight: int
+    n_before: int
+    n_after: int
+    shifts: tuple[Shift, ...]
+
+    @property
+    def n_missing(self) -> int:
+        """Flights like the last that decide it; 0 if none can, because too few lie before."""
+        return max(MIN_RUN - self.n_after, 0) if self.n_before >= MIN_RUN else 0
+
+
 class ScatterPrior(NamedTuple):
     """Prior of a vehicle's scatter: its mean in squared standard errors, and its weight in flights."""
 
@@ -88,7 +114,7 @@ class ScatterPrior(NamedTuple):
 
 
 def count_tests(histories: Sequence[Sequence[Series]]) -> int:
-    """Return how many differences `find_changes` may look at in all vehicles together.
+    """Return how many differences `find_changes` and `find_open_change` may look at in all vehicles together.
 
     Parameters
     ----------
@@ -100,12 +126,12 @@ def count_tests(histories: Sequence[Sequence[Series]]) -> int:
     int
         Tests that Bonferroni's correction must count.
     """
-    return _LEVELS * sum(
-        max(b - a - 2 * MIN_RUN + 1, 0)
-        for history in histories
-        for one in history
-        for a, b in _seeded_intervals(0, len(one.known))
+    lengths = [len(one.known) for history in histories for one in history]
+    decided = sum(
+        max(b - a - 2 * MIN_RUN + 1, 0) for length in lengths for a, b in _seeded_intervals(0, length)
     )
+    # Without a decision, at most every split of the last flights is tried.
+    return _LEVELS * decided + sum(min(max(length - 1, 0), 2 * MIN_RUN - 2) for length in lengths)
 
 
 def _seeded_intervals(first: int, after: int) -> Iterator[tuple[int, int]]:
@@ -165,6 +191,7 @@ def find_changes(
     Bonferroni's correction for all tests in the fleet, with the intervals
     widened by the scatter inside the two parts (the Birge ratio [1]_, moderated
     by a prior from the fleet [2]_), and by more than the systematic uncertainty.
+    It must hold with the scatter as a factor and as an added variance [4]_.
     Where any series differs, the split is put where the sum of squares over all
     that differ falls most; the parts are split again [3]_. The same is tried in
     seeded intervals of the history, because two changes can hide each other.
@@ -191,6 +218,8 @@ def find_changes(
        differential expression," Stat. Appl. Genet. Mol. Biol., vol. 3, 2004.
     .. [3] L. Y. Vostrikova, "Detecting disorder in multidimensional random
        processes," Soviet Math. Dokl., vol. 24, pp. 55-59, 1981.
+    .. [4] R. C. Paule and J. Mandel, "Consensus values and weighting factors,"
+       J. Res. Natl. Bur. Stand., vol. 87, pp. 377-385, 1982.
     """
     n_flights = max((one.value.shape[0] for one in history), default=0)
     open_parts, found = [(0, n_flights)], []
@@ -230,10 +259,9 @@ def _best_split(
         return None
     total = np.sum([splits[number].gain for number in shifted], axis=0)
     anywhere = np.any([changed[number] for number in shifted], axis=0)
-    best = int(np.argmax(np.where(anywhere, total, -np.inf)))
-    return float(total[best]), ChangePoint(
-        flight=part[0] + best,
-        shifts=tuple(
+    while anywhere.any():
+        best = int(np.argmax(np.where(anywhere, total, -np.inf)))
+        shifts = tuple(
             Shift(
                 name=one.name,
                 axis=one.axis,
@@ -242,9 +270,32 @@ def _best_split(
                 margin=float(each.margin[best]),
             )
             for one, each, here in zip(history, splits, changed, strict=True)
-            if here[best]
-        ),
+            if here[best] and _is_beyond_scatter(one, part, part[0] + best, n_tests, prior)
+        )
+        if shifts:
+            return float(total[best]), ChangePoint(flight=part[0] + best, shifts=shifts)
+        anywhere[best] = False
+    return None
+
+
+def _is_beyond_scatter(
+    one: Series,
+    part: tuple[int, int],
+    flight: int,
+    n_tests: int,
+    prior: Mapping[tuple[str, str], ScatterPrior],
+) -> bool:
+    """Return whether a split holds also where scatter adds to the intervals instead of widening them.
+
+    Days scatter alike whether a flight's interval is wide or narrow; widened
+    by a factor, a narrow interval would still claim too much.
+    """
+    known = one.known
+    known = known[(known >= part[0]) & (known < part[1])]
+    shift, _ = _compared(
+        one, known, known >= flight, n_tests, prior.get((one.name, one.axis), ScatterPrior())
     )
+    return abs(shift.after - shift.before) > shift.margin
 
 
 def _splits(one: Series, part: tuple[int, int], n_tests: int, prior: ScatterPrior) -> _Splits:
@@ -280,11 +331,143 @@ def _splits(one: Series, part: tuple[int, int], n_tests: int, prior: ScatterPrio
     )
 
 
+def find_open_change(
+    history: Sequence[Series],
+    since: int,
+    n_tests: int,
+    prior: Mapping[tuple[str, str], ScatterPrior],
+) -> OpenChange | None:
+    """Return how the last flights differ where too few are flown to call it a change.
+
+    One or two last flights are compared with all before them; in a history too
+    short for any decision, every split is tried. The test is that of
+    `find_changes`, with the scatter as an added variance [1]_.
+
+    Parameters
+    ----------
+    history : sequence of Series
+        All over the same flights.
+    since : int
+        Index of the first flight that counts: that of the last change.
+    n_tests : int
+        From `count_tests`.
+    prior : mapping
+        From `scatter_prior`.
+
+    Returns
+    -------
+    OpenChange or None
+        The split that explains most; None where the last flights are like the others.
+
+    References
+    ----------
+    .. [1] R. C. Paule and J. Mandel, "Consensus values and weighting factors,"
+       J. Res. Natl. Bur. Stand., vol. 87, pp. 377-385, 1982.
+    """
+    found: dict[int, list[_OpenShift]] = {}
+    for one in history:
+        known = one.known[one.known >= since]
+        most_after = MIN_RUN - 1 if len(known) >= 2 * MIN_RUN else len(known) - 1
+        for n_after in range(1, most_after + 1):
+            each = _open_shift(one, known, n_after, n_tests, prior.get((one.name, one.axis), ScatterPrior()))
+            if each is not None:
+                found.setdefault(int(known[-n_after]), []).append(each)
+    if not found:
+        return None
+    flight, differing = max(found.items(), key=lambda split: (sum(each.gain for each in split[1]), split[0]))
+    leading = max(differing, key=lambda each: each.gain)
+    return OpenChange(
+        flight=flight,
+        n_before=leading.n_before,
+        n_after=leading.n_after,
+        shifts=tuple(each.shift for each in differing),
+    )
+
+
+class _OpenShift(NamedTuple):
+    """A quantity that differs in the last flights, and how much of its squared residuals that explains."""
+
+    shift: Shift
+    gain: float
+    n_before: int
+    n_after: int
+
+
+def _open_shift(
+    one: Series, known: IntArray, n_after: int, n_tests: int, prior: ScatterPrior
+) -> _OpenShift | None:
+    """Test one quantity's last flights against those before; None if they do not differ."""
+    is_after = np.arange(len(known)) >= len(known) - n_after
+    shift, error = _compared(one, known, is_after, n_tests, prior)
+    difference = shift.after - shift.before
+    # A flight that is like those before again is no sign of a change, whatever the one beside it was.
+    together = np.all((one.value[known][is_after] - shift.before) * difference > 0.5 * difference**2)
+    if not abs(difference) > shift.margin or not together:
+        return None
+    return _OpenShift(shift, (difference / error) ** 2, len(known) - n_after, n_after)
+
+
+def _compared(
+    one: Series, known: IntArray, is_after: BoolArray, n_tests: int, prior: ScatterPrior
+) -> tuple[Shift, float]:
+    """Compare two sides of a series, scatter being an added variance; return also the standard error."""
+    value, freedom = one.value[known], len(known) - 2.0 + prior.flights
+    variance = (one.half_width[known] / NORMAL_95) ** 2
+    # No flight counts for more than a typical one: a scatter from few flights may come out as none.
+    variance = np.maximum(variance, np.median(variance))
+    sides = (~is_after, is_after)
+    if freedom < 1.0:
+        return Shift(name=one.name, axis=one.axis, before=math.nan, after=math.nan, margin=math.inf), math.inf
+    weight = 1.0 / (variance + _added_variance(value, variance, sides, prior))
+    before, after = (float(np.average(value[side], weights=weight[side])) for side in sides)
+    error = float(np.sqrt(sum(1.0 / np.sum(weight[side]) for side in sides)))
+    shift = Shift(
+        name=one.name,
+        axis=one.axis,
+        before=before,
+        after=after,
+        margin=float(np.hypot(_student(n_tests, freedom) * error, one.systematic)),
+        half_width=_quantile(0.05, freedom) * error,
+    )
+    return shift, error
+
+
+def _added_variance(
+    value: FloatArray, variance: FloatArray, sides: tuple[BoolArray, BoolArray], prior: ScatterPrior
+) -> float:
+    """Return the variance between flights beyond their intervals at which the residuals are as expected.
+
+    Where all intervals are alike, this is the Birge ratio.
+    """
+    freedom, typical = len(value) - 2.0 + prior.flights, float(np.median(variance))
+
+    def excess(added: float) -> float:
+        weight = 1.0 / (variance + added)
+        residual = prior.flights * prior.scatter * typical / (typical + added)
+        for side in sides:
+            mean = np.average(value[side], weights=weight[side])
+            residual += float(np.sum(weight[side] * (value[side] - mean) ** 2))
+        return residual - freedom
+
+    if excess(0.0) <= 0.0:
+        return 0.0
+    from scipy.optimize import brentq
+
+    # Here no residual is left to explain: each squared one is at most the squared span.
+    most = float(np.ptp(value)) ** 2 * len(value) + prior.flights * prior.scatter * typical
+    return float(brentq(excess, 0.0, most, rtol=1e-6))
+
+
 def _student(n_tests: int, freedom: float) -> float:
     """Return the two-sided quantile of Student's t at which all tests together give few false alarms."""
+    return _quantile(FALSE_ALARMS / max(n_tests, 1), freedom)
+
+
+def _quantile(chance: float, freedom: float) -> float:
+    """Return what Student's t exceeds on either side with this chance."""
     from scipy.special import stdtrit
 
-    return float(-stdtrit(freedom, 0.5 * FALSE_ALARMS / max(n_tests, 1)))
+    return float(-stdtrit(freedom, 0.5 * chance))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

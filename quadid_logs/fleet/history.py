@@ -16,18 +16,23 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.compare import COUPLING_SPREAD, DAMPING_SPREAD
 from quadid_logs.fleet.changes import (
+    MIN_RUN,
     ChangePoint,
+    OpenChange,
     OutlierTest,
     ScatterPrior,
     Series,
     compare_vehicles,
     count_tests,
     find_changes,
+    find_open_change,
     present_value,
     scatter_prior,
 )
+from quadid_logs.fleet.coverage import Coverage, coverage_of
+from quadid_logs.fleet.naming import MODIFICATION, number_in
 from quadid_logs.fleet.rows import ANALYZED
-from quadid_logs.fleet.store import read_rows
+from quadid_logs.fleet.store import SetAside, read_rows
 from quadid_logs.vocabulary import AXES, TORQUE_SYMBOLS
 
 #: Systematic uncertainty between flights of an undamaged vehicle. A gain goes with the air's
@@ -59,6 +64,11 @@ class Flight:
     verdicts: Mapping[str, str]
     reasons: Mapping[str, tuple[str, ...]]
 
+    @property
+    def is_dated(self) -> bool:
+        """Whether the log or its name says when it flew; the date of a copied file does not."""
+        return self.started is not None and self.started_from != MODIFICATION
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VehicleHistory:
@@ -79,12 +89,23 @@ class VehicleHistory:
     flights: tuple[Flight, ...]
     series: tuple[Series, ...]
     changes: tuple[ChangePoint, ...] = ()
+    open_change: OpenChange | None = None
     outlier_tests: tuple[OutlierTest, ...] = ()
 
     @property
     def outliers(self) -> tuple[OutlierTest, ...]:
         """Quantities in which it is an outlier now."""
         return tuple(test for test in self.outlier_tests if test.is_outlier)
+
+    @property
+    def n_known(self) -> int:
+        """Flights in which the best known quantity was identifiable."""
+        return max((len(one.known) for one in self.series), default=0)
+
+    @property
+    def can_show_change(self) -> bool:
+        """Whether there are enough flights for any change to be found."""
+        return self.n_known >= 2 * MIN_RUN
 
     def of(self, name: str, axis: str) -> Series | None:
         """Return one series."""
@@ -108,6 +129,17 @@ class Fleet:
     histories: tuple[VehicleHistory, ...]
     failures: tuple[Failure, ...]
     n_tests: int
+    set_aside: tuple[SetAside, ...] = ()
+
+    @property
+    def coverage(self) -> Coverage:
+        """How many axes of all flights are usable, and what blocks the others."""
+        return coverage_of(
+            (verdict, flight.reasons.get(axis, ()), 1)
+            for history in self.histories
+            for flight in history.flights
+            for axis, verdict in flight.verdicts.items()
+        )
 
 
 def read_fleet(folder: Path) -> Fleet:
@@ -128,7 +160,8 @@ def read_fleet(folder: Path) -> Fleet:
         If the folder is no store, or is damaged.
     """
     histories, failures = [], []
-    for _, group in groupby(read_rows(folder, _COLUMNS), itemgetter("vehicle")):
+    set_aside: list[SetAside] = []
+    for _, group in groupby(read_rows(folder, _COLUMNS, set_aside.append), itemgetter("vehicle")):
         rows = list(group)
         flown = [row for row in rows if row["status"] == ANALYZED]
         if flown:
@@ -137,7 +170,7 @@ def read_fleet(folder: Path) -> Fleet:
     histories.sort(key=lambda history: history.vehicle)
     failures.sort(key=lambda failure: failure.url)
     tested, n_tests = _tested(histories)
-    return Fleet(histories=tested, failures=tuple(failures), n_tests=n_tests)
+    return Fleet(histories=tested, failures=tuple(failures), n_tests=n_tests, set_aside=tuple(set_aside))
 
 
 def _failure(row: Mapping[str, Any]) -> Failure:
@@ -148,9 +181,7 @@ def _tested(histories: Sequence[VehicleHistory]) -> tuple[tuple[VehicleHistory, 
     """Return the histories with changes and outlier tests, and how many tests there were for changes."""
     all_series = [history.series for history in histories]
     n_tests, prior = count_tests(all_series), scatter_prior(all_series)
-    changed = [
-        replace(history, changes=find_changes(history.series, n_tests, prior)) for history in histories
-    ]
+    changed = [_with_changes(history, n_tests, prior) for history in histories]
     outlier_tests: dict[str, list[OutlierTest]] = {}
     for test in _outlier_tests(changed, prior):
         outlier_tests.setdefault(test.vehicle, []).append(test)
@@ -158,6 +189,17 @@ def _tested(histories: Sequence[VehicleHistory]) -> tuple[tuple[VehicleHistory, 
         replace(history, outlier_tests=tuple(outlier_tests.get(history.vehicle, ()))) for history in changed
     )
     return tested, n_tests
+
+
+def _with_changes(
+    history: VehicleHistory, n_tests: int, prior: Mapping[tuple[str, str], ScatterPrior]
+) -> VehicleHistory:
+    """Return a history with its changes, and with what the last flights leave open."""
+    changes = find_changes(history.series, n_tests, prior)
+    since = changes[-1].flight if changes else 0
+    return replace(
+        history, changes=changes, open_change=find_open_change(history.series, since, n_tests, prior)
+    )
 
 
 def _outlier_tests(
@@ -186,15 +228,13 @@ def _outlier_tests(
 
 def _history(vehicle: str, rows: list[dict[str, Any]]) -> VehicleHistory:
     """Put one vehicle's rows in order."""
-    by_flight: dict[tuple[Any, ...], dict[str, dict[str, Any]]] = {}
+    by_flight: dict[tuple[str, int], dict[str, dict[str, Any]]] = {}
     for row in rows:
-        # Flights whose date nobody knows come first, in the order of their names.
-        order = (row["started"] is not None, row["started"], row["url"], row["flight"])
-        by_flight.setdefault(order, {})[row["axis"]] = row
-    ordered = [by_flight[key] for key in sorted(by_flight)]
+        by_flight.setdefault((row["url"], row["flight"]), {})[row["axis"]] = row
+    ordered = _in_order(list(by_flight.values()))
     kinds = Counter((row["structure"], row["input_unit"]) for row in rows if row["gain"] is not None)
     structure, unit = kinds.most_common(1)[0][0] if kinds else ("", "")
-    last = ordered[-1][AXES[0]]
+    last = _any_axis(ordered[-1])
     return VehicleHistory(
         vehicle=vehicle,
         vehicle_from=last["vehicle_from"] or "",
@@ -209,9 +249,42 @@ def _history(vehicle: str, rows: list[dict[str, Any]]) -> VehicleHistory:
     )
 
 
+def _any_axis(rows: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
+    """Return the row of one axis, for what all share."""
+    return next(iter(rows.values()))
+
+
+def _in_order(flights: list[dict[str, dict[str, Any]]]) -> list[dict[str, dict[str, Any]]]:
+    """Put flights in order: by the log's own date, then by its number, and by the file's date at last.
+
+    A number counts up with the dated logs beside it, so that a log without a
+    date comes after the last dated one of a smaller number. The date of a file
+    is mostly that of a copy, and decides only between logs that have nothing else.
+    """
+    dated, numbered, rest = [], [], []
+    for rows in flights:
+        row = _any_axis(rows)
+        number = number_in(row["url"])
+        place = (row["url"], row["flight"])
+        if row["started"] is not None and row["started_from"] != MODIFICATION:
+            dated.append((row["started"], place, number, rows))
+        elif number is not None:
+            numbered.append((number, place, rows))
+        else:
+            # What has no date at all comes first, in the order of the names.
+            rest.append((row["started"] is not None, row["started"], place, rows))
+    dated.sort(key=itemgetter(0, 1))
+    ordered = [(number, rows) for _, _, number, rows in dated]
+    for number, _, rows in sorted(numbered, key=itemgetter(0, 1)):
+        before = [k for k, (other, _) in enumerate(ordered) if other is not None and other <= number]
+        ordered.insert(before[-1] + 1 if before else 0, (number, rows))
+    rest.sort(key=itemgetter(0, 1, 2))
+    return [rows for *_, rows in rest] + [rows for _, rows in ordered]
+
+
 def _flight(rows: Mapping[str, dict[str, Any]]) -> Flight:
     """Collect what the three axes share, and their verdicts."""
-    row = rows[AXES[0]]
+    row = _any_axis(rows)
     return Flight(
         url=row["url"],
         sha256=row["sha256"],

@@ -8,12 +8,15 @@ import re
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 
-from quadid_logs.autopilots import known
+from quadid_logs.autopilots import known, named
 from quadid_logs.data.log import FlightLog
 from quadid_logs.errors import SettingsError
 from quadid_logs.fleet.log_files import LogFile
+from quadid_logs.vocabulary import MULTIROTOR
 
 UNKNOWN = "unknown"
+#: The file's time of modification, mostly that of its last copy: no evidence of when the log flew.
+MODIFICATION = "modification"
 #: Part of an id that is unique: the processor's, in words of hexadecimal digits.
 _UNIQUE = re.compile(r"[0-9A-Fa-f]{16,}")
 _EMPTY = re.compile(r"[0 ]*")
@@ -66,7 +69,9 @@ def identify_vehicle(log: FlightLog, file: LogFile, rules: NamingRules) -> Ident
     The vehicle's name is, in this order: what ``vehicle_from`` finds in the
     path, the autopilot's unique hardware id, its serial number
     (BRD_SERIAL_NUM), its MAVLink id where somebody set one, the folder. The
-    model is what ``model_from`` finds, otherwise autopilot and frame.
+    last three may be those of several vehicles, so that autopilot, type, frame
+    and airframe are part of the name. The model is what ``model_from`` finds,
+    otherwise autopilot and frame.
 
     Parameters
     ----------
@@ -95,13 +100,34 @@ def _vehicle(log: FlightLog, file: LogFile, rules: NamingRules) -> tuple[str, st
         return log.hardware_id, "hardware id"
     for parameter in (name for autopilot in known() for name in autopilot.serial_parameters):
         if serial := log.parameters.get(parameter, 0.0):
-            return f"serial {serial:.0f}", parameter
+            return f"serial {serial:.0f} ({_build(log)})", parameter
     for parameter in (name for autopilot in known() for name in autopilot.system_parameters):
         number = log.parameters.get(parameter, 1.0)
         if math.isfinite(number) and number != 1.0:
-            return f"system {number:.0f}", parameter
+            return f"system {number:.0f} ({_build(log)})", parameter
     folder = PurePosixPath(file.url.replace("\\", "/")).parent.name
-    return folder or UNKNOWN, "folder"
+    return f"{folder or UNKNOWN} ({_build(log)})", "folder"
+
+
+def _build(log: FlightLog) -> str:
+    """Say how a vehicle is built: two that differ in this are not one vehicle, whatever they are called."""
+    airframe = next(
+        (number for name in named(log.autopilot).airframe_parameters if (number := log.parameters.get(name))),
+        math.nan,
+    )
+    return " ".join(
+        filter(
+            None,
+            (
+                log.autopilot,
+                log.vehicle_type
+                if log.vehicle_type not in ("unknown", MULTIROTOR if log.frame else "")
+                else "",
+                log.frame,
+                f"airframe {airframe:.0f}" if math.isfinite(airframe) else "",
+            ),
+        )
+    )
 
 
 def _match(pattern: str, url: str) -> str:
@@ -138,8 +164,30 @@ def clock_zero(log: FlightLog, start_s: float, file: LogFile) -> tuple[float, st
     if date := _date_in(file.url):
         return date - start_s, "file name"
     if file.modified_s > 0.0:
-        return file.modified_s - start_s, "modification"
+        return file.modified_s - start_s, MODIFICATION
     return math.nan, ""
+
+
+def number_in(url: str) -> int | None:
+    """Return the number that the autopilot gave a log, where the last part of its path holds one.
+
+    Parameters
+    ----------
+    url : str
+
+    Returns
+    -------
+    int or None
+        None where there is none, and where a date stands there.
+
+    Examples
+    --------
+    >>> number_in("/logs/00000012.BIN"), number_in("/logs/2026-05-01/log_3.ulg"), number_in("/logs/a.bin")
+    (12, 3, None)
+    """
+    stem = PurePosixPath(url.replace("\\", "/")).stem
+    digits = [] if _date_in(stem) else re.findall(r"\d{1,12}", stem)
+    return int(digits[-1]) if digits else None
 
 
 def _date_in(url: str) -> float | None:

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Final
 from urllib.parse import quote
 
-from quadid_logs.fleet.changes import ChangePoint, OutlierTest, Shift
+from quadid_logs.fleet.changes import MIN_RUN, ChangePoint, OpenChange, OutlierTest, Shift
+from quadid_logs.fleet.coverage import coverage_words
 from quadid_logs.fleet.history import Failure, Fleet, Flight, VehicleHistory
 from quadid_logs.fleet.sparklines import HEIGHT, WIDTH, Sparkline, sparkline
 from quadid_logs.fleet.store import REPORTS
@@ -36,6 +37,9 @@ _CAUSES: Final = (
 )  # fmt: skip
 
 
+_NUMBERS: Final = ("no", "one", "two")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _FlightRow:
     """One flight in the list of a vehicle."""
@@ -46,6 +50,7 @@ class _FlightRow:
     link: str
     verdicts: tuple[tuple[str, str, str], ...]
     begins_change: bool
+    differs: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,7 +76,9 @@ class _VehicleRow:
     gains: tuple[tuple[str, Sparkline | None], ...]
     dampings: tuple[tuple[str, Sparkline | None], ...]
     changes: tuple[_Story, ...]
+    open_change: _Story | None
     outlier: _Story | None
+    nothing: str
     flights: tuple[_FlightRow, ...]
     n_hidden: int
 
@@ -104,15 +111,19 @@ def fleet_page(fleet: Fleet, store: Path, page_folder: Path) -> str:
     links = _links(store, page_folder)
     rows = [_vehicle_row(number, history, links) for number, history in enumerate(fleet.histories)]
     # Changed vehicles and outliers come first: that is what the page is for.
-    rows.sort(key=lambda row: not (row.changes or row.outlier))
+    rows.sort(key=lambda row: not (row.changes or row.open_change or row.outlier))
     page: str = (
         environment("quadid_logs.fleet")
         .get_template("fleet.html")
         .render(
             rows=rows,
-            noticed=[row for row in rows if row.changes or row.outlier],
+            noticed=[row for row in rows if row.changes or row.open_change or row.outlier],
+            coverage=coverage_words(fleet.coverage),
+            all_clear=_all_clear(fleet),
             failures=[_failure_row(failure) for failure in fleet.failures[:_MOST_FAILURES]],
             n_failures=len(fleet.failures),
+            n_set_aside=len(fleet.set_aside),
+            set_aside=[f"{row.url}: {row.reason}" for row in fleet.set_aside[:_MOST_FAILURES]],
             n_flights=sum(len(history.flights) for history in fleet.histories),
             n_tests=fleet.n_tests,
             axes=AXES,
@@ -122,6 +133,39 @@ def fleet_page(fleet: Fleet, store: Path, page_folder: Path) -> str:
         )
     )
     return page
+
+
+def _all_clear(fleet: Fleet) -> tuple[str, ...]:
+    """Say what was looked for in vain, and what could not be looked for."""
+    n_compared = sum(history.can_show_change for history in fleet.histories)
+    n_short = sum(0 < history.n_known < 2 * MIN_RUN for history in fleet.histories)
+    n_without = sum(not history.n_known for history in fleet.histories)
+    n_placed = sum(bool(history.outlier_tests) for history in fleet.histories)
+    lines = []
+    if n_compared:
+        lines.append(
+            f"No vehicle changed: in {_counted(n_compared, 'vehicle')} with at least {2 * MIN_RUN} "
+            "flights that can be compared, none differ from those before by more than flights differ anyway."
+        )
+    if n_placed:
+        lines.append(f"None of {_counted(n_placed, 'vehicle')} is an outlier among others of its model.")
+    if n_short:
+        lines.append(
+            f"{_counted(n_short, 'vehicle')} with fewer than {2 * MIN_RUN} flights that can be compared: "
+            "too few for a change to be found; only large differences would show."
+        )
+    if n_without:
+        lines.append(f"{_counted(n_without, 'vehicle')} without any usable axis: nothing could be compared.")
+    return tuple(lines) or ("There is nothing to compare.",)
+
+
+def _counted(number: int, noun: str) -> str:
+    """Return a number and its noun.
+
+    >>> _counted(1, "vehicle"), _counted(2, "vehicle")
+    ('1 vehicle', '2 vehicles')
+    """
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def _links(store: Path, page_folder: Path) -> Mapping[str, str]:
@@ -154,10 +198,31 @@ def _vehicle_row(number: int, history: VehicleHistory, links: Mapping[str, str])
         gains=_lines(history, "gain", changes),
         dampings=_lines(history, "damping", changes),
         changes=tuple(_change_story(change, history) for change in history.changes),
+        open_change=_open_story(history.open_change, history) if history.open_change else None,
         outlier=_outlier_story(history) if history.outliers else None,
-        flights=tuple(_flight_row(k, flight, links, k in changes) for k, flight in reversed(shown)),
+        nothing=_nothing_found(history),
+        flights=tuple(
+            _flight_row(
+                k, flight, links, begins_change=k in changes, differs=_is_open(history.open_change, k)
+            )
+            for k, flight in reversed(shown)
+        ),
         n_hidden=len(history.flights) - len(shown),
     )
+
+
+def _nothing_found(history: VehicleHistory) -> str:
+    """Say of a vehicle that nothing was found about what that rests on."""
+    if not history.n_known:
+        return "nothing to compare: no usable axis"
+    if not history.can_show_change:
+        return f"too few flights to find a change ({history.n_known}; {2 * MIN_RUN} needed)"
+    return "no change"
+
+
+def _is_open(open_change: OpenChange | None, flight: int) -> bool:
+    """Return whether a flight is one of the last that differ."""
+    return open_change is not None and flight >= open_change.flight
 
 
 def _lines(
@@ -172,34 +237,49 @@ def _lines(
 
 
 def _dates(flights: Sequence[Flight]) -> str:
-    """Return the first and the last day."""
-    days = [flight.started.date().isoformat() for flight in flights if flight.started is not None]
+    """Return the first and the last day, and how many flights have none of their own."""
+    days = sorted(
+        flight.started.date().isoformat() for flight in flights if flight.started and flight.is_dated
+    )
+    n_without = len(flights) - len(days)
     if not days:
         return "dates unknown"
-    return days[0] if days[0] == days[-1] else f"{days[0]} to {days[-1]}"
+    span = days[0] if days[0] == days[-1] else f"{days[0]} to {days[-1]}"
+    return f"{span}; {n_without} without a date" if n_without else span
 
 
-def _flight_row(index: int, flight: Flight, links: Mapping[str, str], begins_change: bool) -> _FlightRow:
+def _date(flight: Flight) -> str:
+    """Return when a flight began; of a file's date, that it is one."""
+    if flight.started is None:
+        return "date unknown"
+    when = f"{flight.started:%Y-%m-%d %H:%M}"
+    return when if flight.is_dated else f"date unknown (file of {when})"
+
+
+def _flight_row(
+    index: int, flight: Flight, links: Mapping[str, str], *, begins_change: bool, differs: bool
+) -> _FlightRow:
     """Collect what the list of flights shows."""
     name = flight.url.replace("\\", "/").rsplit("/", 1)[-1]
     if flight.n_flights > 1:
         name += f", flight {flight.number + 1} of {flight.n_flights}"
     return _FlightRow(
         number=index + 1,
-        date=f"{flight.started:%Y-%m-%d %H:%M}" if flight.started is not None else "",
+        date=_date(flight),
         name=printable(name, 120),
         link=links.get(f"{flight.sha256}-{flight.number}.html", ""),
         verdicts=tuple(
             (axis, flight.verdicts.get(axis, ""), " ".join(flight.reasons.get(axis, ()))) for axis in AXES
         ),
         begins_change=begins_change,
+        differs=differs,
     )
 
 
 def _change_story(change: ChangePoint, history: VehicleHistory) -> _Story:
     """Say when the vehicle changed, in what, and what that is a sign of."""
     flight = history.flights[change.flight]
-    when = f", {flight.started:%Y-%m-%d %H:%M}" if flight.started is not None else ""
+    when = f", {_date(flight)}" if flight.is_dated else ""
     shifts = _largest_first(change.shifts)
     return _Story(
         head=f"changed with flight {change.flight + 1} of {len(history.flights)}{when}",
@@ -207,6 +287,51 @@ def _change_story(change: ChangePoint, history: VehicleHistory) -> _Story:
         cause=_cause(shift.name for shift in shifts),
         drawing=_drawing(history, shifts[0].name, shifts[0].axis),
     )
+
+
+def _open_story(found: OpenChange, history: VehicleHistory) -> _Story:
+    """Say how the last flights differ, and what would decide whether the vehicle changed."""
+    shifts = _largest_first(found.shifts)
+    last = "last flight differs" if found.n_after == 1 else f"last {found.n_after} flights differ"
+    first = found.flight + 1
+    which = f"flight {first}" if found.n_after == 1 else f"flights {first} to {len(history.flights)}"
+    return _Story(
+        head=f"may have changed: the {last} ({which}) {_size_words(shifts[0], history)}; "
+        + _decided_by(found),
+        items=tuple(_shift_words(shift, history.input_unit) for shift in shifts),
+        cause=_cause(shift.name for shift in shifts),
+        drawing=_drawing(history, shifts[0].name, shifts[0].axis),
+    )
+
+
+def _decided_by(found: OpenChange) -> str:
+    """Say what it takes to decide."""
+    if found.n_missing:
+        return "one more decides" if found.n_missing == 1 else f"{_NUMBERS[found.n_missing]} more decide"
+    before = "1 flight" if found.n_before == 1 else f"{found.n_before} flights"
+    return f"{before} before {'is' if found.n_before == 1 else 'are'} too few to tell a change from bad days"
+
+
+def _size_words(shift: Shift, history: VehicleHistory) -> str:
+    """Say by how much a quantity differs, with the 95 % interval: in per cent where it is not about zero."""
+    name, unit, factor = _spoken(shift.name, shift.axis, history.input_unit)
+    difference, half = shift.after - shift.before, shift.half_width
+    if shift.name.startswith("from ") or not abs(shift.before) > half:
+        mean, bound = (_rounded(factor * value, factor * half) for value in (difference, half))
+        size = f"{mean} ± {bound} {unit}"
+    else:
+        scale = 100.0 / abs(shift.before)
+        size = f"{_percent(scale * difference)} ± {_percent(scale * half)} %"
+    return f"by {size} in {name}"
+
+
+def _percent(value: float) -> str:
+    """Round to whole per cent, to tenths below ten.
+
+    >>> _percent(-51.63), _percent(0.26)
+    ('-52', '0.3')
+    """
+    return f"{value:.0f}" if abs(value) >= 10.0 else f"{value:.1f}"
 
 
 def _largest_first(shifts: Sequence[Shift]) -> list[Shift]:
@@ -284,10 +409,12 @@ def _failure_row(failure: Failure) -> _FailureRow:
 
 
 def headlines(fleet: Fleet) -> list[str]:
-    """Return one line per change and per outlier."""
+    """Return one line per change, open question and outlier."""
     lines = []
     for history in fleet.histories:
         stories = [_change_story(change, history) for change in history.changes]
+        if history.open_change:
+            stories.append(_open_story(history.open_change, history))
         if history.outliers:
             stories.append(_outlier_story(history))
         lines += [

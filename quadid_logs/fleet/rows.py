@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, get_args
 
+from quadid_logs.data.diagnosis import Verdict
 from quadid_logs.data.model import Model
 from quadid_logs.data.result import Result
 from quadid_logs.fleet.log_files import LogFile
@@ -45,6 +47,76 @@ COLUMNS: Final[Mapping[str, str]] = {
     **dict.fromkeys(("started", "reasons"), "TEXT"),
     **dict.fromkeys(_NUMBERS, "REAL"),
 }
+_TYPES: Final[Mapping[str, tuple[type, ...]]] = {"TEXT": (str,), "INTEGER": (int,), "REAL": (float, int)}
+#: What every row of an analyzed axis has.
+_NEEDED: Final = ("flight", "n_flights", "duration_s", "reasons")
+
+
+#: No quantity of ours is larger; squares of it are still numbers.
+_LARGEST: Final = 1e60
+_VERDICTS: Final = frozenset(get_args(Verdict))
+
+
+class ForeignRowError(Exception):
+    """A row of a store that none of our runs has written."""
+
+
+def decode(row: dict[str, Any]) -> None:
+    """Turn a row as the store keeps it into one as the worker made it, in place.
+
+    Parameters
+    ----------
+    row : dict
+        With all keys of `COLUMNS`.
+
+    Raises
+    ------
+    ForeignRowError
+        If a value cannot be one of ours: the file is damaged, or another program wrote into it.
+    """
+    for name, kind in COLUMNS.items():
+        value: Any = row[name]
+        if value is None:
+            continue
+        is_huge = isinstance(value, (int, float)) and not abs(value) < _LARGEST
+        if is_huge or not isinstance(value, _TYPES[kind]):
+            raise ForeignRowError(f"{name} is {printable(repr(value), 60)}")
+    for name, read in (("started", datetime.fromisoformat), ("reasons", _read_codes)):
+        try:
+            row[name] = None if row[name] is None else read(row[name])
+        except (ValueError, RecursionError) as error:
+            raise ForeignRowError(f"{name} is {printable(repr(row[name]), 60)}") from error
+    for name, allowed in _allowed(row["status"]).items():
+        if row[name] not in allowed:
+            raise ForeignRowError(f"{name} is {printable(repr(row[name]), 60)}")
+    needed = ("vehicle", "url", "sha256", *(_NEEDED if row["status"] == ANALYZED else ()))
+    if missing := [name for name in needed if row[name] is None]:
+        raise ForeignRowError(f"it has no {missing[0]}")
+    if row["started"] is not None and row["started"].tzinfo is None:
+        raise ForeignRowError("started has no time zone")
+
+
+def _read_codes(text: str) -> list[str]:
+    """Read a list of codes.
+
+    Raises
+    ------
+    ValueError
+        If it is none.
+    """
+    codes = json.loads(text)
+    if not isinstance(codes, list) or not all(isinstance(code, str) for code in codes):
+        raise ValueError
+    return codes
+
+
+def _allowed(status: str | None) -> Mapping[str, frozenset[str | None]]:
+    """Return the words that some columns may hold."""
+    of_axis: dict[str, frozenset[str | None]] = {"axis": frozenset(AXES), "verdict": _VERDICTS}
+    return {
+        "status": frozenset({ANALYZED, UNREADABLE, LOST}),
+        **(of_axis if status == ANALYZED else {}),
+    }
 
 
 def schema() -> pa.Schema:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +10,8 @@ from typing import Any
 
 from quadid_logs.errors import SettingsError
 from quadid_logs.fleet.extra import load
-from quadid_logs.fleet.store import read_table
+from quadid_logs.fleet.store import SetAside, read_table
+from quadid_logs.untrusted import printable
 
 #: No file, no network, no extension, no spilling to disk, and no way to change that.
 _LOCKS = (
@@ -20,14 +22,16 @@ _LOCKS = (
     "SET lock_configuration = true",
 )
 _BATCH = 1000
+_COLUMNS_HINT = 'Columns: quadid-log query STORE "DESCRIBE fleet"'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
-    """Names of the columns, and the rows as they come."""
+    """Names of the columns, the rows as they come, and what was set aside of the store (see `SetAside`)."""
 
     columns: tuple[str, ...]
     rows: Iterator[tuple[Any, ...]]
+    set_aside: tuple[SetAside, ...] = ()
 
 
 def ask(folder: Path, sql: str) -> Answer:
@@ -53,14 +57,17 @@ def ask(folder: Path, sql: str) -> Answer:
     """
     duckdb = load("duckdb")
     load("pytz")  # DuckDB makes times with a zone by it
+    set_aside: list[SetAside] = []
     connection = duckdb.connect(":memory:")
-    connection.register("fleet", read_table(folder))
+    connection.register("fleet", read_table(folder, set_aside.append))
     for lock in _LOCKS:
         connection.execute(lock)
     try:
         cursor = connection.execute(sql)
-        columns = tuple(str(column[0]) for column in cursor.description or ())
-        return Answer(columns=columns, rows=_rows(cursor, duckdb.Error))
+        if cursor is None or cursor.description is None:
+            raise SettingsError("There is no statement in the query.", hint=_COLUMNS_HINT)
+        columns = tuple(str(column[0]) for column in cursor.description)
+        return Answer(columns=columns, rows=_rows(cursor, duckdb.Error), set_aside=tuple(set_aside))
     except duckdb.Error as error:
         raise _refusal(error) from error
 
@@ -75,6 +82,6 @@ def _rows(cursor: Any, failure: type[Exception]) -> Iterator[tuple[Any, ...]]:
 
 
 def _refusal(error: Exception) -> SettingsError:
-    return SettingsError(
-        f"The query failed: {error}.", hint='Columns: quadid-log query STORE "DESCRIBE fleet"'
-    )
+    """Return DuckDB's reason in one line; below it are the query again and a caret under some place of it."""
+    reason = re.split(r"\n\s*LINE \d+:|\n\n", str(error).strip())[0]
+    return SettingsError(f"The query failed: {printable(reason).rstrip('.')}.", hint=_COLUMNS_HINT)

@@ -20,17 +20,18 @@ import contextlib
 import gzip
 import json
 import sqlite3
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from datetime import datetime
+from itertools import islice
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from quadid_logs.errors import OutputError, SettingsError
 from quadid_logs.fleet.log_files import LogFile
 from quadid_logs.fleet.options import Options
-from quadid_logs.fleet.rows import COLUMNS, LOST, schema
+from quadid_logs.fleet.rows import ANALYZED, COLUMNS, LOST, ForeignRowError, decode, schema
 from quadid_logs.fleet.tasks import Outcome
 from quadid_logs.output import make_folder, write_together
 from quadid_logs.untrusted import printable
@@ -54,6 +55,13 @@ _REMOVE: Final = "DELETE FROM fleet WHERE (sha256 = ? AND sha256 <> '') OR (sha2
 _PATIENCE_S: Final = 60.0
 #: Rows that become Arrow's at once: Python's own numbers take ten times the memory.
 _BATCH: Final = 10_000
+
+
+class SetAside(NamedTuple):
+    """A row that is not ours, by its url as far as it has one, and why: a damaged page, another program."""
+
+    url: str
+    reason: str
 
 
 class Store:
@@ -222,7 +230,13 @@ def _stored(row: Mapping[str, Any]) -> list[Any]:
     ]
 
 
-def read_rows(folder: Path, columns: Sequence[str]) -> Iterator[dict[str, Any]]:
+def _ignore(_row: SetAside) -> None:
+    """Take no notice of a row that is set aside."""
+
+
+def read_rows(
+    folder: Path, columns: Sequence[str], set_aside: Callable[[SetAside], None] = _ignore
+) -> Iterator[dict[str, Any]]:
     """Yield some columns of all rows, vehicle by vehicle, each row as the worker made it.
 
     Parameters
@@ -231,26 +245,35 @@ def read_rows(folder: Path, columns: Sequence[str]) -> Iterator[dict[str, Any]]:
         The store; a run may write into it meanwhile.
     columns : sequence of str
         Of `COLUMNS`.
+    set_aside : callable
+        Called with every row that is left out, because a value in any column cannot be ours.
 
     Raises
     ------
     SettingsError
         If the folder is no store, or is damaged.
     """
-    decoders = {"started": datetime.fromisoformat, "reasons": json.loads}
-    decoded = [(name, decoders[name]) for name in columns if name in decoders]
+    for row in _checked_rows(folder, set_aside):
+        yield {name: row[name] for name in columns}
+
+
+def _checked_rows(folder: Path, set_aside: Callable[[SetAside], None]) -> Iterator[dict[str, Any]]:
+    """Yield all rows, decoded, but those that are not ours."""
     with _reading(folder) as database:
         for values in database.execute(
-            f"SELECT {', '.join(columns)} FROM fleet ORDER BY vehicle, sha256, rowid"  # noqa: S608 - our own names
+            f"SELECT {', '.join(COLUMNS)} FROM fleet ORDER BY vehicle, sha256, rowid"  # noqa: S608 - our own names
         ):
-            row = dict(zip(columns, values, strict=True))
-            for name, decode in decoded:
-                row[name] = None if row[name] is None else decode(row[name])
-            yield row
+            row = dict(zip(COLUMNS, values, strict=True))
+            try:
+                decode(row)
+            except ForeignRowError as error:
+                set_aside(SetAside(printable(row["url"], 200), str(error)))
+            else:
+                yield row
 
 
-def read_table(folder: Path) -> pa.Table:
-    """Return all rows as Arrow's table.
+def count_verdicts(folder: Path) -> Iterator[tuple[str, tuple[str, ...], int]]:
+    """Yield verdict, reasons and number of the analyzed axes.
 
     Parameters
     ----------
@@ -262,32 +285,42 @@ def read_table(folder: Path) -> pa.Table:
     SettingsError
         If the folder is no store, or is damaged.
     """
-    import pyarrow as pa
-
-    batches = []
     with _reading(folder) as database:
-        rows = database.execute(f"SELECT {', '.join(COLUMNS)} FROM fleet")  # noqa: S608 - our own names
-        while part := rows.fetchmany(_BATCH):
-            batches.append(_batch(part))
-    return pa.Table.from_batches(batches, schema())
+        for verdict, reasons, count in database.execute(
+            "SELECT verdict, reasons, count(*) FROM fleet WHERE status = ? GROUP BY verdict, reasons",
+            (ANALYZED,),
+        ):
+            with contextlib.suppress(ValueError, TypeError, RecursionError):
+                yield str(verdict), tuple(map(str, json.loads(reasons))), count
 
 
-def _batch(rows: list[tuple[Any, ...]]) -> pa.RecordBatch:
-    """Turn rows of SQLite into columns."""
+def read_table(folder: Path, set_aside: Callable[[SetAside], None] = _ignore) -> pa.Table:
+    """Return all rows as Arrow's table.
+
+    Parameters
+    ----------
+    folder : Path
+        The store; a run may write into it meanwhile.
+    set_aside : callable
+        As for `read_rows`.
+
+    Raises
+    ------
+    SettingsError
+        If the folder is no store, or is damaged.
+    """
     import pyarrow as pa
 
-    columns = dict(zip(COLUMNS, zip(*rows, strict=True), strict=True))
-    columns["reasons"] = tuple(None if text is None else json.loads(text) for text in columns["reasons"])
-    fields = schema()
-    return pa.record_batch(
-        [
-            pa.array(values, pa.string()).cast(fields.field(name).type)
-            if name == "started"
-            else pa.array(values, fields.field(name).type)
-            for name, values in columns.items()
-        ],
-        schema=fields,
-    )
+    fields, batches = schema(), []
+    rows = _checked_rows(folder, set_aside)
+    while part := list(islice(rows, _BATCH)):
+        batches.append(pa.RecordBatch.from_pylist(part, fields))
+    return pa.Table.from_batches(batches, fields)
+
+
+def _text(content: bytes) -> str:
+    """Decode a text of the database, whatever it holds."""
+    return content.decode("utf-8", "replace")
 
 
 @contextmanager
@@ -303,6 +336,7 @@ def _reading(folder: Path) -> Iterator[sqlite3.Connection]:
         with closing(
             sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True, timeout=_PATIENCE_S)
         ) as database:
+            database.text_factory = _text
             yield database
     except sqlite3.DatabaseError as error:
         raise SettingsError(

@@ -18,17 +18,33 @@ FIRST = datetime.datetime(2026, 3, 1, 12, tzinfo=datetime.UTC)
 GAIN = {"roll": 200.0, "pitch": 180.0, "yaw": 11.0}
 
 
-def make_store(folder, names, n_flights=12, *, worn=None, reports=False):
-    """Write flights of vehicles; `worn` names the one whose couplings grow from half of its history on."""
+def make_store(folder, names, n_flights=12, *, worn=None, reports=False, change=None):
+    """Write flights of vehicles; `worn` names the one whose couplings grow from half of its history on.
+
+    `change(row, flight)` may change every row.
+    """
     rng = np.random.default_rng(11)
     with Store(folder, Options(), resume=False) as store:
         for name in names:
             for flight in range(n_flights):
                 broken = name == worn and flight >= n_flights // 2
-                store.take(_outcome(name, flight, rng, broken=broken, reports=reports))
+                outcome = _outcome(name, flight, rng, broken=broken, reports=reports)
+                for row in outcome.rows:
+                    (change or _unchanged)(row, flight)
+                store.take(outcome)
         task = Task(file=LogFile(url="/logs/<script>alert(1)</script>.bin"), options=Options())
         store.take(failure(task, "f" * 64, UNREADABLE, "no <b>log</b>"))
     return folder
+
+
+def _unchanged(row, flight):
+    """Leave a row as it is."""
+
+
+def scaled(row, quantity, factor):
+    """Multiply a quantity and its interval."""
+    for end in ("", "_low", "_high"):
+        row[f"{quantity}{end}"] *= factor
 
 
 def _outcome(name, flight, rng, *, broken, reports):

@@ -10,6 +10,7 @@ from quadid_logs.fleet.changes import (
     compare_vehicles,
     count_tests,
     find_changes,
+    find_open_change,
     present_value,
     scatter_prior,
 )
@@ -51,6 +52,96 @@ def test_fleets_that_never_change_give_no_alarm(scatter):
     # Three or more of 60 have a chance of 2 % even if every fleet had its full 1 %.
     assert alarms <= 2
     assert FALSE_ALARMS == 0.01
+
+
+def uneven_fleet(rng, n_vehicles, *, scatter, n_flights, n_series=13, unequal=0.5):
+    """Flights whose intervals differ by a factor of exp(`unequal`), and whose scatter adds to them."""
+    histories = []
+    for _ in range(n_vehicles):
+        history = []
+        for k in range(n_series):
+            error = np.exp(unequal * rng.standard_normal(n_flights))
+            noise = error * rng.standard_normal(n_flights) + scatter * rng.standard_normal(n_flights)
+            history.append(
+                Series(
+                    name=f"s{k}", axis="roll", value=100.0 + noise, half_width=1.96 * error, systematic=0.0
+                )
+            )
+        histories.append(history)
+    return histories
+
+
+def open_changes(histories):
+    n_tests, prior = count_tests(histories), scatter_prior(histories)
+    return [find_open_change(history, 0, n_tests, prior) for history in histories]
+
+
+@pytest.mark.parametrize("n_flights", [4, 6, 12])
+@pytest.mark.parametrize("scatter", [0.0, 5.0])
+def test_last_flights_of_vehicles_that_never_change_give_no_alarm(n_flights, scatter):
+    """40 vehicles alone and 10 fleets of six, with even and uneven intervals: one in a hundred may."""
+    rng = np.random.default_rng(21)
+    alarms = 0
+    for n_vehicles, n_fleets in ((1, 40), (6, 10)):
+        for _ in range(n_fleets):
+            even = fleet(rng, n_vehicles, scatter=max(scatter, 1.0), n_series=13, n_flights=n_flights)
+            uneven = uneven_fleet(rng, n_vehicles, scatter=scatter, n_flights=n_flights)
+            alarms += sum(any(open_changes(histories)) for histories in (even, uneven))
+    # Five or more of 100 have a chance of 0.3 % at 1 % each.
+    assert alarms <= 4
+
+
+def test_uneven_intervals_of_vehicles_that_never_change_give_no_alarm():
+    """Days scatter alike whether a flight's interval is wide or narrow: 20 fleets."""
+    rng = np.random.default_rng(22)
+    alarms = sum(
+        any(all_changes(uneven_fleet(rng, 6, scatter=5.0, n_flights=12, unequal=1.0))) for _ in range(20)
+    )
+    # Three or more of 20 have a chance of 0.1 % at 1 % each.
+    assert alarms <= 2
+
+
+@pytest.mark.parametrize("n_after", [1, 2])
+@pytest.mark.parametrize("n_flights", [6, 12])
+def test_last_flights_that_differ_are_an_open_change(n_flights, n_after):
+    """They are too few for a change; said is since when, by how much, and what decides."""
+    histories = [[series(100.0 + np.random.default_rng(23).standard_normal(n_flights))]]
+    values = histories[0][0].value.copy()
+    values[-n_after:] -= 50.0
+    histories[0][0] = series(values)
+    assert all_changes(histories) == [()]
+    (found,) = open_changes(histories)
+    assert (found.flight, found.n_after, found.n_missing) == (n_flights - n_after, n_after, 3 - n_after)
+    (shift,) = found.shifts
+    assert shift.after - shift.before == pytest.approx(-50.0, abs=4.0)
+    assert 0.5 < shift.half_width < 6.0
+
+
+def test_three_flights_decide_what_was_open():
+    """Two that differ are an open change, with the third alike it is one, with the third as before none."""
+    values = 100.0 + np.random.default_rng(24).standard_normal(9)
+    decided, returned = values.copy(), values.copy()
+    decided[6:] -= 50.0
+    returned[6:8] -= 50.0
+    assert [change.flight for change in all_changes([[series(decided)]])[0]] == [6]
+    assert open_changes([[series(returned[:8])]])[0].n_missing == 1
+    assert open_changes([[series(returned)]]) == [None]
+
+
+def test_a_bad_day_that_is_over_is_not_open():
+    """Wherever it lies before the last flight."""
+    for bad in range(N_FLIGHTS - 1):
+        histories = fleet(np.random.default_rng(bad), 6)
+        values = histories[0][0].value.copy()
+        values[bad] += 40.0
+        histories[0][0] = series(values, name="series 0")
+        assert open_changes(histories)[0] is None, bad
+
+
+def test_too_few_flights_before_leave_it_open():
+    """Two and three: no flight to come can say which of the two is the vehicle."""
+    (found,) = open_changes([[series([100.0, 100.5, 50.0, 50.3, 49.8])]])
+    assert (found.flight, found.n_before, found.n_after, found.n_missing) == (2, 2, 3, 0)
 
 
 @pytest.mark.parametrize("flight", [3, 11, N_FLIGHTS - 3])

@@ -11,9 +11,10 @@ import pytest
 from quadid_logs.data.log import FlightLog
 from quadid_logs.errors import SettingsError
 from quadid_logs.fleet.log_files import LogFile
-from quadid_logs.fleet.naming import NamingRules, clock_zero, identify_unread, identify_vehicle
+from quadid_logs.fleet.naming import NamingRules, clock_zero, identify_unread, identify_vehicle, number_in
 
 SOURCE = LogFile(url="/data/quad-07/2026-05-01/00000012.BIN", n_bytes=10, modified_s=1.75e9)
+BUILT = "(ardupilot quad X)"
 CUBE = "CubeOrange 003A0027 3130510A 34383704"
 PX4_ID = "000600000000383638393239510d0035002d"
 
@@ -30,16 +31,64 @@ def log(**changes):
     [
         (log(hardware_id=CUBE), CUBE, "hardware id"),
         (log(hardware_id=PX4_ID), PX4_ID, "hardware id"),
-        (log(hardware_id="PX4FMU_V2", parameters={"BRD_SERIAL_NUM": 42.0}), "serial 42", "BRD_SERIAL_NUM"),
-        (log(hardware_id="0" * 36, parameters={"MAV_SYS_ID": 9.0}), "system 9", "MAV_SYS_ID"),
-        (log(parameters={"SYSID_THISMAV": math.nan}), "2026-05-01", "folder"),
-        (log(parameters={"SYSID_THISMAV": 1.0}), "2026-05-01", "folder"),
+        (
+            log(hardware_id="PX4FMU_V2", parameters={"BRD_SERIAL_NUM": 42.0}),
+            f"serial 42 {BUILT}", "BRD_SERIAL_NUM",
+        ),
+        (log(hardware_id="0" * 36, parameters={"MAV_SYS_ID": 9.0}), f"system 9 {BUILT}", "MAV_SYS_ID"),
+        (log(parameters={"SYSID_THISMAV": math.nan}), f"2026-05-01 {BUILT}", "folder"),
+        (log(parameters={"SYSID_THISMAV": 1.0}), f"2026-05-01 {BUILT}", "folder"),
     ],
 )  # fmt: skip
 def test_the_first_name_that_tells_vehicles_apart_is_taken(found, name, taken_from):
     """A type of board, an id of zeros, and the default MAVLink id do not."""
     identity = identify_vehicle(found, SOURCE, NamingRules())
     assert (identity.vehicle, identity.vehicle_from) == (name, taken_from)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"autopilot": "px4"},
+        {"vehicle_type": "rover", "frame": ""},
+        {"frame": "hexa X"},
+        {"autopilot": "px4", "parameters": {"SYS_AUTOSTART": 4001.0}},
+        {"autopilot": "px4", "parameters": {"SYS_AUTOSTART": 4010.0}},
+    ],
+)
+@pytest.mark.parametrize("weak", [{}, {"BRD_SERIAL_NUM": 42.0}, {"SYSID_THISMAV": 9.0}])
+def test_vehicles_that_are_built_differently_are_not_merged(other, weak):
+    """A folder, a number that people gave, a radio's id: several vehicles may have the same."""
+    parameters = other.get("parameters", {}) | weak
+    found = [log(vehicle_type="multirotor", parameters=weak), log(**other | {"parameters": parameters})]
+    names = {identify_vehicle(one, SOURCE, NamingRules()).vehicle for one in found}
+    assert len(names) == 2
+
+
+def test_two_airframes_of_one_frame_are_not_merged():
+    """Their numbers differ, their rotors stand alike."""
+    names = {
+        identify_vehicle(
+            log(autopilot="px4", parameters={"SYS_AUTOSTART": number}), SOURCE, NamingRules()
+        ).vehicle
+        for number in (4001.0, 4010.0)
+    }
+    assert len(names) == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "number"),
+    [
+        ("00000012.BIN", 12),
+        ("log_3.ulg", 3),
+        ("sess001/log100.ulg", 100),
+        ("2026-03-04 05-06-07.bin", None),
+        ("a.bin", None),
+    ],
+)
+def test_the_number_of_a_log_is_read_from_its_name(name, number):
+    """A date is none."""
+    assert number_in(f"/data/2026-05-01/{name}") == number
 
 
 def test_the_users_rule_wins():

@@ -50,12 +50,13 @@ def test_a_refused_axis_is_left_out(store):
 
 
 def test_the_command_says_what_it_found(store, tmp_path, capsys):
-    """One line a change and an outlier; exit code 1 for scripts."""
+    """How many axes are usable, one line a change and an outlier; exit code 1 for scripts."""
     assert main(["fleet-report", str(store), "-o", str(tmp_path / "x.html")]) == 1
     out = capsys.readouterr().out.splitlines()
-    assert out[0].startswith("quad-4 changed with flight 7 of 12, 2026-03-07 12:00")
-    assert out[1].startswith("quad-4 is an outlier among ardupilot quad X")
-    assert len(out) == 3
+    assert out[0].startswith("280 of 288 axes are usable; 8 are refused: 8 logged too slowly")
+    assert out[1].startswith("quad-4 changed with flight 7 of 12, 2026-03-07 12:00")
+    assert out[2].startswith("quad-4 is an outlier among ardupilot quad X")
+    assert len(out) == 4
 
 
 def test_a_quiet_fleet_ends_with_zero(tmp_path, capsys):

@@ -58,6 +58,35 @@ def test_csv_is_quoted(store, capsys):
     assert rows[2] == ["/1.bin", 'comma, "quote"']
 
 
+def test_csv_runs_nothing_in_a_spreadsheet_or_a_terminal(store, capsys):
+    """Names come from strangers: no formula, no escape sequence; numbers stay numbers."""
+    texts = "'=cmd|x' AS a, '@x' AS b, '+1' AS c, '-1' AS d, error AS e, -1.5 AS f, ['\x1b[2J'] AS g"
+    assert ask(store, f"SELECT {texts} FROM fleet WHERE n_bytes = 2", "--csv") == 0
+    out = capsys.readouterr().out
+    assert "\x1b" not in out
+    cells = list(csv.reader(io.StringIO(out)))[1]
+    assert cells[:4] == ["'=cmd|x", "'@x", "'+1", "'-1"]
+    assert cells[5] == "-1.5"
+
+
+@pytest.mark.parametrize("sql", ["", "  ", "/* a comment */", ";"])
+def test_a_query_without_a_statement_is_no_bug_of_ours(store, capsys, sql):
+    """One clear line."""
+    assert ask(store, sql) == 2
+    err = capsys.readouterr().err
+    assert "no statement" in err
+    assert "bug" not in err
+
+
+def test_a_wrong_query_is_refused_without_the_library_s_drawing(store, capsys):
+    """Flattened to one line, the query again and a caret mean nothing."""
+    assert ask(store, "SELECT nothing FROM fleet") == 2
+    err = capsys.readouterr().err
+    assert "nothing" in err
+    assert "LINE 1" not in err
+    assert "^" not in err
+
+
 @pytest.mark.parametrize(
     "sql",
     [

@@ -10,11 +10,12 @@ import sys
 import pytest
 
 from benchmarks.fleet_rows import rows_of
-from quadid_logs.errors import OutputError, SettingsError
+from quadid_logs.cli import main
+from quadid_logs.errors import OutputError, QuadidError, SettingsError
 from quadid_logs.fleet.log_files import LogFile
 from quadid_logs.fleet.options import Options
 from quadid_logs.fleet.rows import COLUMNS, LOST, UNREADABLE, schema
-from quadid_logs.fleet.store import DATABASE, Store, read_rows, read_table
+from quadid_logs.fleet.store import DATABASE, Store, count_verdicts, read_rows, read_table
 from quadid_logs.fleet.tasks import Outcome, Task, failure
 from tests.fleet.synthetic_store import make_store
 
@@ -198,6 +199,62 @@ def test_a_damaged_store_is_one_clear_line(store, open_):
     (store.folder / DATABASE).write_bytes(b"no database" * 1000)
     with pytest.raises(SettingsError, match="not a database"):
         open_(store.folder)
+
+
+_FOREIGN = {
+    "axis": "'elbow'", "status": "'eaten'", "verdict": "'superb'", "gain": "'much'", "gain_low": "1e300",
+    "flight": "'first'", "started": "'yesterday'", "reasons": "'[[' || hex(zeroblob(9)) || ']]'",
+    "vehicle": "NULL", "url": "x'ff00'", "duration_s": "NULL", "n_flights": "NULL", "lag_s": "x'00'",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("column", _FOREIGN)
+def test_a_foreign_row_is_named_and_set_aside(tmp_path, capsys, column):
+    """It makes no verb fail: the report, a query and a resumed run go on with the others."""
+    folder = make_store(tmp_path / "store", ["quad-1"], n_flights=3)
+    with sqlite3.connect(folder / DATABASE) as database:
+        database.execute(f"UPDATE fleet SET {column} = {_FOREIGN[column]} WHERE rowid = 2")
+    database.close()
+    for arguments in (["query", str(folder), "SELECT count(*) FROM fleet"], _report(folder)):
+        assert main(arguments) in (0, 1)
+        err = capsys.readouterr().err
+        assert "set aside" in err
+        assert column in err
+    assert "set aside" in (tmp_path / "x.html").read_text()
+    assert read_table(folder).num_rows == 9
+    Store(folder, Options(), resume=True).close()
+
+
+def _report(folder):
+    return ["fleet-report", str(folder), "-o", str(folder.parent / "x.html")]
+
+
+def test_deeply_nested_reasons_are_set_aside(tmp_path):
+    """Python's reader of JSON gives up by an error of its own."""
+    folder = make_store(tmp_path / "store", ["quad-1"], n_flights=3)
+    with sqlite3.connect(folder / DATABASE) as database:
+        database.execute("UPDATE fleet SET reasons = ? WHERE rowid = 2", ("[" * 100_000,))
+    database.close()
+    found = []
+    assert len(list(read_rows(folder, ["url"], found.append))) == 9
+    assert len(found) == 1
+    assert len(list(count_verdicts(folder))) >= 1
+
+
+@pytest.mark.parametrize("content", ["CREATE TABLE other (x)", "CREATE TABLE fleet (x)", ""])
+def test_another_program_s_database_is_one_clear_line(tmp_path, capsys, content):
+    """No traceback, no word about a bug."""
+    folder = tmp_path / "store"
+    folder.mkdir()
+    with sqlite3.connect(folder / DATABASE) as database:
+        database.execute(content)
+        database.execute("CREATE TABLE IF NOT EXISTS made_with (x)")
+    database.close()
+    for arguments in (["query", str(folder), "SELECT 1"], _report(folder)):
+        assert main(arguments) == 2
+        assert "bug" not in capsys.readouterr().err
+    with pytest.raises(QuadidError):
+        Store(folder, Options(), resume=True)
 
 
 def test_any_program_that_reads_sqlite_reads_the_store(tmp_path):

@@ -21,6 +21,7 @@ class Px4(Autopilot):
     name = "px4"
     title = "PX4"
     system_parameters = ("MAV_SYS_ID",)
+    airframe_parameters = ("SYS_AUTOSTART",)
 
     def formats(self) -> tuple[LogFormat, ...]:
         """ULog, and before 1.4 sdlog2, which has the magic bytes of DataFlash."""

@@ -1,0 +1,97 @@
+"""How many axes of a fleet gave a model that can be used, and what blocks the others."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+from quadid_logs.data.catalogue import CATALOGUE
+from quadid_logs.untrusted import printable
+
+#: Reasons that are named one by one.
+_MOST_REASONS: Final = 6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Coverage:
+    """Axes of all analyzed flights by verdict, and the refused ones by their gravest reason (a code)."""
+
+    usable: int
+    caution: int
+    refused: Counter[str]
+
+    @property
+    def n_axes(self) -> int:
+        """Axes of all analyzed flights."""
+        return self.usable + self.caution + self.refused.total()
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether flights were analyzed and no axis of any can be used."""
+        return self.n_axes > 0 and self.usable + self.caution == 0
+
+
+def coverage_of(axes: Iterable[tuple[str, Iterable[str], int]]) -> Coverage:
+    """Count axes.
+
+    Parameters
+    ----------
+    axes : iterable of (verdict, reasons, count)
+        Reasons are codes, the gravest first.
+
+    Returns
+    -------
+    Coverage
+    """
+    counts: Counter[str] = Counter()
+    refused: Counter[str] = Counter()
+    for verdict, reasons, count in axes:
+        if verdict == "refused":
+            refused[next(iter(reasons), "")] += count
+        else:
+            counts[verdict] += count
+    return Coverage(usable=counts["usable"], caution=counts["caution"], refused=refused)
+
+
+def coverage_words(coverage: Coverage) -> str:
+    """Return in one line how many axes are usable and what blocks the others.
+
+    Parameters
+    ----------
+    coverage : Coverage
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> coverage_words(coverage_of([("usable", (), 2), ("refused", ("QL303", "QL403"), 1)]))
+    '2 of 3 axes are usable; 1 is refused: 1 logged too slowly to identify anything (QL303).'
+    """
+    if not coverage.n_axes:
+        return "No log could be analyzed."
+    n_refused = coverage.refused.total()
+    fit = (
+        f"{coverage.usable} of {coverage.n_axes} axes are usable"
+        if coverage.usable
+        else f"No axis of {coverage.n_axes} is usable"
+    )
+    caution = f", {coverage.caution} can be used with caution" if coverage.caution else ""
+    if not n_refused:
+        return f"{fit}{caution}."
+    reasons = [_reason_words(code, count) for code, count in coverage.refused.most_common(_MOST_REASONS)]
+    others = n_refused - sum(count for _, count in coverage.refused.most_common(_MOST_REASONS))
+    if others:
+        reasons.append(f"{others} for other reasons")
+    return f"{fit}{caution}; {n_refused} {'is' if n_refused == 1 else 'are'} refused: {', '.join(reasons)}."
+
+
+def _reason_words(code: str, count: int) -> str:
+    """Say how many axes one finding blocks."""
+    if code not in CATALOGUE:
+        return f"{count} {printable(code, 20) or 'without a reason'}"
+    title = CATALOGUE[code].title
+    return f"{count} {title[:1].lower()}{title[1:]} ({code})"
