@@ -11,30 +11,6 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.maths.rotational_dynamics import Quadruple, Triple, inertia_terms, step_attitude, step_rates
 
 
-def multiply_quaternions(left: FloatArray, right: FloatArray) -> FloatArray:
-    """Return the Hamilton product, the rotation by `right` followed by that by `left`.
-
-    Parameters
-    ----------
-    left, right : ndarray, shape (..., 4)
-
-    Returns
-    -------
-    ndarray, shape (..., 4)
-    """
-    a, b, c, d = np.moveaxis(left, -1, 0)
-    w, x, y, z = np.moveaxis(right, -1, 0)
-    return np.stack(
-        [
-            a * w - b * x - c * y - d * z,
-            a * x + b * w + c * z - d * y,
-            a * y - b * z + c * w + d * x,
-            a * z + b * y - c * x + d * w,
-        ],
-        axis=-1,
-    )
-
-
 def rate_products(rate_rad_s: FloatArray) -> FloatArray:
     """Return the products of rates in the order of `PRODUCTS`.
 

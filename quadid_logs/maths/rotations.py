@@ -100,6 +100,30 @@ def euler_from_quaternion(quaternion: FloatArray) -> FloatArray:
     return np.stack([roll, pitch, yaw], axis=-1)
 
 
+def multiply_quaternions(left: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the Hamilton product, the rotation by `right` followed by that by `left`.
+
+    Parameters
+    ----------
+    left, right : ndarray, shape (..., 4)
+
+    Returns
+    -------
+    ndarray, shape (..., 4)
+    """
+    a, b, c, d = np.moveaxis(left, -1, 0)
+    w, x, y, z = np.moveaxis(right, -1, 0)
+    return np.stack(
+        [
+            a * w - b * x - c * y - d * z,
+            a * x + b * w + c * z - d * y,
+            a * y - b * z + c * w + d * x,
+            a * z + b * y - c * x + d * w,
+        ],
+        axis=-1,
+    )
+
+
 def rotation_matrix(quaternion: FloatArray) -> FloatArray:
     """Return the matrix that turns body vectors into Earth vectors.
 

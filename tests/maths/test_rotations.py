@@ -12,12 +12,12 @@ from quadid_logs.maths.rotations import (
     body_rates,
     euler_from_quaternion,
     euler_rates,
+    multiply_quaternions,
     quaternion_from_euler,
     quaternion_rate,
     rotation_matrix,
     unwrapped,
 )
-from tests.reference_maths import multiply_quaternions
 
 angles = st.tuples(st.floats(-3.1, 3.1), st.floats(-1.5, 1.5), st.floats(-3.1, 3.1)).map(np.array)
 vectors = st.tuples(*[st.floats(-5.0, 5.0)] * 3).map(np.array)
