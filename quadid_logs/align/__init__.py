@@ -190,13 +190,15 @@ def check_part(logs: Sequence[Prepared], settings: AlignSettings) -> None:
         With the range of the first log: it is the choice that is wrong, not the log.
     """
     timed = [each for each in logs if each.log.has_time]
-    if not timed or any(_clip(each.flights or (_span(each.clean.clock),), settings) for each in timed):
+    ends = (("from", settings.start_s), ("to", settings.end_s))
+    chosen = " ".join(f"{word} {time_s:g} s" for word, time_s in ends if math.isfinite(time_s))
+    if not (chosen and timed) or any(
+        _clip(each.flights or (_span(each.clean.clock),), settings) for each in timed
+    ):
         return
     first = timed[0]
     start_s, end_s = _span(first.clean.clock)
     flown = ", ".join(f"{a:.1f} to {b:.1f} s" for a, b in first.flights[:6])
-    ends = (("from", settings.start_s), ("to", settings.end_s))
-    chosen = " ".join(f"{word} {time_s:g} s" for word, time_s in ends if math.isfinite(time_s))
     raise SettingsError(
         f"The part {chosen} holds no flight: the log runs from {start_s:.1f} to {end_s:.1f} s"
         f"{f', flown {flown}' if flown else ''}.",
