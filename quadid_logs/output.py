@@ -93,6 +93,10 @@ def new_folder(folder: Path) -> Iterator[None]:
     ----------
     folder : Path
 
+    Yields
+    ------
+    None
+
     Raises
     ------
     OutputError
@@ -110,7 +114,12 @@ def new_folder(folder: Path) -> Iterator[None]:
 
 
 def beside_prefix() -> str:
-    """Return how names of unfinished files and folders begin: they say whose they are."""
+    """Return how names of unfinished files and folders begin: they say whose they are.
+
+    Returns
+    -------
+    str
+    """
     return f".quadid-{_host()}-{os.getpid()}-"
 
 
