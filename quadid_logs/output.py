@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import platform
+import re
+import shutil
 import tempfile
-from collections.abc import Mapping
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 from quadid_logs.errors import OutputError
 from quadid_logs.untrusted import printable
+
+#: No run takes so long to write its files [s].
+_OVER_S = 86_400.0
 
 
 def check_free(*paths: Path, force: bool) -> None:
@@ -50,12 +59,102 @@ def check_writable(folder: Path) -> None:
     """
     here = next(each for each in (folder, *folder.absolute().parents) if os.path.lexists(each))
     try:
-        Path(tempfile.mkdtemp(prefix=".quadid-", dir=here)).rmdir()
+        Path(tempfile.mkdtemp(prefix=beside_prefix(), dir=here)).rmdir()
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise OutputError(
             f"{printable(folder)} cannot be written to: {reason}.", hint="Choose another -o."
         ) from error
+
+
+def check_no_link(folder: Path) -> None:
+    """Refuse a folder that is a symbolic link: what is written would land where nobody looked.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Raises
+    ------
+    OutputError
+    """
+    if folder.is_symlink():
+        raise OutputError(
+            f"{printable(folder)} is a symbolic link; nothing is written through links.",
+            hint="Choose another -o.",
+        )
+
+
+@contextmanager
+def new_folder(folder: Path) -> Iterator[None]:
+    """Make the folder and those above it; if what follows fails, remove those that it made and left empty.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Yields
+    ------
+    None
+
+    Raises
+    ------
+    OutputError
+        If it cannot be made.
+    """
+    made = [each for each in (folder, *folder.parents) if not os.path.lexists(each)]
+    try:
+        make_folder(folder)
+        yield
+    except BaseException:
+        for each in made:
+            with contextlib.suppress(OSError):
+                each.rmdir()
+        raise
+
+
+def beside_prefix() -> str:
+    """Return how names of unfinished files and folders begin: they say whose they are.
+
+    Returns
+    -------
+    str
+    """
+    return f".quadid-{_host()}-{os.getpid()}-"
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove what killed runs left unfinished in a folder, and nothing of a run that may go on.
+
+    Parameters
+    ----------
+    folder : Path
+    """
+    for path in folder.glob(".quadid-*"):
+        with contextlib.suppress(OSError):
+            if not _is_unfinished(path):
+                continue
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path)
+            else:
+                path.unlink()
+
+
+def _is_unfinished(path: Path) -> bool:
+    """Return whether the run that made it is over: its process, or where that cannot be seen, its day."""
+    mine = re.fullmatch(rf"\.quadid-{re.escape(_host())}-(\d+)-.*", path.name)
+    if mine is None or os.name != "posix":
+        return time.time() - path.lstat().st_mtime > _OVER_S
+    try:
+        os.kill(int(mine[1]), 0)
+    except (ProcessLookupError, OverflowError):
+        return True
+    return False
+
+
+def _host() -> str:
+    """Return the machine's name as a part of a file's."""
+    return re.sub(r"\W", "_", platform.node())
 
 
 def make_folder(folder: Path) -> None:
@@ -106,7 +205,8 @@ def write_together(folder: Path, files: Mapping[str, bytes]) -> None:
     OutputError
         If one cannot be written.
     """
-    beside = {name: folder / f".{name}.{os.getpid()}.part" for name in files}
+    remove_unfinished(folder)
+    beside = {name: folder / f"{beside_prefix()}{name}" for name in files}
     name = ""
     try:
         for name, content in files.items():

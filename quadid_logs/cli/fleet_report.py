@@ -10,7 +10,7 @@ import typer
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.fleet import NOTHING_USABLE
 from quadid_logs.cli.query import report_set_aside
-from quadid_logs.output import check_free, make_folder, write_beside
+from quadid_logs.output import check_free, new_folder, write_beside
 from quadid_logs.untrusted import printable
 
 #: Exit code: the last flights of a vehicle differ, and it takes more to call that a change.
@@ -41,8 +41,8 @@ def fleet_report(
     fleet = read_fleet(store)
     report_set_aside(fleet.set_aside)
     page = fleet_page(fleet, store, output.parent)
-    make_folder(output.parent)
-    write_beside(output, page.encode("utf-8"))
+    with new_folder(output.parent):
+        write_beside(output, page.encode("utf-8"))
     say(coverage_words(fleet.coverage))
     for line in headlines(fleet):
         say(line)

@@ -6,13 +6,15 @@ import datetime
 import glob
 import hashlib
 import os
+import re
 import tempfile
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 from quadid_logs.autopilots import formats
 from quadid_logs.errors import LogError, LogNotFoundError
@@ -22,6 +24,13 @@ from quadid_logs.untrusted import printable
 _BLOCK_BYTES = 1 << 20
 #: A network that fails thrice within these pauses [s] is down, not busy.
 _PAUSES_S = (0.5, 3.0, 0.0)
+#: Protocol, and what stands before the host or inside the query that nobody else may see.
+_AUTHORITY = re.compile(r"([a-z][a-z0-9+.-]*://)([^/?#]*)", re.IGNORECASE)
+_USER = re.compile(r"(\b[a-z][a-z0-9+.-]*://)[^/?#\s]*@", re.IGNORECASE)
+_TOKEN = re.compile(
+    r"([?&;][^=&;\s]*(?:token|key|secret|signature|sig|password|passwd|pwd|credential|auth)[^=&;\s]*=)([^&;#\s]+)",
+    re.IGNORECASE,
+)
 
 
 def log_suffixes() -> tuple[str, ...]:
@@ -34,11 +43,16 @@ def log_suffixes() -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogFile:
-    """A file that may be a log: path or URL, size [bytes] and time of modification [s UTC], -1 if unknown."""
+    """A file that may be a log: path or URL, size [bytes] and time of modification [s UTC], -1 if unknown.
+
+    ``url`` holds no user, password or token: stores, pages and errors show it.
+    ``secret`` is the address with them where there are any, only to fetch by.
+    """
 
     url: str
     n_bytes: int = -1
     modified_s: float = -1.0
+    secret: str = field(default="", repr=False)
 
     @property
     def name(self) -> str:
@@ -75,7 +89,7 @@ def find_logs(places: Iterable[str]) -> tuple[LogFile, ...]:
         here = list(_remote(place) if is_url(place) else _local(place))
         if not here:
             raise LogNotFoundError(
-                f"There is no log at {printable(place)}.",
+                f"There is no log at {printable(without_secrets(place))}.",
                 hint=f"Of a folder, files that end in {', '.join(log_suffixes())} are taken.",
             )
         found |= {file.url: file for file in here}
@@ -115,29 +129,83 @@ def _local_file(path: str) -> LogFile:
     return LogFile(url=full, n_bytes=status.st_size, modified_s=status.st_mtime)
 
 
+def without_secrets(address: str) -> str:
+    """Return an address as it may be shown and stored: without user and password, with tokens blotted out.
+
+    Parameters
+    ----------
+    address : str
+        A path, or a URL.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> without_secrets("sftp://me:pass@host/logs/*.bin")
+    'sftp://host/logs/*.bin'
+    >>> without_secrets("https://host/a.bin?log=7&token=abc")
+    'https://host/a.bin?log=7&token=...'
+    >>> without_secrets("s3://bucket/me@home/a.bin")
+    's3://bucket/me@home/a.bin'
+    """
+    if not is_url(address):
+        return address
+    return _TOKEN.sub(r"\1...", _USER.sub(r"\1", address))
+
+
+def _redacted(text: object, address: str) -> str:
+    """Return what a library says about an address, without the secrets in that."""
+    shown = without_secrets(str(text)).replace(address, without_secrets(address))
+    found = [match[0].removeprefix(match[1]).rstrip("@") for match in _USER.finditer(address)]
+    secrets = [part for user in found for part in (user, *user.split(":", 1)[1:])]
+    secrets += [match[2] for match in _TOKEN.finditer(address)]
+    for secret in sorted({*secrets, *map(unquote, secrets)}, key=len, reverse=True):
+        shown = shown.replace(secret, "...") if secret else shown
+    return printable(shown)
+
+
 def _remote(place: str) -> Iterator[LogFile]:
     """Find what a URL names: a file, a pattern, or everything below a folder."""
     files, path = _file_system(place)
+    shown = without_secrets(place)
     try:
-        if any(letter in path for letter in "*?["):
+        if any(letter in path for letter in ("*[" if place.lower().startswith("http") else "*?[")):
             listing = files.glob(path, detail=True)
         elif files.isfile(path):
             listing = {path: files.info(path)}
         else:
             below, suffixes = files.find(path, detail=True), log_suffixes()
             listing = {name: info for name, info in below.items() if name.lower().endswith(suffixes)}
-    except Exception as error:
+    except Exception as error:  # noqa: BLE001 - every file system has exceptions of its own
         raise FetchError(
-            f"{printable(place)} cannot be listed: {type(error).__name__}: {printable(error)}.",
+            f"{printable(shown)} cannot be listed: {type(error).__name__}: {_redacted(error, place)}.",
             hint="Check the address and the credentials.",
-        ) from error
+        ) from (error if shown == place else None)
     for name, info in listing.items():
         if info.get("type", "file") == "file":
+            address = _full_address(str(files.unstrip_protocol(name)), place)
+            url = without_secrets(address)
             yield LogFile(
-                url=str(files.unstrip_protocol(name)),
+                url=url,
                 n_bytes=int(-1 if info.get("size") is None else info["size"]),
                 modified_s=_modified_s(info),
+                secret="" if url == address else address,
             )
+
+
+def _full_address(address: str, place: str) -> str:
+    """Return the address of a listed file with host and credentials of the place that was listed.
+
+    Several of fsspec's file systems leave out where they are connected to.
+    """
+    authority = _AUTHORITY.match(place)
+    if authority is None or "@" not in authority[2] or "@" in (_AUTHORITY.match(address) or ["", "", ""])[2]:
+        return address
+    host = authority[2].rpartition("@")[2]
+    path = address.split("://", 1)[1].lstrip("/").removeprefix(f"{host}/")
+    return f"{authority[1]}{authority[2]}/{path}"
 
 
 def _file_system(url: str) -> tuple[Any, str]:
@@ -145,10 +213,12 @@ def _file_system(url: str) -> tuple[Any, str]:
     core = load("fsspec.core")
     try:
         files, path = core.url_to_fs(url)
-    except (ImportError, ValueError) as error:
+    except Exception as error:  # noqa: BLE001 - what an address that makes no sense raises is up to each file system
+        shown = without_secrets(url)
         raise FetchError(
-            f"{printable(url)}: {printable(error)}.", hint="Each protocol needs its fsspec library."
-        ) from error
+            f"{printable(shown)}: {_redacted(error, url) or type(error).__name__}.",
+            hint="Each protocol needs its fsspec library; check the address.",
+        ) from (error if shown == url else None)
     return files, str(path)
 
 
@@ -186,7 +256,7 @@ def fetched(file: LogFile, max_bytes: int) -> Iterator[tuple[Path, str]]:
     if is_url(file.url):
         with tempfile.TemporaryDirectory(prefix="quadid-fleet-", ignore_cleanup_errors=True) as folder:
             path = Path(folder) / "log"
-            yield path, _download(file.url, path, max_bytes)
+            yield path, _download(file.secret or file.url, path, max_bytes)
     else:
         yield Path(file.url), _local_hash(file.url)
 
@@ -210,7 +280,7 @@ def _download(url: str, path: Path, max_bytes: int) -> str:
         except FetchError:
             raise
         except Exception as error:  # noqa: BLE001 - every file system has exceptions of its own
-            failure = f"{type(error).__name__}: {printable(error)}"
+            failure = f"{type(error).__name__}: {_redacted(error, url)}"
         time.sleep(pause_s)
     raise FetchError(f"The file cannot be fetched: {failure}.")
 

@@ -33,7 +33,7 @@ from quadid_logs.fleet.log_files import LogFile
 from quadid_logs.fleet.options import Options
 from quadid_logs.fleet.rows import ANALYZED, COLUMNS, LOST, ForeignRowError, decode, schema
 from quadid_logs.fleet.tasks import Outcome
-from quadid_logs.output import make_folder, write_together
+from quadid_logs.output import check_no_link, make_folder, new_folder, write_together
 from quadid_logs.untrusted import printable
 from quadid_logs.version import __version__
 
@@ -85,17 +85,20 @@ class Store:
         SettingsError
             If it was made with other options, or is damaged.
         """
+        check_no_link(folder)
         self.folder = folder
         exists = folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
         if exists:
             _check_resumable(folder, resume=resume)
-        make_folder(folder)
-        with self._writing():
+        with new_folder(folder), self._writing():
             self._database = sqlite3.connect(folder / DATABASE, timeout=_PATIENCE_S, isolation_level=None)
             try:
                 self._open(options)
             except BaseException:
                 self._database.close()
+                if not exists:  # a full disk must not leave a store of nothing
+                    for path in folder.glob(f"{DATABASE}*"):
+                        path.unlink()
                 raise
 
     def _open(self, options: Options) -> None:

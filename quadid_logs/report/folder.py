@@ -13,19 +13,21 @@ from typing import Literal
 from quadid_logs.data.result import Result
 from quadid_logs.errors import OutputError
 from quadid_logs.figures import FIGURE_KEYS, FIRST_CHAPTER, Figure, figures_of
-from quadid_logs.output import check_free
+from quadid_logs.output import beside_prefix, check_free, check_no_link, new_folder, remove_unfinished
 from quadid_logs.report.json import json_text
 from quadid_logs.report.provenance import Provenance, provenance_of
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES
 
 RESULT_FILE, REPORT_FILE = "result.json", "report.html"
+#: Beside the folders of several logs.
+INDEX_FILE = "index.html"
 #: Which figures are also written as PNG: the summary and those of the first chapter, every one, or none.
 PngChoice = Literal["first", "all", "none"]
 
 
 def report_folders(logs: Iterable[Path], parent: Path) -> tuple[Path, ...]:
-    """Return one folder per log, named after its stem; no two logs get the same.
+    """Return one folder per log, named after its stem; no two logs get the same, none the index page's.
 
     Parameters
     ----------
@@ -43,7 +45,7 @@ def report_folders(logs: Iterable[Path], parent: Path) -> tuple[Path, ...]:
     >>> [folder.name for folder in report_folders(logs, Path("out"))]
     ['f', 'f-tlog', 'f-tlog-2']
     """
-    taken: set[str] = set()
+    taken = {INDEX_FILE}
     folders = []
     for log in logs:
         stem = "".join(letter if letter.isprintable() else "_" for letter in log.stem).strip(". ") or "log"
@@ -68,7 +70,7 @@ def check_folder(folder: Path, *, force: bool = False) -> None:
     Raises
     ------
     OutputError
-        If the folder is a file or a symbolic link, or holds a result and
+        If the folder is a file, it or the one above is a symbolic link, or holds a result and
         `force` is not set.
     """
     for part in (folder, *folder.parents):
@@ -76,11 +78,8 @@ def check_folder(folder: Path, *, force: bool = False) -> None:
             raise OutputError(
                 f"{printable(part)} is a file, but a folder is needed there.", hint="Choose another -o."
             )
-    if folder.is_symlink():
-        raise OutputError(
-            f"{printable(folder)} is a symbolic link; reports are not written through links.",
-            hint="Choose another -o.",
-        )
+    for place in (folder, folder.parent):
+        check_no_link(place)
     check_free(folder / RESULT_FILE, folder / REPORT_FILE, force=force)
 
 
@@ -182,11 +181,12 @@ def _with_report_time(result: Result, report_s: float) -> Result:
 def _writing_beside(folder: Path) -> Iterator[Path]:
     """Give a new folder beside the target and remove it in the end; say clearly what went wrong."""
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(
-            prefix=".quadid-", dir=folder.parent, ignore_cleanup_errors=True
-        ) as beside:
-            yield Path(beside)
+        with new_folder(folder.parent):
+            remove_unfinished(folder.parent)
+            with tempfile.TemporaryDirectory(
+                prefix=beside_prefix(), dir=folder.parent, ignore_cleanup_errors=True
+            ) as beside:
+                yield Path(beside)
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise OutputError(
@@ -199,10 +199,10 @@ def _move_into(beside: Path, folder: Path, *, force: bool) -> None:
     """Move every finished file into the folder, result.json last."""
     names = sorted((path.name for path in beside.iterdir()), key=lambda name: (name == RESULT_FILE, name))
     check_free(*(folder / name for name in names), force=force)
-    folder.mkdir(exist_ok=True)
-    for name in names:
-        # A rename replaces a symbolic link itself and never writes through it.
-        (beside / name).replace(folder / name)
+    with new_folder(folder):
+        for name in names:
+            # A rename replaces a symbolic link itself and never writes through it.
+            (beside / name).replace(folder / name)
     _remove_stale(folder, kept=frozenset(names))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from quadid_logs.arrays import AnyArray, FloatArray
 from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.errors import EmptyLogError, OutputError, SettingsError
-from quadid_logs.output import check_free, make_folder
+from quadid_logs.output import beside_prefix, check_free, make_folder, remove_unfinished
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import SIGNALS
 
@@ -143,9 +143,10 @@ def write_table(data: FlightData, path: Path, *, force: bool = False) -> int:
     check_table_path(path, force=force)
     table = aligned_table(data)
     make_folder(path.parent)
+    remove_unfinished(path.parent)
     try:
         with tempfile.TemporaryDirectory(
-            prefix=".quadid-", dir=path.parent, ignore_cleanup_errors=True
+            prefix=beside_prefix(), dir=path.parent, ignore_cleanup_errors=True
         ) as beside:
             written = Path(beside) / f"table{path.suffix.lower()}"
             _write(table, written)

@@ -5,13 +5,18 @@ from __future__ import annotations
 import hashlib
 import os
 from pathlib import Path
+from typing import ClassVar
+from urllib.parse import urlsplit
 
 import fsspec
 import pytest
 
-from quadid_logs.errors import LogNotFoundError
+from quadid_logs.errors import LogError, LogNotFoundError
 from quadid_logs.fleet import log_files
-from quadid_logs.fleet.log_files import FetchError, LogFile, fetched, find_logs
+from quadid_logs.fleet.log_files import FetchError, LogFile, fetched, find_logs, without_secrets
+from quadid_logs.fleet.options import Options
+from quadid_logs.fleet.tasks import Task
+from quadid_logs.fleet.work import work
 
 
 @pytest.fixture
@@ -128,6 +133,91 @@ def test_a_network_that_is_down_is_a_reason(memory, monkeypatch):
         fetched(LogFile(url="memory:///fleet/gone.bin"), 1000),
     ):
         pass
+
+
+class Vault(fsspec.get_filesystem_class("memory")):
+    """A file system behind user and password, which names files without saying where it is connected to."""
+
+    protocol = "vault"
+    store: ClassVar = {"/fleet/one.bin": None}
+    pseudo_dirs: ClassVar = [""]
+
+    @staticmethod
+    def _get_kwargs_from_urls(path):
+        parts = urlsplit(path)
+        return {"user": parts.username, "password": parts.password}
+
+    @classmethod
+    def _strip_protocol(cls, path):
+        return urlsplit(path).path if "://" in path else super()._strip_protocol(path)
+
+    def __init__(self, *arguments, user=None, password=None, **options):
+        super().__init__(*arguments, **options)
+        if password != "pass%40word":
+            raise PermissionError(f"{user}:{password} is not welcome at vault://{user}:{password}@host/fleet")
+
+
+@pytest.fixture
+def vault():
+    """An address with user and password, of a folder with one log."""
+    fsspec.register_implementation("vault", Vault, clobber=True)
+    files = fsspec.filesystem("memory")
+    files.pipe("/fleet/one.bin", b"no log")
+    Vault.store = {"/fleet/one.bin": files.store["/fleet/one.bin"]}
+    yield "vault://me:pass%40word@host/fleet"
+    files.rm("/fleet", recursive=True)
+
+
+def test_user_and_password_fetch_and_are_stored_nowhere(vault):
+    """Neither in the name of the log, nor in its row, nor in what a print shows."""
+    (found,) = find_logs([vault])
+    assert found.url == "vault://host/fleet/one.bin"
+    outcome = work(Task(file=found, options=Options()))
+    assert outcome.sha256 == hashlib.sha256(b"no log").hexdigest()
+    shown = f"{found} {outcome} {outcome.rows}"
+    assert "word" not in shown
+    assert "me:" not in shown
+
+
+@pytest.mark.parametrize("act", [lambda place: find_logs([place]), lambda place: _fetch(place)])
+def test_errors_do_not_show_user_and_password(vault, act, monkeypatch):
+    """Whatever the library says, also where it quotes the address."""
+    monkeypatch.setattr(log_files, "_PAUSES_S", (0.0,))
+    with pytest.raises(FetchError) as caught:
+        act(vault.replace("pass%40word", "wrong%40word"))
+    assert "wrong" not in str(caught.value)
+    assert "me:" not in str(caught.value)
+    assert "host/fleet" in str(caught.value)
+    assert caught.value.__cause__ is None
+
+
+def _fetch(place):
+    with fetched(LogFile(url="vault://host/fleet/one.bin", secret=f"{place}/one.bin"), 100):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("address", "shown"),
+    [
+        ("https://a:b@host/x.bin", "https://host/x.bin"),
+        ("https://token@host/x.bin", "https://host/x.bin"),
+        ("ftp://a:b@c@host/x.bin", "ftp://host/x.bin"),
+        ("https://host/x.bin?X-Amz-Signature=abc&log=7", "https://host/x.bin?X-Amz-Signature=...&log=7"),
+        ("simplecache::sftp://a:b@host/x.bin", "simplecache::sftp://host/x.bin"),
+        ("s3://bucket/a@b.bin", "s3://bucket/a@b.bin"),
+        ("/home/me:b@c/x.bin", "/home/me:b@c/x.bin"),
+    ],
+)
+def test_only_what_is_secret_is_taken_out_of_an_address(address, shown):
+    """Host, path and the number of a log stay."""
+    assert without_secrets(address) == shown
+
+
+def test_an_address_that_makes_no_sense_is_one_clear_line():
+    """Each file system raises what it likes."""
+    for address in ("s3://", "zip://x", "simplecache::", "://x", "http://["):
+        with pytest.raises(LogError):
+            find_logs([f"{address}://" if "://" not in address else address])
 
 
 def test_a_pipe_is_no_file(tmp_path):
