@@ -189,3 +189,19 @@ def test_no_px4_parameter_value_breaks_the_reconstruction(corrupted: dict[str, f
     """The same for CA_ROTOR*."""
     model = prepare(log_of({**rotors(4), **corrupted}, "px4")).log.torque
     assert model is not None
+
+
+def test_a_command_turns_a_vehicle_of_unequal_rotors_about_its_own_axis_only() -> None:
+    """Rotors of 6 and 11 N at unequal arms: what each gives for the command, added up at its place."""
+    known = rotors(6)
+    thrust = np.array([6.0, 11.0, 8.0, 6.5, 10.0, 7.0])
+    known |= {f"CA_ROTOR{number}_CT": float(value) for number, value in enumerate(thrust)}
+    known["CA_ROTOR0_PX"] = 0.27
+    found = find_airframe(log_of(known, "px4"))
+    assert isinstance(found, Airframe)
+    places = np.array([[known[f"CA_ROTOR{number}_P{axis}"] for axis in "XY"] for number in range(6)])
+    ratio_m = np.array([known[f"CA_ROTOR{number}_KM"] for number in range(6)])
+    given = thrust[:, np.newaxis] * found.factors
+    turned = np.vstack([-places[:, 1], places[:, 0], ratio_m, np.ones(6)]) @ given
+    np.testing.assert_allclose(turned - np.diag(np.diag(turned)), 0.0, atol=2e-2)
+    assert (np.diag(turned) > [0.5, 0.5, 0.05, 30.0]).all()

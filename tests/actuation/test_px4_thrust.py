@@ -138,3 +138,12 @@ def test_thrust_beside_the_command_is_what_each_motor_gives_for_it() -> None:
     command = next(one for one in found.sources if one.series.name == "torque_command")
     assert command.rotor_thrust is not None
     np.testing.assert_allclose(command.rotor_thrust, MIXED, atol=1e-9)
+
+
+def test_motors_beyond_those_of_the_frame_are_left_out() -> None:
+    """actuator_motors may show more; fewer than the frame has tell nothing."""
+    more = np.column_stack([MIXED, np.full((STAMPS.size, 2), 0.9)])
+    found = achieved(rebuilt(signal("motor_thrust", STAMPS, more)))
+    np.testing.assert_allclose(found.series.values, COMMAND, atol=1e-9)
+    fewer = rebuilt(signal("motor_thrust", STAMPS, MIXED[:, :3]), signal("torque_command", STAMPS, COMMAND))
+    assert not any(one.series.achieved for one in fewer.sources)

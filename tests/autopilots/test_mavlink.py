@@ -161,3 +161,10 @@ def test_a_battery_that_is_not_measured_has_no_voltage(tmp_path: Path) -> None:
     packets = [sender.stamped("SYS_STATUS", voltage_battery=value) for value in (65_535, 15_200, 0)]
     (battery,) = log_of(tmp_path, sender, *packets).candidates("battery_voltage")
     np.testing.assert_allclose(battery.values[:, 0], [np.nan, 15.2, np.nan])
+
+
+def test_the_version_is_read_from_its_bytes(tmp_path: Path) -> None:
+    """Major, minor and patch, ahead of the kind of release."""
+    sender = make.Sender()
+    packed = sender.stamped("AUTOPILOT_VERSION", flight_sw_version=(1 << 24) + (255 << 16) + (3 << 8) + 192)
+    assert log_of(tmp_path, sender, packed).firmware == "v1.255.3"

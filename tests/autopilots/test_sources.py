@@ -408,3 +408,13 @@ def test_the_unit_of_rate_is_told_by_the_gyro(unit: str, count: float, tmp_path:
     rate = next(one for one in read_log(path).candidates("body_rate") if one.source.startswith("RATE"))
     np.testing.assert_allclose(rate.values, turn, atol=1e-5)
     assert f"logged in {unit} (compared with the gyro)" in rate.reason
+
+
+def test_a_voltage_that_is_zero_at_times_is_measured(tmp_path: Path) -> None:
+    """Where it always is zero, nothing measures it."""
+    path = tmp_path / "log"
+    for volts, n_sources in (((0.0, 12.5, 12.0), 1), ((0.0, 0.0, 0.0), 0)):
+        path.write_bytes(dataflash_log({"BAT": ("Volt",)}, [("BAT", [volt]) for volt in volts]))
+        found = read_log(path).candidates("battery_voltage")
+        assert len(found) == n_sources
+        assert all(one.values[:, 0].tolist() == list(volts) for one in found)

@@ -1,0 +1,182 @@
+"""Each finding about a model from either side of its limit, everything else as in a good flight."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from quadid_logs.data.model import BandCheck, ChangeCheck, FormulationCheck, Identification, Model
+from quadid_logs.data.settings import IdentifySettings
+from quadid_logs.diagnose.model_findings import find_in_models
+from quadid_logs.identify import identify
+from tests.align.flights import flight_log
+from tests.identify.vehicles import QUAD, fly, multisine
+
+
+@pytest.fixture(scope="module")
+def good() -> Identification:
+    return identify(fly(QUAD, multisine(30.0), feedback=8.0), IdentifySettings())
+
+
+def found(identification: Identification, change: Callable[[Model], Model]) -> dict[str, str]:
+    """Return code and level of what is said of pitch, or of no axis, when the model is changed so."""
+    first, *others = identification.models
+    changed = dataclasses.replace(identification, models=(change(first), *others))
+    findings = find_in_models(flight_log(), changed)
+    return {one.code: one.level for one in findings if not one.axes or one.axes == ("pitch",)}
+
+
+def with_gain(model: Model, low: float, high: float, value: float = 1.0) -> Model:
+    """Return the model with this interval of B22, all in parts of its value."""
+    own = next(one for one in model.parameters if (one.target, one.regressor) == ("q_dot", "M"))
+    now = dataclasses.replace(own, value=value * own.value, ci95=(low * own.value, high * own.value))
+    return dataclasses.replace(
+        model, parameters=tuple(now if one is own else one for one in model.parameters)
+    )
+
+
+def test_of_a_good_flight_nothing_is_said(good: Identification) -> None:
+    """What follows is due to what was changed."""
+    assert "QL5" not in "".join(code for code in found(good, lambda model: model) if code != "QL501")
+
+
+@pytest.mark.parametrize(("half_width", "refused"), [(0.29, False), (0.31, True)])
+def test_an_interval_wider_than_three_tenths_is_refused(
+    good: Identification, half_width: float, refused: bool
+) -> None:
+    """Half of it, on either side."""
+    said = found(good, lambda model: with_gain(model, 1.0 - half_width, 1.0 + half_width))
+    assert (said.get("QL505") == "error") is refused
+
+
+def test_an_effectiveness_of_the_wrong_sign_is_refused(good: Identification) -> None:
+    """However narrow its interval."""
+    assert found(good, lambda model: with_gain(model, -1.01, -0.99, -1.0))["QL506"] == "error"
+
+
+@pytest.mark.parametrize(
+    ("spread", "level"), [(0.09, None), (0.12, "warning"), (0.24, "warning"), (0.27, "error")]
+)
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_an_effectiveness_that_depends_on_the_band_is_told(
+    good: Identification, spread: float, level: str | None, sign: float
+) -> None:
+    """In the narrower or the wider band, below or above."""
+    for row in (1, 2):
+        gain = np.ones((3, 3))
+        gain[row, 1] += sign * spread
+        band = BandCheck(cutoff_hz=np.array([5.0, 2.5, 8.0]), on_axis_gain=gain)
+        assert (
+            found(good, lambda model, band=band: dataclasses.replace(model, band=band)).get("QL503") == level
+        )
+
+
+@pytest.mark.parametrize(
+    ("relative", "statistic", "level"),
+    [
+        (0.09, 99.0, None),
+        (0.12, 99.0, "warning"),
+        (0.27, 99.0, "error"),
+        (0.27, 15.0, None),
+        (0.27, 17.0, "error"),
+    ],
+)
+def test_a_change_in_flight_is_told_where_it_is_large_and_no_chance(
+    good: Identification, relative: float, statistic: float, level: str | None
+) -> None:
+    """Relative to the mean of before and after."""
+    before, after = np.full(3, 100.0 * (1.0 - 0.5 * relative)), np.full(3, 100.0 * (1.0 + 0.5 * relative))
+    change = ChangeCheck(time_s=np.full(3, 9.0), before=before, after=after, statistic=np.full(3, statistic))
+    assert found(good, lambda model: dataclasses.replace(model, change=change)).get("QL509") == level
+
+
+@pytest.mark.parametrize(
+    ("difference", "half_width", "level"),
+    [
+        (0.04, 0.001, None),
+        (0.06, 0.001, "warning"),
+        (0.27, 0.001, "error"),
+        (0.1, 0.08, None),
+        (0.1, 0.06, "warning"),
+    ],
+)
+def test_formulations_that_differ_by_more_than_their_intervals_allow_are_told(
+    good: Identification, difference: float, half_width: float, level: str | None
+) -> None:
+    """The root of the sum of both squares is allowed."""
+    gain = np.array([[1.0] * 3, [1.0 - difference] * 3])
+    check = FormulationCheck(on_axis_gain=gain, half_width=np.full((2, 3), half_width))
+    assert found(good, lambda model: dataclasses.replace(model, formulations=check)).get("QL513") == level
+
+
+@pytest.mark.parametrize(("times", "told"), [(1.4, False), (1.6, True)])
+def test_an_interval_that_resampling_contradicts_is_told(
+    good: Identification, times: float, told: bool
+) -> None:
+    """By half as much again."""
+
+    def resampled(model: Model) -> Model:
+        low, high = model.entries["q_dot", "M"].ci95
+        return dataclasses.replace(model, bootstrap_half_width=np.full(3, times * 0.5 * (high - low)))
+
+    assert ("QL514" in found(good, resampled)) is told
+
+
+@pytest.mark.parametrize(
+    ("r2", "level"), [(0.75, None), (0.6, "warning"), (0.05, "warning"), (-0.05, "error"), (np.nan, "error")]
+)
+def test_an_axis_whose_torque_does_not_reproduce_its_motion_is_told(
+    good: Identification, r2: float, level: str | None
+) -> None:
+    """Held-out rates without slow motion; none at all is worse than a constant."""
+
+    def worse(model: Model) -> Model:
+        known = {**model.validation.r2_high_passed_rate, "q": r2}
+        return dataclasses.replace(
+            model, validation=dataclasses.replace(model.validation, r2_high_passed_rate=known)
+        )
+
+    assert found(good, worse).get("QL511") == level
+
+
+@pytest.mark.parametrize(
+    ("signal_to_noise", "code"), [(2.9, "QL504"), (3.1, "QL404"), (8.9, "QL404"), (9.1, None)]
+)
+def test_an_axis_is_judged_by_what_the_model_explains_of_it(
+    good: Identification, signal_to_noise: float, code: str | None
+) -> None:
+    """Three times as much as it leaves at least, nine times to be without caution."""
+    roll, pitch, yaw = good.excitation
+    weak = dataclasses.replace(pitch, signal_to_noise=signal_to_noise)
+    said = found(dataclasses.replace(good, excitation=(roll, weak, yaw)), lambda model: model)
+    assert {"QL504", "QL404"} & set(said) == ({code} if code else set())
+
+
+@pytest.mark.parametrize(("rate_deg_s", "refused"), [(1.9, True), (2.1, False)])
+def test_an_axis_that_turns_no_more_than_in_hover_is_refused(
+    good: Identification, rate_deg_s: float, refused: bool
+) -> None:
+    """2 deg/s rms."""
+    roll, pitch, yaw = good.excitation
+    still = dataclasses.replace(pitch, rate_rms_rad_s=float(np.radians(rate_deg_s)))
+    said = found(dataclasses.replace(good, excitation=(roll, still, yaw)), lambda model: model)
+    assert (said.get("QL403") == "error") is refused
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "told"),
+    [("lag_s", 0.24, False), ("lag_s", 0.25, True), ("delay_s", 0.059, False), ("delay_s", 0.06, True)],
+)
+def test_a_lag_or_delay_at_the_end_of_its_range_is_told(
+    good: Identification, name: str, value: float, told: bool
+) -> None:
+    """250 ms of lag, 60 ms of delay."""
+
+    def late(model: Model) -> Model:
+        assert model.actuator is not None
+        return dataclasses.replace(model, actuator=dataclasses.replace(model.actuator, **{name: value}))
+
+    assert ("QL507" in found(good, late)) is told
