@@ -280,10 +280,11 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL511",
                 "The torque alone does not reproduce the motion",
-                "Simulated over seconds from the logged torque, the rate drifts away from the measured "
-                "one: wind or an unbalance moved the vehicle, and the torque is mostly the controller's "
-                "answer to that. An effectiveness fitted to such an answer is biased even if the fit looks "
-                "good.",
+                "Simulated over seconds from the logged torque, with the other two rates as measured, the "
+                "rate differs from the measured one: wind or an unbalance moved the vehicle, and the "
+                "torque is mostly the controller's answer to that. An effectiveness fitted to such an answer "
+                "is biased even if the fit looks good. An axis that speeds itself up in the model is judged "
+                "only over the time for which its motion can be predicted.",
                 "Fly stronger manoeuvres on this axis, in calm air.",
             ),
             _entry(

@@ -286,8 +286,9 @@ def _as_fit(body: _Body, x: FloatArray, free: BoolArray, rows: _Rows, n_columns:
     )
     coupled = bool(free[body.correlations].any())
     if not coupled:
-        # Of a body whose shape is not known, only what its axes do by themselves is.
+        # Of a body whose shape is not known, only what its axes do by themselves is: no product of rates.
         own = np.abs(slopes).max(axis=2) > 0.0
+        own[:, body._places(PRODUCTS)] = False
         theta, slopes = np.where(own, theta, 0.0), slopes * own[..., np.newaxis]
         measured, slopes_measured = theta, slopes
     residual = rows.Y - rows.Z @ measured.T
