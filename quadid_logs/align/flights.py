@@ -20,6 +20,11 @@ _MIN_PAUSE_S = 1.0
 _SHORT_LOG_S = 10.0
 #: Between two samples of slow evidence (1 Hz land detector) its value is held.
 _GRID_S = 0.1
+#: Rotors that turn at all give a tenth of the largest thrust, of which a few samples may be outliers.
+_RUNNING, _LARGEST = 0.1, 0.99
+#: With less than half its weight carried for half a second a vehicle is half a metre lower and falls at
+#: 2 m/s: that is a landing.
+_LIFTING, _LIFT_S = 0.5, 0.5
 
 
 class Flights(NamedTuple):
@@ -65,12 +70,37 @@ def find_flights(series: Mapping[str, CleanSeries], span: Interval) -> Flights:
         aloft &= believe(series[name], grid)
         if not aloft.any():
             return Flights((), f"{failure}{_in_so_short(span)}")
+    if not {"armed", "landed"} & series.keys() and (lifted := _lifted(series, grid)) is not None:
+        evidence += 1
+        aloft &= lifted
+        if not aloft.any():
+            return Flights((), f"the thrust never lifted the vehicle{_in_so_short(span)}")
     if not evidence:
         return _from_motion(series)
     intervals = _intervals(aloft, grid)
     trimmed = tuple((a + _GROUND_MARGIN_S, b - _GROUND_MARGIN_S) for a, b in intervals)
     lasting = tuple((a, b) for a, b in trimmed if b > a)
     return Flights(lasting, "" if lasting else "the vehicle was in the air for less than two seconds")
+
+
+def _lifted(series: Mapping[str, CleanSeries], grid: FloatArray) -> BoolArray | None:
+    """Say where thrust is near that of hovering, which tells a table's landing.
+
+    None where neither thrust nor throttle was logged.
+    """
+    thrust = series.get("thrust_n") or series.get("throttle")
+    if thrust is None or thrust.time_s.size < 2:
+        return None
+    values = thrust.values[:, 0]
+    running = values[values > _RUNNING * np.quantile(values, _LARGEST)]
+    if running.size == 0:
+        return None
+    # A mean: in a manoeuvre, thrust falls away for a moment.
+    time_s = thrust.time_s
+    total = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time_s))])
+    first, last = (np.clip(grid + shift, time_s[0], time_s[-1]) for shift in (-_LIFT_S / 2, _LIFT_S / 2))
+    carried = np.interp(last, time_s, total) - np.interp(first, time_s, total)
+    return np.asarray(carried > _LIFTING * np.median(running) * (last - first), dtype=np.bool_)
 
 
 def _in_so_short(span: Interval) -> str:

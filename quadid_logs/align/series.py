@@ -22,6 +22,10 @@ _SAME_TIME_S = 1e-9
 GAP_PERIODS = 3.0
 #: In flight the throttle stays above this much of its median: motors that idle on the ground are not flown.
 _FLOWN_THROTTLE = 0.5
+#: What the model is made of: a handful of absurd samples would outweigh all others in its squares.
+_MEASURED = frozenset({"body_rate", "torque_n_m", "torque_command", "thrust_n", "throttle"})
+#: Times the 99th percentile of a signal's distance from its median.
+_ABSURD = 10.0
 _ONE_COLUMN_PER_MOTOR = frozenset({"motor_thrust", "rotor_speed", "output_pwm"})
 
 Interval = tuple[float, float]
@@ -280,7 +284,7 @@ class Cleaner:
         self._orders: dict[tuple[Rows, float], _Order] = {}
 
     def clean(self, signal: Signal) -> CleanSeries:
-        """Drop damaged stamps and impossible values, put rows in order, merge repeated stamps.
+        """Drop damaged stamps, impossible and absurd values, put rows in order, merge repeated stamps.
 
         Rows are ordered by time *within* an epoch only; a reboot is never sorted
         away. Of rows with the same stamp the last stands: it is what the
@@ -299,6 +303,11 @@ class Cleaner:
         stamps = self._stamps_of(*key)
         known = _is_possible(signal.values)
         finite = _says_something(known, signal.name in _ONE_COLUMN_PER_MOTOR)
+        if signal.name in _MEASURED and finite.all():
+            finite = ~_is_absurd(signal.values)
+        elif signal.name in _MEASURED and finite.any():
+            finite = finite.copy()
+            finite[finite] = ~_is_absurd(signal.values[finite])
         n_not_finite = int(np.count_nonzero(~stamps.outlier & ~finite))
         time_s, values = stamps.time_s, signal.values
         kept = ~stamps.outlier & finite
@@ -355,6 +364,22 @@ def _order_of(time_s: FloatArray) -> _Order:
         time_s = time_s[last_of_stamp]
         chosen = last_of_stamp if chosen is None else chosen[last_of_stamp]
     return _Order(chosen, n_out_of_order, n_duplicate, typical_period(time_s))
+
+
+def _is_absurd(values: FloatArray) -> BoolArray:
+    """Mark rows far outside what a signal does and far from what it does just before and after.
+
+    One sample in a hundred of a flight lies beyond the 99th percentile; ten times that, for less than half a
+    window of seven samples, is a decoder or a sensor that failed and no motion of a mass.
+    """
+    away = np.abs(values - np.median(values, axis=0))
+    limit = _ABSURD * np.quantile(away, 0.99, axis=0)
+    absurd = np.zeros(len(values), dtype=np.bool_)
+    rows, columns = np.nonzero((away > limit) & (limit > 0.0))
+    near = np.clip(rows[:, np.newaxis] + np.arange(-3, 4), 0, len(values) - 1)
+    far = np.abs(values[rows, columns] - np.median(values[near, columns[:, np.newaxis]], axis=1))
+    absurd[rows[far > limit[columns]]] = True
+    return absurd
 
 
 def _is_possible(values: FloatArray) -> BoolArray:

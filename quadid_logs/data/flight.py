@@ -30,7 +30,7 @@ class SourceChoice:
         Pauses of more than three periods.
     n_duplicate, n_out_of_order, n_outliers, n_not_finite : int
         Rows with a repeated stamp, put back in order, thrown away for an
-        impossible stamp, or for NaN or infinite values.
+        impossible stamp, or for NaN, infinite or absurd values.
     others : tuple of (source, rate_hz)
         The sources that were not taken.
     """

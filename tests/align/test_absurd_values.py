@@ -1,0 +1,66 @@
+"""A handful of absurd samples costs itself and nothing else."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from quadid_logs.data.settings import AlignSettings, IdentifySettings
+from quadid_logs.identify import identify
+from quadid_logs.identify.structures import DAMPED
+from tests.identify.vehicles import PERIOD_S, QUAD, fly, multisine
+
+from .flights import align, flight_log, signal
+
+#: Of the vehicle's own: twenty times as much is beyond any motor, and less than a damaged exponent.
+ABSURD = 20.0
+
+
+@pytest.fixture(scope="module")
+def flown() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    (segment,) = fly(QUAD, multisine(40.0), feedback=8.0).segments
+    return segment.time_s, segment.body_rate_rad_s, segment.torque
+
+
+def gains(time_s: np.ndarray, rate: np.ndarray, torque: np.ndarray) -> np.ndarray:
+    data = align(
+        flight_log(signal("body_rate", time_s, rate), signal("torque_n_m", time_s, torque)), AlignSettings()
+    )
+    return np.diag(identify(data, IdentifySettings(), (DAMPED,)).models[0].B)
+
+
+@pytest.mark.parametrize("which", ["torque", "rate"])
+def test_six_absurd_samples_change_no_gain(
+    which: str, flown: tuple[np.ndarray, np.ndarray, np.ndarray]
+) -> None:
+    """Left in, they make the model explain nothing."""
+    time_s, rate, torque = flown
+    damaged = {"torque": torque.copy(), "rate": rate.copy()}
+    rows = np.linspace(1000, time_s.size - 1000, 6).astype(int)
+    damaged[which][rows, 0] = ABSURD * np.abs(damaged[which][:, 0]).max() * np.array([1, -1, 1, 1, -1, -1])
+    np.testing.assert_allclose(
+        gains(time_s, damaged["rate"], damaged["torque"]), gains(time_s, rate, torque), rtol=2e-3
+    )
+
+
+def test_rows_without_numbers_change_no_gain(flown: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
+    """Nine of them, two in a row at most."""
+    time_s, rate, torque = flown
+    rows = np.linspace(1000, time_s.size - 1000, 5).astype(int)
+    torque = torque.copy()
+    whole = gains(time_s, rate, torque)
+    torque[np.concatenate([rows, rows[:4] + 1])] = np.nan
+    np.testing.assert_allclose(gains(time_s, rate, torque), whole, rtol=2e-3)
+
+
+@pytest.mark.parametrize("duration_s", [0.1, 1.0])
+def test_a_short_strong_manoeuvre_stays(duration_s: float) -> None:
+    """A doublet in a minute of hovering is a hundred times its noise, and motion all the same."""
+    time_s = PERIOD_S * np.arange(24_000)
+    rate = 0.001 * np.random.default_rng(0).standard_normal((time_s.size, 3))
+    moving = (time_s > 30.0) & (time_s < 30.0 + duration_s)
+    rate[moving, 0] = 0.5
+    data = align(
+        flight_log(signal("body_rate", time_s, rate), signal("torque_n_m", time_s, rate)), AlignSettings()
+    )
+    assert data.sources["body_rate"].n_not_finite == 0

@@ -1,0 +1,70 @@
+"""A table has no land detector: thrust tells when the vehicle is carried."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from quadid_logs.data.flight import FlightData
+from quadid_logs.data.settings import AlignSettings
+
+from .flights import align, flight_log, motion, signal
+
+TIME_S = np.arange(0.0, 60.0, 0.01)
+HOVER_N, IDLE_N = 0.44, 0.035
+
+
+def table(thrust_n: np.ndarray, name: str = "thrust_n", **more: np.ndarray) -> FlightData:
+    """Return the flights of a table with that thrust: its rows never stop moving, as on a running motor."""
+    others = [signal(key, TIME_S, values[:, np.newaxis]) for key, values in more.items()]
+    log = flight_log(
+        signal("body_rate", TIME_S, motion(TIME_S)),
+        signal("torque_n_m", TIME_S, 1e-4 * motion(TIME_S)),
+        signal(name, TIME_S, thrust_n[:, np.newaxis]),
+        *others,
+        format="table",
+        autopilot="other",
+    )
+    return align(log, AlignSettings())
+
+
+def thrust(
+    *, start_s: float = 5.0, end_s: float = 50.0, hover: float = HOVER_N, idle: float = IDLE_N
+) -> np.ndarray:
+    return np.where((start_s < TIME_S) & (end_s > TIME_S), hover, idle)
+
+
+@pytest.mark.parametrize(
+    ("name", "hover", "idle"),
+    [("thrust_n", HOVER_N, IDLE_N), ("thrust_n", 26.0, 1.5), ("throttle", 0.63, 0.153)],
+)
+def test_flight_is_where_thrust_carries_the_vehicle(name: str, hover: float, idle: float) -> None:
+    """Whatever it weighs, and with idling motors above the throttle of no motor."""
+    (flight,) = table(thrust(hover=hover, idle=idle), name).flights
+    assert flight == pytest.approx((6.0, 49.0), abs=0.3)
+
+
+def test_thrust_that_falls_away_in_a_manoeuvre_ends_no_flight() -> None:
+    """A third of a second of free fall, and weight again."""
+    dipped = np.where((TIME_S > 20.0) & (TIME_S < 20.3), 0.0, thrust())
+    assert len(table(dipped).flights) == 1
+
+
+def test_a_touch_down_between_two_hops_is_in_no_flight() -> None:
+    """Two seconds on the ground, motors idling."""
+    landed = np.where((TIME_S > 20.0) & (TIME_S < 22.0), IDLE_N, thrust())
+    assert len(table(landed).flights) == 2
+
+
+def test_some_absurd_thrusts_move_no_boundary() -> None:
+    """Six of six thousand samples, as of an ESC that stutters."""
+    absurd = thrust()
+    absurd[np.linspace(1000, 4500, 6).astype(int)] = 5e4
+    (flight,) = table(absurd).flights
+    assert flight == pytest.approx((6.0, 49.0), abs=0.3)
+
+
+def test_a_land_detector_is_believed_before_thrust() -> None:
+    """An autopilot that says that it flies may dive with its motors at rest."""
+    dive = np.where((TIME_S > 20.0) & (TIME_S < 22.0), IDLE_N, thrust(start_s=-1.0, end_s=61.0))
+    assert len(table(dive, landed=np.zeros(TIME_S.size)).flights) == 1
