@@ -14,6 +14,7 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import Segment
 from quadid_logs.maths.rotational_dynamics import PRODUCTS
+from quadid_logs.maths.rotations import tilt_from_rates
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS, TORQUE_SYMBOLS
 
 #: Thrust is not quite what mixer and thrust curve say, and the torque between the rows of a slow log is
@@ -29,6 +30,8 @@ _GRAVITY_M_S2 = 9.81
 #: Drag over mass of multirotors is 0.1 to 0.3 1/s. Which value hardly matters:
 #: it shapes what is slower than 0.05 Hz.
 _DRAG_1_S = 0.2
+#: Tilt integrated from rates fades in three times the drag's five seconds: slower is high-passed anyway.
+_TILT_MEMORY_S = 15.0
 
 #: Maps M of rates M w (3, 3) to the matrix that does the same to a family of columns.
 Mixing = Callable[[FloatArray], FloatArray]
@@ -125,6 +128,11 @@ class AttitudeTerm(Term):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TiltTerm(AttitudeTerm):
+    """An `AttitudeTerm` of roll and pitch alone: where no attitude is logged, the rates integrate to them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TorqueTerm(Term):
     """A column that passes the actuator: of torque (n, 3), and throttle above its mean (n,) or None."""
 
@@ -153,6 +161,9 @@ def column_of(term: Term, segment: Segment, period_s: float) -> FloatArray | Non
         return term.of_rate(segment.body_rate_rad_s)
     if isinstance(term, AttitudeTerm) and segment.attitude_rad is not None:
         return term.of_attitude(segment.attitude_rad, period_s)
+    if isinstance(term, TiltTerm):
+        tilt = tilt_from_rates(segment.body_rate_rad_s, period_s, _TILT_MEMORY_S)
+        return term.of_attitude(tilt, period_s)
     return None
 
 
@@ -302,6 +313,6 @@ THROTTLED_YAW: Final = TorqueTerm(
 TORQUE_TERMS: Final = (*INPUTS, THROTTLED_YAW)
 #: Speed along body x and y, as the tilt brings it.
 AIR_SPEED: Final = tuple(
-    AttitudeTerm(symbol=symbol, units=("rad/(m s)", "rad/m"), of_attitude=_air_speed(along))
+    TiltTerm(symbol=symbol, units=("rad/(m s)", "rad/m"), of_attitude=_air_speed(along))
     for along, symbol in enumerate(("u", "v"))
 )

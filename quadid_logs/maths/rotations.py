@@ -7,11 +7,15 @@ so that it works on floats (one flight) and on arrays (many flights) alike.
 
 from __future__ import annotations
 
+import math
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
+
+#: Steps of the integration [s]: no vehicle turns far enough in a fiftieth of a second to tell two axes apart.
+_TILT_STEP_S = 0.02
 
 Component: TypeAlias = Any
 """A float, or an ndarray of one value per flight."""
@@ -226,3 +230,44 @@ def quaternion_rate(
         w * q + z * p - x * r,
         w * r + x * q - y * p,
     )
+
+
+def tilt_from_rates(body_rate_rad_s: FloatArray, period_s: float, memory_s: float) -> FloatArray:
+    """Return roll and pitch that body rates integrate to, fading towards level.
+
+    The direction of gravity in body axes turns by g' = -w x g. What was long ago fades, so that neither
+    an unknown start nor the bias of a gyro stays.
+
+    Parameters
+    ----------
+    body_rate_rad_s : ndarray, shape (n_samples, 3)
+    period_s, memory_s : float
+        Between the samples; time constant of the fading [s].
+
+    Returns
+    -------
+    ndarray, shape (n_samples, 2)
+        Roll and pitch [rad].
+    """
+    step = max(1, int(_TILT_STEP_S / period_s))
+    n_steps = -(-len(body_rate_rad_s) // step)
+    padded = np.concatenate([body_rate_rad_s, np.zeros((n_steps * step - len(body_rate_rad_s), 3))])
+    turns = period_s * padded.reshape(n_steps, step, 3).sum(axis=1)
+    keep = math.exp(-step * period_s / memory_s)
+    x, y, z = 0.0, 0.0, 1.0
+    down = [(x, y, z)]
+    for a, b, c in turns.tolist():
+        # Midpoint rule; then towards level, and back to unit length.
+        u, v, w = x + 0.5 * (c * y - b * z), y + 0.5 * (a * z - c * x), z + 0.5 * (b * x - a * y)
+        x, y, z = (
+            keep * (x + c * v - b * w),
+            keep * (y + a * w - c * u),
+            keep * (z + b * u - a * v) + 1.0 - keep,
+        )
+        size = math.sqrt(x * x + y * y + z * z)
+        x, y, z = x / size, y / size, z / size
+        down.append((x, y, z))
+    edges = step * np.arange(n_steps + 1, dtype=np.float64)
+    middle = np.arange(len(body_rate_rad_s), dtype=np.float64) + 0.5
+    x, y, z = (np.interp(middle, edges, column) for column in np.array(down).T)
+    return np.column_stack([np.arctan2(y, z), np.arctan2(-x, np.hypot(y, z))])

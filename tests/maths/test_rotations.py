@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -16,6 +17,7 @@ from quadid_logs.maths.rotations import (
     quaternion_from_euler,
     quaternion_rate,
     rotation_matrix,
+    tilt_from_rates,
     unwrapped,
 )
 
@@ -85,3 +87,29 @@ def test_euler_rates_are_the_derivative_of_the_angles_that_body_rates_lead_to() 
     ahead = q + step * np.array(quaternion_rate(tuple(q), tuple(rate)))
     slope = (euler_from_quaternion(ahead) - euler) / step
     np.testing.assert_allclose(euler_rates(euler, rate), slope, atol=1e-5)
+
+
+def turned(period_s: float, duration_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return Euler angles of a lively hover, and the body rates that belong to them; each (n_samples, 3)."""
+    t = np.arange(0.0, duration_s, period_s)
+    waves = [(0.5, 0.31, 0.0), (0.4, 0.47, 1.0), (1.0, 0.11, 2.0)]
+    euler = np.column_stack([a * np.sin(2.0 * np.pi * f * t + b) for a, f, b in waves])
+    slope = np.column_stack([2.0 * np.pi * f * a * np.cos(2.0 * np.pi * f * t + b) for a, f, b in waves])
+    return euler, body_rates(euler, slope)
+
+
+@pytest.mark.parametrize("period_s", [0.001, 0.01, 0.04])
+def test_body_rates_integrate_to_roll_and_pitch(period_s: float) -> None:
+    """Once the unknown start has faded, to what fades of a swing while it lasts."""
+    euler, rate = turned(period_s, 120.0)
+    tilt = tilt_from_rates(rate, period_s, memory_s=15.0)
+    late = slice(3 * len(tilt) // 4, None)
+    error = tilt[late] - euler[late, :2]
+    assert np.abs(error - error.mean(axis=0)).max() < 1.5 * 0.5 / (2.0 * np.pi * 0.31 * 15.0)
+
+
+def test_the_bias_of_a_gyro_tilts_the_integral_by_no_more_than_it_turns_in_the_memory() -> None:
+    """Without fading, half a degree a second would be a full turn in twelve minutes."""
+    bias = np.radians(0.5)
+    tilt = tilt_from_rates(np.tile([bias, 0.0, 0.0], (60_000, 1)), 0.01, memory_s=15.0)
+    assert tilt[-1, 0] == pytest.approx(15.0 * bias, rel=0.02)
