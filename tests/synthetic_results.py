@@ -303,6 +303,7 @@ def _model(
         smoothing_hz=12.0,
         condition_number=14.2,
         band=BandCheck(
+            low_hz=np.array([0.3, 0.3, 0.3]),
             cutoff_hz=np.array([12.0, 6.0, 24.0]),
             on_axis_gain=np.diag(B) * np.array([[1.0], [0.99], [1.02]]),
         ),

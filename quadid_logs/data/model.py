@@ -175,10 +175,11 @@ class Inertia:
 class BandCheck:
     """The same fit in other frequency bands: a true gain does not depend on the band.
 
-    ``cutoff_hz`` (n_bands,) of the smoothing filter, the model's own first;
-    ``on_axis_gain`` (n_bands, 3) is B11, B22, B33 in each.
+    ``low_hz`` (n_bands,) below which nothing was fitted and ``cutoff_hz`` (n_bands,) of the
+    smoothing filter, the model's own first; ``on_axis_gain`` (n_bands, 3) is B11, B22, B33 in each.
     """
 
+    low_hz: FloatArray
     cutoff_hz: FloatArray
     on_axis_gain: FloatArray
 

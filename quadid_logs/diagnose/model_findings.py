@@ -36,8 +36,8 @@ _WIDER = 1.5
 _FEW_WINDOWS = 0.5
 #: R2 of 0.9: the torque explains nearly all.
 _CAUTION_SIGNAL_TO_NOISE = 9.0
-#: Wind of 8 m/s leaves 0.4 to 0.9 at a bias below 1 %: below this it is worth a warning.
-_CAUTION_SIMULATED_R2 = 0.7
+#: Gusts that leave less of the rate in the fitted band to the torque may take a tenth off its effectiveness.
+_CAUTION_SIMULATED_R2 = 0.8
 
 
 def find_in_models(log: FlightLog, identification: Identification) -> Iterator[Finding]:
@@ -167,7 +167,7 @@ def _not_reproduced(axis: _Axis) -> Finding | None:
     """Warn of an axis whose motion does not follow from its torque over some seconds."""
     r2 = axis.model.validation.r2_high_passed_rate.get(RATE_SYMBOLS[axis.number], float("nan"))
     if r2 >= _CAUTION_SIMULATED_R2:
-        return None
+        return _own_damping(axis)
     evidence = {
         "simulated_rate_r2": rounded(r2),
         "block_s": HELD_OUT_BLOCK_S,
@@ -176,12 +176,23 @@ def _not_reproduced(axis: _Axis) -> Finding | None:
     return axis.finding("QL511", "warning" if r2 >= MIN_SIMULATED_R2 else "error", evidence)
 
 
+def _own_damping(axis: _Axis) -> Finding | None:
+    """Warn of an axis that speeds itself up: its simulation is fed back from the measured rate."""
+    own = axis.model.entries.get((ACCELERATION_SYMBOLS[axis.number], RATE_SYMBOLS[axis.number]))
+    if own is None or not own.ci95[0] > 0.0:
+        return None
+    evidence = {"own_rate_1_s": rounded(own.value), "ci95": [rounded(value) for value in own.ci95]}
+    title = f"In this model {axis.name} speeds itself up, which is judged over {1.0 / own.value:.2g} s only"
+    return axis.finding("QL511", "warning", evidence, title)
+
+
 def _depends_on_the_band(axis: _Axis) -> Finding | None:
     band = axis.model.band
     spread = 0.0 if band is None else float(band.spread[axis.number])
     if band is None or spread <= _BAND_WARNING:
         return None
     evidence = {
+        "low_hz": [rounded(value) for value in band.low_hz],
         "cutoff_hz": [rounded(value) for value in band.cutoff_hz],
         "gain": [rounded(value) for value in band.on_axis_gain[:, axis.number]],
     }

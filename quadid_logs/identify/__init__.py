@@ -13,11 +13,12 @@ from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import Identification, Model
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify.design import Design, build_design, smooth_segment
-from quadid_logs.identify.equation_by_equation import fit_equation_by_equation
+from quadid_logs.identify.equation_by_equation import INFORMATIVE_R2, fit_equation_by_equation
 from quadid_logs.identify.excitation import ColumnNoise, excited_axes, measure_excitation, noise_density
 from quadid_logs.identify.instruments import with_strong_instruments
 from quadid_logs.identify.model import actuated_model
 from quadid_logs.identify.published import fit_as_published
+from quadid_logs.identify.response import NARROWEST_BAND, lower_edge_hz, responses
 from quadid_logs.identify.rigid_body import fit_single_rigid_body
 from quadid_logs.identify.select import most_excited
 from quadid_logs.identify.structures import RIGID_BODY, STRUCTURES, Structure
@@ -82,7 +83,12 @@ def identify(
         return Identification(skipped="the flight is too short for the number of unknowns")
     high_passed = design.high_passed(settings.high_pass_hz)
     design = with_strong_instruments(design, high_passed, excited_axes(high_passed))
-    ordered = _recommend(_fit_all(data, design, structures, settings), settings)
+    models, informative = _fit_all(data, design, structures, settings)
+    tilting = [axis for axis in informative if axis < 2]
+    edge_hz = _lower_edge_hz(data, design, tilting, settings)
+    if edge_hz:
+        models = _fit_above(edge_hz, data, design, tilting, structures, settings) or models
+    ordered = _recommend(models, settings)
     return Identification(
         models=ordered,
         n_samples=data.n_samples,
@@ -94,10 +100,46 @@ def identify(
     )
 
 
+def _lower_edge_hz(
+    data: FlightData, design: Design, axes: Sequence[int], settings: IdentifySettings
+) -> float:
+    """Return from where the response of all of some axes is a vehicle's, 0 where the band may stay.
+
+    Roll and pitch are asked: they are what slow air tilts. Yaw tells most where it is slowest.
+    """
+    if settings.smoothing_hz or not settings.high_pass_hz:
+        return 0.0
+    found = responses(data, instruments=design.instruments is not None) if axes else ()
+    edges_hz = [lower_edge_hz(each, data.sample_period_s) for axis, each in enumerate(found) if axis in axes]
+    edge_hz = max(edges_hz, default=0.0)
+    highest_hz = 1.0 / (data.sample_period_s * _SAMPLES_PER_CYCLE)
+    return edge_hz if edge_hz > settings.high_pass_hz and NARROWEST_BAND * edge_hz <= highest_hz else 0.0
+
+
+def _fit_above(
+    edge_hz: float,
+    data: FlightData,
+    design: Design,
+    axes: Sequence[int],
+    structures: Sequence[Structure],
+    settings: IdentifySettings,
+) -> list[Model]:
+    """Fit again above an edge [Hz]; nothing where that explains none of the axes that it is for."""
+    above = build_design(data, max(design.smoothing_hz, NARROWEST_BAND * edge_hz), structures)
+    if above is None:
+        return []
+    if design.instruments is None:
+        above = above.without_instruments()
+    models, _ = _fit_all(data, above, structures, replace(settings, high_pass_hz=edge_hz))
+    r2 = models[0].validation.r2_acceleration
+    explained = [r2.get(ACCELERATION_SYMBOLS[axis], 0.0) for axis in axes]
+    return models if max(explained) >= INFORMATIVE_R2 else []
+
+
 def _fit_all(
     data: FlightData, design: Design, structures: Sequence[Structure], settings: IdentifySettings
-) -> list[Model]:
-    """Fit every structure whose terms the flight has, in the order given."""
+) -> tuple[list[Model], list[int]]:
+    """Fit every structure whose terms the flight has, in the order given; return the informative axes too."""
     smoothing_hz = design.smoothing_hz
     noise = ColumnNoise(noise_density(data), design.columns, _NOISE_BANDWIDTH * smoothing_hz)
     smooth = [
@@ -118,7 +160,7 @@ def _fit_all(
             first = first or found
         if found is not None:
             models.append(actuated_model(data, found, settings, noise))
-    return models
+    return models, [] if first is None else first.informative
 
 
 def _recommend(models: list[Model], settings: IdentifySettings) -> tuple[Model, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -28,11 +28,14 @@ from quadid_logs.identify.structures import Structure
 from quadid_logs.identify.terms import TRIM
 from quadid_logs.vocabulary import RATE_SYMBOLS, TORQUE_SYMBOLS
 
-#: The fit is repeated with the smoothing cut-off times these: half an octave
-#: and more to either side. A gain that slides with the band is no gain.
-_OTHER_BANDS = (0.5, 1.6)
+#: The fit is repeated with lower edge and smoothing cut-off times these: half an octave
+#: and more to either side. A gain that slides with the band is no gain. Below its lower edge
+#: a band is known to be another's.
+_OTHER_BANDS = ((1.0, 0.5), (1.0, 1.6), (1.6, 1.0))
+#: A band that ends below so many times its lower edge tells no gain from a lag.
+_NARROWEST_CHECK = 2.5
 #: An axis is informative of the actuator if the model explains this fraction of its acceleration.
-_INFORMATIVE_R2 = 0.75
+INFORMATIVE_R2: Final = 0.75
 
 
 class ActuatedFit(NamedTuple):
@@ -129,7 +132,7 @@ def _fit_behind(model: ActuatorModel, structure: Structure) -> tuple[PooledFit, 
 
 def _informative(r2: FloatArray, axes: Sequence[int]) -> list[int]:
     """Return the axes of whose acceleration the model explains enough."""
-    return [axis for axis in axes if r2[axis] >= _INFORMATIVE_R2]
+    return [axis for axis in axes if r2[axis] >= INFORMATIVE_R2]
 
 
 def _possible(structure: Structure, informative: Sequence[int]) -> BoolArray:
@@ -164,17 +167,20 @@ def _visible(structure: Structure, fit: PooledFit, informative: Sequence[int]) -
 
 
 def _other_bands(data: FlightData, problem: FitProblem, model: ActuatorModel, fit: PooledFit) -> BandCheck:
-    """Repeat the fit in a narrower and a wider band."""
+    """Repeat the fit in a narrower and a wider band, and in one that begins later."""
     design, structure = problem.design, problem.structure
-    cutoffs, gains = [design.smoothing_hz], [structure.on_axis(fit.theta)]
-    for factor in _OTHER_BANDS:
-        other = build_design(data, factor * design.smoothing_hz, [structure])
+    bands, gains = [(design.high_pass_hz, design.smoothing_hz)], [structure.on_axis(fit.theta)]
+    for low, high in _OTHER_BANDS:
+        if high * design.smoothing_hz < _NARROWEST_CHECK * low * design.high_pass_hz:
+            continue
+        other = build_design(data, high * design.smoothing_hz, [structure])
         if other is not None and np.count_nonzero(other.train) > 2 * len(structure.columns):
             if design.instruments is None:
                 other = other.without_instruments()
-            other = other.high_passed(design.high_pass_hz)
+            other = other.high_passed(low * design.high_pass_hz)
             again = same_actuator_model(problem._replace(design=other), model, data.input)
             regression = lay_out(again.design, structure, again.actuator, problem.kept)
-            cutoffs.append(other.smoothing_hz)
+            bands.append((other.high_pass_hz, other.smoothing_hz))
             gains.append(structure.on_axis(regression.solve()))
-    return BandCheck(cutoff_hz=np.array(cutoffs), on_axis_gain=np.array(gains))
+    low_hz, cutoff_hz = np.array(bands).T
+    return BandCheck(low_hz=low_hz, cutoff_hz=cutoff_hz, on_axis_gain=np.array(gains))

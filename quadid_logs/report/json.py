@@ -335,6 +335,7 @@ def _estimate(values: FloatArray) -> dict[str, Any]:
 def _band(check: BandCheck) -> dict[str, Any]:
     """Return ``band_check``: each on-axis effectiveness by cut-off of the smoothing, the model's first."""
     return {
+        "low_hz": check.low_hz,
         "cutoff_hz": check.cutoff_hz,
         "gain": dict(zip(_ON_AXIS_NAMES, check.on_axis_gain.T, strict=True)),
         "spread": dict(zip(_ON_AXIS_NAMES, check.spread, strict=True)),

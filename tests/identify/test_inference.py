@@ -243,7 +243,11 @@ def test_an_effectiveness_per_command_does_not_depend_on_the_newton_metre() -> N
 def test_the_interval_covers_the_effectiveness_in_every_band() -> None:
     """Ten units below in one band, twenty above in another; off-axis entries stay."""
     gain = np.diag(QUAD.B)
-    band = BandCheck(cutoff_hz=np.array([5.0, 2.5, 8.0]), on_axis_gain=np.array([gain, gain - 10, gain + 20]))
+    band = BandCheck(
+        low_hz=np.full(3, 0.3),
+        cutoff_hz=np.array([5.0, 2.5, 8.0]),
+        on_axis_gain=np.array([gain, gain - 10, gain + 20]),
+    )
     below, above = widened(0.4, band=band)
     np.testing.assert_allclose(np.diag(below), 10.0)
     np.testing.assert_allclose(np.diag(above), 20.0)

@@ -81,6 +81,39 @@ def fly(truth: Truth, excitation: np.ndarray, *, seed: int = 0, feedback: float 
     return flight_data(rate, command, gyro_filter=GyroFilter(truth.gyro_filter_hz))
 
 
+def fly_in_gusts(
+    frequencies_hz: np.ndarray,
+    gust_rad_s2: float,
+    *,
+    memory_s: float = 2.0,
+    duration_s: float = 40.0,
+    seed: int = 1,
+) -> FlightData:
+    """Fly `QUAD` by a PI rate loop in slow gusts that no log tells; setpoints are not logged either."""
+    rng = np.random.default_rng(seed)
+    n, J, D = int(duration_s / PERIOD_S), np.diag(QUAD.inertia), np.diag(QUAD.damping)
+    t = PERIOD_S * np.arange(n)
+    wanted = np.zeros((n, 3))
+    for axis in range(3):
+        for frequency in frequencies_hz * (1.0 + 0.05 * axis):
+            wanted[:, axis] += np.sin(2.0 * np.pi * frequency * t + rng.uniform(0.0, 2.0 * np.pi))
+    wanted *= 0.3 / np.sqrt(frequencies_hz.size / 2.0)
+    fade, decay = np.exp(-PERIOD_S / memory_s), np.exp(-PERIOD_S / QUAD.lag_s)
+    gusts = gust_rad_s2 * np.sqrt(1.0 - fade**2) * rng.standard_normal((n, 3))
+    noise = 0.003 * rng.standard_normal((n, 3))
+    rate, command = np.zeros((n, 3)), np.zeros((n, 3))
+    w, actual, gust, total = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    for k in range(n):
+        rate[k] = w + noise[k]
+        error = wanted[k] - rate[k]
+        total = total + 20.0 * PERIOD_S * error
+        command[k] = J * (15.0 * error + total)
+        actual = command[k] + (actual - command[k]) * decay
+        gust = fade * gust + gusts[k]
+        w = w + PERIOD_S * ((actual - np.cross(w, J * w)) / J - D * w + gust)
+    return flight_data(rate, command)
+
+
 def _resistance(rate: np.ndarray, J: list, B: list, D: list) -> np.ndarray:  # type: ignore[type-arg]
     """J^-1 (w x J w) + D w in plain floats: this runs a hundred thousand times."""
     p, q, r = rate.tolist()

@@ -1,0 +1,58 @@
+"""Flown research logs with gains known from elsewhere: a number where there is one, and none is wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from quadid_logs import pipeline
+from quadid_logs.data.result import Result
+from quadid_logs.vocabulary import AXES, ON_AXIS
+
+TAILSITTERS = ("manual-altitude-2", "manual-position-1", "manual-stabilized-2", "step-size2-2")
+#: Moments of inertia that were published for the vehicle of cf21-1khz-log15 [kg m^2].
+PUBLISHED = {"roll": 1.66e-5, "pitch": 1.67e-5}
+
+
+def interval(result: Result, axis: str) -> tuple[float, float]:
+    model = result.identification.recommended
+    assert model is not None
+    return model.entries[ON_AXIS[axis]].ci95
+
+
+def test_roll_of_a_tail_sitter_is_the_same_in_four_flights(corpus: Path) -> None:
+    """Published elsewhere as 105 to 134; a yaw that cannot be told took roll with it in three of them."""
+    results = [pipeline.analyze(corpus / "real" / f"tailsitter-{name}.csv") for name in TAILSITTERS]
+    assert all(result.diagnosis.axes["roll"].verdict != "refused" for result in results)
+    low, high = np.array([interval(result, "roll") for result in results]).T
+    assert low.max() < high.min()
+    assert all(high > 105.0)
+    assert all(low < 134.0)
+
+
+def test_a_fast_log_without_attitude_gives_the_published_inertia(corpus: Path) -> None:
+    """Within 6 %."""
+    result = pipeline.analyze(corpus / "real" / "cf21-1khz-log15.csv")
+    for number, axis in enumerate(AXES[:2]):
+        assert result.diagnosis.axes[axis].verdict != "refused"
+        assert result.identification.recommended is not None
+        gain = result.identification.recommended.B[number, number]
+        assert 1.0 / gain == pytest.approx(PUBLISHED[axis], rel=0.06)
+
+
+@pytest.mark.parametrize("name", ["square3", "square4", "multisine1", "melon1"])
+def test_no_interval_of_a_small_quadrotor_excludes_what_cross_spectra_show(corpus: Path, name: str) -> None:
+    """33 000 for roll and 31 000 for pitch, unless refused: slow air makes a fit from 0.3 Hz on 17 % low."""
+    result = pipeline.analyze(corpus / "real" / f"cfbl-{name}-rotors.csv")
+    for axis, gain in (("roll", 33_000.0), ("pitch", 31_000.0)):
+        if result.diagnosis.axes[axis].verdict != "refused":
+            low, high = interval(result, axis)
+            assert low <= gain <= high
+
+
+def test_the_small_quadrotor_has_a_gain_on_roll_and_pitch(corpus: Path) -> None:
+    """Refusing everything is no answer: this flight tells both."""
+    result = pipeline.analyze(corpus / "real" / "cfbl-square3-rotors.csv")
+    assert "refused" not in {result.diagnosis.axes[axis].verdict for axis in ("roll", "pitch")}
