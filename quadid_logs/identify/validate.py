@@ -174,7 +174,7 @@ class _OwnMotion(NamedTuple):
 def _own_motion(
     names: Sequence[str], coefficients: FloatArray, modelled: FloatArray, rate: FloatArray
 ) -> _OwnMotion:
-    """Return each axis' motion from what the model makes of measured columns; no pole where it has no rate."""
+    """Return each axis' motion from what the model makes of measured columns; pole 0 where it has no rate."""
     own = enumerate(RATE_SYMBOLS)
     pole = np.array([coefficients[axis, names.index(name)] if name in names else 0.0 for axis, name in own])
     return _OwnMotion(pole, modelled - pole * rate)
