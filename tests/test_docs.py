@@ -48,3 +48,11 @@ def test_no_code_is_used_for_two_findings() -> None:
 def test_the_schema_is_valid_json(name: str) -> None:
     """It is published for programs."""
     assert json.loads((DOCS / name).read_text(encoding="utf-8"))["type"] == "object"
+
+
+def test_the_template_of_an_autopilot_stands_in_the_docs() -> None:
+    """The marker that includes it, letter by letter: a formatter of code blocks once took it for Python."""
+    page = (DOCS / "extending.md").read_text(encoding="utf-8")
+    included = re.findall(r'^--8<-- "(.+)"$', page, re.MULTILINE)
+    assert included == ["tests/autopilots/toy.py"]
+    assert (DOCS.parent / included[0]).is_file()
