@@ -193,6 +193,7 @@ def plan_flights(
                 delay_steps=scenario.delay_steps,
                 noise=scenario.noise,
                 wind=scenario.wind,
+                effects=scenario.effects,
                 seed=seed + 1_000_003 * flight,
             )
         )

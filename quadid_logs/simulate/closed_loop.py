@@ -16,6 +16,8 @@ from quadid_logs.maths.frames import normalised_allocation
 from quadid_logs.maths.rotational_dynamics import Quadruple, Triple, inertia_terms
 from quadid_logs.maths.rotations import Component, body_rates, quaternion_from_euler
 from quadid_logs.simulate.airframes import GRAVITY_M_S2, SimulatedAirframe
+from quadid_logs.simulate.components import stacked as _stacked
+from quadid_logs.simulate.components import vector as _vector
 from quadid_logs.simulate.control import (
     Arithmetic,
     Gains,
@@ -31,6 +33,7 @@ from quadid_logs.simulate.control import (
     thrust_of_throttle,
     torque_command,
 )
+from quadid_logs.simulate.effects import Actuation, Effects, FlexibleMode, Surroundings, disturbance
 from quadid_logs.simulate.manoeuvres import Reference
 from quadid_logs.simulate.plant import Body, State, advance, at_rest
 from quadid_logs.simulate.wind import Wind, dryden_wind
@@ -88,7 +91,24 @@ class Setup:
     delay_steps: int = 0
     noise: Noise = field(default_factory=Noise)
     wind: Wind = field(default_factory=Wind)
+    effects: Effects = field(default_factory=Effects)
     seed: int = 0
+
+    @property
+    def firmware_expo(self) -> float:
+        """The thrust curve's expo that the firmware takes for the propellers'."""
+        mistaken = self.effects.firmware_expo
+        return self.airframe.thrust_expo if mistaken is None else mistaken
+
+    @property
+    def hover_throttle(self) -> float:
+        """Fraction of the full thrust that carries the weight, as the firmware counts thrust [1]."""
+        hover = self.airframe.hover_throttle
+        if self.effects.firmware_expo is None:
+            return hover
+        return float(
+            thrust_of_throttle(throttle_for_thrust(hover, self.airframe.thrust_expo), self.firmware_expo)
+        )
 
 
 class Channel(NamedTuple):
@@ -225,8 +245,10 @@ class Controller(NamedTuple):
     gains: Gains
     mixer: Mixer
     expo: Component
+    propeller_expo: Component
     speed_max: Component
     compensates_voltage: bool
+    actuation: Actuation
 
 
 def _fly(setups: tuple[Setup, ...], channels: tuple[Channel, ...]) -> FloatArray:
@@ -271,13 +293,14 @@ def _periods(setups: tuple[Setup, ...], *, full: bool) -> Iterator[tuple[Compone
     first = setups[0]
     ops = arithmetic(len(setups))
     body, controller, battery, gyro = _body(setups), _controller(setups), _Battery(setups), _Gyro(setups)
+    surroundings = _surroundings(setups)
     zero = _stacked([0.0 for _ in setups])
     idle = _idle(first.airframe.n_rotors, zero)
     state = at_rest(first.airframe.n_rotors, zero)
     rates, height_integral, decision = RateMemory(*[idle.command] * 3), zero, idle
     queue = [idle.targets] * first.delay_steps
     battery_period = round(BATTERY_PERIOD_S * first.loop_hz)
-    for k, (active, plan, noise, wind) in enumerate(_inputs(setups)):
+    for k, (active, plan, noise, wind, disturbed) in enumerate(_inputs(setups)):
         if k % battery_period == 0:
             battery.update(state.wrench.thrust, ops)
         raw, filtered = gyro.read(state.rate, noise)
@@ -298,11 +321,14 @@ def _periods(setups: tuple[Setup, ...], *, full: bool) -> Iterator[tuple[Compone
             )
             command = _injected(command, plan.injected, ops)
             decision = _decide(setpoint, command, throttle, controller, battery, ops)
+            if controller.actuation.present:
+                decision = _mistaken(decision, controller, battery, k / first.loop_hz, ops)
         else:
             rates, height_integral, decision = RateMemory(idle.command, filtered, idle.command), zero, idle
         yield _row(state, decision, raw, filtered, battery, full=full)
         queue.append(decision.targets)
-        state = advance(state, queue.pop(0), wind, body)
+        external = surroundings.act(state.attitude, state.acceleration, disturbed)
+        state = advance(state, queue.pop(0), wind, body, external)
 
 
 def _idle(n_rotors: int, zero: Component) -> Decision:
@@ -353,13 +379,14 @@ class _Gyro:
         self._bias = _vector([0.1 * np.array(s.noise.gyro_bias_rad_s) for s in setups])
         self._scale = _vector([1.0 + np.array(s.noise.gyro_scale) for s in setups])
         self._cross = tuple(_stacked([s.noise.gyro_cross[place] for s in setups]) for place in range(6))
+        self._mode = FlexibleMode([s.effects for s in setups], first.loop_hz)
         zero = 0.0 * self._quantum
         self._memory = ((zero, zero, zero), (zero, zero, zero))
 
     def read(self, rate: Triple, noise: Triple) -> tuple[Triple, Triple]:
         """Return the sample and what the filter makes of it."""
         quantum, bias, scale = self._quantum, self._bias, self._scale
-        (pq, pr, qp, qr, rp, rq), (p, q, r) = self._cross, rate
+        (pq, pr, qp, qr, rp, rq), (p, q, r) = self._cross, self._mode.seen(rate)
         sample = (
             ((scale[0] * p + pq * q + pr * r + bias[0] + noise[0]) / quantum + 0.5) // 1.0 * quantum,
             ((scale[1] * q + qp * p + qr * r + bias[1] + noise[1]) / quantum + 0.5) // 1.0 * quantum,
@@ -391,16 +418,7 @@ def _decide(
     scaled = (command[0] * gain, command[1] * gain, command[2] * gain)
     mixed = mix(scaled, throttle * gain, controller.mixer, ops)
     roll, pitch, yaw = mixed.torque
-    expo = controller.expo
-    actuators, targets = [], []
-    for thrust in mixed.thrust:
-        if controller.compensates_voltage:
-            value = throttle_for_thrust(battery.lift * thrust, expo) / battery.filtered
-        else:
-            value = throttle_for_thrust(thrust, expo)
-        value = ops.lower(value, 1.0)
-        actuators.append(value)
-        targets.append(controller.speed_max * thrust_of_throttle(value * battery.ratio, expo) ** 0.5)
+    actuators = _actuators(mixed.thrust, controller, battery, ops)
     return Decision(
         setpoint=setpoint,
         command=command,
@@ -408,8 +426,48 @@ def _decide(
         limited=mixed.limited,
         achieved=(roll / gain, pitch / gain, yaw / gain),
         thrust=mixed.thrust,
-        actuators=tuple(actuators),
-        targets=tuple(targets),
+        actuators=actuators,
+        targets=_speeds(actuators, controller, battery),
+    )
+
+
+def _actuators(
+    thrusts: tuple[Component, ...], controller: Controller, battery: _Battery, ops: Arithmetic
+) -> tuple[Component, ...]:
+    """Return the actuator outputs that the firmware takes for these fractions of the full thrust (0 to 1)."""
+    outputs = []
+    for thrust in thrusts:
+        if controller.compensates_voltage:
+            value = throttle_for_thrust(battery.lift * thrust, controller.expo) / battery.filtered
+        else:
+            value = throttle_for_thrust(thrust, controller.expo)
+        outputs.append(ops.lower(value, 1.0))
+    return tuple(outputs)
+
+
+def _speeds(
+    actuators: tuple[Component, ...], controller: Controller, battery: _Battery
+) -> tuple[Component, ...]:
+    """Return the rotor speeds at rest that the outputs lead to [rad/s]."""
+    expo = controller.propeller_expo
+    return tuple(
+        controller.speed_max * thrust_of_throttle(value * battery.ratio, expo) ** 0.5 for value in actuators
+    )
+
+
+def _mistaken(
+    decision: Decision, controller: Controller, battery: _Battery, time_s: float, ops: Arithmetic
+) -> Decision:
+    """Let the rotors do something else than what the log takes for achieved."""
+    gain = 1.0 / battery.lift if controller.compensates_voltage else 1.0
+    roll, pitch, yaw = controller.actuation.error(decision.achieved, time_s, ops)
+    mixer = controller.mixer
+    thrusts = tuple(
+        ops.higher(ops.lower(thrust + gain * (r * roll + p * pitch + y * yaw), 1.0), 0.0)
+        for thrust, r, p, y in zip(decision.thrust, mixer.roll, mixer.pitch, mixer.yaw, strict=True)
+    )
+    return decision._replace(
+        targets=_speeds(_actuators(thrusts, controller, battery, ops), controller, battery)
     )
 
 
@@ -422,7 +480,7 @@ class _Battery:
         self._current = _stacked([pack.hover_current_a for pack in packs])
         self._drop = _stacked([pack.resistance_ohm / pack.full_v for pack in packs])
         self._fall = _stacked([pack.sag / pack.capacity_a_s for pack in packs])
-        self._expo = _stacked([s.airframe.thrust_expo for s in setups])
+        self._expo = _stacked([s.firmware_expo for s in setups])
         self._used = self._current * 0.0
         self.ratio = self.filtered = self.lift = self._used + 1.0
 
@@ -434,11 +492,6 @@ class _Battery:
         # A 0.5 Hz low-pass, as AP_Motors_Thrust_Linearization filters the voltage.
         self.filtered = self.filtered + 0.24 * (self.ratio - self.filtered)
         self.lift = thrust_of_throttle(self.filtered, self._expo)
-
-
-def _stacked(values: Sequence[float]) -> Component:
-    """Make a float of one flight's value, an array of many flights' values."""
-    return float(values[0]) if len(values) == 1 else np.asarray(values, dtype=np.float64)
 
 
 def _body(setups: tuple[Setup, ...]) -> Body:
@@ -458,17 +511,22 @@ def _body(setups: tuple[Setup, ...]) -> Body:
         ),
         arms=tuple(_vector(list(arms[:, :, i])) for i in range(frames[0].n_rotors)),
         decay_up=_decay([frame.lag_up_s for frame in frames], step_s),
-        decay_down=_decay([frame.lag_down_s for frame in frames], step_s),
+        decay_down=_decay([s.airframe.lag_down_s * s.effects.spin_down_ratio for s in setups], step_s),
         drag=_stacked([frame.drag_n_s_m for frame in frames]),
         drag_area=_stacked([frame.drag_area_m2 for frame in frames]),
         drag_height=_stacked([frame.drag_height_m for frame in frames]),
     )
 
 
-def _vector(vectors: Sequence[FloatArray]) -> Triple:
-    """Stack one 3-vector per flight into components."""
-    p, q, r = (_stacked([float(vector[axis]) for vector in vectors]) for axis in range(3))
-    return p, q, r
+def _surroundings(setups: tuple[Setup, ...]) -> Surroundings:
+    """Collect what acts on the vehicles from outside, wind excepted."""
+    frames = [s.airframe for s in setups]
+    return Surroundings(
+        [s.effects for s in setups],
+        _vector([np.diagonal(frame.inertia_kg_m2) for frame in frames]),
+        _stacked([frame.mass_kg for frame in frames]),
+        1.0 / setups[0].loop_hz,
+    )
 
 
 def _decay(lags_s: Sequence[float], step_s: float) -> tuple[Component, Component]:
@@ -536,16 +594,18 @@ def _controller(setups: tuple[Setup, ...]) -> Controller:
             pitch=pitch,
             yaw=yaw,
             throttle=throttle,
-            hover=_stacked([s.airframe.hover_throttle for s in setups]),
+            hover=_stacked([s.hover_throttle for s in setups]),
         ),
-        expo=_stacked([s.airframe.thrust_expo for s in setups]),
+        expo=_stacked([s.firmware_expo for s in setups]),
+        propeller_expo=_stacked([s.airframe.thrust_expo for s in setups]),
         speed_max=_stacked([s.airframe.rotor_speed_max_rad_s for s in setups]),
         compensates_voltage=setups[0].autopilot == "ardupilot",
+        actuation=Actuation([s.effects for s in setups]),
     )
 
 
-def _inputs(setups: tuple[Setup, ...]) -> Iterator[tuple[bool, PlanRow, Triple, Triple]]:
-    """Yield for every control period: motors run, what is commanded, gyro noise, wind."""
+def _inputs(setups: tuple[Setup, ...]) -> Iterator[tuple[bool, PlanRow, Triple, Triple, Triple]]:
+    """Yield for every control period: motors run, what is commanded, gyro noise, wind, disturbing torque."""
     first = setups[0]
     time_s, phases = _times(first), first.schedule
     active = (time_s >= phases.take_off_s) & (time_s < phases.disarm_s)
@@ -559,10 +619,11 @@ def _inputs(setups: tuple[Setup, ...]) -> Iterator[tuple[bool, PlanRow, Triple, 
         _rows(setups, lambda s: _plan(s)[2]),
         _rows(setups, _gyro_noise),
         _rows(setups, _wind),
+        _rows(setups, _disturbance),
         strict=True,
     )
-    for run, above, climb, attitude, feedforward, injected, noise, wind in rows:
-        yield run, PlanRow(above, climb, attitude, feedforward, injected), noise, wind
+    for run, above, climb, attitude, feedforward, injected, noise, wind, disturbed in rows:
+        yield run, PlanRow(above, climb, attitude, feedforward, injected), noise, wind, disturbed
 
 
 def _rows(setups: tuple[Setup, ...], series: Callable[[Setup], FloatArray]) -> Any:
@@ -616,6 +677,12 @@ def _gyro_noise(setup: Setup) -> FloatArray:
 def _wind(setup: Setup) -> FloatArray:
     """Wind in NED [m/s], shape (n_steps, 3)."""
     return dryden_wind(setup.wind, n_steps(setup), 1.0 / setup.loop_hz, generator(setup, "wind"))
+
+
+def _disturbance(setup: Setup) -> FloatArray:
+    """Torque of the disturbances [N m], shape (n_steps, 3)."""
+    inertia, step_s = setup.airframe.inertia_kg_m2, 1.0 / setup.loop_hz
+    return disturbance(setup.effects, inertia, n_steps(setup), step_s, generator(setup, "disturbance"))
 
 
 def generator(setup: Setup, purpose: str) -> np.random.Generator:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
@@ -23,6 +24,7 @@ from quadid_logs.maths.rotations import euler_from_quaternion, rotation_matrix
 from quadid_logs.simulate.airframes import GRAVITY_M_S2
 from quadid_logs.simulate.closed_loop import Record, Setup, generator
 from quadid_logs.simulate.control import thrust_of_throttle
+from quadid_logs.simulate.effects import with_outliers
 from quadid_logs.simulate.vendors import (
     SYSID_STREAM,
     Stream,
@@ -36,6 +38,10 @@ from quadid_logs.simulate.vendors import (
 from quadid_logs.vocabulary import MULTIROTOR
 
 _BURST_S: Final = 0.1
+#: What the control loop sends to the motors: late in the log by `Effects.torque_late_s`.
+_OUTPUTS: Final = ("torque_command", "throttle", "motor_thrust", "output_pwm", "unallocated_torque")
+#: What `Effects.outlier_fraction` strikes.
+_STRUCK: Final = ("body_rate", "torque_command", "motor_thrust", "rotor_speed")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,6 +113,8 @@ def log_flights(records: tuple[Record, ...], logging: Logging) -> FlightLog:
     streams = kind.streams if logging.rate_hz > kind.default_rate_hz else _default_streams(kind)
     if kind.name == "ardupilot" and np.any(setup.reference.torque):
         streams = (*streams, SYSID_STREAM)
+    if not setup.effects.setpoints_logged:
+        streams = _without(streams, "body_rate_setpoint")
     messages = [_collect(stream, records, offsets, logging) for stream in streams]
     messages += _events(records, offsets, logging)
     kept, n_dropped = _drop(messages, setup, logging, float(offsets[-1]))
@@ -163,6 +171,15 @@ def _default_streams(kind: Vendor) -> tuple[Stream, ...]:
     )
 
 
+def _without(streams: tuple[Stream, ...], signal: str) -> tuple[Stream, ...]:
+    """Leave out a signal, and a message that holds nothing else."""
+    left = [
+        dataclasses.replace(stream, signals=tuple(pair for pair in stream.signals if pair[0] != signal))
+        for stream in streams
+    ]
+    return tuple(stream for stream in left if stream.signals)
+
+
 def _collect(
     stream: Stream, records: tuple[Record, ...], offsets: FloatArray, logging: Logging
 ) -> _MessageRows:
@@ -200,8 +217,18 @@ def _stamp(time_s: FloatArray, setup: Setup, logging: Logging, end_s: float) -> 
 
 
 def _values(stream: Stream, record: Record, index: IntArray) -> dict[str, FloatArray]:
-    """Values of the stream's signals at control periods."""
-    return {name: _signal_values(name, record, index) for name, _ in stream.signals}
+    """Values of the stream's signals at control periods, as the effects let them reach the log."""
+    setup = record.setups[0]
+    late = np.maximum(index - round(setup.effects.torque_late_s * setup.loop_hz), 0)
+    values = {
+        name: _signal_values(name, record, late if name in _OUTPUTS else index) for name, _ in stream.signals
+    }
+    fraction = setup.effects.outlier_fraction
+    return values | {
+        name: with_outliers(values[name], fraction, generator(setup, f"outliers of {stream.message} {name}"))
+        for name in values
+        if name in _STRUCK and fraction
+    }
 
 
 def _signal_values(name: str, record: Record, index: IntArray) -> FloatArray:
@@ -230,7 +257,7 @@ def _signal_values(name: str, record: Record, index: IntArray) -> FloatArray:
     elif name == "sysid_chirp":
         values = _injection(record)[index]
     elif name == "lift_max":
-        values = thrust_of_throttle(channels["voltage_filtered"][index], setup.airframe.thrust_expo)
+        values = thrust_of_throttle(channels["voltage_filtered"][index], setup.firmware_expo)
     elif name == "battery_voltage":
         values = channels["voltage"][index] * setup.airframe.battery.full_v
     else:

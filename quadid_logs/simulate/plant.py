@@ -17,6 +17,7 @@ from quadid_logs.maths.rotational_dynamics import (
 )
 from quadid_logs.maths.rotations import Component
 from quadid_logs.simulate.airframes import GRAVITY_M_S2
+from quadid_logs.simulate.effects import NOTHING, External
 
 Rotors = tuple[Component, ...]
 
@@ -74,7 +75,7 @@ def at_rest(n_rotors: int, zero: Component) -> State:
     )
 
 
-def advance(state: State, targets: Rotors, wind: Triple, body: Body) -> State:
+def advance(state: State, targets: Rotors, wind: Triple, body: Body, external: External = NOTHING) -> State:
     """Fly one control period with the rotor speed targets held [rad/s].
 
     Rotation and attitude by the classic Runge-Kutta method, with the rotors'
@@ -82,12 +83,14 @@ def advance(state: State, targets: Rotors, wind: Triple, body: Body) -> State:
     rule, with the drag of the period's beginning.
     """
     drag, moment = _drag(state, wind, body)
+    moment = _plus(moment, external.torque)
     middle_speeds, speeds = _spin(state.speeds, targets, body)
     middle, end = _wrench(middle_speeds, body), _wrench(speeds, body)
     torques = (_plus(state.wrench.torque, moment), _plus(middle.torque, moment), _plus(end.torque, moment))
     rate, stages = step_rates(state.rate, torques, body.step_s, body.inertia, body.damping)
     attitude = step_attitude(state.attitude, stages, body.step_s)
     acceleration = _earth_acceleration(attitude, end.thrust, drag, body.mass)
+    acceleration = _plus(acceleration, tuple(force / body.mass for force in external.force))
     free = 1.0 - 1.0 * ((state.height <= 0.0) & (acceleration[2] >= 0.0))
     return _settled(state, rate, attitude, acceleration, free, body.step_s)._replace(
         speeds=speeds, wrench=end

@@ -16,6 +16,7 @@ from quadid_logs.simulate import manoeuvres
 from quadid_logs.simulate.airframes import SimulatedAirframe, hexa_x, octa_coaxial, quad_x
 from quadid_logs.simulate.closed_loop import Noise
 from quadid_logs.simulate.damage import Damage
+from quadid_logs.simulate.effects import Effects
 from quadid_logs.simulate.logger import Logging
 from quadid_logs.simulate.manoeuvres import Reference
 from quadid_logs.simulate.wind import Wind
@@ -53,6 +54,7 @@ class Scenario:
     delay_steps: int = 0
     noise: Noise = field(default_factory=Noise)
     wind: Wind = field(default_factory=Wind)
+    effects: Effects = field(default_factory=Effects)
     logging: Logging = field(default_factory=Logging)
     damage: tuple[Damage, ...] = ()
     n_flights: int = 1

@@ -43,6 +43,7 @@ def flight_truth(records: tuple[Record, ...], *, scenario: str, boot_s: float) -
         "autopilot": setup.autopilot,
         "segments_s": _segments(records, boot_s),
         "vehicle": vehicle_truth(setup.airframe),
+        "effects": setup.effects.named(),
         "actuator": actuator_truth(setup),
         "sensing": _sensing(setup),
         "wind_m_s": setup.wind.speed_m_s,
@@ -98,7 +99,7 @@ def vehicle_truth(airframe: SimulatedAirframe) -> dict[str, Any]:
 
 def actuator_truth(setup: Setup) -> dict[str, Any]:
     """Return the rotors' lag and every delay between the logged torque and the logged rate [s]."""
-    airframe = setup.airframe
+    up_s, down_s = setup.airframe.lag_up_s, setup.airframe.lag_down_s * setup.effects.spin_down_ratio
     hold_s = 0.5 / setup.loop_hz
     extra_s = setup.delay_steps / setup.loop_hz
     # The group delay at zero frequency of the discrete filter; close to sqrt(2) / (2 pi f_c).
@@ -107,9 +108,9 @@ def actuator_truth(setup: Setup) -> dict[str, Any]:
     )
     return {
         "acts_on": "rotor speed",
-        "lag_s": 0.5 * (airframe.lag_up_s + airframe.lag_down_s),
-        "lag_up_s": airframe.lag_up_s,
-        "lag_down_s": airframe.lag_down_s,
+        "lag_s": 0.5 * (up_s + down_s),
+        "lag_up_s": up_s,
+        "lag_down_s": down_s,
         "delay_s": hold_s + extra_s + filter_s,
         "delay_parts_s": {
             "zero_order_hold": hold_s,
@@ -166,15 +167,15 @@ def torque_per_command(record: Record) -> FloatArray:
     setup = record.setups[0]
     airframe, means = setup.airframe, _means(record, _manoeuvre(record))
     factors = mixer_factors(airframe, setup.autopilot)[:, :3]
-    slope = _thrust_slope(airframe, setup.autopilot, means)
+    slope = _thrust_slope(setup, means)
     remaining = airframe.rotor_thrust_n / airframe.max_thrust_n
     return slope * airframe.torque_per_thrust @ (remaining[:, np.newaxis] * factors)
 
 
-def _thrust_slope(airframe: SimulatedAirframe, autopilot: str, means: dict[str, float]) -> float:
+def _thrust_slope(setup: Setup, means: dict[str, float]) -> float:
     """Newton per unit of mixer factor times torque command, at the operating point."""
-    expo = airframe.thrust_expo
-    if autopilot == "ardupilot":
+    airframe, expo = setup.airframe, setup.firmware_expo
+    if setup.autopilot == "ardupilot":
         # The gain 1/lift before the mixer cancels the lift behind it, but at the operating point.
         divisor = means["battery_ratio_filtered"]
         argument = thrust_of_throttle(divisor, expo) * means["thrust_fraction"]
@@ -183,7 +184,8 @@ def _thrust_slope(airframe: SimulatedAirframe, autopilot: str, means: dict[str, 
 
     def thrust(value: float) -> float:
         throttle = throttle_for_thrust(value, expo) / divisor
-        return float(airframe.max_thrust_n * thrust_of_throttle(throttle * means["battery_ratio"], expo))
+        effective = throttle * means["battery_ratio"]
+        return float(airframe.max_thrust_n * thrust_of_throttle(effective, airframe.thrust_expo))
 
     step = 1e-4
     return (thrust(argument + step) - thrust(argument - step)) / (2.0 * step)
