@@ -1,4 +1,4 @@
-"""Draw a flight at random: vehicle, manoeuvre, sensors, weather, logging.
+"""Draw a flight at random: vehicle, manoeuvre, sensors, weather, logging, structural effects.
 
 The study's seed and the number of the flight decide everything.
 """
@@ -22,6 +22,7 @@ from quadid_logs.simulate.closed_loop import Noise, torque_gain
 from quadid_logs.simulate.logger import Logging
 from quadid_logs.simulate.manoeuvres import Reference
 from quadid_logs.simulate.wind import Wind
+from study.structural import draw_structural, log_uniform
 
 Manoeuvre = Callable[[FloatArray, np.random.Generator], Reference]
 
@@ -49,12 +50,14 @@ class Drawn:
 
     ``settings`` are the numbers and names that results are sorted by; the
     scenario, the rate and the autopilot are what the simulator needs.
+    ``clipped_fraction`` of the commands are to be beyond a limit that nothing tells.
     """
 
     seed: int
     settings: dict[str, float | str]
     scenario: Scenario
     autopilot: str
+    clipped_fraction: float = 0.0
 
     @property
     def number(self) -> int:
@@ -68,8 +71,9 @@ def draw_flight(seed: int, number: int) -> Drawn:
     autopilot = str(rng.choice(["ardupilot", "px4"]))
     airframe, vehicle_settings = _draw_airframe(rng)
     manoeuvre, manoeuvre_settings = _draw_manoeuvre(rng, airframe, autopilot)
+    structural = draw_structural(seed, number, airframe)
     noise = Noise(
-        gyro_rad_s_per_rthz=1.0e-4 * _log_uniform(rng, 0.3, 5.0),
+        gyro_rad_s_per_rthz=1.0e-4 * log_uniform(rng, 0.3, 5.0),
         gyro_bias_rad_s=_triple(0.004 * rng.standard_normal(3)),
         gyro_scale=_triple(GYRO_SCALE_SIGMA * rng.standard_normal(3)),
         gyro_cross=_six(GYRO_SCALE_SIGMA * rng.standard_normal(6)),
@@ -80,19 +84,21 @@ def draw_flight(seed: int, number: int) -> Drawn:
     )
     logging = Logging(
         rate_hz=float(rng.choice(RATES_HZ)),
-        jitter_s=_log_uniform(rng, 10e-6, 300e-6),
+        jitter_s=log_uniform(rng, 10e-6, 300e-6),
         drop_fraction=rng.uniform(0.0, 0.02) if rng.random() < 0.2 else 0.0,
     )
     scenario = Scenario(
         name=f"study {number}",
         sentence="One flight of the coverage study.",
         airframe=lambda: airframe,
-        manoeuvre=manoeuvre,
-        duration_s=rng.uniform(30.0, 120.0),
+        manoeuvre=structural.manoeuvre or manoeuvre,
+        # Enough for held-out blocks, and no more: many flights tell more than long ones.
+        duration_s=rng.uniform(30.0, 60.0),
         gyro_filter_hz=rng.uniform(20.0, 80.0),
         delay_steps=int(rng.integers(0, 4)),
         noise=noise,
         wind=wind,
+        effects=structural.effects,
         logging=logging,
     )
     settings: dict[str, float | str] = {
@@ -100,6 +106,7 @@ def draw_flight(seed: int, number: int) -> Drawn:
         "autopilot": autopilot,
         **vehicle_settings,
         **manoeuvre_settings,
+        **({"manoeuvre": "single tone"} if structural.manoeuvre else {}),
         "gyro_noise_rad_s_per_rthz": noise.gyro_rad_s_per_rthz,
         "gyro_scale_p": noise.gyro_scale[0],
         "gyro_scale_q": noise.gyro_scale[1],
@@ -111,22 +118,30 @@ def draw_flight(seed: int, number: int) -> Drawn:
         "duration_s": scenario.duration_s,
         "gyro_filter_hz": scenario.gyro_filter_hz,
         "delay_steps": scenario.delay_steps,
+        "structural": " + ".join(structural.names),
+        "disturbance_rad_s2": structural.effects.disturbance_rad_s2[0],
     }
-    return Drawn(seed=seed, settings=settings, scenario=scenario, autopilot=autopilot)
+    return Drawn(
+        seed=seed,
+        settings=settings,
+        scenario=scenario,
+        autopilot=autopilot,
+        clipped_fraction=structural.clipped_fraction,
+    )
 
 
 def _draw_airframe(rng: np.random.Generator) -> tuple[SimulatedAirframe, dict[str, float | str]]:
     """Draw a vehicle of 0.3 to 8 kg whose arms, inertias, drag and battery go with its size."""
     frame = str(rng.choice(list(FRAMES), p=[fraction for _, fraction in FRAMES.values()]))
     (frame_class, frame_type), _ = FRAMES[frame]
-    mass_kg = _log_uniform(rng, 0.3, 8.0)
+    mass_kg = log_uniform(rng, 0.3, 8.0)
     # 1.5 kg and 0.225 m are a common quadrotor; density falls a little with size.
     arm_m = 0.225 * (mass_kg / 1.5) ** 0.4 * rng.uniform(0.85, 1.2)
     inertia, askew_deg = _draw_inertia(rng, mass_kg, arm_m)
     described = layout(frame_class, frame_type, arm_m)
     n_rotors = len(described["spin"])  # type: ignore[arg-type]
     hover = rng.uniform(0.25, 0.5)
-    lag_up_s = _log_uniform(rng, 0.010, 0.070)
+    lag_up_s = log_uniform(rng, 0.010, 0.070)
     asymmetric = rng.random() < 0.25
     lag_down_s = lag_up_s * (rng.uniform(1.1, 1.5) if asymmetric else 1.0)
     damping_1_s = np.append(np.repeat(rng.uniform(0.3, 2.5), 2), rng.uniform(0.3, 1.5))
@@ -183,7 +198,7 @@ def _draw_manoeuvre(
 ) -> tuple[Manoeuvre, dict[str, float | str]]:
     """Draw what is flown; ``amplitude`` is relative to the manoeuvre's typical one."""
     name = str(rng.choice(list(MANOEUVRES), p=list(MANOEUVRES.values())))
-    amplitude = _log_uniform(rng, 0.4, 1.3)
+    amplitude = log_uniform(rng, 0.4, 1.3)
     settings: dict[str, float | str] = {"manoeuvre": name, "amplitude": amplitude}
     if name == "multisine":
         rms = _triple(amplitude * np.array([0.9, 0.9, 0.35]))
@@ -203,11 +218,6 @@ def _draw_manoeuvre(
     torque = amplitude * (12.0, 12.0, 4.0)[axis] / gain
     settings["axis"] = ("roll", "pitch", "yaw")[axis]
     return partial(manoeuvres.chirp, axis=axis, amplitude=torque), settings
-
-
-def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    """Draw evenly in the logarithm."""
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 def _six(values: FloatArray) -> tuple[float, float, float, float, float, float]:

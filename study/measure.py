@@ -18,7 +18,8 @@ from quadid_logs.data.settings import Settings
 from quadid_logs.diagnose import diagnose
 from quadid_logs.identify import identify
 from quadid_logs.load import prepare
-from quadid_logs.simulate import fly, plan_flights
+from quadid_logs.simulate import Record, fly, plan_flights
+from quadid_logs.simulate.closed_loop import Setup
 from quadid_logs.simulate.logger import log_flights
 from quadid_logs.simulate.truth import flight_truth
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS, TORQUE_SYMBOLS
@@ -49,6 +50,7 @@ def measure(drawn: Drawn) -> dict[str, Any]:
     return {
         **drawn.settings,
         "seed": drawn.seed,
+        "effects": truth["effects"],
         "structure": "" if model is None else model.structure,
         "skipped": identification.skipped,
         "unit": "" if data.input is None else data.input.unit,
@@ -74,6 +76,8 @@ def simulate_drawn(drawn: Drawn) -> tuple[FlightLog, dict[str, Any]]:
         autopilot=drawn.autopilot,
     )
     record = fly(setup)
+    if drawn.clipped_fraction:
+        record = fly(_limited(setup, record, drawn.clipped_fraction))
     log = log_flights((record,), scenario.logging)
     parameters = {
         name: _PX4_PLACEHOLDER_CT if name.startswith("CA_ROTOR") and name.endswith("_CT") else value
@@ -81,6 +85,17 @@ def simulate_drawn(drawn: Drawn) -> tuple[FlightLog, dict[str, Any]]:
     }
     truth = flight_truth((record,), scenario=scenario.name, boot_s=scenario.logging.boot_s)
     return dataclasses.replace(log, parameters=parameters), truth
+
+
+def _limited(setup: Setup, record: Record, clipped_fraction: float) -> Setup:
+    """Return the flight anew with a hidden limit of the torque beyond which this fraction of commands was."""
+    schedule = setup.schedule
+    rows = (record.time_s >= schedule.manoeuvre_s) & (record.time_s < schedule.land_s)
+    sizes = np.abs(record.channels["achieved"][rows])
+    roll, pitch, yaw = np.quantile(sizes, 1.0 - clipped_fraction, axis=0).tolist()
+    return dataclasses.replace(
+        setup, effects=dataclasses.replace(setup.effects, torque_limit=(roll, pitch, yaw))
+    )
 
 
 def kind_of(target: str, regressor: str) -> str:

@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from quadid_logs.maths.normal import NORMAL_95
-from study.summary import PROMISE, binomial_interval, grouped
+from study.summary import PROMISE, binomial_interval, grouped, without_structural
 
 _SHOWN: Final = (
     "on-axis effectiveness",
@@ -25,14 +25,48 @@ _BY: Final = {
     "wind_m_s": "wind [m/s]",
     "lag_s": "motor lag [s]",
     "rate_hz": "log rate [Hz]",
+    "disturbance_rad_s2": "disturbances [rad/s²]",
 }
 
 
-def draw_plots(table: pd.DataFrame, folder: Path) -> None:
-    """Draw the histogram of z, and coverage by what the flights differ in."""
-    claimed = table[table["claimed"]]
-    for name, figure in (("z.png", _histograms(claimed)), ("groups.png", _groups(claimed))):
-        figure.savefig(folder / name, dpi=110)
+def draw_plots(table: pd.DataFrame, verdicts: pd.DataFrame, folder: Path) -> None:
+    """Draw the histogram of z, coverage by what the flights differ in, and the verdicts by structural effect.
+
+    Parameters
+    ----------
+    table : DataFrame
+        As of `study.summary.parameters_of`.
+    verdicts : DataFrame
+        As of `study.summary.verdict_table`.
+    folder : Path
+    """
+    clean = without_structural(table)
+    claimed = clean[clean["claimed"]]
+    figures = {"z": _histograms(claimed), "groups": _groups(claimed), "effects": _verdicts(verdicts)}
+    for name, figure in figures.items():
+        figure.savefig(folder / f"{name}.png", dpi=110)
+
+
+def _verdicts(verdicts: pd.DataFrame) -> Figure:
+    """Draw what the axes were called, by structural effect; red is usable and wrong."""
+    figure = Figure(figsize=(10.0, 0.9 + 0.32 * len(verdicts)), layout="constrained")
+    axis = figure.subplots()
+    names = [f"{row.effect} ({row.flights} flights)" for row in verdicts.itertuples()]
+    left = np.zeros(len(verdicts))
+    for label, counts, colour in (
+        ("usable and wrong", verdicts["wrong"], "#b2182b"),
+        ("usable", verdicts["usable"] - verdicts["wrong"], "#4c9f70"),
+        ("caution", verdicts["caution"], "#e0b050"),
+        ("refused", verdicts["refused"], "#b0b0b0"),
+    ):
+        width = (100.0 * counts / verdicts["axes"]).to_numpy()
+        axis.barh(names, width, left=left, color=colour, label=label)
+        left = left + width
+    axis.invert_yaxis()
+    axis.set_xlim(0.0, 100.0)
+    axis.set_xlabel("axes [%]")
+    figure.legend(loc="outside upper center", ncols=4, fontsize=9)
+    return figure
 
 
 def _histograms(claimed: pd.DataFrame) -> Figure:
@@ -56,8 +90,8 @@ def _histograms(claimed: pd.DataFrame) -> Figure:
 
 def _groups(claimed: pd.DataFrame) -> Figure:
     """Coverage of on-axis effectiveness and damping by what flights differ in, with binomial intervals."""
-    figure = Figure(figsize=(12.0, 3.8), layout="constrained")
-    axes = figure.subplots(1, 4, sharey=True)
+    figure = Figure(figsize=(13.0, 3.8), layout="constrained")
+    axes = figure.subplots(1, len(_BY), sharey=True)
     for axis, (column, label) in zip(axes, _BY.items(), strict=True):
         axis.axhspan(*PROMISE, color="#4c9f70", alpha=0.25, linewidth=0.0)
         names = list(grouped(claimed, column).cat.categories)

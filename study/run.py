@@ -39,7 +39,7 @@ def main(arguments: list[str] | None = None) -> int:
     fly_missing(path, options.seed, options.flights, options.processes)
 
     from study.plots import draw_plots
-    from study.summary import page, parameters_of, read_flights
+    from study.summary import page, parameters_of, read_flights, verdict_table
 
     flights = [flight for flight in read_flights(path) if flight["number"] < options.flights]
     failed = [flight for flight in flights if "error" in flight]
@@ -50,7 +50,7 @@ def main(arguments: list[str] | None = None) -> int:
     table.to_csv(options.output / "parameters.csv", index=False)
     text = f"Code {fingerprint()} (`study/run.py`), {page(flights, table)}"
     (options.output / "coverage.md").write_text(text, encoding="utf-8")
-    draw_plots(table, options.output)
+    draw_plots(table, verdict_table(flights, table), options.output)
     if options.publish:
         publish(text, options.output)
     print(text)
@@ -62,7 +62,7 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description="Coverage of the intervals over simulated flights.")
     parser.add_argument("--flights", type=int, default=300, help="how many flights (default 300)")
     parser.add_argument("--seed", type=int, default=1, help="another seed draws other flights (default 1)")
-    parser.add_argument("--processes", type=int, default=2, help="flights at the same time (default 2)")
+    parser.add_argument("--processes", type=int, default=1, help="flights at the same time (default 1)")
     parser.add_argument("--output", type=Path, default=ROOT / "build" / "study", help="default build/study")
     parser.add_argument("--publish", action="store_true", help="write docs/coverage/ from the result")
     return parser.parse_args(arguments)
@@ -71,7 +71,7 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
 def fingerprint() -> str:
     """Return a short hash of the code that is measured: results of different code do not mix."""
     digest = hashlib.sha256()
-    own = (ROOT / "study" / "draw.py", ROOT / "study" / "measure.py")
+    own = [ROOT / "study" / f"{name}.py" for name in ("draw", "measure", "structural")]
     for source in (*sorted((ROOT / "quadid_logs").rglob("*.py")), *own):
         digest.update(source.read_bytes())
     return digest.hexdigest()[:10]

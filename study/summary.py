@@ -36,7 +36,7 @@ GROUPS: Final[Mapping[str, tuple[float, ...]]] = {
     "lag_s": (0.0, 0.02, 0.04, 0.1),
     "rate_hz": (0.0, 110.0, 130.0, 210.0, 260.0, 410.0),
     "gyro_noise_rad_s_per_rthz": (0.0, 6e-5, 1.5e-4, 1.0),
-    "duration_s": (0.0, 60.0, 90.0, 130.0),
+    "duration_s": (0.0, 40.0, 50.0, 60.0),
     "gyro_filter_hz": (0.0, 35.0, 55.0, 100.0),
     "amplitude": (0.0, 0.6, 0.9, 2.0),
     "drag_height_m": (-1.0, 0.01, 0.025, 1.0),
@@ -44,9 +44,16 @@ GROUPS: Final[Mapping[str, tuple[float, ...]]] = {
     "mixer_limited": (-1.0, 0.001, 0.05, 1.0),
     "askew_deg": (-1.0, 0.01, 90.0),
     "drop_fraction": (-1.0, 0.0, 0.02),
+    "disturbance_rad_s2": (-1.0, 0.0, 1.3, 2.0),
 }
 #: An interval promises this fraction, and a study of many hundred values may miss it by so much.
 PROMISE: Final = (0.93, 0.97)
+#: A gain is wrong where the truth lies outside this many half-widths and this fraction of the truth: beyond
+#: what an interval of 95 % may miss, and beyond what matters to anyone.
+WRONG_HALF_WIDTHS: Final = 2.0
+WRONG_FRACTION: Final = 0.03
+#: At most this fraction of all axes may be usable and wrong.
+MOST_WRONG: Final = 0.005
 
 
 def read_flights(path: Path) -> list[dict[str, Any]]:
@@ -61,7 +68,8 @@ def parameters_of(flights: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
     Columns beyond those of `measure`: ``verdict`` of the parameter's axis,
     ``claimed`` (identifiable, and the axis not refused), ``inside`` (the
     interval holds the truth), ``z`` (error in standard deviations as the
-    interval states them), ``error`` and ``half_width`` relative to ``scale``.
+    interval states them), ``error`` and ``half_width`` relative to ``scale``,
+    ``wrong`` (the truth lies far outside the interval, and the error matters).
     """
     rows = []
     for flight in flights:
@@ -79,6 +87,8 @@ def parameters_of(flights: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
         table["z"] = np.where(error == 0.0, 0.0, error / side * NORMAL_95)
         table["error"] = error / table["scale"]
         table["half_width"] = 0.5 * (table["high"] - table["low"]) / table["scale"]
+    far = table["z"].abs() > WRONG_HALF_WIDTHS * NORMAL_95
+    table["wrong"] = far & (table["error"].abs() > WRONG_FRACTION)
     return table
 
 
@@ -143,6 +153,45 @@ def coverage_table(table: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def verdict_table(flights: list[dict[str, Any]], table: pd.DataFrame) -> pd.DataFrame:
+    """Return one row per structural effect: what the axes of its flights were called, and how many wrongly.
+
+    Columns ``usable``, ``caution``, ``refused`` and ``wrong`` (usable, but wrong) count axes.
+    """
+    gains = table[(table["kind"] == "on-axis effectiveness") & (table["verdict"] == "usable")]
+    wrong = gains[gains["wrong"]].groupby("number").size()
+    worst = gains["error"].abs().groupby(gains["number"]).max()
+    rows = []
+    for name, numbers in _by_effect(flights).items():
+        verdicts = [v for one in flights if one["number"] in numbers for v in one["verdicts"].values()]
+        rows.append(
+            {
+                "effect": name,
+                "flights": len(numbers),
+                "axes": len(verdicts),
+                **{verdict: verdicts.count(verdict) for verdict in ("usable", "caution", "refused")},
+                "wrong": int(wrong.reindex(sorted(numbers)).sum()),
+                "worst": float(worst.reindex(sorted(numbers)).max()),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def _by_effect(flights: list[dict[str, Any]]) -> dict[str, set[int]]:
+    """Return the numbers of the flights with each structural effect; a flight with two counts for both."""
+    groups: dict[str, set[int]] = {"none, calm air": set(), "none, air as rough as flown": set()}
+    for flight in flights:
+        rough = flight["disturbance_rad_s2"] > 0.0
+        names = flight["structural"].split(" + ") if flight["structural"] else [list(groups)[rough]]
+        for name in names:
+            groups.setdefault(name, set()).add(flight["number"])
+    clean = set().union(*list(groups.values())[:2])
+    everything = {flight["number"] for flight in flights}
+    ordered = dict(list(groups.items())[:2]) | {name: groups[name] for name in sorted(list(groups)[2:])}
+    ordered |= {"any structural effect": everything - clean, "all": everything}
+    return {name: numbers for name, numbers in ordered.items() if numbers}
+
+
 def grouped(table: pd.DataFrame, column: str) -> pd.Series[Any]:
     """Return the group that each row falls into, an ordered category, by the limits of `GROUPS`."""
     limits = GROUPS[column]
@@ -173,11 +222,20 @@ def group_table(table: pd.DataFrame, kind: str) -> pd.DataFrame:
 
 
 def page(flights: list[dict[str, Any]], table: pd.DataFrame) -> str:
-    """Return the tables as Markdown."""
-    lines = [*_flights_part(flights), *_coverage_part(coverage_table(table)), *_axes_part(flights, table)]
+    """Return the tables as Markdown: verdicts of all, coverage of flights without structural effects."""
+    clean = without_structural(table)
+    flown = [flight for flight in flights if not flight["structural"]]
+    lines = [*_flights_part(flights), *_verdict_part(verdict_table(flights, table))]
+    lines += [f"### Coverage without structural effects ({len(flown)} flights)", ""]
+    lines += [*_coverage_part(coverage_table(clean)), *_axes_part(flown, clean)]
     for kind in ("on-axis effectiveness", "on-axis damping", "lag"):
-        lines += _group_part(kind, group_table(table, kind))
+        lines += _group_part(kind, group_table(clean, kind))
     return "\n".join(lines) + "\n"
+
+
+def without_structural(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows of flights that have no structural effect; rough air is none."""
+    return table[table["structural"] == ""]
 
 
 def _flights_part(flights: list[dict[str, Any]]) -> list[str]:
@@ -190,6 +248,29 @@ def _flights_part(flights: list[dict[str, Any]]) -> list[str]:
         f"Median time of one analysis: {seconds:.1f} s.",
         "",
     ]
+
+
+def _verdict_part(verdicts: pd.DataFrame) -> list[str]:
+    """Verdicts by structural effect, and what was called usable and was wrong."""
+    lines = [
+        "### Usable and wrong, by structural effect",
+        "",
+        f"Wrong: the true gain lies outside {WRONG_HALF_WIDTHS:g} half-widths of its interval and "
+        f"{100.0 * WRONG_FRACTION:g} % of its value. The aim is {_percent(MOST_WRONG)} of all axes at most.",
+        "",
+        "| effect | flights | usable | caution | refused | usable and wrong | of all axes "
+        "| 95 % interval of it | worst error of a usable gain |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for row in verdicts.itertuples():
+        low, high = binomial_interval(row.wrong, row.axes)
+        verdict = " | ".join(_percent(count / row.axes) for count in (row.usable, row.caution, row.refused))
+        lines.append(
+            f"| {row.effect} | {row.flights} | {verdict} | {row.wrong} | {_percent(row.wrong / row.axes)} "
+            f"| {_percent(low)} to {_percent(high)} "
+            f"| {'' if np.isnan(row.worst) else _percent(row.worst)} |"
+        )
+    return [*lines, ""]
 
 
 def _coverage_part(summary: pd.DataFrame) -> list[str]:

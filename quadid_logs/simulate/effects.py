@@ -18,7 +18,7 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.maths.rotational_dynamics import Quadruple, Triple
 from quadid_logs.maths.rotations import Component
 from quadid_logs.simulate.airframes import GRAVITY_M_S2
-from quadid_logs.simulate.components import stacked
+from quadid_logs.simulate.components import stacked, vector
 from quadid_logs.simulate.control import Arithmetic, Biquad, filter_rates
 
 #: Of two research vehicles that hover indoors, the acceleration that no torque explains falls with about this
@@ -47,8 +47,8 @@ class Effects:
         the centre of mass it is hooked.
     dead_zone : float
         Torque command below which the rotors do nothing, taken off any larger one [1].
-    torque_limit : float
-        Largest torque command that the rotors follow, which nothing in the log tells [1].
+    torque_limit : tuple of float
+        Largest torque command about each axis that the rotors follow, which nothing in the log tells [1].
     gain_swing, gain_period_s : float
         The torque is larger by this fraction for half a period and smaller for the other half.
     spin_down_ratio : float
@@ -72,7 +72,7 @@ class Effects:
     sling_length_m: float = 1.0
     sling_hook_m: float = 0.05
     dead_zone: float = 0.0
-    torque_limit: float = math.inf
+    torque_limit: tuple[float, float, float] = (1.0, 1.0, 1.0)
     gain_swing: float = 0.0
     gain_period_s: float = 5.0
     spin_down_ratio: float = 1.0
@@ -125,8 +125,8 @@ def disturbance(
         return np.zeros((n_samples, 3))
     frequency_hz = np.fft.rfftfreq(n_samples, step_s)
     low, high = _DISTURBANCE_HZ
-    shape = np.where((frequency_hz >= low) & (frequency_hz <= high), np.maximum(frequency_hz, low), np.inf)
-    shape = np.where(np.isfinite(shape), shape, 1.0) ** _DISTURBANCE_EXPONENT * np.isfinite(shape)
+    shape = np.clip(frequency_hz, low, high) ** _DISTURBANCE_EXPONENT
+    shape[(frequency_hz < low) | (frequency_hz > high)] = 0.0
     stated = (frequency_hz >= DISTURBANCE_BAND_HZ[0]) & (frequency_hz <= DISTURBANCE_BAND_HZ[1])
     # White noise of variance 1 has the variance 2 / n at each frequency of the one-sided spectrum.
     shape /= math.sqrt(2.0 / n_samples * float(np.sum(shape[stated] ** 2)))
@@ -202,27 +202,25 @@ class Actuation:
 
     def __init__(self, effects: Sequence[Effects]) -> None:
         self._dead = stacked([one.dead_zone for one in effects])
-        self._limit = stacked([min(one.torque_limit, 1e6) for one in effects])
+        self._limit = vector([np.array(one.torque_limit) for one in effects])
         self._swing = stacked([one.gain_swing for one in effects])
         self._period_s = stacked([one.gain_period_s for one in effects])
         #: Whether there is anything to do.
-        self.present = any(
-            one.dead_zone or one.gain_swing or math.isfinite(one.torque_limit) for one in effects
-        )
+        self.present = any(one.dead_zone or one.gain_swing or min(one.torque_limit) < 1.0 for one in effects)
 
     def error(self, torque: Triple, time_s: float, ops: Arithmetic) -> Triple:
         """Return what the rotors give beyond the torque command [1]."""
         gain = 1.0 + self._swing * (1.0 - 2.0 * (time_s / self._period_s % 1.0 >= 0.5))
         return (
-            gain * self._passed(torque[0], ops) - torque[0],
-            gain * self._passed(torque[1], ops) - torque[1],
-            gain * self._passed(torque[2], ops) - torque[2],
+            gain * self._passed(torque[0], self._limit[0], ops) - torque[0],
+            gain * self._passed(torque[1], self._limit[1], ops) - torque[1],
+            gain * self._passed(torque[2], self._limit[2], ops) - torque[2],
         )
 
-    def _passed(self, command: Component, ops: Arithmetic) -> Component:
+    def _passed(self, command: Component, limit: Component, ops: Arithmetic) -> Component:
         """Take off the dead zone, and clip."""
         moved = command - ops.higher(ops.lower(command, self._dead), -self._dead)
-        return ops.higher(ops.lower(moved, self._limit), -self._limit)
+        return ops.higher(ops.lower(moved, limit), -limit)
 
 
 class FlexibleMode:
@@ -280,9 +278,8 @@ def with_outliers(values: FloatArray, fraction: float, rng: np.random.Generator)
     """
     struck = np.flatnonzero(rng.random(values.shape[0]) < fraction)
     column = rng.integers(0, values.shape[1], struck.size)
-    size = np.exp(rng.uniform(math.log(3.0), math.log(1000.0), struck.size)) * rng.choice(
-        [-1.0, 1.0], struck.size
-    )
+    size = np.exp(rng.uniform(math.log(3.0), math.log(1000.0), struck.size))
+    size *= rng.choice([-1.0, 1.0], struck.size)
     changed = values.copy()
     changed[struck, column] += size * np.maximum(np.nanstd(values, axis=0)[column], 1e-9)
     return changed

@@ -154,6 +154,19 @@ def _fade(time_s: FloatArray, fade_s: float = 1.0) -> FloatArray:
     return np.asarray(np.sin(0.5 * np.pi * np.clip(edge, 0.0, 1.0)) ** 2, dtype=np.float64)
 
 
+def tones(
+    time_s: FloatArray,
+    rng: np.random.Generator,
+    *,
+    rms_rad_s: tuple[float, float, float] = (0.9, 0.9, 0.35),
+    frequency_hz: tuple[float, float, float] = (3.7, 4.3, 1.9),
+) -> Reference:
+    """Excite each axis at one frequency only, which cannot tell a gain from a lag or a damping."""
+    phase = rng.uniform(0.0, 2.0 * np.pi, 3)
+    wave = np.sqrt(2.0) * np.sin(2.0 * np.pi * np.outer(time_s, frequency_hz) + phase)
+    return _reference(time_s, rate_rad_s=_fade(time_s)[:, np.newaxis] * wave * np.array(rms_rad_s))
+
+
 def multisine(
     time_s: FloatArray,
     rng: np.random.Generator,

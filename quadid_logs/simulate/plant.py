@@ -90,7 +90,8 @@ def advance(state: State, targets: Rotors, wind: Triple, body: Body, external: E
     rate, stages = step_rates(state.rate, torques, body.step_s, body.inertia, body.damping)
     attitude = step_attitude(state.attitude, stages, body.step_s)
     acceleration = _earth_acceleration(attitude, end.thrust, drag, body.mass)
-    acceleration = _plus(acceleration, tuple(force / body.mass for force in external.force))
+    north, east, down = external.force
+    acceleration = _plus(acceleration, (north / body.mass, east / body.mass, down / body.mass))
     free = 1.0 - 1.0 * ((state.height <= 0.0) & (acceleration[2] >= 0.0))
     return _settled(state, rate, attitude, acceleration, free, body.step_s)._replace(
         speeds=speeds, wrench=end
