@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from quadid_logs.simulate import fly, plan_flights
+from quadid_logs.vocabulary import AXES
 from study import run
 from study.draw import FRAMES, GYRO_SCALE_SIGMA, MANOEUVRES, draw_flight
-from study.measure import kind_of
+from study.measure import kind_of, simulate_drawn
 from study.plots import draw_plots
+from study.structural import CLEAN_FRACTION, EFFECTS, ROUGH_FRACTION
 from study.summary import (
     GROUPS,
     binomial_interval,
@@ -21,6 +25,7 @@ from study.summary import (
     page,
     parameters_of,
     read_flights,
+    verdict_table,
 )
 
 
@@ -57,6 +62,8 @@ def flight(number, *parameters, **changes):
         "manoeuvre": "doublets",
         "autopilot": "px4",
         "structure": "damped",
+        "structural": "",
+        "disturbance_rad_s2": 0.0,
         "analysis_s": 0.5,
         "verdicts": {"roll": "usable", "pitch": "refused", "yaw": "caution"},
         "parameters": list(parameters),
@@ -74,7 +81,7 @@ def test_every_frame_manoeuvre_and_autopilot_is_flown(drawn):
     """In any study of some hundred flights."""
     for name, all_names in (
         ("frame", FRAMES),
-        ("manoeuvre", MANOEUVRES),
+        ("manoeuvre", {*MANOEUVRES, "single tone"}),
         ("autopilot", ("ardupilot", "px4")),
     ):
         assert {flight.settings[name] for flight in drawn} == set(all_names)
@@ -87,7 +94,7 @@ def test_every_frame_manoeuvre_and_autopilot_is_flown(drawn):
         ("lag_s", 0.010, 0.0875),
         ("wind_m_s", 0.0, 6.0),
         ("rate_hz", 100.0, 400.0),
-        ("duration_s", 30.0, 120.0),
+        ("duration_s", 30.0, 60.0),
         ("gyro_noise_rad_s_per_rthz", 0.3e-4, 5e-4),
     ],
 )
@@ -97,6 +104,50 @@ def test_settings_fill_their_range(drawn, name, low, high):
     assert values.min() >= low
     assert values.max() <= high
     assert np.ptp(values) > 0.8 * (high - low)
+
+
+def test_half_of_the_flights_are_clean_and_air_is_rough_with_or_without(drawn):
+    """By 400 draws, each within three standard deviations; every effect comes."""
+    names = [each.settings["structural"].split(" + ") for each in drawn]
+    clean = np.array([each == [""] for each in names])
+    rough = np.array([each.settings["disturbance_rad_s2"] > 0.0 for each in drawn])
+    assert clean.mean() == pytest.approx(CLEAN_FRACTION, abs=0.075)
+    for part in (clean, ~clean):
+        assert rough[part].mean() == pytest.approx(ROUGH_FRACTION, abs=0.105)
+    assert {name for each in names for name in each} == {"", *EFFECTS}
+
+
+def test_a_structural_effect_changes_nothing_else_of_the_flight(monkeypatch):
+    """Vehicle, air and sensors are those of the flight that has none."""
+    number = next(n for n in range(50) if "dead zone" in str(draw_flight(1, n).settings["structural"]))
+    changed = draw_flight(1, number)
+    monkeypatch.setattr("study.structural.CLEAN_FRACTION", 1.0)
+    clean = draw_flight(1, number)
+    differing = {name for name in clean.settings if clean.settings[name] != changed.settings[name]}
+    assert differing == {"structural"}
+    assert changed.scenario.effects.dead_zone > 0.0
+    assert clean.scenario.effects.dead_zone == 0.0
+
+
+def test_a_hidden_limit_clips_the_fraction_that_was_drawn():
+    """Of the commands as they were without it, each axis by itself."""
+    number = next(n for n in range(100) if draw_flight(1, n).clipped_fraction)
+    drawn = dataclasses.replace(draw_flight(1, number), clipped_fraction=0.05)
+    scenario = dataclasses.replace(drawn.scenario, duration_s=20.0)
+    _, truth = simulate_drawn(dataclasses.replace(drawn, scenario=scenario))
+    (setup,) = plan_flights(
+        scenario,
+        seed=1000 + number,
+        duration_s=20.0,
+        rate_hz=scenario.logging.rate_hz,
+        autopilot=drawn.autopilot,
+    )
+    record = fly(setup)
+    rows = (record.time_s >= setup.schedule.manoeuvre_s) & (record.time_s < setup.schedule.land_s)
+    beyond = (
+        np.abs(record.channels["achieved"][rows]) > truth["effects"]["unlogged saturation"]["torque_limit"]
+    )
+    np.testing.assert_allclose(beyond.mean(axis=0), 0.05, atol=0.002)
 
 
 def test_every_drawn_inertia_is_one_of_matter(drawn):
@@ -194,6 +245,45 @@ def test_independent_values_count_one_by_one():
     assert (low, high) == pytest.approx(expected, abs=0.02)
 
 
+def test_a_gain_is_wrong_beyond_twice_its_interval_and_three_per_cent():
+    """Either alone is not enough: a wide interval is honest, a small error harms nobody."""
+    table = parameters_of(
+        [
+            flight(0, parameter(truth=104.5)),
+            flight(1, parameter(truth=103.9)),
+            flight(2, parameter(low=99.5, high=100.5, truth=102.5)),
+        ]
+    )
+    assert list(table["wrong"]) == [True, False, False]
+
+
+def test_what_is_usable_and_wrong_is_counted_by_effect():
+    """A flight with two effects counts for both; what is refused is never wrong."""
+    wrong = parameter(truth=110.0)
+    flights = [
+        flight(0, wrong),
+        flight(1, wrong, structural="dead zone + outliers"),
+        flight(2, wrong, structural="outliers", verdicts=dict.fromkeys(AXES, "refused")),
+        flight(3, parameter(), disturbance_rad_s2=1.3),
+    ]
+    counted = verdict_table(flights, parameters_of(flights)).set_index("effect")
+    assert counted["wrong"].to_dict() == {
+        "none, calm air": 1,
+        "none, air as rough as flown": 0,
+        "dead zone": 1,
+        "outliers": 1,
+        "any structural effect": 1,
+        "all": 2,
+    }
+    assert counted.loc["outliers", ["flights", "axes", "usable", "refused"]].tolist() == [2, 6, 1, 4]
+
+
+def test_coverage_is_that_of_flights_without_structural_effects():
+    """A gain that a dead zone makes wrong says nothing of the interval's statistics."""
+    flights = [flight(0, parameter()), flight(1, parameter(truth=110.0), structural="dead zone")]
+    assert "| on-axis effectiveness | 1 of 1 | 100.0 %" in page(flights, parameters_of(flights))
+
+
 def test_windless_flights_are_a_group_of_their_own():
     """And every flight is in some group."""
     groups = grouped(pd.DataFrame({"wind_m_s": [0.0, 0.5, 3.0, 6.0]}), "wind_m_s")
@@ -232,7 +322,8 @@ def test_page_and_plots_need_no_full_study(tmp_path):
     flights = [flight(n, parameter(truth=100.0 + n), parameter(kind="on-axis damping")) for n in range(4)]
     table = parameters_of(flights)
     text = page(flights, table)
-    draw_plots(table, tmp_path)
+    draw_plots(table, verdict_table(flights, table), tmp_path)
     assert "| on-axis effectiveness | 4 of 4 | 75.0 %" in text
     assert (tmp_path / "z.png").stat().st_size > 5000
     assert (tmp_path / "groups.png").stat().st_size > 5000
+    assert (tmp_path / "effects.png").stat().st_size > 5000

@@ -94,6 +94,67 @@ def paper_vehicle() -> SimulatedAirframe:
     )
 
 
+#: What a hovering research vehicle leaves unexplained between 0.3 and 5 Hz [rad/s^2].
+_ROUGH: Final = (1.3, 1.3, 0.43)
+#: Of each scenario with one structural effect: its name, what it is for, the effect.
+_STRUCTURAL: Final = (
+    (
+        "rough-air",
+        "The good flight with disturbances as strong as flown logs show.",
+        Effects(disturbance_rad_s2=_ROUGH),
+    ),
+    (
+        "tilt-unstable",
+        "The good flight of a vehicle that falls away from level: a tilt grows e-fold in 0.3 s.",
+        Effects(tilt_stiffness_1_s2=10.0),
+    ),
+    (
+        "sling-load",
+        "The good flight with 15 % of the mass on a string of 1 m.",
+        Effects(sling_load_fraction=0.15),
+    ),
+    (
+        "dead-zone",
+        "The good flight with actuators that ignore the first 2 % of a torque command.",
+        Effects(dead_zone=0.02),
+    ),
+    (
+        "hidden-saturation",
+        "The good flight with motors that follow no more than a tenth of the full torque; nothing logs it.",
+        Effects(torque_limit=(0.1, 0.1, 0.3)),
+    ),
+    (
+        "alternating-gain",
+        "The good flight with effectiveness that is 20 % up and 20 % down in turn, 2.5 s each.",
+        Effects(gain_swing=0.2),
+    ),
+    (
+        "slow-spin-down",
+        "The good flight with rotors that speed up in 30 ms and slow down in 100 ms.",
+        Effects(spin_down_ratio=100.0 / 30.0),
+    ),
+    (
+        "expo-mismatch",
+        "The good flight with a firmware that is set to a thrust expo of 0.2, on propellers with 0.6.",
+        Effects(firmware_expo=0.2),
+    ),
+    (
+        "flexible-mode",
+        "The good flight with a mode of the frame at 5 Hz between motors and gyro.",
+        Effects(flexible_mode_hz=5.0, flexible_mode_gain=-0.2),
+    ),
+    (
+        "late-torque",
+        "The good flight with torque stamped 20 ms late.",
+        Effects(torque_late_s=0.02),
+    ),
+    (
+        "outliers",
+        "The good flight with a sample in a thousand of rates, torque and rotor speeds absurd.",
+        Effects(outlier_fraction=0.001),
+    ),
+)
+
 _LIST: Final = (
     Scenario(
         name="sysid-quad-x",
@@ -217,6 +278,24 @@ _LIST: Final = (
         airframe=paper_vehicle,
         logging=Logging(rate_hz=5.0),
         verdicts=_all(_BAD),
+    ),
+    # Whatever is said of these may be right, as long as no wrong gain is called usable.
+    *(
+        Scenario(name=name, sentence=sentence, effects=effects, verdicts=_all(_ANY))
+        for name, sentence, effects in _STRUCTURAL
+    ),
+    Scenario(
+        name="no-setpoints",
+        sentence="A pilot's sticks in rough air, and the log holds no rate set-points.",
+        manoeuvre=manoeuvres.sticks,
+        effects=Effects(disturbance_rad_s2=_ROUGH, setpoints_logged=False),
+        verdicts=_all(_ANY),
+    ),
+    Scenario(
+        name="single-tone",
+        sentence="One tone per axis: a gain cannot be told from a lag.",
+        manoeuvre=manoeuvres.tones,
+        verdicts=_all(_ANY),
     ),
 )
 
