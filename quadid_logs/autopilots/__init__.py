@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from quadid_logs.actuation.motors import Rebuilt
     from quadid_logs.align.series import CleanLog
     from quadid_logs.autopilots.generic.advice import Advice
+    from quadid_logs.data.controller import FlownControllers
 
 __all__ = ["Autopilot", "LogFormat", "formats", "known", "named", "register"]
 
@@ -104,6 +105,10 @@ class Autopilot:
     def loop_rate_hz(self, parameters: Mapping[str, float]) -> float:  # noqa: ARG002
         """Return the rate of the rate controller's loop [Hz], 0 where the parameters do not say."""
         return 0.0
+
+    def controllers(self, log: FlightLog, parameters: Mapping[str, float]) -> FlownControllers | None:  # noqa: ARG002
+        """Return the rate and angle controllers that these parameters make; None where they are not known."""
+        return None
 
     @property
     def advice(self) -> Advice:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from quadid_logs.actuation.motors import Rebuilt
     from quadid_logs.align.series import CleanLog
     from quadid_logs.autopilots.generic.advice import Advice
+    from quadid_logs.data.controller import FlownControllers
 
 
 class ArduPilot(Autopilot):
@@ -49,6 +50,12 @@ class ArduPilot(Autopilot):
     def loop_rate_hz(self, parameters: Mapping[str, float]) -> float:
         """SCHED_LOOP_RATE."""
         return parameters.get("SCHED_LOOP_RATE", 0.0)
+
+    def controllers(self, log: FlightLog, parameters: Mapping[str, float]) -> FlownControllers:
+        """AC_PID and the angle loop of ATC_*."""
+        from quadid_logs.autopilots.ardupilot.controller import controllers
+
+        return controllers(log, parameters)
 
     @property
     def advice(self) -> Advice:

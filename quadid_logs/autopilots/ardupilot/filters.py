@@ -14,6 +14,8 @@ _KNOWN_MODES: Final = (0.0, 1.0)
 #: INS_HNTCH_OPTS: so many notches side by side, each of its part of the width.
 _SIDE_BY_SIDE: Final = {1: 2, 16: 3}
 _MOST_HARMONICS: Final = 16
+#: Sets of parameters of notches.
+_SETS: Final = ("INS_HNTCH", "INS_HNTC2", "INS_NOTCH")
 
 
 def parameter_filter(parameters: Mapping[str, float]) -> GyroFilter:
@@ -38,12 +40,25 @@ def parameter_filter(parameters: Mapping[str, float]) -> GyroFilter:
     return gyro_filter(parameters.get("INS_GYRO_FILTER", math.nan), _notches(parameters))
 
 
+def follows_unknown(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return the modes of notches that follow rotor speed or a spectrum, by parameter."""
+    unknown = (name for name in _SETS if _is_on(parameters, name) and not _is_known(parameters, name))
+    return {f"{name}_MODE": parameters[f"{name}_MODE"] for name in unknown}
+
+
 def _notches(parameters: Mapping[str, float]) -> Iterator[Notch]:
-    for name in ("INS_HNTCH", "INS_HNTC2", "INS_NOTCH"):
-        mode, reference = parameters.get(f"{name}_MODE", 0.0), parameters.get(f"{name}_REF", 0.0)
-        is_known = mode in _KNOWN_MODES or reference == 0.0
-        if parameters.get(f"{name}_ENABLE") == 1.0 and is_known:
+    for name in _SETS:
+        if _is_on(parameters, name) and _is_known(parameters, name):
             yield from _harmonics(parameters, name)
+
+
+def _is_on(parameters: Mapping[str, float], name: str) -> bool:
+    return parameters.get(f"{name}_ENABLE") == 1.0
+
+
+def _is_known(parameters: Mapping[str, float], name: str) -> bool:
+    """Tell whether the parameters say where the notches stand."""
+    return parameters.get(f"{name}_MODE", 0.0) in _KNOWN_MODES or parameters.get(f"{name}_REF", 0.0) == 0.0
 
 
 def _harmonics(parameters: Mapping[str, float], name: str) -> Iterator[Notch]:

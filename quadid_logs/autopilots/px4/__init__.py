@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from quadid_logs.actuation.motors import Rebuilt
     from quadid_logs.align.series import CleanLog
     from quadid_logs.autopilots.generic.advice import Advice
+    from quadid_logs.data.controller import FlownControllers
 
 
 class Px4(Autopilot):
@@ -49,6 +50,12 @@ class Px4(Autopilot):
     def loop_rate_hz(self, parameters: Mapping[str, float]) -> float:
         """IMU_GYRO_RATEMAX; 0 there means as fast as the gyro, whose rate no parameter tells."""
         return parameters.get("IMU_GYRO_RATEMAX", 0.0)
+
+    def controllers(self, log: FlightLog, parameters: Mapping[str, float]) -> FlownControllers:
+        """mc_rate_control and mc_att_control by MC_*."""
+        from quadid_logs.autopilots.px4.controller import controllers
+
+        return controllers(log, parameters)
 
     @property
     def advice(self) -> Advice:

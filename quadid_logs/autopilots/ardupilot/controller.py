@@ -1,0 +1,155 @@
+"""ArduPilot's rate and angle controllers of multirotors, from parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Final
+
+from quadid_logs.autopilots.ardupilot.filters import follows_unknown, parameter_filter
+from quadid_logs.autopilots.discrete import derivative, first_order, gain, gyro_filters, integrator
+from quadid_logs.autopilots.versions import read_version
+from quadid_logs.data.controller import AxisController, ControllerRemark, FlownControllers, RemarkKind
+from quadid_logs.data.log import FlightLog, whole_number
+from quadid_logs.vocabulary import AXES
+
+#: ArduCopter versions whose AC_PID, AC_AttitudeControl(_Multi), LowPassFilter2p and NotchFilter were read.
+VERSIONS_READ: Final = ((4, 7),)
+#: As parameters name them: ATC_RAT_RLL_P, ATC_ANG_RLL_P, ATC_LAND_R_MULT.
+AXIS_NAMES: Final = dict(zip(AXES, ("RLL", "PIT", "YAW"), strict=True))
+#: Without them there is no AC_PID as below: firmware before 4.0 has one filter, FILT, for all.
+_NEEDED: Final = ("P", "I", "D", "FLTT", "FLTE", "FLTD")
+_OPTIONAL: Final = {"FF": 0.0, "D_FF": 0.0, "IMAX": math.inf, "SMAX": 0.0, "PDMX": 0.0}
+#: AC_PID: notches on target and error by number of a filter, 0 none.
+_NOTCHES: Final = ("NTF", "NEF")
+_KILOHERTZ: Final = 1000.0
+_DEFAULT_LOOP_HZ: Final = 400.0
+#: AP_InertialSensor: INS_GYRO_RATE n means 2^n kHz, up to 8 kHz.
+_FASTEST: Final = 3
+
+
+def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControllers:
+    """Return the controllers that the parameters make.
+
+    Parameters
+    ----------
+    log : FlightLog
+        Tells the firmware.
+    parameters : mapping of str to float
+        Those that flew.
+
+    Returns
+    -------
+    FlownControllers
+
+    Notes
+    -----
+    AC_PID.cpp, AC_AttitudeControl.cpp, AC_AttitudeControl_Multi.cpp. The angle loop is that of small
+    errors, where its square-root controller is linear.
+    """
+    version_read, note = read_version(log.version, VERSIONS_READ)
+    axes: dict[str, AxisController] = {}
+    remarks = list(_common_remarks(parameters))
+    for axis, name in AXIS_NAMES.items():
+        refused = list(_refusals(parameters, axis, f"ATC_RAT_{name}_"))
+        remarks += refused
+        if not refused:
+            axes[axis] = _axis(parameters, name)
+            remarks += _axis_remarks(parameters, axis, name)
+    return FlownControllers(
+        name="AC_PID",
+        firmware=log.firmware,
+        version_read=version_read,
+        version_note=note,
+        axes=axes,
+        remarks=tuple(remarks),
+    )
+
+
+def gyro_period_s(parameters: Mapping[str, float]) -> float:
+    """Return the period of the gyro's samples that are filtered, by INS_GYRO_RATE [s]."""
+    doublings = min(max(whole_number(parameters.get("INS_GYRO_RATE")), 0), _FASTEST)
+    return 1.0 / (_KILOHERTZ * 2.0**doublings)
+
+
+def loop_period_s(parameters: Mapping[str, float]) -> float:
+    """Return the period of the rate loop [s]: SCHED_LOOP_RATE, or FSTRATE_DIV samples of the gyro."""
+    if parameters.get("FSTRATE_ENABLE", 0.0) > 0.0:
+        return gyro_period_s(parameters) * max(whole_number(parameters.get("FSTRATE_DIV"), 1), 1)
+    rate_hz = parameters.get("SCHED_LOOP_RATE", _DEFAULT_LOOP_HZ)
+    return 1.0 / (rate_hz if 0.0 < rate_hz < math.inf else _DEFAULT_LOOP_HZ)
+
+
+def pid_parameters(parameters: Mapping[str, float], name: str) -> dict[str, float]:
+    """Return the parameters of one axis' PID by their short names.
+
+    Parameters
+    ----------
+    parameters : mapping of str to float
+    name : str
+        RLL, PIT or YAW.
+
+    Returns
+    -------
+    dict of str to float
+    """
+    found = {short: parameters[f"ATC_RAT_{name}_{short}"] for short in _NEEDED}
+    return found | {short: parameters.get(f"ATC_RAT_{name}_{short}", way) for short, way in _OPTIONAL.items()}
+
+
+def _axis(parameters: Mapping[str, float], name: str) -> AxisController:
+    pid, period_s = pid_parameters(parameters, name), loop_period_s(parameters)
+    slope = derivative(period_s)
+    terms = (
+        gain(pid["P"], period_s)
+        + integrator(period_s).scaled(pid["I"])
+        + (slope * first_order(pid["FLTD"], period_s)).scaled(pid["D"])
+    )
+    feed_forward = gain(pid["FF"], period_s) + slope.scaled(pid["D_FF"])
+    angle = parameters.get(f"ATC_ANG_{name}_P")
+    names = {f"ATC_RAT_{name}_{short}": value for short, value in pid.items() if math.isfinite(value)}
+    return AxisController(
+        period_s=period_s,
+        error=terms * first_order(pid["FLTE"], period_s),
+        target=first_order(pid["FLTT"], period_s),
+        feed_forward=feed_forward if pid["FF"] or pid["D_FF"] else None,
+        gyro=gyro_filters(parameter_filter(parameters), gyro_period_s(parameters)),
+        angle_gain_per_s=angle,
+        gains=names | ({} if angle is None else {f"ATC_ANG_{name}_P": angle}),
+    )
+
+
+def _refusals(parameters: Mapping[str, float], axis: str, prefix: str) -> Iterator[ControllerRemark]:
+    """Yield why an axis has no controller here."""
+    needed = [parameters.get(prefix + short, math.nan) for short in _NEEDED]
+    missing = [short for short, value in zip(_NEEDED, needed, strict=True) if not math.isfinite(value)]
+    if missing:
+        values = {prefix + short: math.nan for short in missing}
+        yield ControllerRemark(kind=RemarkKind.MISSING_PARAMETER, axis=axis, values=values)
+    notches = {prefix + short: parameters.get(prefix + short, 0.0) for short in _NOTCHES}
+    used = {name: value for name, value in notches.items() if value}
+    if used:
+        yield ControllerRemark(kind=RemarkKind.NOT_MODELLED, axis=axis, values=used)
+
+
+def _common_remarks(parameters: Mapping[str, float]) -> Iterator[ControllerRemark]:
+    """Yield what concerns all axes."""
+    notches = follows_unknown(parameters)
+    if notches:
+        yield ControllerRemark(kind=RemarkKind.NOTCH_UNKNOWN, values=notches)
+    boost = parameters.get("ATC_THR_G_BOOST", 0.0)
+    if boost > 0.0:
+        yield ControllerRemark(kind=RemarkKind.VARIABLE_GAIN, values={"ATC_THR_G_BOOST": boost})
+
+
+def _axis_remarks(parameters: Mapping[str, float], axis: str, name: str) -> Iterator[ControllerRemark]:
+    """Yield what makes the axis' gains other than those of the parameters at times."""
+    landing = f"ATC_LAND_{name[0]}_MULT"
+    for kind, parameter, way in (
+        (RemarkKind.SLEW_LIMIT, f"ATC_RAT_{name}_SMAX", 0.0),
+        (RemarkKind.PD_LIMIT, f"ATC_RAT_{name}_PDMX", 0.0),
+        (RemarkKind.VARIABLE_GAIN, landing, 1.0),
+    ):
+        value = parameters.get(parameter, way)
+        if value != way:
+            yield ControllerRemark(kind=kind, axis=axis, values={parameter: value})

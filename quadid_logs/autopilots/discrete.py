@@ -1,0 +1,124 @@
+"""The filters that autopilots' controllers are made of, step by step as their code runs them."""
+
+from __future__ import annotations
+
+import math
+
+from quadid_logs.data.controller import DiscreteFilter
+from quadid_logs.data.log import GyroFilter, Notch
+
+
+def unit(period_s: float) -> DiscreteFilter:
+    """Return the filter that changes nothing."""
+    return gain(1.0, period_s)
+
+
+def gain(value: float, period_s: float) -> DiscreteFilter:
+    """Return a factor as a filter."""
+    return _of((value,), (1.0,), period_s)
+
+
+def first_order(cutoff_hz: float, period_s: float) -> DiscreteFilter:
+    """Return y += alpha (x - y) with alpha = T / (T + 1 / (2 pi f)).
+
+    Parameters
+    ----------
+    cutoff_hz : float
+        What is not positive switches the filter off.
+    period_s : float
+
+    Returns
+    -------
+    DiscreteFilter
+
+    Notes
+    -----
+    ArduPilot: AP_Math.cpp, calc_lowpass_alpha_dt; PX4: AlphaFilter.hpp.
+    """
+    if not cutoff_hz > 0.0:
+        return unit(period_s)
+    alpha = period_s / (period_s + 1.0 / (2.0 * math.pi * cutoff_hz))
+    return _of((alpha,), (1.0, alpha - 1.0), period_s)
+
+
+def integrator(period_s: float, *, late: bool = False) -> DiscreteFilter:
+    """Return the sum of x T; without the present x where `late`."""
+    return _of((0.0, period_s) if late else (period_s,), (1.0, -1.0), period_s)
+
+
+def derivative(period_s: float) -> DiscreteFilter:
+    """Return (x - x_before) / T."""
+    return _of((1.0 / period_s, -1.0 / period_s), (1.0,), period_s)
+
+
+def butterworth(cutoff_hz: float, period_s: float) -> DiscreteFilter:
+    """Return a low-pass of second order by the bilinear transform, exact at its cut-off.
+
+    Parameters
+    ----------
+    cutoff_hz : float
+        At most 0.4 of the sample rate is used.
+    period_s : float
+
+    Returns
+    -------
+    DiscreteFilter
+
+    Notes
+    -----
+    LowPassFilter2p.cpp of both autopilots.
+    """
+    o = math.tan(math.pi * min(cutoff_hz * period_s, 0.4))
+    c = 1.0 + math.sqrt(2.0) * o + o * o
+    b = o * o / c
+    a = (1.0, 2.0 * (o * o - 1.0) / c, (1.0 - math.sqrt(2.0) * o + o * o) / c)
+    return _of((b, 2.0 * b, b), a, period_s)
+
+
+def notch(wanted: Notch, period_s: float) -> DiscreteFilter:
+    """Return a notch of second order.
+
+    Parameters
+    ----------
+    wanted : Notch
+    period_s : float
+
+    Returns
+    -------
+    DiscreteFilter
+
+    Notes
+    -----
+    NotchFilter.cpp of ArduPilot, with A^2 the gain at the centre; with 0 that of PX4.
+    """
+    w = 2.0 * math.pi * wanted.frequency_hz * period_s
+    alpha = 0.5 * math.sin(w) * wanted.inverse_q
+    scale, middle = 1.0 / (1.0 + alpha), -2.0 * math.cos(w)
+    depth = wanted.depth
+    return _of(
+        ((1.0 + alpha * depth) * scale, middle * scale, (1.0 - alpha * depth) * scale),
+        (1.0, middle * scale, (1.0 - alpha) * scale),
+        period_s,
+    )
+
+
+def gyro_filters(known: GyroFilter, period_s: float) -> tuple[DiscreteFilter, ...]:
+    """Return the filters between a gyro and the controller.
+
+    Parameters
+    ----------
+    known : GyroFilter
+    period_s : float
+        Of the gyro [s]; a notch above half of its rate is none.
+
+    Returns
+    -------
+    tuple of DiscreteFilter
+    """
+    notches = [notch(one, period_s) for one in known.notches if one.frequency_hz * period_s < 0.5]
+    low_pass = [butterworth(known.low_pass_hz, period_s)] if known.low_pass_hz > 0.0 else []
+    return (*notches, *low_pass)
+
+
+def _of(numerator: tuple[float, ...], denominator: tuple[float, ...], period_s: float) -> DiscreteFilter:
+    return DiscreteFilter(numerator, denominator, period_s)  # type: ignore[arg-type]

@@ -1,0 +1,149 @@
+"""PX4's rate and attitude controllers of multirotors from parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Final
+
+import numpy as np
+
+from quadid_logs.autopilots.discrete import derivative, first_order, gain, gyro_filters, integrator, unit
+from quadid_logs.autopilots.px4.filters import parameter_filter
+from quadid_logs.autopilots.versions import read_version
+from quadid_logs.data.controller import AxisController, ControllerRemark, FlownControllers, RemarkKind
+from quadid_logs.data.log import FlightLog
+from quadid_logs.vocabulary import AXES
+
+#: Versions whose rate_control.cpp, MulticopterRateControl.cpp, AttitudeControl.cpp and
+#: VehicleAngularVelocity.cpp were read.
+VERSIONS_READ: Final = ((1, 18),)
+#: As parameters name them: MC_ROLLRATE_P, MC_ROLL_P, MC_RR_INT_LIM.
+AXIS_NAMES: Final = dict(zip(AXES, (("ROLL", "RR"), ("PITCH", "PR"), ("YAW", "YR")), strict=True))
+_NEEDED: Final = ("P", "I", "D")
+_OPTIONAL: Final = {"FF": 0.0, "K": 1.0}
+#: Defaults of IMU_DGYRO_CUTOFF and IMU_GYRO_RATEMAX; 0 for the latter is as fast as the gyro.
+_DEFAULT_CUTOFF_HZ: Final = 20.0
+_DEFAULT_LOOP_HZ: Final = 400.0
+#: Rows this fast are those of each loop, not thinned ones: the logger's own default is 50 Hz.
+_LOOP_LIKE_HZ: Final = 200.0
+#: Two topics of one loop have the same period but for the rounding of stamps.
+_SAME_PERIOD: Final = 0.02
+
+
+def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControllers:
+    """Return the controllers that the parameters make.
+
+    Parameters
+    ----------
+    log : FlightLog
+        Tells the firmware, and by its rows the loop's period.
+    parameters : mapping of str to float
+        Those that flew.
+
+    Returns
+    -------
+    FlownControllers
+
+    Notes
+    -----
+    rate_control.cpp, MulticopterRateControl.cpp, AttitudeControl.cpp, VehicleAngularVelocity.cpp. The
+    gyro's own rate is in no parameter: its filters are taken at the loop's period.
+    """
+    version_read, note = read_version(log.version, VERSIONS_READ)
+    measured_s = logged_loop_period_s(log)
+    period_s = measured_s or _parameter_period_s(parameters)
+    remarks = [*_common_remarks(parameters)]
+    if measured_s is None:
+        values = {"IMU_GYRO_RATEMAX": 1.0 / period_s}
+        remarks.append(ControllerRemark(kind=RemarkKind.PERIOD_ASSUMED, values=values))
+    axes: dict[str, AxisController] = {}
+    for axis, (name, _) in AXIS_NAMES.items():
+        missing = [f"MC_{name}RATE_{s}" for s in _NEEDED if not _finite(parameters, f"MC_{name}RATE_{s}")]
+        if missing:
+            values = dict.fromkeys(missing, math.nan)
+            remarks.append(ControllerRemark(kind=RemarkKind.MISSING_PARAMETER, axis=axis, values=values))
+        else:
+            axes[axis] = _axis(parameters, name, period_s)
+    return FlownControllers(
+        name="mc_rate_control",
+        firmware=log.firmware,
+        version_read=version_read,
+        version_note=note,
+        axes=axes,
+        remarks=tuple(remarks),
+    )
+
+
+def logged_loop_period_s(log: FlightLog) -> float | None:
+    """Return the period of the rate loop where its rates and torques were logged at each step [s]."""
+    periods = []
+    for name in ("body_rate", "torque_command"):
+        times = next((one.time_s for one in log.candidates(name) if one.n_samples > 2), None)
+        steps = np.diff(times) if times is not None else np.zeros(0)
+        steps = steps[steps > 0.0]
+        periods.append(float(np.median(steps)) if steps.size else math.inf)
+    rate_s, torque_s = periods
+    alike = abs(rate_s - torque_s) <= _SAME_PERIOD * rate_s if math.isfinite(rate_s + torque_s) else False
+    return rate_s if alike and rate_s * _LOOP_LIKE_HZ <= 1.0 + _SAME_PERIOD else None
+
+
+def rate_parameters(parameters: Mapping[str, float], name: str) -> dict[str, float]:
+    """Return the parameters of one axis' rate controller by their short names.
+
+    Parameters
+    ----------
+    parameters : mapping of str to float
+    name : str
+        ROLL, PITCH or YAW.
+
+    Returns
+    -------
+    dict of str to float
+    """
+    found = {short: parameters[f"MC_{name}RATE_{short}"] for short in _NEEDED}
+    return found | {short: parameters.get(f"MC_{name}RATE_{short}", way) for short, way in _OPTIONAL.items()}
+
+
+def _axis(parameters: Mapping[str, float], name: str, period_s: float) -> AxisController:
+    pid = rate_parameters(parameters, name)
+    error = gain(pid["P"], period_s) + integrator(period_s, late=True).scaled(pid["I"])
+    slope = derivative(period_s) * first_order(_cutoff_hz(parameters), period_s)
+    torque_hz = parameters.get("MC_YAW_TQ_CUTOFF", 0.0) if name == "YAW" else 0.0
+    angle = parameters.get(f"MC_{name}_P")
+    names = {f"MC_{name}RATE_{short}": value for short, value in pid.items()}
+    return AxisController(
+        period_s=period_s,
+        error=error.scaled(pid["K"]),
+        target=unit(period_s),
+        rate=slope.scaled(pid["K"] * pid["D"]) if pid["D"] else None,
+        feed_forward=gain(pid["FF"], period_s) if pid["FF"] else None,
+        gyro=gyro_filters(parameter_filter(parameters), period_s),
+        command=first_order(torque_hz, period_s) if torque_hz > 0.0 else None,
+        angle_gain_per_s=angle,
+        gains=names | ({} if angle is None else {f"MC_{name}_P": angle}),
+    )
+
+
+def _cutoff_hz(parameters: Mapping[str, float]) -> float:
+    return parameters.get("IMU_DGYRO_CUTOFF", _DEFAULT_CUTOFF_HZ)
+
+
+def _parameter_period_s(parameters: Mapping[str, float]) -> float:
+    rate_hz = parameters.get("IMU_GYRO_RATEMAX", _DEFAULT_LOOP_HZ)
+    return 1.0 / (rate_hz if 0.0 < rate_hz < math.inf else _DEFAULT_LOOP_HZ)
+
+
+def _finite(parameters: Mapping[str, float], name: str) -> bool:
+    return math.isfinite(parameters.get(name, math.nan))
+
+
+def _common_remarks(parameters: Mapping[str, float]) -> Iterator[ControllerRemark]:
+    """Yield what concerns all axes."""
+    for kind, name in (
+        (RemarkKind.NOTCH_UNKNOWN, "IMU_GYRO_DNF_EN"),
+        (RemarkKind.VARIABLE_GAIN, "MC_BAT_SCALE_EN"),
+    ):
+        value = parameters.get(name, 0.0)
+        if value > 0.0:
+            yield ControllerRemark(kind=kind, values={name: value})

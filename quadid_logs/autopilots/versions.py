@@ -1,0 +1,43 @@
+"""How sure it is that a firmware works as the version whose source was read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from quadid_logs.data.controller import VersionRead
+
+
+def read_version(
+    version: tuple[int, ...] | None, known: Sequence[tuple[int, int]]
+) -> tuple[VersionRead, str]:
+    """Tell whether a version's source was read, and name the one that stands for it.
+
+    Parameters
+    ----------
+    version : tuple of int or None
+        Of the log's firmware, most significant first; None where it is not told.
+    known : sequence of (int, int)
+        Versions that were read.
+
+    Returns
+    -------
+    version_read : str
+        As of `FlownControllers`.
+    note : str
+        The version that was read, for example "4.7".
+
+    Examples
+    --------
+    >>> read_version((4, 5, 7), [(4, 2), (4, 7)])
+    ('nearest', '4.7')
+    """
+    if version is None:
+        return "unknown", _words(max(known))
+    own = (version[0], version[1])
+    # A change of the first number outweighs any of the second.
+    nearest = min(known, key=lambda one: (abs(one[0] - own[0]), abs(one[1] - own[1])))
+    return ("read" if nearest == own else "nearest"), _words(nearest)
+
+
+def _words(version: tuple[int, int]) -> str:
+    return ".".join(str(number) for number in version)

@@ -1,0 +1,1 @@
+"""The loop around the model: the controller that flew, replayed, and what it makes of the model."""

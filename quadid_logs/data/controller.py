@@ -1,0 +1,233 @@
+"""The rate and angle controllers that flew, as linear filters, and how well they replay the log."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.errors import ShapeError
+
+#: How sure it is that the law below is that of the log's firmware.
+VersionRead = Literal["read", "nearest", "unknown"]
+Term = Literal["P", "I", "D", "FF", "output"]
+TERMS: Final[tuple[Term, ...]] = ("P", "I", "D", "FF", "output")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DiscreteFilter:
+    """A filter sum_k b_k z^-k / sum_k a_k z^-k.
+
+    Attributes
+    ----------
+    numerator, denominator : ndarray, shape (n,)
+        Coefficients b and a of z^0, z^-1, ...; the lengths may differ, and a_0 is not 0.
+    period_s : float
+        Of one step [s].
+    """
+
+    numerator: FloatArray
+    denominator: FloatArray
+    period_s: float
+
+    def __post_init__(self) -> None:
+        if not self.period_s > 0.0:
+            raise ShapeError(f"A filter's period of {self.period_s} s is not positive.")
+        for name in ("numerator", "denominator"):
+            coefficients = np.array(getattr(self, name), dtype=np.float64, ndmin=1)
+            coefficients.flags.writeable = False
+            object.__setattr__(self, name, coefficients)
+        if self.numerator.ndim != 1 or self.denominator.ndim != 1 or self.denominator[0] == 0.0:
+            raise ShapeError("A filter needs two rows of coefficients, and the first of the denominator.")
+
+    def response(self, frequency_hz: FloatArray) -> NDArray[np.complex128]:
+        """Return the frequency response.
+
+        Parameters
+        ----------
+        frequency_hz : ndarray, any shape
+            [Hz].
+
+        Returns
+        -------
+        ndarray of complex, same shape
+        """
+        delay = np.exp(-2j * np.pi * np.asarray(frequency_hz) * self.period_s)
+        above = np.polynomial.polynomial.polyval(delay, self.numerator)
+        below = np.polynomial.polynomial.polyval(delay, self.denominator)
+        return np.asarray(above / below, dtype=np.complex128)
+
+    def __mul__(self, other: DiscreteFilter) -> DiscreteFilter:
+        """Return the two in series."""
+        period_s = self._common_period_s(other)
+        return DiscreteFilter(
+            np.convolve(self.numerator, other.numerator),
+            np.convolve(self.denominator, other.denominator),
+            period_s,
+        )
+
+    def __add__(self, other: DiscreteFilter) -> DiscreteFilter:
+        """Return the two in parallel."""
+        period_s = self._common_period_s(other)
+        first = np.convolve(self.numerator, other.denominator)
+        second = np.convolve(other.numerator, self.denominator)
+        total = np.zeros(max(first.size, second.size))
+        total[: first.size] += first
+        total[: second.size] += second
+        return DiscreteFilter(total, np.convolve(self.denominator, other.denominator), period_s)
+
+    def scaled(self, gain: float) -> DiscreteFilter:
+        """Return the filter times a number."""
+        return DiscreteFilter(gain * self.numerator, self.denominator, self.period_s)
+
+    def _common_period_s(self, other: DiscreteFilter) -> float:
+        if self.period_s != other.period_s:
+            raise ShapeError(f"Filters of {self.period_s} s and {other.period_s} s do not combine.")
+        return self.period_s
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AxisController:
+    """The linear part of one axis' controller: what acts while nothing saturates.
+
+    With target r, measured rate w behind the ``gyro`` filters and T = ``target`` r, the torque command is
+    ``command`` (``error`` (T - w) - ``rate`` w + ``feed_forward`` T).
+
+    Attributes
+    ----------
+    period_s : float
+        Of the control loop [s].
+    error : DiscreteFilter
+        From rate error [rad/s] to command [1]: P, I, D where it acts on the error, the error's filter.
+    target : DiscreteFilter
+        Of the rate set-point.
+    rate : DiscreteFilter or None
+        Acts on the measured rate alone, and is subtracted; its period may be that of the gyro.
+    feed_forward : DiscreteFilter or None
+        From the filtered target to the command.
+    gyro : tuple of DiscreteFilter
+        Between gyro and controller, at the gyro's period.
+    command : DiscreteFilter or None
+        Behind the sum.
+    angle_gain_per_s : float or None
+        From angle error [rad] to rate set-point [rad/s] for small errors; None where it is not known.
+    angle_delay_steps : int
+        Loops from the angle's measurement to the use of the set-point made of it.
+    gains : mapping of str to float
+        The vendor's parameters that made all this.
+    """
+
+    period_s: float
+    error: DiscreteFilter
+    target: DiscreteFilter
+    rate: DiscreteFilter | None = None
+    feed_forward: DiscreteFilter | None = None
+    gyro: tuple[DiscreteFilter, ...] = ()
+    command: DiscreteFilter | None = None
+    angle_gain_per_s: float | None = None
+    angle_delay_steps: int = 1
+    gains: Mapping[str, float] = field(default_factory=dict)
+
+
+class RemarkKind(Enum):
+    """What has to be said of the controllers beside their gains."""
+
+    NOT_MODELLED = "not modelled"
+    """A parameter switches on what is not modelled: the axis has no controller here."""
+    MISSING_PARAMETER = "missing parameter"
+    NOTCH_UNKNOWN = "notch unknown"
+    """A notch follows something that the parameters do not tell: its phase is left out."""
+    SLEW_LIMIT = "slew limit"
+    """P and D are scaled down while the command moves fast."""
+    PD_LIMIT = "P+D limit"
+    VARIABLE_GAIN = "variable gain"
+    """Gains depend on throttle, landing or battery."""
+    PERIOD_ASSUMED = "period assumed"
+    """The loop's period is that of the parameters, not of the log's rows."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ControllerRemark:
+    """A remark on one axis ("" for all), with the parameters and values that it stands on."""
+
+    kind: RemarkKind
+    axis: str = ""
+    values: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FlownControllers:
+    """The controllers of a log's parameters.
+
+    Attributes
+    ----------
+    name : str
+        Of the control law, for people.
+    firmware : str
+        As the log states it; untrusted text.
+    version_read : str
+        "read": the source of this firmware version was read; "nearest": that of ``version_note`` stands
+        in; "unknown": the log does not tell its version.
+    version_note : str
+        The version whose source was read, for people.
+    axes : mapping of str to AxisController
+        By axis; one whose parameters are missing or not modelled is not in it.
+    remarks : tuple of ControllerRemark
+    """
+
+    name: str
+    firmware: str
+    version_read: VersionRead
+    version_note: str
+    axes: Mapping[str, AxisController]
+    remarks: tuple[ControllerRemark, ...] = ()
+
+
+class ReplayReason(Enum):
+    """What differs between the controller of the parameters and the logged one."""
+
+    NO_ROWS = "no rows"
+    """The log lacks set-points, rates or the controller's output at the loop's rate."""
+    GAINS_CHANGED = "gains changed in flight"
+    GAIN_DIFFERS = "gain differs"
+    FILTER_DIFFERS = "filter differs"
+    SLEW_LIMITED = "slew limited"
+    LIMIT_FLAGS_MISSING = "limit flags missing"
+    SETPOINT_SHIFTED = "set-point shifted"
+    SETPOINT_MISSING = "set-points missing"
+    LOOP_RATE_DIFFERS = "loop rate differs"
+    AXES_SWAPPED = "axes swapped"
+    HIDDEN_NOTCH = "hidden notch"
+    NOT_EXPLAINED = "not explained"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Replay:
+    """How the replayed controller of one axis compares with what the log holds.
+
+    Attributes
+    ----------
+    relative_rms : mapping of str to (float or None)
+        By term: rms of the difference over that of the logged one; None where the log has none.
+    agrees : bool
+    reason : ReplayReason or None
+        What differs; None where it agrees.
+    parameter : str
+        The vendor's parameter that the reason speaks of, "" for none.
+    numbers : mapping of str to float
+        Evidence of the reason: values in the file and as flown, times, rows.
+    n_rows : int
+        That were compared.
+    """
+
+    relative_rms: Mapping[Term, float | None]
+    agrees: bool
+    reason: ReplayReason | None = None
+    parameter: str = ""
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    n_rows: int = 0
