@@ -8,7 +8,7 @@ outside the folders knows a vendor's name. Importing this module imports no fold
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple, Protocol
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from quadid_logs.actuation.motors import Rebuilt
     from quadid_logs.align.series import CleanLog
     from quadid_logs.autopilots.generic.advice import Advice
-    from quadid_logs.data.controller import FlownControllers
+    from quadid_logs.data.controller import FlownControllers, ReplayInput
 
 __all__ = ["Autopilot", "LogFormat", "formats", "known", "named", "register"]
 
@@ -109,6 +109,15 @@ class Autopilot:
     def controllers(self, log: FlightLog, parameters: Mapping[str, float]) -> FlownControllers | None:  # noqa: ARG002
         """Return the rate and angle controllers that these parameters make; None where they are not known."""
         return None
+
+    def replay_inputs(
+        self,
+        log: FlightLog,  # noqa: ARG002
+        controllers: FlownControllers,  # noqa: ARG002
+        intervals: Sequence[tuple[float, float]],  # noqa: ARG002
+    ) -> Mapping[str, ReplayInput]:
+        """Return by axis the rows and the law to replay; intervals are on the log's own clock."""
+        return {}
 
     @property
     def advice(self) -> Advice:

@@ -71,6 +71,15 @@ class Dropout(NamedTuple):
     duration_ms: int
 
 
+class ParameterWrite(NamedTuple):
+    """A parameter that was written while logging, with the value that it had before."""
+
+    offset: int
+    name: str
+    value: float
+    before: float
+
+
 class BrokenMessageError(ValueError):
     """The message's content does not follow the format; never leaves this package."""
 
@@ -89,7 +98,7 @@ class Definitions:
     index_by_id: dict[int, int] = field(default_factory=dict)
     information: dict[str, object] = field(default_factory=dict)
     parameters: dict[str, float] = field(default_factory=dict)
-    n_changed_parameters: int = 0
+    parameter_writes: list[ParameterWrite] = field(default_factory=list)
     texts: list[Text] = field(default_factory=list)
     dropouts: list[Dropout] = field(default_factory=list)
     appended_at: list[int] = field(default_factory=list)
@@ -180,12 +189,14 @@ def _take_information_multiple(known: Definitions, body: bytes, offset: int) -> 
     _key_and_value(body[1:])
 
 
-def _take_parameter(known: Definitions, body: bytes, offset: int) -> None:  # noqa: ARG001
+def _take_parameter(known: Definitions, body: bytes, offset: int) -> None:
     name, value = _key_and_value(body)
     if not isinstance(value, int | float):
         raise BrokenMessageError("a parameter that is no number")
+    if known.has_data_section:
+        before = known.parameters.get(name, float(value))
+        known.parameter_writes.append(ParameterWrite(offset, name, float(value), before))
     known.parameters[name] = float(value)
-    known.n_changed_parameters += known.has_data_section
 
 
 def _take_parameter_default(known: Definitions, body: bytes, offset: int) -> None:  # noqa: ARG001

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from quadid_logs.arrays import FloatArray
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.errors import ShapeError
 
 #: How sure it is that the law below is that of the log's firmware.
 VersionRead = Literal["read", "nearest", "unknown"]
 Term = Literal["P", "I", "D", "FF", "output"]
+#: The slowest filter that is usual, 2.5 Hz, has forgotten its start to 1e-7 by then [s].
+SETTLING_S: Final = 1.0
 TERMS: Final[tuple[Term, ...]] = ("P", "I", "D", "FF", "output")
 
 
@@ -186,6 +188,111 @@ class FlownControllers:
     version_note: str
     axes: Mapping[str, AxisController]
     remarks: tuple[ControllerRemark, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AxisRows:
+    """What one axis' rate controller was given and gave, loop by loop without a gap.
+
+    Attributes
+    ----------
+    start_s : float
+        Of the first row, on the log's own clock [s].
+    positions : ndarray of int64, shape (n_rows,)
+        In the file.
+    step_s : ndarray, shape (n_rows,)
+        From the row before [s], by the stamps.
+    target, rate : ndarray, shape (n_rows,)
+        Set-point that the row used, and measured rate [rad/s].
+    output : ndarray, shape (n_rows,)
+        Torque command [1].
+    added : ndarray, shape (n_rows,)
+        What was added to the controller's output before it was logged.
+    logged : mapping of str to ndarray, shape (n_rows,)
+        Terms of the output, as far as the log holds them.
+    limited : ndarray of bool, shape (n_rows,), or None
+        The integrator was stopped; None where the log does not say.
+    scale : ndarray, shape (n_rows,), or None
+        Factor on P and D.
+    derivative : ndarray, shape (n_rows,), or None
+        Logged angular acceleration that D acts on [rad/s^2].
+    known : ndarray of bool, shape (n_rows,)
+        The set-point of the row was logged, not interpolated.
+    setpoints_per_row : float
+        Below 1 where set-points are missing, or come slower than the loop.
+    """
+
+    start_s: float
+    positions: IntArray
+    step_s: FloatArray
+    target: FloatArray
+    rate: FloatArray
+    output: FloatArray
+    added: FloatArray
+    known: BoolArray
+    logged: Mapping[Term, FloatArray] = field(default_factory=dict)
+    limited: BoolArray | None = None
+    scale: FloatArray | None = None
+    derivative: FloatArray | None = None
+    setpoints_per_row: float = 1.0
+
+    @property
+    def n_rows(self) -> int:
+        """Number of loops."""
+        return int(self.step_s.shape[0])
+
+    def settled(self) -> int:
+        """Return the first row at which filters that began at the first one no longer remember that."""
+        return int(np.searchsorted(np.cumsum(self.step_s), SETTLING_S))
+
+    def part(self, rows: slice) -> AxisRows:
+        """Return some of the rows."""
+        arrays = ("positions", "step_s", "target", "rate", "output", "added", "known")
+        maybe = (name for name in ("limited", "scale", "derivative") if getattr(self, name) is not None)
+        cut: dict[str, Any] = {name: getattr(self, name)[rows] for name in (*arrays, *maybe)}
+        start_s = self.start_s + float(self.step_s[1 : (rows.start or 0) + 1].sum())
+        logged = {term: values[rows] for term, values in self.logged.items()}
+        return replace(self, start_s=start_s, logged=logged, **cut)
+
+
+class ReplayedTerms(NamedTuple):
+    """Terms of a replayed controller, each of shape (n_rows,), and where its integrator was stopped."""
+
+    values: Mapping[Term, FloatArray]
+    limited: BoolArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ReplayInput:
+    """All that is needed to replay one axis' controller.
+
+    Attributes
+    ----------
+    rows : AxisRows
+    law : callable
+        From rows and parameters to `ReplayedTerms`.
+    parameters : mapping of str to float
+        The vendor's, as they were at the first row.
+    gains : mapping of str to str
+        By term the parameter that scales it.
+    cutoffs : tuple of str
+        Parameters of filters [Hz].
+    tolerance : float
+        By how much a right replay may differ, relative to the logged output's rms.
+    loop_period_s : float
+        That the parameters promise [s]; NaN where they do not.
+    slew_limits : tuple of str
+        Parameters that switch on a limiter whose factor on P and D these rows do not hold.
+    """
+
+    rows: AxisRows
+    law: Callable[[AxisRows, Mapping[str, float]], ReplayedTerms]
+    parameters: Mapping[str, float]
+    gains: Mapping[Term, str]
+    cutoffs: tuple[str, ...]
+    tolerance: float
+    loop_period_s: float = float("nan")
+    slew_limits: tuple[str, ...] = ()
 
 
 class ReplayReason(Enum):

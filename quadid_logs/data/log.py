@@ -171,6 +171,37 @@ class ModeChange:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ParameterChange:
+    """A parameter got another value at `time_s` [s]. Untrusted: escape the name before showing."""
+
+    time_s: float
+    position: int
+    name: str
+    value: float
+    before: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ControllerTerms:
+    """What the log holds of one axis' rate controller beside its set-point, rate and output.
+
+    Attributes
+    ----------
+    axis : str
+        One of `vocabulary.AXES`.
+    rows : Rows
+        Of the message that they are logged in.
+    values : mapping of str to ndarray, shape (n_samples,)
+        "P", "I", "D", "FF": terms of the output [1]; "scale": the factor on P and D; "limited": 1 where the
+        integrator was stopped; "derivative": the angular acceleration that D acts on [rad/s^2].
+    """
+
+    axis: str
+    rows: Rows
+    values: Mapping[str, FloatArray]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class LogText:
     """A text message of the autopilot. Untrusted: escape before showing."""
 
@@ -231,6 +262,10 @@ class FlightLog:
         All sources found per canonical name, the preferred one first.
     parameters : mapping of str to float
         The last value of each parameter.
+    parameter_changes : tuple of ParameterChange
+        In file order.
+    controller_terms : tuple of ControllerTerms
+        By axis and message.
     n_bytes : int
         Size of the file [bytes].
     lost : tuple of LostBytes
@@ -259,6 +294,8 @@ class FlightLog:
     frame: str = ""
     hardware_id: str = ""
     parameters: Mapping[str, float] = field(default_factory=dict)
+    parameter_changes: tuple[ParameterChange, ...] = ()
+    controller_terms: tuple[ControllerTerms, ...] = ()
     modes: tuple[ModeChange, ...] = ()
     texts: tuple[LogText, ...] = ()
     lost: tuple[LostBytes, ...] = ()
@@ -280,6 +317,24 @@ class FlightLog:
     def corrupt_bytes(self) -> int:
         """Sum of all lost bytes."""
         return sum(part.n_bytes for part in self.lost)
+
+    def parameters_at(self, position: int) -> dict[str, float]:
+        """Return the parameters as they were at a place in the file.
+
+        Parameters
+        ----------
+        position : int
+            Byte offset.
+
+        Returns
+        -------
+        dict of str to float
+        """
+        found = dict(self.parameters)
+        for change in reversed(self.parameter_changes):
+            if change.position > position:
+                found[change.name] = change.before
+        return found
 
     def candidates(self, name: str) -> tuple[Signal, ...]:
         """Return the sources of a canonical signal, the preferred one first."""

@@ -16,8 +16,10 @@ from quadid_logs.autopilots.ardupilot.signals import (
     LABELS,
     PID_MESSAGES,
     SOURCES,
+    TERM_LABELS,
     Messages,
     RateScale,
+    controller_terms,
     messages_to_read,
 )
 from quadid_logs.autopilots.sources import build_signals
@@ -25,10 +27,11 @@ from quadid_logs.autopilots.utc import gps_utc_s, utc_offset_s
 from quadid_logs.containers import dataflash, dataflash_text
 from quadid_logs.containers.content import mean_rate_hz
 from quadid_logs.containers.message_table import MessageSource, MessageTable, damaged_numbers_pass
-from quadid_logs.data.log import FlightLog, LogText, MessageCount, ModeChange, whole_number
+from quadid_logs.data.log import FlightLog, LogText, MessageCount, ModeChange, ParameterChange, whole_number
 
 #: Their PIDR, PIDP and PIDY steer surfaces and work in degrees.
 _OTHER_PIDS: Final = frozenset({"fixed-wing", "vtol"})
+_PIDS: Final = frozenset(PID_MESSAGES)
 _DESCRIPTIONS: Final = frozenset({"PARM", "MSG", "MODE", "VER", "DSF", "PM", "GPS"})
 _LABELS: Final = frozenset({"Name", "Value", "Message", "Mode", "BU", "FWS", "Dp", "LogDrop", "GWk", "GMS"})
 #: ArduCopter/defines.h: MASK_LOG_ATTITUDE_FAST logs at the loop rate, MASK_LOG_ATTITUDE_MED at 10 Hz.
@@ -104,13 +107,15 @@ def flight_log(source: MessageSource, *, log_format: str, preamble: tuple[str, .
         Signals in SI units and body axes FRD. Rows stand in file order; times
         are as logged, NaN where the log has none.
     """
-    tables = source.read_messages(messages_to_read(source.counts) | _DESCRIPTIONS, LABELS | _LABELS)
+    wanted = messages_to_read(source.counts) | _DESCRIPTIONS | _PIDS
+    tables = source.read_messages(wanted, LABELS | _LABELS | TERM_LABELS)
     clock = LogClock(tables.values())
     parameters = tables["PARM"].named_values("Name", "Value") if "PARM" in tables else {}
     texts = _texts(tables.get("MSG"), clock)
     identity = _identity(source, tables.get("VER"), [*preamble, *(text.text for text in texts)], parameters)
-    if identity.vehicle_type in _OTHER_PIDS:
-        tables = {name: table for name, table in tables.items() if name not in PID_MESSAGES}
+    pids = {name: table for name, table in tables.items() if name in _PIDS}
+    if identity.vehicle_type in _OTHER_PIDS or "RATE" in source.counts:
+        tables = {name: table for name, table in tables.items() if name not in _PIDS}
     messages = Messages(tables, clock, identity.version)
     attitude_hz = _attitude_rate_hz(parameters)
     return FlightLog(
@@ -129,6 +134,8 @@ def flight_log(source: MessageSource, *, log_format: str, preamble: tuple[str, .
         frame=identity.frame,
         hardware_id=identity.hardware_id,
         parameters=parameters,
+        parameter_changes=_parameter_changes(tables.get("PARM"), clock),
+        controller_terms=controller_terms(pids, clock),
         modes=_modes(tables.get("MODE"), clock, identity.vehicle_type),
         texts=texts,
         lost=source.lost,
@@ -154,6 +161,24 @@ def _identity(
         texts = [str(version.columns["FWS"][-1]), *texts]
     n_motors = next((len(each.columns) for each in source.definitions if each.name == "MOT"), 0)
     return identify_vehicle(texts, parameters, build_type=build_type, n_motors=n_motors)
+
+
+def _parameter_changes(table: MessageTable | None, clock: LogClock) -> tuple[ParameterChange, ...]:
+    """Return where PARM gives a parameter another value than it had."""
+    if table is None or not (table.has_text("Name") and table.has_numbers("Value")):
+        return ()
+    rows, known = clock.rows(table), dict[str, float]()
+    found = []
+    values = table.columns["Value"].astype(np.float64).tolist()
+    for number, (name, value) in enumerate(zip(table.columns["Name"].tolist(), values, strict=True)):
+        before = known.setdefault(name, value)
+        if value != before:
+            time_s, position = float(rows.time_s[number]), int(rows.position[number])
+            found.append(
+                ParameterChange(time_s=time_s, position=position, name=name, value=value, before=before)
+            )
+            known[name] = value
+    return tuple(found)
 
 
 def _texts(table: MessageTable | None, clock: LogClock) -> tuple[LogText, ...]:

@@ -22,7 +22,8 @@ from quadid_logs.arrays import AnyArray, FloatArray, IntArray
 from quadid_logs.autopilots.ardupilot.clock import TIME_LABELS, LogClock
 from quadid_logs.autopilots.sources import RPM, Built, Part, Source, messages_of, plain, stacked
 from quadid_logs.containers.message_table import MessageTable
-from quadid_logs.data.log import Rows
+from quadid_logs.data.log import ControllerTerms, Rows
+from quadid_logs.vocabulary import AXES
 
 DEGREE: Final = math.pi / 180.0
 #: Full scale of the rate controller's output before ArduPilot 3.4 (ArduCopter/Parameters.cpp,
@@ -52,6 +53,8 @@ _ENOUGH: Final = 100_000
 _ESC_CYCLE_S: Final = 0.5
 #: Of one axis each; a loop logs them one after the other.
 PID_MESSAGES: Final = ("PIDR", "PIDP", "PIDY")
+_TERMS: Final = {"P": "P", "I": "I", "D": "D", "FF": "FF", "scale": "Dmod"}
+TERM_LABELS: Final = frozenset({*_TERMS.values(), "DFF", "Flags"})
 
 
 class Split(Enum):
@@ -472,6 +475,39 @@ SOURCES: Final[tuple[DataFlashSource, ...]] = (
 LABELS: Final = TIME_LABELS.union(
     *((*source.fields, *source.optional, *source.split.value) for source in SOURCES)
 )
+
+
+def controller_terms(tables: Mapping[str, MessageTable], clock: LogClock) -> tuple[ControllerTerms, ...]:
+    """Return the terms of the rate PIDs by axis.
+
+    Parameters
+    ----------
+    tables : mapping of str to MessageTable
+        PIDR, PIDP and PIDY as far as the log has them.
+    clock : LogClock
+
+    Returns
+    -------
+    tuple of ControllerTerms
+
+    Notes
+    -----
+    AP_Logger/LogStructure.h: bit 0 of Flags is the mixer's limit; DFF is the derivative's feed-forward.
+    """
+    return tuple(
+        ControllerTerms(axis=axis, rows=clock.rows(tables[name]), values=_pid_terms(tables[name]))
+        for axis, name in zip(AXES, PID_MESSAGES, strict=True)
+        if name in tables
+    )
+
+
+def _pid_terms(table: MessageTable) -> dict[str, FloatArray]:
+    terms = {term: _float(table, label) for term, label in _TERMS.items() if table.has_numbers(label)}
+    if "FF" in terms and table.has_numbers("DFF"):
+        terms["FF"] += _float(table, "DFF")
+    if table.has_numbers("Flags"):
+        terms["limited"] = (table.integers("Flags") & 1).astype(np.float64)
+    return terms
 
 
 def messages_to_read(present: Mapping[str, int]) -> frozenset[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from quadid_logs.autopilots import Autopilot, LogFormat
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from quadid_logs.actuation.motors import Rebuilt
     from quadid_logs.align.series import CleanLog
     from quadid_logs.autopilots.generic.advice import Advice
-    from quadid_logs.data.controller import FlownControllers
+    from quadid_logs.data.controller import FlownControllers, ReplayInput
 
 
 class Px4(Autopilot):
@@ -56,6 +56,14 @@ class Px4(Autopilot):
         from quadid_logs.autopilots.px4.controller import controllers
 
         return controllers(log, parameters)
+
+    def replay_inputs(
+        self, log: FlightLog, controllers: FlownControllers, intervals: Sequence[tuple[float, float]]
+    ) -> Mapping[str, ReplayInput]:
+        """Rows of vehicle_angular_velocity with set-points and torques."""
+        from quadid_logs.autopilots.px4.replay import replay_inputs
+
+        return replay_inputs(log, controllers, intervals)
 
     @property
     def advice(self) -> Advice:

@@ -108,7 +108,7 @@ def rate_parameters(parameters: Mapping[str, float], name: str) -> dict[str, flo
 def _axis(parameters: Mapping[str, float], name: str, period_s: float) -> AxisController:
     pid = rate_parameters(parameters, name)
     error = gain(pid["P"], period_s) + integrator(period_s, late=True).scaled(pid["I"])
-    slope = derivative(period_s) * first_order(_cutoff_hz(parameters), period_s)
+    slope = derivative(period_s) * first_order(cutoff_hz(parameters), period_s)
     torque_hz = parameters.get("MC_YAW_TQ_CUTOFF", 0.0) if name == "YAW" else 0.0
     angle = parameters.get(f"MC_{name}_P")
     names = {f"MC_{name}RATE_{short}": value for short, value in pid.items()}
@@ -125,7 +125,8 @@ def _axis(parameters: Mapping[str, float], name: str, period_s: float) -> AxisCo
     )
 
 
-def _cutoff_hz(parameters: Mapping[str, float]) -> float:
+def cutoff_hz(parameters: Mapping[str, float]) -> float:
+    """Return the cut-off of the filter on the angular acceleration [Hz]."""
     return parameters.get("IMU_DGYRO_CUTOFF", _DEFAULT_CUTOFF_HZ)
 
 

@@ -6,6 +6,8 @@ import math
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
 from quadid_logs.autopilots.modes import mode_changes
 from quadid_logs.autopilots.px4.filters import parameter_filter
 from quadid_logs.autopilots.px4.identity import (
@@ -15,11 +17,12 @@ from quadid_logs.autopilots.px4.identity import (
     vehicle_type,
     version_of,
 )
-from quadid_logs.autopilots.px4.signals import SOURCES, sample_time_s, signals
+from quadid_logs.autopilots.px4.signals import INTEGRATORS, SOURCES, controller_terms, sample_time_s, signals
 from quadid_logs.autopilots.sources import messages_of, stacked
 from quadid_logs.autopilots.utc import utc_offset_s
+from quadid_logs.containers.content import time_before
 from quadid_logs.containers.ulog import UlogContent, read_content
-from quadid_logs.data.log import FlightLog, LogText, ModeChange
+from quadid_logs.data.log import FlightLog, LogText, ModeChange, ParameterChange
 from quadid_logs.errors import EmptyLogError
 
 #: Receivers, with the time of day; the second since 1.14.
@@ -45,7 +48,7 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
     EmptyLogError
         If the file holds no data message that can be read.
     """
-    content = read_content(path, messages_of(SOURCES) | {*_RECEIVERS})
+    content = read_content(path, messages_of(SOURCES) | {*_RECEIVERS, INTEGRATORS})
     if not content.counts:
         raise EmptyLogError(
             f"{path} begins as a ULog, but holds no data message that can be read.",
@@ -63,6 +66,8 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
         frame=describe_frame(known.parameters),
         hardware_id=str(known.information.get("sys_uuid", "")),
         parameters=dict(known.parameters),
+        parameter_changes=_parameter_changes(content),
+        controller_terms=controller_terms(content.topics),
         modes=_modes(content),
         texts=tuple(
             LogText(time_s=text.timestamp_us / 1e6, position=text.offset, text=text.text)
@@ -84,6 +89,23 @@ def _utc_offset_s(content: UlogContent) -> float:
             if log_s is not None and math.isfinite(found := utc_offset_s(utc_us[:, 0] / 1e6, log_s)):
                 return found
     return math.nan
+
+
+def _parameter_changes(content: UlogContent) -> tuple[ParameterChange, ...]:
+    """Return what was written with another value, at the time of the row before it in the file."""
+    writes = [one for one in content.definitions.parameter_writes if one.value != one.before]
+    if not writes or not content.topics:
+        return ()
+    longest = max(content.topics.values(), key=lambda table: len(table.position))
+    known_s = sample_time_s(longest)
+    if known_s is None:
+        return ()
+    positions = np.array([one.offset for one in writes], np.int64)
+    times = time_before(positions, longest.position, known_s)
+    return tuple(
+        ParameterChange(time_s=time_s, position=one.offset, name=one.name, value=one.value, before=one.before)
+        for one, time_s in zip(writes, times.tolist(), strict=True)
+    )
 
 
 def _last_status(content: UlogContent) -> dict[str, int]:
@@ -112,9 +134,9 @@ def _remarks(content: UlogContent, system: int) -> tuple[str, ...]:
     if known.dropouts:
         total_s = sum(dropout.duration_ms for dropout in known.dropouts) * 1e-3
         remarks.append(f"The logger reports {len(known.dropouts)} dropouts of {total_s:.2f} s in all.")
-    if known.n_changed_parameters:
+    if known.parameter_writes:
         remarks.append(
-            f"{known.n_changed_parameters} parameters were written while logging; the last value is used."
+            f"{len(known.parameter_writes)} parameters were written while logging; the last value is used."
         )
     if content.n_joined:
         remarks.append(f"The file holds {content.n_joined + 1} logs joined together.")

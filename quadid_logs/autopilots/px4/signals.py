@@ -12,9 +12,19 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.autopilots.sources import RPM, Part, Source, attitude, build_signals, plain, used_columns
+from quadid_logs.autopilots.sources import (
+    RPM,
+    Part,
+    Source,
+    attitude,
+    build_signals,
+    plain,
+    stacked,
+    used_columns,
+)
 from quadid_logs.containers.ulog import TopicKey, TopicTable
-from quadid_logs.data.log import GyroFilter, Rows, Signal
+from quadid_logs.data.log import ControllerTerms, GyroFilter, Rows, Signal
+from quadid_logs.vocabulary import AXES
 
 _MAX_SAMPLE_AGE_US: Final = 100_000
 """A sample is published within milliseconds: a `timestamp_sample` further off is not filled in."""
@@ -64,6 +74,12 @@ def _injected_rate(part: _Part, source: _Row) -> FloatArray | None:
 
 _XYZ: Final = ("xyz",)
 _QUATERNION: Final = ("q[0]", "q[1]", "q[2]", "q[3]")
+INTEGRATORS: Final = "rate_ctrl_status"
+#: Topic, term and fields of roll, pitch and yaw.
+_TERMS: Final = (
+    ("vehicle_angular_velocity", "derivative", tuple(f"xyz_derivative[{number}]" for number in range(3))),
+    (INTEGRATORS, "I", ("rollspeed_integ", "pitchspeed_integ", "yawspeed_integ")),
+)
 _TORQUE: Final = ("control[0]", "control[1]", "control[2]")
 
 SOURCES: Final[tuple[Source[_Part], ...]] = (
@@ -134,6 +150,31 @@ def signals(topics: Mapping[TopicKey, TopicTable], known: GyroFilter) -> dict[st
         # Several drivers publish outputs; the motors are on the one that moves most.
         found["output_pwm"] = tuple(sorted(found["output_pwm"], key=_liveliness, reverse=True))
     return found
+
+
+def controller_terms(topics: Mapping[TopicKey, TopicTable]) -> tuple[ControllerTerms, ...]:
+    """Return the angular acceleration that D acts on, and the integrators, of each axis.
+
+    Parameters
+    ----------
+    topics : mapping of (name, instance) to TopicTable
+
+    Returns
+    -------
+    tuple of ControllerTerms
+    """
+    found = []
+    for topic, term, fields in _TERMS:
+        table = topics.get((topic, 0))
+        time_s = None if table is None else sample_time_s(table)
+        if table is None or time_s is None:
+            continue
+        rows = Rows(time_s, table.position)
+        for axis, field in zip(AXES, fields, strict=True):
+            values = stacked(table, (field,))
+            if values is not None and values.shape[1] == 1:
+                found.append(ControllerTerms(axis=axis, rows=rows, values={term: values[:, 0]}))
+    return tuple(found)
 
 
 def sample_time_s(table: TopicTable) -> FloatArray | None:

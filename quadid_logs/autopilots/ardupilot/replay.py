@@ -1,0 +1,162 @@
+"""AC_PID step by step, on the rows that ArduPilot logged."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Final
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.autopilots.ardupilot.controller import AXIS_NAMES, loop_period_s, pid_parameters
+from quadid_logs.autopilots.loop_rows import Interval, in_step, longest_run, matched, stood_still, within
+from quadid_logs.data.controller import AxisRows, FlownControllers, ReplayedTerms, ReplayInput, Term
+from quadid_logs.data.log import ControllerTerms, FlightLog, Signal, whole_number
+from quadid_logs.maths.recurrence import anti_windup_sum, low_pass
+from quadid_logs.vocabulary import AXES
+
+#: Stamps, set-points and rates of each loop are logged as the controller had them; what differs is rounding.
+_TOLERANCE: Final = 0.01
+#: SID_AXIS that adds to the mixer's input: 10 roll, 11 pitch, 12 yaw (mode_systemid.cpp).
+_FIRST_MIXER_AXIS: Final = 10
+
+
+def replay_inputs(
+    log: FlightLog, controllers: FlownControllers, intervals: Sequence[Interval]
+) -> dict[str, ReplayInput]:
+    """Return by axis the rows and the law to replay them with.
+
+    Parameters
+    ----------
+    log : FlightLog
+    controllers : FlownControllers
+    intervals : sequence of (start_s, end_s)
+        Flights on the log's own clock; none for the whole log.
+
+    Returns
+    -------
+    dict of str to ReplayInput
+        Empty where set-point, rate and output were not logged together.
+    """
+    setpoint = next(iter(log.candidates("body_rate_setpoint")), None)
+    rate = setpoint and in_step(log, "body_rate", setpoint)
+    output = setpoint and in_step(log, "torque_command", setpoint)
+    if setpoint is None or rate is None or output is None:
+        return {}
+    finite = np.isfinite(setpoint.values + rate.values + output.values).all(axis=1)
+    flying = within(setpoint.time_s, intervals) & finite & (output.values != 0.0).any(axis=1)
+    run = longest_run(setpoint.time_s, flying)
+    if run is None:
+        return {}
+    parameters = log.parameters_at(int(setpoint.position[run.start]))
+    return {
+        axis: ReplayInput(
+            rows=_rows(log, axis, run, (setpoint, rate, output), parameters),
+            law=partial(terms, name=AXIS_NAMES[axis]),
+            parameters=parameters,
+            gains={term: f"ATC_RAT_{AXIS_NAMES[axis]}_{term}" for term in ("P", "I", "D", "FF")},
+            cutoffs=tuple(f"ATC_RAT_{AXIS_NAMES[axis]}_{short}" for short in ("FLTT", "FLTE", "FLTD")),
+            tolerance=_TOLERANCE,
+            loop_period_s=loop_period_s(parameters),
+            slew_limits=(f"ATC_RAT_{AXIS_NAMES[axis]}_SMAX",),
+        )
+        for axis in controllers.axes
+    }
+
+
+def terms(rows: AxisRows, parameters: Mapping[str, float], *, name: str) -> ReplayedTerms:
+    """Replay AC_PID::update_all.
+
+    Parameters
+    ----------
+    rows : AxisRows
+    parameters : mapping of str to float
+    name : str
+        RLL, PIT or YAW.
+
+    Returns
+    -------
+    ReplayedTerms
+        Where the log holds no limit flags, they are taken from the steps of the output.
+
+    Notes
+    -----
+    The integral is summed up from the settled row on, where the log, or the output less the other terms,
+    tells its value.
+    """
+    pid = pid_parameters(parameters, name)
+    step = rows.step_s
+    target = low_pass(rows.target, pid["FLTT"], step, first=float(rows.target[0]))
+    error = low_pass(target - rows.rate, pid["FLTE"], step, first=float(target[0] - rows.rate[0]))
+    slope = np.diff(error, prepend=error[0]) / step
+    proportional = pid["P"] * error
+    derivative = pid["D"] * low_pass(slope, pid["FLTD"], step, first=0.0)
+    factor = _pd_factor(proportional + derivative, rows.scale, pid["PDMX"])
+    proportional, derivative = factor * proportional, factor * derivative
+    forward = pid["FF"] * target + pid["D_FF"] * np.diff(target, prepend=target[0]) / step
+    rest = rows.output - rows.added - proportional - derivative - forward
+    increments = pid["I"] * error * step
+    limited = stood_still(rest, increments) if rows.limited is None else rows.limited
+    begin = rows.settled()
+    start = rows.logged["I"][begin] if "I" in rows.logged else rest[begin]
+    integral = rest.copy()
+    integral[begin:] = anti_windup_sum(increments[begin:], limited[begin:], pid["IMAX"], first=float(start))
+    values: dict[Term, FloatArray] = {"P": proportional, "I": integral, "D": derivative, "FF": forward}
+    values["output"] = proportional + integral + derivative + forward + rows.added
+    return ReplayedTerms(values, limited)
+
+
+def _pd_factor(total: FloatArray, scale: FloatArray | None, highest: float) -> FloatArray:
+    """Return the factor on P and D: the logged slew limiter's, then that of PDMX."""
+    factor = np.ones_like(total) if scale is None else scale
+    if highest > 0.0:
+        size = np.abs(factor * total)
+        factor = factor * np.where(size > highest, highest / np.maximum(size, highest), 1.0)
+    return factor
+
+
+def _rows(
+    log: FlightLog,
+    axis: str,
+    run: slice,
+    signals: tuple[Signal, Signal, Signal],
+    parameters: Mapping[str, float],
+) -> AxisRows:
+    """Return the rows of one axis: RATE holds the target for the next loop, all else of its own."""
+    setpoint, rate, output = signals
+    number = AXES.index(axis)
+    now, before = slice(run.start + 1, run.stop), slice(run.start, run.stop - 1)
+    time_s = setpoint.time_s
+    logged = next((one for one in log.controller_terms if one.axis == axis), None)
+    found = {} if logged is None else _logged_at(logged, time_s[now])
+    limited, scale = found.pop("limited", None), found.pop("scale", None)
+    return AxisRows(
+        start_s=float(time_s[now.start]),
+        positions=setpoint.position[now],
+        step_s=np.diff(time_s[run]),
+        target=setpoint.values[before, number],
+        rate=rate.values[now, number],
+        output=output.values[now, number],
+        added=_mixer_chirp(log, parameters, number, time_s[before]),
+        known=np.ones(run.stop - run.start - 1, np.bool_),
+        logged={term: found[term] for term in ("P", "I", "D", "FF") if term in found},
+        limited=None if limited is None else limited > 0.5,
+        scale=scale,
+    )
+
+
+def _logged_at(logged: ControllerTerms, time_s: FloatArray) -> dict[str, FloatArray]:
+    """Return the logged terms at the loops' stamps; none where a loop lacks one."""
+    found = {name: matched(logged.rows.time_s, values, time_s) for name, values in logged.values.items()}
+    return {name: values for name, values in found.items() if np.isfinite(values).all()}
+
+
+def _mixer_chirp(
+    log: FlightLog, parameters: Mapping[str, float], number: int, before_s: FloatArray
+) -> FloatArray:
+    """Return what System ID mode added to the mixer's input: SIDD.Targ of the loop before."""
+    chirp = next(iter(log.candidates("sysid_chirp")), None)
+    if chirp is None or whole_number(parameters.get("SID_AXIS")) != _FIRST_MIXER_AXIS + number:
+        return np.zeros(before_s.size)
+    return np.nan_to_num(matched(chirp.time_s, chirp.values[:, 0], before_s))

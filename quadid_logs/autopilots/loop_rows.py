@@ -1,0 +1,118 @@
+"""Rows of a log that follow each other loop by loop: what a controller can be replayed on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.data.log import FlightLog, Signal
+
+Interval = tuple[float, float]
+
+#: A longer step than so many typical ones is a gap.
+_GAP: Final = 3.0
+#: Shorter than this [s] there is little to compare once the filters have settled.
+_SHORTEST_S: Final = 4.0
+#: Five minutes at 400 Hz: more rows say nothing new, and cost time.
+_MOST_ROWS: Final = 120_000
+
+
+def longest_run(time_s: FloatArray, usable: BoolArray) -> slice | None:
+    """Return the longest run of usable rows without a gap or a repeated stamp.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (n,)
+        In file order [s].
+    usable : ndarray of bool, shape (n,)
+
+    Returns
+    -------
+    slice or None
+        None where no run is long enough.
+    """
+    if np.count_nonzero(usable) < 2:
+        return None
+    step = np.diff(time_s)
+    forward = step[(step > 0.0) & usable[1:]]
+    typical_s = float(np.median(forward)) if forward.size else 0.0
+    joined = (step > 0.0) & (step < _GAP * typical_s) & usable[1:] & usable[:-1]
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], joined.astype(np.int8), [0]])))
+    if not edges.size:
+        return None
+    starts, ends = edges[::2], edges[1::2]
+    best = int(np.argmax(ends - starts))
+    first = int(starts[best])
+    after = min(int(ends[best]) + 1, first + _MOST_ROWS)
+    return slice(first, after) if time_s[after - 1] - time_s[first] >= _SHORTEST_S else None
+
+
+def within(time_s: FloatArray, intervals: Sequence[Interval]) -> BoolArray:
+    """Mark the times that lie in one of the intervals; all where there is none."""
+    inside = np.isfinite(time_s)
+    if intervals:
+        inside &= np.any([(time_s >= a) & (time_s <= b) for a, b in intervals], axis=0)
+    return np.asarray(inside, dtype=np.bool_)
+
+
+def in_step(log: FlightLog, name: str, with_: Signal) -> Signal | None:
+    """Return the source of a signal that was logged in the same message as another signal.
+
+    Parameters
+    ----------
+    log : FlightLog
+    name : str
+        A key of `vocabulary.SIGNALS`.
+    with_ : Signal
+
+    Returns
+    -------
+    Signal or None
+    """
+    return next((one for one in log.candidates(name) if one.rows is with_.rows), None)
+
+
+def matched(time_s: FloatArray, values: FloatArray, wanted_s: FloatArray) -> FloatArray:
+    """Return the values at the same stamps, NaN where there is none.
+
+    Parameters
+    ----------
+    time_s, values : ndarray, shape (n,)
+        In file order; of a stamp that repeats the last counts.
+    wanted_s : ndarray, shape (m,)
+
+    Returns
+    -------
+    ndarray, shape (m,)
+    """
+    if not time_s.size:
+        return np.full(wanted_s.shape, np.nan)
+    order = np.argsort(time_s, kind="stable")
+    place = np.searchsorted(time_s[order], wanted_s + _SAME_TIME_S, side="right") - 1
+    row = order[np.maximum(place, 0)]
+    same = (place >= 0) & (np.abs(time_s[row] - wanted_s) <= _SAME_TIME_S)
+    return np.where(same, values[row], np.nan)
+
+
+def stood_still(integral: FloatArray, increments: FloatArray) -> BoolArray:
+    """Mark the steps at which an integral stood still rather than moved by its increment.
+
+    Parameters
+    ----------
+    integral, increments : ndarray, shape (n,)
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    steps = np.diff(integral, prepend=integral[0])
+    return np.asarray(np.abs(steps) < _STOOD * np.abs(increments), dtype=np.bool_)
+
+
+#: A step is all of the increment or nothing of it, but for rounding; in between, something else differs.
+_STOOD: Final = 0.25
+#: Stamps are whole microseconds.
+_SAME_TIME_S: Final = 0.4e-6

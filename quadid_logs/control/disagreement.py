@@ -1,0 +1,296 @@
+"""What differs where a replayed controller is not the one that flew; explanations are tried in turn."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+from scipy.optimize import minimize_scalar
+
+from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.data.controller import AxisRows, Replay, ReplayInput, ReplayReason, Term
+from quadid_logs.vocabulary import AXES
+
+#: As many rows tell one explanation from another: 15 s at 400 Hz.
+_ROWS: Final = 6_000
+#: Rows this much slower than the loop are thinned ones: nothing can be replayed on them.
+_THINNED: Final = 1.5
+_SHIFTS: Final = (-1, 1, -2, 2)
+#: By which the stamps' clock may run wrong: units, and loops counted as halves or doubles.
+_CLOCK_FACTORS: Final = (0.5, 2.0, 0.25, 4.0)
+#: Cut-offs that are tried [Hz], 0 for none; between them the best is refined.
+_CUTOFFS_HZ: Final = (0.0, 1.25, 2.5, 5.0, 10.0, 20.0, 40.0, 80.0, 160.0)
+_GAINS: Final[tuple[Term, ...]] = ("P", "I", "D", "FF")
+_CHUNKS: Final = 4
+#: A gain that differs by less between chunks of the flight is the same.
+_SAME_GAIN: Final = 0.05
+#: A set-point a row less often is missing often enough to matter.
+_MISSING: Final = 0.02
+#: A notch is believed where it explains most of what differs.
+_EXPLAINED: Final = 1.0 / 3.0
+#: Residuals beyond so many standard deviations are outliers of a regression: loops with another set-point.
+_OUTLIER: Final = 5.0
+_SD_OF_MAD: Final = 1.4826
+
+
+class _Explanation(NamedTuple):
+    reason: ReplayReason
+    parameter: str = ""
+    numbers: Mapping[str, float] = {}
+
+
+def explain(result: Replay, axis: str, inputs: Mapping[str, ReplayInput]) -> Replay:
+    """Name what differs, by the first explanation with which the replay agrees.
+
+    Parameters
+    ----------
+    result : Replay
+        That disagrees.
+    axis : str
+    inputs : mapping of str to ReplayInput
+        Of all axes.
+
+    Returns
+    -------
+    Replay
+        With reason, parameter and numbers.
+    """
+    given = inputs[axis]
+    part = _worst_part(given)
+    swapped = _swapped(axis, inputs)
+    for attempt in (_shifted, swapped, _clock, _thinned, _filtered, _regained, _slew, _notch, _missing):
+        found = attempt(given, part)
+        if found is not None:
+            return replace(
+                result, reason=found.reason, parameter=found.parameter, numbers=dict(found.numbers)
+            )
+    return replace(result, reason=ReplayReason.NOT_EXPLAINED)
+
+
+def _worst_part(given: ReplayInput) -> slice:
+    """Return the rows in which the replay differs most."""
+    n_rows = given.rows.n_rows
+    if n_rows <= _ROWS:
+        return slice(0, n_rows)
+    off = np.diff(_output(given, given.rows) - given.rows.output, prepend=0.0) ** 2
+    summed = np.concatenate([[0.0], np.cumsum(off)])
+    starts = np.arange(0, n_rows - _ROWS + 1, _ROWS // 4)
+    start = int(starts[np.argmax(summed[starts + _ROWS] - summed[starts])])
+    return slice(start, start + _ROWS)
+
+
+def _output(given: ReplayInput, rows: AxisRows, changed: Mapping[str, float] | None = None) -> FloatArray:
+    return given.law(rows, {**given.parameters, **(changed or {})}).values["output"]
+
+
+def _error(given: ReplayInput, rows: AxisRows, changed: Mapping[str, float] | None = None) -> float:
+    """Return the relative rms difference of the output."""
+    usable = _usable(rows)
+    off = _output(given, rows, changed) - rows.output
+    size = float(np.sqrt(np.mean(rows.output[usable] ** 2)))
+    return float(np.sqrt(np.mean(off[usable] ** 2))) / size if size > 0.0 else float("inf")
+
+
+def _usable(rows: AxisRows) -> BoolArray:
+    usable = rows.known.copy()
+    usable[: rows.settled()] = False
+    return usable
+
+
+def _shifted(given: ReplayInput, part: slice) -> _Explanation | None:
+    rows = given.rows.part(part)
+    for shift in _SHIFTS:
+        known = rows.known.copy()
+        known[-abs(shift) :] = False
+        moved = replace(rows, target=np.roll(rows.target, shift), known=known)
+        if _error(given, moved) <= given.tolerance:
+            return _Explanation(ReplayReason.SETPOINT_SHIFTED, numbers={"rows": float(shift)})
+    return None
+
+
+def _swapped(
+    axis: str, inputs: Mapping[str, ReplayInput]
+) -> Callable[[ReplayInput, slice], _Explanation | None]:
+    """Return the attempt to explain a replay by another axis' set-point and rate."""
+
+    def attempt(given: ReplayInput, part: slice) -> _Explanation | None:
+        for other in (name for name in inputs if name != axis):
+            foreign = inputs[other].rows
+            if foreign.n_rows != given.rows.n_rows:
+                continue
+            rows = replace(
+                given.rows, target=foreign.target, rate=foreign.rate, derivative=foreign.derivative
+            )
+            if _error(given, rows.part(part)) <= given.tolerance:
+                numbers = {"axis": float(AXES.index(other))}
+                return _Explanation(ReplayReason.AXES_SWAPPED, numbers=numbers)
+        return None
+
+    return attempt
+
+
+def _clock(given: ReplayInput, part: slice) -> _Explanation | None:
+    rows = given.rows.part(part)
+    for factor in _CLOCK_FACTORS:
+        if _error(given, replace(rows, step_s=factor * rows.step_s)) <= given.tolerance:
+            logged_hz = 1.0 / float(np.median(rows.step_s))
+            numbers = {"logged_hz": logged_hz, "flown_hz": logged_hz / factor}
+            return _Explanation(ReplayReason.LOOP_RATE_DIFFERS, numbers=numbers)
+    return None
+
+
+def _thinned(given: ReplayInput, part: slice) -> _Explanation | None:  # noqa: ARG001
+    logged_hz = 1.0 / float(np.median(given.rows.step_s))
+    loop_hz = 1.0 / given.loop_period_s
+    if loop_hz <= _THINNED * logged_hz:
+        return None
+    return _Explanation(ReplayReason.NO_ROWS, numbers={"logged_hz": logged_hz, "in_file_hz": loop_hz})
+
+
+def _filtered(given: ReplayInput, part: slice) -> _Explanation | None:
+    """Try other cut-offs of each filter."""
+    rows = given.rows.part(part)
+    for name in given.cutoffs:
+        errors = [_error(given, rows, {name: cutoff_hz}) for cutoff_hz in _CUTOFFS_HZ]
+        best = int(np.argmin(errors))
+        flown_hz, error = _CUTOFFS_HZ[best], errors[best]
+        if error > given.tolerance and best > 0:
+            flown_hz, error = _refined(given, rows, name, flown_hz)
+        if error <= given.tolerance:
+            numbers = {"in_file_hz": given.parameters.get(name, 0.0), "flown_hz": flown_hz}
+            return _Explanation(ReplayReason.FILTER_DIFFERS, name, numbers)
+    return None
+
+
+def _refined(given: ReplayInput, rows: AxisRows, name: str, near_hz: float) -> tuple[float, float]:
+    """Return the best cut-off within a factor of two, and its error."""
+    found = minimize_scalar(
+        lambda log_hz: _error(given, rows, {name: float(np.exp(log_hz))}),
+        bounds=(np.log(0.5 * near_hz), np.log(2.0 * near_hz)),
+        method="bounded",
+        options={"xatol": 1e-3},
+    )
+    return float(np.exp(found.x)), float(found.fun)
+
+
+def _slew(given: ReplayInput, part: slice) -> _Explanation | None:  # noqa: ARG001
+    """Take a slew limiter for the cause where its factor on P and D was not logged."""
+    limits = {name: given.parameters.get(name, 0.0) for name in given.slew_limits}
+    name = next((name for name, value in limits.items() if value > 0.0), "")
+    if not name or given.rows.scale is not None:
+        return None
+    return _Explanation(ReplayReason.SLEW_LIMITED, name, {"limit_per_s": limits[name]})
+
+
+def _regained(given: ReplayInput, part: slice) -> _Explanation | None:  # noqa: ARG001
+    """Fit the gains to the steps of the output, over all rows and over chunks of them."""
+    rows = given.rows
+    edges = np.linspace(0, rows.n_rows, _CHUNKS + 1).astype(int)
+    chunks = [rows.part(slice(a, b)) for a, b in itertools.pairwise(edges.tolist())]
+    found = [(chunk, _fitted(given, chunk)) for chunk in chunks]
+    fits = [fit for chunk, fit in found if fit and _error(given, chunk, fit) <= given.tolerance]
+    # Of one change in flight, one chunk holds gains of both sides.
+    if len(fits) < _CHUNKS - 1:
+        return None
+    in_file = {name: given.parameters.get(name, 0.0) for name in fits[0]}
+    # What a unit of each gain moves tells which difference matters.
+    moves = {name: float(np.std(_output(given, chunks[0], _only(given, name)))) for name in in_file}
+    name = max(in_file, key=lambda one: moves[one] * np.ptp([in_file[one], *(fit[one] for fit in fits)]))
+    flown = [fit[name] for fit in fits]
+    if moves[name] * np.ptp([in_file[name], *flown]) <= given.tolerance * float(np.std(rows.output)):
+        return None
+    if np.ptp(flown) > _SAME_GAIN * max(map(abs, flown)):
+        numbers = {"before": flown[0], "after": flown[-1]}
+        return _Explanation(ReplayReason.GAINS_CHANGED, name, numbers)
+    numbers = {"in_file": in_file[name], "flown": float(np.median(flown))}
+    return _Explanation(ReplayReason.GAIN_DIFFERS, name, numbers)
+
+
+def _only(given: ReplayInput, name: str) -> dict[str, float]:
+    """Return parameters with which one gain is 1 and the others are 0."""
+    return {one: float(one == name) for one in given.gains.values()}
+
+
+def _fitted(given: ReplayInput, rows: AxisRows) -> dict[str, float] | None:
+    """Return the gains that the steps of the output show; None where too few rows tell."""
+    usable = _usable(rows)
+    usable[1:] &= usable[:-1]
+    if np.count_nonzero(usable) < rows.n_rows // 4:
+        return None
+    never = np.zeros(rows.n_rows, np.bool_)
+    free = replace(rows, limited=never if rows.limited is None else rows.limited)
+    steps = np.diff(rows.output - rows.added, prepend=0.0)
+    columns, names = [], []
+    for term in _GAINS:
+        only = _output(given, free, _only(given, given.gains[term]))
+        column = np.diff(only - rows.added, prepend=0.0)
+        if np.any(column[usable] != 0.0):
+            columns.append(column)
+            names.append(given.gains[term])
+    return dict(zip(names, _robust(np.column_stack(columns), steps, usable).tolist(), strict=True))
+
+
+def _robust(columns: FloatArray, steps: FloatArray, usable: BoolArray) -> FloatArray:
+    """Return least-squares coefficients without the rows that lie far off."""
+    kept, found = usable, np.zeros(columns.shape[1])
+    for _ in range(4):
+        scale = np.sqrt(np.mean(columns[kept] ** 2, axis=0))
+        scale[scale == 0.0] = 1.0
+        found = np.linalg.lstsq(columns[kept] / scale, steps[kept], rcond=None)[0] / scale
+        off = np.abs(steps - columns @ found)
+        spread = _SD_OF_MAD * float(np.median(off[usable]))
+        kept = usable & (off <= _OUTLIER * spread)
+        if np.count_nonzero(kept) < columns.shape[1] + 1:
+            break
+    return np.asarray(found, dtype=np.float64)
+
+
+def _missing(given: ReplayInput, part: slice) -> _Explanation | None:  # noqa: ARG001
+    fraction = 1.0 - min(given.rows.setpoints_per_row, float(np.mean(given.rows.known)))
+    if fraction <= _MISSING:
+        return None
+    return _Explanation(ReplayReason.SETPOINT_MISSING, numbers={"missing_fraction": fraction})
+
+
+def _notch(given: ReplayInput, part: slice) -> _Explanation | None:
+    """Look for a notch between the error and the output that the parameters do not tell."""
+    rows = given.rows.part(part)
+    rate_hz = 1.0 / float(np.median(rows.step_s))
+    begin = rows.settled()
+    replayed, logged = (np.diff(one[begin:]) for one in (_output(given, rows), rows.output))
+    n = min(2048, replayed.size // 4)
+    frequency_hz, power = signal.welch(replayed, rate_hz, nperseg=n)
+    ratio = signal.csd(replayed, logged, rate_hz, nperseg=n)[1] / np.maximum(power, 1e-300)
+    before = _error(given, rows)
+    best = min(_candidates(rate_hz), key=lambda one: _misfit(one, frequency_hz, ratio, power, rate_hz))
+    numerator, denominator = signal.iirnotch(*best, fs=rate_hz)
+    target, rate = (signal.lfilter(numerator, denominator, one) for one in (rows.target, rows.rate))
+    after = _error(given, replace(rows, target=target, rate=rate))
+    if after > _EXPLAINED * before:
+        return None
+    return _Explanation(ReplayReason.HIDDEN_NOTCH, numbers={"frequency_hz": best[0], "q": best[1]})
+
+
+def _candidates(rate_hz: float) -> Iterator[tuple[float, float]]:
+    """Yield frequency [Hz] and Q of notches."""
+    for frequency_hz in np.geomspace(3.0, 0.4 * rate_hz, 60).tolist():
+        for q in (0.5, 1.0, 2.0, 4.0):
+            # A digital notch cannot be wider than half of the sample rate.
+            if frequency_hz < 0.4 * rate_hz * q:
+                yield frequency_hz, q
+
+
+def _misfit(
+    notch: tuple[float, float],
+    frequency_hz: FloatArray,
+    ratio: NDArray[np.complex128],
+    power: FloatArray,
+    rate_hz: float,
+) -> float:
+    response = signal.freqz(*signal.iirnotch(*notch, fs=rate_hz), worN=frequency_hz, fs=rate_hz)[1]
+    return float(np.sum(power * np.abs(response - ratio) ** 2))

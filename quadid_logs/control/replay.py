@@ -1,0 +1,147 @@
+"""Whether the controller of the parameters is the one that flew: replayed from the log, term by term."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.control.disagreement import explain
+from quadid_logs.data.controller import (
+    TERMS,
+    AxisRows,
+    FlownControllers,
+    Replay,
+    ReplayedTerms,
+    ReplayInput,
+    ReplayReason,
+    Term,
+)
+from quadid_logs.data.log import ParameterChange
+
+#: By a scheduler's jitter the loop's period may differ from that of the parameters, not by more.
+_SAME_PERIOD: Final = 0.1
+#: With P and D scaled down in more of the rows, the gains of the parameters are not those that flew.
+_RARELY: Final = 0.05
+
+
+def replay(
+    controllers: FlownControllers,
+    inputs: Mapping[str, ReplayInput],
+    changes: Sequence[ParameterChange] = (),
+) -> dict[str, Replay]:
+    """Replay every axis' controller and compare it with what the log holds.
+
+    Parameters
+    ----------
+    controllers : FlownControllers
+    inputs : mapping of str to ReplayInput
+        By axis; an axis without rows is not in it.
+    changes : sequence of ParameterChange
+        Of the log.
+
+    Returns
+    -------
+    dict of str to Replay
+        By axis of the controllers.
+    """
+    return {axis: _replayed(axis, controllers.axes[axis].gains, inputs, changes) for axis in controllers.axes}
+
+
+def _replayed(
+    axis: str,
+    gains: Mapping[str, float],
+    inputs: Mapping[str, ReplayInput],
+    changes: Sequence[ParameterChange],
+) -> Replay:
+    given = inputs.get(axis)
+    if given is None:
+        return Replay(relative_rms=dict.fromkeys(TERMS), agrees=False, reason=ReplayReason.NO_ROWS)
+    rows = given.rows
+    found = given.law(rows, given.parameters)
+    errors = compared(found, rows)
+    agrees = all(error is None or error <= given.tolerance for error in errors.values())
+    result = Replay(relative_rms=errors, agrees=agrees, n_rows=rows.n_rows)
+    return (
+        _other_rate(result, given)
+        or _changed(result, rows, gains, changes)
+        or _slew_limited(result, rows)
+        or (_as_flown(result, rows, found) if agrees else explain(result, axis, inputs))
+    )
+
+
+def compared(found: ReplayedTerms, rows: AxisRows) -> dict[Term, float | None]:
+    """Return by term the rms of the difference over that of the logged one.
+
+    Parameters
+    ----------
+    found : ReplayedTerms
+    rows : AxisRows
+
+    Returns
+    -------
+    dict of str to (float or None)
+        None where the log does not hold the term, or holds nothing but zeros that are rightly so.
+    """
+    usable = rows.known.copy()
+    usable[: rows.settled()] = False
+    logged = {**rows.logged, "output": rows.output}
+    return {
+        term: _relative_rms(found.values[term], logged[term], usable) if term in logged else None
+        for term in TERMS
+    }
+
+
+def _relative_rms(replayed: FloatArray, logged: FloatArray, usable: BoolArray) -> float | None:
+    size, off = (float(np.sqrt(np.mean(one[usable] ** 2))) for one in (logged, replayed - logged))
+    if size == 0.0 and off == 0.0:
+        return None
+    return off / size if size > 0.0 else float("inf")
+
+
+def _other_rate(result: Replay, given: ReplayInput) -> Replay | None:
+    """Tell where the controller ran, and was replayed, at another rate than that of the parameters."""
+    period_s = float(np.median(given.rows.step_s))
+    if not result.agrees or abs(period_s / given.loop_period_s - 1.0) <= _SAME_PERIOD:
+        return None
+    numbers = {"in_file_hz": 1.0 / given.loop_period_s, "flown_hz": 1.0 / period_s}
+    return replace(result, agrees=False, reason=ReplayReason.LOOP_RATE_DIFFERS, numbers=numbers)
+
+
+def _changed(
+    result: Replay, rows: AxisRows, gains: Mapping[str, float], changes: Sequence[ParameterChange]
+) -> Replay | None:
+    """Name the first of the controller's parameters that was changed between the rows."""
+    first, last = int(rows.positions[0]), int(rows.positions[-1])
+    here = (one for one in changes if one.name in gains and first < one.position < last)
+    change = next(here, None)
+    if change is None:
+        return None
+    numbers = {"time_s": change.time_s, "before": change.before, "after": change.value}
+    return replace(
+        result, agrees=False, reason=ReplayReason.GAINS_CHANGED, parameter=change.name, numbers=numbers
+    )
+
+
+def _slew_limited(result: Replay, rows: AxisRows) -> Replay | None:
+    """Tell where P and D were scaled down by the logged factor: then the parameters' gains did not fly."""
+    if rows.scale is None or not (rows.scale < 1.0).any():
+        return None
+    fraction = float(np.mean(rows.scale < 1.0))
+    return replace(
+        result,
+        agrees=result.agrees and fraction <= _RARELY,
+        reason=ReplayReason.SLEW_LIMITED,
+        numbers={"fraction": fraction, "lowest_scale": float(rows.scale.min())},
+    )
+
+
+def _as_flown(result: Replay, rows: AxisRows, found: ReplayedTerms) -> Replay:
+    """Say where the integrator's stops had to be taken from the output itself."""
+    fraction = float(found.limited.mean()) if rows.limited is None else 0.0
+    if fraction == 0.0:
+        return result
+    return replace(result, reason=ReplayReason.LIMIT_FLAGS_MISSING, numbers={"inferred_fraction": fraction})
