@@ -19,7 +19,7 @@ from quadid_logs.vocabulary import AXES
 #: As many rows tell one explanation from another: 15 s at 400 Hz.
 _ROWS: Final = 6_000
 #: Rows this much slower than the loop are thinned ones: nothing can be replayed on them.
-_THINNED: Final = 1.5
+THINNED: Final = 1.5
 _SHIFTS: Final = (-1, 1, -2, 2)
 #: By which the stamps' clock may run wrong: units, and loops counted as halves or doubles.
 _CLOCK_FACTORS: Final = (0.5, 2.0, 0.25, 4.0)
@@ -62,6 +62,8 @@ def explain(result: Replay, axis: str, inputs: Mapping[str, ReplayInput]) -> Rep
     """
     given = inputs[axis]
     part = _worst_part(given)
+    if _error(given, given.rows.part(part)) <= given.tolerance:
+        return replace(result, reason=ReplayReason.INTEGRATOR_RESET)
     swapped = _swapped(axis, inputs)
     for attempt in (_shifted, swapped, _clock, _thinned, _filtered, _regained, _slew, _notch, _missing):
         found = attempt(given, part)
@@ -147,7 +149,7 @@ def _clock(given: ReplayInput, part: slice) -> _Explanation | None:
 def _thinned(given: ReplayInput, part: slice) -> _Explanation | None:  # noqa: ARG001
     logged_hz = 1.0 / float(np.median(given.rows.step_s))
     loop_hz = 1.0 / given.loop_period_s
-    if loop_hz <= _THINNED * logged_hz:
+    if loop_hz <= THINNED * logged_hz:
         return None
     return _Explanation(ReplayReason.NO_ROWS, numbers={"logged_hz": logged_hz, "in_file_hz": loop_hz})
 
@@ -202,9 +204,10 @@ def _regained(given: ReplayInput, part: slice) -> _Explanation | None:  # noqa: 
     moves = {name: float(np.std(_output(given, chunks[0], _only(given, name)))) for name in in_file}
     name = max(in_file, key=lambda one: moves[one] * np.ptp([in_file[one], *(fit[one] for fit in fits)]))
     flown = [fit[name] for fit in fits]
-    if moves[name] * np.ptp([in_file[name], *flown]) <= given.tolerance * float(np.std(rows.output)):
+    all_values = [in_file[name], *flown]
+    if moves[name] * np.ptp(all_values) <= given.tolerance * float(np.std(rows.output)):
         return None
-    if np.ptp(flown) > _SAME_GAIN * max(map(abs, flown)):
+    if np.ptp(flown) > _SAME_GAIN * max(map(abs, all_values)):
         numbers = {"before": flown[0], "after": flown[-1]}
         return _Explanation(ReplayReason.GAINS_CHANGED, name, numbers)
     numbers = {"in_file": in_file[name], "flown": float(np.median(flown))}

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
-from quadid_logs.control.disagreement import explain
+from quadid_logs.control.disagreement import THINNED, explain
 from quadid_logs.data.controller import (
     TERMS,
     AxisRows,
@@ -24,6 +24,8 @@ from quadid_logs.data.log import ParameterChange
 
 #: By a scheduler's jitter the loop's period may differ from that of the parameters, not by more.
 _SAME_PERIOD: Final = 0.1
+#: A slow flight replays roughly even on thinned rows; where they are the loop's own, it does so closely.
+_EXACT: Final = 0.1
 #: With P and D scaled down in more of the rows, the gains of the parameters are not those that flew.
 _RARELY: Final = 0.05
 
@@ -105,8 +107,13 @@ def _relative_rms(replayed: FloatArray, logged: FloatArray, usable: BoolArray) -
 def _other_rate(result: Replay, given: ReplayInput) -> Replay | None:
     """Tell where the controller ran, and was replayed, at another rate than that of the parameters."""
     period_s = float(np.median(given.rows.step_s))
-    if not result.agrees or abs(period_s / given.loop_period_s - 1.0) <= _SAME_PERIOD:
+    ratio = period_s / given.loop_period_s
+    if not result.agrees or abs(ratio - 1.0) <= _SAME_PERIOD:
         return None
+    error = result.relative_rms["output"]
+    if ratio > THINNED and error is not None and error > _EXACT * given.tolerance:
+        numbers = {"logged_hz": 1.0 / period_s, "in_file_hz": 1.0 / given.loop_period_s}
+        return replace(result, agrees=False, reason=ReplayReason.NO_ROWS, numbers=numbers)
     numbers = {"in_file_hz": 1.0 / given.loop_period_s, "flown_hz": 1.0 / period_s}
     return replace(result, agrees=False, reason=ReplayReason.LOOP_RATE_DIFFERS, numbers=numbers)
 

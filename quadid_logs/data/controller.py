@@ -16,7 +16,7 @@ from quadid_logs.errors import ShapeError
 #: How sure it is that the law below is that of the log's firmware.
 VersionRead = Literal["read", "nearest", "unknown"]
 Term = Literal["P", "I", "D", "FF", "output"]
-#: The slowest filter that is usual, 2.5 Hz, has forgotten its start to 1e-7 by then [s].
+#: The slowest filter of default parameters, 2.5 Hz, has forgotten its start to 1e-7 by then [s].
 SETTLING_S: Final = 1.0
 TERMS: Final[tuple[Term, ...]] = ("P", "I", "D", "FF", "output")
 
@@ -309,6 +309,8 @@ class ReplayReason(Enum):
     SETPOINT_MISSING = "set-points missing"
     LOOP_RATE_DIFFERS = "loop rate differs"
     AXES_SWAPPED = "axes swapped"
+    INTEGRATOR_RESET = "integrator reset"
+    """All agrees but the integral's value: it was set in between, as on the ground."""
     HIDDEN_NOTCH = "hidden notch"
     NOT_EXPLAINED = "not explained"
 

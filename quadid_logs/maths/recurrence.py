@@ -13,10 +13,12 @@ def low_pass(values: FloatArray, cutoff_hz: float, step_s: FloatArray, *, first:
 
     Parameters
     ----------
-    values, step_s : ndarray, shape (n,)
-        x, and the step h that led to each of them [s].
+    values : ndarray, shape (n,)
+        x.
     cutoff_hz : float
         f; what is not positive switches the filter off.
+    step_s : ndarray, shape (n,)
+        The step h that led to each value [s].
     first : float
         y[0].
 

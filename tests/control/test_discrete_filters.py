@@ -1,0 +1,110 @@
+"""Filters respond as their steps do, and the controllers made of them give the margins that were measured."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from quadid_logs.autopilots import discrete, named
+from quadid_logs.data.controller import AxisController, DiscreteFilter
+from quadid_logs.data.log import Notch
+from quadid_logs.errors import ShapeError
+from tests.control.flown_controller import AP_YAW, ApFlight, Px4Flight
+
+T = 0.0025
+FILTERS = {
+    "first order": discrete.first_order(20.0, T),
+    "integrator times slope": discrete.integrator(T) * discrete.derivative(T),
+    "butterworth": discrete.butterworth(30.0, T),
+    "notch": discrete.notch(Notch(40.0, 0.5, 0.1), T),
+    "sum": discrete.gain(0.5, T) + discrete.first_order(5.0, T).scaled(2.0),
+}
+
+
+@pytest.mark.parametrize("name", FILTERS)
+def test_the_response_is_that_of_the_steps_to_a_sine(name: str) -> None:
+    one = FILTERS[name]
+    time = T * np.arange(8000)
+    for frequency_hz in (1.0, 7.0, 40.0, 120.0):
+        out = signal.lfilter(one.numerator, one.denominator, np.exp(2j * np.pi * frequency_hz * time))
+        settled = out[-1] / np.exp(2j * np.pi * frequency_hz * time[-1])
+        assert one.response(np.array(frequency_hz)) == pytest.approx(settled, abs=2e-3)
+
+
+def test_a_low_pass_without_cut_off_changes_nothing() -> None:
+    assert discrete.first_order(0.0, T).response(np.array([3.0])) == pytest.approx(1.0)
+
+
+def test_a_butterworth_filter_has_minus_3_db_and_90_degrees_at_its_cut_off() -> None:
+    found = discrete.butterworth(20.0, 1e-3).response(np.array(20.0))
+    assert found == pytest.approx(-1j * np.sqrt(0.5), abs=1e-9)
+
+
+def test_a_notch_leaves_its_depth_at_the_centre_and_half_the_power_at_its_width() -> None:
+    notch = discrete.notch(Notch(60.0, 0.5, 0.0), 1e-3)
+    centre, edge = np.abs(notch.response(np.array([60.0, 60.0 * (np.sqrt(1.0625) + 0.25)])))
+    assert centre == pytest.approx(0.0, abs=1e-9)
+    assert edge == pytest.approx(np.sqrt(0.5), abs=0.02)  # the bilinear transform narrows it a little
+
+
+def test_filters_of_different_periods_do_not_combine() -> None:
+    with pytest.raises(ShapeError):
+        discrete.unit(T) * discrete.unit(2 * T)
+
+
+@pytest.mark.parametrize(
+    ("numerator", "denominator", "period_s"), [([1.0], [0.0], T), ([1.0], [1.0], 0.0), ([[1.0]], [1.0], T)]
+)
+def test_a_filter_that_is_none_is_refused(numerator: list, denominator: list, period_s: float) -> None:
+    with pytest.raises(ShapeError):
+        DiscreteFilter(numerator, denominator, period_s)
+
+
+def axes(flight: ApFlight | Px4Flight, parameters: dict | None = None) -> dict[str, AxisController]:
+    log = flight.log(parameters=parameters)
+    controllers = named(log.autopilot).controllers(log, log.parameters)
+    assert controllers is not None
+    return dict(controllers.axes)
+
+
+def margins(controller: AxisController, gain: float, damping: float, lag_s: float) -> tuple[float, ...]:
+    """Return crossover [Hz], phase margin [deg] and gain margin [dB] of the rate loop."""
+    f = np.geomspace(0.05, 100.0, 40_000)
+    s, hold_s = 2j * np.pi * f, controller.period_s
+    hold = np.exp(-0.5 * s * hold_s) * np.sinc(f * hold_s)
+    plant = hold * gain / (s + damping) / (1.0 + lag_s * s)
+    law = controller.error.response(f) + (controller.rate.response(f) if controller.rate else 0.0)
+    law = law * (controller.command.response(f) if controller.command else 1.0)
+    loop = plant * law * np.prod([one.response(f) for one in controller.gyro], axis=0)
+    cross = int(np.flatnonzero(np.abs(loop) > 1.0)[-1])
+    axis = np.flatnonzero((loop.imag[:-1] < 0.0) & (loop.imag[1:] >= 0.0) & (f[1:] > f[cross]))[0]
+    return f[cross], 180.0 + np.degrees(np.angle(loop[cross])), -20.0 * np.log10(abs(loop[axis]))
+
+
+def test_the_ardupilot_rate_loop_has_the_margins_of_the_reference() -> None:
+    """Roll of the truth quad: 20.0 Hz, 19.9 degrees, 3.0 dB; computed outside of this package."""
+    flight = ApFlight(n=2000, pids=dict.fromkeys(("roll", "pitch", "yaw"), AP_YAW | ROLL))
+    found = margins(axes(flight)["roll"], 437.5, 2.0, 0.0)
+    assert found == pytest.approx((20.0, 19.9, 2.96), rel=0.01)
+
+
+def test_the_px4_rate_loop_has_the_margins_of_the_reference() -> None:
+    """Roll of the firmware in simulation: 2.34 Hz, 63.8 degrees, 21.5 dB; computed outside of it."""
+    found = margins(axes(Px4Flight(n=2000), {"MC_ROLLRATE_I": 0.2})["roll"], 113.07, 1.0, 0.0474)
+    assert found == pytest.approx((2.34, 63.8, 21.5), rel=0.01)
+
+
+def test_the_px4_yaw_torque_passes_its_low_pass() -> None:
+    found = axes(Px4Flight(n=2000))["yaw"].command
+    assert found is not None
+    assert abs(found.response(np.array(2.0))) == pytest.approx(np.sqrt(0.5), rel=0.03)
+
+
+def test_the_rate_threads_loop_has_the_gyros_period() -> None:
+    found = axes(ApFlight(n=2000), {"FSTRATE_ENABLE": 1.0, "FSTRATE_DIV": 2.0, "INS_GYRO_RATE": 1.0})
+    assert found["roll"].period_s == pytest.approx(1e-3)
+    assert found["roll"].gyro[-1].period_s == pytest.approx(0.5e-3)
+
+
+ROLL = {"P": 0.135, "I": 0.135, "D": 0.0036, "FLTE": 0.0}
