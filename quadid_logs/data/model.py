@@ -71,6 +71,26 @@ def _narrow(value_s: float, ci95_s: tuple[float, float]) -> bool:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Posterior:
+    """What is known, together, of the four numbers of each axis that a control loop is made of.
+
+    Attributes
+    ----------
+    mean : ndarray, shape (3, 4)
+        Per axis: on-axis effectiveness [rad/s^2 per unit of torque] and on-axis damping [1/s], both of
+        the rates as the gyro shows them; lag and delay of the actuator [s].
+    covariance : ndarray, shape (3, 4, 4)
+        Of these, one standard deviation squared; not finite where an axis tells nothing.
+    lag_or_delay_s : float
+        So much of the delay may be lag: the flight does not tell the two apart.
+    """
+
+    mean: FloatArray
+    covariance: FloatArray
+    lag_or_delay_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Windows:
     """One solution of H_k per window.
 
@@ -262,6 +282,7 @@ class Model:
     windows: Windows | None
     validation: Validation
     actuator: Actuator | None = None
+    posterior: Posterior | None = None
     inertia: Inertia | None = None
     discrete: Discrete | None = None
     fit: FitSeries | None = None

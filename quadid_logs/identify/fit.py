@@ -14,6 +14,7 @@ from quadid_logs.identify.inference import (
     NOTHING_UNKNOWN,
     TorqueEffects,
     TorqueUnknowns,
+    Uncertainty,
     clusters_of,
     infer,
     quantile_95,
@@ -23,6 +24,7 @@ from quadid_logs.identify.instruments import Projection
 from quadid_logs.identify.structures import Structure
 from quadid_logs.identify.terms import TRIM
 from quadid_logs.maths.least_squares import Equation, clustered_covariance, solve_least_squares
+from quadid_logs.vocabulary import RATE_SYMBOLS, TORQUE_SYMBOLS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -50,6 +52,8 @@ class PooledFit:
         Scale and cross-axis errors E of the gyro, where they were among the unknowns: it shows (I + E) w.
     measured : ndarray, shape (n_targets, n_columns), or None
         [A B] of the rates as measured, where that is not `theta`.
+    of_axes : ndarray, shape (3, 4, 4), or None
+        As of `quadid_logs.identify.inference.Uncertainty.of_axes`; None for a structure without actuator.
     """
 
     theta: FloatArray
@@ -63,6 +67,7 @@ class PooledFit:
     disturbance: FloatArray = field(default_factory=lambda: np.zeros((3, 0)))
     gyro: FloatArray | None = None
     measured: FloatArray | None = None
+    of_axes: FloatArray | None = None
 
     @property
     def as_measured(self) -> FloatArray:
@@ -192,7 +197,9 @@ def fit_pooled(
     theta = regression.solve()
     B = theta[:, n_columns - 3 : n_columns]
     effects = torque_effects(design, actuator, B, unknown, project, average=average)
-    half_width, lag_s, delay_s = _half_widths(design, regression, theta, effects)
+    found = _uncertainty(design, regression, theta, effects)
+    half_width = np.full(used.shape, np.inf)
+    half_width[used] = found.half_width
     return PooledFit(
         theta=theta[:, :n_columns],
         half_width=half_width[:, :n_columns],
@@ -200,16 +207,32 @@ def fit_pooled(
         r2=regression.r2(theta),
         condition_number=solve_least_squares(Z[:, used.any(axis=0)], Y).condition_number,
         n_parameters=int(np.count_nonzero(used)) + len(effects.shared),
-        lag_half_width_s=lag_s,
-        delay_half_width_s=delay_s,
+        lag_half_width_s=found.lag_s,
+        delay_half_width_s=found.delay_s,
         disturbance=theta[:, n_columns:],
+        of_axes=None if actuator is None else found.of_axes(_one_each(structure, used)),
     )
 
 
-def _half_widths(
+def _one_each(structure: Structure, used: BoolArray) -> FloatArray:
+    """Return the slopes of on-axis effectiveness and damping where every coefficient is a parameter.
+
+    Shape (3, 2, n_parameters), as `Uncertainty.of_axes` takes them; zero where an axis has none.
+    """
+    number = np.cumsum(used.ravel()).reshape(used.shape) - 1
+    slopes = np.zeros((3, 2, int(np.count_nonzero(used))))
+    for axis, symbols in enumerate(zip(TORQUE_SYMBOLS, RATE_SYMBOLS, strict=True)):
+        for row, symbol in enumerate(symbols):
+            column = structure.columns.index(symbol) if symbol in structure.columns else -1
+            if column >= 0 and used[axis, column]:
+                slopes[axis, row, number[axis, column]] = 1.0
+    return slopes
+
+
+def _uncertainty(
     design: Design, regression: Regression, theta: FloatArray, effects: TorqueEffects
-) -> tuple[FloatArray, float, float]:
-    """Return half widths of the 95 % intervals of theta, of lag and of delay.
+) -> Uncertainty:
+    """Return how well theta, lag and delay are known.
 
     All targets are stacked into one problem, because lag and delay are common
     to them; each target is weighted by its residual.
@@ -222,10 +245,7 @@ def _half_widths(
         Equation(regression.explained[:, columns], residual[:, row], number[row, columns].astype(np.int64))
         for row, columns in enumerate(used)
     ]
-    found = infer(equations, weight, clusters_of(design), effects, int(np.count_nonzero(used)))
-    half_width = np.full(used.shape, np.inf)
-    half_width[used] = found.half_width
-    return half_width, found.lag_s, found.delay_s
+    return infer(equations, weight, clusters_of(design), effects, int(np.count_nonzero(used)))
 
 
 def with_trim(fit: PooledFit, structure: Structure, whole: Design, actuator: ActuatorFit) -> PooledFit:

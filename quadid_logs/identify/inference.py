@@ -14,7 +14,7 @@ import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.flight import InputDescription
-from quadid_logs.data.model import BandCheck
+from quadid_logs.data.model import BandCheck, Posterior
 from quadid_logs.identify.actuator import ActuatorFit
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.instruments import Projection
@@ -66,14 +66,56 @@ class TorqueEffects(NamedTuple):
 
 
 class Uncertainty(NamedTuple):
-    """Covariance (n_parameters, n_parameters) and half widths of lag and delay [s], NaN where not fitted.
+    """Joint covariance of all parameters, of A and B first, then those ``shared`` by all targets, by name.
 
-    The roots of the covariance's diagonal are half widths of 95 % intervals.
+    The roots of the covariance's diagonal are half widths of 95 % intervals. ``lag_s`` and
+    ``delay_s`` are those of lag and delay [s], NaN where not fitted.
     """
 
-    covariance: FloatArray
-    lag_s: float
-    delay_s: float
+    joint: FloatArray
+    shared: tuple[str, ...]
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Of the parameters of A and B; shape (n_parameters, n_parameters)."""
+        n_parameters = len(self.joint) - len(self.shared)
+        return self.joint[:n_parameters, :n_parameters]
+
+    @property
+    def lag_s(self) -> float:
+        """Half width of the interval of the lag [s], NaN where it was not fitted."""
+        return self._of_shared("lag")
+
+    @property
+    def delay_s(self) -> float:
+        """Half width of the interval of the delay [s], NaN where it was not fitted."""
+        return self._of_shared("delay")
+
+    def _of_shared(self, name: str) -> float:
+        if name not in self.shared:
+            return float("nan")
+        place = self.shared.index(name) - len(self.shared)
+        return float(np.sqrt(max(self.joint[place, place], 0.0)))
+
+    def of_axes(self, slopes: FloatArray) -> FloatArray:
+        """Return the covariance of effectiveness, damping, lag and delay of each axis; shape (3, 4, 4).
+
+        Parameters
+        ----------
+        slopes : ndarray, shape (3, 2, n_parameters)
+            Of the axis' on-axis effectiveness and of its damping, by the parameters of A and B.
+
+        Returns
+        -------
+        ndarray, shape (3, 4, 4)
+            Its roots are half widths of 95 % intervals; zero for a lag that was not fitted.
+        """
+        whole = np.zeros((3, 4, len(self.joint)))
+        whole[:, :2, : slopes.shape[2]] = slopes
+        for row, name in enumerate(("lag", "delay"), start=2):
+            if name in self.shared:
+                whole[:, row, self.shared.index(name) - len(self.shared)] = 1.0
+        return np.asarray(whole @ self.joint @ whole.transpose(0, 2, 1))
 
     @property
     def half_width(self) -> FloatArray:
@@ -133,13 +175,7 @@ def infer(
     if prior_precision is not None:
         prior[:n_parameters] = prior_precision
     errors = effects.errors * weight[:, np.newaxis]
-    covariance = covariance_95(weighted, clusters, errors, prior)
-    half = dict(zip(names, np.sqrt(np.maximum(np.diag(covariance)[n_parameters:], 0.0)), strict=True))
-    return Uncertainty(
-        covariance[:n_parameters, :n_parameters],
-        float(half.get("lag", np.nan)),
-        float(half.get("delay", np.nan)),
-    )
+    return Uncertainty(covariance_95(weighted, clusters, errors, prior), tuple(names))
 
 
 def covariance_95(
@@ -340,3 +376,44 @@ def delay_interval(actuator: ActuatorFit, half_width_s: float, period_s: float) 
     mistaken_s = actuator.lag_limit_s - actuator.lag_s
     low = min(actuator.delay_s - half, actuator.delay_s - mistaken_s)
     return max(0.0, low), actuator.delay_s + half
+
+
+def posterior_of(
+    as_measured: FloatArray,
+    half_width: FloatArray,
+    actuator: ActuatorFit,
+    of_axes: FloatArray,
+    period_s: float,
+) -> Posterior:
+    """Return what is known together of effectiveness, damping, lag and delay of each axis.
+
+    Parameters
+    ----------
+    as_measured, half_width : ndarray, shape (3, 2)
+        On-axis effectiveness and damping of the rates as measured; half widths of their 95 % intervals
+        as they are reported, with all that is systematic.
+    actuator : ActuatorFit
+    of_axes : ndarray, shape (3, 4, 4)
+        As of `Uncertainty.of_axes`.
+    period_s : float
+        Of the samples [s].
+
+    Returns
+    -------
+    Posterior
+        Each number has the interval that is reported of it; the correlations are those of the fit,
+        because what is systematic of one number says nothing about another.
+    """
+    systematic_s = TIMING_SYSTEMATIC * period_s
+    covariance = of_axes.copy()
+    for number in range(2):
+        statistical = of_axes[:, number, number]
+        covariance[:, number, number] = np.maximum(half_width[:, number] ** 2, statistical)
+    covariance[:, 2, 2] += systematic_s**2 + (LAG_SYSTEMATIC * actuator.lag_s) ** 2
+    covariance[:, 3, 3] += systematic_s**2
+    times = np.tile([actuator.lag_s, actuator.delay_s], (len(as_measured), 1))
+    return Posterior(
+        mean=np.column_stack([as_measured, times]),
+        covariance=covariance / NORMAL_95**2,
+        lag_or_delay_s=max(0.0, min(actuator.lag_limit_s - actuator.lag_s, actuator.delay_s)),
+    )

@@ -8,14 +8,20 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData
-from quadid_logs.data.model import Actuator, BandCheck, Discrete, Model, Validation, Windows
+from quadid_logs.data.model import Actuator, BandCheck, Discrete, Model, Posterior, Validation, Windows
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.equation_by_equation import ActuatedFit
 from quadid_logs.identify.excitation import ColumnNoise, excited_axes
 from quadid_logs.identify.fit import PooledFit
 from quadid_logs.identify.inertia import inertia_of
-from quadid_logs.identify.inference import clusters_of, delay_interval, intervals, lag_interval
+from quadid_logs.identify.inference import (
+    clusters_of,
+    delay_interval,
+    intervals,
+    lag_interval,
+    posterior_of,
+)
 from quadid_logs.identify.parameters import MIN_SIGNAL_TO_NOISE, MIN_SIMULATED_R2, build_parameters
 from quadid_logs.identify.structures import Structure
 from quadid_logs.identify.validate import validate
@@ -57,6 +63,7 @@ def actuated_model(
     return replace(
         model,
         actuator=_actuator(found, data.sample_period_s),
+        posterior=_posterior(found, model, data.sample_period_s),
         band=found.band,
         change=found.change,
         formulations=found.formulations,
@@ -141,6 +148,21 @@ def _actuator(found: ActuatedFit, period_s: float) -> Actuator:
         lag_up_s=float("nan") if rotors is None else rotors.up_s,
         lag_down_s=float("nan") if rotors is None else rotors.down_s,
     )
+
+
+def _posterior(found: ActuatedFit, model: Model, period_s: float) -> Posterior | None:
+    """Return what is known together of the numbers that a control loop is made of."""
+    structure, of_axes = found.structure, found.fit.of_axes
+    places = list(zip(TORQUE_SYMBOLS, RATE_SYMBOLS, strict=True))
+    if of_axes is None or not {*RATE_SYMBOLS} <= {*structure.columns}:
+        return None
+    half_width = [
+        [0.5 * (entry.ci95[1] - entry.ci95[0]) for entry in (model.entries[target, name] for name in pair)]
+        for target, pair in zip(ACCELERATION_SYMBOLS, places, strict=True)
+    ]
+    columns = np.array([[structure.columns.index(name) for name in pair] for pair in places])
+    as_measured = np.take_along_axis(found.fit.as_measured[:3], columns, axis=1)
+    return posterior_of(as_measured, np.array(half_width), found.model.actuator, of_axes, period_s)
 
 
 def _criterion(design: Design, fit: PooledFit) -> float:

@@ -320,4 +320,11 @@ def _as_fit(body: _Body, x: FloatArray, free: BoolArray, rows: _Rows, n_columns:
         disturbance=measured[:, n_columns:],
         gyro=x[body.gyro].reshape(3, 3) if coupled else None,
         measured=measured[:, :n_columns],
+        of_axes=found.of_axes(_on_axis(body, slopes_measured)),
     )
+
+
+def _on_axis(body: _Body, slopes: FloatArray) -> FloatArray:
+    """Return those of (3, n_symbols, n_free) slopes that are of on-axis effectiveness and damping."""
+    places = zip(body._places(TORQUE_SYMBOLS), body._places(RATE_SYMBOLS), strict=True)
+    return np.stack([slopes[axis, list(pair)] for axis, pair in enumerate(places)])

@@ -1,0 +1,171 @@
+"""What closing the loop hands on: margins with intervals, what the set-points predict, and the curves to draw."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.data.controller import FlownControllers, Replay
+
+
+class Estimated(NamedTuple):
+    """A figure with its 95 % interval."""
+
+    value: float
+    ci95: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Margins:
+    """How far a loop is from instability; None for a figure that the loop does not have.
+
+    Attributes
+    ----------
+    stable : bool
+        Of the estimate itself; an unstable loop has no figures.
+    stable_fraction : float
+        Of the vehicles that the flight allows, those whose loop is stable.
+    extrapolated : bool
+        The figures rest on frequencies where nothing was measured; the intervals are wider for it.
+    crossover_hz, phase_margin_deg, delay_margin_s : Estimated or None
+        Where the gain falls through one with the least phase to spare, that phase, and the delay that uses it up.
+    gain_margin_db, gain_margin_down_db : Estimated or None
+        By how much the gain may grow, and fall, until the loop oscillates.
+    oscillation_hz : Estimated or None
+        At what frequency it would with a higher gain.
+    disk_margin, peak_sensitivity : Estimated or None
+        1 / max |S - 1/2| (gain and phase at once, skew 0), and max |S|.
+    """
+
+    stable: bool
+    stable_fraction: float
+    extrapolated: bool
+    crossover_hz: Estimated | None = None
+    phase_margin_deg: Estimated | None = None
+    gain_margin_db: Estimated | None = None
+    gain_margin_down_db: Estimated | None = None
+    oscillation_hz: Estimated | None = None
+    delay_margin_s: Estimated | None = None
+    disk_margin: Estimated | None = None
+    peak_sensitivity: Estimated | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoopMargins:
+    """Margins with the loop cut at the mixer: the rate loop alone, and with the angle loop around it."""
+
+    rate: Margins
+    full: Margins | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LoopCurve:
+    """The open loop against frequency, all of shape (n_frequencies,).
+
+    ``low`` and ``high`` hold the 95 % bands of gain and phase [rad, unwrapped].
+    """
+
+    frequency_hz: FloatArray
+    response: NDArray[np.complex128]
+    gain_low: FloatArray
+    gain_high: FloatArray
+    phase_low: FloatArray
+    phase_high: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MeasuredLoop:
+    """The open loop as the log shows it, each of shape (n_frequencies,).
+
+    ``error`` is the relative standard error of ``response``; ``direct`` where an excitation at the mixer shows
+    the broken loop itself; otherwise the measured vehicle is multiplied by the known controller.
+    """
+
+    frequency_hz: FloatArray
+    response: NDArray[np.complex128]
+    error: FloatArray
+    direct: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Step:
+    """The rate's answer to a step of its set-point: figures with intervals, curve (n,) with its 95 % band."""
+
+    rise_time_s: Estimated
+    overshoot_percent: Estimated
+    settling_time_s: Estimated
+    time_s: FloatArray
+    response: FloatArray
+    low: FloatArray
+    high: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PredictedSeries:
+    """Set-point, rate [rad/s] and torque of one axis with what is predicted, each (n_samples,), NaN in gaps.
+
+    Torque and its prediction are high-passed at the lower edge of the fitted band.
+    """
+
+    time_s: FloatArray
+    setpoint: FloatArray
+    rate: FloatArray
+    predicted_rate: FloatArray
+    torque: FloatArray
+    predicted_torque: FloatArray
+    held_out: BoolArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Prediction:
+    """What model and controller make of the set-points alone, judged on parts that the fit never saw.
+
+    Attributes
+    ----------
+    rate_fit_percent, torque_fit_percent : float
+        100 (1 - |error| / |measured|), both high-passed.
+    attainable_percent : float
+        The torque fit of the best linear system: what the set-points do not move, none predicts.
+    held_out_s : float
+    effectiveness : Estimated
+        The on-axis effectiveness whose predicted torque is nearest to the measured one.
+    """
+
+    rate_fit_percent: float
+    torque_fit_percent: float
+    attainable_percent: float
+    held_out_s: float
+    effectiveness: Estimated
+    series: PredictedSeries
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AxisLoop:
+    """The closed loop of one axis; what a failed replay or a refused axis forbids to say is None.
+
+    ``contradicted``: the measured response does not fit the model around the crossover;
+    ``known_hz``: up to where measurement supports the model.
+    """
+
+    replay: Replay | None
+    prediction: Prediction | None = None
+    margins: LoopMargins | None = None
+    step: Step | None = None
+    curve: LoopCurve | None = None
+    measured: MeasuredLoop | None = None
+    effectiveness: Estimated | None = None
+    contradicted: bool = False
+    known_hz: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ClosedLoop:
+    """The loops around the recommended model, by axis."""
+
+    controllers: FlownControllers
+    axes: Mapping[str, AxisLoop] = field(default_factory=dict)
