@@ -22,7 +22,7 @@ def findings_page() -> str:
     """Return the catalogue of findings as a page."""
     parts = [
         "# Findings\n\nEverything that a report can find, by code: QL1xx the file, QL2xx the vehicle, "
-        "QL3xx what was logged and how fast, QL4xx the flight, QL5xx the model. "
+        "QL3xx what was logged and how fast, QL4xx the flight, QL5xx the model, QL6xx the loop. "
         "`quadid-log explain CODE` prints the same texts.\n"
     ]
     parts += [

@@ -9,13 +9,19 @@ from pathlib import Path
 
 from quadid_logs.align import Prepared, check_part, cut
 from quadid_logs.align.pool import pool
+from quadid_logs.autopilots import named
+from quadid_logs.control.closed_loop import close_loop
+from quadid_logs.control.findings import find_in_loop
+from quadid_logs.data.closed_loop import ClosedLoop
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.log import FlightLog
+from quadid_logs.data.model import Identification
 from quadid_logs.data.result import PooledLog, Result
 from quadid_logs.data.settings import AlignSettings, Settings
 from quadid_logs.data.vehicle import Vehicle
-from quadid_logs.diagnose import diagnose
+from quadid_logs.diagnose import diagnose, with_findings
 from quadid_logs.identify import identify
+from quadid_logs.identify.select import most_excited
 from quadid_logs.load import prepare, read_log
 
 Progress = Callable[[str], None]
@@ -155,17 +161,36 @@ def judge(
     began = time.perf_counter()
     identification = identify(data, settings.identify)
     diagnosis = diagnose(log, data, identification, pooled, vehicle)
-    timings = {**timings_s, "identify": time.perf_counter() - began}
+    identified = time.perf_counter()
+    # Several logs may have flown with several controllers.
+    closed_loop = None if pooled else _closed_loop(log, data, identification, settings)
+    if closed_loop is not None:
+        diagnosis = with_findings(diagnosis, find_in_loop(closed_loop), log.autopilot)
+    timings = {**timings_s, "identify": identified - began, "control": time.perf_counter() - identified}
     return Result(
         log=log,
         data=data,
         identification=identification,
         diagnosis=diagnosis,
+        closed_loop=closed_loop,
         settings=settings,
         vehicle=vehicle,
         pooled=pooled,
         timings_s={**timings, "total": sum(timings.values())},
     )
+
+
+def _closed_loop(
+    log: FlightLog, data: FlightData, identification: Identification, settings: Settings
+) -> ClosedLoop | None:
+    """Close the loop of what was identified; None where no controller or no model is known."""
+    model = identification.recommended
+    controllers = None if model is None else named(log.autopilot).controllers(log, log.parameters)
+    if model is None or controllers is None:
+        return None
+    fitted = most_excited(data, settings.identify.most_samples)
+    low_hz = model.band.low_hz[0] if model.band is not None else settings.identify.high_pass_hz
+    return close_loop(fitted, model, controllers, {}, float(low_hz))
 
 
 def _cut_alike(prepared: Sequence[Prepared], settings: AlignSettings) -> list[FlightData]:

@@ -7,14 +7,16 @@ the crossover.
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.controller import AxisController
-from quadid_logs.maths.band import ComplexArray, delay_response, lag_response
+from quadid_logs.maths.band import ComplexArray, delay_response
+
+#: A pole this near to one in z is at zero frequency: rounding leaves 1e-16, the slowest filter 1e-5.
+_AT_ZERO: Final = 1e-9
 
 
 class Plant(NamedTuple):
@@ -53,16 +55,16 @@ class Plant(NamedTuple):
         s = _laplace(frequency_hz)
         B, A, lag_s, delay_s = (values[:, np.newaxis] for values in self)
         held = np.sinc(frequency_hz * hold_s)
-        response = B / (s - A) * lag_response(s, lag_s) * np.exp(-s * (delay_s + 0.5 * hold_s))
+        response = B / (s - A) * 1.0 / (1.0 + s * lag_s) * np.exp(-s * (delay_s + 0.5 * hold_s))
         return np.asarray(held * response, dtype=np.complex128)
 
 
 class Loop(NamedTuple):
     """The loop of one axis against frequency, each of shape (n_plants, n_frequencies).
 
-    ``rate`` and ``full`` are open loops, cut at the mixer's input: the rate loop alone, and with the angle loop
-    around it, None where no angle loop is known. ``target_to_torque`` and ``target_to_rate`` are the closed rate
-    loop's answers to a set-point; the rate is that behind the gyro's filters, as it is logged.
+    ``rate`` and ``full`` are open loops, cut at the mixer's input: the rate loop alone, and with the angle
+    loop around it, None where no angle loop is known. ``target_to_torque`` and ``target_to_rate`` are the
+    closed rate loop's answers to a set-point; the rate is that behind the gyro's filters, as it is logged.
     """
 
     frequency_hz: FloatArray
@@ -87,24 +89,59 @@ def close(controller: AxisController, plant: Plant, frequency_hz: FloatArray) ->
     Loop
     """
     s = _laplace(frequency_hz)
-    gyro = gyro_filters(controller, frequency_hz)
     body = plant.response(frequency_hz, controller.period_s)
-    behind = np.ones_like(s) if controller.command is None else controller.command.response(frequency_hz)
-    on_rate = controller.error.response(frequency_hz)
-    on_target = on_rate.copy()
-    if controller.rate is not None:
-        on_rate = on_rate + controller.rate.response(frequency_hz)
-    if controller.feed_forward is not None:
-        on_target = on_target + controller.feed_forward.response(frequency_hz)
-    forward = behind * on_target * controller.target.response(frequency_hz)
-    rate = body * (gyro * behind * on_rate)
+    gyro, forward = gyro_filters(controller, frequency_hz), forward_filters(controller, frequency_hz)
+    rate = rate_loop(controller, plant, frequency_hz)
     full = None
     if controller.angle_gain_per_s is not None:
         steps_s = controller.angle_delay_steps * controller.period_s
-        angle = controller.angle_gain_per_s / s * delay_response(s, steps_s)
-        full = rate + body * (forward * angle)
+        full = rate + body * (forward * controller.angle_gain_per_s / s * delay_response(s, steps_s))
     to_torque = forward / (1.0 + rate)
     return Loop(frequency_hz, rate, full, to_torque, to_torque * body * gyro)
+
+
+def rate_loop(controller: AxisController, plant: Plant, frequency_hz: FloatArray) -> ComplexArray:
+    """Return the open rate loop of vehicles.
+
+    Parameters
+    ----------
+    controller, plant, frequency_hz
+        As of `close`.
+
+    Returns
+    -------
+    ndarray of complex, shape (n_plants, n_frequencies)
+    """
+    on_rate = controller.error.response(frequency_hz)
+    if controller.rate is not None:
+        on_rate = on_rate + controller.rate.response(frequency_hz)
+    back = gyro_filters(controller, frequency_hz) * _behind(controller, frequency_hz) * on_rate
+    return np.asarray(plant.response(frequency_hz, controller.period_s) * back)
+
+
+def forward_filters(controller: AxisController, frequency_hz: FloatArray) -> ComplexArray:
+    """Return the response of the command to a rate set-point, the measured rate being zero.
+
+    Parameters
+    ----------
+    controller : AxisController
+    frequency_hz : ndarray, shape (n_frequencies,)
+
+    Returns
+    -------
+    ndarray of complex, shape (n_frequencies,)
+    """
+    on_target = controller.error.response(frequency_hz)
+    if controller.feed_forward is not None:
+        on_target = on_target + controller.feed_forward.response(frequency_hz)
+    return _behind(controller, frequency_hz) * on_target * controller.target.response(frequency_hz)
+
+
+def _behind(controller: AxisController, frequency_hz: FloatArray) -> ComplexArray:
+    """Return the response of what stands behind the sum of the terms."""
+    if controller.command is None:
+        return np.ones(frequency_hz.shape, dtype=np.complex128)
+    return controller.command.response(frequency_hz)
 
 
 def gyro_filters(controller: AxisController, frequency_hz: FloatArray) -> ComplexArray:
@@ -125,8 +162,8 @@ def gyro_filters(controller: AxisController, frequency_hz: FloatArray) -> Comple
     return response
 
 
-def without_angle(controller: AxisController) -> AxisController:
-    """Return the controller of the rate alone.
+def integrators(controller: AxisController) -> int:
+    """Count the poles at zero frequency of the rate loop; the angle loop adds one.
 
     Parameters
     ----------
@@ -134,9 +171,10 @@ def without_angle(controller: AxisController) -> AxisController:
 
     Returns
     -------
-    AxisController
+    int
     """
-    return replace(controller, angle_gain_per_s=None)
+    denominator = controller.error.denominator
+    return int(abs(denominator.sum()) < _AT_ZERO * np.abs(denominator).sum())
 
 
 def _laplace(frequency_hz: FloatArray) -> ComplexArray:

@@ -1,9 +1,9 @@
 """How far a loop is from instability, with the interval that the vehicle's uncertainty makes.
 
-Every figure is computed for all drawn vehicles at once. Its interval runs from the 2.5 to the 97.5 % quantile over them;
-a drawn vehicle whose loop is unstable has no margin left, and counts as zero. Above the frequency up to which
-measurement supports the model, unmodelled dynamics may take phase away: each figure is computed a second time with
-a further delay there, and the interval covers both.
+Every figure is computed for all drawn vehicles at once. Its interval runs from the 2.5 to the 97.5 %
+quantile over them; a drawn vehicle whose loop is unstable has no margin left, and counts as zero. Above the
+frequency up to which measurement supports the model, unmodelled dynamics may take phase away: each figure is
+computed a second time with a further delay there, and the interval covers both.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def unmodelled(frequency_hz: FloatArray, known_hz: float) -> ComplexArray:
 
 
 def margins_of(
-    frequency_hz: FloatArray, loop: ComplexArray, unstable_poles: BoolArray, known_hz: float
+    frequency_hz: FloatArray, loop: ComplexArray, integrators: int, unstable_poles: BoolArray, known_hz: float
 ) -> Margins:
     """Return the margins of the first loop, with intervals over all.
 
@@ -68,8 +68,8 @@ def margins_of(
         As of `grid_hz`.
     loop : ndarray of complex, shape (n_plants, n_frequencies)
         Open loops: of the estimate, then of vehicles drawn around it.
-    unstable_poles : ndarray of bool, shape (n_plants,)
-        The vehicle speeds itself up: the open loop has a pole in the right half plane.
+    integrators, unstable_poles
+        As of `is_stable`.
     known_hz : float
         As of `unmodelled`.
 
@@ -77,8 +77,9 @@ def margins_of(
     -------
     Margins
     """
-    found = figures_of(frequency_hz, loop, unstable_poles)
-    worse = figures_of(frequency_hz, loop * unmodelled(frequency_hz, known_hz), unstable_poles)
+    found = figures_of(frequency_hz, loop, integrators, unstable_poles)
+    later = loop * unmodelled(frequency_hz, known_hz)
+    worse = figures_of(frequency_hz, later, integrators, unstable_poles)
     places_hz = np.array([found.crossover_hz[0], found.oscillation_hz[0]])
     extrapolated = bool((places_hz[np.isfinite(places_hz)] > known_hz).any())
     fraction = float(np.mean(found.stable))
@@ -130,7 +131,7 @@ def _estimated(values: FloatArray, worse: FloatArray) -> Estimated | None:
 
 
 class LoopFigures(NamedTuple):
-    """Figures of many loops, each of shape (n_plants,), NaN where a loop does not have one; gains as factors."""
+    """Figures of loops, each (n_plants,), NaN where a loop does not have one; gains as factors."""
 
     stable: BoolArray
     crossover_hz: FloatArray
@@ -143,12 +144,14 @@ class LoopFigures(NamedTuple):
     peak_sensitivity: FloatArray
 
 
-def figures_of(frequency_hz: FloatArray, loop: ComplexArray, unstable_poles: BoolArray) -> LoopFigures:
+def figures_of(
+    frequency_hz: FloatArray, loop: ComplexArray, integrators: int, unstable_poles: BoolArray
+) -> LoopFigures:
     """Return the figures of open loops.
 
     Parameters
     ----------
-    frequency_hz, loop, unstable_poles
+    frequency_hz, loop, integrators, unstable_poles
         As of `margins_of`.
 
     Returns
@@ -157,13 +160,14 @@ def figures_of(frequency_hz: FloatArray, loop: ComplexArray, unstable_poles: Boo
 
     Notes
     -----
-    Disk margin: P. Seiler, A. Packard, P. Gahinet, "An introduction to disk margins," IEEE Control Systems 40(5), 2020.
+    Disk margin: P. Seiler, A. Packard, P. Gahinet, "An introduction to disk margins," IEEE Control Systems
+    40(5), 2020.
     """
-    crossover_hz, phase_rad, delay_s = _phase_margin(frequency_hz, loop)
+    crossover_hz, phase_rad, delay_s = phase_margin(frequency_hz, loop)
     gain, oscillation_hz, gain_down = _gain_margins(frequency_hz, loop)
     sensitivity = 1.0 / (1.0 + loop)
     return LoopFigures(
-        stable=is_stable(loop, unstable_poles),
+        stable=is_stable(loop, integrators, unstable_poles),
         crossover_hz=crossover_hz,
         phase_margin_rad=phase_rad,
         delay_margin_s=delay_s,
@@ -175,14 +179,17 @@ def figures_of(frequency_hz: FloatArray, loop: ComplexArray, unstable_poles: Boo
     )
 
 
-def is_stable(loop: ComplexArray, unstable_poles: BoolArray) -> BoolArray:
+def is_stable(loop: ComplexArray, integrators: int, unstable_poles: BoolArray) -> BoolArray:
     """Tell from the Nyquist curve whether closed loops are stable.
 
     Parameters
     ----------
     loop : ndarray of complex, shape (n_plants, n_frequencies)
-        From where its poles at zero frequency dominate to where its gain is small.
+        From where its integrators dominate to where its gain is small.
+    integrators : int
+        Poles of the open loop at zero frequency.
     unstable_poles : ndarray of bool, shape (n_plants,)
+        The open loop has a pole in the right half plane.
 
     Returns
     -------
@@ -190,20 +197,32 @@ def is_stable(loop: ComplexArray, unstable_poles: BoolArray) -> BoolArray:
 
     Notes
     -----
-    Each pole at zero turns 1 + L by a quarter of a circle on its way from there to high frequency, each unstable pole
-    of the open loop by a half, if the closed loop has no unstable pole (the argument principle). The first
-    quarters are in the argument at the first frequency already, on the branch nearest to them.
+    The argument principle: without an unstable pole of the closed loop, 1 + L turns by a quarter of a circle
+    for each integrator and by a half for each unstable pole, from zero frequency to high ones, where it is 1.
     """
     difference = 1.0 + loop
     turned = np.sum(np.angle(difference[:, 1:] / difference[:, :-1]), axis=1)
-    # From a few degrees of 0, -90 or -180 on, whatever the number of integrators.
+    # At the first frequency the vehicle's own pole has turned the curve by something between nothing and a
+    # quarter.
+    near = -0.5 * np.pi * (integrators + 0.5) - 0.5 * np.pi * unstable_poles
     first = np.angle(difference[:, 0])
-    first = np.where(first > 0.75 * np.pi, first - 2.0 * np.pi, first)
-    return np.asarray(np.abs(first + turned - np.pi * unstable_poles) < np.pi, dtype=np.bool_)
+    first += 2.0 * np.pi * np.round((near - first) / (2.0 * np.pi))
+    return np.asarray(np.abs(first + turned) < np.pi, dtype=np.bool_)
 
 
-def _phase_margin(frequency_hz: FloatArray, loop: ComplexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the crossover with the least phase to spare [Hz], that phase [rad], and the least delay margin [s]."""
+def phase_margin(frequency_hz: FloatArray, loop: ComplexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return where open loops run out of phase first.
+
+    Parameters
+    ----------
+    frequency_hz : ndarray, shape (n_frequencies,)
+    loop : ndarray of complex, shape (n_plants, n_frequencies)
+
+    Returns
+    -------
+    crossover_hz, phase_margin_rad, delay_margin_s : ndarray, shape (n_plants,)
+        The crossover with the least phase to spare, that phase, and the least delay that any crossover bears.
+    """
     level = np.log(np.abs(loop))
     crossing = (level[:, :-1] > 0.0) & (level[:, 1:] <= 0.0)
     place = np.divide(

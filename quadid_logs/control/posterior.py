@@ -30,13 +30,14 @@ def draw(posterior: Posterior, axis: int, hold_s: float, n_draws: int = N_DRAWS)
     Returns
     -------
     Plant or None
-        Each of its numbers of shape (1 + n_draws,). None where the axis tells nothing, or turns the wrong way.
+        Each of its numbers of shape (1 + n_draws,). None where the axis tells nothing, or turns the wrong
+        way.
 
     Notes
     -----
-    The identified delay contains the zero-order hold of the loop, half its period, which a `Plant` does not. Where it
-    is shorter than that, the stamps of torque and rate are off by at least the difference: the delay is taken for none
-    then, and is as uncertain as that.
+    The identified delay contains the zero-order hold of the loop, half its period, which a `Plant` does not.
+    Where it is shorter than that, the stamps of torque and rate are off by at least the difference: the
+    delay is taken for none then, and is as uncertain as that.
     """
     mean, covariance = posterior.mean[axis], posterior.covariance[axis]
     if not (np.isfinite(mean).all() and np.isfinite(covariance).all() and mean[0] > 0.0):
@@ -46,19 +47,21 @@ def draw(posterior: Posterior, axis: int, hold_s: float, n_draws: int = N_DRAWS)
     root = axes * np.sqrt(np.maximum(variance, 0.0))
     drawn = mean + (random.standard_normal((n_draws, 4)) @ root.T) * np.sqrt(np.diag(covariance))
     effectiveness, damping, lag_s, delay_s = np.vstack([mean, drawn]).T
-    as_lag_s = posterior.lag_or_delay_s * np.append(0.0, random.uniform(0.0, 1.0, n_draws))
-    unheld_s = delay_s - 0.5 * hold_s - as_lag_s
+    unheld_s = delay_s - 0.5 * hold_s
+    as_lag_s = np.append(0.0, random.uniform(0.0, 1.0, n_draws)) * np.clip(
+        unheld_s, 0.0, posterior.lag_or_delay_s
+    )
     short_s = max(0.0, -float(unheld_s[0])) * np.append(0.0, random.uniform(-1.0, 1.0, n_draws))
     return Plant(
         effectiveness=np.maximum(effectiveness, 0.01 * mean[0]),
         damping=damping,
         lag_s=np.maximum(lag_s + as_lag_s, 0.0),
-        delay_s=np.where(short_s == 0.0, np.maximum(unheld_s, 0.0), short_s),
+        delay_s=np.maximum(unheld_s - as_lag_s, 0.0) + short_s,
     )
 
 
 def _scale(covariance: FloatArray) -> FloatArray:
-    """Return the product of the standard deviations, one where there is none: numbers of one size are factored."""
+    """Return products of the standard deviations, so that numbers of one size are factored; one for none."""
     deviation = np.sqrt(np.diag(covariance))
     deviation = np.where(deviation > 0.0, deviation, 1.0)
     return np.outer(deviation, deviation)

@@ -3,7 +3,7 @@
 What to set on a certain autopilot stands in its folder (`Advice.remedies` by code), not here.
 
 Codes: QL1xx the file, QL2xx the vehicle, QL3xx what was logged and how fast,
-QL4xx the flight, QL5xx the model.
+QL4xx the flight, QL5xx the model, QL6xx the loop.
 """
 
 from __future__ import annotations
@@ -327,6 +327,58 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "not, by more than its interval: mass, arm, thrust or the torque-to-thrust ratio is not "
                 "this vehicle's.",
                 "Check the numbers in the vehicle file against the figure of the airframe.",
+            ),
+            _entry(
+                "QL601",
+                "The control loop is close to instability",
+                "With the controller that flew, the vehicle has little gain or phase to spare: a lighter "
+                "vehicle, a fuller battery or a little more delay would make it oscillate. Good loops keep "
+                "6 dB, 45 degrees and a disk margin of 0.67; below 4 dB or 30 degrees they are called poor "
+                "here.",
+                "Lower the gains of this axis together, by the factor that is missing, or let the filters "
+                "of gyro and derivative pass more where noise allows it. Land if the vehicle oscillates.",
+            ),
+            _entry(
+                "QL602",
+                "Open loop and closed loop tell different effectiveness",
+                "Flown through model and controller, the set-points make the measured torque with another "
+                "control effectiveness than the one that was found from torque and rates. One of the two is "
+                "biased: the controller was not the one of the parameters, or something else than torque "
+                "moved the vehicle.",
+                "Check that no gain was changed in flight, and fly stronger manoeuvres on this axis, in "
+                "calm air.",
+            ),
+            _entry(
+                "QL603",
+                "The measured response contradicts the model around the crossover",
+                "Around the frequency that decides about stability, the response of the rate to the torque, "
+                "as far as the set-points drive it, is not that of the model. The model holds where it was "
+                "fitted; the margins rest on what lies above.",
+                "Do not rely on the margins of this axis. A system-ID chirp up to twice the crossover shows "
+                "the loop itself.",
+            ),
+            _entry(
+                "QL604",
+                "The controller of the parameters is not the one that flew",
+                "Replayed from logged set-points and rates, the controller does not give the logged terms "
+                "and torque. Nothing is said of its loop.",
+                "Keep the gains as they are during the flight, and log the controller's terms at the loop's "
+                "rate.",
+            ),
+            _entry(
+                "QL605",
+                "Margins rest on frequencies where nothing was measured",
+                "The loop decides about its stability above the frequencies that the flight shows. What "
+                "nobody measured may take phase away there: the margins' intervals allow for a further "
+                "delay of 5 ms.",
+                "Fly a system-ID chirp up to twice the crossover, or quicker manoeuvres.",
+            ),
+            _entry(
+                "QL606",
+                "The control law is that of another firmware version",
+                "The source of this firmware version was not read. The loop is closed with the law of the "
+                "nearest version that was.",
+                "Compare the release notes of the rate controller between the two versions.",
             ),
         )
     )

@@ -1,4 +1,4 @@
-"""What closing the loop hands on: margins with intervals, what the set-points predict, and the curves to draw."""
+"""What closing the loop hands on: margins with intervals, predictions, and the curves to draw."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ class Margins:
     extrapolated : bool
         The figures rest on frequencies where nothing was measured; the intervals are wider for it.
     crossover_hz, phase_margin_deg, delay_margin_s : Estimated or None
-        Where the gain falls through one with the least phase to spare, that phase, and the delay that uses it up.
+        Where the gain falls through one with the least phase to spare, that phase, and the delay that uses
+        it up.
     gain_margin_db, gain_margin_down_db : Estimated or None
         By how much the gain may grow, and fall, until the loop oscillates.
     oscillation_hz : Estimated or None
@@ -82,8 +83,8 @@ class LoopCurve:
 class MeasuredLoop:
     """The open loop as the log shows it, each of shape (n_frequencies,).
 
-    ``error`` is the relative standard error of ``response``; ``direct`` where an excitation at the mixer shows
-    the broken loop itself; otherwise the measured vehicle is multiplied by the known controller.
+    ``error`` is the relative standard error of ``response``; ``direct`` where an excitation at the mixer
+    shows the broken loop itself; otherwise the measured vehicle is multiplied by the known controller.
     """
 
     frequency_hz: FloatArray
@@ -152,7 +153,7 @@ class AxisLoop:
     ``known_hz``: up to where measurement supports the model.
     """
 
-    replay: Replay | None
+    replay: Replay | None = None
     prediction: Prediction | None = None
     margins: LoopMargins | None = None
     step: Step | None = None

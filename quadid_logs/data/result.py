@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import PurePath
 
+from quadid_logs.data.closed_loop import ClosedLoop
 from quadid_logs.data.diagnosis import Diagnosis
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.log import FlightLog
@@ -27,7 +28,7 @@ class Result:
     """The chain's objects, one per stage, and the seconds that each stage took.
 
     ``pooled`` names the logs where the model is that of several; ``log`` is
-    then the first that flew.
+    then the first that flew. ``closed_loop`` is None where no controller is known.
 
     Examples
     --------
@@ -42,6 +43,7 @@ class Result:
     identification: Identification
     diagnosis: Diagnosis
     settings: Settings
+    closed_loop: ClosedLoop | None = None
     vehicle: Vehicle | None = None
     pooled: tuple[PooledLog, ...] = ()
     timings_s: Mapping[str, float] = field(default_factory=dict)

@@ -19,9 +19,11 @@ from quadid_logs.diagnose.model_findings import find_in_models
 from quadid_logs.diagnose.torque_findings import find_in_given_inertia, find_in_torque
 from quadid_logs.vocabulary import AXES
 
-__all__ = ["diagnose"]
+__all__ = ["diagnose", "with_findings"]
 
 _SEVERITY = {"error": 0, "warning": 1, "info": 2}
+#: They tell of the loop that the controller makes of the vehicle: the model is as good as it was.
+_NOT_OF_THE_MODEL = frozenset({"QL601", "QL603", "QL604", "QL605", "QL606"})
 
 
 def diagnose(
@@ -75,6 +77,26 @@ def diagnose(
     )
 
 
+def with_findings(diagnosis: Diagnosis, found: Iterable[Finding], autopilot: str) -> Diagnosis:
+    """Add what a later stage found.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+    found : iterable of Finding
+    autopilot : str
+        As in `FlightLog.autopilot`.
+
+    Returns
+    -------
+    Diagnosis
+        With the verdicts anew.
+    """
+    every = [*diagnosis.findings, *_remedied(found, autopilot)]
+    findings = sorted(every, key=lambda finding: _SEVERITY[finding.level])
+    return Diagnosis(findings=tuple(findings), axes={axis: _verdict(axis, findings) for axis in AXES})
+
+
 def _remedied(findings: Iterable[Finding], autopilot: str) -> Iterator[Finding]:
     """Put what to do on this autopilot in the place of the catalogue's advice."""
     remedies = advice_for(autopilot).remedies
@@ -84,7 +106,11 @@ def _remedied(findings: Iterable[Finding], autopilot: str) -> Iterator[Finding]:
 
 def _verdict(axis: str, findings: list[Finding]) -> AxisVerdict:
     """Sum up what touches one axis; the sentence gives the reason and leaves the verdict to its own word."""
-    touching = [finding for finding in findings if not finding.axes or axis in finding.axes]
+    touching = [
+        finding
+        for finding in findings
+        if (not finding.axes or axis in finding.axes) and finding.code not in _NOT_OF_THE_MODEL
+    ]
     errors = [finding for finding in touching if finding.level == "error"]
     warnings = [finding for finding in touching if finding.level == "warning"]
     if errors:

@@ -30,6 +30,7 @@ from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
 from quadid_logs.data.torque import TorqueModel
 from quadid_logs.maths.sliding_windows import weakest_words
+from quadid_logs.report.loop_json import closed_loop_dict
 from quadid_logs.report.provenance import Provenance
 
 if TYPE_CHECKING:
@@ -94,6 +95,7 @@ def _content(result: Result, provenance: Provenance | None) -> dict[str, Any]:
         "models": [_model(model) for model in result.identification.models],
         "axes": {name: _verdict(result.diagnosis, name) for name in result.diagnosis.axes},
         "findings": [finding_dict(finding) for finding in result.diagnosis.findings],
+        "closed_loop": None if result.closed_loop is None else closed_loop_dict(result.closed_loop),
         "excitation": {item.axis: _excitation(item) for item in result.identification.excitation},
         "skipped": result.identification.skipped,
         "timings_s": _timings(result),

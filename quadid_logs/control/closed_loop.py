@@ -1,0 +1,206 @@
+"""Close the loop of every axis: the controller that flew around the identified vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.control.frequency_response import (
+    Confirmation,
+    Lines,
+    Response,
+    better,
+    confirm,
+    lines_of,
+    response,
+)
+from quadid_logs.control.loop import Loop, Plant, close, integrators
+from quadid_logs.control.margins import grid_hz, margins_of, phase_margin, unmodelled
+from quadid_logs.control.posterior import draw
+from quadid_logs.control.prediction import AxisModel, Chirp, predict
+from quadid_logs.control.step import step_of
+from quadid_logs.data.closed_loop import (
+    AxisLoop,
+    ClosedLoop,
+    Estimated,
+    LoopCurve,
+    LoopMargins,
+    MeasuredLoop,
+)
+from quadid_logs.data.controller import AxisController, FlownControllers, Replay, ReplayReason
+from quadid_logs.data.flight import FlightData
+from quadid_logs.data.model import Model
+from quadid_logs.maths.band import ComplexArray
+from quadid_logs.vocabulary import AXES, ON_AXIS
+
+#: An excitation that enters at the mixer moves the torque as the loop lets it; one that enters elsewhere, in
+#: other units, is off by more than this factor.
+_AT_MIXER: Final = 2.0
+#: Below this [Hz], and denser than every so many, curves are not drawn.
+_LOWEST_DRAWN_HZ = 0.1
+_EVERY = 3
+_CI = (0.025, 0.975)
+
+
+def close_loop(
+    data: FlightData,
+    model: Model,
+    controllers: FlownControllers,
+    replays: Mapping[str, Replay],
+    low_hz: float,
+) -> ClosedLoop:
+    """Close the loop of every axis whose controller and effectiveness are known.
+
+    Parameters
+    ----------
+    data : FlightData
+        What the model was fitted to.
+    model : Model
+        The recommended one.
+    controllers : FlownControllers
+    replays : mapping of str to Replay
+        By axis. A controller that does not replay is not the one that flew: nothing is said of its loop.
+    low_hz : float
+        Lower edge of the fitted band.
+
+    Returns
+    -------
+    ClosedLoop
+    """
+    axes = {}
+    for number, axis in enumerate(AXES):
+        controller, replay = controllers.axes.get(axis), replays.get(axis)
+        if controller is None:
+            continue
+        found = AxisLoop()
+        if not _disagrees(replay) and model.entries[ON_AXIS[axis]].identifiable:
+            found = _axis(data, model, number, controller, low_hz)
+        axes[axis] = replace(found, replay=replay)
+    return ClosedLoop(controllers=controllers, axes=axes)
+
+
+def _disagrees(replay: Replay | None) -> bool:
+    """Say whether the log contradicts the controller; one that the log cannot be held against it does not."""
+    return replay is not None and not replay.agrees and replay.reason is not ReplayReason.NO_ROWS
+
+
+def _axis(data: FlightData, model: Model, number: int, controller: AxisController, low_hz: float) -> AxisLoop:
+    """Close the loop of one axis; nothing where the model tells too little."""
+    posterior = model.posterior
+    plants = None if posterior is None else draw(posterior, number, controller.period_s)
+    if posterior is None or plants is None:
+        return AxisLoop()
+    estimate = plants.at(slice(0, 1))
+    lines = lines_of(data, number, controller.angle_delay_steps * controller.period_s)
+    seen = None if lines is None else _seen(lines, controller, estimate)
+    frequency_hz = grid_hz(controller.period_s)
+    loop = close(controller, plants, frequency_hz)
+    supported = _supported(seen, frequency_hz, loop.rate[:1], model.smoothing_hz)
+    prediction = None
+    if seen is not None and lines is not None and model.fit is not None:
+        axis = AxisModel(number, controller, estimate, posterior.covariance[number, 1:, 1:], seen.chirp)
+        prediction = predict(data, axis, model.fit, lines, low_hz)
+    entry = model.entries[ON_AXIS[AXES[number]]]
+    return AxisLoop(
+        prediction=prediction,
+        margins=_margins(controller, plants, loop, supported.known_hz),
+        step=step_of(controller, plants),
+        curve=_curve(loop, supported.known_hz),
+        measured=None if seen is None else _measured(seen, controller, estimate),
+        effectiveness=Estimated(entry.value, entry.ci95),
+        contradicted=supported.contradicted,
+        known_hz=supported.known_hz,
+    )
+
+
+def _supported(
+    seen: _Seen | None, frequency_hz: FloatArray, rate_loop: ComplexArray, fitted_hz: float
+) -> Confirmation:
+    """Tell up to where measurement supports the model; without any, up to where it was fitted."""
+    crossover_hz = phase_margin(frequency_hz, rate_loop)[0][0]
+    if seen is None or not np.isfinite(crossover_hz):
+        return Confirmation(fitted_hz, contradicted=False)
+    return confirm(seen.ratio, float(crossover_hz), fitted_hz)
+
+
+def _margins(controller: AxisController, plants: Plant, loop: Loop, known_hz: float) -> LoopMargins:
+    """Return the margins of the rate loop, and of the whole where its angle loop is known."""
+    n, runs_away = integrators(controller), plants.damping > 0.0
+    full = loop.full
+    return LoopMargins(
+        rate=margins_of(loop.frequency_hz, loop.rate, n, runs_away, known_hz),
+        full=None if full is None else margins_of(loop.frequency_hz, full, n + 1, runs_away, known_hz),
+    )
+
+
+class _Seen(NamedTuple):
+    """What the log shows of one axis, relative to what is modelled.
+
+    The vehicle by set-points or excitation, and the broken loop where the excitation enters at the mixer.
+    """
+
+    ratio: Response
+    chirp: Chirp
+    broken: Response | None
+
+
+def _seen(lines: Lines, controller: AxisController, estimate: Plant) -> _Seen:
+    """Measure the vehicle by every instrument that the log has, and the broken loop where it can be."""
+    loop = close(controller, estimate, lines.frequency_hz)
+    vehicle = loop.target_to_rate[0] / loop.target_to_torque[0]
+    # Of what is modelled nothing is left to change over a band: no average over it is biased.
+    expected = lines.torque * vehicle
+    ratio, broken = response(lines.frequency_hz, lines.setpoint, expected, lines.rate), None
+    if lines.chirp is not None and _enters_at_mixer(lines, loop):
+        by_chirp = response(lines.frequency_hz, lines.chirp, expected, lines.rate)
+        ratio = better(ratio, by_chirp)
+        answer = lines.chirp - lines.torque
+        broken = response(lines.frequency_hz, lines.chirp, lines.torque * _whole(loop), answer)
+    delay_s = controller.angle_delay_steps * controller.period_s
+    return _Seen(ratio.known(), Chirp(at_mixer=broken is not None, delay_s=delay_s), broken)
+
+
+def _whole(loop: Loop) -> ComplexArray:
+    """Return the open loop of the estimate with all that is known to close it."""
+    whole = loop.rate if loop.full is None else loop.full
+    return np.asarray(whole[0], dtype=np.complex128)
+
+
+def _enters_at_mixer(lines: Lines, loop: Loop) -> bool:
+    """Tell whether an excitation is part of this axis' torque: it then moves it as 1 / (1 + L) says."""
+    if lines.chirp is None:
+        return False
+    expected = lines.chirp / (1.0 + _whole(loop))
+    found = response(lines.frequency_hz, lines.chirp, expected, lines.torque).known()
+    return bool(found.gain.size) and 1.0 / _AT_MIXER < float(np.median(found.gain.real)) < _AT_MIXER
+
+
+def _measured(seen: _Seen, controller: AxisController, estimate: Plant) -> MeasuredLoop:
+    """Return the open loop that the log shows, where it is known."""
+    direct = seen.broken is not None
+    known = seen.ratio if seen.broken is None else seen.broken.known()
+    modelled = _whole(close(controller, estimate, known.frequency_hz))
+    return MeasuredLoop(
+        frequency_hz=known.frequency_hz, response=modelled * known.gain, error=known.error, direct=direct
+    )
+
+
+def _curve(closed: Loop, known_hz: float) -> LoopCurve:
+    """Return the open loop with its band, wider by what nobody measured."""
+    frequency_hz, loop = closed.frequency_hz, closed.rate if closed.full is None else closed.full
+    drawn = np.flatnonzero(frequency_hz >= _LOWEST_DRAWN_HZ)[::_EVERY]
+    gain, phase = np.abs(loop[:, drawn]), np.unwrap(np.angle(loop[:, drawn]), axis=1)
+    gain_low, gain_high = np.quantile(gain, _CI, axis=0)
+    phase_low, phase_high = np.quantile(phase, _CI, axis=0)
+    return LoopCurve(
+        frequency_hz=frequency_hz[drawn],
+        response=loop[0, drawn],
+        gain_low=gain_low,
+        gain_high=gain_high,
+        phase_low=phase_low + np.unwrap(np.angle(unmodelled(frequency_hz[drawn], known_hz))),
+        phase_high=phase_high,
+    )

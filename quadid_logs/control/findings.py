@@ -1,0 +1,137 @@
+"""Caveats about the loop, axis by axis."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from quadid_logs.control.margins import UNMODELLED_DELAY_S
+from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated, Margins
+from quadid_logs.data.diagnosis import Finding
+from quadid_logs.diagnose.findings import finding, rounded
+
+
+class Limits(NamedTuple):
+    """What a loop keeps at least: gain [dB], phase [deg], and both at once as disk margin."""
+
+    gain_db: float
+    phase_deg: float
+    disk: float
+
+
+#: Of loops that pilots and the handling-quality standards call good (6 dB and 45 degrees: MIL-F-9490D,
+#: ADS-33E practice), and of those that small changes of the vehicle bring to the limit. A disk margin of
+#: 0.67 is both at once.
+GOOD: Final = Limits(6.0, 45.0, 0.67)
+POOR: Final = Limits(4.0, 30.0, 0.0)
+#: Effectiveness is not known better than to some per cent in practice: less is no matter.
+_DISAGREEMENT = 0.05
+
+
+def find_in_loop(loop: ClosedLoop) -> Iterator[Finding]:
+    """Yield the findings about the loops.
+
+    Parameters
+    ----------
+    loop : ClosedLoop
+
+    Yields
+    ------
+    Finding
+    """
+    controllers = loop.controllers
+    if loop.axes and controllers.version_read != "read":
+        versions = {"firmware": controllers.firmware, "version_read": controllers.version_note}
+        yield finding("QL606", "info", versions)
+    for axis, found in loop.axes.items():
+        for one in (_not_replayed(axis, found), _margin(axis, found), _disagreement(axis, found)):
+            if one is not None:
+                yield one
+        if found.contradicted:
+            yield finding("QL603", "warning", {"fitted_to_hz": rounded(found.known_hz)}, axes=(axis,))
+    extrapolated = [axis for axis, found in loop.axes.items() if _extrapolated(found)]
+    if extrapolated:
+        known_hz = [rounded(loop.axes[axis].known_hz, 3) for axis in extrapolated]
+        known = {"known_to_hz": known_hz, "delay_allowed_s": UNMODELLED_DELAY_S}
+        yield finding("QL605", "info", known, axes=extrapolated)
+
+
+def outermost(found: AxisLoop) -> Margins | None:
+    """Return the margins with all that is known to close the loop; None where nothing may be said.
+
+    Parameters
+    ----------
+    found : AxisLoop
+
+    Returns
+    -------
+    Margins or None
+    """
+    return None if found.margins is None else found.margins.full or found.margins.rate
+
+
+def _extrapolated(found: AxisLoop) -> bool:
+    margins = outermost(found)
+    return margins is not None and margins.extrapolated and not found.contradicted
+
+
+def _not_replayed(axis: str, found: AxisLoop) -> Finding | None:
+    replay = found.replay
+    if replay is None or replay.agrees or replay.reason is None or found.margins is not None:
+        return None
+    differs = f" ({replay.parameter})" if replay.parameter else ""
+    title = (
+        f"The {axis} controller of the parameters is not the one that flew: {replay.reason.value}{differs}"
+    )
+    errors = {f"{term}_relative_rms": rounded(value) for term, value in replay.relative_rms.items() if value}
+    numbers = {name: rounded(value) for name, value in replay.numbers.items()}
+    return finding("QL604", "warning", {**errors, **numbers}, axes=(axis,), title=title)
+
+
+def _margin(axis: str, found: AxisLoop) -> Finding | None:
+    """Judge the margins of one axis by what they are in the worst of the vehicles that the flight allows."""
+    margins = outermost(found)
+    if margins is None:
+        return None
+    if not margins.stable:
+        title = f"With the controller of the parameters, this model of {axis} is unstable"
+        fraction = {"stable_fraction": rounded(margins.stable_fraction)}
+        return finding("QL601", "warning", fraction, axes=(axis,), title=title)
+    figures = (margins.gain_margin_db, margins.phase_margin_deg, margins.disk_margin)
+    worst = [np.inf if each is None else each.ci95[0] for each in figures]
+    if not _below(worst, GOOD):
+        return None
+    values = [np.inf if each is None else each.value for each in figures]
+    poor = _below(values, POOR)
+    title = f"{axis.capitalize()} {'is' if _below(values, GOOD) else 'may be'} close to instability"
+    evidence: dict[str, object] = {
+        name: _evidence(each)
+        for name, each in zip(("gain_margin_db", "phase_margin_deg", "disk_margin"), figures, strict=True)
+        if each is not None
+    }
+    return finding("QL601", "warning" if poor else "info", evidence, axes=(axis,), title=title)
+
+
+def _below(values: list[float], limits: Limits) -> bool:
+    return any(value < limit for value, limit in zip(values, limits, strict=True))
+
+
+def _evidence(figure: Estimated) -> list[float]:
+    """Return a figure and both ends of its interval."""
+    return [rounded(figure.value, 3), *(rounded(end, 3) for end in figure.ci95)]
+
+
+def _disagreement(axis: str, found: AxisLoop) -> Finding | None:
+    """Compare the effectiveness found from torque and rates with that of the closed loop."""
+    if found.prediction is None or found.effectiveness is None:
+        return None
+    first, second = found.effectiveness, found.prediction.effectiveness
+    difference = abs(second.value - first.value)
+    half_widths = [0.5 * (each.ci95[1] - each.ci95[0]) for each in (first, second)]
+    allowed = float(np.linalg.norm(half_widths))
+    if difference <= max(allowed, _DISAGREEMENT * first.value):
+        return None
+    evidence = {"open_loop": _evidence(first), "closed_loop": _evidence(second)}
+    return finding("QL602", "warning", evidence, axes=(axis,))

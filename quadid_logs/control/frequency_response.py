@@ -1,0 +1,240 @@
+"""What the log itself shows of the loop around its crossover: responses by instruments, with their errors.
+
+What nothing but the torque moves is moved by the set-points too, and by the excitation of a system-ID mode;
+gusts and noise are not in those. From them the vehicle's response follows at frequencies far above those
+that the model was fitted to, wherever they have enough power.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.data.flight import FlightData
+from quadid_logs.maths.band import ComplexArray, angular_frequency
+
+#: Windows of the averaged spectra: long enough for the slowest crossover, short enough for many of them.
+_WINDOW_S = 4.0
+#: Third octaves from half a hertz, the resolution of a window, to 128 Hz, above any crossover.
+_EDGES_HZ: Final = 0.5 * 2.0 ** (np.arange(25) / 3.0)
+#: Windows overlap by half and their taper leaks into neighbours: so many of their lines are independent.
+_INDEPENDENT = 0.5
+#: Above this fraction of the sample rate, the response is that of what happens between the samples.
+_MOST_OF_RATE = 0.35
+#: A response known worse than this (6 degrees, 0.9 dB) cannot tell a good margin from a poor one.
+_LARGEST_ERROR = 0.1
+#: Gain and phase (3 degrees) that a lag and a delay leave of rotors, frame and sampling, in one standard
+#: deviation.
+_TOLERANCE = 0.05
+#: A Hann window's side lobes leak up to a 1400th of a neighbour's density (-31 dB); where an instrument
+#: falls by nearly as much within an octave, what is left is leakage, and knows nothing of this frequency.
+_LEAKAGE = 1.0 / 200.0
+_OCTAVE = 3
+#: So many third octaves around the crossover make half an octave or more on either side of it.
+_FEWEST_BANDS = 3
+#: Of responses that the model fits, one in a hundred is called contradicted.
+_CONFIDENCE = 0.99
+
+
+class Response(NamedTuple):
+    """A response in third octaves, each (n_bands,): complex gain, and its relative standard error."""
+
+    frequency_hz: FloatArray
+    gain: ComplexArray
+    error: FloatArray
+
+    def known(self) -> Response:
+        """Return the bands that are known well enough to judge a margin by."""
+        good = self.error <= _LARGEST_ERROR
+        return Response(self.frequency_hz[good], self.gain[good], self.error[good])
+
+
+class Lines(NamedTuple):
+    """Spectral lines of one axis over tapered windows, (n_windows, n_lines) each.
+
+    ``chirp`` is what a system-ID mode injects, as late as it acts; None where the log has none.
+    """
+
+    frequency_hz: FloatArray
+    setpoint: ComplexArray
+    torque: ComplexArray
+    rate: ComplexArray
+    chirp: ComplexArray | None
+
+
+def lines_of(data: FlightData, axis: int, chirp_delay_s: float) -> Lines | None:
+    """Return the spectral lines of an axis.
+
+    Parameters
+    ----------
+    data : FlightData
+    axis : int
+    chirp_delay_s : float
+        From the stamp of an excitation to the torque that it is part of [s].
+
+    Returns
+    -------
+    Lines or None
+        None where no segment with set-points is as long as a window.
+    """
+    n_samples = round(_WINDOW_S / data.sample_period_s)
+    windows = [
+        np.column_stack(
+            [
+                segment.reference[rows, axis],
+                segment.torque[rows, axis],
+                segment.body_rate_rad_s[rows, axis],
+                segment.reference[rows, 3] if segment.reference.shape[1] > 3 else np.zeros(n_samples),
+            ]
+        )
+        for segment in data.segments
+        if segment.reference is not None
+        for first in range(0, segment.n_samples - n_samples + 1, n_samples // 2)
+        for rows in (slice(first, first + n_samples),)
+    ]
+    if not windows:
+        return None
+    s = angular_frequency(n_samples, data.sample_period_s)
+    spectra = _transformed(np.stack(windows))
+    chirp = spectra[..., 3] * np.exp(-s * chirp_delay_s)
+    return Lines(
+        frequency_hz=above_zero(s.imag / (2.0 * np.pi)),
+        setpoint=spectra[..., 0],
+        torque=spectra[..., 1],
+        rate=spectra[..., 2],
+        chirp=chirp if np.abs(chirp).any() else None,
+    )
+
+
+def above_zero(frequency_hz: NDArray[np.floating]) -> FloatArray:
+    """Return the frequencies of a transform with a small one for zero, where integrators are infinite.
+
+    Parameters
+    ----------
+    frequency_hz : ndarray, shape (n_lines,)
+
+    Returns
+    -------
+    ndarray, shape (n_lines,)
+    """
+    return np.asarray(np.concatenate([frequency_hz[1:2] * 1e-3, frequency_hz[1:]]), dtype=np.float64)
+
+
+def _transformed(windows: FloatArray) -> ComplexArray:
+    """Return the spectra of windows (n_windows, n_samples, n_columns) without mean and trend, tapered."""
+    line = np.linspace(-1.0, 1.0, windows.shape[1])[:, np.newaxis]
+    level = windows - windows.mean(axis=1, keepdims=True)
+    slope = (line * level).sum(axis=1, keepdims=True) / np.sum(line**2)
+    taper = np.hanning(windows.shape[1])[:, np.newaxis]
+    return np.asarray(np.fft.rfft((level - slope * line) * taper, axis=1), dtype=np.complex128)
+
+
+def response(
+    frequency_hz: FloatArray, driven_by: ComplexArray, cause: ComplexArray, effect: ComplexArray
+) -> Response:
+    """Return effect over cause in third octaves, both as far as an instrument drives them.
+
+    Parameters
+    ----------
+    frequency_hz : ndarray, shape (n_lines,)
+    driven_by, cause, effect : ndarray of complex, shape (n_windows, n_lines)
+
+    Returns
+    -------
+    Response
+        The error is infinite where the instrument has no power.
+
+    Notes
+    -----
+    J. S. Bendat and A. G. Piersol, *Random Data*, section 9: the variance of a response is that of what it
+    leaves over that of its input, per independent line.
+    """
+    where = np.sqrt(_EDGES_HZ[:-1] * _EDGES_HZ[1:])
+    highest_hz = _MOST_OF_RATE * 2.0 * frequency_hz[-1]
+    kept_density: list[float] = []
+    gain, error = np.full(where.size, np.nan + 0j), np.full(where.size, np.inf)
+    for band, (low, high) in enumerate(pairwise(_EDGES_HZ)):
+        lines = (frequency_hz >= low) & (frequency_hz < min(high, highest_hz))
+        z, u, y = (each[:, lines] for each in (driven_by, cause, effect))
+        density, power = float(np.mean(np.abs(z) ** 2)) if z.size else 0.0, np.vdot(z, u)
+        if abs(power) <= np.finfo(float).tiny or density < _LEAKAGE * max(
+            kept_density[-_OCTAVE:], default=0.0
+        ):
+            continue
+        kept_density.append(density)
+        weight = np.abs(np.sum(np.conj(z) * u, axis=0))
+        where[band] = np.sum(weight * frequency_hz[lines]) / np.sum(weight)
+        gain[band] = np.vdot(z, y) / power
+        left = np.linalg.norm(y - gain[band] * u) * np.linalg.norm(z) / np.sqrt(_INDEPENDENT * u.size)
+        error[band] = left / max(abs(gain[band] * power), np.finfo(float).tiny)
+    return Response(where, gain, error)
+
+
+def better(first: Response, second: Response) -> Response:
+    """Return of each band the response that is known better.
+
+    Parameters
+    ----------
+    first, second : Response
+
+    Returns
+    -------
+    Response
+    """
+    take = first.error <= second.error
+    return Response(*(np.where(take, a, b) for a, b in zip(first, second, strict=True)))
+
+
+class Confirmation(NamedTuple):
+    """Up to where measurement supports the model [Hz], 0 nowhere; and whether it contradicts it."""
+
+    known_hz: float
+    contradicted: bool
+
+
+def confirm(ratio: Response, crossover_hz: float, fitted_hz: float) -> Confirmation:
+    """Hold the measured vehicle against the model around the crossover.
+
+    Parameters
+    ----------
+    ratio : Response
+        Measured over modelled, the known bands only.
+    crossover_hz : float
+        Of the rate loop.
+    fitted_hz : float
+        Up to where the model was fitted.
+
+    Returns
+    -------
+    Confirmation
+    """
+    from scipy.special import chdtri
+
+    near = (ratio.frequency_hz >= 0.5 * crossover_hz) & (ratio.frequency_hz <= 2.0 * crossover_hz)
+    off = _chi_squared(ratio)
+    if np.count_nonzero(near) >= _FEWEST_BANDS and off[near].sum() > chdtri(
+        2 * np.count_nonzero(near), 1.0 - _CONFIDENCE
+    ):
+        return Confirmation(0.0, contradicted=True)
+    agrees = off <= chdtri(2, 1.0 - _CONFIDENCE)
+    return Confirmation(max(fitted_hz, _without_break_hz(ratio.frequency_hz, agrees)), contradicted=False)
+
+
+def _chi_squared(ratio: Response) -> FloatArray:
+    """Return the squared distance of each band from one, over its variance: of two degrees of freedom."""
+    variance = 0.5 * ratio.error**2 + _TOLERANCE**2
+    return np.asarray(np.abs(ratio.gain - 1.0) ** 2 / variance)
+
+
+def _without_break_hz(frequency_hz: FloatArray, agrees: BoolArray) -> float:
+    """Return up to where bands agree, no more than two thirds of an octave apart from each other."""
+    known_hz = 0.0
+    for each_hz in frequency_hz[agrees]:
+        if known_hz and each_hz > known_hz * 2.0 ** (2.0 / 3.0):
+            break
+        known_hz = float(each_hz)
+    return known_hz

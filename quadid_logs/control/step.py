@@ -1,0 +1,81 @@
+"""The rate's answer to a step of its set-point, with the band that the vehicle's uncertainty makes."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.control.frequency_response import above_zero
+from quadid_logs.control.loop import Plant, close, integrators
+from quadid_logs.control.margins import is_stable
+from quadid_logs.data.closed_loop import Estimated, Step
+from quadid_logs.data.controller import AxisController
+
+#: A rate loop that is of use has settled by then [s].
+_LENGTH_S: Final = 4.0
+#: No rate loop answers within this time [s].
+_FINEST_S = 0.0025
+#: A band needs fewer draws than a margin's tail.
+_MOST_DRAWS = 200
+#: The last eighth is where the answer ends.
+_END = 8
+#: Settled: within a twentieth of where it ends.
+_SETTLED = 0.05
+_CI = (0.025, 0.975)
+
+
+def step_of(controller: AxisController, plants: Plant) -> Step | None:
+    """Return the answer of the rate behind the gyro's filters to a step of the rate set-point.
+
+    Parameters
+    ----------
+    controller : AxisController
+    plants : Plant
+        The estimate, then vehicles drawn around it; those with an unstable loop are left out.
+
+    Returns
+    -------
+    Step or None
+        None where the loop of the estimate is unstable.
+    """
+    period_s = max(controller.period_s, _FINEST_S)
+    n_samples = 2 * round(0.5 * _LENGTH_S / period_s)
+    # Twice as long, so that the end does not run into the beginning.
+    frequency_hz = above_zero(np.fft.rfftfreq(2 * n_samples, period_s))
+    few = plants.at(slice(0, 1 + _MOST_DRAWS))
+    loop = close(controller, few, frequency_hz)
+    stable = is_stable(loop.rate, integrators(controller), few.damping > 0.0)
+    if not stable[0]:
+        return None
+    impulse = np.fft.irfft(loop.target_to_rate[stable], 2 * n_samples, axis=1)
+    steps = np.cumsum(impulse, axis=1, dtype=np.float64)[:, :n_samples]
+    time_s = period_s * np.arange(n_samples, dtype=np.float64)
+    low, high = np.quantile(steps, _CI, axis=0)
+    figures = _figures(time_s, steps)
+    return Step(
+        rise_time_s=_estimated(figures[0]),
+        overshoot_percent=_estimated(figures[1]),
+        settling_time_s=_estimated(figures[2]),
+        time_s=time_s,
+        response=steps[0],
+        low=low,
+        high=high,
+    )
+
+
+def _figures(time_s: FloatArray, steps: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return time from 10 to 90 % [s], overshoot [%] and time until settled [s] of steps (n, n_samples)."""
+    relative = steps / np.mean(steps[:, -(steps.shape[1] // _END) :], axis=1, keepdims=True)
+    first, last = (np.argmax(relative >= level, axis=1) for level in (0.1, 0.9))
+    overshoot = np.maximum(100.0 * (np.max(relative, axis=1) - 1.0), 0.0)
+    unsettled = np.abs(relative - 1.0) > _SETTLED
+    after = unsettled.shape[1] - np.argmax(unsettled[:, ::-1], axis=1)
+    settled_s = np.where(after < time_s.size, time_s[np.minimum(after, time_s.size - 1)], np.inf)
+    return time_s[last] - time_s[first], overshoot, settled_s
+
+
+def _estimated(values: FloatArray) -> Estimated:
+    low, high = np.quantile(values, _CI, method="nearest")
+    return Estimated(float(values[0]), (float(min(low, values[0])), float(max(high, values[0]))))

@@ -1,0 +1,111 @@
+"""``closed_loop`` of result.json."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated, Margins, Prediction
+from quadid_logs.data.controller import Replay
+
+_FIGURES = (
+    "crossover_hz",
+    "phase_margin_deg",
+    "gain_margin_db",
+    "gain_margin_down_db",
+    "oscillation_hz",
+    "delay_margin_s",
+    "disk_margin",
+    "peak_sensitivity",
+)
+
+
+def closed_loop_dict(loop: ClosedLoop) -> dict[str, Any]:
+    """Return ``closed_loop``: what is known of the controllers, and of the loop of each axis.
+
+    Parameters
+    ----------
+    loop : ClosedLoop
+
+    Returns
+    -------
+    dict
+        Values not yet `plain`.
+    """
+    controllers = loop.controllers
+    return {
+        "controller": controllers.name,
+        "firmware": controllers.firmware,
+        "version_read": controllers.version_read,
+        "version_note": controllers.version_note,
+        "remarks": [
+            {"kind": remark.kind.value, "axis": remark.axis, "values": remark.values}
+            for remark in controllers.remarks
+        ],
+        "axes": {
+            axis: {"gains": controllers.axes[axis].gains, **_axis(found)} for axis, found in loop.axes.items()
+        },
+    }
+
+
+def _axis(found: AxisLoop) -> dict[str, Any]:
+    """Return the entry of an axis."""
+    margins, step = found.margins, found.step
+    return {
+        "replay": None if found.replay is None else _replay(found.replay),
+        "prediction": None if found.prediction is None else _prediction(found.prediction),
+        "margins": None
+        if margins is None
+        else {
+            "rate": _margins(margins.rate),
+            "full": None if margins.full is None else _margins(margins.full),
+        },
+        "step": None
+        if step is None
+        else {
+            "rise_time_s": _estimated(step.rise_time_s),
+            "overshoot_percent": _estimated(step.overshoot_percent),
+            "settling_time_s": _estimated(step.settling_time_s),
+        },
+        "known_to_hz": found.known_hz,
+        "contradicted": found.contradicted,
+    }
+
+
+def _replay(replay: Replay) -> dict[str, Any]:
+    """Return ``replay``: of each term how far it is from the logged one."""
+    terms = dict(replay.relative_rms)
+    return {
+        "relative_rms": terms.pop("output", None),
+        "agrees": replay.agrees,
+        "reason": None if replay.reason is None else replay.reason.value,
+        "parameter": replay.parameter,
+        "numbers": replay.numbers,
+        "n_rows": replay.n_rows,
+        "terms": terms,
+    }
+
+
+def _prediction(prediction: Prediction) -> dict[str, Any]:
+    """Return ``prediction``."""
+    return {
+        "rate_fit_percent": prediction.rate_fit_percent,
+        "torque_fit_percent": prediction.torque_fit_percent,
+        "attainable_percent": prediction.attainable_percent,
+        "held_out_s": prediction.held_out_s,
+        "effectiveness": _estimated(prediction.effectiveness),
+    }
+
+
+def _margins(margins: Margins) -> dict[str, Any]:
+    """Return the margins of one loop."""
+    return {
+        "stable": margins.stable,
+        "stable_fraction": margins.stable_fraction,
+        "extrapolated": margins.extrapolated,
+        **{name: _estimated(getattr(margins, name)) for name in _FIGURES},
+    }
+
+
+def _estimated(figure: Estimated | None) -> dict[str, Any] | None:
+    """Return a figure with its interval."""
+    return None if figure is None else {"value": figure.value, "ci95": figure.ci95}
