@@ -13,6 +13,7 @@ from quadid_logs.autopilots import named
 from quadid_logs.control.closed_loop import close_loop
 from quadid_logs.control.findings import find_in_loop
 from quadid_logs.data.closed_loop import ClosedLoop
+from quadid_logs.data.diagnosis import Diagnosis
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Identification
@@ -163,7 +164,7 @@ def judge(
     diagnosis = diagnose(log, data, identification, pooled, vehicle)
     identified = time.perf_counter()
     # Several logs may have flown with several controllers.
-    closed_loop = None if pooled else _closed_loop(log, data, identification, settings)
+    closed_loop = None if pooled else _closed_loop(log, data, identification, diagnosis, settings)
     if closed_loop is not None:
         diagnosis = with_findings(diagnosis, find_in_loop(closed_loop), log.autopilot)
     timings = {**timings_s, "identify": identified - began, "control": time.perf_counter() - identified}
@@ -181,16 +182,21 @@ def judge(
 
 
 def _closed_loop(
-    log: FlightLog, data: FlightData, identification: Identification, settings: Settings
+    log: FlightLog,
+    data: FlightData,
+    identification: Identification,
+    diagnosis: Diagnosis,
+    settings: Settings,
 ) -> ClosedLoop | None:
     """Close the loop of what was identified; None where no controller or no model is known."""
     model = identification.recommended
     controllers = None if model is None else named(log.autopilot).controllers(log, log.parameters)
     if model is None or controllers is None:
         return None
+    trusted = [axis for axis, verdict in diagnosis.axes.items() if verdict.verdict != "refused"]
     fitted = most_excited(data, settings.identify.most_samples)
     low_hz = model.band.low_hz[0] if model.band is not None else settings.identify.high_pass_hz
-    return close_loop(fitted, model, controllers, {}, float(low_hz))
+    return close_loop(fitted, model, controllers, {}, trusted=trusted, low_hz=float(low_hz))
 
 
 def _cut_alike(prepared: Sequence[Prepared], settings: AlignSettings) -> list[FlightData]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Final, NamedTuple
 
@@ -34,7 +34,7 @@ from quadid_logs.data.closed_loop import (
 from quadid_logs.data.controller import AxisController, FlownControllers, Replay, ReplayReason
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import Model
-from quadid_logs.maths.band import ComplexArray
+from quadid_logs.maths.band import ComplexArray, delay_response
 from quadid_logs.vocabulary import AXES, ON_AXIS
 
 #: An excitation that enters at the mixer moves the torque as the loop lets it; one that enters elsewhere, in
@@ -51,6 +51,8 @@ def close_loop(
     model: Model,
     controllers: FlownControllers,
     replays: Mapping[str, Replay],
+    *,
+    trusted: Collection[str] = AXES,
     low_hz: float,
 ) -> ClosedLoop:
     """Close the loop of every axis whose controller and effectiveness are known.
@@ -64,6 +66,8 @@ def close_loop(
     controllers : FlownControllers
     replays : mapping of str to Replay
         By axis. A controller that does not replay is not the one that flew: nothing is said of its loop.
+    trusted : collection of str
+        The axes whose model may be used: of others nothing is said.
     low_hz : float
         Lower edge of the fitted band.
 
@@ -77,7 +81,7 @@ def close_loop(
         if controller is None:
             continue
         found = AxisLoop()
-        if not _disagrees(replay) and model.entries[ON_AXIS[axis]].identifiable:
+        if axis in trusted and not _disagrees(replay) and model.entries[ON_AXIS[axis]].identifiable:
             found = _axis(data, model, number, controller, low_hz)
         axes[axis] = replace(found, replay=replay)
     return ClosedLoop(controllers=controllers, axes=axes)
@@ -108,7 +112,7 @@ def _axis(data: FlightData, model: Model, number: int, controller: AxisControlle
     return AxisLoop(
         prediction=prediction,
         margins=_margins(controller, plants, loop, supported.known_hz),
-        step=step_of(controller, plants),
+        step=step_of(controller, plants, None if seen is None else seen.closed),
         curve=_curve(loop, supported.known_hz),
         measured=None if seen is None else _measured(seen, controller, estimate),
         effectiveness=Estimated(entry.value, entry.ci95),
@@ -140,10 +144,12 @@ def _margins(controller: AxisController, plants: Plant, loop: Loop, known_hz: fl
 class _Seen(NamedTuple):
     """What the log shows of one axis, relative to what is modelled.
 
-    The vehicle by set-points or excitation, and the broken loop where the excitation enters at the mixer.
+    The vehicle by set-points or excitation, the closed rate loop by set-points, and the broken loop where
+    the excitation enters at the mixer.
     """
 
     ratio: Response
+    closed: Response
     chirp: Chirp
     broken: Response | None
 
@@ -161,7 +167,10 @@ def _seen(lines: Lines, controller: AxisController, estimate: Plant) -> _Seen:
         answer = lines.chirp - lines.torque
         broken = response(lines.frequency_hz, lines.chirp, lines.torque * _whole(loop), answer)
     delay_s = controller.angle_delay_steps * controller.period_s
-    return _Seen(ratio.known(), Chirp(at_mixer=broken is not None, delay_s=delay_s), broken)
+    late = delay_response(np.asarray(2j * np.pi * lines.frequency_hz, dtype=np.complex128), delay_s)
+    answered = lines.setpoint * late * loop.target_to_rate[0]
+    closed = response(lines.frequency_hz, lines.setpoint, answered, lines.rate).known()
+    return _Seen(ratio.known(), closed, Chirp(at_mixer=broken is not None, delay_s=delay_s), broken)
 
 
 def _whole(loop: Loop) -> ComplexArray:

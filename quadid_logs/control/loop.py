@@ -55,7 +55,7 @@ class Plant(NamedTuple):
         s = _laplace(frequency_hz)
         B, A, lag_s, delay_s = (values[:, np.newaxis] for values in self)
         held = np.sinc(frequency_hz * hold_s)
-        response = B / (s - A) * 1.0 / (1.0 + s * lag_s) * np.exp(-s * (delay_s + 0.5 * hold_s))
+        response = B / (s - A) / (1.0 + s * lag_s) * np.exp(-s * (delay_s + 0.5 * hold_s))
         return np.asarray(held * response, dtype=np.complex128)
 
 

@@ -29,7 +29,7 @@ _SETTLE_S: Final = 3.0
 #: A segment's end must not answer its beginning: the transform is this much longer [s].
 _PADDING_S = 10.0
 #: A fit over less than this [s] is that of a manoeuvre or two.
-_SHORTEST_S: Final = 5.0
+_SHORTEST_S: Final = 4.0
 #: Residuals of a loop are forgotten within its periods, gusts within about a second.
 _CLUSTER_S = 1.0
 #: A search for the effectiveness ends when a step changes it by less than this fraction of it.

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.control.frequency_response import above_zero
+from quadid_logs.control.frequency_response import Response, above_zero
 from quadid_logs.control.loop import Plant, close, integrators
 from quadid_logs.control.margins import is_stable
 from quadid_logs.data.closed_loop import Estimated, Step
@@ -21,12 +21,14 @@ _FINEST_S = 0.0025
 _MOST_DRAWS = 200
 #: The last eighth is where the answer ends.
 _END = 8
+#: A closed loop seen in fewer third octaves than this has no step response.
+_FEWEST_BANDS = 4
 #: Settled: within a twentieth of where it ends.
 _SETTLED = 0.05
 _CI = (0.025, 0.975)
 
 
-def step_of(controller: AxisController, plants: Plant) -> Step | None:
+def step_of(controller: AxisController, plants: Plant, closed: Response | None = None) -> Step | None:
     """Return the answer of the rate behind the gyro's filters to a step of the rate set-point.
 
     Parameters
@@ -34,6 +36,8 @@ def step_of(controller: AxisController, plants: Plant) -> Step | None:
     controller : AxisController
     plants : Plant
         The estimate, then vehicles drawn around it; those with an unstable loop are left out.
+    closed : Response, optional
+        The answer of the rate to its set-point, measured over modelled.
 
     Returns
     -------
@@ -54,6 +58,15 @@ def step_of(controller: AxisController, plants: Plant) -> Step | None:
     time_s = period_s * np.arange(n_samples, dtype=np.float64)
     low, high = np.quantile(steps, _CI, axis=0)
     figures = _figures(time_s, steps)
+    measured = None
+    if closed is not None and closed.frequency_hz.size >= _FEWEST_BANDS:
+        # Where nothing was measured, what is next to it was.
+        ratio = [
+            np.interp(frequency_hz, closed.frequency_hz, part)
+            for part in (closed.gain.real, closed.gain.imag)
+        ]
+        spectrum = loop.target_to_rate[0] * (ratio[0] + 1j * ratio[1])
+        measured = np.cumsum(np.fft.irfft(spectrum, 2 * n_samples), dtype=np.float64)[:n_samples]
     return Step(
         rise_time_s=_estimated(figures[0]),
         overshoot_percent=_estimated(figures[1]),
@@ -62,6 +75,7 @@ def step_of(controller: AxisController, plants: Plant) -> Step | None:
         response=steps[0],
         low=low,
         high=high,
+        measured=measured,
     )
 
 

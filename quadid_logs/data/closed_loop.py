@@ -95,7 +95,10 @@ class MeasuredLoop:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Step:
-    """The rate's answer to a step of its set-point: figures with intervals, curve (n,) with its 95 % band."""
+    """The rate's answer to a step of its set-point: figures with intervals, curve (n,) with its 95 % band.
+
+    ``measured`` is the answer with the response of the closed loop as the log shows it, where it does.
+    """
 
     rise_time_s: Estimated
     overshoot_percent: Estimated
@@ -104,6 +107,7 @@ class Step:
     response: FloatArray
     low: FloatArray
     high: FloatArray
+    measured: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -18,6 +18,7 @@ __all__ = ["CHAPTERS", "FIGURE_KEYS", "FIRST_CHAPTER", "Figure", "Figures", "Lef
 #: The chapters of the report that hold figures, in its order, each with the keys of its figures.
 CHAPTERS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
     {
+        "loop": ("loop-tracking", "loop-bode", "loop-nyquist", "loop-step"),
         "flight": ("flight", "aligned", "gyro", "airframe"),
         "excitation": ("excitation",),
         "windows": (*(f"condition-{structure}" for structure in STRUCTURES), "over-time", "singular"),
@@ -26,7 +27,7 @@ CHAPTERS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
     }
 )
 #: The keys of the figures that a report is drawn with unless every one is wanted.
-FIRST_CHAPTER: Final = next(iter(CHAPTERS.values()))
+FIRST_CHAPTER: Final = CHAPTERS["flight"]
 #: Every key that a figure can have.
 FIGURE_KEYS: Final = ("summary", *(key for keys in CHAPTERS.values() for key in keys))
 
@@ -51,6 +52,7 @@ def figures_of(result: Result) -> Figures:
         Series thinned for display without losing peaks, angles in degrees.
     """
     from quadid_logs.figures.bode import frequency_response
+    from quadid_logs.figures.closed_loop import loop_figures
     from quadid_logs.figures.excitation_spectra import excitation_spectra
     from quadid_logs.figures.gyro_scatter import gyro_against_attitude
     from quadid_logs.figures.model_fit import fit_figures, horizon_error, lag_profile, structure_comparison
@@ -59,6 +61,7 @@ def figures_of(result: Result) -> Figures:
     from quadid_logs.figures.window_estimates import window_figures
 
     everything = [
+        *loop_figures(result),
         flight_overview(result),
         aligned_series(result),
         gyro_against_attitude(result),

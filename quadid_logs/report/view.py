@@ -16,6 +16,7 @@ from quadid_logs.report.cells import Table
 from quadid_logs.report.fit_tables import excitation_table, structures_table, values_of, windows_table
 from quadid_logs.report.json import settings_of
 from quadid_logs.report.log_tables import MOST_ROWS, log_facts, lost_blocks, main_signals, other_signals
+from quadid_logs.report.loop_view import LoopView, loop_view
 from quadid_logs.report.model_tables import model_tables
 from quadid_logs.report.numbers import estimate, number, percent, seconds
 from quadid_logs.report.provenance import Provenance
@@ -81,6 +82,7 @@ class View:
     windows: Table | None
     excitation: Table | None
     validation_sentence: str
+    loop: LoopView
     findings: tuple[FindingView, ...]
     reproduction: tuple[tuple[str, str], ...]
 
@@ -120,6 +122,7 @@ def view_of(result: Result, provenance: Provenance) -> View:
         windows=windows_table(result),
         excitation=excitation_table(result),
         validation_sentence=_validation_sentence(model),
+        loop=loop_view(result),
         findings=tuple(_finding(finding) for finding in result.diagnosis.findings),
         reproduction=_reproduction(result, provenance),
     )

@@ -1,0 +1,250 @@
+"""Figures of the loop that controller and vehicle make."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.data.closed_loop import AxisLoop, LoopCurve, PredictedSeries
+from quadid_logs.data.result import Result
+from quadid_logs.figures.spec import Axis, Band, Curve, Figure, Label, LeftOut, Level, Mark, Panel
+from quadid_logs.figures.thinning import thin_line
+from quadid_logs.figures.time_series import TIME, spans, torque_axis
+from quadid_logs.maths.band import ComplexArray
+
+#: As long as an eye can follow at the loop's own speed [s].
+_CLOSE_LOOK_S = 5.0
+_FREQUENCY: Final = Axis(label="frequency", unit="Hz", log=True)
+_RATE: Final = Axis(label="body rate", unit="deg/s")
+#: Farther from zero than this, an open loop says nothing about stability.
+_NYQUIST = 3.0
+#: A rate loop that is of use answers within this time [s].
+_STEP_S = 1.5
+_BAND: Final[Mark] = "dashed"
+#: Label, values, role and mark.
+_Drawn = tuple[str, FloatArray, str, Mark]
+
+
+def loop_figures(result: Result) -> list[Figure | LeftOut]:
+    """Show what the set-points predict, the open loop twice, and the step response."""
+    axes = {} if result.closed_loop is None else result.closed_loop.axes
+    known = {axis: found for axis, found in axes.items() if found.margins is not None}
+    return [
+        _figure(
+            "loop-tracking",
+            "Set-point, rate and torque",
+            "The most excited seconds of flight that the fit never saw. Left: the rate that was commanded, "
+            "the one that was measured, and the one that model and controller make of the set-points alone. "
+            "Right: the torque that this takes. The loop brings the rate to its set-point even with a wrong "
+            "model; the torque only with the right one.",
+            [panel for axis, found in known.items() for panel in _tracking(result, axis, found)],
+            columns=2,
+        ),
+        _figure(
+            "loop-bode",
+            "The open loop, cut at the mixer",
+            "Gain and phase around the loop. Where the gain passes 1, the phase must be above -180 degrees: "
+            "that distance is the phase margin. Dashed: the interval of 95 %. Points: the log, as far as "
+            "set-points or a system-ID excitation show it.",
+            _in_rows([_bode(axis, found) for axis, found in known.items()]),
+            columns=3,
+        ),
+        _figure(
+            "loop-nyquist",
+            "The open loop around the point of instability",
+            "The same loop in the complex plane. A loop that runs through -1 oscillates for ever; the "
+            "circle is what the disk margin keeps free: inside it lie all points to which gain and phase "
+            "may change at once.",
+            _in_rows([_nyquist(axis, found) for axis, found in known.items()]),
+            columns=3,
+        ),
+        _figure(
+            "loop-step",
+            "Answer of the rate to a step of its set-point",
+            "What the model makes of a step, with its interval of 95 % (dashed); and with the response of "
+            "the closed loop as the log shows it, where it does. Overshoot and ringing tell of little "
+            "margin.",
+            _in_rows([_step(axis, found) for axis, found in known.items()]),
+            columns=3,
+        ),
+    ]
+
+
+def _figure(key: str, title: str, caption: str, panels: list[Panel], columns: int) -> Figure | LeftOut:
+    if not panels:
+        return LeftOut(key=key, title=title, reason="No loop is known.")
+    return Figure(key=key, title=title, caption=caption, panels=tuple(panels), columns=columns)
+
+
+def _in_rows(by_axis: list[tuple[Panel, ...]]) -> list[Panel]:
+    """Put one axis beside the other; empty panels keep the columns where an axis has nothing."""
+    if not any(by_axis):
+        return []
+    n_rows = max(len(panels) for panels in by_axis)
+    empty = Panel(title="", x=Axis(label=""), y=Axis(label=""), curves=())
+    filled = [[*panels, *[empty] * (n_rows - len(panels))] for panels in by_axis]
+    filled += [[empty] * n_rows] * (3 - len(filled))
+    return [panel for row in zip(*filled, strict=True) for panel in row]
+
+
+def _tracking(result: Result, axis: str, found: AxisLoop) -> tuple[Panel, ...]:
+    """Return rate and torque of one axis, measured and predicted."""
+    if found.prediction is None:
+        return ()
+    series = found.prediction.series
+    chosen = _most_excited(series)
+    time_s = series.time_s[chosen]
+
+    def curve(label: str, values: FloatArray, role: str, mark: Mark = "line") -> Curve:
+        x, y = thin_line(time_s, values[chosen])
+        return Curve(label=label, x=x, y=y, role=role, mark=mark)
+
+    name = axis.capitalize()
+    return (
+        Panel(
+            title=f"{name}: rate",
+            x=TIME,
+            y=_RATE,
+            curves=(
+                curve("set-point", np.degrees(series.setpoint), "series-1", "dashed"),
+                curve("measured", np.degrees(series.rate), "measured"),
+                curve("predicted", np.degrees(series.predicted_rate), "modelled"),
+            ),
+            model_of=axis,
+        ),
+        Panel(
+            title=f"{name}: torque",
+            x=TIME,
+            y=torque_axis(result.data.input),
+            curves=(
+                curve("measured", series.torque, "measured"),
+                curve("predicted", series.predicted_torque, "modelled"),
+            ),
+            model_of=axis,
+        ),
+    )
+
+
+def _most_excited(series: PredictedSeries) -> BoolArray:
+    """Mark the held-out seconds with most torque."""
+    parts = [
+        (series.time_s >= start_s) & (series.time_s <= min(end_s, start_s + _CLOSE_LOOK_S))
+        for start_s, end_s in spans(series.time_s, series.held_out)
+    ]
+    return max(parts, key=lambda part: float(np.std(series.torque[part])))
+
+
+def _bode(axis: str, found: AxisLoop) -> tuple[Panel, ...]:
+    """Return gain and phase of the open loop."""
+    curve, measured, name = found.curve, found.measured, axis.capitalize()
+    if curve is None:
+        return ()
+    gains: list[_Drawn] = [
+        ("95 %", curve.gain_low, "interval", _BAND),
+        ("95 %", curve.gain_high, "interval", _BAND),
+        ("model", np.abs(curve.response), "modelled", "line"),
+    ]
+    phases: list[_Drawn] = [
+        ("95 %", np.degrees(curve.phase_low), "interval", _BAND),
+        ("95 %", np.degrees(curve.phase_high), "interval", _BAND),
+        ("model", np.degrees(np.unwrap(np.angle(curve.response))), "modelled", "line"),
+    ]
+    points: tuple[Curve, ...] = ()
+    angles: tuple[Curve, ...] = ()
+    if measured is not None:
+        at_hz = measured.frequency_hz
+        points = (_points(at_hz, np.abs(measured.response)),)
+        angles = (_points(at_hz, np.degrees(_nearest_turn(measured.response, at_hz, curve))),)
+    known = (Band(start=0.1, end=found.known_hz, role="held-out", label="measured or fitted"),)
+    return (
+        Panel(
+            title=f"{name}: gain",
+            x=_FREQUENCY,
+            y=Axis(label="gain", log=True),
+            curves=(*_lines(curve.frequency_hz, gains), *points),
+            bands=known if found.known_hz > 0.1 else (),
+            levels=(Level(value=1.0, role="muted"),),
+            model_of=axis,
+        ),
+        Panel(
+            title=f"{name}: phase",
+            x=_FREQUENCY,
+            y=Axis(label="phase", unit="deg", low=-360.0, high=0.0),
+            curves=(*_lines(curve.frequency_hz, phases), *angles),
+            levels=(Level(value=-180.0, role="muted"),),
+            model_of=axis,
+        ),
+    )
+
+
+def _lines(x: FloatArray, what: list[_Drawn]) -> list[Curve]:
+    return [Curve(label=label, x=x, y=y, role=role, mark=mark) for label, y, role, mark in what]
+
+
+def _points(x: FloatArray, y: FloatArray) -> Curve:
+    return Curve(label="log", x=x, y=y, role="measured", mark="points")
+
+
+def _nearest_turn(response: ComplexArray, at_hz: FloatArray, curve: LoopCurve) -> FloatArray:
+    """Return phases [rad] on the turn of the circle that lies nearest to the model's."""
+    model = np.interp(at_hz, curve.frequency_hz, np.unwrap(np.angle(curve.response)))
+    apart = np.angle(response) - model
+    return np.asarray(model + np.mod(apart + np.pi, 2.0 * np.pi) - np.pi, dtype=np.float64)
+
+
+def _nyquist(axis: str, found: AxisLoop) -> tuple[Panel, ...]:
+    """Return the open loop in the complex plane with the disk that it keeps free."""
+    curve, measured, margins = found.curve, found.measured, found.margins
+    if curve is None or margins is None:
+        return ()
+    near = np.abs(curve.response) < _NYQUIST
+    loop = np.where(near, curve.response, np.nan + 0j)
+    curves = [Curve(label="model", x=loop.real, y=loop.imag, role="modelled")]
+    disk = (margins.full or margins.rate).disk_margin
+    if disk is not None:
+        ends = -(2.0 - disk.value) / (2.0 + disk.value), -(2.0 + disk.value) / (2.0 - disk.value)
+        turn = np.linspace(0.0, 2.0 * np.pi, 73)
+        centre, radius = 0.5 * sum(ends), 0.5 * abs(ends[0] - ends[1])
+        x, y = centre + radius * np.cos(turn), radius * np.sin(turn)
+        curves.append(Curve(label="disk margin", x=x, y=y, role="interval", mark="dashed"))
+    if measured is not None:
+        shown = measured.response[np.abs(measured.response) < _NYQUIST]
+        curves.append(_points(shown.real, shown.imag))
+    return (
+        Panel(
+            title=axis.capitalize(),
+            x=Axis(label="real part"),
+            y=Axis(label="imaginary part"),
+            curves=tuple(curves),
+            labels=(Label(text="-1", x=-1.0, y=0.0, role="ink"),),
+            equal=True,
+            model_of=axis,
+        ),
+    )
+
+
+def _step(axis: str, found: AxisLoop) -> tuple[Panel, ...]:
+    """Return the step response with its band, and as measured."""
+    step = found.step
+    if step is None:
+        return ()
+    shown = step.time_s <= _STEP_S
+    what: list[_Drawn] = [
+        ("95 %", step.low[shown], "interval", _BAND),
+        ("95 %", step.high[shown], "interval", _BAND),
+        ("model", step.response[shown], "modelled", "line"),
+    ]
+    if step.measured is not None:
+        what.append(("log", step.measured[shown], "measured", "line"))
+    return (
+        Panel(
+            title=axis.capitalize(),
+            x=Axis(label="time after the step", unit="s"),
+            y=Axis(label="rate over set-point", low=-0.1),
+            curves=tuple(_lines(step.time_s[shown], what)),
+            levels=(Level(value=1.0, role="muted"),),
+            model_of=axis,
+        ),
+    )

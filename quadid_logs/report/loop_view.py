@@ -1,0 +1,147 @@
+"""What the report says of the loop: a sentence for each axis that a pilot understands, and a table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from quadid_logs.control.findings import outermost
+from quadid_logs.control.margins import UNMODELLED_DELAY_S
+from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated, Margins
+from quadid_logs.data.result import Result
+from quadid_logs.report.cells import Cell, Table
+from quadid_logs.report.numbers import interval, number, resolved
+from quadid_logs.untrusted import printable
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoopView:
+    """The chapter's sentences, by axis, and its table; ``intro`` says which controller closes the loop."""
+
+    intro: str
+    sentences: tuple[str, ...]
+    margins: Table | None
+
+
+def loop_view(result: Result) -> LoopView:
+    """Put the loop into words.
+
+    Parameters
+    ----------
+    result : Result
+
+    Returns
+    -------
+    LoopView
+    """
+    loop = result.closed_loop
+    if loop is None:
+        return LoopView(intro=f"{_why_none(result)} Nothing is said of the loop.", sentences=(), margins=None)
+    return LoopView(
+        intro=_intro(loop),
+        sentences=tuple(_sentence(axis, found) for axis, found in loop.axes.items()),
+        margins=_table(loop),
+    )
+
+
+def _why_none(result: Result) -> str:
+    if result.identification.recommended is None:
+        return "There is no model to close a loop around."
+    if result.pooled:
+        return "Several logs may have been flown with several controllers."
+    return "The controller that flew is not known."
+
+
+def _intro(loop: ClosedLoop) -> str:
+    """Say which controller it is, and what is done with it."""
+    controllers = loop.controllers
+    text = (
+        f"The gains of the log's parameters, in {controllers.name}, closed around the model: how far the "
+        "vehicle is from oscillating, and whether its set-points alone predict the flight."
+    )
+    if controllers.version_read == "read":
+        return text
+    law = printable(controllers.version_note, 40)
+    return f"{text} The law is that of version {law}, the nearest that was read."
+
+
+def _sentence(axis: str, found: AxisLoop) -> str:
+    """Say in one breath how far an axis is from instability, and what the prediction is worth."""
+    margins, name = outermost(found), axis.capitalize()
+    if margins is None:
+        replay = found.replay
+        if replay is not None and not replay.agrees and replay.reason is not None:
+            return (
+                f"{name}: the controller of the parameters is not the one that flew ({replay.reason.value})."
+            )
+        return f"{name}: the model does not tell enough of this axis to close its loop."
+    parts = [f"{name}: {_distance(margins)}"]
+    prediction = found.prediction
+    if prediction is not None:
+        parts.append(
+            "From the set-points alone, model and controller predict "
+            f"{number(prediction.rate_fit_percent, 3)} % of the rate and "
+            f"{number(prediction.torque_fit_percent, 3)} % of the torque on flight that the fit never saw; "
+            f"the best linear system could reach {number(prediction.attainable_percent, 3)} % of the torque."
+        )
+    return " ".join(parts)
+
+
+def _distance(margins: Margins) -> str:
+    """Say how far a loop is from instability."""
+    if not margins.stable:
+        return (
+            "with the controller of the parameters, this model is unstable; one of the two is not what flew."
+        )
+    phase, gain, at = margins.phase_margin_deg, margins.gain_margin_db, margins.oscillation_hz
+    far = [f"{number(phase.value, 2)} degrees" if phase is not None else ""]
+    far.append(f"{number(gain.value, 2)} dB" if gain is not None else "")
+    text = f"{' and '.join(filter(None, far)) or 'nowhere near'} from instability"
+    if gain is not None and at is not None:
+        more = 100.0 * (10.0 ** (gain.value / 20.0) - 1.0)
+        text += (
+            f"; a {number(more, 2)} % higher gain (lighter vehicle, fuller battery) would oscillate at about "
+            f"{number(at.value, 2)} Hz"
+        )
+    if margins.extrapolated and phase is not None:
+        text += f" (extrapolated: it may be as little as {number(max(phase.ci95[0], 0.0), 2)} degrees)"
+    return f"{text}."
+
+
+def _table(loop: ClosedLoop) -> Table | None:
+    """Return the margins of every loop."""
+    rows = []
+    for axis, found in loop.axes.items():
+        if found.margins is not None:
+            rows.append(_row(f"{axis}, rate loop", found.margins.rate))
+            if found.margins.full is not None:
+                rows.append(_row(f"{axis}, with angle loop", found.margins.full))
+    if not rows:
+        return None
+    return Table(
+        caption="Margins of the loop, cut at the mixer",
+        head=("loop", "phase [deg]", "gain [dB]", "crossover [Hz]", "delay [ms]", "disk", "peak of S"),
+        rows=tuple(rows),
+        note="Small: the 95 % interval over vehicles that the flight allows. Grey: extrapolated; the interval "
+        f"allows for {number(1e3 * UNMODELLED_DELAY_S)} ms more delay above what was measured.",
+    )
+
+
+def _row(name: str, margins: Margins) -> tuple[Cell, ...]:
+    if not margins.stable:
+        return (Cell(text=name), Cell(text="unstable"), *[Cell(text="–")] * 5)
+    delay = margins.delay_margin_s
+    figures = (
+        margins.phase_margin_deg,
+        margins.gain_margin_db,
+        margins.crossover_hz,
+        None if delay is None else Estimated(1e3 * delay.value, (1e3 * delay.ci95[0], 1e3 * delay.ci95[1])),
+        margins.disk_margin,
+        margins.peak_sensitivity,
+    )
+    return (Cell(text=name), *(_cell(each, weak=margins.extrapolated) for each in figures))
+
+
+def _cell(figure: Estimated | None, *, weak: bool) -> Cell:
+    if figure is None:
+        return Cell(text="–")
+    return Cell(text=resolved(figure.value, *figure.ci95), detail=interval(*figure.ci95), weak=weak)
