@@ -7,11 +7,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from quadid_logs.align import Prepared, check_part, cut
 from quadid_logs.align.pool import pool
 from quadid_logs.autopilots import named
 from quadid_logs.control.closed_loop import close_loop
 from quadid_logs.control.findings import find_in_loop
+from quadid_logs.control.replay import replay
 from quadid_logs.data.closed_loop import ClosedLoop
 from quadid_logs.data.diagnosis import Diagnosis
 from quadid_logs.data.flight import FlightData
@@ -190,13 +193,26 @@ def _closed_loop(
 ) -> ClosedLoop | None:
     """Close the loop of what was identified; None where no controller or no model is known."""
     model = identification.recommended
-    controllers = None if model is None else named(log.autopilot).controllers(log, log.parameters)
+    autopilot = named(log.autopilot)
+    controllers = None if model is None else autopilot.controllers(log, _flown_parameters(log, data))
     if model is None or controllers is None:
         return None
+    # The rows to replay are on the log's own clock, which is that of the flights unless it was reset.
+    rows = {} if data.clock_resets else autopilot.replay_inputs(log, controllers, data.flight_segments)
+    replays = replay(controllers, rows, log.parameter_changes)
     trusted = [axis for axis, verdict in diagnosis.axes.items() if verdict.verdict != "refused"]
     fitted = most_excited(data, settings.identify.most_samples)
     low_hz = model.band.low_hz[0] if model.band is not None else settings.identify.high_pass_hz
-    return close_loop(fitted, model, controllers, {}, trusted=trusted, low_hz=float(low_hz))
+    return close_loop(fitted, model, controllers, replays, trusted=trusted, low_hz=float(low_hz))
+
+
+def _flown_parameters(log: FlightLog, data: FlightData) -> Mapping[str, float]:
+    """Return the parameters as they were when the part of the flight that is used began."""
+    rates = log.candidates("body_rate")
+    if not rates or not data.segments or data.clock_resets:
+        return log.parameters
+    first = int(np.argmax(rates[0].time_s >= data.segments[0].start_s))
+    return log.parameters_at(int(rates[0].position[first]))
 
 
 def _cut_alike(prepared: Sequence[Prepared], settings: AlignSettings) -> list[FlightData]:

@@ -7,6 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from quadid_logs.control.closed_loop import close_loop
+from quadid_logs.data.closed_loop import ClosedLoop
+from quadid_logs.data.controller import AxisController, DiscreteFilter, FlownControllers, Replay
 from quadid_logs.data.diagnosis import AxisVerdict, Diagnosis, Finding
 from quadid_logs.data.flight import FlightData, GyroCheck, InputDescription, Overview, Segment, SourceChoice
 from quadid_logs.data.log import FlightLog, LogText, LostBytes, MessageCount, ModeChange
@@ -22,6 +25,7 @@ from quadid_logs.data.model import (
     Inertia,
     Model,
     Parameter,
+    Posterior,
     Validation,
     Windows,
 )
@@ -42,12 +46,15 @@ def usable_result(duration_s: float = 80.0, path: str = "flight.bin") -> Result:
     """Return a good flight: 80 s at 400 Hz, three structures, one caution on yaw."""
     generator = np.random.default_rng(0)
     segments = _segments(generator, duration_s)
+    model = _model("damped", segments, generator, recommended=True)
+    data = _data(segments, duration_s)
     return Result(
         log=_log(path),
-        data=_data(segments, duration_s),
+        data=data,
+        closed_loop=_closed_loop(data, model),
         identification=Identification(
             models=(
-                _model("damped", segments, generator, recommended=True),
+                model,
                 _model("quadrotor-6", segments, generator, recommended=False),
                 _model("linear-9", segments, generator, recommended=False),
             ),
@@ -203,6 +210,39 @@ def _segments(generator: np.random.Generator, duration_s: float) -> tuple[Segmen
             )
         )
     return tuple(segments)
+
+
+def _closed_loop(data: FlightData, model: Model) -> ClosedLoop:
+    """Return loops around the model of a vehicle that is thought to follow its set-points a little late."""
+    late = round(0.05 * RATE_HZ)
+    segments = [
+        replace(segment, reference=np.roll(segment.body_rate_rad_s, -late, axis=0))
+        for segment in data.segments
+    ]
+    posterior = Posterior(
+        mean=np.column_stack([np.diag(model.B), np.full(3, -1.5), np.full(3, 0.03), np.full(3, 0.004)]),
+        covariance=np.tile(np.diag([3.0, 0.1, 1e-3, 1e-3]) ** 2, (3, 1, 1)),
+        lag_or_delay_s=0.0,
+    )
+    period_s = 1.0 / RATE_HZ
+    integral = DiscreteFilter(np.array([0.05 + 0.03 * period_s, -0.05]), np.array([1.0, -1.0]), period_s)
+    controller = AxisController(
+        period_s=period_s,
+        error=integral,
+        target=DiscreteFilter(np.ones(1), np.ones(1), period_s),
+        angle_gain_per_s=4.5,
+        gains={"RATE_P": 0.05, "RATE_I": 0.03},
+    )
+    flown = FlownControllers(
+        name="PI",
+        firmware="ArduCopter V4.5.7 (2a3dc4b7)",
+        version_read="nearest",
+        version_note="4.7",
+        axes=dict.fromkeys(AXES, controller),
+    )
+    replays = {axis: Replay(relative_rms={"P": 1e-5, "output": 2e-3}, agrees=True) for axis in AXES}
+    with_setpoints = replace(data, segments=tuple(segments))
+    return close_loop(with_setpoints, replace(model, posterior=posterior), flown, replays, low_hz=0.3)
 
 
 def _data(segments: tuple[Segment, ...], duration_s: float) -> FlightData:

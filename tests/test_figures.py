@@ -67,6 +67,10 @@ def test_every_axis_has_a_label_and_every_physical_one_a_unit(usable: Result) ->
     without_unit = {
         "",
         "coherence",
+        "gain",
+        "imaginary part",
+        "rate over set-point",
+        "real part",
         "condition number of H_k",
         "singular value",
         "singular value, strongest first",

@@ -78,6 +78,11 @@ class _Answer(NamedTuple):
     loop: ComplexArray
     vehicle: ComplexArray
 
+    @property
+    def torque(self) -> ComplexArray:
+        """The torque's spectrum."""
+        return self.driven / (1.0 + self.loop)
+
     def in_time(self, spectrum: ComplexArray) -> FloatArray:
         """Return a spectrum as a series over the segment."""
         series = np.fft.irfft(spectrum, 2 * (self.s.size - 1))
@@ -106,45 +111,58 @@ def predict(
         None where too little of what was kept from the fit has set-points.
     """
     answers = _answers(data, axis)
-    number, chirp = axis.number, axis.chirp
     if not answers:
         return None
-    period_s = data.sample_period_s
-
-    def high_passed(parts: list[FloatArray]) -> FloatArray:
-        return np.concatenate([high_pass(part[:, np.newaxis], period_s, low_hz)[:, 0] for part in parts])
-
+    high_passed = _high_pass(data.sample_period_s, low_hz)
     time_s = np.concatenate([each.segment.time_s for each in answers])
     settled = np.concatenate([each.segment.time_s >= each.segment.start_s + _SETTLE_S for each in answers])
     held_out = settled & _held_out(fit, time_s)
-    if np.count_nonzero(held_out) * period_s < _SHORTEST_S:
+    held_out_s = float(np.count_nonzero(held_out) * data.sample_period_s)
+    if held_out_s < _SHORTEST_S:
         return None
-    torque = high_passed([each.segment.torque[:, number] for each in answers])
-    rate = [each.segment.body_rate_rad_s[:, number] for each in answers]
-    torques = [each.driven / (1.0 + each.loop) for each in answers]
-    rates = [each.in_time(each.vehicle * one) for each, one in zip(answers, torques, strict=True)]
-    predicted = high_passed([each.in_time(one) for each, one in zip(answers, torques, strict=True)])
-    torque_fit = _fit_percent(torque[held_out], predicted[held_out])
-    search = _Search(answers, torque, settled, _clusters(time_s[settled]), high_passed)
+    series = _series(answers, axis.number, held_out, high_passed)
+    torque_fit = _fit_percent(series.torque[held_out], series.predicted_torque[held_out])
+    rate = [each.segment.body_rate_rad_s[:, axis.number] for each in answers]
+    predicted_rate = [each.in_time(each.vehicle * each.torque) for each in answers]
+    search = _Search(answers, series.torque, settled, _clusters(time_s[settled]), high_passed)
     return Prediction(
-        rate_fit_percent=_fit_percent(high_passed(rate)[held_out], high_passed(rates)[held_out]),
+        rate_fit_percent=_fit_percent(high_passed(rate)[held_out], high_passed(predicted_rate)[held_out]),
         torque_fit_percent=torque_fit,
         # The best linear system attains at least what this one does.
-        attainable_percent=max(torque_fit, _attainable_percent(lines, chirp, low_hz)),
-        held_out_s=float(np.count_nonzero(held_out) * period_s),
+        attainable_percent=max(torque_fit, _attainable_percent(lines, axis.chirp, low_hz)),
+        held_out_s=held_out_s,
         effectiveness=search.effectiveness(axis.plant, axis.covariance),
-        series=PredictedSeries(
-            time_s=time_s,
-            setpoint=np.concatenate([_setpoint(each.segment, number) for each in answers]),
-            rate=np.concatenate(rate),
-            predicted_rate=np.concatenate(
-                [one - np.mean(one) + np.mean(each) for one, each in zip(rates, rate, strict=True)]
-            ),
-            torque=torque,
-            predicted_torque=predicted,
-            held_out=held_out,
-        ),
+        series=series,
     )
+
+
+def _series(
+    answers: list[_Answer], number: int, held_out: BoolArray, high_passed: _HighPass
+) -> PredictedSeries:
+    """Put set-points, what was measured and what was predicted beside each other."""
+    rates = [each.segment.body_rate_rad_s[:, number] for each in answers]
+    predicted = [each.in_time(each.vehicle * each.torque) for each in answers]
+    return PredictedSeries(
+        time_s=np.concatenate([each.segment.time_s for each in answers]),
+        setpoint=np.concatenate([_setpoint(each.segment, number) for each in answers]),
+        rate=np.concatenate(rates),
+        # Integrators are infinite at zero frequency: of means there is no prediction.
+        predicted_rate=np.concatenate(
+            [one - np.mean(one) + np.mean(rate) for one, rate in zip(predicted, rates, strict=True)]
+        ),
+        torque=high_passed([each.segment.torque[:, number] for each in answers]),
+        predicted_torque=high_passed([each.in_time(each.torque) for each in answers]),
+        held_out=held_out,
+    )
+
+
+def _high_pass(period_s: float, low_hz: float) -> _HighPass:
+    """Return what takes the slow parts off the series of all segments, and joins them."""
+
+    def joined(parts: list[FloatArray]) -> FloatArray:
+        return np.concatenate([high_pass(part[:, np.newaxis], period_s, low_hz)[:, 0] for part in parts])
+
+    return joined
 
 
 def _setpoint(segment: Segment, axis: int) -> FloatArray:

@@ -33,7 +33,7 @@ FIGURE_KEYS: Final = ("summary", *(key for keys in CHAPTERS.values() for key in 
 
 
 class Figures(NamedTuple):
-    """The figures of a result, in the order of the report, and those with nothing to show."""
+    """The figures of a result, in the order of the report, the loop's last; and those with nothing to show."""
 
     shown: tuple[Figure, ...]
     left_out: tuple[LeftOut, ...]
@@ -61,7 +61,6 @@ def figures_of(result: Result) -> Figures:
     from quadid_logs.figures.window_estimates import window_figures
 
     everything = [
-        *loop_figures(result),
         flight_overview(result),
         aligned_series(result),
         gyro_against_attitude(result),
@@ -73,6 +72,7 @@ def figures_of(result: Result) -> Figures:
         *fit_figures(result),
         frequency_response(result),
         horizon_error(result),
+        *loop_figures(result),
     ]
     return Figures(
         shown=tuple(_marked(item, result) for item in everything if isinstance(item, Figure)),

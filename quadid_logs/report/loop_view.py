@@ -121,8 +121,8 @@ def _table(loop: ClosedLoop) -> Table | None:
         caption="Margins of the loop, cut at the mixer",
         head=("loop", "phase [deg]", "gain [dB]", "crossover [Hz]", "delay [ms]", "disk", "peak of S"),
         rows=tuple(rows),
-        note="Small: the 95 % interval over vehicles that the flight allows. Grey: extrapolated; the interval "
-        f"allows for {number(1e3 * UNMODELLED_DELAY_S)} ms more delay above what was measured.",
+        note="Small: the 95 % interval over vehicles that the flight allows. Where extrapolated, the "
+        f"interval allows for {number(1e3 * UNMODELLED_DELAY_S)} ms more delay above what was measured.",
     )
 
 
@@ -138,10 +138,11 @@ def _row(name: str, margins: Margins) -> tuple[Cell, ...]:
         margins.disk_margin,
         margins.peak_sensitivity,
     )
-    return (Cell(text=name), *(_cell(each, weak=margins.extrapolated) for each in figures))
+    name_cell = Cell(text=name, detail="extrapolated" if margins.extrapolated else "")
+    return (name_cell, *(_cell(each) for each in figures))
 
 
-def _cell(figure: Estimated | None, *, weak: bool) -> Cell:
+def _cell(figure: Estimated | None) -> Cell:
     if figure is None:
         return Cell(text="–")
-    return Cell(text=resolved(figure.value, *figure.ci95), detail=interval(*figure.ci95), weak=weak)
+    return Cell(text=resolved(figure.value, *figure.ci95), detail=interval(*figure.ci95))
