@@ -9,6 +9,7 @@ import numpy as np
 
 from quadid_logs.control.margins import UNMODELLED_DELAY_S
 from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated, Margins
+from quadid_logs.data.controller import ReplayReason
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.diagnose.findings import finding, rounded
 
@@ -79,8 +80,13 @@ def _extrapolated(found: AxisLoop) -> bool:
 
 def _not_replayed(axis: str, found: AxisLoop) -> Finding | None:
     replay = found.replay
-    if replay is None or replay.agrees or replay.reason is None or found.margins is not None:
+    if replay is None or replay.agrees or replay.reason is None:
         return None
+    if replay.reason is ReplayReason.NO_ROWS:
+        if found.margins is None:
+            return None
+        title = f"The log does not show whether the {axis} controller of the parameters is the one that flew"
+        return finding("QL604", "info", {}, axes=(axis,), title=title)
     differs = f" ({replay.parameter})" if replay.parameter else ""
     title = (
         f"The {axis} controller of the parameters is not the one that flew: {replay.reason.value}{differs}"

@@ -173,8 +173,10 @@ def integrators(controller: AxisController) -> int:
     -------
     int
     """
-    denominator = controller.error.denominator
-    return int(abs(denominator.sum()) < _AT_ZERO * np.abs(denominator).sum())
+    above, below = controller.error.numerator, controller.error.denominator
+    # Without an integral gain, the integrator's pole is there and a zero upon it.
+    pole, zero = (abs(each.sum()) < _AT_ZERO * np.abs(each).sum() for each in (below, above))
+    return int(pole and not zero)
 
 
 def _laplace(frequency_hz: FloatArray) -> ComplexArray:

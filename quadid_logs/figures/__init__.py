@@ -33,7 +33,7 @@ FIGURE_KEYS: Final = ("summary", *(key for keys in CHAPTERS.values() for key in 
 
 
 class Figures(NamedTuple):
-    """The figures of a result, in the order of the report, the loop's last; and those with nothing to show."""
+    """The figures of a result, in the order of the report, the loop last; those with nothing to show."""
 
     shown: tuple[Figure, ...]
     left_out: tuple[LeftOut, ...]

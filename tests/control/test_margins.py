@@ -1,0 +1,105 @@
+"""Margins against loops whose margins are known, and stability against the poles of discrete loops."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from quadid_logs.control.margins import UNMODELLED_DELAY_S, figures_of, grid_hz, is_stable, margins_of
+
+F = grid_hz(0.0025)
+S = 2j * np.pi * F
+NO = np.array([False])
+
+
+def test_an_integrator_with_a_delay_has_the_margins_of_the_textbook() -> None:
+    """k exp(-s T) / s: crossover k, phase margin 90 degrees less k T, gain margin pi / (2 k T)."""
+    k, T = 30.0, 0.02
+    found = figures_of(F, (k * np.exp(-S * T) / S)[np.newaxis], 1, NO)
+    assert found.stable[0]
+    assert found.crossover_hz[0] == pytest.approx(k / (2 * np.pi), rel=1e-4)
+    assert found.phase_margin_rad[0] == pytest.approx(np.pi / 2 - k * T, abs=1e-4)
+    assert found.delay_margin_s[0] == pytest.approx((np.pi / 2 - k * T) / k, rel=1e-4)
+    assert found.gain_margin[0] == pytest.approx(np.pi / (2 * k * T), rel=1e-3)
+    assert found.oscillation_hz[0] == pytest.approx(1 / (4 * T), rel=1e-3)
+    assert np.isnan(found.gain_margin_down[0])
+
+
+def test_a_conditionally_stable_loop_has_a_gain_margin_downwards() -> None:
+    """k (1 + s)^2 / s^3 is stable for k above 1/2 only."""
+    found = figures_of(F, (2.0 * (1 + S) ** 2 / S**3)[np.newaxis], 3, NO)
+    assert found.stable[0]
+    assert found.gain_margin_down[0] == pytest.approx(4.0, rel=2e-3)
+    assert not figures_of(F, (0.4 * (1 + S) ** 2 / S**3)[np.newaxis], 3, NO).stable[0]
+
+
+def test_disk_margin_and_peak_are_those_of_python_control() -> None:
+    """The same loop by an independent package."""
+    control = pytest.importorskip("control")
+    s = control.tf("s")
+    system = 60.0 / (s * (1 + 0.02 * s) * (1 + 0.005 * s))
+    disk, _, _ = control.disk_margins(system, 2 * np.pi * F, skew=0.0)
+    found = figures_of(F, np.atleast_2d(system(S)), 1, NO)
+    assert found.disk_margin[0] == pytest.approx(float(disk), rel=2e-3)
+    assert found.peak_sensitivity[0] == pytest.approx(np.max(np.abs(1 / (1 + system(S)))), rel=1e-6)
+
+
+def test_stability_is_that_of_the_poles_of_the_discrete_loop() -> None:
+    """Random vehicles and gains, sampled exactly; some stable, some not."""
+    generator = np.random.default_rng(5)
+    T = 0.0025
+    z1 = np.exp(-2j * np.pi * F * T)
+    told, true, far = [], [], []
+    for _ in range(200):
+        lag_s, A = generator.uniform(0.01, 0.06), generator.uniform(-4.0, 1.5)
+        gain, integral = generator.uniform(1.0, 120.0), generator.uniform(0.0, 3.0)
+        steps = int(generator.integers(1, 8))
+        body = signal.cont2discrete(([gain], np.polymul([1.0, -A], [lag_s, 1.0])), T)
+        above = np.polymul(np.ravel(body[0]), [1.0 + integral * T, -1.0])
+        below = np.polymul(body[1], [1.0, -1.0])
+        below = np.concatenate([below, np.zeros(steps)])
+        # A zero of the controller at one leaves no integrator there.
+        integrators = int(integral > 0.0)
+        response = np.polyval(above, 1 / z1) / np.polyval(below, 1 / z1)
+        roots = np.abs(np.roots(np.polyadd(below, above)))
+        told.append(is_stable(response[np.newaxis], integrators, np.array([A > 0.0]))[0])
+        true.append(roots.max() < 1.0)
+        far.append(abs(roots.max() - 1.0) > 1e-4)
+    told, true, far = np.array(told), np.array(true), np.array(far)
+    assert np.count_nonzero(far) > 190
+    assert 0.1 < np.mean(true) < 0.9
+    np.testing.assert_array_equal(told[far], true[far])
+
+
+def test_a_vehicle_whose_loop_is_unstable_has_no_margin_left() -> None:
+    """Three of four drawn vehicles are stable: the intervals reach down to none, and never to less."""
+    k = np.array([30.0, 28.0, 32.0, 200.0])[:, np.newaxis]
+    found = margins_of(F, k * np.exp(-S * 0.02) / S, 1, np.zeros(4, dtype=bool), 1e9)
+    assert found.stable
+    assert found.stable_fraction == 0.75
+    assert found.phase_margin_deg is not None
+    assert found.gain_margin_db is not None
+    assert found.phase_margin_deg.ci95[0] == 0.0
+    assert found.gain_margin_db.ci95[0] == 0.0
+    assert not found.extrapolated
+
+
+def test_an_unstable_loop_has_no_figures() -> None:
+    found = margins_of(F, (200.0 * np.exp(-S * 0.02) / S)[np.newaxis], 1, NO, 1e9)
+    assert not found.stable
+    assert found.phase_margin_deg is None
+
+
+def test_what_was_not_measured_may_take_phase_away() -> None:
+    """Nothing is known above 1 Hz: at the crossover, the delay that is allowed for widens the interval."""
+    k = 30.0
+    loop = (k * np.exp(-S * 0.02) / S)[np.newaxis]
+    known, unknown = (margins_of(F, loop, 1, NO, known_hz) for known_hz in (1e9, 1.0))
+    assert unknown.extrapolated
+    assert known.phase_margin_deg is not None
+    assert unknown.phase_margin_deg is not None
+    lost_deg = 360.0 * (k / (2 * np.pi) - 1.0) * UNMODELLED_DELAY_S
+    low, high = unknown.phase_margin_deg.ci95
+    assert low == pytest.approx(known.phase_margin_deg.value - lost_deg, abs=0.1)
+    assert high == known.phase_margin_deg.value

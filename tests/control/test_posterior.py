@@ -1,0 +1,62 @@
+"""Drawn vehicles have the means, spreads and correlations of the posterior."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from quadid_logs.control.posterior import draw
+from quadid_logs.data.model import Posterior
+
+HOLD_S = 0.0025
+DEVIATION = np.array([6.0, 0.2, 5e-4, 4e-4])
+CORRELATION = np.array([[1, 0.6, 0, 0], [0.6, 1, 0, 0], [0, 0, 1, -0.8], [0, 0, -0.8, 1]])
+
+
+def posterior(mean: np.ndarray, deviation: np.ndarray = DEVIATION, lag_or_delay_s: float = 0.0) -> Posterior:
+    covariance = CORRELATION * np.outer(deviation, deviation)
+    return Posterior(
+        mean=np.tile(mean, (3, 1)), covariance=np.tile(covariance, (3, 1, 1)), lag_or_delay_s=lag_or_delay_s
+    )
+
+
+def test_drawn_vehicles_have_the_posteriors_mean_and_covariance() -> None:
+    """Correlations matter: a longer lag with a shorter delay is the same phase."""
+    mean = np.array([300.0, -2.0, 0.03, 0.01])
+    plants = draw(posterior(mean), 1, HOLD_S, n_draws=20000)
+    assert plants is not None
+    drawn = np.array(plants)[:, 1:]
+    off = drawn.mean(axis=1) - mean + [0, 0, 0, HOLD_S / 2]
+    np.testing.assert_allclose(off / DEVIATION, 0.0, atol=0.05)
+    np.testing.assert_allclose(np.corrcoef(drawn), CORRELATION, atol=0.03)
+    np.testing.assert_allclose(drawn.std(axis=1), DEVIATION, rtol=0.03)
+
+
+def test_half_of_the_loops_period_is_taken_off_the_identified_delay() -> None:
+    """It contains the zero-order hold."""
+    plants = draw(posterior(np.array([300.0, -2.0, 0.03, 0.01])), 0, HOLD_S)
+    assert plants is not None
+    assert plants.delay_s[0] == pytest.approx(0.01 - HOLD_S / 2)
+
+
+def test_a_delay_shorter_than_the_hold_is_none_and_as_uncertain_as_that() -> None:
+    """The stamps are off by a millisecond at least; nothing acts before its command."""
+    plants = draw(posterior(np.array([300.0, -2.0, 0.03, 0.00025]), 1e-6 * DEVIATION), 0, HOLD_S)
+    assert plants is not None
+    assert plants.delay_s[0] == 0.0
+    assert plants.delay_s.min() == pytest.approx(-0.001, rel=0.02)
+    assert plants.delay_s.max() == pytest.approx(0.001, rel=0.02)
+
+
+def test_what_may_be_lag_or_delay_leaves_their_sum_alone() -> None:
+    mean = np.array([300.0, -2.0, 0.001, 0.006])
+    plants = draw(posterior(mean, 1e-6 * DEVIATION, lag_or_delay_s=0.002), 0, HOLD_S)
+    assert plants is not None
+    np.testing.assert_allclose(plants.lag_s + plants.delay_s, 0.007 - HOLD_S / 2, atol=1e-6)
+    assert plants.lag_s.max() > 0.0028
+
+
+def test_an_axis_that_tells_nothing_gives_no_vehicles() -> None:
+    infinite = Posterior(mean=np.ones((3, 4)), covariance=np.full((3, 4, 4), np.inf), lag_or_delay_s=0.0)
+    assert draw(infinite, 0, HOLD_S) is None
+    assert draw(posterior(np.array([-300.0, -2.0, 0.03, 0.01])), 0, HOLD_S) is None
