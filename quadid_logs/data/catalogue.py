@@ -29,7 +29,7 @@ class CatalogueEntry:
 
 
 _SET: Final = frozenset({"QL102", "QL104", "QL301", "QL302", "QL303", "QL304", "QL305", "QL306", "QL307"})
-_FLY: Final = frozenset({"QL403", "QL404", "QL503", "QL504", "QL505", "QL511"})
+_FLY: Final = frozenset({"QL403", "QL404", "QL503", "QL504", "QL505", "QL511", "QL516"})
 
 
 def _entry(code: str, title: str, meaning: str, advice: str) -> tuple[str, CatalogueEntry]:
@@ -318,6 +318,17 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "one, if that inertia is right. It is a calibration of the torque, not an inertia found in "
                 "flight.",
                 "Use the ratio to correct the commanded torque; an axis that is refused has no ratio to use.",
+            ),
+            _entry(
+                "QL516",
+                "The torque follows the rate",
+                "Over most of the fitted band the response of acceleration to torque grows with frequency, "
+                "and its phase is that of a growing response with the sign reversed (near -90 degrees where "
+                "it grows in proportion). No vehicle does that. It is -1/C, the inverse of the controller: "
+                "gusts or noise moved the vehicle, the controller answered, and the log shows the "
+                "controller's gains. A higher band or a longer hover would show the same, with more "
+                "confidence.",
+                "Fly manoeuvres on this axis, so that commands move the vehicle more than air and noise do.",
             ),
             _entry(
                 "QL512",

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 
@@ -192,6 +193,21 @@ class Inertia:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Response:
+    """Angular acceleration over torque of one axis in third octaves; each (n_bands,).
+
+    ``frequency_hz`` is where the torque of the band is; ``gain`` complex [rad/s^2 per unit of torque], NaN
+    where nothing is known; ``error`` is its relative standard error; ``coherence`` that of the
+    acceleration with what it is driven by.
+    """
+
+    frequency_hz: FloatArray
+    gain: NDArray[np.complex128]
+    error: FloatArray
+    coherence: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BandCheck:
     """The same fit in other frequency bands: a true gain does not depend on the band.
 
@@ -325,11 +341,14 @@ class Excitation:
 class Identification:
     """All structures fitted to one flight, the recommended one first.
 
-    ``n_samples`` of the aligned flight were used: all but for very long flights.
+    ``n_samples`` of the aligned flight were used: all but for very long flights. ``responses``
+    of roll, pitch and yaw are those to the rate setpoints where these serve as instruments,
+    else to the torque; empty where no segment is long enough.
     """
 
     models: tuple[Model, ...] = ()
     excitation: tuple[Excitation, ...] = ()
+    responses: tuple[Response, ...] = ()
     skipped: str = ""
     n_samples: int = 0
 

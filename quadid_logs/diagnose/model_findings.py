@@ -10,13 +10,14 @@ import numpy as np
 from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.data.diagnosis import Finding, Level
 from quadid_logs.data.log import FlightLog
-from quadid_logs.data.model import Excitation, Identification, Model, Parameter
+from quadid_logs.data.model import Excitation, Identification, Model, Parameter, Response
 from quadid_logs.diagnose.advice import advice_for
 from quadid_logs.diagnose.findings import finding, rounded
 from quadid_logs.identify.actuator import MAX_DELAY_S, MAX_LAG_S
 from quadid_logs.identify.design import HELD_OUT_BLOCK_S
 from quadid_logs.identify.excitation import MIN_RATE_RMS_DEG_S
 from quadid_logs.identify.parameters import MAX_RELATIVE_CI, MIN_SIGNAL_TO_NOISE, MIN_SIMULATED_R2
+from quadid_logs.identify.response import Band, feedback_in, slope_and_phase
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS, RATE_SYMBOLS
 
 #: Effectiveness that differs by more than this from band to band is not one number.
@@ -71,6 +72,7 @@ class _Axis(NamedTuple):
     excitation: Excitation
     on_axis: Parameter
     advice: str
+    response: Response | None
 
     @property
     def r2(self) -> float:
@@ -97,8 +99,9 @@ def _axis(log: FlightLog, identification: Identification, model: Model, number: 
         excitation=identification.excitation[number],
         on_axis=model.entries[ON_AXIS[AXES[number]]],
         advice=advice_for(log.autopilot).excitation(AXES[number : number + 1], log.version),
+        response=identification.responses[number] if identification.responses else None,
     )
-    for check in (_poorly_excited, _not_explained, _wrong_sign, _too_wide):
+    for check in (_poorly_excited, _follows_the_rate, _not_explained, _wrong_sign, _too_wide):
         if (found := check(axis)) is not None:
             yield found
             return
@@ -134,6 +137,28 @@ def _poorly_excited(axis: _Axis) -> Finding | None:
         return None
     title = f"{axis.name.capitalize()} was poorly excited ({axis.rate_rms_deg_s:.2g} deg/s rms)"
     return axis.finding("QL403", "error", {**_evidence(axis), "needed_deg_s": needed}, title)
+
+
+def _follows_the_rate(axis: _Axis) -> Finding | None:
+    """Refuse an axis of which the log shows the controller: the reason that is behind all others."""
+    band, response = axis.model.band, axis.response
+    if band is None or response is None:
+        return None
+    found = feedback_in(response, Band(float(band.low_hz[0]), float(band.cutoff_hz[0])))
+    if found is None:
+        return None
+    slope, phase_deg = slope_and_phase(response, found.run)
+    low_hz, high_hz = (rounded(response.frequency_hz[number], 2) for number in found.run[[0, -1]])
+    evidence = {
+        "from_hz": low_hz,
+        "to_hz": high_hz,
+        "phase_deg": rounded(phase_deg, 3),
+        "grows_with_power_of_frequency": rounded(slope, 2),
+        "coherence": rounded(float(response.coherence[found.run].mean()), 2),
+        "third_octaves_of_the_band": f"{found.n_inside} of {found.n_known} known",
+    }
+    title = f"From {low_hz:g} to {high_hz:g} Hz {axis.name} torque follows rate: this is the controller"
+    return axis.finding("QL516", "error", _evidence(axis) | evidence, title)
 
 
 def _not_explained(axis: _Axis) -> Finding | None:

@@ -18,7 +18,7 @@ from quadid_logs.identify.excitation import ColumnNoise, excited_axes, measure_e
 from quadid_logs.identify.instruments import with_strong_instruments
 from quadid_logs.identify.model import actuated_model
 from quadid_logs.identify.published import fit_as_published
-from quadid_logs.identify.response import NARROWEST_BAND, lower_edge_hz, responses
+from quadid_logs.identify.response import SAMPLES_PER_CYCLE, Band, fitted_band, responses
 from quadid_logs.identify.rigid_body import fit_single_rigid_body
 from quadid_logs.identify.select import most_excited
 from quadid_logs.identify.structures import RIGID_BODY, STRUCTURES, Structure
@@ -33,8 +33,6 @@ MIN_RATE_HZ: Final = 40.0
 #: Rigid-body motion and rate loops act below 5 Hz; above, the gyro's filters,
 #: blade and frame dynamics add phase that no lag and delay describe.
 _SMOOTHING_HZ = 5.0
-#: At least eight samples per cycle at the cut-off, or the torque between samples is a guess.
-_SAMPLES_PER_CYCLE = 8.0
 #: Leaving this much more of held-out acceleration unexplained is chance: the
 #: squared error of some hundred clusters is known to a tenth.
 _WORSE = 0.1
@@ -73,25 +71,27 @@ def identify(
     slowest_hz = min((source.rate_hz for source in needed), default=np.inf)
     if slowest_hz < MIN_RATE_HZ:
         return Identification(skipped=f"torque and rates were logged at {slowest_hz:.3g} Hz only")
-    smoothing_hz = settings.smoothing_hz or min(
-        _SMOOTHING_HZ, 1.0 / (data.sample_period_s * _SAMPLES_PER_CYCLE)
-    )
+    band = _default_band(settings, data.sample_period_s)
     data = most_excited(data, settings.most_samples)
-    design = build_design(data, smoothing_hz, structures)
+    design = build_design(data, band.high_hz, structures)
     n_needed = _ROWS_PER_UNKNOWN * len(structures[0].columns)
     if design is None or np.count_nonzero(design.train) < n_needed:
         return Identification(skipped="the flight is too short for the number of unknowns")
     high_passed = design.high_passed(settings.high_pass_hz)
     design = with_strong_instruments(design, high_passed, excited_axes(high_passed))
     models, informative = _fit_all(data, design, structures, settings)
+    found = responses(data, instruments=design.instruments is not None)
+    # Roll and pitch are asked: they are what slow air tilts. Yaw tells most where it is slowest.
     tilting = [axis for axis in informative if axis < 2]
-    edge_hz = _lower_edge_hz(data, design, tilting, settings)
-    if edge_hz:
-        models = _fit_above(edge_hz, data, design, tilting, structures, settings) or models
+    other = fitted_band([found[axis] for axis in tilting if found], band, data.sample_period_s)
+    if other != band and not settings.smoothing_hz and settings.high_pass_hz:
+        again = _fit_in(other, data, design, structures, settings)
+        models = again if _is_better(again, models, tilting, raised=other.low_hz > band.low_hz) else models
     ordered = _recommend(models, settings)
     return Identification(
         models=ordered,
         n_samples=data.n_samples,
+        responses=found,
         excitation=measure_excitation(
             data,
             signal_to_noise=_signal_to_noise(ordered[0]),
@@ -100,40 +100,41 @@ def identify(
     )
 
 
-def _lower_edge_hz(
-    data: FlightData, design: Design, axes: Sequence[int], settings: IdentifySettings
-) -> float:
-    """Return from where the response of all of some axes is a vehicle's, 0 where the band may stay.
-
-    Roll and pitch are asked: they are what slow air tilts. Yaw tells most where it is slowest.
-    """
-    if settings.smoothing_hz or not settings.high_pass_hz:
-        return 0.0
-    found = responses(data, instruments=design.instruments is not None) if axes else ()
-    edges_hz = [lower_edge_hz(each, data.sample_period_s) for axis, each in enumerate(found) if axis in axes]
-    edge_hz = max(edges_hz, default=0.0)
-    highest_hz = 1.0 / (data.sample_period_s * _SAMPLES_PER_CYCLE)
-    return edge_hz if edge_hz > settings.high_pass_hz and NARROWEST_BAND * edge_hz <= highest_hz else 0.0
+def _default_band(settings: IdentifySettings, sample_period_s: float) -> Band:
+    """Return the band that is fitted where the response does not speak against it."""
+    highest_hz = 1.0 / (sample_period_s * SAMPLES_PER_CYCLE)
+    return Band(settings.high_pass_hz, settings.smoothing_hz or min(_SMOOTHING_HZ, highest_hz))
 
 
-def _fit_above(
-    edge_hz: float,
-    data: FlightData,
-    design: Design,
-    axes: Sequence[int],
-    structures: Sequence[Structure],
-    settings: IdentifySettings,
+def _fit_in(
+    band: Band, data: FlightData, design: Design, structures: Sequence[Structure], settings: IdentifySettings
 ) -> list[Model]:
-    """Fit again above an edge [Hz]; nothing where that explains none of the axes that it is for."""
-    above = build_design(data, max(design.smoothing_hz, NARROWEST_BAND * edge_hz), structures)
-    if above is None:
+    """Fit again in another band; nothing where no segment is as long as its filters reach."""
+    other = build_design(data, band.high_hz, structures)
+    if other is None:
         return []
     if design.instruments is None:
-        above = above.without_instruments()
-    models, _ = _fit_all(data, above, structures, replace(settings, high_pass_hz=edge_hz))
-    r2 = models[0].validation.r2_acceleration
-    explained = [r2.get(ACCELERATION_SYMBOLS[axis], 0.0) for axis in axes]
-    return models if max(explained) >= INFORMATIVE_R2 else []
+        other = other.without_instruments()
+    return _fit_all(data, other, structures, replace(settings, high_pass_hz=band.low_hz))[0]
+
+
+def _is_better(again: list[Model], models: list[Model], axes: Sequence[int], *, raised: bool) -> bool:
+    """Say whether a fit in the band of the response takes the place of that in the default one.
+
+    Above a raised lower edge an axis must be explained: what is below is known to be another's, however well
+    it was fitted. Without what is above an upper edge more must be explained: captured motion, for one,
+    is often smoothed, and its empty upper frequencies harm nothing.
+    """
+    if not again:
+        return False
+    before, after = (
+        np.array([each[0].validation.r2_acceleration.get(ACCELERATION_SYMBOLS[axis], 0.0) for axis in axes])
+        for each in (models, again)
+    )
+    if raised:
+        return bool(after.max() >= INFORMATIVE_R2)
+    less = (1.0 - after) / np.maximum(1.0 - before, 1e-12)
+    return bool(np.prod(less) < (1.0 - _WORSE) ** less.size)
 
 
 def _fit_all(

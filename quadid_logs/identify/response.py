@@ -1,23 +1,27 @@
 """The response of angular acceleration to torque against frequency, and the band where it is the vehicle's.
 
-A rigid body behind a lag and a delay has one gain at all frequencies. Where slow air moves a vehicle
-more than its pilot does, the torque is the controller's answer, and the response is that of the
-inverse controller, -1/C: its phase lags and its size falls towards low frequencies.
+A rigid body behind a lag and a delay has one gain at all frequencies. Where air or noise moves a
+vehicle more than its pilot does, the torque is the controller's answer, and the response is that of
+the inverse controller, -1/C: it grows with frequency while its phase lags.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.flight import FlightData
+from quadid_logs.data.model import Response
 from quadid_logs.maths.band import ComplexArray, angular_frequency, gyro_response
 
 #: Two octaves tell a gain from a lag and a delay.
 NARROWEST_BAND: Final = 4.0
+#: At least eight samples per cycle at the cut-off, or the torque between samples is a guess.
+SAMPLES_PER_CYCLE: Final = 8.0
 #: Windows of the averaged spectra: long enough to tell half a hertz apart, short enough for many of them.
 _WINDOW_S = 4.0
 #: Third octaves from half a hertz, the resolution of a window, to 32 Hz, beyond any motion of a vehicle.
@@ -37,38 +41,67 @@ _FEWEST_BANDS = 6
 _LAGS_S = (0.0, 0.01, 0.02, 0.03, 0.045, 0.06, 0.08, 0.11, 0.15, 0.2)
 _DELAYS_S = (0.0, 0.003, 0.006, 0.01, 0.015, 0.02, 0.03, 0.045, 0.06)
 _DAMPINGS_1_S = (0.0, -0.5, -1.0, -2.0, -3.5, -6.0)
+#: So many known third octaves in a row, more than an octave, have a slope.
+_SLOPE_BANDS = 4
+#: A response of minimum phase that grows with the n-th power of frequency leads by n right angles (Bode
+#: 1945); lag and delay make it fall. -1/C, whose sign is the other one, is two right angles from that: a
+#: third of a half circle is left to the filters and the delay inside the controller's loop.
+_LEAST_SLOPE = 0.5
+_OFF_INVERSE_DEG = 60.0
+_TINY = float(np.finfo(float).tiny)
 
 
-class Response(NamedTuple):
-    """Angular acceleration over torque of one axis in third octaves; each (n_bands,).
+class Band(NamedTuple):
+    """Frequencies [Hz] that are fitted: slower ones are taken out, above ``high_hz`` the filter cuts off."""
 
-    ``frequency_hz`` is where the torque of the band is; ``gain`` complex, NaN where nothing is known;
-    ``error`` is its relative standard error.
-    """
-
-    frequency_hz: FloatArray
-    gain: ComplexArray
-    error: FloatArray
+    low_hz: float
+    high_hz: float
 
 
-def lower_edge_hz(response: Response, sample_period_s: float) -> float:
-    """Return from where one gain, lag, delay and damping explain the response; 0 where from its beginning.
+#: Nothing in the response speaks against any frequency.
+EVERYWHERE: Final = Band(0.0, np.inf)
+
+
+def fitted_band(found: Sequence[Response], default: Band, sample_period_s: float) -> Band:
+    """Return the band to fit some axes in: where the response of all of them is a vehicle's.
 
     Parameters
     ----------
-    response : Response
+    found : sequence of Response
+        Of the axes that count.
+    default : Band
+        What is fitted where nothing speaks against it. The upper edge goes above its own only
+        where a raised lower edge would leave less than two octaves.
     sample_period_s : float
 
     Returns
     -------
-    float
-        Lower edge [Hz] of the widest band of which all known third octaves agree, to the
-        tolerance and twice their error. 0 where none below disagrees, and where the widest
-        band is narrower than two octaves: then no part of the response is a vehicle's.
+    Band
+        The default where the axes have no two octaves in common, or the samples do not hold them.
     """
-    known = np.flatnonzero(
-        (response.error < _LARGEST_ERROR) & (_EDGES_HZ[1:] <= _MOST_OF_RATE / sample_period_s)
-    )
+    bands = [vehicle_band(each) for each in found]
+    low_hz = max([default.low_hz, *(band.low_hz for band in bands)])
+    highest_hz = min([1.0 / (SAMPLES_PER_CYCLE * sample_period_s), *(band.high_hz for band in bands)])
+    if NARROWEST_BAND * low_hz > highest_hz:
+        return default
+    return Band(low_hz, min(max(default.high_hz, NARROWEST_BAND * low_hz), highest_hz))
+
+
+def vehicle_band(response: Response) -> Band:
+    """Return where one gain, lag, delay and damping explain the response.
+
+    Parameters
+    ----------
+    response : Response
+
+    Returns
+    -------
+    Band
+        The widest of which all known third octaves agree, to the tolerance and twice their
+        error: from 0 where none below disagrees, to infinity where none above does. `EVERYWHERE`
+        if the widest is narrower than two octaves: then no part of the response is a vehicle's.
+    """
+    known = _known(response)
     gain, error = response.gain[known], response.error[known]
     grid = np.meshgrid(_LAGS_S, _DELAYS_S, _DAMPINGS_1_S)
     lag_s, delay_s, damping = (each.ravel()[:, np.newaxis] for each in grid)
@@ -78,8 +111,91 @@ def lower_edge_hz(response: Response, sample_period_s: float) -> float:
         for first in range(known.size - width + 1):
             bands = slice(first, first + width)
             if _is_one_gain(flat[:, bands], error[bands]):
-                return float(_EDGES_HZ[known[first]]) if first else 0.0
-    return 0.0
+                low_hz = float(_EDGES_HZ[known[first]]) if first else 0.0
+                to_the_end = bands.stop == known.size
+                return Band(low_hz, np.inf if to_the_end else float(_EDGES_HZ[known[bands.stop - 1] + 1]))
+    return EVERYWHERE
+
+
+def inverse_controller(response: Response) -> BoolArray:
+    """Say where the response is that of the inverse controller: torque follows rate, not rate torque.
+
+    Parameters
+    ----------
+    response : Response
+
+    Returns
+    -------
+    ndarray of bool, shape (n_bands,)
+        Third octaves of runs in which the response grows with frequency while its phase is that
+        of a growing response with the sign reversed.
+    """
+    known = _known(response)
+    marked = np.zeros(response.error.shape, dtype=np.bool_)
+    for first in range(known.size - _SLOPE_BANDS + 1):
+        run = known[first : first + _SLOPE_BANDS]
+        slope, phase_deg = slope_and_phase(response, run)
+        off_deg = (phase_deg - 90.0 * slope + 180.0 + 180.0) % 360.0 - 180.0
+        marked[run] |= slope >= _LEAST_SLOPE and abs(off_deg) <= _OFF_INVERSE_DEG
+    return marked
+
+
+def slope_and_phase(response: Response, run: IntArray) -> tuple[float, float]:
+    """Return the power of frequency that the size of the response grows with, and its mean phase.
+
+    Parameters
+    ----------
+    response : Response
+    run : ndarray of int, shape (n,)
+        Of its third octaves, two or more.
+
+    Returns
+    -------
+    slope : float
+    phase_deg : float
+    """
+    gain, frequency_hz = response.gain[run], response.frequency_hz[run]
+    slope = float(np.polyfit(np.log(frequency_hz), np.log(np.abs(gain)), 1)[0])
+    return slope, float(np.degrees(np.angle(np.mean(gain / np.abs(gain)))))
+
+
+class InverseController(NamedTuple):
+    """Where torque follows rate: ``run`` of third octaves, ``n_inside`` of the ``n_known`` of a band."""
+
+    run: IntArray
+    n_inside: int
+    n_known: int
+
+
+def feedback_in(response: Response, band: Band) -> InverseController | None:
+    """Return the inverse controller if most of what is known of the response in a band is that.
+
+    Nothing is known above a third of the sample rate, nor where torque and rate hardly go together.
+
+    Parameters
+    ----------
+    response : Response
+    band : Band
+
+    Returns
+    -------
+    InverseController or None
+        Its run may go on beyond the band.
+    """
+    known = _known(response)
+    inside = known[(_EDGES_HZ[known] >= band.low_hz) & (_EDGES_HZ[known] < band.high_hz)]
+    marked = inverse_controller(response)
+    n_inside = int(np.count_nonzero(marked[inside]))
+    # More than half: a minority of third octaves moves no least-squares fit to the other side. Of a band
+    # of which nothing is known, what is around it is all that the log shows.
+    if 2 * n_inside <= inside.size and (inside.size or not marked.any()):
+        return None
+    return InverseController(np.flatnonzero(marked), n_inside, inside.size)
+
+
+def _known(response: Response) -> IntArray:
+    """Return the third octaves of which enough is known."""
+    return np.flatnonzero(response.error < _LARGEST_ERROR)
 
 
 def _is_one_gain(flat: ComplexArray, error: FloatArray) -> bool:
@@ -115,8 +231,14 @@ def responses(data: FlightData, *, instruments: bool) -> tuple[Response, ...]:
     if lines is None:
         return ()
     driven_by = lines.torque if lines.reference is None or not instruments else lines.reference
+    # Lines beyond the last third octave that the samples resolve stay out of every one.
+    n_edges = int(np.searchsorted(_EDGES_HZ, _MOST_OF_RATE / data.sample_period_s, side="right"))
+    below = lines.frequency_hz < (_EDGES_HZ[n_edges - 1] if n_edges else 0.0)
     return tuple(
-        _response(lines.frequency_hz, driven_by[..., k], lines.torque[..., k], lines.acceleration[..., k])
+        _response(
+            lines.frequency_hz[below],
+            *(each[:, below, k] for each in (driven_by, lines.torque, lines.acceleration)),
+        )
         for k in range(3)
     )
 
@@ -127,7 +249,7 @@ def _response(
     """Return the response of one axis from its lines, each (n_windows, n_lines)."""
     n_bands = _EDGES_HZ.size - 1
     where, gain = np.sqrt(_EDGES_HZ[:-1] * _EDGES_HZ[1:]), np.full(n_bands, np.nan + 0j)
-    error = np.full(n_bands, np.inf)
+    error, coherence = np.full(n_bands, np.inf), np.zeros(n_bands)
     for band, (low, high) in enumerate(pairwise(_EDGES_HZ)):
         lines = (frequency_hz >= low) & (frequency_hz < high)
         z, u, y = (each[:, lines] for each in (driven_by, torque, acceleration))
@@ -137,8 +259,9 @@ def _response(
         where[band] = np.sum(np.abs(u) ** 2 * frequency_hz[lines]) / np.sum(np.abs(u) ** 2)
         gain[band] = np.vdot(z, y) / power
         left = np.linalg.norm(y - gain[band] * u) * np.linalg.norm(z) / np.sqrt(_INDEPENDENT * u.size)
-        error[band] = left / max(abs(gain[band] * power), np.finfo(float).tiny)
-    return Response(where, gain, error)
+        error[band] = left / max(float(abs(gain[band] * power)), _TINY)
+        coherence[band] = abs(np.vdot(z, y)) ** 2 / max(float(np.vdot(z, z).real * np.vdot(y, y).real), _TINY)
+    return Response(frequency_hz=where, gain=gain, error=error, coherence=coherence)
 
 
 class _Lines(NamedTuple):

@@ -1,4 +1,4 @@
-"""The band begins where the response of a vehicle does, and not where a controller answers the air."""
+"""The band is where the response of a vehicle is, and not where a controller answers air and noise."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from quadid_logs.data.flight import FlightData
-from quadid_logs.data.model import Model
+from quadid_logs.data.model import Model, Response
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify import identify
-from quadid_logs.identify.response import Response, lower_edge_hz, responses
+from quadid_logs.identify.response import EVERYWHERE, Band, feedback_in, fitted_band, responses, vehicle_band
 from quadid_logs.identify.structures import DAMPED
 
 from .vehicles import PERIOD_S, QUAD, fly, fly_in_gusts, multisine
@@ -23,32 +23,131 @@ VEHICLE = 100.0 * np.exp(-0.008 * S) / (1.0 + 0.04 * S) * S / (S + 1.5)
 INVERSE_CONTROLLER = -S / (0.3 + 0.5 / S)
 
 
-def response(gain: np.ndarray, error: float = 0.03) -> Response:
-    return Response(FREQUENCY_HZ, gain, np.full(gain.shape, error))
+def response(gain: np.ndarray, error: float | np.ndarray = 0.03) -> Response:
+    return Response(
+        frequency_hz=FREQUENCY_HZ,
+        gain=gain,
+        error=np.broadcast_to(error, gain.shape),
+        coherence=np.full(gain.shape, 0.9),
+    )
 
 
 def test_a_vehicle_behind_lag_and_delay_keeps_the_whole_band() -> None:
-    """Its damping is no bend."""
-    assert lower_edge_hz(response(VEHICLE), PERIOD_S) == 0.0
+    """Its damping is no bend. Above 16 Hz the lags and delays that are tried are too far apart to tell."""
+    low_hz, high_hz = vehicle_band(response(VEHICLE))
+    assert low_hz == 0.0
+    assert high_hz > 16.0
 
 
 def test_the_band_begins_where_the_inverse_controller_ends() -> None:
     """At the very third octave."""
     mixed = np.where(FREQUENCY_HZ < 1.5, INVERSE_CONTROLLER, VEHICLE)
-    edge = lower_edge_hz(response(mixed), PERIOD_S)
+    edge = vehicle_band(response(mixed)).low_hz
     assert FREQUENCY_HZ[FREQUENCY_HZ < 1.5][-1] < edge < FREQUENCY_HZ[FREQUENCY_HZ > 1.5][0]
 
 
 def test_the_inverse_controller_alone_is_no_vehicle_anywhere() -> None:
     """No band of two octaves is found in it: its phase leads or lags by a right angle, and its size grows."""
-    assert lower_edge_hz(response(INVERSE_CONTROLLER), PERIOD_S) == 0.0
+    assert vehicle_band(response(INVERSE_CONTROLLER)) == EVERYWHERE
 
 
 def test_a_third_octave_of_which_nothing_is_known_disagrees_with_nothing() -> None:
     """However far off it is."""
     mixed = np.where(FREQUENCY_HZ < 1.5, INVERSE_CONTROLLER, VEHICLE)
     error = np.where(FREQUENCY_HZ < 1.5, 0.9, 0.03)
-    assert lower_edge_hz(Response(FREQUENCY_HZ, mixed, error), PERIOD_S) == 0.0
+    assert vehicle_band(response(mixed, error)).low_hz == 0.0
+
+
+def test_the_band_ends_where_the_inverse_controller_begins() -> None:
+    """As it does where the gyro's noise outweighs the manoeuvre."""
+    mixed = np.where(FREQUENCY_HZ > 4.0, INVERSE_CONTROLLER, VEHICLE)
+    edge = vehicle_band(response(mixed)).high_hz
+    assert FREQUENCY_HZ[FREQUENCY_HZ < 4.0][-1] < edge < FREQUENCY_HZ[FREQUENCY_HZ > 4.0][0]
+
+
+DEFAULT = Band(0.3, 5.0)
+
+
+def test_a_raised_lower_edge_takes_the_upper_one_two_octaves_with_it() -> None:
+    """A narrower band tells no gain from a lag."""
+    mixed = np.where(FREQUENCY_HZ < 1.5, INVERSE_CONTROLLER, VEHICLE)
+    low_hz, high_hz = fitted_band([response(VEHICLE), response(mixed)], DEFAULT, PERIOD_S)
+    assert high_hz == pytest.approx(max(4.0 * low_hz, 5.0))
+    assert 1.0 < low_hz < 1.8
+
+
+def test_the_upper_edge_is_that_of_the_axis_whose_response_ends_first() -> None:
+    """One band is fitted for all of them."""
+    mixed = np.where(FREQUENCY_HZ > 4.0, INVERSE_CONTROLLER, VEHICLE)
+    found = fitted_band([response(VEHICLE), response(mixed)], DEFAULT, PERIOD_S)
+    assert found == Band(0.3, vehicle_band(response(mixed)).high_hz)
+
+
+def test_axes_without_two_octaves_in_common_keep_the_default_band() -> None:
+    """What is left would tell nothing."""
+    late = np.where(FREQUENCY_HZ < 3.0, INVERSE_CONTROLLER, VEHICLE)
+    early = np.where(FREQUENCY_HZ > 4.0, INVERSE_CONTROLLER, VEHICLE)
+    assert fitted_band([response(late), response(early)], DEFAULT, PERIOD_S) == DEFAULT
+
+
+def test_the_band_ends_where_the_samples_hold_eight_per_cycle() -> None:
+    """A lower edge that would need more is not taken."""
+    late = np.where(FREQUENCY_HZ < 3.0, INVERSE_CONTROLLER, VEHICLE)
+    assert fitted_band([response(late)], DEFAULT, PERIOD_S).low_hz > 2.0
+    assert fitted_band([response(late)], DEFAULT, 0.0125) == DEFAULT
+
+
+@pytest.mark.parametrize(
+    "controller",
+    [
+        -S / (0.3 + 0.5 / S),
+        -S / (0.3 + 0.003 * S),
+        -S / (0.3 + 0.2 / S) * np.exp(0.012 * S),
+        -S / 0.3 * (1.0 + S / (2.0 * np.pi * 2.0)),
+    ],
+    ids=["PI", "PD", "behind the gyro's filters", "behind a low-pass of 2 Hz on yaw"],
+)
+def test_the_inverse_of_a_controller_is_told_by_phase_and_slope(controller: np.ndarray) -> None:
+    """Whatever its terms and filters are, it grows with frequency and does not lead."""
+    found = feedback_in(response(controller), DEFAULT)
+    assert found is not None
+    assert 2 * found.n_inside > found.n_known
+
+
+@pytest.mark.parametrize(
+    "vehicle",
+    [
+        VEHICLE,
+        100.0 * S / (S + 25.0),
+        100.0 * np.exp(-0.06 * S) * S / (S + 3.0),
+        100.0 / (1.0 + 0.25 * S),
+        100.0 * (1.0 + 0.15 * S),
+    ],
+    ids=[
+        "lag, delay and damping",
+        "strong damping",
+        "longest delay",
+        "longest lag",
+        "rotors' reaction in yaw",
+    ],
+)
+def test_no_vehicle_is_taken_for_the_inverse_of_a_controller(vehicle: np.ndarray) -> None:
+    """Its response leads where it grows."""
+    assert feedback_in(response(vehicle), DEFAULT) is None
+
+
+def test_feedback_outside_of_the_fitted_band_is_no_objection() -> None:
+    """Every good flight shows the controller's answer to noise above its manoeuvres."""
+    mixed = np.where(FREQUENCY_HZ > 6.0, INVERSE_CONTROLLER, VEHICLE)
+    assert feedback_in(response(mixed), DEFAULT) is None
+    assert feedback_in(response(mixed), Band(6.0, 20.0)) is not None
+
+
+def test_feedback_is_all_that_is_seen_where_nothing_is_known_of_the_band() -> None:
+    """A hover so calm that only noise is left."""
+    mixed = np.where(FREQUENCY_HZ > 6.0, INVERSE_CONTROLLER, VEHICLE)
+    error = np.where(FREQUENCY_HZ > 6.0, 0.03, 0.9)
+    assert feedback_in(response(mixed, error), DEFAULT) is not None
 
 
 def test_the_response_of_a_flight_is_that_of_its_vehicle() -> None:
