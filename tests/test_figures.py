@@ -276,7 +276,7 @@ def test_the_frequency_response_of_a_simulated_flight_lies_on_the_model() -> Non
     figure = frequency_response(result)
     assert isinstance(figure, Figure)
     for panel, relative in ((figure.panels[0], True), (figure.panels[3], False)):
-        points, line = panel.curves
+        points, line, *_ = panel.curves
         band = (points.x > 1.0) & (points.x < 5.0)
         expected = np.interp(points.x[band], line.x, line.y)
         assert np.count_nonzero(band) > 10

@@ -99,6 +99,12 @@ def analyze(
     stride: Annotated[
         int, typer.Option("--stride", metavar="N", help="Samples from window to window; 0 takes every one.")
     ] = 0,
+    band: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            "--band", metavar="LOW HIGH", help="Fit from LOW to HIGH [Hz]; without it the log decides."
+        ),
+    ] = None,
     system: Annotated[
         int, typer.Option("--system", metavar="ID", help="MAVLink system to analyze; 0 chooses.")
     ] = 0,
@@ -123,7 +129,7 @@ def analyze(
     Exit code 0: usable. 1: at least one axis must not be trusted. 2: a log
     could not be read, or the options make no sense.
     """
-    from quadid_logs.data.settings import AlignSettings, IdentifySettings, Settings
+    from quadid_logs.data.settings import AlignSettings, IdentifySettings, Settings, in_band
     from quadid_logs.report import report_folders
     from quadid_logs.vehicle_file import read_vehicle
 
@@ -136,7 +142,7 @@ def analyze(
                 end_s=math.inf if end_s is None else end_s,
                 sample_rate_hz=sample_rate_hz,
             ),
-            identify=IdentifySettings(structure=structure, window=window, stride=stride),
+            identify=in_band(band, IdentifySettings(structure=structure, window=window, stride=stride)),
         ),
         vehicle=None if vehicle is None else read_vehicle(vehicle),
         force=force,

@@ -31,6 +31,12 @@ def compare(
     vehicle: Annotated[
         Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="The vehicle of both flights.")
     ] = None,
+    band: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            "--band", metavar="LOW HIGH", help="Fit both from LOW to HIGH [Hz]; without it each log decides."
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run.")] = False,
 ) -> int:
@@ -42,6 +48,7 @@ def compare(
     not be read. 3: no change seen, but an axis could not be compared.
     """
     from quadid_logs.compare import compare as compare_results
+    from quadid_logs.data.settings import IdentifySettings, Settings, in_band
     from quadid_logs.pipeline import analyze
     from quadid_logs.report.comparison import comparison_lines, comparison_text
     from quadid_logs.vehicle_file import read_vehicle
@@ -49,12 +56,13 @@ def compare(
     if output is not None:
         check_free(output / _JSON, output / _PNG, force=force)
     described = None if vehicle is None else read_vehicle(vehicle)
+    settings = Settings(identify=in_band(band, IdentifySettings()))
     results = []
     for log in (before, after):
         check_log(log)
     for log in (before, after):
         with Progress(log.name) as progress:
-            results.append(analyze(log, vehicle=described, progress=progress))
+            results.append(analyze(log, settings, vehicle=described, progress=progress))
     first, second = results
     comparison = compare_results(first, second)
     text = comparison_text(first, second, comparison)

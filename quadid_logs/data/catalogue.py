@@ -207,8 +207,9 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL404",
-                "This axis was weakly excited",
-                "The torque explains most, but not nearly all, of the motion.",
+                "The torque does not explain all of the motion",
+                "The torque explains most, but not nearly all, of the motion: the axis was weakly excited "
+                "or something else than torque moved it.",
                 "Fly quicker and larger stick doublets on this axis, in calm air.",
             ),
             _entry(

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from quadid_logs.data.catalogue import Step
+
 Level = Literal["info", "warning", "error"]
 Verdict = Literal["usable", "caution", "refused"]
 
@@ -14,8 +16,9 @@ Verdict = Literal["usable", "caution", "refused"]
 class Finding:
     """A caveat about the flight, with what it rests on and what to do.
 
-    ``axes`` names the axes that the finding touches; empty means all. The
-    texts may quote the log, so they are escaped wherever they are shown.
+    ``axes`` names the axes that the finding touches; empty means all. ``step`` is what its advice
+    is where that is not what the catalogue says. The texts may quote the log, so they are escaped
+    wherever they are shown.
     """
 
     code: str
@@ -24,6 +27,7 @@ class Finding:
     evidence: Mapping[str, object]
     advice: str
     axes: tuple[str, ...] = ()
+    step: Step | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from quadid_logs.errors import SettingsError
 
@@ -49,7 +49,8 @@ class IdentifySettings:
     stride: int = 0
     """Samples between windows; 0 takes every window (the paper)."""
     smoothing_hz: float = 0.0
-    """Cut-off of the one filter that target and regressors pass; 0 chooses it from the data."""
+    """Upper edge of the band, the cut-off of the one filter that target and regressors pass; 0 chooses
+    both edges from the response in the data."""
     high_pass_hz: float = 0.3
     """What is slower is left out of the fit: there gusts, and drag at the speed that a tilt brings,
     move the vehicle (measured: gain -17 %, damping -50 % on flights by stick; with this below 1 % and
@@ -65,6 +66,35 @@ class IdentifySettings:
             )
         _check_at_least("window", self.window, 0)
         _check_at_least("stride", self.stride, 0)
+
+
+def in_band(band_hz: tuple[float, float] | None, settings: IdentifySettings) -> IdentifySettings:
+    """Return settings that fit in a band set by hand.
+
+    Parameters
+    ----------
+    band_hz : (low, high) or None
+        Its edges [Hz]; None leaves the choice to the log.
+    settings : IdentifySettings
+
+    Returns
+    -------
+    IdentifySettings
+
+    Raises
+    ------
+    SettingsError
+        Unless 0 < low < high.
+    """
+    if band_hz is None:
+        return settings
+    low_hz, high_hz = band_hz
+    if not 0.0 < low_hz < high_hz < math.inf:
+        raise SettingsError(
+            f"There is no band from {low_hz:g} to {high_hz:g} Hz.",
+            hint="Give two frequencies above 0, the lower one first, as --band 1 8.",
+        )
+    return replace(settings, high_pass_hz=low_hz, smoothing_hz=high_hz)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

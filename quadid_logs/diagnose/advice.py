@@ -87,4 +87,6 @@ def _manoeuvres(found: Sequence[tuple[FlightLog, Finding]]) -> list[str]:
 
 
 def _step(finding: Finding) -> Step:
+    if finding.step is not None:
+        return finding.step
     return CATALOGUE[finding.code].step if finding.code in CATALOGUE else "other"

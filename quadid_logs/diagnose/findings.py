@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from quadid_logs.data.catalogue import CATALOGUE
+from quadid_logs.data.catalogue import CATALOGUE, Step
 from quadid_logs.data.diagnosis import Finding, Level
 
 
@@ -16,6 +16,7 @@ def finding(
     axes: Sequence[str] = (),
     title: str = "",
     advice: str = "",
+    step: Step | None = None,
 ) -> Finding:
     """Return a finding with the catalogue's title and advice unless better ones are given.
 
@@ -30,6 +31,8 @@ def finding(
         The axes that it touches; empty means all.
     title, advice : str
         "" takes the catalogue's.
+    step : "set", "fly" or "other", optional
+        What the advice is; None takes the catalogue's.
 
     Returns
     -------
@@ -43,6 +46,7 @@ def finding(
         evidence=dict(evidence),
         advice=advice or entry.advice,
         axes=tuple(axes),
+        step=step,
     )
 
 

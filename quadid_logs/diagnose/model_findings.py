@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.data.catalogue import CATALOGUE
+from quadid_logs.data.catalogue import CATALOGUE, Step
 from quadid_logs.data.diagnosis import Finding, Level
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Excitation, Identification, Model, Parameter, Response
@@ -39,6 +39,17 @@ _FEW_WINDOWS = 0.5
 _CAUTION_SIGNAL_TO_NOISE = 9.0
 #: Gusts that leave less of the rate in the fitted band to the torque may take a tenth off its effectiveness.
 _CAUTION_SIMULATED_R2 = 0.8
+#: The doublets that are advised turn a vehicle at 14 to 25 deg/s rms (yaw least): an axis that turns more
+#: lacks no excitation.
+_WELL_EXCITED_DEG_S = 20.0
+_ENOUGH_MOTION = (
+    f"An axis that turns by more than {_WELL_EXCITED_DEG_S:g} deg/s rms is excited enough: larger manoeuvres "
+    "would not help. Fly in calm air, away from the ground and with steady throttle, and check that torque "
+    "and rates in the log belong together: units, signs, time stamps, motors at their limits."
+)
+#: Findings that more and quicker commands help against, however much the axis turned.
+_COMMANDS_HELP = frozenset({"QL403", "QL516"})
+_OTHER: Final[Step] = "other"
 
 
 def find_in_models(log: FlightLog, identification: Identification) -> Iterator[Finding]:
@@ -59,7 +70,8 @@ def find_in_models(log: FlightLog, identification: Identification) -> Iterator[F
         return
     for number in range(len(AXES)):
         yield from _axis(log, identification, model, number)
-    yield from _actuator(model)
+    if any(each.rate_rms_rad_s >= np.radians(MIN_RATE_RMS_DEG_S) for each in identification.excitation):
+        yield from _actuator(model)
     yield from _windows(identification)
 
 
@@ -85,9 +97,11 @@ class _Axis(NamedTuple):
         return float(np.degrees(self.excitation.rate_rms_rad_s))
 
     def finding(self, code: str, level: Level, evidence: Mapping[str, object], title: str = "") -> Finding:
-        """Return a finding about this axis; what to fly where that is what it asks for."""
-        advice = self.advice if CATALOGUE[code].step == "fly" else ""
-        return finding(code, level, evidence, axes=(self.name,), advice=advice, title=title)
+        """Return a finding about this axis; with what to fly where more motion would help."""
+        advice, step = self.advice if CATALOGUE[code].step == "fly" else "", None
+        if advice and code not in _COMMANDS_HELP and self.rate_rms_deg_s >= _WELL_EXCITED_DEG_S:
+            advice, step = _ENOUGH_MOTION, _OTHER
+        return finding(code, level, evidence, axes=(self.name,), advice=advice, title=title, step=step)
 
 
 def _axis(log: FlightLog, identification: Identification, model: Model, number: int) -> Iterator[Finding]:
@@ -111,7 +125,7 @@ def _axis(log: FlightLog, identification: Identification, model: Model, number: 
         _formulations_disagree,
         _changes_in_flight,
         _interval_too_narrow,
-        _weakly_excited,
+        _partly_explained,
     ):
         if (found := check(axis)) is not None:
             yield found
@@ -135,7 +149,7 @@ def _poorly_excited(axis: _Axis) -> Finding | None:
     needed = MIN_RATE_RMS_DEG_S
     if axis.rate_rms_deg_s >= needed:
         return None
-    title = f"{axis.name.capitalize()} was poorly excited ({axis.rate_rms_deg_s:.2g} deg/s rms)"
+    title = f"{axis.name.capitalize()} was poorly excited ({rounded(axis.rate_rms_deg_s)} deg/s rms)"
     return axis.finding("QL403", "error", {**_evidence(axis), "needed_deg_s": needed}, title)
 
 
@@ -164,11 +178,14 @@ def _follows_the_rate(axis: _Axis) -> Finding | None:
 def _not_explained(axis: _Axis) -> Finding | None:
     if axis.excitation.signal_to_noise >= MIN_SIGNAL_TO_NOISE:
         return None
-    title = (
+    return axis.finding("QL504", "error", _evidence(axis), _explained(axis))
+
+
+def _explained(axis: _Axis) -> str:
+    return (
         f"The torque explains only {100.0 * max(0.0, np.nan_to_num(axis.r2)):.0f} % of the "
         f"{axis.name} acceleration on flight that the model was not fitted to"
     )
-    return axis.finding("QL504", "error", _evidence(axis), title)
 
 
 def _wrong_sign(axis: _Axis) -> Finding | None:
@@ -182,10 +199,13 @@ def _too_wide(axis: _Axis) -> Finding | None:
     return axis.finding("QL505", "error", _evidence(axis) | _gain(axis))
 
 
-def _weakly_excited(axis: _Axis) -> Finding | None:
+def _partly_explained(axis: _Axis) -> Finding | None:
     if axis.excitation.signal_to_noise >= _CAUTION_SIGNAL_TO_NOISE:
         return None
-    return axis.finding("QL404", "warning", _evidence(axis), f"{axis.name.capitalize()} was weakly excited")
+    rms = axis.rate_rms_deg_s
+    weak = f"{axis.name.capitalize()} was weakly excited ({rounded(rms)} deg/s rms)"
+    title = weak if rms < _WELL_EXCITED_DEG_S else _explained(axis)
+    return axis.finding("QL404", "warning", _evidence(axis), title)
 
 
 def _not_reproduced(axis: _Axis) -> Finding | None:

@@ -22,7 +22,7 @@ CHAPTERS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
         "flight": ("flight", "aligned", "gyro", "airframe"),
         "excitation": ("excitation",),
         "windows": (*(f"condition-{structure}" for structure in STRUCTURES), "over-time", "singular"),
-        "fit": ("lag", "held-out", "fit", "simulation", "frequency", "horizon", "residuals"),
+        "fit": ("lag", "held-out", "fit", "simulation", "response", "horizon", "residuals"),
         "structures": ("structures",),
     }
 )

@@ -3,28 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.log import GyroFilter
-from quadid_logs.data.model import Model
+from quadid_logs.data.model import Model, Response
 from quadid_logs.data.result import Result
-from quadid_logs.figures.spec import Axis, Curve, Figure, LeftOut, Level, Panel
+from quadid_logs.figures.spec import Axis, Band, Curve, Figure, LeftOut, Level, Panel
 from quadid_logs.figures.time_series import torque_axis
 from quadid_logs.identify.select import most_excited
 from quadid_logs.maths.band import ComplexArray, delay_response, gyro_response, lag_response
 from quadid_logs.maths.spectra import Spectra, averaged_spectra
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS
 
-_TITLE = "Frequency response from torque to rate"
-_KEY = "frequency"
+_TITLE = "Response of angular acceleration to torque against frequency"
+_KEY = "response"
 _BLOCK_S = 4.0
 #: Above, a multirotor's body answers with less than the noise.
 _HIGHEST_HZ = 30.0
 #: Below this coherence, gain and phase of the log are mostly chance.
 _WORTH_SHOWING = 0.6
+#: Third octaves that are known worse than this are mostly chance, too.
+_LARGEST_ERROR = 0.5
 _HEIGHT = 0.65
 _FREQUENCY = Axis(label="frequency", unit="Hz", log=True)
 
@@ -38,22 +41,45 @@ def frequency_response(result: Result) -> Figure | LeftOut:
     if model is None or not n_block or longest < 2 * n_block:
         reason = "No model was fitted." if model is None else "No segment was long enough for a spectrum."
         return LeftOut(key=_KEY, title=_TITLE, reason=reason)
-    columns = [_axis(data, model, column, n_block) for column in range(len(AXES))]
+    found = result.identification.responses
+    columns = [
+        _axis(data, model, column, n_block, found[column] if found else None) for column in range(len(AXES))
+    ]
     chosen = "" if data is result.data else " Of this long flight: the minutes that the model was fitted to."
     return Figure(
         key=_KEY,
         title=_TITLE,
-        caption="How strongly and how late each rate answers to its torque. Points: the log, where at least "
-        f"{100.0 * _WORTH_SHOWING:g} % of the rate belongs to the torque (coherence). Line: the model with "
-        "its lag, delay and the gyro's filter. In the band of the manoeuvre the points should lie on the "
-        "line. Above it they often leave together, coherence near 1: there the log shows how the controller "
-        f"answers to the gyro's noise, and not the vehicle.{chosen}",
+        caption="How strongly and how late each axis accelerates when it is given torque. Small points: the "
+        f"log, where at least {100.0 * _WORTH_SHOWING:g} % of the rate belongs to the torque (coherence). "
+        "Points with bars of 95 %: the third octaves that the band was chosen from, by the setpoints where "
+        "those explain the torque. Line: the model with its lag, delay and the gyro's filter."
+        f"{_band_words(result, model)} A rigid body behind a lag has a level gain whose phase falls. Where "
+        "gain grows with frequency while the phase lags by some 90 degrees, torque follows rate: that is the "
+        f"inverse of the controller, which every log shows above its manoeuvres.{chosen}",
         panels=tuple(panel for row in zip(*columns, strict=True) for panel in row),
         columns=3,
     )
 
 
-def _axis(data: FlightData, model: Model, column: int, n_block: int) -> tuple[Panel, ...]:
+def _fitted_band(model: Model) -> tuple[Band, ...]:
+    """Shade what the model was fitted to."""
+    if model.band is None:
+        return ()
+    return (Band(start=float(model.band.low_hz[0]), end=float(model.band.cutoff_hz[0]), role="held-out"),)
+
+
+def _band_words(result: Result, model: Model) -> str:
+    """Say which band is shaded, and who chose it."""
+    by_hand = " that was set by hand" if result.settings.identify.smoothing_hz else ""
+    return "".join(
+        f" Shaded: the fitted band{by_hand}, {band.start:.2g} to {band.end:.2g} Hz."
+        for band in _fitted_band(model)
+    )
+
+
+def _axis(
+    data: FlightData, model: Model, column: int, n_block: int, found: Response | None
+) -> tuple[Panel, ...]:
     """Return gain, phase and coherence of one axis."""
     spectra = averaged_spectra(
         ((segment.torque[:, column], segment.body_rate_rad_s[:, column]) for segment in data.segments),
@@ -62,27 +88,36 @@ def _axis(data: FlightData, model: Model, column: int, n_block: int) -> tuple[Pa
     )
     band = (spectra.frequency_hz > 0.0) & (spectra.frequency_hz <= _HIGHEST_HZ)
     frequency_hz = spectra.frequency_hz[band]
-    response = model_response(model, frequency_hz, data.gyro_filter)[:, column]
+    s = 2j * np.pi * frequency_hz
+    response = s * model_response(model, frequency_hz, data.gyro_filter)[:, column]
     model_deg = np.degrees(np.unwrap(np.angle(response)))
     good, measured = _measured(spectra, band)
-    # The turn of the circle that lies nearest to the model's phase: a phase has no other.
-    apart = np.degrees(np.angle(measured)) - model_deg[good]
-    measured_deg = model_deg[good] + (apart + 180.0) % 360.0 - 180.0
+    measured = measured * s[good]
+    third_octaves = _third_octaves(found, data.gyro_filter)
+    turned = [
+        _near(np.degrees(np.angle(value)), np.interp(at, frequency_hz, model_deg))
+        for at, value in ((frequency_hz[good], measured), (third_octaves.x, third_octaves.gain))
+    ]
     name, unit = AXES[column], torque_axis(data.input).unit
-    gain_unit = "deg/s per unit" if unit == "normalised" else f"deg/s/({unit})"
-    measured_hz = frequency_hz[good]
+    gain_unit = "deg/s^2 per unit" if unit == "normalised" else f"deg/s^2/({unit})"
     panels = (
         _panel(
             f"{name.capitalize()}: gain",
             Axis(label="gain", unit=gain_unit, log=True),
-            (measured_hz, np.degrees(np.abs(measured))),
-            (frequency_hz, np.degrees(np.abs(response))),
+            (
+                _points(frequency_hz[good], np.degrees(np.abs(measured))),
+                _line(frequency_hz, np.degrees(np.abs(response))),
+                *third_octaves.gain_curve(),
+            ),
         ),
         _panel(
             f"{name.capitalize()}: phase",
             Axis(label="phase", unit="deg"),
-            (measured_hz, measured_deg),
-            (frequency_hz, model_deg),
+            (
+                _points(frequency_hz[good], turned[0]),
+                _line(frequency_hz, model_deg),
+                *third_octaves.phase_curve(turned[1]),
+            ),
         ),
         Panel(
             title=f"{name.capitalize()}: coherence",
@@ -93,7 +128,48 @@ def _axis(data: FlightData, model: Model, column: int, n_block: int) -> tuple[Pa
             height=_HEIGHT,
         ),
     )
-    return tuple(replace(panel, model_of=name) for panel in panels)
+    return tuple(replace(panel, model_of=name, bands=_fitted_band(model)) for panel in panels)
+
+
+class _ThirdOctaves(NamedTuple):
+    """Response in third octaves as the log shows it, behind the gyro's filter, with its standard error."""
+
+    x: FloatArray
+    gain: ComplexArray
+    error: FloatArray
+
+    def gain_curve(self) -> tuple[Curve, ...]:
+        """Return the gain with bars of 95 %; a logarithmic axis has no place for zero."""
+        size = np.degrees(np.abs(self.gain))
+        low, high = np.maximum(1.0 - 2.0 * self.error, 0.1) * size, (1.0 + 2.0 * self.error) * size
+        return self._curve(size, low, high)
+
+    def phase_curve(self, phase_deg: FloatArray) -> tuple[Curve, ...]:
+        """Return the phase, turned to the model's, with bars of 95 %."""
+        off = np.degrees(2.0 * self.error)
+        return self._curve(phase_deg, phase_deg - off, phase_deg + off)
+
+    def _curve(self, y: FloatArray, low: FloatArray, high: FloatArray) -> tuple[Curve, ...]:
+        if not self.x.size:
+            return ()
+        return (
+            Curve(label="third octaves", x=self.x, y=y, role="estimate", mark="bars", low=low, high=high),
+        )
+
+
+def _third_octaves(found: Response | None, gyro_filter: GyroFilter) -> _ThirdOctaves:
+    """Return the third octaves that are known to better than by half."""
+    if found is None:
+        return _ThirdOctaves(np.zeros(0), np.zeros(0, dtype=np.complex128), np.zeros(0))
+    known = (found.error < _LARGEST_ERROR) & (found.frequency_hz <= _HIGHEST_HZ)
+    frequency_hz = found.frequency_hz[known]
+    s = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
+    return _ThirdOctaves(frequency_hz, found.gain[known] * gyro_response(s, *gyro_filter), found.error[known])
+
+
+def _near(phase_deg: FloatArray, model_deg: FloatArray) -> FloatArray:
+    """Return the turn of the circle that lies nearest to the model's phase: a phase has no other."""
+    return np.asarray(model_deg + (phase_deg - model_deg + 180.0) % 360.0 - 180.0, dtype=np.float64)
 
 
 def _measured(spectra: Spectra, band: BoolArray) -> tuple[BoolArray, ComplexArray]:
@@ -102,21 +178,22 @@ def _measured(spectra: Spectra, band: BoolArray) -> tuple[BoolArray, ComplexArra
     return good, spectra.cross[band][good] / spectra.input_psd[band][good]
 
 
-def _panel(
-    title: str, y: Axis, points: tuple[FloatArray, FloatArray], line: tuple[FloatArray, FloatArray]
-) -> Panel:
-    """Return points of the log over the line of the model."""
-    keep = np.isfinite(line[1]) & ((line[1] > 0.0) if y.log else np.ones(line[1].shape, dtype=bool))
-    return Panel(
-        title=title,
-        x=_FREQUENCY,
-        y=y,
-        curves=(
-            Curve(label="log", x=points[0], y=points[1], role="measured", mark="points"),
-            Curve(label="model", x=line[0][keep], y=line[1][keep], role="modelled"),
-        ),
-        height=_HEIGHT,
-    )
+def _points(x: FloatArray, y: FloatArray) -> Curve:
+    return Curve(label="log", x=x, y=y, role="measured", mark="points")
+
+
+def _line(x: FloatArray, y: FloatArray) -> Curve:
+    return Curve(label="model", x=x, y=y, role="modelled")
+
+
+def _panel(title: str, y: Axis, curves: tuple[Curve, ...]) -> Panel:
+    """Return a panel of curves that the axis has a place for."""
+    kept = []
+    for curve in curves:
+        keep = np.isfinite(curve.y) & ((curve.y > 0.0) if y.log else np.ones(curve.y.shape, dtype=bool))
+        low, high = (None if each is None else each[keep] for each in (curve.low, curve.high))
+        kept.append(replace(curve, x=curve.x[keep], y=curve.y[keep], low=low, high=high))
+    return Panel(title=title, x=_FREQUENCY, y=y, curves=tuple(kept), height=_HEIGHT)
 
 
 def model_response(model: Model, frequency_hz: FloatArray, gyro_filter: GyroFilter) -> ComplexArray:

@@ -12,6 +12,7 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import Identification, Model
 from quadid_logs.data.settings import IdentifySettings
+from quadid_logs.errors import SettingsError
 from quadid_logs.identify.design import Design, build_design, smooth_segment
 from quadid_logs.identify.equation_by_equation import INFORMATIVE_R2, fit_equation_by_equation
 from quadid_logs.identify.excitation import ColumnNoise, excited_axes, measure_excitation, noise_density
@@ -64,6 +65,11 @@ def identify(
         Without models, and with ``skipped`` saying why, where the data hold
         too little to fit anything. Models with caveats are returned: `diagnose`
         judges them.
+
+    Raises
+    ------
+    SettingsError
+        If the band that was set by hand goes up to half the sample rate.
     """
     if not data.segments or data.input is None:
         return Identification(skipped="there is no segment of flight with both body rates and torque")
@@ -72,6 +78,12 @@ def identify(
     if slowest_hz < MIN_RATE_HZ:
         return Identification(skipped=f"torque and rates were logged at {slowest_hz:.3g} Hz only")
     band = _default_band(settings, data.sample_period_s)
+    if 2.0 * band.high_hz * data.sample_period_s >= 1.0:
+        raise SettingsError(
+            f"The band goes up to {band.high_hz:g} Hz, but this log is on a clock of "
+            f"{1.0 / data.sample_period_s:.4g} Hz.",
+            hint="Give a --band below half of that.",
+        )
     data = most_excited(data, settings.most_samples)
     design = build_design(data, band.high_hz, structures)
     n_needed = _ROWS_PER_UNKNOWN * len(structures[0].columns)

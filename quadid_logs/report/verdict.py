@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from quadid_logs.data.result import Result
+from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.report.numbers import estimate, seconds
 from quadid_logs.report.words import pretty_unit
 from quadid_logs.vocabulary import AXES, ON_AXIS
@@ -54,11 +55,18 @@ def flown_sentence(result: Result) -> str:
         return "nothing identified: the log has no time stamps"
     length = seconds(result.data.duration_s)
     if result.identification.recommended is not None:
-        return f"{seconds(used_s(result))} of {length} analysed"
+        return f"{seconds(used_s(result))} of {length} analysed{_band_by_hand(result.settings.identify)}"
     if not result.data.flights:
         return f"no flight in {length} of log"
     flown_s = sum(end - start for start, end in result.data.flights)
     return f"{seconds(flown_s)} of flight in {length} of log, nothing identified"
+
+
+def _band_by_hand(settings: IdentifySettings) -> str:
+    """Say between which edges the fit was made if a person set them."""
+    if not settings.smoothing_hz:
+        return ""
+    return f" in the band from {settings.high_pass_hz:g} to {settings.smoothing_hz:g} Hz, set by hand"
 
 
 def used_s(result: Result) -> float:
