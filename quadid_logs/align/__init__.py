@@ -295,7 +295,7 @@ def _on_grid(torque: CleanSeries, values: FloatArray, grid: FloatArray) -> Float
     The motors obey an output until the next one comes, so where every output is
     logged, and comes at irregular times, holding is exact and interpolating is not.
     """
-    if torque.rate_hz < _LOOP_RATE_HZ:
+    if torque.rate_hz < _EVERY_STEP * _LOOP_RATE_HZ:
         return resample(torque.time_s, values, grid)
     return resample_held(torque.time_s, values, grid)
 

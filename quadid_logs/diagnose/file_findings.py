@@ -18,6 +18,14 @@ _NOTABLE_REPAIRS = 1e-3
 _NOTABLE_LOSS = 0.01
 
 
+#: Messages of DataFlash and MAVLink are below 300 bytes.
+_LONGEST_MESSAGE = 300
+_ONLY_THE_END = "Nothing to do: only the last message is cut off, as where power is switched off."
+#: MAV_AUTOPILOT_INVALID of MAVLink's minimal.xml: ground stations, cameras, gimbals.
+_NO_AUTOPILOT = "invalid"
+_OTHERS_ARE_STATIONS = "Nothing to do: the others are ground stations or devices on board."
+
+
 def find_in_file(log: FlightLog, data: FlightData) -> Iterator[Finding]:
     """Yield the findings about damage, dropped messages, clocks, systems and the kind of vehicle.
 
@@ -70,9 +78,16 @@ def _damage(log: FlightLog) -> Iterator[Finding]:
                     f"{block.n_bytes} bytes at offset {block.offset}: {block.reason}" for block in largest
                 ],
             },
+            advice=_ONLY_THE_END if _only_the_end(log) else "",
         )
     if log.n_dropped:
         yield finding("QL102", "info", {"dropped_messages": log.n_dropped})
+
+
+def _only_the_end(log: FlightLog) -> bool:
+    """Say whether nothing but the beginning of one message at the end of the file is lost."""
+    (first, *others) = log.lost
+    return not others and first.n_bytes < _LONGEST_MESSAGE and first.offset + first.n_bytes >= log.n_bytes
 
 
 def _clock(log: FlightLog, data: FlightData) -> Iterator[Finding]:
@@ -100,10 +115,12 @@ def _clock(log: FlightLog, data: FlightData) -> Iterator[Finding]:
 
 def _vehicle(log: FlightLog) -> Iterator[Finding]:
     if len(log.systems) > 1:
+        vehicles = [each for each in log.systems if each.autopilot != _NO_AUTOPILOT]
         yield finding(
             "QL105",
             "info",
-            {
+            advice="" if len(vehicles) > 1 else _OTHERS_ARE_STATIONS,
+            evidence={
                 "systems": [
                     f"system {s.system_id} component {s.component_id}: {s.vehicle_type} ({s.autopilot}), "
                     f"{s.n_messages} messages{', chosen' if s.chosen else ''}"

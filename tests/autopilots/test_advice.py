@@ -22,12 +22,56 @@ def px4_logging(profile: float, version: Version = (1, 15, 4), log_format: str =
     return PX4.logging(log_format, {"SDLOG_PROFILE": profile}, version)
 
 
-@pytest.mark.parametrize(
-    ("mask", "to_set"), [(176126.0, 176127), (830.0, 831), (-22530.0, -22529), (float("nan"), 176127)]
-)
+@pytest.mark.parametrize(("mask", "to_set"), [(176126.0, 176127), (830.0, 831), (float("nan"), 176127)])
 def test_the_bit_is_added_to_the_mask_of_the_log(mask: float, to_set: int) -> None:
-    """Negative where the parameter has 16 bits and the highest is set; the default where it is no number."""
+    """To the default where it is no number."""
     assert f"Set LOG_BITMASK to {to_set} " in ardupilot_logging(mask)
+
+
+def test_a_negative_mask_is_not_to_be_typed() -> None:
+    """It has 16 bits and the highest is set: a person sets the bit in a list."""
+    advice = ardupilot_logging(-22530.0)
+    assert "Set bit 0 of LOG_BITMASK" in advice
+    assert "-" not in advice
+
+
+def test_a_mask_that_the_log_does_not_hold_is_not_said_to_be_the_default() -> None:
+    """A telemetry log may hold no parameters at all."""
+    advice = ARDUPILOT.logging("tlog", {}, None)
+    assert "keep other bits" in advice
+    assert "keep other bits" not in ardupilot_logging(176126.0)
+
+
+@pytest.mark.parametrize(("mask", "verb"), [(32767.0, "keep"), (32766.0, "set")])
+def test_old_firmware_is_not_told_to_set_a_bit_that_is_set(mask: float, verb: str) -> None:
+    """Updating is what is missing."""
+    assert f"Then {verb} bit 0 of LOG_BITMASK" in ardupilot_logging(mask, (3, 3))
+
+
+def test_the_loop_rate_is_that_of_the_log() -> None:
+    """SCHED_LOOP_RATE may be 300 Hz, or 800."""
+    advice = ARDUPILOT.logging("dataflash", {"LOG_BITMASK": 176126.0, "SCHED_LOOP_RATE": 800.0}, (4, 5))
+    assert "(800 Hz)" in advice
+    assert "(400 Hz)" in ardupilot_logging(176126.0)
+
+
+def test_a_version_that_nobody_knows_gets_system_id_mode_with_its_condition() -> None:
+    """Telemetry logs often do not say the version."""
+    assert "(4.0 and later)" in ARDUPILOT.excitation(AXES, None)
+    assert "(4.0 and later)" not in ARDUPILOT.excitation(AXES, (4, 5))
+
+
+def test_a_log_without_time_from_an_8_bit_board_is_not_promised_an_update() -> None:
+    """The last firmware for it stamps its rows but logs no torque."""
+    assert "8-bit APM boards stay at 3.2" in ARDUPILOT.remedies["QL104"]
+
+
+def test_a_ulog_whose_parameters_know_no_profile_is_of_an_old_logger() -> None:
+    """The firmware's version is a bare hash in development builds."""
+    advice = PX4.logging("ulog", {"MC_ROLL_P": 6.5}, None)
+    assert "update the firmware" in advice
+    assert "update" not in PX4.logging("ulog", {"SDLOG_PROFILE": 1.0}, None)
+    assert "update" not in PX4.logging("tlog", {"MC_ROLL_P": 6.5}, None)
 
 
 @pytest.mark.parametrize("mask", [176127.0, 407551.0, 32767.0, -1.0, -22529.0])

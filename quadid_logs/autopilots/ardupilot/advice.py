@@ -12,6 +12,8 @@ from quadid_logs.data.log import whole_number
 #: ArduCopter/defines.h: bit 0 of LOG_BITMASK has been ATTITUDE_FAST since 2.x; what it logs has changed.
 _ATTITUDE_FAST: Final = 1
 _DEFAULT_LOG_BITMASK: Final = 176126
+#: SCHED_LOOP_RATE of a multirotor unless it was set.
+_LOOP_RATE_HZ: Final = 400.0
 #: Rate of RATE [Hz] under ATTITUDE_FAST, from this version on (ArduCopter.pde and ArduCopter.cpp: ATT alone;
 #: fifty_hz_logging_loop; twentyfive_hz_logging, still so in 3.5-dev; fourhundred_hz_logging).
 _RATE_LOGGED: Final[tuple[tuple[Version, float], ...]] = (
@@ -44,6 +46,8 @@ class ArduPilotAdvice(Advice):
 
     remedies = MappingProxyType(
         {
+            "QL104": "Update the firmware to 4.0 or later, which stamps its rows and logs the rate "
+            "controller's output. 8-bit APM boards stay at 3.2, which does not log it.",
             "QL307": "Log RATE, RCOU and MOTB with a current firmware to get the torque that was achieved.",
             "QL310": "Check AHRS_ORIENTATION, and in the PM messages whether the main loop keeps up.",
         }
@@ -62,19 +66,26 @@ class ArduPilotAdvice(Advice):
         version: Version | None,
     ) -> str:
         """Say what to do about LOG_BITMASK; a mask of 16 or 32 bits may be negative."""
-        if limit := _logging_limit(version):
-            return f"{limit} Then set bit 0 of LOG_BITMASK (ATTITUDE_FAST) and fly again."
         mask = whole_number(parameters.get("LOG_BITMASK"), _DEFAULT_LOG_BITMASK)
-        if mask & _ATTITUDE_FAST:
+        is_set = bool(mask & _ATTITUDE_FAST)
+        if limit := _logging_limit(version):
+            keep = "keep" if is_set else "set"
+            return f"{limit} Then {keep} bit 0 of LOG_BITMASK (ATTITUDE_FAST) and fly again."
+        if is_set:
             return (
                 f"LOG_BITMASK is {mask}: bit 0 (ATTITUDE_FAST) is set, and RATE is logged at the loop rate. "
                 "Where its rows are missing, the card did not keep up: use a faster one, or log fewer "
                 "message types."
             )
-        return (
-            f"Set LOG_BITMASK to {mask | _ATTITUDE_FAST} (adds bit 0, ATTITUDE_FAST), so that RATE is logged "
-            "at the loop rate (400 Hz), and fly again."
+        loop = parameters.get("SCHED_LOOP_RATE", _LOOP_RATE_HZ)
+        aim = f"so that RATE is logged at the loop rate ({loop:g} Hz), and fly again."
+        if mask < 0:
+            return f"Set bit 0 of LOG_BITMASK (ATTITUDE_FAST) in the ground station's list of bits, {aim}"
+        known = "LOG_BITMASK" in parameters
+        what = (
+            "adds bit 0, ATTITUDE_FAST" if known else "the default and bit 0, ATTITUDE_FAST: keep other bits"
         )
+        return f"Set LOG_BITMASK to {mask | _ATTITUDE_FAST} ({what}), {aim}"
 
     def excitation(self, axes: Sequence[str], version: Version | None) -> str:
         """Add what System ID mode does by itself, where the firmware has it."""
@@ -82,7 +93,8 @@ class ArduPilotAdvice(Advice):
         if not self.sweep_magnitudes(version):
             return f"{by_stick} {_no_system_id(version)}"
         return (
-            f"{by_stick} ArduCopter's System ID mode does it by itself: {_sweeps(axes)}. On the mixer axes "
+            f"{by_stick} ArduCopter's System ID mode{'' if version else ' (4.0 and later)'} does it by "
+            f"itself: {_sweeps(axes)}. On the mixer axes "
             "the unit is a fraction of the full command, so that the default of 15 is dangerous: read the "
             "value back before the flight; see quadid-log plan."
         )
@@ -152,9 +164,11 @@ def _logging_limit(version: Version | None) -> str:
     if rate_hz == float("inf"):
         return ""
     what = f"logs RATE at {rate_hz:g} Hz at most" if rate_hz else "does not log the rate controller's output"
+    # The branch that became 3.4 logged at 50 Hz for its first half.
+    early = " (3.4-dev at 50 Hz)" if version == (3, 4) else ""
     return (
-        f"ArduCopter {_dotted(version)} {what}, whatever LOG_BITMASK is: update the firmware to 4.0 or later "
-        "(8-bit APM boards stay at 3.2)."
+        f"ArduCopter {_dotted(version)} {what}{early}, whatever LOG_BITMASK is: update the firmware to 4.0 "
+        "or later (8-bit APM boards stay at 3.2, which does not log it)."
     )
 
 

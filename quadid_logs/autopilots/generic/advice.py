@@ -178,4 +178,16 @@ def _listed(words: Sequence[str]) -> str:
     return f"{', '.join(first)} and {last}" if first else last
 
 
-ADVICE: Final = Advice()
+class UnknownAutopilotAdvice(Advice):
+    """What holds for tables, and for telemetry of an autopilot that is not known here."""
+
+    remedies = MappingProxyType(
+        {
+            "QL309": "Nothing to do for a table: its torque is used as it is given. How commands are mixed "
+            "to motors is not known here, so that rotors of a vehicle file are only drawn.",
+            "QL510": "To get inertias, give the torque in N m (columns L_n_m, M_n_m and N_n_m of a table).",
+        }
+    )
+
+
+ADVICE: Final = UnknownAutopilotAdvice()

@@ -33,7 +33,10 @@ class Px4Advice(Advice):
 
     def _logging(self, log_format: str, parameters: Mapping[str, float], version: Version | None) -> str:
         """Say what to do about SDLOG_PROFILE; the old logger's files are of DataFlash's framing."""
-        if limit := "; ".join(self.version_notes((0,) if log_format == "dataflash" else version)):
+        # sdlog2 writes DataFlash; a ULog holds all parameters, so that one without this knows no profile.
+        unknown = version is None and bool(parameters) and "SDLOG_PROFILE" not in parameters
+        old = log_format == "dataflash" or (log_format == "ulog" and unknown)
+        if limit := "; ".join(self.version_notes((0,) if old else version)):
             return f"{limit} Then set SDLOG_PROFILE to {_PROFILE} and fly again."
         profile = whole_number(parameters.get("SDLOG_PROFILE"), 1)
         if profile & _PROFILE == _PROFILE:
