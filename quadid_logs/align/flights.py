@@ -25,6 +25,10 @@ _RUNNING, _LARGEST = 0.1, 0.99
 #: With less than half its weight carried for half a second a vehicle is half a metre lower and falls at
 #: 2 m/s: that is a landing.
 _LIFTING, _LIFT_S = 0.5, 0.5
+#: Averages over a fifth of a second leave under a tenth of this of a gyro's noise on a bench; a vehicle
+#: that hovers by itself turns three times as much and more [deg/s rms].
+_STILL_DEG_S, _STILL_S = 0.3, 0.2
+_BENCH = "the rotors ran, but the vehicle did not turn, as on a bench"
 
 
 class Flights(NamedTuple):
@@ -76,10 +80,15 @@ def find_flights(series: Mapping[str, CleanSeries], span: Interval) -> Flights:
         if not aloft.any():
             return Flights((), f"the thrust never lifted the vehicle{_in_so_short(span)}")
     if not evidence:
-        return _from_motion(series)
+        found = _from_motion(series)
+        flown = _turning(series, found.intervals)
+        return Flights(flown, found.reason if flown or not found.intervals else _BENCH)
     intervals = _intervals(aloft, grid)
     trimmed = tuple((a + _GROUND_MARGIN_S, b - _GROUND_MARGIN_S) for a, b in intervals)
     lasting = tuple((a, b) for a, b in trimmed if b > a)
+    if lasting and not {"armed", "landed"} & series.keys():
+        lasting = _turning(series, lasting)
+        return Flights(lasting, "" if lasting else _BENCH)
     return Flights(lasting, "" if lasting else "the vehicle was in the air for less than two seconds")
 
 
@@ -101,6 +110,27 @@ def _lifted(series: Mapping[str, CleanSeries], grid: FloatArray) -> BoolArray | 
     first, last = (np.clip(grid + shift, time_s[0], time_s[-1]) for shift in (-_LIFT_S / 2, _LIFT_S / 2))
     carried = np.interp(last, time_s, total) - np.interp(first, time_s, total)
     return np.asarray(carried > _LIFTING * np.median(running) * (last - first), dtype=np.bool_)
+
+
+def _turning(series: Mapping[str, CleanSeries], intervals: tuple[Interval, ...]) -> tuple[Interval, ...]:
+    """Return the intervals in which the vehicle turned; all of them where no rates were logged."""
+    rate = series.get("body_rate")
+    if rate is None:
+        return intervals
+    return tuple(each for each in intervals if _turns(rate, *each))
+
+
+def _turns(rate: CleanSeries, start_s: float, end_s: float) -> bool:
+    """Say whether some axis turned by more than noise; True where a fifth of a second holds no sample."""
+    near = rate.within(start_s, end_s)
+    time_s, values = rate.time_s[near], rate.values[near]
+    n_cells = int((end_s - start_s) / _STILL_S)
+    cell = ((time_s - start_s) / _STILL_S).astype(int)
+    count = np.bincount(cell, minlength=n_cells)[:n_cells]
+    if n_cells < 2 or not count.all():
+        return True
+    mean = [np.bincount(cell, column, minlength=n_cells)[:n_cells] / count for column in values.T]
+    return bool(np.degrees(np.std(mean, axis=1)).max() > _STILL_DEG_S)
 
 
 def _in_so_short(span: Interval) -> str:

@@ -68,3 +68,38 @@ def test_a_land_detector_is_believed_before_thrust() -> None:
     """An autopilot that says that it flies may dive with its motors at rest."""
     dive = np.where((TIME_S > 20.0) & (TIME_S < 22.0), IDLE_N, thrust(start_s=-1.0, end_s=61.0))
     assert len(table(dive, landed=np.zeros(TIME_S.size)).flights) == 1
+
+
+def on_a_bench(rate_deg_s: np.ndarray, *signals: str) -> FlightData:
+    """Return the flights of a table whose motors run up and down while the rates are these."""
+    steps = 0.6 + 0.05 * np.sin(0.7 * TIME_S)
+    log = flight_log(
+        signal("body_rate", TIME_S, np.radians(rate_deg_s)),
+        signal("torque_n_m", TIME_S, 1e-3 * motion(TIME_S)),
+        *(signal(name, TIME_S, steps[:, np.newaxis]) for name in signals),
+        format="table",
+        autopilot="other",
+    )
+    return align(log, AlignSettings())
+
+
+@pytest.mark.parametrize("signals", [("thrust_n",), ("throttle",), ()])
+def test_rotors_that_run_on_a_bench_are_no_flight(signals: tuple[str, ...]) -> None:
+    """Thrust changes and the gyro is noisy, but nothing turns."""
+    noise = 0.5 * np.random.default_rng(0).standard_normal((TIME_S.size, 3))
+    found = on_a_bench(noise, *signals)
+    assert found.flights == ()
+    assert "bench" in found.on_ground_reason
+
+
+@pytest.mark.parametrize("signals", [("thrust_n",), ()])
+def test_a_calm_hover_is_a_flight(signals: tuple[str, ...]) -> None:
+    """One axis that sways by half a degree per second rms is enough."""
+    noise = 0.5 * np.random.default_rng(0).standard_normal((TIME_S.size, 3))
+    noise[:, 1] += 0.7 * np.sin(2.0 * np.pi * 0.4 * TIME_S)
+    assert len(on_a_bench(noise, *signals).flights) == 1
+
+
+def test_an_autopilot_that_says_it_flies_is_believed_on_a_bench() -> None:
+    """Its land detector knows more than a table."""
+    assert len(on_a_bench(np.zeros((TIME_S.size, 3)), "armed").flights) == 1
