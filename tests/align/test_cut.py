@@ -45,6 +45,12 @@ def test_torque_of_a_fast_loop_is_held_until_the_next_output() -> None:
     assert np.count_nonzero((torque > 0.01) & (torque < 0.99)) == 0
 
 
+def test_torque_of_a_loop_of_nominal_rate_is_held_however_its_clock_runs() -> None:
+    """A loop of 200 Hz measures 199.99 Hz by its own stamps."""
+    torque = stairs(199.9)
+    assert np.count_nonzero((torque > 0.01) & (torque < 0.99)) == 0
+
+
 def test_torque_logged_more_slowly_than_any_loop_is_interpolated() -> None:
     """What came between two rows is not known; a straight line is the best guess."""
     torque = stairs(100.0)

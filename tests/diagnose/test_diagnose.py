@@ -16,7 +16,7 @@ from quadid_logs.data.model import Identification
 from quadid_logs.data.settings import AlignSettings, Settings
 from quadid_logs.diagnose import diagnose
 from quadid_logs.identify import identify
-from tests.align.flights import align, flight_log, flown
+from tests.align.flights import align, flight_log, flown, motion, signal
 from tests.identify.vehicles import QUAD, fly, multisine
 
 ROLL_ONLY = (0,)
@@ -113,6 +113,52 @@ def test_each_caveat_about_the_file_has_its_finding(changes: dict[str, object], 
     """One cause, one code."""
     log = flown(np.arange(0.0, 60.0, 0.0025), **changes)
     assert code in codes(judge(align(log, AlignSettings()), log))
+
+
+@pytest.mark.parametrize(
+    ("offset", "n_bytes", "more", "only_the_end"),
+    [(9980, 20, 0, True), (9480, 520, 0, False), (9000, 20, 0, False), (9980, 20, 1, False)],
+    ids=["cut off", "a block at the end", "in the middle", "elsewhere too"],
+)
+def test_a_last_message_that_is_cut_off_asks_for_nothing(
+    offset: int, n_bytes: int, more: int, only_the_end: bool
+) -> None:
+    """Nearly every log ends so; a copy would end there too."""
+    blocks = (
+        *(LostBytes(offset=100, n_bytes=50, reason="no header"),) * more,
+        LostBytes(offset=offset, n_bytes=n_bytes, reason="cut off"),
+    )
+    log = flown(np.arange(0.0, 60.0, 0.0025), lost=blocks, n_bytes=10_000)
+    finding = next(each for each in judge(align(log, AlignSettings()), log).findings if each.code == "QL101")
+    assert ("Nothing to do" in finding.advice) is only_the_end
+
+
+@pytest.mark.parametrize(("autopilot", "choice"), [("invalid", False), ("ardupilot", True)])
+def test_a_ground_station_in_the_file_is_no_other_vehicle_to_choose(autopilot: str, choice: bool) -> None:
+    """It flies nothing."""
+    systems = tuple(
+        LoggedSystem(
+            system_id=n, component_id=1, autopilot=one, vehicle_type="gcs", n_messages=10, chosen=n == 1
+        )
+        for n, one in ((1, "ardupilot"), (255, autopilot))
+    )
+    log = flown(np.arange(0.0, 60.0, 0.0025), systems=systems)
+    finding = next(each for each in judge(align(log, AlignSettings()), log).findings if each.code == "QL105")
+    assert ("--system" in finding.advice) is choice
+
+
+def test_motor_outputs_without_torque_are_not_called_nothing() -> None:
+    """A log that holds them at 5 Hz says more than that it holds no torque."""
+    time_s = np.arange(0.0, 60.0, 0.2)
+    outputs = signal("output_pwm", time_s, np.full((time_s.size, 4), 1500.0))
+    rates = signal("body_rate", np.arange(0.0, 60.0, 0.01), motion(np.arange(0.0, 60.0, 0.01)))
+    said = {}
+    for name, signals in (("outputs", (rates, outputs)), ("none", (rates,))):
+        log = flight_log(*signals, autopilot="other", format="tlog")
+        findings = judge(align(log, AlignSettings()), log).findings
+        said[name] = next(each.title for each in findings if each.code == "QL302")
+    assert "Motor outputs were logged at 5 Hz" in said["outputs"]
+    assert said["none"] == CATALOGUE["QL302"].title
 
 
 def test_several_systems_in_one_file_are_named() -> None:

@@ -8,10 +8,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.model import BandCheck, ChangeCheck, FormulationCheck, Identification, Model
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.diagnose.model_findings import find_in_models
 from quadid_logs.identify import identify
+from quadid_logs.identify.actuator import MAX_DELAY_S
 from tests.align.flights import flight_log
 from tests.identify.vehicles import QUAD, fly, multisine
 
@@ -153,6 +155,73 @@ def test_an_axis_is_judged_by_what_the_model_explains_of_it(
     weak = dataclasses.replace(pitch, signal_to_noise=signal_to_noise)
     said = found(dataclasses.replace(good, excitation=(roll, weak, yaw)), lambda model: model)
     assert {"QL504", "QL404"} & set(said) == ({code} if code else set())
+
+
+def findings_at(
+    good: Identification, rate_deg_s: float, signal_to_noise: float, change: Callable[[Model], Model]
+) -> list[Finding]:
+    """Return what is said of pitch that turns so much and is explained so well."""
+    roll, pitch, yaw = good.excitation
+    moved = dataclasses.replace(
+        pitch, rate_rms_rad_s=float(np.radians(rate_deg_s)), signal_to_noise=signal_to_noise
+    )
+    first, *others = good.models
+    changed = dataclasses.replace(good, excitation=(roll, moved, yaw), models=(change(first), *others))
+    return [one for one in find_in_models(flight_log(), changed) if one.axes == ("pitch",)]
+
+
+@pytest.mark.parametrize(("signal_to_noise", "code"), [(2.0, "QL504"), (6.0, "QL404")])
+@pytest.mark.parametrize(("rate_deg_s", "helps"), [(19.0, True), (21.0, False), (100.0, False)])
+def test_an_axis_that_turned_a_lot_is_not_told_to_turn_more(
+    good: Identification, rate_deg_s: float, helps: bool, signal_to_noise: float, code: str
+) -> None:
+    """At 100 deg/s rms it is not excitation that lacks."""
+    (said,) = findings_at(good, rate_deg_s, signal_to_noise, lambda model: model)
+    assert said.code == code
+    assert ("doublets" in said.advice) is helps
+    assert (said.step is None) is helps
+    assert helps or "weakly" not in said.title
+
+
+def with_response(good: Identification, gain: np.ndarray) -> Identification:
+    """Return the flight as if pitch had answered to torque with this response."""
+    roll, pitch, yaw = good.responses
+    known = dataclasses.replace(pitch, gain=gain, error=np.full(gain.shape, 0.05))
+    return dataclasses.replace(good, responses=(roll, known, yaw))
+
+
+def test_torque_that_follows_rate_is_refused_by_name(good: Identification) -> None:
+    """However well the model explains it, and however much the axis turned: with what to fly."""
+    frequency_hz = good.responses[1].frequency_hz
+    inverse = with_response(good, -2j * np.pi * frequency_hz / 0.3)
+    (said,) = findings_at(inverse, 100.0, 2.0, lambda model: model)
+    assert (said.code, said.level) == ("QL516", "error")
+    assert "torque follows rate" in said.title
+    assert said.evidence["phase_deg"] == pytest.approx(-90.0)
+    assert said.evidence["grows_with_power_of_frequency"] == pytest.approx(1.0)
+    assert "doublets" in said.advice
+
+
+def test_a_level_response_is_no_inverse_controller(good: Identification) -> None:
+    """As a rigid body has it."""
+    level = with_response(good, np.full(good.responses[1].gain.shape, 80.0 + 0j))
+    assert "QL516" not in found(level, lambda model: model)
+
+
+@pytest.mark.parametrize(("rate_deg_s", "said"), [(1.0, False), (3.0, True)])
+def test_the_lag_of_a_vehicle_at_rest_is_not_judged(
+    good: Identification, rate_deg_s: float, said: bool
+) -> None:
+    """Any lag fits noise: the clocks are not to be suspected."""
+    still = tuple(
+        dataclasses.replace(each, rate_rms_rad_s=float(np.radians(rate_deg_s))) for each in good.excitation
+    )
+
+    def late(model: Model) -> Model:
+        assert model.actuator is not None
+        return dataclasses.replace(model, actuator=dataclasses.replace(model.actuator, delay_s=MAX_DELAY_S))
+
+    assert ("QL507" in found(dataclasses.replace(good, excitation=still), late)) is said
 
 
 @pytest.mark.parametrize(("rate_deg_s", "refused"), [(1.9, True), (2.1, False)])

@@ -52,6 +52,12 @@ def test_an_axis_that_changed_in_flight_is_not_to_be_flown_again() -> None:
     assert next_steps([(_log(), change)]) == (entry.advice,)
 
 
+def test_an_axis_that_turned_enough_gets_no_manoeuvre() -> None:
+    """What its own finding says to do instead stands alone."""
+    enough = replace(_finding("QL504", "error", "roll", advice="Look elsewhere."), step="other")
+    assert next_steps([(_log(), enough)]) == ("Look elsewhere.",)
+
+
 def _with_findings(*findings: Finding) -> Result:
     result = usable_result(4.0)
     return replace(result, diagnosis=Diagnosis(findings=findings, axes=result.diagnosis.axes))
