@@ -6,6 +6,7 @@ import base64
 import json
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +18,9 @@ from hypothesis.extra import numpy as hnp
 from quadid_logs.data.flight import Segment
 from quadid_logs.data.log import NO_GYRO_FILTER, GyroFilter, ModeChange
 from quadid_logs.data.result import Result
+from quadid_logs.data.settings import Settings, in_band
 from quadid_logs.figures import FIGURE_KEYS, figures_of
-from quadid_logs.figures.bode import model_response
+from quadid_logs.figures.bode import frequency_response, model_response
 from quadid_logs.figures.interactive import interactive
 from quadid_logs.figures.palette import DARK, LIGHT
 from quadid_logs.figures.png import draw, write_png
@@ -251,13 +253,11 @@ def test_the_model_s_frequency_response_is_the_transfer_function_of_its_numbers(
     )
 
 
-def test_the_frequency_response_of_a_simulated_flight_lies_on_the_model() -> None:
-    """Where the multisine moves roll, 1 to 5 Hz, gain within 3 % and phase within 3 degrees."""
+@lru_cache(maxsize=1)
+def _simulated() -> Result:
+    """Return what is found in a simulated flight of 40 s."""
     from quadid_logs.align import cut
-    from quadid_logs.data.settings import Settings
     from quadid_logs.diagnose import diagnose
-    from quadid_logs.figures.bode import frequency_response
-    from quadid_logs.figures.spec import Figure
     from quadid_logs.identify import identify
     from quadid_logs.load import prepare
     from quadid_logs.simulate import simulate
@@ -266,14 +266,18 @@ def test_the_frequency_response_of_a_simulated_flight_lies_on_the_model() -> Non
     log = simulate("sysid-quad-x", duration_s=40.0).log
     data = cut(prepare(log), settings.align)
     found = identify(data, settings.identify)
-    result = Result(
+    return Result(
         log=log,
         data=data,
         identification=found,
         diagnosis=diagnose(log, data, found),
         settings=settings,
     )
-    figure = frequency_response(result)
+
+
+def test_the_frequency_response_of_a_simulated_flight_lies_on_the_model() -> None:
+    """Where the multisine moves roll, 1 to 5 Hz, gain within 3 % and phase within 3 degrees."""
+    figure = frequency_response(_simulated())
     assert isinstance(figure, Figure)
     for panel, relative in ((figure.panels[0], True), (figure.panels[3], False)):
         points, line, *_ = panel.curves
@@ -282,6 +286,33 @@ def test_the_frequency_response_of_a_simulated_flight_lies_on_the_model() -> Non
         assert np.count_nonzero(band) > 10
         error = np.median(np.abs(points.y[band] - expected) / (np.abs(expected) if relative else 1.0))
         assert error < (0.03 if relative else 3.0)
+
+
+def test_the_third_octaves_of_the_response_lie_on_the_model_where_the_vehicle_moved() -> None:
+    """Those that the band is chosen from, behind the gyro's filter as the logged rates are."""
+    figure = frequency_response(_simulated())
+    assert isinstance(figure, Figure)
+    _, line, third_octaves = figure.panels[0].curves
+    band = (third_octaves.x > 1.0) & (third_octaves.x < 4.0)
+    assert np.count_nonzero(band) >= 5
+    np.testing.assert_allclose(
+        third_octaves.y[band], np.interp(third_octaves.x[band], line.x, line.y), rtol=0.05
+    )
+    assert third_octaves.low is not None
+    assert (third_octaves.low < third_octaves.y).all()
+
+
+def test_the_response_shades_the_band_that_was_fitted_and_says_who_chose_it() -> None:
+    """0.3 to 5 Hz here, by default."""
+    result = _simulated()
+    figure = frequency_response(result)
+    assert isinstance(figure, Figure)
+    assert {(band.start, band.end) for panel in figure.panels for band in panel.bands} == {(0.3, 5.0)}
+    assert "the fitted band, 0.3 to 5 Hz" in figure.caption
+    by_hand = replace(result.settings, identify=in_band((0.3, 5.0), result.settings.identify))
+    figure = frequency_response(replace(result, settings=by_hand))
+    assert isinstance(figure, Figure)
+    assert "the fitted band that was set by hand" in figure.caption
 
 
 def test_a_heading_that_passes_south_draws_no_line_across(usable: Result) -> None:
@@ -315,8 +346,7 @@ def test_gyro_and_attitude_are_shown_against_each_other(usable: Result) -> None:
 
 def test_the_frequency_response_of_a_long_flight_is_that_of_the_minutes_that_were_fitted() -> None:
     """The log's points come from the same part as the model's line, and the caption says so."""
-    from quadid_logs.data.settings import IdentifySettings, Settings
-    from quadid_logs.figures.bode import frequency_response
+    from quadid_logs.data.settings import IdentifySettings
     from quadid_logs.identify.select import most_excited
 
     whole = usable_result()

@@ -9,6 +9,7 @@ import pytest
 
 from quadid_logs import pipeline
 from quadid_logs.data.result import Result
+from quadid_logs.data.settings import IdentifySettings, Settings, in_band
 from quadid_logs.vocabulary import AXES, ON_AXIS
 
 TAILSITTERS = ("manual-altitude-2", "manual-position-1", "manual-stabilized-2", "step-size2-2")
@@ -56,3 +57,20 @@ def test_the_small_quadrotor_has_a_gain_on_roll_and_pitch(corpus: Path) -> None:
     """Refusing everything is no answer: this flight tells both."""
     result = pipeline.analyze(corpus / "real" / "cfbl-square3-rotors.csv")
     assert "refused" not in {result.diagnosis.axes[axis].verdict for axis in ("roll", "pitch")}
+
+
+@pytest.mark.parametrize("axis", AXES)
+def test_a_hover_whose_torque_is_the_inverse_controller_s_is_refused_by_that_name(
+    corpus: Path, axis: str
+) -> None:
+    """Between 5 and 20 Hz its coherence is high, and a fit there would be confident nonsense."""
+    result = pipeline.analyze(corpus / "real" / "px4-1.15-quad-hover-80s.ulg")
+    assert result.diagnosis.axes[axis].reasons[0] == "QL516"
+
+
+def test_a_hover_is_no_better_in_the_band_of_the_inverse_controller(corpus: Path) -> None:
+    """Set by hand to where the coherence is; an axis that turned too little there says that first."""
+    settings = Settings(identify=in_band((4.0, 12.0), IdentifySettings()))
+    result = pipeline.analyze(corpus / "real" / "px4-1.15-quad-hover-80s.ulg", settings)
+    assert {verdict.verdict for verdict in result.diagnosis.axes.values()} == {"refused"}
+    assert {verdict.reasons[0] for verdict in result.diagnosis.axes.values()} <= {"QL516", "QL403"}

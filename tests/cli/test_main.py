@@ -339,13 +339,16 @@ def test_a_hostile_log_cannot_steer_the_terminal(
 def test_options_become_settings(pipeline: FakePipeline) -> None:
     """Each option arrives under its own name."""
     arguments = (
-        "--structure linear-9 --start-s 5 --end-s 60.5 --sample-rate-hz 200 --window 12 --stride 3 --system 7"
+        "--structure linear-9 --start-s 5 --end-s 60.5 --sample-rate-hz 200 --window 12 --stride 3 "
+        "--system 7 --band 1 8.5"
     )
     main(["analyze", "usable.bin", "--json", "--no-report", *arguments.split()])
     expected = Settings(
         system=7,
         align=AlignSettings(start_s=5.0, end_s=60.5, sample_rate_hz=200.0),
-        identify=IdentifySettings(structure="linear-9", window=12, stride=3),
+        identify=IdentifySettings(
+            structure="linear-9", window=12, stride=3, high_pass_hz=1.0, smoothing_hz=8.5
+        ),
     )
     assert pipeline.settings == [expected]
 
@@ -369,6 +372,12 @@ def test_a_vehicle_file_reaches_the_analysis(pipeline: FakePipeline) -> None:
         (["analyze", "usable.bin", "--structure", "magic"], "damped"),
         (["analyze", "usable.bin", "--start-s", "9", "--end-s", "3"], "empty"),
         (["analyze", "usable.bin", "--sample-rate-hz", "nan"], "sample_rate_hz"),
+        (["analyze", "usable.bin", "--band", "8", "1"], "no band from 8 to 1 Hz"),
+        (["analyze", "usable.bin", "--band", "0", "8"], "no band from 0 to 8 Hz"),
+        (["analyze", "usable.bin", "--band", "-1", "8"], "no band from -1 to 8 Hz"),
+        (["analyze", "usable.bin", "--band", "1", "nan"], "no band"),
+        (["analyze", "usable.bin", "--band", "1"], "--band"),
+        (["compare", "usable.bin", "usable.bin", "--band", "3", "2"], "no band from 3 to 2 Hz"),
         (["analyze", "usable.bin", "--vehicle", "none.toml"], "none.toml"),
         (["analyse", "usable.bin"], "analyze"),
         (["info", "nothing-here.bin"], "nothing-here.bin"),
