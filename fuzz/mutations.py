@@ -352,7 +352,7 @@ def _message_id(packet: bytearray) -> int:
     return packet[5] if packet[0] == 0xFE else int.from_bytes(packet[7:10], "little")
 
 
-def _sealed(packet: bytearray) -> bytearray:
+def sealed(packet: bytearray) -> bytearray:
     """Return an unsigned packet with a right checksum (CRC-16/MCRF4XX), if its type is known."""
     msg_id = _message_id(packet)
     extra = _extra_bytes()[msg_id] if msg_id < len(_extra_bytes()) else -1
@@ -376,7 +376,7 @@ def tlog_payloads(rng: random.Random, data: bytearray) -> bytearray:
             packet[header:-2] = mutation(rng, body)
         if rng.random() < 0.3:
             packet[header - 3 if header == 6 else 5] = rng.randrange(256)
-        data[begin:end] = _sealed(packet)
+        data[begin:end] = sealed(packet)
     return data
 
 
@@ -385,7 +385,7 @@ def tlog_parameters(rng: random.Random, data: bytearray) -> bytearray:
     packets = [(begin, end) for begin, end in tlog_frames(data) if _message_id(data[begin:end]) == 22]
     _write_singles(rng, data, [begin + (6 if data[begin] == 0xFE else 10) for begin, _ in packets])
     for begin, end in packets:
-        data[begin:end] = _sealed(data[begin:end])
+        data[begin:end] = sealed(data[begin:end])
     return data
 
 
@@ -398,7 +398,7 @@ def tlog_short_payloads(rng: random.Random, data: bytearray) -> bytearray:
         body = body + rng.randbytes(rng.choice((0, 0, 1, 40)))
         body = body[:255]
         packet[1] = len(body)
-        data[begin:end] = _sealed(packet[:header] + body + b"\0\0")
+        data[begin:end] = sealed(packet[:header] + body + b"\0\0")
     return data
 
 

@@ -118,16 +118,11 @@ def read_content(path: str | Path, topics: Collection[str] | None = None) -> Ulo
 def _content(file: FileParts, topics: Collection[str] | None) -> UlogContent:
     """Find the messages and decode those of the wanted topics."""
     frames = frame(file)
-    chosen = [
-        (subscription, starts)
-        for subscription, starts in zip(frames.definitions.subscriptions, frames.starts, strict=True)
-        if len(starts) and (topics is None or subscription.name in topics)
-    ]
-    wanted = [(starts, subscription.dtype) for subscription, starts in chosen]
+    chosen = _wanted_rows(frames, topics)
+    wanted = [(starts, layout) for _, layout, starts in chosen]
     found = rows_of_types(file, wanted, behind=_MESSAGE_HEADER)
     tables: dict[TopicKey, list[TopicTable]] = {}
-    for (subscription, starts), rows in zip(chosen, found, strict=True):
-        key = (subscription.name, subscription.multi_id)
+    for (key, _, starts), rows in zip(chosen, found, strict=True):
         table = TopicTable(name=key[0], multi_id=key[1], rows=rows, position=starts)
         tables.setdefault(key, []).append(table)
     return UlogContent(
@@ -139,6 +134,24 @@ def _content(file: FileParts, topics: Collection[str] | None) -> UlogContent:
         n_joined=frames.n_joined,
         n_bytes=file.n_bytes,
     )
+
+
+def _wanted_rows(
+    frames: Frames, topics: Collection[str] | None
+) -> list[tuple[TopicKey, np.dtype[np.void], IntArray]]:
+    """Return where the rows of every wanted topic and layout are: a topic can be subscribed many times."""
+    starts_of: dict[tuple[TopicKey, int], list[IntArray]] = {}
+    layouts: dict[int, np.dtype[np.void]] = {}
+    for subscription, starts in zip(frames.definitions.subscriptions, frames.starts, strict=True):
+        if len(starts) and (topics is None or subscription.name in topics):
+            # By identity: a layout that did not change is the same object, and comparing goes by fields.
+            number = id(subscription.dtype)
+            layouts[number] = subscription.dtype
+            starts_of.setdefault(((subscription.name, subscription.multi_id), number), []).append(starts)
+    return [
+        (key, layouts[number], parts[0] if len(parts) == 1 else np.sort(np.concatenate(parts)))
+        for (key, number), parts in starts_of.items()
+    ]
 
 
 def _flatten(prefix: str, values: AnyArray) -> dict[str, AnyArray]:
@@ -165,9 +178,7 @@ def _join(tables: list[TopicTable]) -> TopicTable:
     if any(table.rows.dtype != first.rows.dtype for table in tables):
         # Firmware changed between joined files: keep what all of them have.
         shared = [name for name in first.fields if all(_has_field(first, table, name) for table in tables)]
-        rows = np.concatenate(
-            [np.array(table.rows[shared].tolist(), _packed(first, shared)) for table in tables]
-        )
+        rows = np.concatenate([table.rows[shared].astype(_packed(first, shared)) for table in tables])
     else:
         rows = np.concatenate([table.rows for table in tables])
     position = np.concatenate([table.position for table in tables])

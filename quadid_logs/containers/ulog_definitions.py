@@ -11,9 +11,11 @@ from __future__ import annotations
 import re
 import struct
 from dataclasses import dataclass, field
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
+
+from quadid_logs.containers.ulog_formats import BASIC_TYPES, BrokenMessageError, Formats
 
 HEADER_MAGIC: Final = b"\x55\x4c\x6f\x67\x01\x12\x35"
 HEADER_SIZE: Final = 16
@@ -22,26 +24,9 @@ SYNC_MAGIC: Final = b"\x2f\x73\x13\x20\x25\x0c\xbb\x12"
 NO_SIZE: Final = 1 << 17
 MESSAGE_TYPES: Final = frozenset(b"BFIMPQARDSOLC")
 
-#: Codes that mean the same to numpy and to `struct`, which is much faster for a single value.
-_BASIC_TYPES: Final = {
-    "int8_t": "<b", "uint8_t": "<B", "int16_t": "<h", "uint16_t": "<H", "int32_t": "<i", "uint32_t": "<I",
-    "int64_t": "<q", "uint64_t": "<Q", "float": "<f", "double": "<d", "bool": "<b", "char": "<b",
-}  # fmt: skip
-_UNPACK: Final = {name: struct.Struct(code).unpack for name, code in _BASIC_TYPES.items()}
-_MAX_ROW: Final = 65_533
-_MAX_NESTING: Final = 8
-_FIELD = re.compile(r"([A-Za-z0-9_]+)(?:\[(\d{1,5})\])? ([A-Za-z0-9_]+)\n?")
-_FORMAT = re.compile(rf"([A-Za-z0-9_\-/]+):((?:(?:{_FIELD.pattern})?;)*(?:{_FIELD.pattern})?)")
+_UNPACK: Final = {name: struct.Struct(code).unpack for name, code in BASIC_TYPES.items()}
 #: An array, or the name of a format.
 _OTHER_TYPE = re.compile(r"[a-z0-9_]+(\[\d{1,5}\])?")
-
-
-class Field(NamedTuple):
-    """One field of a format: a basic type or the name of another format; 0 means no array."""
-
-    type_name: str
-    n_elements: int
-    name: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -80,20 +65,12 @@ class ParameterWrite(NamedTuple):
     before: float
 
 
-class BrokenMessageError(ValueError):
-    """The message's content does not follow the format; never leaves this package."""
-
-
 @dataclass(slots=True, kw_only=True)
 class Definitions:
-    """All that is known so far while the messages of a file are gone through in order.
-
-    `formats` holds the fields of a format as they are written, separated by semicolons.
-    """
+    """All that is known so far while the messages of a file are gone through in order."""
 
     start_timestamp_us: int = 0
-    formats: dict[str, str] = field(default_factory=dict)
-    layouts: dict[str, tuple[np.dtype[np.void], int]] = field(default_factory=dict)
+    formats: Formats = field(default_factory=Formats)
     subscriptions: list[Subscription] = field(default_factory=list)
     index_by_id: dict[int, int] = field(default_factory=dict)
     information: dict[str, object] = field(default_factory=dict)
@@ -135,20 +112,13 @@ def _take_flags(known: Definitions, body: bytes, offset: int) -> None:
 
 
 def _take_format(known: Definitions, body: bytes, offset: int) -> None:  # noqa: ARG001
-    match = _FORMAT.fullmatch(_text_of(body))
-    if match is None:
-        raise BrokenMessageError("a format without a name, or with a field that is none")
-    # Most formats are never subscribed: their fields are taken apart when a row's layout asks for them.
-    known.formats[match[1]] = match[2]
-    known.layouts.clear()
+    known.formats.define(_text_of(body))
 
 
 def _take_subscription(known: Definitions, body: bytes, offset: int) -> None:  # noqa: ARG001
     multi_id, msg_id = struct.unpack("<BH", body[:3])
     name = _text_of(body[3:])
-    if name not in known.layouts:
-        known.layouts[name] = row_layout(known.formats, name)
-    dtype, max_size = known.layouts[name]
+    dtype, max_size = known.formats.row(name)
     known.index_by_id[msg_id] = len(known.subscriptions)
     known.subscriptions.append(
         Subscription(name=name, multi_id=multi_id, msg_id=msg_id, dtype=dtype, max_size=max_size)
@@ -237,63 +207,3 @@ _TAKE: Final = {
     ord("P"): _take_parameter, ord("Q"): _take_parameter_default, ord("L"): _take_text,
     ord("C"): _take_tagged_text, ord("O"): _take_dropout, ord("S"): _take_sync,
 }  # fmt: skip
-
-
-def row_layout(formats: dict[str, str], name: str) -> tuple[np.dtype[np.void], int]:
-    """Return the structured dtype of a topic's row and the row's size with padding at the end.
-
-    Nested types become nested dtypes, arrays sub-arrays; padding at the end is
-    left out because the autopilot does not write it.
-
-    Raises
-    ------
-    BrokenMessageError
-        If a format is missing, contains itself, or describes more bytes than a
-        message can have.
-    """
-    full = _layout(formats, name, ())
-    kept = list(full.names or ())
-    while kept and kept[-1].startswith("_padding"):
-        kept.pop()
-    fields: Any = full.fields
-    if not kept:
-        raise BrokenMessageError(f"{name} has no field")
-    end = fields[kept[-1]][1] + fields[kept[-1]][0].itemsize
-    dtype = np.dtype(
-        {
-            "names": kept,
-            "formats": [fields[part][0] for part in kept],
-            "offsets": [fields[part][1] for part in kept],
-            "itemsize": end,
-        }
-    )
-    return dtype, full.itemsize
-
-
-def _fields(definition: str) -> list[Field]:
-    """Take a format's definition apart, which `_FORMAT` has found to be one."""
-    found = [_FIELD.fullmatch(part) for part in definition.split(";") if part]
-    return [Field(match[1], int(match[2] or 0), match[3]) for match in found if match]
-
-
-def _layout(formats: dict[str, str], name: str, outer: tuple[str, ...]) -> np.dtype[np.void]:
-    """Return the dtype of one format with all its padding."""
-    if name not in formats or name in outer or len(outer) >= _MAX_NESTING:
-        raise BrokenMessageError(f"no usable format {name!r}")
-    names: list[str] = []
-    seen: set[str] = set()
-    types: list[np.dtype[np.generic]] = []
-    size = 0
-    for type_name, n_elements, field_name in _fields(formats[name]):
-        basic = _BASIC_TYPES.get(type_name)
-        element: np.dtype[np.generic] = (
-            np.dtype(basic) if basic else _layout(formats, type_name, (*outer, name))
-        )
-        size += element.itemsize * max(1, n_elements)
-        # A field without bytes would let a small file describe an endless row.
-        if size > _MAX_ROW or not element.itemsize or field_name in seen:
-            raise BrokenMessageError(f"format {name!r} cannot be right")
-        names.append(field_name)
-        seen.add(field_name)
-        types.append(np.dtype((element, (n_elements,))) if n_elements else element)
-    return np.dtype(list(zip(names, types, strict=True)))

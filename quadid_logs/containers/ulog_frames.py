@@ -22,9 +22,9 @@ from quadid_logs.containers.ulog_definitions import (
     HEADER_SIZE,
     MESSAGE_TYPES,
     NO_SIZE,
-    BrokenMessageError,
     Definitions,
 )
+from quadid_logs.containers.ulog_formats import BrokenMessageError
 from quadid_logs.data.log import LostBytes
 
 _DATA: Final = ord("D")
@@ -40,6 +40,8 @@ _LONGEST: Final = 3 + 0xFFFF
 _LONGEST_OTHER: Final = 4096
 #: Bytes that are searched at first for a message other than data after damage; then twice as many.
 _FIRST_SEARCH: Final = 4096
+#: Looks at a block again because a topic was announced in it, beside one a block.
+_SECOND_LOOKS: Final = 64
 #: How many unknown messages in a row are believed before a known one must follow.
 _CHAIN: Final = 8
 
@@ -82,7 +84,9 @@ class _Walk:
     for them, apart from those of topics subscribed since it was made (`stale`).
     `end` is that of the file or of the section before appended data, `stop` where
     the next block takes over. `room` and `is_data` are used for every block: fresh
-    memory would cost as much as the search in it.
+    memory would cost as much as the search in it. Where no `looks_left`, rows of topics
+    that the block announces are taken one by one: thousands of announcements, each a
+    reason to search the block again, would cost the square of their number.
     """
 
     file: FileParts
@@ -99,6 +103,7 @@ class _Walk:
     room: Bytes = field(default_factory=lambda: np.empty(_BLOCK + _LONGEST, np.uint8))
     is_data: NDArray[np.bool_] = field(default_factory=lambda: np.empty(_BLOCK + _LONGEST, bool))
     stale: bool = False
+    looks_left: int = _SECOND_LOOKS
     accepted: list[tuple[IntArray, NDArray[np.int32]]] = field(default_factory=list)
     starts: dict[int, list[IntArray]] = field(default_factory=dict)
     lost: list[LostBytes] = field(default_factory=list)
@@ -178,8 +183,11 @@ def _walk_block(walk: _Walk, position: int) -> int:
             after = _take_other(walk, position)
         if after == position:
             # New topics have new images: look again from here.
+            walk.looks_left -= 1
             break
         position = after
+    else:
+        walk.looks_left += 1
     _sort_by_topic(walk)
     return position
 
@@ -322,9 +330,11 @@ def _take_other(walk: _Walk, position: int) -> int:
     kind, after = head[2], position + 3 + head[0] + 256 * head[1]
     if after > end or _next_image(walk, position) < after:
         return _resynchronise(walk, position)
+    if kind == _DATA and _take_single(walk, position, after):
+        return after
     body = walk.bytes_at(position + 3, after)
     if kind == _DATA or kind not in MESSAGE_TYPES:
-        if walk.stale or end - position < len(HEADER_MAGIC) or not _continues(walk, position):
+        if _looks_again(walk) or end - position < len(HEADER_MAGIC) or not _continues(walk, position):
             return _resynchronise(walk, position)
         walk.n_unknown += 1
         return after
@@ -335,6 +345,23 @@ def _take_other(walk: _Walk, position: int) -> int:
             return _resynchronise(walk, position)
         _lose(walk, position, after, "a message that makes no sense")
     return after
+
+
+def _looks_again(walk: _Walk) -> bool:
+    """Tell whether the block is to be searched again for the rows of topics announced in it."""
+    return walk.stale and walk.looks_left > 0
+
+
+def _take_single(walk: _Walk, position: int, after: int) -> bool:
+    """Take one row of a topic whose images are not known; tell whether it is one."""
+    if not walk.stale or walk.looks_left > 0:
+        return False
+    head = walk.bytes_at(position, position + 5)
+    msg_id, size = head[3] + 256 * head[4], after - position - 5
+    if not walk.least[msg_id] <= size <= walk.most[msg_id] or not _ends_well(walk, after):
+        return False
+    walk.accepted.append((np.array([position]), walk.topic[msg_id : msg_id + 1].copy()))
+    return True
 
 
 def _take(walk: _Walk, kind: int, body: bytes, position: int) -> None:
@@ -354,7 +381,7 @@ def _take(walk: _Walk, kind: int, body: bytes, position: int) -> None:
 
 def _resynchronise(walk: _Walk, position: int) -> int:
     """Find where the messages go on after `position`, and note what was lost."""
-    if walk.stale:
+    if _looks_again(walk):
         return position
     end = walk.end
     stop = min(_next_image(walk, position + 1), end, max(walk.covered - 4, position + 1))
