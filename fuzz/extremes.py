@@ -161,15 +161,17 @@ def _in_dataflash(rng: random.Random, content: bytes, messages: bytes) -> bytes:
 
 def dataflash_versions(rng: random.Random, content: bytes, n_bytes: int) -> bytes:
     """Define one or all message types anew over and over, with other labels, a row or none of each."""
-    n_ids, n_rows = rng.choice((1, 50)), rng.choice((0, 1))
-    names = rng.choice((("X",), ("RATE", "ATT", "IMU", "PARM", "MODE"), tuple(map(_name, range(50)))))
+    n_ids, n_rows, longer = rng.choice((1, 50)), rng.choice((0, 1)), rng.choice((0, 1))
+    names = rng.choice((("RATE",), ("RATE", "ATT", "IMU", "PARM", "MODE"), tuple(map(_name, range(50)))))
 
     def versions() -> Iterator[bytes]:
         for number in count():
             type_id = 200 + number % n_ids
             labels = "TimeUS," + ",".join(_name(number + k) for k in range(6))
-            yield _definition(type_id, 35, names[number % len(names)], "Qffffff", labels)
-            yield (DATAFLASH_HEADER + bytes([type_id]) + struct.pack("<Q6f", number, *range(6))) * n_rows
+            yield _definition(type_id, 35 + longer, names[number % len(names)], "Qffffff", labels)
+            yield (
+                DATAFLASH_HEADER + bytes([type_id]) + struct.pack("<Q6f", number, *range(6)) + bytes(longer)
+            ) * n_rows
 
     return _in_dataflash(rng, content, _up_to(n_bytes, versions()))
 
@@ -208,11 +210,12 @@ def dataflash_texts(rng: random.Random, content: bytes, n_bytes: int) -> bytes:
 
 def text_versions(rng: random.Random, content: bytes, n_bytes: int) -> bytes:
     """Define one message type, or thousands, with a line or none of each."""
-    n_names, n_rows = rng.choice((1, 3, 100_000)), rng.choice((0, 1))
+    names = rng.choice((("RATE",), ("RATE", "ATT", "PARM"), tuple(_name(k).upper() for k in range(20_000))))
+    n_rows = rng.choice((0, 1))
 
     def lines() -> Iterator[bytes]:
         for number in count():
-            name = "X" + _name(number % n_names).upper()
+            name = names[number % len(names)]
             labels = ",".join(_name(number + k) for k in range(3))
             yield f"FMT, {number % 256}, 15, {name}, fff, {labels}\n".encode()
             yield f"{name}, 1.0, 2.0, 3.0\n".encode() * n_rows
@@ -224,9 +227,18 @@ def text_versions(rng: random.Random, content: bytes, n_bytes: int) -> bytes:
 
 
 def text_wide(rng: random.Random, content: bytes, n_bytes: int) -> bytes:  # noqa: ARG001
-    """A table with as many columns as its header can hold, and cells or none in its rows."""
+    """Write a table with as many columns as its header can hold, and cells or none in its rows."""
     n_columns = rng.choice((100, 3000, 12_000))
-    names = ["t_s", "p_rad_s", "q_rad_s", "r_rad_s", "L", "M", "N", *map(_name, range(n_columns))]
+    names = [
+        "time_s",
+        "p_rad_s",
+        "q_rad_s",
+        "r_rad_s",
+        "L_command",
+        "M_command",
+        "N_command",
+        *map(_name, range(n_columns)),
+    ]
     cells = rng.choice(("", "0", "x"))
 
     def rows() -> Iterator[bytes]:
@@ -239,11 +251,12 @@ def text_wide(rng: random.Random, content: bytes, n_bytes: int) -> bytes:  # noq
 
 
 def text_gaps(rng: random.Random, content: bytes, n_bytes: int) -> bytes:  # noqa: ARG001
-    """A table whose rows come in segments of some seconds, or single, with gaps between."""
+    """Write a table whose rows come in segments of some seconds, or single, with gaps between."""
     rate_hz, segment_s, gap_s = 50.0, rng.choice((0.1, 2.1, 5.0)), rng.choice((0.5, 3.0, 1000.0))
 
     def rows() -> Iterator[bytes]:
-        yield b"t_s,p_rad_s,q_rad_s,r_rad_s,phi_rad,theta_rad,psi_rad,L,M,N,throttle\n"
+        yield b"time_s,p_rad_s,q_rad_s,r_rad_s,phi_rad,theta_rad,psi_rad,"
+        yield b"L_command,M_command,N_command,throttle\n"
         time_s, rate = 0.0, [0.0, 0.0, 0.0]
         for number in count():
             torque = [rng.uniform(-1.0, 1.0) for _ in range(3)]
@@ -303,26 +316,26 @@ def tlog_texts(rng: random.Random, content: bytes, n_bytes: int) -> bytes:
 
 
 def parquet_columns(rng: random.Random, content: bytes, n_bytes: int) -> bytes:  # noqa: ARG001
-    """A table whose columns unfold: texts from a dictionary, one long text often, many columns, lists."""
+    """Write a table whose columns unfold: texts from a dictionary, one long text often, many columns, lists."""
     import pyarrow as pa
     from pyarrow import parquet
 
     n_rows = rng.choice((1000, 100_000))
     unfold = rng.choice(("dictionary", "text", "columns", "list", "zeros"))
-    needed = ["t_s", "p_rad_s", "q_rad_s", "r_rad_s", "L", "M", "N"]
+    needed = ["time_s", "p_rad_s", "q_rad_s", "r_rad_s", "L_command", "M_command", "N_command"]
     data = {name: pa.array([0.02 * k for k in range(n_rows)]) for name in needed}
     if unfold in ("dictionary", "text"):
         cell = "x" * rng.choice((10, 10_000, 200_000 if n_rows == 1000 else 20_000))
         text = pa.DictionaryArray.from_arrays(pa.array([0] * n_rows, pa.int32()), pa.array([cell]))
         data[rng.choice(needed)] = text
     elif unfold == "list":
-        data["L"] = pa.ListArray.from_arrays(
+        data["L_command"] = pa.ListArray.from_arrays(
             pa.array([0] + [1000 * (k + 1) for k in range(1000)], pa.int32()), pa.array([0.0] * 1_000_000)
         )
         data = {name: column[:1000] for name, column in data.items()}
     elif unfold == "columns":
         data = {name: column[:100] for name, column in data.items()}
-        data |= {_name(k): data["L"] for k in range(min(2000, n_bytes // 300))}
+        data |= {_name(k): data["L_command"] for k in range(min(2000, n_bytes // 300))}
     else:
         data |= dict.fromkeys(needed, pa.array([0.0] * (n_rows * 10)))
     sink = pa.BufferOutputStream()

@@ -18,7 +18,7 @@ from quadid_logs.containers.dataflash_index import (
     FormatCharacter,
     MessageDefinition,
     MessageIndex,
-    definition_at,
+    by_version,
     index_messages,
     looks_like_dataflash,
 )
@@ -29,6 +29,7 @@ from quadid_logs.errors import EmptyLogError, LogNotFoundError, UnknownFormatErr
 
 #: Rows gathered at once: they stay in the processor's cache until their columns are copied out.
 _GATHER_ROWS: Final = 10_000
+_UNIT_LABELS: Final = frozenset({"FmtType", "UnitIds", "MultIds", "Id", "Label", "Mult"})
 #: Rows in which the first and last of each id are sought at once.
 _SEARCH_ROWS: Final = 1 << 20
 #: Rows are gathered from parts of the file of this size.
@@ -110,7 +111,7 @@ class DataFlashFile:
                 groups = [(versions[0], int(self._rows_per_id[type_id]))]
             else:
                 rows = self._index.position[self._index.type_id == type_id]
-                groups = [(version, len(positions)) for version, positions in _by_version(versions, rows)]
+                groups = [(version, len(positions)) for version, positions in by_version(versions, rows)]
             for definition, count in groups:
                 if count:
                     counts[definition.name] = counts.get(definition.name, 0) + count
@@ -140,14 +141,15 @@ class DataFlashFile:
         return self._decode(self._groups(types), labels)
 
     def first_and_last(self) -> dict[str, MessageTable]:
-        """Decode the first and the last row of every message id."""
+        """Decode the first and the last row of every message type."""
         first, last = _first_and_last(self._index.type_id)
-        groups = []
+        ends: dict[str, list[tuple[MessageDefinition, AnyArray]]] = {}
         for type_id, versions in self._index.definitions.items():
             if first[type_id] >= 0:
                 rows = np.unique([first[type_id], last[type_id]])
-                groups += _by_version(versions, self._index.position[rows])
-        return self._decode(groups)
+                for group in by_version(versions, self._index.position[rows]):
+                    ends.setdefault(group[0].name, []).append(group)
+        return self._decode([group for groups in ends.values() for group in _outermost(groups)])
 
     def _decode(
         self, groups: list[tuple[MessageDefinition, AnyArray]], labels: Collection[str] | None = None
@@ -183,7 +185,7 @@ class DataFlashFile:
         return [
             group
             for type_id, versions in wanted.items()
-            for group in _by_version(versions, positions[bounds[type_id] : bounds[type_id + 1]])
+            for group in by_version(versions, positions[bounds[type_id] : bounds[type_id + 1]])
             if types is None or group[0].name in types
         ]
 
@@ -242,18 +244,13 @@ def check_not_empty(file: DataFlashFile) -> None:
 _POSITION: Final = "\0position"
 
 
-def _by_version(
-    versions: list[MessageDefinition], positions: AnyArray
+def _outermost(
+    groups: list[tuple[MessageDefinition, AnyArray]],
 ) -> list[tuple[MessageDefinition, AnyArray]]:
-    """Split the positions of one id's rows by the definition in force; only definitions with rows."""
-    if len(versions) == 1:
-        return [(versions[0], positions)] if len(positions) else []
-    bounds = np.searchsorted(definition_at(versions, positions), np.arange(len(versions) + 1)).tolist()
-    return [
-        (version, positions[bounds[number] : bounds[number + 1]])
-        for number, version in enumerate(versions)
-        if bounds[number + 1] > bounds[number]
-    ]
+    """Keep of the ends of all ids with one name those that hold the first and the last row."""
+    first = min(groups, key=lambda group: int(group[1][0]))
+    last = max(groups, key=lambda group: int(group[1][-1]))
+    return [first] if first is last else [first, last]
 
 
 def _first_and_last(type_ids: ByteArray) -> tuple[IntArray, IntArray]:
@@ -277,9 +274,11 @@ def _gather(
     """Copy the rows of each group into columns, part of the file by part of the file."""
     fields = [_wanted_fields(definition, labels) for definition, _ in groups]
     columns = [_empty_columns(of, len(positions)) for of, (_, positions) in zip(fields, groups, strict=True)]
+    groups_of = _groups_of_blocks(groups, content.n_bytes)
     for start, part in content.blocks(_GATHER_BYTES, _LONGEST_MESSAGE):
         stop = min(start + _GATHER_BYTES, content.n_bytes)
-        for (definition, positions), of, into in zip(groups, fields, columns, strict=True):
+        for number in groups_of[start // _GATHER_BYTES]:
+            (definition, positions), of, into = groups[number], fields[number], columns[number]
             first, last = np.searchsorted(positions, np.array([start, stop], positions.dtype))
             here = slice(int(first), int(last))
             _gather_rows(
@@ -294,6 +293,15 @@ def _gather(
         finished = {label: _finish(values, of[label][0]) for label, values in into.items()}
         result.append((definition, {**finished, _POSITION: positions}))
     return result
+
+
+def _groups_of_blocks(groups: list[tuple[MessageDefinition, AnyArray]], n_bytes: int) -> list[list[int]]:
+    """List for every block the groups between whose first and last row it lies: there can be thousands."""
+    groups_of: list[list[int]] = [[] for _ in range(n_bytes // _GATHER_BYTES + 1)]
+    for number, (_, positions) in enumerate(groups):
+        for block in range(int(positions[0]) // _GATHER_BYTES, int(positions[-1]) // _GATHER_BYTES + 1):
+            groups_of[block].append(number)
+    return groups_of
 
 
 def _wanted_fields(
@@ -354,22 +362,20 @@ def _finish(values: AnyArray, kind: FormatCharacter) -> AnyArray:
 
 def _read_units(file: DataFlashFile, index: MessageIndex) -> dict[int, dict[str, Unit]]:
     """Combine FMTU (which unit has which field), UNIT (names) and MULT (factors)."""
-    tables = file.read_messages({"FMTU", "UNIT", "MULT"})
+    tables = file.read_messages({"FMTU", "UNIT", "MULT"}, _UNIT_LABELS)
     if not {"FMTU", "UNIT"} <= set(tables) or not _describes_units(tables["FMTU"]):
         return {}
     labels = _lookup(tables.get("UNIT"), "Label")
     factors = _lookup(tables.get("MULT"), "Mult")
-    units: dict[int, dict[str, Unit]] = {}
     columns = tables["FMTU"].columns
-    for type_id, unit_ids, factor_ids in zip(
-        tables["FMTU"].integers("FmtType").tolist(),
-        columns["UnitIds"].tolist(),
-        columns["MultIds"].tolist(),
-        strict=True,
-    ):
-        for definition in index.definitions.get(type_id, ()):
-            units[type_id] = _units_of(definition, unit_ids, factor_ids, labels, factors)
-    return units
+    ids = zip(columns["UnitIds"].tolist(), columns["MultIds"].tolist(), strict=True)
+    # The last that was said of an id holds, for the last of its definitions.
+    ids_of = dict(zip(tables["FMTU"].integers("FmtType").tolist(), ids, strict=True))
+    return {
+        type_id: _units_of(index.definitions[type_id][-1], unit_ids, factor_ids, labels, factors)
+        for type_id, (unit_ids, factor_ids) in ids_of.items()
+        if type_id in index.definitions
+    }
 
 
 def _describes_units(table: MessageTable) -> bool:

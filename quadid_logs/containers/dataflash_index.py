@@ -178,6 +178,7 @@ def read_definitions(content: FileParts, headers: Headers) -> Definitions:
     something else holds from its offset on. Repetitions are skipped.
     """
     definitions: Definitions = {}
+    starts_of: dict[int, IntArray] = {}
     candidates = headers.position[headers.type_id == FMT_ID].astype(np.int64)
     previous: dict[int, bytes] = {}
     for position in candidates[candidates + FMT_LENGTH <= content.n_bytes].tolist():
@@ -189,8 +190,14 @@ def read_definitions(content: FileParts, headers: Headers) -> Definitions:
         if definition is None:
             continue
         previous[type_id] = record
-        definition = _with_credible_length(definition, content, headers)
-        definitions.setdefault(type_id, []).append(definition)
+        versions = definitions.setdefault(type_id, [])
+        if definition.payload_length + 3 not in (definition.length, 3):
+            if type_id not in starts_of:
+                starts_of[type_id] = headers.position[headers.type_id == type_id].astype(np.int64)
+            # An id that is defined anew all the time must not be counted all through each time.
+            starts = starts_of[type_id][:: len(starts_of[type_id]) * (len(versions) + 1) // _VOTES + 1]
+            definition = _with_credible_length(definition, content, headers, starts)
+        versions.append(definition)
     if FMT_ID not in definitions and definitions:
         definitions[FMT_ID] = [_FMT_DEFINITION]
     return definitions
@@ -233,16 +240,14 @@ _FMT_DEFINITION: Final = MessageDefinition(
 
 
 def _with_credible_length(
-    definition: MessageDefinition, content: FileParts, headers: Headers
+    definition: MessageDefinition, content: FileParts, headers: Headers, starts: IntArray
 ) -> MessageDefinition:
-    """Where length and format contradict each other, take the length after which more headers stand."""
+    """Of a length and a format that contradict each other, take the one after which more headers stand."""
     from_format = definition.payload_length + 3
-    if from_format in (definition.length, 3) or from_format > 255:
+    if from_format > 255:
         return definition
-    starts = headers.position[headers.type_id == definition.type_id].astype(np.int64)
-    starts = starts[:: len(starts) // _VOTES + 1]
     votes = [
-        int(np.count_nonzero(_has_header(content, starts + length)))
+        int(np.count_nonzero(_leads_on(content, headers, starts + length)))
         for length in (definition.length, from_format)
     ]
     return replace(definition, length=from_format if votes[1] > votes[0] else definition.length)
@@ -255,6 +260,11 @@ def _has_header(content: FileParts, positions: IntArray) -> BoolArray:
         for position in positions.tolist()
     ]
     return np.array(found, np.bool_)
+
+
+def _leads_on(content: FileParts, headers: Headers, ends: IntArray) -> BoolArray:
+    """Say which messages that end there are followed by a header, or by the file's end."""
+    return _find_successors(content, headers, np.full(len(ends), -1, np.int64), ends) >= 0
 
 
 def definition_at(definitions: list[MessageDefinition], positions: AnyArray) -> IntArray:
@@ -274,19 +284,60 @@ def definition_at(definitions: list[MessageDefinition], positions: AnyArray) -> 
     return np.searchsorted(offsets, positions, side="right")
 
 
-def _message_lengths(headers: Headers, part: slice, definitions: Definitions) -> IntArray:
+def by_version(
+    versions: list[MessageDefinition], positions: AnyArray
+) -> list[tuple[MessageDefinition, AnyArray]]:
+    """Split the positions of one id's rows by the definition in force; only definitions with rows.
+
+    Parameters
+    ----------
+    versions : list of MessageDefinition
+        As of `definition_at`.
+    positions : ndarray of integers, shape (n_rows,)
+        Rising.
+
+    Returns
+    -------
+    list of (MessageDefinition, ndarray)
+    """
+    if len(versions) == 1:
+        return [(versions[0], positions)] if len(positions) else []
+    bounds = np.searchsorted(definition_at(versions, positions), np.arange(len(versions) + 1)).tolist()
+    return [
+        (version, positions[bounds[number] : bounds[number + 1]])
+        for number, version in enumerate(versions)
+        if bounds[number + 1] > bounds[number]
+    ]
+
+
+class _Lengths(NamedTuple):
+    """Length of the messages of every id, 0 without definition; where it changes, from which offset on."""
+
+    first: IntArray
+    changing: dict[int, tuple[IntArray, IntArray]]
+
+
+def _lengths(definitions: Definitions) -> _Lengths:
+    """Collect the lengths once: they are asked for again and again."""
+    first, changing = np.zeros(256, np.int64), {}
+    for type_id, versions in definitions.items():
+        first[type_id] = versions[0].length
+        lengths = np.array([version.length for version in versions], dtype=np.int64)
+        if (lengths != lengths[0]).any():
+            changing[type_id] = (np.array([each.offset for each in versions[1:]], dtype=np.int64), lengths)
+    return _Lengths(first, changing)
+
+
+def _message_lengths(headers: Headers, part: slice, lengths: _Lengths) -> IntArray:
     """Return the length of the message at each header, 0 for an id without definition."""
-    table = np.zeros(256, np.int64)
-    for type_id, versions in definitions.items():
-        table[type_id] = versions[0].length
     type_ids = headers.type_id[part]
-    lengths = table[type_ids]
-    for type_id, versions in definitions.items():
-        if len({version.length for version in versions}) > 1:
-            rows = np.flatnonzero(type_ids == type_id)
-            of_version = np.array([version.length for version in versions], dtype=np.int64)
-            lengths[rows] = of_version[definition_at(versions, headers.position[part][rows])]
-    return lengths
+    found: IntArray = lengths.first[type_ids]
+    for type_id, (offsets, of_version) in lengths.changing.items():
+        rows = np.flatnonzero(type_ids == type_id)
+        if len(rows):
+            positions = headers.position[part][rows]
+            found[rows] = of_version[np.searchsorted(offsets, positions, side="right")]
+    return found
 
 
 class _Chain(NamedTuple):
@@ -300,7 +351,7 @@ class _Chain(NamedTuple):
     """For each break the number of the header that follows it; -1 where nothing credible does."""
 
 
-def _find_chain(content: FileParts, headers: Headers, definitions: Definitions) -> _Chain:
+def _find_chain(content: FileParts, headers: Headers, lengths: _Lengths) -> _Chain:
     """Find for every header whether, and where, the chain of lengths goes on.
 
     Of headers that lead nowhere only those right behind a chain are listed: a
@@ -312,7 +363,7 @@ def _find_chain(content: FileParts, headers: Headers, definitions: Definitions) 
     behind_chain = False
     for start in range(0, n_headers, _CHAIN_HEADERS):
         part = slice(start, min(start + _CHAIN_HEADERS, n_headers))
-        length = _message_lengths(headers, part, definitions)
+        length = _message_lengths(headers, part, lengths)
         end = headers.position[part] + length
         following = headers.position[start + 1 : part.stop + 1]
         linked = np.zeros(len(end), np.bool_)
@@ -361,14 +412,15 @@ def _follow_chain(
     if n_headers == 0 or not definitions:
         nothing = LostBytes(offset=0, n_bytes=n_bytes, reason="no message header")
         return np.zeros(n_headers, np.bool_), merge_lost([nothing])
-    starts, stops, gaps = _walk(_find_chain(content, headers, definitions))
+    lengths = _lengths(definitions)
+    starts, stops, gaps = _walk(_find_chain(content, headers, lengths))
     step = np.zeros(n_headers + 1, np.int8)
     step[np.array(starts, np.int64)] += 1
     step[np.array(stops, np.int64)] -= 1
     keep = np.cumsum(step[:-1], dtype=np.int8).view(np.bool_)
-    lost = _describe_gaps(content, headers, definitions, gaps)
+    lost = _describe_gaps(content, headers, lengths, gaps)
     lost.append(LostBytes(offset=0, n_bytes=int(headers.position[0]), reason="no message header"))
-    lost += _cut_tail(content, headers, keep, definitions)
+    lost += _cut_tail(content, headers, keep, lengths)
     return keep, merge_lost(lost)
 
 
@@ -413,14 +465,14 @@ def _next_credible(leads_on: BoolArray, here: int) -> int:
 
 
 def _describe_gaps(
-    content: FileParts, headers: Headers, definitions: Definitions, gaps: list[tuple[int, int]]
+    content: FileParts, headers: Headers, lengths: _Lengths, gaps: list[tuple[int, int]]
 ) -> list[LostBytes]:
     """Say what was lost between the first header that leads nowhere and the one where the chain resumes."""
     first, resumed = np.array(gaps, np.int64).reshape(-1, 2).T
     type_ids = headers.type_id[first]
     start = headers.position[first].astype(np.int64)
     ends = np.append(headers.position, headers.position.dtype.type(content.n_bytes))[resumed].astype(np.int64)
-    length = _message_lengths(Headers(headers.position[first], type_ids), slice(None), definitions)
+    length = _message_lengths(Headers(headers.position[first], type_ids), slice(None), lengths)
     return [
         LostBytes(
             offset=offset,
@@ -440,15 +492,13 @@ def _reason(type_id: int, length: int, beyond_end: bool) -> str:
     return "cut off by the end of the file" if beyond_end else "no message follows where the length says"
 
 
-def _cut_tail(
-    content: FileParts, headers: Headers, keep: BoolArray, definitions: Definitions
-) -> list[LostBytes]:
+def _cut_tail(content: FileParts, headers: Headers, keep: BoolArray, lengths: _Lengths) -> list[LostBytes]:
     """Report one or two bytes of a header that the end of the file cut off."""
     last = np.flatnonzero(keep[-1:]) + len(keep) - 1
     if not len(last):
         return []
     part = slice(int(last[0]), int(last[0]) + 1)
-    end = int(headers.position[part][0]) + int(_message_lengths(headers, part, definitions)[0])
+    end = int(headers.position[part][0]) + int(_message_lengths(headers, part, lengths)[0])
     if end >= content.n_bytes:
         return []
     return [LostBytes(offset=end, n_bytes=content.n_bytes - end, reason="cut off by the end of the file")]

@@ -14,7 +14,7 @@ from quadid_logs.containers.dataflash_index import (
     DEFINING,
     FORMAT_CHARACTERS,
     MessageDefinition,
-    definition_at,
+    by_version,
 )
 from quadid_logs.containers.message_table import MessageTable, join_tables
 from quadid_logs.data.log import LostBytes
@@ -106,8 +106,7 @@ class TextLog:
             Only types that occur. Values are as printed, that is already scaled.
         """
         names = [name for name in self._definitions if types is None or name in types]
-        tables = self._parse({name: self._by_name.get(name, []) for name in names if name != "FMT"})
-        return {name: table.only(labels) for name, table in tables.items()}
+        return self._parse({name: self._by_name.get(name, []) for name in names if name != "FMT"}, labels)
 
     def first_and_last(self) -> dict[str, MessageTable]:
         """Read the first and the last row of every type."""
@@ -155,17 +154,15 @@ class TextLog:
                 bad[number] = "no message"
         return bad
 
-    def _parse(self, lines_of: dict[str, list[int]]) -> dict[str, MessageTable]:
+    def _parse(
+        self, lines_of: dict[str, list[int]], labels: Collection[str] | None = None
+    ) -> dict[str, MessageTable]:
         """Parse the given lines of each message type."""
         tables = {}
         for name, numbers in lines_of.items():
             versions = self._definitions[name]
             lines = np.array([number for number in numbers if number not in self._bad], dtype=np.int64)
-            version_of = definition_at(versions, lines)
-            parts = [
-                self._parse_lines(version, lines[version_of == number])
-                for number, version in enumerate(versions)
-            ]
+            parts = [self._parse_lines(*part).only(labels) for part in by_version(versions, lines)]
             filled = [part for part in parts if part.n_rows]
             if filled:
                 tables[name] = join_tables(filled)

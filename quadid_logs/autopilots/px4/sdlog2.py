@@ -59,6 +59,9 @@ SOURCES: Final[tuple[Source[Part[MessageTable]], ...]] = (
     Source("armed", "STAT", ("ArmS",), "arming state", _armed),
     Source("landed", "STAT", ("Landed",), "land detector"),
 )  # fmt: skip
+_LABELS: Final = frozenset({"StartTime", "Name", "Value", "FwGit", "Arch", "MainState"}).union(
+    *((*source.fields, *source.optional) for source in SOURCES)
+)
 
 
 def read(path: str | Path, *, system: int = 0) -> FlightLog:  # noqa: ARG001 (one vehicle per file)
@@ -88,7 +91,7 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:  # noqa: ARG001 (on
 @damaged_numbers_pass()
 def _flight_log(file: DataFlashFile) -> FlightLog:
     """Turn the messages into canonical signals and descriptions."""
-    tables = file.read_messages(messages_of(SOURCES) | {"TIME", "PARM", "VER"})
+    tables = file.read_messages(messages_of(SOURCES) | {"TIME", "PARM", "VER"}, _LABELS)
     clock = TimeRecords(tables.get("TIME"))
     parameters = tables["PARM"].named_values("Name", "Value") if "PARM" in tables else {}
     mav_type = whole_number(parameters.get("MAV_TYPE"))
