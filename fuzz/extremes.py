@@ -316,7 +316,7 @@ def tlog_texts(rng: random.Random, content: bytes, n_bytes: int) -> bytes:
 
 
 def parquet_columns(rng: random.Random, content: bytes, n_bytes: int) -> bytes:  # noqa: ARG001
-    """Write a table whose columns unfold: texts from a dictionary, one long text often, many columns, lists."""
+    """Write a table whose columns unfold: long texts, dictionaries, many columns, lists, zeros."""
     import pyarrow as pa
     from pyarrow import parquet
 

@@ -1,9 +1,9 @@
-"""Damage logs at random and watch that nothing but our own errors comes out of it.
+"""Damage logs at random, or fill them with legal extremes, and watch that only our own errors come out.
 
 Every case has a number; the number and --seed alone decide what is done, so
 that ``--only NUMBER`` repeats it. A case must end in a result or a
 `QuadidError`, with warnings as errors, within 5 times the processor time of
-the intact log (at least `LEAST_SECONDS`) and within 4 times the file + 300 MB.
+an intact log of its size (at least `LEAST_SECONDS`) and within 4 times the file + 300 MB.
 
 Run ``python fuzz/run.py --help``.
 """
@@ -35,6 +35,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 os.environ.setdefault("MPLBACKEND", "Agg")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from fuzz.extremes import extreme  # noqa: E402
 from fuzz.mutations import mutated  # noqa: E402
 from fuzz.seeds import Seed, load_seeds  # noqa: E402
 from quadid_logs.align import cut  # noqa: E402
@@ -46,6 +47,8 @@ from quadid_logs.report import json_text, write_report  # noqa: E402
 
 #: Below this processor time [s] noise rules, not the input; by depth.
 LEAST_SECONDS = {"read": 0.5, "analyze": 3.0, "report": 30.0}
+#: Of the cases, those that are no damage.
+EXTREME_FRACTION = 0.2
 TIME_FACTOR, MEMORY_FACTOR, MEMORY_SPARE = 5.0, 4.0, 300e6
 #: Cases after which a worker is replaced.
 BATCH = 500
@@ -107,6 +110,8 @@ def _case(number: int, seed: int, seeds: list[Seed]) -> tuple[Seed, str, bytes]:
     # Of 100 rounds through the seeds 9 go through the whole analysis; 1 of 1000 through the report too.
     lot = rng.randrange(1000)
     depth = "report" if lot == 0 else "analyze" if lot < 90 else "read"
+    if rng.random() < EXTREME_FRACTION:
+        return log, depth, extreme(rng, log.kind, log.content, int(2 ** rng.uniform(10.0, 19.0)))
     return log, depth, mutated(rng, log.kind, log.content)
 
 
@@ -226,7 +231,8 @@ def _outcome(
     log, depth, content = _case(number, seed, seeds)
     path = folder / f"log{log.suffix}"
     path.write_bytes(content)
-    limit_s = max(LEAST_SECONDS[depth], TIME_FACTOR * intact_s[log.name, depth])
+    size = max(1.0, len(content) / len(log.content))
+    limit_s = max(LEAST_SECONDS[depth], TIME_FACTOR * size * intact_s[log.name, depth])
     outcome: dict[str, Any] = {"number": number, "log": log.name, "depth": depth, "n_bytes": len(content)}
     before = _reset_peak()
     began = time.process_time()

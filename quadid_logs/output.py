@@ -9,13 +9,16 @@ import re
 import shutil
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
 from quadid_logs.errors import OutputError
 from quadid_logs.untrusted import printable
 
+#: How the names of unfinished files begin, of reports and of a fleet's downloads.
+_HERE = ".quadid"
+DOWNLOADS = "quadid-fleet"
 #: No run takes so long to write its files [s].
 _OVER_S = 86_400.0
 
@@ -43,6 +46,26 @@ def check_free(*paths: Path, force: bool) -> None:
             raise OutputError(f"{printable(path)} exists already.", hint="Add --force to replace it.")
     for folder in {path.parent for path in paths}:
         check_writable(folder)
+
+
+def check_folder_free(folder: Path, names: Iterable[str], *, force: bool) -> None:
+    """Refuse before the work a folder in which files of these names could not be written after it.
+
+    Parameters
+    ----------
+    folder : Path
+        May be missing.
+    names : iterable of str
+    force : bool
+        Whether files may be replaced.
+
+    Raises
+    ------
+    OutputError
+        If the folder is a symbolic link, or as `check_free`.
+    """
+    check_no_link(folder)
+    check_free(*(folder / name for name in names), force=force)
 
 
 def check_writable(folder: Path) -> None:
@@ -113,26 +136,33 @@ def new_folder(folder: Path) -> Iterator[None]:
         raise
 
 
-def beside_prefix() -> str:
+def beside_prefix(begin: str = _HERE) -> str:
     """Return how names of unfinished files and folders begin: they say whose they are.
+
+    Parameters
+    ----------
+    begin : str
+        What they are.
 
     Returns
     -------
     str
     """
-    return f".quadid-{_host()}-{os.getpid()}-"
+    return f"{begin}-{_host()}-{os.getpid()}-"
 
 
-def remove_unfinished(folder: Path) -> None:
+def remove_unfinished(folder: Path, begin: str = _HERE) -> None:
     """Remove what killed runs left unfinished in a folder, and nothing of a run that may go on.
 
     Parameters
     ----------
     folder : Path
+    begin : str
+        As of `beside_prefix`.
     """
-    for path in folder.glob(".quadid-*"):
+    for path in folder.glob(f"{begin}-*"):
         with contextlib.suppress(OSError):
-            if not _is_unfinished(path):
+            if not _is_unfinished(path, begin):
                 continue
             if path.is_dir() and not path.is_symlink():
                 shutil.rmtree(path)
@@ -140,9 +170,9 @@ def remove_unfinished(folder: Path) -> None:
                 path.unlink()
 
 
-def _is_unfinished(path: Path) -> bool:
+def _is_unfinished(path: Path, begin: str) -> bool:
     """Return whether the run that made it is over: its process, or where that cannot be seen, its day."""
-    mine = re.fullmatch(rf"\.quadid-{re.escape(_host())}-(\d+)-.*", path.name)
+    mine = re.fullmatch(rf"{re.escape(begin)}-{re.escape(_host())}-(\d+)-.*", path.name)
     if mine is None or os.name != "posix":
         return time.time() - path.lstat().st_mtime > _OVER_S
     try:

@@ -14,14 +14,16 @@ from pathlib import Path
 
 import pytest
 
+from quadid_logs.cli import main
 from quadid_logs.errors import OutputError
 from quadid_logs.fleet import store as store_module
 from quadid_logs.fleet.options import Options
 from quadid_logs.fleet.store import Store
-from quadid_logs.output import new_folder, remove_unfinished, write_together
+from quadid_logs.output import DOWNLOADS, beside_prefix, new_folder, remove_unfinished, write_together
 from quadid_logs.report.folder import check_folder, report_folders, write_report
 from tests.synthetic_results import usable_result
 
+LOG = Path(__file__).parents[1] / "sample_logs" / "default-logging.bin"
 _KILLED = """
 import os, signal, sys, tempfile
 from pathlib import Path
@@ -122,3 +124,49 @@ def test_no_log_takes_the_place_of_the_index():
     """index.html.bin would, and the page be refused after all the work."""
     folders = report_folders([Path("index.html.bin"), Path("a/Index.html.ulg"), Path("b.bin")], Path("out"))
     assert [folder.name for folder in folders] == ["index.html-bin", "Index.html-ulg", "b"]
+
+
+def test_every_verb_with_an_output_refuses_a_link(tmp_path, capsys):
+    """Before the work: the folder of plan, compare and paper, the file of simulate."""
+    (tmp_path / "there").mkdir()
+    link, log = tmp_path / "link", tmp_path / "link.bin"
+    link.symlink_to(tmp_path / "there")
+    log.symlink_to(tmp_path / "there" / "flight.bin")
+    sample = str(Path(__file__).parents[1] / "sample_logs" / "sysid-quad-x.bin")
+    for command in (
+        ["plan", "--autopilot", "px4", "-o", str(link)],
+        ["compare", sample, sample, "-o", str(link)],
+        ["paper", "-o", str(link)],
+        ["simulate", "hover", "-o", str(log), "--force"],
+    ):
+        assert main(command) == 2, command
+        assert "symbolic link" in capsys.readouterr().err, command
+    assert list((tmp_path / "there").iterdir()) == []
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals are POSIX's")
+def test_a_terminated_run_leaves_no_half_written_folder(tmp_path):
+    """As a batch queue or a shutdown ends it: while it writes, and nothing was there before."""
+    script = (
+        "import os, signal, sys\n"
+        "from quadid_logs.cli import run\n"
+        "from quadid_logs.report import folder\n"
+        "folder._move_into = lambda *_, **__: os.kill(os.getpid(), signal.SIGTERM)\n"
+        f"sys.argv = ['quadid-log', 'analyze', {str(LOG)!r}, '-o', {str(tmp_path / 'n')!r}, '--no-report']\n"
+        "run()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode == 143
+    assert "nothing was left half-written" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_next_run_removes_the_downloads_of_a_killed_fleet(tmp_path):
+    """They lie in the temporary folder, gigabytes of them; those of a run that goes on stay."""
+    ours = tmp_path / f"{beside_prefix(DOWNLOADS)}x"
+    dead = tmp_path / ours.name.replace(str(os.getpid()), "4194304999")
+    for folder in (ours, dead):
+        folder.mkdir()
+        (folder / "log").write_text("log")
+    remove_unfinished(tmp_path, DOWNLOADS)
+    assert list(tmp_path.iterdir()) == [ours]

@@ -17,7 +17,7 @@ from quadid_logs.align.gyro import check_gyro
 from quadid_logs.align.series import GAP_PERIODS, Cleaner, CleanLog, CleanSeries, Interval, TorqueSeries
 from quadid_logs.align.sources import choose_sources, describe
 from quadid_logs.arrays import BoolArray, FloatArray
-from quadid_logs.data.flight import FlightData, InputDescription, Overview, Segment
+from quadid_logs.data.flight import LEAST_FLIGHT_S, FlightData, InputDescription, Overview, Segment
 from quadid_logs.data.log import NO_GYRO_FILTER, FlightLog, LogText, ModeChange, Signal
 from quadid_logs.data.settings import AlignSettings
 from quadid_logs.data.torque import Calibration
@@ -177,7 +177,7 @@ def cut(prepared: Prepared, settings: AlignSettings) -> FlightData:
 
 
 def check_part(logs: Sequence[Prepared], settings: AlignSettings) -> None:
-    """Refuse a choice of start and end that holds no flight of logs that have one.
+    """Refuse a choice of start and end that holds too little flight of logs that have enough.
 
     Parameters
     ----------
@@ -192,18 +192,26 @@ def check_part(logs: Sequence[Prepared], settings: AlignSettings) -> None:
     timed = [each for each in logs if each.log.has_time]
     ends = (("from", settings.start_s), ("to", settings.end_s))
     chosen = " ".join(f"{word} {time_s:g} s" for word, time_s in ends if math.isfinite(time_s))
-    if not (chosen and timed) or any(
-        _clip(each.flights or (_span(each.clean.clock),), settings) for each in timed
-    ):
+    if not (chosen and timed):
+        return
+    flights = [each.flights or (_span(each.clean.clock),) for each in timed]
+    in_part_s = max(_length_s(_clip(each, settings)) for each in flights)
+    if in_part_s >= min(LEAST_FLIGHT_S, max(map(_length_s, flights))) > 0.0:
         return
     first = timed[0]
+    held = f"{in_part_s:.1f} s of flight, and {LEAST_FLIGHT_S:g} s are needed" if in_part_s else "no flight"
     start_s, end_s = _span(first.clean.clock)
     flown = ", ".join(f"{a:.1f} to {b:.1f} s" for a, b in first.flights[:6])
     raise SettingsError(
-        f"The part {chosen} holds no flight: the log runs from {start_s:.1f} to {end_s:.1f} s"
+        f"The part {chosen} holds {held}: the log runs from {start_s:.1f} to {end_s:.1f} s"
         f"{f', flown {flown}' if flown else ''}.",
         hint="Give --start-s and --end-s on the log's clock, as quadid-log info shows it.",
     )
+
+
+def _length_s(intervals: Iterable[Interval]) -> float:
+    """Return how long the intervals are together [s]."""
+    return sum(end - start for start, end in intervals)
 
 
 def _may_be_multirotor(log: FlightLog) -> bool:

@@ -1,20 +1,26 @@
 """The command line: one module per verb; `main` is the only place that catches.
 
 Exit codes: 0 usable, 1 at least one axis must not be trusted, 2 unreadable
-input or wrong usage, 130 interrupted, 141 the reader of the output went away.
+input or wrong usage, 130 interrupted, 141 the reader of the output went away, 143 terminated.
 """
 
 from __future__ import annotations
 
 import os
 import shlex
+import signal
 import sys
+from types import FrameType
 
 from quadid_logs.cli.failure import ReaderGoneError, exit_code_of, flush, report_problem
 
 __all__ = ["main", "run"]
 
-_INTERRUPTED = 130
+_INTERRUPTED, _TERMINATED = 130, 143
+
+
+class TerminatedError(BaseException):
+    """The system or a batch queue ends us; not an Exception, so that nothing on the way swallows it."""
 
 
 def run() -> None:
@@ -25,7 +31,12 @@ def run() -> None:
     factorisations). It reads its setting once, before numpy is imported.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    signal.signal(signal.SIGTERM, _terminate)
     sys.exit(main())
+
+
+def _terminate(_signal: int, _frame: FrameType | None) -> None:
+    raise TerminatedError
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -53,6 +64,9 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         report_problem("interrupted; nothing was left half-written.")
         return _INTERRUPTED
+    except TerminatedError:
+        report_problem("ended from outside; nothing was left half-written.")
+        return _TERMINATED
     except ReaderGoneError:
         return 141
     finally:

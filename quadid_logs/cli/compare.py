@@ -10,7 +10,7 @@ import typer
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.logs import check_log
 from quadid_logs.cli.progress import Progress
-from quadid_logs.output import check_free, make_folder, write_together
+from quadid_logs.output import check_folder_free, new_folder, write_together
 from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def compare(
     from quadid_logs.vehicle_file import read_vehicle
 
     if output is not None:
-        check_free(output / _JSON, output / _PNG, force=force)
+        check_folder_free(output, (_JSON, _PNG), force=force)
     described = None if vehicle is None else read_vehicle(vehicle)
     settings = Settings(identify=in_band(band, IdentifySettings()))
     results = []
@@ -91,8 +91,8 @@ def _write(folder: Path, comparison: Comparison, text: str) -> str:
         drawn = io.BytesIO()
         write_png(figure, drawn)
         files[_PNG] = drawn.getvalue()
-    make_folder(folder)
-    write_together(folder, files)
+    with new_folder(folder):
+        write_together(folder, files)
     if _PNG not in files:
         # That of an earlier run would contradict the JSON beside it.
         (folder / _PNG).unlink(missing_ok=True)

@@ -10,7 +10,7 @@ import typer
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.logs import check_log
 from quadid_logs.cli.progress import Progress
-from quadid_logs.output import check_free, make_folder, write_beside
+from quadid_logs.output import check_free, new_folder, write_beside
 from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def _export_model(
     with Progress(log.name) as progress:
         result = analyze(log, settings, vehicle=vehicle, progress=progress)
     content = model_bytes(result, output.suffix.lower())
-    make_folder(output.parent)
-    write_beside(output, content)
+    with new_folder(output.parent):
+        write_beside(output, content)
     say(f"Wrote the model to {printable(output)}")
     return 0 if result.diagnosis.usable else 1

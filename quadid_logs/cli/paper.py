@@ -9,7 +9,7 @@ import typer
 
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.progress import Progress
-from quadid_logs.output import check_free, make_folder, write_together
+from quadid_logs.output import check_folder_free, new_folder, write_together
 from quadid_logs.untrusted import printable
 
 _FILES = ("paper.md", "windows.csv", "fig4.png", "windows.png", "tables.png")
@@ -25,7 +25,7 @@ def paper(
     from quadid_logs.simulate.paper_experiment import run_experiment
     from quadid_logs.simulate.paper_page import figures, page_text, windows_csv
 
-    check_free(*(output / name for name in _FILES), force=force)
+    check_folder_free(output, _FILES, force=force)
     with Progress("paper") as progress:
         progress("simulating")
         experiment = run_experiment()
@@ -33,8 +33,8 @@ def paper(
         text = page_text(experiment)
         files = {"paper.md": text.encode(), "windows.csv": windows_csv(experiment).encode()}
         files |= figures(experiment)
-    make_folder(output)
-    write_together(output, {name: files[name] for name in _FILES})
+    with new_folder(output):
+        write_together(output, {name: files[name] for name in _FILES})
     say(text.rstrip("\n"))
     say(f"\nWrote {', '.join(_FILES)} into {printable(output)}")
     return 0

@@ -10,7 +10,7 @@ import typer
 from quadid_logs.cli.completion import autopilots, axes
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.progress import Progress
-from quadid_logs.output import check_free, make_folder, write_together
+from quadid_logs.output import check_folder_free, new_folder, write_together
 from quadid_logs.untrusted import printable
 
 
@@ -57,7 +57,7 @@ def plan(
     planned = make_plan(autopilot.lower(), axis or (), None if firmware is None else parse_version(firmware))
     files = {name: text.encode() for name, text in parameter_files(planned).items()}
     if output is not None:
-        check_free(*(output / name for name in (CARD_FILE, *files)), force=force)
+        check_folder_free(output, (CARD_FILE, *files), force=force)
     described = None if vehicle is None else read_vehicle(vehicle)
     with Progress("plan") as progress:
         progress("flying it in the simulator")
@@ -67,8 +67,8 @@ def plan(
         say(line)
     if output is not None:
         files[CARD_FILE] = ("\n".join(lines) + "\n").encode()
-        make_folder(output)
-        write_together(output, files)
+        with new_folder(output):
+            write_together(output, files)
         if not as_json:
             say(f"\nWrote {', '.join(sorted(files))} into {printable(output)}")
     return 0

@@ -12,7 +12,7 @@ from quadid_logs.cli.completion import autopilots, scenarios
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.progress import Progress
 from quadid_logs.errors import SettingsError
-from quadid_logs.output import check_free, make_folder, write_beside
+from quadid_logs.output import check_free, check_no_link, new_folder, write_beside
 from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
@@ -101,6 +101,8 @@ def _check_output(output: Path, *, seed: int, force: bool) -> None:
             f"Cannot tell the format from the name {printable(output.name, 80)!r}.",
             hint=f"Let it end in {', '.join(AUTOPILOT_OF_ENDING)}.",
         )
+    for path in (output, truth_path(output)):
+        check_no_link(path)
     check_free(output, truth_path(output), force=force)
 
 
@@ -115,10 +117,10 @@ def write_simulation(simulation: Simulation, output: Path) -> None:
     from quadid_logs.simulate import damage_bytes
     from quadid_logs.writers import write_log
 
-    make_folder(output.parent)
-    write_log(simulation.log, output)
-    if simulation.damage:
-        seed = int(simulation.truth["seed"])
-        write_beside(output, damage_bytes(output.read_bytes(), simulation.damage, seed))
     text = json.dumps(simulation.truth, indent=1, allow_nan=False) + "\n"
-    write_beside(truth_path(output), text.encode("utf-8"))
+    with new_folder(output.parent):
+        write_log(simulation.log, output)
+        if simulation.damage:
+            seed = int(simulation.truth["seed"])
+            write_beside(output, damage_bytes(output.read_bytes(), simulation.damage, seed))
+        write_beside(truth_path(output), text.encode("utf-8"))

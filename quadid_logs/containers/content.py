@@ -22,6 +22,8 @@ _WORTH_ALIGNING: Final = 1 << 23
 _KEPT_BYTES: Final = 1 << 23
 #: As much of a file stays in the processor's cache while the rows of all types are cut out of it.
 _PART_BYTES: Final = 1 << 20
+#: Text is held in memory as a whole; 100 hours of 20 columns at 100 Hz are less.
+_MOST_TEXT: Final = 1 << 31
 
 
 def room_for(n_bytes: int) -> Bytes:
@@ -236,6 +238,25 @@ def time_before(position: IntArray, known_at: IntArray, known_s: FloatArray) -> 
     before = np.searchsorted(known_at, position, side="right") - 1
     times: FloatArray = known_s[np.maximum(before, 0)]
     return times
+
+
+def text_content(path: str | Path) -> bytes:
+    """Read a text file as a whole.
+
+    Raises
+    ------
+    LogError
+        If it is larger than any flight: mostly a file with holes, which takes no room on the disk.
+    OSError
+        If it cannot be read.
+    """
+    n_bytes = Path(path).stat().st_size
+    if n_bytes > _MOST_TEXT:
+        raise LogError(
+            f"{path} is a text of {n_bytes / 1e9:.1f} GB; up to {_MOST_TEXT / 1e9:.1f} GB are read.",
+            hint="Split it, or give the log as the autopilot wrote it.",
+        )
+    return Path(path).read_bytes()
 
 
 def decode_text(raw: bytes) -> str:

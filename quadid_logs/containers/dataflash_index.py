@@ -37,6 +37,8 @@ _CHAIN_HEADERS: Final = 1 << 18
 _SEARCH_HEADERS: Final = 1 << 14
 #: Rows whose ends are looked at to choose between two lengths.
 _VOTES: Final = 1000
+#: Definitions of one id that are put to the vote; where even more say something else, each stands as it is.
+_MOST_VOTED: Final = 16
 #: More headers than this inside one payload, and that densely, are a flood of headers, no data.
 _FLOOD_HEADERS: Final = 3
 _FLOOD_SPACING: Final = 8
@@ -64,6 +66,9 @@ FORMAT_CHARACTERS: Final[dict[str, FormatCharacter]] = {
 }  # fmt: skip
 
 
+_SIZES: Final = {character: np.dtype(kind.dtype).itemsize for character, kind in FORMAT_CHARACTERS.items()}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MessageDefinition:
     """What an ``FMT`` message says about a message id, from `offset` in the file on."""
@@ -78,7 +83,7 @@ class MessageDefinition:
     @property
     def payload_length(self) -> int:
         """Bytes that the format characters take, without the header."""
-        return sum(np.dtype(FORMAT_CHARACTERS[character].dtype).itemsize for character in self.format)
+        return sum(_SIZES[character] for character in self.format)
 
     def fields(self) -> dict[str, tuple[FormatCharacter, int]]:
         """Return for each column its format character and its offset in the message [bytes].
@@ -89,7 +94,7 @@ class MessageDefinition:
         offset = 3
         for character, label in zip(self.format, self.columns, strict=False):
             kind = FORMAT_CHARACTERS[character]
-            size = np.dtype(kind.dtype).itemsize
+            size = _SIZES[character]
             if offset + size > self.length:
                 break
             found[label] = (kind, offset)
@@ -191,11 +196,11 @@ def read_definitions(content: FileParts, headers: Headers) -> Definitions:
             continue
         previous[type_id] = record
         versions = definitions.setdefault(type_id, [])
-        if definition.payload_length + 3 not in (definition.length, 3):
+        contradicts = definition.payload_length + 3 not in (definition.length, 3)
+        if contradicts and len(versions) < _MOST_VOTED:
             if type_id not in starts_of:
                 starts_of[type_id] = headers.position[headers.type_id == type_id].astype(np.int64)
-            # An id that is defined anew all the time must not be counted all through each time.
-            starts = starts_of[type_id][:: len(starts_of[type_id]) * (len(versions) + 1) // _VOTES + 1]
+            starts = starts_of[type_id][:: len(starts_of[type_id]) // _VOTES + 1]
             definition = _with_credible_length(definition, content, headers, starts)
         versions.append(definition)
     if FMT_ID not in definitions and definitions:

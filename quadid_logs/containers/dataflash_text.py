@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from quadid_logs.arrays import AnyArray, IntArray
-from quadid_logs.containers.content import decode_text, merge_lost
+from quadid_logs.containers.content import decode_text, merge_lost, text_content
 from quadid_logs.containers.dataflash_index import (
     DEFINING,
     FORMAT_CHARACTERS,
@@ -63,7 +63,7 @@ class TextLog:
             If there is no readable regular file.
         """
         try:
-            return cls(str(path), Path(path).read_bytes())
+            return cls(str(path), text_content(path))
         except OSError as error:
             raise LogNotFoundError(f"Cannot read {path}: {error.strerror}.") from error
 

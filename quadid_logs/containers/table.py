@@ -9,15 +9,18 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray
+from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.containers.content import text_content
 from quadid_logs.errors import UnknownFormatError
 
 _PARQUET: Final = b"PAR1"
 _BOM: Final = b"\xef\xbb\xbf"
 _DELIMITERS: Final = ",;\t"
 _LONGEST_HEADER: Final = 1 << 16
-_MOST_CELLS: Final = 200_000_000
-"""A Parquet file of some kilobytes can claim any number of rows; this is 1.6 GB of numbers."""
+#: A Parquet file of some kilobytes can unfold to any number of cells: so many are always fine (32 MB), and
+#: one more for every byte of the file, for numbers that were measured need more than a byte each.
+_MOST_CELLS: Final = 4_000_000
+_MOST_BYTES: Final = 8 * _MOST_CELLS
 _TRUTH: Final = {"true": 1.0, "false": 0.0}
 
 Choose = Callable[[Sequence[str]], Sequence[str]]
@@ -111,7 +114,7 @@ def _read_csv(path: str | Path, choose: Choose) -> Cells:
     import pyarrow as pa
     from pyarrow import csv as arrow_csv
 
-    content = Path(path).read_bytes()
+    content = text_content(path)
     header = _header(content[:_LONGEST_HEADER])
     wanted = choose(header.names if header else [])
     if header is None:
@@ -166,20 +169,62 @@ def _read_parquet(path: str | Path, choose: Choose) -> Cells:
         file = parquet.ParquetFile(path)
         names = [str(name) for name in file.schema_arrow.names]
         wanted = list(choose(names))
-        if file.metadata.num_rows * len(wanted) > _MOST_CELLS:
-            raise UnknownFormatError(f"{path} claims {file.metadata.num_rows} rows.", hint="Split the table.")
-        table = file.read(columns=wanted)
+        _check_unfolded(path, file, wanted)
+        texts = [name for name in wanted if _is_text(file.schema_arrow.field(name).type)]
+        # A text that stands in a million cells is kept once.
+        table = parquet.ParquetFile(path, read_dictionary=texts).read(columns=wanted)
     except (pa.ArrowException, OSError) as error:
         raise UnknownFormatError(
             f"{path} is a damaged Parquet file: {error}.", hint="Export it again."
         ) from error
 
-    def cast(kind: Any) -> Any:
-        return pa.table({name: table.column(name).cast(kind, safe=False) for name in wanted})
-
-    columns = {name: name for name in wanted}
-    found, n_not_numeric = _numbers(lambda: cast(pa.float64()), lambda: cast(pa.string()), columns, path)
+    found, n_not_numeric = {}, 0
+    for name in wanted:
+        found[name], count = _parquet_column(table.column(name))
+        n_not_numeric += count
     return Cells(found, "Parquet", tuple(names), n_not_numeric)
+
+
+def _check_unfolded(path: str | Path, file: Any, wanted: Sequence[str]) -> None:
+    """Refuse a table that unfolds to far more than its file holds."""
+    import pyarrow as pa
+
+    types = {name: file.schema_arrow.field(name).type for name in wanted}
+    nested = [name for name, kind in types.items() if pa.types.is_nested(kind)]
+    if nested:
+        raise UnknownFormatError(f"{path}: column {nested[0]} holds lists, no numbers.", hint="Unnest it.")
+    about, n_bytes = file.metadata, Path(path).stat().st_size
+    n_unfolded = sum(
+        about.row_group(group).column(k).total_uncompressed_size
+        for group in range(about.num_row_groups)
+        for k in range(about.num_columns)
+        if about.row_group(group).column(k).path_in_schema in types
+    )
+    if about.num_rows * len(types) > _MOST_CELLS + n_bytes or n_unfolded > _MOST_BYTES + 8 * n_bytes:
+        raise UnknownFormatError(
+            f"{path} unfolds from {n_bytes / 1e6:.1f} MB to {about.num_rows} rows "
+            f"and {n_unfolded / 1e6:.0f} MB.",
+            hint="Split the table.",
+        )
+
+
+def _is_text(kind: Any) -> bool:
+    """Tell whether a type is text or bytes, which Arrow can keep as a dictionary."""
+    from pyarrow import types
+
+    return bool(types.is_string(kind) or types.is_binary(kind) or types.is_large_string(kind))
+
+
+def _parquet_column(column: Any) -> tuple[FloatArray, int]:
+    """Return a column as numbers, and how many of its cells are none."""
+    import pyarrow as pa
+
+    if pa.types.is_dictionary(column.type):
+        return _convert_column(column)
+    try:
+        return _as_float(column.cast(pa.float64(), safe=False)), 0
+    except pa.ArrowException:
+        return _convert_column(column.cast(pa.string()))
 
 
 def _numbers(
@@ -201,7 +246,7 @@ def _numbers(
         ) from error
     found, n_not_numeric = {}, 0
     for name, column in columns.items():
-        found[name], count = _convert(table.column(column).to_pylist())
+        found[name], count = _convert_column(table.column(column))
         n_not_numeric += count
     return found, n_not_numeric
 
@@ -211,9 +256,24 @@ def _as_float(column: Any) -> FloatArray:
     return np.asarray(column.to_numpy(), dtype=np.float64)
 
 
-def _convert(cells: list[Any]) -> tuple[FloatArray, int]:
-    """Convert cell by cell; what is no number becomes NaN and is counted, an empty cell only becomes NaN."""
-    values, n_not_numeric = np.full(len(cells), np.nan), 0
+def _convert_column(column: Any) -> tuple[FloatArray, int]:
+    """Convert a column chunk by chunk, every different text once: cells as objects would fill the memory."""
+    import pyarrow as pa
+
+    parts, n_not_numeric = [np.zeros(0)], 0
+    for chunk in column.chunks:
+        encoded = chunk if pa.types.is_dictionary(chunk.type) else chunk.dictionary_encode()
+        values, is_no_number = _convert(encoded.dictionary.to_pylist())
+        # What is missing refers to a further value.
+        places = encoded.indices.fill_null(len(values)).to_numpy(zero_copy_only=False)
+        parts.append(np.append(values, np.nan)[places])
+        n_not_numeric += int(np.count_nonzero(np.append(is_no_number, False)[places]))
+    return np.concatenate(parts), n_not_numeric
+
+
+def _convert(cells: list[Any]) -> tuple[FloatArray, BoolArray]:
+    """Convert cell by cell; what is no number becomes NaN and is marked, an empty cell only becomes NaN."""
+    values, is_no_number = np.full(len(cells), np.nan), np.zeros(len(cells), np.bool_)
     for k, cell in enumerate(cells):
         text = (
             cell.decode("utf-8", errors="replace") if isinstance(cell, bytes) else str(cell or "")
@@ -221,5 +281,5 @@ def _convert(cells: list[Any]) -> tuple[FloatArray, int]:
         try:
             values[k] = _TRUTH[text.lower()] if text.lower() in _TRUTH else float(text or "nan")
         except ValueError:
-            n_not_numeric += 1
-    return values, n_not_numeric
+            is_no_number[k] = True
+    return values, is_no_number

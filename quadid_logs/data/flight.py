@@ -11,6 +11,9 @@ from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.log import NO_GYRO_FILTER, GyroFilter, LogText, ModeChange
 from quadid_logs.data.torque import Calibration
 
+#: Twenty fits of half a second: below, held-out validation says nothing [s].
+LEAST_FLIGHT_S = 10.0
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SourceChoice:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from quadid_logs.data.diagnosis import Finding
-from quadid_logs.data.flight import FlightData, SourceChoice
+from quadid_logs.data.flight import LEAST_FLIGHT_S, FlightData, SourceChoice
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Identification
 from quadid_logs.diagnose.advice import advice_for
@@ -24,8 +24,6 @@ _MIN_ATTITUDE_HZ = 20.0
 _AS_NOMINAL = 0.95
 #: Between the least rate and this, lag and effectiveness can only be told apart on calm data.
 _CAUTION_RATE_HZ = 90.0
-#: Twenty fits of half a second: below, held-out validation says nothing.
-_MIN_FLIGHT_S = 10.0
 
 
 def find_in_data(log: FlightLog, data: FlightData, identification: Identification) -> Iterator[Finding]:
@@ -167,16 +165,16 @@ def _no_flight(data: FlightData) -> Finding:
 def _flight(data: FlightData, identification: Identification) -> Iterator[Finding]:
     airborne_s = sum(end - start for start, end in data.flights)
     usable_s = data.n_samples * data.sample_period_s if data.segments else 0.0
-    if airborne_s < _MIN_FLIGHT_S:
-        yield finding("QL402", "error", {"airborne_s": round(airborne_s, 2), "needed_s": _MIN_FLIGHT_S})
-    elif data.input is not None and "body_rate" in data.sources and usable_s < _MIN_FLIGHT_S:
+    if airborne_s < LEAST_FLIGHT_S:
+        yield finding("QL402", "error", {"airborne_s": round(airborne_s, 2), "needed_s": LEAST_FLIGHT_S})
+    elif data.input is not None and "body_rate" in data.sources and usable_s < LEAST_FLIGHT_S:
         yield finding(
             "QL402",
             "error",
             {
                 "airborne_s": round(airborne_s, 2),
                 "gap_free_s": round(usable_s, 2),
-                "needed_s": _MIN_FLIGHT_S,
+                "needed_s": LEAST_FLIGHT_S,
             },
             title="The flight without gaps is too short",
         )

@@ -19,6 +19,7 @@ from urllib.parse import unquote
 from quadid_logs.autopilots import formats
 from quadid_logs.errors import LogError, LogNotFoundError
 from quadid_logs.fleet.extra import load
+from quadid_logs.output import DOWNLOADS, beside_prefix
 from quadid_logs.untrusted import printable
 
 _BLOCK_BYTES = 1 << 20
@@ -254,7 +255,9 @@ def fetched(file: LogFile, max_bytes: int) -> Iterator[tuple[Path, str]]:
         If it cannot be fetched, or not now.
     """
     if is_url(file.url):
-        with tempfile.TemporaryDirectory(prefix="quadid-fleet-", ignore_cleanup_errors=True) as folder:
+        with tempfile.TemporaryDirectory(
+            prefix=beside_prefix(DOWNLOADS), ignore_cleanup_errors=True
+        ) as folder:
             path = Path(folder) / "log"
             yield path, _download(file.secret or file.url, path, max_bytes)
     else:

@@ -13,6 +13,7 @@ import signal
 import tempfile
 import threading
 from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
 from typing import Final, cast
 
 from distributed import Worker, WorkerPlugin, get_worker
@@ -21,6 +22,7 @@ from pebble import ProcessExpired, ProcessPool
 from quadid_logs.fleet.rows import LOST
 from quadid_logs.fleet.tasks import Outcome, Task, failure
 from quadid_logs.fleet.work import begin, work_in
+from quadid_logs.output import DOWNLOADS, beside_prefix, remove_unfinished
 from quadid_logs.version import __version__
 
 _NAME: Final = f"quadid-logs-{__version__}"
@@ -47,6 +49,7 @@ class AnalysisPool(WorkerPlugin):
 
     def setup(self, worker: Worker) -> None:
         """Share the worker's memory among its threads; Dask stops a worker at 95 % of it, too."""
+        remove_unfinished(Path(tempfile.gettempdir()), DOWNLOADS)
         limit, self._n_processes = worker.memory_manager.memory_limit, worker.state.nthreads
         self._most_bytes = int(0.95 * limit / self._n_processes) if limit else 0
         self._lock = threading.Lock()
@@ -73,7 +76,9 @@ class AnalysisPool(WorkerPlugin):
         SettingsError
             If it has another version of quadid-logs.
         """
-        with tempfile.TemporaryDirectory(prefix="quadid-fleet-", ignore_cleanup_errors=True) as folder:
+        with tempfile.TemporaryDirectory(
+            prefix=beside_prefix(DOWNLOADS), ignore_cleanup_errors=True
+        ) as folder:
             future = self._running_pool().schedule(
                 work_in, args=(folder, task), timeout=task.options.timeout_s
             )

@@ -11,7 +11,7 @@ import numpy as np
 from quadid_logs.arrays import AnyArray, FloatArray
 from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.errors import EmptyLogError, OutputError, SettingsError
-from quadid_logs.output import beside_prefix, check_free, make_folder, remove_unfinished
+from quadid_logs.output import beside_prefix, check_free, new_folder, remove_unfinished
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import SIGNALS
 
@@ -142,12 +142,8 @@ def write_table(data: FlightData, path: Path, *, force: bool = False) -> int:
     """
     check_table_path(path, force=force)
     table = aligned_table(data)
-    make_folder(path.parent)
-    remove_unfinished(path.parent)
     try:
-        with tempfile.TemporaryDirectory(
-            prefix=beside_prefix(), dir=path.parent, ignore_cleanup_errors=True
-        ) as beside:
+        with new_folder(path.parent), _beside(path.parent) as beside:
             written = Path(beside) / f"table{path.suffix.lower()}"
             _write(table, written)
             written.replace(path)
@@ -155,6 +151,12 @@ def write_table(data: FlightData, path: Path, *, force: bool = False) -> int:
         reason = error.strerror or type(error).__name__
         raise OutputError(f"Cannot write {printable(path)}: {reason}.") from error
     return int(table["time_s"].shape[0])
+
+
+def _beside(folder: Path) -> tempfile.TemporaryDirectory[str]:
+    """Return a new folder in another one, from which what killed runs left is gone."""
+    remove_unfinished(folder)
+    return tempfile.TemporaryDirectory(prefix=beside_prefix(), dir=folder, ignore_cleanup_errors=True)
 
 
 def _write(table: dict[str, AnyArray], path: Path) -> None:

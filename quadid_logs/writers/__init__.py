@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
 
 from quadid_logs.data.log import FlightLog
 from quadid_logs.errors import OutputError, SettingsError
+from quadid_logs.output import beside_prefix, remove_unfinished
 
 __all__ = ["write_log"]
 
@@ -35,7 +35,8 @@ def write_log(log: FlightLog, path: Path) -> None:
         If the file cannot be written, or a row has no finite time.
     """
     write = _writer(path.suffix)
-    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
+    remove_unfinished(path.parent)
+    beside = path.with_name(f"{beside_prefix()}{path.name}")
     try:
         with beside.open("wb") as file:
             write(log, file)

@@ -15,12 +15,12 @@ LOG = Path(__file__).resolve().parents[2] / "sample_logs" / "default-logging.bin
 COMMANDS = {
     "report": ["analyze", str(LOG), "-o", "{}"],
     "result": ["analyze", str(LOG), "-o", "{}", "--no-report"],
-    "csv": ["export", str(LOG), "-o", "{}/series.csv"],
-    "parquet": ["export", str(LOG), "-o", "{}/series.parquet"],
-    "mat": ["export", str(LOG), "-o", "{}/series.mat"],
-    "bin": ["simulate", "hover", "-o", "{}/flight.bin"],
-    "tlog": ["simulate", "hover", "-o", "{}/flight.tlog"],
-    "paper": ["paper", "-o", "{}"],
+    "csv": ["export", str(LOG), "-o", "{}/new/series.csv"],
+    "parquet": ["export", str(LOG), "-o", "{}/new/series.parquet"],
+    "mat": ["export", str(LOG), "-o", "{}/new/series.mat"],
+    "bin": ["simulate", "hover", "-o", "{}/new/flight.bin"],
+    "tlog": ["simulate", "hover", "-o", "{}/new/flight.tlog"],
+    "paper": ["paper", "-o", "{}/new"],
 }
 
 

@@ -22,12 +22,23 @@ def test_a_part_without_a_flight_is_wrong_usage_that_names_the_range_of_the_log(
     assert "fetch" not in line
 
 
-def test_a_part_without_a_flight_leaves_the_report_that_is_there(tmp_path: Path) -> None:
+def test_a_part_with_too_little_flight_says_how_much_it_holds(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is the choice that is too short, not the flight."""
+    assert main(["analyze", str(LOG), "-o", str(tmp_path), "--start-s", "40", "--end-s", "44.5"]) == 2
+    assert "from 40 s to 44.5 s holds 4.5 s of flight, and 10 s are needed" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("chosen", [("--start-s", "5000"), ("--start-s", "55")])
+def test_a_part_without_enough_flight_leaves_the_report_that_is_there(
+    chosen: tuple[str, str], tmp_path: Path
+) -> None:
     """--force replaced it by a report of nothing."""
     report = tmp_path / LOG.stem / "report.html"
     report.parent.mkdir()
     report.write_text("good")
-    assert main(["analyze", str(LOG), "-o", str(tmp_path), "--force", "--start-s", "5000"]) == 2
+    assert main(["analyze", str(LOG), "-o", str(tmp_path), "--force", *chosen]) == 2
     assert report.read_text() == "good"
     assert [path.name for path in report.parent.iterdir()] == ["report.html"]
 
