@@ -125,10 +125,10 @@ class Formats:
 
     def _fields(self, name: str) -> list[Field]:
         """Return the fields of a format, whose grammar was checked when it was defined."""
-        parts = [part for part in self.fields[name].split(";") if part]
-        self._n_fields += len(parts)
         if self._n_fields > _MOST_FIELDS:
             raise BrokenMessageError("formats that change all the time")
+        parts = [part for part in self.fields[name].split(";") if part]
+        self._n_fields += len(parts)
         found = [_FIELD.fullmatch(part) for part in parts]
         return [Field(match[1], int(match[2] or 0), match[3]) for match in found if match]
 
