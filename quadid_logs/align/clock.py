@@ -105,8 +105,9 @@ class Clock:
         for first in range(0, time_s.size, _ROWS):
             part = slice(first, first + _ROWS)
             nearest = np.minimum(self._row_at(position[part]), self.position.size - 1)
-            off = np.abs(time_s[part] - self.time_s[nearest])
-            before = np.abs(time_s[part] - self.time_s[np.maximum(nearest - 1, 0)])
+            with np.errstate(invalid="ignore"):  # damage makes signalling NaN
+                off = np.abs(time_s[part] - self.time_s[nearest])
+                before = np.abs(time_s[part] - self.time_s[np.maximum(nearest - 1, 0)])
             # At a reset the rows on either side disagree: being near one of them is enough.
             bad[part] = ~(np.minimum(off, before) <= tolerance_s)
         return bad
