@@ -12,7 +12,7 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.diagnosis import Diagnosis, Finding
-from quadid_logs.data.flight import FlightData, GyroCheck, SourceChoice
+from quadid_logs.data.flight import FlightData, GyroCheck, InputDescription, SourceChoice
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import (
     Actuator,
@@ -30,6 +30,7 @@ from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
 from quadid_logs.data.torque import TorqueModel
 from quadid_logs.maths.sliding_windows import weakest_words
+from quadid_logs.report.calibration_parts import calibration_half_width, flight_interval
 from quadid_logs.report.loop_json import closed_loop_dict
 from quadid_logs.report.provenance import Provenance
 
@@ -92,7 +93,7 @@ def _content(result: Result, provenance: Provenance | None) -> dict[str, Any]:
         "log": log_dict(result.log, result.data),
         "pooled": [fields_of(each) for each in result.pooled],
         "data": data_dict(result.data),
-        "models": [_model(model) for model in result.identification.models],
+        "models": [_model(model, result.data.input) for model in result.identification.models],
         "axes": {name: _verdict(result.diagnosis, name) for name in result.diagnosis.axes},
         "findings": [finding_dict(finding) for finding in result.diagnosis.findings],
         "closed_loop": None if result.closed_loop is None else closed_loop_dict(result.closed_loop),
@@ -226,7 +227,15 @@ def _rate(choice: SourceChoice) -> dict[str, Any]:
     return content
 
 
-def _model(model: Model) -> dict[str, Any]:
+def _parameter(parameter: Parameter, given: InputDescription | None) -> dict[str, Any]:
+    """Return an entry of ``parameters``; per newton metre, with the interval that the flight alone leaves."""
+    content = fields_of(parameter)
+    if calibration_half_width(parameter, given):
+        content["ci95_flight"] = flight_interval(parameter, given)
+    return content
+
+
+def _model(model: Model, given: InputDescription | None) -> dict[str, Any]:
     """Return an entry of ``models``."""
     return {
         "structure": model.structure,
@@ -237,7 +246,7 @@ def _model(model: Model) -> dict[str, Any]:
         "inputs": model.inputs,
         "A": model.A,
         "B": model.B,
-        "parameters": [fields_of(parameter) for parameter in model.parameters],
+        "parameters": [_parameter(parameter, given) for parameter in model.parameters],
         "actuator": None if model.actuator is None else _actuator(model.actuator),
         "inertia_kg_m2": None if model.inertia is None else _inertia(model.inertia),
         "windows": None if model.windows is None else _windows(model, model.windows),

@@ -6,6 +6,7 @@ import math
 
 from quadid_logs.data.result import Result
 from quadid_logs.data.settings import IdentifySettings
+from quadid_logs.report.calibration_parts import calibration_half_width, flight_interval
 from quadid_logs.report.numbers import estimate, seconds
 from quadid_logs.report.words import pretty_unit
 from quadid_logs.vocabulary import AXES, ON_AXIS
@@ -81,4 +82,10 @@ def effect_sentence(result: Result, axis: str) -> str:
     if gain is None or not math.isfinite(gain.value) or verdict is None or verdict.verdict == "refused":
         return ""
     per = " per unit command" if input_unit(result) == "1" else ""
-    return f"{gain.name} = {estimate(gain.value, *gain.ci95)} {pretty_unit(gain.unit)}{per}"
+    effect = f"{gain.name} = {estimate(gain.value, *gain.ci95)} {pretty_unit(gain.unit)}{per}"
+    spread = calibration_half_width(gain, result.data.input)
+    if not spread:
+        return effect
+    low, high = flight_interval(gain, result.data.input)
+    flight, calibration = 50.0 * (high - low) / abs(gain.value), 100.0 * spread / abs(gain.value)
+    return f"{effect} (the flight leaves {flight:.2g} %, the calibration to N m {calibration:.2g} %)"
