@@ -50,9 +50,9 @@ def export(
 ) -> int:
     """Write the aligned series that analyze works on, or the model for another program."""
     from quadid_logs.align import cut
+    from quadid_logs.counting import counted
     from quadid_logs.data.settings import AlignSettings, Settings
     from quadid_logs.load import load
-    from quadid_logs.report.numbers import counted
     from quadid_logs.report.series_file import check_table_path, write_table
     from quadid_logs.vehicle_file import read_vehicle
 

@@ -12,6 +12,7 @@ import typer
 from quadid_logs.cli.failure import report_problem, say
 from quadid_logs.cli.progress import span_words
 from quadid_logs.cli.terminal import is_terminal
+from quadid_logs.counting import counted
 from quadid_logs.errors import SettingsError
 from quadid_logs.untrusted import printable
 
@@ -124,8 +125,7 @@ def _summary(tally: Tally) -> str:
     words = {ANALYZED: "analyzed", UNREADABLE: "unreadable", LOST: "lost", KNOWN: "already there"}
     parts = [f"{tally.counts[key]} {word}" for key, word in words.items() if tally.counts[key]]
     rate = f"{tally.rate_hz:.2g} logs/s" if tally.rate_hz else ""
-    logs = "1 log" if tally.n_logs == 1 else f"{tally.n_logs} logs"
-    return f"{logs}: {', '.join(filter(None, (*parts, rate)))}"
+    return f"{counted(tally.n_logs, 'log')}: {', '.join(filter(None, (*parts, rate)))}"
 
 
 class FleetProgress:
@@ -144,12 +144,14 @@ class FleetProgress:
         """Show the tally, if the last time is a while ago."""
         if tally.dashboard and tally.dashboard != self._dashboard:
             self._dashboard = tally.dashboard
-            self._write(f"dashboard: {printable(tally.dashboard)}", stays=True)
+            self._write(f"dashboard, for as long as this runs: {printable(tally.dashboard)}", stays=True)
         now = time.monotonic()
         if now >= self._next_s and tally.n_done:
             self._next_s = now + (self._PERIOD_S if self._terminal else self._PIPE_PERIOD_S)
             left = span_words(tally.left_s)
-            self._write(f"{tally.n_done} of {tally.n_logs} logs, {tally.rate_hz:.2g}/s, {left} left")
+            self._write(
+                f"{tally.n_done} of {counted(tally.n_logs, 'log')}, {tally.rate_hz:.2g}/s, {left} left"
+            )
 
     def notice(self, text: str) -> None:
         """Say what happened to the cluster."""

@@ -82,6 +82,10 @@ def _rows(cursor: Any, failure: type[Exception]) -> Iterator[tuple[Any, ...]]:
 
 
 def _refusal(error: Exception) -> SettingsError:
-    """Return DuckDB's reason in one line; below it are the query again and a caret under some place of it."""
+    """Return the reason in one line, without the kind that DuckDB puts before it.
+
+    Below it are the query again and a caret under some place of it.
+    """
     reason = re.split(r"\n\s*LINE \d+:|\n\n", str(error).strip())[0]
+    reason = " ".join(re.sub(r"^[A-Z]\w+ Error: ", "", reason).split())
     return SettingsError(f"The query failed: {printable(reason).rstrip('.')}.", hint=_COLUMNS_HINT)

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from quadid_logs.autopilots import named
+from quadid_logs.counting import counted
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.flight import FlightData, SourceChoice
 from quadid_logs.data.log import FlightLog
@@ -17,7 +18,7 @@ from quadid_logs.diagnose.gyro_findings import find_in_gyro
 from quadid_logs.report.airframe_facts import airframe_facts
 from quadid_logs.report.json import SCHEMA_VERSION, data_dict, finding_dict, log_dict, strict_text
 from quadid_logs.report.log_tables import spans_text
-from quadid_logs.report.numbers import counted, number, size
+from quadid_logs.report.numbers import number, size
 from quadid_logs.untrusted import printable
 
 _MOST_TYPES = 14

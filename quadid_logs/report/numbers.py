@@ -26,17 +26,6 @@ def number(value: float, digits: int = 4) -> str:
     return (shown.rstrip("0").rstrip(".") if "." in shown else shown).replace("-", "−")
 
 
-def counted(n: int, what: str) -> str:
-    """Return a number of things, of which one has no plural.
-
-    Examples
-    --------
-    >>> counted(1, "clock reset"), counted(0, "clock reset")
-    ('1 clock reset', '0 clock resets')
-    """
-    return f"{n} {what}{'' if n == 1 else 's'}"
-
-
 def interval(low: float, high: float) -> str:
     """Return a 95 % interval, or that there is none.
 

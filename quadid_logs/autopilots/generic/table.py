@@ -16,6 +16,7 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.containers import table
 from quadid_logs.containers.content import mean_rate_hz
+from quadid_logs.counting import counted
 from quadid_logs.data.log import FlightLog, MessageCount, Rows, Signal
 from quadid_logs.errors import EmptyLogError, UnknownFormatError
 from quadid_logs.vocabulary import MULTIROTOR, SIGNALS
@@ -134,8 +135,10 @@ def _remarks(cells: table.Cells, system: int) -> list[str]:
     """Say what was left out."""
     others = [name for name in cells.names if name not in cells.columns]
     said = {
-        f"{cells.n_not_numeric} cells are no numbers and count as missing.": cells.n_not_numeric,
-        f"{cells.n_broken_rows} rows have too few or too many cells.": cells.n_broken_rows,
+        counted(cells.n_not_numeric, "cell is no number and counts", "cells are no numbers and count")
+        + " as missing.": cells.n_not_numeric,
+        counted(cells.n_broken_rows, "row has", "rows have")
+        + " too few or too many cells.": cells.n_broken_rows,
         f"Columns without a canonical name are not used: {', '.join(others[:20])}.": len(others),
         "A table holds one vehicle: the chosen system was not needed.": system,
     }

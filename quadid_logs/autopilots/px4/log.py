@@ -22,6 +22,7 @@ from quadid_logs.autopilots.sources import messages_of, stacked
 from quadid_logs.autopilots.utc import utc_offset_s
 from quadid_logs.containers.content import time_before
 from quadid_logs.containers.ulog import UlogContent, read_content
+from quadid_logs.counting import counted
 from quadid_logs.data.log import FlightLog, LogText, ModeChange, ParameterChange
 from quadid_logs.errors import EmptyLogError
 
@@ -133,15 +134,21 @@ def _remarks(content: UlogContent, system: int) -> tuple[str, ...]:
     remarks = []
     if known.dropouts:
         total_s = sum(dropout.duration_ms for dropout in known.dropouts) * 1e-3
-        remarks.append(f"The logger reports {len(known.dropouts)} dropouts of {total_s:.2f} s in all.")
+        remarks.append(
+            f"The logger reports {counted(len(known.dropouts), 'dropout')} of {total_s:.2f} s in all."
+        )
     if known.parameter_writes:
         remarks.append(
-            f"{len(known.parameter_writes)} parameters were written while logging; the last value is used."
+            counted(len(known.parameter_writes), "parameter was", "parameters were")
+            + " written while logging; the last value is used."
         )
     if content.n_joined:
         remarks.append(f"The file holds {content.n_joined + 1} logs joined together.")
     if content.n_unknown:
-        remarks.append(f"{content.n_unknown} messages belong to no announced topic or are of unknown type.")
+        remarks.append(
+            counted(content.n_unknown, "message belongs", "messages belong")
+            + " to no announced topic or is of unknown type."
+        )
     if known.unknown_flags:
         remarks.append("The log says that it needs a newer reader; it was read all the same.")
     if known.information.get("ver_hw") == "PX4_SITL" and ("esc_status", 0) in content.topics:
