@@ -323,7 +323,7 @@ class _Lengths(NamedTuple):
 
 
 def _lengths(definitions: Definitions) -> _Lengths:
-    """Collect the lengths once: they are asked for again and again."""
+    """Collect the lengths once: every block of headers needs them."""
     first, changing = np.zeros(256, np.int64), {}
     for type_id, versions in definitions.items():
         first[type_id] = versions[0].length
