@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import random
-import resource
 import time
 from pathlib import Path
 
@@ -21,6 +20,7 @@ from quadid_logs.errors import LogError, QuadidError, UnknownFormatError
 from quadid_logs.load import read_log
 from tests.containers import dataflash_files, ulog_maker
 
+resource = pytest.importorskip("resource", reason="memory limits are POSIX's")
 pa = pytest.importorskip("pyarrow")
 pytest.importorskip("pyarrow.parquet")
 

@@ -40,7 +40,7 @@ def test_a_pipe_gets_few_whole_lines(tally, capsys):
     for _ in range(50):
         progress(tally)
     assert capsys.readouterr().err.splitlines() == [
-        "dashboard: http://127.0.0.1:8787/status",
+        "dashboard, for as long as this runs: http://127.0.0.1:8787/status",
         "10 of 40 logs, 1.6/s, 15 s left",
     ]
 
