@@ -1,4 +1,4 @@
-"""Loops of firmware in the loop against vehicles whose physics are known: margins, predictions, broken loop."""
+"""Firmware loops against vehicles whose physics are known: margins, prediction, broken loop."""
 
 from __future__ import annotations
 
