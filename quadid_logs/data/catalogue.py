@@ -109,8 +109,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL302",
                 "The log holds no torque",
-                "Nothing in the log says what torque the autopilot commanded, so there is no input to "
-                "identify a model from.",
+                "The log holds neither the torque that the autopilot commanded nor motor outputs that it "
+                "could be rebuilt from, so there is no input to identify a model from.",
                 "Log the rate controller's outputs.",
             ),
             _entry(

@@ -10,7 +10,7 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData
-from quadid_logs.data.model import Identification, Model
+from quadid_logs.data.model import Identification, Model, Response
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.errors import SettingsError
 from quadid_logs.identify.design import Design, build_design, smooth_segment
@@ -78,12 +78,6 @@ def identify(
     if slowest_hz < MIN_RATE_HZ:
         return Identification(skipped=f"torque and rates were logged at {slowest_hz:.3g} Hz only")
     band = _default_band(settings, data.sample_period_s)
-    if 2.0 * band.high_hz * data.sample_period_s >= 1.0:
-        raise SettingsError(
-            f"The band goes up to {band.high_hz:g} Hz, but this log is on a clock of "
-            f"{1.0 / data.sample_period_s:.4g} Hz.",
-            hint="Give a --band below half of that.",
-        )
     data = most_excited(data, settings.most_samples)
     design = build_design(data, band.high_hz, structures)
     n_needed = _ROWS_PER_UNKNOWN * len(structures[0].columns)
@@ -93,12 +87,12 @@ def identify(
     design = with_strong_instruments(design, high_passed, excited_axes(high_passed))
     models, informative = _fit_all(data, design, structures, settings)
     found = responses(data, instruments=design.instruments is not None)
-    # Roll and pitch are asked: they are what slow air tilts. Yaw tells most where it is slowest.
-    tilting = [axis for axis in informative if axis < 2]
-    other = fitted_band([found[axis] for axis in tilting if found], band, data.sample_period_s)
+    other = _band_of_the_response(found, informative, band, data.sample_period_s)
     if other != band and not settings.smoothing_hz and settings.high_pass_hz:
         again = _fit_in(other, data, design, structures, settings)
-        models = again if _is_better(again, models, tilting, raised=other.low_hz > band.low_hz) else models
+        models = (
+            again if _is_better(again, models, informative, raised=other.low_hz > band.low_hz) else models
+        )
     ordered = _recommend(models, settings)
     return Identification(
         models=ordered,
@@ -114,8 +108,27 @@ def identify(
 
 def _default_band(settings: IdentifySettings, sample_period_s: float) -> Band:
     """Return the band that is fitted where the response does not speak against it."""
-    highest_hz = 1.0 / (sample_period_s * SAMPLES_PER_CYCLE)
-    return Band(settings.high_pass_hz, settings.smoothing_hz or min(_SMOOTHING_HZ, highest_hz))
+    rate_hz = 1.0 / sample_period_s
+    if 2.0 * settings.smoothing_hz >= rate_hz:
+        raise SettingsError(
+            f"The band goes up to {settings.smoothing_hz:g} Hz, but this log is on a clock of "
+            f"{rate_hz:.4g} Hz.",
+            hint="Give a --band below half of that.",
+        )
+    return Band(
+        settings.high_pass_hz, settings.smoothing_hz or min(_SMOOTHING_HZ, rate_hz / SAMPLES_PER_CYCLE)
+    )
+
+
+def _band_of_the_response(
+    found: Sequence[Response], informative: Sequence[int], band: Band, sample_period_s: float
+) -> Band:
+    """Return the band that the response of roll and pitch speaks for.
+
+    They are what slow air tilts. Yaw tells most where it is slowest.
+    """
+    tilting = [each for axis, each in enumerate(found) if axis in informative and axis < 2]
+    return fitted_band(tilting, band, sample_period_s) if tilting else band
 
 
 def _fit_in(
@@ -130,7 +143,7 @@ def _fit_in(
     return _fit_all(data, other, structures, replace(settings, high_pass_hz=band.low_hz))[0]
 
 
-def _is_better(again: list[Model], models: list[Model], axes: Sequence[int], *, raised: bool) -> bool:
+def _is_better(again: list[Model], models: list[Model], informative: Sequence[int], *, raised: bool) -> bool:
     """Say whether a fit in the band of the response takes the place of that in the default one.
 
     Above a raised lower edge an axis must be explained: what is below is known to be another's, however well
@@ -140,7 +153,13 @@ def _is_better(again: list[Model], models: list[Model], axes: Sequence[int], *, 
     if not again:
         return False
     before, after = (
-        np.array([each[0].validation.r2_acceleration.get(ACCELERATION_SYMBOLS[axis], 0.0) for axis in axes])
+        np.array(
+            [
+                each[0].validation.r2_acceleration.get(ACCELERATION_SYMBOLS[axis], 0.0)
+                for axis in informative
+                if axis < 2
+            ]
+        )
         for each in (models, again)
     )
     if raised:
