@@ -184,6 +184,23 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "To have another part analyzed, give --start-s and --end-s.",
             ),
             _entry(
+                "QL320",
+                "No multirotor turns like these body rates",
+                "The rates integrate to a vehicle that is upside down for much of its flight, or exceed"
+                " what a gyro can measure. Mostly they are in deg/s where rad/s are needed: every "
+                "effectiveness is 57 times too large then.",
+                "Give the body rates of a table in rad/s. If it did fly like that, log the attitude too.",
+            ),
+            _entry(
+                "QL321",
+                "No rate set-points were used",
+                "A controller answers gusts with torque, so that torque and disturbance go together. "
+                "What was commanded answers nothing, and an estimate that rests on it is not biased; "
+                "without it the effectiveness may be too low by the fraction that its model leaves "
+                "unexplained. The interval covers that.",
+                "Log the rate set-points beside the rates.",
+            ),
+            _entry(
                 "QL401",
                 "No flight in this log",
                 "By the evidence that the log holds, the vehicle did not fly, or the part with the flight "
@@ -226,6 +243,15 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The autopilot injected a known excitation. It answers no gust and no noise, so the "
                 "estimate rests on it: what follows from it counts, what does not is left out.",
                 "Nothing to do. Only the axes that the run excites can be identified from it.",
+            ),
+            _entry(
+                "QL420",
+                "The torque holds little more than one frequency",
+                "At one frequency, gain and phase are all that can be measured: effectiveness, damping,"
+                " lag and delay cannot be told apart, and an error of a thousandth in the model becomes"
+                " one of a tenth in the effectiveness.",
+                "Excite this axis at several frequencies: a chirp, doublets of different length, or at "
+                "least three sinusoids over two octaves.",
             ),
             _entry(
                 "QL501",
@@ -330,6 +356,88 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "controller's gains. A higher band or a longer hover would show the same, with more "
                 "confidence.",
                 "Fly manoeuvres on this axis, so that commands move the vehicle more than air and noise do.",
+            ),
+            _entry(
+                "QL520",
+                "The torque was computed from the rates",
+                "Noise of the gyro is in the torque at the same moment. No motor is that quick: what is"
+                " logged as torque is a derivative of the rates, and its effectiveness is what whoever "
+                "computed it assumed.",
+                "Log the torque that was commanded, or the motor outputs.",
+            ),
+            _entry(
+                "QL521",
+                "The torque leads to a rate, not to an acceleration",
+                "A constant torque would turn the vehicle at a constant rate within a fraction of a "
+                "second. Air does not damp a multirotor like that, a rate controller does: what is "
+                "logged as torque lies before the controller, or is a set-point.",
+                "Log the output of the rate controller, not what it is given.",
+            ),
+            _entry(
+                "QL522",
+                "The torque is stamped after the motion that it causes",
+                "The flight is explained best where torque is taken from a later time than it is "
+                "stamped with. Clocks of torque and rates differ, or the rates were smoothed in both "
+                "directions. Lag and effectiveness are then drawn to low values; the interval covers "
+                "the effectiveness with the torque moved.",
+                "Take torque and rates from one clock; give the time at which they applied, not at "
+                "which they were written.",
+            ),
+            _entry(
+                "QL523",
+                "Small torques have less effect",
+                "Below some torque the vehicle answers less than above: a dead zone, friction, or "
+                "coarse steps of the outputs. The effectiveness depends on the size of the manoeuvre; "
+                "the interval covers that beyond the dead zone.",
+                "Fly larger manoeuvres, and look for a dead band in mixer, servos or speed controllers.",
+            ),
+            _entry(
+                "QL524",
+                "Large torques have less effect",
+                "Above some torque the vehicle hardly answers more: outputs are limited and the log "
+                "does not say so. The effectiveness of small torques is higher than the estimate; the "
+                "interval covers it where it can.",
+                "Log motor outputs or saturation, or fly smaller manoeuvres.",
+            ),
+            _entry(
+                "QL525",
+                "The response has a resonance",
+                "About one frequency the rates answer the torque as something does that bends or "
+                "swings: an arm, a soft gyro mount, a load. A rigid body does not, and the "
+                "effectiveness depends on the band.",
+                "Stiffen what bends, filter less near that frequency, and fly slower manoeuvres.",
+            ),
+            _entry(
+                "QL526",
+                "A moment goes with the tilt",
+                "The vehicle is turned by its own tilt: a pendulum below the centre of mass, a sling "
+                "load, or an unstable shape in the wind of its own speed. The model has no such moment;"
+                " the interval covers the effectiveness with it.",
+                "Fly quicker manoeuvres without load, or use only faster motion.",
+            ),
+            _entry(
+                "QL527",
+                "The motors are not one lag",
+                "The torque builds up in another way than behind one first-order lag: rotors spin down "
+                "more slowly than up, or another filter lies between. The interval covers the "
+                "effectiveness with it.",
+                "Describe the rotors in --vehicle FILE.toml, and log the motor outputs.",
+            ),
+            _entry(
+                "QL528",
+                "The control effectiveness varies in flight",
+                "From one half second to the next its deviations go on, as noise does not: thrust comes"
+                " and goes (battery, ground, another controller), or something else than torque moves "
+                "the vehicle.",
+                "Look at the figure of estimates over time. Fly the manoeuvre at one throttle, far from"
+                " the ground.",
+            ),
+            _entry(
+                "QL529",
+                "The flights are not of one vehicle in one state",
+                "Fitted flight by flight the control effectiveness differs by more than its intervals "
+                "allow. The value given is that of none of them.",
+                "Analyze the flights by themselves: without --pool, or with --start-s and --end-s.",
             ),
             _entry(
                 "QL512",

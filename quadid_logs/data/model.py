@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,8 @@ class Parameter:
     """One element of A or B with its interval.
 
     ``regressor`` multiplies ``value`` in the equation of ``target``; ``unit``
-    is the target's over the regressor's; ``ci95`` is the 95 % interval.
+    is the target's over the regressor's; ``ci95`` is the 95 % interval, and ``half_width`` half of what
+    it was before `StructuralCheck` widened it to effects that may be there.
     """
 
     name: str
@@ -27,6 +29,7 @@ class Parameter:
     ci95: tuple[float, float]
     identifiable: bool
     reason: str = ""
+    half_width: float = float("nan")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -269,6 +272,79 @@ class FormulationCheck:
         return relative
 
 
+#: What one more column of an equation stands for.
+Effect = Literal["threshold", "limit", "tilt", "mode", "second lag", "asymmetry"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EffectCheck:
+    """One more effect in the equation of one axis.
+
+    Attributes
+    ----------
+    axis : int
+        0 roll, 1 pitch, 2 yaw.
+    effect : Effect
+    statistic : float
+        Squared coefficient over its variance (Wald).
+    explained : float
+        Fraction of what the model leaves of the acceleration.
+    shift : float
+        By how much the on-axis effectiveness is larger with it, relative.
+    place : float
+        Torque of a dead zone or a limit, frequency of a mode [Hz]; NaN of the others.
+    """
+
+    axis: int
+    effect: Effect
+    statistic: float
+    explained: float
+    shift: float
+    place: float = float("nan")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TimingCheck:
+    """The best lag and delay where the delay may be negative: torque stamped after the motion it causes.
+
+    ``half_width_s`` is that of the delay's 95 % interval, ``shift`` (3 values) how much larger the on-axis
+    effectiveness is then, relative.
+    """
+
+    delay_s: float
+    half_width_s: float
+    shift: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StructuralCheck:
+    """What else the equations could hold.
+
+    Attributes
+    ----------
+    effects : tuple of EffectCheck
+        At most one for each axis and kind: the likeliest level or frequency.
+    timing : TimingCheck or None
+        None where no earlier torque explains the flight better.
+    flight_gain, flight_half_width : ndarray, shape (n_flights, 3)
+        On-axis effectiveness of each flight over that of all, and its 95 % interval; no rows for one flight.
+    persistence, spread : ndarray, shape (3,)
+        Correlation of the deviations of the on-axis effectiveness from one half second to the next, over what
+        chance makes of it; rms of these deviations, relative. NaN on axes that were not looked at.
+    feedback : ndarray, shape (3,)
+        How much larger the on-axis effectiveness may be because a controller answers what disturbs the
+        vehicle, relative; zero where set-points are instruments.
+    """
+
+    effects: tuple[EffectCheck, ...]
+    timing: TimingCheck | None
+    flight_gain: FloatArray
+    flight_half_width: FloatArray
+    persistence: FloatArray
+    spread: FloatArray
+    feedback: FloatArray
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Model:
     """One structure fitted to the flight: target = A @ regressors + B @ inputs.
@@ -307,6 +383,7 @@ class Model:
     band: BandCheck | None = None
     change: ChangeCheck | None = None
     formulations: FormulationCheck | None = None
+    structural: StructuralCheck | None = None
     bootstrap_half_width: FloatArray | None = None
     criterion: float = float("nan")
     note: str = ""
@@ -324,7 +401,8 @@ class Excitation:
     ``torque_rms`` in the input's unit, ``rate_rms_rad_s``; ``signal_to_noise``
     is the ratio of explained to unexplained acceleration in the fitted band;
     spectra of the rate and the torque over ``frequency_hz`` (n_frequencies,)
-    with their ``coherence``.
+    with their ``coherence``. ``noise_in_phase``: coherence of torque and angular acceleration without any
+    delay, above all motion; ``bandwidth``: standard deviation of the torque's frequency over its mean.
     """
 
     axis: str
@@ -335,6 +413,8 @@ class Excitation:
     rate_psd: FloatArray
     torque_psd: FloatArray
     coherence: FloatArray
+    noise_in_phase: float = float("nan")
+    bandwidth: float = float("nan")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

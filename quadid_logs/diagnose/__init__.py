@@ -16,6 +16,7 @@ from quadid_logs.diagnose.data_findings import find_in_data
 from quadid_logs.diagnose.file_findings import find_in_file, find_in_pool
 from quadid_logs.diagnose.gyro_findings import find_in_gyro
 from quadid_logs.diagnose.model_findings import find_in_models
+from quadid_logs.diagnose.structural_findings import find_in_structure
 from quadid_logs.diagnose.torque_findings import find_in_given_inertia, find_in_torque
 from quadid_logs.vocabulary import AXES
 
@@ -68,6 +69,7 @@ def diagnose(
         *find_in_gyro(data),
         *find_in_torque(log, data, identification),
         *find_in_models(log, identification),
+        *find_in_structure(data, identification),
         *find_in_given_inertia(data, identification, vehicle),
     ]
     findings = sorted(_remedied(found, log.autopilot), key=lambda finding: _SEVERITY[finding.level])

@@ -193,8 +193,8 @@ def _wrong_sign(axis: _Axis) -> Finding | None:
 
 
 def _too_wide(axis: _Axis) -> Finding | None:
-    half_width = 0.5 * (axis.on_axis.ci95[1] - axis.on_axis.ci95[0])
-    if half_width <= MAX_RELATIVE_CI * axis.on_axis.value:
+    # What the interval covers beside that has findings of its own.
+    if not axis.on_axis.half_width > MAX_RELATIVE_CI * axis.on_axis.value:
         return None
     return axis.finding("QL505", "error", _evidence(axis) | _gain(axis))
 

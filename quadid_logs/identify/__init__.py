@@ -102,6 +102,7 @@ def identify(
             data,
             signal_to_noise=_signal_to_noise(ordered[0]),
             rate_rms_rad_s=np.array([np.std(high_passed.columns[name]) for name in RATE_SYMBOLS]),
+            highest_hz=ordered[0].smoothing_hz,
         ),
     )
 

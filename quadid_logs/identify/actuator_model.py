@@ -134,6 +134,33 @@ def same_actuator_model(
     return _model(problem.design, model.actuator, found, known, search.log_asymmetry)
 
 
+def free_actuator_model(
+    problem: FitProblem, model: ActuatorModel, described: InputDescription | None
+) -> ActuatorModel | None:
+    """Return a model of the same kind whose delay may be negative, as where torque is stamped late.
+
+    Parameters
+    ----------
+    problem, described
+        As of `find_actuator_model`.
+    model : ActuatorModel
+
+    Returns
+    -------
+    ActuatorModel or None
+        None where it explains the flight better by chance only.
+    """
+    rotors = model.rotors
+    known = described if rotors is not None else None
+    search = _Search(problem, known, 0.0 if rotors is None else rotors.log_asymmetry)
+    start = np.array([model.actuator.lag_s, model.actuator.delay_s])
+    _, loss = search.least(start, rounds=1)
+    found, free_loss = search.least(start, earliest_s=-MAX_DELAY_S)
+    if found[1] >= 0.0 or loss - free_loss <= same_loss(search.project, problem.axes):
+        return None
+    return _model(problem.design, model.actuator, found, known, search.log_asymmetry)
+
+
 def _model(
     as_logged: Design,
     start: ActuatorFit,
@@ -216,12 +243,17 @@ class _Search:
         self._torque_at = lru_cache(maxsize=2)(self._torque)
         self._design_with = lru_cache(maxsize=3)(self._design_at)
 
-    def least(self, x: FloatArray, *, rounds: int = _ROUNDS) -> tuple[FloatArray, float]:
-        """Return the point of least error from a start (lag, delay[, asymmetry]), and its logarithm."""
+    def least(
+        self, x: FloatArray, *, rounds: int = _ROUNDS, earliest_s: float = 0.0
+    ) -> tuple[FloatArray, float]:
+        """Return the point of least error from a start (lag, delay[, asymmetry]), and its logarithm.
+
+        No delay is tried that is less than `earliest_s`.
+        """
         from scipy.optimize import least_squares
 
         limit = float(np.log(MOST_ASYMMETRIC))
-        low = np.array([0.0, 0.0, -limit])[: x.size]
+        low = np.array([0.0, earliest_s, -limit])[: x.size]
         high = np.array([MAX_LAG_S, MAX_DELAY_S, limit])[: x.size]
         if not self._slopes(x).any():
             return x, self._loss(x)

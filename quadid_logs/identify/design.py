@@ -37,6 +37,8 @@ _ACTUATOR_MEMORY_S = 0.5
 _CHUNK_S = 120.0
 #: From a rate setpoint to the rate that follows it, a rate loop takes 30 to 300 ms.
 _INSTRUMENT_DELAYS_S = (0.0, 0.03, 0.06, 0.1, 0.15, 0.22, 0.3, 0.4)
+#: Throttle is logged to a thousandth or so: what varies less is rounding, and its product with N is N.
+_LEAST_THROTTLE = 1e-3
 #: Leaving out more than this fraction of the rows for saturation leaves too little flight.
 _MOST_TOUCHED = 0.5
 
@@ -311,11 +313,12 @@ def _instruments(chunks: Sequence[Segment], grids: Sequence[RowGrid]) -> FloatAr
 
 
 def _mean_throttle(data: FlightData) -> float | None:
-    """Return the mean throttle of the flight, None where the log has none or not throughout."""
+    """Return the mean throttle of the flight, None where the log has none, not throughout, or a constant."""
     throttle = [segment.throttle for segment in data.segments if segment.throttle is not None]
     if len(throttle) < len(data.segments):
         return None
-    return float(np.concatenate(throttle).mean())
+    all_throttle = np.concatenate(throttle)
+    return float(all_throttle.mean()) if np.std(all_throttle) > _LEAST_THROTTLE else None
 
 
 def _chunks(data: FlightData) -> Iterator[Segment]:

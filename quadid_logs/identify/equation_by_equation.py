@@ -9,7 +9,7 @@ import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.flight import FlightData
-from quadid_logs.data.model import BandCheck, ChangeCheck, FormulationCheck
+from quadid_logs.data.model import BandCheck, ChangeCheck, FormulationCheck, StructuralCheck
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify.actuator import ActuatorFit, fit_actuator
 from quadid_logs.identify.actuator_model import (
@@ -24,6 +24,7 @@ from quadid_logs.identify.excitation import excited_axes
 from quadid_logs.identify.fit import PooledFit, fit_pooled, lay_out, with_trim
 from quadid_logs.identify.parameters import plausible_size
 from quadid_logs.identify.rotors import rotors_known, with_lag_on_rotors
+from quadid_logs.identify.structural import check_structure
 from quadid_logs.identify.structures import Structure
 from quadid_logs.identify.terms import TRIM
 from quadid_logs.vocabulary import RATE_SYMBOLS, TORQUE_SYMBOLS
@@ -54,6 +55,7 @@ class ActuatedFit(NamedTuple):
     change: ChangeCheck
     formulations: FormulationCheck
     bootstrap_half_width: FloatArray
+    structural: StructuralCheck
 
 
 def fit_equation_by_equation(
@@ -99,6 +101,7 @@ def fit_equation_by_equation(
         change=check_change(model.design, structure, regression, informative),
         formulations=check_formulations(model, structure, fit),
         bootstrap_half_width=bootstrapped_half_width(model.design, structure, regression),
+        structural=check_structure(problem._replace(kept=fit.kept, axes=informative), model, fit, described),
     )
 
 

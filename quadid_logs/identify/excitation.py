@@ -12,7 +12,7 @@ from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.data.model import Excitation
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.terms import ANGLE_SYMBOLS, Term
-from quadid_logs.maths.spectra import averaged_spectra
+from quadid_logs.maths.spectra import Spectra, averaged_spectra
 from quadid_logs.vocabulary import AXES, RATE_SYMBOLS, TORQUE_SYMBOLS
 
 #: Resolution of the spectra: half a hertz separates the lines of common manoeuvres.
@@ -20,6 +20,8 @@ _SPECTRUM_S = 4.0
 #: Above this fraction of the Nyquist frequency a multirotor's motion has died out
 #: and what is left is noise (and vibration, which counts as noise here).
 _NOISE_BAND = 0.6
+#: Where what is common to torque and rate is noise, as fractions of the Nyquist frequency.
+_NOISE_FROM, _NOISE_TO = 0.3, 0.9
 #: A vehicle that hovers by itself turns at 1 to 2 deg/s rms; a manoeuvre must exceed that.
 MIN_RATE_RMS_DEG_S: Final = 2.0
 
@@ -48,7 +50,7 @@ def excited_axes(design: Design) -> list[int]:
 
 
 def measure_excitation(
-    data: FlightData, *, signal_to_noise: FloatArray, rate_rms_rad_s: FloatArray
+    data: FlightData, *, signal_to_noise: FloatArray, rate_rms_rad_s: FloatArray, highest_hz: float
 ) -> tuple[Excitation, ...]:
     """Return spectra, coherence and sizes per axis.
 
@@ -59,17 +61,22 @@ def measure_excitation(
         Of the recommended model.
     rate_rms_rad_s : ndarray, shape (3,)
         Of the smoothed rates: vibration is no motion.
+    highest_hz : float
+        Upper edge of the band that is fitted.
 
     Returns
     -------
     tuple of Excitation
     """
     return tuple(
-        _axis(data, axis, float(signal_to_noise[axis]), float(rate_rms_rad_s[axis])) for axis in range(3)
+        _axis(data, axis, float(signal_to_noise[axis]), float(rate_rms_rad_s[axis]), highest_hz)
+        for axis in range(3)
     )
 
 
-def _axis(data: FlightData, axis: int, signal_to_noise: float, rate_rms_rad_s: float) -> Excitation:
+def _axis(
+    data: FlightData, axis: int, signal_to_noise: float, rate_rms_rad_s: float, highest_hz: float
+) -> Excitation:
     torque = np.concatenate([segment.torque[:, axis] for segment in data.segments])
     longest = max(segment.n_samples for segment in data.segments)
     spectra = averaged_spectra(
@@ -86,7 +93,31 @@ def _axis(data: FlightData, axis: int, signal_to_noise: float, rate_rms_rad_s: f
         rate_psd=spectra.output_psd,
         torque_psd=spectra.input_psd,
         coherence=spectra.coherence,
+        noise_in_phase=_noise_in_phase(spectra),
+        bandwidth=_bandwidth(spectra, highest_hz),
     )
+
+
+def _noise_in_phase(spectra: Spectra) -> float:
+    """Return the mean in-phase coherence of torque and angular acceleration above all motion.
+
+    The acceleration is j omega times the rate, so its in-phase part is minus the rate's quadrature.
+    """
+    frequency_hz = spectra.frequency_hz
+    noise = (frequency_hz > _NOISE_FROM * frequency_hz[-1]) & (frequency_hz < _NOISE_TO * frequency_hz[-1])
+    size = np.sqrt(spectra.input_psd * spectra.output_psd)
+    in_phase = np.divide(-spectra.cross.imag, size, out=np.zeros_like(size), where=size > 0.0)
+    return float(np.mean(in_phase[noise])) if noise.any() else float("nan")
+
+
+def _bandwidth(spectra: Spectra, highest_hz: float) -> float:
+    """Return the standard deviation of the torque's frequency in the fitted band over its mean."""
+    frequency_hz = spectra.frequency_hz
+    power = spectra.input_psd * ((frequency_hz > 0.0) & (frequency_hz <= highest_hz))
+    if not np.sum(power) > 0.0:
+        return float("nan")
+    mean = np.sum(power * frequency_hz) / np.sum(power)
+    return float(np.sqrt(np.sum(power * (frequency_hz - mean) ** 2) / np.sum(power)) / mean)
 
 
 def noise_density(data: FlightData) -> dict[str, float]:

@@ -22,7 +22,13 @@ from quadid_logs.identify.inference import (
     lag_interval,
     posterior_of,
 )
-from quadid_logs.identify.parameters import MIN_SIGNAL_TO_NOISE, MIN_SIMULATED_R2, build_parameters
+from quadid_logs.identify.parameters import (
+    MIN_SIGNAL_TO_NOISE,
+    MIN_SIMULATED_R2,
+    build_parameters,
+    with_intervals,
+)
+from quadid_logs.identify.structural import with_alternatives
 from quadid_logs.identify.structures import Structure
 from quadid_logs.identify.validate import validate
 from quadid_logs.identify.windows import windows_on_rows
@@ -57,8 +63,7 @@ def actuated_model(
         found.fit,
         torque=torque,
         windows=windows,
-        band=found.band,
-        high_pass_hz=found.model.design.high_pass_hz,
+        found=found,
     )
     return replace(
         model,
@@ -67,6 +72,7 @@ def actuated_model(
         band=found.band,
         change=found.change,
         formulations=found.formulations,
+        structural=found.structural,
         bootstrap_half_width=found.bootstrap_half_width,
     )
 
@@ -79,8 +85,7 @@ def build_model(
     *,
     torque: FloatArray,
     windows: Windows | None,
-    band: BandCheck | None = None,
-    high_pass_hz: float = 0.0,
+    found: ActuatedFit | None = None,
 ) -> Model:
     """Validate a fit, give it intervals, and put the model together.
 
@@ -94,13 +99,15 @@ def build_model(
     torque : ndarray, shape (n_rows, n_inputs)
         Columns of ``structure.inputs`` as the structure takes them.
     windows : Windows or None
-    band : BandCheck, optional
-    high_pass_hz : float
+    found : ActuatedFit, optional
+        The fit behind its actuator with its checks; None for the torque as logged.
 
     Returns
     -------
     Model
     """
+    high_pass_hz = 0.0 if found is None else found.model.design.high_pass_hz
+    band = None if found is None else found.band
     validation, series = validate(
         design, structure, fit.as_measured, torque, disturbance=fit.disturbance, high_pass_hz=high_pass_hz
     )
@@ -111,6 +118,9 @@ def build_model(
     unit = data.input.unit if data.input is not None else "1"
     caveats = _caveats_by_target(design, validation)
     parameters = build_parameters(structure, estimate, input_unit=unit, caveats=caveats)
+    if found is not None:
+        estimate = with_alternatives(structure, estimate, found.structural)
+        parameters = with_intervals(parameters, estimate)
     A, B = np.split(theta, [len(structure.terms)], axis=1)
     return Model(
         structure=structure.name,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -88,9 +89,27 @@ def build_parameters(
                     ci95=(low, high),
                     identifiable=not reason,
                     reason=reason,
+                    half_width=0.5 * (high - low),
                 )
             )
     return tuple(found)
+
+
+def with_intervals(parameters: Sequence[Parameter], estimate: Estimate) -> tuple[Parameter, ...]:
+    """Return the parameters with other intervals; whether the data identify them stays as it was.
+
+    Parameters
+    ----------
+    parameters : sequence of Parameter
+        Row by row.
+    estimate : Estimate
+
+    Returns
+    -------
+    tuple of Parameter
+    """
+    intervals = zip(estimate.low.ravel().tolist(), estimate.high.ravel().tolist(), strict=True)
+    return tuple(replace(each, ci95=ci95) for each, ci95 in zip(parameters, intervals, strict=True))
 
 
 def _gyroscopic_caveat(structure: Structure, estimate: Estimate) -> str:

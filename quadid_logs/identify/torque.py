@@ -157,15 +157,15 @@ class RowTorque:
 
     def behind(self, lag_s: float, delay_s: float, symbols: Sequence[str] = TORQUE_SYMBOLS) -> FloatArray:
         """Return columns behind lag, delay and gyro filter, smoothed; shape (n_rows, n_symbols)."""
-        return self._shaped(lambda s: lag_response(s, lag_s) * delay_response(s, delay_s), symbols)
+        return self.shaped(lambda s: lag_response(s, lag_s) * delay_response(s, delay_s), symbols)
 
     def by_lag(self, lag_s: float, delay_s: float) -> FloatArray:
         """Return the derivative of `behind` by the lag [unit/s]; shape (n_rows, 3)."""
-        return self._shaped(lambda s: -s * lag_response(s, lag_s) ** 2 * delay_response(s, delay_s))
+        return self.shaped(lambda s: -s * lag_response(s, lag_s) ** 2 * delay_response(s, delay_s))
 
     def by_delay(self, lag_s: float, delay_s: float) -> FloatArray:
         """Return the derivative of `behind` by the delay [unit/s]; shape (n_rows, 3)."""
-        return self._shaped(lambda s: -s * lag_response(s, lag_s) * delay_response(s, delay_s))
+        return self.shaped(lambda s: -s * lag_response(s, lag_s) * delay_response(s, delay_s))
 
     def as_logged(self) -> FloatArray:
         """Return the torque smoothed but without actuator, as the paper takes it; shape (n_rows, 3)."""
@@ -175,9 +175,10 @@ class RowTorque:
         """Return what the gyro's known filters make of the torque; 1 where none is known."""
         return gyro_response(s, *self.gyro_filter)
 
-    def _shaped(
+    def shaped(
         self, response: Callable[[ComplexArray], ComplexArray], symbols: Sequence[str] = TORQUE_SYMBOLS
     ) -> FloatArray:
+        """Return columns behind a response of j omega and the gyro filter, smoothed; (n_rows, n_symbols)."""
         bins = [grid.s[: grid.n_bins] for grid in self.grids]
         return self._laid([response(s) * self.gyro_response(s) for s in bins], symbols)
 

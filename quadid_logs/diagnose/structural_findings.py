@@ -1,0 +1,211 @@
+"""Caveats about what the model does not know of: effects that a log can hold and no rigid body has."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+
+from quadid_logs.data.diagnosis import Finding, Level
+from quadid_logs.data.flight import FlightData
+from quadid_logs.data.model import Effect, EffectCheck, Identification, Model, Parameter, StructuralCheck
+from quadid_logs.diagnose.findings import finding, rounded
+from quadid_logs.identify.parameters import MIN_SIGNAL_TO_NOISE
+from quadid_logs.identify.structural import EFFECT_EXPLAINS, EFFECT_SEEN, LARGEST_SHIFT, is_seen
+from quadid_logs.maths.rotations import tilt_from_rates
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS, RATE_SYMBOLS
+
+#: Gyros of flight controllers end at 2000 deg/s, a few at 4000 [rad/s].
+_FASTEST_RAD_S = np.radians(4000.0)
+#: A few samples may be damaged.
+_MOST_TOO_FAST = 0.01
+#: A flip takes a third of a second: one every three seconds throughout is no flight without attitude.
+_MOST_UPSIDE_DOWN = 0.1
+#: An error of the gyro of some hundredths of a rad/s, times this time [s], does not turn a vehicle over.
+_TILT_MEMORY_S = 15.0
+#: A sinusoid has hardly any, two that are a third apart 0.15, manoeuvres 0.3 to 0.9. Gain and phase at one
+#: frequency are two numbers; effectiveness, damping, lag and delay are four.
+_LEAST_BANDWIDTH = 0.15
+#: Noise of a gyro is in no torque at the same moment: the controller answers later and the rotors later
+#: still (measured: -0.4 to 0.7, the latter where rates were smoothed). A torque computed from rates has 1.
+_IN_PHASE = 0.95
+#: Damping of multirotors is published at up to some 5 1/s, rate loops close at 5 to 30 rad/s.
+_MOST_DAMPING_1_S = 5.0
+#: Behind a rate loop a constant command is a rate: effectiveness over damping is one, with what is not modelled.
+_COMMAND_IS_RATE = (0.5, 2.0)
+#: One in a hundred thousand by chance.
+_PERSISTS = 4.5
+#: Effectiveness is not known better than to some per cent in practice: less is no matter.
+_VARIES = 0.05
+#: Flights of one vehicle differ by battery and air density.
+_FLIGHTS_DIFFER = 0.03
+#: Two intervals of 95 % that are this much farther apart than their widths: one in ten thousand by chance.
+_FLIGHTS_SEEN = 2.0
+
+_CODES: Final[dict[Effect, str]] = {
+    "threshold": "QL523",
+    "limit": "QL524",
+    "mode": "QL525",
+    "tilt": "QL526",
+    "second lag": "QL527",
+    "asymmetry": "QL527",
+}
+#: What a wrong time of the torque can pass for.
+_OF_TIME: Final[frozenset[Effect]] = frozenset({"mode", "second lag", "asymmetry"})
+
+
+def find_in_structure(data: FlightData, identification: Identification) -> Iterator[Finding]:
+    """Yield the findings about rates, set-points, excitation and effects that the model does not have.
+
+    Parameters
+    ----------
+    data : FlightData
+    identification : Identification
+
+    Yields
+    ------
+    Finding
+    """
+    yield from _rates(data)
+    model = identification.recommended
+    if model is None:
+        return
+    for number, axis in enumerate(AXES):
+        if identification.excitation[number].signal_to_noise >= MIN_SIGNAL_TO_NOISE:
+            yield from _axis(identification, model, number, axis)
+    if model.structural is not None:
+        yield from _whole_model(model.structural, data.sample_period_s)
+    if any(segment.reference is None for segment in data.segments):
+        yield finding("QL321", "info", _feedback(model))
+
+
+def _rates(data: FlightData) -> Iterator[Finding]:
+    """Say that no vehicle turns like that; where attitude is logged, it is the better judge."""
+    if not data.segments:
+        return
+    rates = np.concatenate([segment.body_rate_rad_s for segment in data.segments])
+    too_fast = float(np.mean(np.abs(rates).max(axis=1) > _FASTEST_RAD_S))
+    tilt = [
+        tilt_from_rates(segment.body_rate_rad_s, data.sample_period_s, _TILT_MEMORY_S)
+        for segment in data.segments
+    ]
+    upside_down = float(np.mean(np.abs(np.concatenate(tilt)[:, 0]) > 0.5 * np.pi))
+    judged = data.gyro_check is None and upside_down > _MOST_UPSIDE_DOWN
+    if judged or too_fast > _MOST_TOO_FAST:
+        evidence: dict[str, object] = {
+            "fraction_upside_down": rounded(upside_down, 2),
+            "fraction_above_4000_deg_s": rounded(too_fast, 2),
+            "rate_rms_deg_s": [rounded(value, 3) for value in np.degrees(np.std(rates, axis=0))],
+        }
+        yield finding("QL320", "error", evidence)
+
+
+def _feedback(model: Model) -> dict[str, object]:
+    """Return by how much feedback may have lowered the effectiveness of each axis."""
+    check = model.structural
+    if check is None:
+        return {}
+    return {f"{axis}_higher_by": rounded(each, 2) for axis, each in zip(AXES, check.feedback, strict=True)}
+
+
+def _axis(identification: Identification, model: Model, number: int, axis: str) -> Iterator[Finding]:
+    """Judge one axis: what makes its number worthless is enough, then what would change it."""
+    excitation = identification.excitation[number]
+    if excitation.noise_in_phase > _IN_PHASE:
+        evidence: dict[str, object] = {"coherence_in_phase": rounded(excitation.noise_in_phase, 3)}
+        yield finding("QL520", "error", evidence, axes=(axis,))
+    elif excitation.bandwidth < _LEAST_BANDWIDTH:
+        evidence = {"relative_bandwidth": rounded(excitation.bandwidth, 2), "needed": _LEAST_BANDWIDTH}
+        title = f"The {axis} torque holds little more than one frequency"
+        yield finding("QL420", "error", evidence, axes=(axis,), title=title)
+    elif (commanded := _commanded_rate(model, number, axis)) is not None:
+        yield commanded
+    elif model.structural is not None:
+        yield from _effects(model.structural, number, axis)
+
+
+def _commanded_rate(model: Model, number: int, axis: str) -> Finding | None:
+    """Say that what should be torque leads to a rate, not to an acceleration."""
+    damping = model.entries.get((ACCELERATION_SYMBOLS[number], RATE_SYMBOLS[number]))
+    if damping is None or damping.ci95[1] >= -_MOST_DAMPING_1_S:
+        return None
+    gain: Parameter = model.entries[ON_AXIS[axis]]
+    rate = gain.value / -damping.value
+    evidence: dict[str, object] = {
+        "damping_1_s": rounded(damping.value),
+        "ci95": [rounded(value) for value in damping.ci95],
+        "rate_per_unit_of_torque": rounded(rate),
+    }
+    low, high = _COMMAND_IS_RATE
+    title = (
+        f"What is logged as {axis} torque is the rate that was commanded"
+        if low < rate < high
+        else f"The {axis} damping is that of a rate controller, not of a vehicle"
+    )
+    return finding("QL521", "error", evidence, axes=(axis,), title=title)
+
+
+def _effects(check: StructuralCheck, number: int, axis: str) -> Iterator[Finding]:
+    """Name the effect that explains most of what the model leaves, and an effectiveness that varies."""
+    seen = [each for each in check.effects if each.axis == number and is_seen(each)]
+    if check.timing is not None and check.timing.delay_s + check.timing.half_width_s < 0.0:
+        # A torque from another time looks like a lag of another shape.
+        seen = [each for each in seen if each.effect not in _OF_TIME]
+    if seen:
+        # A mode looks like a second lag, a tilt like a mode: the best explanation is enough.
+        yield _effect(max(seen, key=lambda each: each.explained), axis)
+    elif check.persistence[number] > _PERSISTS and check.spread[number] > _VARIES:
+        evidence: dict[str, object] = {
+            "rms_deviation": rounded(float(check.spread[number]), 2),
+            "persistence": rounded(float(check.persistence[number]), 3),
+            "needed": _PERSISTS,
+        }
+        yield finding("QL528", "warning", evidence, axes=(axis,))
+
+
+def _effect(effect: EffectCheck, axis: str) -> Finding:
+    evidence: dict[str, object] = {
+        "effect": effect.effect,
+        "explains_of_residual": rounded(effect.explained, 2),
+        "needed": EFFECT_EXPLAINS,
+        "statistic": rounded(effect.statistic, 3),
+        "needed_statistic": EFFECT_SEEN,
+        "effectiveness_with_it": rounded(1.0 + effect.shift, 3),
+    }
+    if np.isfinite(effect.place):
+        evidence["frequency_hz" if effect.effect == "mode" else "torque"] = rounded(effect.place, 3)
+    level: Level = "error" if abs(effect.shift) > LARGEST_SHIFT else "warning"
+    return finding(_CODES[effect.effect], level, evidence, axes=(axis,))
+
+
+def _whole_model(check: StructuralCheck, period_s: float) -> Iterator[Finding]:
+    """Judge what all axes have in common: the clock, and the flights."""
+    timing = check.timing
+    if timing is not None:
+        # A stamp may be that of the step's begin or end: nothing within a sample is early or late.
+        late = timing.delay_s + timing.half_width_s < -period_s
+        evidence: dict[str, object] = {
+            "delay_ms": rounded(1e3 * timing.delay_s, 3),
+            "ci95_half_width_ms": rounded(1e3 * timing.half_width_s, 2),
+            "effectiveness_with_it": [rounded(1.0 + each, 3) for each in timing.shift],
+        }
+        yield finding("QL522", "warning" if late else "info", evidence)
+    gain, half_width = check.flight_gain, check.flight_half_width
+    for number, axis in enumerate(AXES):
+        if len(gain) and (differing := _flights(gain[:, number], half_width[:, number])) is not None:
+            yield finding("QL529", "warning", differing, axes=(axis,))
+
+
+def _flights(gain: np.ndarray, half_width: np.ndarray) -> dict[str, object] | None:
+    """Return the evidence that two flights have not the same effectiveness, None where they may have."""
+    if not np.isfinite(gain).any():
+        return None
+    low, high = int(np.nanargmin(gain)), int(np.nanargmax(gain))
+    difference = float(gain[high] - gain[low])
+    if difference <= max(_FLIGHTS_DIFFER, _FLIGHTS_SEEN * float(np.hypot(half_width[low], half_width[high]))):
+        return None
+    return {
+        "effectiveness_over_that_of_all": [rounded(float(each), 3) for each in gain],
+        "ci95_half_width": [rounded(float(each), 2) for each in half_width],
+    }

@@ -1,0 +1,458 @@
+"""Whether one more effect in the equations would make another effectiveness of the same flight.
+
+A dead zone, a limit, a second lag, a moment of the tilt, an arm that bends: each is one more column. Fitted
+beside the others, its coefficient says whether the flight holds it, and by how much the effectiveness moves
+says whether it matters. Lag and delay follow it to first order, as does all else that was fitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray, IntArray
+from quadid_logs.data.flight import InputDescription
+from quadid_logs.data.model import Effect, EffectCheck, StructuralCheck, TimingCheck
+from quadid_logs.identify.actuator_model import ActuatorModel, FitProblem, free_actuator_model
+from quadid_logs.identify.design import Design
+from quadid_logs.identify.fit import PooledFit, Regression, fit_pooled, lay_out
+from quadid_logs.identify.inference import Estimate, clusters_of
+from quadid_logs.identify.structures import Structure
+from quadid_logs.identify.torque import spectrum_of
+from quadid_logs.maths.band import ComplexArray, delay_response, lag_response
+from quadid_logs.maths.normal import NORMAL_95
+from quadid_logs.maths.rotations import tilt_from_rates
+from quadid_logs.vocabulary import TORQUE_SYMBOLS
+
+#: Squared coefficient over its variance above which an effect is there. Some twenty are tried for each of
+#: three axes, variances from some thirty clusters are known to a quarter, and feedback that is not taken out
+#: makes up to 40 of a flight without any effect.
+EFFECT_SEEN: Final = 60.0
+#: An effect that is the model's error explains a good part of what the model leaves.
+EFFECT_EXPLAINS: Final = 0.25
+#: From here on an effect may be there, and the interval covers what the effectiveness would be with it: one
+#: in a million by chance, at any of the levels that are tried.
+_EFFECT_POSSIBLE = 25.0
+_POSSIBLY_EXPLAINS = 0.05
+#: An effect that would shift the effectiveness by more leaves no number.
+LARGEST_SHIFT: Final = 0.5
+#: Where a dead zone or a limit is looked for, as quantiles of the torque's size.
+_LEVELS: Final = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.96)
+#: Frames and arms of multirotors bend from some hertz on; a mode is as wide as the steps between these.
+_MODES_HZ: Final = (3.0, 4.0, 5.0, 6.0, 7.0, 8.5, 10.0, 12.0)
+#: Damping ratio at which a mode is looked for: wider than any, so that the steps leave no gap.
+_MODE_DAMPING = 0.1
+#: Tilt integrated from rates fades in this time, far below the band that is fitted.
+_TILT_MEMORY_S = 15.0
+#: Relative singular value below which columns are one and the same.
+_SAME_COLUMN = 1e-7
+#: A change of the effectiveness lasts longer than this; the answer to a gust does not.
+_PERSISTENCE_S = 0.5
+#: Below, the lag of a rotor moves no torque by as much as can be seen [s].
+_LEAST_LAG_S = 0.002
+
+
+class _Candidate(NamedTuple):
+    """Columns (n_train, 3, n) that one effect adds to the equations of the axes, and where it is looked for.
+
+    ``of_predicted``: the same function of the torque that follows from the instruments, an instrument for it.
+    """
+
+    effect: Effect
+    columns: FloatArray
+    place: FloatArray
+    of_predicted: FloatArray | None = None
+
+
+class _Extended(NamedTuple):
+    """What an effect does to an equation; ``coefficient`` of its first column over the effectiveness."""
+
+    statistic: float
+    explained: float
+    shift: float
+    coefficient: float
+
+
+class _EquationRows(NamedTuple):
+    """The training rows of one equation, with lag and delay to first order among its columns.
+
+    ``columns`` (n_train, n), ``explained`` what the instruments make of them, ``solve`` (n, n_train) its
+    pseudo-inverse, ``residual`` and ``clusters`` (n_train,); ``own`` is the number of the column of the
+    on-axis torque, ``gain`` its coefficient.
+    """
+
+    regression: Regression
+    columns: FloatArray
+    explained: FloatArray
+    solve: FloatArray
+    residual: FloatArray
+    clusters: IntArray
+    own: int
+    gain: float
+
+    @classmethod
+    def of(
+        cls, regression: Regression, own: int, axis: int, times: FloatArray, clusters: IntArray
+    ) -> _EquationRows:
+        """Lay out the equation of one axis; `times` (n_train, n) are derivatives by lag and delay."""
+        used = np.flatnonzero(regression.used[axis])
+        columns = np.column_stack([regression.Z[:, used], times])
+        explained = np.column_stack([regression.explained[:, used], regression.project(times)])
+        size = np.linalg.norm(explained, axis=0)
+        size[size == 0.0] = 1.0
+        solve = np.linalg.pinv(explained / size, rcond=_SAME_COLUMN) / size[:, np.newaxis]
+        theta = solve @ regression.Y[:, axis]
+        place = int(np.flatnonzero(used == own)[0])
+        residual = regression.Y[:, axis] - columns @ theta
+        return cls(regression, columns, explained, solve, residual, clusters, place, float(theta[place]))
+
+    @property
+    def alone(self) -> FloatArray:
+        """The part of the on-axis torque that no other column holds; shape (n_train,)."""
+        row = self.solve[self.own]
+        return np.asarray(row / (row @ row))
+
+    def extended(self, extra: FloatArray, also: FloatArray | None) -> _Extended:
+        """Fit with more columns (n_train, n_extra), and `also` as their instruments.
+
+        By the theorem of Frisch, Waugh and Lovell only the part of them that the others do not hold counts. The
+        variance is that of scores summed over clusters.
+        """
+        explained = self.regression.project(extra)
+        if also is not None:
+            beyond = also - self.regression.project(also)
+            explained = explained + beyond @ np.linalg.lstsq(beyond, extra, rcond=_SAME_COLUMN)[0]
+        load = self.solve @ explained
+        alone = explained - self.explained @ load
+        bread = np.linalg.pinv(alone.T @ alone, hermitian=True)
+        coefficient = bread @ (alone.T @ self.residual)
+        left = self.residual - (extra - self.columns @ load) @ coefficient
+        scores = np.column_stack([np.bincount(self.clusters, column * left) for column in alone.T])
+        variance = bread @ (scores.T @ scores) @ bread
+        statistic = coefficient @ np.linalg.pinv(variance, hermitian=True) @ coefficient
+        explains = 1.0 - (left @ left) / max(float(self.residual @ self.residual), np.finfo(float).tiny)
+        shift = -(load @ coefficient)[self.own] / self.gain
+        return _Extended(float(statistic), float(explains), float(shift), float(coefficient[0] / self.gain))
+
+
+def check_structure(
+    problem: FitProblem, model: ActuatorModel, fit: PooledFit, described: InputDescription | None
+) -> StructuralCheck:
+    """Extend each equation by one effect after the other, and compare parts of the flight with each other.
+
+    Parameters
+    ----------
+    problem : FitProblem
+        Whose axes are looked at.
+    model : ActuatorModel
+    fit : PooledFit
+        To the rows of the model.
+    described : InputDescription or None
+        As of `quadid_logs.identify.actuator_model.find_actuator_model`.
+
+    Returns
+    -------
+    StructuralCheck
+    """
+    design, structure, axes = model.design, problem.structure, problem.axes
+    regression = lay_out(design, structure, model.actuator, fit.kept)
+    equations = _equations(design, structure, model, regression, axes)
+    persistence, spread = _variation(design, equations)
+    flight_gain, flight_half_width = _by_flight(design, equations)
+    return StructuralCheck(
+        effects=tuple(_effects(design, model, regression, equations)),
+        timing=_timing(problem, model, fit, described) if axes else None,
+        flight_gain=flight_gain,
+        flight_half_width=flight_half_width,
+        persistence=persistence,
+        spread=spread,
+        feedback=_feedback(design, fit),
+    )
+
+
+def with_alternatives(structure: Structure, estimate: Estimate, check: StructuralCheck) -> Estimate:
+    """Widen the intervals of the on-axis effectiveness to what it would be with effects that may be there.
+
+    Parameters
+    ----------
+    structure : Structure
+    estimate : Estimate
+    check : StructuralCheck
+
+    Returns
+    -------
+    Estimate
+    """
+    low, high = estimate.low.copy(), estimate.high.copy()
+    for axis in range(3):
+        place = axis, len(structure.terms) + axis
+        gain = estimate.theta[place]
+        others = gain * (1.0 + _possible_shifts(check, axis))
+        low[place], high[place] = min(low[place], others.min()), max(high[place], others.max())
+        # A controller that answers disturbances makes an effectiveness too low, by no more than this.
+        high[place] = gain + np.hypot(high[place] - gain, gain * check.feedback[axis])
+    return estimate._replace(low=low, high=high)
+
+
+def _possible_shifts(check: StructuralCheck, axis: int) -> FloatArray:
+    """Return by how much the effectiveness of an axis would be larger with what may be there, relative."""
+    effects = [each for each in check.effects if each.axis == axis]
+    seen = [each for each in effects if is_seen(each)]
+    # Where one effect is seen, the others are its shadows.
+    possible = [max(seen, key=_explained)] if seen else [each for each in effects if _is_possible(each)]
+    of_timing = [] if check.timing is None else [check.timing.shift[axis]]
+    return np.array([0.0, *(each.shift for each in possible), *of_timing])
+
+
+def is_seen(effect: EffectCheck) -> bool:
+    """Say whether an effect is there beyond chance, and is much of the model's error.
+
+    Parameters
+    ----------
+    effect : EffectCheck
+
+    Returns
+    -------
+    bool
+    """
+    return effect.statistic >= EFFECT_SEEN and effect.explained >= EFFECT_EXPLAINS
+
+
+def _explained(effect: EffectCheck) -> float:
+    return effect.explained
+
+
+def _is_possible(effect: EffectCheck) -> bool:
+    """Say whether the interval is to cover the effectiveness with an effect that is not seen clearly.
+
+    A mode in the band is then any combination of gain and lag.
+    """
+    return (
+        effect.effect != "mode"
+        and effect.statistic >= _EFFECT_POSSIBLE
+        and effect.explained >= _POSSIBLY_EXPLAINS
+        and abs(effect.shift) <= LARGEST_SHIFT
+    )
+
+
+def _equations(
+    design: Design, structure: Structure, model: ActuatorModel, regression: Regression, axes: Sequence[int]
+) -> dict[int, _EquationRows]:
+    """Lay out the equation of each axis."""
+    lag_s, delay_s = model.actuator.lag_s, model.actuator.delay_s
+    train, clusters = design.train, clusters_of(design)
+    by_time = [design.torque.by_delay(lag_s, delay_s)[train]]
+    if lag_s >= _LEAST_LAG_S:
+        by_time.append(design.torque.by_lag(lag_s, delay_s)[train])
+    return {
+        axis: _EquationRows.of(
+            regression,
+            structure.columns.index(TORQUE_SYMBOLS[axis]),
+            axis,
+            np.column_stack([each[:, axis] for each in by_time]),
+            clusters,
+        )
+        for axis in axes
+    }
+
+
+def _effects(
+    design: Design, model: ActuatorModel, regression: Regression, equations: dict[int, _EquationRows]
+) -> Iterator[EffectCheck]:
+    """Yield the likeliest level or frequency of each kind of effect, axis by axis."""
+    if not equations:
+        return
+    best: dict[tuple[int, Effect], EffectCheck] = {}
+    for candidate in _candidates(design, model, regression):
+        for axis, equation in equations.items():
+            if candidate.effect == "tilt" and axis == 2:
+                continue
+            also = None if candidate.of_predicted is None else candidate.of_predicted[:, axis]
+            found = equation.extended(candidate.columns[:, axis], also)
+            # The torque below a level has less effect (dead zone), or only that below it has any (limit).
+            limited = candidate.effect == "threshold" and found.coefficient > 0.0
+            effect: Effect = "limit" if limited else candidate.effect
+            check = EffectCheck(
+                axis=axis,
+                effect=effect,
+                statistic=found.statistic,
+                explained=found.explained,
+                shift=found.shift,
+                place=float(candidate.place[axis]),
+            )
+            if check.statistic > (best[axis, effect].statistic if (axis, effect) in best else 0.0):
+                best[axis, effect] = check
+    yield from best.values()
+
+
+def _candidates(design: Design, model: ActuatorModel, regression: Regression) -> Iterator[_Candidate]:
+    """Yield all effects that are looked for."""
+    yield from _thresholds(design, model, regression)
+    yield from _modes(design, model)
+    none = np.full(3, np.nan)
+    yield _Candidate("tilt", _tilt(design)[..., np.newaxis], none)
+    if model.actuator.lag_s >= _LEAST_LAG_S:
+        curved = _shaped(design, model, lambda s: (s * lag_response(s, model.actuator.lag_s)) ** 2)
+        yield _Candidate("second lag", curved[..., np.newaxis], none)
+        if model.rotors is None:
+            yield _Candidate("asymmetry", _asymmetry(design, model)[..., np.newaxis], none)
+
+
+def _shaped(
+    design: Design, model: ActuatorModel, response: Callable[[ComplexArray], ComplexArray]
+) -> FloatArray:
+    """Return the torque behind the actuator and one more response, on the training rows; (n_train, 3)."""
+    lag_s, delay_s = model.actuator.lag_s, model.actuator.delay_s
+    return design.torque.shaped(lambda s: response(s) * lag_response(s, lag_s) * delay_response(s, delay_s))[
+        design.train
+    ]
+
+
+def _behind(design: Design, model: ActuatorModel, torques: list[FloatArray]) -> FloatArray:
+    """Return other torques, one (n_samples, 3) per chunk, behind the actuator; shape (n_train, 3)."""
+    lag_s, delay_s = model.actuator.lag_s, model.actuator.delay_s
+    return design.torque.replaced(torques).behind(lag_s, delay_s)[design.train]
+
+
+def _thresholds(design: Design, model: ActuatorModel, regression: Regression) -> Iterator[_Candidate]:
+    """Yield the torque cut off at one level after the other."""
+    torques = [chunk.torque for chunk in design.chunks]
+    behind = _behind(design, model, torques)
+    predicted = None if design.instruments is None else regression.project(behind)
+    for level in np.quantile(np.abs(np.concatenate(torques)), _LEVELS, axis=0):
+        cut_off = _behind(design, model, [np.clip(torque, -level, level) for torque in torques])
+        instrument = None if predicted is None else np.clip(predicted, -level, level)[..., np.newaxis]
+        yield _Candidate("threshold", cut_off[..., np.newaxis], level, instrument)
+
+
+def _modes(design: Design, model: ActuatorModel) -> Iterator[_Candidate]:
+    """Yield what modes of one frequency after the other make of the torque, in either phase."""
+    for frequency_hz in _MODES_HZ:
+        omega = 2.0 * np.pi * frequency_hz
+
+        def mode(s: ComplexArray, omega: float = omega) -> ComplexArray:
+            return np.asarray(
+                omega / (s**2 + 2.0 * _MODE_DAMPING * omega * s + omega**2), dtype=np.complex128
+            )
+
+        both = [
+            _shaped(design, model, lambda s, mode=mode, omega=omega: omega * mode(s)),  # type: ignore[misc]
+            _shaped(design, model, lambda s, mode=mode: s * mode(s)),  # type: ignore[misc]
+        ]
+        yield _Candidate("mode", np.stack(both, axis=-1), np.full(3, frequency_hz))
+
+
+def _tilt(design: Design) -> FloatArray:
+    """Return roll and pitch, and zeros for yaw, on the training rows; shape (n_train, 3)."""
+    parts = []
+    for chunk, grid in zip(design.chunks, design.torque.grids, strict=True):
+        angles = np.zeros((chunk.n_samples, 3))
+        angles[:, :2] = (
+            tilt_from_rates(chunk.body_rate_rad_s, design.sample_period_s, _TILT_MEMORY_S)
+            if chunk.attitude_rad is None
+            else chunk.attitude_rad[:, :2]
+        )
+        parts.append(grid.lay(spectrum_of(angles)))
+    return design.high_pass(np.concatenate(parts), design.high_pass_hz)[design.train]
+
+
+def _asymmetry(design: Design, model: ActuatorModel) -> FloatArray:
+    """Return what rotors that spin down more slowly than up take from the torque; shape (n_train, 3).
+
+    While the torque rises, half of the rotors spin up and half down, and the thrust of all is off by what the
+    torque lacks, rectified and lagged: that much the torque lacks more, in the direction of its change.
+    """
+    period_s, lag_s = design.sample_period_s, model.actuator.lag_s
+    found = []
+    for chunk in design.chunks:
+        lacking = chunk.torque - _lagged(chunk.torque, period_s, lag_s)
+        found.append(np.sign(lacking) * _lagged(np.abs(lacking), period_s, lag_s))
+    return _behind(design, model, found)
+
+
+def _lagged(columns: FloatArray, period_s: float, lag_s: float) -> FloatArray:
+    """Return columns (n_samples, n) behind a first-order lag, from rest at their first value."""
+    from scipy.linalg import solve_banded
+
+    decay = np.exp(-period_s / lag_s)
+    diagonals = np.ones((2, len(columns)))
+    diagonals[1] = -decay
+    driven = (1.0 - decay) * columns
+    driven[0] = columns[0]
+    return np.asarray(solve_banded((1, 0), diagonals, driven), dtype=np.float64)
+
+
+def _variation(design: Design, equations: dict[int, _EquationRows]) -> tuple[FloatArray, FloatArray]:
+    """Return how much deviations of the effectiveness go on, and the rms of those that do; (3,) each."""
+    persistence, spread = np.full(3, np.nan), np.full(3, np.nan)
+    half_second = np.floor((design.time_s - design.time_s[0]) / _PERSISTENCE_S)[design.train]
+    number, part = np.unique(half_second, return_inverse=True)
+    next_to = np.diff(number) == 1.0
+    for axis, equation in equations.items():
+        alone = equation.alone
+        information = np.bincount(part, alone**2)
+        score = np.bincount(part, alone * equation.residual)
+        products = (score[1:] * score[:-1])[next_to]
+        by_chance = np.sqrt(np.sum(products**2))
+        if by_chance > 0.0:
+            persistence[axis] = np.sum(products) / by_chance
+            # Where the residual of one half second goes with that of the next, it is no noise.
+            lasting = max(float(np.sum(products)), 0.0) / np.sum(
+                (information[1:] * information[:-1])[next_to]
+            )
+            spread[axis] = np.sqrt(lasting) / abs(equation.gain)
+    return persistence, spread
+
+
+def _by_flight(design: Design, equations: dict[int, _EquationRows]) -> tuple[FloatArray, FloatArray]:
+    """Return each flight's on-axis effectiveness over that of all, its half width; (n_flights, 3) each."""
+    flight = np.array([chunk.flight for chunk in design.chunks])[design.chunk][design.train]
+    flights = np.unique(flight)
+    shape = (flights.size if flights.size > 1 else 0, 3)
+    gain, half_width = np.full(shape, np.nan), np.full(shape, np.nan)
+    for axis, equation in equations.items():
+        for row in range(shape[0]):
+            rows = flight == flights[row]
+            alone, clusters = equation.alone[rows], np.unique(equation.clusters[rows], return_inverse=True)[1]
+            information = alone @ alone
+            if clusters.max() < 1 or not information > 0.0:
+                continue
+            change = alone @ equation.residual[rows] / information
+            scores = np.bincount(clusters, alone * (equation.residual[rows] - change * alone))
+            gain[row, axis] = 1.0 + change / equation.gain
+            half_width[row, axis] = NORMAL_95 * np.linalg.norm(scores) / information / abs(equation.gain)
+    return gain, half_width
+
+
+def _timing(
+    problem: FitProblem, model: ActuatorModel, fit: PooledFit, described: InputDescription | None
+) -> TimingCheck | None:
+    """Let the torque come after the motion that it causes, where the delay reaches zero."""
+    if model.actuator.delay_s > np.nan_to_num(fit.delay_half_width_s):
+        return None
+    free = free_actuator_model(problem, model, described)
+    if free is None:
+        return None
+    again = fit_pooled(free.design, problem.structure, free.actuator, fit.kept, model.unknown)
+    gain, free_gain = problem.structure.on_axis(fit.theta), problem.structure.on_axis(again.theta)
+    shift = np.divide(free_gain, gain, out=np.ones(3), where=gain != 0.0) - 1.0
+    looked_at = np.isin(np.arange(3), list(problem.axes))
+    roll, pitch, yaw = (float(value) for value in np.where(looked_at, shift, 0.0))
+    return TimingCheck(
+        delay_s=free.actuator.delay_s, half_width_s=again.delay_half_width_s, shift=(roll, pitch, yaw)
+    )
+
+
+def _feedback(design: Design, fit: PooledFit) -> FloatArray:
+    """Return how much larger the on-axis effectiveness may be because of feedback, relative; shape (3,).
+
+    Of disturbances d the controller makes the torque -T d / B, T the closed loop, at most about one. Least
+    squares then find B less the fraction of the torque's variance that answers d: what is not explained over
+    what is (U. Forssell and L. Ljung, Automatica 35, 1999).
+    """
+    if design.instruments is not None:
+        return np.zeros(3)
+    unexplained = np.clip(1.0 - fit.r2[:3], 0.0, 1.0)
+    return np.asarray(unexplained / np.maximum(1.0 - unexplained, 0.5))
