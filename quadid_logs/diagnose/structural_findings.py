@@ -9,7 +9,7 @@ import numpy as np
 
 from quadid_logs.data.diagnosis import Finding, Level
 from quadid_logs.data.flight import FlightData
-from quadid_logs.data.model import Effect, EffectCheck, Identification, Model, Parameter, StructuralCheck
+from quadid_logs.data.model import Effect, EffectCheck, Identification, Model, StructuralCheck
 from quadid_logs.diagnose.findings import finding, rounded
 from quadid_logs.identify.parameters import MIN_SIGNAL_TO_NOISE
 from quadid_logs.identify.structural import EFFECT_EXPLAINS, EFFECT_SEEN, LARGEST_SHIFT, is_seen
@@ -30,12 +30,13 @@ _LEAST_BANDWIDTH = 0.15
 #: Noise of a gyro is in no torque at the same moment: the controller answers later and the rotors later
 #: still (measured: -0.4 to 0.7, the latter where rates were smoothed). A torque computed from rates has 1.
 _IN_PHASE = 0.95
-#: Damping of multirotors is published at up to some 5 1/s, rate loops close at 5 to 30 rad/s.
+#: Damping of multirotors is published at up to some 5 1/s, rate loops close at 5 to 30 rad/s, in yaw at 2.
 _MOST_DAMPING_1_S = 5.0
-#: Behind a rate loop a constant command is a rate: effectiveness over damping is one, with what is not modelled.
+_LEAST_LOOP_1_S = 2.0
+#: Behind a rate loop a constant command is a rate: effectiveness over damping is about one.
 _COMMAND_IS_RATE = (0.5, 2.0)
-#: One in a hundred thousand by chance.
-_PERSISTS = 4.5
+#: Of a normal distribution: one axis in thirty thousand by chance, and one flight in five thousand.
+_PERSISTS, _ALL_PERSIST = 4.0, 3.5
 #: Effectiveness is not known better than to some per cent in practice: less is no matter.
 _VARIES = 0.05
 #: Flights of one vehicle differ by battery and air density.
@@ -51,7 +52,7 @@ _CODES: Final[dict[Effect, str]] = {
     "second lag": "QL527",
     "asymmetry": "QL527",
 }
-#: What a wrong time of the torque can pass for.
+#: What can pass for a wrong time of the torque.
 _OF_TIME: Final[frozenset[Effect]] = frozenset({"mode", "second lag", "asymmetry"})
 
 
@@ -128,19 +129,21 @@ def _axis(identification: Identification, model: Model, number: int, axis: str) 
 def _commanded_rate(model: Model, number: int, axis: str) -> Finding | None:
     """Say that what should be torque leads to a rate, not to an acceleration."""
     damping = model.entries.get((ACCELERATION_SYMBOLS[number], RATE_SYMBOLS[number]))
-    if damping is None or damping.ci95[1] >= -_MOST_DAMPING_1_S:
+    gain = model.entries[ON_AXIS[axis]]
+    if damping is None or damping.ci95[1] >= -_LEAST_LOOP_1_S:
         return None
-    gain: Parameter = model.entries[ON_AXIS[axis]]
     rate = gain.value / -damping.value
+    is_rate = _COMMAND_IS_RATE[0] < rate < _COMMAND_IS_RATE[1]
+    if not is_rate and damping.ci95[1] >= -_MOST_DAMPING_1_S:
+        return None
     evidence: dict[str, object] = {
         "damping_1_s": rounded(damping.value),
         "ci95": [rounded(value) for value in damping.ci95],
         "rate_per_unit_of_torque": rounded(rate),
     }
-    low, high = _COMMAND_IS_RATE
     title = (
         f"What is logged as {axis} torque is the rate that was commanded"
-        if low < rate < high
+        if is_rate
         else f"The {axis} damping is that of a rate controller, not of a vehicle"
     )
     return finding("QL521", "error", evidence, axes=(axis,), title=title)
@@ -149,17 +152,20 @@ def _commanded_rate(model: Model, number: int, axis: str) -> Finding | None:
 def _effects(check: StructuralCheck, number: int, axis: str) -> Iterator[Finding]:
     """Name the effect that explains most of what the model leaves, and an effectiveness that varies."""
     seen = [each for each in check.effects if each.axis == number and is_seen(each)]
-    if check.timing is not None and check.timing.delay_s + check.timing.half_width_s < 0.0:
-        # A torque from another time looks like a lag of another shape.
-        seen = [each for each in seen if each.effect not in _OF_TIME]
     if seen:
         # A mode looks like a second lag, a tilt like a mode: the best explanation is enough.
         yield _effect(max(seen, key=lambda each: each.explained), axis)
-    elif check.persistence[number] > _PERSISTS and check.spread[number] > _VARIES:
+        return
+    known = check.persistence[np.isfinite(check.persistence)]
+    of_all = float(np.sum(known) / np.sqrt(max(known.size, 1)))
+    persists = check.persistence[number] > _PERSISTS or of_all > _ALL_PERSIST
+    if persists and check.spread[number] > _VARIES:
         evidence: dict[str, object] = {
             "rms_deviation": rounded(float(check.spread[number]), 2),
             "persistence": rounded(float(check.persistence[number]), 3),
             "needed": _PERSISTS,
+            "persistence_of_all_axes": rounded(of_all, 3),
+            "needed_of_all_axes": _ALL_PERSIST,
         }
         yield finding("QL528", "warning", evidence, axes=(axis,))
 
@@ -185,12 +191,17 @@ def _whole_model(check: StructuralCheck, period_s: float) -> Iterator[Finding]:
     if timing is not None:
         # A stamp may be that of the step's begin or end: nothing within a sample is early or late.
         late = timing.delay_s + timing.half_width_s < -period_s
+        # What bends beside the gyro shows what has yet to come.
+        late = late and not any(is_seen(each) and each.effect in _OF_TIME for each in check.effects)
         evidence: dict[str, object] = {
             "delay_ms": rounded(1e3 * timing.delay_s, 3),
             "ci95_half_width_ms": rounded(1e3 * timing.half_width_s, 2),
             "effectiveness_with_it": [rounded(1.0 + each, 3) for each in timing.shift],
         }
-        yield finding("QL522", "warning" if late else "info", evidence)
+        if late:
+            yield finding("QL522", "warning", evidence)
+        else:
+            yield finding("QL507", "info", evidence, title="The delay lies at its least, zero")
     gain, half_width = check.flight_gain, check.flight_half_width
     for number, axis in enumerate(AXES):
         if len(gain) and (differing := _flights(gain[:, number], half_width[:, number])) is not None:
