@@ -22,6 +22,8 @@ _FASTEST_RAD_S = np.radians(4000.0)
 _MOST_TOO_FAST = 0.01
 #: A flip takes a third of a second: one every three seconds throughout is no flight without attitude.
 _MOST_UPSIDE_DOWN = 0.1
+#: Nor does one turn at so many rad/s rms; a manoeuvre of as many deg/s is hardly one [rad/s].
+_ACROBATICS_RAD_S = 5.0
 #: An error of the gyro of some hundredths of a rad/s, times this time [s], does not turn a vehicle over.
 _TILT_MEMORY_S = 15.0
 #: A sinusoid has hardly any, two that are a third apart 0.15, manoeuvres 0.3 to 0.9. Gain and phase at one
@@ -92,12 +94,13 @@ def _rates(data: FlightData) -> Iterator[Finding]:
         for segment in data.segments
     ]
     upside_down = float(np.mean(np.abs(np.concatenate(tilt)[:, 0]) > 0.5 * np.pi))
+    rms = np.std(rates, axis=0)
     judged = data.gyro_check is None and upside_down > _MOST_UPSIDE_DOWN
-    if judged or too_fast > _MOST_TOO_FAST:
+    if (judged and rms.max() > _ACROBATICS_RAD_S) or too_fast > _MOST_TOO_FAST:
         evidence: dict[str, object] = {
             "fraction_upside_down": rounded(upside_down, 2),
             "fraction_above_4000_deg_s": rounded(too_fast, 2),
-            "rate_rms_deg_s": [rounded(value, 3) for value in np.degrees(np.std(rates, axis=0))],
+            "rate_rms_deg_s": [rounded(value, 3) for value in np.degrees(rms)],
         }
         yield finding("QL320", "error", evidence)
 

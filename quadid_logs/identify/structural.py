@@ -253,7 +253,7 @@ def _equations(
     by_time = [design.torque.by_delay(lag_s, delay_s)[train]]
     if lag_s >= _LEAST_LAG_S:
         by_time.append(design.torque.by_lag(lag_s, delay_s)[train])
-    return {
+    equations = {
         axis: _EquationRows.of(
             regression,
             structure.columns.index(TORQUE_SYMBOLS[axis]),
@@ -263,6 +263,8 @@ def _equations(
         )
         for axis in axes
     }
+    # A torque that never changes has no effectiveness.
+    return {axis: each for axis, each in equations.items() if each.gain != 0.0 and each.residual.any()}
 
 
 def _effects(

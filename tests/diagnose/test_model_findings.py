@@ -34,7 +34,12 @@ def found(identification: Identification, change: Callable[[Model], Model]) -> d
 def with_gain(model: Model, low: float, high: float, value: float = 1.0) -> Model:
     """Return the model with this interval of B22, all in parts of its value."""
     own = next(one for one in model.parameters if (one.target, one.regressor) == ("q_dot", "M"))
-    now = dataclasses.replace(own, value=value * own.value, ci95=(low * own.value, high * own.value))
+    now = dataclasses.replace(
+        own,
+        value=value * own.value,
+        ci95=(low * own.value, high * own.value),
+        half_width=0.5 * (high - low) * own.value,
+    )
     return dataclasses.replace(
         model, parameters=tuple(now if one is own else one for one in model.parameters)
     )
