@@ -141,9 +141,10 @@ def free_actuator_model(
 
     Parameters
     ----------
-    problem, described
-        As of `find_actuator_model`.
+    problem : FitProblem
     model : ActuatorModel
+    described : InputDescription or None
+        As of `find_actuator_model`.
 
     Returns
     -------

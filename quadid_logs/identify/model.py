@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData
-from quadid_logs.data.model import Actuator, BandCheck, Discrete, Model, Posterior, Validation, Windows
+from quadid_logs.data.model import (
+    Actuator,
+    BandCheck,
+    Discrete,
+    Model,
+    Parameter,
+    Posterior,
+    Validation,
+    Windows,
+)
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.equation_by_equation import ActuatedFit
@@ -16,6 +26,7 @@ from quadid_logs.identify.excitation import ColumnNoise, excited_axes
 from quadid_logs.identify.fit import PooledFit
 from quadid_logs.identify.inertia import inertia_of
 from quadid_logs.identify.inference import (
+    Estimate,
     clusters_of,
     delay_interval,
     intervals,
@@ -107,21 +118,11 @@ def build_model(
     Model
     """
     high_pass_hz = 0.0 if found is None else found.model.design.high_pass_hz
-    band = None if found is None else found.band
     validation, series = validate(
         design, structure, fit.as_measured, torque, disturbance=fit.disturbance, high_pass_hz=high_pass_hz
     )
-    theta, gyro = fit.theta, fit.gyro is not None
-    estimate = intervals(
-        structure, theta, fit.half_width, fit.kept, knows_gyro=gyro, band=band, given=data.input
-    )
-    unit = data.input.unit if data.input is not None else "1"
-    caveats = _caveats_by_target(design, validation)
-    parameters = build_parameters(structure, estimate, input_unit=unit, caveats=caveats)
-    if found is not None:
-        estimate = with_alternatives(structure, estimate, found.structural)
-        parameters = with_intervals(parameters, estimate)
-    A, B = np.split(theta, [len(structure.terms)], axis=1)
+    estimate, parameters = _judged(data, structure, fit, found, _caveats_by_target(design, validation))
+    A, B = np.split(fit.theta, [len(structure.terms)], axis=1)
     return Model(
         structure=structure.name,
         recommended=False,
@@ -141,6 +142,31 @@ def build_model(
         condition_number=fit.condition_number,
         criterion=_criterion(design, fit),
     )
+
+
+def _judged(
+    data: FlightData,
+    structure: Structure,
+    fit: PooledFit,
+    found: ActuatedFit | None,
+    caveats: Mapping[str, str],
+) -> tuple[Estimate, tuple[Parameter, ...]]:
+    """Give a fit its intervals; what is identified is judged before possible effects widen them."""
+    estimate = intervals(
+        structure,
+        fit.theta,
+        fit.half_width,
+        fit.kept,
+        knows_gyro=fit.gyro is not None,
+        band=None if found is None else found.band,
+        given=data.input,
+    )
+    unit = data.input.unit if data.input is not None else "1"
+    parameters = build_parameters(structure, estimate, input_unit=unit, caveats=caveats)
+    if found is None:
+        return estimate, parameters
+    estimate = with_alternatives(structure, estimate, found.structural)
+    return estimate, with_intervals(parameters, estimate)
 
 
 def _actuator(found: ActuatedFit, period_s: float) -> Actuator:
