@@ -288,7 +288,8 @@ def _effects(
                 effect=effect,
                 statistic=found.statistic,
                 explained=found.explained,
-                shift=found.shift,
+                # Below a limit, the torque and the torque cut off are one.
+                shift=found.shift + (found.coefficient if limited else 0.0),
                 place=float(candidate.place[axis]),
             )
             if check.statistic > (best[axis, effect].statistic if (axis, effect) in best else 0.0):

@@ -91,6 +91,16 @@ def test_an_effect_that_no_rigid_body_has_is_named(name: str, axis: str, code: s
     assert code in codes(analyzed(flown()[name].log(setpoints=setpoints)), axis)
 
 
+@pytest.mark.parametrize("axis", ["roll", "pitch"])
+@pytest.mark.parametrize("name", ["dead zone", "limit", "tilt", "pendulum"])
+def test_the_interval_holds_what_the_effect_hides(name: str, axis: str) -> None:
+    """Five to thirty per cent off, at an R2 of 0.95 and more."""
+    flight = flown()[name]
+    low, high = interval(analyzed(flight.log()), axis)
+    assert low < 1.02 * flight.gain[AXES.index(axis)]
+    assert high > 0.98 * flight.gain[AXES.index(axis)]
+
+
 def test_a_torque_stamped_late_is_named() -> None:
     """The motion comes before its cause."""
     assert "QL522" in codes(analyzed(flown()["clean"].late(0.04).log()), "roll")
