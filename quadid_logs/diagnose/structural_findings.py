@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
@@ -74,9 +74,14 @@ def find_in_structure(data: FlightData, identification: Identification) -> Itera
     model = identification.recommended
     if model is None:
         return
-    for number, axis in enumerate(AXES):
-        if identification.excitation[number].signal_to_noise >= MIN_SIGNAL_TO_NOISE:
-            yield from _axis(identification, model, number, axis)
+    explained = [
+        number
+        for number, excitation in enumerate(identification.excitation)
+        if excitation.signal_to_noise >= MIN_SIGNAL_TO_NOISE
+    ]
+    yield from _commanded_rates(model, explained)
+    for number in explained:
+        yield from _axis(identification, model, number, AXES[number])
     if model.structural is not None:
         yield from _whole_model(model.structural, data.sample_period_s)
     if any(segment.reference is None for segment in data.segments):
@@ -123,33 +128,36 @@ def _axis(identification: Identification, model: Model, number: int, axis: str) 
         evidence = {"relative_bandwidth": rounded(excitation.bandwidth, 2), "needed": _LEAST_BANDWIDTH}
         title = f"The {axis} torque holds little more than one frequency"
         yield finding("QL420", "error", evidence, axes=(axis,), title=title)
-    elif (commanded := _commanded_rate(model, number, axis)) is not None:
-        yield commanded
     elif model.structural is not None:
         yield from _effects(model.structural, number, axis)
 
 
-def _commanded_rate(model: Model, number: int, axis: str) -> Finding | None:
-    """Say that what should be torque leads to a rate, not to an acceleration."""
-    damping = model.entries.get((ACCELERATION_SYMBOLS[number], RATE_SYMBOLS[number]))
-    gain = model.entries[ON_AXIS[axis]]
-    if damping is None or damping.ci95[1] >= -_LEAST_LOOP_1_S:
-        return None
-    rate = gain.value / -damping.value
-    is_rate = _COMMAND_IS_RATE[0] < rate < _COMMAND_IS_RATE[1]
-    if not is_rate and damping.ci95[1] >= -_MOST_DAMPING_1_S:
-        return None
-    evidence: dict[str, object] = {
-        "damping_1_s": rounded(damping.value),
-        "ci95": [rounded(value) for value in damping.ci95],
-        "rate_per_unit_of_torque": rounded(rate),
-    }
-    title = (
-        f"What is logged as {axis} torque is the rate that was commanded"
-        if is_rate
-        else f"The {axis} damping is that of a rate controller, not of a vehicle"
-    )
-    return finding("QL521", "error", evidence, axes=(axis,), title=title)
+def _commanded_rates(model: Model, numbers: Sequence[int]) -> Iterator[Finding]:
+    """Say that what should be torque leads to rates, not to accelerations.
+
+    Where it is a commanded rate about one axis, it is none of the torques.
+    """
+    evidence, is_rate = {}, False
+    for number in numbers:
+        axis = AXES[number]
+        damping = model.entries.get((ACCELERATION_SYMBOLS[number], RATE_SYMBOLS[number]))
+        if damping is None or damping.ci95[1] >= -_LEAST_LOOP_1_S:
+            continue
+        rate = model.entries[ON_AXIS[axis]].value / -damping.value
+        commanded = _COMMAND_IS_RATE[0] < rate < _COMMAND_IS_RATE[1]
+        if commanded or damping.ci95[1] < -_MOST_DAMPING_1_S:
+            is_rate = is_rate or commanded
+            evidence[axis] = {
+                "damping_1_s": rounded(damping.value),
+                "ci95": [rounded(value) for value in damping.ci95],
+                "rate_per_unit_of_torque": rounded(rate),
+            }
+    if is_rate:
+        yield finding(
+            "QL521", "error", evidence, title="What is logged as torque is the rate that was commanded"
+        )
+    elif evidence:
+        yield finding("QL521", "error", evidence, axes=tuple(evidence))
 
 
 def _effects(check: StructuralCheck, number: int, axis: str) -> Iterator[Finding]:
