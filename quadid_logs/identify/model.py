@@ -11,7 +11,6 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import (
     Actuator,
-    BandCheck,
     Discrete,
     Model,
     Parameter,
