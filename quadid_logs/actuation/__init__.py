@@ -14,7 +14,7 @@ from quadid_logs.actuation.calibration import Scaled, calibrate, torque_n_m
 from quadid_logs.actuation.motors import Mixing, MotorSeries, Rebuilt
 from quadid_logs.actuation.rotor_speed import from_rotor_speed
 from quadid_logs.align.series import CleanLog, CleanSeries, TorqueSeries
-from quadid_logs.data.torque import TorqueModel
+from quadid_logs.data.torque import AssumedExpo, TorqueModel
 from quadid_logs.data.vehicle import Vehicle
 
 __all__ = ["Torques", "reconstruct"]
@@ -70,8 +70,8 @@ def reconstruct(log: CleanLog, autopilot: Mixing, vehicle: Vehicle | None = None
         remarks=(*airframe.remarks, *rebuilt.remarks, *_mistrust(rebuilt), *scaled.remarks, *refused),
     )
     sources = (
-        *_commands(log, series, airframe, trusted=rebuilt.trusted),
-        *_in_newton_metres(log, series, airframe, scaled),
+        *_commands(log, replace(rebuilt, series=series), airframe),
+        *_in_newton_metres(log, series, airframe, scaled, rebuilt.expo),
     )
     return Torques(model, tuple(one.possible() for one in sources))
 
@@ -82,19 +82,23 @@ def _logged(log: CleanLog) -> tuple[CleanSeries, ...]:
 
 
 def _commands(
-    log: CleanLog, series: Sequence[MotorSeries], airframe: Airframe, *, trusted: bool
+    log: CleanLog, rebuilt: Rebuilt, airframe: Airframe
 ) -> tuple[TorqueSeries, ...]:
     """Return the normalised torques, rebuilt and logged, in their order of preference."""
-    achieved = [one for one in series if one.achieved]
+    achieved = [one for one in rebuilt.series if one.achieved]
+    commanded = [one for one in rebuilt.series if not one.achieved]
     logged = [_as_commanded(log, one, airframe) for one in log.sources("torque_command")]
     if logged:
         # Where the mixer is not believed, the motors were limited all the same where theirs is found to be.
-        told = [one for one in series if not one.achieved] or ([] if trusted else achieved)
+        told = commanded or ([] if rebuilt.trusted else achieved)
         logged[0] = replace(logged[0], saturated=told[0].marks if told else None)
+    if logged and commanded and logged[0].rotor_thrust is not None and commanded[0].by_expo is not None:
+        by_expo = logged[0].rotor_thrust * commanded[0].by_expo
+        logged[0] = replace(logged[0], thrust_by_expo=by_expo, expo=rebuilt.expo)
     # What the motors did comes before what was commanded; slower outputs are the second opinion.
-    n_first = 1 if trusted else 0
-    rebuilt = [one.as_command(airframe) for one in achieved]
-    return (*rebuilt[:n_first], *logged, *rebuilt[n_first:])
+    n_first = 1 if rebuilt.trusted else 0
+    made = [one.as_command(airframe, rebuilt.expo) for one in achieved]
+    return (*made[:n_first], *logged, *made[n_first:])
 
 
 def _as_commanded(log: CleanLog, command: CleanSeries, airframe: Airframe) -> TorqueSeries:
@@ -111,13 +115,17 @@ def _as_commanded(log: CleanLog, command: CleanSeries, airframe: Airframe) -> To
 
 
 def _in_newton_metres(
-    log: CleanLog, series: Sequence[MotorSeries], airframe: Airframe, scaled: Scaled
+    log: CleanLog,
+    series: Sequence[MotorSeries],
+    airframe: Airframe,
+    scaled: Scaled,
+    expo: AssumedExpo | None,
 ) -> tuple[TorqueSeries, ...]:
     """Return the torques in N m, logged and calibrated."""
     logged = tuple(TorqueSeries(series=one) for one in log.sources("torque_n_m"))
     if not all(scaled.calibration.known) or not _keeps_the_rate(log, series):
         return logged
-    made = (torque_n_m(one, airframe, scaled) for one in series)
+    made = (torque_n_m(one, airframe, scaled, expo) for one in series)
     return (*logged, *(one for one in made if one is not None))
 
 

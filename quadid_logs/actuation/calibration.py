@@ -13,7 +13,7 @@ from quadid_logs.actuation.airframe import Airframe
 from quadid_logs.actuation.motors import MotorSeries
 from quadid_logs.align.series import CleanLog, CleanSeries, TorqueSeries
 from quadid_logs.arrays import FloatArray
-from quadid_logs.data.torque import Calibration
+from quadid_logs.data.torque import AssumedExpo, Calibration, HeldScale
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.maths.frames import torque_matrix
 from quadid_logs.maths.resampling import typical_period
@@ -45,11 +45,13 @@ class Scaled:
 
     ``thrust_of`` gives newtons per motor (n_samples, n_rotors); None where
     thrust is not known. ``position`` (n_rotors, 3) [m], None where not known.
-    ``refused`` says which claims of parameters were not believed.
+    ``refused`` says which claims of parameters were not believed. ``held`` is what fixes
+    the scale, None where the thrust was measured and no expo assumed.
     """
 
     calibration: Calibration
     thrust_of: ThrustOf | None
+    held: HeldScale | None
     position: FloatArray | None
     remarks: tuple[str, ...]
     refused: tuple[str, ...]
@@ -91,6 +93,7 @@ def calibrate(
     return Scaled(
         calibration=calibration,
         thrust_of=thrust.of,
+        held=thrust.held,
         position=position,
         remarks=(airframe.yaw_remark,) if airframe.yaw_with_command and known_yaw else (),
         refused=thrust.refused,
@@ -98,7 +101,9 @@ def calibrate(
     )
 
 
-def torque_n_m(series: MotorSeries, airframe: Airframe, scaled: Scaled) -> TorqueSeries | None:
+def torque_n_m(
+    series: MotorSeries, airframe: Airframe, scaled: Scaled, expo: AssumedExpo | None = None
+) -> TorqueSeries | None:
     """Return the torque of a motor series in N m.
 
     Parameters
@@ -106,6 +111,8 @@ def torque_n_m(series: MotorSeries, airframe: Airframe, scaled: Scaled) -> Torqu
     series : MotorSeries
     airframe : Airframe
     scaled : Scaled
+    expo : AssumedExpo, optional
+        That of the thrust, where it is not measured.
 
     Returns
     -------
@@ -121,11 +128,14 @@ def torque_n_m(series: MotorSeries, airframe: Airframe, scaled: Scaled) -> Torqu
     if airframe.yaw_with_command:
         per_thrust[2] *= _slope((thrust @ per_thrust[2])[series.flown], torque[series.flown, 2])
     known = bool(np.isfinite(per_thrust).all())
+    by_expo = series.by_expo if known and scaled.held is not None else None
     return TorqueSeries(
         series=series.series("torque_n_m", torque, f"{series.reason}; N m by {scaled.calibration.route}"),
         saturated=series.marks,
         rotor_thrust=np.clip(thrust, 0.0, None) if known else None,
         torque_per_thrust=per_thrust if known else None,
+        thrust_by_expo=None if by_expo is None else np.clip(thrust, 0.0, None) * by_expo,
+        expo=replace(expo, held=scaled.held) if by_expo is not None and expo and scaled.held else None,
     )
 
 
@@ -144,11 +154,12 @@ def _torque(
 class _Thrust:
     """A way to newtons: in words, as a function, its uncertainty, thrust at full command [N].
 
-    ``other_n`` is that thrust by the next best way.
+    ``other_n`` is that thrust by the next best way; ``held`` as of `Scaled`.
     """
 
     route: str = ""
     of: ThrustOf | None = None
+    held: HeldScale | None = None
     sigma: float = math.nan
     max_thrust_n: float = math.nan
     other_n: float = math.nan
@@ -193,6 +204,7 @@ def _thrust(airframe: Airframe, given: Vehicle, hover: _Hover | None) -> _Thrust
         return _Thrust(
             route="largest thrust of the vehicle file",
             of=lambda one: newton * one.thrust,
+            held=HeldScale.FULL,
             sigma=STAND_SIGMA,
             max_thrust_n=newton,
             other_n=math.nan if hover is None else hover.newton,
@@ -208,6 +220,7 @@ def _thrust(airframe: Airframe, given: Vehicle, hover: _Hover | None) -> _Thrust
         return _Thrust(
             route="mass times specific force over the flight",
             of=hover.thrust,
+            held=HeldScale.WEIGHT,
             sigma=hover.sigma,
             max_thrust_n=hover.newton,
             other_n=newton,
@@ -217,6 +230,7 @@ def _thrust(airframe: Airframe, given: Vehicle, hover: _Hover | None) -> _Thrust
         return _Thrust(
             route=airframe.thrust_source,
             of=lambda one: newton * one.thrust,
+            held=HeldScale.FULL,
             sigma=PARAMETER_SIGMA,
             max_thrust_n=newton,
         )

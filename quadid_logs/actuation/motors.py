@@ -8,10 +8,11 @@ from typing import Protocol
 import numpy as np
 
 from quadid_logs.actuation.airframe import Airframe, Unknown
+from quadid_logs.maths.thrust_curve import mean_while_moved, slope_at
 from quadid_logs.align.series import CleanLog, CleanSeries, TorqueSeries
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.log import FlightLog
-from quadid_logs.data.torque import MixerCheck
+from quadid_logs.data.torque import AssumedExpo, MixerCheck
 
 
 def any_motor(limited: BoolArray) -> BoolArray:
@@ -65,6 +66,8 @@ class MotorSeries:
     source, reason : str
     achieved : bool
         Saturation is contained.
+    by_expo : ndarray, shape (n_samples, n_rotors), or None
+        Derivative of the thrust by the expo of its curve, over the thrust; None where no expo was assumed.
     """
 
     base: CleanSeries
@@ -77,6 +80,7 @@ class MotorSeries:
     source: str
     reason: str
     achieved: bool
+    by_expo: FloatArray | None = None
 
     @property
     def time_s(self) -> FloatArray:
@@ -114,33 +118,59 @@ class MotorSeries:
             achieved=self.achieved,
         )
 
-    def as_command(self, airframe: Airframe) -> TorqueSeries:
+    def as_command(self, airframe: Airframe, expo: AssumedExpo | None = None) -> TorqueSeries:
         """Return the normalised torque, with the thrust that makes it.
 
         Parameters
         ----------
         airframe : Airframe
+        expo : AssumedExpo, optional
+            That of the thrust.
 
         Returns
         -------
         TorqueSeries
             ``torque_command`` [1].
         """
+        command = self.command.copy()
+        if airframe.yaw_with_command:
+            command[:, 2] = self._yaw_with_command(airframe.command_per_thrust[2])
+        series = self.series("torque_command", command)
+        if not airframe.inverts:
+            return TorqueSeries(series=series, saturated=self.marks)
+        thrust = np.clip(self.command_thrust, 0.0, None)
         return TorqueSeries(
-            series=self.series("torque_command", self.command),
+            series=series,
             saturated=self.marks,
-            rotor_thrust=np.clip(self.command_thrust, 0.0, None) if airframe.inverts else None,
-            torque_per_thrust=airframe.command_per_thrust if airframe.inverts else None,
+            rotor_thrust=thrust,
+            torque_per_thrust=airframe.command_per_thrust,
+            thrust_by_expo=None if self.by_expo is None else thrust * self.by_expo,
+            expo=None if self.by_expo is None else expo,
         )
+
+    def _yaw_with_command(self, per_thrust: FloatArray) -> FloatArray:
+        """Return yaw that goes with thrust times motor command, as yaw command at the thrust it is used at.
+
+        A unit of it does what a small unit of command does at the mean thrust while the vehicle yaws:
+        there the effectiveness is found.
+        """
+        drag, rows = self.command_thrust * self.actuator, self.flown
+        thrust, yaw = self.command_thrust[rows], self.command[rows, 2:]
+        if not rows.any() or not np.isfinite(yaw).all():
+            return self.command[:, 2]
+        where = mean_while_moved(thrust.mean(axis=1), yaw, self.base.period_s)
+        slope = slope_at(thrust.ravel(), drag[rows].ravel(), where)
+        return drag @ per_thrust / slope if slope > 0.0 else self.command[:, 2]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rebuilt:
-    """The motor series that a log allows, the check of them, and what stood in the way."""
+    """The motor series that a log allows, the check of them, what stood in the way, and the expo assumed."""
 
     series: tuple[MotorSeries, ...] = ()
     check: MixerCheck | None = None
     remarks: tuple[str, ...] = ()
+    expo: AssumedExpo | None = None
 
     @property
     def trusted(self) -> bool:

@@ -283,7 +283,7 @@ def _without_gaps(series: CleanSeries, interval: Interval, period_s: float) -> l
 
 def _segment(series: Mapping[str, CleanSeries], torque: TorqueSeries, grid: FloatArray) -> Segment:
     rate, attitude, throttle = series["body_rate"], series.get("attitude"), series.get("throttle")
-    thrust = torque.rotor_thrust
+    thrust, by_expo = torque.rotor_thrust, torque.thrust_by_expo
     return Segment(
         time_s=grid,
         body_rate_rad_s=resample(rate.time_s, rate.values, grid),
@@ -294,6 +294,7 @@ def _segment(series: Mapping[str, CleanSeries], torque: TorqueSeries, grid: Floa
         reference=_reference(series, grid),
         # What comes out of a low-pass may fall a hair below zero.
         rotor_thrust=None if thrust is None else np.clip(_on_grid(torque.series, thrust, grid), 0.0, None),
+        thrust_by_expo=None if by_expo is None else _on_grid(torque.series, by_expo, grid),
     )
 
 
@@ -368,6 +369,7 @@ def _input(prepared: Prepared, segments: tuple[Segment, ...]) -> InputDescriptio
         achieved=series.achieved,
         calibration=Calibration() if model is None else model.calibration,
         torque_per_thrust=prepared.torque.torque_per_thrust,
+        expo=prepared.torque.expo,
         every_step=loop_hz > 0.0 and 1.0 / series.period_s >= _EVERY_STEP * loop_hz,
     )
 

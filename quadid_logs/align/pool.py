@@ -79,6 +79,7 @@ def _joint_input(merged: FlightData, parts: Sequence[FlightData]) -> InputDescri
     if merged.input is None:
         return None
     described = [each.input for each in parts if each.input is not None]
+    expo = merged.input.expo
     n_samples = [each.n_samples for each in parts]
     saturated = [each.saturated_fraction for each in described]
     return replace(
@@ -86,4 +87,6 @@ def _joint_input(merged: FlightData, parts: Sequence[FlightData]) -> InputDescri
         saturated_fraction=float(np.average(saturated, weights=n_samples)),
         achieved=all(each.achieved for each in described),
         every_step=all(each.every_step for each in described),
+        # Of logs rebuilt with different curves no one expo is to be found.
+        expo=expo if all(each.expo == expo for each in described) else None,
     )

@@ -11,6 +11,7 @@ import numpy as np
 from quadid_logs.align.clock import EVENTS, JUMP_S, OUTLIER_S, Clock
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.log import NO_GYRO_FILTER, FlightLog, GyroFilter, Rows, Signal
+from quadid_logs.data.torque import AssumedExpo
 from quadid_logs.maths.resampling import typical_period
 
 #: In SI units nothing that a multirotor logs comes near this: such a number is damage, and its
@@ -151,12 +152,18 @@ class TorqueSeries:
         Thrust of each rotor; the unit is that of ``torque_per_thrust``.
     torque_per_thrust : ndarray, shape (3, n_rotors), or None
         L, M, N per unit of each rotor's thrust; None where the rotors are not known.
+    thrust_by_expo : ndarray, shape (n_samples, n_rotors), or None
+        Derivative of ``rotor_thrust`` by the expo of the thrust curve; None where that is not assumed.
+    expo : AssumedExpo or None
+        That from which ``rotor_thrust`` was made.
     """
 
     series: CleanSeries
     saturated: CleanSeries | None = None
     rotor_thrust: FloatArray | None = None
     torque_per_thrust: FloatArray | None = None
+    thrust_by_expo: FloatArray | None = None
+    expo: AssumedExpo | None = None
 
     def possible(self) -> TorqueSeries:
         """Drop the samples that no multirotor can have, as cleaning does with what was logged."""
@@ -164,9 +171,11 @@ class TorqueSeries:
         if good.all():
             return self
         lost = int(np.count_nonzero(~good))
-        thrust = None if self.rotor_thrust is None else self.rotor_thrust[good]
         series = replace(self.series.take(good), n_not_finite=self.series.n_not_finite + lost)
-        return replace(self, series=series, rotor_thrust=thrust)
+        thrust, by_expo = (
+            None if each is None else each[good] for each in (self.rotor_thrust, self.thrust_by_expo)
+        )
+        return replace(self, series=series, rotor_thrust=thrust, thrust_by_expo=by_expo)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -9,7 +9,7 @@ import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.log import NO_GYRO_FILTER, GyroFilter, LogText, ModeChange
-from quadid_logs.data.torque import Calibration
+from quadid_logs.data.torque import AssumedExpo, Calibration
 
 #: Twenty fits of half a second: below, held-out validation says nothing [s].
 LEAST_FLIGHT_S = 10.0
@@ -69,6 +69,8 @@ class Segment:
     rotor_thrust : ndarray, shape (n_samples, n_rotors), or None
         Thrust of each rotor in the unit for which `InputDescription.torque_per_thrust` gives the
         torque; None where the rotors are not known.
+    thrust_by_expo : ndarray, shape (n_samples, n_rotors), or None
+        Its derivative by the expo of the thrust curve; None where no expo was assumed.
     reference : ndarray, shape (n_samples, 3 or 4), or None
         What was commanded, from outside the rate loop: rate setpoints [rad/s], and the excitation
         of a system-ID mode where there is one; None where the log has no setpoints.
@@ -86,6 +88,7 @@ class Segment:
     saturated: BoolArray
     reference: FloatArray | None = None
     rotor_thrust: FloatArray | None = None
+    thrust_by_expo: FloatArray | None = None
     flight: int = 0
 
     @property
@@ -105,6 +108,7 @@ class Segment:
             saturated=self.saturated[rows],
             reference=None if self.reference is None else self.reference[rows],
             rotor_thrust=None if self.rotor_thrust is None else self.rotor_thrust[rows],
+            thrust_by_expo=None if self.thrust_by_expo is None else self.thrust_by_expo[rows],
         )
 
     @property
@@ -171,6 +175,7 @@ class InputDescription:
     used; ``calibration`` is that of the log, for inertia and intervals;
     ``torque_per_thrust`` (3, n_rotors) is L, M, N per unit of
     `Segment.rotor_thrust`, None where the rotors are not known.
+    ``expo``: that of the thrust curve by which the torque was rebuilt, None where none was assumed.
     ``every_step``: each step of the control loop was logged, so that the
     torque is known between the samples as well.
     """
@@ -182,6 +187,7 @@ class InputDescription:
     achieved: bool = False
     calibration: Calibration = field(default_factory=Calibration)
     torque_per_thrust: FloatArray | None = None
+    expo: AssumedExpo | None = None
     every_step: bool = False
 
 

@@ -417,13 +417,56 @@ class Excitation:
     bandwidth: float = float("nan")
 
 
+def _nothing() -> FloatArray:
+    return np.zeros(0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ThrustCurve:
+    """The expo of the propellers' thrust curve, (1 - e) y + e y^2 of the throttle y.
+
+    Attributes
+    ----------
+    expo : float
+        As found; as assumed where it is not identifiable.
+    ci95 : tuple of float
+    assumed : float
+        With which the firmware flew.
+    parameter : str
+        That sets it.
+    identifiable : bool
+    reason : str
+        Why not.
+    corrected : bool
+        The models are fitted to the torque of the expo that was found.
+    thrust_over_mean : ndarray, shape (n,)
+        Levels of thrust that were flown, over its mean while the vehicle was moved.
+    effectiveness : ndarray, shape (n,)
+        Effectiveness per unit of command there, over that at the mean; 1 throughout where the
+        firmware's curve is that of the propellers.
+    effectiveness_ci95 : ndarray, shape (n, 2)
+    """
+
+    expo: float
+    ci95: tuple[float, float]
+    assumed: float
+    parameter: str
+    identifiable: bool
+    reason: str = ""
+    corrected: bool = False
+    thrust_over_mean: FloatArray = field(default_factory=_nothing)
+    effectiveness: FloatArray = field(default_factory=_nothing)
+    effectiveness_ci95: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Identification:
     """All structures fitted to one flight, the recommended one first.
 
     ``n_samples`` of the aligned flight were used: all but for very long flights. ``responses``
     of roll, pitch and yaw are those to the rate setpoints where these serve as instruments,
-    else to the torque; empty where no segment is long enough.
+    else to the torque; empty where no segment is long enough. ``thrust_curve`` is None where
+    the torque was rebuilt from no assumed curve.
     """
 
     models: tuple[Model, ...] = ()
@@ -431,6 +474,7 @@ class Identification:
     responses: tuple[Response, ...] = ()
     skipped: str = ""
     n_samples: int = 0
+    thrust_curve: ThrustCurve | None = None
 
     @property
     def recommended(self) -> Model | None:

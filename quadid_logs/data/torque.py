@@ -90,6 +90,30 @@ def _no_rotors() -> FloatArray:
     return np.zeros((0, 3))
 
 
+class HeldScale(StrEnum):
+    """What stays the same of a thrust curve, whatever its expo: by this its scale is known."""
+
+    SLOPE = "slope"
+    """A unit of command is what it does at the thrust of the flight."""
+    WEIGHT = "weight"
+    """The mean thrust carries the vehicle."""
+    FULL = "full"
+    """The thrust at full throttle is given."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AssumedExpo:
+    """The expo with which the torque was rebuilt, the parameter that says so, and what fixes the scale.
+
+    ``half_width`` is how far it may be off (95 %), 0 before the flight was asked.
+    """
+
+    value: float
+    parameter: str
+    held: HeldScale = HeldScale.SLOPE
+    half_width: float = 0.0
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TorqueModel:
     """The airframe as it is understood, and what its outputs say about torque.

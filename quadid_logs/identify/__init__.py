@@ -24,6 +24,7 @@ from quadid_logs.identify.rigid_body import fit_single_rigid_body
 from quadid_logs.identify.select import most_excited
 from quadid_logs.identify.structures import RIGID_BODY, STRUCTURES, Structure
 from quadid_logs.identify.terms import GYROSCOPIC
+from quadid_logs.identify.thrust_curve import fit_thrust_curve
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS
 
 __all__ = ["MIN_RATE_HZ", "identify"]
@@ -85,6 +86,7 @@ def identify(
         return Identification(skipped="the flight is too short for the number of unknowns")
     high_passed = design.high_passed(settings.high_pass_hz)
     design = with_strong_instruments(design, high_passed, excited_axes(high_passed))
+    data, design, curve = fit_thrust_curve(data, design, settings.high_pass_hz)
     models, informative = _fit_all(data, design, structures, settings)
     found = responses(data, instruments=design.instruments is not None)
     other = _band_of_the_response(found, informative, band, data.sample_period_s)
@@ -98,6 +100,7 @@ def identify(
         models=ordered,
         n_samples=data.n_samples,
         responses=found,
+        thrust_curve=curve,
         excitation=measure_excitation(
             data,
             signal_to_noise=_signal_to_noise(ordered[0]),

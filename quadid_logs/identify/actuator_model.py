@@ -28,7 +28,7 @@ from quadid_logs.identify.inference import NOTHING_UNKNOWN, TorqueUnknowns
 from quadid_logs.identify.instruments import Projection
 from quadid_logs.identify.rotors import MOST_ASYMMETRIC, Rotors, rotor_slopes, with_lag_on_rotors
 from quadid_logs.identify.structures import Structure
-from quadid_logs.identify.torque_errors import battery_errors, sampling_errors
+from quadid_logs.identify.torque_errors import battery_errors, expo_errors, sampling_errors
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS
 
 #: Below [s], the lag of a rotor moves no torque by as much as can be seen.
@@ -188,7 +188,7 @@ def _with_unknowns(
     slopes = None
     if model.rotors is not None and described is not None:
         slopes = rotor_slopes(problem.design, described, model.rotors)
-    errors = battery_errors(problem.design)
+    errors = battery_errors(problem.design) + expo_errors(problem.design, described)
     if not problem.every_step:
         errors += sampling_errors(problem.design)
     return model._replace(

@@ -133,6 +133,11 @@ class Design:
         """Return the same rows for plain least squares."""
         return replace(self, instruments=None)
 
+    def with_chunks(self, chunks: Sequence[Segment]) -> Design:
+        """Return the same rows with other torque and thrust of the same chunks of the flight."""
+        changed = replace(self, chunks=tuple(chunks))
+        return changed.with_torque([chunk.torque for chunk in chunks])
+
     def with_torque(self, torques: Sequence[FloatArray]) -> Design:
         """Return the same rows with other torques, one array (n_samples, 3) per chunk."""
         return replace(self, torque=self.torque.replaced(torques))

@@ -7,15 +7,20 @@ samples repeats the same error, and the fit takes it for the vehicle. What
 would have come out of every second or every third sample of the log, begun
 with the one or the other, shows how much that matters.
 
+A thrust curve with another expo than the firmware believes gives another torque from the same commands.
+
 A battery that runs down takes thrust with it. Mixed with a manoeuvre that
 changes as time goes on, such as a chirp, that passes for damping.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
+from quadid_logs.data.flight import InputDescription, Segment
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.torque import RowTorque
 from quadid_logs.maths.normal import NORMAL_95
@@ -81,6 +86,50 @@ def battery_errors(design: Design) -> tuple[RowTorque, ...]:
     return tuple(
         design.torque.replaced([drift * (np.arange(3) == axis) for drift in drifts]) for axis in range(3)
     )
+
+
+def expo_errors(design: Design, described: InputDescription | None) -> tuple[RowTorque, ...]:
+    """Return the torque that comes of the expo of the thrust curve being at the end of its interval.
+
+    Parameters
+    ----------
+    design : Design
+    described : InputDescription or None
+        With how far the expo is known.
+
+    Returns
+    -------
+    tuple of RowTorque
+        As of `sampling_errors`; none where the torque was rebuilt from no assumed curve.
+    """
+    expo = None if described is None else described.expo
+    if described is None or expo is None or not expo.half_width:
+        return ()
+    changes = torques_by_expo(design.chunks, described)
+    return (design.torque.replaced([expo.half_width * change for change in changes]),)
+
+
+def torques_by_expo(chunks: Sequence[Segment], described: InputDescription) -> list[FloatArray]:
+    """Return the derivative of the torque by the expo of the thrust curve; one (n_samples, 3) per chunk.
+
+    Parameters
+    ----------
+    chunks : sequence of Segment
+        With their ``thrust_by_expo``, without which there is none.
+    described : InputDescription
+        With the ``torque_per_thrust`` of the rotors.
+
+    Returns
+    -------
+    list of ndarray, shape (n_samples, 3)
+    """
+    per_thrust = described.torque_per_thrust
+    return [
+        np.zeros_like(chunk.torque)
+        if chunk.thrust_by_expo is None or per_thrust is None
+        else np.asarray(chunk.thrust_by_expo @ per_thrust.T, dtype=np.float64)
+        for chunk in chunks
+    ]
 
 
 def _deviations(torque: FloatArray, n: int) -> FloatArray:

@@ -160,9 +160,21 @@ def full_battery_thrust(actuator: FloatArray, supply: Supply, settings: MotorSet
     supply : Supply
     settings : MotorSettings
     """
-    y = actuator * _voltage(supply)
+    y = voltage_effective(actuator, supply)
     e = float(np.clip(settings.expo, -1.0, 1.0))
     return (1.0 - e) * y + e * y**2
+
+
+def voltage_effective(actuator: FloatArray, supply: Supply) -> FloatArray:
+    """Return the throttle that the battery leaves of a motor command (n_samples, n_rotors) [1]; same shape.
+
+    Parameters
+    ----------
+    actuator : ndarray, shape (n_samples, n_rotors)
+        Motor command, 0 at MOT_SPIN_MIN to 1 at MOT_SPIN_MAX.
+    supply : Supply
+    """
+    return np.asarray(actuator * _voltage(supply), dtype=np.float64)
 
 
 def _voltage(supply: Supply) -> FloatArray:

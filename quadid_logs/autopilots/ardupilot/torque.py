@@ -10,6 +10,7 @@ import numpy as np
 
 from quadid_logs.actuation.airframe import Airframe
 from quadid_logs.actuation.motors import MotorSeries, Rebuilt, any_motor, on_all_axes
+from quadid_logs.maths.thrust_curve import relative_by_expo
 from quadid_logs.align.series import CleanLog, CleanSeries
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.autopilots.ardupilot.airframe import motor_prefix
@@ -22,8 +23,9 @@ from quadid_logs.autopilots.ardupilot.mixer import (
     full_battery_thrust,
     mix,
     pulse_width,
+    voltage_effective,
 )
-from quadid_logs.data.torque import DensityLaw, MixerCheck
+from quadid_logs.data.torque import AssumedExpo, DensityLaw, MixerCheck
 
 #: A fitted gain explains the outputs better than a known one by chance: rounding leaves 0.05 us.
 _HANDICAP_US = 1.0
@@ -77,7 +79,12 @@ def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
     found = () if mixed is None or (check is not None and not check.fits) else (mixed,)
     if outputs is not None:
         found = (*found, _from_pulses(vehicle, outputs, law))
-    return Rebuilt(series=found, check=check, remarks=_remarks(log, check))
+    return Rebuilt(
+        series=found,
+        check=check,
+        remarks=_remarks(log, check),
+        expo=AssumedExpo(value=settings.expo, parameter=f"{motor_prefix(log.log.parameters)}MOT_THST_EXPO"),
+    )
 
 
 def motor_settings(known: Mapping[str, float]) -> MotorSettings | None:
@@ -239,6 +246,7 @@ def _motor_series(vehicle: _Vehicle, base: CleanSeries, actuator: FloatArray, su
         source=base.source,
         reason=base.reason,
         achieved=True,
+        by_expo=relative_by_expo(voltage_effective(actuator, supply), vehicle.settings.expo),
     )
 
 

@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from quadid_logs.actuation.airframe import Airframe
 from quadid_logs.actuation.motors import MotorSeries, Rebuilt, any_motor, on_all_axes
+from quadid_logs.maths.thrust_curve import relative_by_expo
 from quadid_logs.align.series import CleanLog, CleanSeries
 from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.data.torque import AssumedExpo
 
 #: Single precision of the allocation is 1e-7; a thousandth of full command is a limit at work.
 _LIMITED = 1e-3
@@ -41,7 +44,15 @@ def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
         What was achieved first, then the set-point as if nothing were limited, then the outputs.
     """
     found = (_from_motors(log, airframe), _from_setpoint(log, airframe), _from_outputs(log, airframe))
-    return Rebuilt(series=tuple(series for series in found if series is not None))
+    factor = _thrust_model(log)
+    return Rebuilt(
+        series=tuple(
+            replace(series, by_expo=relative_by_expo(series.actuator, factor))
+            for series in found
+            if series is not None
+        ),
+        expo=AssumedExpo(value=factor, parameter="THR_MDL_FAC"),
+    )
 
 
 def _thrust_model(log: CleanLog) -> float:

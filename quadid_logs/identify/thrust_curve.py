@@ -1,0 +1,369 @@
+"""The shape of the thrust curve, found in flight: the expo that the torque should have been rebuilt with.
+
+Torque is rebuilt from motor commands by the thrust curve that the firmware believes. If the propellers
+have another expo, thrust is F + k F', with F' the derivative by the expo less what only changes the scale:
+the torque is linear in k, which is fitted together with lag and delay (Gauss-Newton). What
+tells k is how the effectiveness changes with thrust: throttle that varies, and rotors that two axes
+command at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from quadid_logs.maths.thrust_curve import mean_while_moved, slope_at
+from quadid_logs.arrays import FloatArray
+from quadid_logs.data.flight import FlightData, InputDescription, Segment
+from quadid_logs.data.model import ThrustCurve
+from quadid_logs.data.torque import AssumedExpo, HeldScale
+from quadid_logs.identify.actuator import MAX_DELAY_S, MAX_LAG_S, ActuatorFit, fit_actuator
+from quadid_logs.identify.design import Design
+from quadid_logs.identify.equation_by_equation import INFORMATIVE_R2
+from quadid_logs.identify.excitation import excited_axes
+from quadid_logs.identify.fit import explained_fraction
+from quadid_logs.identify.inference import TorqueUnknowns, clusters_of, covariance_95, torque_effects
+from quadid_logs.identify.instruments import Projection
+from quadid_logs.identify.rotors import MOST_ASYMMETRIC, Rotors, rotor_slopes, rotors_known, with_lag_on_rotors
+from quadid_logs.identify.structures import DAMPED
+from quadid_logs.identify.terms import TRIM
+from quadid_logs.identify.torque_errors import battery_errors, sampling_errors, torques_by_expo
+from quadid_logs.maths.least_squares import Equation
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, TORQUE_SYMBOLS
+
+#: Thrust stands show curves that leave the parabola by one or two hundredths of full thrust: the best
+#: parabola over another range of throttle has an expo that differs by this.
+EXPO_SYSTEMATIC: Final = 0.02
+#: Half width beyond which an expo is no answer: a quarter of the range in which propellers lie.
+_MOST_HALF_WIDTH: Final = 0.15
+#: Propellers measured on stands lie here, most of them (ArduPilot's wiki on MOT_THST_EXPO; 0.2 to 0.8).
+_PROPELLERS: Final = (0.2, 0.8)
+#: Nothing that turns in air has less or more; what is found beyond is another effect of throttle.
+_POSSIBLE: Final = (-0.25, 1.25)
+#: Yaw is the rotors' drag, which goes with throttle in a way of its own, and their reaction.
+_TILTING: Final = (0, 1)
+#: Below [s], the lag of a rotor moves no torque by as much as can be seen.
+_LEAST_LAG_S: Final = 0.002
+#: Gauss-Newton needs three steps from a lag on the torque; a step of this size is a tenth of any interval.
+_MOST_STEPS, _SMALL = 8, 2e-3
+#: Relative squared error by which a lag on the rotors must be the worse to act on the torque instead.
+_WORSE: Final = 1e-3
+#: Quantiles of the thrust that was flown, and points between them for the effectiveness against thrust.
+_FLOWN_QUANTILES, _N_POINTS = (0.02, 0.98), 7
+
+
+class _Point(NamedTuple):
+    """What is searched for: k, lag and delay [s], logarithm of the rotors' asymmetry; None on the torque."""
+
+    shift: float
+    lag_s: float
+    delay_s: float
+    log_asymmetry: float | None
+
+    def moved(self, by: Mapping[str, float]) -> _Point:
+        """Return the point after a step, inside the physical range."""
+        limit, asymmetry = float(np.log(MOST_ASYMMETRIC)), self.log_asymmetry
+        return _Point(
+            self.shift + by["expo"],
+            float(np.clip(self.lag_s + by.get("lag", 0.0), 0.0, MAX_LAG_S)),
+            float(np.clip(self.delay_s + by["delay"], 0.0, MAX_DELAY_S)),
+            None if asymmetry is None else float(np.clip(asymmetry + by.get("asymmetry", 0.0), -limit, limit)),
+        )
+
+
+class _Linear(NamedTuple):
+    """The equations of the informative axes about a point: residuals, and columns that all have in common.
+
+    ``fixed`` (n_train, n_columns) are the regressors of each axis, ``shared`` by name (n_train, 3) the
+    derivatives by k, lag, delay and asymmetry, ``residual`` (n_train, 3), ``B`` (3, 3), ``base`` the
+    design with the torque of that k.
+    """
+
+    fixed: FloatArray
+    shared: Mapping[str, FloatArray]
+    residual: FloatArray
+    B: FloatArray
+    base: Design
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Search:
+    """Rows of the fit, the axes that count, and the best actuator as if the expo were right."""
+
+    design: Design
+    described: InputDescription
+    axes: Sequence[int]
+    start: ActuatorFit
+
+    def least(self, *, on_rotors: bool) -> tuple[_Point, _Linear]:
+        """Return the point of least error, and the equations about it."""
+        point = _Point(0.0, self.start.lag_s, self.start.delay_s, 0.0 if on_rotors else None)
+        linear = self.about(point)
+        for _ in range(_MOST_STEPS):
+            step = self._step(linear)
+            point = point.moved(step)
+            linear = self.about(point)
+            if abs(step["expo"]) < _SMALL:
+                break
+        return point, linear
+
+    def about(self, point: _Point) -> _Linear:
+        """Return the equations about a point."""
+        design, train = self.design, self.design.train
+        lag_s, delay_s = point.lag_s, point.delay_s
+        base = design.with_chunks([shifted(chunk, self.described, point.shift) for chunk in design.chunks])
+        shaped, slopes = base, None
+        if point.log_asymmetry is not None:
+            rotors = Rotors.of(max(lag_s, _LEAST_LAG_S), point.log_asymmetry)
+            shaped = with_lag_on_rotors(base, self.described, rotors)
+            slopes = rotor_slopes(base, self.described, rotors)
+        by_expo = design.torque.replaced(torques_by_expo(design.chunks, self.described)).behind(lag_s, delay_s)
+        # Squares of thrust follow from no set-point linearly: what they make of the torque instruments itself.
+        project = Projection(design, DAMPED, train, also=by_expo)
+        names = [name for name in (*DAMPED.columns, *design.disturbances(DAMPED)) if name != TRIM.symbol]
+        columns = shaped.stack(names, shaped.torque.behind(lag_s, delay_s))[train]
+        targets = np.column_stack([design.columns[name] for name in ACCELERATION_SYMBOLS])[train]
+        fixed = project(columns)
+        scale = np.linalg.norm(fixed, axis=0)
+        theta = np.linalg.lstsq(fixed / scale, targets, rcond=None)[0] / scale[:, np.newaxis]
+        B = theta[[names.index(name) for name in TORQUE_SYMBOLS]].T
+        actuator = self.start._replace(lag_s=lag_s, delay_s=delay_s)
+        effects = torque_effects(shaped, actuator, B, TorqueUnknowns(slopes), project)
+        shared = {"expo": project(by_expo[train] @ B.T), **effects.shared}
+        return _Linear(fixed, shared, targets - columns @ theta, B, base)
+
+    def _step(self, linear: _Linear) -> dict[str, float]:
+        """Return the step to the least squares of the linear equations."""
+        basis, _ = np.linalg.qr(linear.fixed)
+        parts = []
+        for axis, weight in zip(self.axes, self._weight(linear), strict=True):
+            both = np.column_stack([*(each[:, axis] for each in linear.shared.values()), linear.residual[:, axis]])
+            parts.append(weight * (both - basis @ (basis.T @ both)))
+        rows = np.concatenate(parts)
+        scale = np.linalg.norm(rows[:, :-1], axis=0)
+        scale[scale == 0.0] = 1.0
+        step = np.linalg.lstsq(rows[:, :-1] / scale, rows[:, -1], rcond=1e-6)[0] / scale
+        return dict(zip(linear.shared, step.tolist(), strict=True))
+
+    def _weight(self, linear: _Linear) -> FloatArray:
+        """Return one over the residual's size, of the axes that count."""
+        size = np.sqrt(np.mean(linear.residual[:, list(self.axes)] ** 2, axis=0))
+        return np.asarray(1.0 / np.maximum(size, 1e-12))
+
+    def loss(self, linear: _Linear) -> float:
+        """Return the logarithm of the squared error, mean over the axes that count."""
+        return float(-2.0 * np.mean(np.log(self._weight(linear))))
+
+    def half_width(self, point: _Point, linear: _Linear) -> float:
+        """Return the half width of the 95 % interval of k."""
+        axes, design, n = list(self.axes), self.design, linear.fixed.shape[1]
+        weight, n_shared = self._weight(linear), len(linear.shared)
+        equations = [
+            Equation(
+                np.column_stack([*(each[:, axis] for each in linear.shared.values()), linear.fixed]) * one,
+                linear.residual[:, axis] * one,
+                np.concatenate([np.arange(n_shared), n_shared + number * n + np.arange(n)]),
+            )
+            for number, (axis, one) in enumerate(zip(axes, weight, strict=True))
+        ]
+        errors = battery_errors(linear.base)
+        if not self.described.every_step:
+            errors += sampling_errors(linear.base)
+        made = [each.behind(point.lag_s, point.delay_s)[design.train] @ linear.B.T for each in errors]
+        of_errors = np.stack(made, axis=2)[:, axes] * weight[:, np.newaxis]
+        nothing = np.zeros(n_shared + n * len(axes))
+        covariance = covariance_95(equations, clusters_of(design), of_errors, nothing)
+        return float(np.sqrt(max(covariance[0, 0], 0.0)))
+
+
+def fit_thrust_curve(
+    data: FlightData, whole: Design, high_pass_hz: float
+) -> tuple[FlightData, Design, ThrustCurve | None]:
+    """Find the expo of the thrust curve, and rebuild the torque where the assumed one is not it.
+
+    Parameters
+    ----------
+    data : FlightData
+    whole : Design
+        Its rows, not high-passed.
+    high_pass_hz : float
+
+    Returns
+    -------
+    data : FlightData
+    whole : Design
+        Both with torque and thrust of the expo that was found, or those they had; the data's input
+        says how far the expo is known.
+    curve : ThrustCurve or None
+        None where the torque was rebuilt from no assumed curve.
+    """
+    described = data.input
+    if described is None or described.expo is None or not rotors_known(data):
+        return data, whole, None
+    if any(segment.thrust_by_expo is None for segment in data.segments):
+        return data, whole, None
+    expo, scale = described.expo, _scale_change(data, described.expo.held)
+    data = replace(data, segments=tuple(_normalised(each, scale) for each in data.segments))
+    whole = whole.with_chunks([_normalised(each, scale) for each in whole.chunks])
+    found = _search(whole.high_passed(high_pass_hz), described)
+    curve, shift, half_width = _judged(expo, found, scale)
+    corrected = replace(expo, value=curve.expo, half_width=half_width)
+    curve = _with_effectiveness(curve, data, shift, half_width)
+    segments = tuple(shifted(each, described, shift) for each in data.segments)
+    data = replace(data, segments=segments, input=replace(described, expo=corrected))
+    whole = whole.with_chunks([shifted(each, described, shift) for each in whole.chunks])
+    return data, whole, curve
+
+
+def shifted(segment: Segment, described: InputDescription, shift: float) -> Segment:
+    """Return a segment with torque and thrust of another expo.
+
+    Parameters
+    ----------
+    segment : Segment
+        Its ``thrust_by_expo`` without what only changes the scale.
+    described : InputDescription
+    shift : float
+        k, of which torque is a linear function [1].
+
+    Returns
+    -------
+    Segment
+    """
+    if not shift or segment.rotor_thrust is None or segment.thrust_by_expo is None:
+        return segment
+    thrust = np.clip(segment.rotor_thrust + shift * segment.thrust_by_expo, 0.0, None)
+    (change,) = torques_by_expo([segment], described)
+    return replace(segment, rotor_thrust=thrust, torque=segment.torque + shift * change)
+
+
+class _Found(NamedTuple):
+    """k and the half width of its 95 % interval; infinite with the reason where it cannot be told."""
+
+    shift: float
+    half_width: float
+    reason: str = ""
+
+
+def _search(design: Design, described: InputDescription) -> _Found:
+    """Search on the axes whose motion the model explains, with the lag where it explains them better."""
+    axes = [axis for axis in excited_axes(design) if axis in _TILTING]
+    while axes:
+        search = _Search(design=design, described=described, axes=axes, start=fit_actuator(design, DAMPED, axes))
+        point, linear = search.least(on_rotors=False)
+        if search.start.lag_s >= _LEAST_LAG_S:
+            other = search.least(on_rotors=True)
+            if search.loss(other[1]) <= search.loss(linear) + _WORSE:
+                point, linear = other
+        targets = np.column_stack([design.columns[name] for name in ACCELERATION_SYMBOLS])[design.train]
+        r2 = explained_fraction(targets, linear.residual)
+        informative = [axis for axis in axes if r2[axis] >= INFORMATIVE_R2]
+        if informative == axes:
+            return _Found(point.shift, search.half_width(point, linear))
+        axes = informative
+    return _Found(0.0, np.inf, "roll and pitch move too little, or the model explains too little of how they do")
+
+
+def _judged(expo: AssumedExpo, found: _Found, scale: float) -> tuple[ThrustCurve, float, float]:
+    """Decide what is known of the expo; return also the k to apply, and how far it may be off (95 %)."""
+    value, one, other = (
+        expo.value + _expo_change(found.shift + sign * found.half_width, scale) for sign in (0.0, -1.0, 1.0)
+    )
+    half = max(abs(one - value), abs(other - value)) + EXPO_SYSTEMATIC
+    reason = found.reason
+    if not reason and not half <= _MOST_HALF_WIDTH:
+        reason = "thrust varied too little, what lies beside it was not flown"
+    if not reason and not _POSSIBLE[0] <= value <= _POSSIBLE[1]:
+        reason = "the effectiveness changes with thrust more than any propeller's curve makes it"
+    if reason:
+        middle, reach = 0.5 * sum(_PROPELLERS), 0.5 * (_PROPELLERS[1] - _PROPELLERS[0])
+        half = float(np.hypot(reach, expo.value - middle))
+        value, shift, off = expo.value, 0.0, half
+    elif abs(value - expo.value) > half:
+        shift, off = found.shift, half
+    else:
+        shift, off = 0.0, abs(value - expo.value) + half
+    curve = ThrustCurve(
+        expo=value,
+        ci95=(value - half, value + half),
+        assumed=expo.value,
+        parameter=expo.parameter,
+        identifiable=not reason,
+        reason=reason,
+        corrected=shift != 0.0,
+    )
+    return curve, shift, off
+
+
+def _expo_change(shift: float, scale: float) -> float:
+    """Return the change of the expo that belongs to a k, at a scale that changes with it."""
+    return shift / (1.0 - scale * shift) if scale * shift < 1.0 else float(np.inf)
+
+
+def _scale_change(data: FlightData, held: HeldScale) -> float:
+    """Return the relative change of the scale of thrust by the expo, by what holds it."""
+    if held is HeldScale.FULL:
+        return 0.0
+    thrust, by_expo = _per_rotor(data)
+    if held is HeldScale.WEIGHT:
+        return float(by_expo.sum() / thrust.sum())
+    slope = slope_at(thrust, by_expo, _mean_thrust(data))
+    return slope if np.isfinite(slope) else 0.0
+
+
+def _per_rotor(data: FlightData) -> tuple[FloatArray, FloatArray]:
+    """Return thrust and its derivative by the expo, of all rotors and samples in a row."""
+    pairs = [
+        (each.rotor_thrust.ravel(), each.thrust_by_expo.ravel())
+        for each in data.segments
+        if each.rotor_thrust is not None and each.thrust_by_expo is not None
+    ]
+    thrust, by_expo = (np.concatenate(columns) for columns in zip(*pairs, strict=True))
+    return thrust, by_expo
+
+
+def _mean_thrust(data: FlightData) -> float:
+    """Return the mean thrust of a rotor while the vehicle was moved: there its effectiveness is found."""
+    torque = np.concatenate([each.torque for each in data.segments])
+    return mean_while_moved(_collective(data), torque, data.sample_period_s)
+
+
+def _collective(data: FlightData) -> FloatArray:
+    """Return the mean thrust of the rotors, of all samples in a row."""
+    thrust = [each.rotor_thrust for each in data.segments if each.rotor_thrust is not None]
+    return np.concatenate([each.mean(axis=1) for each in thrust])
+
+
+def _normalised(segment: Segment, scale: float) -> Segment:
+    """Take from the derivative by the expo what only changes the scale."""
+    if segment.rotor_thrust is None or segment.thrust_by_expo is None:
+        return segment
+    return replace(segment, thrust_by_expo=segment.thrust_by_expo - scale * segment.rotor_thrust)
+
+
+def _with_effectiveness(curve: ThrustCurve, data: FlightData, shift: float, half_width: float) -> ThrustCurve:
+    """Add how the effectiveness per command changes over the thrust that was flown.
+
+    With F the thrust that the firmware believes, that of the propellers is F + k F', and
+    effectiveness goes with its slope, 1 + k dF'/dF.
+    """
+    thrust, by_expo = _per_rotor(data)
+    middle = _mean_thrust(data)
+    low, high = np.quantile(_collective(data), _FLOWN_QUANTILES)
+    levels = np.linspace(float(low), float(high), _N_POINTS)
+    slopes = np.array([slope_at(thrust, by_expo, float(level)) for level in levels])
+    at_mean = slope_at(thrust, by_expo, middle)
+
+    def relative(k: float) -> FloatArray:
+        return np.asarray((1.0 + k * slopes) / (1.0 + k * at_mean))
+
+    ends = np.stack([relative(shift - half_width), relative(shift + half_width)])
+    return replace(
+        curve,
+        thrust_over_mean=levels / middle,
+        effectiveness=relative(shift),
+        effectiveness_ci95=np.stack([ends.min(axis=0), ends.max(axis=0)], axis=1),
+    )

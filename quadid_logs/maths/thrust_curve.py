@@ -1,0 +1,80 @@
+"""The shape of the thrust curve: thrust is (1 - e) y + e y^2 of the throttle y that the battery leaves.
+
+ArduPilot calls e MOT_THST_EXPO (AP_Motors_Thrust_Linearization.cpp), PX4 THR_MDL_FAC
+(FunctionMotors.hpp); 0 is thrust in proportion to throttle, 1 to its square.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+
+#: A rotor that hardly turns has no thrust that could be wrong.
+_LEAST_THROTTLE: Final = 1e-3
+#: A manoeuvre lasts so long: all of its thrust counts alike [s].
+_MANOEUVRE_S: Final = 5.0
+#: A cubic follows a thrust curve from idle to full throttle to a thousandth.
+_DEGREE: Final = 3
+
+
+def relative_by_expo(throttle: FloatArray, expo: float) -> FloatArray:
+    """Return the derivative of thrust by the expo over thrust, (y - 1) / (1 - e + e y); same shape.
+
+    Parameters
+    ----------
+    throttle : ndarray
+        0 to 1, as the battery leaves it [1].
+    expo : float
+    """
+    y = np.clip(throttle, _LEAST_THROTTLE, None)
+    return np.asarray((y - 1.0) / (1.0 - expo + expo * y), dtype=np.float64)
+
+
+def mean_while_moved(level: FloatArray, torque: FloatArray, period_s: float) -> float:
+    """Return the mean of a level over the manoeuvres, not over what is flown between them.
+
+    Parameters
+    ----------
+    level : ndarray, shape (n,)
+    torque : ndarray, shape (n, n_axes)
+        How hard the vehicle is moved: the mean over five seconds of its squares, each axis over its
+        variance, is the weight.
+    period_s : float
+        Between the rows [s].
+
+    Returns
+    -------
+    float
+    """
+    from scipy.ndimage import uniform_filter1d
+
+    spread = np.var(torque, axis=0)
+    square = np.sum((torque - torque.mean(axis=0)) ** 2 / np.where(spread > 0.0, spread, np.inf), axis=1)
+    weight = uniform_filter1d(square, max(round(_MANOEUVRE_S / period_s), 1))
+    return float(np.average(level, weights=weight if weight.any() else None))
+
+
+def slope_at(x: FloatArray, y: FloatArray, where: float) -> float:
+    """Return the derivative of a smooth function at a point, from its values at many others.
+
+    Parameters
+    ----------
+    x, y : ndarray, shape (n,)
+        Points, and the function there.
+    where : float
+        Within the range of `x`.
+
+    Returns
+    -------
+    float
+        NaN where the points do not vary, or are too few.
+    """
+    spread = float(np.std(x)) if x.size > _DEGREE else 0.0
+    if not spread > 0.0:
+        return float("nan")
+    # About the point and in units of the spread, so that the powers are of one size.
+    coefficients = np.polynomial.polynomial.polyfit((x - where) / spread, y, _DEGREE)
+    return float(coefficients[1]) / spread
