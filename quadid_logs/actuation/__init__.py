@@ -81,9 +81,7 @@ def _logged(log: CleanLog) -> tuple[CleanSeries, ...]:
     return (*log.sources("torque_command"), *log.sources("torque_n_m"))
 
 
-def _commands(
-    log: CleanLog, rebuilt: Rebuilt, airframe: Airframe
-) -> tuple[TorqueSeries, ...]:
+def _commands(log: CleanLog, rebuilt: Rebuilt, airframe: Airframe) -> tuple[TorqueSeries, ...]:
     """Return the normalised torques, rebuilt and logged, in their order of preference."""
     achieved = [one for one in rebuilt.series if one.achieved]
     commanded = [one for one in rebuilt.series if not one.achieved]

@@ -51,7 +51,7 @@ class Scaled:
 
     calibration: Calibration
     thrust_of: ThrustOf | None
-    held: HeldScale | None
+    held: HeldScale | None = None
     position: FloatArray | None
     remarks: tuple[str, ...]
     refused: tuple[str, ...]

@@ -8,11 +8,11 @@ from typing import Protocol
 import numpy as np
 
 from quadid_logs.actuation.airframe import Airframe, Unknown
-from quadid_logs.maths.thrust_curve import mean_while_moved, slope_at
 from quadid_logs.align.series import CleanLog, CleanSeries, TorqueSeries
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.torque import AssumedExpo, MixerCheck
+from quadid_logs.maths.thrust_curve import slope_at
 
 
 def any_motor(limited: BoolArray) -> BoolArray:
@@ -151,14 +151,14 @@ class MotorSeries:
     def _yaw_with_command(self, per_thrust: FloatArray) -> FloatArray:
         """Return yaw that goes with thrust times motor command, as yaw command at the thrust it is used at.
 
-        A unit of it does what a small unit of command does at the mean thrust while the vehicle yaws:
-        there the effectiveness is found.
+        A unit of it does what a small unit of command does at the mean thrust, weighted by the square
+        of the command as least squares is: there the effectiveness is found.
         """
         drag, rows = self.command_thrust * self.actuator, self.flown
-        thrust, yaw = self.command_thrust[rows], self.command[rows, 2:]
-        if not rows.any() or not np.isfinite(yaw).all():
+        thrust, yaw = self.command_thrust[rows], self.command[rows, 2]
+        if not (np.isfinite(yaw).all() and yaw.any()):
             return self.command[:, 2]
-        where = mean_while_moved(thrust.mean(axis=1), yaw, self.base.period_s)
+        where = float(np.average(thrust.mean(axis=1), weights=yaw**2))
         slope = slope_at(thrust.ravel(), drag[rows].ravel(), where)
         return drag @ per_thrust / slope if slope > 0.0 else self.command[:, 2]
 

@@ -440,6 +440,14 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Analyze the flights by themselves: without --pool, or with --start-s and --end-s.",
             ),
             _entry(
+                "QL530",
+                "The thrust curve is not the one that the autopilot assumes",
+                "How the effectiveness changes with thrust shows another expo than the parameter says. "
+                "The torque was rebuilt with the expo that was found, so that the effectiveness holds at the "
+                "mean thrust of the manoeuvre. For the autopilot, the loop gain changes with throttle.",
+                "Set the expo of the thrust curve to the value found; check the tuning with small inputs.",
+            ),
+            _entry(
                 "QL512",
                 "The inertia is implausible for a multirotor",
                 "A body's largest moment of inertia is at most the sum of the other two, and a "

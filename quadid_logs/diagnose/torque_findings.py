@@ -10,7 +10,7 @@ import numpy as np
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.flight import FlightData, InputDescription
 from quadid_logs.data.log import FlightLog
-from quadid_logs.data.model import Identification, Inertia
+from quadid_logs.data.model import Identification, Inertia, ThrustCurve
 from quadid_logs.data.torque import Calibration, TorqueModel
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.diagnose.findings import finding, rounded
@@ -46,6 +46,8 @@ def find_in_torque(log: FlightLog, data: FlightData, identification: Identificat
         yield finding("QL308", "info", {"why": list(model.refused)})
     if data.segments:
         yield from _saturation(model, data.input)
+    if identification.thrust_curve is not None and identification.thrust_curve.corrected:
+        yield _other_expo(identification.thrust_curve)
     best = identification.recommended
     if best is not None and best.inertia is not None:
         yield from _inertia(best.inertia, data.input.calibration)
@@ -107,6 +109,23 @@ def _saturation(model: TorqueModel, given: InputDescription) -> Iterator[Finding
         {"fraction_of_flight": limited, "torque": "as achieved" if given.achieved else "as commanded"},
         axes=often,
     )
+
+
+def _other_expo(curve: ThrustCurve) -> Finding:
+    """Return the finding that the autopilot's thrust curve is not that of the propellers."""
+    evidence = {
+        "expo": rounded(curve.expo, 3),
+        "expo_ci95": [rounded(end, 3) for end in curve.ci95],
+        "parameter": curve.parameter,
+        "assumed": rounded(curve.assumed, 3),
+        "effectiveness_over_flown_thrust": [rounded(float(end), 3) for end in curve.effectiveness[[0, -1]]],
+    }
+    wanted = min(max(curve.expo, 0.0), 1.0)
+    advice = (
+        f"Set {curve.parameter} to {wanted:.2f} (it is {curve.assumed:.2g}): then the loop gain no longer "
+        "changes with throttle. The gain at hover changes with it: check the tuning with small inputs first."
+    )
+    return finding("QL530", "info", evidence, advice=advice)
 
 
 def _inertia(inertia: Inertia, calibration: Calibration) -> Iterator[Finding]:

@@ -15,7 +15,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.maths.thrust_curve import mean_while_moved, slope_at
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData, InputDescription, Segment
 from quadid_logs.data.model import ThrustCurve
@@ -27,11 +26,18 @@ from quadid_logs.identify.excitation import excited_axes
 from quadid_logs.identify.fit import explained_fraction
 from quadid_logs.identify.inference import TorqueUnknowns, clusters_of, covariance_95, torque_effects
 from quadid_logs.identify.instruments import Projection
-from quadid_logs.identify.rotors import MOST_ASYMMETRIC, Rotors, rotor_slopes, rotors_known, with_lag_on_rotors
+from quadid_logs.identify.rotors import (
+    MOST_ASYMMETRIC,
+    Rotors,
+    rotor_slopes,
+    rotors_known,
+    with_lag_on_rotors,
+)
 from quadid_logs.identify.structures import DAMPED
 from quadid_logs.identify.terms import TRIM
 from quadid_logs.identify.torque_errors import battery_errors, sampling_errors, torques_by_expo
 from quadid_logs.maths.least_squares import Equation
+from quadid_logs.maths.thrust_curve import mean_while_moved, slope_at
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, TORQUE_SYMBOLS
 
 #: Thrust stands show curves that leave the parabola by one or two hundredths of full thrust: the best
@@ -70,7 +76,9 @@ class _Point(NamedTuple):
             self.shift + by["expo"],
             float(np.clip(self.lag_s + by.get("lag", 0.0), 0.0, MAX_LAG_S)),
             float(np.clip(self.delay_s + by["delay"], 0.0, MAX_DELAY_S)),
-            None if asymmetry is None else float(np.clip(asymmetry + by.get("asymmetry", 0.0), -limit, limit)),
+            None
+            if asymmetry is None
+            else float(np.clip(asymmetry + by.get("asymmetry", 0.0), -limit, limit)),
         )
 
 
@@ -120,8 +128,10 @@ class _Search:
             rotors = Rotors.of(max(lag_s, _LEAST_LAG_S), point.log_asymmetry)
             shaped = with_lag_on_rotors(base, self.described, rotors)
             slopes = rotor_slopes(base, self.described, rotors)
-        by_expo = design.torque.replaced(torques_by_expo(design.chunks, self.described)).behind(lag_s, delay_s)
-        # Squares of thrust follow from no set-point linearly: what they make of the torque instruments itself.
+        by_expo = design.torque.replaced(torques_by_expo(design.chunks, self.described)).behind(
+            lag_s, delay_s
+        )
+        # Squares of thrust follow from no set-point linearly: they are instruments themselves.
         project = Projection(design, DAMPED, train, also=by_expo)
         names = [name for name in (*DAMPED.columns, *design.disturbances(DAMPED)) if name != TRIM.symbol]
         columns = shaped.stack(names, shaped.torque.behind(lag_s, delay_s))[train]
@@ -140,7 +150,9 @@ class _Search:
         basis, _ = np.linalg.qr(linear.fixed)
         parts = []
         for axis, weight in zip(self.axes, self._weight(linear), strict=True):
-            both = np.column_stack([*(each[:, axis] for each in linear.shared.values()), linear.residual[:, axis]])
+            both = np.column_stack(
+                [*(each[:, axis] for each in linear.shared.values()), linear.residual[:, axis]]
+            )
             parts.append(weight * (both - basis @ (basis.T @ both)))
         rows = np.concatenate(parts)
         scale = np.linalg.norm(rows[:, :-1], axis=0)
@@ -252,7 +264,9 @@ def _search(design: Design, described: InputDescription) -> _Found:
     """Search on the axes whose motion the model explains, with the lag where it explains them better."""
     axes = [axis for axis in excited_axes(design) if axis in _TILTING]
     while axes:
-        search = _Search(design=design, described=described, axes=axes, start=fit_actuator(design, DAMPED, axes))
+        search = _Search(
+            design=design, described=described, axes=axes, start=fit_actuator(design, DAMPED, axes)
+        )
         point, linear = search.least(on_rotors=False)
         if search.start.lag_s >= _LEAST_LAG_S:
             other = search.least(on_rotors=True)
@@ -264,7 +278,9 @@ def _search(design: Design, described: InputDescription) -> _Found:
         if informative == axes:
             return _Found(point.shift, search.half_width(point, linear))
         axes = informative
-    return _Found(0.0, np.inf, "roll and pitch move too little, or the model explains too little of how they do")
+    return _Found(
+        0.0, np.inf, "roll and pitch move too little, or the model explains too little of how they do"
+    )
 
 
 def _judged(expo: AssumedExpo, found: _Found, scale: float) -> tuple[ThrustCurve, float, float]:

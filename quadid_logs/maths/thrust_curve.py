@@ -16,8 +16,8 @@ from quadid_logs.arrays import FloatArray
 _LEAST_THROTTLE: Final = 1e-3
 #: A manoeuvre lasts so long: all of its thrust counts alike [s].
 _MANOEUVRE_S: Final = 5.0
-#: A cubic follows a thrust curve from idle to full throttle to a thousandth.
-_DEGREE: Final = 3
+#: The slope of this polynomial is that of a thrust curve, from idle to full throttle, to a thousandth.
+_DEGREE: Final = 5
 
 
 def relative_by_expo(throttle: FloatArray, expo: float) -> FloatArray:

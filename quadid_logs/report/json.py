@@ -23,6 +23,7 @@ from quadid_logs.data.model import (
     Inertia,
     Model,
     Parameter,
+    ThrustCurve,
     Validation,
     Windows,
 )
@@ -98,6 +99,7 @@ def _content(result: Result, provenance: Provenance | None) -> dict[str, Any]:
         "findings": [finding_dict(finding) for finding in result.diagnosis.findings],
         "closed_loop": None if result.closed_loop is None else closed_loop_dict(result.closed_loop),
         "excitation": {item.axis: _excitation(item) for item in result.identification.excitation},
+        "thrust_curve": _thrust_curve(result.identification.thrust_curve),
         "skipped": result.identification.skipped,
         "timings_s": _timings(result),
         "settings": settings_of(result.settings),
@@ -233,6 +235,23 @@ def _parameter(parameter: Parameter, given: InputDescription | None) -> dict[str
     if calibration_half_width(parameter, given):
         content["ci95_flight"] = flight_interval(parameter, given)
     return content
+
+
+def _thrust_curve(curve: ThrustCurve | None) -> dict[str, Any] | None:
+    """Return ``thrust_curve``: None where the torque was rebuilt from no assumed curve."""
+    if curve is None:
+        return None
+    return {
+        "expo": {"value": curve.expo, "ci95": curve.ci95},
+        "assumed": curve.assumed,
+        "parameter": curve.parameter,
+        "identifiable": curve.identifiable,
+        "reason": curve.reason,
+        "corrected": curve.corrected,
+        "thrust_over_mean": curve.thrust_over_mean,
+        "effectiveness": curve.effectiveness,
+        "effectiveness_ci95": curve.effectiveness_ci95,
+    }
 
 
 def _model(model: Model, given: InputDescription | None) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from quadid_logs.identify.structures import STRUCTURES
 from quadid_logs.report.cells import Cell, Table
 from quadid_logs.report.inertia_table import comparison_rows
 from quadid_logs.report.numbers import interval, number, resolved
+from quadid_logs.report.thrust_table import thrust_table
 from quadid_logs.report.verdict import input_unit, refused_axes
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS
@@ -29,7 +30,7 @@ _WORDS = {term.symbol: term.words for structure in STRUCTURES for term in struct
 
 
 def model_tables(result: Result, model: Model) -> tuple[Table, ...]:
-    """Return B, A and, where it is known, the inertia tensor."""
+    """Return B, A and, where they are known, the inertia tensor and the thrust curve."""
     unit = "N m" if input_unit(result) == "N m" else "unit of normalised command"
     distrusted = frozenset(
         target for target, no in zip(ACCELERATION_SYMBOLS, refused_axes(result), strict=True) if no
@@ -42,6 +43,9 @@ def model_tables(result: Result, model: Model) -> tuple[Table, ...]:
     if model.inertia is not None:
         tables.append(_inertia(model.inertia, refused_axes(result)))
         tables.append(_published(model.inertia, result))
+    curve = result.identification.thrust_curve
+    if curve is not None and curve.effectiveness.size:
+        tables.append(thrust_table(curve))
     return tuple(tables)
 
 

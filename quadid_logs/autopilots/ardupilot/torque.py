@@ -10,7 +10,6 @@ import numpy as np
 
 from quadid_logs.actuation.airframe import Airframe
 from quadid_logs.actuation.motors import MotorSeries, Rebuilt, any_motor, on_all_axes
-from quadid_logs.maths.thrust_curve import relative_by_expo
 from quadid_logs.align.series import CleanLog, CleanSeries
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.autopilots.ardupilot.airframe import motor_prefix
@@ -26,6 +25,7 @@ from quadid_logs.autopilots.ardupilot.mixer import (
     voltage_effective,
 )
 from quadid_logs.data.torque import AssumedExpo, DensityLaw, MixerCheck
+from quadid_logs.maths.thrust_curve import relative_by_expo
 
 #: A fitted gain explains the outputs better than a known one by chance: rounding leaves 0.05 us.
 _HANDICAP_US = 1.0

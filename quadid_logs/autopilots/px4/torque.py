@@ -14,10 +14,10 @@ import numpy as np
 
 from quadid_logs.actuation.airframe import Airframe
 from quadid_logs.actuation.motors import MotorSeries, Rebuilt, any_motor, on_all_axes
-from quadid_logs.maths.thrust_curve import relative_by_expo
 from quadid_logs.align.series import CleanLog, CleanSeries
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.torque import AssumedExpo
+from quadid_logs.maths.thrust_curve import relative_by_expo
 
 #: Single precision of the allocation is 1e-7; a thousandth of full command is a limit at work.
 _LIMITED = 1e-3

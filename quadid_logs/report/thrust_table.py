@@ -1,0 +1,56 @@
+"""The expo of the thrust curve, and the effectiveness against thrust, as a table."""
+
+from __future__ import annotations
+
+from quadid_logs.data.model import ThrustCurve
+from quadid_logs.report.cells import Cell, Table
+from quadid_logs.report.numbers import estimate, interval, number, percent, resolved
+from quadid_logs.untrusted import printable
+
+
+def thrust_table(curve: ThrustCurve) -> Table:
+    """Return how the effectiveness per unit of command changes over the thrust that was flown.
+
+    Parameters
+    ----------
+    curve : ThrustCurve
+
+    Returns
+    -------
+    Table
+    """
+    levels = zip(curve.thrust_over_mean, curve.effectiveness, curve.effectiveness_ci95, strict=True)
+    rows = tuple(
+        (
+            Cell(text=percent(float(thrust))),
+            Cell(
+                text=resolved(float(value), float(low), float(high)),
+                detail=interval(float(low), float(high)),
+                weak=not curve.identifiable,
+            ),
+        )
+        for thrust, value, (low, high) in levels
+    )
+    return Table(
+        caption="Effectiveness per unit of command against thrust",
+        head=("thrust over its mean while the vehicle was moved", "effectiveness over that at the mean"),
+        rows=rows,
+        note=f"{_sentence(curve)} Thrust beyond these rows was not flown.",
+    )
+
+
+def _sentence(curve: ThrustCurve) -> str:
+    """Say what the expo is, and what the autopilot takes it for."""
+    name = printable(curve.parameter, 40)
+    if not curve.identifiable:
+        return (
+            f"The expo of the thrust curve cannot be told from this flight: {printable(curve.reason)}. "
+            f"{name} is {number(curve.assumed, 2)}, which the intervals take for uncertain."
+        )
+    value = estimate(curve.expo, *curve.ci95)
+    if curve.corrected:
+        return (
+            f"The propellers' expo is {value}, but {name} is {number(curve.assumed, 2)}: "
+            "the torque was rebuilt with what was found."
+        )
+    return f"The propellers' expo is {value}, which agrees with {name}, {number(curve.assumed, 2)}."
