@@ -58,10 +58,11 @@ def reconstruct(log: CleanLog, autopilot: Mixing, vehicle: Vehicle | None = None
     rebuilt = autopilot.rebuild(log, airframe)
     series = rebuilt.series
     speed = from_rotor_speed(log, airframe, series[0] if series else None)
+    # A thrust stand's curve is over the motor command, which a speed does not tell.
+    measured = speed.fast and (vehicle is None or vehicle.thrust_curve is None)
     if speed.series is not None:
-        # Last: that thrust goes with the square of the speed is assumed, and telemetry is slow and late.
-        series = (*series, speed.series)
-    scaled = calibrate(log, airframe, vehicle, rebuilt.series)
+        series = (speed.series, *series) if measured else (*series, speed.series)
+    scaled = calibrate(log, airframe, vehicle, series if measured else rebuilt.series)
     refused = (*airframe.refused, *scaled.refused)
     model = replace(
         _model(airframe, scaled, rebuilt, series),
@@ -70,7 +71,7 @@ def reconstruct(log: CleanLog, autopilot: Mixing, vehicle: Vehicle | None = None
         remarks=(*airframe.remarks, *rebuilt.remarks, *_mistrust(rebuilt), *scaled.remarks, *refused),
     )
     sources = (
-        *_commands(log, replace(rebuilt, series=series), airframe),
+        *_commands(log, replace(rebuilt, series=series), airframe, n_first=measured + rebuilt.trusted),
         *_in_newton_metres(log, series, airframe, scaled, rebuilt.expo),
     )
     return Torques(model, tuple(one.possible() for one in sources))
@@ -81,20 +82,23 @@ def _logged(log: CleanLog) -> tuple[CleanSeries, ...]:
     return (*log.sources("torque_command"), *log.sources("torque_n_m"))
 
 
-def _commands(log: CleanLog, rebuilt: Rebuilt, airframe: Airframe) -> tuple[TorqueSeries, ...]:
+def _commands(
+    log: CleanLog, rebuilt: Rebuilt, airframe: Airframe, *, n_first: int
+) -> tuple[TorqueSeries, ...]:
     """Return the normalised torques, rebuilt and logged, in their order of preference."""
     achieved = [one for one in rebuilt.series if one.achieved]
     commanded = [one for one in rebuilt.series if not one.achieved]
     logged = [_as_commanded(log, one, airframe) for one in log.sources("torque_command")]
     if logged:
         # Where the mixer is not believed, the motors were limited all the same where theirs is found to be.
-        told = commanded or ([] if rebuilt.trusted else achieved)
+        told = commanded or (
+            [] if rebuilt.trusted else [one for one in achieved if one.saturated is not None]
+        )
         logged[0] = replace(logged[0], saturated=told[0].marks if told else None)
     if logged and commanded and logged[0].rotor_thrust is not None and commanded[0].by_expo is not None:
         by_expo = logged[0].rotor_thrust * commanded[0].by_expo
         logged[0] = replace(logged[0], thrust_by_expo=by_expo, expo=rebuilt.expo)
     # What the motors did comes before what was commanded; slower outputs are the second opinion.
-    n_first = 1 if rebuilt.trusted else 0
     made = [one.as_command(airframe, rebuilt.expo) for one in achieved]
     return (*made[:n_first], *logged, *made[n_first:])
 

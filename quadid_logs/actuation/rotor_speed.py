@@ -1,9 +1,9 @@
-"""Thrust from measured rotor speeds."""
+"""Thrust from measured rotor speeds: battery, thrust curve, motor lag and saturation are in them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from quadid_logs.actuation.airframe import Airframe
 from quadid_logs.actuation.motors import MotorSeries
 from quadid_logs.align.series import CleanLog, CleanSeries
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
+from quadid_logs.maths.thrust_curve import mean_while_moved, slope_at
 
 #: Speeds that a rotor in flight cannot fall below or exceed [rad/s]; 100 and 100 000 rpm.
 _SPEEDS: Final = (10.0, 10_500.0)
@@ -20,17 +21,40 @@ _LEAST_SPREAD: Final = 1e-3
 _COMPUTED: Final = 0.9995
 #: Below this the speeds belong to other rotors, or their clock is off.
 _UNLIKE: Final = 0.5
-#: Telemetry is this much older than its stamp, or less [s].
-_AGES_S: Final = (0.0, 0.0025, 0.005, 0.01, 0.02, 0.04, 0.08)
+#: Telemetry is this much older than its stamp, or less, the rotor's dead time included [s].
+_AGES_S: Final = (0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08)
+#: Steps about the best of these [s].
+_FINER_S: Final = (-0.0075, -0.005, -0.0025, 0.0025, 0.005, 0.0075)
+#: Lags of rotor speeds on commands, as published [s].
+_LAGS_S: Final = (0.0, 0.005, 0.01, 0.015, 0.02, 0.03, 0.04, 0.055, 0.075, 0.1)
 _FEW_ROWS: Final = 20
+#: Ages and lags differ by what this many rows tell well enough.
+_ENOUGH_ROWS: Final = 4000
+#: A little slower than the commands is as good, and no rate loop needs more than this [Hz].
+_MOST_LOST, _FAST_HZ = 0.8, 400.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RotorSpeed:
-    """What the ESCs' speeds are, in words, and the thrust series if they are measurements."""
+    """What the ESCs' speeds are, in words, and the thrust series if they are measurements.
+
+    ``fast``: as dense as the commands, so that they are the better input.
+    """
 
     verdict: str = ""
     series: MotorSeries | None = None
+    fast: bool = False
+
+
+class _Match(NamedTuple):
+    """By how much telemetry is late [s], how well it then follows, and thrust as the commands have it there.
+
+    ``thrust`` (n_rows, n_rotors) lags as the rotors do.
+    """
+
+    age_s: float
+    likeness: float
+    thrust: FloatArray
 
 
 def from_rotor_speed(log: CleanLog, airframe: Airframe, reference: MotorSeries | None) -> RotorSpeed:
@@ -46,6 +70,8 @@ def from_rotor_speed(log: CleanLog, airframe: Airframe, reference: MotorSeries |
     Returns
     -------
     RotorSpeed
+        Its stamps are those of the commands that the speeds answer: a rotor's dead time is found again
+        as a delay of the torque, the age of telemetry is not.
     """
     signal = log.first("rotor_speed")
     if signal is None:
@@ -58,33 +84,47 @@ def from_rotor_speed(log: CleanLog, airframe: Airframe, reference: MotorSeries |
     up = np.asarray(log.flown(signal.time_s, np.nan_to_num(speed).mean(axis=1)) & believable, np.bool_)
     if np.count_nonzero(up) < _FEW_ROWS or np.ptp(speed[up]) < _LEAST_SPREAD * speed[up].mean():
         return RotorSpeed(verdict=f"{signal.source}: zero or constant in flight, not used")
-    likeness, row = max(
-        (_likeness(speed[up], signal.time_s[up] - age_s, reference) for age_s in _AGES_S),
-        key=lambda found: found[0],
-    )
-    if likeness > _COMPUTED:
+    if _is_computed(speed[up], signal.time_s[up], reference):
         return RotorSpeed(verdict=f"{signal.source}: computed from the command, not measured; not used")
-    if likeness < _UNLIKE:
+    match = _match(speed[up], signal.time_s[up], reference)
+    if match.likeness < _UNLIKE:
         return RotorSpeed(
             verdict=f"{signal.source}: not used, it does not follow the commanded thrust "
-            f"(correlation {likeness:.2f})"
+            f"(correlation {match.likeness:.2f})"
         )
-    thrust = float(reference.thrust[row].mean() / np.mean(speed[up] ** 2)) * speed**2
+    needed_hz = _MOST_LOST * min(reference.base.rate_hz, _FAST_HZ)
+    fast = signal.rate_hz >= needed_hz
+    use = (
+        "" if fast else f"; {signal.rate_hz:.3g} Hz are too slow for the input, {needed_hz:.3g} Hz are needed"
+    )
     return RotorSpeed(
-        verdict=f"{signal.source}: follows the commanded thrust (correlation {likeness:.3f})",
-        series=_of_thrust(signal, thrust, up, airframe, reference),
+        verdict=f"{signal.source}: follows the commanded thrust (correlation {match.likeness:.3f}){use}",
+        series=_of_speed(signal, speed, up, airframe, reference, match),
+        fast=fast,
     )
 
 
-def _of_thrust(
-    signal: CleanSeries, thrust: FloatArray, flown: BoolArray, airframe: Airframe, reference: MotorSeries
+def _of_speed(
+    signal: CleanSeries,
+    speed: FloatArray,
+    flown: BoolArray,
+    airframe: Airframe,
+    reference: MotorSeries,
+    match: _Match,
 ) -> MotorSeries:
-    """Return the series of a thrust (n_samples, n_rotors), with the reference's scale of the command."""
+    """Return the series of the squares of speeds (n_samples, n_rotors), on the scale of the commands."""
+    square = speed**2
+    thrust = float(match.thrust.mean() / square[flown].mean()) * square
     per_thrust = airframe.command_per_thrust
     # By how much the reference's thrust was raised against battery and air.
     gain = _slope(reference.command[reference.flown], reference.thrust[reference.flown] @ per_thrust.T)
+    # A unit of command is a change of thrust, which need not be in proportion to thrust.
+    moved = reference.thrust[reference.flown].mean(axis=1), reference.command[reference.flown]
+    where = mean_while_moved(*moved, reference.base.period_s)
+    slope = slope_at(match.thrust.ravel(), thrust[flown].ravel(), where)
+    gain *= slope if slope > 0.0 else 1.0
     return MotorSeries(
-        base=signal,
+        base=replace(signal, time_s=signal.time_s - match.age_s),
         thrust=thrust,
         command_thrust=thrust / gain,
         actuator=np.sqrt(np.clip(thrust, 0.0, 1.0)),
@@ -92,19 +132,59 @@ def _of_thrust(
         saturated=None,
         flown=flown,
         source=f"{signal.source} squared",
-        reason="measured rotor speeds: lag and saturation are in them",
+        reason="measured rotor speeds: lag, battery, thrust curve and saturation are in them",
         achieved=True,
     )
 
 
-def _likeness(speed: FloatArray, time_s: FloatArray, reference: MotorSeries) -> tuple[float, IntArray]:
-    """Return how well speeds follow command or thrust, and the rows of the reference at their times."""
-    row = np.maximum(reference.base.last_before(time_s), 0)
-    both = (
-        _correlation(speed, reference.actuator[row]),
-        _correlation(speed**2, reference.thrust[row]),
+def _match(speed: FloatArray, time_s: FloatArray, reference: MotorSeries) -> _Match:
+    """Find the age of telemetry and the lag of the rotors with which commands follow best."""
+    few = _some(time_s)
+    target = np.sqrt(np.clip(np.nan_to_num(reference.thrust), 0.0, None))
+    lags = [_lagged(target, reference.base.period_s, lag_s) for lag_s in _LAGS_S]
+
+    def match(lagged: FloatArray, age_s: float) -> _Match:
+        row = _row(time_s[few] - age_s, reference)
+        return _Match(age_s, _correlation(speed[few], lagged[row]), lagged)
+
+    best = max((match(lagged, age_s) for lagged in lags for age_s in _AGES_S), key=lambda one: one.likeness)
+    ages_s = [best.age_s + step_s for step_s in (0.0, *_FINER_S) if best.age_s + step_s >= 0.0]
+    best = max((match(lagged, age_s) for lagged in lags for age_s in ages_s), key=lambda one: one.likeness)
+    return best._replace(thrust=best.thrust[_row(time_s - best.age_s, reference)] ** 2)
+
+
+def _some(time_s: FloatArray) -> slice:
+    """Return as many rows as tell an age and a lag."""
+    return slice(None, None, max(1, len(time_s) // _ENOUGH_ROWS))
+
+
+def _lagged(target: FloatArray, period_s: float, lag_s: float) -> FloatArray:
+    """Return speeds that approach held targets exponentially; shape of `target`."""
+    if not lag_s:
+        return target
+    from scipy.signal import lfilter
+
+    decay = float(np.exp(-period_s / lag_s))
+    start = decay * target[:1]
+    return np.asarray(lfilter([1.0 - decay], [1.0, -decay], target, axis=0, zi=start)[0], dtype=np.float64)
+
+
+def _row(time_s: FloatArray, reference: MotorSeries) -> IntArray:
+    """Return the rows of the reference at some times."""
+    return np.maximum(reference.base.last_before(time_s), 0)
+
+
+def _is_computed(speed: FloatArray, time_s: FloatArray, reference: MotorSeries) -> bool:
+    """Say whether speeds follow command or thrust as if no rotor lagged and nothing was measured."""
+    few = _some(time_s)
+    rows = [
+        _row(time_s[few] - age_s, reference) for age_s in (*_AGES_S, *(-step_s for step_s in _FINER_S[:3]))
+    ]
+    return any(
+        _correlation(speed[few], reference.actuator[row]) > _COMPUTED
+        or _correlation(speed[few] ** 2, reference.thrust[row]) > _COMPUTED
+        for row in rows
     )
-    return max(both), row
 
 
 def _correlation(one: FloatArray, other: FloatArray) -> float:
