@@ -193,8 +193,9 @@ def _correlation(one: FloatArray, other: FloatArray) -> float:
     n_rows = np.maximum(both.sum(axis=0), 1)
     means = (np.where(both, values, 0.0).sum(axis=0) / n_rows for values in (one, other))
     a, b = ((values - mean)[both] for values, mean in zip((one, other), means, strict=True))
-    size = float(np.sqrt((a @ a) * (b @ b)))
-    return float(a @ b) / size if size > 0.0 else 0.0
+    # Sums, not products of vectors: BLAS would start threads for each of many short ones.
+    size = float(np.sqrt(np.sum(a * a) * np.sum(b * b)))
+    return float(np.sum(a * b)) / size if size > 0.0 else 0.0
 
 
 def _slope(one: FloatArray, other: FloatArray) -> float:
