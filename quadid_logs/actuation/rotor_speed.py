@@ -23,15 +23,16 @@ _COMPUTED: Final = 0.9995
 _UNLIKE: Final = 0.5
 #: Telemetry is this much older than its stamp, or less, the rotor's dead time included [s].
 _AGES_S: Final = (0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08)
-#: Steps about the best of these [s].
-_FINER_S: Final = (-0.0075, -0.005, -0.0025, 0.0025, 0.005, 0.0075)
+#: Steps of age and of lag about the best of these [s].
+_FINER_S: Final = (-0.0075, -0.005, -0.0025, 0.0, 0.0025, 0.005, 0.0075)
 #: Lags of rotor speeds on commands, as published [s].
 _LAGS_S: Final = (0.0, 0.005, 0.01, 0.015, 0.02, 0.03, 0.04, 0.055, 0.075, 0.1)
 _FEW_ROWS: Final = 20
 #: Ages and lags differ by what this many rows tell well enough.
 _ENOUGH_ROWS: Final = 4000
-#: A little slower than the commands is as good, and no rate loop needs more than this [Hz].
-_MOST_LOST, _FAST_HZ = 0.8, 400.0
+#: A little slower than the commands is as good, and no rate loop needs more than this [Hz]; below the
+#: last, the torque between two samples is a guess.
+_MOST_LOST, _FAST_HZ, _LEAST_HZ = 0.8, 400.0, 40.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -47,14 +48,11 @@ class RotorSpeed:
 
 
 class _Match(NamedTuple):
-    """By how much telemetry is late [s], how well it then follows, and thrust as the commands have it there.
-
-    ``thrust`` (n_rows, n_rotors) lags as the rotors do.
-    """
+    """By how much telemetry is late, with which lag it follows the commands [s], and how well."""
 
     age_s: float
+    lag_s: float
     likeness: float
-    thrust: FloatArray
 
 
 def from_rotor_speed(log: CleanLog, airframe: Airframe, reference: MotorSeries | None) -> RotorSpeed:
@@ -84,47 +82,58 @@ def from_rotor_speed(log: CleanLog, airframe: Airframe, reference: MotorSeries |
     up = np.asarray(log.flown(signal.time_s, np.nan_to_num(speed).mean(axis=1)) & believable, np.bool_)
     if np.count_nonzero(up) < _FEW_ROWS or np.ptp(speed[up]) < _LEAST_SPREAD * speed[up].mean():
         return RotorSpeed(verdict=f"{signal.source}: zero or constant in flight, not used")
-    if _is_computed(speed[up], signal.time_s[up], reference):
+    target = np.sqrt(np.clip(np.nan_to_num(reference.thrust), 0.0, None))
+    match = _match(speed[up], target, signal.time_s[up], reference)
+    if _is_computed(speed[up], signal.time_s[up], reference, match.likeness):
         return RotorSpeed(verdict=f"{signal.source}: computed from the command, not measured; not used")
-    match = _match(speed[up], signal.time_s[up], reference)
     if match.likeness < _UNLIKE:
         return RotorSpeed(
             verdict=f"{signal.source}: not used, it does not follow the commanded thrust "
             f"(correlation {match.likeness:.2f})"
         )
-    needed_hz = _MOST_LOST * min(reference.base.rate_hz, _FAST_HZ)
+    rates_hz = (reference.base.rate_hz, *(each.rate_hz for each in log.sources("torque_command")))
+    needed_hz = max(_MOST_LOST * min(max(rates_hz), _FAST_HZ), _LEAST_HZ)
     fast = signal.rate_hz >= needed_hz
     use = (
         "" if fast else f"; {signal.rate_hz:.3g} Hz are too slow for the input, {needed_hz:.3g} Hz are needed"
     )
     return RotorSpeed(
         verdict=f"{signal.source}: follows the commanded thrust (correlation {match.likeness:.3f}){use}",
-        series=_of_speed(signal, speed, up, airframe, reference, match),
+        series=_of_speed(signal, speed, up, airframe, _Commanded.of(reference, target, match)),
         fast=fast,
     )
 
 
+class _Commanded(NamedTuple):
+    """The series that was commanded, its thrust behind the rotors' lag, and the age of telemetry [s]."""
+
+    series: MotorSeries
+    thrust: FloatArray
+    age_s: float
+
+    @classmethod
+    def of(cls, series: MotorSeries, target: FloatArray, match: _Match) -> _Commanded:
+        """Let the speeds that are commanded lag as they were found to."""
+        return cls(series, _lagged(target, series.base.period_s, match.lag_s) ** 2, match.age_s)
+
+
 def _of_speed(
-    signal: CleanSeries,
-    speed: FloatArray,
-    flown: BoolArray,
-    airframe: Airframe,
-    reference: MotorSeries,
-    match: _Match,
+    signal: CleanSeries, speed: FloatArray, flown: BoolArray, airframe: Airframe, commanded: _Commanded
 ) -> MotorSeries:
     """Return the series of the squares of speeds (n_samples, n_rotors), on the scale of the commands."""
-    square = speed**2
-    thrust = float(match.thrust.mean() / square[flown].mean()) * square
+    reference, square = commanded.series, speed**2
+    expected = commanded.thrust[_row(signal.time_s[flown] - commanded.age_s, reference)]
+    thrust = float(expected.mean() / square[flown].mean()) * square
     per_thrust = airframe.command_per_thrust
     # By how much the reference's thrust was raised against battery and air.
     gain = _slope(reference.command[reference.flown], reference.thrust[reference.flown] @ per_thrust.T)
     # A unit of command is a change of thrust, which need not be in proportion to thrust.
     moved = reference.thrust[reference.flown].mean(axis=1), reference.command[reference.flown]
     where = mean_while_moved(*moved, reference.base.period_s)
-    slope = slope_at(match.thrust.ravel(), thrust[flown].ravel(), where)
+    slope = slope_at(expected.ravel(), thrust[flown].ravel(), where)
     gain *= slope if slope > 0.0 else 1.0
     return MotorSeries(
-        base=replace(signal, time_s=signal.time_s - match.age_s),
+        base=replace(signal, time_s=signal.time_s - commanded.age_s),
         thrust=thrust,
         command_thrust=thrust / gain,
         actuator=np.sqrt(np.clip(thrust, 0.0, 1.0)),
@@ -137,20 +146,22 @@ def _of_speed(
     )
 
 
-def _match(speed: FloatArray, time_s: FloatArray, reference: MotorSeries) -> _Match:
-    """Find the age of telemetry and the lag of the rotors with which commands follow best."""
+def _match(measured: FloatArray, target: FloatArray, time_s: FloatArray, reference: MotorSeries) -> _Match:
+    """Find the age of telemetry and the lag with which targets, on the reference's rows, fit best."""
     few = _some(time_s)
-    target = np.sqrt(np.clip(np.nan_to_num(reference.thrust), 0.0, None))
-    lags = [_lagged(target, reference.base.period_s, lag_s) for lag_s in _LAGS_S]
 
-    def match(lagged: FloatArray, age_s: float) -> _Match:
+    def match(lag_s: float, age_s: float) -> _Match:
         row = _row(time_s[few] - age_s, reference)
-        return _Match(age_s, _correlation(speed[few], lagged[row]), lagged)
+        return _Match(age_s, lag_s, _correlation(measured[few], lagged[lag_s][row]))
 
-    best = max((match(lagged, age_s) for lagged in lags for age_s in _AGES_S), key=lambda one: one.likeness)
-    ages_s = [best.age_s + step_s for step_s in (0.0, *_FINER_S) if best.age_s + step_s >= 0.0]
-    best = max((match(lagged, age_s) for lagged in lags for age_s in ages_s), key=lambda one: one.likeness)
-    return best._replace(thrust=best.thrust[_row(time_s - best.age_s, reference)] ** 2)
+    best = _Match(0.0, 0.0, -1.0)
+    for lags_s, ages_s in ((_LAGS_S, _AGES_S), ((0.0,), _FINER_S), (_FINER_S, _FINER_S)):
+        tried_s = {max(best.lag_s + lag_s, 0.0) for lag_s in lags_s}
+        lagged = {lag_s: _lagged(target, reference.base.period_s, lag_s) for lag_s in tried_s}
+        around_s = {max(best.age_s + age_s, 0.0) for age_s in ages_s}
+        found = (match(lag_s, age_s) for lag_s in sorted(tried_s) for age_s in sorted(around_s))
+        best = max((best, *found), key=lambda one: one.likeness)
+    return best
 
 
 def _some(time_s: FloatArray) -> slice:
@@ -174,17 +185,20 @@ def _row(time_s: FloatArray, reference: MotorSeries) -> IntArray:
     return np.maximum(reference.base.last_before(time_s), 0)
 
 
-def _is_computed(speed: FloatArray, time_s: FloatArray, reference: MotorSeries) -> bool:
-    """Say whether speeds follow command or thrust as if no rotor lagged and nothing was measured."""
+def _is_computed(speed: FloatArray, time_s: FloatArray, reference: MotorSeries, likeness: float) -> bool:
+    """Say whether speeds follow command or thrust as no rotor does: at once, or as a thrust that lags.
+
+    A rotor's speed lags; the root of a thrust that lags by itself is some simulator's.
+    """
     few = _some(time_s)
-    rows = [
-        _row(time_s[few] - age_s, reference) for age_s in (*_AGES_S, *(-step_s for step_s in _FINER_S[:3]))
-    ]
-    return any(
+    rows = [_row(time_s[few] - age_s, reference) for age_s in (*_AGES_S, *_FINER_S[-3:])]
+    at_once = any(
         _correlation(speed[few], reference.actuator[row]) > _COMPUTED
         or _correlation(speed[few] ** 2, reference.thrust[row]) > _COMPUTED
         for row in rows
     )
+    lagging = _match(speed**2, np.nan_to_num(reference.thrust), time_s, reference).likeness
+    return at_once or lagging > max(_COMPUTED, likeness)
 
 
 def _correlation(one: FloatArray, other: FloatArray) -> float:

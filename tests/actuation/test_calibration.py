@@ -14,6 +14,7 @@ from quadid_logs.actuation.motors import MotorSeries
 from quadid_logs.actuation.rotor_speed import from_rotor_speed
 from quadid_logs.align import clean
 from quadid_logs.align.series import CleanLog
+from quadid_logs.autopilots.ardupilot.frames import frame_geometry
 from quadid_logs.data.torque import Calibration
 from quadid_logs.data.vehicle import Rotor, Vehicle
 from tests.align.flights import flight_log, signal
@@ -162,3 +163,20 @@ def test_rotor_speeds_give_the_thrust_that_the_commands_gave_when_they_were_meas
     assert found.series is not None
     then = 0.4 + 0.35 * np.sin((STAMPS[:, np.newaxis] - age_s) * [5.3, 6.1, 7.3, 8.9])
     assert found.series.thrust.mean() == pytest.approx(then.mean(), rel=0.01)
+
+
+def test_in_the_simulator_a_small_yaw_command_is_as_strong_as_it_says() -> None:
+    """At the mean thrust, where each rotor's command rises with the root of its thrust."""
+    yaw = 0.002 * np.sin(STAMPS * 5.0)[:, np.newaxis]
+    airframe = replace(FRAME, factors=np.column_stack([frame_geometry(1, 1).mixer, np.ones(4)]))
+    thrust = 0.4 + 0.1 * np.sin(1.3 * STAMPS)[:, np.newaxis] + yaw * airframe.factors[:, 2]
+    command = np.column_stack([np.zeros((STAMPS.size, 2)), yaw])
+    series = replace(motors(thrust, np.sqrt(thrust)), command=command)
+    found = series.as_command(replace(airframe, yaw_with_command=True)).series.values[:, 2]
+    middle = np.abs(thrust.mean(axis=1) - 0.4) < 0.02
+    slope = float(found[middle] @ yaw[middle, 0] / (yaw[middle, 0] @ yaw[middle, 0]))
+    assert slope == pytest.approx(1.0, abs=0.02)
+    high = thrust.mean(axis=1) > 0.48
+    assert float(found[high] @ yaw[high, 0] / (yaw[high, 0] @ yaw[high, 0])) == pytest.approx(
+        np.sqrt(0.49 / 0.4), abs=0.02
+    )

@@ -1,0 +1,112 @@
+"""Rotor speeds that were measured: the torque's best source where they are as dense as the commands."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from quadid_logs.align import cut
+from quadid_logs.data.log import FlightLog, Rows, Signal
+from quadid_logs.data.model import Model
+from quadid_logs.data.settings import AlignSettings, IdentifySettings
+from quadid_logs.data.vehicle import Vehicle
+from quadid_logs.identify import identify
+from quadid_logs.load import prepare
+from quadid_logs.simulate import find_scenario, fly, plan_flights
+from quadid_logs.simulate.logger import Logging, log_flights
+from quadid_logs.simulate.truth import flight_truth
+
+RATE_HZ, AGE_S, NOISE_RAD_S = 200.0, 0.012, 8.0
+VEHICLE = Vehicle(mass_kg=1.5, arm_length_m=0.225, torque_to_thrust_m=0.016)
+
+
+@cache
+def flown(every: int) -> tuple[FlightLog, dict]:  # type: ignore[type-arg]
+    """Return a flight with an expo of 0.2 instead of 0.6, and telemetry that is late and noisy."""
+    (setup,) = plan_flights(find_scenario("expo-mismatch"), seed=4, duration_s=35.0, rate_hz=RATE_HZ)
+    record = fly(setup)
+    logging = Logging(rate_hz=RATE_HZ)
+    truth = flight_truth((record,), scenario="expo-mismatch", boot_s=logging.boot_s)
+    log = log_flights((record,), logging)
+    rate = log.signals["body_rate"][0].rows
+    when_s = logging.boot_s + record.time_s[::every] + AGE_S
+    inside = (when_s > rate.time_s[0]) & (when_s < rate.time_s[-1])
+    position = np.interp(when_s[inside], rate.time_s, rate.position).astype(np.int64) + 1
+    speed = record.channels["rotor_speed"][::every][inside]
+    speed = speed + NOISE_RAD_S * np.random.default_rng(1).standard_normal(speed.shape)
+    telemetry = Signal(
+        name="rotor_speed", rows=Rows(when_s[inside], position), values=speed, source="ESC.RPM"
+    )
+    return replace(log, signals={**log.signals, "rotor_speed": (telemetry,)}), truth
+
+
+@cache
+def found(vehicle: Vehicle | None = None) -> Model:
+    data = cut(prepare(flown(2)[0], vehicle), AlignSettings())
+    assert data.input is not None
+    assert data.input.source == "ESC.RPM squared"
+    model = identify(data, IdentifySettings()).recommended
+    assert model is not None
+    return model
+
+
+def test_the_motors_lag_is_in_the_speeds_and_not_found_again() -> None:
+    """30 ms on commands; nothing is left, although telemetry came 12 ms late."""
+    actuator = found().actuator
+    assert actuator is not None
+    assert actuator.lag_s < 0.003
+
+
+def test_the_thrust_curve_of_the_firmware_no_longer_matters() -> None:
+    """Effectiveness on the scale of the command, of which the speeds know nothing: within 2 %."""
+    truth = np.diag(np.array(flown(2)[1]["models"]["damped"]["B"]))
+    np.testing.assert_allclose(np.diag(found().B), truth, rtol=0.02)
+
+
+def test_no_expo_is_looked_for_in_measured_thrust() -> None:
+    """It goes with the square of speed."""
+    data = cut(prepare(flown(2)[0]), AlignSettings())
+    assert identify(data, IdentifySettings()).thrust_curve is None
+
+
+def test_inertia_follows_from_speeds_and_take_off_mass() -> None:
+    """Within 2 % and in the interval."""
+    inertia = found(VEHICLE).inertia
+    assert inertia is not None
+    truth = np.diag(np.array(flown(2)[1]["vehicle"]["inertia_kg_m2"]))
+    np.testing.assert_allclose(np.diag(inertia.matrix), truth, rtol=0.02)
+    assert (np.diag(inertia.ci95_low) <= truth).all()
+    assert (truth <= np.diag(inertia.ci95_high)).all()
+
+
+def test_slow_telemetry_is_no_input_and_says_so() -> None:
+    """25 Hz beside commands of 200 Hz."""
+    prepared = prepare(flown(16)[0])
+    assert prepared.log.torque is not None
+    assert "25 Hz are too slow for the input, 160 Hz are needed" in prepared.log.torque.rotor_speed
+    assert prepared.torque is not None
+    assert "through the mixer" in prepared.torque.series.source
+
+
+def test_a_thrust_stands_curve_goes_before_speeds() -> None:
+    """It is over the motor command, which a speed does not tell."""
+    throttle = np.linspace(0.0, 1.0, 11)
+    given = replace(
+        VEHICLE, thrust_curve=np.column_stack([throttle, 9.0 * (0.4 * throttle + 0.6 * throttle**2)])
+    )
+    prepared = prepare(flown(2)[0], given)
+    assert prepared.torque is not None
+    assert "ESC" not in prepared.torque.series.source
+
+
+@pytest.mark.parametrize("vehicle", [None, VEHICLE])
+def test_speeds_are_put_back_to_when_they_were_true(vehicle: Vehicle | None) -> None:
+    """By the delay with which they follow the commands, to two samples."""
+    prepared = prepare(flown(2)[0], vehicle)
+    assert prepared.torque is not None
+    logged_s = prepared.clean.sources("rotor_speed")[0].time_s
+    shift_s = logged_s[0] - prepared.torque.series.time_s[0]
+    assert shift_s == pytest.approx(AGE_S, abs=0.005)
