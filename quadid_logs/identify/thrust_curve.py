@@ -45,7 +45,7 @@ from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, TORQUE_SYMBOLS
 EXPO_SYSTEMATIC: Final = 0.02
 #: Half width beyond which an expo is no answer: a quarter of the range in which propellers lie.
 _MOST_HALF_WIDTH: Final = 0.15
-#: Propellers measured on stands lie here, most of them (ArduPilot's wiki on MOT_THST_EXPO; 0.2 to 0.8).
+#: Propellers measured on stands lie here, most of them (0.2 to 0.8, see docs/method.md).
 _PROPELLERS: Final = (0.2, 0.8)
 #: Nothing that turns in air has less or more; what is found beyond is another effect of throttle.
 _POSSIBLE: Final = (-0.25, 1.25)

@@ -1,7 +1,6 @@
 """The shape of the thrust curve: thrust is (1 - e) y + e y^2 of the throttle y that the battery leaves.
 
-ArduPilot calls e MOT_THST_EXPO (AP_Motors_Thrust_Linearization.cpp), PX4 THR_MDL_FAC
-(FunctionMotors.hpp); 0 is thrust in proportion to throttle, 1 to its square.
+e is 0 where thrust is in proportion to throttle, 1 where it is to its square.
 """
 
 from __future__ import annotations
@@ -28,6 +27,11 @@ def relative_by_expo(throttle: FloatArray, expo: float) -> FloatArray:
     throttle : ndarray
         0 to 1, as the battery leaves it [1].
     expo : float
+
+    Returns
+    -------
+    ndarray
+        Finite also for a rotor at rest.
     """
     y = np.clip(throttle, _LEAST_THROTTLE, None)
     return np.asarray((y - 1.0) / (1.0 - expo + expo * y), dtype=np.float64)
