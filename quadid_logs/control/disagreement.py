@@ -92,13 +92,14 @@ def _output(given: ReplayInput, rows: AxisRows, changed: Mapping[str, float] | N
 
 def _error(given: ReplayInput, rows: AxisRows, changed: Mapping[str, float] | None = None) -> float:
     """Return the relative rms difference of the output."""
-    usable = _usable(rows)
+    usable = usable_rows(rows)
     off = _output(given, rows, changed) - rows.output
     size = float(np.sqrt(np.mean(rows.output[usable] ** 2)))
     return float(np.sqrt(np.mean(off[usable] ** 2))) / size if size > 0.0 else float("inf")
 
 
-def _usable(rows: AxisRows) -> BoolArray:
+def usable_rows(rows: AxisRows) -> BoolArray:
+    """Mark the rows in which a replay can be held against the log: settled, with a set-point of their own."""
     usable = rows.known.copy()
     usable[: rows.settled()] = False
     return usable
@@ -221,7 +222,7 @@ def _only(given: ReplayInput, name: str) -> dict[str, float]:
 
 def _fitted(given: ReplayInput, rows: AxisRows) -> dict[str, float] | None:
     """Return the gains that the steps of the output show; None where too few rows tell."""
-    usable = _usable(rows)
+    usable = usable_rows(rows)
     usable[1:] &= usable[:-1]
     if np.count_nonzero(usable) < rows.n_rows // 4:
         return None

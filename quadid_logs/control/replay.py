@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
-from quadid_logs.control.disagreement import THINNED, explain
+from quadid_logs.control.disagreement import THINNED, explain, usable_rows
 from quadid_logs.data.controller import (
     TERMS,
     AxisRows,
@@ -65,7 +65,7 @@ def _replayed(
     rows = given.rows
     found = given.law(rows, given.parameters)
     errors = compared(found, rows)
-    agrees = all(error is None or error <= given.tolerance for error in errors.values())
+    agrees = _agrees(errors, rows, given.tolerance)
     result = Replay(relative_rms=errors, agrees=agrees, n_rows=rows.n_rows)
     return (
         _other_rate(result, given)
@@ -73,6 +73,18 @@ def _replayed(
         or _slew_limited(result, rows)
         or (_as_flown(result, rows, found) if agrees else explain(result, axis, inputs))
     )
+
+
+def _agrees(errors: Mapping[Term, float | None], rows: AxisRows, tolerance: float) -> bool:
+    """Tell whether no term is off by more than the tolerance times the output's rms."""
+    usable = usable_rows(rows)
+    output = float(np.sqrt(np.mean(rows.output[usable] ** 2)))
+    logged = {**rows.logged, "output": rows.output}
+    sizes = {term: float(np.sqrt(np.mean(logged[term][usable] ** 2))) for term in logged}
+    off = (
+        error * sizes[term] if sizes[term] else error for term, error in errors.items() if error is not None
+    )
+    return all(one <= tolerance * output for one in off)
 
 
 def compared(found: ReplayedTerms, rows: AxisRows) -> dict[Term, float | None]:
@@ -88,8 +100,7 @@ def compared(found: ReplayedTerms, rows: AxisRows) -> dict[Term, float | None]:
     dict of str to (float or None)
         None where the log does not hold the term, or holds nothing but zeros that are rightly so.
     """
-    usable = rows.known.copy()
-    usable[: rows.settled()] = False
+    usable = usable_rows(rows)
     logged = {**rows.logged, "output": rows.output}
     return {
         term: _relative_rms(found.values[term], logged[term], usable) if term in logged else None

@@ -194,6 +194,7 @@ def plan_flights(
                 noise=scenario.noise,
                 wind=scenario.wind,
                 effects=scenario.effects,
+                tuning=scenario.tuning,
                 seed=seed + 1_000_003 * flight,
             )
         )

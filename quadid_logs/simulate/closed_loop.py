@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -22,13 +22,16 @@ from quadid_logs.simulate.control import (
     Arithmetic,
     Gains,
     Mixer,
+    RateLaw,
     RateMemory,
     altitude_throttle,
     arithmetic,
     butterworth,
     filter_rates,
     mix,
+    rate_law,
     rate_setpoint,
+    reset_rates,
     throttle_for_thrust,
     thrust_of_throttle,
     torque_command,
@@ -57,6 +60,32 @@ class Noise:
     gyro_cross: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     gyro_resolution_rad_s: float = math.radians(2000.0) / 32768.0
     accelerometer_m_s2_per_rthz: float = 2.0e-3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tuning:
+    """How the rate loops are set, beside the gains that suit the vehicle.
+
+    Attributes
+    ----------
+    gain : float
+        Factor on P, I and D.
+    later_gain : float or None
+        Instead of it from the middle of the manoeuvre on.
+    target_hz, error_hz : float
+        ArduPilot's filters of set-point and error, 0 for none.
+    derivative_hz : float
+        Filter of D.
+    slew_limit : float
+        ArduPilot's limit on how fast P + D may move [1/s], 0 for none.
+    """
+
+    gain: float = 1.0
+    later_gain: float | None = None
+    target_hz: float = 20.0
+    error_hz: float = 0.0
+    derivative_hz: float = 25.0
+    slew_limit: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,6 +121,7 @@ class Setup:
     noise: Noise = field(default_factory=Noise)
     wind: Wind = field(default_factory=Wind)
     effects: Effects = field(default_factory=Effects)
+    tuning: Tuning = field(default_factory=Tuning)
     seed: int = 0
 
     @property
@@ -139,6 +169,11 @@ EXTRA: Final = (
     Channel("actuator", 0),
     Channel("thrust_fraction", 0),
     Channel("rotor_speed", 0),
+    Channel("proportional", 3),
+    Channel("integral", 3),
+    Channel("derivative", 3),
+    Channel("slope", 3),
+    Channel("scale", 3),
 )
 
 
@@ -204,11 +239,12 @@ def fly_many(setups: Sequence[Setup]) -> Record:
             and other.autopilot == first.autopilot
             and other.loop_hz == first.loop_hz
             and other.delay_steps == first.delay_steps
+            and other.tuning == first.tuning
             and other.airframe.n_rotors == first.airframe.n_rotors
         )
         if not shared:
             raise SimulationError(
-                "Flights of one batch have the same number of rotors, schedule, autopilot, delay, loop rate."
+                "Flights of one batch have the same rotors, schedule, autopilot, delay, tuning and loop rate."
             )
     values = _fly(tuple(setups), CORE)
     if len(setups) == 1:
@@ -242,7 +278,9 @@ def _by_name(
 class Controller(NamedTuple):
     """Constants of the control loop, as components."""
 
+    law: RateLaw
     gains: Gains
+    later_gains: Gains
     mixer: Mixer
     expo: Component
     propeller_expo: Component
@@ -297,7 +335,9 @@ def _periods(setups: tuple[Setup, ...], *, full: bool) -> Iterator[tuple[Compone
     zero = _stacked([0.0 for _ in setups])
     idle = _idle(first.airframe.n_rotors, zero)
     state = at_rest(first.airframe.n_rotors, zero)
-    rates, height_integral, decision = RateMemory(*[idle.command] * 3), zero, idle
+    rates, previous = reset_rates(idle.command, idle.command, zero), None
+    height_integral, decision = zero, idle
+    change = round(change_s(first) * first.loop_hz)
     queue = [idle.targets] * first.delay_steps
     battery_period = round(BATTERY_PERIOD_S * first.loop_hz)
     for k, (active, plan, noise, wind, disturbed) in enumerate(_inputs(setups)):
@@ -307,10 +347,21 @@ def _periods(setups: tuple[Setup, ...], *, full: bool) -> Iterator[tuple[Compone
         if active:
             lift = plan.height - state.height
             height_integral = ops.higher(ops.lower(height_integral + 0.5 * body.step_s * lift, 2.0), -2.0)
-            setpoint = rate_setpoint(state.attitude, plan.attitude, plan.feedforward, controller.gains)
+            gains = controller.gains if k < change else controller.later_gains
+            setpoint = rate_setpoint(state.attitude, plan.attitude, plan.feedforward, gains)
+            if previous is None:
+                rates = reset_rates(setpoint, filtered, zero)
+            # The attitude controller runs behind the rate controller, which has its set-point a loop later.
             command, rates = torque_command(
-                setpoint, filtered, rates, controller.gains, limited=decision.limited, ops=ops
+                controller.law,
+                previous or setpoint,
+                filtered,
+                rates,
+                gains,
+                limited=decision.limited,
+                ops=ops,
             )
+            previous = setpoint
             throttle = altitude_throttle(
                 lift,
                 plan.climb + state.velocity[2],
@@ -319,13 +370,19 @@ def _periods(setups: tuple[Setup, ...], *, full: bool) -> Iterator[tuple[Compone
                 attitude=state.attitude,
                 ops=ops,
             )
-            command = _injected(command, plan.injected, ops)
+            command = (
+                command[0] + plan.injected[0],
+                command[1] + plan.injected[1],
+                command[2] + plan.injected[2],
+            )
             decision = _decide(setpoint, command, throttle, controller, battery, ops)
             if controller.actuation.present:
                 decision = _mistaken(decision, controller, battery, k / first.loop_hz, ops)
         else:
-            rates, height_integral, decision = RateMemory(idle.command, filtered, idle.command), zero, idle
-        yield _row(state, decision, raw, filtered, battery, full=full)
+            rates, previous = reset_rates(idle.command, idle.command, zero), None
+            height_integral, decision = zero, idle
+        row = _row(state, decision, raw, filtered, battery, full=full)
+        yield (*row, *_term_row(rates)) if full else row
         queue.append(decision.targets)
         external = surroundings.act(state.attitude, state.acceleration, disturbed)
         state = advance(state, queue.pop(0), wind, body, external)
@@ -368,6 +425,17 @@ def _row(
     )
 
 
+def _term_row(rates: RateMemory) -> tuple[Component, ...]:
+    """Return the values of the last `EXTRA` channels: the rate controllers' terms."""
+    return (
+        *(one.proportional for one in rates),
+        *(one.integral for one in rates),
+        *(one.derivative for one in rates),
+        *(one.slope for one in rates),
+        *(one.scale for one in rates),
+    )
+
+
 class _Gyro:
     """The gyro with its noise and resolution, and the autopilot's low-pass."""
 
@@ -394,15 +462,6 @@ class _Gyro:
         )
         filtered, self._memory = filter_rates(sample, self._memory, self._biquad)
         return sample, filtered
-
-
-def _injected(command: Triple, injected: Triple, ops: Arithmetic) -> Triple:
-    """Add the excitation to the controller's torque; a command stays within -1 to 1."""
-    return (
-        ops.higher(ops.lower(command[0] + injected[0], 1.0), -1.0),
-        ops.higher(ops.lower(command[1] + injected[1], 1.0), -1.0),
-        ops.higher(ops.lower(command[2] + injected[2], 1.0), -1.0),
-    )
 
 
 def _decide(
@@ -564,31 +623,65 @@ def controller_gains(setup: Setup) -> Gains:
     crossover = np.array([1.0, 1.0, 0.4]) * min(0.4 / (waiting + 0.5 * lag), 25.0)
     proportional = crossover / gain
     lead_s = np.array([0.6, 0.6, 0.0]) * lag
+    tuning = setup.tuning
     return Gains(
         attitude=_vector([np.minimum(0.25 * crossover, (6.0, 6.0, 2.5))]),
         proportional=_vector([proportional]),
         integral=_vector([0.25 * crossover * proportional]),
         derivative=_vector([lead_s * proportional]),
-        derivative_weight=1.0 / (1.0 + setup.loop_hz / (2.0 * math.pi * 25.0)),
+        derivative_weight=_weight(tuning.derivative_hz, setup.loop_hz),
+        target_weight=_weight(tuning.target_hz, setup.loop_hz),
+        error_weight=_weight(tuning.error_hz, setup.loop_hz),
+        slew_limit=tuning.slew_limit,
         step_s=1.0 / setup.loop_hz,
+    ).scaled(tuning.gain)
+
+
+def final_gains(setup: Setup) -> Gains:
+    """Return the gains at the end of the flight."""
+    later, first = setup.tuning.later_gain, setup.tuning.gain
+    gains = controller_gains(setup)
+    return gains if later is None else gains.scaled(later / first)
+
+
+def before_change(setup: Setup) -> Tuning:
+    """Return the tuning of the flight as if its gains were never changed."""
+    return replace(setup.tuning, later_gain=None)
+
+
+def change_s(setup: Setup) -> float:
+    """Return when `Tuning.later_gain` takes over: in the middle of the manoeuvre [s]."""
+    return 0.5 * (setup.schedule.manoeuvre_s + setup.schedule.land_s)
+
+
+def _weight(cutoff_hz: float, loop_hz: float) -> float:
+    """Return the weight of a new value in a first-order filter, 1 without one."""
+    return 1.0 / (1.0 + loop_hz / (2.0 * math.pi * cutoff_hz)) if cutoff_hz > 0.0 else 1.0
+
+
+def _together(gains: Sequence[Gains]) -> Gains:
+    """Put the gains of all flights beside each other."""
+    return gains[0]._replace(
+        attitude=_vector([np.array(g.attitude) for g in gains]),
+        proportional=_vector([np.array(g.proportional) for g in gains]),
+        integral=_vector([np.array(g.integral) for g in gains]),
+        derivative=_vector([np.array(g.derivative) for g in gains]),
     )
 
 
 def _controller(setups: tuple[Setup, ...]) -> Controller:
     """Collect what the control loop needs."""
-    gains = [controller_gains(s) for s in setups]
+    first = setups[0]
+    gains = _together([controller_gains(s) for s in setups])
     factors = np.array([mixer_factors(s.airframe, s.autopilot) for s in setups])
     roll, pitch, yaw, throttle = (
         tuple(_stacked([float(f[motor, axis]) for f in factors]) for motor in range(factors.shape[1]))
         for axis in range(4)
     )
     return Controller(
-        gains=gains[0]._replace(
-            attitude=_vector([np.array(g.attitude) for g in gains]),
-            proportional=_vector([np.array(g.proportional) for g in gains]),
-            integral=_vector([np.array(g.integral) for g in gains]),
-            derivative=_vector([np.array(g.derivative) for g in gains]),
-        ),
+        law=rate_law(first.autopilot),
+        gains=gains,
+        later_gains=_together([final_gains(s) for s in setups]),
         mixer=Mixer(
             roll=roll,
             pitch=pitch,
@@ -599,7 +692,7 @@ def _controller(setups: tuple[Setup, ...]) -> Controller:
         expo=_stacked([s.firmware_expo for s in setups]),
         propeller_expo=_stacked([s.airframe.thrust_expo for s in setups]),
         speed_max=_stacked([s.airframe.rotor_speed_max_rad_s for s in setups]),
-        compensates_voltage=setups[0].autopilot == "ardupilot",
+        compensates_voltage=first.autopilot == "ardupilot",
         actuation=Actuation([s.effects for s in setups]),
     )
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -73,7 +73,10 @@ def filter_rates(
 
 
 class Gains(NamedTuple):
-    """Per axis: attitude P [1/s], rate P, I, D [per rad/s], and the weight of a new slope in D per step."""
+    """Per axis: attitude P [1/s], rate P, I, D [per rad/s]; weights of a new value in the filters per step.
+
+    ``slew_limit`` is ArduPilot's SMAX [1/s], 0 for none.
+    """
 
     attitude: Triple
     proportional: Triple
@@ -81,15 +84,48 @@ class Gains(NamedTuple):
     derivative: Triple
     derivative_weight: float
     step_s: float
+    target_weight: float = 1.0
+    error_weight: float = 1.0
+    slew_limit: float = 0.0
     integral_limit: float = 0.5
 
+    def scaled(self, factor: float) -> Gains:
+        """Return the gains with P, I and D of the rate loops times a factor."""
+        p, i, d = (
+            (factor * x, factor * y, factor * z)
+            for x, y, z in (self.proportional, self.integral, self.derivative)
+        )
+        return self._replace(proportional=p, integral=i, derivative=d)
 
-class RateMemory(NamedTuple):
-    """What the rate loops remember: integrators, last rates, filtered derivatives."""
 
-    integral: Triple
-    rate: Triple
-    derivative: Triple
+class RateTerms(NamedTuple):
+    """What one axis' rate controller made of its inputs in one step, and what it remembers.
+
+    ``slope`` is what D acts on, ``scale`` the slew limiter's factor on P and D; ``target``, ``error`` and
+    ``rate`` are the filtered ones, ``pd`` and ``peaks`` the slew limiter's.
+    """
+
+    proportional: Component
+    integral: Component
+    derivative: Component
+    slope: Component
+    scale: Component
+    target: Component
+    error: Component
+    rate: Component
+    learned: Component
+    pd: Component = 0.0
+    slew: Component = 0.0
+    peaks: tuple[Component, Component] = (0.0, 0.0)
+
+    @property
+    def output(self) -> Component:
+        """The torque command."""
+        return self.proportional + self.integral + self.derivative
+
+
+RateMemory = tuple[RateTerms, RateTerms, RateTerms]
+RateLaw = Callable[[Component, Component, RateTerms, Gains, int, Component, Arithmetic], RateTerms]
 
 
 def rate_setpoint(attitude: Quadruple, wanted: Quadruple, feedforward: Triple, gains: Gains) -> Triple:
@@ -106,29 +142,137 @@ def rate_setpoint(attitude: Quadruple, wanted: Quadruple, feedforward: Triple, g
     )
 
 
-def torque_command(
-    setpoint: Triple, rate: Triple, memory: RateMemory, gains: Gains, *, limited: Component, ops: Arithmetic
-) -> tuple[Triple, RateMemory]:
-    """Run the three rate PIDs; the integrators wait while the mixer is at its limits."""
-    commands, integrals, derivatives = [], [], []
-    learn = gains.step_s * (1.0 - limited)
-    bound = gains.integral_limit
-    for axis in range(3):
-        error = setpoint[axis] - rate[axis]
-        integral = memory.integral[axis] + gains.integral[axis] * error * learn
-        integral = ops.higher(ops.lower(integral, bound), -bound)
-        slope = (memory.rate[axis] - rate[axis]) / gains.step_s
-        derivative = memory.derivative[axis] + gains.derivative_weight * (slope - memory.derivative[axis])
-        commands.append(gains.proportional[axis] * error + integral + gains.derivative[axis] * derivative)
-        integrals.append(integral)
-        derivatives.append(derivative)
-    return _triple(commands), RateMemory(_triple(integrals), rate, _triple(derivatives))
-
-
-def _triple(values: list[Component]) -> Triple:
-    """Make a vector of three components."""
-    first, second, third = values
+def reset_rates(setpoint: Triple, rate: Triple, zero: Component) -> RateMemory:
+    """Return the memory of controllers that begin: no derivative, no integral, filters settled."""
+    first, second, third = (
+        RateTerms(zero, zero, zero, zero, zero + 1.0, target, target - measured, measured, zero)
+        for target, measured in zip(setpoint, rate, strict=True)
+    )
     return first, second, third
+
+
+def torque_command(
+    law: RateLaw,
+    setpoint: Triple,
+    rate: Triple,
+    memory: RateMemory,
+    gains: Gains,
+    *,
+    limited: Component,
+    ops: Arithmetic,
+) -> tuple[Triple, RateMemory]:
+    """Run the three rate controllers on the set-point of the loop before."""
+    first, second, third = (
+        law(setpoint[axis], rate[axis], memory[axis], gains, axis, limited, ops) for axis in range(3)
+    )
+    return (first.output, second.output, third.output), (first, second, third)
+
+
+def ardupilot_rate_law(
+    setpoint: Component,
+    rate: Component,
+    before: RateTerms,
+    gains: Gains,
+    axis: int,
+    limited: Component,
+    ops: Arithmetic,
+) -> RateTerms:
+    """Run AC_PID::update_all: D on the filtered error; the integrator only shrinks at the mixer's limits."""
+    target = before.target + gains.target_weight * (setpoint - before.target)
+    error = before.error + gains.error_weight * (target - rate - before.error)
+    change = (error - before.error) / gains.step_s
+    slope = before.slope + gains.derivative_weight * (change - before.slope)
+    increment = gains.integral[axis] * error * gains.step_s
+    grows = 1.0 * (before.integral * increment > 0.0)
+    integral = before.integral + increment * (1.0 - limited * grows)
+    bound = gains.integral_limit
+    proportional, derivative = gains.proportional[axis] * error, gains.derivative[axis] * slope
+    found = RateTerms(
+        proportional=proportional,
+        integral=ops.higher(ops.lower(integral, bound), -bound),
+        derivative=derivative,
+        slope=slope,
+        scale=before.scale,
+        target=target,
+        error=error,
+        rate=rate,
+        learned=before.learned,
+    )
+    return _slew_limited(found, before, gains, ops) if gains.slew_limit > 0.0 else found
+
+
+#: SlewLimiter.cpp: low-pass on the slope [Hz], decay of its peaks [s], slope of the factor, highest peak.
+_SLEW_HZ: Final = 25.0
+_SLEW_DECAY_S: Final = 1.0
+_SLEW_STEEPNESS: Final = 1.5
+_SLEW_PEAK: Final = 10.0
+
+
+def _slew_limited(found: RateTerms, before: RateTerms, gains: Gains, ops: Arithmetic) -> RateTerms:
+    """Scale P and D down while their sum of the steps before slews faster than the limit.
+
+    The limiter's window of events is left out: its peaks decay from the first moment.
+    """
+    limit, step_s = gains.slew_limit, gains.step_s
+    weight = step_s / (step_s + 1.0 / (2.0 * math.pi * _SLEW_HZ))
+    total = before.proportional + before.derivative
+    slew = before.slew + weight * ((total - before.pd) / step_s - before.slew)
+    left, highest = math.exp(-step_s / _SLEW_DECAY_S), _SLEW_PEAK * limit
+    up = ops.lower(ops.higher(slew, left * before.peaks[0]), highest)
+    down = ops.lower(ops.higher(-slew, left * before.peaks[1]), highest)
+    excess = ops.higher(0.5 * (up + down) - limit, 0.0)
+    scale = limit / (limit + _SLEW_STEEPNESS * excess)
+    return found._replace(
+        proportional=scale * found.proportional,
+        derivative=scale * found.derivative,
+        scale=scale,
+        pd=total,
+        slew=slew,
+        peaks=(up, down),
+    )
+
+
+#: rate_control.cpp: the integrator slows down with the error, to nothing at this one [rad/s].
+_INTEGRATOR_END: Final = math.radians(400.0)
+
+
+def px4_rate_law(
+    setpoint: Component,
+    rate: Component,
+    before: RateTerms,
+    gains: Gains,
+    axis: int,
+    limited: Component,
+    ops: Arithmetic,
+) -> RateTerms:
+    """Run RateControl::update: D on the measured rate; the integral is that of the errors before.
+
+    At the allocator's limits errors that would push further are not learned from.
+    """
+    error = setpoint - rate
+    slope = before.slope + gains.derivative_weight * ((rate - before.rate) / gains.step_s - before.slope)
+    proportional, derivative = gains.proportional[axis] * error, -gains.derivative[axis] * slope
+    integral = before.learned
+    pushes = 1.0 * (error * (proportional + integral + derivative) > 0.0)
+    slower = ops.higher(1.0 - (error / _INTEGRATOR_END) ** 2, 0.0)
+    step = gains.integral[axis] * slower * error * gains.step_s * (1.0 - limited * pushes)
+    bound = gains.integral_limit
+    return RateTerms(
+        proportional=proportional,
+        integral=integral,
+        derivative=derivative,
+        slope=slope,
+        scale=before.scale,
+        target=setpoint,
+        error=error,
+        rate=rate,
+        learned=ops.higher(ops.lower(integral + step, bound), -bound),
+    )
+
+
+def rate_law(autopilot: str) -> RateLaw:
+    """Return the rate controller of an autopilot."""
+    return px4_rate_law if autopilot == "px4" else ardupilot_rate_law
 
 
 def altitude_throttle(

@@ -12,17 +12,19 @@ import numpy as np
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.log import (
     NO_GYRO_FILTER,
+    ControllerTerms,
     FlightLog,
     GyroFilter,
     LoggedSystem,
     LogText,
     ModeChange,
+    ParameterChange,
     Rows,
     Signal,
 )
 from quadid_logs.maths.rotations import euler_from_quaternion, rotation_matrix
 from quadid_logs.simulate.airframes import GRAVITY_M_S2
-from quadid_logs.simulate.closed_loop import Record, Setup, generator
+from quadid_logs.simulate.closed_loop import Record, Setup, before_change, change_s, generator
 from quadid_logs.simulate.control import thrust_of_throttle
 from quadid_logs.simulate.effects import with_outliers
 from quadid_logs.simulate.vendors import (
@@ -35,11 +37,14 @@ from quadid_logs.simulate.vendors import (
     start_texts,
     vendor,
 )
-from quadid_logs.vocabulary import MULTIROTOR
+from quadid_logs.vocabulary import AXES, MULTIROTOR
 
 _BURST_S: Final = 0.1
 #: What the control loop sends to the motors: late in the log by `Effects.torque_late_s`.
 _OUTPUTS: Final = ("torque_command", "throttle", "motor_thrust", "output_pwm", "unallocated_torque")
+#: The recorded channels of logged terms; PX4 logs the angular acceleration that its D acts on.
+_ARDUPILOT_TERMS: Final = {"P": "proportional", "I": "integral", "D": "derivative", "scale": "scale"}
+_PX4_TERMS: Final = {"derivative": "slope"}
 #: What `Effects.outlier_fraction` strikes.
 _STRUCK: Final = ("body_rate", "torque_command", "motor_thrust", "rotor_speed")
 
@@ -110,7 +115,8 @@ def log_flights(records: tuple[Record, ...], logging: Logging) -> FlightLog:
     setup = records[0].setups[0]
     kind = vendor(setup.autopilot)
     offsets = np.cumsum([0.0, *(record.time_s.size / setup.loop_hz for record in records)])
-    streams = kind.streams if logging.rate_hz > kind.default_rate_hz else _default_streams(kind)
+    fast = logging.rate_hz > kind.default_rate_hz
+    streams = kind.streams if fast else _default_streams(kind)
     if kind.name == "ardupilot" and np.any(setup.reference.torque):
         streams = (*streams, SYSID_STREAM)
     if not setup.effects.setpoints_logged:
@@ -119,6 +125,7 @@ def log_flights(records: tuple[Record, ...], logging: Logging) -> FlightLog:
     messages += _events(records, offsets, logging)
     kept, n_dropped = _drop(messages, setup, logging, float(offsets[-1]))
     positions = _positions([rows.true_s for rows in kept])
+    file_s = np.sort(np.concatenate([rows.true_s for rows in kept]))
     return FlightLog(
         path="",
         format=kind.log_format,
@@ -129,7 +136,9 @@ def log_flights(records: tuple[Record, ...], logging: Logging) -> FlightLog:
         vehicle_type=MULTIROTOR,
         frame=frame_name(setup),
         parameters=parameters(setup, rate_hz=logging.rate_hz),
-        modes=_modes(records, offsets, logging, np.sort(np.concatenate([rows.true_s for rows in kept]))),
+        parameter_changes=_parameter_changes(records, offsets, logging, file_s),
+        controller_terms=_controller_terms(kept, positions, records) if fast else (),
+        modes=_modes(records, offsets, logging, file_s),
         texts=tuple(
             LogText(time_s=logging.boot_s + logging.start_s, position=0, text=text)
             for text in start_texts(setup)
@@ -266,10 +275,10 @@ def _signal_values(name: str, record: Record, index: IntArray) -> FloatArray:
 
 
 def _injection(record: Record) -> FloatArray:
-    """Torque that the test mode adds; NaN, which is not logged, outside the manoeuvre."""
+    """Torque that the test mode adds in the next loop; NaN, which is not logged, outside the manoeuvre."""
     setup = record.setups[0]
     values = np.full((record.time_s.size, 1), np.nan)
-    begin = round(setup.schedule.manoeuvre_s * setup.loop_hz)
+    begin = round(setup.schedule.manoeuvre_s * setup.loop_hz) - 1
     torque = setup.reference.torque.sum(axis=1, keepdims=True)
     values[begin : begin + torque.shape[0]] = torque
     return values
@@ -398,6 +407,59 @@ def _signals(
             )
             found[name] = (*found.get(name, ()), signal)
     return found
+
+
+def _parameter_changes(
+    records: tuple[Record, ...], offsets: FloatArray, logging: Logging, row_s: FloatArray
+) -> tuple[ParameterChange, ...]:
+    """Gains that somebody changed in flight; at the end of it they are set back."""
+    setup = records[0].setups[0]
+    later = parameters(setup, rate_hz=logging.rate_hz)
+    first = parameters(dataclasses.replace(setup, tuning=before_change(setup)), rate_hz=logging.rate_hz)
+    found = []
+    for record, offset in zip(records, offsets[:-1].tolist(), strict=True):
+        flown = record.setups[0]
+        moments = ((change_s(flown), first, later), (flown.schedule.end_s, later, first))
+        for moment_s, old, new in moments[: 1 if record is records[-1] else 2]:
+            time_s = np.array([round((offset + moment_s) * setup.loop_hz) / setup.loop_hz])
+            stamp_s = float(_stamp(time_s, setup, logging, float(offsets[-1]))[0])
+            position = int(np.searchsorted(row_s, time_s)[0]) + 1
+            found += [
+                ParameterChange(
+                    time_s=stamp_s, position=position, name=name, value=new[name], before=old[name]
+                )
+                for name in later
+                if new[name] != old[name]
+            ]
+    return tuple(found)
+
+
+def _controller_terms(
+    messages: list[_MessageRows], positions: list[IntArray], records: tuple[Record, ...]
+) -> tuple[ControllerTerms, ...]:
+    """Terms of the rate controllers in the rows of the message that holds the rates."""
+    setup = records[0].setups[0]
+    is_px4 = setup.autopilot == "px4"
+    carrier = "vehicle_angular_velocity" if is_px4 else "RATE"
+    pairs = zip(messages, positions, strict=True)
+    rows, position = next((rows, place) for rows, place in pairs if rows.stream.message == carrier)
+    index = np.round(rows.true_s * setup.loop_hz).astype(np.int64)
+    found: dict[str, FloatArray] = {}
+    for term, channel in (_PX4_TERMS if is_px4 else _ARDUPILOT_TERMS).items():
+        values = np.concatenate([one.channels[channel] for one in records])[index]
+        found[term] = values.astype(np.float32).astype(np.float64)
+    if not is_px4:
+        # The mixer's limits are those of the loop before.
+        limited = np.concatenate([one.channels["limited"] for one in records])
+        found["limited"] = np.repeat(limited[np.maximum(index - 1, 0)], 3, axis=1)
+        found["FF"] = np.zeros((index.size, 3))
+    shared = Rows(rows.stamp_s, position)
+    return tuple(
+        ControllerTerms(
+            axis=axis, rows=shared, values={term: values[:, number] for term, values in found.items()}
+        )
+        for number, axis in enumerate(AXES)
+    )
 
 
 def _modes(

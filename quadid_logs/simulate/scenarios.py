@@ -14,7 +14,7 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.simulate import manoeuvres
 from quadid_logs.simulate.airframes import SimulatedAirframe, hexa_x, octa_coaxial, quad_x
-from quadid_logs.simulate.closed_loop import Noise
+from quadid_logs.simulate.closed_loop import Noise, Tuning
 from quadid_logs.simulate.damage import Damage
 from quadid_logs.simulate.effects import Effects
 from quadid_logs.simulate.logger import Logging
@@ -54,6 +54,7 @@ class Scenario:
     delay_steps: int = 0
     noise: Noise = field(default_factory=Noise)
     wind: Wind = field(default_factory=Wind)
+    tuning: Tuning = field(default_factory=Tuning)
     effects: Effects = field(default_factory=Effects)
     logging: Logging = field(default_factory=Logging)
     damage: tuple[Damage, ...] = ()
@@ -270,6 +271,30 @@ _LIST: Final = (
         sentence="The autopilot's clock is set back by 20 s in the middle of the flight.",
         logging=Logging(clock_jump_s=-20.0),
         verdicts=_all(_AT_MOST_CAUTION),
+    ),
+    Scenario(
+        name="nearly-unstable-loop",
+        sentence="The good flight with gains eight times too high: the rate loops are close to oscillating.",
+        tuning=Tuning(gain=8.0),
+        verdicts=_all(_ANY),
+    ),
+    Scenario(
+        name="detuned-filter",
+        sentence="Filters of 4 Hz in the rate loops: they delay more than gyro and motors together.",
+        tuning=Tuning(error_hz=4.0, derivative_hz=4.0),
+        verdicts=_all(_ANY),
+    ),
+    Scenario(
+        name="slew-limited",
+        sentence="ArduPilot's slew limiter (SMAX) at work: P and D are scaled down for much of the flight.",
+        tuning=Tuning(gain=3.0, slew_limit=8.0),
+        verdicts=_all(_ANY),
+    ),
+    Scenario(
+        name="gains-changed",
+        sentence="The good flight, but somebody raises the rate loops' gains by half in the middle of it.",
+        tuning=Tuning(later_gain=1.5),
+        verdicts=_all(_ANY),
     ),
     Scenario(
         name="paper",

@@ -9,7 +9,7 @@ import numpy as np
 
 from quadid_logs.autopilots.ardupilot.frames import FRAME_CLASSES, FRAME_TYPES
 from quadid_logs.errors import SimulationError
-from quadid_logs.simulate.closed_loop import SPIN_MAX, SPIN_MIN, Setup, controller_gains
+from quadid_logs.simulate.closed_loop import SPIN_MAX, SPIN_MIN, Setup, Tuning, final_gains
 from quadid_logs.simulate.control import Gains
 
 _PWM_MIN: Final = 1000.0
@@ -158,7 +158,7 @@ def parameters(setup: Setup, *, rate_hz: float) -> dict[str, float]:
 def _ardupilot(setup: Setup, rate_hz: float) -> dict[str, float]:
     """ArduCopter: frame, motors, rate loops, filters, logging."""
     airframe = setup.airframe
-    default, fast_attitude, fast_imu = 176126, 1, 1 << 18
+    default, fast_attitude, fast_imu, pids = 176126, 1, 1 << 18, 1 << 12
     values = {
         "FRAME_CLASS": airframe.frame_class,
         "FRAME_TYPE": airframe.frame_type,
@@ -182,17 +182,20 @@ def _ardupilot(setup: Setup, rate_hz: float) -> dict[str, float]:
         "SCHED_LOOP_RATE": setup.loop_hz,
         "LOG_BITMASK": default
         if rate_hz <= ARDUPILOT.default_rate_hz
-        else default | fast_attitude | fast_imu,
+        else default | fast_attitude | fast_imu | pids,
         "LOG_DISARMED": 0,
         "LOG_FILE_DSRMROT": 0,
         "SYSID_THISMAV": 1,
     }
     for motor in range(airframe.n_rotors):
         values[f"SERVO{motor + 1}_FUNCTION"] = 33 + motor if motor < 8 else 82 + motor - 8
-    return values | _ardupilot_gains(controller_gains(setup))
+    torque = np.any(setup.reference.torque, axis=0)
+    if torque.any():
+        values["SID_AXIS"] = 10 + int(np.argmax(torque))
+    return values | _ardupilot_gains(final_gains(setup), setup.tuning)
 
 
-def _ardupilot_gains(gains: Gains) -> dict[str, float]:
+def _ardupilot_gains(gains: Gains, tuning: Tuning) -> dict[str, float]:
     """ATC_*: the loops that flew."""
     values: dict[str, float] = {}
     for axis, name in enumerate(("RLL", "PIT", "YAW")):
@@ -203,9 +206,10 @@ def _ardupilot_gains(gains: Gains) -> dict[str, float]:
             f"ATC_RAT_{name}_D": gains.derivative[axis],
             f"ATC_RAT_{name}_FF": 0.0,
             f"ATC_RAT_{name}_IMAX": gains.integral_limit,
-            f"ATC_RAT_{name}_FLTD": 25.0,
-            f"ATC_RAT_{name}_FLTE": 0.0,
-            f"ATC_RAT_{name}_FLTT": 0.0,
+            f"ATC_RAT_{name}_FLTD": tuning.derivative_hz,
+            f"ATC_RAT_{name}_FLTE": tuning.error_hz,
+            f"ATC_RAT_{name}_FLTT": tuning.target_hz,
+            f"ATC_RAT_{name}_SMAX": tuning.slew_limit,
         }
     return values
 
@@ -225,7 +229,7 @@ def _px4(setup: Setup, rate_hz: float) -> dict[str, float]:
         "MC_BAT_SCALE_EN": 0,
         "MPC_THR_HOVER": setup.hover_throttle,
         "IMU_GYRO_CUTOFF": setup.gyro_filter_hz,
-        "IMU_DGYRO_CUTOFF": 25.0,
+        "IMU_DGYRO_CUTOFF": setup.tuning.derivative_hz,
         "IMU_GYRO_RATEMAX": setup.loop_hz,
         "SDLOG_PROFILE": default if rate_hz <= PX4.default_rate_hz else default | sysid_and_high_rate,
         "SDLOG_MODE": 0,
@@ -245,18 +249,19 @@ def _px4(setup: Setup, rate_hz: float) -> dict[str, float]:
             f"PWM_MAIN_MIN{i + 1}": _PWM_MIN,
             f"PWM_MAIN_MAX{i + 1}": _PWM_MAX,
         }
-    return values | _px4_gains(controller_gains(setup))
+    return values | _px4_gains(final_gains(setup))
 
 
 def _px4_gains(gains: Gains) -> dict[str, float]:
     """MC_*: the loops that flew."""
     values: dict[str, float] = {}
-    for axis, name in enumerate(("ROLL", "PITCH", "YAW")):
+    for axis, (name, short) in enumerate((("ROLL", "RR"), ("PITCH", "PR"), ("YAW", "YR"))):
         values |= {
             f"MC_{name}_P": gains.attitude[axis],
             f"MC_{name}RATE_P": gains.proportional[axis],
             f"MC_{name}RATE_I": gains.integral[axis],
             f"MC_{name}RATE_D": gains.derivative[axis],
             f"MC_{name}RATE_K": 1.0,
+            f"MC_{short}_INT_LIM": gains.integral_limit,
         }
     return values

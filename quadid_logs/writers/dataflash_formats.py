@@ -91,6 +91,17 @@ MESSAGES: Final = {
             "skk-kk-kk-oo--",
             "F?????????BB--",
         ),
+        *(
+            Message(
+                name,
+                number,
+                "QffffffffffB",
+                "TimeUS,Tar,Act,Err,P,I,D,FF,DFF,Dmod,SRate,Flags",
+                "s-----------",
+                "F-----------",
+            )
+            for name, number in (("PIDR", 103), ("PIDP", 104), ("PIDY", 105))
+        ),
         Message(
             "ANG",
             195,

@@ -40,6 +40,8 @@ ARMED, DISARMED, LAND_COMPLETE, NOT_LANDED = 10, 11, 18, 28
 ATT_PERIOD_US = 100_000
 #: The version that the message definitions are taken from.
 DEFAULT_FIRMWARE = "ArduCopter V4.7.0-dev (90700977)"
+#: By axis.
+PIDS = {"roll": "PIDR", "pitch": "PIDP", "yaw": "PIDY"}
 #: VER.BU: AP_Vehicle_Type.
 BUILDS = {"ArduRover": 1, "ArduCopter": 2, "ArduPlane": 3, "ArduSub": 7}
 
@@ -65,6 +67,7 @@ def write_dataflash(log: FlightLog, file: BinaryIO) -> None:
     clock = write_clock(log)
     streams = [
         *_rate(log, clock),
+        *_pids(log, clock),
         *_imu(log, clock),
         *_attitude(log, clock),
         *_outputs(log, clock),
@@ -104,6 +107,21 @@ def _rate(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
         fields[f"{letter}Out"] = torque_out[:, axis]
     fields["AOut"] = held_at(clock, first(log, "throttle"), stamps.key_us, 1)[:, 0]
     yield _records("RATE", stamps, fields)
+
+
+def _pids(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
+    """PIDR, PIDP, PIDY: the terms of the rate controllers, where all of them are known."""
+    for terms in log.controller_terms:
+        values = terms.values
+        if not {"P", "I", "D", "FF"} <= set(values):
+            continue
+        fields: dict[str, Field] = dict.fromkeys(("Tar", "Act", "Err", "DFF", "SRate"), math.nan)
+        fields |= {term: values[term] for term in ("P", "I", "D", "FF")}
+        fields["DFF"] = 0.0
+        fields["Dmod"] = values.get("scale", 1.0)
+        fields["Flags"] = values.get("limited", 0.0)
+        stamps = clock.stamps(terms.rows.time_s, terms.rows.position)
+        yield _records(PIDS[terms.axis], stamps, fields)
 
 
 def _vector(prefix: str, values: FloatArray, *, scale: float = 1.0) -> dict[str, Field]:
@@ -235,12 +253,17 @@ def _chirp(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
 
 
 def _events(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
-    """ARM and EV where the state changes, MODE, MSG."""
+    """ARM and EV where the state changes, MODE, PARM, MSG."""
     yield from _switches(clock, first(log, "armed"), before=0.0, on=ARMED, off=DISARMED, arm=True)
     yield from _switches(clock, first(log, "landed"), before=1.0, on=LAND_COMPLETE, off=NOT_LANDED, arm=False)
     if log.modes:
         numbers = np.array([find_mode(mode.name).ardupilot for mode in log.modes])
         yield _records("MODE", event_stamps(clock, log.modes), {"Mode": numbers, "ModeNum": numbers})
+    if log.parameter_changes:
+        names = np.array([clip_text(change.name, 16) for change in log.parameter_changes])
+        fields: dict[str, Field] = {"Name": names, "Default": math.nan}
+        fields["Value"] = np.array([change.value for change in log.parameter_changes])
+        yield _records("PARM", event_stamps(clock, log.parameter_changes), fields)
     if log.texts:
         texts = np.array([clip_text(text.text, 64) for text in log.texts])
         yield _records("MSG", event_stamps(clock, log.texts), {"Message": texts})
@@ -306,7 +329,7 @@ def _settings(log: FlightLog) -> Iterator[tuple[str, dict[str, Field]]]:
         if log.frame:
             yield "MSG", {"Message": clip_text(f"Frame: {log.frame}", 64)}
     yield "VER", _version(firmware)
-    for name, value in ({"FORMAT_VERSION": 120.0} | dict(log.parameters)).items():
+    for name, value in ({"FORMAT_VERSION": 120.0} | log.parameters_at(-1)).items():
         yield "PARM", {"Name": clip_text(name, 16), "Value": value, "Default": math.nan}
 
 

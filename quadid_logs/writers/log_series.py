@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadid_logs.arrays import AnyArray, FloatArray, IntArray
-from quadid_logs.data.log import FlightLog, LogText, ModeChange, Signal
+from quadid_logs.data.log import FlightLog, LogText, ModeChange, ParameterChange, Signal
 from quadid_logs.errors import OutputError
 
 #: A clock that falls by more than this has been reset; less is jitter [µs].
@@ -109,8 +109,10 @@ def write_clock(log: FlightLog) -> WriteClock:
     return WriteClock(position=longest.position[starts], end_us=end_us, offset_us=offset_us)
 
 
-def event_stamps(clock: WriteClock, events: tuple[ModeChange, ...] | tuple[LogText, ...]) -> Stamps:
-    """Stamp modes or texts."""
+def event_stamps(
+    clock: WriteClock, events: tuple[ModeChange, ...] | tuple[LogText, ...] | tuple[ParameterChange, ...]
+) -> Stamps:
+    """Stamp modes, texts or changes of parameters."""
     time_s = np.array([event.time_s for event in events], dtype=np.float64)
     position = np.array([event.position for event in events], dtype=np.int64)
     return clock.stamps(time_s, position)

@@ -16,6 +16,7 @@ import numpy as np
 from quadid_logs.arrays import AnyArray, FloatArray
 from quadid_logs.data.log import FlightLog, Signal
 from quadid_logs.maths.rotations import quaternion_from_euler
+from quadid_logs.vocabulary import AXES
 from quadid_logs.writers.flight_modes import find_mode
 from quadid_logs.writers.log_series import (
     Stamps,
@@ -86,7 +87,8 @@ def write_ulog(log: FlightLog, file: BinaryIO) -> None:
     _write_definitions(file, log)
     for number, (name, instance, _, _) in enumerate(topics):
         file.write(_message("A", struct.pack("<BH", instance, number) + name.encode()))
-    write_merged(file, [*streams, *_texts(log, clock), _syncs(start_us, end_us)])
+    written = [*_texts(log, clock), *_changed_parameters(log, clock)]
+    write_merged(file, [*streams, *written, _syncs(start_us, end_us)])
 
 
 def _message(kind: str, content: bytes) -> bytes:
@@ -132,7 +134,7 @@ def _rates(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
     """Measured and wanted body rates, torque and thrust set-points."""
     rate = controller_rate(log)
     if rate is not None and rate.n_samples:
-        fields: dict[str, Field] = {"xyz": rate.values, "xyz_derivative": math.nan}
+        fields: dict[str, Field] = {"xyz": rate.values, "xyz_derivative": _acceleration(log, rate)}
         yield "vehicle_angular_velocity", 0, clock.of(rate), fields
     wanted, throttle = first(log, "body_rate_setpoint"), first(log, "throttle")
     if wanted is not None:
@@ -156,6 +158,16 @@ def _rates(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
             "thrust_setpoint_achieved": 1,
         }
         yield "control_allocator_status", 0, clock.of(unallocated), fields
+
+
+def _acceleration(log: FlightLog, rate: Signal) -> AnyArray | float:
+    """Return what the rate controller's D acts on, NaN where it is not known in the rate's rows."""
+    columns = [
+        terms.values["derivative"]
+        for terms in log.controller_terms
+        if "derivative" in terms.values and terms.rows.n_samples == rate.n_samples
+    ]
+    return np.column_stack(columns) if len(columns) == len(AXES) else math.nan
 
 
 def _actuators(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
@@ -300,6 +312,20 @@ def _texts(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
         yield Records(dtype=dtype, key_us=stamps.key_us[row : row + 1], fields=fields)
 
 
+def _changed_parameters(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
+    """Make the messages of parameters that were written in flight: one record type per length."""
+    stamps = event_stamps(clock, log.parameter_changes)
+    for row, change in enumerate(log.parameter_changes):
+        content = _parameter(clip_text(change.name, 16).decode(), change.value)
+        dtype = np.dtype([("size", "<u2"), ("kind", "u1"), ("content", f"V{len(content)}")])
+        fields: dict[str, Field] = {
+            "size": len(content),
+            "kind": ord("P"),
+            "content": np.frombuffer(content, dtype=f"V{len(content)}"),
+        }
+        yield Records(dtype=dtype, key_us=stamps.key_us[row : row + 1], fields=fields)
+
+
 def _syncs(start_us: int, end_us: int) -> Records:
     """Sync messages at the logger's period."""
     key_us = np.arange(start_us, end_us + 1, SYNC_PERIOD_US, dtype=np.int64)
@@ -328,7 +354,7 @@ def _write_definitions(file: BinaryIO, log: FlightLog) -> None:
     numbers = {"ver_sw_release": ("uint32_t", release), "time_ref_utc": ("int32_t", 0)}
     for key, (kind, number) in numbers.items():
         file.write(_message("I", _keyed(f"{kind} {key}", struct.pack("<I", number))))
-    for name, value in log.parameters.items():
+    for name, value in log.parameters_at(-1).items():
         file.write(_message("P", _parameter(clip_text(name, 16).decode(), value)))
 
 
