@@ -50,6 +50,12 @@ def longest_run(time_s: FloatArray, usable: BoolArray) -> slice | None:
     return slice(first, after) if time_s[after - 1] - time_s[first] >= _SHORTEST_S else None
 
 
+def possible(*values: FloatArray) -> BoolArray:
+    """Mark the rows in which all columns of all arrays are numbers that a controller can have met."""
+    found = [(np.abs(one) < _IMPOSSIBLE).all(axis=1) for one in values]
+    return np.asarray(np.logical_and.reduce(found), dtype=np.bool_)
+
+
 def within(time_s: FloatArray, intervals: Sequence[Interval]) -> BoolArray:
     """Mark the times that lie in one of the intervals; all where there is none."""
     inside = np.isfinite(time_s)
@@ -114,5 +120,7 @@ def stood_still(integral: FloatArray, increments: FloatArray) -> BoolArray:
 
 #: A step is all of the increment or nothing of it, but for rounding; in between, something else differs.
 _STOOD: Final = 0.25
+#: In SI units and commands nothing comes near: such a number is damage, and its square may overflow.
+_IMPOSSIBLE: Final = 1e6
 #: Stamps are whole microseconds.
 _SAME_TIME_S: Final = 0.4e-6

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from quadid_logs.data.controller import VersionRead
@@ -37,6 +38,11 @@ def read_version(
     # A change of the first number outweighs any of the second.
     nearest = min(known, key=lambda one: (abs(one[0] - own[0]), abs(one[1] - own[1])))
     return ("read" if nearest == own else "nearest"), _words(nearest)
+
+
+def finite(value: float | None) -> float | None:
+    """Return a parameter's value, None where a damaged log makes it no number."""
+    return value if value is not None and math.isfinite(value) else None
 
 
 def _words(version: tuple[int, int]) -> str:

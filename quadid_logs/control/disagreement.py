@@ -93,6 +93,8 @@ def _output(given: ReplayInput, rows: AxisRows, changed: Mapping[str, float] | N
 def _error(given: ReplayInput, rows: AxisRows, changed: Mapping[str, float] | None = None) -> float:
     """Return the relative rms difference of the output."""
     usable = usable_rows(rows)
+    if not usable.any():
+        return float("inf")
     off = _output(given, rows, changed) - rows.output
     size = float(np.sqrt(np.mean(rows.output[usable] ** 2)))
     return float(np.sqrt(np.mean(off[usable] ** 2))) / size if size > 0.0 else float("inf")

@@ -60,7 +60,7 @@ def _replayed(
     changes: Sequence[ParameterChange],
 ) -> Replay:
     given = inputs.get(axis)
-    if given is None:
+    if given is None or not usable_rows(given.rows).any():
         return Replay(relative_rms=dict.fromkeys(TERMS), agrees=False, reason=ReplayReason.NO_ROWS)
     rows = given.rows
     found = given.law(rows, given.parameters)

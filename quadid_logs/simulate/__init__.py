@@ -174,9 +174,7 @@ def plan_flights(
         If duration, rate or vehicle cannot be flown.
     """
     each_s = _flight_s(scenario, duration_s)
-    airframe = scenario.airframe()
-    if vehicle is not None:
-        airframe = adapted(airframe, vehicle)
+    airframe = scenario.airframe() if vehicle is None else adapted(scenario.airframe(), vehicle)
     loop_hz, schedule = _loop_rate(rate_hz), _schedule(each_s)
     length = round(schedule.land_s * loop_hz) - round(schedule.manoeuvre_s * loop_hz)
     setups = []

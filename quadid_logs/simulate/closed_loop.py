@@ -244,7 +244,8 @@ def fly_many(setups: Sequence[Setup]) -> Record:
         )
         if not shared:
             raise SimulationError(
-                "Flights of one batch have the same rotors, schedule, autopilot, delay, tuning and loop rate."
+                "Flights of one batch have the same number of rotors, schedule, autopilot, delay, tuning, "
+                "loop rate."
             )
     values = _fly(tuple(setups), CORE)
     if len(setups) == 1:

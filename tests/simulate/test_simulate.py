@@ -167,8 +167,9 @@ def test_the_chirp_is_logged_while_it_runs():
     simulation = simulate("single-axis", duration_s=30.0)
     chirp = simulation.log.signals["sysid_chirp"][0]
     (begin, end) = simulation.truth["segments_s"][0]
-    assert chirp.time_s[0] == pytest.approx(begin, abs=1e-3)
-    assert chirp.time_s[-1] == pytest.approx(end, abs=4e-3)
+    # A row's chirp enters the command of the next loop, as in the firmware.
+    assert chirp.time_s[0] == pytest.approx(begin - 1.0 / 400.0, abs=1e-3)
+    assert chirp.time_s[-1] == pytest.approx(end - 1.0 / 400.0, abs=4e-3)
     command = simulation.log.signals["torque_command"][0]
     rows = np.searchsorted(command.time_s, chirp.time_s)
     # Towards its end the chirp is too fast for the controller to work against it.

@@ -8,7 +8,7 @@ from typing import Final
 
 from quadid_logs.autopilots.ardupilot.filters import follows_unknown, parameter_filter
 from quadid_logs.autopilots.discrete import derivative, first_order, gain, gyro_filters, integrator
-from quadid_logs.autopilots.versions import read_version
+from quadid_logs.autopilots.versions import finite, read_version
 from quadid_logs.data.controller import AxisController, ControllerRemark, FlownControllers, RemarkKind
 from quadid_logs.data.log import FlightLog, whole_number
 from quadid_logs.vocabulary import AXES
@@ -94,7 +94,10 @@ def pid_parameters(parameters: Mapping[str, float], name: str) -> dict[str, floa
     dict of str to float
     """
     found = {short: parameters[f"ATC_RAT_{name}_{short}"] for short in _NEEDED}
-    return found | {short: parameters.get(f"ATC_RAT_{name}_{short}", way) for short, way in _OPTIONAL.items()}
+    rest = {short: parameters.get(f"ATC_RAT_{name}_{short}", way) for short, way in _OPTIONAL.items()}
+    return found | {
+        short: value if math.isfinite(value) else _OPTIONAL[short] for short, value in rest.items()
+    }
 
 
 def _axis(parameters: Mapping[str, float], name: str) -> AxisController:
@@ -106,7 +109,7 @@ def _axis(parameters: Mapping[str, float], name: str) -> AxisController:
         + (slope * first_order(pid["FLTD"], period_s)).scaled(pid["D"])
     )
     feed_forward = gain(pid["FF"], period_s) + slope.scaled(pid["D_FF"])
-    angle = parameters.get(f"ATC_ANG_{name}_P")
+    angle = finite(parameters.get(f"ATC_ANG_{name}_P"))
     names = {f"ATC_RAT_{name}_{short}": value for short, value in pid.items() if math.isfinite(value)}
     return AxisController(
         period_s=period_s,

@@ -10,7 +10,15 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.autopilots.ardupilot.controller import AXIS_NAMES, loop_period_s, pid_parameters
-from quadid_logs.autopilots.loop_rows import Interval, in_step, longest_run, matched, stood_still, within
+from quadid_logs.autopilots.loop_rows import (
+    Interval,
+    in_step,
+    longest_run,
+    matched,
+    possible,
+    stood_still,
+    within,
+)
 from quadid_logs.data.controller import AxisRows, FlownControllers, ReplayedTerms, ReplayInput, Term
 from quadid_logs.data.log import ControllerTerms, FlightLog, Signal, whole_number
 from quadid_logs.maths.recurrence import anti_windup_sum, low_pass
@@ -44,8 +52,8 @@ def replay_inputs(
     output = setpoint and in_step(log, "torque_command", setpoint)
     if setpoint is None or rate is None or output is None:
         return {}
-    finite = np.isfinite(setpoint.values + rate.values + output.values).all(axis=1)
-    flying = within(setpoint.time_s, intervals) & finite & (output.values != 0.0).any(axis=1)
+    sane = possible(setpoint.values, rate.values, output.values)
+    flying = within(setpoint.time_s, intervals) & sane & (output.values != 0.0).any(axis=1)
     run = longest_run(setpoint.time_s, flying)
     if run is None:
         return {}
@@ -159,4 +167,4 @@ def _mixer_chirp(
     chirp = next(iter(log.candidates("sysid_chirp")), None)
     if chirp is None or whole_number(parameters.get("SID_AXIS")) != _FIRST_MIXER_AXIS + number:
         return np.zeros(before_s.size)
-    return np.nan_to_num(matched(chirp.time_s, chirp.values[:, 0], before_s))
+    return np.nan_to_num(matched(chirp.time_s, chirp.values[:, 0], before_s), posinf=0.0, neginf=0.0)

@@ -10,7 +10,7 @@ import numpy as np
 
 from quadid_logs.autopilots.discrete import derivative, first_order, gain, gyro_filters, integrator, unit
 from quadid_logs.autopilots.px4.filters import parameter_filter
-from quadid_logs.autopilots.versions import read_version
+from quadid_logs.autopilots.versions import finite, read_version
 from quadid_logs.data.controller import AxisController, ControllerRemark, FlownControllers, RemarkKind
 from quadid_logs.data.log import FlightLog
 from quadid_logs.vocabulary import AXES
@@ -102,7 +102,10 @@ def rate_parameters(parameters: Mapping[str, float], name: str) -> dict[str, flo
     dict of str to float
     """
     found = {short: parameters[f"MC_{name}RATE_{short}"] for short in _NEEDED}
-    return found | {short: parameters.get(f"MC_{name}RATE_{short}", way) for short, way in _OPTIONAL.items()}
+    rest = {short: parameters.get(f"MC_{name}RATE_{short}", way) for short, way in _OPTIONAL.items()}
+    return found | {
+        short: value if math.isfinite(value) else _OPTIONAL[short] for short, value in rest.items()
+    }
 
 
 def _axis(parameters: Mapping[str, float], name: str, period_s: float) -> AxisController:
@@ -110,7 +113,7 @@ def _axis(parameters: Mapping[str, float], name: str, period_s: float) -> AxisCo
     error = gain(pid["P"], period_s) + integrator(period_s, late=True).scaled(pid["I"])
     slope = derivative(period_s) * first_order(cutoff_hz(parameters), period_s)
     torque_hz = parameters.get("MC_YAW_TQ_CUTOFF", 0.0) if name == "YAW" else 0.0
-    angle = parameters.get(f"MC_{name}_P")
+    angle = finite(parameters.get(f"MC_{name}_P"))
     names = {f"MC_{name}RATE_{short}": value for short, value in pid.items()}
     return AxisController(
         period_s=period_s,

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
-from quadid_logs.autopilots.loop_rows import Interval, longest_run, matched, stood_still, within
+from quadid_logs.autopilots.loop_rows import Interval, longest_run, matched, possible, stood_still, within
 from quadid_logs.autopilots.px4.controller import AXIS_NAMES, cutoff_hz, rate_parameters
 from quadid_logs.data.controller import AxisRows, FlownControllers, ReplayedTerms, ReplayInput, Term
 from quadid_logs.data.log import FlightLog, Signal
@@ -50,7 +50,7 @@ def replay_inputs(
     if setpoint is None or rate is None or output is None or setpoint.n_samples < 2:
         return {}
     given = np.column_stack([matched(output.time_s, column, rate.time_s) for column in output.values.T])
-    usable = within(rate.time_s, intervals) & np.isfinite(given + rate.values).all(axis=1)
+    usable = within(rate.time_s, intervals) & possible(given, rate.values)
     run = longest_run(rate.time_s, usable & (given != 0.0).any(axis=1))
     if run is None:
         return {}
@@ -179,7 +179,8 @@ def _held(setpoint: Signal, number: int, time_s: FloatArray) -> tuple[FloatArray
     """Return the last set-point before each time, interpolated where one is missing; and where not."""
     order = np.argsort(setpoint.time_s, kind="stable")
     published, values = setpoint.time_s[order], setpoint.values[order, number]
-    published, values = published[np.isfinite(values)], values[np.isfinite(values)]
+    sane = possible(values[:, np.newaxis])
+    published, values = published[sane], values[sane]
     if published.size < 2:
         return np.zeros(time_s.size), np.zeros(time_s.size, np.bool_)
     period_s = float(np.median(np.diff(published)))
