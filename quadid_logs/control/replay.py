@@ -69,7 +69,7 @@ def _replayed(
     result = Replay(relative_rms=errors, agrees=agrees, n_rows=rows.n_rows)
     return (
         _other_rate(result, given)
-        or _changed(result, rows, gains, changes)
+        or _changed(result, given, gains, changes)
         or _slew_limited(result, rows)
         or (_as_flown(result, rows, found) if agrees else explain(result, axis, inputs))
     )
@@ -130,12 +130,13 @@ def _other_rate(result: Replay, given: ReplayInput) -> Replay | None:
 
 
 def _changed(
-    result: Replay, rows: AxisRows, gains: Mapping[str, float], changes: Sequence[ParameterChange]
+    result: Replay, given: ReplayInput, gains: Mapping[str, float], changes: Sequence[ParameterChange]
 ) -> Replay | None:
     """Name the first of the controller's parameters that was changed between the rows."""
-    first, last = int(rows.positions[0]), int(rows.positions[-1])
-    here = (one for one in changes if one.name in gains and first < one.position < last)
-    change = next(here, None)
+    first, last = int(given.rows.positions[0]), int(given.rows.positions[-1])
+    here = [one for one in changes if first < one.position < last]
+    shape = (one for one in here if one.name in gains or one.name.startswith(given.filters))
+    change = next(shape, None)
     if change is None:
         return None
     numbers = {"time_s": change.time_s, "before": change.before, "after": change.value}

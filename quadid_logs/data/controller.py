@@ -151,6 +151,8 @@ class RemarkKind(Enum):
     """Gains depend on throttle, landing or battery."""
     PERIOD_ASSUMED = "period assumed"
     """The loop's period is that of the parameters, not of the log's rows."""
+    GYRO_RATE_ASSUMED = "gyro rate assumed"
+    """How often the gyro is sampled, and its filters run, is nowhere told."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -283,6 +285,8 @@ class ReplayInput:
         That the parameters promise [s]; NaN where they do not.
     slew_limits : tuple of str
         Parameters that switch on a limiter whose factor on P and D these rows do not hold.
+    filters : tuple of str
+        How the names of further parameters begin that shape the loop, as those of the gyro's filters.
     """
 
     rows: AxisRows
@@ -293,6 +297,7 @@ class ReplayInput:
     tolerance: float
     loop_period_s: float = float("nan")
     slew_limits: tuple[str, ...] = ()
+    filters: tuple[str, ...] = ()
 
 
 class ReplayReason(Enum):

@@ -2,8 +2,9 @@
 
 Components throughout, as in `plant`. The structure and the mixer are
 ArduPilot's (AC_AttitudeControl, AC_PID, AP_MotorsMatrix.cpp
-`output_armed_stabilizing`); PX4 differs in its factors and in the thrust
-curve, and its sequential desaturation is replaced by the same scaling.
+`output_armed_stabilizing`); PX4 differs in its rate law (rate_control.cpp), in
+its factors and in the thrust curve, and its sequential desaturation is replaced
+by the same scaling.
 """
 
 from __future__ import annotations

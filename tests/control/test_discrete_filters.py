@@ -10,7 +10,7 @@ from quadid_logs.autopilots import discrete, named
 from quadid_logs.data.controller import AxisController, DiscreteFilter
 from quadid_logs.data.log import Notch
 from quadid_logs.errors import ShapeError
-from tests.control.flown_controller import AP_YAW, ApFlight, Px4Flight
+from tests.control.flown_controller import AP_PID, AP_YAW, ApFlight, Px4Flight
 
 T = 0.0025
 FILTERS = {
@@ -93,6 +93,31 @@ def test_the_px4_rate_loop_has_the_margins_of_the_reference() -> None:
     """Roll of the firmware in simulation: 2.34 Hz, 63.8 degrees, 21.5 dB; computed outside of it."""
     found = margins(axes(Px4Flight(n=2000), {"MC_ROLLRATE_I": 0.2})["roll"], 113.07, 1.0, 0.0474)
     assert found == pytest.approx((2.34, 63.8, 21.5), rel=0.01)
+
+
+def impulse_response(flight: ApFlight | Px4Flight) -> np.ndarray:
+    error = axes(flight)["roll"].error
+    return signal.lfilter(error.numerator, error.denominator, np.r_[1.0, np.zeros(3)])
+
+
+def test_the_px4_integral_answers_a_loop_late() -> None:
+    later = 0.05 * 0.004
+    assert impulse_response(Px4Flight(n=2000)) == pytest.approx([0.15, later, later, later], rel=0.01)
+
+
+def test_the_ardupilot_error_path_answers_with_p_i_and_d_at_once() -> None:
+    alpha = T / (T + 1.0 / (2.0 * np.pi * 20.0))
+    first = AP_PID["P"] + AP_PID["I"] * T + AP_PID["D"] * alpha / T
+    assert impulse_response(ApFlight(n=2000))[0] == pytest.approx(first, rel=1e-9)
+
+
+def test_the_px4_gyro_is_faster_than_a_loop_at_its_limit_and_as_fast_as_one_that_waits() -> None:
+    waiting = axes(Px4Flight(n=2000), {"IMU_GYRO_RATEMAX": 800.0})["roll"]
+    assert waiting.gyro[-1].period_s == waiting.period_s
+    limited = axes(Px4Flight(n=2000), {"IMU_GYRO_RATEMAX": 250.0})["roll"]
+    assert limited.gyro[-1].period_s == pytest.approx(limited.period_s / 8.0)
+    assert limited.rate is not None
+    assert limited.rate.period_s == limited.gyro[-1].period_s
 
 
 def test_the_px4_yaw_torque_passes_its_low_pass() -> None:

@@ -13,7 +13,7 @@ from quadid_logs import read_log
 from quadid_logs.autopilots import named
 from quadid_logs.control.replay import replay
 from quadid_logs.data.controller import RemarkKind, Replay, ReplayReason
-from quadid_logs.data.log import FlightLog, Rows
+from quadid_logs.data.log import FlightLog, ParameterChange, Rows
 from quadid_logs.load import load
 from tests.control.flown_controller import AP_PID, AP_YAW, ApFlight, Px4Flight
 
@@ -139,6 +139,15 @@ def test_gains_changed_in_flight_are_named_by_the_logged_change() -> None:
     assert found.parameter == "ATC_RAT_RLL_P"
     assert (found.numbers["before"], found.numbers["after"]) == (0.135, 0.2)
     assert found.numbers["time_s"] == pytest.approx(60.0, abs=0.2)
+
+
+def test_a_gyro_filter_that_was_changed_in_flight_is_named_though_the_replay_agrees() -> None:
+    """The logged rates are those behind it: only the log's parameters can tell."""
+    log = ApFlight().log()
+    change = ParameterChange(time_s=60.0, position=400_000, name="INS_GYRO_FILTER", value=20.0, before=40.0)
+    found = roll(replace(log, parameter_changes=(change,)))
+    assert (found.agrees, found.reason) == (False, ReplayReason.GAINS_CHANGED)
+    assert found.parameter == "INS_GYRO_FILTER"
 
 
 def test_gains_changed_in_flight_are_found_where_no_change_was_logged() -> None:

@@ -68,6 +68,7 @@ def replay_inputs(
             tolerance=_TOLERANCE,
             loop_period_s=loop_period_s(parameters),
             slew_limits=(f"ATC_RAT_{AXIS_NAMES[axis]}_SMAX",),
+            filters=("INS_GYRO_FILTER", "INS_HNTC", "INS_NOTCH"),
         )
         for axis in controllers.axes
     }

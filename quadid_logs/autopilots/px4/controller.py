@@ -27,6 +27,10 @@ _DEFAULT_CUTOFF_HZ: Final = 20.0
 _DEFAULT_LOOP_HZ: Final = 400.0
 #: Rows this fast are those of each loop, not thinned ones: the logger's own default is 50 Hz.
 _LOOP_LIKE_HZ: Final = 200.0
+#: A loop slower than the parameters' by so much waits for its gyro.
+_WAITING: Final = 1.1
+#: Gyros are sampled at 1 to 8 kHz, loops run at up to 800 Hz.
+_FASTER: Final = 8.0
 #: Two topics of one loop have the same period but for the rounding of stamps.
 _SAME_PERIOD: Final = 0.02
 
@@ -47,8 +51,7 @@ def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControl
 
     Notes
     -----
-    rate_control.cpp, MulticopterRateControl.cpp, AttitudeControl.cpp, VehicleAngularVelocity.cpp. The
-    gyro's own rate is in no parameter: its filters are taken at the loop's period.
+    rate_control.cpp, MulticopterRateControl.cpp, AttitudeControl.cpp, VehicleAngularVelocity.cpp.
     """
     version_read, note = read_version(log.version, VERSIONS_READ)
     measured_s = logged_loop_period_s(log)
@@ -57,6 +60,10 @@ def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControl
     if measured_s is None:
         values = {"IMU_GYRO_RATEMAX": 1.0 / period_s}
         remarks.append(ControllerRemark(kind=RemarkKind.PERIOD_ASSUMED, values=values))
+    gyro_s = _gyro_period_s(period_s, parameters)
+    if gyro_s != period_s:
+        values = {"IMU_GYRO_RATEMAX": 1.0 / period_s, "gyro_hz": 1.0 / gyro_s}
+        remarks.append(ControllerRemark(kind=RemarkKind.GYRO_RATE_ASSUMED, values=values))
     axes: dict[str, AxisController] = {}
     for axis, (name, _) in AXIS_NAMES.items():
         missing = [f"MC_{name}RATE_{s}" for s in _NEEDED if not _finite(parameters, f"MC_{name}RATE_{s}")]
@@ -64,7 +71,7 @@ def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControl
             values = dict.fromkeys(missing, math.nan)
             remarks.append(ControllerRemark(kind=RemarkKind.MISSING_PARAMETER, axis=axis, values=values))
         else:
-            axes[axis] = _axis(parameters, name, period_s)
+            axes[axis] = _axis(parameters, name, period_s, gyro_s)
     return FlownControllers(
         name="mc_rate_control",
         firmware=log.firmware,
@@ -108,10 +115,20 @@ def rate_parameters(parameters: Mapping[str, float], name: str) -> dict[str, flo
     }
 
 
-def _axis(parameters: Mapping[str, float], name: str, period_s: float) -> AxisController:
+def _gyro_period_s(period_s: float, parameters: Mapping[str, float]) -> float:
+    """Return the period of the gyro's samples, at which its filters run and D's slope is taken [s].
+
+    A loop that is slower than it may be waits for the gyro, and has its period. One at its limit has a
+    faster gyro; nothing tells how much faster, and beyond some times it makes no difference.
+    """
+    waits = period_s > _WAITING * _parameter_period_s(parameters)
+    return period_s if waits else period_s / _FASTER
+
+
+def _axis(parameters: Mapping[str, float], name: str, period_s: float, gyro_s: float) -> AxisController:
     pid = rate_parameters(parameters, name)
     error = gain(pid["P"], period_s) + integrator(period_s, late=True).scaled(pid["I"])
-    slope = derivative(period_s) * first_order(cutoff_hz(parameters), period_s)
+    slope = derivative(gyro_s) * first_order(cutoff_hz(parameters), gyro_s)
     torque_hz = parameters.get("MC_YAW_TQ_CUTOFF", 0.0) if name == "YAW" else 0.0
     angle = finite(parameters.get(f"MC_{name}_P"))
     names = {f"MC_{name}RATE_{short}": value for short, value in pid.items()}
@@ -121,7 +138,7 @@ def _axis(parameters: Mapping[str, float], name: str, period_s: float) -> AxisCo
         target=unit(period_s),
         rate=slope.scaled(pid["K"] * pid["D"]) if pid["D"] else None,
         feed_forward=gain(pid["FF"], period_s) if pid["FF"] else None,
-        gyro=gyro_filters(parameter_filter(parameters), period_s),
+        gyro=gyro_filters(parameter_filter(parameters), gyro_s),
         command=first_order(torque_hz, period_s) if torque_hz > 0.0 else None,
         angle_gain_per_s=angle,
         gains=names | ({} if angle is None else {f"MC_{name}_P": angle}),

@@ -64,6 +64,7 @@ def replay_inputs(
             cutoffs=("MC_YAW_TQ_CUTOFF",) if axis == "yaw" else ("IMU_DGYRO_CUTOFF",),
             tolerance=_TOLERANCE,
             loop_period_s=controllers.axes[axis].period_s,
+            filters=("IMU_GYRO_CUTOFF", "IMU_GYRO_NF", "IMU_DGYRO_CUTOFF", "MC_YAW_TQ_CUTOFF"),
         )
         for axis in controllers.axes
     }
