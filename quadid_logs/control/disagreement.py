@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
@@ -13,7 +13,7 @@ from scipy import signal
 from scipy.optimize import minimize_scalar
 
 from quadid_logs.arrays import BoolArray, FloatArray
-from quadid_logs.data.controller import AxisRows, Replay, ReplayInput, ReplayReason, Term
+from quadid_logs.data.controller import AxisRows, Replay, ReplayInput, ReplayReason
 from quadid_logs.vocabulary import AXES
 
 #: As many rows tell one explanation from another: 15 s at 400 Hz.
@@ -25,10 +25,7 @@ _SHIFTS: Final = (-1, 1, -2, 2)
 _CLOCK_FACTORS: Final = (0.5, 2.0, 0.25, 4.0)
 #: Cut-offs that are tried [Hz], 0 for none; between them the best is refined.
 _CUTOFFS_HZ: Final = (0.0, 1.25, 2.5, 5.0, 10.0, 20.0, 40.0, 80.0, 160.0)
-_GAINS: Final[tuple[Term, ...]] = ("P", "I", "D", "FF")
 _CHUNKS: Final = 4
-#: A gain that differs by less between chunks of the flight is the same.
-_SAME_GAIN: Final = 0.05
 #: A set-point a row less often is missing often enough to matter.
 _MISSING: Final = 0.02
 #: A notch is believed where it explains most of what differs.
@@ -76,12 +73,15 @@ def explain(result: Replay, axis: str, inputs: Mapping[str, ReplayInput]) -> Rep
 
 def _worst_part(given: ReplayInput) -> slice:
     """Return the rows in which the replay differs most."""
-    n_rows = given.rows.n_rows
-    if n_rows <= _ROWS:
-        return slice(0, n_rows)
-    off = np.diff(_output(given, given.rows) - given.rows.output, prepend=0.0) ** 2
-    summed = np.concatenate([[0.0], np.cumsum(off)])
-    starts = np.arange(0, n_rows - _ROWS + 1, _ROWS // 4)
+    return _busiest(_output(given, given.rows) - given.rows.output)
+
+
+def _busiest(values: FloatArray) -> slice:
+    """Return the `_ROWS` rows in which values move most, all of fewer."""
+    if values.size <= _ROWS:
+        return slice(0, values.size)
+    summed = np.concatenate([[0.0], np.cumsum(np.diff(values, prepend=values[0]) ** 2)])
+    starts = np.arange(0, values.size - _ROWS + 1, _ROWS // 4)
     start = int(starts[np.argmax(summed[starts + _ROWS] - summed[starts])])
     return slice(start, start + _ROWS)
 
@@ -196,49 +196,71 @@ def _regained(given: ReplayInput, part: slice) -> _Explanation | None:  # noqa: 
     """Fit the gains to the steps of the output, over all rows and over chunks of them."""
     rows = given.rows
     edges = np.linspace(0, rows.n_rows, _CHUNKS + 1).astype(int)
-    chunks = [rows.part(slice(a, b)) for a, b in itertools.pairwise(edges.tolist())]
-    found = [(chunk, _fitted(given, chunk)) for chunk in chunks]
-    fits = [fit for chunk, fit in found if fit and _error(given, chunk, fit) <= given.tolerance]
+    quarters = (rows.part(slice(a, b)) for a, b in itertools.pairwise(edges.tolist()))
+    chunks = [one.part(_busiest(one.output)) for one in quarters]
+    steps = [_steps(given, chunk) for chunk in chunks]
+    # First one gain alone: where all may differ, the fit tells noise too.
+    for names in (*((name,) for name in given.gains.values()), tuple(given.gains.values())):
+        fits = [_fitted(given, each, names) for each in steps]
+        found = _told_by(given, names, [(c, fit) for c, fit in zip(chunks, fits, strict=True) if fit])
+        if found is not None:
+            return found
+    return None
+
+
+def _told_by(
+    given: ReplayInput, names: tuple[str, ...], fits: Sequence[tuple[AxisRows, dict[str, float]]]
+) -> _Explanation | None:
+    """Tell whether other values of these gains explain the chunks, and whether the same ones explain all."""
+    fits = [(chunk, fit) for chunk, fit in fits if _error(given, chunk, fit) <= given.tolerance]
     # Of one change in flight, one chunk holds gains of both sides.
     if len(fits) < _CHUNKS - 1:
         return None
-    in_file = {name: given.parameters.get(name, 0.0) for name in fits[0]}
-    # What a unit of each gain moves tells which difference matters.
-    moves = {name: float(np.std(_output(given, chunks[0], _only(given, name)))) for name in in_file}
-    name = max(in_file, key=lambda one: moves[one] * np.ptp([in_file[one], *(fit[one] for fit in fits)]))
-    flown = [fit[name] for fit in fits]
-    all_values = [in_file[name], *flown]
-    if moves[name] * np.ptp(all_values) <= given.tolerance * float(np.std(rows.output)):
-        return None
-    if np.ptp(flown) > _SAME_GAIN * max(map(abs, all_values)):
-        numbers = {"before": flown[0], "after": flown[-1]}
-        return _Explanation(ReplayReason.GAINS_CHANGED, name, numbers)
-    numbers = {"in_file": in_file[name], "flown": float(np.median(flown))}
-    return _Explanation(ReplayReason.GAIN_DIFFERS, name, numbers)
+    middle = {name: float(np.median([fit[name] for _, fit in fits])) for name in fits[0][1]}
+    name = names[0] if len(names) == 1 else ""
+    in_file = given.parameters.get(name, 0.0)
+    if all(_error(given, chunk, middle) <= given.tolerance for chunk, _ in fits):
+        numbers = {"in_file": in_file, "flown": middle[name]} if name else {}
+        return _Explanation(ReplayReason.GAIN_DIFFERS, name, numbers)
+    numbers = {"before": fits[0][1][name], "after": fits[-1][1][name]} if name else {}
+    return _Explanation(ReplayReason.GAINS_CHANGED, name, numbers)
 
 
-def _only(given: ReplayInput, name: str) -> dict[str, float]:
-    """Return parameters with which one gain is 1 and the others are 0."""
-    return {one: float(one == name) for one in given.gains.values()}
+def _free(rows: AxisRows) -> AxisRows:
+    """Return rows whose integrator never stops, where the log does not say: other gains cannot tell."""
+    return replace(rows, limited=np.zeros(rows.n_rows, np.bool_)) if rows.limited is None else rows
 
 
-def _fitted(given: ReplayInput, rows: AxisRows) -> dict[str, float] | None:
-    """Return the gains that the steps of the output show; None where too few rows tell."""
+class _Steps(NamedTuple):
+    """Steps of the output, and of it with one gain 1 and the others 0, by the gain's parameter."""
+
+    output: FloatArray
+    by_gain: dict[str, FloatArray]
+    usable: BoolArray
+
+
+def _steps(given: ReplayInput, rows: AxisRows) -> _Steps:
     usable = usable_rows(rows)
     usable[1:] &= usable[:-1]
-    if np.count_nonzero(usable) < rows.n_rows // 4:
-        return None
-    never = np.zeros(rows.n_rows, np.bool_)
-    free = replace(rows, limited=never if rows.limited is None else rows.limited)
-    steps = np.diff(rows.output - rows.added, prepend=0.0)
-    columns, names = [], []
-    for term in _GAINS:
-        only = _output(given, free, _only(given, given.gains[term]))
-        column = np.diff(only - rows.added, prepend=0.0)
+    free = _free(rows)
+    by_gain = {}
+    for name in given.gains.values():
+        only = {one: float(one == name) for one in given.gains.values()}
+        column = np.diff(_output(given, free, only) - rows.added, prepend=0.0)
         if np.any(column[usable] != 0.0):
-            columns.append(column)
-            names.append(given.gains[term])
-    return dict(zip(names, _robust(np.column_stack(columns), steps, usable).tolist(), strict=True))
+            by_gain[name] = column
+    return _Steps(np.diff(rows.output - rows.added, prepend=0.0), by_gain, usable)
+
+
+def _fitted(given: ReplayInput, steps: _Steps, names: tuple[str, ...]) -> dict[str, float] | None:
+    """Return what the steps show of some gains, the others as in the file; None where too few rows tell."""
+    free = [name for name in names if name in steps.by_gain]
+    if not free or np.count_nonzero(steps.usable) < steps.usable.size // 4:
+        return None
+    kept = (name for name in steps.by_gain if name not in free)
+    known = sum((given.parameters.get(name, 0.0) * steps.by_gain[name] for name in kept), np.zeros(1))
+    columns = np.column_stack([steps.by_gain[name] for name in free])
+    return dict(zip(free, _robust(columns, steps.output - known, steps.usable).tolist(), strict=True))
 
 
 def _robust(columns: FloatArray, steps: FloatArray, usable: BoolArray) -> FloatArray:

@@ -48,6 +48,11 @@ def test_a_notch_leaves_its_depth_at_the_centre_and_half_the_power_at_its_width(
     assert edge == pytest.approx(np.sqrt(0.5), abs=0.02)  # the bilinear transform narrows it a little
 
 
+def test_a_shallow_notch_leaves_its_depth_at_the_centre() -> None:
+    notch = discrete.notch(Notch(60.0, 0.5, 0.25), 1e-3)
+    assert abs(notch.response(np.array(60.0))) == pytest.approx(0.25, abs=1e-9)
+
+
 def test_filters_of_different_periods_do_not_combine() -> None:
     with pytest.raises(ShapeError):
         discrete.unit(T) * discrete.unit(2 * T)

@@ -147,3 +147,9 @@ def test_a_simulated_tuning_without_change_leaves_the_parameters_alone() -> None
     flight = simulate("hover", seed=0, duration_s=15.0)
     assert flight.log.parameter_changes == ()
     assert Tuning().later_gain is None
+
+
+def test_the_px4_integrator_stays_within_its_bound() -> None:
+    ones = np.ones(4000)
+    found = run("px4", gains(integral_limit=0.1), ones, 0.0 * ones, 0.0 * ones)
+    assert found[:, 1].max() == 0.1
