@@ -1,4 +1,4 @@
-"""Firmware loops against vehicles whose physics are known: margins, prediction, broken loop."""
+"""Loops of firmware against vehicles whose physics are known: margins, predictions, broken loop."""
 
 from __future__ import annotations
 

@@ -1,0 +1,120 @@
+"""When the loop is a finding, of which level, and that it leaves the model's verdict alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from quadid_logs.control.findings import find_in_loop
+from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated, LoopMargins, Margins, Prediction
+from quadid_logs.data.controller import FlownControllers, Replay, ReplayReason
+from quadid_logs.data.diagnosis import AxisVerdict, Diagnosis, Finding
+from quadid_logs.diagnose import with_findings
+from tests.synthetic_results import usable_result
+
+
+def figure(value: float, half: float = 0.0) -> Estimated:
+    return Estimated(value, (value - half, value + half))
+
+
+def loop(found: AxisLoop, *, read: bool = True) -> ClosedLoop:
+    controllers = FlownControllers(
+        name="PID", firmware="", version_read="read" if read else "nearest", version_note="4.7", axes={}
+    )
+    return ClosedLoop(controllers=controllers, axes={"roll": found})
+
+
+def margins(gain_db: float, phase_deg: float, disk: float = 0.9, half: float = 0.1) -> Margins:
+    return Margins(
+        stable=True,
+        stable_fraction=1.0,
+        extrapolated=False,
+        gain_margin_db=figure(gain_db, half),
+        phase_margin_deg=figure(phase_deg, half),
+        disk_margin=figure(disk, 0.01),
+    )
+
+
+def found_in(axis: AxisLoop, *, read: bool = True) -> list[Finding]:
+    return list(find_in_loop(loop(axis, read=read)))
+
+
+@pytest.mark.parametrize(
+    ("gain_db", "phase_deg", "disk", "half", "level"),
+    [
+        (8.0, 50.0, 0.9, 0.1, None),
+        (3.5, 50.0, 0.9, 0.1, "warning"),
+        (8.0, 29.0, 0.9, 0.1, "warning"),
+        (5.0, 50.0, 0.9, 0.1, "info"),
+        (8.0, 50.0, 0.6, 0.1, "info"),
+        (8.0, 50.0, 0.9, 6.0, "info"),
+    ],
+)
+def test_little_margin_is_a_finding_by_the_worst_vehicle_that_the_flight_allows(
+    gain_db: float, phase_deg: float, disk: float, half: float, level: str | None
+) -> None:
+    rate = margins(gain_db, phase_deg, disk, half)
+    levels = [one.level for one in found_in(AxisLoop(margins=LoopMargins(rate=rate, full=None)))]
+    assert levels == ([] if level is None else [level])
+
+
+def test_the_loop_with_the_angle_loop_is_judged_where_it_is_known() -> None:
+    both = LoopMargins(rate=margins(8.0, 60.0), full=margins(2.0, 15.0))
+    (one,) = found_in(AxisLoop(margins=both))
+    assert one.code == "QL601"
+    assert one.evidence["phase_margin_deg"] == [15.0, 14.9, 15.1]
+
+
+def test_an_unstable_loop_is_a_warning() -> None:
+    unstable = Margins(stable=False, stable_fraction=0.1, extrapolated=False)
+    (one,) = found_in(AxisLoop(margins=LoopMargins(rate=unstable, full=None)))
+    assert (one.code, one.level) == ("QL601", "warning")
+
+
+def prediction(value: float, half: float) -> Prediction:
+    found = usable_result().closed_loop
+    assert found is not None
+    first = found.axes["roll"].prediction
+    assert first is not None
+    return replace(first, effectiveness=figure(value, half))
+
+
+@pytest.mark.parametrize(
+    ("value", "half", "codes"), [(440.0, 5.0, []), (330.0, 5.0, ["QL602"]), (330.0, 150.0, [])]
+)
+def test_open_and_closed_loop_disagree_beyond_both_intervals(
+    value: float, half: float, codes: list[str]
+) -> None:
+    axis = AxisLoop(prediction=prediction(value, half), effectiveness=figure(430.0, 10.0))
+    assert [one.code for one in found_in(axis)] == codes
+
+
+def test_a_failed_replay_is_named_with_what_differs() -> None:
+    failed = Replay(
+        relative_rms={"P": 0.2, "output": 0.1},
+        agrees=False,
+        reason=ReplayReason.FILTER_DIFFERS,
+        parameter="FLTT",
+        numbers={"in_file": 20.0, "flown": 10.0},
+    )
+    (one,) = found_in(AxisLoop(replay=failed))
+    assert one.code == "QL604"
+    assert "filter differs (FLTT)" in one.title
+    assert one.evidence["flown"] == 10.0
+
+
+def test_an_unread_firmware_version_and_a_contradicted_model_are_told() -> None:
+    assert [one.code for one in found_in(AxisLoop(contradicted=True), read=False)] == ["QL606", "QL603"]
+
+
+def test_margins_leave_the_models_verdict_alone_and_a_disagreement_does_not() -> None:
+    """A good model of a vehicle with a poor tune is a good model."""
+    usable = AxisVerdict(verdict="usable", reasons=(), sentence="")
+    before = Diagnosis(findings=(), axes=dict.fromkeys(("roll", "pitch", "yaw"), usable))
+    poor = AxisLoop(margins=LoopMargins(rate=margins(2.0, 15.0), full=None))
+    after = with_findings(before, find_in_loop(loop(poor)), "other")
+    assert [one.code for one in after.findings] == ["QL601"]
+    assert after.axes["roll"].verdict == "usable"
+    apart = AxisLoop(prediction=prediction(330.0, 5.0), effectiveness=figure(430.0, 10.0))
+    assert with_findings(before, find_in_loop(loop(apart)), "other").axes["roll"].verdict == "caution"
