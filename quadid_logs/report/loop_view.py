@@ -36,6 +36,9 @@ def loop_view(result: Result) -> LoopView:
     loop = result.closed_loop
     if loop is None:
         return LoopView(intro=f"{_why_none(result)} Nothing is said of the loop.", sentences=(), margins=None)
+    if not loop.axes:
+        text = "The log's parameters do not tell the controller, or it has parts that are not modelled."
+        return LoopView(intro=f"{text} Nothing is said of the loop.", sentences=(), margins=None)
     return LoopView(
         intro=_intro(loop),
         sentences=tuple(_sentence(axis, found) for axis, found in loop.axes.items()),

@@ -1,0 +1,99 @@
+"""The chapter "The loop": sentences that a pilot understands, and what is said where nothing is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated, LoopMargins, Margins
+from quadid_logs.data.controller import Replay, ReplayReason
+from quadid_logs.data.result import Result
+from quadid_logs.report.loop_json import closed_loop_dict
+from quadid_logs.report.loop_view import loop_view
+from tests.synthetic_results import refused_result, usable_result
+
+
+@pytest.fixture(scope="module")
+def usable() -> Result:
+    return usable_result()
+
+
+def figure(value: float, low: float, high: float) -> Estimated:
+    return Estimated(value, (low, high))
+
+
+POOR = Margins(
+    stable=True,
+    stable_fraction=1.0,
+    extrapolated=False,
+    crossover_hz=figure(20.3, 20.0, 20.6),
+    phase_margin_deg=figure(16.8, 15.0, 18.0),
+    gain_margin_db=figure(2.54, 2.2, 2.9),
+    oscillation_hz=figure(23.7, 23.0, 24.0),
+)
+
+
+def with_loop(result: Result, found: AxisLoop) -> Result:
+    assert result.closed_loop is not None
+    return replace(
+        result, closed_loop=ClosedLoop(controllers=result.closed_loop.controllers, axes={"roll": found})
+    )
+
+
+def sentence(result: Result, margins: Margins) -> str:
+    loop = AxisLoop(margins=LoopMargins(rate=margins, full=None))
+    (text,) = loop_view(with_loop(result, loop)).sentences
+    return text
+
+
+def test_a_pilot_reads_how_far_the_vehicle_is_from_oscillating(usable: Result) -> None:
+    """Degrees, decibels, and what they are in gain and at which frequency."""
+    assert sentence(usable, POOR) == (
+        "Roll: 17 degrees and 2.5 dB from instability; a 34 % higher gain (lighter vehicle, fuller battery) "
+        "would oscillate at about 24 Hz."
+    )
+
+
+def test_an_extrapolated_margin_is_told_by_its_lower_end(usable: Result) -> None:
+    text = sentence(usable, replace(POOR, extrapolated=True))
+    assert text.endswith("(extrapolated: it may be as little as 15 degrees).")
+
+
+def test_an_unstable_loop_has_no_distance(usable: Result) -> None:
+    text = sentence(usable, Margins(stable=False, stable_fraction=0.0, extrapolated=False))
+    assert "unstable" in text
+    assert "degrees" not in text
+
+
+def test_a_controller_that_did_not_fly_is_named(usable: Result) -> None:
+    failed = Replay(relative_rms={}, agrees=False, reason=ReplayReason.AXES_SWAPPED)
+    (text,) = loop_view(with_loop(usable, AxisLoop(replay=failed))).sentences
+    assert "not the one that flew (axes swapped)" in text
+
+
+def test_every_loop_has_its_row(usable: Result) -> None:
+    view = loop_view(usable)
+    assert view.margins is not None
+    assert [row[0].text for row in view.margins.rows] == [
+        f"{axis}, {loop}" for axis in ("roll", "pitch", "yaw") for loop in ("rate loop", "with angle loop")
+    ]
+    assert "version 4.7" in view.intro
+
+
+def test_without_a_model_or_a_controller_the_chapter_says_why(usable: Result) -> None:
+    assert "no model" in loop_view(refused_result()).intro
+    assert "controller that flew is not known" in loop_view(replace(usable, closed_loop=None)).intro
+    assert usable.closed_loop is not None
+    empty = replace(usable, closed_loop=replace(usable.closed_loop, axes={}))
+    assert "do not tell the controller" in loop_view(empty).intro
+
+
+def test_the_contract_has_every_figure_of_a_margin(usable: Result) -> None:
+    """A figure that a loop does not have is null."""
+    assert usable.closed_loop is not None
+    rate = closed_loop_dict(usable.closed_loop)["axes"]["roll"]["margins"]["rate"]
+    assert rate["gain_margin_down_db"] is None
+    assert set(rate["phase_margin_deg"]) == {"value", "ci95"}
+    needed = {"stable", "extrapolated", "crossover_hz", "delay_margin_s", "disk_margin", "peak_sensitivity"}
+    assert needed <= set(rate)
