@@ -52,6 +52,10 @@ def find_in_loop(loop: ClosedLoop) -> Iterator[Finding]:
                 yield one
         if found.contradicted:
             yield finding("QL603", "warning", {"fitted_to_hz": rounded(found.known_hz)}, axes=(axis,))
+    unchecked = [axis for axis, found in loop.axes.items() if _unchecked(found)]
+    if unchecked:
+        title = "The log does not show whether the controller of the parameters is the one that flew"
+        yield finding("QL604", "info", {}, axes=unchecked, title=title)
     extrapolated = [axis for axis, found in loop.axes.items() if _extrapolated(found)]
     if extrapolated:
         known_hz = [rounded(loop.axes[axis].known_hz, 3) for axis in extrapolated]
@@ -78,15 +82,18 @@ def _extrapolated(found: AxisLoop) -> bool:
     return margins is not None and margins.extrapolated and not found.contradicted
 
 
+def _unchecked(found: AxisLoop) -> bool:
+    """Say whether margins are told of a controller that the log could not be held against."""
+    replay = found.replay
+    return found.margins is not None and replay is not None and replay.reason is ReplayReason.NO_ROWS
+
+
 def _not_replayed(axis: str, found: AxisLoop) -> Finding | None:
     replay = found.replay
     if replay is None or replay.agrees or replay.reason is None:
         return None
     if replay.reason is ReplayReason.NO_ROWS:
-        if found.margins is None:
-            return None
-        title = f"The log does not show whether the {axis} controller of the parameters is the one that flew"
-        return finding("QL604", "info", {}, axes=(axis,), title=title)
+        return None
     differs = f" ({replay.parameter})" if replay.parameter else ""
     title = (
         f"The {axis} controller of the parameters is not the one that flew: {replay.reason.value}{differs}"

@@ -32,6 +32,8 @@ _PADDING_S = 10.0
 _SHORTEST_S: Final = 4.0
 #: Residuals of a loop are forgotten within its periods, gusts within about a second.
 _CLUSTER_S = 1.0
+#: Standard deviation of when a set-point is used, in periods of the loop: it falls anywhere in one of them.
+_TIMING: Final = 1.0 / np.sqrt(12.0)
 #: A search for the effectiveness ends when a step changes it by less than this fraction of it.
 _SMALL_STEP = 1e-5
 _MOST_STEPS = 8
@@ -124,7 +126,9 @@ def predict(
     torque_fit = _fit_percent(series.torque[held_out], series.predicted_torque[held_out])
     rate = [each.segment.body_rate_rad_s[:, axis.number] for each in answers]
     predicted_rate = [each.in_time(each.vehicle * each.torque) for each in answers]
-    search = _Search(answers, series.torque, settled, _clusters(time_s[settled]), high_passed)
+    search = _Search(
+        answers, series.torque, settled, _clusters(time_s[settled]), high_passed, axis.controller.period_s
+    )
     return Prediction(
         rate_fit_percent=_fit_percent(high_passed(rate)[held_out], high_passed(predicted_rate)[held_out]),
         torque_fit_percent=torque_fit,
@@ -200,7 +204,7 @@ def _answers(data: FlightData, axis: AxisModel) -> list[_Answer]:
 class _Search:
     """The effectiveness at which the predicted torque comes nearest to the measured one (output error).
 
-    ``rows`` mark the samples that count, ``clusters`` number them by time.
+    ``rows`` mark the samples that count, ``clusters`` number them by time; ``period_s`` is the loop's.
     """
 
     def __init__(
@@ -210,7 +214,9 @@ class _Search:
         rows: BoolArray,
         clusters: IntArray,
         high_passed: _HighPass,
+        period_s: float,
     ) -> None:
+        self._period_s = period_s
         self._answers, self._torque, self._rows = answers, torque[rows], rows
         self._clusters, self._high_passed = clusters, high_passed
 
@@ -240,8 +246,10 @@ class _Search:
         by_chance = clustered_covariance([equation], self._clusters, 1)[0, 0]
         others = np.array([slope @ self._slope_by(factor, change) for change in _changes(plant)])
         others = others / (slope @ slope)
+        by_others = others @ covariance @ others
+        by_timing = (_TIMING * self._period_s * (slope @ self._slope_by_time(factor)) / (slope @ slope)) ** 2
         half = factor * np.sqrt(
-            quantile_95(self._clusters) ** 2 * by_chance + NORMAL_95**2 * others @ covariance @ others
+            quantile_95(self._clusters) ** 2 * by_chance + NORMAL_95**2 * (by_others + by_timing)
         )
         value = float(plant.effectiveness[0])
         return Estimated(factor * value, (float((factor - half) * value), float((factor + half) * value)))
@@ -250,6 +258,12 @@ class _Search:
         """Return the predicted torque with so many times the effectiveness, on the rows that count."""
         return self._high_passed(
             [each.in_time(each.driven / (1.0 + factor * each.loop)) for each in self._answers]
+        )[self._rows]
+
+    def _slope_by_time(self, factor: float) -> FloatArray:
+        """Return the derivative of the predicted torque by the time of what drives it."""
+        return self._high_passed(
+            [each.in_time(-each.s * each.driven / (1.0 + factor * each.loop)) for each in self._answers]
         )[self._rows]
 
     def _slope(self, factor: float) -> FloatArray:

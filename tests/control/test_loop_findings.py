@@ -104,6 +104,17 @@ def test_a_failed_replay_is_named_with_what_differs() -> None:
     assert one.evidence["flown"] == 10.0
 
 
+def test_a_controller_that_could_not_be_checked_is_told_once_for_all_axes() -> None:
+    """Margins are given all the same: nothing contradicts the parameters."""
+    unchecked = AxisLoop(
+        replay=Replay(relative_rms={}, agrees=False, reason=ReplayReason.NO_ROWS),
+        margins=LoopMargins(rate=margins(9.0, 60.0), full=None),
+    )
+    both = replace(loop(unchecked), axes={"roll": unchecked, "pitch": unchecked})
+    (one,) = find_in_loop(both)
+    assert (one.code, one.level, one.axes) == ("QL604", "info", ("roll", "pitch"))
+
+
 def test_an_unread_firmware_version_and_a_contradicted_model_are_told() -> None:
     assert [one.code for one in found_in(AxisLoop(contradicted=True), read=False)] == ["QL606", "QL603"]
 
