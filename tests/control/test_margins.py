@@ -13,9 +13,10 @@ S = 2j * np.pi * F
 NO = np.array([False])
 
 
-def test_an_integrator_with_a_delay_has_the_margins_of_the_textbook() -> None:
+@pytest.mark.parametrize("k", [29.0, 30.0, 31.1])
+def test_an_integrator_with_a_delay_has_the_margins_of_the_textbook(k: float) -> None:
     """k exp(-s T) / s: crossover k, phase margin 90 degrees less k T, gain margin pi / (2 k T)."""
-    k, T = 30.0, 0.02
+    T = 0.02
     found = figures_of(F, (k * np.exp(-S * T) / S)[np.newaxis], 1, NO)
     assert found.stable[0]
     assert found.crossover_hz[0] == pytest.approx(k / (2 * np.pi), rel=1e-4)
