@@ -1,8 +1,8 @@
 """What the log itself shows of the loop around its crossover: responses by instruments, with their errors.
 
 The excitation of a system-ID mode answers no gust and no noise, and rate set-points hardly do above the angle
-loop's band. By such instruments the vehicle's response follows at frequencies far above those that the model was
-fitted to, wherever they have enough power.
+loop's band. By such instruments the vehicle's response follows at frequencies far above those that the model
+was fitted to, wherever they have enough power.
 """
 
 from __future__ import annotations

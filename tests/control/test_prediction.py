@@ -9,7 +9,15 @@ import pytest
 
 from quadid_logs.control.frequency_response import lines_of
 from quadid_logs.control.loop import Plant
-from quadid_logs.control.prediction import AxisModel, Chirp, predict
+from quadid_logs.control.prediction import (
+    AxisModel,
+    Chirp,
+    _answers,
+    _by_effectiveness,
+    _changes,
+    _Search,
+    predict,
+)
 from quadid_logs.data.closed_loop import Prediction
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import FitSeries
@@ -74,6 +82,33 @@ def test_the_closed_loop_finds_the_effectiveness_wherever_it_begins(data: Flight
     assert low <= TRUE.B <= high
     assert found.value == pytest.approx(TRUE.B, rel=0.02)
     assert high - low < 0.15 * TRUE.B
+
+
+@pytest.mark.parametrize("number", [0, 1, 2, 3])
+def test_derivatives_of_the_predicted_torque_are_those_of_finite_differences(
+    data: FlightData, number: int
+) -> None:
+    """By effectiveness (relative), damping, lag and delay: the interval rests on them."""
+
+    def searched(step: float) -> _Search:
+        numbers = [TRUE.B, TRUE.A, TRUE.lag_s, TRUE.delay_steps * PERIOD_S]
+        numbers[number] += step * (TRUE.B if number == 0 else 1.0)
+        plant = Plant(*(np.array([value]) for value in numbers))
+        axis = AxisModel(0, TRUE.controller, plant, KNOWN, Chirp(at_mixer=False, delay_s=0.0))
+        answers = _answers(data, axis)
+        n = answers[0].segment.n_samples
+        everything = np.ones(n, dtype=bool)
+        nothing = np.zeros(n, dtype=np.int64)
+        return _Search(answers, np.zeros(n), everything, nothing, np.concatenate, PERIOD_S)
+
+    step = 1e-5
+    change = (
+        _by_effectiveness,
+        *_changes(Plant(*(np.array([x]) for x in (TRUE.B, TRUE.A, TRUE.lag_s, 0.0)))),
+    )
+    slope = searched(0.0)._slope_by(1.0, change[number])
+    differences = (searched(step)._series(1.0) - searched(-step)._series(1.0)) / (2.0 * step)
+    assert np.linalg.norm(slope - differences) < 1e-3 * np.linalg.norm(differences)
 
 
 def test_an_excitation_at_the_mixer_is_predicted_too() -> None:
