@@ -349,12 +349,12 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL516",
                 "The torque follows the rate",
-                "Over most of the fitted band the response of acceleration to torque grows with frequency, "
-                "and its phase is that of a growing response with the sign reversed (near -90 degrees where "
-                "it grows in proportion). No vehicle does that. It is -1/C, the inverse of the controller: "
-                "gusts or noise moved the vehicle, the controller answered, and the log shows the "
-                "controller's gains. A higher band or a longer hover would show the same, with more "
-                "confidence.",
+                "Where most of the torque in the fitted band is, the response of acceleration to torque "
+                "grows with frequency, and its phase is that of a growing response with the sign reversed "
+                "(near -90 degrees where it grows in proportion). No vehicle does that. It is -1/C, the "
+                "inverse of the controller: gusts or noise moved the vehicle, the controller answered, and "
+                "the log shows the controller's gains. A higher band or a longer hover would show the same, "
+                "with more confidence.",
                 "Fly manoeuvres on this axis, so that commands move the vehicle more than air and noise do.",
             ),
             _entry(

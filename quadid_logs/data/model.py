@@ -201,13 +201,14 @@ class Response:
 
     ``frequency_hz`` is where the torque of the band is; ``gain`` complex [rad/s^2 per unit of torque], NaN
     where nothing is known; ``error`` is its relative standard error; ``coherence`` that of the
-    acceleration with what it is driven by.
+    acceleration with what it is driven by; ``torque_power`` that of the torque as far as it is driven by it.
     """
 
     frequency_hz: FloatArray
     gain: NDArray[np.complex128]
     error: FloatArray
     coherence: FloatArray
+    torque_power: FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -169,7 +169,7 @@ def _follows_the_rate(axis: _Axis) -> Finding | None:
         "phase_deg": rounded(phase_deg, 3),
         "grows_with_power_of_frequency": rounded(slope, 2),
         "coherence": rounded(float(response.coherence[found.run].mean()), 2),
-        "third_octaves_of_the_band": f"{found.n_inside} of {found.n_known} known",
+        "fraction_of_torque_power_in_band": rounded(found.fraction, 2),
     }
     title = f"From {low_hz:g} to {high_hz:g} Hz {axis.name} torque follows rate: this is the controller"
     return axis.finding("QL516", "error", _evidence(axis) | evidence, title)

@@ -44,10 +44,13 @@ _DAMPINGS_1_S = (0.0, -0.5, -1.0, -2.0, -3.5, -6.0)
 #: So many known third octaves in a row, more than an octave, have a slope.
 _SLOPE_BANDS = 4
 #: A response of minimum phase that grows with the n-th power of frequency leads by n right angles (Bode
-#: 1945); lag and delay make it fall. -1/C, whose sign is the other one, is two right angles from that: a
-#: third of a half circle is left to the filters and the delay inside the controller's loop.
+#: 1945); lag and delay make it fall. -1/C, whose sign is the other one, is two right angles from that: half
+#: a right angle is left to the filters and the delay inside the controller's loop.
 _LEAST_SLOPE = 0.5
-_OFF_INVERSE_DEG = 60.0
+_OFF_INVERSE_DEG = 45.0
+#: With so much of the torque's power a fit is on the side of the controller; a run that begins with the last
+#: third octave of a manoeuvre may hold half.
+_MOST = 2.0 / 3.0
 _TINY = float(np.finfo(float).tiny)
 
 
@@ -134,9 +137,15 @@ def inverse_controller(response: Response) -> BoolArray:
     marked = np.zeros(response.error.shape, dtype=np.bool_)
     for first in range(known.size - _SLOPE_BANDS + 1):
         run = known[first : first + _SLOPE_BANDS]
-        slope, phase_deg = slope_and_phase(response, run)
-        off_deg = (phase_deg - 90.0 * slope + 180.0 + 180.0) % 360.0 - 180.0
-        marked[run] |= slope >= _LEAST_SLOPE and abs(off_deg) <= _OFF_INVERSE_DEG
+        slope, _ = slope_and_phase(response, run)
+        # Beside a strong line of the manoeuvre what leaks from it grows, too, often behind a hole: here all
+        # third octaves that hold a line of the spectrum must be known, and each take part.
+        if slope < _LEAST_SLOPE or np.isfinite(response.gain[run[0] : run[-1] + 1]).sum() > _SLOPE_BANDS:
+            continue
+        law = response.frequency_hz[run] ** slope * np.exp(1j * np.radians(90.0 * slope - 180.0))
+        off = np.log(response.gain[run] / law)
+        straight = np.abs(off.real - off.real.mean()) <= _TOLERANCE + 2.0 * response.error[run]
+        marked[run] |= bool((straight & (np.abs(np.degrees(off.imag)) <= _OFF_INVERSE_DEG)).all())
     return marked
 
 
@@ -160,17 +169,14 @@ def slope_and_phase(response: Response, run: IntArray) -> tuple[float, float]:
 
 
 class InverseController(NamedTuple):
-    """Where torque follows rate: ``run`` of third octaves, ``n_inside`` of the ``n_known`` of a band."""
+    """Third octaves where torque follows rate, and their ``fraction`` of the torque's power in a band."""
 
     run: IntArray
-    n_inside: int
-    n_known: int
+    fraction: float
 
 
 def feedback_in(response: Response, band: Band) -> InverseController | None:
-    """Return the inverse controller if most of what is known of the response in a band is that.
-
-    Nothing is known above a third of the sample rate, nor where torque and rate hardly go together.
+    """Return the inverse controller if most of what a fit in a band sees is that.
 
     Parameters
     ----------
@@ -181,16 +187,20 @@ def feedback_in(response: Response, band: Band) -> InverseController | None:
     -------
     InverseController or None
         Its run may go on beyond the band.
+
+    Notes
+    -----
+    Least squares weighs frequencies by the power of the torque, and so does this. Of a band of
+    which nothing is known, what is around it is all that the log shows.
     """
     known = _known(response)
-    inside = known[(_EDGES_HZ[known] >= band.low_hz) & (_EDGES_HZ[known] < band.high_hz)]
     marked = inverse_controller(response)
-    n_inside = int(np.count_nonzero(marked[inside]))
-    # More than half: a minority of third octaves moves no least-squares fit to the other side. Of a band
-    # of which nothing is known, what is around it is all that the log shows.
-    if 2 * n_inside <= inside.size and (inside.size or not marked.any()):
-        return None
-    return InverseController(np.flatnonzero(marked), n_inside, inside.size)
+    seen = known[(_EDGES_HZ[known] >= band.low_hz) & (_EDGES_HZ[known] < band.high_hz)]
+    if not seen.size:
+        seen = known
+    total = float(response.torque_power[seen].sum())
+    fraction = float(response.torque_power[seen][marked[seen]].sum()) / total if total else 0.0
+    return InverseController(np.flatnonzero(marked), fraction) if fraction > _MOST else None
 
 
 def _known(response: Response) -> IntArray:
@@ -249,7 +259,8 @@ def _response(
     """Return the response of one axis from its lines, each (n_windows, n_lines)."""
     n_bands = _EDGES_HZ.size - 1
     where, gain = np.sqrt(_EDGES_HZ[:-1] * _EDGES_HZ[1:]), np.full(n_bands, np.nan + 0j)
-    error, coherence = np.full(n_bands, np.inf), np.zeros(n_bands)
+    error = np.full(n_bands, np.inf)
+    coherence, torque_power = np.zeros(n_bands), np.zeros(n_bands)
     for band, (low, high) in enumerate(pairwise(_EDGES_HZ)):
         lines = (frequency_hz >= low) & (frequency_hz < high)
         z, u, y = (each[:, lines] for each in (driven_by, torque, acceleration))
@@ -260,8 +271,12 @@ def _response(
         gain[band] = np.vdot(z, y) / power
         left = np.linalg.norm(y - gain[band] * u) * np.linalg.norm(z) / np.sqrt(_INDEPENDENT * u.size)
         error[band] = left / max(float(abs(gain[band] * power)), _TINY)
-        coherence[band] = abs(np.vdot(z, y)) ** 2 / max(float(np.vdot(z, z).real * np.vdot(y, y).real), _TINY)
-    return Response(frequency_hz=where, gain=gain, error=error, coherence=coherence)
+        driving = max(float(np.vdot(z, z).real), _TINY)
+        torque_power[band] = abs(power) ** 2 / driving
+        coherence[band] = abs(np.vdot(z, y)) ** 2 / max(driving * float(np.vdot(y, y).real), _TINY)
+    return Response(
+        frequency_hz=where, gain=gain, error=error, coherence=coherence, torque_power=torque_power
+    )
 
 
 class _Lines(NamedTuple):
