@@ -101,7 +101,8 @@ def ardupilot_log(
     signals = [
         signal("torque_command", command, source="RATE.ROut POut YOut"),
         signal("throttle", throttle, source="RATE.AOut"),
-        signal("body_rate", np.zeros((n, 3))),
+        # Swaying: a gyro that shows nothing at all stands on a bench.
+        signal("body_rate", 0.05 * np.sin(np.arange(n) / RATE_HZ)[:, np.newaxis] * np.ones(3)),
         signal("specific_force", force),
         signal("attitude", np.zeros((n, 3))),
         signal("output_pwm", pulse_width(actuator, MOTORS), every=10),

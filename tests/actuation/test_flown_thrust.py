@@ -152,7 +152,7 @@ def ardupilot(*, late: int = 0, rotor_speed: bool = False, density: bool = True)
     speed = speed + 8.0 * np.random.default_rng(6).standard_normal(speed.shape)
     parts = [
         signals({"torque_command": TRUE.command, "throttle": TRUE.throttle}, source="RATE"),
-        signals({"body_rate": np.zeros((TRUE.time_s.size, 3))}, source="GYR"),
+        signals({"body_rate": np.gradient(TRUE.euler, TRUE.time_s, axis=0)}, source="GYR"),
         signals({"output_pwm": pulse}, source="RCOU", every=20),
         signals(
             {
@@ -191,7 +191,9 @@ def px4() -> FlightLog:
         "px4",
         parameters,
         signals({"motor_thrust": meant}, source="actuator_motors"),
-        signals({"body_rate": np.zeros((TRUE.time_s.size, 3))}, source="vehicle_angular_velocity"),
+        signals(
+            {"body_rate": np.gradient(TRUE.euler, TRUE.time_s, axis=0)}, source="vehicle_angular_velocity"
+        ),
         signals({"throttle": meant.mean(axis=1)}, source="vehicle_thrust_setpoint"),
     )
 
