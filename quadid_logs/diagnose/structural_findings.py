@@ -185,7 +185,7 @@ def _effect(effect: EffectCheck, axis: str) -> Finding:
     evidence: dict[str, object] = {
         "effect": effect.effect,
         "explains_of_residual": rounded(effect.explained, 2),
-        "needed": EFFECT_EXPLAINS,
+        "needed": EFFECT_EXPLAINS[effect.effect == "threshold"],
         "statistic": rounded(effect.statistic, 3),
         "needed_statistic": EFFECT_SEEN,
         "effectiveness_with_it": rounded(1.0 + effect.shift, 3),

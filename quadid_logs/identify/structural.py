@@ -30,8 +30,9 @@ from quadid_logs.vocabulary import TORQUE_SYMBOLS
 #: three axes, variances from some thirty clusters are known to a quarter, and feedback that is not taken out
 #: makes up to 40 of a flight without any effect.
 EFFECT_SEEN: Final = 60.0
-#: An effect that is the model's error explains a good part of what the model leaves.
-EFFECT_EXPLAINS: Final = 0.25
+#: An effect that is the model's error explains a good part of what the model leaves; a dead zone half of it:
+#: without set-points small torques are mostly answers to gusts, and seem to have less effect (up to 0.46).
+EFFECT_EXPLAINS: Final = (0.25, 0.5)
 #: From here on an effect may be there, and the interval covers what the effectiveness would be with it: one
 #: in a million by chance, at any of the levels that are tried.
 _EFFECT_POSSIBLE = 25.0
@@ -214,7 +215,7 @@ def _possible_shifts(check: StructuralCheck, axis: int) -> FloatArray:
 
 
 def is_seen(effect: EffectCheck) -> bool:
-    """Say whether an effect is there beyond chance, and is much of the model's error.
+    """Say whether an effect is there beyond chance and is much of the model's error.
 
     Parameters
     ----------
@@ -224,7 +225,8 @@ def is_seen(effect: EffectCheck) -> bool:
     -------
     bool
     """
-    return effect.statistic >= EFFECT_SEEN and effect.explained >= EFFECT_EXPLAINS
+    least = EFFECT_EXPLAINS[effect.effect == "threshold"]
+    return effect.statistic >= EFFECT_SEEN and effect.explained >= least
 
 
 def _explained(effect: EffectCheck) -> float:
