@@ -448,6 +448,16 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Set the expo of the thrust curve to the value found; check the tuning with small inputs.",
             ),
             _entry(
+                "QL531",
+                "Yaw comes from a slow log",
+                "Rates and torque were logged too slowly for roll and pitch. Yaw is slow enough: from its "
+                "set-points, its effectiveness is known between 0.3 and 2.5 Hz, to 5 % for what happened "
+                "between the samples. Held-out flight cannot confirm it, because gusts move the vehicle as "
+                "much as its commands do.",
+                "Use it to compare flights that were logged alike. Log rates and torque at 40 Hz or more for "
+                "a model that can be confirmed.",
+            ),
+            _entry(
                 "QL512",
                 "The inertia is implausible for a multirotor",
                 "A body's largest moment of inertia is at most the sum of the other two, and a "

@@ -346,6 +346,17 @@ class StructuralCheck:
     feedback: FloatArray
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class YawReaction:
+    """The lead of yaw, by which accelerating rotors turn the vehicle: N + lead_s dN/dt.
+
+    ``ci95_s`` is its 95 % interval.
+    """
+
+    lead_s: float
+    ci95_s: tuple[float, float]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Model:
     """One structure fitted to the flight: target = A @ regressors + B @ inputs.
@@ -361,6 +372,12 @@ class Model:
         Of the 95 % intervals of B11, B22, B33 by resampling blocks of the flight.
     criterion : float
         Bayesian information criterion, clusters of correlated residuals counted once; less is better.
+    yaw_reaction : YawReaction or None
+        None where there is none to be seen.
+    yaw_is_inverse_controller : bool
+        The yaw torque follows the yaw motion.
+    yaw_band : BandCheck or None
+        Of yaw, where its equation was fitted in a band of its own.
     """
 
     structure: str
@@ -388,6 +405,13 @@ class Model:
     bootstrap_half_width: FloatArray | None = None
     criterion: float = float("nan")
     note: str = ""
+    yaw_reaction: YawReaction | None = None
+    yaw_is_inverse_controller: bool = False
+    yaw_band: BandCheck | None = None
+
+    def band_of(self, axis: int) -> BandCheck | None:
+        """Return the check of the band that an axis (0 roll, 1 pitch, 2 yaw) was fitted in."""
+        return self.yaw_band if axis == 2 and self.yaw_band is not None else self.band
 
     @property
     def entries(self) -> dict[tuple[str, str], Parameter]:
@@ -467,7 +491,7 @@ class Identification:
     ``n_samples`` of the aligned flight were used: all but for very long flights. ``responses``
     of roll, pitch and yaw are those to the rate setpoints where these serve as instruments,
     else to the torque; empty where no segment is long enough. ``thrust_curve`` is None where
-    the torque was rebuilt from no assumed curve.
+    the torque was rebuilt from no assumed curve. ``only_yaw``: the log is too slow for anything else.
     """
 
     models: tuple[Model, ...] = ()
@@ -476,6 +500,7 @@ class Identification:
     skipped: str = ""
     n_samples: int = 0
     thrust_curve: ThrustCurve | None = None
+    only_yaw: bool = False
 
     @property
     def recommended(self) -> Model | None:

@@ -14,7 +14,7 @@ from quadid_logs.diagnose.advice import advice_for
 from quadid_logs.diagnose.findings import finding, rounded
 from quadid_logs.diagnose.torque_findings import not_in_newton_metres
 from quadid_logs.identify import MIN_RATE_HZ
-from quadid_logs.vocabulary import MULTIROTOR
+from quadid_logs.vocabulary import AXES, MULTIROTOR
 
 #: A signal that is this much slower on average than between typical samples is not what it seems.
 _RATE_SHORTFALL = 0.7
@@ -53,7 +53,8 @@ def find_in_data(log: FlightLog, data: FlightData, identification: Identificatio
         yield finding("QL301", "error", {"found": logged}, advice=advice)
     if torque is None:
         yield _no_torque(data, advice)
-    yield from _rates([source for source in (rate, torque) if source is not None], advice)
+    sources = [source for source in (rate, torque) if source is not None]
+    yield from _rates(sources, advice, only_yaw=identification.only_yaw)
     yield from _attitude(data)
     if data.flights:
         yield from _flight(data, identification)
@@ -83,7 +84,7 @@ def _no_torque(data: FlightData, advice: str) -> Finding:
     return finding("QL302", "error", evidence, advice=advice, title=title)
 
 
-def _rates(sources: Sequence[SourceChoice], advice: str) -> Iterator[Finding]:
+def _rates(sources: Sequence[SourceChoice], advice: str, *, only_yaw: bool) -> Iterator[Finding]:
     """Judge how fast rates and torque were logged, in one finding for both."""
     slow = [source for source in sources if source.rate_hz < MIN_RATE_HZ]
     slowish = [source for source in sources if source.rate_hz < _CAUTION_RATE_HZ]
@@ -92,8 +93,9 @@ def _rates(sources: Sequence[SourceChoice], advice: str) -> Iterator[Finding]:
             "QL303",
             "error",
             {**_sampling(slow), "needed_hz": MIN_RATE_HZ},
+            axes=AXES[:2] if only_yaw else (),
             advice=advice,
-            title=f"{_told(slow)}, too slowly to identify anything",
+            title=f"{_told(slow)}, too slowly to identify {'roll or pitch' if only_yaw else 'anything'}",
         )
     elif slowish:
         yield finding(

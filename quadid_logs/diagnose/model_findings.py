@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import Final, NamedTuple
 
@@ -50,6 +51,7 @@ _ENOUGH_MOTION = (
 #: Findings that more and quicker commands help against, however much the axis turned.
 _COMMANDS_HELP = frozenset({"QL403", "QL516"})
 _OTHER: Final[Step] = "other"
+_YAW = 2
 
 
 def find_in_models(log: FlightLog, identification: Identification) -> Iterator[Finding]:
@@ -68,9 +70,10 @@ def find_in_models(log: FlightLog, identification: Identification) -> Iterator[F
     model = identification.recommended
     if model is None:
         return
-    for number in range(len(AXES)):
+    for number in [_YAW] if identification.only_yaw else range(len(AXES)):
         yield from _axis(log, identification, model, number)
-    if any(each.rate_rms_rad_s >= np.radians(MIN_RATE_RMS_DEG_S) for each in identification.excitation):
+    moved = (each.rate_rms_rad_s >= np.radians(MIN_RATE_RMS_DEG_S) for each in identification.excitation)
+    if not identification.only_yaw and any(moved):
         yield from _actuator(model)
     yield from _windows(identification)
 
@@ -115,18 +118,12 @@ def _axis(log: FlightLog, identification: Identification, model: Model, number: 
         advice=advice_for(log.autopilot).excitation(AXES[number : number + 1], log.version),
         response=identification.responses[number] if identification.responses else None,
     )
-    for check in (_poorly_excited, _follows_the_rate, _not_explained, _wrong_sign, _too_wide):
+    fatal, others = (_SLOW_FATAL, _SLOW_OTHERS) if identification.only_yaw else (_FATAL, _OTHERS)
+    for check in fatal:
         if (found := check(axis)) is not None:
             yield found
             return
-    for check in (
-        _not_reproduced,
-        _depends_on_the_band,
-        _formulations_disagree,
-        _changes_in_flight,
-        _interval_too_narrow,
-        _partly_explained,
-    ):
+    for check in others:
         if (found := check(axis)) is not None:
             yield found
 
@@ -232,7 +229,7 @@ def _own_damping(axis: _Axis) -> Finding | None:
 
 
 def _depends_on_the_band(axis: _Axis) -> Finding | None:
-    band = axis.model.band
+    band = axis.model.band_of(axis.number)
     spread = 0.0 if band is None else float(band.spread[axis.number])
     if band is None or spread <= _BAND_WARNING:
         return None
@@ -292,6 +289,35 @@ def _interval_too_narrow(axis: _Axis) -> Finding | None:
         "half_width_by_resampling": rounded(float(half_width[axis.number])),
     }
     return axis.finding("QL514", "warning", evidence)
+
+
+def _inverse_controller(axis: _Axis) -> Finding | None:
+    """Refuse a yaw whose torque follows the motion."""
+    if axis.number != _YAW or not axis.model.yaw_is_inverse_controller:
+        return None
+    return axis.finding("QL516", "error", _evidence(axis) | _gain(axis))
+
+
+def _from_slow_log(axis: _Axis) -> Finding | None:
+    """Say on what the effectiveness of yaw in a slow log rests; refuse where it explains nothing at all."""
+    band = axis.model.band
+    low_hz, cutoff_hz = (math.nan, math.nan) if band is None else (band.low_hz[0], band.cutoff_hz[0])
+    evidence = {**_evidence(axis), "low_hz": rounded(float(low_hz)), "cutoff_hz": rounded(float(cutoff_hz))}
+    return axis.finding("QL531", "warning" if axis.r2 > 0.0 else "error", evidence)
+
+
+_FATAL = (_poorly_excited, _follows_the_rate, _inverse_controller, _not_explained, _wrong_sign, _too_wide)
+_OTHERS = (
+    _not_reproduced,
+    _depends_on_the_band,
+    _formulations_disagree,
+    _changes_in_flight,
+    _interval_too_narrow,
+    _partly_explained,
+)
+#: Below 2.5 Hz gusts move a vehicle as its commands do: instruments tell them apart, held-out flight not.
+_SLOW_FATAL = (_poorly_excited, _follows_the_rate, _inverse_controller, _wrong_sign, _too_wide)
+_SLOW_OTHERS = (_from_slow_log, _depends_on_the_band, _interval_too_narrow)
 
 
 def _actuator(model: Model) -> Iterator[Finding]:

@@ -14,7 +14,7 @@ from quadid_logs.data.model import Identification, Model, Response
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.errors import SettingsError
 from quadid_logs.identify.design import Design, build_design, smooth_segment
-from quadid_logs.identify.equation_by_equation import INFORMATIVE_R2, fit_equation_by_equation
+from quadid_logs.identify.equation_by_equation import INFORMATIVE_R2
 from quadid_logs.identify.excitation import ColumnNoise, excited_axes, measure_excitation, noise_density
 from quadid_logs.identify.instruments import with_strong_instruments
 from quadid_logs.identify.model import actuated_model
@@ -22,9 +22,11 @@ from quadid_logs.identify.published import fit_as_published
 from quadid_logs.identify.response import SAMPLES_PER_CYCLE, Band, fitted_band, responses
 from quadid_logs.identify.rigid_body import fit_single_rigid_body
 from quadid_logs.identify.select import most_excited
+from quadid_logs.identify.slow_yaw import fit_slow_yaw
 from quadid_logs.identify.structures import RIGID_BODY, STRUCTURES, Structure
-from quadid_logs.identify.terms import GYROSCOPIC
+from quadid_logs.identify.terms import GYROSCOPIC, YAW_REACTION
 from quadid_logs.identify.thrust_curve import fit_thrust_curve
+from quadid_logs.identify.yaw import YawFit, fit_with_reaction, with_yaw_of
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS
 
 __all__ = ["MIN_RATE_HZ", "identify"]
@@ -77,7 +79,7 @@ def identify(
     needed = [data.sources[name] for name in (data.input.kind, "body_rate") if name in data.sources]
     slowest_hz = min((source.rate_hz for source in needed), default=np.inf)
     if slowest_hz < MIN_RATE_HZ:
-        return Identification(skipped=f"torque and rates were logged at {slowest_hz:.3g} Hz only")
+        return _only_yaw(data, settings, structures[0], slowest_hz)
     band = _default_band(settings, data.sample_period_s)
     data = most_excited(data, settings.most_samples)
     design = build_design(data, band.high_hz, structures)
@@ -96,16 +98,30 @@ def identify(
             again if _is_better(again, models, informative, raised=other.low_hz > band.low_hz) else models
         )
     ordered = _recommend(models, settings)
+    return replace(_identified(data, ordered, high_passed), responses=found, thrust_curve=curve)
+
+
+def _only_yaw(
+    data: FlightData, settings: IdentifySettings, structure: Structure, rate_hz: float
+) -> Identification:
+    """Identify what a log below `MIN_RATE_HZ` tells."""
+    found = fit_slow_yaw(data, structure, settings, rate_hz)
+    if found is None:
+        return Identification(skipped=f"torque and rates were logged at {rate_hz:.3g} Hz only")
+    model, high_passed = found
+    return replace(_identified(data, (model,), high_passed), only_yaw=True)
+
+
+def _identified(data: FlightData, models: tuple[Model, ...], high_passed: Design) -> Identification:
+    """Put an identification together, with how much each axis was excited on the high-passed rows."""
     return Identification(
-        models=ordered,
+        models=models,
         n_samples=data.n_samples,
-        responses=found,
-        thrust_curve=curve,
         excitation=measure_excitation(
             data,
-            signal_to_noise=_signal_to_noise(ordered[0]),
+            signal_to_noise=_signal_to_noise(models[0]),
             rate_rms_rad_s=np.array([np.std(high_passed.columns[name]) for name in RATE_SYMBOLS]),
-            highest_hz=ordered[0].smoothing_hz,
+            highest_hz=models[0].smoothing_hz,
         ),
     )
 
@@ -144,7 +160,16 @@ def _fit_in(
         return []
     if design.instruments is None:
         other = other.without_instruments()
-    return _fit_all(data, other, structures, replace(settings, high_pass_hz=band.low_hz))[0]
+    # The reaction of the rotors rules yaw above a raised lower edge, so that yaw stays below; roll and pitch,
+    # which slow air drives there, have no say in its lag and delay.
+    own = None
+    if band.low_hz > settings.high_pass_hz:
+        yaw = fit_with_reaction(
+            data, design, structures[0].known(design.torque.symbols), settings, voting=(2,)
+        )
+        own = None if yaw.reaction is None else yaw
+    settings = replace(settings, high_pass_hz=band.low_hz)
+    return _fit_all(data, other, structures, settings, yaw=own)[0]
 
 
 def _is_better(again: list[Model], models: list[Model], informative: Sequence[int], *, raised: bool) -> bool:
@@ -173,17 +198,27 @@ def _is_better(again: list[Model], models: list[Model], informative: Sequence[in
 
 
 def _fit_all(
-    data: FlightData, design: Design, structures: Sequence[Structure], settings: IdentifySettings
+    data: FlightData,
+    design: Design,
+    structures: Sequence[Structure],
+    settings: IdentifySettings,
+    *,
+    yaw: YawFit | None = None,
 ) -> tuple[list[Model], list[int]]:
-    """Fit every structure whose terms the flight has, in the order given; return the informative axes too."""
+    """Fit every structure whose terms the flight has, in the order given; return the informative axes too.
+
+    ``yaw`` is an equation of yaw that was fitted in a band of its own.
+    """
     smoothing_hz = design.smoothing_hz
     noise = ColumnNoise(noise_density(data), design.columns, _NOISE_BANDWIDTH * smoothing_hz)
     smooth = [
         smooth_segment(segment, data.sample_period_s, smoothing_hz, structures) for segment in data.segments
     ]
-    first, models = None, []
+    first, known, models = None, yaw, []
     for each in structures:
         structure = each.known(design.torque.symbols)
+        if first is not None and YAW_REACTION in first.structure.terms:
+            structure = structure.with_reaction()
         if not {*structure.regressors}.difference(structure.inputs) <= design.columns.keys():
             continue
         if structure.estimator == "as published":
@@ -192,10 +227,14 @@ def _fit_all(
         if structure.estimator == "single rigid body":
             found = None if first is None else fit_single_rigid_body(structure, data, first)
         else:
-            found = fit_equation_by_equation(data, design, structure, settings)
+            known = fit_with_reaction(data, design, structure, settings, known=yaw)
+            found = known.fit
             first = first or found
         if found is not None:
-            models.append(actuated_model(data, found, settings, noise))
+            model = actuated_model(data, found, settings, noise)
+            models.append(model if known is None else known.on(model))
+    if yaw is not None:
+        models[0] = with_yaw_of(models[0], actuated_model(data, yaw.fit, settings, noise), data)
     return models, [] if first is None else first.informative
 
 

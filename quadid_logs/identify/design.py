@@ -26,6 +26,10 @@ from quadid_logs.vocabulary import TORQUE_SYMBOLS
 HELD_OUT_FRACTION: Final = 0.3
 #: Longer than the memory of the dynamics (under 1 s), short enough for both sets to see all manoeuvres.
 HELD_OUT_BLOCK_S: Final = 5.0
+#: Where those leave one of the sets without excitation, shorter ones; the shortest outlast the memory still.
+_BLOCKS_S = (HELD_OUT_BLOCK_S, 0.5 * HELD_OUT_BLOCK_S, 0.25 * HELD_OUT_BLOCK_S)
+#: A sixth of what a fair division gives to the held-out blocks.
+_LEAST_EXCITATION = HELD_OUT_FRACTION / 6.0
 #: Rows per second over the smoothing cut-off: the Gaussian is down to 2e-4 at
 #: five times its cut-off, the Nyquist frequency of the rows.
 _ROWS_PER_CUTOFF = 10.0
@@ -214,7 +218,14 @@ def build_design(
     period_s = float(np.median(np.diff(time_s)))
     reach_s = gaussian_reach_s(smoothing_hz)
     in_all = set.intersection(*map(set, parts))
-    block, held_out, edge = lay_blocks(number, period_s, reach_s)
+    torque = RowTorque.of(
+        chunks,
+        grids,
+        mean_throttle=_mean_throttle(data),
+        gyro_filter=data.gyro_filter,
+        row_period_s=period_s,
+    )
+    block, held_out, edge = _excited_blocks(number, period_s, reach_s, torque)
     return Design(
         time_s=time_s,
         columns={name: np.concatenate([part[name] for part in parts]) for name in in_all},
@@ -224,13 +235,7 @@ def build_design(
         edge=edge | (_touched_by_saturation(data, time_s, reach_s) & ~held_out),
         period_s=period_s,
         smoothing_hz=smoothing_hz,
-        torque=RowTorque.of(
-            chunks,
-            grids,
-            mean_throttle=_mean_throttle(data),
-            gyro_filter=data.gyro_filter,
-            row_period_s=period_s,
-        ),
+        torque=torque,
         chunks=tuple(chunks),
         sample_period_s=data.sample_period_s,
         instruments=_instruments(chunks, grids),
@@ -351,7 +356,32 @@ def _touched_by_saturation(data: FlightData, time_s: FloatArray, reach_s: float)
     return touched if np.mean(touched) < _MOST_TOUCHED else np.zeros_like(touched)
 
 
-def lay_blocks(chunk: IntArray, period_s: float, reach_s: float) -> tuple[IntArray, BoolArray, BoolArray]:
+def _excited_blocks(
+    chunk: IntArray, period_s: float, reach_s: float, torque: RowTorque
+) -> tuple[IntArray, BoolArray, BoolArray]:
+    """Cut the rows into blocks of which both sets hold some excitation of each axis; as `lay_blocks`.
+
+    Where a manoeuvre is so short that one set misses it, half as long blocks divide it among both.
+    Only the torque is asked, so that no result can choose its own test.
+    """
+    change = np.diff(torque.as_logged(), axis=0, prepend=np.nan)
+    change[np.diff(chunk, prepend=chunk[0] - 1) != 0] = 0.0
+    energy = change**2
+    whole = np.maximum(energy.sum(axis=0), np.finfo(float).tiny)
+    laid: dict[float, tuple[IntArray, BoolArray, BoolArray]] = {}
+    for length_s in _BLOCKS_S:
+        blocks = lay_blocks(chunk, period_s, reach_s, length_s)
+        fraction = energy[blocks[1]].sum(axis=0) / whole
+        least = float(np.minimum(fraction, 1.0 - fraction).min())
+        if least >= _LEAST_EXCITATION:
+            return blocks
+        laid[least] = laid.get(least, blocks)
+    return laid[max(laid)]
+
+
+def lay_blocks(
+    chunk: IntArray, period_s: float, reach_s: float, length_s: float = HELD_OUT_BLOCK_S
+) -> tuple[IntArray, BoolArray, BoolArray]:
     """Cut the rows into blocks and set every third or so aside.
 
     Parameters
@@ -360,6 +390,8 @@ def lay_blocks(chunk: IntArray, period_s: float, reach_s: float) -> tuple[IntArr
         Number of the gap-free chunk of each row.
     period_s, reach_s : float
         Between the rows, and of the smoothing kernel to either side [s].
+    length_s : float
+        Of a block [s].
 
     Returns
     -------
@@ -370,7 +402,7 @@ def lay_blocks(chunk: IntArray, period_s: float, reach_s: float) -> tuple[IntArr
     """
     n_rows = chunk.size
     # At least six blocks, so that a short flight can still be held out and cross-validated.
-    length = max(1, int(min(HELD_OUT_BLOCK_S, n_rows * period_s / 6.0) / period_s))
+    length = max(1, int(min(length_s, n_rows * period_s / 6.0) / period_s))
     new_block = np.zeros(n_rows, dtype=bool)
     for first in np.flatnonzero(np.diff(chunk, prepend=chunk[0] - 1)):
         end = np.searchsorted(chunk, chunk[first], side="right")

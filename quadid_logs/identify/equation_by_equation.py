@@ -26,7 +26,7 @@ from quadid_logs.identify.parameters import plausible_size
 from quadid_logs.identify.rotors import rotors_known, with_lag_on_rotors
 from quadid_logs.identify.structural import check_structure
 from quadid_logs.identify.structures import Structure
-from quadid_logs.identify.terms import TRIM
+from quadid_logs.identify.terms import TRIM, YAW_REACTION
 from quadid_logs.vocabulary import RATE_SYMBOLS, TORQUE_SYMBOLS
 
 #: The fit is repeated with lower edge and smoothing cut-off times these: half an octave
@@ -35,8 +35,11 @@ from quadid_logs.vocabulary import RATE_SYMBOLS, TORQUE_SYMBOLS
 _OTHER_BANDS = ((1.0, 0.5), (1.0, 1.6), (1.6, 1.0))
 #: A band that ends below so many times its lower edge tells no gain from a lag.
 _NARROWEST_CHECK = 2.5
+#: One that goes beyond so many samples a cycle tells nothing but aliases.
+_FEWEST_SAMPLES_PER_CYCLE = 4.0
 #: An axis is informative of the actuator if the model explains this fraction of its acceleration.
 INFORMATIVE_R2: Final = 0.75
+_YAW = 2
 
 
 class ActuatedFit(NamedTuple):
@@ -59,7 +62,12 @@ class ActuatedFit(NamedTuple):
 
 
 def fit_equation_by_equation(
-    data: FlightData, whole: Design, structure: Structure, settings: IdentifySettings
+    data: FlightData,
+    whole: Design,
+    structure: Structure,
+    settings: IdentifySettings,
+    *,
+    voting: Sequence[int] = (0, 1, 2),
 ) -> ActuatedFit:
     """Fit a structure's equations one by one, lag and delay common to all.
 
@@ -71,19 +79,21 @@ def fit_equation_by_equation(
     structure : Structure
     settings : IdentifySettings
         ``high_pass_hz``.
+    voting : sequence of int
+        Axes that may vote on lag and delay.
 
     Returns
     -------
     ActuatedFit
     """
     design = whole.high_passed(settings.high_pass_hz)
-    actuator, informative = _on_torque(structure, design)
+    actuator, informative, voters = _on_torque(structure, design, voting)
     described = data.input if rotors_known(data) else None
     problem = FitProblem(
         design,
         structure,
         _possible(structure, informative),
-        informative or excited_axes(design),
+        voters,
         every_step=data.input is not None and data.input.every_step,
     )
     model = find_actuator_model(problem, actuator, described)
@@ -105,15 +115,19 @@ def fit_equation_by_equation(
     )
 
 
-def _on_torque(structure: Structure, design: Design) -> tuple[ActuatorFit, list[int]]:
-    """Find a lag on the torque and a delay, and the axes that are informative behind them."""
+def _on_torque(
+    structure: Structure, design: Design, voting: Sequence[int]
+) -> tuple[ActuatorFit, list[int], list[int]]:
+    """Find a lag on the torque and a delay, the axes that are informative behind them, and who voted."""
     axes = excited_axes(design)
-    actuator = fit_actuator(design, structure, axes)
+    voters = [axis for axis in axes if axis in voting] or list(voting)
+    actuator = fit_actuator(design, structure, voters)
     informative = _informative(_r2_behind(actuator, structure, design), axes)
-    if informative and informative != axes:
-        actuator = fit_actuator(design, structure, informative)
+    chosen = [axis for axis in informative if axis in voting]
+    if chosen and chosen != voters:
+        actuator = fit_actuator(design, structure, chosen)
         informative = _informative(_r2_behind(actuator, structure, design), axes)
-    return actuator, informative
+    return actuator, informative, [axis for axis in informative if axis in voting] or voters
 
 
 def _r2_behind(actuator: ActuatorFit, structure: Structure, design: Design) -> FloatArray:
@@ -143,9 +157,11 @@ def _possible(structure: Structure, informative: Sequence[int]) -> BoolArray:
 
     An axis that does not answer to its own torque is moved by noise: its rate
     is nothing that another axis could answer to. Its torque may turn an axis
-    that does answer, where the inertia is askew.
+    that does answer, where the inertia is askew. The reaction of the rotors is about the yaw axis.
     """
     kept = np.ones((len(structure.targets), len(structure.columns)), dtype=np.bool_)
+    if YAW_REACTION in structure.terms:
+        kept[:_YAW, structure.terms.index(YAW_REACTION)] = False
     silent = {0, 1, 2}.difference(informative)
     for axis in silent:
         others = np.arange(len(kept)) != axis
@@ -166,17 +182,34 @@ def _visible(structure: Structure, fit: PooledFit, informative: Sequence[int]) -
         kept[row, len(structure.terms) + row] = True
         if TRIM in structure.terms:
             kept[row, structure.terms.index(TRIM)] = True
+    if YAW_REACTION in structure.terms:
+        kept[_YAW, structure.terms.index(YAW_REACTION)] = True
+        if RATE_SYMBOLS[_YAW] in structure.columns:
+            kept[_YAW, structure.columns.index(RATE_SYMBOLS[_YAW])] &= _damps_yaw(structure, fit)
     return np.asarray(kept, dtype=np.bool_)
+
+
+def _damps_yaw(structure: Structure, fit: PooledFit) -> bool:
+    """Say whether yaw is seen to be damped.
+
+    Behind a lead, damping and effectiveness are nearly one unknown, and feedback from slow air makes the
+    damping negative, which that of rotors cannot be. One that is not seen is less than 1 1/s in
+    published vehicles: left out, it changes the effectiveness above 0.3 Hz by a few per cent.
+    """
+    yaw = _YAW, structure.columns.index(RATE_SYMBOLS[_YAW])
+    return bool(fit.theta[yaw] + fit.half_width[yaw] < 0.0)
 
 
 def _other_bands(data: FlightData, problem: FitProblem, model: ActuatorModel, fit: PooledFit) -> BandCheck:
     """Repeat the fit in a narrower and a wider band, and in one that begins later."""
     design, structure = problem.design, problem.structure
     bands, gains = [(design.high_pass_hz, design.smoothing_hz)], [structure.on_axis(fit.theta)]
+    most_hz = 1.0 / (_FEWEST_SAMPLES_PER_CYCLE * data.sample_period_s)
     for low, high in _OTHER_BANDS:
-        if high * design.smoothing_hz < _NARROWEST_CHECK * low * design.high_pass_hz:
+        cutoff_hz = high * design.smoothing_hz
+        if cutoff_hz < _NARROWEST_CHECK * low * design.high_pass_hz or cutoff_hz > most_hz:
             continue
-        other = build_design(data, high * design.smoothing_hz, [structure])
+        other = build_design(data, cutoff_hz, [structure])
         if other is not None and np.count_nonzero(other.train) > 2 * len(structure.columns):
             if design.instruments is None:
                 other = other.without_instruments()

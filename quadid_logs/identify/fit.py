@@ -22,9 +22,12 @@ from quadid_logs.identify.inference import (
 )
 from quadid_logs.identify.instruments import Projection
 from quadid_logs.identify.structures import Structure
-from quadid_logs.identify.terms import TRIM
+from quadid_logs.identify.terms import AIR_SPEED, TRIM, YAW_REACTION
 from quadid_logs.maths.least_squares import Equation, clustered_covariance, solve_least_squares
 from quadid_logs.vocabulary import RATE_SYMBOLS, TORQUE_SYMBOLS
+
+_YAW = 2
+_AIR_SPEED = tuple(term.symbol for term in AIR_SPEED)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -159,6 +162,10 @@ def used_columns(design: Design, structure: Structure, kept: BoolArray | None) -
         used[:, : len(structure.columns)] = kept
     if design.high_pass_hz and TRIM in structure.terms:
         used[:, structure.terms.index(TRIM)] = False
+    if YAW_REACTION in structure.terms:
+        # Air tilts a vehicle and does not turn it about its yaw axis, but slow as it is it passes for N.
+        names = (*structure.columns, *design.disturbances(structure))
+        used[_YAW, [number for number, name in enumerate(names) if name in _AIR_SPEED]] = False
     return used
 
 
@@ -195,8 +202,9 @@ def fit_pooled(
     Z, _, Y, used, project = regression
     n_columns = len(structure.columns)
     theta = regression.solve()
-    B = theta[:, n_columns - 3 : n_columns]
-    effects = torque_effects(design, actuator, B, unknown, project, average=average)
+    symbols = structure.torques
+    B = theta[:, [structure.columns.index(symbol) for symbol in symbols]]
+    effects = torque_effects(design, actuator, B, unknown, project, symbols=symbols, average=average)
     found = _uncertainty(design, regression, theta, effects)
     half_width = np.full(used.shape, np.inf)
     half_width[used] = found.half_width

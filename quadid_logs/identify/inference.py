@@ -24,6 +24,7 @@ from quadid_logs.identify.systematic import systematic_half_width
 from quadid_logs.identify.torque import RowTorque
 from quadid_logs.maths.least_squares import Equation, clustered_covariance, first_order_change
 from quadid_logs.maths.normal import NORMAL_95
+from quadid_logs.vocabulary import TORQUE_SYMBOLS
 
 #: Stamps place torque against rate to no better than this fraction of a sample period: lag and delay
 #: are not known better.
@@ -250,19 +251,22 @@ def torque_effects(
     unknown: TorqueUnknowns,
     project: Projection,
     *,
+    symbols: Sequence[str] = TORQUE_SYMBOLS,
     average: int = 1,
 ) -> TorqueEffects:
-    """Return what is not known of the torque as it reaches the targets through B (n_targets, 3).
+    """Return what is not known of the torque as it reaches the targets through B (n_targets, n_symbols).
 
     Parameters
     ----------
     design : Design
     actuator : ActuatorFit or None
         None for the torque as logged, of which all is taken for known.
-    B : ndarray, shape (n_targets, 3)
+    B : ndarray, shape (n_targets, n_symbols)
     unknown : TorqueUnknowns
     project : Projection
         On the training rows.
+    symbols : sequence of str
+        Of the torques that B belongs to.
     average : int
         Rows that both sides of the equations are averaged over.
 
@@ -280,13 +284,13 @@ def torque_effects(
 
     shared = {}
     if lag_s * 2.0 * np.pi * design.smoothing_hz >= _LAG_SEEN:
-        by_lag = design.torque.by_lag(lag_s, delay_s)
+        by_lag = design.torque.by_lag(lag_s, delay_s, symbols)
         if unknown.slopes is not None:
-            by_lag = by_lag + unknown.slopes.by_lag.behind(lag_s, delay_s)
-            shared["asymmetry"] = of_targets(unknown.slopes.by_asymmetry.behind(lag_s, delay_s))
+            by_lag = by_lag + unknown.slopes.by_lag.behind(lag_s, delay_s, symbols)
+            shared["asymmetry"] = of_targets(unknown.slopes.by_asymmetry.behind(lag_s, delay_s, symbols))
         shared["lag"] = of_targets(by_lag)
-    shared["delay"] = of_targets(design.torque.by_delay(lag_s, delay_s))
-    errors = [of_targets(error.behind(lag_s, delay_s)) for error in unknown.errors]
+    shared["delay"] = of_targets(design.torque.by_delay(lag_s, delay_s, symbols))
+    errors = [of_targets(error.behind(lag_s, delay_s, symbols)) for error in unknown.errors]
     none = np.zeros((np.count_nonzero(train), len(B), 0))
     return TorqueEffects(
         {name: project(column) for name, column in shared.items()},

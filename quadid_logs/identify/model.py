@@ -135,7 +135,7 @@ def build_model(
         windows=windows,
         validation=validation,
         inertia=None if data.input is None else inertia_of(estimate, parameters, data.input),
-        discrete=_discrete(structure, A, B, data.sample_period_s),
+        discrete=discrete_of(structure.states, structure.regressors, A, B, data.sample_period_s),
         fit=series,
         smoothing_hz=design.smoothing_hz,
         condition_number=fit.condition_number,
@@ -227,11 +227,26 @@ def _caveats_by_target(design: Design, validation: Validation) -> dict[str, str]
     return caveats
 
 
-def _discrete(structure: Structure, A: FloatArray, B: FloatArray, period_s: float) -> Discrete:
-    """Discretise the part that is linear in the states; products and trim are left out."""
-    linear = np.zeros((len(structure.states), len(structure.states)))
-    for column, name in enumerate(structure.states):
-        if name in structure.regressors:
-            linear[:, column] = A[:, structure.regressors.index(name)]
+def discrete_of(
+    states: tuple[str, ...], regressors: tuple[str, ...], A: FloatArray, B: FloatArray, period_s: float
+) -> Discrete:
+    """Discretise the part that is linear in the states; products, trim and yaw reaction are left out.
+
+    Parameters
+    ----------
+    states, regressors : tuple of str
+        Their symbols.
+    A : ndarray, shape (n_states, n_regressors)
+    B : ndarray, shape (n_states, 3)
+    period_s : float
+
+    Returns
+    -------
+    Discrete
+    """
+    linear = np.zeros((len(states), len(states)))
+    for column, name in enumerate(states):
+        if name in regressors:
+            linear[:, column] = A[:, regressors.index(name)]
     A_d, B_d = zero_order_hold(linear, B, period_s)
-    return Discrete(sample_period_s=period_s, states=structure.states, A_d=A_d, B_d=B_d)
+    return Discrete(sample_period_s=period_s, states=states, A_d=A_d, B_d=B_d)

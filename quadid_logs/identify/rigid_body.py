@@ -23,7 +23,7 @@ from quadid_logs.identify.inference import clusters_of, infer, torque_effects
 from quadid_logs.identify.instruments import Projection
 from quadid_logs.identify.structures import Structure
 from quadid_logs.identify.systematic import GYRO_SYSTEMATIC, as_measured
-from quadid_logs.identify.terms import THROTTLED_YAW, TRIM
+from quadid_logs.identify.terms import THROTTLED_YAW, TORQUE_TERMS, TRIM, YAW_REACTION
 from quadid_logs.maths.least_squares import Equation, solve_least_squares
 from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.maths.rotational_dynamics import PRODUCTS, gyroscopic_matrix
@@ -42,6 +42,7 @@ _STEP = 1e-5
 #: A body that is there is found in ten to thirty trials.
 _MOST_TRIALS = 150
 _PAIRS = ((0, 1), (0, 2), (1, 2))
+_OF_YAW_TORQUE = (THROTTLED_YAW.symbol, YAW_REACTION.symbol)
 
 
 class _Body(NamedTuple):
@@ -51,7 +52,8 @@ class _Body(NamedTuple):
     is in N m: they are those of the effectiveness then); correlations of the inverse inertia (3);
     on-axis damping (3); coefficients of the ``loose`` columns, which no inertia ties together
     (3 each); relative slope of the yaw effectiveness over throttle (1, absent where the throttle is
-    not known); errors E of the gyro (9). The trim is left at zero: see `with_trim`.
+    not known); lead of the yaw reaction (1, absent where none is seen); errors E of the gyro (9). The
+    trim is left at zero: see `with_trim`.
 
     E must be among the unknowns: the ratio of two off-axis entries of B is that of the
     torques' units, if they are the vehicle's; if they are the gyro's cross
@@ -66,12 +68,23 @@ class _Body(NamedTuple):
     def of(cls, structure: Structure, design: Design, *, calibrated: bool) -> _Body:
         """Return the body of a structure that a flight's disturbances turn as well."""
         symbols = (*structure.columns, *design.disturbances(structure))
-        tied = (*PRODUCTS, *RATE_SYMBOLS, TRIM.symbol, THROTTLED_YAW.symbol, *TORQUE_SYMBOLS)
+        tied = (*PRODUCTS, *RATE_SYMBOLS, TRIM.symbol, *_OF_YAW_TORQUE, *TORQUE_SYMBOLS)
         return cls(symbols, tuple(symbol for symbol in symbols if symbol not in tied), calibrated)
 
     @property
-    def throttled(self) -> bool:
-        return THROTTLED_YAW.symbol in self.symbols
+    def of_yaw_torque(self) -> tuple[str, ...]:
+        """Columns that follow from N: what they do to the vehicle is a multiple of what N does."""
+        return tuple(symbol for symbol in _OF_YAW_TORQUE if symbol in self.symbols)
+
+    @property
+    def multiples(self) -> slice:
+        """Of `of_yaw_torque`."""
+        return slice(int(self.of_loose.stop), int(self.of_loose.stop) + len(self.of_yaw_torque))
+
+    @property
+    def torques(self) -> tuple[str, ...]:
+        """Columns that errors of lag, delay and torque reach."""
+        return tuple(symbol for symbol in (*TORQUE_SYMBOLS, YAW_REACTION.symbol) if symbol in self.symbols)
 
     @property
     def ratios(self) -> slice:
@@ -91,8 +104,7 @@ class _Body(NamedTuple):
 
     @property
     def gyro(self) -> slice:
-        first = int(self.of_loose.stop) + int(self.throttled)
-        return slice(first, first + 9)
+        return slice(self.multiples.stop, self.multiples.stop + 9)
 
     @property
     def size(self) -> int:
@@ -125,8 +137,7 @@ class _Body(NamedTuple):
         theta[:, self._places(PRODUCTS)] = gyroscopic_matrix(np.linalg.inv(P))
         theta[:, self._places(RATE_SYMBOLS)] = P * (x[self.damping] / moments)
         theta[:, self._places(self.loose)] = x[self.of_loose].reshape(3, -1)
-        if self.throttled:
-            theta[:, self.symbols.index(THROTTLED_YAW.symbol)] = x[self.of_loose.stop] * B[:, 2]
+        theta[:, self._places(self.of_yaw_torque)] = B[:, 2:] * x[self.multiples]
         return theta
 
     def measured(self, x: FloatArray) -> FloatArray:
@@ -215,7 +226,9 @@ def _rows(body: _Body, structure: Structure, model: ActuatorModel) -> _Rows:
     torque = design.torque.behind(model.actuator.lag_s, model.actuator.delay_s, structure.inputs)
     Z = design.stack(body.symbols, torque, structure.inputs)[train]
     Y = np.column_stack([design.columns[name] for name in ACCELERATION_SYMBOLS])[train]
-    project = Projection(design, structure, train, also=torque[:, 3:])
+    answering = {term.symbol for term in TORQUE_TERMS if term.answers_disturbances}
+    others = [number for number, symbol in enumerate(structure.inputs) if symbol not in answering]
+    project = Projection(design, structure, train, also=torque[:, others])
     return _Rows(Z, project(Z), Y, design, model, project)
 
 
@@ -226,6 +239,9 @@ def _start(body: _Body, first: ActuatedFit) -> FloatArray:
     known = dict(zip(symbols, np.column_stack([first.fit.theta, first.fit.disturbance]).T, strict=True))
     x[:3] = first.structure.on_axis(first.fit.theta)
     x[body.damping] = [known[name][row] for row, name in enumerate(RATE_SYMBOLS)]
+    x[body.multiples] = [
+        known.get(name, np.zeros(3))[2] / known[TORQUE_SYMBOLS[2]][2] for name in body.of_yaw_torque
+    ]
     loose = [known.get(name, np.zeros(3)) for name in body.loose]
     x[body.of_loose] = np.array(loose).T.ravel()
     return x
@@ -296,8 +312,10 @@ def _as_fit(body: _Body, x: FloatArray, free: BoolArray, rows: _Rows, n_columns:
     # As in the search: a cluster of correlated residuals counts as one observation.
     per_cluster = np.sqrt(len(residual) / (int(clusters.max()) + 1))
     weight = 1.0 / np.maximum(per_cluster * np.sqrt(np.mean(residual**2, axis=0)), 1e-12)
-    B = measured[:, n_columns - 3 : n_columns]
-    effects = torque_effects(rows.design, rows.model.actuator, B, rows.model.unknown, rows.project)
+    model, B = rows.model, measured[:, body._places(body.torques)]
+    effects = torque_effects(
+        rows.design, model.actuator, B, model.unknown, rows.project, symbols=body.torques
+    )
     n_free = int(np.count_nonzero(free))
     equations = [
         Equation(rows.explained @ slopes_measured[row], residual[:, row], np.arange(n_free, dtype=np.int64))

@@ -130,7 +130,10 @@ def rotor_slopes(design: Design, described: InputDescription, rotors: Rotors) ->
 
 
 def _torque(segment: Segment, described: InputDescription, period_s: float, rotors: Rotors) -> FloatArray:
-    """Return the torque of one chunk for a linear lag; shape (n_samples, 3)."""
+    """Return the torque of one chunk for a linear lag, and what its reaction goes with; (n_samples, 4).
+
+    The reaction goes with the speeds themselves: the last column is N to first order in them.
+    """
     thrust, torque_per_thrust = segment.rotor_thrust, described.torque_per_thrust
     if thrust is None or torque_per_thrust is None:
         return segment.torque
@@ -140,7 +143,8 @@ def _torque(segment: Segment, described: InputDescription, period_s: float, roto
     # F + T dF/dt, with the T of the direction in dw/dt and the mean of both before dF/dt.
     fraction = np.where(gap > 0.0, rotors.mean_s / rotors.up_s, rotors.mean_s / rotors.down_s)
     change = speed**2 + 2.0 * speed * gap * fraction - thrust
-    return np.asarray(segment.torque + change @ torque_per_thrust.T)
+    reacting = 2.0 * target.mean() * (speed + gap * fraction) @ torque_per_thrust[2]
+    return np.column_stack([segment.torque + change @ torque_per_thrust.T, reacting])
 
 
 def _lagged(target: FloatArray, period_s: float, rotors: Rotors) -> FloatArray:

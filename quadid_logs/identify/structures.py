@@ -18,6 +18,7 @@ from quadid_logs.identify.terms import (
     RATE_TERMS,
     THROTTLED_YAW,
     TRIM,
+    YAW_REACTION,
     Term,
     TorqueTerm,
 )
@@ -61,6 +62,15 @@ class Structure(NamedTuple):
         """Symbols of all columns that pass the actuator: L, M, N, then those among the regressors."""
         among = (term.symbol for term in self.terms if isinstance(term, TorqueTerm))
         return (*TORQUE_SYMBOLS, *among)
+
+    @property
+    def torques(self) -> tuple[str, ...]:
+        """Symbols of the columns that errors of lag, delay and torque reach: L, M, N, yaw reaction."""
+        return (*TORQUE_SYMBOLS, *((YAW_REACTION.symbol,) if YAW_REACTION in self.terms else ()))
+
+    def with_reaction(self) -> Structure:
+        """Return the structure with the reaction of accelerating rotors in yaw."""
+        return self._replace(terms=(*self.terms, YAW_REACTION)) if self.actuated else self
 
     @property
     def actuated(self) -> bool:

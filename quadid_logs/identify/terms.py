@@ -134,11 +134,16 @@ class TiltTerm(AttitudeTerm):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TorqueTerm(Term):
-    """A column that passes the actuator: of torque (n, 3), and throttle above its mean (n,) or None."""
+    """A column that passes the actuator: of torque (n, 3), and throttle above its mean (n,) or None.
+
+    Behind rotors a fourth column of the torque is N to first order in their speeds. The column is the
+    derivative by time of what ``of_torque`` returns where it is ``differentiated``.
+    """
 
     passes_actuator: ClassVar[bool] = True
 
     of_torque: Callable[[FloatArray, FloatArray | None], FloatArray | None]
+    differentiated: bool = False
 
 
 def column_of(term: Term, segment: Segment, period_s: float) -> FloatArray | None:
@@ -309,8 +314,18 @@ THROTTLED_YAW: Final = TorqueTerm(
     words="N*throttle: by how much yaw answers more strongly at more throttle",
     of_torque=_throttled_yaw,
 )
+#: Rotors that speed up turn the vehicle against their spin, beside their drag: with the inertia J_r and the
+#: drag torque k w^2 of a rotor at the speed w, yaw gets N + T dN/dt, where T = J_r / (2 k w).
+YAW_REACTION: Final = TorqueTerm(
+    symbol="N_dot",
+    units=("rad/s", "rad"),
+    words="N_dot: the reaction of rotors that speed up or slow down, which leads the yaw torque",
+    answers_disturbances=True,
+    of_torque=lambda torque, _throttle: torque[:, -1],
+    differentiated=True,
+)
 #: What an actuator may shape; those beside L, M, N only where the flight has what they need.
-TORQUE_TERMS: Final = (*INPUTS, THROTTLED_YAW)
+TORQUE_TERMS: Final = (*INPUTS, THROTTLED_YAW, YAW_REACTION)
 #: Speed along body x and y, as the tilt brings it.
 AIR_SPEED: Final = tuple(
     TiltTerm(symbol=symbol, units=("rad/(m s)", "rad/m"), of_attitude=_air_speed(along))

@@ -144,6 +144,9 @@ class RowTorque:
         columns = [{name: column for name, column in each.items() if column is not None} for each in found]
         symbols = tuple(name for name in found[0] if all(name in chunk for chunk in columns))
         spectra = [spectrum_of(np.column_stack([chunk[symbol] for symbol in symbols])) for chunk in columns]
+        for number in _differentiated(symbols):
+            for spectrum, grid in zip(spectra, self.grids, strict=True):
+                spectrum[:, number] *= grid.s
         return replace(self, symbols=symbols, spectra=tuple(spectra))
 
     def chosen(self, numbers: Sequence[int]) -> RowTorque:
@@ -159,13 +162,13 @@ class RowTorque:
         """Return columns behind lag, delay and gyro filter, smoothed; shape (n_rows, n_symbols)."""
         return self.shaped(lambda s: lag_response(s, lag_s) * delay_response(s, delay_s), symbols)
 
-    def by_lag(self, lag_s: float, delay_s: float) -> FloatArray:
-        """Return the derivative of `behind` by the lag [unit/s]; shape (n_rows, 3)."""
-        return self.shaped(lambda s: -s * lag_response(s, lag_s) ** 2 * delay_response(s, delay_s))
+    def by_lag(self, lag_s: float, delay_s: float, symbols: Sequence[str] = TORQUE_SYMBOLS) -> FloatArray:
+        """Return the derivative of `behind` by the lag [unit/s]; shape (n_rows, n_symbols)."""
+        return self.shaped(lambda s: -s * lag_response(s, lag_s) ** 2 * delay_response(s, delay_s), symbols)
 
-    def by_delay(self, lag_s: float, delay_s: float) -> FloatArray:
-        """Return the derivative of `behind` by the delay [unit/s]; shape (n_rows, 3)."""
-        return self.shaped(lambda s: -s * lag_response(s, lag_s) * delay_response(s, delay_s))
+    def by_delay(self, lag_s: float, delay_s: float, symbols: Sequence[str] = TORQUE_SYMBOLS) -> FloatArray:
+        """Return the derivative of `behind` by the delay [unit/s]; shape (n_rows, n_symbols)."""
+        return self.shaped(lambda s: -s * lag_response(s, lag_s) * delay_response(s, delay_s), symbols)
 
     def as_logged(self) -> FloatArray:
         """Return the torque smoothed but without actuator, as the paper takes it; shape (n_rows, 3)."""
@@ -191,6 +194,12 @@ class RowTorque:
         if self.high_pass_hz:
             parts = [high_pass(part, self.row_period_s, self.high_pass_hz) for part in parts]
         return np.concatenate(parts)
+
+
+def _differentiated(symbols: Sequence[str]) -> list[int]:
+    """Return the places of the columns that are derivatives by time."""
+    names = [term.symbol for term in TORQUE_TERMS if term.differentiated]
+    return [number for number, symbol in enumerate(symbols) if symbol in names]
 
 
 def spectrum_of(columns: FloatArray) -> ComplexArray:

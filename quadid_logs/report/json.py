@@ -267,6 +267,9 @@ def _model(model: Model, given: InputDescription | None) -> dict[str, Any]:
         "B": model.B,
         "parameters": [_parameter(parameter, given) for parameter in model.parameters],
         "actuator": None if model.actuator is None else _actuator(model.actuator),
+        "yaw_reaction": None
+        if model.yaw_reaction is None
+        else {"lead_s": {"value": model.yaw_reaction.lead_s, "ci95": model.yaw_reaction.ci95_s}},
         "inertia_kg_m2": None if model.inertia is None else _inertia(model.inertia),
         "windows": None if model.windows is None else _windows(model, model.windows),
         "validation": _validation(model.validation),
@@ -281,6 +284,7 @@ def _model(model: Model, given: InputDescription | None) -> dict[str, Any]:
         "smoothing_hz": model.smoothing_hz,
         "condition_number": model.condition_number,
         "band_check": None if model.band is None else _band(model.band),
+        "yaw_band_check": None if model.yaw_band is None else _band(model.yaw_band),
         "change_check": None if model.change is None else _change(model.change),
         "formulations_check": None if model.formulations is None else _formulations(model.formulations),
         "bootstrap_half_width": None

@@ -51,6 +51,8 @@ class SimulatedAirframe:
         Thrust is max_thrust_n * ((1-e) y + e y^2) for the throttle times voltage ratio y.
     lag_up_s, lag_down_s : float
         Time constant of the rotor speed.
+    rotor_inertia_kg_m2 : float
+        Of one propeller with the bell of its motor, about its axis: accelerating rotors turn the vehicle.
     rate_damping_n_m_s : ndarray, shape (3,)
         Torque against p, q, r.
     drag_n_s_m, drag_area_m2 : float
@@ -75,6 +77,7 @@ class SimulatedAirframe:
     thrust_expo: float = 0.6
     lag_up_s: float = 0.03
     lag_down_s: float = 0.03
+    rotor_inertia_kg_m2: float = 0.0
     rate_damping_n_m_s: FloatArray = field(default_factory=lambda: np.array([0.012, 0.012, 0.008]))
     drag_n_s_m: float = 0.25
     drag_area_m2: float = 0.012
@@ -91,6 +94,13 @@ class SimulatedAirframe:
     def hover_throttle(self) -> float:
         """Fraction of the full thrust that carries the weight [1]."""
         return self.mass_kg * GRAVITY_M_S2 / (self.n_rotors * self.max_thrust_n)
+
+    @property
+    def yaw_lead_s(self) -> float:
+        """Return T of the yaw torque N + T dN/dt in hover at speed w: J_r / (2 k w), drag k w^2 [s]."""
+        speed = self.rotor_speed_max_rad_s * self.hover_throttle**0.5
+        drag = self.torque_to_thrust_m * self.max_thrust_n / self.rotor_speed_max_rad_s**2
+        return float(self.rotor_inertia_kg_m2 / (2.0 * drag * speed))
 
     @property
     def rotor_thrust_n(self) -> FloatArray:

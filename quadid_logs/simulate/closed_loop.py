@@ -572,6 +572,10 @@ def _body(setups: tuple[Setup, ...]) -> Body:
         arms=tuple(_vector(list(arms[:, :, i])) for i in range(frames[0].n_rotors)),
         decay_up=_decay([frame.lag_up_s for frame in frames], step_s),
         decay_down=_decay([s.airframe.lag_down_s * s.effects.spin_down_ratio for s in setups], step_s),
+        rotor_inertia=tuple(
+            _stacked([float(frame.spin[i]) * frame.rotor_inertia_kg_m2 for frame in frames])
+            for i in range(frames[0].n_rotors)
+        ),
         drag=_stacked([frame.drag_n_s_m for frame in frames]),
         drag_area=_stacked([frame.drag_area_m2 for frame in frames]),
         drag_height=_stacked([frame.drag_height_m for frame in frames]),

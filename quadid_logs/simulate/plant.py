@@ -23,7 +23,11 @@ Rotors = tuple[Component, ...]
 
 
 class Body(NamedTuple):
-    """What does not change in flight. Lengths [m], damping [N m s], decays over half and whole steps."""
+    """What does not change in flight. Lengths [m], damping [N m s], decays over half and whole steps.
+
+    ``rotor_inertia`` [kg m^2] of each rotor, positive where it turns counter-clockwise from above;
+    () for rotors without inertia.
+    """
 
     step_s: float
     mass: Component
@@ -36,6 +40,7 @@ class Body(NamedTuple):
     drag: Component
     drag_area: Component
     drag_height: Component
+    rotor_inertia: Rotors = ()
 
 
 class Wrench(NamedTuple):
@@ -86,6 +91,7 @@ def advance(state: State, targets: Rotors, wind: Triple, body: Body, external: E
     moment = _plus(moment, external.torque)
     middle_speeds, speeds = _spin(state.speeds, targets, body)
     middle, end = _wrench(middle_speeds, body), _wrench(speeds, body)
+    moment = _plus(moment, _rotor_moment(state, speeds, body))
     torques = (_plus(state.wrench.torque, moment), _plus(middle.torque, moment), _plus(end.torque, moment))
     rate, stages = step_rates(state.rate, torques, body.step_s, body.inertia, body.damping)
     attitude = step_attitude(state.attitude, stages, body.step_s)
@@ -114,6 +120,20 @@ def _spin(speeds: Rotors, targets: Rotors, body: Body) -> tuple[Rotors, Rotors]:
         middle.append(target + gap * (up_half + (down_half - up_half) * falling))
         end.append(target + gap * (up + (down - up) * falling))
     return tuple(middle), tuple(end)
+
+
+def _rotor_moment(state: State, speeds: Rotors, body: Body) -> Triple:
+    """Return the moment of the rotors' angular momentum h along -z, -h' - w x h [N m], over one period.
+
+    What rotors take up of angular momentum, the vehicle loses: one that speeds up turns it against its spin.
+    """
+    inertias = body.rotor_inertia or (0.0,) * len(speeds)
+    taken = momentum = 0.0
+    for before, speed, inertia in zip(state.speeds, speeds, inertias, strict=True):
+        taken = taken + inertia * (speed - before)
+        momentum = momentum + inertia * speed
+    p, q, _ = state.rate
+    return q * momentum, -p * momentum, taken / body.step_s
 
 
 def _wrench(speeds: Rotors, body: Body) -> Wrench:

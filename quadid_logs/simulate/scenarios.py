@@ -87,6 +87,11 @@ def slow_motors() -> SimulatedAirframe:
     return dataclasses.replace(quad_x(), name="quad 450, slow motors", lag_up_s=0.045, lag_down_s=0.07)
 
 
+def heavy_rotors() -> SimulatedAirframe:
+    """Return the quadrotor with rotors whose inertia makes yaw lead by 76 ms in hover."""
+    return dataclasses.replace(quad_x(), name="quad 450, heavy rotors", rotor_inertia_kg_m2=1.4e-5)
+
+
 def paper_vehicle() -> SimulatedAirframe:
     """Return the quadrotor with the inertia of the source paper's Table I."""
     inertia = np.diag([0.008, 0.008, 0.01])
@@ -225,6 +230,12 @@ _LIST: Final = (
         name="slow-motors",
         sentence="Large propellers that speed up in 45 ms and slow down in 70 ms.",
         airframe=slow_motors,
+    ),
+    Scenario(
+        name="rotor-reaction",
+        sentence="Heavy rotors, which turn the vehicle as they speed up: yaw leads its torque by 76 ms.",
+        manoeuvre=manoeuvres.doublets,
+        airframe=heavy_rotors,
     ),
     Scenario(
         name="noisy-gyro",

@@ -87,6 +87,7 @@ def vehicle_truth(airframe: SimulatedAirframe) -> dict[str, Any]:
         "max_thrust_n": airframe.max_thrust_n,
         "rotor_thrust_n": airframe.rotor_thrust_n.tolist(),
         "torque_to_thrust_m": airframe.torque_to_thrust_m,
+        "rotor_inertia_kg_m2": airframe.rotor_inertia_kg_m2,
         "thrust_expo": airframe.thrust_expo,
         "rotor_speed_max_rad_s": airframe.rotor_speed_max_rad_s,
         "hover_throttle": airframe.hover_throttle,
@@ -111,6 +112,7 @@ def actuator_truth(setup: Setup) -> dict[str, Any]:
         "lag_s": 0.5 * (up_s + down_s),
         "lag_up_s": up_s,
         "lag_down_s": down_s,
+        "yaw_lead_s": setup.airframe.yaw_lead_s,
         "delay_s": hold_s + extra_s + filter_s,
         "delay_parts_s": {
             "zero_order_hold": hold_s,
