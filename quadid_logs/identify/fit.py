@@ -16,6 +16,7 @@ from quadid_logs.identify.inference import (
     TorqueUnknowns,
     Uncertainty,
     clusters_of,
+    feedback_left,
     infer,
     quantile_95,
     torque_effects,
@@ -253,7 +254,10 @@ def _uncertainty(
         Equation(regression.explained[:, columns], residual[:, row], number[row, columns].astype(np.int64))
         for row, columns in enumerate(used)
     ]
-    return infer(equations, weight, clusters_of(design), effects, int(np.count_nonzero(used)))
+    jacobians = [(regression.Z[:, columns], regression.explained[:, columns]) for columns in used]
+    feedback = feedback_left(design, jacobians, regression.project.n_instruments)
+    n_used = int(np.count_nonzero(used))
+    return infer(equations, weight, clusters_of(design), effects, n_used, feedback=feedback)
 
 
 def with_trim(fit: PooledFit, structure: Structure, whole: Design, actuator: ActuatorFit) -> PooledFit:

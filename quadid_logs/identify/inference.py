@@ -8,6 +8,7 @@ sensors cannot tell and what is not known of a newton metre.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -38,6 +39,11 @@ _MIN_CLUSTERS = 12
 #: A lag with less phase than this [rad] at the smoothing cut-off acts as a
 #: delay does; their derivatives are then parallel and only the sum is known.
 _LAG_SEEN = 0.1
+#: What is left of feedback's effect on least squares, in instruments per independent row: one because
+#: so many instruments fit that part of the disturbances by chance (Bound, Jaeger and Baker, JASA 90, 1995),
+#: one because set-points answer the same disturbances through the attitude, which was of the same size in
+#: 40 simulated flights through air as rough as flown.
+_LEFT_OF_FEEDBACK = 2.0
 
 
 class TorqueUnknowns(NamedTuple):
@@ -58,12 +64,25 @@ class TorqueEffects(NamedTuple):
     """What is not known of the torque, as it reaches the targets on the training rows.
 
     ``shared`` are the derivatives of all targets by lag, delay and asymmetry, each (n_train,
-    n_targets), as far as they follow from the instruments; ``errors`` (n_train, n_targets,
-    n_errors) is what possible errors of the torque, each at its 95 %, make of the targets.
+    n_targets), as far as they follow from the instruments, and ``unexplained`` the rest of them;
+    ``errors`` (n_train, n_targets, n_errors) is what possible errors of the torque, each at its
+    95 %, make of the targets.
     """
 
     shared: Mapping[str, FloatArray]
     errors: FloatArray
+    unexplained: Mapping[str, FloatArray] = MappingProxyType({})
+
+
+class Feedback(NamedTuple):
+    """What feedback still does to estimates with instruments.
+
+    ``fraction`` of what it does to plain least squares; ``unexplained`` is what the instruments leave of
+    the Jacobian of each equation, (n_train, n_own).
+    """
+
+    fraction: float
+    unexplained: Sequence[FloatArray]
 
 
 class Uncertainty(NamedTuple):
@@ -140,6 +159,7 @@ def infer(
     effects: TorqueEffects,
     n_parameters: int,
     prior_precision: FloatArray | None = None,
+    feedback: Feedback | None = None,
 ) -> Uncertainty:
     """Return the uncertainty of parameters whose equations have lag, delay and asymmetry in common.
 
@@ -156,6 +176,8 @@ def infer(
         Of A and B.
     prior_precision : ndarray, shape (n_parameters,), optional
         As of `quadid_logs.maths.least_squares.clustered_covariance`.
+    feedback : Feedback, optional
+        None without instruments.
 
     Returns
     -------
@@ -176,7 +198,53 @@ def infer(
     if prior_precision is not None:
         prior[:n_parameters] = prior_precision
     errors = effects.errors * weight[:, np.newaxis]
-    return Uncertainty(covariance_95(weighted, clusters, errors, prior), tuple(names))
+    joint = covariance_95(weighted, clusters, errors, prior)
+    if feedback is not None:
+        change = _change_by_feedback(weighted, weight, effects, feedback, prior)
+        joint = joint + feedback.fraction**2 * change @ change.T
+    return Uncertainty(joint, tuple(names))
+
+
+def _change_by_feedback(
+    weighted: Sequence[Equation],
+    weight: FloatArray,
+    effects: TorqueEffects,
+    feedback: Feedback,
+    prior_precision: FloatArray,
+) -> FloatArray:
+    """Return what the whole of feedback's effect would change parameters by; shape (n_parameters, 1)."""
+    left = [
+        np.column_stack([own, *(column[:, row] for column in effects.unexplained.values())]) * weight[row]
+        for row, own in enumerate(feedback.unexplained)
+    ]
+    residuals = [equation.residuals[:, np.newaxis] for equation in weighted]
+    return first_order_change(weighted, residuals, prior_precision.size, prior_precision, through=left)
+
+
+def feedback_left(
+    design: Design, explained: Sequence[tuple[FloatArray, FloatArray]], n: int
+) -> Feedback | None:
+    """Return what feedback still does to an estimate with so many instruments; None without any.
+
+    Parameters
+    ----------
+    design : Design
+    explained : sequence of (ndarray, ndarray), each of shape (n_train, n_own)
+        The Jacobian of each equation, and what the instruments make of it.
+    n : int
+        Number of instruments.
+
+    Returns
+    -------
+    Feedback or None
+    """
+    if not n:
+        return None
+    trained_s = np.count_nonzero(design.train) * design.period_s
+    # As many values a second as twice the bandwidth are independent.
+    independent = 2.0 * (design.smoothing_hz - design.high_pass_hz) * trained_s
+    fraction = min(1.0, _LEFT_OF_FEEDBACK * n / max(independent, 1.0))
+    return Feedback(fraction, [jacobian - projected for jacobian, projected in explained])
 
 
 def covariance_95(
@@ -292,9 +360,11 @@ def torque_effects(
     shared["delay"] = of_targets(design.torque.by_delay(lag_s, delay_s, symbols))
     errors = [of_targets(error.behind(lag_s, delay_s, symbols)) for error in unknown.errors]
     none = np.zeros((np.count_nonzero(train), len(B), 0))
+    explained = {name: project(column) for name, column in shared.items()}
     return TorqueEffects(
-        {name: project(column) for name, column in shared.items()},
+        explained,
         np.stack(errors, axis=2) if errors else none,
+        {name: shared[name] - explained[name] for name in shared},
     )
 
 

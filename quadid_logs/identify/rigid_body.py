@@ -19,7 +19,7 @@ from quadid_logs.identify.actuator_model import ActuatorModel
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.equation_by_equation import ActuatedFit
 from quadid_logs.identify.fit import PooledFit, explained_fraction, with_trim
-from quadid_logs.identify.inference import clusters_of, infer, torque_effects
+from quadid_logs.identify.inference import clusters_of, feedback_left, infer, torque_effects
 from quadid_logs.identify.instruments import Projection
 from quadid_logs.identify.structures import Structure
 from quadid_logs.identify.systematic import GYRO_SYSTEMATIC, as_measured
@@ -323,7 +323,9 @@ def _as_fit(body: _Body, x: FloatArray, free: BoolArray, rows: _Rows, n_columns:
     ]
     # What is typical of vehicles is no observation of this one; what is known of its gyro is.
     prior = np.where(body.of_vehicle, 0.0, 1.0 / body.prior()[1] ** 2)[free]
-    found = infer(equations, weight, clusters, effects, n_free, prior)
+    jacobians = [(rows.Z @ slopes_measured[row], equations[row].jacobian) for row in range(3)]
+    feedback = feedback_left(rows.design, jacobians, rows.project.n_instruments)
+    found = infer(equations, weight, clusters, effects, n_free, prior, feedback)
     variance = np.einsum("rcp,pq,rcq->rc", slopes, found.covariance, slopes)
     kept = np.asarray(np.abs(slopes).max(axis=2) > 0.0, dtype=np.bool_)
     return PooledFit(

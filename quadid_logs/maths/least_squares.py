@@ -178,6 +178,8 @@ def first_order_change(
     errors: Sequence[FloatArray],
     n_parameters: int,
     prior_precision: FloatArray | None = None,
+    *,
+    through: Sequence[FloatArray] | None = None,
 ) -> FloatArray:
     """Return the change of least-squares parameters by errors of their targets.
 
@@ -191,16 +193,20 @@ def first_order_change(
     n_parameters : int
     prior_precision : ndarray, shape (n_parameters,), optional
         As of `clustered_covariance`.
+    through : sequence of ndarray, shape (n_samples, n_own), optional
+        What stands for the transposed J, one per equation: of instrumental variables the columns that
+        errors are multiplied with are not those of the information.
 
     Returns
     -------
     ndarray, shape (n_parameters, n_errors)
     """
+    columns = [equation.jacobian for equation in equations] if through is None else through
     information = np.diag(np.zeros(n_parameters) if prior_precision is None else prior_precision)
     score = np.zeros((n_parameters, errors[0].shape[1]))
-    for (jacobian, _, parameters), error in zip(equations, errors, strict=True):
+    for (jacobian, _, parameters), error, by in zip(equations, errors, columns, strict=True):
         information[np.ix_(parameters, parameters)] += jacobian.T @ jacobian
-        score[parameters] += jacobian.T @ error
+        score[parameters] += by.T @ error
     diagonal = np.diag(information)
     scale = np.where(diagonal > 0.0, np.sqrt(diagonal), 1.0)
     scaled = np.linalg.pinv(information / np.outer(scale, scale), hermitian=True)

@@ -18,10 +18,12 @@ from quadid_logs.identify.design import Design, build_design
 from quadid_logs.identify.fit import Regression, _mean_half_width, fit_pooled, with_trim
 from quadid_logs.identify.inference import (
     NOTHING_UNKNOWN,
+    Feedback,
     TorqueEffects,
     TorqueUnknowns,
     clusters_of,
     delay_interval,
+    feedback_left,
     infer,
     intervals,
     lag_interval,
@@ -120,6 +122,58 @@ def test_where_the_data_say_nothing_the_interval_is_that_of_the_prior(
     weak = equation(1e-6 * Z, y)
     found = infer([weak], np.ones(1), clusters, NO_EFFECTS, 2, np.full(2, 1.0 / 0.2**2))
     np.testing.assert_allclose(found.half_width, 2.093024 * 0.2, rtol=1e-3)
+
+
+def instrumented(rng: np.random.Generator, n: int, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return x as the instruments explain it, x, and y = 2 x + e where feedback puts e into x."""
+    W, e = np.linalg.qr(rng.standard_normal((n, k)))[0], rng.standard_normal(n)
+    x = W @ np.full(k, np.sqrt(n / k)) - 0.8 * e + 0.6 * rng.standard_normal(n)
+    return W @ (W.T @ x), x, 2.0 * x + e
+
+
+def test_many_instruments_leave_as_much_of_feedback_as_there_are_of_them_per_row() -> None:
+    """The mean error of two-stage least squares, over 4000 draws, is that fraction of the change."""
+    rng = np.random.default_rng(0)
+    errors, changes = [], []
+    for _ in range(4000):
+        explained, x, y = instrumented(rng, 100, 10)
+        value = (explained @ y) / (explained @ explained)
+        errors.append(value - 2.0)
+        changes.append((x - explained) @ (y - value * x) / (explained @ explained))
+    assert np.mean(errors) < -0.05
+    assert np.mean(errors) == pytest.approx(10.0 / 100.0 * np.mean(changes), rel=0.15)
+
+
+def test_what_is_left_of_feedback_is_added_in_squares() -> None:
+    """Of the parameter and of a lag that it goes with."""
+    explained, x, y = instrumented(np.random.default_rng(1), 600, 12)
+    residual, clusters = y - 1.9 * x, np.repeat(np.arange(20), 30)
+    by_lag, more = explained + np.cos(np.arange(600.0)), np.sin(np.arange(600.0))
+    effects = TorqueEffects(
+        {"lag": by_lag[:, np.newaxis]}, np.zeros((600, 1, 0)), {"lag": more[:, np.newaxis]}
+    )
+    one = [Equation(explained[:, np.newaxis], residual, np.array([0]))]
+    plain = infer(one, np.ones(1), clusters, effects, 1)
+    feedback = Feedback(0.3, [(x - explained)[:, np.newaxis]])
+    found = infer(one, np.full(1, 5.0), clusters, effects, 1, feedback=feedback)
+    J = np.column_stack([explained, by_lag])
+    change = 0.3 * np.linalg.solve(J.T @ J, np.array([(x - explained) @ residual, more @ residual]))
+    expected = np.hypot([plain.half_width[0], plain.lag_s], change)
+    np.testing.assert_allclose([found.half_width[0], found.lag_s], expected, rtol=1e-8)
+
+
+def test_less_of_feedback_is_left_in_a_longer_flight_and_none_is_said_without_instruments() -> None:
+    """Two instruments per independent row of the band: as many rows as twice its width, times the time."""
+    fractions = []
+    for duration_s in (20.0, 40.0):
+        design = build_design(fly(QUAD, multisine(duration_s)), 5.0, (DAMPED,)).high_passed(0.3)
+        found = feedback_left(design, [], 24)
+        assert found is not None
+        trained_s = design.train.mean() * duration_s
+        assert found.fraction == pytest.approx(2.0 * 24 / (2.0 * 4.7 * trained_s), rel=0.05)
+        fractions.append(found.fraction)
+    assert fractions[1] < 0.7 * fractions[0]
+    assert feedback_left(design, [], 0) is None
 
 
 def test_the_effectiveness_of_a_rigid_body_is_known_no_better_than_the_scale_of_the_gyro() -> None:
