@@ -198,20 +198,25 @@ def with_alternatives(structure: Structure, estimate: Estimate, check: Structura
         place = axis, len(structure.terms) + axis
         gain = estimate.theta[place]
         of_timing = 0.0 if check.timing is None else check.timing.shift[axis]
-        factors = np.append(1.0, (1.0 + of_timing) * (1.0 + _possible_shifts(check, axis)))
-        low[place], high[place] = (low[place] * factors).min(), (high[place] * factors).max()
+        seen, possible = _shifts(check, axis)
+        factors = np.append(1.0, (1.0 + of_timing) * (1.0 + seen))
+        others = gain * (1.0 + possible)
+        low[place] = min((low[place] * factors).min(), others.min())
+        high[place] = max((high[place] * factors).max(), others.max())
         # A controller that answers disturbances makes an effectiveness too low, by no more than this.
         high[place] = gain + np.hypot(high[place] - gain, gain * check.feedback[axis])
     return estimate._replace(low=low, high=high)
 
 
-def _possible_shifts(check: StructuralCheck, axis: int) -> FloatArray:
-    """Return by how much the effectiveness of an axis would be larger with what may be there, relative."""
+def _shifts(check: StructuralCheck, axis: int) -> tuple[FloatArray, FloatArray]:
+    """Return how much larger, relative, the effectiveness is with what is seen, and with what may be there."""
     effects = [each for each in check.effects if each.axis == axis]
     seen = [each for each in effects if is_seen(each)]
-    # Where one effect is seen, the others are its shadows.
-    possible = [max(seen, key=_explained)] if seen else [each for each in effects if _is_possible(each)]
-    return np.array([0.0, *(each.shift for each in possible)])
+    if seen:
+        # The others are its shadows.
+        return np.array([0.0, max(seen, key=_explained).shift]), np.zeros(1)
+    possible = [each.shift for each in effects if _is_possible(each)]
+    return np.zeros(1), np.array([0.0, *possible])
 
 
 def is_seen(effect: EffectCheck) -> bool:
