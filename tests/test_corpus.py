@@ -65,12 +65,12 @@ def test_a_system_id_run_on_roll_identifies_roll_and_refuses_the_rest(corpus: Pa
     assert verdicts == {"roll": "usable", "pitch": "refused", "yaw": "refused"}
 
 
-def test_default_logging_of_ardupilot_is_refused_with_the_bitmask_to_set(corpus: Path) -> None:
-    """10 Hz, and the advice names LOG_BITMASK."""
+def test_default_logging_of_ardupilot_gives_yaw_at_most_and_names_the_bitmask_to_set(corpus: Path) -> None:
+    """10 Hz: too slow for roll and pitch."""
     result = pipeline.analyze(corpus / "firmware" / "ac47_quadx_default_logging.BIN")
     assert not result.diagnosis.usable
     assert any("LOG_BITMASK" in finding.advice for finding in result.diagnosis.findings)
-    assert result.identification.models == ()
+    assert result.identification.only_yaw
 
 
 def test_two_flights_in_one_file_are_two_segments(corpus: Path) -> None:

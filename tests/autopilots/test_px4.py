@@ -129,7 +129,7 @@ def test_the_last_value_of_a_changed_parameter_counts(tmp_path: Path) -> None:
     path.write_bytes(make.small_log())
     log = read_log(path)
     assert log.parameters == {"MAV_TYPE": 13.0}
-    assert any("1 parameters were written" in remark for remark in log.remarks)
+    assert any("1 parameter was written" in remark for remark in log.remarks)
 
 
 def test_texts_carry_the_autopilots_time(tmp_path: Path) -> None:
