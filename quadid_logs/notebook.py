@@ -49,7 +49,7 @@ def show(result: Result) -> Shown:
     --------
     >>> from quadid_logs import analyze, show
     >>> print(str(show(analyze("sample_logs/default-logging.bin"))).splitlines()[0])
-    default-logging.bin: no model, 33.6 s of flight in 39.7 s of log, nothing identified
+    default-logging.bin: structure damped, 33.5 s of 39.7 s analysed
     """
     return Shown(result=result)
 

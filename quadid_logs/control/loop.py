@@ -20,20 +20,22 @@ _AT_ZERO: Final = 1e-9
 
 
 class Plant(NamedTuple):
-    """Vehicles with their actuators, one axis: each of shape (n_plants,).
+    """Vehicles with their actuators, one axis: each of shape (n_plants,), but for the lead.
 
-    Torque to rate is B / (s - A) / (1 + s lag) exp(-s delay); ``damping`` A is negative where the air brakes.
-    The delay does not contain the zero-order hold.
+    Torque to rate is B (1 + s lead) / (s - A) / (1 + s lag) exp(-s delay); ``damping`` A is negative where the
+    air brakes. The delay does not contain the zero-order hold. The lead is that of rotors whose acceleration
+    turns the vehicle, in yaw.
     """
 
     effectiveness: FloatArray
     damping: FloatArray
     lag_s: FloatArray
     delay_s: FloatArray
+    lead_s: float = 0.0
 
     def at(self, numbers: slice) -> Plant:
         """Return some of the plants."""
-        return Plant(*(values[numbers] for values in self))
+        return Plant(*(values[numbers] for values in self[:4]), self.lead_s)
 
     def times(self, factor: float) -> Plant:
         """Return plants that are so many times as effective."""
@@ -53,9 +55,11 @@ class Plant(NamedTuple):
         ndarray of complex, shape (n_plants, n_frequencies)
         """
         s = _laplace(frequency_hz)
-        B, A, lag_s, delay_s = (values[:, np.newaxis] for values in self)
+        B, A, lag_s, delay_s = (values[:, np.newaxis] for values in self[:4])
         held = np.sinc(frequency_hz * hold_s)
-        response = B / (s - A) / (1.0 + s * lag_s) * np.exp(-s * (delay_s + 0.5 * hold_s))
+        response = (
+            B * (1.0 + s * self.lead_s) / (s - A) / (1.0 + s * lag_s) * np.exp(-s * (delay_s + 0.5 * hold_s))
+        )
         return np.asarray(held * response, dtype=np.complex128)
 
 

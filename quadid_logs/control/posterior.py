@@ -14,6 +14,7 @@ from quadid_logs.data.model import Posterior
 N_DRAWS: Final = 400
 #: Every analysis of a log draws the same vehicles.
 _SEED = 1
+_YAW = 2
 
 
 def draw(posterior: Posterior, axis: int, hold_s: float, n_draws: int = N_DRAWS) -> Plant | None:
@@ -57,6 +58,7 @@ def draw(posterior: Posterior, axis: int, hold_s: float, n_draws: int = N_DRAWS)
         damping=damping,
         lag_s=np.maximum(lag_s + as_lag_s, 0.0),
         delay_s=np.maximum(unheld_s - as_lag_s, 0.0) + short_s,
+        lead_s=posterior.yaw_lead_s if axis == _YAW else 0.0,
     )
 
 

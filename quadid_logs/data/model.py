@@ -87,11 +87,14 @@ class Posterior:
         Of these, one standard deviation squared; not finite where an axis tells nothing.
     lag_or_delay_s : float
         So much of the delay may be lag: the flight does not tell the two apart.
+    yaw_lead_s : float
+        Of yaw, by which accelerating rotors turn the vehicle; 0 where none was seen.
     """
 
     mean: FloatArray
     covariance: FloatArray
     lag_or_delay_s: float
+    yaw_lead_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -19,6 +19,7 @@ from quadid_logs.data.model import (
     FitSeries,
     FormulationCheck,
     Model,
+    Posterior,
     Validation,
     YawReaction,
 )
@@ -66,8 +67,14 @@ class YawFit(NamedTuple):
 
     def on(self, model: Model) -> Model:
         """Return a model with what is known of its yaw."""
+        posterior = model.posterior
+        if posterior is not None and self.reaction is not None:
+            posterior = replace(posterior, yaw_lead_s=self.reaction.lead_s)
         return replace(
-            model, yaw_reaction=self.reaction, yaw_is_inverse_controller=self.is_inverse_controller
+            model,
+            posterior=posterior,
+            yaw_reaction=self.reaction,
+            yaw_is_inverse_controller=self.is_inverse_controller,
         )
 
 
@@ -191,8 +198,18 @@ def with_yaw_of(model: Model, yaw: Model, data: FlightData) -> Model:
         change=_columns(model.change, yaw.change),
         formulations=_columns(model.formulations, yaw.formulations),
         bootstrap_half_width=_column(model.bootstrap_half_width, yaw.bootstrap_half_width),
+        posterior=_posterior(model.posterior, yaw.posterior),
         yaw_band=yaw.band,
     )
+
+
+def _posterior(first: Posterior | None, second: Posterior | None) -> Posterior | None:
+    """Return what is known of each axis, with yaw from the second."""
+    if first is None or second is None:
+        return None
+    mean, covariance = first.mean.copy(), first.covariance.copy()
+    mean[_YAW], covariance[_YAW] = second.mean[_YAW], second.covariance[_YAW]
+    return replace(first, mean=mean, covariance=covariance)
 
 
 def _row(first: FloatArray, second: FloatArray) -> FloatArray:

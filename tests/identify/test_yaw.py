@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from quadid_logs.align import cut
-from quadid_logs.data.model import Identification, Model
+from quadid_logs.data.model import Identification, Model, Response
 from quadid_logs.data.settings import AlignSettings, IdentifySettings
 from quadid_logs.identify import identify
 from quadid_logs.identify.design import HELD_OUT_BLOCK_S, build_design
-from quadid_logs.identify.response import Response
 from quadid_logs.identify.slow_yaw import _follows_motion
 from quadid_logs.identify.structures import DAMPED
 from quadid_logs.identify.terms import YAW_REACTION
@@ -73,7 +72,14 @@ def test_a_vehicle_without_reaction_has_no_column_of_it() -> None:
 def response_of(gain: Callable[[np.ndarray], np.ndarray]) -> Response:
     """Return a response known to 5 % in third octaves from half a hertz on."""
     frequency_hz = 0.56 * 2.0 ** (np.arange(12) / 3.0)
-    return Response(frequency_hz, gain(2j * np.pi * frequency_hz), np.full(frequency_hz.size, 0.05))
+    same = np.ones(frequency_hz.size)
+    return Response(
+        frequency_hz=frequency_hz,
+        gain=gain(2j * np.pi * frequency_hz),
+        error=0.05 * same,
+        coherence=same,
+        torque_power=same,
+    )
 
 
 def heading_hold(s: np.ndarray) -> np.ndarray:
