@@ -1,0 +1,243 @@
+"""Betaflight's Blackbox: frames as columns, settings, events, and what was lost."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadid_logs.arrays import BoolArray, IntArray
+from quadid_logs.containers.blackbox_encodings import frame_values, groups_of
+from quadid_logs.containers.blackbox_frames import BLOCK_BYTES, Event, Frames, blocks_of, find_frames
+from quadid_logs.containers.blackbox_header import MAGIC, Header, find_logs, read_header
+from quadid_logs.containers.blackbox_predictors import add_constants, add_differences, add_places
+from quadid_logs.containers.content import FileParts, merge_lost
+from quadid_logs.data.log import LostBytes
+from quadid_logs.errors import EmptyLogError, SettingsError
+
+#: Blackbox Explorer's limit [us]: between two frames of differences no log pauses.
+_LONGEST_PAUSE_US: Final = 10_000_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FrameTable:
+    """The frames of one kind, in file order.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The fields that are there.
+    values : ndarray of int32, shape (n_frames, n_fields)
+        Modulo 2^32.
+    signed : tuple of bool
+        Whether a field is below zero where its highest bit is set.
+    position : ndarray of int64, shape (n_frames,)
+        Byte offset of each frame in the file.
+    """
+
+    names: tuple[str, ...]
+    values: NDArray[np.int32]
+    signed: tuple[bool, ...]
+    position: IntArray
+
+    def column(self, field: str) -> NDArray[np.int32] | NDArray[np.uint32] | None:
+        """Return a field of every frame, None where there is none."""
+        if field not in self.names:
+            return None
+        number = self.names.index(field)
+        column = self.values[:, number]
+        return column if self.signed[number] else column.view(np.uint32)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BlackboxContent:
+    """One log of a Blackbox file.
+
+    Attributes
+    ----------
+    header : Header
+    tables : mapping of str to FrameTable
+        By letter: I for complete frames and those of differences in between, S, G and H.
+    events : tuple of Event
+    lost : tuple of LostBytes
+        Of this log.
+    starts : tuple of int
+        Where each log of the file begins.
+    number : int
+        Of this log in the file, from 1.
+    n_bytes : int
+        Of the file.
+    """
+
+    header: Header
+    tables: Mapping[str, FrameTable]
+    events: tuple[Event, ...]
+    lost: tuple[LostBytes, ...]
+    starts: tuple[int, ...]
+    number: int
+    n_bytes: int
+
+
+def is_mine(head: bytes) -> bool:
+    """Tell whether a file that begins with these bytes is a Blackbox file."""
+    return head.lstrip(b"\r\n\0\xff")[: len(MAGIC)] == MAGIC
+
+
+def read_content(
+    path: str | Path, wanted: Collection[str] | None = None, *, number: int = 1
+) -> BlackboxContent:
+    """Read one log of a Blackbox file.
+
+    Parameters
+    ----------
+    path : str or Path
+    wanted : collection of str, optional
+        Fields of the main frames to keep; all by default. Loop and time are always kept.
+    number : int
+        Which of the logs in the file, from 1.
+
+    Returns
+    -------
+    BlackboxContent
+
+    Raises
+    ------
+    OSError
+        If the file cannot be opened.
+    UnknownFormatError
+        If the header does not say how frames are written.
+    EmptyLogError
+        If the file holds no log.
+    SettingsError
+        If there is no log of that number.
+    """
+    with closing(FileParts.open(path)) as file:
+        starts = find_logs(file)
+        if not starts:
+            raise EmptyLogError(f"{path} holds no Blackbox log.", hint="Download it again.")
+        if not 1 <= number <= len(starts):
+            raise SettingsError(
+                f"There is no log {number} in {path}.", hint=f"It holds {len(starts)}, counted from 1."
+            )
+        stop = [*starts[1:], file.n_bytes][number - 1]
+        header = read_header(file, starts[number - 1], stop)
+        frames = find_frames(file, header)
+        lost = list(frames.lost)
+        main = _main_table(file, header, frames, wanted, lost)
+        tables = {"I": main} | _other_tables(file, header, frames, main)
+        return BlackboxContent(
+            header=header,
+            tables=tables,
+            events=tuple(frames.events),
+            lost=merge_lost(lost),
+            starts=tuple(starts),
+            number=number,
+            n_bytes=file.n_bytes,
+        )
+
+
+def _main_table(
+    file: FileParts,
+    header: Header,
+    frames: Frames,
+    wanted: Collection[str] | None,
+    lost: list[LostBytes],
+) -> FrameTable:
+    """Decode complete frames and those of differences, without those that cannot be true."""
+    layout = header.layouts["I"]
+    kept = [
+        number
+        for number, name in enumerate(layout.names)
+        if wanted is None or number < 2 or name in wanted
+    ]
+    position = np.concatenate([frames.starts["I"], frames.starts["P"]])
+    order = np.argsort(position, kind="stable")
+    position, is_complete = position[order], (order < len(frames.starts["I"]))
+    values = np.empty((len(position), len(layout)), np.int32)
+    valid = np.empty(len(position), np.bool_)
+    for letter, here in (("I", is_complete), ("P", ~is_complete)):
+        _fill(file, header, letter, position, here, values, valid)
+    add_differences(values, is_complete, header)
+    good = _forward(values, valid, is_complete)
+    ends = np.append(position[1:], position[-1:] + 1)
+    lost += [
+        LostBytes(offset=at, n_bytes=end - at, reason="frames that jump in time")
+        for at, end in zip(position[~good].tolist(), ends[~good].tolist(), strict=True)
+    ]
+    whole = good.all() and len(kept) == len(layout)
+    return FrameTable(
+        names=tuple(layout.names[number] for number in kept),
+        values=values if whole else values[good][:, kept],
+        signed=tuple(layout.signed[number] for number in kept),
+        position=position[good],
+    )
+
+
+def _fill(
+    file: FileParts,
+    header: Header,
+    letter: str,
+    position: IntArray,
+    here: BoolArray,
+    values: NDArray[np.int32],
+    valid: BoolArray,
+) -> None:
+    """Decode the frames of one kind, block by block."""
+    layout, groups = header.layouts[letter], groups_of(header.layouts[letter])
+    rows = np.flatnonzero(here)
+    at = position[rows]
+    for start, block, _ in blocks_of(file, header.body, header.stop):
+        found = slice(*np.searchsorted(at, [start, start + BLOCK_BYTES]).tolist())
+        decoded, valid[rows[found]] = frame_values(block, at[found] - start + 1, layout, groups)
+        add_constants(decoded, layout, header)
+        values[rows[found]] = decoded.T
+
+
+def _forward(values: NDArray[np.int32], valid: BoolArray, is_complete: BoolArray) -> BoolArray:
+    """Mark frames up to the first fault behind each complete one: there all later ones are wrong too."""
+    step_us = np.diff(values[:, 1].view(np.uint32), prepend=values[:1, 1].view(np.uint32))
+    wrong = ~valid | (~is_complete & ((step_us == 0) | (step_us > _LONGEST_PAUSE_US)))
+    n_wrong = np.cumsum(wrong)
+    before = np.where(is_complete, n_wrong - wrong, 0)
+    good: BoolArray = n_wrong == np.maximum.accumulate(before)
+    return good
+
+
+def _other_tables(
+    file: FileParts, header: Header, frames: Frames, main: FrameTable
+) -> dict[str, FrameTable]:
+    """Decode the slow frames and those of the receiver."""
+    tables: dict[str, FrameTable] = {}
+    for letter in ("S", "H", "G"):
+        if letter not in header.layouts:
+            continue
+        layout, position = header.layouts[letter], frames.starts[letter]
+        values = np.empty((len(position), len(layout)), np.int32)
+        valid = np.empty(len(position), np.bool_)
+        _fill(file, header, letter, position, np.ones(len(position), np.bool_), values, valid)
+        if letter == "G":
+            add_places(values.T, layout, _home(tables.get("H"), position), _last(main, 1, position))
+        tables[letter] = FrameTable(
+            names=layout.names, values=values[valid], signed=layout.signed, position=position[valid]
+        )
+    return tables
+
+
+def _home(home: FrameTable | None, position: IntArray) -> NDArray[np.int32]:
+    """Return the last home position before places in the file; 0 before the first."""
+    if home is None or len(home.names) < 2:
+        return np.zeros((2, len(position)), np.int32)
+    return np.stack([_last(home, number, position) for number in range(2)])
+
+
+def _last(table: FrameTable, column: int, position: IntArray) -> NDArray[np.int32]:
+    """Return a column's last value before places in the file; 0 before the first."""
+    before = np.searchsorted(table.position, position) - 1
+    if not len(table.position):
+        return np.zeros(len(position), np.int32)
+    return np.where(before >= 0, table.values[np.maximum(before, 0), column], 0).astype(np.int32)
