@@ -142,4 +142,4 @@ VEHICLE_TYPES: Final = (
 )
 
 #: ``format`` in result.json; `FlightLog.dialect` tells variants with the same framing apart.
-LOG_FORMATS: Final = ("dataflash", "dataflash-text", "ulog", "tlog", "table")
+LOG_FORMATS: Final = ("dataflash", "dataflash-text", "ulog", "tlog", "blackbox", "table")

@@ -1,0 +1,30 @@
+"""Betaflight: its Blackbox fields, settings and mixer, and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from quadid_logs.autopilots import Autopilot, LogFormat
+
+
+class Betaflight(Autopilot):
+    """Betaflight from 4.0 on."""
+
+    name = "betaflight"
+    title = "Betaflight"
+
+    def formats(self) -> tuple[LogFormat, ...]:
+        """Blackbox, from the card or the flash chip."""
+        from quadid_logs.autopilots.betaflight.log import read
+        from quadid_logs.containers import blackbox
+
+        suffixes = (".bbl", ".bfl", ".txt")
+        return (LogFormat("blackbox", "Betaflight Blackbox", blackbox.is_mine, read, suffixes),)
+
+    def loop_rate_hz(self, parameters: Mapping[str, float]) -> float:
+        """Looptime of the gyro [us] times the PID's denominator."""
+        period_us = parameters.get("looptime", 0.0) * parameters.get("pid_process_denom", 1.0)
+        return 1e6 / period_us if period_us > 0.0 else 0.0
+
+
+AUTOPILOT = Betaflight()

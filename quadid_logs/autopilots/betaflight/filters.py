@@ -1,0 +1,75 @@
+"""Betaflight's gyro filters from its settings, as far as they delay what is fitted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+
+from quadid_logs.autopilots.filters import gyro_filter
+from quadid_logs.data.log import GyroFilter, Notch
+
+#: `gyro_lpf1_type`: one pole, a Butterworth of second order, two and three poles that are 3 dB down together.
+_ONE_POLE, _BIQUAD, _TWO_POLES, _THREE_POLES = range(4)
+#: ``common/filter.c``: cut-off of each pole over that of all.
+_SPREAD = {_ONE_POLE: 1.0, _TWO_POLES: 1.553773974, _THREE_POLES: 1.961459177}
+_N_POLES = {_ONE_POLE: 1, _TWO_POLES: 2, _THREE_POLES: 3}
+
+
+def settings_filter(settings: Mapping[str, float], rotor_hz: float) -> GyroFilter:
+    """Return both low-passes as one of the same delay, and static and RPM notches.
+
+    Parameters
+    ----------
+    settings : mapping of str to float
+        Of the log's header.
+    rotor_hz : float
+        Mean speed of the rotors, at which the RPM filter's notches stand; NaN where it is not logged.
+
+    Returns
+    -------
+    GyroFilter
+        Far below their cut-offs the low-passes are delays, which add up; one of second order with cut-off f
+        delays by sqrt(2) / (2 pi f).
+
+    Notes
+    -----
+    Betaflight: ``gyro_init.c``, ``rpm_filter.c``, ``common/filter.c``.
+    """
+    delay_s = sum(_delay_s(settings, number) for number in (1, 2))
+    cutoff_hz = math.sqrt(2.0) / (2.0 * math.pi * delay_s) if delay_s > 0.0 else math.nan
+    return gyro_filter(cutoff_hz, [*_static(settings), *_rpm(settings, rotor_hz)])
+
+
+def _delay_s(settings: Mapping[str, float], number: int) -> float:
+    """Return the delay of a low-pass far below its cut-off; of a dynamic one at its lowest."""
+    dynamic = settings.get(f"gyro_lpf{number}_dyn_hz[0]", 0.0)
+    cutoff_hz = dynamic if dynamic > 0.0 else settings.get(f"gyro_lpf{number}_static_hz", 0.0)
+    kind = settings.get(f"gyro_lpf{number}_type", _ONE_POLE)
+    if not 0.0 < cutoff_hz < math.inf:
+        return 0.0
+    if kind == _BIQUAD:
+        return math.sqrt(2.0) / (2.0 * math.pi * cutoff_hz)
+    poles = kind if kind in _SPREAD else _ONE_POLE
+    return _N_POLES[int(poles)] / (2.0 * math.pi * cutoff_hz * _SPREAD[int(poles)])
+
+
+def _static(settings: Mapping[str, float]) -> Iterator[Notch]:
+    """Yield gyro_notch1 and 2: Q = f0 fc / (f0^2 - fc^2), fc where it begins."""
+    for number in range(2):
+        centre = settings.get(f"gyro_notch_hz[{number}]", 0.0)
+        begin = settings.get(f"gyro_notch_cutoff[{number}]", 0.0)
+        if 0.0 < begin < centre:
+            yield Notch(centre, (centre**2 - begin**2) / (centre * begin), 0.0)
+
+
+def _rpm(settings: Mapping[str, float], rotor_hz: float) -> Iterator[Notch]:
+    """Yield a notch per motor and harmonic."""
+    quality = settings.get("rpm_filter_q", 0.0) / 100.0
+    lowest_hz = settings.get("rpm_filter_min_hz", 0.0)
+    harmonics = settings.get("rpm_filter_harmonics", 0.0)
+    if not (rotor_hz > 0.0 and quality > 0.0 and 1.0 <= harmonics <= 3.0):
+        return
+    for harmonic in range(1, int(harmonics) + 1):
+        weight = min(max(settings.get(f"rpm_filter_weights[{harmonic - 1}]", 100.0) / 100.0, 0.0), 1.0)
+        for _ in range(4):
+            yield Notch(max(harmonic * rotor_hz, lowest_hz), 1.0 / quality, 1.0 - weight)

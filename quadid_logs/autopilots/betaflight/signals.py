@@ -1,0 +1,172 @@
+"""Betaflight's Blackbox fields in canonical signals: one table, the preferred source of each signal first.
+
+Field meanings: ``src/main/blackbox/blackbox.c``. Betaflight's axes are x forward, y left, z up, so pitch (nose
+down positive) and yaw (nose left positive) change sign. PID terms are whole numbers of thousandths.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.autopilots.sources import RPM, Built, Part, Source, attitude_columns, plain, used_columns
+from quadid_logs.containers.blackbox import FrameTable
+from quadid_logs.containers.blackbox_header import Header
+
+_Part: TypeAlias = Part[FrameTable]
+_Row: TypeAlias = Source[Any]
+
+#: x forward, y left, z up to x forward, y right, z down.
+TO_FRD: Final = np.array([1.0, -1.0, -1.0])
+_DEGREE: Final = np.pi / 180.0
+_GRAVITY: Final = 9.80665
+#: A PID sum of 1000 is the whole range of the mixer (``mixer.c``, PID_MIXER_SCALING).
+_PID_SCALE: Final = 1e-3
+#: ``pid.h``: PIDSUM_LIMIT and PIDSUM_LIMIT_YAW.
+_PID_SUM_LIMITS: Final = (500, 500, 400)
+#: blackbox_high_resolution logs rates and set-points in tenths.
+_HIGH_RESOLUTION: Final = 0.1
+_QUATERNION_ONE: Final = 32767.0
+_CHIRP_ONE, _CHIRP_PHASE_ONE = 1000.0, 5000.0
+#: The logged excitation and the cosine of the logged phase agree to the rounding of both.
+_CHIRP_ROUNDING: Final = 2e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What the header says of the fields' scales."""
+
+    rate: float
+    acceleration: float
+    pid_sum_limits: tuple[float, float, float]
+    lowest_output: float
+    highest_output: float
+    pole_pairs: float
+    has_chirp: bool
+
+    @classmethod
+    def of(cls, header: Header) -> Facts:
+        """Read the header; what is missing there has the firmware's default."""
+        low, high = (header.texts.get("motorOutput", "").split(",") + ["", ""])[:2]
+        limits = (header.number("pidsum_limit", _PID_SUM_LIMITS[0]),) * 2
+        return cls(
+            rate=_HIGH_RESOLUTION if header.number("blackbox_high_resolution") else 1.0,
+            acceleration=_GRAVITY / max(header.number("acc_1G", 2048), 1),
+            pid_sum_limits=(*limits, header.number("pidsum_limit_yaw", _PID_SUM_LIMITS[2])),
+            lowest_output=float(low) if low.strip().isdigit() else np.nan,
+            highest_output=float(high) if high.strip().isdigit() else np.nan,
+            pole_pairs=max(header.number("motor_poles", 14), 2) / 2.0,
+            has_chirp="chirp_time_seconds" in header.texts,
+        )
+
+
+def _rates(part: _Part, source: _Row) -> FloatArray | None:
+    """Turn degrees per second, or tenths of them, into rad/s, FRD."""
+    rates = plain(part, source)
+    return None if rates is None else rates * (_DEGREE * part.log.rate * TO_FRD)
+
+
+def _acceleration(part: _Part, source: _Row) -> FloatArray | None:
+    """Turn counts into m/s^2, FRD."""
+    counts = plain(part, source)
+    return None if counts is None else counts * (part.log.acceleration * TO_FRD)
+
+
+def _pid_sums(part: _Part, source: _Row) -> FloatArray | None:
+    """Sum the terms that are logged, limit the sum as the mixer does, FRD; a term always zero is not logged."""
+    sums = plain(part, source)
+    if sums is None:
+        return None
+    for term in "IDFS":
+        for axis in range(3):
+            column = part.table.column(f"axis{term}[{axis}]")
+            if column is not None:
+                sums[:, axis] += column
+    limits = np.array(part.log.pid_sum_limits)
+    return np.clip(sums, -limits, limits) * (_PID_SCALE * TO_FRD)
+
+
+def _attitude(part: _Part, source: _Row) -> FloatArray | None:
+    """Euler angles of x, y, z of a quaternion with w >= 0, body forward-left-up to Earth north-west-up."""
+    xyz = plain(part, source)
+    if xyz is None:
+        return None
+    xyz = xyz / _QUATERNION_ONE
+    w = np.sqrt(np.clip(1.0 - np.sum(xyz**2, axis=1), 0.0, None))
+    return attitude_columns(np.column_stack([w, xyz * TO_FRD]))
+
+
+def _motors(part: _Part, source: _Row) -> FloatArray | None:
+    """Outputs as a fraction of the range from idle to full."""
+    columns = _numbered(part, source.fields[0])
+    low, high = part.log.lowest_output, part.log.highest_output
+    if columns is None or not high > low:
+        return None
+    return np.clip((columns - low) / (high - low), 0.0, 1.0)
+
+
+def _rotor_speed(part: _Part, source: _Row) -> FloatArray | None:
+    """Turn hundreds of electrical revolutions per minute into rad/s; None where none ever turns."""
+    columns = _numbered(part, source.fields[0])
+    used = None if columns is None else used_columns(columns, columns > 0.0)
+    return None if used is None else used * (100.0 * RPM / part.log.pole_pairs)
+
+
+def _numbered(part: _Part, field: str) -> FloatArray | None:
+    """Return ``field[0]``, ``field[1]``, ... side by side, None without any."""
+    columns: list[FloatArray] = []
+    while (column := part.table.column(f"{field}[{len(columns)}]")) is not None:
+        columns.append(column.astype(np.float64))
+    return np.column_stack(columns) if columns else None
+
+
+def _chirp(part: _Part, source: _Row) -> Built | None:
+    """Take the excitation of the chirp mode; debug holds it in one debug mode only, told by its phase."""
+    fields = plain(part, source)
+    if fields is None or not part.log.has_chirp:
+        return None
+    phase, axis, _, excitation = fields.T
+    runs = axis >= 0.0
+    if not runs.any() or not np.isin(axis, (-1.0, 0.0, 1.0, 2.0)).all():
+        return None
+    off = np.abs(np.cos(phase / _CHIRP_PHASE_ONE) - excitation / _CHIRP_ONE)[runs]
+    if np.median(off) > _CHIRP_ROUNDING:
+        return None
+    return Built(np.where(runs, excitation / _CHIRP_ONE, 0.0)[:, np.newaxis])
+
+
+def _axes(field: str) -> tuple[str, str, str]:
+    return f"{field}[0]", f"{field}[1]", f"{field}[2]"
+
+
+_DEBUG: Final = tuple(f"debug[{number}]" for number in range(4))
+
+SOURCES: Final[tuple[Source[_Part], ...]] = (
+    Source("body_rate", "main", _axes("gyroUnfilt"), "the gyro before its filters, so without their delay",
+           _rates, label="gyroUnfilt"),
+    Source("body_rate", "main", _axes("gyroADC"), "the rate controller's own input, filtered", _rates,
+           label="gyroADC", filtered=True),
+    Source("body_rate_setpoint", "main", _axes("setpoint"), "the rate controller's set-point", _rates,
+           label="setpoint"),
+    Source("sysid_chirp", "main", _DEBUG, "excitation of the chirp mode", _chirp, label="debug[0..3]"),
+    Source("attitude", "main", _axes("imuQuaternion"), "the estimator's attitude", _attitude,
+           label="imuQuaternion"),
+    Source("torque_command", "main", _axes("axisP"), "the rate controller's output, limited as by the mixer",
+           _pid_sums, label="axisP+I+D+F"),
+    Source("throttle", "main", ("setpoint[3]",), "throttle before the mixer", scale=_PID_SCALE),
+    Source("motor_thrust", "main", ("motor",), "what each motor was sent, from idle to full", _motors),
+    Source("rotor_speed", "main", ("eRPM",), "reported by the ESCs (bidirectional DShot)", _rotor_speed),
+    Source("specific_force", "main", _axes("accSmooth"), "the accelerometer, filtered", _acceleration,
+           label="accSmooth"),
+    Source("battery_voltage", "main", ("vbatLatest",), "measured", scale=0.01),
+)  # fmt: skip
+
+#: What the builders take beside the fields of the table.
+FIELDS: Final = (
+    *(field for source in SOURCES for field in source.fields),
+    *(f"axis{term}[{axis}]" for term in "IDFS" for axis in range(3)),
+    *(f"{field}[{number}]" for field in ("motor", "eRPM") for number in range(8)),
+)
