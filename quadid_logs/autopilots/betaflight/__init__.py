@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from typing import TYPE_CHECKING
+
 from quadid_logs.autopilots import Autopilot, LogFormat
+from quadid_logs.data.log import FlightLog
+
+if TYPE_CHECKING:
+    from quadid_logs.actuation.airframe import Airframe, Unknown
+    from quadid_logs.actuation.motors import Rebuilt
+    from quadid_logs.align.series import CleanLog
 
 
 class Betaflight(Autopilot):
@@ -20,6 +28,18 @@ class Betaflight(Autopilot):
 
         suffixes = (".bbl", ".bfl", ".txt")
         return (LogFormat("blackbox", "Betaflight Blackbox", blackbox.is_mine, read, suffixes),)
+
+    def find_airframe(self, log: FlightLog) -> Airframe | Unknown:
+        """Told by the outputs: no header names the frame."""
+        from quadid_logs.autopilots.betaflight.airframe import find_airframe
+
+        return find_airframe(log)
+
+    def rebuild(self, log: CleanLog, airframe: Airframe) -> Rebuilt:
+        """Take the outputs for where the mixer's limits were reached."""
+        from quadid_logs.autopilots.betaflight.torque import rebuild
+
+        return rebuild(log, airframe)
 
     def loop_rate_hz(self, parameters: Mapping[str, float]) -> float:
         """Looptime of the gyro [us] times the PID's denominator."""
