@@ -6,7 +6,8 @@
     ├── LogError                 the input file
     │   ├── LogNotFoundError     no such file, or not a regular readable file
     │   ├── UnknownFormatError   the content is no flight log that we know
-    │   └── EmptyLogError        the right format, but nothing usable inside
+    │   ├── EmptyLogError        the right format, but nothing usable inside
+    │   └── SeveralLogsError     several logs in one file, and none was chosen
     ├── SettingsError            a setting or option that makes no sense (also ValueError)
     ├── VehicleFileError         the vehicle TOML is malformed
     ├── OutputError              the result cannot be written (exists, read-only, disk full)
@@ -18,6 +19,8 @@ exception says that a contract was broken, and its ``hint`` says what to do.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 
 class QuadidError(Exception):
@@ -63,6 +66,22 @@ class UnknownFormatError(LogError):
 
 class EmptyLogError(LogError):
     """The file has a known format but holds no usable message."""
+
+
+class SeveralLogsError(LogError):
+    """The file holds several logs, and nobody said which one to read.
+
+    Parameters
+    ----------
+    message : str
+    hint : str
+    logs : sequence of str
+        One line per log that can be chosen.
+    """
+
+    def __init__(self, message: str, *, hint: str, logs: Sequence[str]) -> None:
+        super().__init__(message, hint=hint)
+        self.logs = tuple(logs)
 
 
 class SettingsError(QuadidError, ValueError):

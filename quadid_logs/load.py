@@ -16,7 +16,7 @@ from quadid_logs.containers.foreign import explain_foreign
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.settings import Settings
 from quadid_logs.data.vehicle import Vehicle
-from quadid_logs.errors import EmptyLogError, LogNotFoundError, UnknownFormatError
+from quadid_logs.errors import EmptyLogError, LogNotFoundError, SettingsError, UnknownFormatError
 
 _HEAD_BYTES: Final = 1 << 16
 
@@ -42,7 +42,8 @@ def load(path: str | Path, settings: Settings | None = None, vehicle: Vehicle | 
     LogError
         If the file cannot be read as a flight log at all; see `read_log`.
     """
-    return prepare(read_log(path, system=(settings or Settings()).system), vehicle)
+    wanted = settings or Settings()
+    return prepare(read_log(path, system=wanted.system, number=wanted.log), vehicle)
 
 
 def prepare(log: FlightLog, vehicle: Vehicle | None = None) -> Prepared:
@@ -66,7 +67,7 @@ def prepare(log: FlightLog, vehicle: Vehicle | None = None) -> Prepared:
     return assemble(replace(log, torque=torques.model), cleaned, torques.sources, loop_rate_hz)
 
 
-def read_log(path: str | Path, *, system: int = 0) -> FlightLog:
+def read_log(path: str | Path, *, system: int = 0, number: int = 0) -> FlightLog:
     """Read a flight log of any known format.
 
     Parameters
@@ -75,6 +76,8 @@ def read_log(path: str | Path, *, system: int = 0) -> FlightLog:
         Of any registered format; the content decides.
     system : int
         MAVLink system to read from a telemetry log; 0 chooses the autopilot.
+    number : int
+        Which log of a file that holds several, from 1; 0 takes the only one.
 
     Returns
     -------
@@ -90,7 +93,9 @@ def read_log(path: str | Path, *, system: int = 0) -> FlightLog:
     UnknownFormatError
         If the content is no log that we know; the hint says what it looks like.
     SettingsError
-        If `system` is not in the file.
+        If `system` or `number` is not in the file.
+    SeveralLogsError
+        If the file holds several logs and no `number` was given.
 
     Examples
     --------
@@ -107,7 +112,7 @@ def read_log(path: str | Path, *, system: int = 0) -> FlightLog:
         )
     for log_format in formats():
         if log_format.is_mine(head):
-            return _read_with(log_format, path, system)
+            return _read_with(log_format, path, system, number)
     raise UnknownFormatError(f"{path} is no flight log that we know.", hint=explain_foreign(head, _known()))
 
 
@@ -133,11 +138,17 @@ def _read_head(path: Path) -> bytes:
         ) from error
 
 
-def _read_with(log_format: LogFormat, path: str | Path, system: int) -> FlightLog:
+def _read_with(log_format: LogFormat, path: str | Path, system: int, number: int) -> FlightLog:
     """Read, and turn what damage can make of the bytes into one clear error."""
+    if number > 1 and log_format.read_numbered is None:
+        raise SettingsError(
+            f"There is no log {number} in {path}.", hint="A file of this format holds one log."
+        )
     try:
         # Damaged numbers may be signalling NaN or near overflow: they pass on as NaN or infinity, silently.
         with np.errstate(invalid="ignore", over="ignore"):
+            if log_format.read_numbered is not None:
+                return log_format.read_numbered(path, system=system, number=number)
             return log_format.read(path, system=system)
     except OSError as error:
         raise LogNotFoundError(

@@ -120,7 +120,7 @@ def _analyze(
     tell = progress or (lambda _stage: None)
     clock = _Clock()
     tell("read")
-    logs = [read_log(path, system=settings.system) for path in paths]
+    logs = [read_log(path, system=settings.system, number=settings.log) for path in paths]
     clock.lap("read")
     tell("align")
     prepared = [prepare(log, vehicle) for log in logs]

@@ -35,6 +35,13 @@ class Reader(Protocol):
         """Return the log; `system` is the MAVLink system to read, 0 chooses."""
 
 
+class NumberedReader(Protocol):
+    """Reads one log of a file that can hold several."""
+
+    def __call__(self, path: str | Path, *, system: int = 0, number: int = 0) -> FlightLog:
+        """Return log `number`, counted from 1; 0 takes the only one."""
+
+
 class LogFormat(NamedTuple):
     """A kind of log file.
 
@@ -53,6 +60,8 @@ class LogFormat(NamedTuple):
         As in `FlightLog.dialect`.
     strict : bool
         False where `is_mine` takes much for its own, as formats of text do: asked after the strict ones.
+    read_numbered : NumberedReader, optional
+        Where a file of this kind can hold several logs.
     """
 
     name: str
@@ -62,6 +71,7 @@ class LogFormat(NamedTuple):
     suffixes: tuple[str, ...] = ()
     dialect: str = ""
     strict: bool = True
+    read_numbered: NumberedReader | None = None
 
 
 class Autopilot:

@@ -108,6 +108,10 @@ def analyze(
     system: Annotated[
         int, typer.Option("--system", metavar="ID", help="MAVLink system to analyze; 0 chooses.")
     ] = 0,
+    log_number: Annotated[
+        int,
+        typer.Option("--log", metavar="N", help="Which log of a file that holds several; info lists them."),
+    ] = 0,
     pool: Annotated[bool, typer.Option("--pool", help="Pool all logs into one model.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print result.json to stdout.")] = False,
@@ -137,6 +141,7 @@ def analyze(
     wish = _Wish(
         settings=Settings(
             system=system,
+            log=log_number,
             align=AlignSettings(
                 start_s=-math.inf if start_s is None else start_s,
                 end_s=math.inf if end_s is None else end_s,

@@ -46,6 +46,10 @@ def export(
     system: Annotated[
         int, typer.Option("--system", metavar="ID", help="MAVLink system to export; 0 chooses.")
     ] = 0,
+    log_number: Annotated[
+        int,
+        typer.Option("--log", metavar="N", help="Which log of a file that holds several; info lists them."),
+    ] = 0,
     force: Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")] = False,
 ) -> int:
     """Write the aligned series that analyze works on, or the model for another program."""
@@ -57,7 +61,7 @@ def export(
     from quadid_logs.vehicle_file import read_vehicle
 
     given = None if vehicle is None else read_vehicle(vehicle)
-    settings = Settings(system=system, align=AlignSettings(sample_rate_hz=sample_rate_hz))
+    settings = Settings(system=system, log=log_number, align=AlignSettings(sample_rate_hz=sample_rate_hz))
     if model:
         return _export_model(log, output, settings, given, force=force)
     check_table_path(output, force=force)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated
 
@@ -10,12 +11,17 @@ import typer
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.logs import check_log
 from quadid_logs.cli.progress import Progress
+from quadid_logs.errors import SeveralLogsError
 
 
 def info(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="Flight log, told by its content.")],
     system: Annotated[
         int, typer.Option("--system", metavar="ID", help="MAVLink system to look at; 0 chooses.")
+    ] = 0,
+    log_number: Annotated[
+        int,
+        typer.Option("--log", metavar="N", help="Which log of a file that holds several; info lists them."),
     ] = 0,
     vehicle: Annotated[
         Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="Mass, arms, thrust of the vehicle.")
@@ -30,16 +36,29 @@ def info(
     from quadid_logs.vehicle_file import read_vehicle
 
     given = None if vehicle is None else read_vehicle(vehicle)
-    settings = Settings(system=system)
+    settings = Settings(system=system, log=log_number)
     check_log(log)
     with Progress(log.name) as progress:
         progress("reading")
-        prepared = load(log, settings, given)
+        try:
+            prepared = load(log, settings, given)
+        except SeveralLogsError as several:
+            return _say_logs(several, as_json=as_json)
         progress("aligning")
         content, data = prepared.log, cut(prepared, settings.align)
     if as_json:
         say(inventory_text(content, data).rstrip("\n"))
         return 0
     for line in inventory_lines(content, data):
+        say(line)
+    return 0
+
+
+def _say_logs(several: SeveralLogsError, *, as_json: bool) -> int:
+    """List the logs of a file, of which one must be chosen to say more."""
+    if as_json:
+        say(json.dumps({"logs": several.logs}))
+        return 0
+    for line in (str(several), *several.logs):
         say(line)
     return 0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +18,7 @@ from quadid_logs.containers.blackbox_header import MAGIC, Header, find_logs, rea
 from quadid_logs.containers.blackbox_predictors import add_constants, add_differences, add_places
 from quadid_logs.containers.content import FileParts, merge_lost
 from quadid_logs.data.log import LostBytes
-from quadid_logs.errors import EmptyLogError, SettingsError
+from quadid_logs.errors import EmptyLogError, SettingsError, SeveralLogsError, UnknownFormatError
 
 #: Blackbox Explorer's limit [us]: between two frames of differences no log pauses.
 _LONGEST_PAUSE_US: Final = 10_000_000
@@ -89,7 +89,7 @@ def is_mine(head: bytes) -> bool:
 
 
 def read_content(
-    path: str | Path, wanted: Collection[str] | None = None, *, number: int = 1
+    path: str | Path, wanted: Collection[str] | None = None, *, number: int = 0
 ) -> BlackboxContent:
     """Read one log of a Blackbox file.
 
@@ -99,7 +99,7 @@ def read_content(
     wanted : collection of str, optional
         Fields of the main frames to keep; all by default. Loop and time are always kept.
     number : int
-        Which of the logs in the file, from 1.
+        Which of the logs in the file, from 1; 0 takes the only one that holds frames.
 
     Returns
     -------
@@ -115,17 +115,20 @@ def read_content(
         If the file holds no log.
     SettingsError
         If there is no log of that number.
+    SeveralLogsError
+        If several logs hold frames and `number` is 0.
     """
     with closing(FileParts.open(path)) as file:
         starts = find_logs(file)
         if not starts:
             raise EmptyLogError(f"{path} holds no Blackbox log.", hint="Download it again.")
+        if number == 0:
+            number = _only_one(file, starts)
         if not 1 <= number <= len(starts):
             raise SettingsError(
                 f"There is no log {number} in {path}.", hint=f"It holds {len(starts)}, counted from 1."
             )
-        stop = [*starts[1:], file.n_bytes][number - 1]
-        header = read_header(file, starts[number - 1], stop)
+        header = _header(file, starts, number)
         frames = find_frames(file, header)
         lost = list(frames.lost)
         main = _main_table(file, header, frames, wanted, lost)
@@ -139,6 +142,34 @@ def read_content(
             number=number,
             n_bytes=file.n_bytes,
         )
+
+
+def _header(file: FileParts, starts: Sequence[int], number: int) -> Header:
+    """Read the header of one of the logs, counted from 1."""
+    stop = [*starts[1:], file.n_bytes][number - 1]
+    return read_header(file, starts[number - 1], stop)
+
+
+def _only_one(file: FileParts, starts: Sequence[int]) -> int:
+    """Return the number of the only log that holds frames, 1 where none does."""
+    if len(starts) == 1:
+        return 1
+    found = {}
+    for number in range(1, len(starts) + 1):
+        try:
+            frames = find_frames(file, _header(file, starts, number))
+        except UnknownFormatError:
+            continue
+        if len(frames.starts["I"]):
+            n_frames = len(frames.starts["I"]) + len(frames.starts["P"])
+            found[number] = f"log {number}: {frames.duration_s:.1f} s, {n_frames} frames"
+    if len(found) < 2:
+        return next(iter(found), 1)
+    raise SeveralLogsError(
+        f"{file.path} holds {len(starts)} logs, {len(found)} of them with frames.",
+        hint=f"Choose one with --log N: {', '.join(map(str, found))}.",
+        logs=tuple(found.values()),
+    )
 
 
 def _main_table(

@@ -48,11 +48,15 @@ class Event(NamedTuple):
 
 
 class Frames(NamedTuple):
-    """The frames of a log: by letter the byte offset of each in the file, events, and what was lost."""
+    """The frames of a log: by letter the byte offset of each in the file, events, and what was lost.
+
+    ``duration_s`` is the time between the first and the last complete frame.
+    """
 
     starts: dict[str, IntArray]
     events: list[Event]
     lost: list[LostBytes]
+    duration_s: float
 
 
 class _Letters(NamedTuple):
@@ -95,7 +99,7 @@ def find_frames(file: FileParts, header: Header) -> Frames:
     walk.close()
     empty = np.zeros(0, np.int64)
     starts = {letter: np.concatenate([empty, *walk.starts.get(ord(letter), [])]) for letter in header.layouts}
-    return Frames(starts, walk.events, walk.lost)
+    return Frames(starts, walk.events, walk.lost, walk.duration_us / 1e6)
 
 
 def blocks_of(file: FileParts, start: int, stop: int) -> Iterator[tuple[int, Block, int]]:
@@ -160,6 +164,12 @@ class _Walk:
         #: Loop and time of the last complete frame; none before the first, nor behind a fault.
         self.clock: tuple[int, int] | None = None
         self.last_iteration = -1
+        self.duration_us, self._last_us = 0, -1
+
+    def tick(self, clock: tuple[int, int]) -> None:
+        """Take loop and time of a complete frame; the clock of 32 bits turns over."""
+        self.duration_us += (clock[1] - self._last_us) % (1 << 32) if self._last_us >= 0 else 0
+        self.clock, self.last_iteration, self._last_us = clock, clock[0], clock[1]
 
     def lose(self, until: int, reason: str) -> None:
         """Count the bytes since the fault as lost."""
@@ -214,7 +224,7 @@ class _BlockWalk:
             clock = self.found.clock.get(now)
             if clock is None or clock[0] <= self.walk.last_iteration:
                 return _NOWHERE
-            self.walk.clock, self.walk.last_iteration = clock, clock[0]
+            self.walk.tick(clock)
         return self.found.follows[now]
 
     def _next_complete(self, now: int) -> int:

@@ -26,7 +26,6 @@ _KINDS: Final = (
     _Foreign((b"7z\xbc\xaf", b"Rar!", b"BZh", b"\xfd7zXZ", b"\x28\xb5\x2f\xfd"),
              "This is an archive: unpack it."),
     _Foreign((b"PA\x05", b"PA\x06"), "This looks like a dump of ArduPilot's parameter storage (eeprom)."),
-    _Foreign((b"H Product:Blackbox",), "This is a Betaflight or INAV blackbox log, which is not supported."),
     _Foreign((b"\x89HDF", b"MATLAB"), "This is a MATLAB or HDF5 file: export the columns to CSV or Parquet."),
     _Foreign((b"#ROSBAG", b"\x89MCAP", b"SQLite"),
              "This is a ROS bag: export its columns to CSV or Parquet."),

@@ -111,8 +111,11 @@ class Settings:
 
     system: int = 0
     """MAVLink system id to analyze; 0 chooses the autopilot with most messages."""
+    log: int = 0
+    """Which log of a file that holds several, from 1; 0 takes the only one."""
     align: AlignSettings = field(default_factory=AlignSettings)
     identify: IdentifySettings = field(default_factory=IdentifySettings)
 
     def __post_init__(self) -> None:
         _check_at_least("system", self.system, 0)
+        _check_at_least("log", self.log, 0)

@@ -27,7 +27,10 @@ class Betaflight(Autopilot):
         from quadid_logs.containers import blackbox
 
         suffixes = (".bbl", ".bfl", ".txt")
-        return (LogFormat("blackbox", "Betaflight Blackbox", blackbox.is_mine, read, suffixes),)
+        title = "Betaflight Blackbox"
+        return (
+            LogFormat("blackbox", title, blackbox.is_mine, read, suffixes, read_numbered=read),
+        )
 
     def find_airframe(self, log: FlightLog) -> Airframe | Unknown:
         """Told by the outputs: no header names the frame."""

@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
 from quadid_logs.autopilots.filters import gyro_filter
 from quadid_logs.data.log import GyroFilter, Notch
 
@@ -13,6 +16,11 @@ _ONE_POLE, _BIQUAD, _TWO_POLES, _THREE_POLES = range(4)
 #: ``common/filter.c``: cut-off of each pole over that of all.
 _SPREAD = {_ONE_POLE: 1.0, _TWO_POLES: 1.553773974, _THREE_POLES: 1.961459177}
 _N_POLES = {_ONE_POLE: 1, _TWO_POLES: 2, _THREE_POLES: 3}
+#: Motion, not the vibration that the filters are there for; of so many seconds.
+_DELAY_BAND_HZ = (0.5, 20.0)
+_SHORTEST_S = 4.0
+#: Filters that delay for longer cannot be flown at the gains that vehicles of this kind have.
+_LONGEST_S = 0.03
 
 
 def settings_filter(settings: Mapping[str, float], rotor_hz: float) -> GyroFilter:
@@ -73,3 +81,39 @@ def _rpm(settings: Mapping[str, float], rotor_hz: float) -> Iterator[Notch]:
         weight = min(max(settings.get(f"rpm_filter_weights[{harmonic - 1}]", 100.0) / 100.0, 0.0), 1.0)
         for _ in range(4):
             yield Notch(max(harmonic * rotor_hz, lowest_hz), 1.0 / quality, 1.0 - weight)
+
+
+def measured_filter(filtered: FloatArray, unfiltered: FloatArray, period_s: float) -> GyroFilter | None:
+    """Return a low-pass with the delay that all filters together show where the gyro is logged before them too.
+
+    Parameters
+    ----------
+    filtered, unfiltered : ndarray, shape (n_rows, n_axes)
+        Rates of the same rows, in the same unit.
+    period_s : float
+
+    Returns
+    -------
+    GyroFilter or None
+        None where the delay is not positive, or the rows are too few to tell.
+
+    Notes
+    -----
+    The slope of the cross spectrum's phase, weighted by its size: J. S. Bendat and A. G. Piersol, *Random
+    Data*, section 5.2.7. Dynamic notches, whose centres no log tells, are in it.
+    """
+    if not (period_s > 0.0 and len(filtered) * period_s > _SHORTEST_S):
+        return None
+    frequency_hz = np.fft.rfftfreq(len(filtered), period_s)
+    band = (frequency_hz >= _DELAY_BAND_HZ[0]) & (frequency_hz <= _DELAY_BAND_HZ[1])
+    first, second = (
+        np.fft.rfft(each - each.mean(axis=0), axis=0)[band] for each in (unfiltered, filtered)
+    )
+    cross = np.conj(first) * second
+    omega = 2.0 * np.pi * frequency_hz[band][:, np.newaxis]
+    weight = np.abs(cross)
+    total = float(np.sum(weight * omega**2))
+    delay_s = -float(np.sum(weight * omega * np.angle(cross))) / total if total > 0.0 else 0.0
+    if not 0.0 < delay_s < _LONGEST_S:
+        return None
+    return gyro_filter(math.sqrt(2.0) / (2.0 * math.pi * delay_s), ())

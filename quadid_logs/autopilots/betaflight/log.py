@@ -12,12 +12,12 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.autopilots.betaflight.filters import settings_filter
+from quadid_logs.autopilots.betaflight.filters import measured_filter, settings_filter
 from quadid_logs.autopilots.betaflight.signals import FIELDS, SOURCES, Facts
-from quadid_logs.autopilots.sources import Part, build_signals
+from quadid_logs.autopilots.sources import Part, build_signals, stacked
 from quadid_logs.containers.blackbox import BlackboxContent, FrameTable, read_content
 from quadid_logs.containers.content import mean_rate_hz
-from quadid_logs.data.log import FlightLog, MessageCount, Rows, Signal
+from quadid_logs.data.log import FlightLog, GyroFilter, MessageCount, Rows, Signal
 from quadid_logs.errors import EmptyLogError, UnknownFormatError
 from quadid_logs.vocabulary import MULTIROTOR
 
@@ -28,7 +28,7 @@ _KINDS: Final = {"I": "main", "S": "slow", "H": "GPS home", "G": "GPS"}
 _WORD: Final = 1 << 32
 
 
-def read(path: str | Path, *, system: int = 0) -> FlightLog:
+def read(path: str | Path, *, system: int = 0, number: int = 0) -> FlightLog:
     """Read a Blackbox log into canonical signals.
 
     Parameters
@@ -36,6 +36,8 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
     path : str or Path
     system : int
         Has no effect: a Blackbox log holds one vehicle.
+    number : int
+        Which log of the file, from 1; 0 takes the only one that holds frames.
 
     Returns
     -------
@@ -47,8 +49,10 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
         If the header is damaged, or the log is of another firmware.
     EmptyLogError
         If the log holds no frame that can be read.
+    SettingsError, SeveralLogsError
+        If there is no such log, or several and none was chosen.
     """
-    content = read_content(path, FIELDS)
+    content = read_content(path, FIELDS, number=number)
     header = content.header
     firmware = _firmware(path, header.texts.get("Firmware revision", ""))
     main = content.tables["I"]
@@ -124,10 +128,25 @@ def _signals(
     """Make the signals of the main frames."""
     main = content.tables["I"]
     part = Part(name="main", table=main, rows=Rows(time_s, main.position), log=Facts.of(content.header))
-    speeds = next((s for s in SOURCES if s.signal == "rotor_speed"))
-    speed = speeds.build(part, speeds)
-    rotor_hz = float(np.mean(speed)) / (2.0 * math.pi) if isinstance(speed, np.ndarray) else math.nan
-    return build_signals(SOURCES, lambda _: [part], gyro_filter=settings_filter(settings, rotor_hz))
+    known = _measured_filter(main, time_s) or settings_filter(settings, _rotor_hz(part))
+    return build_signals(SOURCES, lambda _: [part], gyro_filter=known)
+
+
+def _measured_filter(main: FrameTable, time_s: FloatArray) -> GyroFilter | None:
+    """Compare the gyro before and behind its filters, where both are logged."""
+    filtered, unfiltered = (
+        stacked(main, [f"{name}[{axis}]" for axis in range(3)]) for name in ("gyroADC", "gyroUnfilt")
+    )
+    if filtered is None or unfiltered is None or len(time_s) < 2:
+        return None
+    return measured_filter(filtered, unfiltered, float(np.median(np.diff(time_s))))
+
+
+def _rotor_hz(part: Part[FrameTable]) -> float:
+    """Return the mean speed of the rotors [Hz], NaN where it is not logged."""
+    speed = next(source for source in SOURCES if source.signal == "rotor_speed")
+    values = speed.build(part, speed)
+    return float(np.mean(values)) / (2.0 * math.pi) if isinstance(values, np.ndarray) else math.nan
 
 
 def _counts(content: BlackboxContent, time_s: FloatArray) -> tuple[MessageCount, ...]:

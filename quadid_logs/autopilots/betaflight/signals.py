@@ -145,10 +145,10 @@ def _axes(field: str) -> tuple[str, str, str]:
 _DEBUG: Final = tuple(f"debug[{number}]" for number in range(4))
 
 SOURCES: Final[tuple[Source[_Part], ...]] = (
-    Source("body_rate", "main", _axes("gyroUnfilt"), "the gyro before its filters, so without their delay",
-           _rates, label="gyroUnfilt"),
     Source("body_rate", "main", _axes("gyroADC"), "the rate controller's own input, filtered", _rates,
            label="gyroADC", filtered=True),
+    Source("body_rate", "main", _axes("gyroUnfilt"), "the gyro before its filters, with all vibration",
+           _rates, label="gyroUnfilt"),
     Source("body_rate_setpoint", "main", _axes("setpoint"), "the rate controller's set-point", _rates,
            label="setpoint"),
     Source("sysid_chirp", "main", _DEBUG, "excitation of the chirp mode", _chirp, label="debug[0..3]"),
