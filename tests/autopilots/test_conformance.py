@@ -19,11 +19,12 @@ from quadid_logs.load import read_log
 from quadid_logs.simulate import simulate
 from quadid_logs.vocabulary import LOG_FORMATS, SIGNALS, VEHICLE_TYPES
 from quadid_logs.writers import write_log
+from tests.containers import blackbox_maker as blackbox
 from tests.containers import dataflash_files as dataflash
 
 from . import toy
 
-KINDS = ("bin", "ulg", "tlog", "text", "sdlog2", "csv", "parquet", "toy")
+KINDS = ("bin", "ulg", "tlog", "text", "sdlog2", "csv", "parquet", "bbl", "toy")
 #: Of a table no byte is a message's, and a Parquet file has its columns one after the other.
 WITHOUT_LOST_BYTES = ("csv", "parquet")
 
@@ -56,6 +57,15 @@ def sdlog2_log() -> bytes:
     return content
 
 
+def blackbox_log() -> bytes:
+    """Return a Blackbox log of slow motion."""
+    wave = 100.0 * np.sin(0.01 * np.arange(2000)[:, np.newaxis] * np.arange(1, len(blackbox.NAMES) + 1))
+    rows = np.rint(wave).astype(int) + 1000
+    rows[:, 0] = np.arange(len(rows))
+    rows[:, 1] = 1000 * rows[:, 0] + 5_000_000
+    return blackbox.log(rows.tolist())
+
+
 def table_columns() -> dict[str, np.ndarray]:
     """Return columns with canonical names."""
     time_s = np.arange(300) * 0.004
@@ -75,6 +85,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         write_log(flight.log, paths[kind])
     paths["text"].write_text(text_log())
     paths["sdlog2"].write_bytes(sdlog2_log())
+    paths["bbl"].write_bytes(blackbox_log())
     columns = table_columns()
     rows = [",".join(f"{value:.9g}" for value in row) for row in zip(*columns.values(), strict=True)]
     paths["csv"].write_text("\n".join([",".join(columns), *rows]) + "\n")
@@ -255,7 +266,7 @@ def test_garbage_behind_the_first_bytes_raises_nothing_but_log_errors(
 @pytest.mark.corpus
 def test_every_log_of_the_corpus_keeps_the_promises(corpus: Path) -> None:
     """Flown, damaged and simulated logs of all formats."""
-    folders = [corpus / name for name in ("real", "firmware", "damaged")]
+    folders = [corpus / name for name in ("real", "firmware", "damaged", "blackbox")]
     logs = [opened(path) for folder in folders for path in sorted(folder.iterdir())]
     read = [log for log in logs if log is not None]
     for log in read:

@@ -16,6 +16,13 @@ _ONE_POLE, _BIQUAD, _TWO_POLES, _THREE_POLES = range(4)
 #: ``common/filter.c``: cut-off of each pole over that of all.
 _SPREAD = {_ONE_POLE: 1.0, _TWO_POLES: 1.553773974, _THREE_POLES: 1.961459177}
 _N_POLES = {_ONE_POLE: 1, _TWO_POLES: 2, _THREE_POLES: 3}
+#: Type, cut-off and range of the two low-passes, as called since 4.3 and before.
+_LOW_PASSES = (
+    ("gyro_lpf1_type", "gyro_lpf1_static_hz", "gyro_lpf1_dyn_hz"),
+    ("gyro_lpf2_type", "gyro_lpf2_static_hz", "gyro_lpf2_dyn_hz"),
+    ("gyro_lowpass_type", "gyro_lowpass_hz", "gyro_lowpass_dyn_hz"),
+    ("gyro_lowpass2_type", "gyro_lowpass2_hz", "gyro_lowpass2_dyn_hz"),
+)
 #: Motion, not the vibration that the filters are there for; of so many seconds.
 _DELAY_BAND_HZ = (0.5, 20.0)
 _SHORTEST_S = 4.0
@@ -43,22 +50,23 @@ def settings_filter(settings: Mapping[str, float], rotor_hz: float) -> GyroFilte
     -----
     Betaflight: ``gyro_init.c``, ``rpm_filter.c``, ``common/filter.c``.
     """
-    delay_s = sum(_delay_s(settings, number) for number in (1, 2))
+    delay_s = sum(_delay_s(settings, names) for names in _LOW_PASSES)
     cutoff_hz = math.sqrt(2.0) / (2.0 * math.pi * delay_s) if delay_s > 0.0 else math.nan
     return gyro_filter(cutoff_hz, [*_static(settings), *_rpm(settings, rotor_hz)])
 
 
-def _delay_s(settings: Mapping[str, float], number: int) -> float:
+def _delay_s(settings: Mapping[str, float], names: tuple[str, str, str]) -> float:
     """Return the delay of a low-pass far below its cut-off; of a dynamic one at its lowest."""
-    dynamic = settings.get(f"gyro_lpf{number}_dyn_hz[0]", 0.0)
-    cutoff_hz = dynamic if dynamic > 0.0 else settings.get(f"gyro_lpf{number}_static_hz", 0.0)
-    kind = settings.get(f"gyro_lpf{number}_type", _ONE_POLE)
+    kind_name, static_name, dynamic_name = names
+    dynamic = settings.get(f"{dynamic_name}[0]", 0.0)
+    cutoff_hz = dynamic if dynamic > 0.0 else settings.get(static_name, 0.0)
+    kind = settings.get(kind_name, _ONE_POLE)
     if not 0.0 < cutoff_hz < math.inf:
         return 0.0
     if kind == _BIQUAD:
         return math.sqrt(2.0) / (2.0 * math.pi * cutoff_hz)
-    poles = kind if kind in _SPREAD else _ONE_POLE
-    return _N_POLES[int(poles)] / (2.0 * math.pi * cutoff_hz * _SPREAD[int(poles)])
+    poles = int(kind) if kind in _SPREAD else _ONE_POLE
+    return _N_POLES[poles] / (2.0 * math.pi * cutoff_hz * _SPREAD[poles])
 
 
 def _static(settings: Mapping[str, float]) -> Iterator[Notch]:
