@@ -25,6 +25,8 @@ CORPUS_PARTS = (
     ("tlog", "real/ac32dev-quad-handrotated-52s.tlog", 60_000),
     ("text", "real/ac311-quadx-nan.log", 60_000),
     ("text", "real/ac30-quadV-underpowered.log", 60_000),
+    ("plain", "blackbox/bf42-btfl002.bbl", 120_000),
+    ("plain", "blackbox/several-logs-in-one-file.bbl", 120_000),
     ("text", "real/x8coax_moments_hover.csv", 60_000),
 )
 

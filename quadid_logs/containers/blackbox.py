@@ -182,9 +182,7 @@ def _main_table(
     """Decode complete frames and those of differences, without those that cannot be true."""
     layout = header.layouts["I"]
     kept = [
-        number
-        for number, name in enumerate(layout.names)
-        if wanted is None or number < 2 or name in wanted
+        number for number, name in enumerate(layout.names) if wanted is None or number < 2 or name in wanted
     ]
     position = np.concatenate([frames.starts["I"], frames.starts["P"]])
     order = np.argsort(position, kind="stable")
@@ -239,9 +237,7 @@ def _forward(values: NDArray[np.int32], valid: BoolArray, is_complete: BoolArray
     return good
 
 
-def _other_tables(
-    file: FileParts, header: Header, frames: Frames, main: FrameTable
-) -> dict[str, FrameTable]:
+def _other_tables(file: FileParts, header: Header, frames: Frames, main: FrameTable) -> dict[str, FrameTable]:
     """Decode the slow frames and those of the receiver."""
     tables: dict[str, FrameTable] = {}
     for letter in ("S", "H", "G"):

@@ -1,8 +1,8 @@
 """Fields of Blackbox frames, decoded for many frames at once.
 
-Source: the writers in Betaflight's ``blackbox_encoding.c``. Frames have no length: where one ends follows from
-its bytes. A number of variable length (VB: seven bits per byte, lowest first) ends at the first byte below 128,
-so the end of the n-th one behind any place is looked up among those bytes instead of being walked to.
+Source: the writers in Betaflight's ``blackbox_encoding.c``. Frames have no length: where one ends follows
+from its bytes. A number of variable length (VB: seven bits per byte, lowest first) ends at the first byte
+below 128, so the end of the n-th one behind any place is looked up among those bytes, not walked to.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Group(NamedTuple):
 
     encoding: int
     first: int
-    count: int
+    n_fields: int
 
 
 class Block:
@@ -111,7 +111,7 @@ def groups_of(layout: Layout) -> tuple[Group, ...]:
             count += 1
         if encoding in (SIGNED_VB, UNSIGNED_VB, NEGATED_14_BIT) or (encoding == TAG8_8SVB and count == 1):
             if groups and groups[-1].encoding == SIGNED_VB:
-                groups[-1] = groups[-1]._replace(count=groups[-1].count + 1)
+                groups[-1] = groups[-1]._replace(n_fields=groups[-1].n_fields + 1)
             else:
                 groups.append(Group(SIGNED_VB, at, 1))
         else:
@@ -143,15 +143,15 @@ def frame_ends(block: Block, start: IntArray, groups: tuple[Group, ...]) -> IntA
 def _group_end(block: Block, at: IntArray, group: Group) -> IntArray:
     """Return where a group that begins at `at` ends."""
     if group.encoding == SIGNED_VB:
-        return block.vb_end(at, group.count)
+        return block.vb_end(at, group.n_fields)
     if group.encoding == TAG8_8SVB:
-        present = _BITS_SET[block.bytes[at] & ((1 << group.count) - 1)]
+        present = _BITS_SET[block.bytes[at] & ((1 << group.n_fields) - 1)]
         return np.where(present > 0, block.vb_end(at + 1, present), at + 1)
-    if group.encoding == TAG8_4S16:
-        return at + _TAG8_4S16_BYTES[block.bytes[at]]
     if group.encoding == NULL:
         return at
-    return at + _TAG2_3_BYTES[block.bytes[at]]
+    length = _TAG8_4S16_BYTES if group.encoding == TAG8_4S16 else _TAG2_3_BYTES
+    end: IntArray = at + length[block.bytes[at]]
+    return end
 
 
 def frame_values(
@@ -178,7 +178,7 @@ def frame_values(
     valid = np.ones(len(start), np.bool_)
     at = block.safe(start)
     for group in groups:
-        out = values[group.first : group.first + group.count]
+        out = values[group.first : group.first + group.n_fields]
         if group.encoding == SIGNED_VB:
             at = _run_of_vbs(block, at, layout.encoding[group.first :], out, valid)
             continue
@@ -203,7 +203,8 @@ def _extended(value: Words, bits: IntArray | int) -> Words:
     """Extend the sign of numbers of so many bits to 32."""
     half = (np.ones_like(value) << np.asarray(bits, dtype=np.uint32)) >> np.uint32(1)
     low = value & ((half << np.uint32(1)) - np.uint32(1))
-    return (low ^ half) - half
+    extended: Words = (low ^ half) - half
+    return extended
 
 
 def _run_of_vbs(

@@ -1,8 +1,8 @@
 """Where the frames of a Blackbox log are, and which bytes are none.
 
-A frame is its letter, then its fields. A frame counts where the byte behind it begins another one. Most frames
-only say what has changed, so behind a fault the log goes on with the next complete frame that continues its
-loops and time, and what stands between is lost.
+A frame is its letter, then its fields. A frame counts where the byte behind it begins another one. Most
+frames only say what has changed, so behind a fault the log goes on with the next complete frame that
+continues its loops and time, and what stands between is lost.
 """
 
 from __future__ import annotations
@@ -124,9 +124,7 @@ def blocks_of(file: FileParts, start: int, stop: int) -> Iterator[tuple[int, Blo
         yield first, Block(np.concatenate([part, np.zeros(PADDING, np.uint8)])), len(part)
 
 
-def _letters(
-    block: Block, header: Header, groups: dict[int, tuple[Group, ...]], n_bytes: int
-) -> _Letters:
+def _letters(block: Block, header: Header, groups: dict[int, tuple[Group, ...]], n_bytes: int) -> _Letters:
     """Find where a frame would end from every byte that is a letter."""
     is_letter = np.zeros(256, np.bool_)
     is_letter[[*groups, _E]] = True
@@ -228,13 +226,15 @@ class _BlockWalk:
         return self.found.follows[now]
 
     def _next_complete(self, now: int) -> int:
-        """Return the next complete frame with which the log can go on; behind the last letter where none is."""
+        """Return the next complete frame to go on with; behind the last letter where there is none."""
         walk = self.walk
         for number in self.firsts[bisect_left(self.firsts, now) :]:
             if self.found.place[number] >= self.stop:
                 break
             if self.found.clock[number][0] > walk.last_iteration and self._is_confirmed(number):
-                walk.lose(self.start + self.found.place[number], "no frame, or frames that continue a lost one")
+                walk.lose(
+                    self.start + self.found.place[number], "no frame, or frames that continue a lost one"
+                )
                 return number
         return len(self.found.place)
 

@@ -1,7 +1,7 @@
 """The header of a Blackbox log: which fields its frames have, how they are written, and the settings.
 
-Source: Betaflight's ``blackbox.c`` and ``blackbox_fielddefs.h``. A file holds one log after another, each with
-a header of lines ``H name:value``.
+Source: Betaflight's ``blackbox.c`` and ``blackbox_fielddefs.h``. A file holds one log after another, each
+with a header of lines ``H name:value``.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import re
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from quadid_logs.arrays import IntArray
+from quadid_logs.arrays import BoolArray, IntArray
 from quadid_logs.containers.content import FileParts, decode_text
 from quadid_logs.errors import UnknownFormatError
 
@@ -50,9 +50,10 @@ class Sampling(NamedTuple):
     kept: int
     of: int
 
-    def is_logged(self, iteration: IntArray) -> IntArray:
+    def is_logged(self, iteration: IntArray) -> BoolArray:
         """Tell for loops whether they have a frame (`blackboxShouldLogPFrame`)."""
-        return (iteration % self.complete + self.kept - 1) % self.of < self.kept
+        logged: BoolArray = (iteration % self.complete + self.kept - 1) % self.of < self.kept
+        return logged
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,8 +1,8 @@
 """What Blackbox fields are, from what stands in them and what is predicted.
 
-Source: the reader's side of ``blackbox_fielddefs.h``. A complete frame predicts from itself, a frame of
-differences from the two before it. All arithmetic is modulo 2^32, as in the firmware; all runs between complete
-frames are worked out at once, one step of each at a time.
+Source: the predictors of ``blackbox_fielddefs.h``. A complete frame predicts from itself, a frame of
+differences from the two before it. All arithmetic is modulo 2^32, as in the firmware; all runs between
+complete frames are worked out at once, one step of each at a time.
 """
 
 from __future__ import annotations

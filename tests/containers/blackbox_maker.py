@@ -43,7 +43,8 @@ def unsigned(value: int) -> bytes:
 
 
 def signed(value: int) -> bytes:
-    """The sign in the lowest bit."""
+    """The sign in the lowest bit; differences are modulo 2^32, as in the firmware."""
+    value = (value + (1 << 31)) % (1 << 32) - (1 << 31)
     return unsigned((value << 1) ^ (value >> 31))
 
 
@@ -96,7 +97,7 @@ def tag8_4s16(values: Sequence[int]) -> bytes:
     """Four fields of 0, 4, 8 or 16 bits; half bytes follow each other, high first."""
     tag, nibbles = 0, []
     for k, value in enumerate(values):
-        kind = next(n for n, bits in enumerate((0, 4, 8, 16)) if value == 0 or bits and _fits(value, bits))
+        kind = next(n for n, bits in enumerate((0, 4, 8, 16)) if value == 0 or (bits and _fits(value, bits)))
         tag |= kind << 2 * k
         width = (0, 1, 2, 4)[kind]
         nibbles += [value >> 4 * (width - 1 - n) & 15 for n in range(width)]
@@ -164,7 +165,9 @@ def header(settings: Mapping[str, str], *, interval: int = 32, between: str = "1
     return (MAGIC + "H Data version:2\n" + "".join(f"H {k}:{v}\n" for k, v in lines.items())).encode()
 
 
-def frames(rows: Sequence[Sequence[int]], *, interval: int = 32, settings: Mapping[str, str] = SETTINGS) -> list[bytes]:
+def frames(
+    rows: Sequence[Sequence[int]], *, interval: int = 32, settings: Mapping[str, str] = SETTINGS
+) -> list[bytes]:
     """Write every row, complete at every `interval`-th loop."""
     found: list[bytes] = []
     last: Sequence[int] = ()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-
 from typing import TYPE_CHECKING
 
 from quadid_logs.autopilots import Autopilot, LogFormat
@@ -13,6 +12,7 @@ if TYPE_CHECKING:
     from quadid_logs.actuation.airframe import Airframe, Unknown
     from quadid_logs.actuation.motors import Rebuilt
     from quadid_logs.align.series import CleanLog
+    from quadid_logs.autopilots.generic.advice import Advice
 
 
 class Betaflight(Autopilot):
@@ -28,9 +28,7 @@ class Betaflight(Autopilot):
 
         suffixes = (".bbl", ".bfl", ".txt")
         title = "Betaflight Blackbox"
-        return (
-            LogFormat("blackbox", title, blackbox.is_mine, read, suffixes, read_numbered=read),
-        )
+        return (LogFormat("blackbox", title, blackbox.is_mine, read, suffixes, read_numbered=read),)
 
     def find_airframe(self, log: FlightLog) -> Airframe | Unknown:
         """Told by the outputs: no header names the frame."""
@@ -48,6 +46,13 @@ class Betaflight(Autopilot):
         """Looptime of the gyro [us] times the PID's denominator."""
         period_us = parameters.get("looptime", 0.0) * parameters.get("pid_process_denom", 1.0)
         return 1e6 / period_us if period_us > 0.0 else 0.0
+
+    @property
+    def advice(self) -> Advice:
+        """Blackbox rate and the chirp mode."""
+        from quadid_logs.autopilots.betaflight.advice import ADVICE
+
+        return ADVICE
 
 
 AUTOPILOT = Betaflight()

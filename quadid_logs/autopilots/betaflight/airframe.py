@@ -72,5 +72,4 @@ def _slopes(log: FlightLog) -> FloatArray | None:
     regressors = np.column_stack([command[rows], throttle[rows], np.ones(len(rows))])
     if len(rows) < _FEWEST_ROWS or np.linalg.matrix_rank(regressors) < regressors.shape[1]:
         return None
-    found: FloatArray = np.linalg.lstsq(regressors, motors[rows], rcond=None)[0]
-    return found[:3]
+    return np.asarray(np.linalg.lstsq(regressors, motors[rows], rcond=None)[0][:3], dtype=np.float64)

@@ -92,7 +92,7 @@ def _rpm(settings: Mapping[str, float], rotor_hz: float) -> Iterator[Notch]:
 
 
 def measured_filter(filtered: FloatArray, unfiltered: FloatArray, period_s: float) -> GyroFilter | None:
-    """Return a low-pass with the delay that all filters together show where the gyro is logged before them too.
+    """Return a low-pass with the delay of all filters, where the gyro is logged before them too.
 
     Parameters
     ----------
@@ -114,9 +114,7 @@ def measured_filter(filtered: FloatArray, unfiltered: FloatArray, period_s: floa
         return None
     frequency_hz = np.fft.rfftfreq(len(filtered), period_s)
     band = (frequency_hz >= _DELAY_BAND_HZ[0]) & (frequency_hz <= _DELAY_BAND_HZ[1])
-    first, second = (
-        np.fft.rfft(each - each.mean(axis=0), axis=0)[band] for each in (unfiltered, filtered)
-    )
+    first, second = (np.fft.rfft(each - each.mean(axis=0), axis=0)[band] for each in (unfiltered, filtered))
     cross = np.conj(first) * second
     omega = 2.0 * np.pi * frequency_hz[band][:, np.newaxis]
     weight = np.abs(cross)

@@ -1,7 +1,7 @@
 """Betaflight's Blackbox fields in canonical signals: one table, the preferred source of each signal first.
 
-Field meanings: ``src/main/blackbox/blackbox.c``. Betaflight's axes are x forward, y left, z up, so pitch (nose
-down positive) and yaw (nose left positive) change sign. PID terms are whole numbers of thousandths.
+Field meanings: ``src/main/blackbox/blackbox.c``. Betaflight's axes are x forward, y left, z up, so pitch
+(nose down positive) and yaw (nose left positive) change sign. PID terms are whole numbers of thousandths.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Facts:
     @classmethod
     def of(cls, header: Header) -> Facts:
         """Read the header; what is missing there has the firmware's default."""
-        low, high = (header.texts.get("motorOutput", "").split(",") + ["", ""])[:2]
+        low, high = [*header.texts.get("motorOutput", "").split(","), "", ""][:2]
         limits = (header.number("pidsum_limit", _PID_SUM_LIMITS[0]),) * 2
         return cls(
             rate=_HIGH_RESOLUTION if header.number("blackbox_high_resolution") else 1.0,
@@ -76,7 +76,7 @@ def _acceleration(part: _Part, source: _Row) -> FloatArray | None:
 
 
 def _pid_sums(part: _Part, source: _Row) -> FloatArray | None:
-    """Sum the terms that are logged, limit the sum as the mixer does, FRD; a term always zero is not logged."""
+    """Sum the terms that are logged, limit the sum as the mixer does, FRD."""
     sums = plain(part, source)
     if sums is None:
         return None
@@ -86,7 +86,7 @@ def _pid_sums(part: _Part, source: _Row) -> FloatArray | None:
             if column is not None:
                 sums[:, axis] += column
     limits = np.array(part.log.pid_sum_limits)
-    return np.clip(sums, -limits, limits) * (_PID_SCALE * TO_FRD)
+    return np.asarray(np.clip(sums, -limits, limits) * (_PID_SCALE * TO_FRD))
 
 
 def _attitude(part: _Part, source: _Row) -> FloatArray | None:
@@ -100,12 +100,12 @@ def _attitude(part: _Part, source: _Row) -> FloatArray | None:
 
 
 def _motors(part: _Part, source: _Row) -> FloatArray | None:
-    """Outputs as a fraction of the range from idle to full."""
+    """Return outputs as a fraction of the range from idle to full."""
     columns = _numbered(part, source.fields[0])
     low, high = part.log.lowest_output, part.log.highest_output
     if columns is None or not high > low:
         return None
-    return np.clip((columns - low) / (high - low), 0.0, 1.0)
+    return np.asarray(np.clip((columns - low) / (high - low), 0.0, 1.0))
 
 
 def _rotor_speed(part: _Part, source: _Row) -> FloatArray | None:
