@@ -189,8 +189,8 @@ def _main_table(
     position, is_complete = position[order], (order < len(frames.starts["I"]))
     values = np.empty((len(position), len(layout)), np.int32)
     valid = np.empty(len(position), np.bool_)
-    for letter, here in (("I", is_complete), ("P", ~is_complete)):
-        _fill(file, header, letter, position, here, values, valid)
+    kinds = (("I", np.flatnonzero(is_complete)), ("P", np.flatnonzero(~is_complete)))
+    _fill(file, header, kinds, position, values, valid)
     add_differences(values, is_complete, header)
     good = _forward(values, valid, is_complete)
     ends = np.append(position[1:], position[-1:] + 1)
@@ -210,21 +210,20 @@ def _main_table(
 def _fill(
     file: FileParts,
     header: Header,
-    letter: str,
+    kinds: Sequence[tuple[str, IntArray]],
     position: IntArray,
-    here: BoolArray,
     values: NDArray[np.int32],
     valid: BoolArray,
 ) -> None:
-    """Decode the frames of one kind, block by block."""
-    layout, groups = header.layouts[letter], groups_of(header.layouts[letter])
-    rows = np.flatnonzero(here)
-    at = position[rows]
+    """Decode frames block by block; of each kind its letter and the rows that are of it."""
+    groups = {letter: groups_of(header.layouts[letter]) for letter, _ in kinds}
     for start, block, _ in blocks_of(file, header.body, header.stop):
-        found = slice(*np.searchsorted(at, [start, start + BLOCK_BYTES]).tolist())
-        decoded, valid[rows[found]] = frame_values(block, at[found] - start + 1, layout, groups)
-        add_constants(decoded, layout, header)
-        values[rows[found]] = decoded.T
+        for letter, rows in kinds:
+            at, layout = position[rows], header.layouts[letter]
+            found = slice(*np.searchsorted(at, [start, start + BLOCK_BYTES]).tolist())
+            decoded, valid[rows[found]] = frame_values(block, at[found] - start + 1, layout, groups[letter])
+            add_constants(decoded, layout, header)
+            values[rows[found]] = decoded.T
 
 
 def _forward(values: NDArray[np.int32], valid: BoolArray, is_complete: BoolArray) -> BoolArray:
@@ -246,7 +245,7 @@ def _other_tables(file: FileParts, header: Header, frames: Frames, main: FrameTa
         layout, position = header.layouts[letter], frames.starts[letter]
         values = np.empty((len(position), len(layout)), np.int32)
         valid = np.empty(len(position), np.bool_)
-        _fill(file, header, letter, position, np.ones(len(position), np.bool_), values, valid)
+        _fill(file, header, [(letter, np.arange(len(position)))], position, values, valid)
         if letter == "G":
             add_places(values.T, layout, _home(tables.get("H"), position), _last(main, 1, position))
         tables[letter] = FrameTable(

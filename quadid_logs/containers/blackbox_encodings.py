@@ -7,6 +7,7 @@ below 128, so the end of the n-th one behind any place is looked up among those 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -62,8 +63,8 @@ class Block:
 
     def __init__(self, content: Bytes) -> None:
         self.bytes = content
-        self._last = np.flatnonzero(content < 128)
         is_last = content < 128
+        self._last = np.flatnonzero(is_last)
         self._before = np.cumsum(is_last, dtype=np.int32)
         self._before -= is_last
 
@@ -76,6 +77,12 @@ class Block:
         number = self._before[at] + (count - 1)
         found: IntArray = self._last[np.minimum(number, len(self._last) - 1)] + 1
         return found
+
+    def vb_ends(self, at: IntArray, count: int) -> Iterator[IntArray]:
+        """Yield where the first, second, ... of `count` numbers of variable length from `at` on end."""
+        number = np.minimum(self._before[at], len(self._last) - count)
+        for k in range(count):
+            yield self._last[number + k] + 1
 
     def vb(self, start: IntArray, end: IntArray) -> Words:
         """Return the numbers from `start` to `end`."""
@@ -212,8 +219,9 @@ def _run_of_vbs(
 ) -> IntArray:
     """Fill in numbers of variable length that follow each other; return where the last one ends."""
     start = at
+    ends = block.vb_ends(at, len(out))
     for k in range(len(out)):
-        end = block.safe(block.vb_end(start, 1))
+        end = next(ends)
         value = block.vb(start, end)
         valid &= end - start <= _LONGEST_VB
         if encoding[k] == UNSIGNED_VB:
@@ -223,7 +231,7 @@ def _run_of_vbs(
         else:
             out[k] = _zigzag(value)
         start = end
-    return start
+    return block.safe(start)
 
 
 def _tag8_8svb(block: Block, at: IntArray, out: Words, valid: BoolArray) -> None:

@@ -27,7 +27,7 @@ from quadid_logs.containers.content import FileParts
 from quadid_logs.data.log import LostBytes
 
 #: As much of a log stays in the processor's cache while its frames are decoded.
-BLOCK_BYTES: Final = 1 << 20
+BLOCK_BYTES: Final = 1 << 19
 _I, _P, _E = b"IPE"
 #: Numbers of variable length behind the type of an event (``blackbox.h``, FlightLogEvent): beep, logging
 #: resumed, disarmed, flight mode.

@@ -66,9 +66,11 @@ def add_differences(values: Int32Array, is_complete: NDArray[np.bool_], header: 
     first, length = first[order], length[order]
     columns = {kind: _as_slice(np.flatnonzero(predictor == kind)) for kind in _DIFFERENCES}
     step_of = _steps(header) if (predictor == _INCREMENT).any() else np.zeros(1, np.int32)
+    last = earlier = values[first]
     for step in range(1, int(length.max(initial=0))):
+        # The longest runs come first, so those that go on are the first rows of the last step.
         now = first[: np.searchsorted(-length, -step, side="left")] + step
-        before, earlier = values[now - 1], values[now - min(step, 2)]
+        before, earlier = last[: len(now)], earlier[: len(now)]
         row = values[now]
         row[:, columns[_PREVIOUS]] += before[:, columns[_PREVIOUS]]
         line, average, counter = columns[_LINE], columns[_AVERAGE], columns[_INCREMENT]
@@ -78,6 +80,7 @@ def add_differences(values: Int32Array, is_complete: NDArray[np.bool_], header: 
         row[:, average] += (total + (total < 0)) >> 1
         row[:, counter] += before[:, counter] + step_of[before[:, counter] % len(step_of)]
         values[now] = row
+        last, earlier = row, before
 
 
 def _as_slice(columns: IntArray) -> slice | IntArray:

@@ -85,6 +85,14 @@ def test_a_fault_costs_the_frames_up_to_the_next_complete_one(frame: int, tmp_pa
     assert sum(lost.n_bytes for lost in found.lost) == sum(map(len, body[frame - 1 : after]))
 
 
+def test_frames_before_the_first_complete_one_are_lost(tmp_path: Path) -> None:
+    """Nothing says what they differ from."""
+    written = rows(96)
+    body = maker.frames(written)[5:]
+    found = read(tmp_path, maker.header(maker.SETTINGS) + b"".join(body) + maker.END)
+    np.testing.assert_array_equal(decoded(found), np.array(written[32:]))
+
+
 def test_random_bytes_in_the_middle_change_no_row_outside(tmp_path: Path) -> None:
     """Whatever the noise looks like, no row is invented."""
     written = rows(640)

@@ -192,4 +192,4 @@ def test_every_log_of_the_corpus_opens_or_says_why_not(corpus: Path) -> None:
         except LogError as error:
             refusals.append(error)
     assert all(error.hint for error in refusals)
-    assert formats == {"dataflash", "dataflash-text", "ulog", "tlog", "table"}
+    assert formats == {"dataflash", "dataflash-text", "ulog", "tlog", "blackbox", "table"}

@@ -26,9 +26,9 @@ class BetaflightAdvice(Advice):
     ) -> str:
         """Say how to log fast, with the speed of the rotors."""
         return (
-            "On the command line set blackbox_sample_rate = 1/4 (1 kHz with a PID loop of 4 kHz), leave gyro, "
-            "PID, set-points, motors and RPM on in the Blackbox tab, turn on bidirectional DShot, save, and "
-            "fly again."
+            "On the command line set blackbox_sample_rate = 1/4 (1 kHz with a PID loop of 4 kHz) and "
+            "blackbox_mode = NORMAL, leave gyro, PID, set-points, motors and RPM among the logged fields, turn "
+            "on bidirectional DShot, save, and fly again."
         )
 
     def excitation(self, axes: Sequence[str], version: Version | None) -> str:
