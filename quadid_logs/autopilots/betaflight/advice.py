@@ -27,8 +27,8 @@ class BetaflightAdvice(Advice):
         """Say how to log fast, with the speed of the rotors."""
         return (
             "On the command line set blackbox_sample_rate = 1/4 (1 kHz with a PID loop of 4 kHz) and "
-            "blackbox_mode = NORMAL, leave gyro, PID, set-points, motors and RPM among the logged fields, turn "
-            "on bidirectional DShot, save, and fly again."
+            "blackbox_mode = NORMAL, leave gyro, PID, set-points, motors and RPM among the logged fields, "
+            "turn on bidirectional DShot, save, and fly again."
         )
 
     def excitation(self, axes: Sequence[str], version: Version | None) -> str:
@@ -36,8 +36,8 @@ class BetaflightAdvice(Advice):
         if version is not None and version < _CHIRP_SINCE:
             return super().excitation(axes, version)
         return (
-            f"In calm air, hover and switch on the CHIRP mode for 20 s for {' and '.join(axes)} (each time it "
-            "is switched on it moves the next axis), with debug_mode = CHIRP; a build without CHIRP: "
+            f"In calm air, hover and switch on the CHIRP mode for 20 s for {' and '.join(axes)} (each time "
+            "it is switched on it moves the next axis), with debug_mode = CHIRP; a build without CHIRP: "
             f"{super().excitation(axes, version)}"
         )
 
