@@ -175,3 +175,12 @@ def test_a_hover_in_turbulence_is_refused_on_all_axes(corpus: Path) -> None:
     """Its commands are answers to the air: least squares is at a fifth of the truth."""
     verdicts = analyze(corpus / "firmware/bf_quad_hover.bbl").diagnosis.axes
     assert {verdict.verdict for verdict in verdicts.values()} == {"refused"}
+
+
+def test_a_range_of_the_outputs_that_is_no_number_leaves_the_outputs_out(tmp_path: Path) -> None:
+    """Damaged digits; a superscript two counts as a digit in Unicode."""
+    log = made(tmp_path, {"gyroADC[0]": np.arange(40)})
+    path = tmp_path / "damaged.bbl"
+    content = Path(log.path).read_bytes()
+    path.write_bytes(content.replace(b"H motorOutput:158,2047", b"H motorOutput:158,\xb2047"))
+    assert read(path).candidates("motor_thrust") == ()

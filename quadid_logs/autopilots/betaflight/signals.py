@@ -56,8 +56,8 @@ class Facts:
             rate=_HIGH_RESOLUTION if header.number("blackbox_high_resolution") else 1.0,
             acceleration=_GRAVITY / max(header.number("acc_1G", 2048), 1),
             pid_sum_limits=(*limits, header.number("pidsum_limit_yaw", _PID_SUM_LIMITS[2])),
-            lowest_output=float(low) if low.strip().isdigit() else np.nan,
-            highest_output=float(high) if high.strip().isdigit() else np.nan,
+            lowest_output=float(low) if low.strip().isdecimal() else np.nan,
+            highest_output=float(high) if high.strip().isdecimal() else np.nan,
             pole_pairs=max(header.number("motor_poles", 14), 2) / 2.0,
             has_chirp="chirp_time_seconds" in header.texts,
         )
