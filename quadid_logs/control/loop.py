@@ -22,8 +22,8 @@ _AT_ZERO: Final = 1e-9
 class Plant(NamedTuple):
     """Vehicles with their actuators, one axis: each of shape (n_plants,), but for the lead.
 
-    Torque to rate is B (1 + s lead) / (s - A) / (1 + s lag) exp(-s delay); ``damping`` A is negative where the
-    air brakes. The delay does not contain the zero-order hold. The lead is that of rotors whose acceleration
+    Torque to rate is B (1 + s lead) / (s - A) / (1 + s lag) exp(-s delay); ``damping`` A is negative where
+    the air brakes. The delay does not contain the zero-order hold. The lead is that of rotors whose acceleration
     turns the vehicle, in yaw.
     """
 
@@ -35,7 +35,8 @@ class Plant(NamedTuple):
 
     def at(self, numbers: slice) -> Plant:
         """Return some of the plants."""
-        return Plant(*(values[numbers] for values in self[:4]), self.lead_s)
+        effectiveness, damping, lag_s, delay_s = (values[numbers] for values in self[:4])
+        return Plant(effectiveness, damping, lag_s, delay_s, self.lead_s)
 
     def times(self, factor: float) -> Plant:
         """Return plants that are so many times as effective."""

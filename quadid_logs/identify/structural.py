@@ -209,7 +209,7 @@ def with_alternatives(structure: Structure, estimate: Estimate, check: Structura
 
 
 def _shifts(check: StructuralCheck, axis: int) -> tuple[FloatArray, FloatArray]:
-    """Return how much larger, relative, the effectiveness is with what is seen, and with what may be there."""
+    """Return how much larger, relative, the effectiveness is with what is seen, and what may be there."""
     effects = [each for each in check.effects if each.axis == axis]
     seen = [each for each in effects if is_seen(each)]
     if seen:

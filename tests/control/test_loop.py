@@ -110,3 +110,11 @@ def test_margins_from_an_identified_model_are_those_of_the_loop_that_flew(
     assert rate.phase_margin_deg.value == pytest.approx(phase_deg, abs=0.5)
     assert rate.gain_margin_db.value == pytest.approx(20 * np.log10(true.gain_margin[0]), abs=0.2)
     assert rate.phase_margin_deg.ci95[0] <= phase_deg <= rate.phase_margin_deg.ci95[1]
+
+
+def test_accelerating_rotors_turn_the_vehicle_before_their_drag_does() -> None:
+    """Yaw leads by (1 + s T), whatever else there is."""
+    frequency_hz = np.array([0.5, 4.0])
+    plain = one()
+    ratio = plain._replace(lead_s=0.04).response(frequency_hz, 0.0025) / plain.response(frequency_hz, 0.0025)
+    np.testing.assert_allclose(ratio[0], 1.0 + 2j * np.pi * frequency_hz * 0.04, rtol=1e-12)
