@@ -23,8 +23,8 @@ class Plant(NamedTuple):
     """Vehicles with their actuators, one axis: each of shape (n_plants,), but for the lead.
 
     Torque to rate is B (1 + s lead) / (s - A) / (1 + s lag) exp(-s delay); ``damping`` A is negative where
-    the air brakes. The delay does not contain the zero-order hold. The lead is that of rotors whose acceleration
-    turns the vehicle, in yaw.
+    the air brakes. The delay does not contain the zero-order hold. The lead is that of rotors whose
+    acceleration turns the vehicle, in yaw.
     """
 
     effectiveness: FloatArray
