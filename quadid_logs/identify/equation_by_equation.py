@@ -194,7 +194,8 @@ def _damps_yaw(structure: Structure, fit: PooledFit) -> bool:
 
     Behind a lead, damping and effectiveness are nearly one unknown, and feedback from slow air makes the
     damping negative, which that of rotors cannot be. One that is not seen is less than 1 1/s in
-    published vehicles: left out, it changes the effectiveness above 0.3 Hz by a few per cent.
+    published vehicles: left out, it lowers the effectiveness by its product with the reaction, which the
+    interval covers.
     """
     yaw = _YAW, structure.columns.index(RATE_SYMBOLS[_YAW])
     return bool(fit.theta[yaw] + fit.half_width[yaw] < 0.0)

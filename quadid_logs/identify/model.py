@@ -38,7 +38,7 @@ from quadid_logs.identify.parameters import (
     build_parameters,
     with_intervals,
 )
-from quadid_logs.identify.structural import with_alternatives
+from quadid_logs.identify.structural import with_alternatives, with_unseen_damping
 from quadid_logs.identify.structures import Structure
 from quadid_logs.identify.validate import validate
 from quadid_logs.identify.windows import windows_on_rows
@@ -164,7 +164,7 @@ def _judged(
     parameters = build_parameters(structure, estimate, input_unit=unit, caveats=caveats)
     if found is None:
         return estimate, parameters
-    estimate = with_alternatives(structure, estimate, found.structural)
+    estimate = with_unseen_damping(structure, with_alternatives(structure, estimate, found.structural))
     return estimate, with_intervals(parameters, estimate)
 
 

@@ -20,11 +20,12 @@ from quadid_logs.identify.design import Design
 from quadid_logs.identify.fit import PooledFit, Regression, fit_pooled, lay_out
 from quadid_logs.identify.inference import Estimate, clusters_of
 from quadid_logs.identify.structures import Structure
+from quadid_logs.identify.terms import YAW_REACTION
 from quadid_logs.identify.torque import spectrum_of
 from quadid_logs.maths.band import ComplexArray, delay_response, lag_response
 from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.maths.rotations import tilt_from_rates
-from quadid_logs.vocabulary import TORQUE_SYMBOLS
+from quadid_logs.vocabulary import RATE_SYMBOLS, TORQUE_SYMBOLS
 
 #: Squared coefficient over its variance above which an effect is there. Some twenty are tried for each of
 #: three axes, variances from some thirty clusters are known to a quarter, and feedback that is not taken out
@@ -54,6 +55,8 @@ _SAME_COLUMN = 1e-7
 _FEEDBACK = 3.0
 #: A change of the effectiveness lasts longer than this; the answer to a gust does not.
 _PERSISTENCE_S = 0.5
+#: Yaw damping of multirotors is published at up to this; hovering ones have half of it and less.
+_MOST_YAW_DAMPING_1_S = 1.0
 #: Below, the lag of a rotor moves no torque by as much as can be seen [s].
 _LEAST_LAG_S = 0.002
 
@@ -206,6 +209,33 @@ def with_alternatives(structure: Structure, estimate: Estimate, check: Structura
         # A controller that answers disturbances makes an effectiveness too low, by no more than this.
         high[place] = gain + np.hypot(high[place] - gain, gain * check.feedback[axis])
     return estimate._replace(low=low, high=high)
+
+
+def with_unseen_damping(structure: Structure, estimate: Estimate) -> Estimate:
+    """Widen the interval of a yaw effectiveness that was fitted with a reaction but without damping.
+
+    Parameters
+    ----------
+    structure : Structure
+    estimate : Estimate
+
+    Returns
+    -------
+    Estimate
+
+    Notes
+    -----
+    (B + E s) / (s + a) is (B - a E + E s) / s but for what goes with 1 / s^2: the effectiveness comes out
+    low by the damping times the reaction E, which in a small vehicle is a tenth and more.
+    """
+    if YAW_REACTION not in structure.terms:
+        return estimate
+    damping, reaction = (structure.columns.index(name) for name in (RATE_SYMBOLS[2], YAW_REACTION.symbol))
+    if estimate.kept[2, damping] or not estimate.kept[2, reaction]:
+        return estimate
+    high = estimate.high.copy()
+    high[2, len(structure.terms) + 2] += abs(estimate.theta[2, reaction]) * _MOST_YAW_DAMPING_1_S
+    return estimate._replace(high=high)
 
 
 def _shifts(check: StructuralCheck, axis: int) -> tuple[FloatArray, FloatArray]:

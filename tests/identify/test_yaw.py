@@ -13,7 +13,9 @@ from quadid_logs.data.model import Identification, Model, Response
 from quadid_logs.data.settings import AlignSettings, IdentifySettings
 from quadid_logs.identify import identify
 from quadid_logs.identify.design import HELD_OUT_BLOCK_S, build_design
+from quadid_logs.identify.inference import Estimate
 from quadid_logs.identify.slow_yaw import _follows_motion
+from quadid_logs.identify.structural import with_unseen_damping
 from quadid_logs.identify.structures import DAMPED
 from quadid_logs.identify.terms import YAW_REACTION
 from quadid_logs.identify.yaw import with_yaw_of
@@ -67,6 +69,19 @@ def test_a_vehicle_without_reaction_has_no_column_of_it() -> None:
     model = identify(fly(QUAD, multisine(40.0), feedback=8.0), IdentifySettings()).models[0]
     assert model.yaw_reaction is None
     assert YAW_REACTION.symbol not in model.regressors
+
+
+def test_an_unseen_damping_of_yaw_widens_its_interval_by_what_it_would_take_off() -> None:
+    """(B + E s) / (s + 1) is (B - E + E s) / s, but for what is slower."""
+    structure = DAMPED.with_reaction()
+    theta = np.ones((3, len(structure.columns)))
+    theta[2, structure.columns.index(YAW_REACTION.symbol)] = 10.0
+    kept = np.ones(theta.shape, dtype=np.bool_)
+    seen = Estimate(theta=theta, low=theta - 1.0, high=theta + 1.0, kept=kept)
+    unseen = kept.copy()
+    unseen[2, structure.columns.index("r")] = False
+    assert with_unseen_damping(structure, seen).high[2, -1] == 2.0
+    assert with_unseen_damping(structure, seen._replace(kept=unseen)).high[2, -1] == 12.0
 
 
 def response_of(gain: Callable[[np.ndarray], np.ndarray]) -> Response:

@@ -26,7 +26,7 @@ class Betaflight(Autopilot):
         from quadid_logs.autopilots.betaflight.log import read
         from quadid_logs.containers import blackbox
 
-        suffixes = (".bbl", ".bfl", ".txt")
+        suffixes = (".bbl", ".bfl")
         title = "Betaflight Blackbox"
         return (LogFormat("blackbox", title, blackbox.is_mine, read, suffixes, read_numbered=read),)
 
