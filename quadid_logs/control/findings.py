@@ -10,7 +10,7 @@ import numpy as np
 from quadid_logs.control.margins import UNMODELLED_DELAY_S
 from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated, Margins
 from quadid_logs.data.controller import ReplayReason
-from quadid_logs.data.diagnosis import Finding
+from quadid_logs.data.diagnosis import Finding, Level
 from quadid_logs.diagnose.findings import finding, rounded
 
 
@@ -111,7 +111,7 @@ def _margin(axis: str, found: AxisLoop) -> Finding | None:
     if not margins.stable:
         title = f"With the controller of the parameters, this model of {axis} is unstable"
         fraction = {"stable_fraction": rounded(margins.stable_fraction)}
-        return finding("QL601", "warning", fraction, axes=(axis,), title=title)
+        return finding("QL601", "warning", fraction, axes=(axis,), title=title, advice=_lower(axis))
     figures = (margins.gain_margin_db, margins.phase_margin_deg, margins.disk_margin)
     worst = [np.inf if each is None else each.ci95[0] for each in figures]
     if not _below(worst, GOOD):
@@ -124,7 +124,16 @@ def _margin(axis: str, found: AxisLoop) -> Finding | None:
         for name, each in zip(("gain_margin_db", "phase_margin_deg", "disk_margin"), figures, strict=True)
         if each is not None
     }
-    return finding("QL601", "warning" if poor else "info", evidence, axes=(axis,), title=title)
+    level: Level = "warning" if poor else "info"
+    return finding("QL601", level, evidence, axes=(axis,), title=title, advice=_lower(axis))
+
+
+def _lower(axis: str) -> str:
+    """Say what to change; the axis by its name, because advice is read apart from its finding."""
+    return (
+        f"Lower P, I and D of {axis} together, by the factor that is missing to 6 dB, or let the filters of "
+        "gyro and derivative pass more where noise allows it. Land if the vehicle oscillates."
+    )
 
 
 def _below(values: list[float], limits: Limits) -> bool:

@@ -66,6 +66,11 @@ def test_the_loop_with_the_angle_loop_is_judged_where_it_is_known() -> None:
     assert one.evidence["phase_margin_deg"] == [15.0, 14.9, 15.1]
 
 
+def test_the_advice_names_the_axis_because_it_is_read_apart_from_its_finding() -> None:
+    (one,) = found_in(AxisLoop(margins=LoopMargins(rate=margins(2.0, 15.0), full=None)))
+    assert one.axes[0] in one.advice
+
+
 def test_an_unstable_loop_is_a_warning() -> None:
     unstable = Margins(stable=False, stable_fraction=0.1, extrapolated=False)
     (one,) = found_in(AxisLoop(margins=LoopMargins(rate=unstable, full=None)))
