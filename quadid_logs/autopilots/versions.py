@@ -1,9 +1,9 @@
-"""How sure it is that a firmware works as the version whose source was read."""
+"""What all controllers are read with: the version whose source was read, and parameters by short names."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from quadid_logs.data.controller import VersionRead
 
@@ -43,6 +43,33 @@ def read_version(
 def finite(value: float | None) -> float | None:
     """Return a parameter's value, None where a damaged log makes it no number."""
     return value if value is not None and math.isfinite(value) else None
+
+
+def by_short_names(
+    parameters: Mapping[str, float], prefix: str, needed: Sequence[str], optional: Mapping[str, float]
+) -> dict[str, float]:
+    """Return the parameters of one axis' controller by what follows the prefix of their names.
+
+    Parameters
+    ----------
+    parameters : mapping of str to float
+    prefix : str
+    needed : sequence of str
+    optional : mapping of str to float
+        With the values of those that are missing, or no number in a damaged log.
+
+    Returns
+    -------
+    dict of str to float
+
+    Raises
+    ------
+    KeyError
+        If one of those needed is missing.
+    """
+    found = {short: parameters[prefix + short] for short in needed}
+    rest = {short: finite(parameters.get(prefix + short)) for short in optional}
+    return found | {short: optional[short] if value is None else value for short, value in rest.items()}
 
 
 def _words(version: tuple[int, int]) -> str:

@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.flight import FlightData
 from quadid_logs.maths.band import ComplexArray, angular_frequency
+from quadid_logs.maths.instrument_response import gain_by_instrument, tapered_spectra
 
 #: Windows of the averaged spectra: long enough for the slowest crossover, short enough for many of them.
 _WINDOW_S = 4.0
 #: Third octaves from half a hertz, the resolution of a window, to 128 Hz, above any crossover.
 _EDGES_HZ: Final = 0.5 * 2.0 ** (np.arange(25) / 3.0)
-#: Windows overlap by half and their taper leaks into neighbours: so many of their lines are independent.
-_INDEPENDENT = 0.5
 #: Above this fraction of the sample rate, the response is that of what happens between the samples.
 _MOST_OF_RATE = 0.35
 #: A response known worse than this (6 degrees, 0.9 dB) cannot tell a good margin from a poor one.
@@ -99,7 +98,7 @@ def lines_of(data: FlightData, axis: int, chirp_delay_s: float) -> Lines | None:
     if not windows:
         return None
     s = angular_frequency(n_samples, data.sample_period_s)
-    spectra = _transformed(np.stack(windows))
+    spectra = tapered_spectra(np.stack(windows))
     chirp = spectra[..., 3] * np.exp(-s * chirp_delay_s)
     return Lines(
         frequency_hz=above_zero(s.imag / (2.0 * np.pi)),
@@ -122,15 +121,6 @@ def above_zero(frequency_hz: NDArray[np.floating]) -> FloatArray:
     ndarray, shape (n_lines,)
     """
     return np.asarray(np.concatenate([frequency_hz[1:2] * 1e-3, frequency_hz[1:]]), dtype=np.float64)
-
-
-def _transformed(windows: FloatArray) -> ComplexArray:
-    """Return the spectra of windows (n_windows, n_samples, n_columns) without mean and trend, tapered."""
-    line = np.linspace(-1.0, 1.0, windows.shape[1])[:, np.newaxis]
-    level = windows - windows.mean(axis=1, keepdims=True)
-    slope = (line * level).sum(axis=1, keepdims=True) / np.sum(line**2)
-    taper = np.hanning(windows.shape[1])[:, np.newaxis]
-    return np.asarray(np.fft.rfft((level - slope * line) * taper, axis=1), dtype=np.complex128)
 
 
 def response(
@@ -168,9 +158,7 @@ def response(
         kept_density.append(density)
         weight = np.abs(np.sum(np.conj(z) * u, axis=0))
         where[band] = np.sum(weight * frequency_hz[lines]) / np.sum(weight)
-        gain[band] = np.vdot(z, y) / power
-        left = np.linalg.norm(y - gain[band] * u) * np.linalg.norm(z) / np.sqrt(_INDEPENDENT * u.size)
-        error[band] = left / max(abs(gain[band] * power), np.finfo(float).tiny)
+        gain[band], error[band] = gain_by_instrument(z, u, y)
     return Response(where, gain, error)
 
 

@@ -17,6 +17,7 @@ from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import Response
 from quadid_logs.maths.band import ComplexArray, angular_frequency, gyro_response
+from quadid_logs.maths.instrument_response import gain_by_instrument, tapered_spectra
 
 #: Two octaves tell a gain from a lag and a delay.
 NARROWEST_BAND: Final = 4.0
@@ -26,8 +27,6 @@ SAMPLES_PER_CYCLE: Final = 8.0
 _WINDOW_S = 4.0
 #: Third octaves from half a hertz, the resolution of a window, to 32 Hz, beyond any motion of a vehicle.
 _EDGES_HZ: Final = 0.5 * 2.0 ** (np.arange(19) / 3.0)
-#: Windows overlap by half and their taper leaks into neighbours: so many of their lines are independent.
-_INDEPENDENT = 0.5
 #: Above this fraction of the sample rate, the response is that of what happens between the samples.
 _MOST_OF_RATE = 0.35
 #: A mixer, a thrust curve and a rotor are one gain and one lag to about this fraction.
@@ -268,9 +267,7 @@ def _response(
         if power == 0.0:
             continue
         where[band] = np.sum(np.abs(u) ** 2 * frequency_hz[lines]) / np.sum(np.abs(u) ** 2)
-        gain[band] = np.vdot(z, y) / power
-        left = np.linalg.norm(y - gain[band] * u) * np.linalg.norm(z) / np.sqrt(_INDEPENDENT * u.size)
-        error[band] = left / max(float(abs(gain[band] * power)), _TINY)
+        gain[band], error[band] = gain_by_instrument(z, u, y)
         driving = max(float(np.vdot(z, z).real), _TINY)
         torque_power[band] = abs(power) ** 2 / driving
         coherence[band] = abs(np.vdot(z, y)) ** 2 / max(driving * float(np.vdot(y, y).real), _TINY)
@@ -303,17 +300,8 @@ class _Lines(NamedTuple):
         reference = [each.reference[:, :3] for each in windows if each.reference is not None]
         return cls(
             frequency_hz=s.imag / (2.0 * np.pi),
-            torque=_transformed([each.torque for each in windows]) * gyro,
-            acceleration=_transformed([each.body_rate_rad_s for each in windows]) * s[:, np.newaxis],
-            reference=_transformed(reference) if len(reference) == len(windows) else None,
+            torque=tapered_spectra(np.stack([each.torque for each in windows])) * gyro,
+            acceleration=tapered_spectra(np.stack([each.body_rate_rad_s for each in windows]))
+            * s[:, np.newaxis],
+            reference=tapered_spectra(np.stack(reference)) if len(reference) == len(windows) else None,
         )
-
-
-def _transformed(windows: list[FloatArray]) -> ComplexArray:
-    """Return the spectra of windows without mean and trend, tapered; shape (n_windows, n_lines, 3)."""
-    stacked = np.stack(windows)
-    line = np.linspace(-1.0, 1.0, stacked.shape[1])[:, np.newaxis]
-    level = stacked - stacked.mean(axis=1, keepdims=True)
-    slope = (line * level).sum(axis=1, keepdims=True) / np.sum(line**2)
-    taper = np.hanning(stacked.shape[1])[:, np.newaxis]
-    return np.asarray(np.fft.rfft((level - slope * line) * taper, axis=1), dtype=np.complex128)

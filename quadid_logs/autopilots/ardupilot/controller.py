@@ -8,7 +8,7 @@ from typing import Final
 
 from quadid_logs.autopilots.ardupilot.filters import follows_unknown, parameter_filter
 from quadid_logs.autopilots.discrete import derivative, first_order, gain, gyro_filters, integrator
-from quadid_logs.autopilots.versions import finite, read_version
+from quadid_logs.autopilots.versions import by_short_names, finite, read_version
 from quadid_logs.data.controller import AxisController, ControllerRemark, FlownControllers, RemarkKind
 from quadid_logs.data.log import FlightLog, whole_number
 from quadid_logs.vocabulary import AXES
@@ -93,11 +93,7 @@ def pid_parameters(parameters: Mapping[str, float], name: str) -> dict[str, floa
     -------
     dict of str to float
     """
-    found = {short: parameters[f"ATC_RAT_{name}_{short}"] for short in _NEEDED}
-    rest = {short: parameters.get(f"ATC_RAT_{name}_{short}", way) for short, way in _OPTIONAL.items()}
-    return found | {
-        short: value if math.isfinite(value) else _OPTIONAL[short] for short, value in rest.items()
-    }
+    return by_short_names(parameters, f"ATC_RAT_{name}_", _NEEDED, _OPTIONAL)
 
 
 def _axis(parameters: Mapping[str, float], name: str) -> AxisController:

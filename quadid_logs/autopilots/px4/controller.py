@@ -10,7 +10,7 @@ import numpy as np
 
 from quadid_logs.autopilots.discrete import derivative, first_order, gain, gyro_filters, integrator, unit
 from quadid_logs.autopilots.px4.filters import parameter_filter
-from quadid_logs.autopilots.versions import finite, read_version
+from quadid_logs.autopilots.versions import by_short_names, finite, read_version
 from quadid_logs.data.controller import AxisController, ControllerRemark, FlownControllers, RemarkKind
 from quadid_logs.data.log import FlightLog
 from quadid_logs.vocabulary import AXES
@@ -66,7 +66,8 @@ def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControl
         remarks.append(ControllerRemark(kind=RemarkKind.GYRO_RATE_ASSUMED, values=values))
     axes: dict[str, AxisController] = {}
     for axis, (name, _) in AXIS_NAMES.items():
-        missing = [f"MC_{name}RATE_{s}" for s in _NEEDED if not _finite(parameters, f"MC_{name}RATE_{s}")]
+        wanted = [f"MC_{name}RATE_{short}" for short in _NEEDED]
+        missing = [one for one in wanted if finite(parameters.get(one)) is None]
         if missing:
             values = dict.fromkeys(missing, math.nan)
             remarks.append(ControllerRemark(kind=RemarkKind.MISSING_PARAMETER, axis=axis, values=values))
@@ -108,11 +109,7 @@ def rate_parameters(parameters: Mapping[str, float], name: str) -> dict[str, flo
     -------
     dict of str to float
     """
-    found = {short: parameters[f"MC_{name}RATE_{short}"] for short in _NEEDED}
-    rest = {short: parameters.get(f"MC_{name}RATE_{short}", way) for short, way in _OPTIONAL.items()}
-    return found | {
-        short: value if math.isfinite(value) else _OPTIONAL[short] for short, value in rest.items()
-    }
+    return by_short_names(parameters, f"MC_{name}RATE_", _NEEDED, _OPTIONAL)
 
 
 def _gyro_period_s(period_s: float, parameters: Mapping[str, float]) -> float:
@@ -153,10 +150,6 @@ def cutoff_hz(parameters: Mapping[str, float]) -> float:
 def _parameter_period_s(parameters: Mapping[str, float]) -> float:
     rate_hz = parameters.get("IMU_GYRO_RATEMAX", _DEFAULT_LOOP_HZ)
     return 1.0 / (rate_hz if 0.0 < rate_hz < math.inf else _DEFAULT_LOOP_HZ)
-
-
-def _finite(parameters: Mapping[str, float], name: str) -> bool:
-    return math.isfinite(parameters.get(name, math.nan))
 
 
 def _common_remarks(parameters: Mapping[str, float]) -> Iterator[ControllerRemark]:
