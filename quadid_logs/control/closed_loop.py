@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
+from quadid_logs.control.command_units import per_command
 from quadid_logs.control.frequency_response import (
     Confirmation,
     Lines,
@@ -75,6 +76,7 @@ def close_loop(
     -------
     ClosedLoop
     """
+    data, model = per_command(data, model)
     axes = {}
     for number, axis in enumerate(AXES):
         controller, replay = controllers.axes.get(axis), replays.get(axis)

@@ -1,0 +1,80 @@
+"""What was identified per newton metre, per unit of the controller's command: what a loop is closed with."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.data.flight import FlightData
+from quadid_logs.data.model import Model, Parameter, Posterior
+from quadid_logs.data.torque import Calibration
+from quadid_logs.vocabulary import AXES, ON_AXIS
+
+
+def per_command(data: FlightData, model: Model) -> tuple[FlightData, Model]:
+    """Return flight and model with the torque in units of the normalised command.
+
+    Parameters
+    ----------
+    data : FlightData
+    model : Model
+
+    Returns
+    -------
+    FlightData
+        As it was where nothing was calibrated.
+    Model
+        On-axis effectiveness and what is known of it with the rest, per unit of command: the calibration
+        cancels out of the loop, and with it its uncertainty.
+    """
+    if data.input is None or data.input.unit == "1":
+        return data, model
+    calibration = data.input.calibration
+    n_m = np.array(calibration.n_m_per_command)
+    segments = tuple(replace(each, torque=each.torque / n_m) for each in data.segments)
+    own = {ON_AXIS[axis]: number for number, axis in enumerate(AXES)}
+    parameters = tuple(
+        _converted(one, calibration, own[one.target, one.regressor])
+        if (one.target, one.regressor) in own
+        else one
+        for one in model.parameters
+    )
+    posterior = None if model.posterior is None else _posterior(model.posterior, calibration)
+    return replace(data, segments=segments), replace(model, parameters=parameters, posterior=posterior)
+
+
+def _converted(parameter: Parameter, calibration: Calibration, number: int) -> Parameter:
+    n_m, value = calibration.n_m_per_command[number], parameter.value
+    half_width = 0.5 * (parameter.ci95[1] - parameter.ci95[0])
+    narrower = _narrowing(half_width / 1.96, value, calibration.relative_sigma[number])
+    low, high = (n_m * (value + narrower * (end - value)) for end in parameter.ci95)
+    return replace(parameter, value=n_m * value, ci95=(low, high))
+
+
+def _posterior(posterior: Posterior, calibration: Calibration) -> Posterior:
+    mean, covariance = posterior.mean.copy(), posterior.covariance.copy()
+    for number, n_m in enumerate(calibration.n_m_per_command):
+        sigma = float(np.sqrt(covariance[number, 0, 0]))
+        factor = n_m * _narrowing(sigma, mean[number, 0], calibration.relative_sigma[number])
+        mean[number, 0] *= n_m
+        covariance[number] = _scaled(covariance[number], factor)
+    return replace(posterior, mean=mean, covariance=covariance)
+
+
+def _scaled(covariance: FloatArray, factor: float) -> FloatArray:
+    """Return the covariance with the first number times a factor."""
+    scale = np.append(factor, np.ones(len(covariance) - 1))
+    return np.asarray(scale[:, np.newaxis] * covariance * scale)
+
+
+def _narrowing(sigma: float, value: float, relative_sigma: float) -> float:
+    """Return what is left of a standard deviation without that of the calibration, relative.
+
+    Both are independent: their squares add up to the whole.
+    """
+    of_calibration = abs(value) * relative_sigma if np.isfinite(relative_sigma) else 0.0
+    if not sigma > 0.0:
+        return 1.0
+    return float(np.sqrt(max(1.0 - (of_calibration / sigma) ** 2, 0.0)))
