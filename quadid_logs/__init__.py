@@ -1,8 +1,8 @@
 """quadid-logs: a multirotor's flight log in, a rotational model with error bars out.
 
->>> from quadid_logs import analyze
->>> result = analyze("sample_logs/sysid-quad-x.bin")
->>> result.identification.recommended.B.shape
+>>> import quadid_logs
+>>> r = quadid_logs.analyze("sample_logs/sysid-quad-x.bin")
+>>> r.model.B.shape
 (3, 3)
 """
 
@@ -14,54 +14,98 @@ from typing import TYPE_CHECKING, Any
 from quadid_logs.version import __version__
 
 if TYPE_CHECKING:
+    from quadid_logs.api.analysis import Analysis, analyze, analyze_pooled
+    from quadid_logs.api.model import FlightPrediction, IdentifiedModel
+    from quadid_logs.compare import compare
+    from quadid_logs.data.closed_loop import ClosedLoop
+    from quadid_logs.data.flight import FlightData
+    from quadid_logs.data.model import Model, Parameter
     from quadid_logs.data.result import Result
-    from quadid_logs.data.settings import Settings
+    from quadid_logs.data.settings import AlignSettings, IdentifySettings, Settings
     from quadid_logs.data.vehicle import Vehicle
     from quadid_logs.errors import QuadidError
+    from quadid_logs.fleet import fleet
+    from quadid_logs.identify.structures import TERMS, own_structure
+    from quadid_logs.identify.terms import RateTerm
     from quadid_logs.load import read_log
     from quadid_logs.notebook import matplotlib_figures, plotly_figures, show
-    from quadid_logs.pipeline import analyze, analyze_pooled
+    from quadid_logs.plan import plan
     from quadid_logs.report import result_dict, write_report
+    from quadid_logs.simulate import simulate
     from quadid_logs.vehicle_file import read_vehicle
 
+#: The module of each public name.
+_HOMES = {
+    "AlignSettings": "quadid_logs.data.settings",
+    "Analysis": "quadid_logs.api.analysis",
+    "ClosedLoop": "quadid_logs.data.closed_loop",
+    "FlightData": "quadid_logs.data.flight",
+    "FlightPrediction": "quadid_logs.api.model",
+    "IdentifiedModel": "quadid_logs.api.model",
+    "IdentifySettings": "quadid_logs.data.settings",
+    "Model": "quadid_logs.data.model",
+    "Parameter": "quadid_logs.data.model",
+    "QuadidError": "quadid_logs.errors",
+    "RateTerm": "quadid_logs.identify.terms",
+    "Result": "quadid_logs.data.result",
+    "Settings": "quadid_logs.data.settings",
+    "TERMS": "quadid_logs.identify.structures",
+    "Vehicle": "quadid_logs.data.vehicle",
+    "analyze": "quadid_logs.api.analysis",
+    "analyze_pooled": "quadid_logs.api.analysis",
+    "matplotlib_figures": "quadid_logs.notebook",
+    "own_structure": "quadid_logs.identify.structures",
+    "plotly_figures": "quadid_logs.notebook",
+    "read_log": "quadid_logs.load",
+    "read_vehicle": "quadid_logs.vehicle_file",
+    "result_dict": "quadid_logs.report",
+    "show": "quadid_logs.notebook",
+    "write_report": "quadid_logs.report",
+}
+#: Modules that are called as the function of the same name (`quadid_logs.callable_module`).
+_VERBS = ("compare", "fleet", "plan", "simulate")
+
 __all__ = [
+    "TERMS",
+    "AlignSettings",
+    "Analysis",
+    "ClosedLoop",
+    "FlightData",
+    "FlightPrediction",
+    "IdentifiedModel",
+    "IdentifySettings",
+    "Model",
+    "Parameter",
     "QuadidError",
+    "RateTerm",
     "Result",
     "Settings",
     "Vehicle",
     "__version__",
     "analyze",
     "analyze_pooled",
+    "compare",
+    "fleet",
     "matplotlib_figures",
+    "own_structure",
+    "plan",
     "plotly_figures",
     "read_log",
     "read_vehicle",
     "result_dict",
     "show",
+    "simulate",
     "write_report",
 ]
 
 
 def __getattr__(name: str) -> Any:
     """Import a public name when it is first used (PEP 562): importing the package stays quick."""
-    homes = {
-        "analyze": "quadid_logs.pipeline",
-        "analyze_pooled": "quadid_logs.pipeline",
-        "matplotlib_figures": "quadid_logs.notebook",
-        "plotly_figures": "quadid_logs.notebook",
-        "show": "quadid_logs.notebook",
-        "read_log": "quadid_logs.load",
-        "read_vehicle": "quadid_logs.vehicle_file",
-        "result_dict": "quadid_logs.report",
-        "write_report": "quadid_logs.report",
-        "QuadidError": "quadid_logs.errors",
-        "Result": "quadid_logs.data.result",
-        "Settings": "quadid_logs.data.settings",
-        "Vehicle": "quadid_logs.data.vehicle",
-    }
-    if name not in homes:
+    if name in _VERBS:
+        return importlib.import_module(f"quadid_logs.{name}")
+    if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(homes[name]), name)
+    return getattr(importlib.import_module(_HOMES[name]), name)
 
 
 def __dir__() -> list[str]:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from quadid_logs.callable_module import call_as
 from quadid_logs.data.model import Model, Parameter
 from quadid_logs.data.result import Result
 from quadid_logs.diagnose.advice import next_steps
@@ -110,6 +111,13 @@ def compare(before: Result, after: Result) -> Comparison:
     Comparison
         Only axes whose gain both flights know are compared, and only entries
         of A and B that both identify.
+
+    Examples
+    --------
+    >>> import quadid_logs
+    >>> r = quadid_logs.analyze("sample_logs/sysid-quad-x.bin")
+    >>> quadid_logs.compare(r, r).verdict
+    'same'
 
     References
     ----------
@@ -285,3 +293,6 @@ def _advice(both: tuple[Result, Result], reasons: Mapping[str, str]) -> tuple[st
         for finding in result.diagnosis.findings
         if finding.level == "error" and reasons
     )
+
+
+call_as(__name__, compare)

@@ -26,27 +26,31 @@ from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.diagnose import diagnose, with_findings
 from quadid_logs.identify import identify
 from quadid_logs.identify.select import most_excited
+from quadid_logs.identify.structures import STRUCTURES, Structure
 from quadid_logs.load import prepare, read_log
 
 Progress = Callable[[str], None]
 
 
 def analyze(
-    path: str | Path,
+    path: str | Path | FlightLog,
     settings: Settings | None = None,
     *,
     vehicle: Vehicle | None = None,
+    structure: Structure | None = None,
     progress: Progress | None = None,
 ) -> Result:
     """Read, put on one clock, rebuild the torque, cut, identify and judge one log.
 
     Parameters
     ----------
-    path : str or Path
-        The log, of any supported format.
+    path : str, Path or FlightLog
+        The log, of any supported format, or one that is in memory already.
     settings : Settings, optional
     vehicle : Vehicle, optional
         What the user knows about the vehicle.
+    structure : Structure, optional
+        Fitted beside those of the package, and recommended.
     progress : callable, optional
         Called with the name of each stage as it begins.
 
@@ -63,32 +67,28 @@ def analyze(
 
     Examples
     --------
-    >>> from quadid_logs import analyze
-    >>> result = analyze("sample_logs/sysid-quad-x.bin")
-    >>> {axis: found.verdict for axis, found in result.diagnosis.axes.items()}
+    >>> import quadid_logs
+    >>> quadid_logs.analyze("sample_logs/sysid-quad-x.bin").verdict
     {'roll': 'usable', 'pitch': 'usable', 'yaw': 'usable'}
-    >>> model = result.identification.recommended
-    >>> gain = model.entries["p_dot", "L"]
-    >>> print(f"{gain.name} = {gain.value:.0f} {gain.unit}, 95 %: {gain.ci95[0]:.0f} to {gain.ci95[1]:.0f}")
-    B11 = 198 rad/s^2, 95 %: 196 to 200
     """
-    return _analyze([Path(path)], settings or Settings(), vehicle, progress)
+    return _analyze([path], settings or Settings(), vehicle, structure, progress)
 
 
 def analyze_pooled(
-    paths: Sequence[str | Path],
+    paths: Sequence[str | Path | FlightLog],
     settings: Settings | None = None,
     *,
     vehicle: Vehicle | None = None,
+    structure: Structure | None = None,
     progress: Progress | None = None,
 ) -> Result:
     """Identify one model from several logs of one vehicle.
 
     Parameters
     ----------
-    paths : sequence of str or Path
+    paths : sequence of str, Path or FlightLog
         At least one. A log without a usable flight adds nothing, and a finding says so.
-    settings, vehicle, progress
+    settings, vehicle, structure, progress
         As of `analyze`. ``start_s`` and ``end_s`` apply to the clock of each log.
 
     Returns
@@ -110,17 +110,21 @@ def analyze_pooled(
     >>> [f"{one.path}: {one.used_s:.0f} s" for one in result.pooled]
     ['sample_logs/sysid-quad-x.bin: 24 s', 'sample_logs/damaged.bin: 14 s']
     """
-    return _analyze([Path(path) for path in paths], settings or Settings(), vehicle, progress)
+    return _analyze(paths, settings or Settings(), vehicle, structure, progress)
 
 
 def _analyze(
-    paths: Sequence[Path], settings: Settings, vehicle: Vehicle | None, progress: Progress | None
+    paths: Sequence[str | Path | FlightLog],
+    settings: Settings,
+    vehicle: Vehicle | None,
+    structure: Structure | None,
+    progress: Progress | None,
 ) -> Result:
     """Run the stages in order; several logs are put one after the other once they are aligned."""
     tell = progress or (lambda _stage: None)
     clock = _Clock()
     tell("read")
-    logs = [read_log(path, system=settings.system, number=settings.log) for path in paths]
+    logs = [_read(path, settings) for path in paths]
     clock.lap("read")
     tell("align")
     prepared = [prepare(log, vehicle) for log in logs]
@@ -133,11 +137,20 @@ def _analyze(
     clock.lap("align")
     tell("identify")
     pooled = tuple(
-        PooledLog(path=str(path), used_s=sum(b - a for a, b in each.flight_segments))
-        for path, each in zip(paths, flights, strict=True)
+        PooledLog(path=one.path, used_s=sum(b - a for a, b in each.flight_segments))
+        for one, each in zip(logs, flights, strict=True)
     )
     pooled = pooled if len(paths) > 1 else ()
-    return judge(log, data, settings, vehicle=vehicle, pooled=pooled, timings_s=clock.timings_s)
+    return judge(
+        log, data, settings, vehicle=vehicle, structure=structure, pooled=pooled, timings_s=clock.timings_s
+    )
+
+
+def _read(path: str | Path | FlightLog, settings: Settings) -> FlightLog:
+    """Read a log, unless it is in memory already."""
+    return (
+        path if isinstance(path, FlightLog) else read_log(path, system=settings.system, number=settings.log)
+    )
 
 
 def judge(
@@ -146,6 +159,7 @@ def judge(
     settings: Settings,
     *,
     vehicle: Vehicle | None,
+    structure: Structure | None = None,
     pooled: tuple[PooledLog, ...] = (),
     timings_s: Mapping[str, float],
 ) -> Result:
@@ -153,7 +167,11 @@ def judge(
 
     Parameters
     ----------
-    log, data, settings, vehicle, pooled
+    log, data, settings, vehicle
+        As of `Result`.
+    structure : Structure, optional
+        As of `analyze`.
+    pooled : tuple of PooledLog
         As of `Result`.
     timings_s : mapping of str to float
         What the stages before took.
@@ -163,7 +181,10 @@ def judge(
     Result
     """
     began = time.perf_counter()
-    identification = identify(data, settings.identify)
+    structures = STRUCTURES if structure is None else (*STRUCTURES, structure)
+    identification = identify(
+        data, settings.identify, structures, recommended=structure.name if structure else ""
+    )
     diagnosis = diagnose(log, data, identification, pooled, vehicle)
     identified = time.perf_counter()
     # Several logs may have flown with several controllers.

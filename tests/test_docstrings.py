@@ -21,6 +21,8 @@ EXPORTING = ("quadid_logs", "quadid_logs.figures", "quadid_logs.report")
 WHOLE: tuple[str, ...] = (
     "quadid_logs.actuation",
     "quadid_logs.align",
+    "quadid_logs.api",
+    "quadid_logs.callable_module",
     "quadid_logs.compare",
     "quadid_logs.data",
     "quadid_logs.diagnose",
@@ -30,6 +32,7 @@ WHOLE: tuple[str, ...] = (
     "quadid_logs.notebook",
     "quadid_logs.output",
     "quadid_logs.pipeline",
+    "quadid_logs.plan",
     "quadid_logs.report.html",
     "quadid_logs.report.model_files",
     "quadid_logs.report.series_file",

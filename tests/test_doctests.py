@@ -41,7 +41,20 @@ def test_the_examples_hold(
     assert doctest.testmod(importlib.import_module(module)).failed == 0
 
 
-@pytest.mark.parametrize("name", sorted({*quadid_logs.__all__} - {"__version__"}))
+def test_the_script_in_the_readme_runs(
+    analyze_once: Callable[..., Result], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ten lines of a researcher: load, model, intervals, table, simulation, another flight, margins."""
+    (script,) = re.findall(r"```python\n(.*?)```", (REPOSITORY / "README.md").read_text(), re.DOTALL)
+    monkeypatch.chdir(REPOSITORY)
+    monkeypatch.setattr(pipeline, "analyze", analyze_once)
+    names: dict[str, object] = {}
+    exec(script, names)
+    assert {"r", "series", "rates", "scores", "margin", "system"} <= names.keys()
+    assert len(script.strip().splitlines()) == 10
+
+
+@pytest.mark.parametrize("name", sorted({*quadid_logs.__all__} - {"__version__", "TERMS"}))
 def test_every_public_name_has_an_example(name: str) -> None:
     """One that can be run, and shows the name itself."""
     examples = doctest.DocTestParser().get_examples(getattr(quadid_logs, name).__doc__ or "")

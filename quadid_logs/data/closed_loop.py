@@ -55,6 +55,17 @@ class Margins:
     disk_margin: Estimated | None = None
     peak_sensitivity: Estimated | None = None
 
+    def __str__(self) -> str:
+        if not self.stable:
+            return "unstable"
+        figures = ("phase margin", self.phase_margin_deg, "deg"), ("gain margin", self.gain_margin_db, "dB")
+        told = [
+            f"{name} {found.value:.3g} ({found.ci95[0]:.3g} to {found.ci95[1]:.3g}) {unit}"
+            for name, found, unit in figures
+            if found is not None
+        ]
+        return ", ".join(told) or "stable"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoopMargins:
@@ -170,7 +181,32 @@ class AxisLoop:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ClosedLoop:
-    """The loops around the recommended model, by axis."""
+    """The loops around the recommended model, by axis.
+
+    Attributes
+    ----------
+    controllers : FlownControllers
+        Rate and angle controllers with the parameters that flew.
+    axes : mapping of str to AxisLoop
+
+    Examples
+    --------
+    >>> import quadid_logs
+    >>> loop = quadid_logs.analyze("sample_logs/sysid-quad-x.bin").loop  # a ClosedLoop
+    >>> margin = loop.margins["roll"].rate.phase_margin_deg
+    >>> print(f"{margin.value:.0f} deg, 95 %: {margin.ci95[0]:.0f} to {margin.ci95[1]:.0f}")
+    63 deg, 95 %: 63 to 63
+    """
 
     controllers: FlownControllers
     axes: Mapping[str, AxisLoop] = field(default_factory=dict)
+
+    @property
+    def margins(self) -> dict[str, LoopMargins]:
+        """By axis, those that can be told: of axes whose controller replays and whose model is trusted."""
+        return {axis: loop.margins for axis, loop in self.axes.items() if loop.margins is not None}
+
+    def __repr__(self) -> str:
+        lines = [f"<{type(self).__name__}"]
+        lines += [f"  {axis:<5}  {loop.rate}" for axis, loop in self.margins.items()]
+        return "\n".join(lines) + ">"

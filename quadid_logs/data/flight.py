@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.counting import counted
 from quadid_logs.data.log import NO_GYRO_FILTER, GyroFilter, LogText, ModeChange
 from quadid_logs.data.torque import AssumedExpo, Calibration
 
@@ -230,6 +231,12 @@ class FlightData:
         None where rates or attitude are missing or too sparse to hold against each other.
     modes, texts
         Of the log, on this clock.
+
+    Examples
+    --------
+    >>> import quadid_logs
+    >>> quadid_logs.analyze("sample_logs/sysid-quad-x.bin").data
+    <FlightData: 2360 samples at 100 Hz in 1 segment>
     """
 
     sample_period_s: float
@@ -260,3 +267,8 @@ class FlightData:
     def n_samples(self) -> int:
         """Number of grid points."""
         return sum(segment.n_samples for segment in self.segments)
+
+    def __repr__(self) -> str:
+        rate = f" at {1.0 / self.sample_period_s:.4g} Hz" if self.segments else ""
+        n_segments = len(self.segments)
+        return f"<{type(self).__name__}: {self.n_samples} samples{rate} in {counted(n_segments, 'segment')}>"

@@ -318,6 +318,10 @@ class FlightLog:
         """Sum of all lost bytes."""
         return sum(part.n_bytes for part in self.lost)
 
+    def __repr__(self) -> str:
+        signals = ", ".join(f"{name} ({len(sources)})" for name, sources in self.signals.items())
+        return f"<{type(self).__name__} {self.path!a}: {self.format} of {self.autopilot}; {signals}>"
+
     def parameters_at(self, position: int) -> dict[str, float]:
         """Return the parameters as they were at a place in the file.
 

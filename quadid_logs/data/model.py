@@ -10,15 +10,46 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Parameter:
     """One element of A or B with its interval.
 
-    ``regressor`` multiplies ``value`` in the equation of ``target``; ``unit``
-    is the target's over the regressor's; ``ci95`` is the 95 % interval, and ``half_width`` half of what
-    it was before `StructuralCheck` widened it to effects that may be there.
+    Attributes
+    ----------
+    name : str
+        "B11", "A17": row and column.
+    target, regressor : str
+        ``regressor`` (or input) multiplies ``value`` in the equation of ``target``.
+    value : float
+    unit : str
+        The target's over the regressor's.
+    ci95 : tuple of float
+        The 95 % interval.
+    identifiable : bool
+        Whether this flight tells the value.
+    reason : str
+        Why it does not.
+    half_width : float
+        Half of what the interval was before `StructuralCheck` widened it to effects that may be there.
+
+    Examples
+    --------
+    >>> from quadid_logs import Parameter
+    >>> print(
+    ...     Parameter(
+    ...         name="B11",
+    ...         target="p_dot",
+    ...         regressor="L",
+    ...         value=198.0,
+    ...         unit="rad/s^2",
+    ...         ci95=(196.0, 200.0),
+    ...         identifiable=True,
+    ...     )
+    ... )
+    B11 = 198 (196 to 200) rad/s^2
     """
 
     name: str
@@ -30,6 +61,10 @@ class Parameter:
     identifiable: bool
     reason: str = ""
     half_width: float = float("nan")
+
+    def __str__(self) -> str:
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        return f"{self.name} = {self.value:.4g} ({self.ci95[0]:.4g} to {self.ci95[1]:.4g}){unit}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -366,9 +401,29 @@ class Model:
 
     Attributes
     ----------
+    structure : str
+    recommended : bool
+        One of a flight's models is.
+    states, regressors, targets, inputs : tuple of str
+        Their symbols; the regressors are the columns of A, the inputs those of B, the targets the rows.
     A : ndarray, shape (n_targets, n_regressors)
+        [rad/s^2 per unit of regressor].
     B : ndarray, shape (n_targets, 3)
-        [rad/s^2 per unit of regressor or input].
+        [rad/s^2 per unit of L, M, N].
+    parameters : tuple of Parameter
+        Every element of A and B with its interval.
+    windows : Windows or None
+        Solutions of the published method, one per window.
+    validation : Validation
+        On parts of the flight that the fit never saw.
+    actuator : Actuator or None
+        Lag and delay [s]; None for a structure that takes the torque as logged.
+    inertia : Inertia or None
+        [kg m^2]; None for a normalised torque.
+    discrete : Discrete or None
+        The linear part at the sample period.
+    fit : FitSeries or None
+        Measured and modelled series.
     smoothing_hz : float
         Cut-off of the filter that regressors and targets passed alike.
     bootstrap_half_width : ndarray, shape (3,), or None
@@ -381,6 +436,13 @@ class Model:
         The yaw torque follows the yaw motion.
     yaw_band : BandCheck or None
         Of yaw, where its equation was fitted in a band of its own.
+
+    Examples
+    --------
+    >>> import quadid_logs
+    >>> models = quadid_logs.analyze("sample_logs/sysid-quad-x.bin").identification.models
+    >>> [model.structure for model in models]  # each a Model
+    ['rigid-body', 'damped', 'quadrotor-6', 'linear-9']
     """
 
     structure: str
@@ -420,6 +482,41 @@ class Model:
     def entries(self) -> dict[tuple[str, str], Parameter]:
         """The elements of A and B by target and regressor."""
         return {(parameter.target, parameter.regressor): parameter for parameter in self.parameters}
+
+    def __getitem__(self, key: str | tuple[str, str]) -> Parameter:
+        """Return one element of A or B.
+
+        Parameters
+        ----------
+        key : str or tuple of (str, str)
+            Its name, as ``"B11"``; or its axis or target, ``"roll"`` or ``"p_dot"``, and its regressor or
+            input, ``"L"``.
+
+        Returns
+        -------
+        Parameter
+
+        Raises
+        ------
+        KeyError
+            If the structure has no such element.
+        """
+        if isinstance(key, str):
+            found = next((each for each in self.parameters if each.name == key), None)
+        else:
+            found = self.entries.get((_TARGETS.get(key[0], key[0]), key[1]))
+        if found is None:
+            known = f"{', '.join(self.targets)} and {', '.join((*self.regressors, *self.inputs))}"
+            raise KeyError(f"{key!r}: {self.structure} has the targets {known}")
+        return found
+
+    def __repr__(self) -> str:
+        lines = [f"<{type(self).__name__} {self.structure}: A {self.A.shape}, B {self.B.shape}"]
+        lines += [f"  {axis:<5}  {self.entries[key]}" for axis, key in ON_AXIS.items() if key in self.entries]
+        return "\n".join(lines) + ">"
+
+
+_TARGETS = dict(zip(AXES, ACCELERATION_SYMBOLS, strict=True))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -509,3 +606,7 @@ class Identification:
     def recommended(self) -> Model | None:
         """The model to use, None where nothing could be fitted."""
         return next((model for model in self.models if model.recommended), None)
+
+    def __repr__(self) -> str:
+        fitted = ", ".join(model.structure for model in self.models) or f"nothing: {self.skipped!a}"
+        return f"<{type(self).__name__} of {self.n_samples} samples: {fitted}>"

@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 from pathlib import PurePath
 
 from quadid_logs.data.closed_loop import ClosedLoop
-from quadid_logs.data.diagnosis import Diagnosis
+from quadid_logs.data.diagnosis import Diagnosis, Verdict
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Identification
 from quadid_logs.data.settings import Settings
 from quadid_logs.data.vehicle import Vehicle
+from quadid_logs.vocabulary import ON_AXIS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,3 +54,17 @@ class Result:
         """Name of the log, with the number of others where several were pooled."""
         own = PurePath(self.log.path).name
         return f"{own} and {len(self.pooled) - 1} more" if self.pooled else own
+
+    @property
+    def verdict(self) -> dict[str, Verdict]:
+        """By axis: "usable", "caution" or "refused"."""
+        return {axis: found.verdict for axis, found in self.diagnosis.axes.items()}
+
+    def __repr__(self) -> str:
+        model = self.identification.recommended
+        structure = "no model" if model is None else f"structure {model.structure}"
+        lines = [f"<{type(self).__name__} of {self.name!a}: {structure}"]
+        for axis, verdict in self.verdict.items():
+            gain = None if model is None or verdict == "refused" else model.entries.get(ON_AXIS[axis])
+            lines.append(f"  {axis:<5}  {verdict:<7}  {'' if gain is None else gain}".rstrip())
+        return "\n".join(lines) + ">"

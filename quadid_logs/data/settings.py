@@ -17,7 +17,14 @@ def _check_at_least(name: str, value: float, lowest: float) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AlignSettings:
-    """The part of the log to use, and the period to resample it to."""
+    """The part of the log to use, and the period to resample it to.
+
+    Examples
+    --------
+    >>> from quadid_logs import AlignSettings, Settings
+    >>> Settings(align=AlignSettings(start_s=20.0, sample_rate_hz=100.0)).align.start_s
+    20.0
+    """
 
     start_s: float = -math.inf
     end_s: float = math.inf
@@ -40,7 +47,14 @@ class AlignSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IdentifySettings:
-    """Structure, windows and band of the fit; all other thresholds stand beside the code that uses them."""
+    """Structure, windows and band of the fit; all other thresholds stand beside the code that uses them.
+
+    Examples
+    --------
+    >>> from quadid_logs import IdentifySettings, Settings
+    >>> Settings(identify=IdentifySettings(structure="damped", smoothing_hz=8.0)).identify.structure
+    'damped'
+    """
 
     structure: str = ""
     """Structure to recommend; "" lets held-out error decide."""
@@ -103,8 +117,7 @@ class Settings:
 
     Examples
     --------
-    >>> from quadid_logs import Settings
-    >>> from quadid_logs.data.settings import AlignSettings
+    >>> from quadid_logs import AlignSettings, Settings
     >>> Settings(align=AlignSettings(start_s=20.0, end_s=80.0)).align.end_s
     80.0
     """

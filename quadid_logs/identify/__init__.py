@@ -51,7 +51,11 @@ _ROWS_PER_UNKNOWN = 5
 
 
 def identify(
-    data: FlightData, settings: IdentifySettings, structures: Sequence[Structure] = STRUCTURES
+    data: FlightData,
+    settings: IdentifySettings,
+    structures: Sequence[Structure] = STRUCTURES,
+    *,
+    recommended: str = "",
 ) -> Identification:
     """Fit all structures to the aligned flight.
 
@@ -61,6 +65,8 @@ def identify(
     settings : IdentifySettings
     structures : sequence of Structure
         The first is fitted equation by equation; the single rigid body starts from it.
+    recommended : str
+        Name of the structure to recommend, before that of the settings; "" leaves it to them.
 
     Returns
     -------
@@ -97,7 +103,7 @@ def identify(
         models = (
             again if _is_better(again, models, informative, raised=other.low_hz > band.low_hz) else models
         )
-    ordered = _recommend(models, settings)
+    ordered = _recommend(models, recommended or settings.structure)
     return replace(_identified(data, ordered, high_passed), responses=found, thrust_curve=curve)
 
 
@@ -238,7 +244,7 @@ def _fit_all(
     return models, [] if first is None else first.informative
 
 
-def _recommend(models: list[Model], settings: IdentifySettings) -> tuple[Model, ...]:
+def _recommend(models: list[Model], structure: str) -> tuple[Model, ...]:
     """Put the structure first that the user wants, or else a physical one.
 
     The paper's own structures take the torque as logged. Whatever they
@@ -246,7 +252,7 @@ def _recommend(models: list[Model], settings: IdentifySettings) -> tuple[Model, 
     """
     by_equation, *others = models
     physical = next((model for model in others if _is_rigid_body(model, by_equation)), by_equation)
-    wanted = next((model for model in models if model.structure == settings.structure), None)
+    wanted = next((model for model in models if model.structure == structure), None)
     best = wanted or physical
     ordered = sorted(models, key=lambda model: model is not best)
     return tuple(

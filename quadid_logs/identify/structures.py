@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
+from types import MappingProxyType
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
+from quadid_logs.errors import SettingsError
 from quadid_logs.identify.terms import (
     AIR_SPEED,
     ANGLE_SYMBOLS,
@@ -119,6 +121,50 @@ RIGID_BODY: Final = Structure(
 )
 #: In the order in which they are fitted: the single rigid body starts from the first.
 STRUCTURES: Final = (DAMPED, RIGID_BODY, QUADROTOR_6, LINEAR_9)
+#: What a structure can be put together from, by symbol; `own_structure` takes other `Term` objects too.
+TERMS: Final = MappingProxyType(
+    {term.symbol: term for term in (*RATE_TERMS, *PRODUCT_TERMS, *ANGLES, TRIM, THROTTLED_YAW, *AIR_SPEED)}
+)
 #: What turns a vehicle beside the terms of an actuated structure. Of a vehicle with products of inertia the
 #: squares of the rates do: left out, they pass for a gyroscopic term where the gyro's cross talk mixes rates.
 DISTURBANCES: Final = (*AIR_SPEED, *PRODUCT_TERMS)
+
+
+def own_structure(name: str, terms: Iterable[str | Term]) -> Structure:
+    """Return a structure of one's own, fitted equation by equation behind lag, delay and gyro filter.
+
+    Parameters
+    ----------
+    name : str
+        Another than those of `STRUCTURES`.
+    terms : iterable of str or Term
+        Regressors of the three angular accelerations: symbols of `TERMS`, or terms of one's own, as a
+        `RateTerm`. The torques L, M, N are always inputs.
+
+    Returns
+    -------
+    Structure
+
+    Raises
+    ------
+    SettingsError
+        If the name is taken, or a term is not known or there twice.
+
+    Examples
+    --------
+    >>> import quadid_logs
+    >>> own = quadid_logs.own_structure("own", ["p", "q", "r", "qr", "1"])
+    >>> own.columns
+    ('p', 'q', 'r', 'qr', '1', 'L', 'M', 'N')
+    """
+    if not name or any(name == each.name for each in STRUCTURES):
+        raise SettingsError(f"The name {name!a} of a structure is taken or empty.", hint="Choose another.")
+    terms = tuple(terms)
+    unknown = [each for each in terms if isinstance(each, str) and each not in TERMS]
+    if unknown:
+        raise SettingsError(f"There is no term {unknown[0]!a}.", hint=f"Choose of {', '.join(TERMS)}.")
+    chosen = tuple(TERMS[each] if isinstance(each, str) else each for each in terms)
+    symbols = [*(term.symbol for term in chosen), *TORQUE_SYMBOLS]
+    if len(set(symbols)) < len(symbols):
+        raise SettingsError(f"A term of {name!a} is there twice.", hint="Leave one of the two out.")
+    return Structure(name, RATE_SYMBOLS, chosen, ACCELERATION_SYMBOLS, "equation by equation")

@@ -115,7 +115,15 @@ class Term:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RateTerm(Term):
-    """A column that follows from the body rates alone: (n, 3) [rad/s] to (n,), before smoothing."""
+    """A column that follows from the body rates alone: (n, 3) [rad/s] to (n,), before smoothing.
+
+    Examples
+    --------
+    >>> from quadid_logs import RateTerm, own_structure
+    >>> drag = RateTerm(symbol="p|p|", units=("1", "s"), of_rate=lambda rate: rate[:, 0] * abs(rate[:, 0]))
+    >>> own_structure("with drag", ["p", "q", "r", drag]).regressors
+    ('p', 'q', 'r', 'p|p|')
+    """
 
     of_rate: Callable[[FloatArray], FloatArray]
 

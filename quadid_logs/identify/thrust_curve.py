@@ -252,6 +252,31 @@ def shifted(segment: Segment, described: InputDescription, shift: float) -> Segm
     return replace(segment, rotor_thrust=thrust, torque=segment.torque + shift * change)
 
 
+def with_expo(data: FlightData, expo: float) -> FlightData:
+    """Return a flight with the torque of another expo of its thrust curve.
+
+    Parameters
+    ----------
+    data : FlightData
+    expo : float
+
+    Returns
+    -------
+    FlightData
+        The same where no expo was assumed, or it was this one.
+    """
+    described = data.input
+    if described is None or described.expo is None or described.expo.value == expo:
+        return data
+    if any(each.thrust_by_expo is None for each in data.segments):
+        return data
+    scale, change = _scale_change(data, described.expo.held), expo - described.expo.value
+    shift = change / (1.0 + scale * change)  # the inverse of `_expo_change`
+    segments = (shifted(_normalised(each, scale), described, shift) for each in data.segments)
+    corrected = replace(described, expo=replace(described.expo, value=expo))
+    return replace(data, segments=tuple(segments), input=corrected)
+
+
 class _Found(NamedTuple):
     """k and the half width of its 95 % interval; infinite with the reason where it cannot be told."""
 

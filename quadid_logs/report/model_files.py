@@ -155,16 +155,31 @@ def rate_matrices(model: Model) -> tuple[FloatArray, FloatArray]:
     return rates, np.asarray(model.B[rows], dtype=np.float64)
 
 
-def _python_control(result: Result, model: Model) -> str:
-    """Return a script that makes the system: rates behind lag and delay.
+def linear_actuator(model: Model) -> tuple[float, float]:
+    """Return lag and delay of the actuator [s].
 
-    A lag or delay whose interval holds zero is left out: as a number it would be a pole at -1e10 rad/s.
+    One whose interval holds zero is left out: as a number it would be a pole at -1e10 rad/s.
+
+    Parameters
+    ----------
+    model : Model
+
+    Returns
+    -------
+    lag_s, delay_s : float
+        0 where there is none, or it cannot be told from zero.
     """
+    actuator = model.actuator
+    if actuator is None:
+        return 0.0, 0.0
+    lag_s = actuator.lag_s if actuator.lag_ci95_s[0] > 0.0 else 0.0
+    return lag_s, actuator.delay_s if actuator.delay_ci95_s[0] > 0.0 else 0.0
+
+
+def _python_control(result: Result, model: Model) -> str:
+    """Return a script that makes the system: rates behind lag and delay."""
     rates, gains = rate_matrices(model)
-    lag_s, delay_s = 0.0, 0.0
-    if (actuator := model.actuator) is not None:
-        lag_s = actuator.lag_s if actuator.lag_ci95_s[0] > 0.0 else 0.0
-        delay_s = actuator.delay_s if actuator.delay_ci95_s[0] > 0.0 else 0.0
+    lag_s, delay_s = linear_actuator(model)
     nothing = [name for name, value_s in (("lag", lag_s), ("delay", delay_s)) if not value_s]
     refused = refused_names(result)
     unit = "N m" if input_unit(result) == "N m" else "normalised command"

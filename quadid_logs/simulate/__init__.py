@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from quadid_logs.callable_module import call_as
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.errors import SimulationError
@@ -91,14 +92,19 @@ def simulate(
     ------
     SimulationError
         If there is no such scenario, or it cannot be flown with these values.
+
+    Examples
+    --------
+    >>> import quadid_logs
+    >>> quadid_logs.simulate("sysid-quad-x", duration_s=15.0, rate_hz=10.0).log.format
+    'dataflash'
     """
-    found = find_scenario(scenario)
-    kind = vendor(autopilot)
+    found, kind = find_scenario(scenario), vendor(autopilot)
     logging = found.logging
+    if rate_hz is None and logging.rate_hz == 10.0 and scenario == "default-logging":
+        rate_hz = kind.default_rate_hz
     if rate_hz is not None:
         logging = dataclasses.replace(logging, rate_hz=rate_hz)
-    elif logging.rate_hz == 10.0 and scenario == "default-logging":
-        logging = dataclasses.replace(logging, rate_hz=kind.default_rate_hz)
     setups = plan_flights(
         found,
         seed=seed,
@@ -239,3 +245,6 @@ def _logging_truth(scenario: Scenario, logging: Logging) -> dict[str, Any]:
         "damage": [dataclasses.asdict(damage) for damage in scenario.damage],
         "expected_verdicts": {axis: list(allowed) for axis, allowed in scenario.verdicts.items()},
     }
+
+
+call_as(__name__, simulate)

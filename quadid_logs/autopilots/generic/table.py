@@ -18,7 +18,7 @@ from quadid_logs.containers import table
 from quadid_logs.containers.content import mean_rate_hz
 from quadid_logs.counting import counted
 from quadid_logs.data.log import FlightLog, MessageCount, Rows, Signal
-from quadid_logs.errors import EmptyLogError, UnknownFormatError
+from quadid_logs.errors import EmptyLogError, ShapeError, UnknownFormatError
 from quadid_logs.vocabulary import MULTIROTOR, SIGNALS
 
 _TIME: Final = "time_s"
@@ -59,23 +59,67 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
         If there is no row.
     """
     cells = table.read_cells(path, lambda names: _check_names(path, names))
+    return _log(str(path), cells, Path(path).stat().st_size, _remarks(cells, system))
+
+
+def from_columns(columns: Mapping[str, object], name: str) -> FlightLog:
+    """Make a log of arrays that are in memory already.
+
+    Parameters
+    ----------
+    columns : mapping of str to array_like, each of shape (n_samples,)
+        By canonical name; others are not used.
+    name : str
+        Stands where a file's path would.
+
+    Returns
+    -------
+    FlightLog
+
+    Raises
+    ------
+    UnknownFormatError
+        If there is no column ``time_s``, or if the body rates are incomplete.
+    EmptyLogError
+        If there is no row.
+    ShapeError
+        If the columns are not numbers, of one length.
+    """
+    wanted = _check_names(name, [str(each) for each in columns])
+    arrays = {each: _numbers_of(each, columns[each]) for each in wanted}
+    if len({array.shape for array in arrays.values()}) > 1:
+        lengths = ", ".join(f"{each} {array.shape}" for each, array in arrays.items())
+        raise ShapeError(f"The columns of {name} differ in length: {lengths}.")
+    cells = table.Cells(arrays, name, tuple(map(str, columns)))
+    return _log(name, cells, sum(array.nbytes for array in arrays.values()), _remarks(cells, 0))
+
+
+def _numbers_of(name: str, values: object) -> FloatArray:
+    """Return a column as floating-point numbers."""
+    try:
+        found = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ShapeError(f"The column {name} does not hold numbers: {error}.") from error
+    if found.ndim != 1:
+        raise ShapeError(f"The column {name} has the shape {found.shape}, not (n_samples,).")
+    return found
+
+
+def _log(path: str, cells: table.Cells, n_bytes: int, remarks: Sequence[str]) -> FlightLog:
+    """Make a log of columns."""
     time_s = cells.columns[_TIME]
     if not len(time_s):
         raise EmptyLogError(f"{path} has a header but no rows.", hint="Export the table again.")
     signals, incomplete = _signals(cells)
     return FlightLog(
-        path=str(path),
+        path=path,
         format="table",
         autopilot="other",
-        n_bytes=Path(path).stat().st_size,
+        n_bytes=n_bytes,
         signals=signals,
         vehicle_type=MULTIROTOR,
         counts=(MessageCount(name="rows", count=len(time_s), rate_hz=mean_rate_hz(len(time_s), time_s)),),
-        remarks=(
-            "A table does not say what flew: a multirotor is assumed.",
-            *incomplete,
-            *_remarks(cells, system),
-        ),
+        remarks=("A table does not say what flew: a multirotor is assumed.", *incomplete, *remarks),
     )
 
 

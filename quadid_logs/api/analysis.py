@@ -1,0 +1,263 @@
+"""`analyze` for Python: a file, arrays, a table or a simulated flight in, everything found out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from quadid_logs import pipeline
+from quadid_logs.api.extra import data_frame
+from quadid_logs.api.model import IdentifiedModel, identified
+from quadid_logs.autopilots.generic.table import from_columns
+from quadid_logs.data.closed_loop import ClosedLoop
+from quadid_logs.data.log import FlightLog
+from quadid_logs.data.model import Model
+from quadid_logs.data.result import Result
+from quadid_logs.data.settings import Settings
+from quadid_logs.data.vehicle import Vehicle
+from quadid_logs.errors import EmptyLogError
+from quadid_logs.identify.structures import TERMS, Structure
+from quadid_logs.identify.terms import TORQUE_TERMS, Term
+from quadid_logs.report.series_file import aligned_table
+from quadid_logs.simulate import Simulation
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+LogLike = str | Path | FlightLog | Simulation | Mapping[str, Any] | Any
+"""A path; a log or simulated flight in memory; columns by canonical name, as a mapping or a DataFrame."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Analysis(Result):
+    """A `Result` that reads like the maths: `model`, `parameters`, `loop`, `to_pandas`.
+
+    Shows itself as verdicts and tables in a notebook, as a few lines elsewhere.
+
+    Attributes
+    ----------
+    structure : Structure or None
+        The structure of one's own that was fitted beside the others.
+
+    Examples
+    --------
+    >>> import quadid_logs
+    >>> quadid_logs.analyze("sample_logs/sysid-quad-x.bin")
+    <Analysis of 'sysid-quad-x.bin': structure rigid-body
+      roll   usable   B11 = 197.9 (195.8 to 200.1) rad/s^2
+      pitch  usable   B22 = 176.6 (174.7 to 178.6) rad/s^2
+      yaw    usable   B33 = 10.88 (10.76 to 11) rad/s^2>
+    """
+
+    structure: Structure | None = None
+
+    @property
+    def usable(self) -> bool:
+        """True if no axis is refused."""
+        return self.diagnosis.usable
+
+    @property
+    def model(self) -> IdentifiedModel:
+        """The recommended model.
+
+        Raises
+        ------
+        EmptyLogError
+            If nothing could be fitted.
+        """
+        found = self.identification.recommended
+        if found is None:
+            why = self.identification.skipped or "the log holds too little"
+            raise EmptyLogError(f"There is no model: {why}.", hint="See .diagnosis.findings.")
+        return self._identified(found)
+
+    @property
+    def models(self) -> dict[str, IdentifiedModel]:
+        """All models by the names of their structures, the recommended one first."""
+        return {each.structure: self._identified(each) for each in self.identification.models}
+
+    @property
+    def parameters(self) -> pd.DataFrame:
+        """Every element of A and B of the recommended model: `IdentifiedModel.to_pandas`."""
+        return self.model.to_pandas()
+
+    @property
+    def loop(self) -> ClosedLoop:
+        """The closed loop around the recommended model; its ``margins`` are by axis.
+
+        Raises
+        ------
+        EmptyLogError
+            If the log does not say which controller flew, or there is no model.
+        """
+        if self.closed_loop is None:
+            raise EmptyLogError(
+                "The loop cannot be closed: there is no model, or the log does not tell the controller.",
+                hint="Parameters of the autopilot and its rate set-points must be in the log.",
+            )
+        return self.closed_loop
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Return the aligned series of all segments.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Index ``time_s`` [s]; rates [rad/s], attitude [rad], torque in the unit that its column name says,
+            throttle, set-points, ``saturated``, ``segment``, ``flight``; NaN where a segment lacks a signal.
+
+        Raises
+        ------
+        EmptyLogError
+            If there is no segment.
+        SettingsError
+            If pandas is not installed.
+        """
+        return data_frame(aligned_table(self.data), index="time_s")
+
+    def _identified(self, model: Model) -> IdentifiedModel:
+        """Return a model with the methods that need its terms."""
+        return identified(model, self._terms, self)
+
+    @property
+    def _terms(self) -> dict[str, Term]:
+        """All terms that a model of this analysis can have, by symbol."""
+        own = () if self.structure is None else self.structure.terms
+        return dict(TERMS) | {term.symbol: term for term in (*TORQUE_TERMS, *own)}
+
+    def _repr_html_(self) -> str:
+        """Return verdicts and matrices as HTML without scripts; every text is escaped."""
+        from quadid_logs.notebook import show
+
+        return show(self)._repr_html_()
+
+
+def analyze(
+    log: LogLike,
+    settings: Settings | None = None,
+    *,
+    vehicle: Vehicle | None = None,
+    structure: str | Structure = "",
+    progress: pipeline.Progress | None = None,
+) -> Analysis:
+    """Read, put on one clock, rebuild the torque, cut, identify and judge one log.
+
+    Parameters
+    ----------
+    log : str, Path, FlightLog, Simulation, mapping or pandas.DataFrame
+        The log, of any supported format; a flight of `simulate`; or columns by canonical name, each of shape
+        (n_samples,): ``time_s`` [s], ``p_rad_s``, ``q_rad_s``, ``r_rad_s``, ``L_n_m`` or ``L_command``, and
+        what else the nomenclature names. The index of a DataFrame may be ``time_s``.
+    settings : Settings, optional
+    vehicle : Vehicle, optional
+        What the user knows about the vehicle.
+    structure : str or Structure
+        To recommend; one of `own_structure` is fitted beside those of the package. "" lets the flight choose.
+    progress : callable, optional
+        Called with the name of each stage as it begins.
+
+    Returns
+    -------
+    Analysis
+
+    Raises
+    ------
+    LogError
+        If the file cannot be read as a flight log at all.
+    SettingsError
+        If the part of the log that was chosen holds no flight, or there is no such structure.
+
+    Examples
+    --------
+    >>> from quadid_logs import analyze
+    >>> r = analyze("sample_logs/sysid-quad-x.bin")
+    >>> r.verdict
+    {'roll': 'usable', 'pitch': 'usable', 'yaw': 'usable'}
+    >>> gain = r.model["roll", "L"]
+    >>> print(f"{gain.value:.0f} {gain.unit}, 95 %: {gain.ci95[0]:.0f} to {gain.ci95[1]:.0f}")
+    198 rad/s^2, 95 %: 196 to 200
+    """
+    chosen, own = _settings(settings, structure)
+    result = pipeline.analyze(_log(log), chosen, vehicle=vehicle, structure=own, progress=progress)
+    return _analysis(result, own)
+
+
+def analyze_pooled(
+    logs: Sequence[LogLike],
+    settings: Settings | None = None,
+    *,
+    vehicle: Vehicle | None = None,
+    structure: str | Structure = "",
+    progress: pipeline.Progress | None = None,
+) -> Analysis:
+    """Identify one model from several logs of one vehicle.
+
+    Parameters
+    ----------
+    logs : sequence
+        At least one, each as `analyze` takes it. A log without a usable flight adds nothing, and a finding
+        says so.
+    settings, vehicle, structure, progress
+        As of `analyze`. ``start_s`` and ``end_s`` apply to the clock of each log.
+
+    Returns
+    -------
+    Analysis
+        With the first usable log as ``log`` and the names of all in ``pooled``.
+
+    Raises
+    ------
+    LogError
+        If one of the files cannot be read as a flight log at all.
+    SettingsError
+        If the logs' torques are not the same quantity, or the part that was chosen holds no flight.
+
+    Examples
+    --------
+    >>> from quadid_logs import analyze_pooled
+    >>> result = analyze_pooled(["sample_logs/sysid-quad-x.bin", "sample_logs/damaged.bin"])
+    >>> [f"{one.path}: {one.used_s:.0f} s" for one in result.pooled]
+    ['sample_logs/sysid-quad-x.bin: 24 s', 'sample_logs/damaged.bin: 14 s']
+    """
+    chosen, own = _settings(settings, structure)
+    read = [_log(each) for each in logs]
+    result = pipeline.analyze_pooled(read, chosen, vehicle=vehicle, structure=own, progress=progress)
+    return _analysis(result, own)
+
+
+def _analysis(result: Result, structure: Structure | None) -> Analysis:
+    """Give a result its methods."""
+    return Analysis(**{each.name: getattr(result, each.name) for each in fields(Result)}, structure=structure)
+
+
+def _settings(settings: Settings | None, structure: str | Structure) -> tuple[Settings, Structure | None]:
+    """Return the settings with the structure that was named, and the one that was made."""
+    settings = settings or Settings()
+    if isinstance(structure, Structure):
+        return settings, structure
+    if not structure:
+        return settings, None
+    return replace(settings, identify=replace(settings.identify, structure=structure)), None
+
+
+def _log(log: LogLike) -> str | Path | FlightLog:
+    """Return what can be read, or has been."""
+    if isinstance(log, str | Path | FlightLog):
+        return log
+    if isinstance(log, Simulation):
+        return replace(log.log, path=str(log.truth.get("scenario", "simulation")))
+    return from_columns(dict(_columns(log)), "table in memory")
+
+
+def _columns(table: Any) -> Iterator[tuple[str, Any]]:
+    """Yield the columns of a mapping or a DataFrame, its index among them where that is named."""
+    if not isinstance(table, Mapping) and (name := getattr(getattr(table, "index", None), "name", None)):
+        yield str(name), np.asarray(table.index)
+    if not hasattr(table, "keys"):
+        raise TypeError(f"A log is a path, a mapping or a DataFrame, not {type(table).__name__}.")
+    for name in table.keys():  # noqa: SIM118 - iterating over a DataFrame is by keys, too, but of other tables not
+        yield str(name), np.asarray(table[name])

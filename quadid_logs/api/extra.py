@@ -1,0 +1,58 @@
+"""Libraries that only some methods need, with one clear line where they are missing."""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from quadid_logs.errors import SettingsError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def load(name: str) -> Any:
+    """Import a library of the extra ``python``.
+
+    Parameters
+    ----------
+    name : str
+
+    Returns
+    -------
+    module
+
+    Raises
+    ------
+    SettingsError
+        If it is not installed.
+    """
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise SettingsError(
+            f"{error.name or name} is not installed.",
+            hint="Install it with: pip install pandas control (or quadid-logs with its extra [python])",
+        ) from error
+
+
+def data_frame(columns: dict[str, Any], index: str = "") -> pd.DataFrame:
+    """Return columns as a DataFrame.
+
+    Parameters
+    ----------
+    columns : dict of str to array_like
+    index : str
+        Name of the column that becomes the index, "" for none.
+
+    Returns
+    -------
+    pandas.DataFrame
+
+    Raises
+    ------
+    SettingsError
+        If pandas is not installed.
+    """
+    frame: pd.DataFrame = load("pandas").DataFrame(columns)
+    return frame.set_index(index) if index else frame

@@ -1,0 +1,40 @@
+"""Modules that are called as the function they are named after.
+
+`quadid_logs.compare` is a module and a verb. Importing the module anywhere sets the package's attribute, so
+the attribute cannot be the function; a module may have a class of its own [1]_, and that one can be called:
+``quadid_logs.compare(before, after)`` beside ``quadid_logs.compare.Comparison``.
+
+References
+----------
+.. [1] The Python Language Reference, 3.3.2.1, "Customizing module attribute access".
+"""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+
+def call_as(module: str, function: Callable[..., Any]) -> None:
+    """Make a module callable.
+
+    Parameters
+    ----------
+    module : str
+        Its ``__name__``; it is being imported.
+    function : callable
+        What a call of the module calls; signature and docstring are taken from it.
+    """
+
+    class CallableModule(ModuleType):
+        __signature__ = inspect.signature(function)
+
+        def __call__(self, *args: Any, **kwargs: Any) -> Any:
+            return function(*args, **kwargs)
+
+    sys.modules[module].__class__ = CallableModule
+    # What `help` and a notebook's question mark show.
+    sys.modules[module].__doc__ = function.__doc__
