@@ -31,7 +31,7 @@ demo: $(INSTALLED)  ## Simulate a flight, analyze it, say where the report is
 	@echo "Open demo/report/flight/report.html in a browser."
 
 test: $(INSTALLED)  ## Run the tests
-	$(BIN)/python -m pytest -q -n auto
+	$(BIN)/python -m pytest -q -n auto --dist loadfile
 
 lint: $(INSTALLED)  ## Style and format
 	$(BIN)/ruff check .

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
+
+if TYPE_CHECKING:
+    from tests.analyses import Analyzed
 
 # As the command line does, and before anything imports numpy: several test processes with several
 # threads each would mostly wait for each other.
@@ -51,6 +56,30 @@ def corpus() -> Path:
     if not has_corpus():
         pytest.skip(f"no log corpus at {corpus_folder()}; set QUADID_LOG_CORPUS to run this test")
     return corpus_folder()
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Delete the shared analyses, half a gigabyte, when the last process is done."""
+    if not hasattr(session.config, "workerinput"):
+        base = session.config._tmp_path_factory._basetemp  # type: ignore[attr-defined]
+        if base is not None:
+            shutil.rmtree(base / "analyses", ignore_errors=True)
+
+
+@pytest.fixture(scope="session")
+def analyzed(
+    corpus: Path, tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest
+) -> Analyzed:
+    """Return `analyze` for corpus logs, which makes each analysis once for all test processes."""
+    from tests.analyses import shared_analyses
+
+    return shared_analyses(analyses_folder(tmp_path_factory, request.config))
+
+
+def analyses_folder(factory: pytest.TempPathFactory, config: pytest.Config) -> Path:
+    """Return where test processes share results: beside the folders of the workers, if there are any."""
+    own = factory.getbasetemp()
+    return (own.parent if hasattr(config, "workerinput") else own) / "analyses"
 
 
 @pytest.fixture

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from quadid_logs import pipeline
 from quadid_logs.data.result import Result
 from quadid_logs.errors import LogError
 from quadid_logs.load import read_log
+from tests.analyses import Analyzed
 
 ARDUPILOT_TRUTH = ("at_segment_mean", "B_rad_s2_per_unit")
 
@@ -42,10 +42,12 @@ def true_gain(log: Path) -> tuple[float, float, float]:
         "px4_quad_multisine.ulg",
     ],
 )
-def test_roll_and_pitch_gains_of_firmware_logs_are_within_six_per_cent(corpus: Path, name: str) -> None:
+def test_roll_and_pitch_gains_of_firmware_logs_are_within_six_per_cent(
+    corpus: Path, analyzed: Analyzed, name: str
+) -> None:
     """The truth is the simulator's inertia and geometry."""
     log = corpus / "firmware" / name
-    result = pipeline.analyze(log)
+    result = analyzed(log)
     model = result.identification.recommended
     assert model is not None
     expected = true_gain(log)
@@ -55,9 +57,11 @@ def test_roll_and_pitch_gains_of_firmware_logs_are_within_six_per_cent(corpus: P
     assert model.validation.held_out_s > 5.0
 
 
-def test_a_system_id_run_on_roll_identifies_roll_and_refuses_the_rest(corpus: Path) -> None:
+def test_a_system_id_run_on_roll_identifies_roll_and_refuses_the_rest(
+    corpus: Path, analyzed: Analyzed
+) -> None:
     """Pitch and yaw hover beside it."""
-    result = pipeline.analyze(corpus / "firmware" / "ac47_quadx_sid_roll.BIN")
+    result = analyzed(corpus / "firmware" / "ac47_quadx_sid_roll.BIN")
     model = result.identification.recommended
     assert model is not None
     assert model.B[0, 0] == pytest.approx(436.8, rel=0.015)
@@ -65,17 +69,19 @@ def test_a_system_id_run_on_roll_identifies_roll_and_refuses_the_rest(corpus: Pa
     assert verdicts == {"roll": "usable", "pitch": "refused", "yaw": "refused"}
 
 
-def test_default_logging_of_ardupilot_gives_yaw_at_most_and_names_the_bitmask_to_set(corpus: Path) -> None:
+def test_default_logging_of_ardupilot_gives_yaw_at_most_and_names_the_bitmask_to_set(
+    corpus: Path, analyzed: Analyzed
+) -> None:
     """10 Hz: too slow for roll and pitch."""
-    result = pipeline.analyze(corpus / "firmware" / "ac47_quadx_default_logging.BIN")
+    result = analyzed(corpus / "firmware" / "ac47_quadx_default_logging.BIN")
     assert not result.diagnosis.usable
     assert any("LOG_BITMASK" in finding.advice for finding in result.diagnosis.findings)
     assert result.identification.only_yaw
 
 
-def test_two_flights_in_one_file_are_two_segments(corpus: Path) -> None:
+def test_two_flights_in_one_file_are_two_segments(corpus: Path, analyzed: Analyzed) -> None:
     """Near the two manoeuvres that the truth names."""
-    result = pipeline.analyze(corpus / "firmware" / "ac47_two_flights.BIN")
+    result = analyzed(corpus / "firmware" / "ac47_two_flights.BIN")
     (first, second) = result.data.flight_segments
     assert first[0] < 60.6
     assert first[1] > 95.5
@@ -110,16 +116,16 @@ REASONS = {
 
 
 @pytest.mark.parametrize("name", sorted(REASONS))
-def test_each_flown_log_is_refused_for_its_own_reason(corpus: Path, name: str) -> None:
+def test_each_flown_log_is_refused_for_its_own_reason(corpus: Path, analyzed: Analyzed, name: str) -> None:
     """None of them was flown or logged for this purpose."""
-    result = pipeline.analyze(corpus / "real" / name)
+    result = analyzed(corpus / "real" / name)
     assert not result.diagnosis.usable
     assert REASONS[name] <= codes(result)
 
 
-def test_a_gentle_flight_with_moments_in_n_m_is_refused(corpus: Path) -> None:
+def test_a_gentle_flight_with_moments_in_n_m_is_refused(corpus: Path, analyzed: Analyzed) -> None:
     """Plain least squares there gives inertias that slide by a factor of two with band and lag."""
-    result = pipeline.analyze(corpus / "real" / "x8coax_moments_hover.csv")
+    result = analyzed(corpus / "real" / "x8coax_moments_hover.csv")
     assert not result.diagnosis.usable
 
 
@@ -132,10 +138,12 @@ def test_a_gentle_flight_with_moments_in_n_m_is_refused(corpus: Path) -> None:
         ("only-header-600B.bin", "not one row of data"),
     ],
 )
-def test_a_file_that_is_no_log_is_refused_with_a_hint(corpus: Path, name: str, hint: str) -> None:
+def test_a_file_that_is_no_log_is_refused_with_a_hint(
+    corpus: Path, analyzed: Analyzed, name: str, hint: str
+) -> None:
     """One clear error, which the command line turns into exit code 2."""
     with pytest.raises(LogError, match=hint) as caught:
-        pipeline.analyze(corpus / "damaged" / name)
+        analyzed(corpus / "damaged" / name)
     assert caught.value.hint
 
 
@@ -151,10 +159,10 @@ def test_a_file_that_is_no_log_is_refused_with_a_hint(corpus: Path, name: str, h
         "one-packet-70B.tlog",
     ],
 )
-def test_a_damaged_log_is_judged_and_says_what_was_lost(corpus: Path, name: str) -> None:
+def test_a_damaged_log_is_judged_and_says_what_was_lost(corpus: Path, analyzed: Analyzed, name: str) -> None:
     """QL101 counts each byte once that no message could be read from."""
     path = corpus / "damaged" / name
-    diagnosis = pipeline.analyze(path).diagnosis
+    diagnosis = analyzed(path).diagnosis
     assert set(diagnosis.axes) == {"roll", "pitch", "yaw"}
     lost = sorted((part.offset, part.offset + part.n_bytes) for part in read_log(path).lost)
     edges = [edge for span in lost for edge in span]
@@ -164,10 +172,10 @@ def test_a_damaged_log_is_judged_and_says_what_was_lost(corpus: Path, name: str)
     assert finding.evidence["corrupt_bytes"] == sum(end - begin for begin, end in lost) > 0
 
 
-def test_a_log_to_which_others_were_appended_has_lost_nothing(corpus: Path) -> None:
+def test_a_log_to_which_others_were_appended_has_lost_nothing(corpus: Path, analyzed: Analyzed) -> None:
     """ULog's appended data is announced in the header: it is no damage."""
     path = corpus / "damaged" / "appended-multiple.ulg"
-    assert "QL101" not in codes(pipeline.analyze(path))
+    assert "QL101" not in codes(analyzed(path))
     assert read_log(path).lost == ()
 
 

@@ -11,6 +11,7 @@ from quadid_logs import pipeline
 from quadid_logs.data.result import Result
 from quadid_logs.data.settings import IdentifySettings, Settings, in_band
 from quadid_logs.vocabulary import AXES, ON_AXIS
+from tests.analyses import Analyzed
 
 TAILSITTERS = ("manual-altitude-2", "manual-position-1", "manual-stabilized-2", "step-size2-2")
 #: Moments of inertia that were published for the vehicle of cf21-1khz-log15 [kg m^2].
@@ -23,9 +24,9 @@ def interval(result: Result, axis: str) -> tuple[float, float]:
     return model.entries[ON_AXIS[axis]].ci95
 
 
-def test_roll_of_a_tail_sitter_is_the_same_in_four_flights(corpus: Path) -> None:
+def test_roll_of_a_tail_sitter_is_the_same_in_four_flights(corpus: Path, analyzed: Analyzed) -> None:
     """Published elsewhere as 105 to 134; a yaw that cannot be told took roll with it in three of them."""
-    results = [pipeline.analyze(corpus / "real" / f"tailsitter-{name}.csv") for name in TAILSITTERS]
+    results = [analyzed(corpus / "real" / f"tailsitter-{name}.csv") for name in TAILSITTERS]
     assert all(result.diagnosis.axes["roll"].verdict != "refused" for result in results)
     low, high = np.array([interval(result, "roll") for result in results]).T
     assert low.max() < high.min()
@@ -33,9 +34,9 @@ def test_roll_of_a_tail_sitter_is_the_same_in_four_flights(corpus: Path) -> None
     assert all(low < 134.0)
 
 
-def test_a_fast_log_without_attitude_gives_the_published_inertia(corpus: Path) -> None:
+def test_a_fast_log_without_attitude_gives_the_published_inertia(corpus: Path, analyzed: Analyzed) -> None:
     """Within 6 %."""
-    result = pipeline.analyze(corpus / "real" / "cf21-1khz-log15.csv")
+    result = analyzed(corpus / "real" / "cf21-1khz-log15.csv")
     for number, axis in enumerate(AXES[:2]):
         assert result.diagnosis.axes[axis].verdict != "refused"
         assert result.identification.recommended is not None
@@ -44,27 +45,29 @@ def test_a_fast_log_without_attitude_gives_the_published_inertia(corpus: Path) -
 
 
 @pytest.mark.parametrize("name", ["square3", "square4", "multisine1", "melon1"])
-def test_no_interval_of_a_small_quadrotor_excludes_what_cross_spectra_show(corpus: Path, name: str) -> None:
+def test_no_interval_of_a_small_quadrotor_excludes_what_cross_spectra_show(
+    corpus: Path, analyzed: Analyzed, name: str
+) -> None:
     """33 000 for roll and 31 000 for pitch, unless refused: slow air makes a fit from 0.3 Hz on 17 % low."""
-    result = pipeline.analyze(corpus / "real" / f"cfbl-{name}-rotors.csv")
+    result = analyzed(corpus / "real" / f"cfbl-{name}-rotors.csv")
     for axis, gain in (("roll", 33_000.0), ("pitch", 31_000.0)):
         if result.diagnosis.axes[axis].verdict != "refused":
             low, high = interval(result, axis)
             assert low <= gain <= high
 
 
-def test_the_small_quadrotor_has_a_gain_on_roll_and_pitch(corpus: Path) -> None:
+def test_the_small_quadrotor_has_a_gain_on_roll_and_pitch(corpus: Path, analyzed: Analyzed) -> None:
     """Refusing everything is no answer: this flight tells both."""
-    result = pipeline.analyze(corpus / "real" / "cfbl-square3-rotors.csv")
+    result = analyzed(corpus / "real" / "cfbl-square3-rotors.csv")
     assert "refused" not in {result.diagnosis.axes[axis].verdict for axis in ("roll", "pitch")}
 
 
 @pytest.mark.parametrize("axis", AXES)
 def test_a_hover_whose_torque_is_the_inverse_controller_s_is_refused_by_that_name(
-    corpus: Path, axis: str
+    corpus: Path, analyzed: Analyzed, axis: str
 ) -> None:
     """Between 5 and 20 Hz its coherence is high, and a fit there would be confident nonsense."""
-    result = pipeline.analyze(corpus / "real" / "px4-1.15-quad-hover-80s.ulg")
+    result = analyzed(corpus / "real" / "px4-1.15-quad-hover-80s.ulg")
     assert result.diagnosis.axes[axis].reasons[0] == "QL516"
 
 
@@ -76,9 +79,11 @@ def test_a_hover_is_no_better_in_the_band_of_the_inverse_controller(corpus: Path
     assert {verdict.reasons[0] for verdict in result.diagnosis.axes.values()} <= {"QL516", "QL403"}
 
 
-def test_yaw_of_a_small_quadrotor_is_explained_with_the_reaction_of_its_rotors(corpus: Path) -> None:
+def test_yaw_of_a_small_quadrotor_is_explained_with_the_reaction_of_its_rotors(
+    corpus: Path, analyzed: Analyzed
+) -> None:
     """Without it, 0 %; its motion is in the last seconds, which held-out blocks of five seconds missed."""
-    result = pipeline.analyze(corpus / "real" / "cfbl-multisine1-rotors.csv")
+    result = analyzed(corpus / "real" / "cfbl-multisine1-rotors.csv")
     model = result.identification.recommended
     assert model is not None
     assert model.yaw_reaction is not None
@@ -88,25 +93,29 @@ def test_yaw_of_a_small_quadrotor_is_explained_with_the_reaction_of_its_rotors(c
     assert low < 1.0 / 3.2e-5 < high
 
 
-def test_a_yaw_torque_that_answers_the_motion_is_refused_by_name(corpus: Path) -> None:
+def test_a_yaw_torque_that_answers_the_motion_is_refused_by_name(corpus: Path, analyzed: Analyzed) -> None:
     """A lead of -0.6 s explains 92 % of it: the inverse controller."""
-    result = pipeline.analyze(corpus / "real" / "tailsitter-manual-stabilized-2.csv")
+    result = analyzed(corpus / "real" / "tailsitter-manual-stabilized-2.csv")
     assert "QL516" in result.diagnosis.axes["yaw"].reasons
 
 
 @pytest.mark.parametrize(
     "name", ["goodprop-hover1", "goodprop-hover2", "goodprop-line1", "25mmcut-hover1", "25mmcut-hover2"]
 )
-def test_yaw_of_a_held_heading_in_a_slow_log_is_refused_by_name(corpus: Path, name: str) -> None:
+def test_yaw_of_a_held_heading_in_a_slow_log_is_refused_by_name(
+    corpus: Path, analyzed: Analyzed, name: str
+) -> None:
     """Its response is that of -1/C of the parameters, with whole and with cut propellers alike."""
-    result = pipeline.analyze(corpus / "real" / f"ac413-quadx-{name}.bin")
+    result = analyzed(corpus / "real" / f"ac413-quadx-{name}.bin")
     assert result.diagnosis.axes["yaw"].verdict == "refused"
     assert "QL516" in result.diagnosis.axes["yaw"].reasons
 
 
-def test_yaw_of_firmware_with_default_logging_is_within_five_per_cent(corpus: Path) -> None:
+def test_yaw_of_firmware_with_default_logging_is_within_five_per_cent(
+    corpus: Path, analyzed: Analyzed
+) -> None:
     """10 Hz: roll and pitch stay refused."""
-    result = pipeline.analyze(corpus / "firmware" / "ac47_quadx_default_logging.BIN")
+    result = analyzed(corpus / "firmware" / "ac47_quadx_default_logging.BIN")
     model = result.identification.recommended
     assert model is not None
     assert model.B[2, 2] == pytest.approx(14.2, rel=0.05)

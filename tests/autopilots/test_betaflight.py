@@ -16,7 +16,7 @@ from quadid_logs.autopilots.betaflight.log import read
 from quadid_logs.autopilots.betaflight.torque import before_linearisation, mix_factor
 from quadid_logs.data.log import FlightLog
 from quadid_logs.errors import UnknownFormatError
-from quadid_logs.pipeline import analyze
+from tests.analyses import Analyzed
 from tests.containers import blackbox_maker as maker
 
 #: Betaflight's mixer for roll, pitch, yaw sums of its own axes: motors 1 to 4.
@@ -160,10 +160,12 @@ def test_the_rpm_filter_has_a_notch_per_motor_and_harmonic() -> None:
 
 
 @pytest.mark.corpus
-def test_stick_flight_of_the_firmware_gives_roll_and_pitch_as_they_are(corpus: Path) -> None:
+def test_stick_flight_of_the_firmware_gives_roll_and_pitch_as_they_are(
+    corpus: Path, analyzed: Analyzed
+) -> None:
     """At the flight's mean motor commands, where the model is: to what the mean over a curve can tell."""
     truth = json.loads((corpus / "firmware/bf_quad_sticks.truth.json").read_text())["linear_model"]
-    model = analyze(corpus / "firmware/bf_quad_sticks.bbl").identification.recommended
+    model = analyzed(corpus / "firmware/bf_quad_sticks.bbl").identification.recommended
     assert model is not None
     found = {parameter.name: parameter.value for parameter in model.parameters}
     expected = truth["B_roll_pitch_yaw_mean"][:2]
@@ -171,9 +173,9 @@ def test_stick_flight_of_the_firmware_gives_roll_and_pitch_as_they_are(corpus: P
 
 
 @pytest.mark.corpus
-def test_a_hover_in_turbulence_is_refused_on_all_axes(corpus: Path) -> None:
+def test_a_hover_in_turbulence_is_refused_on_all_axes(corpus: Path, analyzed: Analyzed) -> None:
     """Its commands are answers to the air: least squares is at a fifth of the truth."""
-    verdicts = analyze(corpus / "firmware/bf_quad_hover.bbl").diagnosis.axes
+    verdicts = analyzed(corpus / "firmware/bf_quad_hover.bbl").diagnosis.axes
     assert {verdict.verdict for verdict in verdicts.values()} == {"refused"}
 
 

@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 import json
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from quadid_logs import analyze
 from quadid_logs.control.loop import Plant, close, integrators
 from quadid_logs.control.margins import grid_hz, margins_of
 from quadid_logs.control.posterior import draw
 from quadid_logs.data.closed_loop import Margins
 from quadid_logs.data.result import Result
 from quadid_logs.vocabulary import AXES
+from tests.analyses import Analyzed
 
 AP, PX4 = "ac47_quadx_multisine.BIN", "px4_quad_multisine.ulg"
-
-
-@cache
-def analyzed(path: Path) -> Result:
-    return analyze(path)
 
 
 def true_plant(corpus: Path, name: str, axis: str) -> Plant:
@@ -55,7 +49,14 @@ FIXTURES = [(AP, 19.5, 2.9, 20.1, 16.8, 2.5), (PX4, 63.3, 21.6, 2.32, None, None
 
 @pytest.mark.parametrize(("name", "phase", "gain", "crossover", "full_phase", "full_gain"), FIXTURES)
 def test_the_true_vehicles_margins_are_those_that_were_worked_out_before(
-    corpus: Path, name: str, phase: float, gain: float, crossover: float, full_phase: float, full_gain: float
+    corpus: Path,
+    analyzed: Analyzed,
+    name: str,
+    phase: float,
+    gain: float,
+    crossover: float,
+    full_phase: float,
+    full_gain: float,
 ) -> None:
     """By other code, from the controllers' equations."""
     rate, full = true_margins(analyzed(corpus / "firmware" / name), true_plant(corpus, name, "roll"), "roll")
@@ -77,7 +78,7 @@ MARGINS = [(AP, "roll"), (PX4, "roll"), (PX4, "pitch"), (PX4, "yaw")]
 
 @pytest.mark.parametrize(("name", "axis"), MARGINS)
 def test_margins_of_the_identified_vehicle_are_those_of_the_true_one(
-    corpus: Path, name: str, axis: str
+    corpus: Path, analyzed: Analyzed, name: str, axis: str
 ) -> None:
     """Phase within 3 degrees, gain within 0.6 dB, crossover within 4 %, the truth inside the intervals."""
     result = analyzed(corpus / "firmware" / name)
@@ -99,7 +100,7 @@ def test_margins_of_the_identified_vehicle_are_those_of_the_true_one(
 @pytest.mark.parametrize("axis", ["roll", "pitch"])
 @pytest.mark.parametrize(("name", "within"), [(AP, 0.015), (PX4, 0.03)])
 def test_the_closed_loop_finds_the_true_effectiveness(
-    corpus: Path, name: str, within: float, axis: str
+    corpus: Path, analyzed: Analyzed, name: str, within: float, axis: str
 ) -> None:
     """From set-points and torque alone: no rate was used."""
     result = analyzed(corpus / "firmware" / name)
@@ -111,7 +112,9 @@ def test_the_closed_loop_finds_the_true_effectiveness(
 
 
 @pytest.mark.parametrize("axis", ["roll", "pitch"])
-def test_the_set_points_alone_predict_rate_and_torque_of_the_firmware(corpus: Path, axis: str) -> None:
+def test_the_set_points_alone_predict_rate_and_torque_of_the_firmware(
+    corpus: Path, analyzed: Analyzed, axis: str
+) -> None:
     """On parts of the flight that the fit never saw."""
     result = analyzed(corpus / "firmware" / AP)
     assert result.closed_loop is not None
@@ -121,7 +124,7 @@ def test_the_set_points_alone_predict_rate_and_torque_of_the_firmware(corpus: Pa
     assert prediction.torque_fit_percent >= 88.0
 
 
-def test_the_broken_loop_of_a_system_id_run_is_the_predicted_one(corpus: Path) -> None:
+def test_the_broken_loop_of_a_system_id_run_is_the_predicted_one(corpus: Path, analyzed: Analyzed) -> None:
     """From 1 to 19 Hz within 3 % and 2 degrees of what the identified vehicle and the parameters make."""
     result = analyzed(corpus / "firmware" / "ac47_quadx_sid_roll.BIN")
     assert result.closed_loop is not None

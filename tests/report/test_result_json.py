@@ -16,6 +16,7 @@ from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.result import Result
 from quadid_logs.report import json_text, result_dict
 from quadid_logs.report.provenance import provenance_of
+from tests.analyses import Analyzed
 from tests.conftest import corpus_logs
 
 SCHEMA = json.loads((Path(__file__).parents[2] / "docs" / "result.schema.json").read_text(encoding="utf-8"))
@@ -159,14 +160,12 @@ def test_texts_of_the_log_survive_unchanged(hostile: Result) -> None:
 
 @pytest.mark.corpus
 @pytest.mark.parametrize("corpus_log", corpus_logs("firmware", "real", "damaged"), indirect=True)
-def test_the_result_of_every_log_validates_against_the_schema(corpus_log: Path) -> None:
-    """Flown, damaged, refused, large: the same keys and types; from a minute at 400 Hz as from an hour."""
-    from quadid_logs.data.settings import IdentifySettings, Settings
+def test_the_result_of_every_log_validates_against_the_schema(corpus_log: Path, analyzed: Analyzed) -> None:
+    """Flown, damaged, refused, large: the same keys and types."""
     from quadid_logs.errors import LogError
-    from quadid_logs.pipeline import analyze
 
     try:
-        result = analyze(corpus_log, Settings(identify=IdentifySettings(most_samples=24000)))
+        result = analyzed(corpus_log)
     except LogError:
         pytest.skip("not a flight log at all")
     jsonschema.Draft202012Validator(SCHEMA).validate(strict(json_text(result)))
