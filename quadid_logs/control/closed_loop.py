@@ -8,8 +8,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray
 from quadid_logs.control.command_units import per_command
+from quadid_logs.control.conditioning import conditioned
 from quadid_logs.control.frequency_response import (
     Confirmation,
     Lines,
@@ -19,7 +19,7 @@ from quadid_logs.control.frequency_response import (
     lines_of,
     response,
 )
-from quadid_logs.control.loop import Loop, Plant, close, integrators
+from quadid_logs.control.loop import Loop, Plant, close, integrators, rate_loop
 from quadid_logs.control.margins import grid_hz, margins_of, phase_margin, unmodelled
 from quadid_logs.control.posterior import draw
 from quadid_logs.control.prediction import AxisModel, Chirp, predict
@@ -31,6 +31,7 @@ from quadid_logs.data.closed_loop import (
     LoopCurve,
     LoopMargins,
     MeasuredLoop,
+    Prediction,
 )
 from quadid_logs.data.controller import AxisController, FlownControllers, Replay, ReplayReason
 from quadid_logs.data.flight import FlightData
@@ -45,6 +46,8 @@ _AT_MIXER: Final = 2.0
 _LOWEST_DRAWN_HZ = 0.1
 _EVERY = 3
 _CI = (0.025, 0.975)
+#: The broken loop is only drawn: its bands may overlap, so that one reaches the end of a sweep.
+_BROKEN_PER_OCTAVE: Final = 6
 
 
 def close_loop(
@@ -96,41 +99,109 @@ def _disagrees(replay: Replay | None) -> bool:
 
 def _axis(data: FlightData, model: Model, number: int, controller: AxisController, low_hz: float) -> AxisLoop:
     """Close the loop of one axis; nothing where the model tells too little."""
-    posterior = model.posterior
-    plants = None if posterior is None else draw(posterior, number, controller.period_s)
-    if posterior is None or plants is None:
+    known = vehicles(data, model, number, controller)
+    if known is None:
         return AxisLoop()
-    estimate = plants.at(slice(0, 1))
-    lines = lines_of(data, number, controller.angle_delay_steps * controller.period_s)
-    seen = None if lines is None else _seen(lines, controller, estimate)
-    frequency_hz = grid_hz(controller.period_s)
-    loop = close(controller, plants, frequency_hz)
-    supported = _supported(seen, frequency_hz, loop.rate[:1], model.smoothing_hz)
-    prediction = None
-    if seen is not None and lines is not None and model.fit is not None:
-        axis = AxisModel(number, controller, estimate, posterior.covariance[number, 1:, 1:], seen.chirp)
-        prediction = predict(data, axis, model.fit, lines, low_hz)
+    seen, known_hz = known.seen, known.supported.known_hz
+    loop = close(controller, known.plants, grid_hz(controller.period_s))
     entry = model.entries[ON_AXIS[AXES[number]]]
     return AxisLoop(
-        prediction=prediction,
-        margins=_margins(controller, plants, loop, supported.known_hz),
-        step=step_of(controller, plants, None if seen is None else seen.closed),
-        curve=_curve(loop, supported.known_hz),
-        measured=None if seen is None else _measured(seen, controller, estimate),
+        prediction=_prediction(data, model, number, controller, known, low_hz),
+        margins=_margins(controller, known.plants, loop, known_hz),
+        step=step_of(controller, known.plants, None if seen is None else seen.closed),
+        curve=_curve(loop, known_hz),
+        measured=None if seen is None else _measured(seen, controller, known.plants.at(slice(0, 1))),
         effectiveness=Estimated(entry.value, entry.ci95),
-        contradicted=supported.contradicted,
-        known_hz=supported.known_hz,
+        contradicted=known.supported.contradicted,
+        known_hz=known_hz,
     )
 
 
-def _supported(
-    seen: _Seen | None, frequency_hz: FloatArray, rate_loop: ComplexArray, fitted_hz: float
-) -> Confirmation:
-    """Tell up to where measurement supports the model; without any, up to where it was fitted."""
-    crossover_hz = phase_margin(frequency_hz, rate_loop)[0][0]
-    if seen is None or not np.isfinite(crossover_hz):
-        return Confirmation(fitted_hz, contradicted=False)
-    return confirm(seen.ratio, float(crossover_hz), fitted_hz)
+class Vehicles(NamedTuple):
+    """The vehicles that a flight allows about one axis, and what of them was measured.
+
+    ``plants`` are the estimate, then vehicles drawn around it; ``fitted`` is the estimate as it was fitted,
+    without what was measured above the band. ``lines`` and ``seen`` are None where the log has no set-points.
+    """
+
+    plants: Plant
+    fitted: Plant
+    lines: Lines | None
+    seen: Seen | None
+    supported: Confirmation
+
+
+def vehicles(data: FlightData, model: Model, number: int, controller: AxisController) -> Vehicles | None:
+    """Return the vehicles that the fit and the response above its band allow.
+
+    Parameters
+    ----------
+    data : FlightData
+        Its torques in units of the controller's command.
+    model : Model
+        Its posterior per unit of the controller's command: see `command_units.per_command`.
+    number : int
+        Of the axis.
+    controller : AxisController
+
+    Returns
+    -------
+    Vehicles or None
+        None where the model tells too little.
+    """
+    plants = None if model.posterior is None else draw(model.posterior, number, controller.period_s)
+    if plants is None:
+        return None
+    lines = lines_of(data, number, controller.angle_delay_steps * controller.period_s)
+    fitted = plants.at(slice(0, 1))
+    found = _compared(plants, fitted, lines, controller, model.smoothing_hz)
+    if found.seen is None or found.supported.contradicted:
+        return found
+    plants = conditioned(
+        plants,
+        found.seen.ratio.up_to(found.supported.known_hz),
+        controller.period_s,
+        model.smoothing_hz,
+        crosses_above=_crossover_hz(plants, controller) > model.smoothing_hz,
+    )
+    return _compared(plants, fitted, lines, controller, model.smoothing_hz)
+
+
+def _compared(
+    plants: Plant, fitted: Plant, lines: Lines | None, controller: AxisController, fitted_hz: float
+) -> Vehicles:
+    """Hold the estimate against what was measured."""
+    supported, seen = Confirmation(fitted_hz, contradicted=False), None
+    if lines is not None:
+        crossover_hz = _crossover_hz(plants, controller)
+        seen = _seen(lines, controller, plants.at(slice(0, 1)))
+        if np.isfinite(crossover_hz):
+            supported = confirm(seen.ratio, crossover_hz, fitted_hz)
+    return Vehicles(plants, fitted, lines, seen, supported)
+
+
+def _crossover_hz(plants: Plant, controller: AxisController) -> float:
+    """Return where the rate loop of the estimate has its least phase to spare [Hz]; NaN for nowhere."""
+    frequency_hz = grid_hz(controller.period_s)
+    return float(
+        phase_margin(frequency_hz, rate_loop(controller, plants.at(slice(0, 1)), frequency_hz))[0][0]
+    )
+
+
+def _prediction(
+    data: FlightData,
+    model: Model,
+    number: int,
+    controller: AxisController,
+    known: Vehicles,
+    low_hz: float,
+) -> Prediction | None:
+    """Predict the flight by the model as it was fitted: what the fit never saw is to judge it."""
+    if known.seen is None or known.lines is None or model.fit is None or model.posterior is None:
+        return None
+    covariance = model.posterior.covariance[number, 1:, 1:]
+    axis = AxisModel(number, controller, known.fitted, covariance, known.seen.chirp)
+    return predict(data, axis, model.fit, known.lines, low_hz)
 
 
 def _margins(controller: AxisController, plants: Plant, loop: Loop, known_hz: float) -> LoopMargins:
@@ -143,7 +214,7 @@ def _margins(controller: AxisController, plants: Plant, loop: Loop, known_hz: fl
     )
 
 
-class _Seen(NamedTuple):
+class Seen(NamedTuple):
     """What the log shows of one axis, relative to what is modelled.
 
     The vehicle by set-points or excitation, the closed rate loop by set-points, and the broken loop where
@@ -156,7 +227,7 @@ class _Seen(NamedTuple):
     broken: Response | None
 
 
-def _seen(lines: Lines, controller: AxisController, estimate: Plant) -> _Seen:
+def _seen(lines: Lines, controller: AxisController, estimate: Plant) -> Seen:
     """Measure the vehicle by every instrument that the log has, and the broken loop where it can be."""
     loop = close(controller, estimate, lines.frequency_hz)
     vehicle = loop.target_to_rate[0] / loop.target_to_torque[0]
@@ -167,12 +238,13 @@ def _seen(lines: Lines, controller: AxisController, estimate: Plant) -> _Seen:
         by_chirp = response(lines.frequency_hz, lines.chirp, expected, lines.rate)
         ratio = better(ratio, by_chirp)
         answer = lines.chirp - lines.torque
-        broken = response(lines.frequency_hz, lines.chirp, lines.torque * _whole(loop), answer)
+        expected = lines.torque * _whole(loop)
+        broken = response(lines.frequency_hz, lines.chirp, expected, answer, per_octave=_BROKEN_PER_OCTAVE)
     delay_s = controller.angle_delay_steps * controller.period_s
     late = delay_response(np.asarray(2j * np.pi * lines.frequency_hz, dtype=np.complex128), delay_s)
     answered = lines.setpoint * late * loop.target_to_rate[0]
     closed = response(lines.frequency_hz, lines.setpoint, answered, lines.rate).known()
-    return _Seen(ratio.known(), closed, Chirp(at_mixer=broken is not None, delay_s=delay_s), broken)
+    return Seen(ratio.known(), closed, Chirp(at_mixer=broken is not None, delay_s=delay_s), broken)
 
 
 def _whole(loop: Loop) -> ComplexArray:
@@ -190,7 +262,7 @@ def _enters_at_mixer(lines: Lines, loop: Loop) -> bool:
     return bool(found.gain.size) and 1.0 / _AT_MIXER < float(np.median(found.gain.real)) < _AT_MIXER
 
 
-def _measured(seen: _Seen, controller: AxisController, estimate: Plant) -> MeasuredLoop:
+def _measured(seen: Seen, controller: AxisController, estimate: Plant) -> MeasuredLoop:
     """Return the open loop that the log shows, where it is known."""
     direct = seen.broken is not None
     known = seen.ratio if seen.broken is None else seen.broken.known()

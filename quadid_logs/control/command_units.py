@@ -56,10 +56,9 @@ def _converted(parameter: Parameter, calibration: Calibration, number: int) -> P
 def _posterior(posterior: Posterior, calibration: Calibration) -> Posterior:
     mean, covariance = posterior.mean.copy(), posterior.covariance.copy()
     for number, n_m in enumerate(calibration.n_m_per_command):
-        sigma = float(np.sqrt(covariance[number, 0, 0]))
-        factor = n_m * _narrowing(sigma, mean[number, 0], calibration.relative_sigma[number])
+        # The calibration's uncertainty is no part of what is known of the loop: see `data.model.Posterior`.
         mean[number, 0] *= n_m
-        covariance[number] = _scaled(covariance[number], factor)
+        covariance[number] = _scaled(covariance[number], n_m)
     return replace(posterior, mean=mean, covariance=covariance)
 
 

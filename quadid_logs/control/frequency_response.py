@@ -7,7 +7,6 @@ was fitted to, wherever they have enough power.
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -20,19 +19,21 @@ from quadid_logs.maths.instrument_response import gain_by_instrument, tapered_sp
 
 #: Windows of the averaged spectra: long enough for the slowest crossover, short enough for many of them.
 _WINDOW_S = 4.0
-#: Third octaves from half a hertz, the resolution of a window, to 128 Hz, above any crossover.
-_EDGES_HZ: Final = 0.5 * 2.0 ** (np.arange(25) / 3.0)
+#: From half a hertz, the resolution of a window, eight octaves to 128 Hz, above any crossover; in thirds.
+_LOWEST_HZ: Final = 0.5
+_OCTAVES: Final = 8
+_WIDTH: Final = 2.0 ** (1.0 / 3.0)
+THIRDS: Final = 3
 #: Above this fraction of the sample rate, the response is that of what happens between the samples.
 _MOST_OF_RATE = 0.35
 #: A response known worse than this (6 degrees, 0.9 dB) cannot tell a good margin from a poor one.
 _LARGEST_ERROR = 0.1
 #: Gain and phase (3 degrees) that a lag and a delay leave of rotors, frame and sampling, in one standard
 #: deviation.
-_TOLERANCE = 0.05
+TOLERANCE: Final = 0.05
 #: A Hann window's side lobes leak up to a 1400th of a neighbour's density (-31 dB); where an instrument
 #: falls by nearly as much within an octave, what is left is leakage, and knows nothing of this frequency.
 _LEAKAGE = 1.0 / 200.0
-_OCTAVE = 3
 #: So many third octaves around the crossover make half an octave or more on either side of it.
 _FEWEST_BANDS = 3
 #: Of responses that the model fits, one in a hundred is called contradicted.
@@ -40,7 +41,7 @@ _CONFIDENCE = 0.99
 
 
 class Response(NamedTuple):
-    """A response in third octaves, each (n_bands,): complex gain, and its relative standard error."""
+    """A response in bands, each (n_bands,): complex gain, and its relative standard error."""
 
     frequency_hz: FloatArray
     gain: ComplexArray
@@ -50,6 +51,11 @@ class Response(NamedTuple):
         """Return the bands that are known well enough to judge a margin by."""
         good = self.error <= _LARGEST_ERROR
         return Response(self.frequency_hz[good], self.gain[good], self.error[good])
+
+    def up_to(self, highest_hz: float) -> Response:
+        """Return the bands up to a frequency."""
+        kept = self.frequency_hz <= highest_hz
+        return Response(self.frequency_hz[kept], self.gain[kept], self.error[kept])
 
 
 class Lines(NamedTuple):
@@ -124,14 +130,21 @@ def above_zero(frequency_hz: NDArray[np.floating]) -> FloatArray:
 
 
 def response(
-    frequency_hz: FloatArray, driven_by: ComplexArray, cause: ComplexArray, effect: ComplexArray
+    frequency_hz: FloatArray,
+    driven_by: ComplexArray,
+    cause: ComplexArray,
+    effect: ComplexArray,
+    *,
+    per_octave: int = THIRDS,
 ) -> Response:
-    """Return effect over cause in third octaves, both as far as an instrument drives them.
+    """Return effect over cause in bands, both as far as an instrument drives them.
 
     Parameters
     ----------
     frequency_hz : ndarray, shape (n_lines,)
     driven_by, cause, effect : ndarray of complex, shape (n_windows, n_lines)
+    per_octave : int
+        So many bands begin in each octave; with more than three they overlap.
 
     Returns
     -------
@@ -143,16 +156,17 @@ def response(
     J. S. Bendat and A. G. Piersol, *Random Data*, section 9: the variance of a response is that of what it
     leaves over that of its input, per independent line.
     """
-    where = np.sqrt(_EDGES_HZ[:-1] * _EDGES_HZ[1:])
+    lowest_hz = _LOWEST_HZ * 2.0 ** (np.arange(_OCTAVES * per_octave) / per_octave)
+    where = lowest_hz * np.sqrt(_WIDTH)
     highest_hz = _MOST_OF_RATE * 2.0 * frequency_hz[-1]
     kept_density: list[float] = []
     gain, error = np.full(where.size, np.nan + 0j), np.full(where.size, np.inf)
-    for band, (low, high) in enumerate(pairwise(_EDGES_HZ)):
-        lines = (frequency_hz >= low) & (frequency_hz < min(high, highest_hz))
+    for band, low in enumerate(lowest_hz):
+        lines = (frequency_hz >= low) & (frequency_hz < min(low * _WIDTH, highest_hz))
         z, u, y = (each[:, lines] for each in (driven_by, cause, effect))
         density, power = float(np.mean(np.abs(z) ** 2)) if z.size else 0.0, np.vdot(z, u)
         if abs(power) <= np.finfo(float).tiny or density < _LEAKAGE * max(
-            kept_density[-_OCTAVE:], default=0.0
+            kept_density[-per_octave:], default=0.0
         ):
             continue
         kept_density.append(density)
@@ -214,7 +228,7 @@ def confirm(ratio: Response, crossover_hz: float, fitted_hz: float) -> Confirmat
 
 def _chi_squared(ratio: Response) -> FloatArray:
     """Return the squared distance of each band from one, over its variance: of two degrees of freedom."""
-    variance = 0.5 * ratio.error**2 + _TOLERANCE**2
+    variance = 0.5 * ratio.error**2 + TOLERANCE**2
     return np.asarray(np.abs(ratio.gain - 1.0) ** 2 / variance)
 
 

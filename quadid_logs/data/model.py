@@ -119,7 +119,8 @@ class Posterior:
         Per axis: on-axis effectiveness [rad/s^2 per unit of torque] and on-axis damping [1/s], both of
         the rates as the gyro shows them; lag and delay of the actuator [s].
     covariance : ndarray, shape (3, 4, 4)
-        Of these, one standard deviation squared; not finite where an axis tells nothing.
+        Of these, one standard deviation squared; not finite where an axis tells nothing. The gyro's scale
+        and the torque's calibration, which cancel around a loop, are no part of it.
     lag_or_delay_s : float
         So much of the delay may be lag: the flight does not tell the two apart.
     yaw_lead_s : float

@@ -465,7 +465,7 @@ def posterior_of(
     ----------
     as_measured, half_width : ndarray, shape (3, 2)
         On-axis effectiveness and damping of the rates as measured; half widths of their 95 % intervals
-        as they are reported, with all that is systematic.
+        with all that is systematic but the gyro's scale and the torque's calibration.
     actuator : ActuatorFit
     of_axes : ndarray, shape (3, 4, 4)
         As of `Uncertainty.of_axes`.
@@ -475,8 +475,8 @@ def posterior_of(
     Returns
     -------
     Posterior
-        Each number has the interval that is reported of it; the correlations are those of the fit,
-        because what is systematic of one number says nothing about another.
+        Each number has its interval; the correlations are those of the fit, because what is systematic of
+        one number says nothing about another.
     """
     systematic_s = TIMING_SYSTEMATIC * period_s
     covariance = of_axes.copy()

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.data.flight import FlightData
+from quadid_logs.data.flight import FlightData, InputDescription
 from quadid_logs.data.model import (
     Actuator,
     Discrete,
@@ -40,6 +40,7 @@ from quadid_logs.identify.parameters import (
 )
 from quadid_logs.identify.structural import with_alternatives, with_unseen_damping
 from quadid_logs.identify.structures import Structure
+from quadid_logs.identify.systematic import gyro_half_width
 from quadid_logs.identify.validate import validate
 from quadid_logs.identify.windows import windows_on_rows
 from quadid_logs.maths.discretise import zero_order_hold
@@ -78,7 +79,7 @@ def actuated_model(
     return replace(
         model,
         actuator=_actuator(found, data.sample_period_s),
-        posterior=_posterior(found, model, data.sample_period_s),
+        posterior=_posterior(found, data.sample_period_s),
         band=found.band,
         change=found.change,
         formulations=found.formulations,
@@ -151,21 +152,33 @@ def _judged(
     caveats: Mapping[str, str],
 ) -> tuple[Estimate, tuple[Parameter, ...]]:
     """Give a fit its intervals; what is identified is judged before possible effects widen them."""
-    estimate = intervals(
+    estimate = _intervals(structure, fit, found, data.input)
+    unit = data.input.unit if data.input is not None else "1"
+    parameters = build_parameters(structure, estimate, input_unit=unit, caveats=caveats)
+    if found is None:
+        return estimate, parameters
+    estimate = _widened(structure, estimate, found)
+    return estimate, with_intervals(parameters, estimate)
+
+
+def _intervals(
+    structure: Structure, fit: PooledFit, found: ActuatedFit | None, given: InputDescription | None
+) -> Estimate:
+    """Give a fit its intervals; those of the calibration only where what was ``given`` is told."""
+    return intervals(
         structure,
         fit.theta,
         fit.half_width,
         fit.kept,
         knows_gyro=fit.gyro is not None,
         band=None if found is None else found.band,
-        given=data.input,
+        given=given,
     )
-    unit = data.input.unit if data.input is not None else "1"
-    parameters = build_parameters(structure, estimate, input_unit=unit, caveats=caveats)
-    if found is None:
-        return estimate, parameters
-    estimate = with_unseen_damping(structure, with_alternatives(structure, estimate, found.structural))
-    return estimate, with_intervals(parameters, estimate)
+
+
+def _widened(structure: Structure, estimate: Estimate, found: ActuatedFit) -> Estimate:
+    """Widen intervals by effects that may be there."""
+    return with_unseen_damping(structure, with_alternatives(structure, estimate, found.structural))
 
 
 def _actuator(found: ActuatedFit, period_s: float) -> Actuator:
@@ -185,19 +198,22 @@ def _actuator(found: ActuatedFit, period_s: float) -> Actuator:
     )
 
 
-def _posterior(found: ActuatedFit, model: Model, period_s: float) -> Posterior | None:
+def _posterior(found: ActuatedFit, period_s: float) -> Posterior | None:
     """Return what is known together of the numbers that a control loop is made of."""
     structure, of_axes = found.structure, found.fit.of_axes
     places = list(zip(TORQUE_SYMBOLS, RATE_SYMBOLS, strict=True))
     if of_axes is None or not {*RATE_SYMBOLS} <= {*structure.columns}:
         return None
-    half_width = [
-        [0.5 * (entry.ci95[1] - entry.ci95[0]) for entry in (model.entries[target, name] for name in pair)]
-        for target, pair in zip(ACCELERATION_SYMBOLS, places, strict=True)
-    ]
     columns = np.array([[structure.columns.index(name) for name in pair] for pair in places])
-    as_measured = np.take_along_axis(found.fit.as_measured[:3], columns, axis=1)
-    return posterior_of(as_measured, np.array(half_width), found.model.actuator, of_axes, period_s)
+    # A controller is given what the gyro shows, and gives commands: neither the gyro's scale nor the newton
+    # metres of a command make its loop less certain.
+    estimate = _widened(structure, _intervals(structure, found.fit, found, None), found)
+    half = 0.5 * (estimate.high - estimate.low)
+    half = np.sqrt(np.maximum(half**2 - gyro_half_width(structure, found.fit.as_measured) ** 2, 0.0))
+    as_measured, half = (
+        np.take_along_axis(each[:3], columns, axis=1) for each in (found.fit.as_measured, half)
+    )
+    return posterior_of(as_measured, half, found.model.actuator, of_axes, period_s)
 
 
 def _criterion(design: Design, fit: PooledFit) -> float:

@@ -26,7 +26,10 @@ def entry(name: str, place: tuple[str, str], value: float, half_width: float) ->
 
 @pytest.fixture(scope="module")
 def calibrated() -> tuple[FlightData, Model]:
-    """A tenth of calibration error, and 2 % that the flight itself leaves, both standard deviations."""
+    """A tenth of calibration error, and 2 % that the flight itself leaves, both standard deviations.
+
+    The posterior knows of the flight alone.
+    """
     data = flight(seconds=2.0)
     assert data.input is not None
     given = replace(
@@ -35,9 +38,9 @@ def calibrated() -> tuple[FlightData, Model]:
     segments = tuple(replace(each, torque=each.torque * N_M) for each in data.segments)
     sigma = np.hypot(SIGMA, 0.02)
     covariance = np.zeros((3, 4, 4))
-    covariance[:, 0, 0] = (sigma * 100.0) ** 2
+    covariance[:, 0, 0] = 2.0**2
     covariance[:, 1, 1] = 0.25
-    covariance[:, 0, 1] = covariance[:, 1, 0] = 0.3 * 0.5 * sigma * 100.0
+    covariance[:, 0, 1] = covariance[:, 1, 0] = 0.3 * 0.5 * 2.0
     mean = np.tile([100.0, -2.0, 0.03, 0.004], (3, 1))
     model = Model(
         structure="damped", recommended=True, states=(), regressors=(), targets=(), inputs=("L", "M", "N"),

@@ -139,3 +139,15 @@ def test_the_rate_threads_loop_has_the_gyros_period() -> None:
 
 
 ROLL = {"P": 0.135, "I": 0.135, "D": 0.0036, "FLTE": 0.0}
+
+
+def test_a_rate_thread_runs_as_often_as_its_rows_say() -> None:
+    """The parameters let it follow a gyro of 1 kHz; this one got around at 400 Hz."""
+    thread = {"FSTRATE_ENABLE": 1.0, "FSTRATE_DIV": 1.0, "SCHED_LOOP_RATE": 300.0}
+    assert axes(ApFlight(n=2000), thread)["roll"].period_s == pytest.approx(2507e-6, rel=2e-3)
+
+
+def test_rows_slower_than_the_main_loop_do_not_tell_a_rate_threads_period() -> None:
+    """They were thinned by the logger."""
+    thread = {"FSTRATE_ENABLE": 1.0, "FSTRATE_DIV": 1.0, "SCHED_LOOP_RATE": 500.0}
+    assert axes(ApFlight(n=2000), thread)["roll"].period_s == pytest.approx(0.001)

@@ -20,11 +20,15 @@ AP, PX4 = "ac47_quadx_multisine.BIN", "px4_quad_multisine.ulg"
 
 
 def true_plant(corpus: Path, name: str, axis: str) -> Plant:
-    """Return the simulator's vehicle; its motors act at once, or with a lag of the first order."""
+    """Return the simulator's vehicle; its motors act at once, or with a lag of the first order.
+
+    As it was on the average of the flight: the effectiveness of yaw goes with throttle there.
+    """
     truth = json.loads((corpus / "firmware" / name).with_suffix(".truth.json").read_text())
     number = AXES.index(axis)
-    if "at_hover" in truth:
-        B, A, lag_s = truth["at_hover"]["B_rad_s2_per_unit"]["M"], truth["at_hover"]["A_1_s"], 0.0
+    if "at_segment_mean" in truth:
+        mean = truth["at_segment_mean"]
+        B, A, lag_s = mean["B_rad_s2_per_unit"], mean["A_1_s"], 0.0
     else:
         B, A, lag_s = truth["B_rad_s2_per_torque_setpoint"], truth["A_1_s"], truth["motor_lag_effective_s"]
     numbers = (B[number][number], A[number][number], lag_s, 0.0)
@@ -73,25 +77,40 @@ def test_the_true_vehicles_margins_are_those_that_were_worked_out_before(
         assert full.gain_margin_db.value == pytest.approx(full_gain, abs=0.1)
 
 
-MARGINS = [(AP, "roll"), (PX4, "roll"), (PX4, "pitch"), (PX4, "yaw")]
+#: The sensed rate of the simulator's gyro is 0.8 % larger than the true one above 2 Hz ("sensing" of the
+#: truth), and the controller flies by the sensed one.
+SENSED = 1.0083
+#: The mixer clips yaw in a twelfth of the rows of the first flight: its interval does not know of that.
+MARGINS = [
+    (AP, "roll", True),
+    (AP, "pitch", True),
+    (AP, "yaw", False),
+    (PX4, "roll", True),
+    (PX4, "pitch", True),
+    (PX4, "yaw", True),
+]
 
 
-@pytest.mark.parametrize(("name", "axis"), MARGINS)
+@pytest.mark.parametrize(("name", "axis", "covered"), MARGINS)
 def test_margins_of_the_identified_vehicle_are_those_of_the_true_one(
-    corpus: Path, analyzed: Analyzed, name: str, axis: str
+    corpus: Path, analyzed: Analyzed, name: str, axis: str, covered: bool
 ) -> None:
-    """Phase within 3 degrees, gain within 0.6 dB, crossover within 4 %, the truth inside the intervals."""
+    """Phase within 3 degrees, gain within 0.6 dB, crossover within 4 %; the loop that flew is inside."""
     result = analyzed(corpus / "firmware" / name)
-    true = true_margins(result, true_plant(corpus, name, axis), axis)
+    plant = true_plant(corpus, name, axis)
+    flown = true_margins(result, plant.times(SENSED if name == AP else 1.0), axis)
     assert result.closed_loop is not None
     found = result.closed_loop.axes[axis].margins
     assert found is not None
     assert found.full is not None
-    for here, there in zip((found.rate, found.full), true, strict=True):
+    for here, there, seen in zip(
+        (found.rate, found.full), true_margins(result, plant, axis), flown, strict=True
+    ):
         for figure, tolerance in (("phase_margin_deg", 3.0), ("gain_margin_db", 0.6)):
             estimate, truth = getattr(here, figure), getattr(there, figure)
             assert estimate.value == pytest.approx(truth.value, abs=tolerance)
-            assert estimate.ci95[0] <= truth.value <= estimate.ci95[1]
+            if covered:
+                assert estimate.ci95[0] <= getattr(seen, figure).value <= estimate.ci95[1]
         assert here.crossover_hz is not None
         assert there.crossover_hz is not None
         assert here.crossover_hz.value == pytest.approx(there.crossover_hz.value, rel=0.04)
@@ -140,6 +159,7 @@ def test_the_broken_loop_of_a_system_id_run_is_the_predicted_one(corpus: Path, a
     loop = close(controller, plant, found.measured.frequency_hz[near])
     assert loop.full is not None
     off = found.measured.response[near] / loop.full[0]
-    assert np.count_nonzero(near) >= 12
+    assert np.count_nonzero(near) >= 20
+    assert found.measured.frequency_hz.max() > 18.0
     assert np.abs(np.abs(off) - 1.0).max() < 0.03
     assert np.degrees(np.abs(np.angle(off))).max() < 2.0

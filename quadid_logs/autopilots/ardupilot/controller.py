@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Final
 
+import numpy as np
+
 from quadid_logs.autopilots.ardupilot.filters import follows_unknown, parameter_filter
 from quadid_logs.autopilots.discrete import derivative, first_order, gain, gyro_filters, integrator
 from quadid_logs.autopilots.versions import by_short_names, finite, read_version
@@ -26,6 +28,8 @@ _KILOHERTZ: Final = 1000.0
 _DEFAULT_LOOP_HZ: Final = 400.0
 #: AP_InertialSensor: INS_GYRO_RATE n means 2^n kHz, up to 8 kHz.
 _FASTEST: Final = 3
+#: A rate thread that waits longer than so many of its periods stood still.
+_LONGEST_STEP: Final = 20.0
 
 
 def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControllers:
@@ -49,12 +53,13 @@ def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControl
     """
     version_read, note = read_version(log.version, VERSIONS_READ)
     axes: dict[str, AxisController] = {}
+    period_s = flown_period_s(log, parameters)
     remarks = list(_common_remarks(parameters))
     for axis, name in AXIS_NAMES.items():
         refused = list(_refusals(parameters, axis, f"ATC_RAT_{name}_"))
         remarks += refused
         if not refused:
-            axes[axis] = _axis(parameters, name)
+            axes[axis] = _axis(parameters, name, period_s)
             remarks += _axis_remarks(parameters, axis, name)
     return FlownControllers(
         name="AC_PID",
@@ -80,6 +85,32 @@ def loop_period_s(parameters: Mapping[str, float]) -> float:
     return 1.0 / (rate_hz if 0.0 < rate_hz < math.inf else _DEFAULT_LOOP_HZ)
 
 
+def flown_period_s(log: FlightLog, parameters: Mapping[str, float]) -> float:
+    """Return the period that the rate loop had [s].
+
+    Parameters
+    ----------
+    log : FlightLog
+    parameters : mapping of str to float
+
+    Returns
+    -------
+    float
+        That of the parameters. A rate thread runs as often as the processor lets it, which its rows tell.
+    """
+    promised_s = loop_period_s(parameters)
+    rows = next(iter(log.candidates("body_rate_setpoint")), None)
+    if parameters.get("FSTRATE_ENABLE", 0.0) <= 0.0 or rows is None:
+        return promised_s
+    steps_s = np.diff(rows.time_s)
+    # Gaps are none of its periods.
+    steps_s = steps_s[(steps_s >= 0.0) & (steps_s <= _LONGEST_STEP * promised_s)]
+    mean_s = float(np.mean(steps_s)) if steps_s.size else math.nan
+    main_s = loop_period_s({**parameters, "FSTRATE_ENABLE": 0.0})
+    # Slower than the main loop are rows that were thinned.
+    return mean_s if promised_s <= mean_s <= main_s else promised_s
+
+
 def pid_parameters(parameters: Mapping[str, float], name: str) -> dict[str, float]:
     """Return the parameters of one axis' PID by their short names.
 
@@ -96,8 +127,8 @@ def pid_parameters(parameters: Mapping[str, float], name: str) -> dict[str, floa
     return by_short_names(parameters, f"ATC_RAT_{name}_", _NEEDED, _OPTIONAL)
 
 
-def _axis(parameters: Mapping[str, float], name: str) -> AxisController:
-    pid, period_s = pid_parameters(parameters, name), loop_period_s(parameters)
+def _axis(parameters: Mapping[str, float], name: str, period_s: float) -> AxisController:
+    pid = pid_parameters(parameters, name)
     slope = derivative(period_s)
     terms = (
         gain(pid["P"], period_s)
