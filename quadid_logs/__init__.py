@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from quadid_logs.identify.terms import RateTerm
     from quadid_logs.load import read_log
     from quadid_logs.notebook import matplotlib_figures, plotly_figures, show
+    from quadid_logs.pipeline import tune
     from quadid_logs.plan import plan
     from quadid_logs.report import result_dict, write_report
     from quadid_logs.simulate import simulate
@@ -60,6 +61,7 @@ _HOMES = {
     "read_vehicle": "quadid_logs.vehicle_file",
     "result_dict": "quadid_logs.report",
     "show": "quadid_logs.notebook",
+    "tune": "quadid_logs.pipeline",
     "write_report": "quadid_logs.report",
 }
 #: Modules that are called as the function of the same name (`quadid_logs.callable_module`).
@@ -95,6 +97,7 @@ __all__ = [
     "result_dict",
     "show",
     "simulate",
+    "tune",
     "write_report",
 ]
 

@@ -7,8 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from quadid_logs.align import Prepared, check_part, cut
 from quadid_logs.align.pool import pool
 from quadid_logs.autopilots import named
@@ -22,12 +20,14 @@ from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Identification
 from quadid_logs.data.result import PooledLog, Result
 from quadid_logs.data.settings import AlignSettings, Settings
+from quadid_logs.data.tuning import GOOD, Limits, Tuning
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.diagnose import diagnose, with_findings
 from quadid_logs.identify import identify
 from quadid_logs.identify.select import most_excited
 from quadid_logs.identify.structures import STRUCTURES, Structure
 from quadid_logs.load import prepare, read_log
+from quadid_logs.tuning import flown_parameters, recommend
 
 Progress = Callable[[str], None]
 
@@ -111,6 +111,47 @@ def analyze_pooled(
     ['sample_logs/sysid-quad-x.bin: 24 s', 'sample_logs/damaged.bin: 14 s']
     """
     return _analyze(paths, settings or Settings(), vehicle, structure, progress)
+
+
+def tune(
+    path: str | Path,
+    limits: Limits = GOOD,
+    *,
+    settings: Settings | None = None,
+    vehicle: Vehicle | None = None,
+    progress: Progress | None = None,
+) -> Tuning:
+    """Analyze a log and recommend the gains of the next flight, or say why not.
+
+    Parameters
+    ----------
+    path : str or Path
+    limits : Limits
+        That every promised margin keeps in 97.5 % of the vehicles that the flight allows.
+    settings, vehicle, progress
+        As of `analyze`.
+
+    Returns
+    -------
+    Tuning
+
+    Raises
+    ------
+    LogError
+        If the file cannot be read as a flight log at all.
+    SettingsError
+        If the part of the log that was chosen holds no flight.
+
+    Examples
+    --------
+    >>> from quadid_logs import tune
+    >>> {axis: found.verdict for axis, found in tune("sample_logs/default-logging.bin").axes.items()}
+    {'roll': 'refused', 'pitch': 'refused', 'yaw': 'refused'}
+    """
+    result = analyze(path, settings, vehicle=vehicle, progress=progress)
+    if progress is not None:
+        progress("tune")
+    return recommend(result, limits)
 
 
 def _analyze(
@@ -215,7 +256,7 @@ def _closed_loop(
     """Close the loop of what was identified; None where no controller or no model is known."""
     model = identification.recommended
     autopilot = named(log.autopilot)
-    controllers = None if model is None else autopilot.controllers(log, _flown_parameters(log, data))
+    controllers = None if model is None else autopilot.controllers(log, flown_parameters(log, data))
     if model is None or controllers is None:
         return None
     # The rows to replay are on the log's own clock, which is that of the flights unless it was reset.
@@ -225,15 +266,6 @@ def _closed_loop(
     fitted = most_excited(data, settings.identify.most_samples)
     low_hz = model.band.low_hz[0] if model.band is not None else settings.identify.high_pass_hz
     return close_loop(fitted, model, controllers, replays, trusted=trusted, low_hz=float(low_hz))
-
-
-def _flown_parameters(log: FlightLog, data: FlightData) -> Mapping[str, float]:
-    """Return the parameters as they were when the part of the flight that is used began."""
-    rates = log.candidates("body_rate")
-    if not rates or not data.segments or data.clock_resets:
-        return log.parameters
-    first = int(np.argmax(rates[0].time_s >= data.segments[0].start_s))
-    return log.parameters_at(int(rates[0].position[first]))
 
 
 def _cut_alike(prepared: Sequence[Prepared], settings: AlignSettings) -> list[FlightData]:

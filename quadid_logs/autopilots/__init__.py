@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from quadid_logs.align.series import CleanLog
     from quadid_logs.autopilots.generic.advice import Advice
     from quadid_logs.data.controller import FlownControllers, ReplayInput
+    from quadid_logs.data.tuning import Tunable
 
 __all__ = ["Autopilot", "LogFormat", "formats", "known", "named", "register"]
 
@@ -128,6 +129,10 @@ class Autopilot:
     ) -> Mapping[str, ReplayInput]:
         """Return by axis the rows and the law to replay; intervals are on the log's own clock."""
         return {}
+
+    def tunable(self, parameters: Mapping[str, float]) -> Tunable | None:  # noqa: ARG002
+        """Return the gains that may be changed; None where no gains of it are known."""
+        return None
 
     @property
     def advice(self) -> Advice:

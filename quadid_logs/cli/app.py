@@ -18,6 +18,7 @@ from quadid_logs.cli.paper import paper
 from quadid_logs.cli.plan import plan
 from quadid_logs.cli.query import query
 from quadid_logs.cli.simulate import simulate
+from quadid_logs.cli.tune import tune
 from quadid_logs.version import __version__
 
 
@@ -34,7 +35,20 @@ def make_app() -> typer.Typer:
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     app.callback(invoke_without_command=True)(_top)
-    for verb in (analyze, compare, plan, info, export, explain, simulate, paper, fleet, fleet_report, query):
+    for verb in (
+        analyze,
+        tune,
+        compare,
+        plan,
+        info,
+        export,
+        explain,
+        simulate,
+        paper,
+        fleet,
+        fleet_report,
+        query,
+    ):
         # Given as such: what is made of the docstring is cut in mid-sentence.
         app.command(short_help=(verb.__doc__ or "").split("\n", 1)[0])(verb)
     return app

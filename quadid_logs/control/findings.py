@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -11,21 +11,10 @@ from quadid_logs.control.margins import UNMODELLED_DELAY_S
 from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated, Margins
 from quadid_logs.data.controller import ReplayReason
 from quadid_logs.data.diagnosis import Finding, Level
+from quadid_logs.data.tuning import GOOD, Limits
 from quadid_logs.diagnose.findings import finding, rounded
 
-
-class Limits(NamedTuple):
-    """What a loop keeps at least: gain [dB], phase [deg], and both at once as disk margin."""
-
-    gain_db: float
-    phase_deg: float
-    disk: float
-
-
-#: Of loops that pilots and the handling-quality standards call good (6 dB and 45 degrees: MIL-F-9490D,
-#: ADS-33E practice), and of those that small changes of the vehicle bring to the limit. A disk margin of
-#: 0.67 is both at once.
-GOOD: Final = Limits(6.0, 45.0, 0.67)
+#: Small changes of the vehicle bring such loops to the limit.
 POOR: Final = Limits(4.0, 30.0, 0.0)
 #: Effectiveness is not known better than to some per cent in practice: less is no matter.
 _DISAGREEMENT = 0.05

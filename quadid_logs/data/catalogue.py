@@ -518,6 +518,194 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "nearest version that was.",
                 "Compare the release notes of the rate controller between the two versions.",
             ),
+            _entry(
+                "QL610",
+                "No gains are recommended for this vehicle",
+                "Gains are recommended for multirotors with the rate controllers of the autopilots that are "
+                "read here. This is another autopilot, or a vehicle that also flies as something else.",
+                "Tune it by its own autopilot's instructions.",
+            ),
+            _entry(
+                "QL611",
+                "The controller is not known as a whole",
+                "Parameters of the rate controller are missing in the log, are no numbers, or switch on what "
+                "is not modelled.",
+                "Log with all parameters (from arming on), and fly with the standard rate controller.",
+            ),
+            _entry(
+                "QL612",
+                "The controller of the parameters is not the one that flew",
+                "Replayed from logged set-points and rates, the controller does not give the logged terms "
+                "and torque: gains for it would be gains for another one.",
+                "Read what differs under QL604, and fly once more with gains that stay as they are.",
+            ),
+            _entry(
+                "QL613",
+                "Nothing shows that the controller of the parameters flew",
+                "Set-points, rates and torque were logged too slowly to replay the controller. A gain is not "
+                "changed on trust.",
+                "Log rates, set-points and the controller's output at the loop's rate, and fly once more.",
+            ),
+            _entry(
+                "QL614",
+                "The measured response contradicts the model at the crossover",
+                "Where the loop decides about its stability, the measured response is not that of the model "
+                "(QL603).",
+                "Fly a system-ID chirp up to twice the crossover and tune from that flight.",
+            ),
+            _entry(
+                "QL615",
+                "The model of this axis is not usable",
+                "Gains follow from the model, and something puts it in question: the reasons are named by "
+                "their codes.",
+                "Do what the findings of this axis advise, fly once more, and tune from that flight.",
+            ),
+            _entry(
+                "QL616",
+                "The slew limiter scaled the gains down",
+                "P and D were scaled down in flight, or may have been and the log does not tell: the gains "
+                "of the parameters are not those that flew.",
+                "Lower P and D until the limiter stays out, or log the controller's terms; then tune.",
+            ),
+            _entry(
+                "QL617",
+                "The mixer was at its limits",
+                "In more than a tenth of the flight the motors could not do what was commanded. Other gains "
+                "do not change that, and the model of what they would do does not hold.",
+                "Fly gentler manoeuvres, or use a lighter vehicle or stronger motors.",
+            ),
+            _entry(
+                "QL618",
+                "The vehicle is known too loosely",
+                "The intervals of effectiveness, lag and delay leave more open than a gain may be changed by "
+                "in a flight.",
+                "Fly stronger manoeuvres for longer, in calm air, with fast logging.",
+            ),
+            _entry(
+                "QL619",
+                "Part of the vehicle swings by itself",
+                "A flexible mode stands in what the model leaves (QL525): an arm, a damper or a payload. "
+                "Gains that suit the model may drive it.",
+                "Stiffen or fix it, or put a notch on it, and fly once more.",
+            ),
+            _entry(
+                "QL620",
+                "The phase of a notch is not known",
+                "A notch follows something that the parameters do not tell. It takes phase away that is "
+                "missing in the margins.",
+                "Log what it follows, or set it to a fixed frequency for the flight from which gains are "
+                "tuned.",
+            ),
+            _entry(
+                "QL621",
+                "The firmware's version is not known",
+                "Nothing tells which version of the control law flew.",
+                "Log with the firmware's version, as every current firmware does.",
+            ),
+            _entry(
+                "QL622",
+                "The gains were changed after the part that was analyzed",
+                "The vehicle no longer holds the gains that flew here: a step from them would be a step from "
+                "somewhere else.",
+                "Tune from a flight with the gains that are set now.",
+            ),
+            _entry(
+                "QL623",
+                "Several logs are behind this model",
+                "They may be of several vehicles, or flown with several sets of gains.",
+                "Tune from one flight.",
+            ),
+            _entry(
+                "QL624",
+                "No common factor of P, I and D brings the margins to their limits",
+                "Neither higher nor lower gains keep what is to be kept: filters, angle loop or motors take "
+                "too much phase.",
+                "Let the filters of gyro and derivative pass more where noise allows it, or lower the angle "
+                "gain.",
+            ),
+            _entry(
+                "QL625",
+                "There is no stable loop to start from",
+                "The loop of the flown gains around the model is not known, or unstable: one of the two is "
+                "not what flew.",
+                "Look at the findings about the loop.",
+            ),
+            _entry(
+                "QL630",
+                "Lower gains keep the margins",
+                "In the worst of the vehicles that the flight allows, the flown gains have less margin than "
+                "is to be kept.",
+                "Load the file, hover first, and land if the vehicle oscillates.",
+            ),
+            _entry(
+                "QL631",
+                "Higher gains reject gusts better and keep the margins",
+                "Even in the worst of the vehicles that the flight allows, there is more margin than is to "
+                "be kept.",
+                "Load the file, hover first, and go back to the flown gains if the vehicle oscillates.",
+            ),
+            _entry(
+                "QL632",
+                "Noise of the gyro holds the gains",
+                "With higher gains the gyro's noise would move the motors by more than a twentieth of their "
+                "range.",
+                "Reduce vibration: balance propellers, mount the autopilot softly, put notches on the "
+                "motors' speeds.",
+            ),
+            _entry(
+                "QL633",
+                "One step at a time",
+                "The gains go on towards their target in further flights: by no more than a factor of 1.3 up "
+                "or 0.5 down in each.",
+                "Fly the file, and tune again from that flight.",
+            ),
+            _entry(
+                "QL634",
+                "The gains are right as they are",
+                "No change of more than some per cent would be worth a flight.",
+                "Keep the gains.",
+            ),
+            _entry(
+                "QL635",
+                "The mixer's limits hold the gains",
+                "In more than a twentieth of the flight the motors could not do what was commanded: higher "
+                "gains would only reach the limits sooner.",
+                "Fly gentler manoeuvres for tuning.",
+            ),
+            _entry(
+                "QL636",
+                "A filter, not the gain, limits this vehicle",
+                "The delay of the gyro's filter takes most of the phase: with a higher cut-off the same "
+                "gains would keep more margin, at the price of more noise.",
+                "Raise the cut-off in small steps where vibration allows it, and tune again.",
+            ),
+            _entry(
+                "QL637",
+                "The documented range holds the gains",
+                "The firmware documents no higher value of this parameter.",
+                "Keep the value, or read the firmware's documentation on it.",
+            ),
+            _entry(
+                "QL638",
+                "The limits are not reached with one factor of P, I and D",
+                "The recommended gains are nearer to the limits than the flown ones. Filters, angle loop or "
+                "motors take the rest.",
+                "Let the filters of gyro and derivative pass more where noise allows it, or lower the angle "
+                "gain.",
+            ),
+            _entry(
+                "QL639",
+                "The promise rests on frequencies where nothing was measured",
+                "Above what the flight shows, the promised margins allow for a further delay of 5 ms.",
+                "Fly a system-ID chirp up to twice the crossover for a narrower promise.",
+            ),
+            _entry(
+                "QL640",
+                "The log does not show the noise of the command",
+                "The torque was logged too slowly to see what the gyro's noise makes of it: gains are not "
+                "raised.",
+                "Log the controller's output at the loop's rate.",
+            ),
         )
     )
 )

@@ -56,8 +56,8 @@ def _axis(found: AxisLoop) -> dict[str, Any]:
         "margins": None
         if margins is None
         else {
-            "rate": _margins(margins.rate),
-            "full": None if margins.full is None else _margins(margins.full),
+            "rate": margins_dict(margins.rate),
+            "full": None if margins.full is None else margins_dict(margins.full),
         },
         "step": None
         if step is None
@@ -96,8 +96,18 @@ def _prediction(prediction: Prediction) -> dict[str, Any]:
     }
 
 
-def _margins(margins: Margins) -> dict[str, Any]:
-    """Return the margins of one loop."""
+def margins_dict(margins: Margins) -> dict[str, Any]:
+    """Return the margins of one loop.
+
+    Parameters
+    ----------
+    margins : Margins
+
+    Returns
+    -------
+    dict
+        Values not yet `plain`.
+    """
     return {
         "stable": margins.stable,
         "stable_fraction": margins.stable_fraction,

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Final
 
-from quadid_logs.autopilots.generic.advice import Advice, Setting, Version
+from quadid_logs.autopilots.generic.advice import Advice, GainLine, Setting, Version
 from quadid_logs.data.log import whole_number
 
 #: ArduCopter/defines.h: bit 0 of LOG_BITMASK has been ATTITUDE_FAST since 2.x; what it logs has changed.
@@ -116,6 +116,18 @@ class ArduPilotAdvice(Advice):
         """Return what is logged too slowly, and whether System ID mode is missing."""
         missing = "" if self.sweep_magnitudes(version) else _no_system_id(version)
         return tuple(note for note in (_logging_limit(version), missing) if note)
+
+    def gain_text(
+        self,
+        heading: Sequence[str],
+        gains: Sequence[GainLine],
+        parameters: Mapping[str, float],  # noqa: ARG002
+    ) -> str:
+        """Return NAME,VALUE with comments in lines of their own: Mission Planner skips others."""
+        lines = [f"# {one}" for one in heading]
+        for comment, name, value in gains:
+            lines += [f"# {comment}", f"{name},{value}"]
+        return "\n".join(lines) + "\n"
 
     def parameter_text(self, comment: str, settings: Sequence[Setting]) -> str:
         """Return lines of NAME,VALUE."""

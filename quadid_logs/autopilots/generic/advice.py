@@ -6,10 +6,12 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import ClassVar, Final
 
-__all__ = ["ADVICE", "Advice", "Setting", "Version"]
+__all__ = ["ADVICE", "Advice", "GainLine", "Setting", "Version"]
 
 #: Name and value of a parameter.
 Setting = tuple[str, float]
+#: Why, name, and value as text that restores it exactly.
+GainLine = tuple[str, str, str]
 #: Of the firmware, most significant number first.
 Version = tuple[int, ...]
 
@@ -147,6 +149,25 @@ class Advice:
         str
         """
         return "\n".join((f"# {comment}", *(f"{name} {value:g}" for name, value in settings))) + "\n"
+
+    def gain_text(
+        self, heading: Sequence[str], gains: Sequence[GainLine], parameters: Mapping[str, float]
+    ) -> str:
+        """Return a file of gains as the autopilot's ground station loads it.
+
+        Parameters
+        ----------
+        heading : sequence of str
+            Comments before the first gain.
+        gains : sequence of (comment, name, value)
+        parameters : mapping of str to float
+            Of the log, which number the vehicle.
+
+        Returns
+        -------
+        str
+        """
+        raise NotImplementedError
 
     def steps(self, axes: Sequence[str], sweeps: Mapping[str, Mapping[str, float]]) -> tuple[str, ...]:
         """Return how to fly a plan between the preparation and the landing, in order.

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from quadid_logs.align.series import CleanLog
     from quadid_logs.autopilots.generic.advice import Advice
     from quadid_logs.data.controller import FlownControllers, ReplayInput
+    from quadid_logs.data.tuning import Tunable
 
 
 class Px4(Autopilot):
@@ -64,6 +65,12 @@ class Px4(Autopilot):
         from quadid_logs.autopilots.px4.replay import replay_inputs
 
         return replay_inputs(log, controllers, intervals)
+
+    def tunable(self, parameters: Mapping[str, float]) -> Tunable:
+        """MC_*RATE_K, and the gains behind it."""
+        from quadid_logs.autopilots.px4.gains import tunable
+
+        return tunable(parameters)
 
     @property
     def advice(self) -> Advice:

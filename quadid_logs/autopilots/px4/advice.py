@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Final
 
-from quadid_logs.autopilots.generic.advice import Advice, Setting, Version
+from quadid_logs.autopilots.generic.advice import Advice, GainLine, Setting, Version
 from quadid_logs.data.log import whole_number
 
 #: Bits of SDLOG_PROFILE (src/modules/logger/params.c): default, system identification, high rate.
@@ -59,6 +59,16 @@ class Px4Advice(Advice):
         """Return QGroundControl's columns: vehicle, component, name, value, type (6: an integer)."""
         lines = (f"1\t1\t{name}\t{value:g}\t6" for name, value in settings)
         return "\n".join(("# Vehicle-Id Component-Id Name Value Type", *lines)) + "\n"
+
+    def gain_text(
+        self, heading: Sequence[str], gains: Sequence[GainLine], parameters: Mapping[str, float]
+    ) -> str:
+        """Return QGroundControl's columns; for this vehicle, type 9: single precision."""
+        vehicle = whole_number(parameters.get("MAV_SYS_ID"), 1)
+        lines = [f"# {one}" for one in (*heading, "", "Vehicle-Id Component-Id Name Value Type")]
+        for comment, name, value in gains:
+            lines += [f"# {comment}", f"{vehicle}\t1\t{name}\t{value}\t9"]
+        return "\n".join(lines) + "\n"
 
 
 ADVICE: Final = Px4Advice()

@@ -1,0 +1,56 @@
+"""PX4's gains of multirotors: names, documented ranges, and what is no multirotor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+from quadid_logs.autopilots.px4.controller import AXIS_NAMES
+from quadid_logs.data.tuning import GainNames, Tunable
+
+#: mc_rate_control_params.c and mc_att_control_params.c, @max.
+_HIGHEST: Final = {"K": 5.0, "P": 0.5, "D": 0.01}
+_HIGHEST_ANGLE: Final = 12.0
+#: Of CA_AIRFRAME: a multirotor, and one with tilted rotors.
+_MULTIROTORS: Final = (0.0, 6.0)
+#: MAV_TYPE of planes and of what takes off vertically and flies as one (MAVLink, MAV_TYPE).
+_NOT_TUNED: Final = {1: "a plane", 4: "a helicopter", **dict.fromkeys(range(19, 26), "a VTOL")}
+
+
+def tunable(parameters: Mapping[str, float]) -> Tunable:
+    """Return the gains that may be changed.
+
+    Parameters
+    ----------
+    parameters : mapping of str to float
+        Of the log.
+
+    Returns
+    -------
+    Tunable
+        P, I and D together are scaled by MC_ROLLRATE_K and its likes where the firmware has them.
+    """
+    axes = {axis: _names(name, parameters) for axis, (name, _) in AXIS_NAMES.items()}
+    return Tunable(axes=axes, obstacle=_obstacle(parameters), gyro_filter="IMU_GYRO_CUTOFF")
+
+
+def _names(name: str, parameters: Mapping[str, float]) -> GainNames:
+    prefix, angle = f"MC_{name}RATE_", f"MC_{name}_P"
+    # Before 1.10 there is no K.
+    common = (f"{prefix}K",) if f"{prefix}K" in parameters else tuple(f"{prefix}{one}" for one in "PID")
+    return GainNames(
+        scaled=common,
+        proportional=f"{prefix}P",
+        integral=f"{prefix}I",
+        derivative=f"{prefix}D",
+        angle=angle,
+        highest={f"{prefix}{short}": value for short, value in _HIGHEST.items()} | {angle: _HIGHEST_ANGLE},
+    )
+
+
+def _obstacle(parameters: Mapping[str, float]) -> str:
+    """Name what is no multirotor."""
+    if parameters.get("CA_AIRFRAME", 0.0) not in _MULTIROTORS:
+        return "no multirotor (CA_AIRFRAME)"
+    kind = parameters.get("MAV_TYPE", 2.0)
+    return next((words for number, words in _NOT_TUNED.items() if kind == number), "")

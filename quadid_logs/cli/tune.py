@@ -1,0 +1,137 @@
+"""``quadid-log tune``: the next gains to fly, or why not."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from quadid_logs.cli.failure import say
+from quadid_logs.cli.logs import check_log
+from quadid_logs.cli.progress import Progress
+from quadid_logs.errors import SettingsError
+from quadid_logs.output import check_folder_free, new_folder, write_together
+from quadid_logs.untrusted import printable
+
+if TYPE_CHECKING:
+    from quadid_logs.data.result import Result
+    from quadid_logs.data.tuning import Limits, Tuning
+    from quadid_logs.report.provenance import Provenance
+
+_DEFAULT_FOLDER = Path("quadid-tune")
+_JSON_FILE = "tune.json"
+_HIGHEST_DB, _HIGHEST_DEG = 40.0, 90.0
+
+
+def tune(
+    context: typer.Context,
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="A flight with the gains that are set now.")],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="DIR", help="Folder for page and files [default: quadid-tune]."
+        ),
+    ] = None,
+    vehicle: Annotated[
+        Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="Mass, arms, thrust of the vehicle.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON to stdout.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run.")] = False,
+    gain_margin_db: Annotated[
+        float, typer.Option("--gain-margin-db", metavar="X", help="Gain margin to be kept [dB].")
+    ] = 6.0,
+    phase_margin_deg: Annotated[
+        float, typer.Option("--phase-margin-deg", metavar="X", help="Phase margin to be kept [deg].")
+    ] = 45.0,
+) -> int:
+    """Recommend the gains of the next flight, with the margins that they promise, or say why not.
+
+    Writes tune.html, tune.json, and, where a gain changes, a parameter file with the next gains and one with
+    those that flew. Exit code 0: gains to load, or to keep. 1: no advice on at least one axis. 2: the log
+    could not be read.
+    """
+    from quadid_logs.pipeline import analyze
+    from quadid_logs.report.provenance import provenance_of
+    from quadid_logs.tuning import recommend
+    from quadid_logs.vehicle_file import read_vehicle
+
+    limits = _limits(gain_margin_db, phase_margin_deg)
+    check_log(log)
+    folder = output or _DEFAULT_FOLDER
+    check_folder_free(folder, _possible_files(), force=force)
+    described = None if vehicle is None else read_vehicle(vehicle)
+    with Progress(log.name) as progress:
+        result = analyze(log, vehicle=described, progress=progress)
+        progress("tune")
+        tuning = recommend(result, limits)
+    text, written = _write(result, tuning, provenance_of(log, str(context.obj or "")), folder)
+    if as_json:
+        say(text.rstrip("\n"))
+    else:
+        _show(result, tuning, folder, written)
+    return 1 if tuning.refused else 0
+
+
+def _limits(gain_db: float, phase_deg: float) -> Limits:
+    """Return the limits, the disk margin with them in the proportion of the defaults."""
+    from quadid_logs.data.tuning import GOOD, Limits
+
+    for name, value, highest in (
+        ("--gain-margin-db", gain_db, _HIGHEST_DB),
+        ("--phase-margin-deg", phase_deg, _HIGHEST_DEG),
+    ):
+        if not (math.isfinite(value) and 0.0 < value <= highest):
+            hint = f"Give more than 0, up to {highest:g}."
+            raise SettingsError(f"{name} {value:g} cannot be kept.", hint=hint)
+    # Who asks for less of gain and phase does not want the disk of the defaults, which is both at once.
+    factor = 10.0 ** (gain_db / 20.0)
+    of_gain, of_phase = 2.0 * (factor - 1.0) / (factor + 1.0), 2.0 * math.tan(0.5 * math.radians(phase_deg))
+    return Limits(gain_db, phase_deg, min(GOOD.disk * max(gain_db / GOOD.gain_db, 1.0), of_gain, of_phase))
+
+
+def _possible_files() -> set[str]:
+    """Return the names of all files that may be written."""
+    from quadid_logs.autopilots import known
+    from quadid_logs.report.gain_files import file_names
+    from quadid_logs.report.tune_page import PAGE_FILE
+
+    names = {name for one in known() if one.advice.logging_settings for name in file_names(one.name)}
+    return {PAGE_FILE, _JSON_FILE, *names}
+
+
+def _write(
+    result: Result, tuning: Tuning, provenance: Provenance, folder: Path
+) -> tuple[str, tuple[str, ...]]:
+    """Write page, JSON and parameter files; return the JSON and what was written."""
+    from quadid_logs.report.gain_files import gain_files
+    from quadid_logs.report.tune_page import PAGE_FILE, tune_page
+    from quadid_logs.report.tuning_json import tuning_text
+
+    files = {name: text.encode() for name, text in gain_files(result, tuning).items()}
+    files[PAGE_FILE] = tune_page(result, tuning, provenance).encode()
+    names = tuple(sorted((*files, _JSON_FILE)))
+    text = tuning_text(result, tuning, provenance, names)
+    files[_JSON_FILE] = text.encode("ascii")
+    with new_folder(folder):
+        write_together(folder, files)
+        for stale in _possible_files() - set(files):
+            # Gains of an earlier run beside a page that does not recommend them.
+            (folder / stale).unlink(missing_ok=True)
+    return text, names
+
+
+def _show(result: Result, tuning: Tuning, folder: Path, written: tuple[str, ...]) -> None:
+    from quadid_logs.report.tune_view import tune_view
+
+    view = tune_view(result, tuning)
+    say(view.headline)
+    for axis in view.axes:
+        say(f"  {axis.axis}: {axis.sentence} {axis.promise}".rstrip())
+        for gain in axis.gains:
+            target = f" (target {gain.target})" if gain.target else ""
+            say(f"    {gain.name} {gain.now} -> {gain.next}{target}")
+        if axis.warning:
+            say(f"    {axis.warning}")
+    say(f"  written: {', '.join(printable(folder / name) for name in written)}")

@@ -1,0 +1,197 @@
+"""What forbids to recommend gains for an axis: each reason by a code of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from quadid_logs.control.loop import Plant, rate_loop
+from quadid_logs.data.closed_loop import AxisLoop
+from quadid_logs.data.controller import AxisController, FlownControllers, RemarkKind, ReplayReason
+from quadid_logs.data.diagnosis import Diagnosis, Finding
+from quadid_logs.data.flight import FlightData
+from quadid_logs.data.log import FlightLog
+from quadid_logs.data.tuning import GainNames
+from quadid_logs.diagnose.findings import finding, rounded
+
+#: With P and D scaled down in more of the rows, the gains of the parameters are not those that flew.
+_RARELY: Final = 0.05
+#: A vehicle that is at its limits in more of the samples needs less from its pilot, not other gains.
+MOST_SATURATED: Final = 0.10
+#: Of the effectiveness: as much as the gains may be raised by in a flight would be lost in it.
+_LOOSE_EFFECTIVENESS: Final = 0.20
+#: Of the phase at the crossover, half of the 95 % interval [deg]: a third of the phase margin that is to be
+#: kept would be unknown.
+_LOOSE_PHASE_DEG: Final = 15.0
+_NORMAL_95: Final = 1.96
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Case:
+    """All that is known of one axis.
+
+    Attributes
+    ----------
+    axis : str
+    log : FlightLog
+    data : FlightData
+    diagnosis : Diagnosis
+    controllers : FlownControllers or None
+    found : AxisLoop or None
+        What closing the loop has found.
+    plants : Plant or None
+        The estimate, then vehicles drawn around it.
+    names : GainNames
+    parameters : mapping of str to float
+        That flew.
+    gyro_filter : str
+        The parameter of the gyro's low-pass [Hz].
+    n_pooled : int
+        Logs behind the one model, 0 for one.
+    """
+
+    axis: str
+    log: FlightLog
+    data: FlightData
+    diagnosis: Diagnosis
+    controllers: FlownControllers | None
+    found: AxisLoop | None
+    plants: Plant | None
+    names: GainNames
+    parameters: Mapping[str, float]
+    gyro_filter: str = ""
+    n_pooled: int = 0
+
+    @property
+    def controller(self) -> AxisController | None:
+        """Of this axis, where the parameters tell it."""
+        return None if self.controllers is None else self.controllers.axes.get(self.axis)
+
+
+def obstacles(case: Case) -> Iterator[Finding]:
+    """Yield all that forbids to recommend gains, the most fundamental first.
+
+    Parameters
+    ----------
+    case : Case
+
+    Yields
+    ------
+    Finding
+    """
+    if case.n_pooled:
+        yield _refusal("QL623", case, {"logs": case.n_pooled})
+    for check in (_verdict, _controller, _version, _changed, _replay, _limits, _mode, _loop, _loose):
+        yield from check(case)
+
+
+def _refusal(code: str, case: Case, evidence: Mapping[str, object]) -> Finding:
+    return finding(code, "warning", evidence, axes=(case.axis,))
+
+
+def _verdict(case: Case) -> Iterator[Finding]:
+    """Yield that the analysis does not call the axis usable."""
+    verdict = case.diagnosis.axes.get(case.axis)
+    if verdict is None or verdict.verdict != "usable":
+        told = {} if verdict is None else {"verdict": verdict.verdict, "codes": list(verdict.reasons)}
+        yield _refusal("QL615", case, told)
+
+
+def _controller(case: Case) -> Iterator[Finding]:
+    """Yield that the controller is not known as a whole."""
+    remarks = () if case.controllers is None else case.controllers.remarks
+    mine = [one for one in remarks if one.axis in ("", case.axis)]
+    if case.controller is None:
+        missing = [name for one in mine for name in one.values if one.axis]
+        yield _refusal("QL611", case, {"parameters": missing[:8]})
+    for one in mine:
+        if one.kind is RemarkKind.NOTCH_UNKNOWN:
+            yield _refusal("QL620", case, dict(one.values))
+        if one.kind is RemarkKind.SLEW_LIMIT and not _logged_scale(case):
+            yield _refusal("QL616", case, dict(one.values))
+    unknown = [name for name in case.names.scaled if not _positive_or_zero(case.parameters.get(name))]
+    if case.controller is not None and unknown:
+        yield _refusal("QL611", case, {"parameters": unknown})
+
+
+def _positive_or_zero(value: float | None) -> bool:
+    return value is not None and np.isfinite(value) and value >= 0.0
+
+
+def _logged_scale(case: Case) -> bool:
+    return any(one.axis == case.axis and "scale" in one.values for one in case.log.controller_terms)
+
+
+def _version(case: Case) -> Iterator[Finding]:
+    """Yield that nothing tells which law flew."""
+    if case.controllers is not None and case.controllers.version_read == "unknown":
+        yield _refusal("QL621", case, {"law_of_version": case.controllers.version_note})
+
+
+def _changed(case: Case) -> Iterator[Finding]:
+    """Yield that the vehicle holds other gains than those that flew."""
+    shaping = () if case.controller is None else (*case.controller.gains, *case.names.scaled)
+    at_end = case.log.parameters
+    other = [name for name in dict.fromkeys(shaping) if at_end.get(name) != case.parameters.get(name)]
+    if other:
+        yield _refusal("QL622", case, {"parameters": other})
+
+
+def _replay(case: Case) -> Iterator[Finding]:
+    """Yield that the controller of the parameters was not seen to fly."""
+    replay = None if case.found is None else case.found.replay
+    if case.controller is None:
+        return
+    if replay is None or replay.reason is ReplayReason.NO_ROWS:
+        yield _refusal("QL613", case, {})
+    elif replay.reason is ReplayReason.SLEW_LIMITED and replay.numbers.get("fraction", 1.0) > _RARELY:
+        yield _refusal("QL616", case, {name: rounded(one) for name, one in replay.numbers.items()})
+    elif not replay.agrees:
+        reason = "" if replay.reason is None else replay.reason.value
+        yield _refusal("QL612", case, {"reason": reason, "parameter": replay.parameter})
+
+
+def _limits(case: Case) -> Iterator[Finding]:
+    """Yield that the vehicle was at its limits too often."""
+    fraction = 0.0 if case.data.input is None else case.data.input.saturated_fraction
+    if fraction > MOST_SATURATED:
+        yield _refusal("QL617", case, {"saturated_fraction": rounded(fraction)})
+
+
+def _mode(case: Case) -> Iterator[Finding]:
+    """Yield that a flexible mode was found in what the model leaves."""
+    for one in case.diagnosis.findings:
+        if one.code == "QL525" and (not one.axes or case.axis in one.axes):
+            yield _refusal("QL619", case, dict(one.evidence))
+
+
+def _loop(case: Case) -> Iterator[Finding]:
+    """Yield that the loop is contradicted by what was measured, or does not hold together."""
+    if case.found is None or case.controller is None:
+        return
+    if case.found.contradicted:
+        yield _refusal("QL614", case, {"known_to_hz": rounded(case.found.known_hz)})
+    margins = case.found.margins
+    if margins is None or case.plants is None:
+        yield _refusal("QL625", case, {})
+    elif not all(one.stable for one in (margins.rate, margins.full) if one is not None):
+        yield _refusal("QL625", case, {"stable": False})
+
+
+def _loose(case: Case) -> Iterator[Finding]:
+    """Yield that effectiveness or phase of the vehicle are known too loosely."""
+    margins = None if case.found is None else case.found.margins
+    if margins is None or case.plants is None or margins.rate.crossover_hz is None:
+        return
+    relative = _NORMAL_95 * float(np.std(case.plants.effectiveness[1:])) / case.plants.effectiveness[0]
+    controller, crossover_hz = case.controller, margins.rate.crossover_hz.value
+    if controller is None:
+        return
+    loop = rate_loop(controller, case.plants, np.array([crossover_hz]))[:, 0]
+    half_deg = _NORMAL_95 * float(np.degrees(np.std(np.angle(loop[1:] / loop[0]))))
+    if relative > _LOOSE_EFFECTIVENESS or half_deg > _LOOSE_PHASE_DEG:
+        told = {"effectiveness_percent": rounded(100.0 * relative, 3), "phase_deg": rounded(half_deg, 3)}
+        yield _refusal("QL618", case, told)

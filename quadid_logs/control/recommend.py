@@ -1,0 +1,326 @@
+"""The next gains of one axis: the largest common factor of P, I and D that keeps the margins.
+
+The worst of the vehicles that the flight allows decides, not the estimate. A flight changes gains by one
+step, and what is promised of it is computed from the values that stand in the file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from quadid_logs.control.guard import Case, obstacles
+from quadid_logs.control.loop import Plant
+from quadid_logs.control.scaled_loop import ScaledLoops, scaled_loops, spare
+from quadid_logs.control.step import step_of
+from quadid_logs.control.torque_noise import (
+    Noise,
+    Spectrum,
+    attitude_error,
+    residual_spectrum,
+    torque_noise,
+    torque_spectrum,
+)
+from quadid_logs.data.closed_loop import AxisLoop, LoopMargins
+from quadid_logs.data.controller import AxisController
+from quadid_logs.data.diagnosis import Finding
+from quadid_logs.data.model import Model
+from quadid_logs.data.tuning import AxisTuning, GainChange, Limits
+from quadid_logs.diagnose.findings import finding, rounded
+
+#: The controller of one axis with some parameters changed, None where they make none.
+Rebuild = Callable[[Mapping[str, float]], AxisController | None]
+
+#: In one flight gains rise by no more than this (2.3 dB: less than half of the gain margin to be kept), and
+#: fall by no more than this.
+MOST_UP: Final = 1.3
+MOST_DOWN: Final = 0.5
+#: Within these nothing is gained: effectiveness is not the same within some per cent from flight to flight,
+#: and less than a decibel of rejection is no reason to change what flies.
+_SAME: Final = (0.95, 1.10)
+#: Factors that are searched, and how far apart the first look at them is.
+_SEARCHED: Final = (0.1, 10.0)
+_COARSE: Final = 1.25
+_HALVINGS: Final = 5
+#: The search looks at some of the drawn vehicles; all of them have the last word.
+_FEW_DRAWS: Final = 81
+_BACK_OFF: Final = 0.98
+_MOST_BACK_OFF: Final = 15
+#: A factor that does not reach the limits has to come nearer to them by this to be worth a flight.
+_BETTER: Final = 1.1
+#: Standard deviation of the command that gyro noise may make, of its full range: motors stay cool.
+MOST_NOISE: Final = 0.05
+#: With more of the samples at the mixer's limits, higher gains would only reach them sooner.
+_NEAR_LIMITS: Final = 0.05
+_DIGITS: Final = 4
+#: A third of the phase margin that is to be kept.
+_MUCH_PHASE_DEG: Final = 15.0
+
+
+class Found(NamedTuple):
+    """A factor of P, I and D and what decided it; ``reached`` where it keeps the limits."""
+
+    factor: float
+    reached: bool
+    held_by: str = ""
+
+
+class _Step(NamedTuple):
+    """What the next flight changes, and the margins that all drawn vehicles have then."""
+
+    factor: float
+    controller: AxisController
+    promised: LoopMargins
+
+
+def tune_axis(case: Case, model: Model | None, rebuild: Rebuild, limits: Limits) -> AxisTuning:
+    """Recommend the gains of one axis for the next flight.
+
+    Parameters
+    ----------
+    case : Case
+    model : Model or None
+        With the effectiveness per unit of command.
+    rebuild : callable
+        The axis' controller with some parameters changed.
+    limits : Limits
+
+    Returns
+    -------
+    AxisTuning
+    """
+    refused = tuple(obstacles(case))
+    found, plants, controller = case.found, case.plants, case.controller
+    if refused or model is None or found is None or plants is None or controller is None:
+        margins = None if found is None else found.margins
+        return AxisTuning(verdict="refused", reasons=refused, now=margins)
+    loops = scaled_loops(controller, plants, found.known_hz)
+    search = _Search(case, loops, model, rebuild, limits)
+    target = search.target()
+    if not target.reached and target.factor == 1.0:
+        reason = _found("QL624", case, {"limits": list(limits)}, "warning")
+        note = filter_note(case, rebuild, loops)
+        return AxisTuning(verdict="refused", reasons=(reason, *note), now=found.margins)
+    return search.tuning(target)
+
+
+class _Search:
+    """The search for the factor of one axis."""
+
+    def __init__(
+        self, case: Case, loops: ScaledLoops, model: Model, rebuild: Rebuild, limits: Limits
+    ) -> None:
+        number = ("roll", "pitch", "yaw").index(case.axis)
+        self._case, self._loops, self._rebuild, self._limits = case, loops, rebuild, limits
+        self._few = loops.first(_FEW_DRAWS)
+        self._now = {name: case.parameters[name] for name in case.names.scaled}
+        self._torque = torque_spectrum(case.data, number)
+        self._gusts = residual_spectrum(model.fit, number)
+        low_hz = 0.3 if model.band is None else float(model.band.low_hz[0])
+        self._gust_band_hz = (low_hz, model.smoothing_hz)
+
+    def target(self) -> Found:
+        """Return the factor that the vehicle bears, whatever it flies with now."""
+        factors = np.geomspace(*_SEARCHED, round(np.log(_SEARCHED[1] / _SEARCHED[0]) / np.log(_COARSE)) + 1)
+        # The worst vehicle bears no more than the estimate, which is quick to look at.
+        estimate = self._loops.first(1)
+        alone = [spare(estimate.margins(factor), self._limits) for factor in factors]
+        borne = (place for place in reversed(range(len(factors))) if alone[place] >= 1.0)
+        last = next((place for place in borne if self._score(factors[place]) >= 1.0), None)
+        if last is None:
+            best = float(factors[int(np.argmax(alone))])
+            better = self._score(best) > _BETTER * self._score(1.0)
+            return Found(best if better else 1.0, reached=False)
+        if last == len(factors) - 1:
+            return self._held(float(factors[last]))
+        low, high = float(factors[last]), float(factors[last + 1])
+        for _ in range(_HALVINGS):
+            middle = float(np.sqrt(low * high))
+            low, high = (middle, high) if self._score(middle) >= 1.0 else (low, middle)
+        return self._held(low)
+
+    def _held(self, factor: float) -> Found:
+        """Lower a factor to what noise, the mixer and the documented ranges allow; never below what flies."""
+        highest = [
+            self._case.names.highest[name] / value
+            for name, value in self._now.items()
+            if value > 0.0 and name in self._case.names.highest
+        ]
+        allowed = {"QL637": max(min(highest, default=np.inf), 1.0)}
+        if self._saturated() > _NEAR_LIMITS:
+            allowed["QL635"] = 1.0
+        if factor > 1.0:
+            allowed |= self._by_noise(factor)
+        code = min(allowed, key=lambda one: allowed[one])
+        if allowed[code] >= factor:
+            return Found(factor, reached=True)
+        return Found(allowed[code], reached=True, held_by=code)
+
+    def _by_noise(self, factor: float) -> dict[str, float]:
+        """Return by code the factor up to which the command's noise is bearable."""
+        if self._noise(factor) is None:
+            return {"QL640": 1.0}
+        for smaller in np.geomspace(factor, 1.0, 16):
+            noise = self._noise(float(smaller))
+            if noise is not None and noise.next <= MOST_NOISE:
+                return {"QL632": float(smaller)}
+        return {"QL632": 1.0}
+
+    def _noise(self, factor: float) -> Noise | None:
+        controller = self._controller(factor)
+        return None if controller is None else self._noise_of(controller)
+
+    def _noise_of(self, controller: AxisController) -> Noise | None:
+        crossover = self._margins_now().rate.crossover_hz
+        if self._torque is None or crossover is None:
+            return None
+        both = (self._loops.controller, controller)
+        return torque_noise(self._torque, both, self._estimate(), crossover.value)
+
+    def _margins_now(self) -> LoopMargins:
+        margins = (self._case.found or AxisLoop()).margins
+        return margins if margins is not None else self._few.margins()
+
+    def _estimate(self) -> Plant:
+        return self._loops.plants.at(slice(0, 1))
+
+    def _saturated(self) -> float:
+        return 0.0 if self._case.data.input is None else self._case.data.input.saturated_fraction
+
+    def _score(self, factor: float) -> float:
+        return spare(self._few.margins(factor), self._limits)
+
+    def _controller(self, factor: float) -> AxisController | None:
+        return self._rebuild({name: _rounded(factor * value) for name, value in self._now.items()})
+
+    def tuning(self, target: Found) -> AxisTuning:
+        """Return the step towards the target, with what it promises."""
+        low, high = _SAME
+        if low <= target.factor <= high or not any(self._now.values()):
+            return self._keep(target)
+        step = self._step(target)
+        if step is None or step.factor == 1.0:
+            return self._keep(target)
+        gains = {
+            name: GainChange(now=now, next=_rounded(step.factor * now), target=_rounded(target.factor * now))
+            for name, now in self._now.items()
+        }
+        return self._described("change", target, step, gains)
+
+    def _keep(self, target: Found) -> AxisTuning:
+        gains = {name: GainChange(now, now, now) for name, now in self._now.items()}
+        return self._described("keep", target, _Step(1.0, self._loops.controller, self._margins_now()), gains)
+
+    def _step(self, target: Found) -> _Step | None:
+        """Return the change for the next flight; a raise keeps the limits in all drawn vehicles."""
+        factor = min(max(target.factor, MOST_DOWN), MOST_UP)
+        for _ in range(_MOST_BACK_OFF):
+            controller = self._controller(factor)
+            if controller is None:
+                return None
+            promised = scaled_loops(controller, self._loops.plants, self._loops.known_hz).margins()
+            if factor <= 1.0 or spare(promised, self._limits) >= 1.0:
+                return _Step(factor, controller, promised)
+            factor = max(factor * _BACK_OFF, 1.0)
+        return None
+
+    def _described(
+        self,
+        verdict: str,
+        target: Found,
+        step: _Step,
+        gains: Mapping[str, GainChange],
+    ) -> AxisTuning:
+        """Put together what is recommended and what it promises."""
+        controller, noise = step.controller, self._noise_of(step.controller)
+        nothing = float("nan")
+        return AxisTuning(
+            verdict="keep" if verdict == "keep" else "change",
+            reasons=tuple(self._reasons(verdict, target, step)),
+            gains=gains,
+            now=self._margins_now(),
+            next=step.promised,
+            step_now=step_of(self._loops.controller, self._loops.plants),
+            step_next=step_of(controller, self._loops.plants),
+            attitude_error=self._error(self._gusts, controller),
+            torque_noise=nothing if noise is None else noise.now,
+            torque_noise_next=nothing if noise is None else noise.next,
+        )
+
+    def _error(self, gusts: Spectrum | None, controller: AxisController) -> float:
+        if gusts is None:
+            return float("nan")
+        both = (self._loops.controller, controller)
+        return attitude_error(gusts, both, self._estimate(), self._gust_band_hz)
+
+    def _reasons(self, verdict: str, target: Found, step: _Step) -> Iterator[Finding]:
+        """Yield why, the decisive one first."""
+        factor, promised = step.factor, step.promised
+        case, told = self._case, {"factor": rounded(factor, 3), "target_factor": rounded(target.factor, 3)}
+        if verdict == "keep":
+            yield _found("QL634", case, {"target_factor": rounded(target.factor, 3)})
+        elif factor < 1.0:
+            yield _found("QL630", case, told)
+        else:
+            yield _found("QL631", case, told)
+        if not target.reached:
+            yield _found("QL638", case, {"limits": list(self._limits)})
+        if target.held_by:
+            yield _found(target.held_by, case, self._evidence(target.held_by))
+        if verdict == "change" and abs(factor / target.factor - 1.0) > 1.0 - _SAME[0]:
+            yield _found("QL633", case, told)
+        if factor < 1.0 or not target.reached:
+            yield from filter_note(case, self._rebuild, self._loops)
+        outer = promised.full or promised.rate
+        if outer.extrapolated:
+            yield _found("QL639", case, {"known_to_hz": rounded(self._loops.known_hz, 3)})
+
+    def _evidence(self, code: str) -> dict[str, object]:
+        """Return the numbers behind a limit."""
+        if code == "QL635":
+            return {"saturated_fraction": rounded(self._saturated(), 3)}
+        noise = self._noise(1.0)
+        if code == "QL632" and noise is not None:
+            return {"command_noise": rounded(noise.now, 3), "most": MOST_NOISE}
+        return {}
+
+
+def filter_note(case: Case, rebuild: Rebuild, loops: ScaledLoops) -> Iterator[Finding]:
+    """Yield that the gyro's filter limits the vehicle, where twice its cut-off would give much phase back.
+
+    Parameters
+    ----------
+    case : Case
+    rebuild : callable
+    loops : ScaledLoops
+        With the gains that flew.
+
+    Yields
+    ------
+    Finding
+        A note: filters are never loosened in a file.
+    """
+    cutoff_hz = case.parameters.get(case.gyro_filter, 0.0)
+    other = rebuild({case.gyro_filter: 2.0 * cutoff_hz}) if 0.0 < cutoff_hz < np.inf else None
+    if other is None:
+        return
+    estimate = loops.plants.at(slice(0, 1))
+    margins = [scaled_loops(one, estimate, np.inf).margins().rate for one in (loops.controller, other)]
+    before, after = (one.phase_margin_deg for one in margins)
+    if before is not None and after is not None and after.value - before.value >= _MUCH_PHASE_DEG:
+        told = {
+            f"{case.gyro_filter} {cutoff_hz:g}": f"{rounded(before.value, 2):g} deg",
+            f"{case.gyro_filter} {2.0 * cutoff_hz:g}": f"{rounded(after.value, 2):g} deg",
+        }
+        yield _found("QL636", case, told)
+
+
+def _found(code: str, case: Case, evidence: Mapping[str, object], level: str = "info") -> Finding:
+    return finding(code, "warning" if level == "warning" else "info", evidence, axes=(case.axis,))
+
+
+def _rounded(value: float) -> float:
+    """Return a value as it is written: people read it, and the promise is computed from it."""
+    return rounded(value, _DIGITS)

@@ -1,0 +1,128 @@
+"""Loops whose P, I and D are multiplied by one factor: all that a search for it needs, computed once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.control.loop import Plant, close, integrators
+from quadid_logs.control.margins import grid_hz, margins_of
+from quadid_logs.data.closed_loop import Estimated, LoopMargins, Margins
+from quadid_logs.data.controller import AxisController
+from quadid_logs.data.tuning import Limits
+from quadid_logs.maths.band import ComplexArray
+
+
+class ScaledLoops(NamedTuple):
+    """Open loops of one axis around several vehicles, in parts: what scales with the gains, what does not.
+
+    ``rate`` is the rate loop, ``angle`` what the angle loop adds to it through P, I and D, ``fixed`` what it
+    adds through the feed-forward; each (n_plants, n_frequencies), the last two None where no angle loop is
+    known.
+    """
+
+    controller: AxisController
+    plants: Plant
+    known_hz: float
+    frequency_hz: FloatArray
+    rate: ComplexArray
+    angle: ComplexArray | None
+    fixed: ComplexArray | None
+
+    def margins(self, factor: float = 1.0) -> LoopMargins:
+        """Return the margins with P, I and D times a factor.
+
+        Parameters
+        ----------
+        factor : float
+
+        Returns
+        -------
+        LoopMargins
+        """
+        full = None
+        if self.angle is not None and self.fixed is not None:
+            full = self._margins(factor * (self.rate + self.angle) + self.fixed, 1)
+        return LoopMargins(rate=self._margins(factor * self.rate, 0), full=full)
+
+    def _margins(self, loop: ComplexArray, more_integrators: int) -> Margins:
+        n, runs_away = integrators(self.controller) + more_integrators, self.plants.damping > 0.0
+        return margins_of(self.frequency_hz, loop, n, runs_away, self.known_hz)
+
+    def first(self, n_plants: int) -> ScaledLoops:
+        """Return the loops around the first of the vehicles.
+
+        Parameters
+        ----------
+        n_plants : int
+
+        Returns
+        -------
+        ScaledLoops
+        """
+        angle, fixed = (None if part is None else part[:n_plants] for part in (self.angle, self.fixed))
+        plants = self.plants.at(slice(0, n_plants))
+        return self._replace(plants=plants, rate=self.rate[:n_plants], angle=angle, fixed=fixed)
+
+
+def scaled_loops(controller: AxisController, plants: Plant, known_hz: float) -> ScaledLoops:
+    """Close the loops of a controller around vehicles, apart by what scales with its gains.
+
+    Parameters
+    ----------
+    controller : AxisController
+    plants : Plant
+        The estimate, then vehicles drawn around it.
+    known_hz : float
+        Up to where measurement supports the model.
+
+    Returns
+    -------
+    ScaledLoops
+    """
+    frequency_hz = grid_hz(controller.period_s)
+    whole = close(controller, plants, frequency_hz)
+    if whole.full is None:
+        return ScaledLoops(controller, plants, known_hz, frequency_hz, whole.rate, None, None)
+    # The feed-forward is on the path of the set-point alone, and no gain scales it.
+    without = close(replace(controller, feed_forward=None), plants, frequency_hz).full
+    scaling = whole.full if without is None else without
+    angle, fixed = scaling - whole.rate, whole.full - scaling
+    return ScaledLoops(controller, plants, known_hz, frequency_hz, whole.rate, angle, fixed)
+
+
+def spare(margins: LoopMargins, limits: Limits) -> float:
+    """Return how much of the limits the worst vehicles keep, in the worst of figures and loops.
+
+    Parameters
+    ----------
+    margins : LoopMargins
+    limits : Limits
+
+    Returns
+    -------
+    float
+        1 where the lower end of an interval is just at its limit, 0 where a loop may be unstable.
+    """
+    return min(_spare(one, limits) for one in (margins.rate, margins.full) if one is not None)
+
+
+def _spare(margins: Margins, limits: Limits) -> float:
+    if not margins.stable:
+        return 0.0
+    return min(
+        _ratio(margins.gain_margin_db, limits.gain_db),
+        _ratio(margins.gain_margin_down_db, limits.gain_db),
+        _ratio(margins.phase_margin_deg, limits.phase_deg),
+        _ratio(margins.disk_margin, limits.disk),
+    )
+
+
+def _ratio(figure: Estimated | None, limit: float) -> float:
+    """Return the lower end over the limit; a figure that the loop does not have is no limit to it."""
+    if figure is None or limit <= 0.0:
+        return np.inf
+    return max(figure.ci95[0], 0.0) / limit

@@ -1,0 +1,173 @@
+"""What gusts and gyro noise do to a loop, from what the log shows of both with the gains that flew."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.control.loop import Plant, close
+from quadid_logs.data.controller import AxisController
+from quadid_logs.data.flight import FlightData
+from quadid_logs.data.model import FitSeries
+from quadid_logs.maths.band import ComplexArray
+from quadid_logs.maths.spectra import averaged_spectra
+
+#: Long enough for a few periods of the slowest crossover, short enough to be averaged often [s].
+_WINDOW_S: Final = 4.0
+#: Fewer averages than this make no spectrum.
+_FEWEST: Final = 4
+#: Above the crossover by this, and above what pilots and gusts do to a vehicle [Hz], noise is left.
+_ABOVE: Final = 1.5
+_ABOVE_FLIGHT_HZ: Final = 15.0
+
+
+class Spectrum(NamedTuple):
+    """A one-sided density over ``frequency_hz``, both (n_frequencies,)."""
+
+    frequency_hz: FloatArray
+    density: FloatArray
+
+    def deviation(self, gain: FloatArray, band: BoolArray) -> float:
+        """Return the standard deviation behind a squared gain, of what lies in a band."""
+        return float(np.sqrt(np.sum((self.density * gain)[band]) * self.frequency_hz[1]))
+
+
+def torque_spectrum(data: FlightData, number: int) -> Spectrum | None:
+    """Return the density of one axis' command.
+
+    Parameters
+    ----------
+    data : FlightData
+        With the torque in units of the command.
+    number : int
+        Of the axis.
+
+    Returns
+    -------
+    Spectrum or None
+        None where no segment is long enough.
+    """
+    columns = [segment.torque[:, number] for segment in data.segments]
+    return _spectrum(columns, data.sample_period_s)
+
+
+def residual_spectrum(fit: FitSeries | None, number: int) -> Spectrum | None:
+    """Return the density of the angular acceleration that the model leaves: what disturbs the vehicle.
+
+    Parameters
+    ----------
+    fit : FitSeries or None
+    number : int
+        Of the axis.
+
+    Returns
+    -------
+    Spectrum or None
+        [(rad/s^2)^2 / Hz].
+    """
+    if fit is None or fit.time_s.size < 2:
+        return None
+    left = fit.acceleration[:, number] - fit.modelled_acceleration[:, number]
+    period_s = float(np.nanmedian(np.diff(fit.time_s)))
+    known = np.isfinite(left)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(np.int8)))
+    return _spectrum([left[a:b] for a, b in zip(edges[::2], edges[1::2], strict=True)], period_s)
+
+
+def _spectrum(columns: list[FloatArray], period_s: float) -> Spectrum | None:
+    if not (np.isfinite(period_s) and period_s > 0.0):
+        return None
+    n = max(round(_WINDOW_S / period_s), 2)
+    found = averaged_spectra(((one, one) for one in columns), period_s=period_s, n_per_segment=n)
+    if found.n_averages < _FEWEST:
+        return None
+    return Spectrum(found.frequency_hz[1:], found.input_psd[1:])
+
+
+class Noise(NamedTuple):
+    """Standard deviation of the command above the crossover, as flown and with other gains."""
+
+    now: float
+    next: float
+
+
+def torque_noise(
+    spectrum: Spectrum, controllers: tuple[AxisController, AxisController], plant: Plant, crossover_hz: float
+) -> Noise | None:
+    """Return what gyro noise makes of the command.
+
+    Parameters
+    ----------
+    spectrum : Spectrum
+        Of the command that flew.
+    controllers : tuple of AxisController
+        As flown, and another one.
+    plant : Plant
+        The estimate alone.
+    crossover_hz : float
+        Of the loop that flew.
+
+    Returns
+    -------
+    Noise or None
+        None where the log ends below the frequencies that noise is at.
+
+    Notes
+    -----
+    Noise n of the gyro comes back as the command u = -C n / (1 + L): with other gains the measured spectrum
+    is multiplied by what that changes by, and no spectrum of the gyro itself is needed.
+    """
+    band = spectrum.frequency_hz >= max(_ABOVE * crossover_hz, _ABOVE_FLIGHT_HZ)
+    if np.count_nonzero(band) < _FEWEST:
+        return None
+    before, after = (_noise_gain(one, plant, spectrum.frequency_hz) for one in controllers)
+    ratio = np.abs(after / before) ** 2
+    return Noise(spectrum.deviation(np.ones_like(ratio), band), spectrum.deviation(ratio, band))
+
+
+def _noise_gain(controller: AxisController, plant: Plant, frequency_hz: FloatArray) -> ComplexArray:
+    """Return L / (1 + L), which differs from C / (1 + L) by the vehicle alone."""
+    loop = close(controller, plant, frequency_hz)
+    whole = loop.rate if loop.full is None else loop.full
+    return np.asarray((loop.rate / (1.0 + whole))[0])
+
+
+def attitude_error(
+    spectrum: Spectrum,
+    controllers: tuple[AxisController, AxisController],
+    plant: Plant,
+    band_hz: tuple[float, float],
+) -> float:
+    """Return the attitude error that gusts make, with another controller over that of the flown one.
+
+    Parameters
+    ----------
+    spectrum : Spectrum
+        Of the angular acceleration that disturbs the vehicle.
+    controllers : tuple of AxisController
+        As flown, and another one.
+    plant : Plant
+        The estimate alone.
+    band_hz : tuple of float
+        Where the spectrum is known.
+
+    Returns
+    -------
+    float
+        Ratio of standard deviations, below 1 where the other one rejects more; NaN where nothing is known.
+    """
+    low_hz, high_hz = band_hz
+    band = (spectrum.frequency_hz >= low_hz) & (spectrum.frequency_hz <= high_hz)
+    if not band.any():
+        return float("nan")
+    s = 2j * np.pi * spectrum.frequency_hz
+    sizes = []
+    for controller in controllers:
+        loop = close(controller, plant, spectrum.frequency_hz)
+        whole = (loop.rate if loop.full is None else loop.full)[0]
+        sizes.append(
+            spectrum.deviation(np.abs(1.0 / (s * (s - plant.damping[0]) * (1.0 + whole))) ** 2, band)
+        )
+    return sizes[1] / sizes[0] if sizes[0] > 0.0 else float("nan")

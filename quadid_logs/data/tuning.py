@@ -1,0 +1,138 @@
+"""The next gains to fly, or why none: what `recommend` hands on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final, Literal, NamedTuple
+
+from quadid_logs.data.closed_loop import LoopMargins, Step
+from quadid_logs.data.diagnosis import Finding
+
+TuningVerdict = Literal["change", "keep", "refused"]
+
+
+class Limits(NamedTuple):
+    """What a loop keeps at least: gain [dB], phase [deg], and both at once as disk margin."""
+
+    gain_db: float
+    phase_deg: float
+    disk: float
+
+
+#: Of loops that pilots and the handling-quality standards call good (6 dB and 45 degrees: MIL-F-9490D,
+#: ADS-33E practice). A disk margin of 0.67 is both at once.
+GOOD: Final = Limits(6.0, 45.0, 0.67)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GainNames:
+    """The parameters of one axis' controller that may be changed.
+
+    Attributes
+    ----------
+    scaled : tuple of str
+        Those that scale P, I and D of the rate loop together, each by the same factor.
+    proportional, integral, derivative, angle : str
+        Of the rate loop, and of the angle loop around it.
+    highest : mapping of str to float
+        Upper ends of the ranges that the firmware documents.
+    """
+
+    scaled: tuple[str, ...]
+    proportional: str
+    integral: str
+    derivative: str
+    angle: str
+    highest: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tunable:
+    """What of a vehicle may be tuned.
+
+    Attributes
+    ----------
+    axes : mapping of str to GainNames
+    obstacle : str
+        What this vehicle is that no gains are given for, "" for nothing.
+    gyro_filter : str
+        The parameter of the gyro's low-pass [Hz].
+    """
+
+    axes: Mapping[str, GainNames] = field(default_factory=dict)
+    obstacle: str = ""
+    gyro_filter: str = ""
+
+
+class GainChange(NamedTuple):
+    """A parameter as it flew, for the next flight, and where it leads to if nothing else turns up."""
+
+    now: float
+    next: float
+    target: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AxisTuning:
+    """What is recommended for one axis.
+
+    Attributes
+    ----------
+    verdict : {"change", "keep", "refused"}
+    reasons : tuple of Finding
+        Why, the decisive one first.
+    gains : mapping of str to GainChange
+        By parameter; empty where the axis is refused.
+    now, next : LoopMargins or None
+        As flown, and as promised for the next flight, from the values in the file.
+    step_now, step_next : Step or None
+        The rate's answers to a step of its set-point.
+    attitude_error : float
+        Of gusts, with the next gains over that of the flown ones; NaN where it is not known.
+    torque_noise : float
+        Standard deviation of the command above the crossover, as flown; NaN where the log is too slow.
+    torque_noise_next : float
+        With the next gains.
+    """
+
+    verdict: TuningVerdict
+    reasons: tuple[Finding, ...]
+    gains: Mapping[str, GainChange] = field(default_factory=dict)
+    now: LoopMargins | None = None
+    next: LoopMargins | None = None
+    step_now: Step | None = None
+    step_next: Step | None = None
+    attitude_error: float = float("nan")
+    torque_noise: float = float("nan")
+    torque_noise_next: float = float("nan")
+
+    @property
+    def changes(self) -> Mapping[str, GainChange]:
+        """The gains that get another value."""
+        return {name: change for name, change in self.gains.items() if change.next != change.now}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Tuning:
+    """What is recommended for a vehicle.
+
+    Attributes
+    ----------
+    axes : mapping of str to AxisTuning
+    limits : Limits
+        That the promised margins keep in 97.5 % of the vehicles that the flight allows.
+    """
+
+    axes: Mapping[str, AxisTuning]
+    limits: Limits
+
+    @property
+    def refused(self) -> tuple[str, ...]:
+        """The axes that nothing is recommended for."""
+        return tuple(axis for axis, found in self.axes.items() if found.verdict == "refused")
+
+    @property
+    def changes(self) -> Mapping[str, GainChange]:
+        """Every parameter that gets another value."""
+        return {name: change for found in self.axes.values() for name, change in found.changes.items()}

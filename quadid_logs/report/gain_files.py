@@ -1,0 +1,110 @@
+"""The recommended gains as files that a ground station loads: the next ones, and those that flew."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import PurePath
+from typing import Final
+
+import numpy as np
+
+from quadid_logs.autopilots import named
+from quadid_logs.data.result import Result
+from quadid_logs.data.tuning import AxisTuning, GainChange, Tuning
+from quadid_logs.report.numbers import number
+from quadid_logs.tuning import flown_parameters
+from quadid_logs.untrusted import printable
+
+NEXT, BACK = "next", "back"
+_LONGEST_NAME: Final = 80
+
+
+def file_names(autopilot: str) -> tuple[str, str]:
+    """Return the names of the files of the next gains and of those that flew.
+
+    Parameters
+    ----------
+    autopilot : str
+        As in `FlightLog.autopilot`.
+
+    Returns
+    -------
+    tuple of str
+    """
+    suffix = named(autopilot).advice.parameter_suffix
+    return f"{NEXT}{suffix}", f"{BACK}{suffix}"
+
+
+def gain_files(result: Result, tuning: Tuning) -> dict[str, str]:
+    """Return the text of each file by its name.
+
+    Parameters
+    ----------
+    result : Result
+    tuning : Tuning
+
+    Returns
+    -------
+    dict of str to str
+        Empty where no gain changes.
+    """
+    changes = tuning.changes
+    if not changes:
+        return {}
+    advice = named(result.log.autopilot).advice
+    parameters = flown_parameters(result.log, result.data)
+    log = printable(PurePath(result.log.path).name, _LONGEST_NAME)
+    forth = [line for axis, found in tuning.axes.items() for line in _lines(axis, found)]
+    back = [("as flown", name, exact(change.now)) for name, change in changes.items()]
+    names = file_names(result.log.autopilot)
+    return {
+        names[0]: advice.gain_text(
+            (f"quadid-log tune: the next gains to fly, from {log}", f"The way back: {names[1]}"),
+            forth,
+            parameters,
+        ),
+        names[1]: advice.gain_text((f"quadid-log tune: the gains that flew in {log}",), back, parameters),
+    }
+
+
+def _lines(axis: str, found: AxisTuning) -> Iterator[tuple[str, str, str]]:
+    for name, change in found.changes.items():
+        why = f"{axis}: {reason_text(found)}; was {exact(change.now)}{_towards(change)}"
+        yield why, name, exact(change.next)
+
+
+def _towards(change: GainChange) -> str:
+    return "" if change.target == change.next else f", target {exact(change.target)}"
+
+
+def reason_text(found: AxisTuning) -> str:
+    """Return in a few words why an axis changes.
+
+    Parameters
+    ----------
+    found : AxisTuning
+
+    Returns
+    -------
+    str
+    """
+    title = found.reasons[0].title if found.reasons else ""
+    outer = None if found.next is None else found.next.full or found.next.rate
+    figures = []
+    if outer is not None and outer.gain_margin_db is not None:
+        figures.append(f"{number(outer.gain_margin_db.ci95[0], 2)} dB")
+    if outer is not None and outer.phase_margin_deg is not None:
+        figures.append(f"{number(outer.phase_margin_deg.ci95[0], 2)} deg")
+    promise = f" (at least {' and '.join(figures)} promised)" if figures else ""
+    return f"{title[:1].lower()}{title[1:]}{promise}"
+
+
+def exact(value: float) -> str:
+    """Return the shortest text that an autopilot, which holds single precision, reads as this value.
+
+    Examples
+    --------
+    >>> exact(0.13500000536441803), exact(1.0), exact(0.0036)
+    ('0.135', '1', '0.0036')
+    """
+    return np.format_float_positional(np.float32(value), unique=True, trim="-")

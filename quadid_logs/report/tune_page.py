@@ -1,0 +1,44 @@
+"""tune.html: one file with everything in it, that runs no script and asks no host for anything."""
+
+from __future__ import annotations
+
+from quadid_logs.data.result import Result
+from quadid_logs.data.tuning import Tuning
+from quadid_logs.report.pages import environment
+from quadid_logs.report.provenance import Provenance
+from quadid_logs.report.step_picture import step_picture
+from quadid_logs.report.tune_view import tune_view
+from quadid_logs.untrusted import printable
+
+PAGE_FILE = "tune.html"
+
+
+def tune_page(result: Result, tuning: Tuning, provenance: Provenance) -> str:
+    """Return the page.
+
+    Parameters
+    ----------
+    result : Result
+    tuning : Tuning
+    provenance : Provenance
+
+    Returns
+    -------
+    str
+        A complete HTML document; every text is escaped by the template.
+    """
+    pictures = [step_picture(axis, found) for axis, found in tuning.axes.items()]
+    page: str = (
+        environment()
+        .get_template("tune.html")
+        .render(
+            view=tune_view(result, tuning),
+            pictures=[one for one in pictures if one is not None],
+            provenance={
+                "version": provenance.version,
+                "log_sha256": provenance.log_sha256,
+                "command": printable(provenance.command),
+            },
+        )
+    )
+    return page

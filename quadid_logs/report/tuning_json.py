@@ -1,0 +1,65 @@
+"""``tune --json``: what is recommended, for programs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from quadid_logs.data.closed_loop import LoopMargins
+from quadid_logs.data.result import Result
+from quadid_logs.data.tuning import AxisTuning, Tuning
+from quadid_logs.report.json import fields_of, finding_dict, log_dict, strict_text
+from quadid_logs.report.loop_json import margins_dict
+from quadid_logs.report.provenance import Provenance
+
+#: Minor steps add keys, a major step changes or removes one.
+SCHEMA_VERSION = "1.0"
+
+
+def tuning_text(result: Result, tuning: Tuning, provenance: Provenance, files: Sequence[str]) -> str:
+    """Return what is recommended as strict JSON in ASCII.
+
+    Parameters
+    ----------
+    result : Result
+    tuning : Tuning
+    provenance : Provenance
+    files : sequence of str
+        That were written.
+
+    Returns
+    -------
+    str
+    """
+    content: dict[str, Any] = {
+        "schema_version": SCHEMA_VERSION,
+        "tool": {"name": "quadid-logs", **fields_of(provenance)},
+        "log": log_dict(result.log, result.data),
+        "limits": tuning.limits._asdict(),
+        "axes": {axis: _axis(found) for axis, found in tuning.axes.items()},
+        "files": list(files),
+    }
+    return strict_text(content)
+
+
+def _axis(found: AxisTuning) -> dict[str, Any]:
+    """Return the entry of an axis."""
+    return {
+        "verdict": found.verdict,
+        "reasons": [one.code for one in found.reasons],
+        "findings": [finding_dict(one) for one in found.reasons],
+        "gains": {name: change._asdict() for name, change in found.gains.items()},
+        "now": _loops(found.now),
+        "next": _loops(found.next),
+        "attitude_error_ratio": found.attitude_error,
+        "torque_noise": {"now": found.torque_noise, "next": found.torque_noise_next},
+    }
+
+
+def _loops(margins: LoopMargins | None) -> dict[str, Any] | None:
+    if margins is None:
+        return None
+    return {
+        "rate": margins_dict(margins.rate),
+        "full": None if margins.full is None else margins_dict(margins.full),
+    }

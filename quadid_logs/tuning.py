@@ -1,0 +1,121 @@
+"""The next gains to fly, from everything that an analysis has found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+
+import numpy as np
+
+from quadid_logs.autopilots import named
+from quadid_logs.control.command_units import per_command
+from quadid_logs.control.guard import Case
+from quadid_logs.control.posterior import draw
+from quadid_logs.control.recommend import tune_axis
+from quadid_logs.data.closed_loop import AxisLoop
+from quadid_logs.data.controller import AxisController
+from quadid_logs.data.flight import FlightData
+from quadid_logs.data.log import FlightLog
+from quadid_logs.data.result import Result
+from quadid_logs.data.tuning import GOOD, AxisTuning, Limits, Tunable, Tuning
+from quadid_logs.diagnose.findings import finding
+from quadid_logs.vocabulary import AXES, MULTIROTOR
+
+
+def recommend(result: Result, limits: Limits = GOOD, axes: Sequence[str] = AXES) -> Tuning:
+    """Recommend the gains of the next flight, axis by axis, or say why not.
+
+    Parameters
+    ----------
+    result : Result
+        Of `analyze`.
+    limits : Limits
+        That every promised margin keeps in 97.5 % of the vehicles that the flight allows.
+    axes : sequence of str
+        Of roll, pitch and yaw.
+
+    Returns
+    -------
+    Tuning
+
+    Examples
+    --------
+    >>> from quadid_logs import analyze
+    >>> recommend(analyze("sample_logs/default-logging.bin")).refused
+    ('roll', 'pitch', 'yaw')
+    """
+    log = result.log
+    parameters = flown_parameters(log, result.data)
+    tunable = named(log.autopilot).tunable(parameters)
+    obstacle = _obstacle(log, tunable)
+    if tunable is None or obstacle:
+        reason = finding("QL610", "warning", {"autopilot": log.autopilot, "vehicle": obstacle})
+        refused = AxisTuning(verdict="refused", reasons=(reason,))
+        return Tuning(axes=dict.fromkeys(axes, refused), limits=limits)
+    return Tuning(
+        axes={axis: _axis(result, axis, tunable, parameters, limits) for axis in axes}, limits=limits
+    )
+
+
+def flown_parameters(log: FlightLog, data: FlightData) -> Mapping[str, float]:
+    """Return the parameters as they were when the part of the flight that is used began.
+
+    Parameters
+    ----------
+    log : FlightLog
+    data : FlightData
+
+    Returns
+    -------
+    mapping of str to float
+    """
+    rates = log.candidates("body_rate")
+    if not rates or not data.segments or data.clock_resets:
+        return log.parameters
+    first = int(np.argmax(rates[0].time_s >= data.segments[0].start_s))
+    return log.parameters_at(int(rates[0].position[first]))
+
+
+def _obstacle(log: FlightLog, tunable: Tunable | None) -> str:
+    """Name what no gains are given for."""
+    if tunable is None:
+        return named(log.autopilot).title
+    if tunable.obstacle:
+        return tunable.obstacle
+    return "" if log.vehicle_type == MULTIROTOR else log.vehicle_type
+
+
+def _axis(
+    result: Result, axis: str, tunable: Tunable, parameters: Mapping[str, float], limits: Limits
+) -> AxisTuning:
+    loop, model = result.closed_loop, result.identification.recommended
+    found = None if loop is None else loop.axes.get(axis, AxisLoop())
+    controllers = None if loop is None else loop.controllers
+    controller = None if controllers is None else controllers.axes.get(axis)
+    data, plants = result.data, None
+    if model is not None:
+        data, model = per_command(result.data, model)
+        if model.posterior is not None and controller is not None:
+            plants = draw(model.posterior, AXES.index(axis), controller.period_s)
+    case = Case(
+        axis=axis,
+        log=result.log,
+        data=data,
+        diagnosis=result.diagnosis,
+        controllers=controllers,
+        found=found,
+        plants=plants,
+        names=tunable.axes[axis],
+        parameters=parameters,
+        gyro_filter=tunable.gyro_filter,
+        n_pooled=len(result.pooled),
+    )
+    return tune_axis(case, model, partial(_rebuilt, result.log, parameters, axis), limits)
+
+
+def _rebuilt(
+    log: FlightLog, parameters: Mapping[str, float], axis: str, changes: Mapping[str, float]
+) -> AxisController | None:
+    """Return the controller of an axis with some parameters changed, as the autopilot would make it."""
+    controllers = named(log.autopilot).controllers(log, {**parameters, **changes})
+    return None if controllers is None else controllers.axes.get(axis)

@@ -1,0 +1,277 @@
+"""The next gains: what is promised is what the file makes, one step at a time, and there is a way back."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pymavlink.mavparm import MAVParmDict
+
+from quadid_logs.autopilots import named
+from quadid_logs.cli import main
+from quadid_logs.control.guard import Case
+from quadid_logs.control.loop import Plant
+from quadid_logs.control.posterior import draw
+from quadid_logs.control.recommend import MOST_DOWN, MOST_UP, filter_note
+from quadid_logs.control.scaled_loop import scaled_loops, spare
+from quadid_logs.data.controller import AxisController, Replay
+from quadid_logs.data.result import Result
+from quadid_logs.data.tuning import GOOD, AxisTuning, Tuning
+from quadid_logs.report.gain_files import gain_files
+from quadid_logs.report.provenance import Provenance
+from quadid_logs.report.tune_page import tune_page
+from quadid_logs.tuning import recommend
+from tests.control.loop_flights import Vehicle
+from tests.tuned_flights import flown
+
+ROLL = ("ATC_RAT_RLL_P", "ATC_RAT_RLL_I", "ATC_RAT_RLL_D")
+NOWHERE = Provenance(version="0", command="", log_sha256="")
+
+
+def detuned(factor: float) -> Result:
+    """The same vehicle with other gains of roll, which replay as if they had flown."""
+    now = flown("ardupilot")
+    parameters = {**now.log.parameters, **{name: factor * now.log.parameters[name] for name in ROLL}}
+    controllers = named("ardupilot").controllers(now.log, parameters)
+    assert controllers is not None
+    assert now.closed_loop is not None
+    before = now.closed_loop.axes["roll"]
+    margins = scaled_loops(controllers.axes["roll"], plants_of(now), before.known_hz).margins()
+    roll = replace(before, margins=margins, replay=Replay(relative_rms={}, agrees=True))
+    loop = replace(now.closed_loop, controllers=controllers, axes={"roll": roll})
+    return replace(now, log=replace(now.log, parameters=parameters), closed_loop=loop)
+
+
+def plants_of(result: Result) -> Plant:
+    model, loop = result.identification.recommended, result.closed_loop
+    assert model is not None
+    assert model.posterior is not None
+    assert loop is not None
+    plants = draw(model.posterior, 0, loop.controllers.axes["roll"].period_s)
+    assert plants is not None
+    return plants
+
+
+@pytest.fixture(scope="module")
+def raised() -> Tuning:
+    """Gains that are low for the vehicle."""
+    return recommend(flown("ardupilot"), GOOD, ["roll"])
+
+
+@pytest.fixture(scope="module")
+def lowered() -> Tuning:
+    """Gains that are far too high."""
+    return recommend(detuned(5.0), GOOD, ["roll"])
+
+
+@pytest.fixture(scope="module")
+def kept() -> Tuning:
+    """Gains at their target."""
+    target = recommend(flown("ardupilot"), GOOD, ["roll"]).axes["roll"].gains[ROLL[0]].target
+    return recommend(detuned(target / flown("ardupilot").log.parameters[ROLL[0]]), GOOD, ["roll"])
+
+
+def test_low_gains_are_raised_and_reject_gusts_better(raised: Tuning) -> None:
+    """Rejection is what higher gains are for."""
+    found = raised.axes["roll"]
+    assert found.verdict == "change"
+    assert all(one.next > one.now for one in found.changes.values())
+    assert found.attitude_error < 0.9
+
+
+def test_a_raise_keeps_the_limits_in_the_worst_vehicle(raised: Tuning) -> None:
+    """97.5 % of the vehicles that the flight allows, not the estimate."""
+    found = raised.axes["roll"]
+    assert found.next is not None
+    assert spare(found.next, GOOD) >= 1.0
+
+
+def test_high_gains_are_lowered(lowered: Tuning) -> None:
+    """The target stands beside the next step."""
+    found = lowered.axes["roll"]
+    assert found.reasons[0].code == "QL630"
+    assert all(one.target <= one.next < one.now for one in found.changes.values())
+
+
+def test_a_flight_changes_gains_by_one_step(raised: Tuning, lowered: Tuning) -> None:
+    """A model that is wrong does no more harm than that."""
+    ratios = [one.next / one.now for each in (raised, lowered) for one in each.changes.values()]
+    assert min(ratios) >= MOST_DOWN * 0.999
+    assert max(ratios) <= MOST_UP * 1.001
+
+
+def test_gains_at_their_target_are_kept(kept: Tuning) -> None:
+    """Fly, tune, fly again comes to an end."""
+    assert kept.axes["roll"].verdict == "keep"
+    assert not kept.changes
+    assert kept.axes["roll"].reasons[0].code == "QL634"
+
+
+def test_the_promise_is_that_of_the_values_in_the_file(raised: Tuning) -> None:
+    """Rounded as they are written, through the autopilot's own law."""
+    result, found = flown("ardupilot"), raised.axes["roll"]
+    written = {name: one.next for name, one in found.changes.items()}
+    parameters = {**result.log.parameters, **written}
+    controllers = named("ardupilot").controllers(result.log, parameters)
+    assert controllers is not None
+    assert result.closed_loop is not None
+    known_hz = result.closed_loop.axes["roll"].known_hz
+    loops = scaled_loops(controllers.axes["roll"], plants_of(result), known_hz)
+    assert found.next == loops.margins()
+
+
+def test_scaled_loops_are_the_loops_of_scaled_gains() -> None:
+    """One factor on P, I and D: with angle loop, and without computing the loop anew."""
+    plant = Plant(*(np.array([value]) for value in (300.0, -2.0, 0.03, 0.005)))
+    now = Vehicle()
+    twice = replace(now, P=2 * now.P, I=2 * now.I, D=2 * now.D)
+    assert scaled_loops(now.controller, plant, 50.0).margins(2.0) == pytest.approx(
+        scaled_loops(twice.controller, plant, 50.0).margins(), abs=1e-9
+    )
+
+
+def loaded(text: str, folder: Path) -> MAVParmDict:
+    path = folder / "one.param"
+    path.write_text(text)
+    found = MAVParmDict()
+    assert found.load(str(path))
+    return found
+
+
+def test_mavproxy_loads_the_next_gains(raised: Tuning, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    """By pymavlink's reader, which names every line that it cannot read."""
+    text = gain_files(flown("ardupilot"), raised)["next.param"]
+    found = loaded(text, tmp_path)
+    assert dict(found) == {name: one.next for name, one in raised.changes.items()}
+    assert "Invalid" not in capsys.readouterr().out
+
+
+def test_no_line_but_comments_holds_more_than_name_and_value(raised: Tuning) -> None:
+    """Mission Planner skips every line that does not split into two."""
+    for text in gain_files(flown("ardupilot"), raised).values():
+        values = [line for line in text.splitlines() if not line.startswith("#")]
+        assert all(len(line.split(",")) == 2 and " " not in line for line in values)
+
+
+def test_going_back_restores_the_flown_values_exactly(raised: Tuning, tmp_path: Path) -> None:
+    """In single precision, as the autopilot holds them."""
+    result = flown("ardupilot")
+    files = gain_files(result, raised)
+    vehicle = {name: np.float32(value) for name, value in result.log.parameters.items()}
+    before = dict(vehicle)
+    for name in ("next.param", "back.param"):
+        vehicle |= {one: np.float32(value) for one, value in loaded(files[name], tmp_path).items()}
+        assert (vehicle == before) == (name == "back.param")
+
+
+def test_qgroundcontrol_loads_the_next_gains() -> None:
+    """Vehicle, component, name, value and the type of single precision, between tabs."""
+    result = flown("px4")
+    result = replace(result, log=replace(result.log, parameters={**result.log.parameters, "MAV_SYS_ID": 7.0}))
+    tuning = recommend(result, GOOD, ["roll"])
+    lines = gain_files(result, tuning)["next.params"].splitlines()
+    columns = [line.split("\t") for line in lines if not line.startswith("#")]
+    assert columns == [["7", "1", "MC_ROLLRATE_K", "1.3", "9"]]
+
+
+def test_a_kept_vehicle_gets_no_file(kept: Tuning) -> None:
+    """Nothing to load, and nothing to go back from."""
+    assert gain_files(detuned(1.0), kept) == {}
+
+
+def test_the_page_escapes_what_a_log_says(raised: Tuning) -> None:
+    """A log is untrusted."""
+    result = flown("ardupilot")
+    hostile = replace(result.log, path="<script>alert(1)</script>.bin", firmware="<img src=x onerror=y>")
+    page = tune_page(replace(result, log=hostile), raised, NOWHERE)
+    assert "<script" not in page
+    assert "<img" not in page
+
+
+def test_the_page_says_what_changes_and_by_which_sign_to_land(raised: Tuning) -> None:
+    """What a pilot looks for first."""
+    page = tune_page(flown("ardupilot"), raised, NOWHERE)
+    assert "Roll: raise the gains to 130 %" in page
+    assert "Land if roll oscillates near" in page
+
+
+def test_refused_axes_make_exit_code_1_and_a_page(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    """Scripts tell by it; the reasons stand in page and JSON."""
+    code = main(["tune", "sample_logs/default-logging.bin", "-o", str(tmp_path / "new"), "--json"])
+    content = json.loads(capsys.readouterr().out)
+    assert code == 1
+    assert {found["verdict"] for found in content["axes"].values()} == {"refused"}
+    assert all(found["reasons"] for found in content["axes"].values())
+    assert {path.name for path in (tmp_path / "new").iterdir()} == {*content["files"]}
+
+
+def test_limits_that_mean_nothing_are_wrong_usage(capsys: pytest.CaptureFixture) -> None:
+    """Before the log is read."""
+    assert main(["tune", "sample_logs/default-logging.bin", "--gain-margin-db", "-3"]) == 2
+    assert "--gain-margin-db" in capsys.readouterr().err
+
+
+def true_plant(corpus: Path, name: str, axis: int) -> Plant:
+    truth = json.loads((corpus / "firmware" / name).with_suffix(".truth.json").read_text())
+    if "at_hover" in truth:
+        B, A, lag_s = truth["at_hover"]["B_rad_s2_per_unit"]["M"], truth["at_hover"]["A_1_s"], 0.0
+    else:
+        B, A, lag_s = truth["B_rad_s2_per_torque_setpoint"], truth["A_1_s"], truth["motor_lag_effective_s"]
+    numbers = (B[axis][axis], A[axis][axis], lag_s, 0.0)
+    return Plant(*(np.array([value]) for value in numbers))
+
+
+def low_ends(found: AxisTuning) -> tuple[float, float]:
+    """Return the least gain and phase margin that are promised of the whole loop."""
+    assert found.next is not None
+    outer = found.next.full or found.next.rate
+    assert outer.phase_margin_deg is not None
+    gain = math.inf if outer.gain_margin_db is None else outer.gain_margin_db.ci95[0]
+    return gain, outer.phase_margin_deg.ci95[0]
+
+
+@pytest.mark.parametrize("name", ["ac47_quadx_doublets.BIN", "px4_quad_multisine.ulg"])
+def test_the_true_vehicle_of_a_firmware_log_has_the_promised_margins(corpus: Path, name: str) -> None:
+    """The simulator's own physics behind the firmware's own controller, with the gains of the file."""
+    from tests.control.test_firmware_loops import analyzed
+
+    result = analyzed(corpus / "firmware" / name)
+    tuning = recommend(result, GOOD, ["roll", "pitch"])
+    for number, (axis, found) in enumerate(tuning.axes.items()):
+        assert found.verdict == "change"
+        changed = {key: one.next for key, one in found.changes.items()}
+        controllers = named(result.log.autopilot).controllers(
+            result.log, {**result.log.parameters, **changed}
+        )
+        assert controllers is not None
+        plant = true_plant(corpus, name, number)
+        true = scaled_loops(controllers.axes[axis], plant, 1e9).margins().full
+        assert true is not None
+        assert true.gain_margin_db is not None
+        assert true.phase_margin_deg is not None
+        gain, phase = low_ends(found)
+        assert true.gain_margin_db.value >= gain
+        assert true.phase_margin_deg.value >= phase
+
+
+def test_a_filter_that_limits_the_vehicle_is_named() -> None:
+    """Quick motors behind a filter of 20 Hz: 40 Hz give much phase back (by other code 20 and 36 degrees)."""
+    quick = Vehicle(
+        B=437.5, lag_s=1e-4, delay_steps=0, P=0.135, I=0.135, D=0.0036, cutoff_hz=20.0, gyro_hz=20.0
+    )
+    plant = Plant(*(np.array([value]) for value in (437.5, -2.0, 0.0, 0.0)))
+    case = Case(
+        axis="roll", log=None, data=None, diagnosis=None, controllers=None, found=None, plants=plant,
+        names=None, parameters={"GYRO": 20.0}, gyro_filter="GYRO",
+    )  # fmt: skip
+
+    def rebuild(changes: dict[str, float]) -> AxisController:
+        return replace(quick, gyro_hz=changes["GYRO"]).controller
+
+    (note,) = filter_note(case, rebuild, scaled_loops(quick.controller, plant, 50.0))
+    assert dict(note.evidence) == {"GYRO 20": "20 deg", "GYRO 40": "38 deg"}
+    assert not any(filter_note(case, lambda _: quick.controller, scaled_loops(quick.controller, plant, 50.0)))

@@ -1,0 +1,218 @@
+"""Sabotage: whatever makes a recommendation unsafe ends in a refusal by its own name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from quadid_logs.data.closed_loop import AxisLoop
+from quadid_logs.data.controller import Replay, ReplayReason
+from quadid_logs.data.diagnosis import AxisVerdict, Finding
+from quadid_logs.data.result import PooledLog, Result
+from quadid_logs.data.tuning import GOOD, Limits
+from quadid_logs.tuning import recommend
+from tests.tuned_flights import flown, with_log, with_parameters
+
+
+def on_log(**fields: Any) -> Callable[[Result], Result]:
+    return lambda result: replace(result, log=replace(result.log, **fields))
+
+
+def on_parameters(**values: float | None) -> Callable[[Result], Result]:
+    return lambda result: with_parameters(result, **values)
+
+
+def renamed(**values: float) -> Callable[[Result], Result]:
+    """Other parameters that change nothing of the loop: it need not be closed anew."""
+    return lambda result: replace(
+        result, log=replace(result.log, parameters={**result.log.parameters, **values})
+    )
+
+
+def on_loop(**fields: Any) -> Callable[[Result], Result]:
+    def change(result: Result) -> Result:
+        assert result.closed_loop is not None
+        axes: dict[str, AxisLoop] = {
+            axis: replace(one, **fields) for axis, one in result.closed_loop.axes.items()
+        }
+        return replace(result, closed_loop=replace(result.closed_loop, axes=axes))
+
+    return change
+
+
+def on_posterior(place: int, sigma: float) -> Callable[[Result], Result]:
+    """Another standard deviation of effectiveness, damping, lag or delay."""
+
+    def change(result: Result) -> Result:
+        (model, *others) = result.identification.models
+        assert model.posterior is not None
+        covariance = np.array(model.posterior.covariance)
+        covariance[:, place, :] = covariance[:, :, place] = 0.0
+        covariance[:, place, place] = sigma**2
+        loose = replace(model, posterior=replace(model.posterior, covariance=covariance))
+        return replace(result, identification=replace(result.identification, models=(loose, *others)))
+
+    return change
+
+
+def swapped(result: Result) -> Result:
+    """Roll and pitch of the controller's output change places."""
+    signals = {
+        name: tuple(
+            replace(one, values=one.values[:, [1, 0, 2]]) if name == "torque_command" else one
+            for one in found
+        )
+        for name, found in result.log.signals.items()
+    }
+    terms = tuple(
+        replace(one, axis={"roll": "pitch", "pitch": "roll"}.get(one.axis, one.axis))
+        for one in result.log.controller_terms
+    )
+    return with_log(result, replace(result.log, signals=signals, controller_terms=terms))
+
+
+def pooled(result: Result) -> Result:
+    return replace(result, pooled=(PooledLog(path="a", used_s=9.0), PooledLog(path="b", used_s=9.0)))
+
+
+def saturated(result: Result) -> Result:
+    assert result.data.input is not None
+    given = replace(result.data.input, saturated_fraction=0.2)
+    return replace(result, data=replace(result.data, input=given))
+
+
+def clock_reset(result: Result) -> Result:
+    reset = replace(result, data=replace(result.data, clock_resets=1))
+    return with_log(reset, reset.log)
+
+
+def found_mode(result: Result) -> Result:
+    mode = Finding(code="QL525", level="info", title="", evidence={"frequency_hz": 9.0}, advice="")
+    diagnosis = replace(result.diagnosis, findings=(*result.diagnosis.findings, mode))
+    return replace(result, diagnosis=diagnosis)
+
+
+def judged(verdict: Any) -> Callable[[Result], Result]:
+    def change(result: Result) -> Result:
+        one = AxisVerdict(verdict=verdict, reasons=("QL503",), sentence="")
+        axes = dict.fromkeys(result.diagnosis.axes, one)
+        return replace(result, diagnosis=replace(result.diagnosis, axes=axes))
+
+    return change
+
+
+def unstable(result: Result) -> Result:
+    """Forty times the gains in the parameters: no vehicle flies so."""
+    value = result.log.parameters["ATC_RAT_RLL_P"]
+    other = with_parameters(result, ATC_RAT_RLL_P=40.0 * value)
+    assert other.closed_loop is not None
+    agreeing = Replay(relative_rms={}, agrees=True)
+    axes = {axis: replace(one, replay=agreeing) for axis, one in other.closed_loop.axes.items()}
+    return replace(other, closed_loop=replace(other.closed_loop, axes=axes))
+
+
+def slow(result: Result) -> Result:
+    nothing = Replay(relative_rms={}, agrees=False, reason=ReplayReason.NO_ROWS)
+    return on_loop(replay=nothing)(result)
+
+
+def limiting(result: Result) -> Result:
+    often = Replay(relative_rms={}, agrees=False, reason=ReplayReason.SLEW_LIMITED, numbers={"fraction": 0.2})
+    return on_loop(replay=often)(result)
+
+
+def gains_of_another_day(result: Result) -> Result:
+    """The last value of a parameter is not the one that flew: changed after the analyzed part."""
+    from quadid_logs.data.log import ParameterChange
+
+    last = max(int(one.rows.position[-1]) for one in result.log.signals["body_rate"])
+    before = result.log.parameters["ATC_RAT_RLL_P"]
+    change = ParameterChange(
+        time_s=1e6, position=last + 1, name="ATC_RAT_RLL_P", value=2.0 * before, before=before
+    )
+    log = replace(
+        result.log,
+        parameters={**result.log.parameters, "ATC_RAT_RLL_P": 2.0 * before},
+        parameter_changes=(*result.log.parameter_changes, change),
+    )
+    return replace(result, log=log)
+
+
+def unlogged_limiter(result: Result) -> Result:
+    """It may have acted: the log holds P, I and D, and not by what they were scaled."""
+    terms = tuple(
+        replace(one, values={name: each for name, each in one.values.items() if name != "scale"})
+        for one in result.log.controller_terms
+    )
+    parameters = {**result.log.parameters, "ATC_RAT_RLL_SMAX": 5.0}
+    return with_log(result, replace(result.log, controller_terms=terms, parameters=parameters))
+
+
+HIGH = Limits(39.0, 89.0, 1.9)
+SABOTAGES: dict[str, tuple[str, Callable[[Result], Result]]] = {
+    "another autopilot": ("QL610", on_log(autopilot="betaflight")),
+    "no autopilot": ("QL610", on_log(autopilot="other")),
+    "a plane": ("QL610", on_log(vehicle_type="fixed-wing")),
+    "a quadplane": ("QL610", renamed(Q_ENABLE=1.0)),
+    "a helicopter": ("QL610", renamed(FRAME_CLASS=6.0)),
+    "a tail-sitter": ("QL610", renamed(FRAME_CLASS=10.0)),
+    "a custom controller": ("QL610", renamed(CC_TYPE=1.0)),
+    "missing parameters": ("QL611", on_parameters(ATC_RAT_RLL_FLTD=None)),
+    "a gain that is no number": ("QL611", on_parameters(ATC_RAT_RLL_P=float("nan"))),
+    "a notch on the error": ("QL611", on_parameters(ATC_RAT_RLL_NEF=1.0)),
+    "a wrong filter in the file": ("QL612", on_parameters(ATC_RAT_RLL_FLTT=5.0)),
+    "a wrong gain in the file": ("QL612", on_parameters(ATC_RAT_RLL_D=0.004)),
+    "swapped axes": ("QL612", swapped),
+    "a wrong loop rate": ("QL612", on_parameters(SCHED_LOOP_RATE=1000.0)),
+    "a log too slow to replay": ("QL613", slow),
+    "a clock that was reset": ("QL613", clock_reset),
+    "a contradicted response": ("QL614", on_loop(contradicted=True)),
+    "a model to be used with caution": ("QL615", judged("caution")),
+    "a refused model": ("QL615", judged("refused")),
+    "a slew limiter that nobody logged": ("QL616", unlogged_limiter),
+    "a slew limiter that acted": ("QL616", limiting),
+    "motors at their limits": ("QL617", saturated),
+    "a posterior too wide in effectiveness": ("QL618", on_posterior(0, 40.0)),
+    "a lag that is hardly known": ("QL618", on_posterior(2, 0.02)),
+    "a payload that swings": ("QL619", found_mode),
+    "a hidden notch": ("QL620", on_parameters(INS_HNTCH_ENABLE=1.0, INS_HNTCH_MODE=3.0, INS_HNTCH_REF=1.0)),
+    "a firmware without a version": (
+        "QL621",
+        lambda result: with_log(result, replace(result.log, firmware="")),
+    ),
+    "gains that were changed afterwards": ("QL622", gains_of_another_day),
+    "two vehicles pooled": ("QL623", pooled),
+    "an unstable loop": ("QL625", unstable),
+}
+
+
+@pytest.mark.parametrize("name", SABOTAGES)
+def test_a_sabotaged_flight_is_refused_by_name(name: str) -> None:
+    """Every one of these would make the promise of margins a lie."""
+    code, sabotage = SABOTAGES[name]
+    found = recommend(sabotage(flown("ardupilot")), GOOD, ["roll"]).axes["roll"]
+    assert found.verdict == "refused"
+    assert code in [one.code for one in found.reasons]
+    assert not found.gains
+
+
+def test_the_flight_itself_is_not_refused() -> None:
+    """Otherwise the sabotages prove nothing."""
+    assert recommend(flown("ardupilot"), GOOD, ["roll"]).axes["roll"].verdict != "refused"
+
+
+def test_limits_that_no_factor_keeps_are_refused_by_name() -> None:
+    """39 dB and 89 degrees: no gain is low enough for that."""
+    found = recommend(flown("ardupilot"), HIGH, ["roll"]).axes["roll"]
+    assert [one.code for one in found.reasons] == ["QL624"]
+
+
+def test_a_vtol_is_refused_by_name() -> None:
+    """It also flies as a plane, with other gains."""
+    result = replace(flown("px4"), log=replace(flown("px4").log, parameters={"CA_AIRFRAME": 2.0}))
+    found = recommend(result, GOOD, ["roll"]).axes["roll"]
+    assert [one.code for one in found.reasons] == ["QL610"]

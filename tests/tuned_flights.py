@@ -1,0 +1,42 @@
+"""Short simulated flights to tune from, logged at the loop's rate, so that the controller replays."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+from quadid_logs.align import cut
+from quadid_logs.data.log import FlightLog
+from quadid_logs.data.result import Result
+from quadid_logs.data.settings import Settings
+from quadid_logs.load import prepare
+from quadid_logs.pipeline import _closed_loop, judge
+from quadid_logs.simulate import SCENARIOS, fly, plan_flights
+from quadid_logs.simulate.logger import log_flights
+
+#: Just fast enough for a loop of its own at that rate.
+RATE_HZ = 270.0
+
+
+@cache
+def flown(autopilot: str) -> Result:
+    """Return what an analysis finds in a flight of 20 s."""
+    scenario = SCENARIOS["sysid-quad-x"]
+    setups = plan_flights(scenario, seed=1, duration_s=20.0, rate_hz=RATE_HZ, autopilot=autopilot)
+    log = log_flights(tuple(fly(one) for one in setups), replace(scenario.logging, rate_hz=RATE_HZ))
+    prepared = prepare(log)
+    settings = Settings()
+    return judge(prepared.log, cut(prepared, settings.align), settings, vehicle=None, timings_s={})
+
+
+def with_log(result: Result, log: FlightLog) -> Result:
+    """Return the result as if that log had been read: its loop is closed anew, its model is kept."""
+    loop = _closed_loop(log, result.data, result.identification, result.diagnosis, result.settings)
+    return replace(result, log=log, closed_loop=loop)
+
+
+def with_parameters(result: Result, **values: float | None) -> Result:
+    """Return the result of a log with other parameters; None takes one away."""
+    parameters = {**result.log.parameters, **values}
+    kept = {name: value for name, value in parameters.items() if value is not None}
+    return with_log(result, replace(result.log, parameters=kept))
