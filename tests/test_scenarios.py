@@ -13,12 +13,14 @@ from quadid_logs.simulate.damage import damage_bytes
 from quadid_logs.writers import write_log
 
 AXES = ("roll", "pitch", "yaw")
+#: Of each flight: two thirds of what a scenario flies by itself, for a third less time of the tests [s].
+FLIGHT_S = 40.0
 
 
 @pytest.mark.parametrize("name", sorted(SCENARIOS))
 def test_a_usable_axis_has_the_true_gain_and_the_others_are_not_usable(name: str, tmp_path: Path) -> None:
     """Truth -> file -> verdict: "usable" means within 5 %, and no axis beyond what its flight allows."""
-    flight = simulate(name, seed=3)
+    flight = simulate(name, seed=3, duration_s=FLIGHT_S * SCENARIOS[name].n_flights)
     path = tmp_path / "flight.bin"
     write_log(flight.log, path)
     if flight.damage:
