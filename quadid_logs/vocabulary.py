@@ -127,6 +127,74 @@ ACCELERATION_SYMBOLS: Final = ("p_dot", "q_dot", "r_dot")
 #: By axis: target and regressor of its on-axis gain, how the torque about it turns the vehicle about it.
 ON_AXIS: Final = dict(zip(AXES, zip(ACCELERATION_SYMBOLS, TORQUE_SYMBOLS, strict=True), strict=True))
 
+_WORDS: Final = {
+    **{symbol: f"{axis} rate" for axis, symbol in zip(AXES, RATE_SYMBOLS, strict=True)},
+    **{symbol: f"{axis} torque" for axis, symbol in zip(AXES, TORQUE_SYMBOLS, strict=True)},
+    **{symbol: f"{axis} angle" for axis, symbol in zip(AXES, ("phi", "theta", "psi"), strict=True)},
+    "1": "constant",
+    "N*throttle": "yaw torque × throttle",
+    "N_dot": "reaction of accelerating rotors",
+    "u": "forward speed",
+    "v": "sideways speed",
+}
+_AXIS_OF: Final = {
+    **dict(zip(ACCELERATION_SYMBOLS, AXES, strict=True)),
+    **{f"{angle}_dot": f"{axis} angle" for axis, angle in zip(AXES, ("phi", "theta", "psi"), strict=True)},
+}
+
+
+def regressor_words(symbol: str) -> str:
+    """Return what a column of the model is called.
+
+    Parameters
+    ----------
+    symbol : str
+
+    Returns
+    -------
+    str
+        A symbol that nobody knows stays as it is.
+
+    Examples
+    --------
+    >>> regressor_words("N"), regressor_words("qr"), regressor_words("pp")
+    ('yaw torque', 'pitch rate × yaw rate', 'roll rate squared')
+    """
+    if symbol in _WORDS:
+        return _WORDS[symbol]
+    if len(symbol) == 2 and all(letter in RATE_SYMBOLS for letter in symbol):
+        first, second = (_WORDS[letter] for letter in symbol)
+        return f"{first} squared" if first == second else f"{first} × {second}"
+    return symbol
+
+
+def term_words(target: str, regressor: str) -> str:
+    """Return what an element of A or B is called.
+
+    Parameters
+    ----------
+    target, regressor : str
+        Its row and its column, as "p_dot" and "N".
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> term_words("p_dot", "L"), term_words("p_dot", "p"), term_words("p_dot", "N")
+    ('roll effectiveness', 'roll damping', 'roll from yaw torque')
+    >>> term_words("r_dot", "pq"), term_words("q_dot", "1")
+    ('yaw from roll rate × pitch rate', 'pitch trim')
+    """
+    axis = _AXIS_OF.get(target, target)
+    if (target, regressor) in zip(ACCELERATION_SYMBOLS, TORQUE_SYMBOLS, strict=True):
+        return f"{axis} effectiveness"
+    if (target, regressor) in zip(ACCELERATION_SYMBOLS, RATE_SYMBOLS, strict=True):
+        return f"{axis} damping"
+    return f"{axis} trim" if regressor == "1" else f"{axis} from {regressor_words(regressor)}"
+
+
 #: What a vehicle can be. Only a multirotor is analysed.
 MULTIROTOR: Final = "multirotor"
 VEHICLE_TYPES: Final = (

@@ -25,9 +25,9 @@ def show_result(result: Result) -> None:
     from rich.table import Table
     from rich.text import Text
 
+    from quadid_logs.report.next_flight import next_steps
     from quadid_logs.report.text import result_lines
     from quadid_logs.report.verdict import effect_sentence
-    from quadid_logs.report.view import next_steps
     from quadid_logs.untrusted import printable
 
     console = Console(file=sys.stdout, highlight=False, soft_wrap=False)

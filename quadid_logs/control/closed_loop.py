@@ -272,11 +272,22 @@ def _measured(seen: Seen, controller: AxisController, estimate: Plant) -> Measur
     )
 
 
+def _phase(loop: ComplexArray) -> FloatArray:
+    """Return phases [rad] on one turn of the circle, that in which the estimate crosses over below zero.
+
+    Each of the vehicles by itself may begin at 180 or at -180 degrees, which is the same place.
+    """
+    estimate = np.unwrap(np.angle(loop[0]))
+    crossover = int(np.argmin(np.abs(np.log(np.abs(loop[0])))))
+    turn = 2.0 * np.pi * np.ceil(estimate[crossover] / (2.0 * np.pi))
+    return np.asarray(estimate - turn + np.angle(loop / loop[0]), dtype=np.float64)
+
+
 def _curve(closed: Loop, known_hz: float) -> LoopCurve:
     """Return the open loop with its band, wider by what nobody measured."""
     frequency_hz, loop = closed.frequency_hz, closed.rate if closed.full is None else closed.full
     drawn = np.flatnonzero(frequency_hz >= _LOWEST_DRAWN_HZ)[::_EVERY]
-    gain, phase = np.abs(loop[:, drawn]), np.unwrap(np.angle(loop[:, drawn]), axis=1)
+    gain, phase = np.abs(loop[:, drawn]), _phase(loop[:, drawn])
     gain_low, gain_high = np.quantile(gain, _CI, axis=0)
     phase_low, phase_high = np.quantile(phase, _CI, axis=0)
     return LoopCurve(

@@ -18,11 +18,14 @@ __all__ = ["CHAPTERS", "FIGURE_KEYS", "FIRST_CHAPTER", "Figure", "Figures", "Lef
 #: The chapters of the report that hold figures, in its order, each with the keys of its figures.
 CHAPTERS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
     {
-        "loop": ("loop-tracking", "loop-bode", "loop-nyquist", "loop-step"),
+        "verdict": ("evidence",),
+        "model": ("response",),
+        "loop": ("loop-tracking", "loop-step"),
+        "loop-detail": ("loop-bode", "loop-nyquist"),
         "flight": ("flight", "aligned", "gyro", "airframe"),
         "excitation": ("excitation",),
         "windows": (*(f"condition-{structure}" for structure in STRUCTURES), "over-time", "singular"),
-        "fit": ("lag", "held-out", "fit", "simulation", "response", "horizon", "residuals"),
+        "fit": ("lag", "held-out", "fit", "simulation", "horizon", "residuals"),
         "structures": ("structures",),
     }
 )
@@ -53,6 +56,7 @@ def figures_of(result: Result) -> Figures:
     """
     from quadid_logs.figures.bode import frequency_response
     from quadid_logs.figures.closed_loop import loop_figures
+    from quadid_logs.figures.evidence import evidence_figure
     from quadid_logs.figures.excitation_spectra import excitation_spectra
     from quadid_logs.figures.gyro_scatter import gyro_against_attitude
     from quadid_logs.figures.model_fit import fit_figures, horizon_error, lag_profile, structure_comparison
@@ -61,6 +65,7 @@ def figures_of(result: Result) -> Figures:
     from quadid_logs.figures.window_estimates import window_figures
 
     everything = [
+        evidence_figure(result),
         flight_overview(result),
         aligned_series(result),
         gyro_against_attitude(result),

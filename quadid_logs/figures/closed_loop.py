@@ -9,7 +9,7 @@ import numpy as np
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.closed_loop import AxisLoop, LoopCurve, PredictedSeries
 from quadid_logs.data.result import Result
-from quadid_logs.figures.spec import Axis, Band, Curve, Figure, Label, LeftOut, Level, Mark, Panel
+from quadid_logs.figures.spec import Axis, Band, Curve, Figure, Label, LeftOut, Level, Mark, Panel, Ribbon
 from quadid_logs.figures.thinning import thin_line
 from quadid_logs.figures.time_series import TIME, spans, torque_axis
 from quadid_logs.maths.band import ComplexArray
@@ -22,9 +22,6 @@ _RATE: Final = Axis(label="body rate", unit="deg/s")
 _NYQUIST = 3.0
 #: A rate loop that is of use answers within this time [s].
 _STEP_S = 1.5
-_BAND: Final[Mark] = "dashed"
-#: Label, values, role and mark.
-_Drawn = tuple[str, FloatArray, str, Mark]
 
 
 def loop_figures(result: Result) -> list[Figure | LeftOut]:
@@ -46,8 +43,8 @@ def loop_figures(result: Result) -> list[Figure | LeftOut]:
             "loop-bode",
             "The open loop, cut at the mixer",
             "Gain and phase around the loop. Where the gain passes 1, the phase must be above -180 degrees: "
-            "that distance is the phase margin. Dashed: the interval of 95 %. Points: the log, as far as "
-            "set-points or a system-ID excitation show it.",
+            "that distance is the phase margin. Shaded along the line: the interval of 95 %. Points: "
+            "the log, as far as set-points or a system-ID excitation show it.",
             _in_rows([_bode(axis, found) for axis, found in known.items()]),
             columns=3,
         ),
@@ -63,7 +60,7 @@ def loop_figures(result: Result) -> list[Figure | LeftOut]:
         _figure(
             "loop-step",
             "Answer of the rate to a step of its set-point",
-            "What the model makes of a step, with its interval of 95 % (dashed); and with the response of "
+            "What the model makes of a step, with its interval of 95 % (shaded); and with the response of "
             "the closed loop as the log shows it, where it does. Overshoot and ringing tell of little "
             "margin.",
             _in_rows([_step(axis, found) for axis, found in known.items()]),
@@ -109,7 +106,7 @@ def _tracking(result: Result, axis: str, found: AxisLoop) -> tuple[Panel, ...]:
             y=_RATE,
             curves=(
                 curve("set-point", np.degrees(series.setpoint), "series-1", "dashed"),
-                curve("measured", np.degrees(series.rate), "measured"),
+                curve("measured", np.degrees(series.rate), "measured", "wide"),
                 curve("predicted", np.degrees(series.predicted_rate), "modelled"),
             ),
             model_of=axis,
@@ -119,7 +116,7 @@ def _tracking(result: Result, axis: str, found: AxisLoop) -> tuple[Panel, ...]:
             x=TIME,
             y=torque_axis(result.data.input),
             curves=(
-                curve("measured", series.torque, "measured"),
+                curve("measured", series.torque, "measured", "wide"),
                 curve("predicted", series.predicted_torque, "modelled"),
             ),
             model_of=axis,
@@ -141,16 +138,7 @@ def _bode(axis: str, found: AxisLoop) -> tuple[Panel, ...]:
     curve, measured, name = found.curve, found.measured, axis.capitalize()
     if curve is None:
         return ()
-    gains: list[_Drawn] = [
-        ("95 %", curve.gain_low, "interval", _BAND),
-        ("95 %", curve.gain_high, "interval", _BAND),
-        ("model", np.abs(curve.response), "modelled", "line"),
-    ]
-    phases: list[_Drawn] = [
-        ("95 %", np.degrees(curve.phase_low), "interval", _BAND),
-        ("95 %", np.degrees(curve.phase_high), "interval", _BAND),
-        ("model", np.degrees(np.unwrap(np.angle(curve.response))), "modelled", "line"),
-    ]
+    x, model_rad = curve.frequency_hz, _phase(curve)
     points: tuple[Curve, ...] = ()
     angles: tuple[Curve, ...] = ()
     if measured is not None:
@@ -163,24 +151,34 @@ def _bode(axis: str, found: AxisLoop) -> tuple[Panel, ...]:
             title=f"{name}: gain",
             x=_FREQUENCY,
             y=Axis(label="gain", log=True),
-            curves=(*_lines(curve.frequency_hz, gains), *points),
+            curves=(Curve(label="model", x=x, y=np.abs(curve.response), role="modelled"), *points),
+            ribbons=(_interval(x, curve.gain_low, curve.gain_high),),
             bands=known if found.known_hz > 0.1 else (),
-            levels=(Level(value=1.0, role="muted"),),
+            levels=(Level(value=1.0, role="muted", label="crossover"),),
             model_of=axis,
         ),
         Panel(
             title=f"{name}: phase",
             x=_FREQUENCY,
             y=Axis(label="phase", unit="deg", low=-360.0, high=0.0),
-            curves=(*_lines(curve.frequency_hz, phases), *angles),
-            levels=(Level(value=-180.0, role="muted"),),
+            curves=(Curve(label="model", x=x, y=np.degrees(model_rad), role="modelled"), *angles),
+            ribbons=(_interval(x, np.degrees(curve.phase_low), np.degrees(curve.phase_high)),),
+            levels=(Level(value=-180.0, role="muted", label="instability"),),
             model_of=axis,
         ),
     )
 
 
-def _lines(x: FloatArray, what: list[_Drawn]) -> list[Curve]:
-    return [Curve(label=label, x=x, y=y, role=role, mark=mark) for label, y, role, mark in what]
+def _interval(x: FloatArray, low: FloatArray, high: FloatArray) -> Ribbon:
+    return Ribbon(label="95 % interval", x=x, low=low, high=high, role="interval")
+
+
+def _phase(curve: LoopCurve) -> FloatArray:
+    """Return the model's phase [rad] on the turn of the circle that its interval lies on."""
+    own = np.unwrap(np.angle(curve.response))
+    middle = 0.5 * float(np.median(curve.phase_low + curve.phase_high))
+    turns = np.round((middle - float(np.median(own))) / (2.0 * np.pi))
+    return np.asarray(own + 2.0 * np.pi * turns, dtype=np.float64)
 
 
 def _points(x: FloatArray, y: FloatArray) -> Curve:
@@ -189,7 +187,7 @@ def _points(x: FloatArray, y: FloatArray) -> Curve:
 
 def _nearest_turn(response: ComplexArray, at_hz: FloatArray, curve: LoopCurve) -> FloatArray:
     """Return phases [rad] on the turn of the circle that lies nearest to the model's."""
-    model = np.interp(at_hz, curve.frequency_hz, np.unwrap(np.angle(curve.response)))
+    model = np.interp(at_hz, curve.frequency_hz, _phase(curve))
     apart = np.angle(response) - model
     return np.asarray(model + np.mod(apart + np.pi, 2.0 * np.pi) - np.pi, dtype=np.float64)
 
@@ -231,19 +229,18 @@ def _step(axis: str, found: AxisLoop) -> tuple[Panel, ...]:
     if step is None:
         return ()
     shown = step.time_s <= _STEP_S
-    what: list[_Drawn] = [
-        ("95 %", step.low[shown], "interval", _BAND),
-        ("95 %", step.high[shown], "interval", _BAND),
-        ("model", step.response[shown], "modelled", "line"),
-    ]
+    x = step.time_s[shown]
+    curves = [Curve(label="model", x=x, y=step.response[shown], role="modelled")]
     if step.measured is not None:
-        what.append(("log", step.measured[shown], "measured", "line"))
+        log = Curve(label="log", x=x, y=step.measured[shown], role="measured", mark="wide")
+        curves.insert(0, log)
     return (
         Panel(
             title=axis.capitalize(),
             x=Axis(label="time after the step", unit="s"),
             y=Axis(label="rate over set-point", low=-0.1),
-            curves=tuple(_lines(step.time_s[shown], what)),
+            curves=tuple(curves),
+            ribbons=(_interval(x, step.low[shown], step.high[shown]),),
             levels=(Level(value=1.0, role="muted"),),
             model_of=axis,
         ),

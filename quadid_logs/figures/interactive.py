@@ -13,15 +13,18 @@ from typing import Any
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.figures.palette import band_opacity
-from quadid_logs.figures.spec import Axis, Curve, Figure, Panel
+from quadid_logs.figures.palette import WIDE_OPACITY, band_opacity
+from quadid_logs.figures.spec import Axis, Curve, Figure, Level, Panel, Ribbon
+from quadid_logs.figures.ticks import log_ticks, shown_range
 
 _ROW_PX = {1: 190.0, 2: 180.0, 3: 300.0}
 _NARROW_ROW_PX = 200.0
+_LOW_ROW_PX = 170.0
 _TOP_PX, _BOTTOM_PX = 56.0, 54.0
 _LEGEND_ROW_PX, _LEGEND_WIDE_PX, _LEGEND_NARROW_PX = 20.0, 900.0, 290.0
 _GAP_PX, _GAP_WITH_LABEL_PX = 34.0, 74.0
 _COLUMN_GAP = 0.09
+_BOXED = {"bgcolor": "@paper", "opacity": 0.85}
 _MOST_LEGEND_BANDS = 12
 
 
@@ -41,9 +44,12 @@ def interactive(figure: Figure) -> dict[str, Any]:
     """
     seen: set[str] = set()
     traces = [
-        _trace(curve, panel, number, seen)
+        trace
         for number, panel in enumerate(figure.panels, start=1)
-        for curve in panel.curves
+        for trace in (
+            *(_shaded(ribbon, number, seen) for ribbon in panel.ribbons),
+            *(_trace(curve, panel, number, seen) for curve in panel.curves),
+        )
     ]
     return {
         "key": figure.key,
@@ -53,11 +59,36 @@ def interactive(figure: Figure) -> dict[str, Any]:
     }
 
 
+def _shaded(ribbon: Ribbon, number: int, seen: set[str]) -> dict[str, Any]:
+    """Return the area between two lines, out along the upper one and back along the lower one."""
+    name = html.escape(ribbon.label, quote=False)
+    known = np.isfinite(ribbon.low) & np.isfinite(ribbon.high)
+    x, low, high = ribbon.x[known], ribbon.low[known], ribbon.high[known]
+    trace = {
+        "type": "scatter",
+        "name": name,
+        "legendgroup": name,
+        "showlegend": name not in seen,
+        "xaxis": _axis_id("x", number),
+        "yaxis": _axis_id("y", number),
+        "x": _typed(np.concatenate([x, x[::-1]]), _shortest(x)),
+        "y": _typed(np.concatenate([high, low[::-1]]), "f4"),
+        "mode": "lines",
+        "line": {"width": 0},
+        "fill": "toself",
+        "fillcolor": f"@{ribbon.role}",
+        "opacity": band_opacity("interval"),
+        "hoverinfo": "skip",
+    }
+    seen.add(name)
+    return trace
+
+
 def _trace(curve: Curve, panel: Panel, number: int, seen: set[str]) -> dict[str, Any]:
     """Return one Plotly trace; a label enters the legend once."""
     name = html.escape(curve.label, quote=False)
     colour = f"@{curve.role}"
-    unit = f" {panel.y.unit}" if panel.y.unit else ""
+    unit = f" {panel.y.unit.replace('^2', '²')}" if panel.y.unit else ""
     trace: dict[str, Any] = {
         "type": "scatter",
         "name": name,
@@ -76,12 +107,14 @@ def _trace(curve: Curve, panel: Panel, number: int, seen: set[str]) -> dict[str,
     elif curve.mark == "bars":
         trace |= {"marker": {"color": colour, "size": 8}} | _error_bars(curve, colour)
     else:
-        width = {"line": 1.3, "dashed": 1.3, "thick": 10}[curve.mark]
+        width = {"line": 1.3, "wide": 4.5, "dashed": 1.3, "thick": 10}[curve.mark]
         trace["line"] = {
             "color": colour,
             "width": width,
             "dash": "dash" if curve.mark == "dashed" else "solid",
         }
+    if curve.mark == "wide":
+        trace["opacity"] = WIDE_OPACITY
     if curve.mark == "thick":
         trace["hovertemplate"] = "%{x:.4~g} s"
     return trace
@@ -132,10 +165,12 @@ def _layout(figure: Figure, columns: int, *, narrow: bool = False) -> dict[str, 
     base_px = _ROW_PX[columns] if columns == figure.columns else _NARROW_ROW_PX
     if len(rows) == 1 and columns < 3:
         base_px = _ROW_PX[3]
+    if figure.low:
+        base_px = _LOW_ROW_PX
     heights = [base_px * max(panel.height for panel in row) for row in rows]
     gap_px = _GAP_PX if figure.over_time else _GAP_WITH_LABEL_PX
     inside_px = sum(heights) + gap_px * (len(rows) - 1)
-    legend_px = _LEGEND_NARROW_PX if narrow else _LEGEND_WIDE_PX
+    legend_px = _LEGEND_NARROW_PX if narrow else _LEGEND_WIDE_PX * (0.65 if figure.low else 1.0)
     top_px = _TOP_PX + _LEGEND_ROW_PX * _legend_rows(figure, legend_px)
     layout: dict[str, Any] = {
         "height": round(inside_px + top_px + _BOTTOM_PX),
@@ -172,6 +207,7 @@ def _legend_rows(figure: Figure, width_px: float) -> int:
     """Return how many rows the legend needs: Plotly gives every entry the width of the longest."""
     labels = {curve.label for panel in figure.panels for curve in panel.curves if curve.mark != "thick"}
     labels |= {band.label for panel in figure.panels for band in panel.bands if band.label}
+    labels |= {ribbon.label for panel in figure.panels for ribbon in panel.ribbons}
     longest_px = 7.0 * max(map(len, labels), default=0) + 48.0
     return -(-len(labels) // max(1, int(width_px / longest_px)))
 
@@ -194,13 +230,13 @@ def _add_axes(
 ) -> None:
     """Add both axes, the title, the shading and the reference lines of one panel."""
     x_id, y_id = _axis_id("x", number), _axis_id("y", number)
-    x_axis = _axis(panel.x, domains[0]) | {"anchor": y_id, "showticklabels": labelled}
+    x_axis = _axis(panel, "x", domains[0]) | {"anchor": y_id, "showticklabels": labelled}
     if not labelled:
         x_axis.pop("title")
     if figure.over_time and number > 1:
         x_axis["matches"] = "x"
     layout[_axis_id("xaxis", number)] = x_axis
-    layout[_axis_id("yaxis", number)] = _axis(panel.y, domains[1]) | {"anchor": x_id}
+    layout[_axis_id("yaxis", number)] = _axis(panel, "y", domains[1]) | {"anchor": x_id}
     if panel.equal:
         layout[_axis_id("yaxis", number)] |= {"scaleanchor": x_id, "scaleratio": 1}
     layout["shapes"] += _shapes(panel, x_id, y_id)
@@ -218,15 +254,28 @@ def _add_axes(
         }
         for label in panel.labels
     ]
-    words = [panel.note, *(level.label for level in panel.levels)]
-    note = "<br>".join(html.escape(word, quote=False) for word in words if word)
-    if note:
-        boxed = {"bgcolor": "@paper", "opacity": 0.85}
-        layout["annotations"].append(_text(note, (x_id, y_id), (1.0, 1.0), ("right", "top")) | boxed)
+    layout["annotations"] += [_level_words(level, panel, x_id, y_id) for level in panel.levels if level.label]
+    if panel.note:
+        note = html.escape(panel.note, quote=False)
+        layout["annotations"].append(_text(note, (x_id, y_id), (1.0, 1.0), ("right", "top")) | _BOXED)
 
 
-def _axis(axis: Axis, domain: tuple[float, float]) -> dict[str, Any]:
+def _level_words(level: Level, panel: Panel, x_id: str, y_id: str) -> dict[str, Any]:
+    """Return the words of a reference line, at its end."""
+    along_y = level.along == "y"
+    axis = panel.y if along_y else panel.x
+    place = float(np.log10(level.value)) if axis.log else level.value
+    words = html.escape(level.label, quote=False)
+    if along_y:
+        written = _text(words, (x_id, y_id), (1.0, place), ("right", "bottom")) | {"yref": y_id}
+    else:
+        written = _text(words, (x_id, y_id), (place, 1.0), ("left", "top")) | {"xref": x_id}
+    return written | _BOXED
+
+
+def _axis(panel: Panel, name: str, domain: tuple[float, float]) -> dict[str, Any]:
     """Return one Plotly axis."""
+    axis: Axis = panel.x if name == "x" else panel.y
     plotly: dict[str, Any] = {
         "domain": [round(end, 5) for end in domain],
         "title": {"text": html.escape(axis.title, quote=False), "standoff": 6},
@@ -236,8 +285,14 @@ def _axis(axis: Axis, domain: tuple[float, float]) -> dict[str, Any]:
         "zeroline": False,
         "automargin": False,
     }
-    if axis.log:
-        plotly |= {"exponentformat": "power", "dtick": 1}
+    if name == "x" and axis.unit and not axis.log and not axis.ticks:
+        # The suffix of the last tick is what the hover shows everywhere.
+        plotly |= {"ticksuffix": f" {axis.unit}", "showticksuffix": "last"}
+    shown = shown_range(panel, name) if axis.log else None
+    if shown is not None:
+        ticks = log_ticks(*shown)
+        plotly["tickvals"] = [tick.value for tick in ticks]
+        plotly["ticktext"] = [tick.text for tick in ticks]
     if axis.low is not None and axis.high is not None:
         ends = [axis.low, axis.high]
         plotly["range"] = [float(np.log10(end)) for end in ends] if axis.log else ends

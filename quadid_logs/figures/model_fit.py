@@ -6,13 +6,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.arrays import FloatArray
 from quadid_logs.data.model import Actuator, FitSeries, Model
 from quadid_logs.data.result import Result
-from quadid_logs.figures.spec import Axis, Band, Curve, Figure, LeftOut, Level, Panel
+from quadid_logs.figures.evidence import most_excited_seconds
+from quadid_logs.figures.spec import Axis, Band, Curve, Figure, LeftOut, Level, Mark, Panel
 from quadid_logs.figures.thinning import thin_line
 from quadid_logs.figures.time_series import MOST_BANDS, TIME, spans
-from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS, TORQUE_SYMBOLS
+from quadid_logs.vocabulary import (
+    ACCELERATION_SYMBOLS,
+    AXES,
+    RATE_SYMBOLS,
+    TORQUE_SYMBOLS,
+    term_words,
+)
 
 _ACCELERATION = Axis(label="angular acceleration", unit="deg/s²")
 _RATE = Axis(label="body rate", unit="deg/s")
@@ -59,34 +66,6 @@ def _close_look(model: Model, fit: FitSeries) -> Figure | LeftOut:
     )
 
 
-def most_excited_seconds(fit: FitSeries, column: int) -> BoolArray | None:
-    """Return which held-out seconds move an axis most.
-
-    Parameters
-    ----------
-    fit : FitSeries
-    column : int
-        The axis: 0 roll, 1 pitch, 2 yaw.
-
-    Returns
-    -------
-    ndarray of bool, shape (n_samples,), or None
-        At most the first `_CLOSE_LOOK_S` of the held-out segment whose
-        acceleration has the largest standard deviation; None without any.
-    """
-    segments = [_first_seconds(fit, *span) for span in spans(fit.time_s, fit.held_out)]
-    segments = [chosen for chosen in segments if np.count_nonzero(chosen) > 1]
-    if not segments:
-        return None
-    return max(segments, key=lambda part: float(np.std(np.nan_to_num(fit.acceleration[part, column]))))
-
-
-def _first_seconds(fit: FitSeries, start_s: float, end_s: float) -> BoolArray:
-    """Return the samples of a segment, at most as many seconds as an eye can follow."""
-    end_s = min(end_s, start_s + _CLOSE_LOOK_S)
-    return np.asarray((fit.time_s >= start_s) & (fit.time_s <= end_s))
-
-
 def _held_out(fit: FitSeries) -> tuple[Band, ...]:
     """Return a band per held-out segment."""
     segments = spans(fit.time_s, fit.held_out)[: 2 * MOST_BANDS]
@@ -106,7 +85,8 @@ def _pair(
         curves = []
         for label, role, values in zip(labels, ("measured", "modelled"), series, strict=True):
             x, y = thin_line(time_s, np.degrees(values[:, column]))
-            curves.append(Curve(label=label, x=x, y=y, role=role))
+            mark: Mark = "wide" if role == "measured" else "line"
+            curves.append(Curve(label=label, x=x, y=y, role=role, mark=mark))
         y_axis = _around(axis, np.degrees(series[0][:, column]), np.degrees(series[1][:, column]))
         panels.append(
             Panel(
@@ -375,7 +355,7 @@ def _structure_panel(models: tuple[Model, ...], axis: str, target: str, torque: 
     return Panel(
         title=axis.capitalize(),
         x=Axis(label="", ticks=ticks, low=-0.6, high=len(models) - 0.4),
-        y=Axis(label=found[0][2].name, unit=found[0][2].unit),
+        y=Axis(label=term_words(target, torque), unit=found[0][2].unit),
         curves=curves,
         model_of=axis,
     )

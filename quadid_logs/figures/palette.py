@@ -21,6 +21,8 @@ LIGHT: Final[Mapping[str, str]] = MappingProxyType(
         "modelled": "#D55E00",
         "estimate": "#0072B2",
         "unused": "#b9bec6",
+        "analysed": "#009E73",
+        "saturated": "#AA1155",
         "series-1": "#0072B2",
         "series-2": "#D55E00",
         "series-3": "#009E73",
@@ -52,6 +54,9 @@ DARK: Final[Mapping[str, str]] = MappingProxyType(
         "modelled": "#E69F00",
         "estimate": "#56B4E9",
         "unused": "#59616b",
+        "analysed": "#2cc79b",
+        "saturated": "#ff6fa8",
+        "held-out": "#b39dff",
         "series-1": "#56B4E9",
         "series-2": "#E69F00",
         "series-3": "#2cc79b",
@@ -62,6 +67,9 @@ DARK: Final[Mapping[str, str]] = MappingProxyType(
         "paper": "#171a1f",
     }
 )
+
+#: A wide line is pale: what lies on it must be seen.
+WIDE_OPACITY: Final = 0.45
 
 #: How strongly a band of a role covers the paper; others take the first.
 BAND_OPACITY: Final[Mapping[str, float]] = MappingProxyType({"": 0.12, "held-out": 0.18, "interval": 0.28})

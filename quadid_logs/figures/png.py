@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import math
 import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
-from quadid_logs.figures.palette import LIGHT, band_opacity
-from quadid_logs.figures.spec import Axis, Curve, Figure, Panel
+from quadid_logs.figures.palette import LIGHT, WIDE_OPACITY, band_opacity
+from quadid_logs.figures.spec import Curve, Figure, Level, Panel
+from quadid_logs.figures.ticks import log_ticks, shown_range
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,7 +22,6 @@ _ROW_IN = {1: 1.75, 2: 1.75, 3: 3.2}
 _TITLE_IN, _CAPTION_LINE_IN, _GAP_IN = 0.95, 0.17, 0.62
 _CAPTION_WIDTH = 150
 _MOST_LEGEND_ENTRIES = 12
-_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _STYLE: dict[str, Any] = {
     "font.size": 9.0,
     "axes.edgecolor": LIGHT["muted"],
@@ -115,11 +114,13 @@ def _draw_panel(axes: Axes, panel: Panel, *, with_x_label: bool) -> None:
     for band in panel.bands:
         shade = axes.axvspan if band.along == "x" else axes.axhspan
         shade(band.start, band.end, color=LIGHT[band.role], alpha=band_opacity(band.role), linewidth=0)
+    for ribbon in panel.ribbons:
+        colour, opacity = LIGHT[ribbon.role], band_opacity("interval")
+        axes.fill_between(ribbon.x, ribbon.low, ribbon.high, color=colour, alpha=opacity, linewidth=0)
     for curve in panel.curves:
         _draw_curve(axes, curve)
     for level in panel.levels:
-        draw = axes.axhline if level.along == "y" else axes.axvline
-        draw(level.value, color=LIGHT[level.role], linewidth=1.1, linestyle=(0, (5, 2)), zorder=3)
+        _draw_level(axes, level)
     for label in panel.labels:
         axes.text(
             label.x, label.y, _drawable(label.text), color=LIGHT[label.role], ha="center", va="center",
@@ -127,15 +128,33 @@ def _draw_panel(axes: Axes, panel: Panel, *, with_x_label: bool) -> None:
         )  # fmt: skip
     if panel.equal:
         axes.set_aspect("equal", adjustable="datalim")
-    _set_axis(axes, "x", panel.x, labelled=with_x_label)
-    _set_axis(axes, "y", panel.y, labelled=True)
-    words = [panel.note, *(level.label for level in panel.levels)]
-    note = "\n".join(_drawable(word) for word in words if word)
-    if note:
+    _set_axis(axes, "x", panel, labelled=with_x_label)
+    _set_axis(axes, "y", panel, labelled=True)
+    if panel.note:
         axes.text(
-            0.99, 0.97, note, transform=axes.transAxes, ha="right", va="top", fontsize=8, zorder=5,
-            bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 1.5},
+            0.99, 0.97, _drawable(panel.note), transform=axes.transAxes, ha="right", va="top", fontsize=8,
+            zorder=5, bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 1.5},
         )  # fmt: skip
+
+
+def _draw_level(axes: Axes, level: Level) -> None:
+    """Draw a reference line with its words at its end."""
+    along_y = level.along == "y"
+    draw = axes.axhline if along_y else axes.axvline
+    draw(level.value, color=LIGHT[level.role], linewidth=1.1, linestyle=(0, (5, 2)), zorder=3)
+    if level.label:
+        axes.annotate(
+            _drawable(level.label),
+            (0.995, level.value) if along_y else (level.value, 0.97),
+            xycoords=("axes fraction", "data") if along_y else ("data", "axes fraction"),
+            xytext=(0, 2) if along_y else (3, 0),
+            textcoords="offset points",
+            ha="right" if along_y else "left",
+            va="bottom" if along_y else "top",
+            fontsize=8,
+            zorder=5,
+            bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 1.0},
+        )
 
 
 def _draw_curve(axes: Axes, curve: Curve) -> None:
@@ -155,9 +174,12 @@ def _draw_curve(axes: Axes, curve: Curve) -> None:
             linewidth=1.4,
         )
     else:
-        width = {"line": 0.9, "dashed": 0.9, "thick": 7.0}[curve.mark]
+        width = {"line": 0.9, "wide": 3.2, "dashed": 0.9, "thick": 7.0}[curve.mark]
         style = "--" if curve.mark == "dashed" else "-"
-        axes.plot(curve.x, curve.y, style, color=colour, linewidth=width, solid_capstyle="butt")
+        opacity = WIDE_OPACITY if curve.mark == "wide" else 1.0
+        axes.plot(
+            curve.x, curve.y, style, color=colour, alpha=opacity, linewidth=width, solid_capstyle="butt"
+        )
 
 
 def _error(curve: Curve) -> Any:
@@ -168,16 +190,11 @@ def _error(curve: Curve) -> Any:
     return np.where(np.isfinite(lengths), np.maximum(lengths, 0.0), 0.0)
 
 
-def _set_axis(axes: Axes, name: str, axis: Axis, *, labelled: bool) -> None:
+def _set_axis(axes: Axes, name: str, panel: Panel, *, labelled: bool) -> None:
     """Set scale, range, ticks and label of one axis."""
-    from matplotlib.ticker import FuncFormatter, NullLocator
-
+    axis = panel.x if name == "x" else panel.y
     if axis.log:
-        axes.set(**{f"{name}scale": "log"})
-        scale = getattr(axes, f"{name}axis")
-        # Eight unlabelled ticks per decade took a fifth of the time of drawing, powers set as TeX a tenth.
-        scale.set_minor_locator(NullLocator())
-        scale.set_major_formatter(FuncFormatter(lambda value, _position: _power_of_ten(value)))
+        _set_log_ticks(axes, name, panel)
     if axis.low is not None or axis.high is not None:
         axes.set(**{f"{name}lim": (axis.low, axis.high)})
     if axis.ticks:
@@ -189,12 +206,24 @@ def _set_axis(axes: Axes, name: str, axis: Axis, *, labelled: bool) -> None:
         axes.tick_params(labelbottom=False)
 
 
-def _power_of_ten(value: float) -> str:
-    """Return a tick's label on a logarithmic axis."""
-    exponent = math.log10(value) if value > 0.0 else math.nan
-    if exponent != round(exponent, 9):
-        return f"{value:g}"
-    return "10" + f"{exponent:.0f}".translate(_SUPERSCRIPTS)
+def _set_log_ticks(axes: Axes, name: str, panel: Panel) -> None:
+    """Make an axis logarithmic; minor ticks without labels took a fifth of the time of drawing."""
+    from matplotlib.ticker import NullLocator
+
+    axes.set(**{f"{name}scale": "log"})
+    getattr(axes, f"{name}axis").set_minor_locator(NullLocator())
+    shown = shown_range(panel, name)
+    if shown is not None:
+        limits = getattr(axes, f"get_{name}lim")()
+        ticks = log_ticks(*shown)
+        axes.set(
+            **{
+                f"{name}ticks": [tick.value for tick in ticks],
+                f"{name}ticklabels": [tick.text for tick in ticks],
+            }
+        )
+        # A tick beyond the data would widen the axis.
+        axes.set(**{f"{name}lim": limits})
 
 
 def _legend(canvas: Canvas, figure: Figure, total_in: float) -> None:
@@ -213,15 +242,16 @@ def _legend(canvas: Canvas, figure: Figure, total_in: float) -> None:
                         [],
                         [],
                         color=LIGHT[curve.role],
-                        linewidth=2.0,
+                        linewidth=4.0 if curve.mark == "wide" else 2.0,
+                        alpha=WIDE_OPACITY if curve.mark == "wide" else 1.0,
                         marker="o" if point else "",
                         linestyle="" if point else "-",
                     ),
                 )
-        for band in panel.bands:
-            if band.label:
-                opacity = min(1.0, 2.0 * band_opacity(band.role))
-                handles.setdefault(_drawable(band.label), Patch(color=LIGHT[band.role], alpha=opacity))
+        shaded = [(band.label, band.role, band_opacity(band.role)) for band in panel.bands if band.label]
+        shaded += [(ribbon.label, ribbon.role, band_opacity("interval")) for ribbon in panel.ribbons]
+        for label, role, opacity in shaded:
+            handles.setdefault(_drawable(label), Patch(color=LIGHT[role], alpha=min(1.0, 2.0 * opacity)))
     shown = list(handles.items())[:_MOST_LEGEND_ENTRIES]
     canvas.legend(
         [handle for _, handle in shown],

@@ -44,7 +44,7 @@ def airframe_from_above(result: Result) -> Figure | LeftOut:
         equal=True,
         height=1.7,
     )
-    return Figure(key="airframe", title=title, caption=_caption(model), panels=(panel,))
+    return Figure(key="airframe", title=title, caption=_caption(model), panels=(panel,), small=True)
 
 
 def _caption(model: TorqueModel) -> str:

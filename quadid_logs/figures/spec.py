@@ -7,7 +7,7 @@ from typing import Literal
 
 from quadid_logs.arrays import FloatArray
 
-Mark = Literal["line", "dashed", "thick", "points", "bars"]
+Mark = Literal["line", "wide", "dashed", "thick", "points", "bars"]
 Along = Literal["x", "y"]
 
 
@@ -28,12 +28,15 @@ class Axis:
     @property
     def title(self) -> str:
         """Label and unit as printed along the axis."""
-        return f"{self.label} [{self.unit.replace('^2', '²')}]" if self.unit else self.label
+        return f"{self.label} [{self.unit.replace('^2', '²')}]" if self.unit and self.label else self.label
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Curve:
-    """A series of a panel; NaN in ``y`` (n_points,) is a gap. ``low`` and ``high`` are error bars."""
+    """A series of a panel; NaN in ``y`` (n_points,) is a gap. ``low`` and ``high`` are error bars.
+
+    A "wide" line is pale, and lies beneath another that it is to be compared with.
+    """
 
     label: str
     x: FloatArray
@@ -42,6 +45,17 @@ class Curve:
     mark: Mark = "line"
     low: FloatArray | None = None
     high: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Ribbon:
+    """An interval around a curve: ``low`` and ``high`` (n_points,) over ``x``; NaN is a gap."""
+
+    label: str
+    x: FloatArray
+    low: FloatArray
+    high: FloatArray
+    role: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,6 +101,7 @@ class Panel:
     x: Axis
     y: Axis
     curves: tuple[Curve, ...]
+    ribbons: tuple[Ribbon, ...] = ()
     bands: tuple[Band, ...] = ()
     levels: tuple[Level, ...] = ()
     height: float = 1.0
@@ -101,7 +116,8 @@ class Figure:
     """Panels in rows of ``columns``; ``caption`` tells a pilot how to read them.
 
     ``over_time`` says that every x axis is the log's clock [s], so that
-    panels and figures can be zoomed together.
+    panels and figures can be zoomed together; ``small`` that it is a sketch, ``low`` that it
+    shares a screen with text.
     """
 
     key: str
@@ -110,6 +126,8 @@ class Figure:
     panels: tuple[Panel, ...]
     columns: int = 1
     over_time: bool = False
+    small: bool = False
+    low: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

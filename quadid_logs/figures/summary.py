@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from quadid_logs.data.result import Result
-from quadid_logs.figures.model_fit import most_excited_seconds
+from quadid_logs.figures.evidence import Held, held_out_seconds
 from quadid_logs.figures.spec import Curve, Figure, Panel
 from quadid_logs.figures.thinning import break_at_gaps, thin_line
 from quadid_logs.figures.time_series import RATE_AXIS, TIME
@@ -33,11 +33,11 @@ def summary_figure(result: Result, headline: str, gains: Mapping[str, str]) -> F
     """
     name = printable(result.name, 60)
     vehicle = ", ".join(filter(None, (printable(result.log.frame, 30), printable(result.log.firmware, 50))))
-    curves = _simulated(result) or _measured(result)
-    simulated = any(len(pair) > 1 for pair in curves.values())
+    held = _held(result)
+    curves = {axis: each.curves() for axis, each in held.items()} or _measured(result)
     shown = (
-        "Body rates on flight that the fit never saw: measured, and simulated from the torque alone."
-        if simulated
+        "Body rates on flight that the fit never saw: measured, and predicted from the torque alone."
+        if held
         else "Body rates of the log; no model could be fitted, or nothing was held out to test it."
     )
     return Figure(
@@ -51,8 +51,9 @@ def summary_figure(result: Result, headline: str, gains: Mapping[str, str]) -> F
                     filter(None, (f"{axis.capitalize()}: {_verdict(result, axis)}", gains.get(axis, "")))
                 ),
                 x=TIME,
-                y=RATE_AXIS,
+                y=held[axis].axis() if axis in held else RATE_AXIS,
                 curves=curves.get(axis, ()),
+                ribbons=held[axis].ribbons() if axis in held else (),
             )
             for axis in AXES
         ),
@@ -64,22 +65,14 @@ def _verdict(result: Result, axis: str) -> str:
     return found.verdict if found else "not judged"
 
 
-def _simulated(result: Result) -> dict[str, tuple[Curve, ...]]:
-    """Return measured and simulated rate of each axis over the most excited held-out seconds."""
+def _held(result: Result) -> dict[str, Held]:
+    """Return the most excited held-out seconds by axis, empty where nothing was held out."""
     model = result.identification.recommended
     fit = None if model is None else model.fit
     if fit is None:
         return {}
-    lines = (("measured", "measured", fit.rate), ("simulated", "modelled", fit.simulated_rate))
-    curves: dict[str, tuple[Curve, ...]] = {}
-    for column, axis in enumerate(AXES):
-        chosen = most_excited_seconds(fit, column)
-        if chosen is not None:
-            curves[axis] = tuple(
-                Curve(label=label, x=fit.time_s[chosen], y=np.degrees(values[chosen, column]), role=role)
-                for label, role, values in lines
-            )
-    return curves
+    found = {axis: held_out_seconds(fit, column) for column, axis in enumerate(AXES)}
+    return {axis: held for axis, held in found.items() if held is not None}
 
 
 def _measured(result: Result) -> dict[str, tuple[Curve, ...]]:

@@ -123,7 +123,7 @@ def _timeline(result: Result) -> Panel:
         ("held out", "held-out", held_out),
         (
             "gap-free" if model is None else "analysed",
-            "estimate",
+            "analysed",
             tuple((segment.start_s, segment.end_s) for segment in data.segments),
         ),
         ("in the air", "muted", data.flights),
@@ -169,7 +169,7 @@ def aligned_series(result: Result) -> Figure | LeftOut:
         x, y = thin_line(time_s, torque[:, column])
         line = Curve(label=TORQUE_SYMBOLS[column], x=x, y=y, role=axis)
         x, y = thin_points(time_s[saturated], torque[saturated, column], (400, 60))
-        marks = Curve(label="saturated", x=x, y=y, role="interval", mark="points")
+        marks = Curve(label="saturated", x=x, y=y, role="saturated", mark="points")
         curves = (line, marks) if x.size else (line,)
         panels.append(Panel(title=f"{axis.capitalize()} torque", x=TIME, y=y_torque, curves=curves))
     caption = (
@@ -177,7 +177,7 @@ def aligned_series(result: Result) -> Figure | LeftOut:
         "a second. A rate should answer every change of its torque; a constant torque excites nothing."
     )
     if saturated.any():
-        caption += " Orange points: the torque could not be achieved or was clipped."
+        caption += " Red points: the torque could not be achieved or was clipped."
     return Figure(
         key="aligned", title=title, caption=caption, panels=tuple(panels), columns=2, over_time=True
     )

@@ -13,7 +13,7 @@ from quadid_logs.figures.spec import Axis, Band, Curve, Figure, LeftOut, Level, 
 from quadid_logs.figures.thinning import break_at_gaps, thin_line, thin_points
 from quadid_logs.figures.time_series import TIME
 from quadid_logs.maths.sliding_windows import weakest_words
-from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, TORQUE_SYMBOLS
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, TORQUE_SYMBOLS, term_words
 
 #: Fraction of the windows that a panel must show; the outliers would flatten the picture.
 _SHOWN_FRACTION = 0.85
@@ -47,7 +47,7 @@ def _effects(model: Model, windows: Windows) -> list[_Effect]:
             continue
         row, column = model.targets.index(target), len(model.regressors) + model.inputs.index(torque)
         pooled = model.entries.get((target, torque))
-        name = pooled.name if pooled else f"B ({axis})"
+        name = term_words(target, torque)
         unit = pooled.unit if pooled else ""
         effects.append(_Effect(axis, name, windows.coefficients[:, row, column], pooled, unit))
     return effects
@@ -101,7 +101,7 @@ def _condition_panel(effect: _Effect, windows: Windows) -> Panel:
         curves.append(median)
     bands, levels = _pooled_marks(effect)
     return Panel(
-        title=f"{effect.axis.capitalize()}: {effect.name}",
+        title=effect.name.capitalize(),
         x=_CONDITION,
         y=y_axis,
         curves=tuple(curves),
@@ -119,7 +119,7 @@ def _over_time(model: Model, windows: Windows) -> Figure:
         bands, levels = _pooled_marks(effect)
         panels.append(
             Panel(
-                title=f"{effect.axis.capitalize()}: {effect.name}",
+                title=effect.name.capitalize(),
                 x=TIME,
                 y=y_axis,
                 curves=tuple(_points(windows.time_s, effect, windows.used, y_axis)),

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cell:
-    """One entry of a table: ``text`` in large, ``detail`` below it; ``weak`` is greyed."""
+    """One entry of a table: ``text`` in large with its ``detail``, ``name`` below it; ``weak`` is greyed."""
 
     text: str
     detail: str = ""
+    name: str = ""
     weak: bool = False
 
 

@@ -50,13 +50,48 @@ def render_html(view: View, figures: Figures) -> str:
             chapter: [by_key[key] for key in keys if key in by_key] for chapter, keys in CHAPTERS.items()
         },
         left_out=figures.left_out,
-        figure_json={figure.key: script_json(interactive(figure)) for figure in figures.shown},
+        figure_json={figure.key: script_json(shared(interactive(figure))) for figure in figures.shown},
         palettes=script_json({"light": dict(LIGHT), "dark": dict(DARK)}),
         script=script,
         plotly=plotly,
         script_hashes=" ".join(_csp_hash(text) for text in (plotly, script)),
     )
     return page
+
+
+def shared(figure: dict[str, Any]) -> dict[str, Any]:
+    """Return a figure in which arrays that are the same stand once; the page's script puts them back.
+
+    Parameters
+    ----------
+    figure : dict
+        Of `interactive`.
+
+    Returns
+    -------
+    dict
+        With ``arrays``, of which x and y of each trace give the place.
+
+    Examples
+    --------
+    >>> line = {"x": {"dtype": "f4", "bdata": "AACAPw=="}, "y": {"dtype": "f4", "bdata": "AAAAQA=="}}
+    >>> packed = shared({"data": [line, line]})
+    >>> len(packed["arrays"]), packed["data"][1]
+    (2, {'x': {'array': 0}, 'y': {'array': 1}})
+    """
+    places: dict[str, int] = {}
+    arrays: list[Any] = []
+
+    def place(value: Any) -> Any:
+        if not isinstance(value, dict):
+            return value
+        known = places.setdefault(value["dtype"] + value["bdata"], len(arrays))
+        if known == len(arrays):
+            arrays.append(value)
+        return {"array": known}
+
+    data = [{**trace, "x": place(trace["x"]), "y": place(trace["y"])} for trace in figure["data"]]
+    return {**figure, "data": data, "arrays": arrays}
 
 
 def script_json(value: Any) -> str:

@@ -12,6 +12,9 @@ from quadid_logs.report.cells import Cell, Table
 from quadid_logs.report.numbers import interval, number, resolved
 from quadid_logs.untrusted import printable
 
+#: From here on a gain is told as a multiple.
+_MANY_TIMES = 2.0
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoopView:
@@ -100,10 +103,11 @@ def _distance(margins: Margins) -> str:
     far.append(f"{number(gain.value, 2)} dB" if gain is not None else "")
     text = f"{' and '.join(filter(None, far)) or 'nowhere near'} from instability"
     if gain is not None and at is not None:
-        more = 100.0 * (10.0 ** (gain.value / 20.0) - 1.0)
+        factor = 10.0 ** (gain.value / 20.0)
+        more = f"a {number(100.0 * (factor - 1.0), 2)} % higher gain"
         text += (
-            f"; a {number(more, 2)} % higher gain (lighter vehicle, fuller battery) would oscillate at about "
-            f"{number(at.value, 2)} Hz"
+            f"; {more if factor < _MANY_TIMES else f'{number(factor, 2)} times the gain'} (lighter vehicle, "
+            f"fuller battery) would oscillate at about {number(at.value, 2)} Hz"
         )
     if margins.extrapolated and phase is not None:
         text += f" (extrapolated: it may be as little as {number(max(phase.ci95[0], 0.0), 2)} degrees)"

@@ -12,17 +12,19 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.data.model import Inertia, Model, Parameter
 from quadid_logs.data.result import Result
 from quadid_logs.identify.structures import STRUCTURES
+from quadid_logs.maths.rotational_dynamics import PRODUCTS
 from quadid_logs.report.cells import Cell, Table
 from quadid_logs.report.inertia_table import comparison_rows
 from quadid_logs.report.numbers import interval, number, resolved
 from quadid_logs.report.thrust_table import thrust_table
 from quadid_logs.report.verdict import input_unit, refused_axes
 from quadid_logs.untrusted import printable
-from quadid_logs.vocabulary import ACCELERATION_SYMBOLS
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, regressor_words, term_words
 
-_TARGETS = {"p_dot": "dp/dt", "q_dot": "dq/dt", "r_dot": "dr/dt"}
-_B_CAPTION = "B: angular acceleration per torque"
-_A_CAPTION = "A: angular acceleration per regressor, one a line [rad/s² per unit of the regressor]"
+_HEADS = {target: f"{axis} acceleration" for target, axis in zip(ACCELERATION_SYMBOLS, AXES, strict=True)}
+_B_CAPTION = "B: what each torque does"
+_A_CAPTION = "A: what the motion itself does"
+_PRODUCTS_CAPTION = "A, continued: what products of the rates do"
 #: An interval this far below the largest entry is what a tensor's inverse leaves of an exact zero.
 _ROUNDING = 1e-6
 _DISTRUSTED = "not to be trusted"
@@ -30,18 +32,48 @@ _WORDS = {term.symbol: term.words for structure in STRUCTURES for term in struct
 
 
 def model_tables(result: Result, model: Model) -> tuple[Table, ...]:
-    """Return B, A and, where they are known, the inertia tensor and the thrust curve."""
+    """Return B, A without products of rates, which seldom matter, and the inertia tensor.
+
+    Parameters
+    ----------
+    result : Result
+    model : Model
+
+    Returns
+    -------
+    tuple of Table
+        One row for each torque or regressor, one column for each acceleration.
+    """
     unit = "N m" if input_unit(result) == "N m" else "unit of normalised command"
-    distrusted = frozenset(
-        target for target, no in zip(ACCELERATION_SYMBOLS, refused_axes(result), strict=True) if no
-    )
-    tables = [
-        _matrix(model, model.B, model.inputs, f"{_B_CAPTION} [rad/s² per {unit}]", distrusted),
-    ]
-    if model.regressors:
-        tables.append(_transposed(_matrix(model, model.A, model.regressors, _A_CAPTION, distrusted)))
+    refused = _refused_targets(result)
+    tables = [_matrix(model, model.B, model.inputs, f"{_B_CAPTION} [rad/s² per {unit}]", refused)]
+    chosen = tuple(name for name in model.regressors if name not in PRODUCTS)
+    if chosen:
+        caption = f"{_A_CAPTION} [rad/s² per unit of the regressor]"
+        tables.append(_matrix(model, _columns(model, chosen), chosen, caption, refused))
     if model.inertia is not None:
         tables.append(_inertia(model.inertia, refused_axes(result)))
+    return tuple(tables)
+
+
+def more_tables(result: Result, model: Model) -> tuple[Table, ...]:
+    """Return what only some readers look for: products of rates, published vehicles, thrust curve.
+
+    Parameters
+    ----------
+    result : Result
+    model : Model
+
+    Returns
+    -------
+    tuple of Table
+    """
+    tables = []
+    chosen = tuple(name for name in model.regressors if name in PRODUCTS)
+    if chosen:
+        refused = _refused_targets(result)
+        tables.append(_matrix(model, _columns(model, chosen), chosen, _PRODUCTS_CAPTION, refused))
+    if model.inertia is not None:
         tables.append(_published(model.inertia, result))
     curve = result.identification.thrust_curve
     if curve is not None and curve.effectiveness.size:
@@ -49,46 +81,58 @@ def model_tables(result: Result, model: Model) -> tuple[Table, ...]:
     return tuple(tables)
 
 
+def _refused_targets(result: Result) -> frozenset[str]:
+    """Return the accelerations whose equations are not to be trusted."""
+    pairs = zip(ACCELERATION_SYMBOLS, refused_axes(result), strict=True)
+    return frozenset(target for target, no in pairs if no)
+
+
+def _columns(model: Model, chosen: tuple[str, ...]) -> FloatArray:
+    """Return the columns of A that belong to some regressors."""
+    return model.A[:, [model.regressors.index(name) for name in chosen]]
+
+
 def _matrix(
     model: Model, values: FloatArray, columns: tuple[str, ...], caption: str, distrusted: frozenset[str]
 ) -> Table:
-    """Return one matrix with its intervals; rows of refused axes are grey and say so."""
+    """Return a matrix, transposed: its columns as rows; what belongs to refused axes is grey."""
     known = model.entries
     largest = float(np.abs(values).max(initial=0.0))
     rows = tuple(
         (
-            Cell(text=_TARGETS.get(target, target), detail=_DISTRUSTED if target in distrusted else ""),
+            Cell(text=regressor_words(name), detail=name),
             *(
-                _entry(known.get((target, name)), float(values[row, column]), largest, target in distrusted)
-                for column, name in enumerate(columns)
+                replace(
+                    _entry(
+                        known.get((target, name)), float(values[row, column]), largest, target in distrusted
+                    ),
+                    name=term_words(target, name),
+                )
+                for row, target in enumerate(model.targets)
             ),
         )
-        for row, target in enumerate(model.targets)
+        for column, name in enumerate(columns)
     )
-    return Table(caption=caption, head=("", *columns), rows=rows, note=_note(model, columns, distrusted))
+    head = ("", *(_head(target, distrusted) for target in model.targets))
+    return Table(caption=caption, head=head, rows=rows, note=_note(model, columns, distrusted))
+
+
+def _head(target: str, distrusted: frozenset[str]) -> str:
+    words = _HEADS.get(target, target)
+    return f"{words} ({_DISTRUSTED})" if target in distrusted else words
 
 
 def _note(model: Model, columns: tuple[str, ...], distrusted: frozenset[str]) -> str:
     """Say what the regressors are, which entries are no results, and why."""
     words = "; ".join(filter(None, (_WORDS.get(name) for name in columns)))
     words = f"{words}." if words else ""
-    refused = f"Entries marked {_DISTRUSTED!r} belong to refused axes: they are no results."
+    refused = f"Columns marked {_DISTRUSTED!r} belong to refused axes: they are no results."
     trusted = (
         parameter
         for parameter in model.parameters
         if parameter.target not in distrusted and parameter.regressor in columns
     )
     return " ".join(filter(None, (words, refused if distrusted else "", _weak_note(trusted))))
-
-
-def _transposed(table: Table) -> Table:
-    """Return a table with rows and columns exchanged: many regressors fit a screen only below each other."""
-    names = [" ".join(filter(None, (row[0].text, row[0].detail))) for row in table.rows]
-    rows = tuple(
-        (Cell(text=name), *(row[column] for row in table.rows))
-        for column, name in enumerate(table.head[1:], start=1)
-    )
-    return replace(table, head=("", *names), rows=rows)
 
 
 def _entry(parameter: Parameter | None, value: float, largest: float, distrusted: bool) -> Cell:
@@ -109,7 +153,9 @@ def _weak_note(parameters: Iterable[Parameter]) -> str:
     reasons: dict[str, list[str]] = {}
     for parameter in parameters:
         if not parameter.identifiable:
-            reasons.setdefault(printable(parameter.reason, 160), []).append(printable(parameter.name, 20))
+            reasons.setdefault(printable(parameter.reason, 160), []).append(
+                term_words(printable(parameter.target, 20), printable(parameter.regressor, 20))
+            )
     if not reasons:
         return ""
     why = "; ".join(f"{', '.join(names)}: {reason or 'not known'}" for reason, names in reasons.items())

@@ -170,7 +170,7 @@ def _gain(parameter: Parameter) -> str:
     low, high = parameter.ci95
     calibrated = "N m" in parameter.unit
     unit = f"{pretty_unit(parameter.unit)}{'' if calibrated else ' per unit command'}"
-    text = f", {parameter.name} = {estimate(parameter.value, low, high)} {unit}"
+    text = f", effectiveness {estimate(parameter.value, low, high)} {unit}"
     if parameter.value and math.isfinite(high - low):
         percent = 100.0 * (high - low) / (2.0 * abs(parameter.value))
         text += f", known to ±{number(percent, 2)} %{' with the calibration to N m' if calibrated else ''}"

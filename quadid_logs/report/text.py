@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from quadid_logs.data.result import Result
+from quadid_logs.report.next_flight import next_steps
 from quadid_logs.report.verdict import effect_sentence, flown_sentence
-from quadid_logs.report.view import next_steps
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES
 

@@ -82,7 +82,7 @@ def effect_sentence(result: Result, axis: str) -> str:
     if gain is None or not math.isfinite(gain.value) or verdict is None or verdict.verdict == "refused":
         return ""
     per = " per unit command" if input_unit(result) == "1" else ""
-    effect = f"{gain.name} = {estimate(gain.value, *gain.ci95)} {pretty_unit(gain.unit)}{per}"
+    effect = f"effectiveness {estimate(gain.value, *gain.ci95)} {pretty_unit(gain.unit)}{per}"
     spread = calibration_half_width(gain, result.data.input)
     if not spread:
         return effect

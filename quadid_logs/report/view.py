@@ -11,13 +11,14 @@ from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.model import Model
 from quadid_logs.data.result import Result
-from quadid_logs.diagnose.advice import next_steps as ordered_steps
 from quadid_logs.report.cells import Table
 from quadid_logs.report.fit_tables import excitation_table, structures_table, values_of, windows_table
 from quadid_logs.report.json import settings_of
 from quadid_logs.report.log_tables import MOST_ROWS, log_facts, lost_blocks, main_signals, other_signals
 from quadid_logs.report.loop_view import LoopView, loop_view
-from quadid_logs.report.model_tables import model_tables
+from quadid_logs.report.meaning import beside_published, meaning_sentence
+from quadid_logs.report.model_tables import model_tables, more_tables
+from quadid_logs.report.next_flight import next_steps
 from quadid_logs.report.numbers import estimate, number, percent, seconds
 from quadid_logs.report.provenance import Provenance
 from quadid_logs.report.verdict import (
@@ -33,7 +34,10 @@ from quadid_logs.report.words import evidence_name, evidence_text
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES, RATE_SYMBOLS
 
-_MOST_STEPS = 5
+_LEVELS = ("error", "warning", "info")
+_VERDICTS = ("refused", "caution", "usable")
+#: The hundreds of the codes: model, loop, flight, rates, vehicle, file.
+_STAGES = "564321"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,13 +48,15 @@ class AxisView:
     verdict: str
     sentence: str
     effect: str
+    meaning: str
     reasons: tuple[tuple[str, int], ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FindingView:
-    """A finding: what it means, what to do, and its evidence as name and value."""
+    """A finding: its place among all, what it means, what to do, and its evidence as name and value."""
 
+    place: int
     code: str
     level: str
     title: str
@@ -69,8 +75,10 @@ class View:
     overall: str
     headline: str
     axes: tuple[AxisView, ...]
+    published: str
     model_sentence: str
     model_tables: tuple[Table, ...]
+    more_tables: tuple[Table, ...]
     steps: tuple[str, ...]
     facts: tuple[tuple[str, str], ...]
     signals: Table
@@ -84,6 +92,7 @@ class View:
     validation_sentence: str
     loop: LoopView
     findings: tuple[FindingView, ...]
+    notes: tuple[FindingView, ...]
     reproduction: tuple[tuple[str, str], ...]
 
 
@@ -101,14 +110,17 @@ def view_of(result: Result, provenance: Provenance) -> View:
         Plain, visible text; not yet escaped for HTML.
     """
     model = result.identification.recommended
+    ranked = [_finding(place, finding) for place, finding in enumerate(by_consequence(result), start=1)]
     return View(
         name=printable(result.name, 120),
         subtitle=_subtitle(result),
         overall=overall(result),
         headline=headline(result),
         axes=tuple(_axis(result, axis) for axis in AXES if axis in result.diagnosis.axes),
+        published=beside_published(result),
         model_sentence=_model_sentence(result, model),
         model_tables=() if model is None else model_tables(result, model),
+        more_tables=() if model is None else more_tables(result, model),
         steps=next_steps(result),
         facts=log_facts(result),
         signals=main_signals(result),
@@ -123,7 +135,8 @@ def view_of(result: Result, provenance: Provenance) -> View:
         excitation=excitation_table(result),
         validation_sentence=_validation_sentence(model),
         loop=loop_view(result),
-        findings=tuple(_finding(finding) for finding in result.diagnosis.findings),
+        findings=tuple(each for each in ranked if each.level != "info"),
+        notes=tuple(each for each in ranked if each.level == "info"),
         reproduction=_reproduction(result, provenance),
     )
 
@@ -144,12 +157,13 @@ def _subtitle(result: Result) -> str:
 def _axis(result: Result, axis: str) -> AxisView:
     """Return verdict, sentence and main number of an axis."""
     verdict = result.diagnosis.axes[axis]
-    codes = [finding.code for finding in result.diagnosis.findings]
+    codes = [finding.code for finding in by_consequence(result)]
     return AxisView(
         axis=axis,
         verdict=verdict.verdict,
         sentence=printable(verdict.sentence, 400),
         effect=effect_sentence(result, axis),
+        meaning=meaning_sentence(result, axis),
         reasons=tuple(
             (printable(code, 20), codes.index(code) + 1 if code in codes else 0) for code in verdict.reasons
         ),
@@ -200,22 +214,6 @@ def _milliseconds(value_s: float, low_s: float, high_s: float, *, known: bool) -
     return f"{'' if known else 'about '}{estimate(value, low, high)} ms"
 
 
-def next_steps(result: Result) -> tuple[str, ...]:
-    """Return what to do next: the advice of the gravest findings, each once, what is to be set first.
-
-    Parameters
-    ----------
-    result : Result
-
-    Returns
-    -------
-    tuple of str
-        At most `_MOST_STEPS`.
-    """
-    steps = ordered_steps((result.log, finding) for finding in result.diagnosis.findings)
-    return tuple(printable(step, 800) for step in steps[:_MOST_STEPS])
-
-
 def _validation_sentence(model: Model | None) -> str:
     """Say how the model does on held-out data."""
     if model is None:
@@ -234,9 +232,38 @@ def _validation_sentence(model: Model | None) -> str:
     )
 
 
-def _finding(finding: Finding) -> FindingView:
+def by_consequence(result: Result) -> tuple[Finding, ...]:
+    """Return the findings, those first that decided a verdict, and what concerns the file alone last.
+
+    Parameters
+    ----------
+    result : Result
+
+    Returns
+    -------
+    tuple of Finding
+        Errors, warnings, notes; among each, those that refused an axis before those that called for
+        caution, and then the later stage before the earlier one: a lost byte matters by what it did to the
+        model.
+    """
+    verdicts = result.diagnosis.axes.values()
+    worst = {
+        code: min(_VERDICTS.index(each.verdict) for each in verdicts if code in each.reasons)
+        for verdict in verdicts
+        for code in verdict.reasons
+    }
+
+    def rank(finding: Finding) -> tuple[int, int, int]:
+        decided = worst.get(finding.code, len(_VERDICTS))
+        return _LEVELS.index(finding.level), decided, _STAGES.find(finding.code[2:3])
+
+    return tuple(sorted(result.diagnosis.findings, key=rank))
+
+
+def _finding(place: int, finding: Finding) -> FindingView:
     """Return a finding as text."""
     return FindingView(
+        place=place,
         code=printable(finding.code, 20),
         level=finding.level,
         title=printable(finding.title, 200),

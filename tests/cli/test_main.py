@@ -86,7 +86,7 @@ def test_a_usable_log_exits_with_0(pipeline: FakePipeline, capsys: pytest.Captur
     assert err == ""
     assert "roll   usable" in out
     assert "yaw    caution" in out
-    assert "B11 = " in out
+    assert "effectiveness " in out
     assert str(Path("out/usable/report.html")) in out
     names = {path.name for path in Path("out/usable").iterdir()}
     assert {"result.json", "report.html", "flight.png"} <= names
@@ -515,6 +515,6 @@ def test_a_terminal_gets_a_table_and_no_colour_is_respected(
     assert main(["analyze", "usable.bin", "-o", "two"]) == 0
     plain = capsys.readouterr().out
     assert "\x1b[32m" not in plain
-    assert "B11 = " in plain
+    assert "effectiveness " in plain
     assert main(["analyze", "hostile.bin", "-o", "three"]) == 0
     assert "\x1b[31m" not in capsys.readouterr().out.replace("\x1b[1m", "")

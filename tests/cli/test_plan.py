@@ -95,7 +95,7 @@ def test_the_card_predicts_for_the_vehicle_that_was_given(yaw_flight: Prediction
     """With the interval, and only for the planned axis."""
     text = "\n".join(card_lines(make_plan("ardupilot", ["yaw"]), yaw_flight))
     assert "heavy" in text
-    assert "- yaw: usable, B33 = " in text
+    assert "- yaw: usable, effectiveness " in text
     assert "known to ±" in text
     assert "- roll:" not in text
     assert "READ BACK that SID_AXIS is 12 and SID_MAGNITUDE is 0.15" in text

@@ -30,7 +30,7 @@
 
   // Lines keep the lowest and the highest value and the first gap of each block of points, clouds every n-th point.
   const thinned = (trace) => {
-    if (!trace.x || !trace.x.bdata) return trace;
+    if (!trace.x || !trace.x.bdata || trace.fill) return trace;
     const x = decoded(trace.x), y = decoded(trace.y), lines = trace.mode === "lines";
     const size = Math.ceil((lines ? 2 : 1) * x.length / mostPoints[trace.mode]);
     if (size < 2) return trace;
@@ -53,13 +53,21 @@
   const forPaper = (trace) =>
     ({ ...thinned(trace), ...(trace.marker && trace.x.bdata ? { marker: { ...trace.marker, opacity: 1 } } : {}) });
 
+  // Arrays that several traces have in common stand once in the page.
+  const parsed = (chart) => {
+    const figure = JSON.parse(document.getElementById("data-" + chart.dataset.key).textContent);
+    const put = (value) => (value && value.array !== undefined ? figure.arrays[value.array] : value);
+    for (const trace of figure.data) { trace.x = put(trace.x); trace.y = put(trace.y); }
+    return figure;
+  };
+
   const plan = (chart) => {
-    const figure = drawn.get(chart) || JSON.parse(document.getElementById("data-" + chart.dataset.key).textContent);
+    const figure = drawn.get(chart) || parsed(chart);
     drawn.set(chart, figure);
     const palette = palettes[dark.matches && !printing ? "dark" : "light"];
     const layout = coloured(figure.layouts[narrow.matches && !printing ? "narrow" : "wide"], palette);
     // Drawn larger than the paper and shrunk by the style sheet, so that nothing runs into its neighbour.
-    if (printing) layout.width = 940;
+    if (printing) layout.width = chart.closest(".small") ? 560 : 940;
     if (figure.over_time && shared) layout.xaxis = { ...layout.xaxis, range: [...shared], autorange: false };
     const data = printing ? figure.data.map(forPaper) : figure.data;
     return [coloured(data, palette), layout, { ...config, displayModeBar: narrow.matches ? false : "hover" }];
@@ -129,6 +137,36 @@
   const redraw = () => { for (const chart of drawn.keys()) draw(chart); };
   dark.addEventListener("change", redraw);
   narrow.addEventListener("change", redraw);
-  addEventListener("beforeprint", () => { printing = true; charts.forEach(draw); });
-  addEventListener("afterprint", () => { printing = false; redraw(); });
+
+  // A link into a folded chapter opens it.
+  const unfold = () => {
+    const target = location.hash && document.getElementById(location.hash.slice(1));
+    if (!target) return;
+    for (let fold = target.querySelector(":scope > details") || target.closest("details"); fold; fold = fold.parentElement.closest("details"))
+      fold.open = true;
+    target.scrollIntoView();
+  };
+  addEventListener("hashchange", unfold);
+  unfold();
+
+  // Paper shows all that is folded, unless one page is wanted.
+  let opened = [];
+  addEventListener("beforeprint", () => {
+    printing = true;
+    const summary = document.documentElement.dataset.print === "summary";
+    opened = summary ? [] : [...document.querySelectorAll("details:not([open])")];
+    for (const fold of opened) fold.open = true;
+    charts.filter((chart) => !summary || chart.closest("#verdict")).forEach(draw);
+  });
+  addEventListener("afterprint", () => {
+    printing = false;
+    delete document.documentElement.dataset.print;
+    for (const fold of opened) fold.open = false;
+    redraw();
+  });
+  for (const button of document.querySelectorAll("button[data-print]"))
+    button.addEventListener("click", () => {
+      document.documentElement.dataset.print = button.dataset.print;
+      print();
+    });
 })();

@@ -1,0 +1,168 @@
+"""The one picture that convinces, or does not: rates that the fit never saw, and their prediction."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.data.model import FitSeries
+from quadid_logs.data.result import Result
+from quadid_logs.figures.spec import Axis, Curve, Figure, LeftOut, Panel, Ribbon
+from quadid_logs.figures.thinning import thin_line
+from quadid_logs.figures.time_series import RATE_AXIS, spans
+from quadid_logs.vocabulary import AXES, RATE_SYMBOLS
+
+KEY: Final = "evidence"
+_TITLE = "Flight that the fit never saw, measured and predicted"
+#: As long as an eye can follow a manoeuvre [s].
+_CLOSE_LOOK_S = 5.0
+#: The band holds this fraction of the held-out errors.
+_HELD = 0.95
+#: Three charts share the width of two thirds of a screen; the fit's own figures show every sample.
+_BUCKETS = 300
+#: The chart shows the measured rate; a model that runs away leaves it.
+_ROOM = 0.3
+
+
+class Held(NamedTuple):
+    """Held-out seconds of one axis: time [s], rates [deg/s], and how far off the prediction is [deg/s]."""
+
+    time_s: FloatArray
+    measured: FloatArray
+    predicted: FloatArray
+    error: float
+
+    def curves(self) -> tuple[Curve, ...]:
+        """Return the measured rate below, the predicted one on it."""
+        measured, predicted = (
+            thin_line(self.time_s, values, _BUCKETS) for values in (self.measured, self.predicted)
+        )
+        return (
+            Curve(label="measured", x=measured[0], y=measured[1], role="measured", mark="wide"),
+            Curve(label="predicted", x=predicted[0], y=predicted[1], role="modelled"),
+        )
+
+    def ribbons(self) -> tuple[Ribbon, ...]:
+        """Return the band that holds most of the held-out errors."""
+        if not np.isfinite(self.error):
+            return ()
+        x, y = thin_line(self.time_s, self.predicted, _BUCKETS)
+        low, high = y - self.error, y + self.error
+        return (Ribbon(label="95 % of held-out errors", x=x, low=low, high=high, role="interval"),)
+
+    def axis(self) -> Axis:
+        """Return the axis of the rate, held to what was measured where the prediction leaves it."""
+        known = self.measured[np.isfinite(self.measured)]
+        if not known.size:
+            return RATE_AXIS
+        low, high = float(known.min()), float(known.max())
+        room = max(_ROOM * (high - low), min(self.error, high - low) if np.isfinite(self.error) else 0.0)
+        return Axis(label=RATE_AXIS.label, unit=RATE_AXIS.unit, low=low - room, high=high + room)
+
+
+def evidence_figure(result: Result) -> Figure | LeftOut:
+    """Show the most excited held-out seconds of every axis.
+
+    Parameters
+    ----------
+    result : Result
+
+    Returns
+    -------
+    Figure or LeftOut
+    """
+    model = result.identification.recommended
+    fit = None if model is None else model.fit
+    if model is None or fit is None:
+        return LeftOut(key=KEY, title=_TITLE, reason="No model was fitted.")
+    panels: list[Panel] = []
+    for column, (axis, symbol) in enumerate(zip(AXES, RATE_SYMBOLS, strict=True)):
+        held = held_out_seconds(fit, column)
+        if held is None:
+            return LeftOut(key=KEY, title=_TITLE, reason="No data were held out.")
+        r2 = model.validation.r2_simulated_rate.get(symbol, float("nan"))
+        panels.append(
+            Panel(
+                title=axis.capitalize() + _explained(r2),
+                x=Axis(label="time", unit="s"),
+                y=replace(held.axis(), label="" if panels else RATE_AXIS.label),
+                curves=held.curves(),
+                ribbons=held.ribbons(),
+                model_of=axis,
+            )
+        )
+    restart = max(model.validation.horizon_s, default=0.0)
+    return Figure(
+        key=KEY,
+        title=_TITLE,
+        caption=f"The {_CLOSE_LOOK_S:g} s with most motion of each axis. The model flies on the logged torque"
+        + (f", anew from the measured rate every {restart:g} s." if restart else "."),
+        panels=tuple(panels),
+        columns=3,
+        low=True,
+    )
+
+
+def _explained(r2: float) -> str:
+    """Say what fraction of the motion is predicted."""
+    if not np.isfinite(r2):
+        return ""
+    return f": {100.0 * r2:.3g} % predicted" if r2 > 0.0 else ": nothing predicted"
+
+
+def held_out_seconds(fit: FitSeries, column: int) -> Held | None:
+    """Return the held-out seconds that move an axis most.
+
+    Parameters
+    ----------
+    fit : FitSeries
+    column : int
+        The axis: 0 roll, 1 pitch, 2 yaw.
+
+    Returns
+    -------
+    Held or None
+        None where nothing was held out.
+    """
+    chosen = most_excited_seconds(fit, column)
+    if chosen is None:
+        return None
+    off = np.abs(fit.simulated_rate[fit.held_out, column] - fit.rate[fit.held_out, column])
+    off = off[np.isfinite(off)]
+    return Held(
+        time_s=fit.time_s[chosen],
+        measured=np.degrees(fit.rate[chosen, column]),
+        predicted=np.degrees(fit.simulated_rate[chosen, column]),
+        error=float(np.degrees(np.quantile(off, _HELD))) if off.size else float("nan"),
+    )
+
+
+def most_excited_seconds(fit: FitSeries, column: int) -> BoolArray | None:
+    """Return which held-out seconds move an axis most.
+
+    Parameters
+    ----------
+    fit : FitSeries
+    column : int
+        The axis: 0 roll, 1 pitch, 2 yaw.
+
+    Returns
+    -------
+    ndarray of bool, shape (n_samples,), or None
+        At most the first `_CLOSE_LOOK_S` of the held-out segment whose
+        acceleration has the largest standard deviation; None without any.
+    """
+    segments = [_first_seconds(fit, *span) for span in spans(fit.time_s, fit.held_out)]
+    segments = [chosen for chosen in segments if np.count_nonzero(chosen) > 1]
+    if not segments:
+        return None
+    return max(segments, key=lambda part: float(np.std(np.nan_to_num(fit.acceleration[part, column]))))
+
+
+def _first_seconds(fit: FitSeries, start_s: float, end_s: float) -> BoolArray:
+    """Return the samples of a segment, at most as many seconds as an eye can follow."""
+    end_s = min(end_s, start_s + _CLOSE_LOOK_S)
+    return np.asarray((fit.time_s >= start_s) & (fit.time_s <= end_s))
