@@ -203,8 +203,8 @@ class FitSeries:
 
     All of shape (n_samples, 3) but ``time_s`` (n_samples,) and ``held_out``
     (n_samples,) of bool. Acceleration [rad/s^2] is smoothed as in the fit;
-    rate [rad/s]; ``simulated_rate`` restarts from the measured one after
-    every horizon.
+    rate [rad/s]; ``simulated_rate`` starts from the measured one with every
+    block that is held out or fitted as a whole.
     """
 
     time_s: FloatArray

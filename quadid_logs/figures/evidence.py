@@ -78,28 +78,29 @@ def evidence_figure(result: Result) -> Figure | LeftOut:
     fit = None if model is None else model.fit
     if model is None or fit is None:
         return LeftOut(key=KEY, title=_TITLE, reason="No model was fitted.")
+    verdicts = result.diagnosis.axes
+    refused_by_axis = {axis: verdicts[axis].verdict == "refused" for axis in verdicts}
     panels: list[Panel] = []
     for column, (axis, symbol) in enumerate(zip(AXES, RATE_SYMBOLS, strict=True)):
         held = held_out_seconds(fit, column)
         if held is None:
             return LeftOut(key=KEY, title=_TITLE, reason="No data were held out.")
-        r2 = model.validation.r2_simulated_rate.get(symbol, float("nan"))
+        refused = refused_by_axis.get(axis, False)
+        r2 = float("nan") if refused else model.validation.r2_simulated_rate.get(symbol, float("nan"))
         panels.append(
             Panel(
-                title=axis.capitalize() + _explained(r2),
+                title=axis.capitalize() + (": refused" if refused else _explained(r2)),
                 x=Axis(label="time", unit="s"),
                 y=replace(held.axis(), label="" if panels else RATE_AXIS.label),
                 curves=held.curves(),
-                ribbons=held.ribbons(),
-                model_of=axis,
+                ribbons=() if refused else held.ribbons(),
             )
         )
-    restart = max(model.validation.horizon_s, default=0.0)
     return Figure(
         key=KEY,
         title=_TITLE,
-        caption=f"The {_CLOSE_LOOK_S:g} s with most motion of each axis. The model flies on the logged torque"
-        + (f", anew from the measured rate every {restart:g} s." if restart else "."),
+        caption=f"Up to {_CLOSE_LOOK_S:g} s with the most motion of each axis. From its first measured rate on, "
+        "the model flies on the logged torque alone, and its errors add up.",
         panels=tuple(panels),
         columns=3,
         low=True,

@@ -139,13 +139,11 @@ def _simulation(model: Model, fit: FitSeries) -> Figure:
     panels = _pair(fit.time_s, series, ("measured", "simulated"), _RATE, _held_out(fit))
     known = model.validation.r2_simulated_rate
     notes = [_r2_note(known.get(symbol)) for symbol in RATE_SYMBOLS]
-    horizon = max(model.validation.horizon_s, default=0.0)
-    restart = f", restarted every {horizon:g} s" if horizon else ", restarted at intervals"
     return Figure(
         key="simulation",
         title=f"Measured and simulated rates: {model.structure}",
-        caption=f"The model flies on the logged torque alone{restart} from the measured rate. This is the "
-        "hardest test: errors add up." + _HELD_OUT,
+        caption="The model flies on the logged torque alone, in blocks of some seconds that each begin with the "
+        "measured rate. This is the hardest test: errors add up." + _HELD_OUT,
         panels=_noted(panels, notes),
         over_time=True,
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from pathlib import PurePath
 from typing import Final
 
 from quadid_logs.control.findings import GOOD, outermost
@@ -45,7 +46,7 @@ def _with_the_model(result: Result) -> Iterator[str]:
     margins = _margins_sentence(result)
     if margins:
         yield margins
-    log = printable(result.log.path, 120)
+    log = printable(PurePath(result.log.path).name, 120)
     yield (
         f"Use the model: quadid-log export {log} --model -o model.mat for MATLAB, model.py for "
         "python-control, model.sdf for Gazebo."

@@ -19,6 +19,8 @@ _UNITS: Final = (
     ("_rad_s", "rad/s"),
     ("_kg_m2", "kg m²"),
     ("_n_m", "N m"),
+    ("_deg", "deg"),
+    ("_db", "dB"),
     ("_hz", "Hz"),
     ("_ms", "ms"),
     ("_s", "s"),
