@@ -13,6 +13,7 @@ from quadid_logs.data.result import Result
 from quadid_logs.figures.spec import Axis, Curve, Figure, LeftOut, Panel, Ribbon
 from quadid_logs.figures.thinning import thin_line
 from quadid_logs.figures.time_series import RATE_AXIS, spans
+from quadid_logs.maths.band import high_pass
 from quadid_logs.vocabulary import AXES, RATE_SYMBOLS
 
 KEY: Final = "evidence"
@@ -74,19 +75,15 @@ def evidence_figure(result: Result) -> Figure | LeftOut:
     -------
     Figure or LeftOut
     """
-    model = result.identification.recommended
-    fit = None if model is None else model.fit
-    if model is None or fit is None:
-        return LeftOut(key=KEY, title=_TITLE, reason="No model was fitted.")
+    model, found = result.identification.recommended, held_out_seconds(result)
+    if model is None or len(found) < len(AXES):
+        reason = "No model was fitted." if model is None else "No data were held out."
+        return LeftOut(key=KEY, title=_TITLE, reason=reason)
     verdicts = result.diagnosis.axes
-    refused_by_axis = {axis: verdicts[axis].verdict == "refused" for axis in verdicts}
     panels: list[Panel] = []
-    for column, (axis, symbol) in enumerate(zip(AXES, RATE_SYMBOLS, strict=True)):
-        held = held_out_seconds(fit, column)
-        if held is None:
-            return LeftOut(key=KEY, title=_TITLE, reason="No data were held out.")
-        refused = refused_by_axis.get(axis, False)
-        r2 = float("nan") if refused else model.validation.r2_simulated_rate.get(symbol, float("nan"))
+    for axis, symbol, held in zip(AXES, RATE_SYMBOLS, found, strict=True):
+        refused = axis in verdicts and verdicts[axis].verdict == "refused"
+        r2 = model.validation.r2_high_passed_rate.get(symbol, float("nan"))
         panels.append(
             Panel(
                 title=axis.capitalize() + (": refused" if refused else _explained(r2)),
@@ -99,8 +96,8 @@ def evidence_figure(result: Result) -> Figure | LeftOut:
     return Figure(
         key=KEY,
         title=_TITLE,
-        caption=f"Up to {_CLOSE_LOOK_S:g} s with the most motion of each axis. From its first measured rate on, "
-        "the model flies on the logged torque alone, and its errors add up.",
+        caption=f"Up to {_CLOSE_LOOK_S:g} s with the most motion of each axis. The model flies on the logged "
+        f"torque alone. Left out: what is slower than the fitted band ({slowest_hz(result):.2g} Hz).",
         panels=tuple(panels),
         columns=3,
         low=True,
@@ -114,31 +111,66 @@ def _explained(r2: float) -> str:
     return f": {100.0 * r2:.3g} % predicted" if r2 > 0.0 else ": nothing predicted"
 
 
-def held_out_seconds(fit: FitSeries, column: int) -> Held | None:
-    """Return the held-out seconds that move an axis most.
+def held_out_seconds(result: Result) -> tuple[Held, ...]:
+    """Return for each axis the held-out seconds that move it most, without what is slower than the fit.
 
     Parameters
     ----------
-    fit : FitSeries
-    column : int
-        The axis: 0 roll, 1 pitch, 2 yaw.
+    result : Result
 
     Returns
     -------
-    Held or None
-        None where nothing was held out.
+    tuple of Held
+        Of roll, pitch and yaw; empty where there is no model or nothing was held out.
     """
-    chosen = most_excited_seconds(fit, column)
-    if chosen is None:
-        return None
-    off = np.abs(fit.simulated_rate[fit.held_out, column] - fit.rate[fit.held_out, column])
-    off = off[np.isfinite(off)]
-    return Held(
-        time_s=fit.time_s[chosen],
-        measured=np.degrees(fit.rate[chosen, column]),
-        predicted=np.degrees(fit.simulated_rate[chosen, column]),
-        error=float(np.degrees(np.quantile(off, _HELD))) if off.size else float("nan"),
+    model = result.identification.recommended
+    fit = None if model is None else model.fit
+    if model is None or fit is None:
+        return ()
+    shown = [most_excited_seconds(fit, column) for column in range(len(AXES))]
+    fast = _fast(fit, slowest_hz(result))
+    return tuple(
+        _held(fit.time_s, fast, chosen, column) for column, chosen in enumerate(shown) if chosen is not None
     )
+
+
+def slowest_hz(result: Result) -> float:
+    """Return the lower edge of the fitted band [Hz].
+
+    Parameters
+    ----------
+    result : Result
+
+    Returns
+    -------
+    float
+    """
+    model = result.identification.recommended
+    if model is not None and model.band is not None:
+        return float(model.band.low_hz[0])
+    return result.settings.identify.high_pass_hz
+
+
+def _fast(fit: FitSeries, cutoff_hz: float) -> FloatArray:
+    """Return measured and predicted held-out rates, high-passed, (n_samples, 6) [rad/s]; NaN elsewhere."""
+    rates = np.column_stack([fit.rate, fit.simulated_rate])
+    known = fit.held_out & np.isfinite(rates).all(axis=1)
+    fast = np.full_like(rates, np.nan)
+    for start_s, end_s in spans(fit.time_s, known):
+        rows = np.flatnonzero(known & (fit.time_s >= start_s) & (fit.time_s <= end_s))
+        if rows.size > 1:
+            period_s = (end_s - start_s) / (rows.size - 1)
+            fast[rows] = high_pass(rates[rows], period_s, cutoff_hz)
+    return fast
+
+
+def _held(time_s: FloatArray, fast: FloatArray, chosen: BoolArray, column: int) -> Held:
+    """Return the chosen seconds of an axis."""
+    measured, predicted = np.degrees(fast[:, column]), np.degrees(fast[:, len(AXES) + column])
+    off = np.abs(predicted - measured)
+    off = off[np.isfinite(off)]
+    error = float(np.quantile(off, _HELD)) if off.size else float("nan")
+    return Held(time_s[chosen], measured[chosen], predicted[chosen], error)
 
 
 def most_excited_seconds(fit: FitSeries, column: int) -> BoolArray | None:

@@ -142,8 +142,8 @@ def _simulation(model: Model, fit: FitSeries) -> Figure:
     return Figure(
         key="simulation",
         title=f"Measured and simulated rates: {model.structure}",
-        caption="The model flies on the logged torque alone, in blocks of some seconds that each begin with the "
-        "measured rate. This is the hardest test: errors add up." + _HELD_OUT,
+        caption="The model flies on the logged torque alone, in blocks of some seconds that each begin with "
+        "the measured rate. This is the hardest test: errors add up." + _HELD_OUT,
         panels=_noted(panels, notes),
         over_time=True,
     )

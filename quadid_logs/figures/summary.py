@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from quadid_logs.data.result import Result
-from quadid_logs.figures.evidence import Held, held_out_seconds
+from quadid_logs.figures.evidence import held_out_seconds
 from quadid_logs.figures.spec import Curve, Figure, Panel
 from quadid_logs.figures.thinning import break_at_gaps, thin_line
 from quadid_logs.figures.time_series import RATE_AXIS, TIME
@@ -33,7 +33,7 @@ def summary_figure(result: Result, headline: str, gains: Mapping[str, str]) -> F
     """
     name = printable(result.name, 60)
     vehicle = ", ".join(filter(None, (printable(result.log.frame, 30), printable(result.log.firmware, 50))))
-    held = _held(result)
+    held = dict(zip(AXES, held_out_seconds(result), strict=False))
     curves = {axis: each.curves() for axis, each in held.items()} or _measured(result)
     shown = (
         "Body rates on flight that the fit never saw: measured, and predicted from the torque alone."
@@ -63,16 +63,6 @@ def summary_figure(result: Result, headline: str, gains: Mapping[str, str]) -> F
 def _verdict(result: Result, axis: str) -> str:
     found = result.diagnosis.axes.get(axis)
     return found.verdict if found else "not judged"
-
-
-def _held(result: Result) -> dict[str, Held]:
-    """Return the most excited held-out seconds by axis, empty where nothing was held out."""
-    model = result.identification.recommended
-    fit = None if model is None else model.fit
-    if fit is None:
-        return {}
-    found = {axis: held_out_seconds(fit, column) for column, axis in enumerate(AXES)}
-    return {axis: held for axis, held in found.items() if held is not None}
 
 
 def _measured(result: Result) -> dict[str, tuple[Curve, ...]]:
