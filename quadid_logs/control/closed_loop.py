@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from quadid_logs.arrays import FloatArray
 from quadid_logs.control.command_units import per_command
 from quadid_logs.control.conditioning import conditioned
 from quadid_logs.control.frequency_response import (

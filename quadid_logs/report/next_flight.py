@@ -7,9 +7,10 @@ from collections.abc import Iterator
 from pathlib import PurePath
 from typing import Final
 
-from quadid_logs.control.findings import GOOD, outermost
+from quadid_logs.control.findings import outermost
 from quadid_logs.data.closed_loop import Margins
 from quadid_logs.data.result import Result
+from quadid_logs.data.tuning import GOOD
 from quadid_logs.diagnose.advice import next_steps as ordered_steps
 from quadid_logs.report.numbers import number
 from quadid_logs.report.verdict import refused_names
@@ -46,7 +47,7 @@ def _with_the_model(result: Result) -> Iterator[str]:
     margins = _margins_sentence(result)
     if margins:
         yield margins
-    log = printable(PurePath(result.log.path).name, 120)
+    log = _log(result)
     yield (
         f"Use the model: quadid-log export {log} --model -o model.mat for MATLAB, model.py for "
         "python-control, model.sdf for Gazebo."
@@ -55,6 +56,11 @@ def _with_the_model(result: Result) -> Iterator[str]:
         "After a change of propellers, load, battery or gains, fly the same manoeuvre again and see what "
         f"it did: quadid-log compare {log} NEXT-LOG"
     )
+
+
+def _log(result: Result) -> str:
+    """Return the log as one would name it on the command line."""
+    return printable(PurePath(result.log.path).name, 120)
 
 
 def _margins_sentence(result: Result) -> str:
@@ -72,7 +78,8 @@ def _margins_sentence(result: Result) -> str:
     return (
         f"{enough} in the gains: the axis nearest to oscillating is {nearest}, with a phase margin of "
         f"{number(phase.value, 2)} degrees and a gain margin of {number(gain.value, 2)} dB "
-        f"({GOOD.phase_deg:g} degrees and {GOOD.gain_db:g} dB are enough)."
+        f"({GOOD.phase_deg:g} degrees and {GOOD.gain_db:g} dB are enough). The next gains to fly: "
+        f"quadid-log tune {_log(result)}"
     )
 
 
