@@ -59,7 +59,8 @@ def reconstruct(log: CleanLog, autopilot: Mixing, vehicle: Vehicle | None = None
     series = rebuilt.series
     speed = from_rotor_speed(log, airframe, series[0] if series else None)
     # A thrust stand's curve is over the motor command, which a speed does not tell.
-    measured = speed.fast and (vehicle is None or vehicle.thrust_curve is None)
+    by_speed = speed.fast and not rebuilt.told_by_speed
+    measured = by_speed and (vehicle is None or vehicle.thrust_curve is None)
     if speed.series is not None:
         series = (speed.series, *series) if measured else (*series, speed.series)
     scaled = calibrate(log, airframe, vehicle, series if measured else rebuilt.series)

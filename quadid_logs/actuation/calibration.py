@@ -135,7 +135,9 @@ def torque_n_m(
         rotor_thrust=np.clip(thrust, 0.0, None) if known else None,
         torque_per_thrust=per_thrust if known else None,
         thrust_by_expo=None if by_expo is None else np.clip(thrust, 0.0, None) * by_expo,
-        expo=replace(expo, held=scaled.held) if by_expo is not None and expo and scaled.held else None,
+        expo=replace(expo, held=scaled.held, slope_by_expo=(0.0, 0.0, 0.0))
+        if by_expo is not None and expo and scaled.held
+        else None,
     )
 
 

@@ -68,6 +68,8 @@ class MotorSeries:
         Saturation is contained.
     by_expo : ndarray, shape (n_samples, n_rotors), or None
         Derivative of the thrust by the expo of its curve, over the thrust; None where no expo was assumed.
+    per_thrust : ndarray, shape (3, n_rotors), or None
+        ``command`` per unit of ``command_thrust``, where that is not the inverse of the mixing.
     """
 
     base: CleanSeries
@@ -81,6 +83,7 @@ class MotorSeries:
     reason: str
     achieved: bool
     by_expo: FloatArray | None = None
+    per_thrust: FloatArray | None = None
 
     @property
     def time_s(self) -> FloatArray:
@@ -143,7 +146,7 @@ class MotorSeries:
             series=series,
             saturated=self.marks,
             rotor_thrust=thrust,
-            torque_per_thrust=airframe.command_per_thrust,
+            torque_per_thrust=airframe.command_per_thrust if self.per_thrust is None else self.per_thrust,
             thrust_by_expo=None if self.by_expo is None else thrust * self.by_expo,
             expo=None if self.by_expo is None else expo,
         )
@@ -165,12 +168,17 @@ class MotorSeries:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rebuilt:
-    """The motor series that a log allows, the check of them, what stood in the way, and the expo assumed."""
+    """The motor series that a log allows, the check of them, what stood in the way, and the expo assumed.
+
+    ``told_by_speed``: measured speeds of the rotors told thrust curve and drift, so that the outputs are
+    the input, whose lag is to be found.
+    """
 
     series: tuple[MotorSeries, ...] = ()
     check: MixerCheck | None = None
     remarks: tuple[str, ...] = ()
     expo: AssumedExpo | None = None
+    told_by_speed: bool = False
 
     @property
     def trusted(self) -> bool:

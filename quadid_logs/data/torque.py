@@ -99,19 +99,29 @@ class HeldScale(StrEnum):
     """The mean thrust carries the vehicle."""
     FULL = "full"
     """The thrust at full throttle is given."""
+    COMMAND = "command"
+    """A unit of torque is, by least squares over the flight, one of command."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AssumedExpo:
     """The expo with which the torque was rebuilt, the parameter that says so, and what fixes the scale.
 
-    ``half_width`` is how far it may be off (95 %), 0 before the flight was asked.
+    ``half_width`` is how far it may be off (95 %), 0 where nothing is known before the flight is asked;
+    ``parameter`` is empty where none says so; ``slope_by_expo`` is the relative change of thrust per command
+    by the expo, by axis, where the command holds the scale.
     """
 
     value: float
     parameter: str
     held: HeldScale = HeldScale.SLOPE
     half_width: float = 0.0
+    slope_by_expo: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def mean_slope(self) -> float:
+        """Mean of ``slope_by_expo``: the scale of the thrust takes it, and what axes differ by is their own."""
+        return sum(self.slope_by_expo) / len(self.slope_by_expo)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

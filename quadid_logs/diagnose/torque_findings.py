@@ -46,8 +46,10 @@ def find_in_torque(log: FlightLog, data: FlightData, identification: Identificat
         yield finding("QL308", "info", {"why": list(model.refused)})
     if data.segments:
         yield from _saturation(model, data.input)
-    if identification.thrust_curve is not None and identification.thrust_curve.corrected:
-        yield _other_expo(identification.thrust_curve)
+    curve = identification.thrust_curve
+    # Where no parameter holds the expo there is nothing to set; the result says what was found.
+    if curve is not None and curve.corrected and curve.parameter:
+        yield _other_expo(curve)
     best = identification.recommended
     if best is not None and best.inertia is not None:
         yield from _inertia(best.inertia, data.input.calibration)

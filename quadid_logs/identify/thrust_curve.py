@@ -217,7 +217,7 @@ def fit_thrust_curve(
         return data, whole, None
     if any(segment.thrust_by_expo is None for segment in data.segments):
         return data, whole, None
-    expo, scale = described.expo, _scale_change(data, described.expo.held)
+    expo, scale = described.expo, _scale_change(data, described.expo)
     data = replace(data, segments=tuple(_normalised(each, scale) for each in data.segments))
     whole = whole.with_chunks([_normalised(each, scale) for each in whole.chunks])
     found = _search(whole.high_passed(high_pass_hz), described)
@@ -321,7 +321,7 @@ def _judged(expo: AssumedExpo, found: _Found, scale: float) -> tuple[ThrustCurve
         reason = "the effectiveness changes with thrust more than any propeller's curve makes it"
     if reason:
         middle, reach = 0.5 * sum(_PROPELLERS), 0.5 * (_PROPELLERS[1] - _PROPELLERS[0])
-        half = float(np.hypot(reach, expo.value - middle))
+        half = expo.half_width or float(np.hypot(reach, expo.value - middle))
         value, shift, off = expo.value, 0.0, half
     elif abs(value - expo.value) > half:
         shift, off = found.shift, half
@@ -344,10 +344,13 @@ def _expo_change(shift: float, scale: float) -> float:
     return shift / (1.0 - scale * shift) if scale * shift < 1.0 else float(np.inf)
 
 
-def _scale_change(data: FlightData, held: HeldScale) -> float:
+def _scale_change(data: FlightData, expo: AssumedExpo) -> float:
     """Return the relative change of the scale of thrust by the expo, by what holds it."""
+    held = expo.held
     if held is HeldScale.FULL:
         return 0.0
+    if held is HeldScale.COMMAND:
+        return expo.mean_slope
     thrust, by_expo = _per_rotor(data)
     if held is HeldScale.WEIGHT:
         return float(by_expo.sum() / thrust.sum())

@@ -123,11 +123,13 @@ def torques_by_expo(chunks: Sequence[Segment], described: InputDescription) -> l
     -------
     list of ndarray, shape (n_samples, 3)
     """
-    per_thrust = described.torque_per_thrust
+    per_thrust, expo = described.torque_per_thrust, described.expo
+    # What the slope of an axis on the command changes by, beyond what the scale of the thrust does.
+    own = 0.0 if expo is None else np.array(expo.slope_by_expo) - expo.mean_slope
     return [
         np.zeros_like(chunk.torque)
         if chunk.thrust_by_expo is None or per_thrust is None
-        else np.asarray(chunk.thrust_by_expo @ per_thrust.T, dtype=np.float64)
+        else np.asarray(chunk.thrust_by_expo @ per_thrust.T - own * chunk.torque, dtype=np.float64)
         for chunk in chunks
     ]
 

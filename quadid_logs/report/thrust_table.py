@@ -41,16 +41,16 @@ def thrust_table(curve: ThrustCurve) -> Table:
 
 def _sentence(curve: ThrustCurve) -> str:
     """Say what the expo is, and what the autopilot takes it for."""
-    name = printable(curve.parameter, 40)
+    name = printable(curve.parameter, 40) or "what was assumed, as no parameter says it"
     if not curve.identifiable:
         return (
             f"The expo of the thrust curve cannot be told from this flight: {printable(curve.reason)}. "
-            f"{name} is {number(curve.assumed, 2)}, which the intervals take for uncertain."
+            f"It is taken as {number(curve.assumed, 2)} ({name}), which the intervals take for uncertain."
         )
     value = estimate(curve.expo, *curve.ci95)
     if curve.corrected:
         return (
-            f"The propellers' expo is {value}, but {name} is {number(curve.assumed, 2)}: "
+            f"The propellers' expo is {value}, not {number(curve.assumed, 2)} ({name}): "
             "the torque was rebuilt with what was found."
         )
-    return f"The propellers' expo is {value}, which agrees with {name}, {number(curve.assumed, 2)}."
+    return f"The propellers' expo is {value}, which agrees with {number(curve.assumed, 2)} ({name})."

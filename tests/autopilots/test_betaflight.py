@@ -5,17 +5,22 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from quadid_logs.actuation.airframe import Airframe, Unknown
+from quadid_logs.align.series import CleanSeries
 from quadid_logs.autopilots.betaflight.airframe import find_airframe
 from quadid_logs.autopilots.betaflight.filters import measured_filter, settings_filter
 from quadid_logs.autopilots.betaflight.log import read
+from quadid_logs.autopilots.betaflight.rotors import COMMON_EXPO, find_rotors, full_output, lagged
 from quadid_logs.autopilots.betaflight.torque import before_linearisation, mix_factor
-from quadid_logs.data.log import FlightLog
+from quadid_logs.data.log import FlightLog, Rows
+from quadid_logs.data.model import Model
 from quadid_logs.errors import UnknownFormatError
+from quadid_logs.vocabulary import ON_AXIS
 from tests.analyses import Analyzed
 from tests.containers import blackbox_maker as maker
 
@@ -159,17 +164,116 @@ def test_the_rpm_filter_has_a_notch_per_motor_and_harmonic() -> None:
     assert {notch.inverse_q for notch in notches} == {0.2}
 
 
-@pytest.mark.corpus
-def test_stick_flight_of_the_firmware_gives_roll_and_pitch_as_they_are(
-    corpus: Path, analyzed: Analyzed
-) -> None:
-    """At the flight's mean motor commands, where the model is: to what the mean over a curve can tell."""
-    truth = json.loads((corpus / "firmware/bf_quad_sticks.truth.json").read_text())["linear_model"]
-    model = analyzed(corpus / "firmware/bf_quad_sticks.bbl").identification.recommended
+def test_digital_outputs_are_steps_and_others_microseconds() -> None:
+    """Idle is in the output: 158 is step 111 of 2000, 1070 us are 7 % of the pulse's range."""
+    ends = np.array([0.0, 1.0])
+    digital = full_output(
+        ends, {"motor_pwm_protocol": 6.0, "motorOutput[0]": 158.0, "motorOutput[1]": 2047.0}
+    )
+    pulses = full_output(
+        ends, {"motor_pwm_protocol": 1.0, "motorOutput[0]": 1070.0, "motorOutput[1]": 2000.0}
+    )
+    np.testing.assert_allclose([digital, pulses], [[0.0555, 1.0], [0.07, 1.0]])
+
+
+def rows_of(values: np.ndarray, period_s: float = 1e-3) -> CleanSeries:
+    """Return a series of one name or another."""
+    return CleanSeries(
+        name="",
+        rows=Rows(np.zeros(0), np.zeros(0, np.int64)),
+        time_s=period_s * np.arange(len(values)),
+        values=values,
+        period_s=period_s,
+        source="",
+        reason="",
+    )
+
+
+class Cleaned:
+    """A cleaned log that holds some signals and nothing else."""
+
+    def __init__(self, **signals: np.ndarray) -> None:
+        self._signals = {name: rows_of(values) for name, values in signals.items()}
+
+    def first(self, name: str) -> CleanSeries | None:
+        """Return the source of a signal."""
+        return self._signals.get(name)
+
+
+@pytest.fixture(scope="module")
+def flown() -> tuple[np.ndarray, np.ndarray]:
+    """Outputs that move, and speeds of rotors with an expo of 0.7 and 30 ms, on a battery that runs down."""
+    rng = np.random.default_rng(0)
+    output = 0.35 + 0.05 * np.clip(lagged(rng.normal(size=(20_000, 4)), 1e-3, 0.02) * 6.0, -4.0, 4.0)
+    speed = lagged(np.sqrt(0.3 * output + 0.7 * output**2), 1e-3, 0.03)
+    return output, 2000.0 * speed * np.linspace(1.0, 0.9, 20_000)[:, np.newaxis]
+
+
+def test_measured_speeds_tell_curve_and_lag(flown: tuple[np.ndarray, np.ndarray]) -> None:
+    """Whatever the battery takes off meanwhile."""
+    output, speed = flown
+    found = find_rotors(Cleaned(rotor_speed=speed), rows_of(output), output, np.ones(len(output), bool))
+    assert found.measured
+    np.testing.assert_allclose([found.expo, found.lag_s], [0.7, 0.03], rtol=0.02)
+
+
+def test_measured_speeds_tell_how_thrust_falls_with_the_battery(flown: tuple[np.ndarray, np.ndarray]) -> None:
+    """By a tenth of speed, a fifth of thrust."""
+    output, speed = flown
+    found = find_rotors(Cleaned(rotor_speed=speed), rows_of(output), output, np.ones(len(output), bool))
+    assert found.drift[-2000] / found.drift[2000] == pytest.approx((0.91 / 0.99) ** 2, rel=0.01)
+
+
+def test_speeds_that_do_not_follow_the_outputs_tell_no_curve(flown: tuple[np.ndarray, np.ndarray]) -> None:
+    """As of a battery at its end: the curve of a common propeller is taken."""
+    output, speed = flown
+    found = find_rotors(Cleaned(rotor_speed=speed[::-1]), rows_of(output), output, np.ones(len(output), bool))
+    assert not found.measured
+    assert found.expo == COMMON_EXPO
+
+
+def test_without_speeds_an_output_counts_with_the_voltage(flown: tuple[np.ndarray, np.ndarray]) -> None:
+    """Over its mean in flight."""
+    output, _ = flown
+    voltage = np.linspace(16.0, 14.0, len(output))[:, np.newaxis]
+    found = find_rotors(Cleaned(battery_voltage=voltage), rows_of(output), output, np.ones(len(output), bool))
+    np.testing.assert_allclose(found.supply, voltage / 15.0)
+
+
+@pytest.fixture(scope="module", params=["sticks", "chirp"])
+def identified(
+    request: pytest.FixtureRequest, corpus: Path, analyzed: Analyzed
+) -> tuple[Model, dict[str, Any]]:
+    """The model of a flight of the firmware, and the truth about it."""
+    truth = json.loads((corpus / f"firmware/bf_quad_{request.param}.truth.json").read_text())
+    model = analyzed(corpus / f"firmware/bf_quad_{request.param}.bbl").identification.recommended
     assert model is not None
-    found = {parameter.name: parameter.value for parameter in model.parameters}
-    expected = truth["B_roll_pitch_yaw_mean"][:2]
-    np.testing.assert_allclose([found["B11"], found["B22"]], expected, rtol=0.03)
+    return model, truth
+
+
+@pytest.mark.corpus
+def test_the_effectiveness_of_the_firmwares_flights_is_as_it_is(identified: tuple[Model, dict]) -> None:
+    """Per unit of the PID sums, by least squares over the flight: 2 % of roll and pitch, 4 % of yaw."""
+    model, truth = identified
+    expected = truth["linear_model"]["B_roll_pitch_yaw_ls_flight"]
+    found = [model.entries[on_axis].value for on_axis in ON_AXIS.values()]
+    assert (np.abs(np.divide(found, expected) - 1.0) < [0.02, 0.02, 0.04]).all()
+
+
+@pytest.mark.corpus
+def test_the_lag_of_the_firmwares_flights_is_that_of_the_rotors(identified: tuple[Model, dict]) -> None:
+    """Within 2 ms, whether or not the speeds are logged."""
+    model, truth = identified
+    assert model.actuator is not None
+    assert abs(model.actuator.lag_s - truth["vehicle"]["motor_lag_s"][0]) < 0.002
+
+
+@pytest.mark.corpus
+def test_the_reaction_of_the_firmwares_rotors_in_yaw_is_as_it_is(identified: tuple[Model, dict]) -> None:
+    """Within 15 %."""
+    model, truth = identified
+    expected = truth["linear_model"]["E_yaw_ls_flight"]
+    assert model.entries["r_dot", "N_dot"].value == pytest.approx(expected, rel=0.15)
 
 
 @pytest.mark.corpus

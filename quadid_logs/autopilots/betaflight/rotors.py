@@ -1,0 +1,208 @@
+"""From motor outputs to thrust: the propellers' curve, the rotors' lag, and the battery.
+
+No header tells the thrust curve. Where the speeds of the rotors are logged they tell it, since thrust goes
+with their square; elsewhere it is that of a common propeller, which the fit corrects as far as the flight
+shows it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from quadid_logs.align.series import CleanLog, CleanSeries
+from quadid_logs.arrays import BoolArray, FloatArray
+
+#: Middle of what thrust stands show (0.2 to 0.8, see docs/method.md).
+COMMON_EXPO: Final = 0.5
+#: By measured speeds the expo comes out within 0.01 of the truth in simulation; what thrust is beside the
+#: square of speed, and an output beside a voltage, is known to a few hundredths (95 %).
+MEASURED_HALF_WIDTH: Final = 0.05
+#: Middle of published lags of rotors of this size [s].
+COMMON_LAG_S: Final = 0.03
+#: ``drivers/motor_types.h``: protocols of these numbers are digital.
+_DIGITAL: Final = (5.0, 8.0)
+#: Outputs of no and of full throttle: below the first of 2000 digital steps (``drivers/dshot.h``), pulses [us].
+_STEPS, _PULSES = (47.0, 2047.0), (1000.0, 2000.0)
+#: Battery and air change over longer times, manoeuvres over shorter ones [s].
+_DRIFT_S: Final = 2.0
+#: Measured speeds that a curve and a lag explain less of belong to a battery at its end, or to other motors.
+_EXPLAINED: Final = 0.8
+#: Gauss-Newton's steps of expo and lag [s]; it needs four from anywhere in the range.
+_STEPS_OF, _ROUNDS = (1e-3, 1e-4), 8
+_RANGE: Final = ((-0.25, 0.001), (1.25, 0.25))
+_FEWEST_ROWS: Final = 500
+#: Beyond, a voltage is that of no battery in flight, or a speed that of a stopped motor.
+_BELIEVED: Final = (0.5, 2.0)
+
+
+class Rotors(NamedTuple):
+    """How outputs make thrust.
+
+    Attributes
+    ----------
+    expo, lag_s : float
+        Of the thrust curve, and of the speed behind the output [s].
+    supply : ndarray, shape (n_samples, 1)
+        Voltage over its mean in flight, which output counts with; 1 where it is not known.
+    drift : ndarray, shape (n_samples, n_rotors) or (1, 1)
+        Thrust over that of the curve, by measured speeds; 1 without.
+    measured : bool
+        By measured speeds.
+    """
+
+    expo: float
+    lag_s: float
+    supply: FloatArray
+    drift: FloatArray
+    measured: bool
+
+    def thrust(self, output: FloatArray, expo: float | None = None) -> FloatArray:
+        """Return thrust as a fraction of that at full output, by this or another expo; shape of `output`."""
+        y = np.clip(output * self.supply, 0.0, None)
+        e = self.expo if expo is None else expo
+        return np.asarray(np.clip((1.0 - e) * y + e * y**2, 0.0, None) * self.drift)
+
+
+def full_output(fraction: FloatArray, settings: Mapping[str, float]) -> FloatArray:
+    """Return outputs as a fraction of full throttle, idle included.
+
+    Parameters
+    ----------
+    fraction : ndarray
+        From idle, 0, to the highest output, 1.
+    settings : mapping of str to float
+        Of the log's header.
+
+    Returns
+    -------
+    ndarray
+        Shape of `fraction`.
+    """
+    digital = _DIGITAL[0] <= settings.get("motor_pwm_protocol", _DIGITAL[0]) <= _DIGITAL[1]
+    zero, full = _STEPS if digital else _PULSES
+    low, high = settings.get("motorOutput[0]", zero), settings.get("motorOutput[1]", full)
+    return np.asarray(np.clip((low - zero + fraction * (high - low)) / (full - zero), 0.0, 1.0))
+
+
+def find_rotors(log: CleanLog, motors: CleanSeries, output: FloatArray, flown: BoolArray) -> Rotors:
+    """Find curve, lag and drift by measured speeds, or the drift by the battery's voltage.
+
+    Parameters
+    ----------
+    log : CleanLog
+    motors : CleanSeries
+        Whose rows these are.
+    output : ndarray, shape (n_samples, n_rotors)
+        As a fraction of full throttle.
+    flown : ndarray of bool, shape (n_samples,)
+
+    Returns
+    -------
+    Rotors
+    """
+    one = np.ones((1, 1))
+    common = Rotors(COMMON_EXPO, COMMON_LAG_S, _supply(log, motors, flown), one, measured=False)
+    speed = _speeds(log, motors, output.shape[1])
+    if speed is None or np.count_nonzero(flown) < _FEWEST_ROWS:
+        return common
+    width = max(round(_DRIFT_S / motors.period_s), 1)
+    expo, lag_s, explained = _fitted(speed, output, flown, motors.period_s, width)
+    if not explained >= _EXPLAINED:
+        return common
+    found = Rotors(expo, lag_s, one, one, measured=True)
+    answered = behind_lag(found.thrust(output), motors.period_s, lag_s)
+    return found._replace(drift=_drift(speed**2, answered, flown, width))
+
+
+def behind_lag(thrust: FloatArray, period_s: float, lag_s: float) -> FloatArray:
+    """Return the thrust of rotors whose speeds, its roots, follow with a lag; (n_samples, n_rotors).
+
+    Parameters
+    ----------
+    thrust : ndarray, shape (n_samples, n_rotors)
+        That the outputs ask for.
+    period_s, lag_s : float
+
+    Returns
+    -------
+    ndarray, shape (n_samples, n_rotors)
+    """
+    return np.asarray(lagged(np.sqrt(thrust), period_s, lag_s) ** 2)
+
+
+def lagged(columns: FloatArray, period_s: float, lag_s: float) -> FloatArray:
+    """Return columns (n_samples, n) behind a lag, exact for held values."""
+    from scipy.signal import lfilter
+
+    decay = float(np.exp(-period_s / lag_s))
+    start = decay * columns[:1]
+    return np.asarray(lfilter([1.0 - decay], [1.0, -decay], columns, axis=0, zi=start)[0], dtype=np.float64)
+
+
+def _supply(log: CleanLog, motors: CleanSeries, flown: BoolArray) -> FloatArray:
+    """Return the voltage over its mean in flight on the motors' rows, 1 where no battery is logged."""
+    battery = log.first("battery_voltage")
+    if battery is None or not flown.any():
+        return np.ones((1, 1))
+    voltage = battery.at(motors.time_s)
+    mean = float(np.mean(voltage[flown]))
+    relative = voltage / mean if mean > 0.0 else np.zeros_like(voltage)
+    believed = (relative[flown] > _BELIEVED[0]) & (relative[flown] < _BELIEVED[1])
+    if not believed.all():
+        return np.ones((1, 1))
+    return np.asarray(np.clip(relative, *_BELIEVED)[:, np.newaxis])
+
+
+def _speeds(log: CleanLog, motors: CleanSeries, n_rotors: int) -> FloatArray | None:
+    """Return the rotors' speeds on the motors' rows, None where there are none for all of them."""
+    logged = log.first("rotor_speed")
+    if logged is None or logged.values.shape[1] != n_rotors:
+        return None
+    speed = np.column_stack([logged.at(motors.time_s, number) for number in range(n_rotors)])
+    return speed if np.isfinite(speed).all() else None
+
+
+def _fitted(
+    speed: FloatArray, output: FloatArray, flown: BoolArray, period_s: float, width: int
+) -> tuple[float, float, float]:
+    """Return expo, lag [s], and which fraction of the speeds' variance they explain (Gauss-Newton).
+
+    Both sides are relative to their mean over some seconds: battery and air are in neither.
+    """
+    target = _relative(speed, width)[flown]
+
+    def left(x: FloatArray) -> FloatArray:
+        curve = np.clip((1.0 - x[0]) * output + x[0] * output**2, 0.0, None)
+        return np.asarray((target - _relative(lagged(np.sqrt(curve), period_s, x[1]), width)[flown]).ravel())
+
+    x = np.array([COMMON_EXPO, COMMON_LAG_S])
+    for _ in range(_ROUNDS):
+        now = left(x)
+        slopes = [(left(x + step * np.eye(2)[k]) - now) / step for k, step in enumerate(_STEPS_OF)]
+        change = np.linalg.lstsq(np.column_stack(slopes), -now, rcond=None)[0]
+        x, last = np.clip(x + change, *_RANGE), x
+        if (np.abs(x - last) < _STEPS_OF).all():
+            break
+    whole = float(np.sum((target - target.mean(axis=0)) ** 2))
+    return float(x[0]), float(x[1]), 1.0 - float(np.sum(left(x) ** 2)) / max(whole, 1e-300)
+
+
+def _relative(columns: FloatArray, width: int) -> FloatArray:
+    """Return columns over their running mean."""
+    return np.asarray(columns / np.maximum(_running_mean(columns, width), 1e-9))
+
+
+def _running_mean(columns: FloatArray, width: int) -> FloatArray:
+    from scipy.ndimage import uniform_filter1d
+
+    return np.asarray(uniform_filter1d(columns, width, axis=0, mode="nearest"))
+
+
+def _drift(square: FloatArray, answered: FloatArray, flown: BoolArray, width: int) -> FloatArray:
+    """Return measured over expected squares of the speeds, both means over some seconds, of mean 1."""
+    ratio = _running_mean(square, width) / np.maximum(_running_mean(answered, width), 1e-9)
+    ratio /= ratio[flown].mean()
+    return np.asarray(np.clip(ratio, *_BELIEVED))
