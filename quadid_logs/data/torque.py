@@ -120,7 +120,7 @@ class AssumedExpo:
 
     @property
     def mean_slope(self) -> float:
-        """Mean of ``slope_by_expo``: the scale of the thrust takes it, and what axes differ by is their own."""
+        """Mean of ``slope_by_expo``, which the scale of the thrust takes; the rest is of each axis."""
         return sum(self.slope_by_expo) / len(self.slope_by_expo)
 
 

@@ -24,7 +24,7 @@ MEASURED_HALF_WIDTH: Final = 0.05
 COMMON_LAG_S: Final = 0.03
 #: ``drivers/motor_types.h``: protocols of these numbers are digital.
 _DIGITAL: Final = (5.0, 8.0)
-#: Outputs of no and of full throttle: below the first of 2000 digital steps (``drivers/dshot.h``), pulses [us].
+#: Outputs of no and full throttle: below the first of 2000 digital steps (``drivers/dshot.h``), pulses [us].
 _STEPS, _PULSES = (47.0, 2047.0), (1000.0, 2000.0)
 #: Battery and air change over longer times, manoeuvres over shorter ones [s].
 _DRIFT_S: Final = 2.0
