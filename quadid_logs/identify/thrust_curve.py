@@ -270,7 +270,7 @@ def with_expo(data: FlightData, expo: float) -> FlightData:
         return data
     if any(each.thrust_by_expo is None for each in data.segments):
         return data
-    scale, change = _scale_change(data, described.expo.held), expo - described.expo.value
+    scale, change = _scale_change(data, described.expo), expo - described.expo.value
     shift = change / (1.0 + scale * change)  # the inverse of `_expo_change`
     segments = (shifted(_normalised(each, scale), described, shift) for each in data.segments)
     corrected = replace(described, expo=replace(described.expo, value=expo))
