@@ -109,7 +109,8 @@ class AssumedExpo:
 
     ``half_width`` is how far it may be off (95 %), 0 where nothing is known before the flight is asked;
     ``parameter`` is empty where none says so; ``slope_by_expo`` is the relative change of thrust per command
-    by the expo, by axis, where the command holds the scale.
+    by the expo, by axis, where the command holds the scale; ``rotor_lag_s`` is the range in which measured
+    speeds of the rotors say that their lag lies.
     """
 
     value: float
@@ -117,6 +118,12 @@ class AssumedExpo:
     held: HeldScale = HeldScale.SLOPE
     half_width: float = 0.0
     slope_by_expo: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rotor_lag_s: tuple[float, float] = (0.0, math.inf)
+
+    @property
+    def lag_is_measured(self) -> bool:
+        """Whether the speeds of the rotors tell their lag."""
+        return math.isfinite(self.rotor_lag_s[1])
 
     @property
     def mean_slope(self) -> float:

@@ -104,7 +104,7 @@ def find_actuator_model(
         asymmetric, loss = rotor_search.least(np.append(on_rotors, 0.0))
         if loss < rotor_loss - by_chance:
             on_rotors, rotor_loss = asymmetric, loss
-        if rotor_loss <= torque_loss + by_chance:
+        if rotor_loss <= torque_loss + by_chance or rotor_search.lag_is_measured:
             model = _model(problem.design, start, on_rotors, described)
     return _with_unknowns(model, problem, described)
 
@@ -224,6 +224,9 @@ class _Search:
     ) -> None:
         design, structure = problem.design, problem.structure
         self._design, self._described, self.log_asymmetry = design, described, log_asymmetry
+        expo = None if described is None else described.expo
+        self.lag_is_measured = expo is not None and expo.lag_is_measured
+        self._lags_s = (0.0, MAX_LAG_S) if expo is None else np.clip(expo.rotor_lag_s, 0.0, MAX_LAG_S)
         self._train = design.train
         self.project = Projection(design, structure, self._train)
         disturbances = design.disturbances(structure)
@@ -254,8 +257,8 @@ class _Search:
         from scipy.optimize import least_squares
 
         limit = float(np.log(MOST_ASYMMETRIC))
-        low = np.array([0.0, earliest_s, -limit])[: x.size]
-        high = np.array([MAX_LAG_S, MAX_DELAY_S, limit])[: x.size]
+        low = np.array([self._lags_s[0], earliest_s, -limit])[: x.size]
+        high = np.array([self._lags_s[1], MAX_DELAY_S, limit])[: x.size]
         if not self._slopes(x).any():
             return x, self._loss(x)
         for _ in range(rounds):

@@ -217,6 +217,15 @@ def test_measured_speeds_tell_curve_and_lag(flown: tuple[np.ndarray, np.ndarray]
     np.testing.assert_allclose([found.expo, found.lag_s], [0.7, 0.03], rtol=0.02)
 
 
+def test_measured_speeds_bound_the_lag(flown: tuple[np.ndarray, np.ndarray]) -> None:
+    """To a few milliseconds; the common lag is no measurement."""
+    output, speed = flown
+    rows, up = rows_of(output), np.ones(len(output), bool)
+    low, high = find_rotors(Cleaned(rotor_speed=speed), rows, output, up).lag_range_s(1e-3)
+    assert 0.025 < low < 0.03 < high < 0.035
+    assert find_rotors(Cleaned(), rows, output, up).lag_range_s(1e-3) == (0.0, math.inf)
+
+
 def test_measured_speeds_tell_how_thrust_falls_with_the_battery(flown: tuple[np.ndarray, np.ndarray]) -> None:
     """By a tenth of speed, a fifth of thrust."""
     output, speed = flown

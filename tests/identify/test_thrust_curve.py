@@ -152,7 +152,8 @@ def test_the_torque_of_another_expo_is_the_torque_rebuilt_with_it(held: HeldScal
     assert given.torque_per_thrust is not None
     assert segment.rotor_thrust is not None
     assert segment.thrust_by_expo is not None
-    scale = _scale_change(data(), held)
+    assert given.expo is not None
+    scale = _scale_change(data(), replace(given.expo, held=held))
     moved = shifted(_normalised(segment, scale), given, 0.3 / (1.0 + 0.3 * scale))
     thrust = (segment.rotor_thrust + 0.3 * segment.thrust_by_expo) / (1.0 + 0.3 * scale)
     assert moved.rotor_thrust is not None

@@ -7,6 +7,7 @@ shows it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Final, NamedTuple
 
@@ -36,6 +37,8 @@ _RANGE: Final = ((-0.25, 0.001), (1.25, 0.25))
 _FEWEST_ROWS: Final = 500
 #: Beyond, a voltage is that of no battery in flight, or a speed that of a stopped motor.
 _BELIEVED: Final = (0.5, 2.0)
+#: Telemetry comes two loops of the PID controller late, 1 ms at 2 kHz [s].
+_OLD_S: Final = 0.002
 
 
 class Rotors(NamedTuple):
@@ -58,6 +61,12 @@ class Rotors(NamedTuple):
     supply: FloatArray
     drift: FloatArray
     measured: bool
+
+    def lag_range_s(self, period_s: float) -> tuple[float, float]:
+        """Return where the lag lies by measured speeds, up to 2 ms old, and outputs held for a period."""
+        if not self.measured:
+            return 0.0, math.inf
+        return max(self.lag_s - _OLD_S - period_s, 0.0), self.lag_s + period_s
 
     def thrust(self, output: FloatArray, expo: float | None = None) -> FloatArray:
         """Return thrust as a fraction of that at full output, by this or another expo; shape of `output`."""

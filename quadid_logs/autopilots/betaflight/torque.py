@@ -97,6 +97,7 @@ def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
         held=HeldScale.COMMAND,
         half_width=MEASURED_HALF_WIDTH if rotors.measured else 0.0,
         slope_by_expo=scale.by_expo,
+        rotor_lag_s=rotors.lag_range_s(motors.period_s),
     )
     return Rebuilt(series=(series,), expo=expo, told_by_speed=rotors.measured)
 
