@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 from functools import partial
@@ -26,13 +27,14 @@ class Structural(NamedTuple):
     """What a flight has beside rigid body, rotors, wind and noise.
 
     ``clipped_fraction`` is that of the commands beyond the limit of an unlogged
-    saturation; ``manoeuvre`` replaces the one drawn before.
+    saturation; ``manoeuvre`` replaces the one drawn before, ``rotor_inertia_kg_m2`` that of each rotor.
     """
 
     names: tuple[str, ...]
     effects: Effects
     clipped_fraction: float = 0.0
     manoeuvre: Callable[..., Any] | None = None
+    rotor_inertia_kg_m2: float = 0.0
 
 
 def draw_structural(seed: int, number: int, airframe: SimulatedAirframe) -> Structural:
@@ -60,8 +62,8 @@ def draw_structural(seed: int, number: int, airframe: SimulatedAirframe) -> Stru
     drawn: dict[str, Any] = {}
     for name in names:
         drawn |= EFFECTS[name](rng, airframe)
-    clipped, manoeuvre = drawn.pop("clipped_fraction", 0.0), drawn.pop("manoeuvre", None)
-    return Structural(names, Effects(**fields, **drawn), clipped, manoeuvre)
+    beside = {name: drawn.pop(name) for name in Structural._fields if name in drawn}
+    return Structural(names, Effects(**fields, **drawn), **beside)
 
 
 def _tilt_stiffness(rng: np.random.Generator, airframe: SimulatedAirframe) -> dict[str, Any]:  # noqa: ARG001
@@ -131,6 +133,13 @@ def _no_setpoints(rng: np.random.Generator, airframe: SimulatedAirframe) -> dict
     return {"setpoints_logged": False}
 
 
+def _reaction(rng: np.random.Generator, airframe: SimulatedAirframe) -> dict[str, Any]:
+    """Let accelerating rotors turn the vehicle: yaw leads its torque by 20 to 120 ms in hover."""
+    # The lead is proportional to the inertia of a rotor.
+    unit = dataclasses.replace(airframe, rotor_inertia_kg_m2=1.0).yaw_lead_s
+    return {"rotor_inertia_kg_m2": log_uniform(rng, 0.02, 0.12) / unit}
+
+
 def _tones(rng: np.random.Generator, airframe: SimulatedAirframe) -> dict[str, Any]:  # noqa: ARG001
     """Excite each axis at one frequency only."""
     frequency_hz = rng.uniform(2.5, 5.0, 3) * (1.0, 1.0, 0.5)
@@ -151,6 +160,7 @@ EFFECTS: Final[dict[str, Callable[[np.random.Generator, SimulatedAirframe], dict
     "outliers": _outliers,
     "missing set-points": _no_setpoints,
     "single tone": _tones,
+    "rotor reaction": _reaction,
 }
 
 
