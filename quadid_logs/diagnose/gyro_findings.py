@@ -10,7 +10,7 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.data.diagnosis import Finding, Level
 from quadid_logs.data.flight import FlightData, GyroCheck, Overview
 from quadid_logs.diagnose.findings import finding, rounded
-from quadid_logs.identify.actuator import MAX_DELAY_S
+from quadid_logs.identify.torque_products import MAX_DELAY_S
 from quadid_logs.vocabulary import AXES
 
 #: Attitude at 10 Hz and gaps leave 1.5 % on flights of known truth, rates smoothed over 0.2 s up to 4 %.

@@ -14,11 +14,11 @@ from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Excitation, Identification, Model, Parameter, Response
 from quadid_logs.diagnose.advice import advice_for
 from quadid_logs.diagnose.findings import finding, rounded
-from quadid_logs.identify.actuator import MAX_DELAY_S, MAX_LAG_S
 from quadid_logs.identify.design import HELD_OUT_BLOCK_S
 from quadid_logs.identify.excitation import MIN_RATE_RMS_DEG_S
 from quadid_logs.identify.parameters import MAX_RELATIVE_CI, MIN_SIGNAL_TO_NOISE, MIN_SIMULATED_R2
 from quadid_logs.identify.response import Band, feedback_in, slope_and_phase
+from quadid_logs.identify.torque_products import MAX_DELAY_S, MAX_LAG_S
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS, RATE_SYMBOLS
 
 #: Effectiveness that differs by more than this from band to band is not one number.

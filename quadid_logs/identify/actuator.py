@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,13 +11,9 @@ from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.instruments import Projection
 from quadid_logs.identify.structures import Structure
-from quadid_logs.identify.torque_products import torque_products
+from quadid_logs.identify.torque_products import MAX_DELAY_S, MAX_LAG_S, torque_products
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS
 
-#: Loop, filter and radio-free output delay of known autopilots stay below 30 ms; twice that.
-MAX_DELAY_S: Final = 0.06
-#: Published motor lags reach 80 ms; three times that.
-MAX_LAG_S: Final = 0.25
 #: Coarse grid as fractions of the largest lag and delay, denser where real ones lie.
 _LAG_FRACTIONS = (0.0, 0.02, 0.04, 0.06, 0.08, 0.12, 0.16, 0.2, 0.24, 0.32, 0.4, 0.52, 0.64, 0.8, 1.0)
 _DELAY_FRACTIONS = (0.0, 0.04, 0.08, 0.13, 0.17, 0.21, 0.25, 0.33, 0.42, 0.5, 0.67, 0.83, 1.0)

@@ -14,14 +14,7 @@ import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.flight import InputDescription
-from quadid_logs.identify.actuator import (
-    MAX_DELAY_S,
-    MAX_LAG_S,
-    ActuatorFit,
-    Scorer,
-    lag_limit,
-    same_loss,
-)
+from quadid_logs.identify.actuator import ActuatorFit, Scorer, lag_limit, same_loss
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.fit import used_columns
 from quadid_logs.identify.inference import NOTHING_UNKNOWN, TorqueUnknowns
@@ -29,6 +22,7 @@ from quadid_logs.identify.instruments import Projection
 from quadid_logs.identify.rotors import MOST_ASYMMETRIC, Rotors, rotor_slopes, with_lag_on_rotors
 from quadid_logs.identify.structures import Structure
 from quadid_logs.identify.torque_errors import battery_errors, expo_errors, sampling_errors
+from quadid_logs.identify.torque_products import MAX_DELAY_S, MAX_LAG_S
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS
 
 #: Below [s], the lag of a rotor moves no torque by as much as can be seen.

@@ -19,7 +19,7 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData, InputDescription, Segment
 from quadid_logs.data.model import ThrustCurve
 from quadid_logs.data.torque import AssumedExpo, HeldScale
-from quadid_logs.identify.actuator import MAX_DELAY_S, MAX_LAG_S, ActuatorFit, fit_actuator
+from quadid_logs.identify.actuator import ActuatorFit, fit_actuator
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.equation_by_equation import INFORMATIVE_R2
 from quadid_logs.identify.excitation import excited_axes
@@ -36,6 +36,7 @@ from quadid_logs.identify.rotors import (
 from quadid_logs.identify.structures import DAMPED
 from quadid_logs.identify.terms import TRIM
 from quadid_logs.identify.torque_errors import battery_errors, sampling_errors, torques_by_expo
+from quadid_logs.identify.torque_products import MAX_DELAY_S, MAX_LAG_S
 from quadid_logs.maths.least_squares import Equation
 from quadid_logs.maths.thrust_curve import mean_while_moved, slope_at
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, TORQUE_SYMBOLS

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -11,6 +13,18 @@ from quadid_logs.identify.design import Design
 from quadid_logs.maths.band import ComplexArray, delay_response, lag_response
 from quadid_logs.vocabulary import TORQUE_SYMBOLS
 
+#: Loop, filter and radio-free output delay of known autopilots stay below 30 ms; twice that.
+MAX_DELAY_S: Final = 0.06
+#: Published motor lags reach 80 ms; three times that.
+MAX_LAG_S: Final = 0.25
+#: Lags among which the few are chosen whose responses make up any: close where a lag is short.
+_LAGS_S: Final = MAX_LAG_S * np.linspace(0.0, 1.0, 30) ** 3
+#: So many delays, too, and one more for each radian that the longest turns the fastest motion.
+_FEWEST_DELAYS = 12
+#: Of the band; responses of lag and delay are smooth in frequency, and steepest where it is low.
+_N_FREQUENCIES = 200
+#: What is left out of a response, relative: losses are compared to a millionth at most.
+_LEFT = 1e-11
 #: Maps a lag and a delay [s] to products of shape (n_directions, n_symbols).
 TorqueProducts = Callable[[float, float], FloatArray]
 
@@ -30,15 +44,34 @@ def torque_products(
     Returns
     -------
     callable
-        Of lag and delay [s], to products of shape (n_directions, n_symbols).
+        Of lag and delay [s], up to the largest, to products of shape (n_directions, n_symbols).
 
     Notes
     -----
     By Parseval's theorem the product of two series is that of their spectra,
     and lag and delay only multiply the torque's. What takes out the slow is a
-    projection, so it may as well be applied to the directions, once.
+    projection, so it may as well be applied to the directions, once. Over a band, the responses
+    of all lags and delays are combinations of those of a few, and so are the products.
     """
-    directions = design.high_pass(directions, design.high_pass_hz)
+    kernels = _kernels(design, design.high_pass(directions, design.high_pass_hz), symbols)
+    few = _few_responses(max(float(s.imag[-1]) for s, _ in kernels))
+    ready = np.sum(
+        [np.tensordot(few.at(s).T, kernel, axes=1).real for s, kernel in kernels], axis=0, dtype=np.float64
+    )
+
+    def products(lag_s: float, delay_s: float) -> FloatArray:
+        return np.asarray(np.tensordot(few.combined(lag_s, delay_s), ready, axes=1), dtype=np.float64)
+
+    return products
+
+
+def _kernels(
+    design: Design, directions: FloatArray, symbols: Sequence[str]
+) -> list[tuple[ComplexArray, ComplexArray]]:
+    """Return s (n_bins,) of each chunk, and what responses are multiplied with there.
+
+    The latter of shape (n_bins, n_directions, n_symbols).
+    """
     columns = [design.torque.symbols.index(symbol) for symbol in symbols]
     kernels: list[tuple[ComplexArray, ComplexArray]] = []
     first = 0
@@ -58,11 +91,49 @@ def torque_products(
         conjugate = np.conj(np.fft.rfft(padded, axis=0))
         kernels.append((s, conjugate[:, :, np.newaxis] * torque[:, np.newaxis, :]))
 
-    def products(lag_s: float, delay_s: float) -> FloatArray:
-        parts = [
-            np.tensordot(lag_response(s, lag_s) * delay_response(s, delay_s), kernel, axes=(0, 0)).real
-            for s, kernel in kernels
-        ]
-        return np.asarray(np.sum(parts, axis=0), dtype=np.float64)
+    return kernels
 
-    return products
+
+class _FewResponses(NamedTuple):
+    """Lags and delays [s], (n, 2), whose responses at ``s``, real above imaginary parts, are ``q @ r``."""
+
+    timing: FloatArray
+    s: ComplexArray
+    q: FloatArray
+    r: FloatArray
+
+    def at(self, s: ComplexArray) -> ComplexArray:
+        """Return the responses at s (n_bins,); shape (n_bins, n)."""
+        return _responses(s, self.timing)
+
+    def combined(self, lag_s: float, delay_s: float) -> FloatArray:
+        """Return the coefficients (n,) with which the few responses make that of a lag and a delay."""
+        from scipy.linalg import solve_triangular
+
+        wanted = _parts(_responses(self.s, np.array([(lag_s, delay_s)])))[:, 0]
+        return np.asarray(solve_triangular(self.r, self.q.T @ wanted, check_finite=False), dtype=np.float64)
+
+
+@lru_cache(maxsize=8)
+def _few_responses(highest_rad_s: float) -> _FewResponses:
+    """Choose the responses by QR with pivoting: each is the one that those before it say least about."""
+    from scipy.linalg import qr
+
+    s = np.asarray(1j * highest_rad_s * np.linspace(0.0, 1.0, _N_FREQUENCIES) ** 2, dtype=np.complex128)
+    n_delays = _FEWEST_DELAYS + int(np.ceil(highest_rad_s * MAX_DELAY_S))
+    delays_s = np.linspace(0.0, MAX_DELAY_S, n_delays)
+    timing = np.array([(lag_s, delay_s) for lag_s in _LAGS_S for delay_s in delays_s])
+    q, r, order = qr(_parts(_responses(s, timing)), mode="economic", pivoting=True)
+    n = np.count_nonzero(np.abs(np.diagonal(r)) > _LEFT * abs(r[0, 0]))
+    return _FewResponses(timing[order[:n]], s, np.asarray(q[:, :n], float), np.asarray(r[:n, :n], float))
+
+
+def _responses(s: ComplexArray, timing: FloatArray) -> ComplexArray:
+    """Return the responses (n_bins, n) of lags and delays (n, 2)."""
+    each = [lag_response(s, lag_s) * delay_response(s, delay_s) for lag_s, delay_s in timing]
+    return np.asarray(np.column_stack(each), dtype=np.complex128)
+
+
+def _parts(responses: ComplexArray) -> FloatArray:
+    """Return real parts above imaginary ones; shape (2 n_bins, n)."""
+    return np.concatenate([responses.real, responses.imag])

@@ -13,7 +13,7 @@ from quadid_logs.data.model import BandCheck, ChangeCheck, FormulationCheck, Ide
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.diagnose.model_findings import find_in_models
 from quadid_logs.identify import identify
-from quadid_logs.identify.actuator import MAX_DELAY_S
+from quadid_logs.identify.torque_products import MAX_DELAY_S
 from tests.align.flights import flight_log
 from tests.identify.vehicles import QUAD, fly, multisine
 
