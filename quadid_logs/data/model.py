@@ -528,7 +528,8 @@ class Excitation:
     is the ratio of explained to unexplained acceleration in the fitted band;
     spectra of the rate and the torque over ``frequency_hz`` (n_frequencies,)
     with their ``coherence``. ``noise_in_phase``: coherence of torque and angular acceleration without any
-    delay, above all motion; ``bandwidth``: standard deviation of the torque's frequency over its mean.
+    delay, above all motion; ``bandwidth``: standard deviation of the torque's frequency over its mean, in
+    the fitted band; ``line_fraction`` of its power is in the strongest line, at ``line_hz``.
     """
 
     axis: str
@@ -541,6 +542,8 @@ class Excitation:
     coherence: FloatArray
     noise_in_phase: float = float("nan")
     bandwidth: float = float("nan")
+    line_hz: float = float("nan")
+    line_fraction: float = float("nan")
 
 
 def _nothing() -> FloatArray:

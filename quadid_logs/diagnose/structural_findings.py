@@ -9,10 +9,10 @@ import numpy as np
 
 from quadid_logs.data.diagnosis import Finding, Level
 from quadid_logs.data.flight import FlightData
-from quadid_logs.data.model import Effect, EffectCheck, Identification, Model, StructuralCheck
+from quadid_logs.data.model import Effect, EffectCheck, Excitation, Identification, Model, StructuralCheck
 from quadid_logs.diagnose.findings import finding, rounded
 from quadid_logs.identify.parameters import MIN_SIGNAL_TO_NOISE
-from quadid_logs.identify.structural import EFFECT_EXPLAINS, EFFECT_SEEN, LARGEST_SHIFT, is_seen
+from quadid_logs.identify.structural import EFFECT_EXPLAINS, EFFECT_SEEN, LARGEST_SHIFT, is_seen, seen_effects
 from quadid_logs.maths.rotations import tilt_from_rates
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS, RATE_SYMBOLS
 
@@ -29,6 +29,10 @@ _TILT_MEMORY_S = 15.0
 #: A sinusoid has hardly any, two that are a third apart 0.15, manoeuvres 0.3 to 0.9. Gain and phase at one
 #: frequency are two numbers; effectiveness, damping, lag and delay are four.
 _LEAST_BANDWIDTH = 0.15
+#: Answers to wind widen any band. Single tones in wind and rough air have 0.94 and more of their power in one
+#: line, manoeuvres at most 0.84; below 1 Hz, a line is as wide as what it is compared with.
+_MOST_IN_ONE_LINE = 0.9
+_LEAST_LINE_HZ = 1.0
 #: Noise of a gyro is in no torque at the same moment: the controller answers later and the rotors later
 #: still (measured: -0.4 to 0.7, the latter where rates were smoothed). A torque computed from rates has 1.
 _IN_PHASE = 0.95
@@ -125,12 +129,23 @@ def _axis(identification: Identification, model: Model, number: int, axis: str) 
     if excitation.noise_in_phase > _IN_PHASE and not identification.only_yaw:
         evidence: dict[str, object] = {"coherence_in_phase": rounded(excitation.noise_in_phase, 3)}
         yield finding("QL520", "error", evidence, axes=(axis,))
-    elif excitation.bandwidth < _LEAST_BANDWIDTH:
-        evidence = {"relative_bandwidth": rounded(excitation.bandwidth, 2), "needed": _LEAST_BANDWIDTH}
+    elif excitation.bandwidth < _LEAST_BANDWIDTH or _is_one_line(excitation):
+        evidence = {
+            "relative_bandwidth": rounded(excitation.bandwidth, 2),
+            "needed": _LEAST_BANDWIDTH,
+            "strongest_line_hz": rounded(excitation.line_hz, 3),
+            "fraction_of_power_in_it": rounded(excitation.line_fraction, 2),
+            "allowed": _MOST_IN_ONE_LINE,
+        }
         title = f"The {axis} torque holds little more than one frequency"
         yield finding("QL420", "error", evidence, axes=(axis,), title=title)
     elif model.structural is not None:
         yield from _effects(model.structural, number, axis)
+
+
+def _is_one_line(excitation: Excitation) -> bool:
+    """Say whether hardly any of the torque is beside its strongest frequency."""
+    return excitation.line_fraction > _MOST_IN_ONE_LINE and excitation.line_hz >= _LEAST_LINE_HZ
 
 
 def _commanded_rates(model: Model, numbers: Sequence[int]) -> Iterator[Finding]:
@@ -163,7 +178,7 @@ def _commanded_rates(model: Model, numbers: Sequence[int]) -> Iterator[Finding]:
 
 def _effects(check: StructuralCheck, number: int, axis: str) -> Iterator[Finding]:
     """Name the effect that explains most of what the model leaves, and an effectiveness that varies."""
-    seen = [each for each in check.effects if each.axis == number and is_seen(each)]
+    seen = seen_effects(check, number)
     if seen:
         # A mode looks like a second lag, a tilt like a mode: the best explanation is enough.
         yield _effect(max(seen, key=lambda each: each.explained), axis)
@@ -183,10 +198,12 @@ def _effects(check: StructuralCheck, number: int, axis: str) -> Iterator[Finding
 
 
 def _effect(effect: EffectCheck, axis: str) -> Finding:
+    # A dead zone that another axis shows needs no more than others do.
+    needed = EFFECT_EXPLAINS[effect.effect == "threshold" and is_seen(effect)]
     evidence: dict[str, object] = {
         "effect": effect.effect,
         "explains_of_residual": rounded(effect.explained, 2),
-        "needed": EFFECT_EXPLAINS[effect.effect == "threshold"],
+        "needed": needed,
         "statistic": rounded(effect.statistic, 3),
         "needed_statistic": EFFECT_SEEN,
         "effectiveness_with_it": rounded(1.0 + effect.shift, 3),

@@ -127,7 +127,7 @@ def _identified(data: FlightData, models: tuple[Model, ...], high_passed: Design
             data,
             signal_to_noise=_signal_to_noise(models[0]),
             rate_rms_rad_s=np.array([np.std(high_passed.columns[name]) for name in RATE_SYMBOLS]),
-            highest_hz=models[0].smoothing_hz,
+            band_hz=(high_passed.high_pass_hz, models[0].smoothing_hz),
         ),
     )
 

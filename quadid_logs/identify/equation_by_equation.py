@@ -111,7 +111,10 @@ def fit_equation_by_equation(
         change=check_change(model.design, structure, regression, informative),
         formulations=check_formulations(model, structure, fit),
         bootstrap_half_width=bootstrapped_half_width(model.design, structure, regression),
-        structural=check_structure(problem._replace(kept=fit.kept, axes=informative), model, fit, described),
+        # An axis that turns too little for lag and delay may still have a number of its own.
+        structural=check_structure(
+            problem._replace(kept=fit.kept, axes=_informative(fit.r2, range(3))), model, fit, described
+        ),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.data.model import Excitation
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.terms import ANGLE_SYMBOLS, Term
+from quadid_logs.maths.band import gaussian_response
 from quadid_logs.maths.spectra import Spectra, averaged_spectra
 from quadid_logs.vocabulary import AXES, RATE_SYMBOLS, TORQUE_SYMBOLS
 
@@ -20,6 +21,8 @@ _SPECTRUM_S = 4.0
 #: Above this fraction of the Nyquist frequency a multirotor's motion has died out
 #: and what is left is noise (and vibration, which counts as noise here).
 _NOISE_BAND = 0.6
+#: A window of that length makes of one frequency a line of so many hertz to either side.
+_LINE_HZ = 2.5 / _SPECTRUM_S
 #: Where what is common to torque and rate is noise, as fractions of the Nyquist frequency.
 _NOISE_FROM, _NOISE_TO = 0.3, 0.9
 #: A vehicle that hovers by itself turns at 1 to 2 deg/s rms; a manoeuvre must exceed that.
@@ -50,7 +53,11 @@ def excited_axes(design: Design) -> list[int]:
 
 
 def measure_excitation(
-    data: FlightData, *, signal_to_noise: FloatArray, rate_rms_rad_s: FloatArray, highest_hz: float
+    data: FlightData,
+    *,
+    signal_to_noise: FloatArray,
+    rate_rms_rad_s: FloatArray,
+    band_hz: tuple[float, float],
 ) -> tuple[Excitation, ...]:
     """Return spectra, coherence and sizes per axis.
 
@@ -61,21 +68,21 @@ def measure_excitation(
         Of the recommended model.
     rate_rms_rad_s : ndarray, shape (3,)
         Of the smoothed rates: vibration is no motion.
-    highest_hz : float
-        Upper edge of the band that is fitted.
+    band_hz : (float, float)
+        That is fitted: lower edge, and cut-off of the filter.
 
     Returns
     -------
     tuple of Excitation
     """
     return tuple(
-        _axis(data, axis, float(signal_to_noise[axis]), float(rate_rms_rad_s[axis]), highest_hz)
+        _axis(data, axis, float(signal_to_noise[axis]), float(rate_rms_rad_s[axis]), band_hz)
         for axis in range(3)
     )
 
 
 def _axis(
-    data: FlightData, axis: int, signal_to_noise: float, rate_rms_rad_s: float, highest_hz: float
+    data: FlightData, axis: int, signal_to_noise: float, rate_rms_rad_s: float, band_hz: tuple[float, float]
 ) -> Excitation:
     torque = np.concatenate([segment.torque[:, axis] for segment in data.segments])
     longest = max(segment.n_samples for segment in data.segments)
@@ -94,7 +101,7 @@ def _axis(
         torque_psd=spectra.input_psd,
         coherence=spectra.coherence,
         noise_in_phase=_noise_in_phase(spectra),
-        bandwidth=_bandwidth(spectra, highest_hz),
+        **_spread(spectra, band_hz)._asdict(),
     )
 
 
@@ -110,14 +117,30 @@ def _noise_in_phase(spectra: Spectra) -> float:
     return float(np.mean(in_phase[noise])) if noise.any() else float("nan")
 
 
-def _bandwidth(spectra: Spectra, highest_hz: float) -> float:
-    """Return the standard deviation of the torque's frequency in the fitted band over its mean."""
-    frequency_hz = spectra.frequency_hz
-    power = spectra.input_psd * ((frequency_hz > 0.0) & (frequency_hz <= highest_hz))
-    if not np.sum(power) > 0.0:
-        return float("nan")
-    mean = np.sum(power * frequency_hz) / np.sum(power)
-    return float(np.sqrt(np.sum(power * (frequency_hz - mean) ** 2) / np.sum(power)) / mean)
+class _Spread(NamedTuple):
+    """How the torque's power lies over the fitted band: as of `Excitation`; NaN without any power."""
+
+    bandwidth: float = float("nan")
+    line_hz: float = float("nan")
+    line_fraction: float = float("nan")
+
+
+def _spread(spectra: Spectra, band_hz: tuple[float, float]) -> _Spread:
+    """Measure the spread as the fit sees it: slow drift of a trim would pass for a second frequency."""
+    frequency_hz, (low_hz, cutoff_hz) = spectra.frequency_hz, band_hz
+    seen = gaussian_response(2j * np.pi * frequency_hz, cutoff_hz) ** 2
+    power = spectra.input_psd * seen * ((frequency_hz > 0.0) & (frequency_hz >= low_hz))
+    total = float(np.sum(power))
+    if not total > 0.0:
+        return _Spread()
+    mean = np.sum(power * frequency_hz) / total
+    line_hz = float(frequency_hz[np.argmax(power)])
+    near = np.abs(frequency_hz - line_hz) < _LINE_HZ
+    return _Spread(
+        bandwidth=float(np.sqrt(np.sum(power * (frequency_hz - mean) ** 2) / total) / mean),
+        line_hz=line_hz,
+        line_fraction=float(np.sum(power[near]) / total),
+    )
 
 
 def noise_density(data: FlightData) -> dict[str, float]:

@@ -241,7 +241,7 @@ def with_unseen_damping(structure: Structure, estimate: Estimate) -> Estimate:
 def _shifts(check: StructuralCheck, axis: int) -> tuple[FloatArray, FloatArray]:
     """Return how much larger, relative, the effectiveness is with what is seen, and what may be there."""
     effects = [each for each in check.effects if each.axis == axis]
-    seen = [each for each in effects if is_seen(each)]
+    seen = seen_effects(check, axis)
     if seen:
         # The others are its shadows.
         return np.array([0.0, max(seen, key=_explained).shift]), np.zeros(1)
@@ -262,6 +262,32 @@ def is_seen(effect: EffectCheck) -> bool:
     """
     least = EFFECT_EXPLAINS[effect.effect == "threshold"]
     return effect.statistic >= EFFECT_SEEN and effect.explained >= least
+
+
+def seen_effects(check: StructuralCheck, axis: int) -> list[EffectCheck]:
+    """Return the effects that an axis has; a dead zone that one axis shows is that of the rotors of all.
+
+    Parameters
+    ----------
+    check : StructuralCheck
+    axis : int
+
+    Returns
+    -------
+    list of EffectCheck
+    """
+    shown = any(each.effect == "threshold" and is_seen(each) for each in check.effects)
+    return [
+        each
+        for each in check.effects
+        if each.axis == axis
+        and (is_seen(each) or (shown and each.effect == "threshold" and _is_beyond_chance(each)))
+    ]
+
+
+def _is_beyond_chance(effect: EffectCheck) -> bool:
+    """Say whether an effect is there, and explains what is enough where nothing else looks like it."""
+    return effect.statistic >= EFFECT_SEEN and effect.explained >= EFFECT_EXPLAINS[0]
 
 
 def _explained(effect: EffectCheck) -> float:
