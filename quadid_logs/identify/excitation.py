@@ -128,7 +128,8 @@ class _Spread(NamedTuple):
 def _spread(spectra: Spectra, band_hz: tuple[float, float]) -> _Spread:
     """Measure the spread as the fit sees it: slow drift of a trim would pass for a second frequency."""
     frequency_hz, (low_hz, cutoff_hz) = spectra.frequency_hz, band_hz
-    seen = gaussian_response(2j * np.pi * frequency_hz, cutoff_hz) ** 2
+    s = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
+    seen = gaussian_response(s, cutoff_hz) ** 2
     power = spectra.input_psd * seen * ((frequency_hz > 0.0) & (frequency_hz >= low_hz))
     total = float(np.sum(power))
     if not total > 0.0:

@@ -40,6 +40,9 @@ _EFFECT_POSSIBLE = 25.0
 _POSSIBLY_EXPLAINS = 0.05
 #: An effect that would shift the effectiveness by more leaves no number.
 LARGEST_SHIFT: Final = 0.5
+#: Beyond a limit, torque has no effect: in simulated flights 0.6 and more of its coefficient goes to the
+#: torque that is cut off there. A curve that bends (0.1 to 0.3, firmware without a limit) is none.
+_LEAST_LOST = 0.5
 #: Where a dead zone or a limit is looked for, as quantiles of the torque's size.
 _LEVELS: Final = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.96)
 #: Frames and arms of multirotors bend from some hertz on; a mode is as wide as the steps between these.
@@ -344,20 +347,29 @@ def _effects(
             also = None if candidate.of_predicted is None else candidate.of_predicted[:, axis]
             found = equation.extended(candidate.columns[:, axis], also)
             # The torque below a level has less effect (dead zone), or only that below it has any (limit).
-            limited = candidate.effect == "threshold" and found.coefficient > 0.0
-            effect: Effect = "limit" if limited else candidate.effect
-            check = EffectCheck(
-                axis=axis,
-                effect=effect,
-                statistic=found.statistic,
-                explained=found.explained,
-                # Below a limit, the torque and the torque cut off are one.
-                shift=found.shift + (found.coefficient if limited else 0.0),
-                place=float(candidate.place[axis]),
-            )
+            check = _checked(candidate, axis, found)
+            effect = check.effect
             if check.statistic > (best[axis, effect].statistic if (axis, effect) in best else 0.0):
                 best[axis, effect] = check
     yield from best.values()
+
+
+def _checked(candidate: _Candidate, axis: int, found: _Extended) -> EffectCheck:
+    """Say what an effect does to an axis.
+
+    The torque below a level has less effect (dead zone), or only that below it has any (limit).
+    """
+    limited = candidate.effect == "threshold" and found.coefficient > 0.0
+    goes_on = limited and found.shift > -_LEAST_LOST
+    return EffectCheck(
+        axis=axis,
+        effect="limit" if limited else candidate.effect,
+        statistic=0.0 if goes_on else found.statistic,
+        explained=found.explained,
+        # Below a limit, the torque and the torque cut off are one.
+        shift=found.shift + (found.coefficient if limited else 0.0),
+        place=float(candidate.place[axis]),
+    )
 
 
 def _candidates(design: Design, model: ActuatorModel, regression: Regression) -> Iterator[_Candidate]:
