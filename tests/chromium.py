@@ -118,9 +118,13 @@ class Browser:
 
     def open(self, path: Path) -> None:
         """Open a file and wait until it is loaded; what was noted before is forgotten."""
+        self.go(path.as_uri())
+
+    def go(self, url: str) -> None:
+        """Open an address and wait until it is loaded; what was noted before is forgotten."""
         self.problems.clear()
         self.requests.clear()
-        self.send("Page.navigate", {"url": path.as_uri()})
+        self.send("Page.navigate", {"url": url})
         self.run(
             "new Promise((done) => document.readyState === 'complete' ? done() "
             ": addEventListener('load', done))"
@@ -132,6 +136,58 @@ class Browser:
         answer = self.send("Runtime.evaluate", values)
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
+
+    def wait(self, condition: str, longest_s: float = _PATIENCE_S) -> Any:
+        """Wait until an expression in the page is true, and return its value; pages may come and go."""
+        until = time.monotonic() + longest_s
+        while time.monotonic() < until:
+            try:
+                if found := self.run(condition):
+                    return found
+            except (AssertionError, RuntimeError):
+                pass
+            time.sleep(0.1)
+        raise TimeoutError(f"never true: {condition}")
+
+    def place(self, selector: str) -> tuple[float, float]:
+        """Scroll an element into view and return its middle."""
+        box = self.run(
+            f"(() => {{ const it = document.querySelector({json.dumps(selector)}); "
+            "it.scrollIntoView({block: 'center', behavior: 'instant'}); "
+            "const box = it.getBoundingClientRect(); "
+            "return [box.x + box.width / 2, box.y + box.height / 2]; })()"
+        )
+        return float(box[0]), float(box[1])
+
+    def click(self, selector: str) -> None:
+        """Press and release the mouse on an element."""
+        x, y = self.place(selector)
+        for kind in ("mousePressed", "mouseReleased"):
+            event = {"type": kind, "x": x, "y": y, "button": "left", "clickCount": 1}
+            self.send("Input.dispatchMouseEvent", event)
+
+    def key(self, name: str) -> None:
+        """Press and release a key, as Tab or Enter."""
+        code = {"Tab": 9, "Enter": 13, "Space": 32}[name]
+        text = {"Enter": "\r", "Space": " "}.get(name, "")
+        key = " " if name == "Space" else name
+        values = {"key": key, "code": name, "windowsVirtualKeyCode": code}
+        self.send("Input.dispatchKeyEvent", {"type": "keyDown", "text": text, **values})
+        self.send("Input.dispatchKeyEvent", {"type": "keyUp", **values})
+
+    def drop(self, files: list[Path], selector: str = "body") -> None:
+        """Drag files from outside onto an element and let them go."""
+        x, y = self.place(selector)
+        data = {"items": [], "files": [str(file) for file in files], "dragOperationsMask": 1}
+        for kind in ("dragEnter", "dragOver", "drop"):
+            self.send("Input.dispatchDragEvent", {"type": kind, "x": x, "y": y, "data": data})
+
+    def choose(self, files: list[Path], selector: str) -> None:
+        """Choose files in a file input, as the system's dialogue does."""
+        script = f"document.querySelector({json.dumps(selector)})"
+        node = self.send("Runtime.evaluate", {"expression": script})
+        values = {"files": [str(file) for file in files], "objectId": node["result"]["objectId"]}
+        self.send("DOM.setFileInputFiles", values)
 
     def picture(self, path: Path) -> None:
         """Write a picture of the whole page."""

@@ -31,6 +31,7 @@ _POOLED_FOLDER = "pooled"
 _DEFAULT_FOLDER = Path("quadid-report")
 #: Not imported from the report: that would import numpy for --help.
 INDEX_FILE = "index.html"
+_REPORT_FILE = "report.html"
 
 
 class _Png(Enum):
@@ -124,6 +125,9 @@ def analyze(
         ),
     ] = _Png.first,
     no_report: Annotated[bool, typer.Option("--no-report", help="Write neither HTML nor PNG.")] = False,
+    open_report: Annotated[
+        bool, typer.Option("--open", help="Open the report, or the index page of several, in the browser.")
+    ] = False,
     quiet: Annotated[
         bool, typer.Option("-q", "--quiet", help="Print problems only, refused axes too.")
     ] = False,
@@ -161,14 +165,15 @@ def analyze(
         command=str(context.obj or ""),
     )
     parent = output or _DEFAULT_FOLDER
+    rows: dict[Path, IndexRow] = {}
     if pool and len(logs) > 1:
-        return exit_code_of(
-            partial(_analyze_one, logs, parent / _POOLED_FOLDER, parts(logs[:1])[0], wish, {})
-        )
+        pooled = parent / _POOLED_FOLDER
+        code = exit_code_of(partial(_analyze_one, logs, pooled, parts(logs[:1])[0], wish, rows))
+        _open(pooled / _REPORT_FILE, wanted=open_report and bool(rows) and wish.files and wish.drawings)
+        return code
     with_index = wish.one_line and wish.files and wish.drawings
     if with_index:
         check_free(parent / INDEX_FILE, force=force)
-    rows: dict[Path, IndexRow] = {}
     folders = report_folders(logs, parent)
     codes = [
         exit_code_of(partial(_analyze_one, [log], folder, part, wish, rows))
@@ -178,7 +183,19 @@ def analyze(
         _write_index(parent, [(log, rows.get(folder)) for log, folder in zip(logs, folders, strict=True)])
         if not (quiet or as_json):
             say(f"index: {printable(parent / INDEX_FILE)}")
+    page = parent / INDEX_FILE if with_index else folders[0] / _REPORT_FILE
+    _open(page, wanted=open_report and bool(rows) and wish.files and wish.drawings)
     return max(codes)
+
+
+def _open(page: Path, *, wanted: bool) -> None:
+    """Open a page that was just written in the browser; where there is none the path was printed."""
+    if not wanted:
+        return
+    import webbrowser
+
+    if not webbrowser.open(page.resolve().as_uri()):
+        report_problem(f"no browser could be opened; the report is {printable(page)}.")
 
 
 def _write_index(parent: Path, outcomes: list[tuple[Path, IndexRow | None]]) -> None:

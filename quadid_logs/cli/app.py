@@ -17,6 +17,7 @@ from quadid_logs.cli.info import info
 from quadid_logs.cli.paper import paper
 from quadid_logs.cli.plan import plan
 from quadid_logs.cli.query import query
+from quadid_logs.cli.serve import serve
 from quadid_logs.cli.simulate import simulate
 from quadid_logs.cli.tune import tune
 from quadid_logs.version import __version__
@@ -48,6 +49,7 @@ def make_app() -> typer.Typer:
         fleet,
         fleet_report,
         query,
+        serve,
     ):
         # Given as such: what is made of the docstring is cut in mid-sentence.
         app.command(short_help=(verb.__doc__ or "").split("\n", 1)[0])(verb)

@@ -1,4 +1,4 @@
-"""The libraries that only a fleet needs, with one clear line where they are missing."""
+"""The libraries that only a fleet or the local page needs, with one clear line where they are missing."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any
 from quadid_logs.errors import SettingsError
 
 
-def load(name: str) -> Any:
-    """Import a library of the extra ``fleet``.
+def load(name: str, extra: str = "fleet") -> Any:
+    """Import a library of an extra.
 
     Raises
     ------
@@ -21,5 +21,5 @@ def load(name: str) -> Any:
     except ImportError as error:
         raise SettingsError(
             f"{error.name or name} is not installed.",
-            hint="Install it in the folder of quadid-logs' source with: pip install '.[fleet]'",
+            hint=f"Install it in the folder of quadid-logs' source with: pip install '.[{extra}]'",
         ) from error

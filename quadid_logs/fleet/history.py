@@ -228,9 +228,10 @@ def _outlier_tests(
 
 def _history(vehicle: str, rows: list[dict[str, Any]]) -> VehicleHistory:
     """Put one vehicle's rows in order."""
-    by_flight: dict[tuple[str, int], dict[str, dict[str, Any]]] = {}
+    by_flight: dict[tuple[str, str, int], dict[str, dict[str, Any]]] = {}
     for row in rows:
-        by_flight.setdefault((row["url"], row["flight"]), {})[row["axis"]] = row
+        # Two logs may have one name where only their names are known.
+        by_flight.setdefault((row["url"], row["sha256"], row["flight"]), {})[row["axis"]] = row
     ordered = _in_order(list(by_flight.values()))
     kinds = Counter((row["structure"], row["input_unit"]) for row in rows if row["gain"] is not None)
     structure, unit = kinds.most_common(1)[0][0] if kinds else ("", "")

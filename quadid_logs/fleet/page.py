@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 from urllib.parse import quote
 
 from quadid_logs.fleet.changes import MIN_RUN, ChangePoint, OpenChange, OutlierTest, Shift
@@ -133,6 +133,30 @@ def fleet_page(fleet: Fleet, store: Path, page_folder: Path) -> str:
         )
     )
     return page
+
+
+def vehicle_values(fleet: Fleet, vehicle: str, links: Mapping[str, str]) -> dict[str, Any] | None:
+    """Return what ``vehicle_parts.html`` shows of one vehicle.
+
+    Parameters
+    ----------
+    fleet : Fleet
+        What it is compared with.
+    vehicle : str
+        Its name.
+    links : mapping of str to str
+        Addresses of reports by ``<sha256>-<flight>.html``.
+
+    Returns
+    -------
+    dict or None
+        None where the fleet holds no flight of it.
+    """
+    history = next((each for each in fleet.histories if each.vehicle == vehicle), None)
+    if history is None:
+        return None
+    row = _vehicle_row(0, history, links)
+    return {"row": row, "axes": AXES, "width": WIDTH, "height": HEIGHT, "n_tests": fleet.n_tests}
 
 
 def _all_clear(fleet: Fleet) -> tuple[str, ...]:

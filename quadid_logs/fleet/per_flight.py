@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from quadid_logs.align import cut
+from quadid_logs.align import Prepared, cut
 from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
 from quadid_logs.data.vehicle import Vehicle
@@ -43,6 +43,27 @@ def analyze_flights(path: Path, settings: Settings, vehicle: Vehicle | None) -> 
     """
     began = time.perf_counter()
     prepared = load(path, settings, vehicle)
+    yield from judge_flights(prepared, settings, vehicle, time.perf_counter() - began)
+
+
+def judge_flights(
+    prepared: Prepared, settings: Settings, vehicle: Vehicle | None, read_s: float
+) -> Iterator[Result]:
+    """Analyze each flight of a log that was read.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    settings, vehicle
+        As of `analyze_flights`.
+    read_s : float
+        How long reading took [s].
+
+    Yields
+    ------
+    Result
+        As `analyze_flights`.
+    """
     flights = prepared.flights
     parts = [settings]
     if 2 <= len(flights) <= MOST_FLIGHTS:
@@ -52,9 +73,8 @@ def analyze_flights(path: Path, settings: Settings, vehicle: Vehicle | None) -> 
             )
             for start_s, end_s in flights
         ]
-    read_s = (time.perf_counter() - began) / len(parts)
     for part in parts:
         began = time.perf_counter()
         data = cut(prepared, part.align)
-        timings_s = {"read": read_s, "align": time.perf_counter() - began}
+        timings_s = {"read": read_s / len(parts), "align": time.perf_counter() - began}
         yield judge(prepared.log, data, part, vehicle=vehicle, timings_s=timings_s)

@@ -171,6 +171,28 @@ class Store:
                 self._database.executemany(_INSERT, map(_stored, outcome.rows))
         return True
 
+    def forget(self, sha256: str) -> None:
+        """Delete everything that the store holds about a log, so that no byte of it is left in the file.
+
+        Parameters
+        ----------
+        sha256 : str
+            Of its content.
+
+        Raises
+        ------
+        OutputError
+            If the store cannot be written.
+        """
+        with self._writing():
+            # Deleted rows otherwise stay readable in pages that SQLite keeps for later.
+            self._database.execute("PRAGMA secure_delete = ON")
+            with self._transaction():
+                self._database.execute("DELETE FROM fleet WHERE sha256 = ?", (sha256,))
+            self._database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        for page in (self.folder / REPORTS).glob(f"{sha256}-*.html"):
+            page.unlink(missing_ok=True)
+
     def _write_reports(self, outcome: Outcome) -> None:
         """Write the pages beside the table, before the rows that point to them."""
         pages = {

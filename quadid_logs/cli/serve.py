@@ -1,0 +1,81 @@
+"""``quadid-log serve``: a page on one's own machine to drop logs on."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from quadid_logs.cli.failure import flush, report_problem, say
+
+
+def serve(
+    port: Annotated[
+        int | None,
+        typer.Option("--port", metavar="N", min=0, max=65535, help="0 takes a free one [default: 8723]."),
+    ] = None,
+    open_page: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    store: Annotated[
+        Path | None,
+        typer.Option(
+            "--store", metavar="DIR", help="Where logs and results stay [default: the user's data folder]."
+        ),
+    ] = None,
+    host: Annotated[
+        str,
+        typer.Option("--host", metavar="ADDRESS", help="Let other machines in; needs QUADID_SERVE_TOKEN."),
+    ] = "",
+    token: Annotated[
+        str,
+        typer.Option("--token", envvar="QUADID_SERVE_TOKEN", hidden=True, help="What others must know."),
+    ] = "",
+    max_mb: Annotated[
+        float, typer.Option("--max-mb", metavar="MB", min=0.001, help="Largest log that is taken.")
+    ] = 4000.0,
+    timeout_min: Annotated[
+        float, typer.Option("--timeout", metavar="MIN", min=0.01, max=10_080.0, help="Longest analysis.")
+    ] = 30.0,
+    idle_min: Annotated[
+        float,
+        typer.Option(
+            "--idle", metavar="MIN", min=0.0, help="End after so long without an open page or work; 0 never."
+        ),
+    ] = 120.0,
+) -> int:
+    """Serve a page to drop logs on: verdicts, reports, comparisons and each vehicle's history.
+
+    It listens on this machine only, and nothing leaves it. Ctrl-C ends it;
+    what is in the queue goes on at the next start.
+    """
+    from quadid_logs.fleet.extra import load
+
+    for library in ("starlette", "uvicorn"):
+        load(library, "serve")
+    from quadid_logs.serve.server import DEFAULT_PORT, ServeSettings, default_folder
+    from quadid_logs.serve.server import serve as run
+
+    settings = ServeSettings(
+        folder=store or default_folder(),
+        port=DEFAULT_PORT if port is None else port,
+        host=host,
+        token=token,
+        max_bytes=int(max_mb * 1e6),
+        timeout_s=60.0 * timeout_min,
+        idle_s=60.0 * idle_min,
+    )
+    run(settings, lambda address: _began(address, open_page=open_page))
+    return 0
+
+
+def _began(address: str, *, open_page: bool) -> None:
+    """Say where the page is, and show it."""
+    say(f"Open {address}")
+    flush()
+    if open_page:
+        import webbrowser
+
+        if not webbrowser.open(address):
+            report_problem("no browser could be opened; open the address above.")
+    sys.stderr.flush()

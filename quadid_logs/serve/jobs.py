@@ -1,0 +1,191 @@
+"""What is done in a worker's process: one function per kind of entry, each writes files into a folder."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from quadid_logs.fleet.log_files import LogFile
+from quadid_logs.fleet.options import Options
+from quadid_logs.fleet.tasks import Outcome
+from quadid_logs.serve.entries import Kind
+from quadid_logs.untrusted import printable
+from quadid_logs.version import __version__
+from quadid_logs.vocabulary import AXES
+
+if TYPE_CHECKING:
+    from quadid_logs.align import Prepared
+    from quadid_logs.data.result import Result
+
+#: The page of every result, and what `quadid-log analyze` calls the numbers.
+PAGE_FILE: Final = "report.html"
+RESULT_FILE: Final = "result.json"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Job:
+    """One entry as a worker gets it: the logs' paths and names, and the folder to write into."""
+
+    kind: Kind
+    logs: tuple[str, ...]
+    names: tuple[str, ...]
+    sha256: tuple[str, ...]
+    n_bytes: int
+    options: Mapping[str, Any]
+    folder: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Done:
+    """What a job gave: what the list shows, and of an analysis what the history is to hold."""
+
+    summary: Mapping[str, Any] = field(default_factory=dict)
+    outcome: Outcome | None = None
+
+
+#: Called with the stage that begins, and with the summary as soon as there is a verdict.
+Tell = Callable[[str, Mapping[str, Any] | None], None]
+
+
+def do(job: Job, tell: Tell) -> Done:
+    """Do a job.
+
+    Parameters
+    ----------
+    job : Job
+    tell : callable
+
+    Returns
+    -------
+    Done
+
+    Raises
+    ------
+    QuadidError
+        If it cannot be done for what the logs hold or the options say.
+    """
+    return {Kind.ANALYZE: _analyze, Kind.COMPARE: _compare, Kind.PLAN: _plan}[job.kind](job, tell)
+
+
+def _analyze(job: Job, tell: Tell) -> Done:
+    """Do what ``quadid-log analyze`` does, and what a fleet's history needs."""
+    from quadid_logs.fleet.rows import result_rows
+    from quadid_logs.report.folder import write_drawings
+    from quadid_logs.report.json import json_text
+    from quadid_logs.report.provenance import Provenance
+
+    prepared, result = _result_of(job, 0, tell)
+    file = LogFile(url=job.names[0], n_bytes=job.n_bytes, modified_s=float(job.options["modified_s"]))
+    rows = result_rows([result], file, job.sha256[0], Options().rules)
+    summary = _summary(result, rows[0])
+    tell("writing the report", summary)
+    provenance = Provenance(version=__version__, command="", log_sha256=job.sha256[0])
+    folder = Path(job.folder)
+    write_drawings(result, provenance, folder, "none")
+    (folder / RESULT_FILE).write_text(json_text(result, provenance), encoding="utf-8")
+    if not _fits_history(result):
+        tell("adding it to the history", summary)
+        rows = result_rows(_by_flight(prepared, result), file, job.sha256[0], Options().rules)
+    return Done(summary=summary, outcome=Outcome(file=file, sha256=job.sha256[0], rows=rows))
+
+
+def _result_of(job: Job, which: int, tell: Tell) -> tuple[Prepared, Result]:
+    """Analyze one log, under the name that its owner knows."""
+    import time
+
+    from quadid_logs.align import cut
+    from quadid_logs.data.settings import Settings
+    from quadid_logs.load import load
+    from quadid_logs.pipeline import judge
+
+    settings = Settings()
+    began = time.perf_counter()
+    tell("read", None)
+    prepared = load(job.logs[which], settings)
+    named = dataclasses.replace(prepared, log=dataclasses.replace(prepared.log, path=job.names[which]))
+    read = time.perf_counter()
+    tell("align", None)
+    data = cut(named, settings.align)
+    timings_s = {"read": read - began, "align": time.perf_counter() - read}
+    tell("identify", None)
+    return named, judge(named.log, data, settings, vehicle=None, timings_s=timings_s)
+
+
+def _fits_history(result: Result) -> bool:
+    """Return whether the history can take the result as it is: one flight, in the history's structure."""
+    model = result.identification.recommended
+    return len(result.data.flights) < 2 and (model is None or model.structure == Options().structure)
+
+
+def _by_flight(prepared: Prepared, result: Result) -> tuple[Result, ...]:
+    """Analyze each flight alone, in the structure that all flights of the history have."""
+    from quadid_logs.fleet.per_flight import judge_flights
+
+    return tuple(judge_flights(prepared, Options().settings, None, result.timings_s["read"]))
+
+
+def _summary(result: Result, row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what the list shows of a log."""
+    from quadid_logs.report.verdict import effect_sentence, flown_sentence, headline
+
+    started = row.get("started")
+    found = result.diagnosis.axes
+    return {
+        "vehicle": row["vehicle"],
+        "model": row["model"],
+        "started": started.isoformat() if started is not None else "",
+        "started_from": row["started_from"],
+        "n_flights": len(result.data.flights),
+        "headline": headline(result),
+        "flown": flown_sentence(result),
+        "axes": {
+            axis: {"verdict": found[axis].verdict, "effect": effect_sentence(result, axis)} for axis in AXES
+        },
+    }
+
+
+def _compare(job: Job, tell: Tell) -> Done:
+    """Do what ``quadid-log compare`` does."""
+    from quadid_logs.compare import compare
+    from quadid_logs.report.comparison import comparison_lines, comparison_text
+
+    before, after = (_result_of(job, which, tell)[1] for which in (0, 1))
+    comparison = compare(before, after)
+    tell("writing the report", None)
+    lines = comparison_lines(before, after, comparison)
+    folder = Path(job.folder)
+    (folder / "compare.json").write_text(comparison_text(before, after, comparison), encoding="utf-8")
+    _write_page(folder, "Comparison of two flights", "\n".join(lines))
+    return Done(summary={"headline": lines[0]})
+
+
+def _plan(job: Job, tell: Tell) -> Done:
+    """Do what ``quadid-log plan`` does."""
+    from quadid_logs.plan import make_plan, parse_version, predict
+    from quadid_logs.report.plan import CARD_FILE, card_lines, parameter_files
+
+    firmware = str(job.options.get("firmware") or "")
+    planned = make_plan(
+        str(job.options["autopilot"]),
+        [str(axis) for axis in job.options["axes"]],
+        parse_version(firmware) if firmware else None,
+    )
+    tell("flying it in the simulator", None)
+    lines = card_lines(planned, predict(planned))
+    folder = Path(job.folder)
+    files = {**parameter_files(planned), CARD_FILE: "\n".join(lines) + "\n"}
+    for name, text in files.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    _write_page(folder, "Flight plan", files[CARD_FILE])
+    return Done(summary={"headline": printable(lines[0].lstrip("# "))})
+
+
+def _write_page(folder: Path, title: str, text: str) -> None:
+    """Write a page that holds plain text."""
+    from quadid_logs.report.pages import environment
+
+    page = environment("quadid_logs.serve").get_template("text.html").render(title=title, text=text)
+    (folder / PAGE_FILE).write_text(page, encoding="utf-8")
