@@ -54,7 +54,7 @@ _HEADERS: Final[Mapping[str, str]] = {
 _SAFE_METHODS: Final = frozenset({"GET", "HEAD"})
 #: What a person's click, or our own page, causes; of the others `same-site` is another port of this machine.
 _OURS: Final = frozenset({"same-origin", "none"})
-#: Everybody may have these: where the token is asked for, and how that looks.
+#: Everybody may have these: the page that takes the token, and how it looks.
 _OPEN_PATHS: Final = frozenset({"/start", "/static/serve.css"})
 LOOPBACK: Final = ("127.0.0.1", "::1", "localhost")
 
