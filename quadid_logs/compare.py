@@ -11,7 +11,14 @@ from quadid_logs.callable_module import call_as
 from quadid_logs.data.model import Model, Parameter
 from quadid_logs.data.result import Result
 from quadid_logs.diagnose.advice import next_steps
-from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS, RATE_SYMBOLS, TORQUE_SYMBOLS
+from quadid_logs.vocabulary import (
+    ACCELERATION_SYMBOLS,
+    AXES,
+    ON_AXIS,
+    RATE_SYMBOLS,
+    TORQUE_SYMBOLS,
+    term_words,
+)
 
 AxisChange = Literal["same", "changed", "not comparable"]
 
@@ -34,7 +41,8 @@ class Quantity:
     two values, ``spread`` is what differs between flights of one vehicle, and
     ``margin`` the least difference that counts as a change. ``scale`` is what
     a difference is a fraction of, the value called ``scale_name``. ``is_on_axis``
-    marks how an axis answers to the torque about it.
+    marks how an axis answers to the torque about it. ``words`` and ``scale_words``
+    are what people call the two.
     """
 
     name: str
@@ -49,6 +57,8 @@ class Quantity:
     scale: float = math.nan
     scale_name: str = ""
     is_on_axis: bool = False
+    words: str = ""
+    scale_words: str = ""
 
     @property
     def difference(self) -> float:
@@ -232,6 +242,8 @@ def _parameters(first: Model, second: Model, reasons: Mapping[str, str]) -> Iter
                 scale=abs(scale.value),
                 scale_name=scale.name,
                 is_on_axis=one is gain,
+                words=term_words(target, regressor),
+                scale_words=term_words(scale.target, scale.regressor),
             )
 
 
@@ -261,6 +273,7 @@ def _actuators(first: Model, second: Model) -> Iterator[Quantity]:
                 ci95_before=before,
                 ci95_after=after,
                 spread=_TIME_SPREAD_MS,
+                words=f"{name} of the actuators",
             )
 
 

@@ -12,7 +12,7 @@ from quadid_logs.cli.progress import Progress
 from quadid_logs.output import check_folder_free, new_folder, write_together
 from quadid_logs.untrusted import printable
 
-_FILES = ("paper.md", "windows.csv", "fig4.png", "windows.png", "tables.png")
+_FILES = ("paper.md", "paper.html", "windows.csv", "fig4.png", "windows.png", "tables.png")
 
 
 def paper(
@@ -22,6 +22,7 @@ def paper(
     force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run.")] = False,
 ) -> int:
     """Re-run the source paper's experiment and say what agrees with eq. (12), what cannot, and why."""
+    from quadid_logs.report.markdown_page import markdown_page
     from quadid_logs.simulate.paper_experiment import run_experiment
     from quadid_logs.simulate.paper_page import figures, page_text, windows_csv
 
@@ -32,7 +33,8 @@ def paper(
         progress("drawing")
         text = page_text(experiment)
         files = {"paper.md": text.encode(), "windows.csv": windows_csv(experiment).encode()}
-        files |= figures(experiment)
+        drawn = figures(experiment)
+        files |= {"paper.html": markdown_page(text, drawn).encode(), **drawn}
     with new_folder(output):
         write_together(output, {name: files[name] for name in _FILES})
     say(text.rstrip("\n"))

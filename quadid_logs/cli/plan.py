@@ -51,13 +51,14 @@ def plan(
     Without -o the card is only printed.
     """
     from quadid_logs.plan import make_plan, parse_version, predict
-    from quadid_logs.report.plan import CARD_FILE, card_lines, parameter_files, plan_text
+    from quadid_logs.report.markdown_page import markdown_page
+    from quadid_logs.report.plan import CARD_FILE, CARD_PAGE, card_lines, parameter_files, plan_text
     from quadid_logs.vehicle_file import read_vehicle
 
     planned = make_plan(autopilot.lower(), axis or (), None if firmware is None else parse_version(firmware))
     files = {name: text.encode() for name, text in parameter_files(planned).items()}
     if output is not None:
-        check_folder_free(output, (CARD_FILE, *files), force=force)
+        check_folder_free(output, (CARD_FILE, CARD_PAGE, *files), force=force)
     described = None if vehicle is None else read_vehicle(vehicle)
     with Progress("plan") as progress:
         progress("flying it in the simulator")
@@ -67,6 +68,7 @@ def plan(
         say(line)
     if output is not None:
         files[CARD_FILE] = ("\n".join(lines) + "\n").encode()
+        files[CARD_PAGE] = markdown_page("\n".join(lines)).encode()
         with new_folder(output):
             write_together(output, files)
         if not as_json:

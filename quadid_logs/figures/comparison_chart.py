@@ -48,10 +48,9 @@ def _panel(quantity: Quantity) -> Panel:
         )
         for place, (label, value, (low, high), role) in enumerate(points)
     )
-    axis = f" ({quantity.axis})" if quantity.axis else ""
     return Panel(
-        title=f"{quantity.name}{axis}: {'changed' if quantity.changed else 'no change seen'}",
+        title=f"{quantity.words.capitalize()}: {'changed' if quantity.changed else 'no change seen'}",
         x=Axis(label="", ticks=((0.0, "before"), (1.0, "after")), low=-0.6, high=1.6),
-        y=Axis(label=quantity.name, unit=quantity.unit.replace("^2", "²")),
+        y=Axis(label="", unit=quantity.unit.replace("^2", "²")),
         curves=curves,
     )

@@ -58,7 +58,7 @@ def _sentence(quantity: Quantity) -> str:
     """Say both values, and by how much they differ or could differ unseen."""
     pairs = ((quantity.before, quantity.ci95_before), (quantity.after, quantity.ci95_after))
     values = " -> ".join(estimate(value, *interval) for value, interval in pairs)
-    text = f"{printable(quantity.name, 20)} {values} {pretty_unit(quantity.unit)}"
+    text = f"{printable(quantity.words, 60)} {values} {pretty_unit(quantity.unit)}"
     if quantity.changed:
         return f"{text}: changed by {_amount(quantity, quantity.difference)}"
     return f"{text}: no change seen (from {_amount(quantity, quantity.margin)} on it would show)"
@@ -68,7 +68,7 @@ def _amount(quantity: Quantity, difference: float) -> str:
     """Return a difference as a fraction of what it is to be compared with, or in its unit."""
     if not quantity.scale > 0.0:
         return f"{number(difference, 3)} {pretty_unit(quantity.unit)}"
-    of = "" if quantity.name == quantity.scale_name else f" of {printable(quantity.scale_name, 20)}"
+    of = "" if quantity.name == quantity.scale_name else f" of {printable(quantity.scale_words, 60)}"
     return f"{percent(difference / quantity.scale)}{of}"
 
 

@@ -15,7 +15,7 @@ from quadid_logs.simulate.sweep import Sweep
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import ON_AXIS
 
-CARD_FILE = "plan.md"
+CARD_FILE, CARD_PAGE = "plan.md", "plan.html"
 
 
 def parameter_files(plan: Plan) -> dict[str, str]:
