@@ -11,6 +11,7 @@ import typer
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.logs import check_log
 from quadid_logs.cli.progress import Progress
+from quadid_logs.cli.terminal import wrapped
 from quadid_logs.errors import SeveralLogsError
 
 
@@ -50,7 +51,8 @@ def info(
         say(inventory_text(content, data).rstrip("\n"))
         return 0
     for line in inventory_lines(content, data):
-        say(line)
+        for part in wrapped(line.text, line.hang):
+            say(part)
     return 0
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import shutil
 import sys
+import textwrap
 from typing import TYPE_CHECKING, TextIO
 
 from quadid_logs.vocabulary import AXES
@@ -11,12 +13,37 @@ from quadid_logs.vocabulary import AXES
 if TYPE_CHECKING:
     from quadid_logs.data.result import Result
 
+#: Nobody reads columns that are narrower, and a width of 0 is what some terminals say of themselves.
+_FEWEST_COLUMNS = 30
+#: On fewer columns a deep indent leaves no room for words.
+_FEWEST_FOR_HANG = 60
 _COLOURS = {"usable": "green", "caution": "yellow", "refused": "red"}
 
 
 def is_terminal(stream: TextIO) -> bool:
     """Return whether a stream is a terminal that can show tables, and lines written anew."""
     return stream.isatty() and os.environ.get("TERM", "") != "dumb"
+
+
+def wrapped(line: str, hang: int) -> list[str]:
+    """Break a line at the terminal's width; a pipe gets it whole, for grep finds only whole lines.
+
+    Parameters
+    ----------
+    line : str
+        Of words between spaces.
+    hang : int
+        By how many columns the lines after the first are indented; on a narrow terminal, by fewer.
+
+    Returns
+    -------
+    list of str
+    """
+    if not is_terminal(sys.stdout):
+        return [line]
+    columns = max(_FEWEST_COLUMNS, shutil.get_terminal_size().columns)
+    indent = " " * (hang if columns >= _FEWEST_FOR_HANG else min(hang, 4))
+    return textwrap.wrap(line, columns, subsequent_indent=indent, break_on_hyphens=False) or [""]
 
 
 def show_result(result: Result) -> None:

@@ -12,7 +12,8 @@ from quadid_logs.report.numbers import estimate, number, percent
 from quadid_logs.report.words import pretty_unit
 from quadid_logs.untrusted import printable
 
-_HEADLINES = {
+#: What is said of a verdict.
+HEADLINES = {
     "same": "no change beyond the intervals",
     "changed": "changed beyond the intervals",
     "not comparable": "no comparison is possible on at least one axis",
@@ -33,7 +34,7 @@ def comparison_lines(before: Result, after: Result, comparison: Comparison) -> t
         Lines without control characters, whatever the logs hold.
     """
     names = [printable(PurePath(result.log.path).name, 80) for result in (before, after)]
-    headline = _HEADLINES[comparison.verdict]
+    headline = HEADLINES[comparison.verdict]
     if set(comparison.axes.values()) == {"not comparable"}:
         headline = "these logs do not allow a comparison"
     lines = [f"{names[0]} -> {names[1]}: {headline}"]
@@ -60,12 +61,23 @@ def _sentence(quantity: Quantity) -> str:
     values = " -> ".join(estimate(value, *interval) for value, interval in pairs)
     text = f"{printable(quantity.words, 60)} {values} {pretty_unit(quantity.unit)}"
     if quantity.changed:
-        return f"{text}: changed by {_amount(quantity, quantity.difference)}"
-    return f"{text}: no change seen (from {_amount(quantity, quantity.margin)} on it would show)"
+        return f"{text}: changed by {amount(quantity, quantity.difference)}"
+    return f"{text}: no change seen (from {amount(quantity, quantity.margin)} on it would show)"
 
 
-def _amount(quantity: Quantity, difference: float) -> str:
-    """Return a difference as a fraction of what it is to be compared with, or in its unit."""
+def amount(quantity: Quantity, difference: float) -> str:
+    """Return a difference as a fraction of what it is to be compared with, or in its unit.
+
+    Parameters
+    ----------
+    quantity : Quantity
+    difference : float
+        In the unit of the quantity.
+
+    Returns
+    -------
+    str
+    """
     if not quantity.scale > 0.0:
         return f"{number(difference, 3)} {pretty_unit(quantity.unit)}"
     of = "" if quantity.name == quantity.scale_name else f" of {printable(quantity.scale_words, 60)}"

@@ -6,12 +6,13 @@ import base64
 import hashlib
 import importlib.util
 import json
+from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from quadid_logs.errors import OutputError
-from quadid_logs.figures import CHAPTERS, Figures
+from quadid_logs.figures import CHAPTERS, Figure, Figures
 from quadid_logs.figures.interactive import interactive
 from quadid_logs.figures.palette import DARK, LIGHT
 from quadid_logs.report.pages import environment
@@ -39,24 +40,45 @@ def render_html(view: View, figures: Figures) -> str:
     OutputError
         If the installed plotly package does not hold its script.
     """
-    pages = environment()
     by_key = {figure.key: figure for figure in figures.shown}
-    # As it is: what a content security policy lets run is known by its hash.
-    script = resources.files("quadid_logs.report").joinpath("templates/report.js").read_text("utf-8")
-    plotly = _plotly_script() if figures.shown else ""
-    page: str = pages.get_template("report.html").render(
-        view=view,
-        chapters={
-            chapter: [by_key[key] for key in keys if key in by_key] for chapter, keys in CHAPTERS.items()
-        },
-        left_out=figures.left_out,
-        figure_json={figure.key: script_json(shared(interactive(figure))) for figure in figures.shown},
-        palettes=script_json({"light": dict(LIGHT), "dark": dict(DARK)}),
-        script=script,
-        plotly=plotly,
-        script_hashes=" ".join(_csp_hash(text) for text in (plotly, script)),
+    page: str = (
+        environment()
+        .get_template("report.html")
+        .render(
+            view=view,
+            chapters={
+                chapter: [by_key[key] for key in keys if key in by_key] for chapter, keys in CHAPTERS.items()
+            },
+            left_out=figures.left_out,
+            **charts(figures.shown),
+        )
     )
     return page
+
+
+def charts(figures: Sequence[Figure]) -> dict[str, Any]:
+    """Return what a template needs to draw figures, and for the policy that lets only that be run.
+
+    Parameters
+    ----------
+    figures : sequence of Figure
+
+    Returns
+    -------
+    dict
+        ``figure_json`` by key, ``palettes``, ``script``, ``plotly`` (empty where nothing is drawn) and
+        ``script_hashes``.
+    """
+    # As it is: what a content security policy lets run is known by its hash.
+    script = resources.files("quadid_logs.report").joinpath("templates/report.js").read_text("utf-8")
+    plotly = _plotly_script() if figures else ""
+    return {
+        "figure_json": {figure.key: script_json(shared(interactive(figure))) for figure in figures},
+        "palettes": script_json({"light": dict(LIGHT), "dark": dict(DARK)}),
+        "script": script,
+        "plotly": plotly,
+        "script_hashes": " ".join(_csp_hash(text) for text in (plotly, script)),
+    }
 
 
 def shared(figure: dict[str, Any]) -> dict[str, Any]:

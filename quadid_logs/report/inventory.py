@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 from quadid_logs.autopilots import named
 from quadid_logs.counting import counted
@@ -22,6 +22,7 @@ from quadid_logs.report.numbers import number, size
 from quadid_logs.untrusted import printable
 
 _MOST_TYPES = 14
+_NAME_WIDTH = 11
 
 
 def missing_for_analysis(log: FlightLog, data: FlightData) -> tuple[Finding, ...]:
@@ -62,10 +63,61 @@ def inventory_text(log: FlightLog, data: FlightData) -> str:
     return strict_text(content)
 
 
-def inventory_lines(log: FlightLog, data: FlightData) -> Iterator[str]:
-    """Yield the inventory as lines for people."""
-    yield f"{printable(log.path)}  {size(log.n_bytes)}, {log.format} {printable(log.dialect, 40)}".rstrip()
-    for name, value in (
+class Line(NamedTuple):
+    """A line for people; where it is broken, what follows is indented by ``hang`` columns."""
+
+    text: str
+    hang: int = 0
+
+
+def inventory_lines(log: FlightLog, data: FlightData) -> Iterator[Line]:
+    """Yield the inventory: whether analyze can work with it, then what the log is, then its signals.
+
+    Parameters
+    ----------
+    log : FlightLog
+    data : FlightData
+
+    Yields
+    ------
+    Line
+        Without control characters, whatever the log holds.
+    """
+    yield Line(
+        f"{printable(log.path)}  {size(log.n_bytes)}, {log.format} {printable(log.dialect, 40)}".rstrip()
+    )
+    yield from _lacking(missing_for_analysis(log, data))
+    yield Line("")
+    for name, value in (*_facts(log, data), *((name.lower(), value) for name, value in airframe_facts(log))):
+        if value:
+            yield Line(f"  {name:<{_NAME_WIDTH}}{value}", 2 + _NAME_WIDTH)
+    yield Line("")
+    yield Line(f"  {'signal':<21}{'true rate':>10}{'longest gap':>13}  source")
+    for choice in data.sources.values():
+        yield from _signal_lines(choice)
+    for remark in log.remarks[:20]:
+        yield Line(f"  Note: {printable(remark)}", 4)
+
+
+def _lacking(found: Sequence[Finding]) -> Iterator[Line]:
+    """Yield whether analyze can work with the log, and what it will complain about."""
+    missing = [finding for finding in found if finding.level == "error"]
+    if missing:
+        yield Line(f"  analyze will refuse it: {counted(len(missing), 'thing')} missing")
+    else:
+        yield Line(
+            "  analyze can work with it" + (", with caveats" if found else ": nothing is missing in the log")
+        )
+    for finding in found:
+        word = "missing" if finding.level == "error" else "caution"
+        yield Line(f"    {word}: {printable(finding.title)} [{finding.code}]", 6)
+        if finding.advice:
+            yield Line(f"      {printable(finding.advice, 600)}", 6)
+
+
+def _facts(log: FlightLog, data: FlightData) -> tuple[tuple[str, str], ...]:
+    """Return what the log is, name and value; empty where it says nothing."""
+    return (
         ("autopilot", named(log.autopilot).title),
         ("firmware", printable(log.firmware, 120)),
         ("vehicle", ", ".join(filter(None, map(printable, (log.vehicle_type, log.frame, log.vehicle_name))))),
@@ -84,37 +136,19 @@ def inventory_lines(log: FlightLog, data: FlightData) -> Iterator[str]:
         ("modes", ", ".join(dict.fromkeys(printable(mode.name, 24) for mode in data.modes[:200]))),
         ("systems", _systems(log)),
         ("messages", _types(log)),
-    ):
-        if value:
-            yield f"  {name:<11}{value}"
-    for name, value in airframe_facts(log):
-        yield f"  {name.lower():<11}{value}"
-    yield ""
-    yield f"  {'signal':<21}{'true rate':>10}{'longest gap':>13}  source"
-    for choice in data.sources.values():
-        yield from _signal_lines(choice)
-    yield ""
-    lacks = missing_for_analysis(log, data)
-    if not lacks:
-        yield "  Nothing is missing for analyze."
-    for finding in lacks:
-        word = "missing" if finding.level == "error" else "caution"
-        yield f"  {word} for analyze: {printable(finding.title)} [{finding.code}]"
-        if finding.advice:
-            yield f"    {printable(finding.advice, 600)}"
-    for remark in log.remarks[:20]:
-        yield f"  Note: {printable(remark)}"
+    )
 
 
-def _signal_lines(choice: SourceChoice) -> Iterator[str]:
-    """Yield the source of one signal, and those not taken."""
+def _signal_lines(choice: SourceChoice) -> Iterator[Line]:
+    """Yield the source of one signal, why it was taken, and those not taken."""
     sampled = choice.rate_hz > 0.0
     rate = f"{number(choice.rate_hz, 4)} Hz" if sampled else "events"
     gap = f"{number(choice.longest_gap_s, 3)} s" if sampled and math.isfinite(choice.longest_gap_s) else "–"
-    why = f"  ({printable(choice.reason, 120)})" if choice.reason else ""
-    yield f"  {printable(choice.signal, 20):<21}{rate:>10}{gap:>13}  {printable(choice.source, 80)}{why}"
+    yield Line(f"  {printable(choice.signal, 20):<21}{rate:>10}{gap:>13}  {printable(choice.source, 80)}", 4)
+    if choice.reason:
+        yield Line(f"    {printable(choice.reason, 120)}", 4)
     for source, other_hz in choice.others[:4]:
-        yield f"  {'':<44}  not taken: {printable(source, 80)} at {number(other_hz, 4)} Hz"
+        yield Line(f"    not taken: {printable(source, 80)} at {number(other_hz, 4)} Hz", 4)
 
 
 def _systems(log: FlightLog) -> str:

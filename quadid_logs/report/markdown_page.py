@@ -1,4 +1,4 @@
-"""A page out of the few kinds of Markdown that this package writes: one text, for a terminal and for a browser."""
+"""A page out of the few kinds of Markdown that this package writes: one text for terminals and browsers."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Block:
 
 
 def markdown_page(text: str, images: Mapping[str, bytes] | None = None) -> str:
-    """Return a page of its own, with its pictures in it; every text is escaped.
+    r"""Return a page of its own, with its pictures in it; every text is escaped.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def markdown_page(text: str, images: Mapping[str, bytes] | None = None) -> str:
 
     Examples
     --------
-    >>> page = markdown_page("# Plan\\n\\n- a < b")
+    >>> page = markdown_page("# Plan\n\n- a < b")
     >>> "<h1>Plan</h1>" in page, "<li>a &lt; b</li>" in page
     (True, True)
     """

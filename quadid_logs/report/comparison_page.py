@@ -1,0 +1,114 @@
+"""compare.html: whether the vehicle changed, by axis, with every number of both flights."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import PurePath
+from types import MappingProxyType
+from typing import Final
+
+from quadid_logs.compare import Comparison, Quantity
+from quadid_logs.data.result import Result
+from quadid_logs.figures import Figure
+from quadid_logs.report.cells import Cell, Table
+from quadid_logs.report.comparison import HEADLINES, amount
+from quadid_logs.report.html import charts
+from quadid_logs.report.numbers import interval, resolved
+from quadid_logs.report.pages import environment
+from quadid_logs.report.verdict import flown_sentence
+from quadid_logs.report.words import pretty_unit
+from quadid_logs.untrusted import printable
+
+#: The style of each outcome: a change is neither good nor bad, but it must be seen.
+_STYLES: Final = MappingProxyType({"same": "usable", "changed": "caution", "not comparable": "refused"})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxisChangeView:
+    """What became of an axis: the outcome, its style, and a sentence."""
+
+    axis: str
+    change: str
+    style: str
+    sentence: str
+
+
+def comparison_page(
+    before: Result, after: Result, comparison: Comparison, figures: Sequence[Figure] = ()
+) -> str:
+    """Return the page; every text is escaped by the template.
+
+    Parameters
+    ----------
+    before, after : Result
+    comparison : Comparison
+    figures : sequence of Figure
+        Shown below the table, in their order.
+
+    Returns
+    -------
+    str
+        A complete HTML document that asks no host for anything.
+    """
+    page: str = (
+        environment()
+        .get_template("compare.html")
+        .render(
+            names=[printable(PurePath(result.log.path).name, 80) for result in (before, after)],
+            flown=[flown_sentence(result) for result in (before, after)],
+            headline=HEADLINES[comparison.verdict],
+            style=_STYLES[comparison.verdict],
+            axes=[_axis(comparison, axis) for axis in comparison.axes],
+            table=_table(comparison),
+            steps=[printable(step, 800) for step in comparison.advice],
+            figures=figures,
+            **charts(figures),
+        )
+    )
+    return page
+
+
+def _axis(comparison: Comparison, axis: str) -> AxisChangeView:
+    """Return what became of an axis in one sentence."""
+    change = comparison.axes[axis]
+    changed = [each for each in comparison.quantities if each.axis == axis and each.changed]
+    if axis in comparison.reasons:
+        reason = printable(comparison.reasons[axis], 400)
+        sentence = f"{reason[:1].upper()}{reason[1:]}."
+    elif changed:
+        sentence = "; ".join(f"{each.words} by {amount(each, each.difference)}" for each in changed)
+        sentence = f"Changed: {sentence}."
+    else:
+        own = [each for each in comparison.quantities if each.axis == axis and each.is_on_axis]
+        seen = "".join(f" {amount(each, each.margin)} of effectiveness would have shown." for each in own)
+        sentence = f"No change is seen.{seen}"
+    return AxisChangeView(axis=axis, change=change, style=_STYLES[change], sentence=sentence)
+
+
+def _table(comparison: Comparison) -> Table | None:
+    """Return every quantity, those first that changed."""
+    ordered = sorted(comparison.quantities, key=lambda quantity: not quantity.changed)
+    if not ordered:
+        return None
+    return Table(
+        caption=f"Every number that was compared (structure {printable(comparison.structure, 40)})",
+        head=("", "before", "after", "difference", "would show from"),
+        rows=tuple(_row(quantity) for quantity in ordered),
+        note="Small: 95 % intervals. A change is a difference larger than what both intervals leave open, as"
+        " many quantities are looked at, and than what differs between flights of one vehicle.",
+    )
+
+
+def _row(quantity: Quantity) -> tuple[Cell, ...]:
+    values = (
+        Cell(text=resolved(value, *ci95), detail=interval(*ci95))
+        for value, ci95 in ((quantity.before, quantity.ci95_before), (quantity.after, quantity.ci95_after))
+    )
+    difference = amount(quantity, quantity.difference)
+    return (
+        Cell(text=quantity.words, detail=pretty_unit(quantity.unit)),
+        *values,
+        Cell(text=difference, detail="changed" if quantity.changed else "", weak=not quantity.changed),
+        Cell(text=amount(quantity, quantity.margin)),
+    )
