@@ -140,6 +140,7 @@ def test_card_and_files_are_written_together(
     assert (tmp_path / "plan" / "plan.md").read_text() in printed
     assert {path.name for path in (tmp_path / "plan").iterdir()} == {
         "plan.md",
+        "plan.html",
         "logging.param",
         "sweep-yaw.param",
     }

@@ -84,6 +84,6 @@ def test_paper_prints_its_page_and_writes_it(tmp_path, capsys):
     assert paper(tmp_path / "page") == 0
     assert "What cannot be identified" in capsys.readouterr().out
     names = {path.name for path in (tmp_path / "page").iterdir()}
-    assert names == {"paper.md", "windows.csv", "fig4.png", "windows.png", "tables.png"}
+    assert names == {"paper.md", "paper.html", "windows.csv", "fig4.png", "windows.png", "tables.png"}
     with pytest.raises(OutputError, match="exists"):
         paper(tmp_path / "page")
