@@ -102,6 +102,8 @@ def _trace(curve: Curve, panel: Panel, number: int, seen: set[str]) -> dict[str,
         "hovertemplate": f"%{{y:.4~g}}{html.escape(unit, quote=False)}",
     }
     seen.add(name)
+    if curve.samples:
+        trace["meta"] = {"samples": curve.samples}
     if curve.mark == "points":
         trace["marker"] = {"color": colour, "size": 4, "opacity": 0.55}
     elif curve.mark == "bars":

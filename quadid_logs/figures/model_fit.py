@@ -11,7 +11,7 @@ from quadid_logs.data.model import Actuator, FitSeries, Model
 from quadid_logs.data.result import Result
 from quadid_logs.figures.evidence import most_excited_seconds
 from quadid_logs.figures.spec import Axis, Band, Curve, Figure, LeftOut, Level, Mark, Panel
-from quadid_logs.figures.thinning import thin_line
+from quadid_logs.figures.thinning import CARRIED, thin_line
 from quadid_logs.figures.time_series import MOST_BANDS, TIME, spans
 from quadid_logs.vocabulary import (
     ACCELERATION_SYMBOLS,
@@ -84,9 +84,9 @@ def _pair(
     for column, name in enumerate(AXES):
         curves = []
         for label, role, values in zip(labels, ("measured", "modelled"), series, strict=True):
-            x, y = thin_line(time_s, np.degrees(values[:, column]))
+            x, y = thin_line(time_s, np.degrees(values[:, column]), CARRIED)
             mark: Mark = "wide" if role == "measured" else "line"
-            curves.append(Curve(label=label, x=x, y=y, role=role, mark=mark))
+            curves.append(Curve(label=label, x=x, y=y, role=role, mark=mark, samples=time_s.size))
         y_axis = _around(axis, np.degrees(series[0][:, column]), np.degrees(series[1][:, column]))
         panels.append(
             Panel(
@@ -163,8 +163,8 @@ def _residuals(model: Model, fit: FitSeries) -> Figure:
     left_over = np.degrees(fit.acceleration - fit.modelled_acceleration)
     panels: list[Panel] = []
     for column, axis in enumerate(AXES):
-        x, y = thin_line(fit.time_s, left_over[:, column])
-        line = Curve(label="measured − model", x=x, y=y, role=axis)
+        x, y = thin_line(fit.time_s, left_over[:, column], CARRIED)
+        line = Curve(label="measured − model", x=x, y=y, role=axis, samples=fit.time_s.size)
         panels.append(
             Panel(
                 title=axis.capitalize(),

@@ -35,7 +35,8 @@ class Axis:
 class Curve:
     """A series of a panel; NaN in ``y`` (n_points,) is a gap. ``low`` and ``high`` are error bars.
 
-    A "wide" line is pale, and lies beneath another that it is to be compared with.
+    A "wide" line is pale, and lies beneath another that it is to be compared with. ``samples`` is how many
+    there were before they were thinned, 0 where that does not matter.
     """
 
     label: str
@@ -45,6 +46,7 @@ class Curve:
     mark: Mark = "line"
     low: FloatArray | None = None
     high: FloatArray | None = None
+    samples: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -8,7 +8,7 @@ from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.flight import FlightData, InputDescription, Overview
 from quadid_logs.data.result import Result
 from quadid_logs.figures.spec import Axis, Band, Curve, Figure, LeftOut, Panel
-from quadid_logs.figures.thinning import break_at_gaps, thin_line, thin_points
+from quadid_logs.figures.thinning import CARRIED, break_at_gaps, thin_line, thin_points
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES, RATE_SYMBOLS, TORQUE_SYMBOLS
 
@@ -91,8 +91,8 @@ def axis_curves(time_s: FloatArray, values: FloatArray, names: tuple[str, ...]) 
     """Return roll, pitch and yaw lines of (n_samples, 3) values, thinned for display."""
     curves = []
     for column, (name, role) in enumerate(zip(names, AXES, strict=True)):
-        x, y = thin_line(time_s, values[:, column])
-        curves.append(Curve(label=name, x=x, y=y, role=role))
+        x, y = thin_line(time_s, values[:, column], CARRIED)
+        curves.append(Curve(label=name, x=x, y=y, role=role, samples=time_s.size))
     return tuple(curves)
 
 
@@ -163,11 +163,11 @@ def aligned_series(result: Result) -> Figure | LeftOut:
     y_torque = torque_axis(data.input)
     panels = []
     for column, axis in enumerate(AXES):
-        x, y = thin_line(time_s, np.degrees(rate[:, column]))
-        line = Curve(label=RATE_SYMBOLS[column], x=x, y=y, role=axis)
+        x, y = thin_line(time_s, np.degrees(rate[:, column]), CARRIED)
+        line = Curve(label=RATE_SYMBOLS[column], x=x, y=y, role=axis, samples=time_s.size)
         panels.append(Panel(title=f"{axis.capitalize()} rate", x=TIME, y=RATE_AXIS, curves=(line,)))
-        x, y = thin_line(time_s, torque[:, column])
-        line = Curve(label=TORQUE_SYMBOLS[column], x=x, y=y, role=axis)
+        x, y = thin_line(time_s, torque[:, column], CARRIED)
+        line = Curve(label=TORQUE_SYMBOLS[column], x=x, y=y, role=axis, samples=time_s.size)
         x, y = thin_points(time_s[saturated], torque[saturated, column], (400, 60))
         marks = Curve(label="saturated", x=x, y=y, role="saturated", mark="points")
         curves = (line, marks) if x.size else (line,)

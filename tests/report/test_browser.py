@@ -211,6 +211,32 @@ def test_paper_shows_fewer_points_and_no_lower_peak(
     assert 400 < printed_count < min(count, 2500)
 
 
+FINER = """(async () => {
+  const chart = document.getElementById("chart-aligned");
+  const said = () => chart.parentElement.querySelector(".detail").textContent;
+  const near = () => [...chart._fullData[0].x].filter((at) => at >= 30 && at <= 32).length;
+  const whole = [near(), said()];
+  await Plotly.relayout(chart, {"xaxis.range[0]": 30, "xaxis.range[1]": 32});
+  await new Promise((done) => setTimeout(done, 1500));
+  return [...whole, near(), said(), chart._fullData[0].x.length];
+})()"""
+
+
+def test_a_zoomed_chart_shows_more_of_the_log_and_says_how_much(
+    browser: chromium.Browser, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Of 80 s at 400 Hz, 4000 points are drawn; of two seconds three times as many as before."""
+    browser.show(1280)
+    browser.open(write_page(usable_result(), tmp_path_factory.mktemp("zoom")))
+    browser.run(SCROLL)
+    before, said, after, said_near, drawn = browser.run(FINER)
+    assert said == "1 of 9 samples shown, peaks kept; zoom in to see more."
+    assert after > 2.5 * before
+    assert said_near == "1 of 3 samples shown, peaks kept."
+    assert drawn < 1000
+    assert browser.problems == []
+
+
 def test_every_control_can_be_reached_by_keyboard(browser: chromium.Browser, page: Path) -> None:
     """The first stop is the jump to the model; links, charts and wide tables are all stops."""
     browser.show(1280)

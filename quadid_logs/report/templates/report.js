@@ -14,26 +14,29 @@
   // "@role" stands for the colour of that role on the present background.
   const coloured = (value, palette) => {
     if (typeof value === "string" && value[0] === "@") return palette[value.slice(1)] || value;
+    if (ArrayBuffer.isView(value)) return value;
     if (Array.isArray(value)) return value.map((item) => coloured(item, palette));
     if (value && typeof value === "object")
       return Object.fromEntries(Object.entries(value).map(([key, item]) => [key, coloured(item, palette)]));
     return value;
   };
 
-  // Paper shows no more than this, and every point costs some 50 bytes of PDF.
+  // Of a line over time, no more is drawn than a screen has columns for; paper shows less, and every point
+  // costs some 50 bytes of PDF.
   const mostPoints = { lines: 1600, markers: 900 };
+  const mostOnScreen = 4000;
 
-  const decoded = ({ dtype, bdata }) => {
+  const typed = { i2: Int16Array, f4: Float32Array, f8: Float64Array };
+  const decoded = ({ dtype, bdata, low, step }) => {
     const bytes = Uint8Array.from(atob(bdata), (letter) => letter.charCodeAt(0));
-    return dtype === "f8" ? new Float64Array(bytes.buffer) : new Float32Array(bytes.buffer);
+    const values = new typed[dtype](bytes.buffer);
+    return dtype === "i2" ? Float64Array.from(values, (value) => (value === -32768 ? NaN : low + (value + 32767) * step)) : values;
   };
 
   // Lines keep the lowest and the highest value and the first gap of each block of points, clouds every n-th point.
-  const thinned = (trace) => {
-    if (!trace.x || !trace.x.bdata || trace.fill) return trace;
-    const x = decoded(trace.x), y = decoded(trace.y), lines = trace.mode === "lines";
-    const size = Math.ceil((lines ? 2 : 1) * x.length / mostPoints[trace.mode]);
-    if (size < 2) return trace;
+  const thinned = (x, y, lines, most) => {
+    const size = Math.ceil((lines ? 2 : 1) * x.length / most);
+    if (size < 2) return [x, y];
     const kept = [];
     for (let from = 0; from < x.length; from += size) {
       let low = from, high = from, gap = -1;
@@ -46,17 +49,63 @@
       }
       kept.push(...new Set([low, high, ...(gap < 0 ? [] : [gap])].sort((a, b) => a - b)));
     }
-    return { ...trace, x: kept.map((at) => x[at]), y: kept.map((at) => y[at]) };
+    return [kept.map((at) => x[at]), kept.map((at) => y[at])];
+  };
+
+  // What is drawn of a line over time: the part in view, and the ends of the rest so that axes know how long it is.
+  const inView = (trace) => {
+    const { x, y } = trace;
+    if (!shared) return thinned(x, y, true, mostOnScreen);
+    let from = x.findIndex((value) => value >= shared[0]), to = x.findLastIndex((value) => value <= shared[1]);
+    if (from < 0 || to < from) return thinned(x, y, true, mostOnScreen);
+    from = Math.max(0, from - 1);
+    to = Math.min(x.length, to + 2);
+    const near = thinned(x.slice(from, to), y.slice(from, to), true, mostOnScreen);
+    return [[x[0], ...near[0], x[x.length - 1]], [NaN, ...near[1], NaN]];
+  };
+
+  const isSeries = (figure, trace) => figure.over_time && trace.meta && trace.x.length > mostOnScreen;
+
+  const forScreen = (figure) => figure.data.map((trace) => {
+    if (!isSeries(figure, trace)) return trace;
+    const [x, y] = inView(trace);
+    return { ...trace, x, y };
+  });
+
+  // Say how much of the log is to be seen, where that is not all of it.
+  const sayDetail = (chart, figure) => {
+    const place = chart.parentElement.querySelector(".detail");
+    const series = figure.data.find((trace) => trace.meta);
+    if (!place || !series) return;
+    const x = series.x, span = x[x.length - 1] - x[0];
+    const seen = shared ? Math.min(1, (shared[1] - shared[0]) / span) : 1;
+    const drawnPoints = isSeries(figure, series) ? inView(series)[0].length : x.length * seen;
+    const every = Math.round(series.meta.samples * seen / drawnPoints);
+    const finer = isSeries(figure, series) && x.length * seen > mostOnScreen;
+    place.textContent = every < 2 ? "" : `1 of ${every} samples shown, peaks kept` + (finer ? "; zoom in to see more." : ".");
+  };
+
+  const refine = (chart) => {
+    const figure = drawn.get(chart);
+    sayDetail(chart, figure);
+    const places = figure.data.map((trace, place) => (isSeries(figure, trace) ? place : -1)).filter((place) => place >= 0);
+    if (!places.length) return Promise.resolve();
+    const views = places.map((place) => inView(figure.data[place]));
+    return Plotly.restyle(chart, { x: views.map((view) => view[0]), y: views.map((view) => view[1]) }, places);
   };
 
   // A PDF keeps each see-through point as a picture of its own: the same page takes six times the bytes.
-  const forPaper = (trace) =>
-    ({ ...thinned(trace), ...(trace.marker && trace.x.bdata ? { marker: { ...trace.marker, opacity: 1 } } : {}) });
+  const forPaper = (trace) => {
+    if (trace.fill || trace.x.length < 3) return trace;
+    const lines = trace.mode === "lines", [x, y] = thinned(trace.x, trace.y, lines, mostPoints[trace.mode]);
+    return { ...trace, x, y, ...(trace.marker ? { marker: { ...trace.marker, opacity: 1 } } : {}) };
+  };
 
   // Arrays that several traces have in common stand once in the page.
   const parsed = (chart) => {
     const figure = JSON.parse(document.getElementById("data-" + chart.dataset.key).textContent);
-    const put = (value) => (value && value.array !== undefined ? figure.arrays[value.array] : value);
+    const arrays = figure.arrays.map(decoded);
+    const put = (value) => (value && value.array !== undefined ? arrays[value.array] : value);
     for (const trace of figure.data) { trace.x = put(trace.x); trace.y = put(trace.y); }
     return figure;
   };
@@ -69,7 +118,8 @@
     // Drawn larger than the paper and shrunk by the style sheet, so that nothing runs into its neighbour.
     if (printing) layout.width = chart.closest(".small") ? 560 : 940;
     if (figure.over_time && shared) layout.xaxis = { ...layout.xaxis, range: [...shared], autorange: false };
-    const data = printing ? figure.data.map(forPaper) : figure.data;
+    const data = printing ? figure.data.map(forPaper) : forScreen(figure);
+    sayDetail(chart, figure);
     return [coloured(data, palette), layout, { ...config, displayModeBar: narrow.matches ? false : "hover" }];
   };
 
@@ -87,7 +137,9 @@
     spreading = true;
     const zoomed = [...drawn].filter(([chart, figure]) => figure.over_time && chart !== except).map(([chart]) =>
       Plotly.relayout(chart, range ? { "xaxis.range": [...range] } : { "xaxis.autorange": true }));
-    Promise.all(zoomed).finally(() => { spreading = false; });
+    Promise.all(zoomed)
+      .then(() => Promise.all([...drawn].filter(([, figure]) => figure.over_time).map(([chart]) => refine(chart))))
+      .finally(() => { spreading = false; });
   };
 
   const followTime = (chart, change) => {
