@@ -129,20 +129,21 @@ def _timeline(result: Result) -> Panel:
         ("in the air", "muted", data.flights),
     )
     curves = tuple(
-        Curve(label=name, role=role, mark="thick", **_bars(intervals, float(height)))
+        Curve(label=name, role=role, mark="thick", x=x, y=y)
         for height, (name, role, intervals) in enumerate(rows)
+        for x, y in (_bars(intervals, float(height)),)
     )
     ticks = tuple((float(height), name) for height, (name, _, _) in enumerate(rows))
     y = Axis(label="", low=-0.6, high=2.6, ticks=ticks)
     return Panel(title="Use of the data", x=TIME, y=y, curves=curves, height=0.45)
 
 
-def _bars(intervals: tuple[tuple[float, float], ...], height: float) -> dict[str, FloatArray]:
+def _bars(intervals: tuple[tuple[float, float], ...], height: float) -> tuple[FloatArray, FloatArray]:
     """Return x and y of horizontal bars, NaN between them."""
     x = np.array([value for start, end in intervals[:MOST_BANDS] for value in (start, end, end)])
     y = np.full(x.shape, height)
     y[2::3] = np.nan
-    return {"x": x, "y": y}
+    return x, y
 
 
 def spans(time_s: FloatArray, mask: BoolArray) -> tuple[tuple[float, float], ...]:
