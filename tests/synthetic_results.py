@@ -253,6 +253,7 @@ def _data(segments: tuple[Segment, ...], duration_s: float) -> FlightData:
             [segment.attitude_rad for segment in segments if segment.attitude_rad is not None]
         ),
         "torque_command": np.concatenate([segment.torque for segment in segments]),
+        "body_rate_setpoint": 1.02 * np.concatenate([segment.body_rate_rad_s for segment in segments]),
     }
     choices = {
         "body_rate": ("RATE.R/P/Y", "full loop rate, filtered as the controller sees it", 400.0, 0.0049),

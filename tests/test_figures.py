@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from quadid_logs.data.flight import Segment
-from quadid_logs.data.log import NO_GYRO_FILTER, GyroFilter, ModeChange
+from quadid_logs.data.log import NO_GYRO_FILTER, GyroFilter, ModeChange, Notch
 from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings, in_band
 from quadid_logs.figures import FIGURE_KEYS, figures_of
@@ -335,6 +335,50 @@ def test_a_heading_that_passes_south_draws_no_line_across(usable: Result) -> Non
     assert np.nanmin(yaw.y) < -150.0
     assert np.nanmax(yaw.y) > 150.0
     assert np.nanmax(steps) < 180.0
+
+
+def test_what_was_commanded_lies_over_what_was_flown(usable: Result) -> None:
+    """The thin line on the wide one, by axis, in degrees."""
+    for column, panel in enumerate(shown(usable, "tracking").panels):
+        actual, desired = panel.curves
+        assert (actual.mark, desired.mark) == ("wide", "line")
+        commanded = np.degrees(usable.data.overview["body_rate_setpoint"].values[:, column])
+        assert np.nanmax(desired.y) == pytest.approx(commanded.max())
+
+
+def test_the_gyro_s_noise_before_its_filter_is_what_the_filter_took(usable: Result) -> None:
+    """As a second-order Butterworth takes it; beyond a tenth of its gain, nothing is said."""
+    data = replace(usable.data, gyro_filter=GyroFilter(40.0, (Notch(90.0, 0.5, 0.2),)))
+    panel = shown(replace(usable, data=data), "gyro-spectrum").panels[0]
+    before, after = panel.curves
+    at_hz = np.argmin(np.abs(before.x - 20.0))
+    w = 2.0 * np.pi * 40.0
+    s = 2j * np.pi * before.x[at_hz]
+    low_pass = abs(w**2 / (s**2 + np.sqrt(2.0) * w * s + w**2)) ** 2
+    assert after.y[np.argmin(np.abs(after.x - before.x[at_hz]))] / before.y[at_hz] == pytest.approx(
+        low_pass, rel=0.1
+    )
+    assert before.x.max() < after.x.max()
+    assert [level.value for level in panel.levels] == [90.0]
+
+
+def test_the_band_of_the_prediction_holds_nineteen_of_twenty_held_out_errors(usable: Result) -> None:
+    """Of all held-out samples, not of those that are shown."""
+    panel = shown(usable, "evidence").panels[0]
+    (ribbon,) = panel.ribbons
+    width = float(np.nanmax(ribbon.high - ribbon.low)) / 2.0
+    fit = usable.identification.models[0].fit
+    assert fit is not None
+    assert 0.0 < width < 3.0 * float(np.degrees(np.nanstd(fit.rate[:, 0])))
+
+
+def test_a_refused_axis_has_no_band_of_errors(usable: Result) -> None:
+    verdict = replace(usable.diagnosis.axes["pitch"], verdict="refused")
+    diagnosis = replace(usable.diagnosis, axes={**usable.diagnosis.axes, "pitch": verdict})
+    roll, pitch, _yaw = shown(replace(usable, diagnosis=diagnosis), "evidence").panels
+    assert pitch.title == "Pitch: refused"
+    assert pitch.ribbons == ()
+    assert roll.ribbons != ()
 
 
 def test_gyro_and_attitude_are_shown_against_each_other(usable: Result) -> None:
