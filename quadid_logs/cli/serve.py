@@ -37,6 +37,9 @@ def serve(
     timeout_min: Annotated[
         float, typer.Option("--timeout", metavar="MIN", min=0.01, max=10_080.0, help="Longest analysis.")
     ] = 30.0,
+    workers: Annotated[
+        int, typer.Option("--workers", metavar="N", min=0, help="Analyses at a time; 0 for one per core.")
+    ] = 0,
     idle_min: Annotated[
         float,
         typer.Option(
@@ -64,6 +67,7 @@ def serve(
         max_bytes=int(max_mb * 1e6),
         timeout_s=60.0 * timeout_min,
         idle_s=60.0 * idle_min,
+        n_workers=workers,
     )
     run(settings, lambda address: _began(address, open_page=open_page))
     return 0

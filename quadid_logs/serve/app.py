@@ -74,6 +74,7 @@ def make_app(server: Server) -> Guard:
             Route("/entries", routes.entries),
             Route("/upload", routes.upload, methods=["PUT"]),
             Route("/compare", routes.compare, methods=["POST"]),
+            Route("/tune", routes.tune, methods=["POST"]),
             Route("/plan", routes.plan, methods=["POST"]),
             Route("/entries/{id}/cancel", routes.cancel, methods=["POST"]),
             Route("/entries/{id}/again", routes.again, methods=["POST"]),
@@ -153,6 +154,11 @@ class _Routes:
             raise HTTPException(400, "Choose two different flights.")
         name = " → ".join(log.name for log in logs)
         return await self._ask(question(Kind.COMPARE, name, tuple(log.id for log in logs)), logs)
+
+    async def tune(self, request: Request) -> Response:
+        """Queue the question for the next gains to fly."""
+        log = self._log(str((await _json(request)).get("log", "")))
+        return await self._ask(question(Kind.TUNE, f"Next gains: {log.name}", (log.id,)), (log,))
 
     async def plan(self, request: Request) -> Response:
         """Queue a plan of a flight."""

@@ -67,7 +67,8 @@ def do(job: Job, tell: Tell) -> Done:
     QuadidError
         If it cannot be done for what the logs hold or the options say.
     """
-    return {Kind.ANALYZE: _analyze, Kind.COMPARE: _compare, Kind.PLAN: _plan}[job.kind](job, tell)
+    jobs = {Kind.ANALYZE: _analyze, Kind.COMPARE: _compare, Kind.TUNE: _tune, Kind.PLAN: _plan}
+    return jobs[job.kind](job, tell)
 
 
 def _analyze(job: Job, tell: Tell) -> Done:
@@ -160,6 +161,27 @@ def _compare(job: Job, tell: Tell) -> Done:
     (folder / "compare.json").write_text(comparison_text(before, after, comparison), encoding="utf-8")
     _write_page(folder, "Comparison of two flights", "\n".join(lines))
     return Done(summary={"headline": lines[0]})
+
+
+def _tune(job: Job, tell: Tell) -> Done:
+    """Do what ``quadid-log tune`` does."""
+    from quadid_logs.report.gain_files import gain_files
+    from quadid_logs.report.provenance import Provenance
+    from quadid_logs.report.tune_page import tune_page
+    from quadid_logs.report.tune_view import headline
+    from quadid_logs.report.tuning_json import tuning_text
+    from quadid_logs.tuning import recommend
+
+    result = _result_of(job, 0, tell)[1]
+    tell("tune", None)
+    tuning = recommend(result)
+    provenance = Provenance(version=__version__, command="", log_sha256=job.sha256[0])
+    files = dict(gain_files(result, tuning))
+    files[PAGE_FILE] = tune_page(result, tuning, provenance)
+    files["tune.json"] = tuning_text(result, tuning, provenance, tuple(sorted((*files, "tune.json"))))
+    for name, text in files.items():
+        (Path(job.folder) / name).write_text(text, encoding="utf-8")
+    return Done(summary={"headline": headline(tuning)})
 
 
 def _plan(job: Job, tell: Tell) -> Done:

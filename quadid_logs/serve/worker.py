@@ -17,7 +17,6 @@ from multiprocessing.connection import Connection
 from typing import Any, Final
 
 from quadid_logs.errors import QuadidError
-from quadid_logs.fleet.work import begin
 from quadid_logs.serve.jobs import Done, Job, Tell, do
 from quadid_logs.untrusted import printable
 
@@ -119,6 +118,8 @@ def serve_jobs(connection: Connection, most_bytes: int) -> None:
     most_bytes : int
         Memory that the process may take, 0 for all.
     """
+    from quadid_logs.fleet.work import begin
+
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the server, and that ends us
     begin(most_bytes)
     _load()

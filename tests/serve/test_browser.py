@@ -72,7 +72,10 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Session]:
     folder = tmp_path_factory.mktemp("serve")
     broken = folder / "broken.bin"
     broken.write_bytes((LOGS / "sysid-quad-x.bin").read_bytes()[:70])
-    with Running(folder / "store") as server, chromium.Browser(folder / "profile") as browser:
+    with (
+        Running(folder / "store", "--workers", "1") as server,
+        chromium.Browser(folder / "profile") as browser,
+    ):
         browser.show(1280)
         browser.go(server.start_address)
         browser.wait("document.querySelector('#drop') !== null && location.pathname === '/'")
@@ -154,13 +157,26 @@ def test_two_flights_are_compared(session: Session) -> None:
     assert "Comparison of two flights" in browser.run("document.body.innerText")
 
 
+def test_the_next_gains_are_told_or_why_not(session: Session) -> None:
+    """As the verb tune does; asked again, the page leads to the answer."""
+    browser = session.home()
+    for _ in range(2):
+        browser.click("button[aria-label^='Next gains']")
+        answered = "document.querySelector('#answer-list')?.innerText.includes('Next gains')"
+        browser.wait(f"location.pathname.startsWith('/reports/') || {answered}", 120.0)
+    browser.wait("location.pathname.startsWith('/reports/')")
+    files = browser.run("document.querySelector('.bar').innerText")
+    assert "tune.json" in files
+
+
 def test_the_history_of_a_vehicle_opens(session: Session) -> None:
     """With what a change would take."""
     browser = session.home()
     browser.click("#vehicles a[href^='/vehicles/']")
     browser.wait("location.pathname.startsWith('/vehicles/')")
     text = browser.run("document.body.innerText")
-    assert "Too few flights to find a change" in text
+    assert "A change is called one only where" in text
+    assert "doublets.tlog" in text
     assert browser.problems == []
 
 

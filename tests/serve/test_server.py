@@ -35,11 +35,11 @@ def test_a_killed_server_goes_on_where_it_was(tmp_path: Path) -> None:
     """Every log has exactly one result in the end, equal to the command line's; an open page stays let in."""
     store = tmp_path / "store"
     copy = shutil.copy(LOGS / "doublets.tlog", tmp_path / "copy.tlog")
-    with Running(store) as first:
+    with Running(store, "--workers", "1") as first:
         for path in (LOGS / "doublets.tlog", LOGS / "default-logging.bin", Path(copy)):
             first.upload(path)
         first.kill()
-    with Running(store, port=first.port) as second:
+    with Running(store, "--workers", "1", port=first.port) as second:
         second.cookie = first.cookie
         entries = {entry["name"]: entry for entry in second.wait()}
         assert {name: entry["state"] for name, entry in entries.items()} == {
@@ -61,7 +61,7 @@ def test_uploads_take_no_memory_and_ten_gigabytes_are_refused_at_once(tmp_path: 
     with noise.open("wb") as file:
         for number in range(64):
             file.write(bytes([number]) * (1 << 20))
-    with Running(tmp_path / "store") as server:
+    with Running(tmp_path / "store", "--workers", "1") as server:
         process = psutil.Process(server.process.pid)
         before = process.memory_info().rss
         assert server.upload(noise)["state"] in ("queued", "running", "failed")

@@ -45,6 +45,17 @@
     }
   };
 
+  // A question whose answer is there leads to it; another one goes into the queue.
+  const pose = async (path, question) => {
+    const answer = await ask("POST", path, question);
+    if (!answer) return false;
+    const entry = await answer.json();
+    take(entry);
+    if (entry.state === "done") location.href = `/reports/${entry.id}`;
+    else say(`${entry.name}: in the queue`);
+    return true;
+  };
+
   // --- uploads: what could not be sent is sent again when the server is back
 
   const add = (files) => {
@@ -257,7 +268,8 @@
         return make("td", { class: found.verdict, "data-head": axis },
           make("span", { class: "badge" }, found.verdict), found.effect ? make("small", {}, found.effect) : null);
       }),
-      make("td", {}, make("div", { class: "actions" }, deleter(entry))));
+      make("td", {}, make("div", { class: "actions" },
+        button("Next gains", `Next gains after ${entry.name}`, () => pose("/tune", { log: entry.id })), deleter(entry))));
 
   const mark = (event) => {
     const { mark: id } = event.target.dataset;
@@ -272,11 +284,10 @@
 
   byId("compare").addEventListener("click", async () => {
     const [before, after] = [...marked].map((id) => entries.get(id)).sort((a, b) => flown(a).localeCompare(flown(b)));
-    const answer = await ask("POST", "/compare", { before: before.id, after: after.id });
-    if (!answer) return;
+    if (!(await pose("/compare", { before: before.id, after: after.id }))) return;
     for (const box of document.querySelectorAll("[data-mark]")) box.checked = false;
     marked.clear();
-    take(await answer.json());
+    markable();
   });
 
   // --- comparisons and plans
@@ -293,8 +304,7 @@
   byId("plan-form").addEventListener("submit", async (event) => {
     event.preventDefault();
     const form = new FormData(event.target);
-    const answer = await ask("POST", "/plan", { autopilot: form.get("autopilot"), firmware: form.get("firmware"), axes: form.getAll("axes") });
-    if (answer) { take(await answer.json()); say("The plan is being flown in the simulator."); }
+    await pose("/plan", { autopilot: form.get("autopilot"), firmware: form.get("firmware"), axes: form.getAll("axes") });
   });
 
   // --- dropping, choosing, leaving
