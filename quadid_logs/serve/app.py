@@ -170,7 +170,8 @@ class _Routes:
             "firmware": str(given.get("firmware", ""))[:_MOST_TEXT].strip(),
             "axes": axes,
         }
-        name = f"Flight plan: {', '.join(axes)} ({options['autopilot']} {options['firmware']})"
+        autopilot = f"{options['autopilot']} {options['firmware']}".strip()
+        name = f"Flight plan: {', '.join(axes)} ({autopilot})"
         return await self._ask(question(Kind.PLAN, name, (), options), ())
 
     async def cancel(self, request: Request) -> Response:

@@ -117,5 +117,5 @@ class Progress:
         -------
         float
         """
-        done = self.fraction(now_s)
-        return max(self.expected_s - (now_s - self.began_s), (1.0 - done) * 0.25 * self.expected_s)
+        # What takes longer than expected will go on doing so.
+        return (1.0 - self.fraction(now_s)) * max(self.expected_s, now_s - self.began_s)
