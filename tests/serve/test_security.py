@@ -62,6 +62,13 @@ def test_the_start_address_gives_a_strict_cookie_that_no_script_reads(own: Site)
     assert "samesite=strict" in cookie
 
 
+def test_the_token_may_be_typed(own: Site) -> None:
+    """As on a machine that the address was not printed on."""
+    answer = own.ask("/start", "POST", [f"token={own.access.token}".encode()], cookie=False)
+    assert answer.status == 200
+    assert own.access.cookie in answer.headers["set-cookie"]
+
+
 def test_a_wrong_token_gives_no_cookie(own: Site) -> None:
     """However it is given."""
     asked = own.ask("/start?token=wrong", cookie=False)

@@ -1,7 +1,7 @@
 // The local page: uploads, the queue, the flights. Texts of logs become text nodes, never markup.
 "use strict";
 (() => {
-  const AT_ONCE = 2, RETRY_MS = 1500;
+  const AT_ONCE = 2, RETRY_MS = 1500, MOST_TRIES = 5;
   const byId = (id) => document.getElementById(id);
   const main = document.querySelector("main");
   if (!byId("drop")) return;
@@ -60,7 +60,7 @@
 
   const add = (files) => {
     for (const file of files) {
-      const upload = { key: `upload-${nextUpload++}`, file, state: "waiting", sent: 0, error: "" };
+      const upload = { key: `upload-${nextUpload++}`, file, state: "waiting", sent: 0, tries: 0, error: "" };
       if (file.size > maxBytes) Object.assign(upload, { state: "failed", error: `It is larger than this server takes (${size(maxBytes)}).` });
       if (file.size === 0) Object.assign(upload, { state: "failed", error: "The file is empty, or a folder." });
       uploads.push(upload);
@@ -99,7 +99,16 @@
         end("failed", reason.slice(0, 300));
       }
     };
-    const retry = () => { upload.state = "pausing"; upload.sent = 0; setTimeout(() => end("waiting"), RETRY_MS); };
+    const retry = () => {
+      // A server that is gone is waited for; one that is there and breaks off again and again means it.
+      if (byId("connection").hidden && ++upload.tries > MOST_TRIES) {
+        end("failed", "The server breaks the upload off; perhaps its disk is nearly full.");
+        return;
+      }
+      Object.assign(upload, { state: "pausing", sent: 0 });
+      drawQueue();
+      setTimeout(() => { if (uploads.includes(upload)) end("waiting"); }, RETRY_MS);
+    };
     request.onerror = retry;
     request.onabort = () => { uploads = uploads.filter((each) => each !== upload); pump(); drawQueue(); };
     request.send(upload.file);
