@@ -89,7 +89,7 @@ def find_flights(series: Mapping[str, CleanSeries], span: Interval) -> Flights:
     if lasting and not {"armed", "landed"} & series.keys():
         lasting = _turning(series, lasting)
         return Flights(lasting, "" if lasting else _BENCH)
-    return Flights(lasting, "" if lasting else "the vehicle was in the air for less than two seconds")
+    return Flights(lasting, "" if lasting else "the vehicle was never in the air for two seconds at a stretch")
 
 
 def _lifted(series: Mapping[str, CleanSeries], grid: FloatArray) -> BoolArray | None:
