@@ -28,6 +28,7 @@ _LIFTING, _LIFT_S = 0.5, 0.5
 #: Averages over a fifth of a second leave under a tenth of this of a gyro's noise on a bench; a vehicle
 #: that hovers by itself turns three times as much and more [deg/s rms].
 _STILL_DEG_S, _STILL_S = 0.3, 0.2
+_TOO_SHORT = "the vehicle was never in the air for two seconds at a stretch"
 _BENCH = "the rotors ran, but the vehicle did not turn, as on a bench"
 
 
@@ -89,7 +90,7 @@ def find_flights(series: Mapping[str, CleanSeries], span: Interval) -> Flights:
     if lasting and not {"armed", "landed"} & series.keys():
         lasting = _turning(series, lasting)
         return Flights(lasting, "" if lasting else _BENCH)
-    return Flights(lasting, "" if lasting else "the vehicle was never in the air for two seconds at a stretch")
+    return Flights(lasting, "" if lasting else _TOO_SHORT)
 
 
 def _lifted(series: Mapping[str, CleanSeries], grid: FloatArray) -> BoolArray | None:

@@ -29,10 +29,10 @@ _TILT_MEMORY_S = 15.0
 #: A sinusoid has hardly any, two that are a third apart 0.15, manoeuvres 0.3 to 0.9. Gain and phase at one
 #: frequency are two numbers; effectiveness, damping, lag and delay are four.
 _LEAST_BANDWIDTH = 0.15
-#: Answers to wind widen any band. Single tones in wind and rough air have 0.94 and more of their power in one
-#: line, manoeuvres at most 0.84; below 1 Hz, a line is as wide as what it is compared with.
+#: Answers to wind widen any band: single tones in wind and rough air have up to 0.21, but 0.94 and more of
+#: their power in one line. Doublets of yaw have 0.9 there (at 1 Hz a line is as wide as they are), and 0.4.
 _MOST_IN_ONE_LINE = 0.9
-_LEAST_LINE_HZ = 1.0
+_NARROW = 0.25
 #: Noise of a gyro is in no torque at the same moment: the controller answers later and the rotors later
 #: still (measured: -0.4 to 0.7, the latter where rates were smoothed). A torque computed from rates has 1.
 _IN_PHASE = 0.95
@@ -145,7 +145,7 @@ def _axis(identification: Identification, model: Model, number: int, axis: str) 
 
 def _is_one_line(excitation: Excitation) -> bool:
     """Say whether hardly any of the torque is beside its strongest frequency."""
-    return excitation.line_fraction > _MOST_IN_ONE_LINE and excitation.line_hz >= _LEAST_LINE_HZ
+    return excitation.line_fraction > _MOST_IN_ONE_LINE and excitation.bandwidth < _NARROW
 
 
 def _commanded_rates(model: Model, numbers: Sequence[int]) -> Iterator[Finding]:

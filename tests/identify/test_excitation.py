@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from quadid_logs.arrays import FloatArray
 from quadid_logs.data.model import Excitation
+from quadid_logs.diagnose.structural_findings import _is_one_line
 from quadid_logs.identify.excitation import measure_excitation
 
 from .vehicles import PERIOD_S, flight_data
@@ -14,9 +16,13 @@ from .vehicles import PERIOD_S, flight_data
 def excitation(*lines: tuple[float, float]) -> Excitation:
     """Of roll, torque the sum of lines of a frequency [Hz] and an amplitude each."""
     time_s = PERIOD_S * np.arange(round(30.0 / PERIOD_S))
-    torque = np.zeros((time_s.size, 3))
-    for frequency_hz, amplitude in lines:
-        torque[:, 0] += amplitude * np.sin(2.0 * np.pi * frequency_hz * time_s)
+    return measured(np.sum([size * np.sin(2.0 * np.pi * hz * time_s) for hz, size in lines], axis=0))
+
+
+def measured(roll_torque: FloatArray) -> Excitation:
+    """Of roll, with no other torque."""
+    torque = np.zeros((roll_torque.size, 3))
+    torque[:, 0] = roll_torque
     roll, *_ = measure_excitation(
         flight_data(0.1 * torque, torque),
         signal_to_noise=np.ones(3),
@@ -35,6 +41,14 @@ def test_drift_below_the_band_is_no_second_frequency() -> None:
 def test_nor_is_what_the_filter_takes_out() -> None:
     """Above the cut-off the controller makes torque of the gyro's noise."""
     assert excitation((3.0, 0.1), (20.0, 0.2)).bandwidth < 0.1
+
+
+def test_a_strong_line_with_its_harmonics_is_no_single_frequency() -> None:
+    """The torque of yaw doublets has nine tenths of its power about 1 Hz, the rest at several times that."""
+    doublets = excitation((1.0, 0.2), (4.0, 0.05))
+    assert doublets.line_fraction > 0.9
+    assert not _is_one_line(doublets)
+    assert _is_one_line(excitation((3.0, 0.2), (4.0, 0.05)))
 
 
 def test_the_strongest_line_is_told_with_its_fraction_of_the_power() -> None:
