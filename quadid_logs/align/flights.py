@@ -28,7 +28,7 @@ _LIFTING, _LIFT_S = 0.5, 0.5
 #: Averages over a fifth of a second leave under a tenth of this of a gyro's noise on a bench; a vehicle
 #: that hovers by itself turns three times as much and more [deg/s rms].
 _STILL_DEG_S, _STILL_S = 0.3, 0.2
-_TOO_SHORT = "the vehicle was never in the air for two seconds at a stretch"
+_TOO_SHORT = "the vehicle was never in the air for two seconds at a time"
 _BENCH = "the rotors ran, but the vehicle did not turn, as on a bench"
 
 
