@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from quadid_logs.callable_module import call_as
+from quadid_logs.control.next_flight import DAMPING_SPREAD, TIME_SPREAD_S
 from quadid_logs.data.model import Model, Parameter
 from quadid_logs.data.result import Result
 from quadid_logs.diagnose.advice import next_steps
@@ -24,13 +25,11 @@ AxisChange = Literal["same", "changed", "not comparable"]
 
 #: Of two unchanged vehicles, this fraction is called changed by chance, over all quantities together.
 _FALSE_ALARMS = 0.05
-#: Spread between flights of one vehicle, which the intervals do not hold. Measured on one simulated
-#: vehicle with multisines, doublets, 3-2-1-1 steps and wind of 8 m/s: couplings change by up to 0.3 % of
-#: the larger of the two on-axis effectivenesses (and half a degree in the mounting of a gyro makes 0.9 %),
-#: damping by 12 % (drag is no constant), lag and delay by 1 ms.
+#: Spread between flights of one vehicle, measured as in `control.next_flight`: couplings change by up to
+#: 0.3 % of the larger of the two on-axis effectivenesses (and half a degree in the mounting of a gyro makes
+#: 0.9 %).
 COUPLING_SPREAD = 0.01
-DAMPING_SPREAD = 0.15
-_TIME_SPREAD_MS = 1.0
+_TIME_SPREAD_MS = 1e3 * TIME_SPREAD_S
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from functools import partial
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -12,7 +14,7 @@ from quadid_logs.control.command_units import per_command
 from quadid_logs.control.guard import Case
 from quadid_logs.control.posterior import draw
 from quadid_logs.control.recommend import tune_axis
-from quadid_logs.data.closed_loop import AxisLoop
+from quadid_logs.data.closed_loop import AxisLoop, Estimated
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.log import FlightLog
@@ -20,6 +22,10 @@ from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD, AxisTuning, Limits, Tunable, Tuning
 from quadid_logs.diagnose.findings import finding
 from quadid_logs.vocabulary import AXES, MULTIROTOR
+
+#: Two gains are the same, as they are typed in and held in single precision.
+_SAME_GAIN: Final = 1e-3
+_PROMISED: Final = ("gain_margin_db", "phase_margin_deg")
 
 
 def recommend(result: Result, limits: Limits = GOOD, axes: Sequence[str] = AXES) -> Tuning:
@@ -119,3 +125,58 @@ def _rebuilt(
     """Return the controller of an axis with some parameters changed, as the autopilot would make it."""
     controllers = named(log.autopilot).controllers(log, {**parameters, **changes})
     return None if controllers is None else controllers.axes.get(axis)
+
+
+class Promise(NamedTuple):
+    """Whether the margins that were promised of an axis are those of the next flight.
+
+    ``figures`` holds by name what was promised and what was found of the whole loop.
+    """
+
+    axis: str
+    kept: bool
+    figures: Mapping[str, tuple[Estimated, Estimated]]
+
+
+def promises(before: Result, after: Result, limits: Limits = GOOD) -> tuple[Promise, ...]:
+    """Hold what a flight promised of its successor against that.
+
+    Parameters
+    ----------
+    before, after : Result
+    limits : Limits
+        With which the gains were recommended.
+
+    Returns
+    -------
+    tuple of Promise
+        Of the axes that flew with the recommended gains, where these are others than before.
+    """
+    flown = [flown_parameters(one.log, one.data) for one in (before, after)]
+    tunable = named(before.log.autopilot).tunable(flown[0])
+    if tunable is None or before.log.autopilot != after.log.autopilot:
+        return ()
+    changed = [
+        axis
+        for axis, names in tunable.axes.items()
+        if any(flown[0].get(name) != flown[1].get(name) for name in names.scaled)
+    ]
+    recommended = recommend(before, limits, changed).axes if changed else {}
+    kept = (_promise(axis, found, flown[1], after) for axis, found in recommended.items())
+    return tuple(one for one in kept if one is not None)
+
+
+def _promise(axis: str, found: AxisTuning, flown: Mapping[str, float], after: Result) -> Promise | None:
+    """Compare one axis; None where other gains flew than were recommended, or nothing is known of it."""
+    loop = None if after.closed_loop is None else after.closed_loop.axes.get(axis)
+    followed = all(
+        math.isclose(flown.get(name, math.nan), change.next, rel_tol=_SAME_GAIN)
+        for name, change in found.changes.items()
+    )
+    if not (found.changes and followed and found.next and loop and loop.margins):
+        return None
+    pairs = [one.full or one.rate for one in (found.next, loop.margins)]
+    figures = {name: (getattr(pairs[0], name), getattr(pairs[1], name)) for name in _PROMISED}
+    known = {name: pair for name, pair in figures.items() if None not in pair}
+    kept = all(seen.ci95[1] >= promised.ci95[0] for promised, seen in known.values())
+    return Promise(axis, kept and pairs[1].stable, known)

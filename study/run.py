@@ -33,6 +33,11 @@ from study.measure import measure  # noqa: E402
 
 def main(arguments: list[str] | None = None) -> int:
     """Run what is missing of the study, then print and write its tables and plots."""
+    given = sys.argv[1:] if arguments is None else arguments
+    if "--tune" in given:
+        from study.tuning import main as tune
+
+        return tune([one for one in given if one != "--tune"])
     options = _options(arguments)
     options.output.mkdir(parents=True, exist_ok=True)
     path = options.output / f"seed-{options.seed}-{fingerprint()}.jsonl"

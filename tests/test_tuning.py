@@ -15,6 +15,7 @@ from quadid_logs.autopilots import named
 from quadid_logs.cli import main
 from quadid_logs.control.guard import Case
 from quadid_logs.control.loop import Plant
+from quadid_logs.control.next_flight import of_next_flight
 from quadid_logs.control.posterior import draw
 from quadid_logs.control.recommend import MOST_DOWN, MOST_UP, filter_note
 from quadid_logs.control.scaled_loop import scaled_loops, spare
@@ -23,8 +24,9 @@ from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD, AxisTuning, Tuning
 from quadid_logs.report.gain_files import gain_files
 from quadid_logs.report.provenance import Provenance
+from quadid_logs.report.tune_card import flight_files
 from quadid_logs.report.tune_page import tune_page
-from quadid_logs.tuning import recommend
+from quadid_logs.tuning import promises, recommend
 from tests.control.loop_flights import Vehicle
 from tests.tuned_flights import flown
 
@@ -120,7 +122,7 @@ def test_the_promise_is_that_of_the_values_in_the_file(raised: Tuning) -> None:
     assert controllers is not None
     assert result.closed_loop is not None
     known_hz = result.closed_loop.axes["roll"].known_hz
-    loops = scaled_loops(controllers.axes["roll"], plants_of(result), known_hz)
+    loops = scaled_loops(controllers.axes["roll"], of_next_flight(plants_of(result)), known_hz)
     assert found.next == loops.margins()
 
 
@@ -183,6 +185,33 @@ def test_a_kept_vehicle_gets_no_file(kept: Tuning) -> None:
     assert gain_files(detuned(1.0), kept) == {}
 
 
+def followed(tuning: Tuning, factor: float = 1.0) -> Result:
+    """The next flight, with the recommended gains, on a vehicle so many times as effective."""
+    change = tuning.axes["roll"].gains[ROLL[0]]
+    result = detuned(factor * change.next / change.now)
+    parameters = {**result.log.parameters, **{name: one.next for name, one in tuning.changes.items()}}
+    return replace(result, log=replace(result.log, parameters=parameters))
+
+
+def test_a_comparison_tells_that_the_promise_was_kept(raised: Tuning) -> None:
+    """The flight after has the margins that the flight before said it would have."""
+    (one,) = promises(flown("ardupilot"), followed(raised))
+    assert one.axis == "roll"
+    assert one.kept
+
+
+def test_a_comparison_tells_that_the_promise_was_not_kept(raised: Tuning) -> None:
+    """The payload was left at home: the vehicle is half as effective again."""
+    (one,) = promises(flown("ardupilot"), followed(raised, 1.5))
+    assert not one.kept
+
+
+def test_nothing_is_promised_of_gains_that_nobody_recommended() -> None:
+    """The pilot chose others."""
+    assert promises(flown("ardupilot"), detuned(0.77)) == ()
+    assert promises(flown("ardupilot"), flown("ardupilot")) == ()
+
+
 def test_the_page_escapes_what_a_log_says(raised: Tuning) -> None:
     """A log is untrusted."""
     result = flown("ardupilot")
@@ -197,6 +226,14 @@ def test_the_page_says_what_changes_and_by_which_sign_to_land(raised: Tuning) ->
     page = tune_page(flown("ardupilot"), raised, NOWHERE)
     assert "Roll: raise the gains to 130 %" in page
     assert "Land if roll oscillates near" in page
+
+
+def test_the_confirming_flight_comes_with_the_gains(raised: Tuning, kept: Tuning) -> None:
+    """What to set and to fly, and the sign by which to land."""
+    files = flight_files(flown("ardupilot"), raised)
+    assert {"plan.md", "logging.param", "sweep-roll.param"} == set(files)
+    assert "Land if roll oscillates" in files["plan.md"]
+    assert not flight_files(flown("ardupilot"), kept)
 
 
 def test_refused_axes_make_exit_code_1_and_a_page(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:

@@ -85,6 +85,8 @@ def _limits(gain_db: float, phase_deg: float) -> Limits:
         if not (math.isfinite(value) and 0.0 < value <= highest):
             hint = f"Give more than 0, up to {highest:g}."
             raise SettingsError(f"{name} {value:g} cannot be kept.", hint=hint)
+    if (gain_db, phase_deg) == GOOD[:2]:
+        return GOOD
     # Who asks for less of gain and phase does not want the disk of the defaults, which is both at once.
     factor = 10.0 ** (gain_db / 20.0)
     of_gain, of_phase = 2.0 * (factor - 1.0) / (factor + 1.0), 2.0 * math.tan(0.5 * math.radians(phase_deg))
@@ -94,11 +96,15 @@ def _limits(gain_db: float, phase_deg: float) -> Limits:
 def _possible_files() -> set[str]:
     """Return the names of all files that may be written."""
     from quadid_logs.autopilots import known
+    from quadid_logs.plan import make_plan
     from quadid_logs.report.gain_files import file_names
+    from quadid_logs.report.plan import CARD_FILE, parameter_files
     from quadid_logs.report.tune_page import PAGE_FILE
 
-    names = {name for one in known() if one.advice.logging_settings for name in file_names(one.name)}
-    return {PAGE_FILE, _JSON_FILE, *names}
+    autopilots = [one for one in known() if one.advice.logging_settings]
+    names = {name for one in autopilots for name in file_names(one.name)}
+    flights = {name for one in autopilots for name in parameter_files(make_plan(one.name))}
+    return {PAGE_FILE, _JSON_FILE, CARD_FILE, *names, *flights}
 
 
 def _write(
@@ -106,10 +112,12 @@ def _write(
 ) -> tuple[str, tuple[str, ...]]:
     """Write page, JSON and parameter files; return the JSON and what was written."""
     from quadid_logs.report.gain_files import gain_files
+    from quadid_logs.report.tune_card import flight_files
     from quadid_logs.report.tune_page import PAGE_FILE, tune_page
     from quadid_logs.report.tuning_json import tuning_text
 
-    files = {name: text.encode() for name, text in gain_files(result, tuning).items()}
+    texts = {**gain_files(result, tuning), **flight_files(result, tuning)}
+    files = {name: text.encode() for name, text in texts.items()}
     files[PAGE_FILE] = tune_page(result, tuning, provenance).encode()
     names = tuple(sorted((*files, _JSON_FILE)))
     text = tuning_text(result, tuning, provenance, names)

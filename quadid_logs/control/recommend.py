@@ -13,6 +13,7 @@ import numpy as np
 
 from quadid_logs.control.guard import Case, obstacles
 from quadid_logs.control.loop import Plant
+from quadid_logs.control.next_flight import of_next_flight
 from quadid_logs.control.scaled_loop import ScaledLoops, scaled_loops, spare
 from quadid_logs.control.step import step_of
 from quadid_logs.control.torque_noise import (
@@ -96,7 +97,7 @@ def tune_axis(case: Case, model: Model | None, rebuild: Rebuild, limits: Limits)
     if refused or model is None or found is None or plants is None or controller is None:
         margins = None if found is None else found.margins
         return AxisTuning(verdict="refused", reasons=refused, now=margins)
-    loops = scaled_loops(controller, plants, found.known_hz)
+    loops = scaled_loops(controller, of_next_flight(plants), found.known_hz)
     search = _Search(case, loops, model, rebuild, limits)
     target = search.target()
     if not target.reached and target.factor == 1.0:

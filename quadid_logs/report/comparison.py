@@ -10,6 +10,7 @@ from quadid_logs.data.result import Result
 from quadid_logs.report.json import strict_text
 from quadid_logs.report.numbers import estimate, number, percent
 from quadid_logs.report.words import pretty_unit
+from quadid_logs.tuning import Promise, promises
 from quadid_logs.untrusted import printable
 
 #: What is said of a verdict.
@@ -43,6 +44,7 @@ def comparison_lines(before: Result, after: Result, comparison: Comparison) -> t
         lines.append(f"  {axis:<5}  {change}{f': {printable(reason, 400)}' if reason else ''}")
         lines += _quantity_lines(comparison, axis)
     lines += _quantity_lines(comparison, "")
+    lines += [f"  {_promise_sentence(one)}" for one in promises(before, after)]
     return (*lines, *(f"  next: {printable(text, 800)}" for text in comparison.advice))
 
 
@@ -84,6 +86,17 @@ def amount(quantity: Quantity, difference: float) -> str:
     return f"{percent(difference / quantity.scale)}{of}"
 
 
+def _promise_sentence(promise: Promise) -> str:
+    """Say of one axis that flew with the recommended gains whether it has the promised margins."""
+    units = {"gain_margin_db": "dB", "phase_margin_deg": "degrees"}
+    told = [
+        f"{estimate(seen.value, *seen.ci95)} {units[name]}, promised {estimate(said.value, *said.ci95)}"
+        for name, (said, seen) in promise.figures.items()
+    ]
+    kept = "kept" if promise.kept else "not kept: load the gains that flew before"
+    return f"promise of {promise.axis} {kept} ({'; '.join(told)})"
+
+
 def comparison_text(before: Result, after: Result, comparison: Comparison) -> str:
     """Return the comparison as strict JSON in ASCII."""
     content: dict[str, Any] = {
@@ -110,5 +123,15 @@ def comparison_text(before: Result, after: Result, comparison: Comparison) -> st
             for item in comparison.quantities
         ],
         "advice": comparison.advice,
+        "promises": {
+            one.axis: {
+                "kept": one.kept,
+                "margins": {
+                    name: {"promised": said._asdict(), "found": seen._asdict()}
+                    for name, (said, seen) in one.figures.items()
+                },
+            }
+            for one in promises(before, after)
+        },
     }
     return strict_text(content)

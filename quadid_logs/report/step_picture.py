@@ -80,7 +80,7 @@ def _words(axis: str, steps: dict[str, Step]) -> str:
     told = [
         f"{'as flown' if name == 'before' else 'with the next gains'} it rises in "
         f"{number(1e3 * one.rise_time_s.value, 2)} ms and overshoots by "
-        f"{number(one.overshoot_percent.value, 2)} %"
+        f"{one.overshoot_percent.value:.0f} %"
         for name, one in steps.items()
     ]
     return f"{axis.capitalize()} rate after a step of its set-point: {'; '.join(told)}."

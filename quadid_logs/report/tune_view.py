@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Final
@@ -166,25 +166,26 @@ def _promise(found: AxisTuning) -> str:
     """Say what margins the next flight will have, and what this one had."""
     if found.now is None:
         return ""
-    now = _margin_words(_outer(found.now))
+    now = _margin_words(_outer(found.now), _brief)
     if found.verdict != "change" or found.next is None:
-        return f"As flown: {now}."
-    return f"Promised: {_margin_words(_outer(found.next))}. As flown: {now}."
+        return f"Margins as flown: {now}."
+    flown = _margin_words(_outer(found.now), lambda one: number(one.value, 2))
+    return f"Promised margins: {_margin_words(_outer(found.next), _brief)}; as flown {flown}."
 
 
 def _outer(margins: LoopMargins) -> Margins:
     return margins.full or margins.rate
 
 
-def _margin_words(margins: Margins) -> str:
+def _margin_words(margins: Margins, told: Callable[[Estimated], str]) -> str:
     if not margins.stable:
         return "unstable"
     gain, phase = margins.gain_margin_db, margins.phase_margin_deg
     words = []
     if gain is not None:
-        words.append(f"{_brief(gain)} dB")
+        words.append(f"{told(gain)} dB")
     if phase is not None:
-        words.append(f"{_brief(phase)} degrees")
+        words.append(f"{told(phase)} degrees")
     return " and ".join(words) or "nowhere near instability"
 
 
@@ -237,16 +238,15 @@ def _reason(one: Finding) -> ReasonView:
 
 def _steps(result: Result, tuning: Tuning) -> Iterator[str]:
     """Yield what to do next, in order."""
-    log, advice = result.log, named(result.log.autopilot).advice
     changing = [axis for axis, found in tuning.axes.items() if found.verdict == "change"]
     if changing:
-        forth, back = file_names(log.autopilot)
+        forth, back = file_names(result.log.autopilot)
         yield f"Load {forth} at the ground station, and keep {back} at hand: it restores the flown gains."
         yield (
             "Take off in calm air and hover at 3 m for 20 s with small stick inputs. Land at once if the "
             "vehicle oscillates or sounds different."
         )
-        yield f"Then, for the confirming flight: {advice.excitation(changing, log.version)}"
+        yield "Then fly the confirming flight: plan.md beside this page says what to set and to do."
         yield "Take the log and run quadid-log tune on it, until it says keep."
     for axis in tuning.refused:
         for one in tuning.axes[axis].reasons[:1]:

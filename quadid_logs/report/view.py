@@ -21,6 +21,7 @@ from quadid_logs.report.model_tables import model_tables, more_tables
 from quadid_logs.report.next_flight import next_steps
 from quadid_logs.report.numbers import estimate, number, percent, seconds
 from quadid_logs.report.provenance import Provenance
+from quadid_logs.report.tune_view import TuneView, tune_view
 from quadid_logs.report.verdict import (
     effect_sentence,
     flown_sentence,
@@ -31,6 +32,7 @@ from quadid_logs.report.verdict import (
     used_s,
 )
 from quadid_logs.report.words import evidence_name, evidence_text
+from quadid_logs.tuning import recommend
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES, RATE_SYMBOLS
 
@@ -91,6 +93,7 @@ class View:
     excitation: Table | None
     validation_sentence: str
     loop: LoopView
+    gains: TuneView
     findings: tuple[FindingView, ...]
     notes: tuple[FindingView, ...]
     reproduction: tuple[tuple[str, str], ...]
@@ -135,6 +138,7 @@ def view_of(result: Result, provenance: Provenance) -> View:
         excitation=excitation_table(result),
         validation_sentence=_validation_sentence(model),
         loop=loop_view(result),
+        gains=tune_view(result, recommend(result)),
         findings=tuple(each for each in ranked if each.level != "info"),
         notes=tuple(each for each in ranked if each.level == "info"),
         reproduction=_reproduction(result, provenance),

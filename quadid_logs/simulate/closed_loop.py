@@ -70,6 +70,8 @@ class Tuning:
     ----------
     gain : float
         Factor on P, I and D.
+    axis_gain : tuple of float
+        The same of each axis, on top of it.
     later_gain : float or None
         Instead of it from the middle of the manoeuvre on.
     target_hz, error_hz : float
@@ -81,6 +83,7 @@ class Tuning:
     """
 
     gain: float = 1.0
+    axis_gain: tuple[float, float, float] = (1.0, 1.0, 1.0)
     later_gain: float | None = None
     target_hz: float = 20.0
     error_hz: float = 0.0
@@ -626,7 +629,7 @@ def controller_gains(setup: Setup) -> Gains:
     waiting = math.sqrt(2.0) / (2.0 * math.pi * setup.gyro_filter_hz)
     waiting += (1.5 + setup.delay_steps) / setup.loop_hz
     crossover = np.array([1.0, 1.0, 0.4]) * min(0.4 / (waiting + 0.5 * lag), 25.0)
-    proportional = crossover / gain
+    proportional = crossover / gain * np.array(setup.tuning.axis_gain)
     lead_s = np.array([0.6, 0.6, 0.0]) * lag
     tuning = setup.tuning
     return Gains(

@@ -1,0 +1,44 @@
+"""The vehicles that the next flight allows: those of this one, and what differs from flight to flight."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from quadid_logs.control.loop import Plant
+from quadid_logs.maths.normal import NORMAL_95
+
+#: Spread between flights of one vehicle, which the intervals do not hold (95 %). Measured on one simulated
+#: vehicle with multisines, doublets, 3-2-1-1 steps and wind of 8 m/s: damping changes by up to 12 % (drag is
+#: no constant), lag and delay by 1 ms.
+DAMPING_SPREAD: Final = 0.15
+TIME_SPREAD_S: Final = 0.001
+#: Of the effectiveness: a compensation of the battery that follows its voltage late or not to the bottom of
+#: the curve, and air of another density.
+EFFECTIVENESS_SPREAD: Final = 0.03
+#: Every recommendation from a log looks at the same vehicles.
+_SEED = 2
+
+
+def of_next_flight(plants: Plant) -> Plant:
+    """Return the vehicles with what may be different in another flight.
+
+    Parameters
+    ----------
+    plants : Plant
+        The estimate, then vehicles drawn around it.
+
+    Returns
+    -------
+    Plant
+        The estimate as it is; each of the others a little more or less effective, damped, and late.
+    """
+    n = plants.effectiveness.size
+    random = np.random.default_rng(_SEED).standard_normal((3, n)) / NORMAL_95
+    random[:, :1] = 0.0
+    return plants._replace(
+        effectiveness=plants.effectiveness * (1.0 + EFFECTIVENESS_SPREAD * random[0]),
+        damping=plants.damping * (1.0 + DAMPING_SPREAD * random[1]),
+        delay_s=plants.delay_s + TIME_SPREAD_S * random[2],
+    )

@@ -1,0 +1,59 @@
+"""The confirming flight of recommended gains: what to set, to fly and to expect, and its parameter files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from quadid_logs.data.result import Result
+from quadid_logs.data.tuning import Tuning
+from quadid_logs.plan import Plan, make_plan
+from quadid_logs.report.gain_files import file_names
+from quadid_logs.report.plan import CARD_FILE, parameter_files
+from quadid_logs.report.tune_view import tune_view
+
+
+def flight_files(result: Result, tuning: Tuning) -> dict[str, str]:
+    """Return the text of each file by its name: the card, and what makes the autopilot log and sweep.
+
+    Parameters
+    ----------
+    result : Result
+    tuning : Tuning
+
+    Returns
+    -------
+    dict of str to str
+        Empty where no gain changes.
+    """
+    changing = [axis for axis, found in tuning.axes.items() if found.verdict == "change"]
+    if not changing:
+        return {}
+    planned = make_plan(result.log.autopilot, changing, result.log.version)
+    card = "\n".join(_card(result, tuning, planned)) + "\n"
+    return {CARD_FILE: card, **parameter_files(planned)}
+
+
+def _card(result: Result, tuning: Tuning, planned: Plan) -> Iterator[str]:
+    """Yield the card as Markdown that reads well as plain text."""
+    view = tune_view(result, tuning)
+    forth, back = file_names(result.log.autopilot)
+    yield from (f"# Confirming flight: {', '.join(planned.axes)}", "", "## Set", "", f"- load {forth}")
+    for axis in view.axes:
+        yield from (f"  - {one.name} {one.now} -> {one.next}" for one in axis.gains)
+    for name, value in planned.logging:
+        yield f"- {name} = {value:g} ({planned.advice.logging_note})"
+    for swept in planned.sweeps:
+        settings = ", ".join(f"{name} = {value:g}" for name, value in planned.settings_of(swept))
+        yield f"- for {swept}: {settings}"
+    yield from ("", "## Fly", "")
+    steps = (
+        "Choose calm air, a full battery, 10 m of room to all sides.",
+        "Hover at 3 m for 20 s with small stick inputs. Land at once if the vehicle oscillates.",
+        *planned.steps(),
+        f"Land, take the log, and run quadid-log tune on it. If anything was wrong, load {back}.",
+    )
+    yield from (f"{place}. {step}" for place, step in enumerate(steps, start=1))
+    yield from ("", "## Expect", "")
+    for axis in view.axes:
+        if axis.gains:
+            yield f"- {axis.axis}: {axis.promise} {axis.warning}"

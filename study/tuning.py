@@ -1,0 +1,336 @@
+"""Fly, tune, fly again until nothing changes: `python study/run.py --tune`.
+
+Vehicles drawn at random, with gains that are off by a factor drawn at random in each axis, are flown, and
+tuned from their logs as any vehicle is. What is promised of a flight is held against the true loop of the
+next one, and against what that flight's own log tells of it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import multiprocessing
+import sys
+import traceback
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from quadid_logs.align import cut
+from quadid_logs.control.loop import Plant
+from quadid_logs.control.scaled_loop import scaled_loops
+from quadid_logs.data.closed_loop import LoopMargins, Margins
+from quadid_logs.data.controller import AxisController
+from quadid_logs.data.result import Result
+from quadid_logs.data.settings import Settings
+from quadid_logs.data.tuning import AxisTuning, Tuning
+from quadid_logs.load import prepare
+from quadid_logs.pipeline import judge
+from quadid_logs.simulate import Scenario, fly, manoeuvres, plan_flights
+from quadid_logs.simulate.closed_loop import Noise, Record, Setup
+from quadid_logs.simulate.closed_loop import Tuning as Gains
+from quadid_logs.simulate.logger import log_flights
+from quadid_logs.simulate.truth import flight_truth
+from quadid_logs.simulate.wind import Wind
+from quadid_logs.tuning import recommend
+from quadid_logs.vocabulary import AXES
+from study.draw import draw_flight
+from study.structural import log_uniform
+
+#: A loop of this rate, logged at every step [Hz]; flights are as short as a pilot's patience.
+_RATE_HZ: Final = 280.0
+_DURATION_S: Final = 24.0
+_MOST_FLIGHTS: Final = 8
+#: By how much the gains of each axis are off; vehicles that no pilot would take off with are drawn again.
+_DETUNING: Final = (0.4, 2.5)
+_LEAST_DB: Final = 2.0
+_FIGURES: Final = ("gain_margin_db", "phase_margin_deg", "disk_margin")
+#: Faster than any of the manoeuvres commands, twice [rad/s]: the vehicle has got away.
+_RUNAWAY_RAD_S: Final = 12.0
+
+
+def draw_vehicle(seed: int, number: int) -> tuple[Scenario, str, dict[str, Any]]:
+    """Draw a vehicle, what is flown with it, and its autopilot.
+
+    Parameters
+    ----------
+    seed, number : int
+        Of the study and of the vehicle.
+
+    Returns
+    -------
+    Scenario
+        Without gains.
+    str
+        The autopilot.
+    dict
+        What was drawn, for sorting.
+    """
+    drawn = draw_flight(seed, number)
+    rng = np.random.default_rng([seed, number, *b"tuning study"])
+    amplitude = log_uniform(rng, 0.6, 1.2)
+    rms = (0.9 * amplitude, 0.9 * amplitude, 0.35 * amplitude)
+    manoeuvre = (
+        partial(manoeuvres.multisine, rms_rad_s=rms)
+        if rng.random() < 0.5
+        else partial(manoeuvres.doublets, amplitude_rad_s=1.2 * amplitude, pulse_s=rng.uniform(0.15, 0.35))
+    )
+    noise = Noise(gyro_rad_s_per_rthz=1.0e-4 * log_uniform(rng, 0.3, 5.0))
+    scenario = dataclasses.replace(
+        drawn.scenario,
+        manoeuvre=manoeuvre,
+        duration_s=_DURATION_S,
+        noise=noise,
+        wind=Wind(speed_m_s=rng.uniform(0.0, 4.0), heading_rad=rng.uniform(-np.pi, np.pi)),
+        effects=dataclasses.replace(Scenario(name="", sentence="").effects),
+        logging=dataclasses.replace(
+            drawn.scenario.logging, rate_hz=_RATE_HZ, jitter_s=5e-6, drop_fraction=0.0
+        ),
+    )
+    kept = ("frame", "mass_kg", "lag_s", "delay_steps", "gyro_filter_hz", "hover_throttle")
+    settings = {name: drawn.settings[name] for name in kept}
+    settings |= {"autopilot": drawn.autopilot, "manoeuvre": manoeuvre.func.__name__}
+    return scenario, drawn.autopilot, settings
+
+
+def measure_tuning(seed: int, number: int) -> dict[str, Any]:
+    """Fly and tune one vehicle until nothing changes.
+
+    Parameters
+    ----------
+    seed, number : int
+
+    Returns
+    -------
+    dict
+        Its settings, and one entry of ``flights`` for each flight, ready for JSON.
+    """
+    scenario, autopilot, settings = draw_vehicle(seed, number)
+    rng = np.random.default_rng([seed, number, *b"detuning"])
+    factors = _flyable(scenario, autopilot, rng)
+    flights: list[dict[str, Any]] = []
+    for count in range(_MOST_FLIGHTS):
+        setup = _setup(scenario, autopilot, factors, 1000 * seed + 10 * number + count)
+        record = fly(setup)
+        result = _analyzed(record, scenario)
+        tuning = recommend(result)
+        flights.append({"factors": list(factors), **_described(record, result, tuning)})
+        ratios = [_ratio(found) for found in tuning.axes.values()]
+        if all(ratio == 1.0 for ratio in ratios):
+            break
+        factors = tuple(factor * ratio for factor, ratio in zip(factors, ratios, strict=True))
+    return {"number": number, "seed": seed, **settings, "flights": flights}
+
+
+def _ratio(found: AxisTuning) -> float:
+    return next((one.next / one.now for one in found.changes.values() if one.now), 1.0)
+
+
+def _flyable(scenario: Scenario, autopilot: str, rng: np.random.Generator) -> tuple[float, ...]:
+    """Return factors of the gains with which a pilot would take off, axis by axis."""
+    found = []
+    for axis in range(3):
+        while True:
+            factor = log_uniform(rng, *_DETUNING)
+            factors = tuple(factor if one == axis else 1.0 for one in range(3))
+            setup = _setup(scenario, autopilot, factors, 0)
+            margins = _true_margins(setup, _resting_truth(setup), axis)
+            gain = (margins.full or margins.rate).gain_margin_db
+            if margins.rate.stable and (gain is None or gain.value >= _LEAST_DB):
+                found.append(factor)
+                break
+    return tuple(found)
+
+
+def _setup(scenario: Scenario, autopilot: str, factors: tuple[float, ...], seed: int) -> Setup:
+    roll, pitch, yaw = factors
+    tuned = dataclasses.replace(scenario, tuning=Gains(axis_gain=(roll, pitch, yaw)))
+    (setup,) = plan_flights(tuned, seed=seed, duration_s=_DURATION_S, rate_hz=_RATE_HZ, autopilot=autopilot)
+    return setup
+
+
+def _analyzed(record: Record, scenario: Scenario) -> Result:
+    prepared = prepare(log_flights((record,), scenario.logging))
+    settings = Settings()
+    return judge(prepared.log, cut(prepared, settings.align), settings, vehicle=None, timings_s={})
+
+
+def _resting_truth(setup: Setup) -> dict[str, Any]:
+    """Tell the vehicle before it has flown: at hover, with a full battery."""
+    from quadid_logs.simulate.closed_loop import torque_gain
+    from quadid_logs.simulate.truth import actuator_truth, model_truth
+
+    model = model_truth(setup.airframe, torque_gain(setup.airframe, setup.autopilot))
+    return {"models": model, "actuator": actuator_truth(setup)}
+
+
+def _true_margins(setup: Setup, truth: dict[str, Any], axis: int) -> LoopMargins:
+    return scaled_loops(true_controller(setup, axis), true_plant(setup, truth, axis), np.inf).margins()
+
+
+def true_plant(setup: Setup, truth: dict[str, Any], axis: int) -> Plant:
+    """Return one axis of the simulated vehicle as its gyro shows it.
+
+    Parameters
+    ----------
+    setup : Setup
+    truth : dict
+        As of `quadid_logs.simulate.truth.flight_truth`.
+    axis : int
+
+    Returns
+    -------
+    Plant
+    """
+    model = truth["models"]["damped"]
+    values = (
+        model["B"][axis][axis] * (1.0 + setup.noise.gyro_scale[axis]),
+        model["A"][axis][model["regressors"].index("pqr"[axis])],
+        truth["actuator"]["lag_s"],
+        setup.delay_steps / setup.loop_hz,
+    )
+    plant = Plant(*(np.array([value]) for value in values))
+    return plant._replace(lead_s=truth["actuator"]["yaw_lead_s"] if axis == AXES.index("yaw") else 0.0)
+
+
+def true_controller(setup: Setup, axis: int) -> AxisController:
+    """Return the controller that the simulator runs, of its own parameters.
+
+    Parameters
+    ----------
+    setup : Setup
+    axis : int
+
+    Returns
+    -------
+    AxisController
+        The gyro is read, and filtered, once in each loop.
+    """
+    from quadid_logs.autopilots.discrete import butterworth, derivative, first_order, gain, integrator, unit
+    from quadid_logs.simulate.closed_loop import final_gains
+
+    gains, tuning, period_s = final_gains(setup), setup.tuning, 1.0 / setup.loop_hz
+    P, I, D = (float(each[axis]) for each in (gains.proportional, gains.integral, gains.derivative))  # noqa: E741
+    slope = (derivative(period_s) * first_order(tuning.derivative_hz, period_s)).scaled(D)
+    ardupilot = setup.autopilot == "ardupilot"
+    error = gain(P, period_s) + integrator(period_s, late=not ardupilot).scaled(I)
+    return AxisController(
+        period_s=period_s,
+        error=error + slope if ardupilot else error,
+        target=first_order(tuning.target_hz, period_s) if ardupilot else unit(period_s),
+        rate=None if ardupilot else slope,
+        gyro=(butterworth(setup.gyro_filter_hz, period_s),),
+        angle_gain_per_s=float(gains.attitude[axis]),
+    )
+
+
+def _described(record: Record, result: Result, tuning: Tuning) -> dict[str, Any]:
+    """Return what one flight was, what it was recommended, and what is true of it."""
+    (setup,) = record.setups
+    truth = flight_truth((record,), scenario="", boot_s=0.0)
+    axes = {}
+    for number, (axis, found) in enumerate(tuning.axes.items()):
+        axes[axis] = {
+            "verdict": found.verdict,
+            "reasons": [one.code for one in found.reasons],
+            "codes": list(result.diagnosis.axes[axis].reasons),
+            "true": _margins(_true_margins(setup, truth, number)),
+            "now": _margins(found.now),
+            "next": _margins(found.next) if found.verdict == "change" else None,
+            "attitude_error": found.attitude_error if np.isfinite(found.attitude_error) else None,
+        }
+    fastest = float(np.abs(record.channels["rate"]).max())
+    return {"axes": axes, "fastest_rad_s": fastest, "ran_away": fastest > _RUNAWAY_RAD_S}
+
+
+def _margins(margins: LoopMargins | None) -> dict[str, Any] | None:
+    """Return the figures of the whole loop, each as [value, low, high]."""
+    if margins is None:
+        return None
+    whole: Margins = margins.full or margins.rate
+    told: dict[str, Any] = {"stable": whole.stable, "extrapolated": whole.extrapolated}
+    for name in _FIGURES:
+        figure = getattr(whole, name)
+        told[name] = None if figure is None else [figure.value, *figure.ci95]
+    return told
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Fly what is missing of the study, then print and write its table and picture."""
+    from study.run import ROOT
+
+    parser = argparse.ArgumentParser(description="Fly, tune, fly again, on simulated vehicles.")
+    parser.add_argument("--vehicles", type=int, default=100, help="how many vehicles (default 100)")
+    parser.add_argument("--seed", type=int, default=1, help="another seed draws other vehicles (default 1)")
+    parser.add_argument("--processes", type=int, default=1, help="vehicles at the same time (default 1)")
+    parser.add_argument("--output", type=Path, default=ROOT / "build" / "tuning", help="default build/tuning")
+    parser.add_argument("--publish", action="store_true", help="write docs/tuning/ from the result")
+    options = parser.parse_args(arguments)
+    options.output.mkdir(parents=True, exist_ok=True)
+    path = options.output / f"seed-{options.seed}.jsonl"
+    fly_missing(path, options.seed, options.vehicles, options.processes)
+
+    from study.tuning_page import publish, summarise
+
+    vehicles = [one for one in read(path) if one["number"] < options.vehicles]
+    text = summarise(vehicles, options.output)
+    if options.publish:
+        publish(text, options.output, ROOT / "docs" / "tuning")
+    print(text)
+    return 1 if any("error" in one for one in vehicles) else 0
+
+
+def read(path: Path) -> list[dict[str, Any]]:
+    """Return what was measured, in the order of the vehicles.
+
+    Parameters
+    ----------
+    path : Path
+        Lines of JSON; the last may be cut off.
+
+    Returns
+    -------
+    list of dict
+    """
+    if not path.exists():
+        return []
+    text = path.read_text(encoding="utf-8")
+    lines = text[: text.rfind("\n") + 1].splitlines()
+    return sorted((json.loads(line) for line in lines), key=lambda one: int(one["number"]))
+
+
+def fly_missing(path: Path, seed: int, n_vehicles: int, n_processes: int) -> None:
+    """Append one line per vehicle that is not in the file yet.
+
+    Parameters
+    ----------
+    path : Path
+    seed, n_vehicles, n_processes : int
+    """
+    known = read(path)
+    done = {one["number"] for one in known}
+    missing = [(seed, number) for number in range(n_vehicles) if number not in done]
+    path.write_text("".join(f"{json.dumps(one)}\n" for one in known), encoding="utf-8")
+    context = multiprocessing.get_context("spawn")
+    with context.Pool(n_processes) as pool, path.open("a", encoding="utf-8") as file:
+        for count, vehicle in enumerate(_measured(pool, missing), start=1):
+            file.write(json.dumps(vehicle) + "\n")
+            file.flush()
+            print(f"{count} of {len(missing)} vehicles", file=sys.stderr, flush=True)
+
+
+def _measured(pool: Any, missing: list[tuple[int, int]]) -> Iterator[dict[str, Any]]:
+    yield from pool.imap_unordered(_measure_one, missing)
+
+
+def _measure_one(task: tuple[int, int]) -> dict[str, Any]:
+    """Measure one vehicle; whatever goes wrong is its result, for the others must go on."""
+    seed, number = task
+    try:
+        return measure_tuning(seed, number)
+    except Exception:  # noqa: BLE001 - the study reports it and fails at its end
+        return {"number": number, "seed": seed, "error": traceback.format_exc()}

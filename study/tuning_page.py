@@ -1,0 +1,186 @@
+"""What the tuning study found: a page, and a picture of margins before and after."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from quadid_logs.vocabulary import AXES
+
+_FIGURES: Final = {"gain_margin_db": "gain [dB]", "phase_margin_deg": "phase [deg]", "disk_margin": "disk"}
+_LIMITS: Final = {"gain_margin_db": 6.0, "phase_margin_deg": 45.0, "disk_margin": 0.67}
+_PICTURE: Final = "margins.png"
+
+
+class Followed(NamedTuple):
+    """A flight with recommended gains on one axis: what was promised, what is true, what its log tells."""
+
+    promised: dict[str, Any]
+    true: dict[str, Any]
+    found: dict[str, Any] | None
+    final: bool
+
+
+def followed(vehicles: list[dict[str, Any]]) -> list[Followed]:
+    """Return every flight that came after a change, axis by axis.
+
+    Parameters
+    ----------
+    vehicles : list of dict
+        As of `study.tuning.measure_tuning`.
+
+    Returns
+    -------
+    list of Followed
+    """
+    return [one for vehicle in vehicles for axis in AXES for one in _followed(vehicle["flights"], axis)]
+
+
+def _followed(flights: list[dict[str, Any]], axis: str) -> Iterator[Followed]:
+    steps = [flight["axes"][axis] for flight in flights]
+    changes = [number for number, one in enumerate(steps[:-1]) if one["verdict"] == "change"]
+    for number in changes:
+        after = steps[number + 1]
+        final = number == changes[-1] and after["verdict"] == "keep"
+        yield Followed(steps[number]["next"], after["true"], after["now"], final)
+
+
+def summarise(vehicles: list[dict[str, Any]], output: Path) -> str:
+    """Return the page, and draw its picture.
+
+    Parameters
+    ----------
+    vehicles : list of dict
+    output : Path
+        Folder of the picture.
+
+    Returns
+    -------
+    str
+        Markdown.
+    """
+    failed = [one for one in vehicles if "error" in one]
+    known = [one for one in vehicles if "error" not in one]
+    _draw(known, output / _PICTURE)
+    every = followed(known)
+    ends = [one["flights"][-1]["axes"][axis] for one in known for axis in AXES]
+    lines = [
+        f"{len(known)} vehicles, {sum(len(one['flights']) for one in known)} flights, {len(failed)} failed.",
+        "",
+        f"- Unstable true loops in flights with recommended gains: {_unstable(every)}; "
+        f"vehicles that got away: {sum(one['ran_away'] for each in known for one in each['flights'])}.",
+        f"- Axes at the end: {_counted(one['verdict'] for one in ends)}.",
+        f"- Refused because of: {_counted(_refusals(ends))}.",
+        f"- Held below what the margins allow, of those kept: {_counted(_held(ends))}.",
+        "",
+        *_promise_table(every),
+        "",
+        *_rejection(known),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _unstable(every: list[Followed]) -> int:
+    return sum(not one.true["stable"] for one in every)
+
+
+def _refusals(ends: list[dict[str, Any]]) -> Iterator[str]:
+    yield from (one["reasons"][0] for one in ends if one["verdict"] == "refused")
+
+
+def _held(ends: list[dict[str, Any]]) -> Iterator[str]:
+    for one in ends:
+        if one["verdict"] == "keep":
+            yield from (code for code in one["reasons"] if code in ("QL632", "QL635", "QL637", "QL638"))
+
+
+def _counted(names: Iterator[str]) -> str:
+    counts = Counter(names)
+    return ", ".join(f"{name} {count}" for name, count in counts.most_common()) or "none"
+
+
+def _promise_table(every: list[Followed]) -> Iterator[str]:
+    """Yield how often a promise holds what it says, in all flights and in the final ones."""
+    yield "| promised | inside, true loop | inside, of the next log | true loop at least the lower end |"
+    yield "|---|---|---|---|"
+    for kind, chosen in (("", every), ("final flight, ", [one for one in every if one.final])):
+        for name, title in _FIGURES.items():
+            cells = [_fraction(chosen, name, way) for way in ("true", "found", "least")]
+            yield f"| {kind}{title} | {' | '.join(cells)} |"
+
+
+def _fraction(chosen: list[Followed], name: str, way: str) -> str:
+    inside = []
+    for one in chosen:
+        seen = one.found if way == "found" else one.true
+        if one.promised.get(name) is None or seen is None or seen.get(name) is None:
+            continue
+        _, low, high = one.promised[name]
+        value = seen[name][0]
+        inside.append(value >= low and (way == "least" or value <= high))
+    return f"{100.0 * np.mean(inside):.1f} % of {len(inside)}" if inside else "–"
+
+
+def _rejection(known: list[dict[str, Any]]) -> Iterator[str]:
+    """Yield what the attitude error of gusts became."""
+    raised, lowered = [], []
+    for vehicle in known:
+        for axis in AXES:
+            ratios = [
+                flight["axes"][axis]["attitude_error"] or 1.0
+                for flight in vehicle["flights"]
+                if flight["axes"][axis]["verdict"] == "change"
+            ]
+            if ratios:
+                total = float(np.prod(ratios))
+                (raised if total < 1.0 else lowered).append(total)
+    for name, found in (("better", raised), ("worse, for the sake of the margins", lowered)):
+        if found:
+            times = f"times {np.median(found):.2f} (median)"
+            yield f"- Attitude error of gusts {name} on {len(found)} axes: {times}."
+
+
+def _draw(known: list[dict[str, Any]], path: Path) -> None:
+    """Draw the true margins of the first and of the last flight of every axis that was changed."""
+    import matplotlib.pyplot as plt
+
+    figure, panels = plt.subplots(1, 2, figsize=(10, 4.2), constrained_layout=True)
+    for panel, name in zip(panels, ("gain_margin_db", "phase_margin_deg"), strict=True):
+        pairs = sorted(_pairs(known, name))
+        rows = np.arange(len(pairs))
+        for row, (before, after) in zip(rows, pairs, strict=True):
+            panel.plot([row, row], [before, after], color="0.8", lw=1.0, zorder=1)
+        panel.scatter(rows, [one for one, _ in pairs], s=12, color="0.5", label="first flight", zorder=2)
+        panel.scatter(rows, [one for _, one in pairs], s=12, color="#0057a0", label="last flight", zorder=3)
+        panel.axhline(_LIMITS[name], color="#a3290c", lw=1.0, label="to be kept")
+        panel.set_xlabel("axes of all vehicles that were changed, by their first flight")
+        panel.set_ylabel(f"true margin of the whole loop, {_FIGURES[name]}")
+        panel.legend(frameon=False)
+    figure.savefig(path, dpi=120)
+    plt.close(figure)
+
+
+def _pairs(known: list[dict[str, Any]], name: str) -> Iterator[tuple[float, float]]:
+    for vehicle in known:
+        flights = vehicle["flights"]
+        for axis in AXES:
+            ends = [flights[place]["axes"][axis]["true"].get(name) for place in (0, -1)]
+            if flights[0]["axes"][axis]["verdict"] == "change" and None not in ends:
+                yield ends[0][0], ends[1][0]
+
+
+def publish(text: str, output: Path, folder: Path) -> None:
+    """Put page and picture into the documentation.
+
+    Parameters
+    ----------
+    text : str
+    output, folder : Path
+    """
+    folder.mkdir(exist_ok=True)
+    (folder / "table.md").write_text(text, encoding="utf-8")
+    (folder / _PICTURE).write_bytes((output / _PICTURE).read_bytes())
