@@ -117,6 +117,7 @@ def tune(
     path: str | Path,
     limits: Limits = GOOD,
     *,
+    apart: bool = False,
     settings: Settings | None = None,
     vehicle: Vehicle | None = None,
     progress: Progress | None = None,
@@ -128,6 +129,8 @@ def tune(
     path : str or Path
     limits : Limits
         That every promised margin keeps in 97.5 % of the vehicles that the flight allows.
+    apart : bool
+        P, I, D and the angle gain each by itself, not by one factor on P, I and D.
     settings, vehicle, progress
         As of `analyze`.
 
@@ -151,7 +154,7 @@ def tune(
     result = analyze(path, settings, vehicle=vehicle, progress=progress)
     if progress is not None:
         progress("tune")
-    return recommend(result, limits)
+    return recommend(result, limits, apart=apart)
 
 
 def _analyze(

@@ -18,6 +18,7 @@ from quadid_logs.data.closed_loop import AxisLoop, Estimated
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.log import FlightLog
+from quadid_logs.data.model import Model
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD, AxisTuning, Limits, Tunable, Tuning
 from quadid_logs.diagnose.findings import finding
@@ -28,7 +29,9 @@ _SAME_GAIN: Final = 1e-3
 _PROMISED: Final = ("gain_margin_db", "phase_margin_deg")
 
 
-def recommend(result: Result, limits: Limits = GOOD, axes: Sequence[str] = AXES) -> Tuning:
+def recommend(
+    result: Result, limits: Limits = GOOD, axes: Sequence[str] = AXES, *, apart: bool = False
+) -> Tuning:
     """Recommend the gains of the next flight, axis by axis, or say why not.
 
     Parameters
@@ -39,6 +42,8 @@ def recommend(result: Result, limits: Limits = GOOD, axes: Sequence[str] = AXES)
         That every promised margin keeps in 97.5 % of the vehicles that the flight allows.
     axes : sequence of str
         Of roll, pitch and yaw.
+    apart : bool
+        P, I, D and the angle gain each by itself, not by one factor on P, I and D.
 
     Returns
     -------
@@ -58,9 +63,12 @@ def recommend(result: Result, limits: Limits = GOOD, axes: Sequence[str] = AXES)
         reason = finding("QL610", "warning", {"autopilot": log.autopilot, "vehicle": obstacle})
         refused = AxisTuning(verdict="refused", reasons=(reason,))
         return Tuning(axes=dict.fromkeys(axes, refused), limits=limits)
-    return Tuning(
-        axes={axis: _axis(result, axis, tunable, parameters, limits) for axis in axes}, limits=limits
-    )
+    cases = {axis: _case(result, axis, tunable, parameters) for axis in axes}
+    tuned = {
+        axis: tune_axis(case, model, partial(_rebuilt, log, parameters, axis), limits, apart=apart)
+        for axis, (case, model) in cases.items()
+    }
+    return Tuning(axes=tuned, limits=limits)
 
 
 def flown_parameters(log: FlightLog, data: FlightData) -> Mapping[str, float]:
@@ -91,9 +99,10 @@ def _obstacle(log: FlightLog, tunable: Tunable | None) -> str:
     return "" if log.vehicle_type == MULTIROTOR else log.vehicle_type
 
 
-def _axis(
-    result: Result, axis: str, tunable: Tunable, parameters: Mapping[str, float], limits: Limits
-) -> AxisTuning:
+def _case(
+    result: Result, axis: str, tunable: Tunable, parameters: Mapping[str, float]
+) -> tuple[Case, Model | None]:
+    """Put together what is known of an axis, per unit of command."""
     loop, model = result.closed_loop, result.identification.recommended
     found = None if loop is None else loop.axes.get(axis, AxisLoop())
     controllers = None if loop is None else loop.controllers
@@ -116,7 +125,7 @@ def _axis(
         gyro_filter=tunable.gyro_filter,
         n_pooled=len(result.pooled),
     )
-    return tune_axis(case, model, partial(_rebuilt, result.log, parameters, axis), limits)
+    return case, model
 
 
 def _rebuilt(

@@ -144,6 +144,34 @@ def loaded(text: str, folder: Path) -> MAVParmDict:
     return found
 
 
+@pytest.fixture(scope="module")
+def apart() -> AxisTuning:
+    """P, I, D and angle gain of gains that are low for the vehicle."""
+    return recommend(flown("ardupilot"), GOOD, ["roll"], apart=True).axes["roll"]
+
+
+def test_gains_apart_go_one_step_each_and_keep_the_limits(apart: AxisTuning) -> None:
+    """The angle gain, too, and the worst vehicle counts."""
+    assert apart.reasons[0].code == "QL641"
+    assert set(apart.changes) <= {*ROLL, "ATC_ANG_RLL_P"}
+    ratios = [one.next / one.now for one in apart.changes.values()]
+    assert min(ratios) >= MOST_DOWN * 0.999
+    assert max(ratios) <= MOST_UP * 1.001
+    assert apart.next is not None
+    assert spare(apart.next, GOOD) >= 1.0
+
+
+def test_gains_apart_reject_gusts_better(apart: AxisTuning) -> None:
+    """That is what they are searched for."""
+    assert apart.attitude_error < 0.95
+
+
+def test_an_integral_gain_keeps_what_trims_the_vehicle(apart: AxisTuning) -> None:
+    """No spectrum of gusts shows a load off centre."""
+    factor = {name: one.target / one.now for name, one in apart.gains.items()}
+    assert factor["ATC_RAT_RLL_I"] >= 0.499 * factor["ATC_RAT_RLL_P"]
+
+
 def test_mavproxy_loads_the_next_gains(raised: Tuning, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     """By pymavlink's reader, which names every line that it cannot read."""
     text = gain_files(flown("ardupilot"), raised)["next.param"]

@@ -45,6 +45,9 @@ def tune(
     phase_margin_deg: Annotated[
         float, typer.Option("--phase-margin-deg", metavar="X", help="Phase margin to be kept [deg].")
     ] = 45.0,
+    apart: Annotated[
+        bool, typer.Option("--apart", help="P, I, D and angle gain each by itself, not by one factor.")
+    ] = False,
 ) -> int:
     """Recommend the gains of the next flight, with the margins that they promise, or say why not.
 
@@ -65,7 +68,7 @@ def tune(
     with Progress(log.name) as progress:
         result = analyze(log, vehicle=described, progress=progress)
         progress("tune")
-        tuning = recommend(result, limits)
+        tuning = recommend(result, limits, apart=apart)
     text, written = _write(result, tuning, provenance_of(log, str(context.obj or "")), folder)
     if as_json:
         say(text.rstrip("\n"))

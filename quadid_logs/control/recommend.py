@@ -6,7 +6,7 @@ step, and what is promised of it is computed from the values that stand in the f
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -15,6 +15,7 @@ from quadid_logs.control.guard import Case, obstacles
 from quadid_logs.control.loop import Plant
 from quadid_logs.control.next_flight import of_next_flight
 from quadid_logs.control.scaled_loop import ScaledLoops, scaled_loops, spare
+from quadid_logs.control.separate_gains import Rebuild, SeparateGains, Step
 from quadid_logs.control.step import step_of
 from quadid_logs.control.torque_noise import (
     Noise,
@@ -30,9 +31,6 @@ from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.model import Model
 from quadid_logs.data.tuning import AxisTuning, GainChange, Limits
 from quadid_logs.diagnose.findings import finding, rounded
-
-#: The controller of one axis with some parameters changed, None where they make none.
-Rebuild = Callable[[Mapping[str, float]], AxisController | None]
 
 #: In one flight gains rise by no more than this (2.3 dB: less than half of the gain margin to be kept), and
 #: fall by no more than this.
@@ -76,7 +74,9 @@ class _Step(NamedTuple):
     promised: LoopMargins
 
 
-def tune_axis(case: Case, model: Model | None, rebuild: Rebuild, limits: Limits) -> AxisTuning:
+def tune_axis(
+    case: Case, model: Model | None, rebuild: Rebuild, limits: Limits, *, apart: bool = False
+) -> AxisTuning:
     """Recommend the gains of one axis for the next flight.
 
     Parameters
@@ -87,6 +87,9 @@ def tune_axis(case: Case, model: Model | None, rebuild: Rebuild, limits: Limits)
     rebuild : callable
         The axis' controller with some parameters changed.
     limits : Limits
+    apart : bool
+        P, I, D and the angle gain each by itself, not by one factor on P, I and D. Where no common factor
+        keeps the limits, this is tried, too.
 
     Returns
     -------
@@ -100,6 +103,10 @@ def tune_axis(case: Case, model: Model | None, rebuild: Rebuild, limits: Limits)
     loops = scaled_loops(controller, of_next_flight(plants), found.known_hz)
     search = _Search(case, loops, model, rebuild, limits)
     target = search.target()
+    if apart or not target.reached:
+        separate = search.apart()
+        if separate is not None:
+            return separate
     if not target.reached and target.factor == 1.0:
         reason = _found("QL624", case, {"limits": list(limits)}, "warning")
         note = filter_note(case, rebuild, loops)
@@ -208,11 +215,42 @@ class _Search:
             name: GainChange(now=now, next=_rounded(step.factor * now), target=_rounded(target.factor * now))
             for name, now in self._now.items()
         }
-        return self._described("change", target, step, gains)
+        reasons = tuple(self._reasons("change", target, step))
+        return self._described("change", reasons, Step(gains, step.controller, step.promised))
+
+    def apart(self) -> AxisTuning | None:
+        """Return the step towards the best gains, each by itself; None where that is none."""
+        search = SeparateGains(self._case, self._loops, self._rebuild, self._limits, self._cost)
+        target = search.target()
+        low, high = _SAME
+        if all(low <= factor <= high for factor in target.values()):
+            return None
+        step = search.step(target, (MOST_DOWN, MOST_UP))
+        if step is None:
+            return None
+        factors = {name: rounded(factor, 3) for name, factor in target.items()}
+        reasons = [_found("QL641", self._case, {"target_factors": factors})]
+        if any(one.next != one.target for one in step.gains.values()):
+            reasons.append(_found("QL633", self._case, {}))
+        if spare(step.promised, self._limits) < 1.0:
+            reasons.append(_found("QL638", self._case, {"limits": list(self._limits)}))
+        return self._described("change", tuple(reasons), step)
+
+    def _cost(self, controller: AxisController) -> tuple[float, float]:
+        """Return the attitude error of gusts, relative, and the command's noise beyond what is bearable."""
+        error = self._error(self._gusts, controller)
+        noise = self._noise_of(controller)
+        if noise is None:
+            # Unknown: nothing may be louder than it was.
+            return (error if np.isfinite(error) else 1.0), 0.0
+        allowed = max(MOST_NOISE, noise.now)
+        return (error if np.isfinite(error) else 1.0), max(noise.next / allowed - 1.0, 0.0)
 
     def _keep(self, target: Found) -> AxisTuning:
         gains = {name: GainChange(now, now, now) for name, now in self._now.items()}
-        return self._described("keep", target, _Step(1.0, self._loops.controller, self._margins_now()), gains)
+        step = _Step(1.0, self._loops.controller, self._margins_now())
+        reasons = tuple(self._reasons("keep", target, step))
+        return self._described("keep", reasons, Step(gains, step.controller, step.promised))
 
     def _step(self, target: Found) -> _Step | None:
         """Return the change for the next flight; a raise keeps the limits in all drawn vehicles."""
@@ -230,17 +268,16 @@ class _Search:
     def _described(
         self,
         verdict: str,
-        target: Found,
-        step: _Step,
-        gains: Mapping[str, GainChange],
+        reasons: tuple[Finding, ...],
+        step: Step,
     ) -> AxisTuning:
         """Put together what is recommended and what it promises."""
         controller, noise = step.controller, self._noise_of(step.controller)
         nothing = float("nan")
         return AxisTuning(
             verdict="keep" if verdict == "keep" else "change",
-            reasons=tuple(self._reasons(verdict, target, step)),
-            gains=gains,
+            reasons=reasons,
+            gains=step.gains,
             now=self._margins_now(),
             next=step.promised,
             step_now=step_of(self._loops.controller, self._loops.plants),

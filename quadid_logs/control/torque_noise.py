@@ -21,6 +21,9 @@ _FEWEST: Final = 4
 #: Above the crossover by this, and above what pilots and gusts do to a vehicle [Hz], noise is left.
 _ABOVE: Final = 1.5
 _ABOVE_FLIGHT_HZ: Final = 15.0
+#: Gusts that are slower tilt a vehicle that its pilot holds anyway [Hz].
+_SLOWEST_GUST_HZ: Final = 0.05
+_N_GUSTS: Final = 120
 
 
 class Spectrum(NamedTuple):
@@ -151,7 +154,7 @@ def attitude_error(
     plant : Plant
         The estimate alone.
     band_hz : tuple of float
-        Where the spectrum is known.
+        Where the spectrum is known; gusts go on below it.
 
     Returns
     -------
@@ -159,15 +162,17 @@ def attitude_error(
         Ratio of standard deviations, below 1 where the other one rejects more; NaN where nothing is known.
     """
     low_hz, high_hz = band_hz
-    band = (spectrum.frequency_hz >= low_hz) & (spectrum.frequency_hz <= high_hz)
-    if not band.any():
+    known = (spectrum.frequency_hz >= low_hz) & (spectrum.frequency_hz <= high_hz)
+    if not known.any() or not high_hz > _SLOWEST_GUST_HZ:
         return float("nan")
-    s = 2j * np.pi * spectrum.frequency_hz
+    frequency_hz = np.geomspace(_SLOWEST_GUST_HZ, high_hz, _N_GUSTS)
+    # Below what is known, as strong as at its edge: gusts have no less power there.
+    density = np.interp(frequency_hz, spectrum.frequency_hz[known], spectrum.density[known])
+    s = 2j * np.pi * frequency_hz
     sizes = []
     for controller in controllers:
-        loop = close(controller, plant, spectrum.frequency_hz)
+        loop = close(controller, plant, frequency_hz)
         whole = (loop.rate if loop.full is None else loop.full)[0]
-        sizes.append(
-            spectrum.deviation(np.abs(1.0 / (s * (s - plant.damping[0]) * (1.0 + whole))) ** 2, band)
-        )
+        gain = np.abs(1.0 / (s * (s - plant.damping[0]) * (1.0 + whole))) ** 2
+        sizes.append(float(np.sqrt(np.trapezoid(density * gain, frequency_hz))))
     return sizes[1] / sizes[0] if sizes[0] > 0.0 else float("nan")

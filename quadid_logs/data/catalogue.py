@@ -700,6 +700,13 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Fly a system-ID chirp up to twice the crossover for a narrower promise.",
             ),
             _entry(
+                "QL641",
+                "P, I, D and the angle gain are changed each by itself",
+                "One factor on P, I and D does not keep the margins, or more was wanted: each gain "
+                "goes its own way to where gusts are rejected best and the margins are kept.",
+                "Load the file, hover first, and go back to the flown gains if the vehicle oscillates.",
+            ),
+            _entry(
                 "QL640",
                 "The log does not show the noise of the command",
                 "The torque was logged too slowly to see what the gyro's noise makes of it: gains are not "

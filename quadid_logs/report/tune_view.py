@@ -124,6 +124,8 @@ def _act(found: AxisTuning) -> str:
         return "no advice"
     if found.verdict == "keep":
         return "keep the gains"
+    if found.reasons[0].code == "QL641":
+        return f"change {len(found.changes)} gains, each by itself"
     ratio = _ratio(found)
     way = "lower" if ratio < 1.0 else "raise"
     return f"{way} the gains to {number(100.0 * ratio, 2 if ratio < 1.0 else 3)} %"
