@@ -24,7 +24,7 @@ from quadid_logs.figures.bode import frequency_response, model_response
 from quadid_logs.figures.interactive import interactive
 from quadid_logs.figures.palette import DARK, LIGHT
 from quadid_logs.figures.png import draw, write_png
-from quadid_logs.figures.spec import Figure
+from quadid_logs.figures.spec import Figure, Panel
 from quadid_logs.figures.thinning import break_at_gaps, thin_line, thin_points
 from quadid_logs.figures.ticks import log_ticks
 from quadid_logs.figures.time_series import flight_overview
@@ -346,20 +346,23 @@ def test_what_was_commanded_lies_over_what_was_flown(usable: Result) -> None:
         assert np.nanmax(desired.y) == pytest.approx(commanded.max())
 
 
+def _gyro_panel(result: Result, gyro_filter: GyroFilter) -> Panel:
+    data = replace(result.data, gyro_filter=gyro_filter)
+    return shown(replace(result, data=data), "gyro-spectrum").panels[0]
+
+
 def test_the_gyro_s_noise_before_its_filter_is_what_the_filter_took(usable: Result) -> None:
-    """As a second-order Butterworth takes it; beyond a tenth of its gain, nothing is said."""
-    data = replace(usable.data, gyro_filter=GyroFilter(40.0, (Notch(90.0, 0.5, 0.2),)))
-    panel = shown(replace(usable, data=data), "gyro-spectrum").panels[0]
-    before, after = panel.curves
-    at_hz = np.argmin(np.abs(before.x - 20.0))
-    w = 2.0 * np.pi * 40.0
-    s = 2j * np.pi * before.x[at_hz]
-    low_pass = abs(w**2 / (s**2 + np.sqrt(2.0) * w * s + w**2)) ** 2
-    assert after.y[np.argmin(np.abs(after.x - before.x[at_hz]))] / before.y[at_hz] == pytest.approx(
-        low_pass, rel=0.1
-    )
-    assert before.x.max() < after.x.max()
-    assert [level.value for level in panel.levels] == [90.0]
+    """As a Butterworth takes it: 1 / (1 + (f / fc)^4); beyond a tenth of its gain, nothing is said."""
+    before, after = _gyro_panel(usable, GyroFilter(40.0)).curves
+    place = int(np.argmin(np.abs(before.x - 35.0)))
+    took = after.y[place] / before.y[place]
+    assert took == pytest.approx(1.0 / (1.0 + (before.x[place] / 40.0) ** 4), rel=1e-6)
+    assert before.x.max() < 40.0 * 10.0**0.5 < after.x.max()
+
+
+def test_the_notches_of_the_gyro_are_marked_in_its_spectrum(usable: Result) -> None:
+    levels = _gyro_panel(usable, GyroFilter(notches=(Notch(90.0, 0.5, 0.2),))).levels
+    assert [(level.value, level.along, level.label) for level in levels] == [(90.0, "x", "notch")]
 
 
 def test_the_band_of_the_prediction_holds_nineteen_of_twenty_held_out_errors(usable: Result) -> None:

@@ -18,7 +18,8 @@ from quadid_logs.data.model import Inertia
 from quadid_logs.data.result import Result
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.figures import figures_of
-from quadid_logs.report.html import render_html, script_json
+from quadid_logs.figures.interactive import interactive
+from quadid_logs.report.html import packed, render_html, script_json
 from quadid_logs.report.provenance import provenance_of
 from quadid_logs.report.text import result_lines
 from quadid_logs.report.view import _milliseconds, view_of
@@ -172,6 +173,25 @@ def test_json_inside_a_script_cannot_close_it() -> None:
     text = script_json(value)
     assert not set(text) & set("<>&\u2028")
     assert json.loads(text) == value
+
+
+def test_a_page_s_numbers_are_those_of_the_figure_to_a_pixel(usable: Result) -> None:
+    """Whole steps of the range, a gap is a gap; along logarithmic axes they stay as they are."""
+    figure = next(item for item in figures_of(usable).shown if item.key == "fit")
+    content = interactive(figure)
+    small = packed(content)
+    for trace, whole in zip(small["data"], content["data"], strict=True):
+        if not isinstance(whole["y"], dict):
+            continue
+        array = small["arrays"][trace["y"]["array"]]
+        steps = np.frombuffer(base64.b64decode(array["bdata"]), dtype="<i2").astype(np.float64)
+        values = np.frombuffer(base64.b64decode(whole["y"]["bdata"]), dtype="<f4")
+        read = np.where(steps == -32768, np.nan, array["low"] + (steps + 32767) * array["step"])
+        np.testing.assert_allclose(read, values, atol=0.51 * array["step"] + 1e-6)
+    spectrum = packed(
+        interactive(next(item for item in figures_of(usable).shown if item.key == "excitation"))
+    )
+    assert {array["dtype"] for array in spectrum["arrays"]} >= {"f4"}
 
 
 def test_every_chart_has_a_name_and_a_caption(usable_page: Page) -> None:
