@@ -47,7 +47,7 @@ def gyro_spectrum(result: Result) -> Figure | LeftOut:
         caption="Peaks above the manoeuvres are vibration: of propellers, motors and frame. "
         + (
             f"Known from the parameters: {known}. Before the filters: computed from these, as far as they "
-            f"pass a {1.0 / _LEAST_GAIN:g}th; what is faster than half the log's rate is not to be seen."
+            "pass a tenth; what is faster than half the log's rate is not to be seen."
             if known
             else "No filter is known from the parameters."
         ),
