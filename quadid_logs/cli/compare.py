@@ -15,8 +15,9 @@ from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
     from quadid_logs.compare import Comparison
+    from quadid_logs.data.result import Result
 
-_JSON, _PNG = "compare.json", "compare.png"
+_JSON, _PAGE, _PNG = "compare.json", "compare.html", "compare.png"
 #: Contract with scripts: see `compare`.
 _EXIT_CODES = {"same": 0, "changed": 1, "not comparable": 3}
 
@@ -26,7 +27,7 @@ def compare(
     after: Annotated[Path, typer.Argument(metavar="AFTER", help="The flight after the change.")],
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="DIR", help=f"Folder for {_JSON} and {_PNG}."),
+        typer.Option("-o", "--output", metavar="DIR", help=f"Folder for {_PAGE}, {_JSON} and {_PNG}."),
     ] = None,
     vehicle: Annotated[
         Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="The vehicle of both flights.")
@@ -54,7 +55,7 @@ def compare(
     from quadid_logs.vehicle_file import read_vehicle
 
     if output is not None:
-        check_folder_free(output, (_JSON, _PNG), force=force)
+        check_folder_free(output, (_JSON, _PAGE, _PNG), force=force)
     described = None if vehicle is None else read_vehicle(vehicle)
     settings = Settings(identify=in_band(band, IdentifySettings()))
     results = []
@@ -66,7 +67,7 @@ def compare(
     first, second = results
     comparison = compare_results(first, second)
     text = comparison_text(first, second, comparison)
-    written = "" if output is None else _write(output, comparison, text)
+    written = "" if output is None else _write(output, (first, second), comparison, text)
     if as_json:
         say(text.rstrip("\n"))
     else:
@@ -77,17 +78,18 @@ def compare(
     return _EXIT_CODES[comparison.verdict]
 
 
-def _write(folder: Path, comparison: Comparison, text: str) -> str:
-    """Write the JSON and, where something was compared, the figure; return what was written."""
+def _write(folder: Path, both: tuple[Result, Result], comparison: Comparison, text: str) -> str:
+    """Write page and JSON and, where something was compared, the figure; return what was written."""
     import io
 
     from quadid_logs.figures import Figure
     from quadid_logs.figures.comparison_chart import comparison_figure
     from quadid_logs.figures.png import write_png
+    from quadid_logs.report.comparison_page import comparison_page
 
-    files = {_JSON: text.encode("ascii")}
-    figure = comparison_figure(comparison)
-    if isinstance(figure, Figure):
+    figures = [each for each in (comparison_figure(comparison),) if isinstance(each, Figure)]
+    files = {_PAGE: comparison_page(*both, comparison, figures).encode(), _JSON: text.encode("ascii")}
+    for figure in figures:
         drawn = io.BytesIO()
         write_png(figure, drawn)
         files[_PNG] = drawn.getvalue()

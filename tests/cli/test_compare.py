@@ -188,10 +188,11 @@ def test_figure_and_json_are_written_and_not_overwritten(
     assert printed == json.loads(Path("out/compare.json").read_text())
     assert printed["verdict"] == "changed"
     assert Path("out/compare.png").read_bytes().startswith(b"\x89PNG")
+    assert "Changed beyond the intervals" in Path("out/compare.html").read_text(encoding="utf-8")
     assert main(["compare", "good.bin", "other.bin", "-o", "out"]) == 2
     assert "--force" in capsys.readouterr().err
     assert main(["compare", "good.bin", "refused.bin", "-o", "fresh"]) == 3
-    assert [path.name for path in Path("fresh").iterdir()] == ["compare.json"]
+    assert {path.name for path in Path("fresh").iterdir()} == {"compare.json", "compare.html"}
 
 
 def test_a_full_temporary_folder_costs_no_comparison(
@@ -213,7 +214,7 @@ def test_no_figure_of_an_earlier_comparison_is_left_beside_another_one(
     """Nothing was compared, so nothing is drawn; the old picture would say otherwise."""
     assert main(["compare", "good.bin", "other.bin", "-o", "out"]) == 1
     assert main(["compare", "good.bin", "refused.bin", "-o", "out", "--force"]) == 3
-    assert [path.name for path in Path("out").iterdir()] == ["compare.json"]
+    assert {path.name for path in Path("out").iterdir()} == {"compare.json", "compare.html"}
 
 
 def test_whole_and_cut_propellers_at_10_hz_allow_no_comparison(
