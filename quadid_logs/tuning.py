@@ -10,9 +10,9 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.autopilots import named
+from quadid_logs.control.closed_loop import vehicles
 from quadid_logs.control.command_units import per_command
 from quadid_logs.control.guard import Case
-from quadid_logs.control.posterior import draw
 from quadid_logs.control.recommend import tune_axis
 from quadid_logs.data.closed_loop import AxisLoop, Estimated
 from quadid_logs.data.controller import AxisController
@@ -110,8 +110,9 @@ def _case(
     data, plants = result.data, None
     if model is not None:
         data, model = per_command(result.data, model)
-        if model.posterior is not None and controller is not None:
-            plants = draw(model.posterior, AXES.index(axis), controller.period_s)
+        if controller is not None:
+            known = vehicles(data, model, AXES.index(axis), controller)
+            plants = None if known is None else known.plants
     case = Case(
         axis=axis,
         log=result.log,

@@ -21,6 +21,7 @@ from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings, in_band
 from quadid_logs.figures import FIGURE_KEYS, figures_of
 from quadid_logs.figures.bode import frequency_response, model_response
+from quadid_logs.figures.closed_loop import loop_figures
 from quadid_logs.figures.interactive import interactive
 from quadid_logs.figures.palette import DARK, LIGHT
 from quadid_logs.figures.png import draw, write_png
@@ -419,3 +420,16 @@ def _halves(segments: tuple[Segment, ...]) -> Iterator[Segment]:
     for segment in segments:
         middle = segment.n_samples // 2
         yield from (segment.rows(slice(0, middle)), segment.rows(slice(middle, None)))
+
+
+def test_the_predicted_torque_of_a_calibrated_log_is_shown_as_the_command_that_it_is() -> None:
+    """The loop is closed per unit of command: newton metres would be wrong by a factor."""
+    result = usable_result()
+    assert result.data.input is not None
+    calibrated = replace(result.data.input, kind="torque_n_m", unit="N m")
+    result = replace(result, data=replace(result.data, input=calibrated))
+    figure = loop_figures(result)[0]
+    assert isinstance(figure, Figure)
+    torques = [panel.y for panel in figure.panels if panel.title.endswith("torque")]
+    assert torques
+    assert {axis.unit for axis in torques} == {"normalised"}

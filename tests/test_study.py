@@ -9,10 +9,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from quadid_logs.autopilots import named
+from quadid_logs.control.loop import close
 from quadid_logs.simulate import fly, plan_flights
 from quadid_logs.vocabulary import AXES
 from study import run
 from study.draw import FRAMES, GYRO_SCALE_SIGMA, MANOEUVRES, draw_flight
+from study.margin_tables import WORDS, draw_margins, loops_of, margins_page
+from study.margins import draw_loop, measure_loops, setup_of, true_controller, true_plant
 from study.measure import kind_of, simulate_drawn
 from study.plots import draw_plots
 from study.structural import CLEAN_FRACTION, EFFECTS, ROUGH_FRACTION
@@ -327,3 +331,71 @@ def test_page_and_plots_need_no_full_study(tmp_path):
     assert (tmp_path / "z.png").stat().st_size > 5000
     assert (tmp_path / "groups.png").stat().st_size > 5000
     assert (tmp_path / "effects.png").stat().st_size > 5000
+
+
+@pytest.fixture(scope="module")
+def margins_of_a_flight():
+    """One short flight of the study of margins: a hexarotor's multisine under ArduPilot."""
+    drawn = draw_loop(1, 0)
+    return measure_loops(
+        dataclasses.replace(drawn, scenario=dataclasses.replace(drawn.scenario, duration_s=20.0))
+    )
+
+
+def test_margins_are_held_against_those_of_the_simulators_own_loop(margins_of_a_flight):
+    """Within a degree and half a decibel in calm flight; both loops of the three axes."""
+    loops = margins_of_a_flight["loops"]
+    assert [(one["axis"], one["loop"]) for one in loops] == [
+        (axis, loop) for axis in AXES for loop in ("rate", "full")
+    ]
+    told = [one for one in loops if one["phase_margin_deg"]["value"] is not None]
+    assert len(told) >= 2
+    for one in told:
+        assert one["phase_margin_deg"]["value"] == pytest.approx(one["phase_margin_deg"]["truth"], abs=1.0)
+        assert one["gain_margin_db"]["value"] == pytest.approx(one["gain_margin_db"]["truth"], abs=0.5)
+
+
+def test_the_true_loop_is_that_of_the_logs_parameters():
+    """Made of the simulator's gains, not by the package from what the log says of them."""
+    for number in range(6):
+        drawn = draw_loop(1, number)
+        log, truth = simulate_drawn(
+            dataclasses.replace(drawn, scenario=dataclasses.replace(drawn.scenario, duration_s=15.0))
+        )
+        setup = setup_of(drawn)
+        told = named(drawn.autopilot).controllers(log, log.parameters).axes["roll"]
+        true = true_controller(setup, 0)
+        frequency_hz = np.array([0.5, 2.0])
+        for loop in (told, true):
+            assert loop.period_s == pytest.approx(1.0 / setup.loop_hz, rel=0.01)
+        plant = true_plant(setup, truth, 0)
+        found, wanted = (close(each, plant, frequency_hz).rate for each in (told, true))
+        np.testing.assert_allclose(found, wanted, rtol=0.02)
+        if drawn.autopilot == "px4":
+            return
+    pytest.fail("none of the flights was PX4's")
+
+
+def test_the_table_of_margins_counts_what_holds_the_truth(tmp_path):
+    """Of two phase margins one is off by three of its half-widths; a picture is drawn of few flights."""
+
+    def figure(value):
+        return {"truth": 40.0, "value": value, "low": value - 1.0, "high": value + 1.0}
+
+    def loop(value):
+        shared = {"axis": "roll", "loop": "rate", "verdict": "usable", "extrapolated": False}
+        names = {name: figure(value) for name in WORDS}
+        return {**shared, "true_stable": True, "stable": True, **names}
+
+    settings = {"seed": 1, "autopilot": "px4", "rate_hz": 400.0, "manoeuvre": "sticks"}
+    flights = [{**settings, "number": n, "loops": [loop(40.5 + 2.5 * n)]} for n in range(2)]
+    table = loops_of(flights)
+    draw_margins(table, tmp_path / "margins.png")
+    assert "| phase margin | 2 | 50.0 % |" in margins_page(flights, table)
+    assert (tmp_path / "margins.png").stat().st_size > 5000
+
+
+def test_the_study_of_margins_flies_its_own_flights(monkeypatch):
+    """`--margins` measures loops, and leaves the other study's table alone."""
+    monkeypatch.setattr(run, "measure_loops", lambda drawn: {"number": drawn.number})
+    assert run._measure_margins((1, 5)) == {"number": 5}

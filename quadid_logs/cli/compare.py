@@ -14,10 +14,15 @@ from quadid_logs.output import check_folder_free, new_folder, write_together
 from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from quadid_logs.compare import Comparison
     from quadid_logs.data.result import Result
+    from quadid_logs.figures import Figure, LeftOut
 
-_JSON, _PAGE, _PNG = "compare.json", "compare.html", "compare.png"
+_JSON, _PAGE = "compare.json", "compare.html"
+_PNG, _LOOP_PNG = "compare.png", "compare-loop.png"
+_FILES = (_JSON, _PAGE, _PNG, _LOOP_PNG)
 #: Contract with scripts: see `compare`.
 _EXIT_CODES = {"same": 0, "changed": 1, "not comparable": 3}
 
@@ -27,7 +32,7 @@ def compare(
     after: Annotated[Path, typer.Argument(metavar="AFTER", help="The flight after the change.")],
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="DIR", help=f"Folder for {_PAGE}, {_JSON} and {_PNG}."),
+        typer.Option("-o", "--output", metavar="DIR", help=f"Folder for {_PAGE}, {_JSON} and PNG."),
     ] = None,
     vehicle: Annotated[
         Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="The vehicle of both flights.")
@@ -55,7 +60,7 @@ def compare(
     from quadid_logs.vehicle_file import read_vehicle
 
     if output is not None:
-        check_folder_free(output, (_JSON, _PAGE, _PNG), force=force)
+        check_folder_free(output, _FILES, force=force)
     described = None if vehicle is None else read_vehicle(vehicle)
     settings = Settings(identify=in_band(band, IdentifySettings()))
     results = []
@@ -78,24 +83,32 @@ def compare(
     return _EXIT_CODES[comparison.verdict]
 
 
+def _figures(both: tuple[Result, Result], comparison: Comparison) -> Mapping[str, Figure | LeftOut]:
+    """Return the figures by the names of their files."""
+    from quadid_logs.figures.comparison_chart import comparison_figure
+    from quadid_logs.figures.loop_comparison import loop_comparison_figure
+
+    return {_PNG: comparison_figure(comparison), _LOOP_PNG: loop_comparison_figure(*both)}
+
+
 def _write(folder: Path, both: tuple[Result, Result], comparison: Comparison, text: str) -> str:
-    """Write page and JSON and, where something was compared, the figure; return what was written."""
+    """Write page and JSON and, where something was compared, the figures; return what was written."""
     import io
 
     from quadid_logs.figures import Figure
-    from quadid_logs.figures.comparison_chart import comparison_figure
     from quadid_logs.figures.png import write_png
     from quadid_logs.report.comparison_page import comparison_page
 
-    figures = [each for each in (comparison_figure(comparison),) if isinstance(each, Figure)]
-    files = {_PAGE: comparison_page(*both, comparison, figures).encode(), _JSON: text.encode("ascii")}
-    for figure in figures:
+    figures = {name: each for name, each in _figures(both, comparison).items() if isinstance(each, Figure)}
+    page = comparison_page(*both, comparison, list(figures.values()))
+    files = {_PAGE: page.encode(), _JSON: text.encode("ascii")}
+    for name, figure in figures.items():
         drawn = io.BytesIO()
         write_png(figure, drawn)
-        files[_PNG] = drawn.getvalue()
+        files[name] = drawn.getvalue()
     with new_folder(folder):
         write_together(folder, files)
-    if _PNG not in files:
+    for name in set(_FILES) - files.keys():
         # That of an earlier run would contradict the JSON beside it.
-        (folder / _PNG).unlink(missing_ok=True)
+        (folder / name).unlink(missing_ok=True)
     return ", ".join(printable(folder / name) for name in files)

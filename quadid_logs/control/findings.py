@@ -100,7 +100,7 @@ def _margin(axis: str, found: AxisLoop) -> Finding | None:
     if not margins.stable:
         title = f"With the controller of the parameters, this model of {axis} is unstable"
         fraction = {"stable_fraction": rounded(margins.stable_fraction)}
-        return finding("QL601", "warning", fraction, axes=(axis,), title=title, advice=_lower(axis))
+        return finding("QL601", "warning", fraction, axes=(axis,), title=title, advice=_lower(axis, None))
     figures = (margins.gain_margin_db, margins.phase_margin_deg, margins.disk_margin)
     worst = [np.inf if each is None else each.ci95[0] for each in figures]
     if not _below(worst, GOOD):
@@ -114,14 +114,20 @@ def _margin(axis: str, found: AxisLoop) -> Finding | None:
         if each is not None
     }
     level: Level = "warning" if poor else "info"
-    return finding("QL601", level, evidence, axes=(axis,), title=title, advice=_lower(axis))
+    advice = _lower(axis, margins.gain_margin_db)
+    return finding("QL601", level, evidence, axes=(axis,), title=title, advice=advice)
 
 
-def _lower(axis: str) -> str:
+def _lower(axis: str, gain_margin_db: Estimated | None) -> str:
     """Say what to change; the axis by its name, because advice is read apart from its finding."""
+    by = ""
+    if gain_margin_db is not None and gain_margin_db.ci95[0] < GOOD.gain_db:
+        factor = 10.0 ** ((gain_margin_db.ci95[0] - GOOD.gain_db) / 20.0)
+        by = f" to {100.0 * factor:.0f} % of what they are, which leaves {GOOD.gain_db:g} dB,"
     return (
-        f"Lower P, I and D of {axis} together, by the factor that is missing to 6 dB, or let the filters of "
-        "gyro and derivative pass more where noise allows it. Land if the vehicle oscillates."
+        f"Lower P, I and D of {axis} together{by} or let the filters of gyro and derivative pass more where "
+        "noise allows it; `quadid-log tune` works out both and writes the parameters. Land if the vehicle "
+        "oscillates."
     )
 
 

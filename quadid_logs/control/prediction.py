@@ -34,8 +34,9 @@ _SHORTEST_S: Final = 4.0
 _CLUSTER_S = 1.0
 #: Standard deviation of when a set-point is used, in periods of the loop: it falls anywhere in one of them.
 _TIMING: Final = 1.0 / np.sqrt(12.0)
-#: A search for the effectiveness ends when a step changes it by less than this fraction of it.
-_SMALL_STEP = 1e-5
+#: A search for the effectiveness ends when a step changes it by less than this fraction of it: a hundredth of
+#: the narrowest interval; slope and residual before that step are those after it.
+_SMALL_STEP = 1e-4
 _MOST_STEPS = 8
 #: One step changes it by no more than this: the torque is no straight line of it.
 _LARGEST_STEP = 0.2
@@ -234,14 +235,13 @@ class _Search:
         -------
         Estimated
         """
-        factor, step = 1.0, np.inf
+        factor = 1.0
         for _ in range(_MOST_STEPS):
             slope, left = self._slope(factor), self._torque - self._series(factor)
             step = float(np.clip((slope @ left) / (slope @ slope), -_LARGEST_STEP, _LARGEST_STEP))
             factor *= 1.0 + step
             if abs(step) < _SMALL_STEP:
                 break
-        slope, left = self._slope(factor), self._torque - self._series(factor)
         equation = Equation(slope[:, np.newaxis], left, np.zeros(1, dtype=np.int64))
         by_chance = clustered_covariance([equation], self._clusters, 1)[0, 0]
         others = np.array([slope @ self._slope_by(factor, change) for change in _changes(plant)])

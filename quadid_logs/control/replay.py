@@ -71,6 +71,7 @@ def _replayed(
         _other_rate(result, given)
         or _changed(result, given, gains, changes)
         or _slew_limited(result, rows)
+        or _gains_scaled(result, rows)
         or (_as_flown(result, rows, found) if agrees else explain(result, axis, inputs))
     )
 
@@ -155,6 +156,23 @@ def _slew_limited(result: Replay, rows: AxisRows) -> Replay | None:
         agrees=result.agrees and fraction <= _RARELY,
         reason=ReplayReason.SLEW_LIMITED,
         numbers={"fraction": fraction, "lowest_scale": float(rows.scale.min())},
+    )
+
+
+def _gains_scaled(result: Replay, rows: AxisRows) -> Replay | None:
+    """Tell where P and D were scaled by throttle or for landing in more than some of the rows."""
+    if rows.gain_scale is None:
+        return None
+    scaled = rows.gain_scale != 1.0
+    fraction = float(np.mean(scaled))
+    if fraction <= _RARELY:
+        return None
+    low, high = float(rows.gain_scale.min()), float(rows.gain_scale.max())
+    return replace(
+        result,
+        agrees=False,
+        reason=ReplayReason.GAINS_SCALED,
+        numbers={"fraction": fraction, "lowest_scale": low, "highest_scale": high},
     )
 
 

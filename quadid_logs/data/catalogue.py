@@ -474,7 +474,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "6 dB, 45 degrees and a disk margin of 0.67; below 4 dB or 30 degrees they are called poor "
                 "here.",
                 "Lower the gains of this axis together, by the factor that is missing, or let the filters "
-                "of gyro and derivative pass more where noise allows it. Land if the vehicle oscillates.",
+                "of gyro and derivative pass more where noise allows it; `quadid-log tune` works out both "
+                "and writes the parameters. Land if the vehicle oscillates.",
             ),
             _entry(
                 "QL602",

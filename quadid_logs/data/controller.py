@@ -215,7 +215,9 @@ class AxisRows:
     limited : ndarray of bool, shape (n_rows,), or None
         The integrator was stopped; None where the log does not say.
     scale : ndarray, shape (n_rows,), or None
-        Factor on P and D.
+        Factor of a slew limiter on P and D.
+    gain_scale : ndarray, shape (n_rows,), or None
+        Factor on P and D by throttle or landing; None where the log tells of none.
     derivative : ndarray, shape (n_rows,), or None
         Logged angular acceleration that D acts on [rad/s^2].
     known : ndarray of bool, shape (n_rows,)
@@ -235,6 +237,7 @@ class AxisRows:
     logged: Mapping[Term, FloatArray] = field(default_factory=dict)
     limited: BoolArray | None = None
     scale: FloatArray | None = None
+    gain_scale: FloatArray | None = None
     derivative: FloatArray | None = None
     setpoints_per_row: float = 1.0
 
@@ -250,11 +253,15 @@ class AxisRows:
     def part(self, rows: slice) -> AxisRows:
         """Return some of the rows."""
         arrays = ("positions", "step_s", "target", "rate", "output", "added", "known")
-        maybe = (name for name in ("limited", "scale", "derivative") if getattr(self, name) is not None)
+        maybe = (name for name in _MAYBE if getattr(self, name) is not None)
         cut: dict[str, Any] = {name: getattr(self, name)[rows] for name in (*arrays, *maybe)}
         start_s = self.start_s + float(self.step_s[1 : (rows.start or 0) + 1].sum())
         logged = {term: values[rows] for term, values in self.logged.items()}
         return replace(self, start_s=start_s, logged=logged, **cut)
+
+
+#: Fields of `AxisRows` that may be None.
+_MAYBE: Final = ("limited", "scale", "gain_scale", "derivative")
 
 
 class ReplayedTerms(NamedTuple):
@@ -309,6 +316,8 @@ class ReplayReason(Enum):
     GAIN_DIFFERS = "gain differs"
     FILTER_DIFFERS = "filter differs"
     SLEW_LIMITED = "slew limited"
+    GAINS_SCALED = "gains scaled in flight"
+    """By throttle or for landing, as the log tells."""
     LIMIT_FLAGS_MISSING = "limit flags missing"
     SETPOINT_SHIFTED = "set-point shifted"
     SETPOINT_MISSING = "set-points missing"

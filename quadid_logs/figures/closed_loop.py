@@ -36,7 +36,7 @@ def loop_figures(result: Result) -> list[Figure | LeftOut]:
             "the one that was measured, and the one that model and controller make of the set-points alone. "
             "Right: the torque that this takes. The loop brings the rate to its set-point even with a wrong "
             "model; the torque only with the right one.",
-            [panel for axis, found in known.items() for panel in _tracking(result, axis, found)],
+            [panel for axis, found in known.items() for panel in _tracking(axis, found)],
             columns=2,
         ),
         _figure(
@@ -86,7 +86,7 @@ def _in_rows(by_axis: list[tuple[Panel, ...]]) -> list[Panel]:
     return [panel for row in zip(*filled, strict=True) for panel in row]
 
 
-def _tracking(result: Result, axis: str, found: AxisLoop) -> tuple[Panel, ...]:
+def _tracking(axis: str, found: AxisLoop) -> tuple[Panel, ...]:
     """Return rate and torque of one axis, measured and predicted."""
     if found.prediction is None:
         return ()
@@ -114,7 +114,8 @@ def _tracking(result: Result, axis: str, found: AxisLoop) -> tuple[Panel, ...]:
         Panel(
             title=f"{name}: torque",
             x=TIME,
-            y=torque_axis(result.data.input),
+            # A loop is closed per unit of command, whatever the torque was calibrated to.
+            y=torque_axis(None),
             curves=(
                 curve("measured", series.torque, "measured", "wide"),
                 curve("predicted", series.predicted_torque, "modelled"),

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import PurePath
-from typing import Any
+from typing import Any, Final
 
 from quadid_logs.compare import Comparison, Quantity
+from quadid_logs.control.findings import outermost
+from quadid_logs.data.closed_loop import AxisLoop, Estimated
 from quadid_logs.data.result import Result
 from quadid_logs.report.json import strict_text
+from quadid_logs.report.loop_json import margins_and_step
 from quadid_logs.report.numbers import estimate, number, percent
 from quadid_logs.report.words import pretty_unit
 from quadid_logs.tuning import Promise, promises
@@ -19,6 +23,11 @@ HEADLINES = {
     "changed": "changed beyond the intervals",
     "not comparable": "no comparison is possible on at least one axis",
 }
+#: Figures of `Margins`, in words, with their units.
+_MARGINS: Final = (
+    ("phase_margin_deg", "phase margin", "deg"),
+    ("gain_margin_db", "gain margin", "dB"),
+)
 
 
 def comparison_lines(before: Result, after: Result, comparison: Comparison) -> tuple[str, ...]:
@@ -43,6 +52,7 @@ def comparison_lines(before: Result, after: Result, comparison: Comparison) -> t
         reason = comparison.reasons.get(axis, "")
         lines.append(f"  {axis:<5}  {change}{f': {printable(reason, 400)}' if reason else ''}")
         lines += _quantity_lines(comparison, axis)
+        lines += [f"{'':9}{text}" for text in _loop_sentences(before, after, axis)]
     lines += _quantity_lines(comparison, "")
     lines += [f"  {_promise_sentence(one)}" for one in promises(before, after)]
     return (*lines, *(f"  next: {printable(text, 800)}" for text in comparison.advice))
@@ -55,6 +65,20 @@ def _quantity_lines(comparison: Comparison, axis: str) -> list[str]:
         for quantity in comparison.quantities
         if quantity.axis == axis and (quantity.changed or not axis or quantity.is_on_axis)
     ]
+
+
+def _loop_sentences(before: Result, after: Result, axis: str) -> Iterator[str]:
+    """Yield the margins of both flights, with all that is known to close the loop."""
+    both = [outermost(loop) if (loop := _loop(result, axis)) else None for result in (before, after)]
+    for name, words, unit in _MARGINS:
+        figures = [None if margins is None else getattr(margins, name) for margins in both]
+        if all(isinstance(figure, Estimated) for figure in figures):
+            values = " -> ".join(estimate(figure.value, *figure.ci95) for figure in figures if figure)
+            yield f"{words} {values} {unit}"
+
+
+def _loop(result: Result, axis: str) -> AxisLoop | None:
+    return None if result.closed_loop is None else result.closed_loop.axes.get(axis)
 
 
 def _sentence(quantity: Quantity) -> str:
@@ -122,6 +146,13 @@ def comparison_text(before: Result, after: Result, comparison: Comparison) -> st
             }
             for item in comparison.quantities
         ],
+        "closed_loop": {
+            axis: {
+                name: None if (loop := _loop(result, axis)) is None else margins_and_step(loop)
+                for name, result in (("before", before), ("after", after))
+            }
+            for axis in comparison.axes
+        },
         "advice": comparison.advice,
         "promises": {
             one.axis: {

@@ -49,10 +49,29 @@ def closed_loop_dict(loop: ClosedLoop) -> dict[str, Any]:
 
 def _axis(found: AxisLoop) -> dict[str, Any]:
     """Return the entry of an axis."""
-    margins, step = found.margins, found.step
     return {
         "replay": None if found.replay is None else _replay(found.replay),
         "prediction": None if found.prediction is None else _prediction(found.prediction),
+        **margins_and_step(found),
+        "known_to_hz": found.known_hz,
+        "contradicted": found.contradicted,
+    }
+
+
+def margins_and_step(found: AxisLoop) -> dict[str, Any]:
+    """Return ``margins`` and ``step`` of an axis, None where nothing may be said.
+
+    Parameters
+    ----------
+    found : AxisLoop
+
+    Returns
+    -------
+    dict
+        Values not yet `plain`.
+    """
+    margins, step = found.margins, found.step
+    return {
         "margins": None
         if margins is None
         else {
@@ -66,8 +85,6 @@ def _axis(found: AxisLoop) -> dict[str, Any]:
             "overshoot_percent": _estimated(step.overshoot_percent),
             "settling_time_s": _estimated(step.settling_time_s),
         },
-        "known_to_hz": found.known_hz,
-        "contradicted": found.contradicted,
     }
 
 

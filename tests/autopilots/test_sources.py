@@ -23,6 +23,7 @@ from quadid_logs.autopilots.px4.signals import SOURCES as PX4
 from quadid_logs.autopilots.sources import Source
 from quadid_logs.data.log import Signal
 from quadid_logs.load import read_log
+from quadid_logs.vocabulary import AXES
 from tests.containers import mavlink_maker, ulog_maker
 from tests.containers.dataflash_files import FMT_OF_FMT, fmt, row
 
@@ -418,3 +419,12 @@ def test_a_voltage_that_is_zero_at_times_is_measured(tmp_path: Path) -> None:
         found = read_log(path).candidates("battery_voltage")
         assert len(found) == n_sources
         assert all(one.values[:, 0].tolist() == list(volts) for one in found)
+
+
+def test_scales_of_the_gains_are_read_by_axis(tmp_path: Path) -> None:
+    """ATSC beside RATE: factors on P and D of roll, pitch and yaw."""
+    labels = ("AngPScX", "AngPScY", "AngPScZ", "PDScX", "PDScY", "PDScZ")
+    path = tmp_path / "scaled.bin"
+    path.write_bytes(dataflash_log({"ATSC": labels}, [("ATSC", [1.5, 1.5, 1.0, 1.2, 1.3, 1.0])]))
+    found = {one.axis: one.values["gain_scale"].tolist() for one in read_log(path).controller_terms}
+    assert found == {axis: pytest.approx([value]) for axis, value in zip(AXES, (1.2, 1.3, 1.0), strict=True)}

@@ -14,6 +14,10 @@ from quadid_logs.cli import main
 from quadid_logs.compare import compare
 from quadid_logs.data.model import Model
 from quadid_logs.data.result import Result
+from quadid_logs.figures import Figure, LeftOut
+from quadid_logs.figures.loop_comparison import loop_comparison_figure
+from quadid_logs.report.comparison import comparison_lines, comparison_text
+from quadid_logs.report.numbers import estimate
 from tests.synthetic_results import refused_result, usable_result
 
 
@@ -228,3 +232,40 @@ def test_whole_and_cut_propellers_at_10_hz_allow_no_comparison(
     assert "before: the body rate and the torque were logged at 9.78 Hz, too slowly" in out
     assert "after: the body rate and the torque were logged at 9.79 Hz, too slowly" in out
     assert "Set LOG_BITMASK to 176127" in out
+
+
+def test_loops_of_both_flights_are_drawn_over_each_other(flight: Result) -> None:
+    """Gain, phase and step of every axis that has a loop in both, each with both flights."""
+    figure = loop_comparison_figure(flight, flight)
+    assert isinstance(figure, Figure)
+    assert flight.closed_loop is not None
+    known = [axis for axis, found in flight.closed_loop.axes.items() if found.curve is not None]
+    titles = [f"{axis.capitalize()}: {what}" for what in ("gain", "phase", "step") for axis in known]
+    assert [panel.title for panel in figure.panels] == titles
+    for panel in figure.panels:
+        assert {curve.label for curve in panel.curves} == {
+            f"{name}{band}" for name in ("before", "after") for band in ("", ", 95 %")
+        }
+
+
+def test_without_a_loop_in_both_flights_no_loop_is_drawn(flight: Result) -> None:
+    """A refused flight has none."""
+    assert isinstance(loop_comparison_figure(flight, replace(flight, closed_loop=None)), LeftOut)
+
+
+def test_the_margins_of_both_flights_stand_beside_each_other(flight: Result) -> None:
+    """In words for people, with intervals in the JSON."""
+    comparison = compare(flight, flight)
+    lines = [line.strip() for line in comparison_lines(flight, flight, comparison)]
+    assert flight.closed_loop is not None
+    margins = flight.closed_loop.axes["roll"].margins
+    assert margins is not None
+    assert margins.full is not None
+    assert margins.full.phase_margin_deg is not None
+    one = estimate(margins.full.phase_margin_deg.value, *margins.full.phase_margin_deg.ci95)
+    assert f"phase margin {one} -> {one} deg" in lines
+    loops = json.loads(comparison_text(flight, flight, comparison))["closed_loop"]["roll"]
+    assert loops["before"]["margins"]["full"]["phase_margin_deg"]["value"] == pytest.approx(
+        margins.full.phase_margin_deg.value
+    )
+    assert loops["before"] == loops["after"]

@@ -151,3 +151,17 @@ def test_rows_slower_than_the_main_loop_do_not_tell_a_rate_threads_period() -> N
     """They were thinned by the logger."""
     thread = {"FSTRATE_ENABLE": 1.0, "FSTRATE_DIV": 1.0, "SCHED_LOOP_RATE": 500.0}
     assert axes(ApFlight(n=2000), thread)["roll"].period_s == pytest.approx(0.001)
+
+
+def test_the_px4_d_filter_is_of_second_order_where_the_firmware_knows_one_notch_only() -> None:
+    """At twice its cut-off a filter of second order passes a quarter, one of first order about half."""
+    fast = {"IMU_GYRO_RATEMAX": 250.0, "IMU_GYRO_NF_FREQ": 0.0}
+    older = axes(Px4Flight(n=2000), fast)["roll"].rate
+    newer = axes(Px4Flight(n=2000), fast | {"IMU_GYRO_NF0_FRQ": 0.0})["roll"].rate
+    assert older is not None
+    assert newer is not None
+    frequency_hz = np.array([1.0, 40.0])
+    slope = 2.0 * np.pi * frequency_hz * 0.003
+    passed = [np.abs(each.response(frequency_hz)) / slope for each in (older, newer)]
+    assert passed[0] == pytest.approx([1.0, 1.0 / np.sqrt(17.0)], rel=0.02)
+    assert passed[1] == pytest.approx([1.0, 1.0 / np.sqrt(5.0)], rel=0.03)

@@ -71,6 +71,18 @@ def test_the_advice_names_the_axis_because_it_is_read_apart_from_its_finding() -
     assert one.axes[0] in one.advice
 
 
+@pytest.mark.parametrize(("gain_db", "half", "percent"), [(4.1, 0.1, 79), (8.0, 4.0, 79), (8.0, 0.1, None)])
+def test_the_advice_says_how_far_the_gains_are_to_be_lowered(
+    gain_db: float, half: float, percent: int | None
+) -> None:
+    """To 6 dB in the worst vehicle that the flight allows: by the 2 dB that are missing there."""
+    one = next(
+        iter(found_in(AxisLoop(margins=LoopMargins(rate=margins(gain_db, 20.0, half=half), full=None))))
+    )
+    assert ("%" in one.advice) == (percent is not None)
+    assert percent is None or f"to {percent} % of what they are" in one.advice
+
+
 def test_an_unstable_loop_is_a_warning() -> None:
     unstable = Margins(stable=False, stable_fraction=0.1, extrapolated=False)
     (one,) = found_in(AxisLoop(margins=LoopMargins(rate=unstable, full=None)))

@@ -13,7 +13,7 @@ from quadid_logs import read_log
 from quadid_logs.autopilots import named
 from quadid_logs.control.replay import replay
 from quadid_logs.data.controller import RemarkKind, Replay, ReplayReason
-from quadid_logs.data.log import FlightLog, ParameterChange, Rows
+from quadid_logs.data.log import ControllerTerms, FlightLog, ParameterChange, Rows
 from quadid_logs.load import load
 from tests.control.flown_controller import AP_PID, AP_YAW, ApFlight, Px4Flight
 
@@ -89,7 +89,37 @@ def test_a_rare_slew_limit_is_said_and_does_not_block() -> None:
     assert found.numbers["lowest_scale"] == pytest.approx(0.6)
 
 
+def scaled_for(fraction: float) -> FlightLog:
+    """Fly with P and D boosted by a third in some of the rows, which ATSC tells and PIDR's Dmod does not."""
+    scale = np.where(np.arange(8000) % 100 < 100.0 * fraction, 1.33, 1.0)
+    log = ApFlight(scale=scale).log()
+    terms: list[ControllerTerms] = []
+    for one in log.controller_terms:
+        boosted = scale != 1.0
+        rows = Rows(one.rows.time_s[boosted], one.rows.position[boosted])
+        values = {name: each for name, each in one.values.items() if name != "scale"}
+        terms += [
+            replace(one, values=values),
+            ControllerTerms(axis=one.axis, rows=rows, values={"gain_scale": scale[boosted]}),
+        ]
+    return replace(log, controller_terms=tuple(terms))
+
+
+def test_a_logged_scale_of_the_gains_is_replayed() -> None:
+    """Throttle-gain boost for a moment: written at its loops only."""
+    found = roll(scaled_for(0.02))
+    assert found.agrees
+    assert found.relative_rms["P"] < 1e-6
+
+
 # ---------------------------------------------------------------- ArduPilot: sabotage, by name
+
+
+def test_gains_that_are_scaled_for_much_of_the_flight_block() -> None:
+    """The margins would be those of other gains."""
+    found = roll(scaled_for(0.2))
+    assert (found.agrees, found.reason) == (False, ReplayReason.GAINS_SCALED)
+    assert found.numbers["highest_scale"] == pytest.approx(1.33)
 
 
 def test_a_slew_limit_for_much_of_the_flight_blocks() -> None:
@@ -304,7 +334,7 @@ def test_a_firmware_without_these_filters_has_no_controller_here() -> None:
 
 
 @pytest.mark.parametrize(
-    ("version", "told"), [("V4.7.0", "read"), ("V4.5.7", "nearest"), ("unnumbered", "unknown")]
+    ("version", "told"), [("V4.7.0", "read"), ("V4.8.0", "nearest"), ("unnumbered", "unknown")]
 )
 def test_it_is_said_whether_the_firmwares_source_was_read(version: str, told: str) -> None:
     log = ApFlight(n=2000).log(version=version)

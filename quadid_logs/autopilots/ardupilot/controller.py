@@ -15,8 +15,9 @@ from quadid_logs.data.controller import AxisController, ControllerRemark, FlownC
 from quadid_logs.data.log import FlightLog, whole_number
 from quadid_logs.vocabulary import AXES
 
-#: ArduCopter versions whose AC_PID, AC_AttitudeControl(_Multi), LowPassFilter2p and NotchFilter were read.
-VERSIONS_READ: Final = ((4, 7),)
+#: ArduCopter versions whose AC_PID, AC_AttitudeControl(_Multi), LowPassFilter2p and order of tasks were read:
+#: what is linear in them is the same. 4.5 knows PDMX, D_FF, notches and a boost; 4.3 has none of these.
+VERSIONS_READ: Final = ((4, 3), (4, 5), (4, 7))
 #: As parameters name them: ATC_RAT_RLL_P, ATC_ANG_RLL_P, ATC_LAND_R_MULT.
 AXIS_NAMES: Final = dict(zip(AXES, ("RLL", "PIT", "YAW"), strict=True))
 #: Without them there is no AC_PID as below: firmware before 4.0 has one filter, FILT, for all.

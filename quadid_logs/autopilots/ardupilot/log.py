@@ -15,6 +15,7 @@ from quadid_logs.autopilots.ardupilot.identity import VehicleIdentity, identify_
 from quadid_logs.autopilots.ardupilot.signals import (
     LABELS,
     PID_MESSAGES,
+    SCALE_MESSAGE,
     SOURCES,
     TERM_LABELS,
     Messages,
@@ -107,13 +108,14 @@ def flight_log(source: MessageSource, *, log_format: str, preamble: tuple[str, .
         Signals in SI units and body axes FRD. Rows stand in file order; times
         are as logged, NaN where the log has none.
     """
-    wanted = messages_to_read(source.counts) | _DESCRIPTIONS | _PIDS
+    wanted = messages_to_read(source.counts) | _DESCRIPTIONS | _PIDS | {SCALE_MESSAGE}
     tables = source.read_messages(wanted, LABELS | _LABELS | TERM_LABELS)
     clock = LogClock(tables.values())
     parameters = tables["PARM"].named_values("Name", "Value") if "PARM" in tables else {}
     texts = _texts(tables.get("MSG"), clock)
     identity = _identity(source, tables.get("VER"), [*preamble, *(text.text for text in texts)], parameters)
-    pids = {name: table for name, table in tables.items() if name in _PIDS}
+    pids = {name: table for name, table in tables.items() if name in _PIDS | {SCALE_MESSAGE}}
+    tables.pop(SCALE_MESSAGE, None)
     if identity.vehicle_type in _OTHER_PIDS or "RATE" in source.counts:
         tables = {name: table for name, table in tables.items() if name not in _PIDS}
     messages = Messages(tables, clock, identity.version)

@@ -26,6 +26,9 @@ from quadid_logs.vocabulary import AXES
 
 #: Stamps, set-points and rates of each loop are logged as the controller had them; what differs is rounding.
 _TOLERANCE: Final = 0.01
+_SCALE: Final = "gain_scale"
+#: AC_AttitudeControl_Multi.cpp boosts P and D to twice what they are, or a few times over in one loop.
+_LARGEST_SCALE: Final = 10.0
 #: SID_AXIS that adds to the mixer's input: 10 roll, 11 pitch, 12 yaw (mode_systemid.cpp).
 _FIRST_MIXER_AXIS: Final = 10
 
@@ -101,7 +104,7 @@ def terms(rows: AxisRows, parameters: Mapping[str, float], *, name: str) -> Repl
     slope = np.diff(error, prepend=error[0]) / step
     proportional = pid["P"] * error
     derivative = pid["D"] * low_pass(slope, pid["FLTD"], step, first=0.0)
-    factor = _pd_factor(proportional + derivative, rows.scale, pid["PDMX"])
+    factor = _pd_factor(proportional + derivative, rows, pid["PDMX"])
     proportional, derivative = factor * proportional, factor * derivative
     forward = pid["FF"] * target + pid["D_FF"] * np.diff(target, prepend=target[0]) / step
     rest = rows.output - rows.added - proportional - derivative - forward
@@ -116,9 +119,11 @@ def terms(rows: AxisRows, parameters: Mapping[str, float], *, name: str) -> Repl
     return ReplayedTerms(values, limited)
 
 
-def _pd_factor(total: FloatArray, scale: FloatArray | None, highest: float) -> FloatArray:
-    """Return the factor on P and D: the logged slew limiter's, then that of PDMX."""
-    factor = np.ones_like(total) if scale is None else scale
+def _pd_factor(total: FloatArray, rows: AxisRows, highest: float) -> FloatArray:
+    """Return the factor on P and D: the logged slew limiter's and scales, then that of PDMX."""
+    factor = np.ones_like(total)
+    for logged in (rows.scale, rows.gain_scale):
+        factor = factor if logged is None else factor * logged
     if highest > 0.0:
         size = np.abs(factor * total)
         factor = factor * np.where(size > highest, highest / np.maximum(size, highest), 1.0)
@@ -137,7 +142,9 @@ def _rows(
     number = AXES.index(axis)
     now, before = slice(run.start + 1, run.stop), slice(run.start, run.stop - 1)
     time_s = setpoint.time_s
-    logged = next((one for one in log.controller_terms if one.axis == axis), None)
+    terms_of_axis = [one for one in log.controller_terms if one.axis == axis]
+    logged = next((one for one in terms_of_axis if _SCALE not in one.values), None)
+    scaled = next((one for one in terms_of_axis if _SCALE in one.values), None)
     found = {} if logged is None else _logged_at(logged, time_s[now])
     limited, scale = found.pop("limited", None), found.pop("scale", None)
     return AxisRows(
@@ -152,6 +159,7 @@ def _rows(
         logged={term: found[term] for term in ("P", "I", "D", "FF") if term in found},
         limited=None if limited is None else limited > 0.5,
         scale=scale,
+        gain_scale=None if scaled is None else _gain_scale(scaled, time_s[now]),
     )
 
 
@@ -159,6 +167,12 @@ def _logged_at(logged: ControllerTerms, time_s: FloatArray) -> dict[str, FloatAr
     """Return the logged terms at the loops' stamps; none where a loop lacks one."""
     found = {name: matched(logged.rows.time_s, values, time_s) for name, values in logged.values.items()}
     return {name: values for name, values in found.items() if np.isfinite(values).all()}
+
+
+def _gain_scale(logged: ControllerTerms, time_s: FloatArray) -> FloatArray:
+    """Return the factor on P and D at the loops' stamps: 1 where none was written, or nonsense."""
+    found = matched(logged.rows.time_s, logged.values[_SCALE], time_s)
+    return np.where((found > 0.0) & (found < _LARGEST_SCALE), found, 1.0)
 
 
 def _mixer_chirp(

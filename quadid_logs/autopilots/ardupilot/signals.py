@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 import string
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property, partial
@@ -54,7 +54,10 @@ _ESC_CYCLE_S: Final = 0.5
 #: Of one axis each; a loop logs them one after the other.
 PID_MESSAGES: Final = ("PIDR", "PIDP", "PIDY")
 _TERMS: Final = {"P": "P", "I": "I", "D": "D", "FF": "FF", "scale": "Dmod"}
-TERM_LABELS: Final = frozenset({*_TERMS.values(), "DFF", "Flags"})
+#: Written with RATE, at its stamps, while a scale is not 1: factors on P and D by axis.
+SCALE_MESSAGE: Final = "ATSC"
+_SCALE_LABELS: Final = dict(zip(AXES, ("PDScX", "PDScY", "PDScZ"), strict=True))
+TERM_LABELS: Final = frozenset({*_TERMS.values(), "DFF", "Flags", *_SCALE_LABELS.values()})
 
 
 class Split(Enum):
@@ -483,22 +486,34 @@ def controller_terms(tables: Mapping[str, MessageTable], clock: LogClock) -> tup
     Parameters
     ----------
     tables : mapping of str to MessageTable
-        PIDR, PIDP and PIDY as far as the log has them.
+        PIDR, PIDP, PIDY and ATSC as far as the log has them.
     clock : LogClock
 
     Returns
     -------
     tuple of ControllerTerms
+        An axis has two where its gains were scaled: those of ATSC hold nothing but ``gain_scale``.
 
     Notes
     -----
     AP_Logger/LogStructure.h: bit 0 of Flags is the mixer's limit; DFF is the derivative's feed-forward.
     """
-    return tuple(
+    pids = tuple(
         ControllerTerms(axis=axis, rows=clock.rows(tables[name]), values=_pid_terms(tables[name]))
         for axis, name in zip(AXES, PID_MESSAGES, strict=True)
         if name in tables
     )
+    return (*pids, *_gain_scales(tables.get(SCALE_MESSAGE), clock))
+
+
+def _gain_scales(table: MessageTable | None, clock: LogClock) -> Iterator[ControllerTerms]:
+    """Yield by axis the factors on P and D: throttle-gain boost, and gains for landing."""
+    if table is None:
+        return
+    rows = clock.rows(table)
+    for axis, label in _SCALE_LABELS.items():
+        if table.has_numbers(label):
+            yield ControllerTerms(axis=axis, rows=rows, values={"gain_scale": _float(table, label)})
 
 
 def _pid_terms(table: MessageTable) -> dict[str, FloatArray]:

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.autopilots.discrete import derivative, first_order, gain, gyro_filters, integrator, unit
-from quadid_logs.autopilots.px4.filters import parameter_filter
+from quadid_logs.autopilots.px4.filters import derivative_filter, parameter_filter
 from quadid_logs.autopilots.versions import by_short_names, finite, read_version
 from quadid_logs.data.controller import AxisController, ControllerRemark, FlownControllers, RemarkKind
 from quadid_logs.data.log import FlightLog
@@ -22,8 +22,7 @@ VERSIONS_READ: Final = ((1, 18),)
 AXIS_NAMES: Final = dict(zip(AXES, (("ROLL", "RR"), ("PITCH", "PR"), ("YAW", "YR")), strict=True))
 _NEEDED: Final = ("P", "I", "D")
 _OPTIONAL: Final = {"FF": 0.0, "K": 1.0}
-#: Defaults of IMU_DGYRO_CUTOFF and IMU_GYRO_RATEMAX; 0 for the latter is as fast as the gyro.
-_DEFAULT_CUTOFF_HZ: Final = 20.0
+#: Default of IMU_GYRO_RATEMAX; 0 is as fast as the gyro.
 _DEFAULT_LOOP_HZ: Final = 400.0
 #: Rows this fast are those of each loop, not thinned ones: the logger's own default is 50 Hz.
 _LOOP_LIKE_HZ: Final = 200.0
@@ -125,7 +124,7 @@ def _gyro_period_s(period_s: float, parameters: Mapping[str, float]) -> float:
 def _axis(parameters: Mapping[str, float], name: str, period_s: float, gyro_s: float) -> AxisController:
     pid = rate_parameters(parameters, name)
     error = gain(pid["P"], period_s) + integrator(period_s, late=True).scaled(pid["I"])
-    slope = derivative(gyro_s) * first_order(cutoff_hz(parameters), gyro_s)
+    slope = derivative(gyro_s) * derivative_filter(parameters, gyro_s)
     torque_hz = parameters.get("MC_YAW_TQ_CUTOFF", 0.0) if name == "YAW" else 0.0
     angle = finite(parameters.get(f"MC_{name}_P"))
     names = {f"MC_{name}RATE_{short}": value for short, value in pid.items()}
@@ -140,11 +139,6 @@ def _axis(parameters: Mapping[str, float], name: str, period_s: float, gyro_s: f
         angle_gain_per_s=angle,
         gains=names | ({} if angle is None else {f"MC_{name}_P": angle}),
     )
-
-
-def cutoff_hz(parameters: Mapping[str, float]) -> float:
-    """Return the cut-off of the filter on the angular acceleration [Hz]."""
-    return parameters.get("IMU_DGYRO_CUTOFF", _DEFAULT_CUTOFF_HZ)
 
 
 def _parameter_period_s(parameters: Mapping[str, float]) -> float:

@@ -7,10 +7,12 @@ from functools import partial
 from typing import Final
 
 import numpy as np
+from scipy.signal import lfilter
 
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.autopilots.loop_rows import Interval, longest_run, matched, possible, stood_still, within
-from quadid_logs.autopilots.px4.controller import AXIS_NAMES, cutoff_hz, rate_parameters
+from quadid_logs.autopilots.px4.controller import AXIS_NAMES, rate_parameters
+from quadid_logs.autopilots.px4.filters import cutoff_hz, derivative_filter, has_second_order_derivative
 from quadid_logs.data.controller import AxisRows, FlownControllers, ReplayedTerms, ReplayInput, Term
 from quadid_logs.data.log import FlightLog, Signal
 from quadid_logs.maths.recurrence import anti_windup_sum, low_pass
@@ -125,6 +127,9 @@ def _acceleration(rows: AxisRows, parameters: Mapping[str, float]) -> FloatArray
     if rows.derivative is not None:
         return rows.derivative
     slope = np.diff(rows.rate, prepend=rows.rate[0]) / rows.step_s
+    used = derivative_filter(parameters, float(np.median(rows.step_s)))
+    if has_second_order_derivative(parameters):
+        return np.asarray(lfilter(used.numerator, used.denominator, slope), dtype=np.float64)
     return low_pass(slope, cutoff_hz(parameters), rows.step_s, first=0.0)
 
 
