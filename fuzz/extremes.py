@@ -343,10 +343,34 @@ def parquet_columns(rng: random.Random, content: bytes, n_bytes: int) -> bytes: 
     return bytes(sink.getvalue())
 
 
+_BLACKBOX = b"H Product:Blackbox flight data recorder by Nicholas Sherlock\n"
+
+
+def blackbox_wide(rng: random.Random, _content: bytes, n_bytes: int) -> bytes:
+    """Return a log of frames of as many fields as can be, each a byte long, or of next to none."""
+    n = rng.choice((2, 3, 60, 255, 256, 257))
+    names = ["loopIteration", "time", *(f"x[{k}]" for k in range(n - 2))]
+    lists = {"name": names, "signed": [0] * n, "predictor": [0] * n, "encoding": [1] * n}
+    lines = [f"H Field I {about}:{','.join(map(str, each))}" for about, each in lists.items()]
+    for about, value in (("predictor", rng.choice((0, 1, 2, 3))), ("encoding", rng.choice((0, 1, 9)))):
+        lines.append(f"H Field P {about}:{','.join([str(value)] * n)}")
+    lines += [f"H I interval:{rng.choice((1, 32, 32767))}", "H Firmware revision:Betaflight 4.5.1 (x) Y"]
+    body = b"I" + bytes(n) + (b"P" + (b"" if value == 9 else bytes(n))) * 31
+    return _BLACKBOX + ("\n".join(lines) + "\n").encode() + body * (n_bytes // len(body))
+
+
+def blackbox_logs(rng: random.Random, content: bytes, n_bytes: int) -> bytes:
+    """Return a file of very many logs, empty or with the header only."""
+    header = content[: content.find(b"\nI") + 1]
+    one = rng.choice((_BLACKBOX, header, header[:200], _BLACKBOX + b"\n"))
+    return one * (n_bytes // max(len(one), 1))
+
+
 BY_KIND: dict[str, tuple[Extreme, ...]] = {
     "dataflash": (dataflash_versions, dataflash_texts),
     "ulog": (ulog_nested, ulog_wide, ulog_subscriptions, ulog_redefined, ulog_texts),
     "tlog": (tlog_senders, tlog_texts),
+    "blackbox": (blackbox_wide, blackbox_logs),
     "text": (text_versions, text_wide, text_gaps),
     "plain": (parquet_columns,),
 }

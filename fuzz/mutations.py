@@ -515,6 +515,34 @@ def _shuffled(rng: random.Random, data: bytearray, frames: list[Frame]) -> bytea
     return data
 
 
+def blackbox_header(rng: random.Random, data: bytearray) -> bytearray:
+    """Change a number of the header: fields, encodings, intervals, settings."""
+    end = data.find(b"\nI", data.find(b"Field P encoding"))
+    digits = [at for at in range(max(end, 0)) if 48 <= data[at] <= 57]
+    for _ in range(rng.choice((1, 1, 3))):
+        if digits:
+            at = rng.choice(digits)
+            data[at : at + 1] = rng.choice((b"0", b"9", b"-1", b"99999", b"1e9", b",", b"", b"\xb2"))
+    return data
+
+
+def blackbox_frames(rng: random.Random, data: bytearray) -> bytearray:
+    """Put letters of frames, and bytes that say that a number goes on, where others stand."""
+    body = max(data.find(b"\nI", data.find(b"Field P encoding")), 0)
+    for _ in range(rng.choice((1, 5, 50))):
+        if body < len(data):
+            data[rng.randrange(body, len(data))] = rng.choice(b"IPSGHE\x80\xff\x00")
+    return data
+
+
+def blackbox_logs(rng: random.Random, data: bytearray) -> bytearray:
+    """Begin another log in the middle of a frame, once or many times."""
+    header = data[: rng.choice((30, 90, max(data.find(b"\nI"), 1)))]
+    at = rng.randrange(len(data) + 1)
+    data[at:at] = header * rng.choice((1, 2, 30))
+    return data
+
+
 ANY: tuple[Mutation, ...] = (
     truncate,
     behead,
@@ -540,6 +568,7 @@ BY_KIND: dict[str, tuple[Mutation, ...]] = {
     ),
     "ulog": (ulog_sizes, ulog_types, ulog_definitions, ulog_parameters, ulog_appended, ulog_clock, ulog_rows),
     "tlog": (tlog_payloads, tlog_short_payloads, tlog_parameters, tlog_headers, tlog_clock, tlog_rows),
+    "blackbox": (blackbox_header, blackbox_frames, blackbox_logs),
     "text": (spoil_lines,),
     "plain": (),
 }

@@ -25,8 +25,8 @@ CORPUS_PARTS = (
     ("tlog", "real/ac32dev-quad-handrotated-52s.tlog", 60_000),
     ("text", "real/ac311-quadx-nan.log", 60_000),
     ("text", "real/ac30-quadV-underpowered.log", 60_000),
-    ("plain", "blackbox/bf42-btfl002.bbl", 120_000),
-    ("plain", "blackbox/several-logs-in-one-file.bbl", 120_000),
+    ("blackbox", "blackbox/bf42-btfl002.bbl", 120_000),
+    ("blackbox", "blackbox/several-logs-in-one-file.bbl", 120_000),
     ("text", "real/x8coax_moments_hover.csv", 60_000),
 )
 
@@ -56,6 +56,7 @@ def _simulated() -> list[Seed]:
         for suffix, kind, autopilot in (
             (".bin", "dataflash", "ardupilot"),
             (".ulg", "ulog", "px4"),
+            (".bbl", "blackbox", "betaflight"),
             (".tlog", "tlog", "ardupilot"),
         ):
             flight = simulate("sysid-quad-x", seed=1, duration_s=15.0, rate_hz=50.0, autopilot=autopilot)

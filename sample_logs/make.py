@@ -24,6 +24,7 @@ class Sample(NamedTuple):
 SAMPLES = (
     Sample("sysid-quad-x.bin", "sysid-quad-x", "ardupilot", 30.0, 100.0),
     Sample("products-of-inertia.ulg", "products-of-inertia", "px4", 20.0, 100.0),
+    Sample("betaflight-doublets.bbl", "doublets", "betaflight", 25.0, 250.0),
     Sample("doublets.tlog", "doublets", "ardupilot", 20.0, 50.0),
     Sample("default-logging.bin", "default-logging", "ardupilot", 40.0, None),
     Sample("damaged.bin", "damaged", "ardupilot", 20.0, 100.0),

@@ -18,7 +18,7 @@ from quadid_logs.simulate.damage import Damage, damage_bytes
 from quadid_logs.simulate.logger import Logging, log_flights
 from quadid_logs.simulate.scenarios import SCENARIOS, Scenario
 from quadid_logs.simulate.truth import flight_truth
-from quadid_logs.simulate.vendors import vendor
+from quadid_logs.simulate.vendors import motor_order, vendor
 
 __all__ = [
     "SCENARIOS",
@@ -113,6 +113,8 @@ def simulate(
         vehicle=vehicle,
         autopilot=autopilot,
     )
+    if kind.name == "betaflight":
+        motor_order(setups[0])  # refuses before the flight what it cannot fly
     records = tuple(fly(setup) for setup in setups)
     truth = flight_truth(records, scenario=scenario, boot_s=logging.boot_s)
     truth |= _logging_truth(found, logging)

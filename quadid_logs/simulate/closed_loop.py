@@ -44,6 +44,8 @@ from quadid_logs.simulate.wind import Wind, dryden_wind
 SPIN_MIN: Final = 0.15
 SPIN_MAX: Final = 0.95
 BATTERY_PERIOD_S: Final = 0.1
+#: The expo of a straight line, large enough to divide by.
+_LINEAR: Final = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,15 +131,15 @@ class Setup:
 
     @property
     def firmware_expo(self) -> float:
-        """The thrust curve's expo that the firmware takes for the propellers'."""
-        mistaken = self.effects.firmware_expo
+        """The thrust curve's expo that the firmware takes for the propellers'; Betaflight takes none."""
+        mistaken = _LINEAR if self.autopilot == "betaflight" else self.effects.firmware_expo
         return self.airframe.thrust_expo if mistaken is None else mistaken
 
     @property
     def hover_throttle(self) -> float:
         """Fraction of the full thrust that carries the weight, as the firmware counts thrust [1]."""
         hover = self.airframe.hover_throttle
-        if self.effects.firmware_expo is None:
+        if self.firmware_expo == self.airframe.thrust_expo:
             return hover
         return float(
             thrust_of_throttle(throttle_for_thrust(hover, self.airframe.thrust_expo), self.firmware_expo)
@@ -608,6 +610,8 @@ def mixer_factors(airframe: SimulatedAirframe, autopilot: str) -> FloatArray:
         effectiveness = np.vstack([airframe.torque_per_thrust, -np.ones(airframe.n_rotors)])
         return normalised_allocation(airframe.max_thrust_n * effectiveness)
     factors = frame_geometry(airframe.frame_class, airframe.frame_type).mixer
+    if autopilot == "betaflight":
+        factors = np.sign(factors)
     return np.column_stack([factors, np.ones(airframe.n_rotors)])
 
 

@@ -273,7 +273,7 @@ def px4_rate_law(
 
 def rate_law(autopilot: str) -> RateLaw:
     """Return the rate controller of an autopilot."""
-    return px4_rate_law if autopilot == "px4" else ardupilot_rate_law
+    return ardupilot_rate_law if autopilot == "ardupilot" else px4_rate_law
 
 
 def altitude_throttle(

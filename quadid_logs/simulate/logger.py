@@ -32,6 +32,7 @@ from quadid_logs.simulate.vendors import (
     Stream,
     Vendor,
     frame_name,
+    motor_order,
     parameters,
     pulse_widths,
     start_texts,
@@ -45,6 +46,8 @@ _OUTPUTS: Final = ("torque_command", "throttle", "motor_thrust", "output_pwm", "
 #: The recorded channels of logged terms; PX4 logs the angular acceleration that its D acts on.
 _ARDUPILOT_TERMS: Final = {"P": "proportional", "I": "integral", "D": "derivative", "scale": "scale"}
 _PX4_TERMS: Final = {"derivative": "slope"}
+#: Channels of Betaflight's outputs, a fraction of those from idle to full, and of the rotors' speeds.
+_PER_MOTOR: Final = {"motor_thrust": "actuator", "rotor_speed": "rotor_speed"}
 #: What `Effects.outlier_fraction` strikes.
 _STRUCK: Final = ("body_rate", "torque_command", "motor_thrust", "rotor_speed")
 
@@ -137,7 +140,7 @@ def log_flights(records: tuple[Record, ...], logging: Logging) -> FlightLog:
         frame=frame_name(setup),
         parameters=parameters(setup, rate_hz=logging.rate_hz),
         parameter_changes=_parameter_changes(records, offsets, logging, file_s),
-        controller_terms=_controller_terms(kept, positions, records) if fast else (),
+        controller_terms=_controller_terms(kept, positions, records) if fast and kind.terms else (),
         modes=_modes(records, offsets, logging, file_s),
         texts=tuple(
             LogText(time_s=logging.boot_s + logging.start_s, position=0, text=text)
@@ -254,6 +257,11 @@ def _signal_values(name: str, record: Record, index: IntArray) -> FloatArray:
     }
     if name in direct:
         values = channels[direct[name]][index]
+        if setup.autopilot == "betaflight" and name in _PER_MOTOR:
+            # Outputs from idle, which is none, to full, in Betaflight's order of motors.
+            values = channels[_PER_MOTOR[name]][index][:, motor_order(setup)]
+    elif name == "body_rate_raw" and setup.autopilot == "betaflight":
+        values = channels["gyro"][index]
     elif name == "body_rate_raw":
         raw = "gyro" if setup.autopilot == "px4" else "gyro_filtered"
         values = channels[raw][index] + 0.9 * np.array(setup.noise.gyro_bias_rad_s)
@@ -320,6 +328,8 @@ def _events(records: tuple[Record, ...], offsets: FloatArray, logging: Logging) 
         if airborne_s.size:
             landed += [(offset + float(airborne_s[0]), 0.0), (offset + float(airborne_s[-1]), 1.0)]
     ardupilot = records[0].setups[0].autopilot == "ardupilot"
+    if records[0].setups[0].autopilot == "betaflight":
+        return []
     streams = (
         Stream(message="ARM", signals=(("armed", "ArmState"),)),
         Stream(message="EV", signals=(("landed", "Id"),)),

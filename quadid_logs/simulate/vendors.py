@@ -1,4 +1,4 @@
-"""What the two autopilots call things: parameters, messages, modes and texts of their logs."""
+"""What the autopilots call things: parameters, messages, modes and texts of their logs."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from quadid_logs.simulate.control import Gains
 _PWM_MIN: Final = 1000.0
 _PWM_MAX: Final = 2000.0
 _SPIN_ARM: Final = 0.1
+#: Range of digital motor outputs, and the bit of the features that is airmode.
+_DSHOT_LOWEST, _DSHOT_HIGHEST, _AIRMODE = 48, 2047, 1 << 22
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,7 +34,11 @@ class Stream:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Vendor:
-    """How an autopilot logs. ``default_rate_hz`` is the main rate without changed log settings."""
+    """How an autopilot logs.
+
+    ``default_rate_hz`` is the main rate without changed log settings; ``terms``: those of the rate
+    controllers are logged.
+    """
 
     name: str
     log_format: str
@@ -42,6 +48,7 @@ class Vendor:
     flight_mode: str
     sysid_mode: str
     landing_mode: str
+    terms: bool = True
 
 
 ARDUPILOT: Final = Vendor(
@@ -113,18 +120,50 @@ PX4: Final = Vendor(
 )
 
 
+BETAFLIGHT: Final = Vendor(
+    name="betaflight",
+    log_format="blackbox",
+    firmware="Betaflight v2025.12.1 (quadid-logs simulator)",
+    default_rate_hz=100.0,
+    # One frame holds all.
+    streams=(
+        Stream(
+            message="main",
+            signals=(
+                ("body_rate", "gyroADC"),
+                ("body_rate_raw", "gyroUnfilt"),
+                ("body_rate_setpoint", "setpoint"),
+                ("attitude", "imuQuaternion"),
+                ("torque_command", "axisP"),
+                ("throttle", "setpoint[3]"),
+                ("motor_thrust", "motor"),
+                ("rotor_speed", "eRPM"),
+                ("specific_force", "accSmooth"),
+                ("battery_voltage", "vbatLatest"),
+            ),
+        ),
+    ),
+    flight_mode="ANGLE",
+    sysid_mode="CHIRP",
+    landing_mode="ANGLE",
+    terms=False,
+)
+
+
 def vendor(autopilot: str) -> Vendor:
     """Return the autopilot's way of logging.
 
     Raises
     ------
     SimulationError
-        If it is neither "ardupilot" nor "px4".
+        If it is none of "ardupilot", "px4" and "betaflight".
     """
-    for known in (ARDUPILOT, PX4):
+    for known in (ARDUPILOT, PX4, BETAFLIGHT):
         if known.name == autopilot:
             return known
-    raise SimulationError(f"There is no simulated autopilot {autopilot!r}.", hint="Choose ardupilot or px4.")
+    raise SimulationError(
+        f"There is no simulated autopilot {autopilot!r}.", hint="Choose ardupilot, px4 or betaflight."
+    )
 
 
 def frame_name(setup: Setup) -> str:
@@ -137,6 +176,8 @@ def start_texts(setup: Setup) -> tuple[str, ...]:
     """Return the messages of the log's first second."""
     if setup.autopilot == "px4":
         return ("[logger] logging started",)
+    if setup.autopilot == "betaflight":
+        return ()
     return (ARDUPILOT.firmware, f"Frame: {frame_name(setup)}")
 
 
@@ -148,9 +189,26 @@ def pulse_widths(setup: Setup) -> tuple[float, float, float]:
     return _PWM_MIN + span * SPIN_MIN, _PWM_MIN + span * SPIN_MAX, _PWM_MIN + span * _SPIN_ARM
 
 
+def motor_order(setup: Setup) -> list[int]:
+    """Return Betaflight's motors, rear right, front right, rear left, front left, as numbers of the rotors.
+
+    Raises
+    ------
+    SimulationError
+        If the vehicle is no quad X.
+    """
+    x, y = setup.airframe.position_m[:, 0], setup.airframe.position_m[:, 1]
+    if setup.airframe.n_rotors != 4 or not (np.abs(x) > 0.0).all() or not (np.abs(y) > 0.0).all():
+        raise SimulationError("Betaflight is simulated on a quad X only.", hint="Choose another scenario.")
+    return [int(number) for number in np.lexsort((x > 0.0, y < 0.0))]
+
+
 def parameters(setup: Setup, *, rate_hz: float) -> dict[str, float]:
     """Return the parameters that the autopilot would log, the interesting ones of many."""
-    listed = _px4(setup, rate_hz) if setup.autopilot == "px4" else _ardupilot(setup, rate_hz)
+    if setup.autopilot == "betaflight":
+        listed = _betaflight(setup)
+    else:
+        listed = _px4(setup, rate_hz) if setup.autopilot == "px4" else _ardupilot(setup, rate_hz)
     # Parameters are stored in single precision, and single precision is what a log returns.
     return {name: float(np.float32(value)) for name, value in sorted(listed.items())}
 
@@ -264,4 +322,33 @@ def _px4_gains(gains: Gains) -> dict[str, float]:
             f"MC_{name}RATE_K": 1.0,
             f"MC_{short}_INT_LIM": gains.integral_limit,
         }
+    return values
+
+
+def _betaflight(setup: Setup) -> dict[str, float]:
+    """Betaflight: the settings that the header of a Blackbox log holds; digital outputs without idle."""
+    gains = final_gains(setup)
+    values = {
+        "looptime": 1e6 / setup.loop_hz,
+        "pid_process_denom": 1,
+        "gyro_lpf1_type": 1,
+        "gyro_lpf1_static_hz": setup.gyro_filter_hz,
+        "motorOutput[0]": _DSHOT_LOWEST,
+        "motorOutput[1]": _DSHOT_HIGHEST,
+        "motor_pwm_protocol": 6,
+        "motor_poles": 14,
+        "dshot_bidir": 1,
+        "acc_1G": 2048,
+        "pidsum_limit": 500,
+        "pidsum_limit_yaw": 400,
+        "features": _AIRMODE,
+        "blackbox_high_resolution": 1,
+        "thrust_linear": 0,
+        "vbat_sag_compensation": 0,
+    }
+    per_degree = 1000.0 * np.pi / 180.0
+    for axis, name in enumerate(("roll", "pitch", "yaw")):
+        values[f"{name}PID[0]"] = round(gains.proportional[axis] * per_degree / 0.032029)
+        values[f"{name}PID[1]"] = round(gains.integral[axis] * per_degree / 0.244381)
+        values[f"{name}PID[2]"] = round(gains.derivative[axis] * per_degree / 0.000529)
     return values

@@ -25,12 +25,13 @@ def write_log(log: FlightLog, path: Path) -> None:
     log : FlightLog
         What to write. Series that the format has no message for are left out.
     path : Path
-        Ends in ``.bin`` (ArduPilot DataFlash), ``.ulg`` (PX4 ULog) or ``.tlog`` (MAVLink).
+        Ends in ``.bin`` (ArduPilot DataFlash), ``.ulg`` (PX4 ULog), ``.bbl`` (Betaflight Blackbox) or
+        ``.tlog`` (MAVLink).
 
     Raises
     ------
     SettingsError
-        If the suffix is none of the three.
+        If the suffix is none of them.
     OutputError
         If the file cannot be written, or a row has no finite time.
     """
@@ -65,4 +66,8 @@ def _writer(suffix: str) -> Callable[[FlightLog, BinaryIO], None]:
         from quadid_logs.writers.tlog_writer import write_tlog
 
         return write_tlog
-    raise SettingsError(f"No log format has the suffix {suffix!r}.", hint="Use .bin, .ulg or .tlog.")
+    if suffix.lower() == ".bbl":
+        from quadid_logs.writers.blackbox_writer import write_blackbox
+
+        return write_blackbox
+    raise SettingsError(f"No log format has the suffix {suffix!r}.", hint="Use .bin, .ulg, .bbl or .tlog.")

@@ -1,0 +1,108 @@
+"""A Betaflight flight that is written and read again is the same flight, to the rounding of whole numbers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from quadid_logs.data.log import FlightLog, Rows
+from quadid_logs.errors import OutputError, SimulationError
+from quadid_logs.load import read_log
+from quadid_logs.pipeline import analyze
+from quadid_logs.simulate import Simulation, simulate
+from quadid_logs.vocabulary import ON_AXIS
+from quadid_logs.writers import write_log
+
+DEGREE = math.pi / 180.0
+#: Half of what the fields count in: tenths of a degree per second, thousandths, counts of the sensors.
+HALF_STEP = {
+    "body_rate": 0.05 * DEGREE,
+    "body_rate_setpoint": 0.05 * DEGREE,
+    "attitude": 1e-4,
+    "torque_command": 0.5e-3,
+    "throttle": 0.5e-3,
+    "motor_thrust": 0.5 / 1999.0,
+    "rotor_speed": 50.0 / 7.0 * math.pi / 30.0,
+    "specific_force": 0.5 * 9.80665 / 2048.0,
+    "battery_voltage": 0.005,
+}
+
+
+@pytest.fixture(scope="module")
+def flown() -> Simulation:
+    """Doublets in calm air."""
+    return simulate("doublets", seed=1, duration_s=18.0, rate_hz=200.0, autopilot="betaflight")
+
+
+@pytest.fixture(scope="module")
+def written(flown: Simulation, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The flight as a file."""
+    path = tmp_path_factory.mktemp("blackbox") / "flight.bbl"
+    write_log(flown.log, path)
+    return path
+
+
+@pytest.mark.parametrize("name", sorted(HALF_STEP))
+def test_each_signal_comes_back(name: str, flown: Simulation, written: Path) -> None:
+    """With its times, every source in its place."""
+    read = read_log(written).candidates(name)
+    for found, expected in zip(read, flown.log.candidates(name), strict=True):
+        np.testing.assert_allclose(found.time_s, expected.time_s, rtol=0.0, atol=0.51e-6)
+        off = (found.values - expected.values + math.pi) % (2.0 * math.pi) - math.pi
+        away = off if name == "attitude" else found.values - expected.values
+        assert np.abs(away).max() <= HALF_STEP[name] * 1.0001
+
+
+def test_settings_and_firmware_come_back(flown: Simulation, written: Path) -> None:
+    """Lists too, and nothing is lost."""
+    read = read_log(written)
+    assert dict(read.parameters).items() >= dict(flown.log.parameters).items()
+    assert (read.firmware, read.corrupt_bytes) == (flown.log.firmware, 0)
+
+
+def test_the_vehicle_is_found_again(flown: Simulation, written: Path) -> None:
+    """Effectiveness and lag from nothing but the file, whose thrust curve no parameter tells."""
+    model = analyze(written).identification.recommended
+    assert model is not None
+    assert model.actuator is not None
+    true = np.diag(np.array(flown.truth["models"]["damped"]["B"]))
+    found = [model.entries[on_axis].value for on_axis in ON_AXIS.values()]
+    np.testing.assert_allclose(found, true, rtol=0.03)
+    assert model.actuator.lag_s == pytest.approx(flown.truth["actuator"]["lag_s"], abs=0.002)
+
+
+def test_a_clock_beyond_32_bits_begins_anew(flown: Simulation, tmp_path: Path) -> None:
+    """As the firmware's does after 71 minutes; the reader goes on counting."""
+    rates = flown.log.candidates("body_rate")[0]
+    late = replace(rates, rows=Rows(rates.time_s + 4280.0, rates.position))
+    write_log(replace(flown.log, signals={"body_rate": (late,)}), tmp_path / "late.bbl")
+    found = read_log(tmp_path / "late.bbl").candidates("body_rate")[0]
+    np.testing.assert_allclose(np.diff(found.time_s), np.diff(late.time_s), atol=1.1e-6)
+
+
+def test_numbers_beyond_32_bits_are_written_as_the_largest(flown: Simulation, tmp_path: Path) -> None:
+    """Of a signal that is damaged: the frame must still end where the next one begins."""
+    values = flown.log.candidates("body_rate")[0].values.copy()
+    values[100], values[200] = 1e12, np.nan
+    damaged = replace(flown.log.candidates("body_rate")[0], values=values)
+    write_log(replace(flown.log, signals={"body_rate": (damaged,)}), tmp_path / "damaged.bbl")
+    read = read_log(tmp_path / "damaged.bbl")
+    assert len(read.candidates("body_rate")[0].time_s) == len(values)
+    assert read.corrupt_bytes == 0
+
+
+def test_a_log_without_rates_is_not_written(tmp_path: Path) -> None:
+    """They are what a frame is about."""
+    empty = FlightLog(path="", format="blackbox", autopilot="betaflight", n_bytes=0, signals={})
+    with pytest.raises(OutputError, match="body rates"):
+        write_log(empty, tmp_path / "empty.bbl")
+
+
+def test_only_a_quad_x_flies_with_betaflight() -> None:
+    """Its order of motors is known."""
+    with pytest.raises(SimulationError, match="quad X"):
+        simulate("octa-coax", duration_s=15.0, rate_hz=100.0, autopilot="betaflight")
