@@ -72,7 +72,7 @@ class Tally:
 def main() -> int:
     """Run the cases, print what came out; 1 if anything broke."""
     options = _options()
-    seeds = load_seeds(whole=options.whole)
+    seeds = [each for each in load_seeds(whole=options.whole) if options.kind in ("", each.kind)]
     intact_s = _intact_seconds(seeds)
     if options.only is not None:
         return _one(options, seeds, intact_s)
@@ -97,6 +97,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=0, help="another seed, other cases")
     parser.add_argument("--first", type=int, default=0, help="number of the first case")
     parser.add_argument("--whole", action="store_true", help="whole logs of the corpus, not their beginnings")
+    parser.add_argument("--kind", default="", help="logs of this kind only, such as blackbox")
     parser.add_argument("--only", type=int, help="repeat this one case, in this process, with traceback")
     parser.add_argument("--keep", help="with --only: write the damaged log to this file")
     parser.add_argument("--output", help="write the summary to this JSON file")
