@@ -318,7 +318,8 @@ class Cleaner:
             finite = finite.copy()
             finite[finite] = ~_is_absurd(signal.values[finite])
         n_not_finite = int(np.count_nonzero(~stamps.outlier & ~finite))
-        time_s, values = stamps.time_s, signal.values
+        # Logs of whole numbers come in single precision, which is no precision to fit with.
+        time_s, values = stamps.time_s, np.asarray(signal.values, dtype=np.float64)
         kept = ~stamps.outlier & finite
         if not kept.all():  # in most logs all are, and nothing is copied
             time_s, values, known = time_s[kept], values[kept], known[kept]

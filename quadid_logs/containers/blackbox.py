@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,10 @@ from quadid_logs.errors import EmptyLogError, SettingsError, SeveralLogsError, U
 
 #: Blackbox Explorer's limit [us]: between two frames of differences no log pauses.
 _LONGEST_PAUSE_US: Final = 10_000_000
+#: All fields of so many frames are decoded at once, before those that nobody wants are let go.
+_PIECE_FRAMES: Final = 1 << 15
+
+Column: TypeAlias = NDArray[np.int16] | NDArray[np.int32]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -32,8 +36,8 @@ class FrameTable:
     ----------
     names : tuple of str
         The fields that are there.
-    values : ndarray of int32, shape (n_frames, n_fields)
-        Modulo 2^32.
+    columns : tuple of ndarray of int16 or int32, shape (n_frames,)
+        One per field, modulo 2^32; 16 bits where they hold all of it.
     signed : tuple of bool
         Whether a field is below zero where its highest bit is set.
     position : ndarray of int64, shape (n_frames,)
@@ -41,7 +45,7 @@ class FrameTable:
     """
 
     names: tuple[str, ...]
-    values: NDArray[np.int32]
+    columns: tuple[Column, ...]
     signed: tuple[bool, ...]
     position: IntArray
 
@@ -50,8 +54,13 @@ class FrameTable:
         if field not in self.names:
             return None
         number = self.names.index(field)
-        column = self.values[:, number]
+        column = self.columns[number].astype(np.int32)
         return column if self.signed[number] else column.view(np.uint32)
+
+    @property
+    def values(self) -> NDArray[np.int32]:
+        """All fields side by side, modulo 2^32; shape (n_frames, n_fields)."""
+        return np.stack([column.astype(np.int32) for column in self.columns], axis=1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -187,24 +196,63 @@ def _main_table(
     position = np.concatenate([frames.starts["I"], frames.starts["P"]])
     order = np.argsort(position, kind="stable")
     position, is_complete = position[order], (order < len(frames.starts["I"]))
-    values = np.empty((len(position), len(layout)), np.int32)
-    valid = np.empty(len(position), np.bool_)
-    kinds = (("I", np.flatnonzero(is_complete)), ("P", np.flatnonzero(~is_complete)))
-    _fill(file, header, kinds, position, values, valid)
-    add_differences(values, is_complete, header)
-    good = _forward(values, valid, is_complete)
+    del order
+    columns: list[Column] = [np.empty(len(position), np.int16) for _ in kept]
+    good = np.empty(len(position), np.bool_)
+    for rows in _pieces(is_complete):
+        stop = int(position[rows.stop]) if rows.stop < len(position) else header.stop
+        values, good[rows] = _decoded(file, header, position[rows], is_complete[rows], stop)
+        for number, field in enumerate(kept):
+            columns[number] = _filled(columns[number], rows, values[:, field])
     ends = np.append(position[1:], position[-1:] + 1)
     lost += [
         LostBytes(offset=at, n_bytes=end - at, reason="frames that jump in time")
         for at, end in zip(position[~good].tolist(), ends[~good].tolist(), strict=True)
     ]
-    whole = good.all() and len(kept) == len(layout)
+    if not good.all():
+        position, columns = position[good], [column[good] for column in columns]
     return FrameTable(
         names=tuple(layout.names[number] for number in kept),
-        values=values if whole else values[good][:, kept],
+        columns=tuple(columns),
         signed=tuple(layout.signed[number] for number in kept),
-        position=position[good],
+        position=position,
     )
+
+
+def _pieces(is_complete: BoolArray) -> Iterator[slice]:
+    """Yield rows in pieces that begin with a complete frame, so that each is decoded by itself."""
+    begins = np.flatnonzero(is_complete)
+    first = 0
+    while first < len(is_complete):
+        after = np.searchsorted(begins, first + _PIECE_FRAMES)
+        stop = int(begins[after]) if after < len(begins) else len(is_complete)
+        yield slice(first, stop)
+        first = stop
+
+
+def _decoded(
+    file: FileParts, header: Header, position: IntArray, is_complete: BoolArray, stop: int
+) -> tuple[NDArray[np.int32], BoolArray]:
+    """Return all fields of frames (n_frames, n_fields) up to a place in the file, and which are true."""
+    values = np.empty((len(position), len(header.layouts["I"])), np.int32)
+    valid = np.empty(len(position), np.bool_)
+    kinds = (("I", np.flatnonzero(is_complete)), ("P", np.flatnonzero(~is_complete)))
+    _fill(file, header, kinds, position, values, valid, (int(position[0]), stop))
+    add_differences(values, is_complete, header)
+    return values, _forward(values, valid, is_complete)
+
+
+def _filled(column: Column, rows: slice, values: NDArray[np.int32]) -> Column:
+    """Write rows of a column, in 32 bits from the first value on that needs them; return the column."""
+    if column.dtype == np.int16 and not _fits(values):
+        column = column.astype(np.int32)
+    column[rows] = values
+    return column
+
+
+def _fits(values: NDArray[np.int32]) -> bool:
+    """Say whether 16 bits hold all values."""
+    return not values.size or bool(values.min() >= -(1 << 15) and values.max() < 1 << 15)
 
 
 def _fill(
@@ -214,10 +262,11 @@ def _fill(
     position: IntArray,
     values: NDArray[np.int32],
     valid: BoolArray,
+    part: tuple[int, int],
 ) -> None:
-    """Decode frames block by block; of each kind its letter and the rows that are of it."""
+    """Decode frames of a part of the file block by block; of each kind its letter and the rows of it."""
     groups = {letter: groups_of(header.layouts[letter]) for letter, _ in kinds}
-    for start, block, _ in blocks_of(file, header.body, header.stop):
+    for start, block, _ in blocks_of(file, *part):
         for letter, rows in kinds:
             at, layout = position[rows], header.layouts[letter]
             found = slice(*np.searchsorted(at, [start, start + BLOCK_BYTES]).tolist())
@@ -245,11 +294,15 @@ def _other_tables(file: FileParts, header: Header, frames: Frames, main: FrameTa
         layout, position = header.layouts[letter], frames.starts[letter]
         values = np.empty((len(position), len(layout)), np.int32)
         valid = np.empty(len(position), np.bool_)
-        _fill(file, header, [(letter, np.arange(len(position)))], position, values, valid)
+        whole = (header.body, header.stop)
+        _fill(file, header, [(letter, np.arange(len(position)))], position, values, valid, whole)
         if letter == "G":
             add_places(values.T, layout, _home(tables.get("H"), position), _last(main, 1, position))
         tables[letter] = FrameTable(
-            names=layout.names, values=values[valid], signed=layout.signed, position=position[valid]
+            names=layout.names,
+            columns=tuple(values[valid].T),
+            signed=layout.signed,
+            position=position[valid],
         )
     return tables
 
@@ -266,4 +319,4 @@ def _last(table: FrameTable, column: int, position: IntArray) -> NDArray[np.int3
     before = np.searchsorted(table.position, position) - 1
     if not len(table.position):
         return np.zeros(len(position), np.int32)
-    return np.where(before >= 0, table.values[np.maximum(before, 0), column], 0).astype(np.int32)
+    return np.where(before >= 0, table.columns[column][np.maximum(before, 0)], 0).astype(np.int32)

@@ -113,12 +113,17 @@ def simulate(
         vehicle=vehicle,
         autopilot=autopilot,
     )
-    if kind.name == "betaflight":
-        motor_order(setups[0])  # refuses before the flight what it cannot fly
-    records = tuple(fly(setup) for setup in setups)
+    records = _flown(setups)
     truth = flight_truth(records, scenario=scenario, boot_s=logging.boot_s)
     truth |= _logging_truth(found, logging)
     return Simulation(log=log_flights(records, logging), truth=truth, damage=found.damage)
+
+
+def _flown(setups: tuple[Setup, ...]) -> tuple[Record, ...]:
+    """Fly each, after refusing what has no order of motors in the log."""
+    if setups[0].autopilot == "betaflight":
+        motor_order(setups[0])
+    return tuple(fly(setup) for setup in setups)
 
 
 def find_scenario(name: str) -> Scenario:

@@ -26,6 +26,8 @@ _LOW_PASSES = (
 #: Motion, not the vibration that the filters are there for; of so many seconds.
 _DELAY_BAND_HZ = (0.5, 20.0)
 _SHORTEST_S = 4.0
+#: Some minutes tell a delay to microseconds.
+_MOST_ROWS = 1 << 17
 #: Filters that delay for longer cannot be flown at the gains that vehicles of this kind have.
 _LONGEST_S = 0.03
 
@@ -112,6 +114,8 @@ def measured_filter(filtered: FloatArray, unfiltered: FloatArray, period_s: floa
     """
     if not (period_s > 0.0 and len(filtered) * period_s > _SHORTEST_S):
         return None
+    middle = slice(max(len(filtered) - _MOST_ROWS, 0) // 2, (len(filtered) + _MOST_ROWS) // 2)
+    filtered, unfiltered = filtered[middle], unfiltered[middle]
     frequency_hz = np.fft.rfftfreq(len(filtered), period_s)
     band = (frequency_hz >= _DELAY_BAND_HZ[0]) & (frequency_hz <= _DELAY_BAND_HZ[1])
     first, second = (np.fft.rfft(each - each.mean(axis=0), axis=0)[band] for each in (unfiltered, filtered))

@@ -117,7 +117,7 @@ def settings_of(texts: Mapping[str, str]) -> dict[str, float]:
 
 def _time_s(main: FrameTable) -> FloatArray:
     """Return the time of each frame [s]; the firmware's clock of 32 bits begins anew every 71 minutes."""
-    time_us = main.values[:, 1].view(np.uint32).astype(np.int64)
+    time_us = main.columns[1].astype(np.int32).view(np.uint32).astype(np.int64)
     turns = np.cumsum(np.diff(time_us, prepend=time_us[:1]) < -(_WORD // 2))
     return np.asarray((time_us + turns * _WORD) / 1e6)
 

@@ -6,18 +6,29 @@ Field meanings: ``src/main/blackbox/blackbox.c``. Betaflight's axes are x forwar
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any, Final, TypeAlias
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.autopilots.sources import RPM, Built, Part, Source, attitude_columns, plain, used_columns
+from quadid_logs.autopilots.sources import (
+    RPM,
+    Built,
+    Part,
+    Source,
+    attitude_columns,
+    plain,
+    stacked,
+    used_columns,
+)
 from quadid_logs.containers.blackbox import FrameTable
 from quadid_logs.containers.blackbox_header import Header
 
 _Part: TypeAlias = Part[FrameTable]
 _Row: TypeAlias = Source[Any]
+_Build: TypeAlias = Callable[[_Part, _Row], "FloatArray | Built | None"]
 
 #: x forward, y left, z up to x forward, y right, z down.
 TO_FRD: Final = np.array([1.0, -1.0, -1.0])
@@ -30,6 +41,7 @@ _PID_SUM_LIMITS: Final = (500, 500, 400)
 #: blackbox_high_resolution logs rates and set-points in tenths.
 _HIGH_RESOLUTION: Final = 0.1
 _QUATERNION_ONE: Final = 32767.0
+_CHUNK: Final = 1 << 15
 _CHIRP_ONE, _CHIRP_PHASE_ONE = 1000.0, 5000.0
 #: The logged excitation and the cosine of the logged phase agree to the rounding of both.
 _CHIRP_ROUNDING: Final = 2e-3
@@ -66,13 +78,17 @@ class Facts:
 def _rates(part: _Part, source: _Row) -> FloatArray | None:
     """Turn degrees per second, or tenths of them, into rad/s, FRD."""
     rates = plain(part, source)
-    return None if rates is None else rates * (_DEGREE * part.log.rate * TO_FRD)
+    if rates is not None:
+        rates *= _DEGREE * part.log.rate * TO_FRD
+    return rates
 
 
 def _acceleration(part: _Part, source: _Row) -> FloatArray | None:
     """Turn counts into m/s^2, FRD."""
     counts = plain(part, source)
-    return None if counts is None else counts * (part.log.acceleration * TO_FRD)
+    if counts is not None:
+        counts *= part.log.acceleration * TO_FRD
+    return counts
 
 
 def _pid_sums(part: _Part, source: _Row) -> FloatArray | None:
@@ -86,7 +102,9 @@ def _pid_sums(part: _Part, source: _Row) -> FloatArray | None:
             if column is not None:
                 sums[:, axis] += column
     limits = np.array(part.log.pid_sum_limits)
-    return np.asarray(np.clip(sums, -limits, limits) * (_PID_SCALE * TO_FRD))
+    np.clip(sums, -limits, limits, out=sums)
+    sums *= _PID_SCALE * TO_FRD
+    return sums
 
 
 def _attitude(part: _Part, source: _Row) -> FloatArray | None:
@@ -94,9 +112,12 @@ def _attitude(part: _Part, source: _Row) -> FloatArray | None:
     xyz = plain(part, source)
     if xyz is None:
         return None
-    xyz = xyz / _QUATERNION_ONE
-    w = np.sqrt(np.clip(1.0 - np.sum(xyz**2, axis=1), 0.0, None))
-    return attitude_columns(np.column_stack([w, xyz * TO_FRD]))
+    # In chunks: a dozen columns come and go on the way.
+    for first in range(0, len(xyz), _CHUNK):
+        some = xyz[first : first + _CHUNK] / _QUATERNION_ONE
+        w = np.sqrt(np.clip(1.0 - np.sum(some**2, axis=1), 0.0, None))
+        xyz[first : first + _CHUNK] = attitude_columns(np.column_stack([w, some * TO_FRD]))
+    return xyz
 
 
 def _motors(part: _Part, source: _Row) -> FloatArray | None:
@@ -105,22 +126,24 @@ def _motors(part: _Part, source: _Row) -> FloatArray | None:
     low, high = part.log.lowest_output, part.log.highest_output
     if columns is None or not high > low:
         return None
-    return np.asarray(np.clip((columns - low) / (high - low), 0.0, 1.0))
+    columns -= low
+    columns /= high - low
+    return np.clip(columns, 0.0, 1.0, out=columns)
 
 
 def _rotor_speed(part: _Part, source: _Row) -> FloatArray | None:
     """Turn hundreds of electrical revolutions per minute into rad/s; None where none ever turns."""
     columns = _numbered(part, source.fields[0])
     used = None if columns is None else used_columns(columns, columns > 0.0)
-    return None if used is None else used * (100.0 * RPM / part.log.pole_pairs)
+    if used is not None:
+        used *= 100.0 * RPM / part.log.pole_pairs
+    return used
 
 
 def _numbered(part: _Part, field: str) -> FloatArray | None:
     """Return ``field[0]``, ``field[1]``, ... side by side, None without any."""
-    columns: list[FloatArray] = []
-    while (column := part.table.column(f"{field}[{len(columns)}]")) is not None:
-        columns.append(column.astype(np.float64))
-    return np.column_stack(columns) if columns else None
+    names = [f"{field}[{number}]" for number in range(len(part.table.names))]
+    return stacked(part.table, names[: sum(name in part.table.names for name in names)] or [field])
 
 
 def _chirp(part: _Part, source: _Row) -> Built | None:
@@ -144,7 +167,21 @@ def _axes(field: str) -> tuple[str, str, str]:
 
 _DEBUG: Final = tuple(f"debug[{number}]" for number in range(4))
 
-SOURCES: Final[tuple[Source[_Part], ...]] = (
+
+def _single(build: _Build) -> _Build:
+    """Keep what a builder makes of whole numbers in single precision, which holds them in half the memory."""
+
+    def built(part: _Part, source: _Row) -> FloatArray | Built | None:
+        made = build(part, source)
+        if made is None:
+            return None
+        whole = made if isinstance(made, Built) else Built(made)
+        return whole._replace(values=whole.values.astype(np.float32))
+
+    return built
+
+
+_TABLE: Final[tuple[Source[_Part], ...]] = (
     Source("body_rate", "main", _axes("gyroADC"), "the rate controller's own input, filtered", _rates,
            label="gyroADC", filtered=True),
     Source("body_rate", "main", _axes("gyroUnfilt"), "the gyro before its filters, with all vibration",
@@ -163,6 +200,7 @@ SOURCES: Final[tuple[Source[_Part], ...]] = (
            label="accSmooth"),
     Source("battery_voltage", "main", ("vbatLatest",), "measured", scale=0.01),
 )  # fmt: skip
+SOURCES: Final = tuple(replace(source, build=_single(source.build)) for source in _TABLE)
 
 #: What the builders take beside the fields of the table.
 FIELDS: Final = (
