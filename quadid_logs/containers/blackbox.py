@@ -23,7 +23,7 @@ from quadid_logs.errors import EmptyLogError, SettingsError, SeveralLogsError, U
 #: Blackbox Explorer's limit [us]: between two frames of differences no log pauses.
 _LONGEST_PAUSE_US: Final = 10_000_000
 #: All fields of so many frames are decoded at once, before those that nobody wants are let go.
-_PIECE_FRAMES: Final = 1 << 15
+_CHUNK_FRAMES: Final = 1 << 15
 
 Column: TypeAlias = NDArray[np.int16] | NDArray[np.int32]
 
@@ -199,7 +199,7 @@ def _main_table(
     del order
     columns: list[Column] = [np.empty(len(position), np.int16) for _ in kept]
     good = np.empty(len(position), np.bool_)
-    for rows in _pieces(is_complete):
+    for rows in _chunks(is_complete):
         stop = int(position[rows.stop]) if rows.stop < len(position) else header.stop
         values, good[rows] = _decoded(file, header, position[rows], is_complete[rows], stop)
         for number, field in enumerate(kept):
@@ -219,12 +219,12 @@ def _main_table(
     )
 
 
-def _pieces(is_complete: BoolArray) -> Iterator[slice]:
-    """Yield rows in pieces that begin with a complete frame, so that each is decoded by itself."""
+def _chunks(is_complete: BoolArray) -> Iterator[slice]:
+    """Yield rows in chunks that begin with a complete frame, so that each is decoded by itself."""
     begins = np.flatnonzero(is_complete)
     first = 0
     while first < len(is_complete):
-        after = np.searchsorted(begins, first + _PIECE_FRAMES)
+        after = np.searchsorted(begins, first + _CHUNK_FRAMES)
         stop = int(begins[after]) if after < len(begins) else len(is_complete)
         yield slice(first, stop)
         first = stop
