@@ -1,5 +1,8 @@
 """On-axis control effectiveness by several methods from the same aligned data, in per cent of the truth.
 
+A second table holds our effectiveness and damping against the truth with their intervals,
+hits and misses counted.
+
 The logs are those of QUADID_LOG_CORPUS that firmware flew in simulators whose
 truth is known, and flights of our own simulator. Run
 ``python benchmarks/accuracy.py --output benchmarks/accuracy.md``.
@@ -34,12 +37,18 @@ from quadid_logs.align import cut  # noqa: E402
 from quadid_logs.arrays import FloatArray  # noqa: E402
 from quadid_logs.data.flight import FlightData  # noqa: E402
 from quadid_logs.data.log import FlightLog  # noqa: E402
+from quadid_logs.data.model import Model  # noqa: E402
 from quadid_logs.data.settings import Settings  # noqa: E402
 from quadid_logs.diagnose import diagnose  # noqa: E402
 from quadid_logs.identify import identify  # noqa: E402
 from quadid_logs.load import prepare, read_log  # noqa: E402
 from quadid_logs.simulate import simulate  # noqa: E402
-from quadid_logs.vocabulary import AXES  # noqa: E402
+from quadid_logs.vocabulary import (  # noqa: E402
+    ACCELERATION_SYMBOLS,
+    AXES,
+    RATE_SYMBOLS,
+    TORQUE_SYMBOLS,
+)
 
 #: (scenario, autopilot, rate [Hz]) of our own simulator.
 SIMULATED: Final = (
@@ -63,12 +72,17 @@ _SEED: Final = 7
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Case:
-    """An aligned flight with its true B11, B22, B33, shape (3,), and our verdict on each axis."""
+    """An aligned flight with its true B11, B22, B33, shape (3,), and our verdict on each axis.
+
+    ``damping`` (3,) is the truth of the damping about each axis, ``found`` what we identified.
+    """
 
     name: str
     data: FlightData
     truth: FloatArray
+    damping: FloatArray
     verdicts: tuple[str, ...]
+    found: Model | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -104,7 +118,8 @@ def _cases(*, short: bool) -> Iterator[Case]:
     for path in sorted((folder / "firmware").glob("*.truth.json")) if not short else []:
         stem = path.name.removesuffix(".truth.json")
         log = next(file for file in path.parent.glob(f"{stem}.*") if file.suffix in (".BIN", ".ulg"))
-        yield from _case(log.name, read_log(log), _firmware_truth(json.loads(path.read_text())))
+        truth = json.loads(path.read_text())
+        yield from _case(log.name, read_log(log), _firmware_truth(truth), _firmware_damping(truth))
     for scenario, autopilot, rate_hz in SIMULATED[: 2 if short else None]:
         flight = simulate(scenario, seed=_SEED, autopilot=autopilot, rate_hz=rate_hz)
         # PX4's placeholder: the torque stays on the scale of the command.
@@ -112,9 +127,13 @@ def _cases(*, short: bool) -> Iterator[Case]:
             name: 6.5 if name.startswith("CA_ROTOR") and name.endswith("_CT") else value
             for name, value in flight.log.parameters.items()
         }
-        truth = np.diag(np.array(flight.truth["models"]["damped"]["B"]))
+        model = flight.truth["models"]["damped"]
+        rates = [model["regressors"].index(name) for name in RATE_SYMBOLS]
         yield from _case(
-            f"{scenario}, {autopilot}, {rate_hz:g} Hz", replace(flight.log, parameters=parameters), truth
+            f"{scenario}, {autopilot}, {rate_hz:g} Hz",
+            replace(flight.log, parameters=parameters),
+            np.diag(np.array(model["B"])),
+            np.diag(np.array(model["A"])[:, rates]),
         )
 
 
@@ -129,19 +148,28 @@ def _firmware_truth(truth: dict[str, Any]) -> FloatArray:
     return np.array([rows[axis][axis] for axis in range(3)])
 
 
-def _case(name: str, log: FlightLog, truth: FloatArray) -> Iterator[Case]:
+def _firmware_damping(truth: dict[str, Any]) -> FloatArray:
+    """Return the damping about each axis [1/s], taken as `_firmware_truth` is."""
+    rows = (truth.get("at_segment_mean") or truth.get("at_hover") or truth)["A_1_s"]
+    return np.array([rows[axis][axis] for axis in range(3)])
+
+
+def _case(name: str, log: FlightLog, truth: FloatArray, damping: FloatArray) -> Iterator[Case]:
     """Align a log and ask for our verdicts; yield nothing if there is no flight in it."""
     settings = Settings()
     prepared = prepare(log)
     log, data = prepared.log, cut(prepared, settings.align)
     if not data.segments or data.input is None:
         return
-    diagnosis = diagnose(log, data, identify(data, settings.identify))
+    identification = identify(data, settings.identify)
+    diagnosis = diagnose(log, data, identification)
     yield Case(
         name=name,
         data=data,
         truth=truth,
+        damping=damping,
         verdicts=tuple(diagnosis.axes[axis].verdict for axis in AXES),
+        found=identification.recommended,
     )
 
 
@@ -179,6 +207,41 @@ def _report(rows: list[Row], methods: list[str]) -> Iterator[str]:
     yield "|---" * (len(methods) + 1) + "|"
     for label, text in _totals(rows, methods):
         yield f"| {label} | " + " | ".join(text) + " |"
+    yield ""
+    yield "Error and half width of our 95 % intervals, in per cent of the truth; empty without a claim."
+    yield ""
+    yield from _intervals([row.case for row in rows])
+
+
+def _intervals(cases: list[Case]) -> Iterator[str]:
+    """Yield the table of our intervals against the truth, then how many hold it."""
+    columns = [f"{symbol} {axis}" for symbol in ("B", "damping") for axis in AXES]
+    yield "| flight | " + " | ".join(columns) + " |"
+    yield "|---" * (len(columns) + 1) + "|"
+    hits = {column: [0, 0] for column in columns}
+    for case in cases:
+        cells = [_against_truth(case, symbol, axis) for symbol in ("B", "damping") for axis in range(3)]
+        for column, (_, hit) in zip(columns, cells, strict=True):
+            if hit is not None:
+                hits[column][0] += hit
+                hits[column][1] += 1
+        yield f"| {case.name} | " + " | ".join(text for text, _ in cells) + " |"
+    yield "| **hits** | " + " | ".join(f"**{n} of {of}**" for n, of in hits.values()) + " |"
+
+
+def _against_truth(case: Case, symbol: str, axis: int) -> tuple[str, bool | None]:
+    """Return error and half width [%] of a coefficient, and whether its interval holds the truth.
+
+    None where no claim is made: the axis is refused, or the coefficient is not identifiable.
+    """
+    truth = float((case.truth if symbol == "B" else case.damping)[axis])
+    regressor = (TORQUE_SYMBOLS if symbol == "B" else RATE_SYMBOLS)[axis]
+    entry = None if case.found is None else case.found.entries.get((ACCELERATION_SYMBOLS[axis], regressor))
+    if entry is None or case.verdicts[axis] == "refused" or not entry.identifiable:
+        return "", None
+    low, high = entry.ci95
+    text = f"{100.0 * (entry.value / truth - 1.0):+.1f} ± {50.0 * (high - low) / abs(truth):.1f}"
+    return (text, True) if low <= truth <= high else (f"{text} **missed**", False)
 
 
 def _cell(row: Row, method: str) -> str:

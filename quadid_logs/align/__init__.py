@@ -286,16 +286,21 @@ def _segment(series: Mapping[str, CleanSeries], torque: TorqueSeries, grid: Floa
     thrust, by_expo = torque.rotor_thrust, torque.thrust_by_expo
     return Segment(
         time_s=grid,
-        body_rate_rad_s=resample(rate.time_s, rate.values, grid),
+        body_rate_rad_s=_resampled(rate, grid),
         torque=_on_grid(torque.series, torque.series.values, grid),
         attitude_rad=None if attitude is None else _attitude(attitude, grid),
-        throttle=None if throttle is None else resample(throttle.time_s, throttle.values, grid)[:, 0],
+        throttle=None if throttle is None else _resampled(throttle, grid)[:, 0],
         saturated=_saturated(series.get("torque_saturation"), grid),
         reference=_reference(series, grid),
         # What comes out of a low-pass may fall a hair below zero.
         rotor_thrust=None if thrust is None else np.clip(_on_grid(torque.series, thrust, grid), 0.0, None),
         thrust_by_expo=None if by_expo is None else _on_grid(torque.series, by_expo, grid),
     )
+
+
+def _resampled(series: CleanSeries, grid: FloatArray) -> FloatArray:
+    """Return a series on the grid, shape (n_grid, n_columns)."""
+    return resample(series.time_s, series.values, grid, series.period_s)
 
 
 def _on_grid(torque: CleanSeries, values: FloatArray, grid: FloatArray) -> FloatArray:
@@ -305,8 +310,8 @@ def _on_grid(torque: CleanSeries, values: FloatArray, grid: FloatArray) -> Float
     logged, and comes at irregular times, holding is exact and interpolating is not.
     """
     if torque.rate_hz < _EVERY_STEP * _LOOP_RATE_HZ:
-        return resample(torque.time_s, values, grid)
-    return resample_held(torque.time_s, values, grid)
+        return resample(torque.time_s, values, grid, torque.period_s)
+    return resample_held(torque.time_s, values, grid, torque.period_s)
 
 
 def _saturated(marks: CleanSeries | None, grid: FloatArray) -> BoolArray:
@@ -314,8 +319,9 @@ def _saturated(marks: CleanSeries | None, grid: FloatArray) -> BoolArray:
     if marks is None:
         return np.zeros(grid.shape, dtype=bool)
     step = float(grid[1] - grid[0]) if grid.size > 1 else 0.0
-    count = np.concatenate([[0], np.cumsum((marks.values > 0.5).any(axis=1))])
-    first, after = (np.searchsorted(marks.time_s, grid + shift) for shift in (-step, step))
+    near = marks.within(float(grid[0]) - step, float(grid[-1]) + step)
+    count = np.concatenate([[0], np.cumsum((marks.values[near] > 0.5).any(axis=1))])
+    first, after = (np.searchsorted(marks.time_s[near], grid + shift) for shift in (-step, step))
     return np.asarray(count[after] > count[first], dtype=np.bool_)
 
 
@@ -324,13 +330,13 @@ def _reference(series: Mapping[str, CleanSeries], grid: FloatArray) -> FloatArra
     setpoint, chirp = series.get("body_rate_setpoint"), series.get("sysid_chirp")
     if setpoint is None or _n_within(setpoint, grid) < 2:
         return None
-    wanted = resample(setpoint.time_s, setpoint.values, grid)
+    wanted = _resampled(setpoint, grid)
     if chirp is None:
         return wanted
     injected = np.zeros((grid.size, 1))
     if _n_within(chirp, grid) >= 2:
         running = (grid >= chirp.time_s[0]) & (grid <= chirp.time_s[-1])
-        injected[running] = resample(chirp.time_s, chirp.values, grid)[running]
+        injected[running] = _resampled(chirp, grid)[running]
     return np.column_stack([wanted, injected])
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.identify.structures import DISTURBANCES, STRUCTURES, Structure
-from quadid_logs.identify.terms import ANGLES, RATE_TERMS, TRIM, Term, column_of
+from quadid_logs.identify.terms import ANGLES, RATE_TERMS, TRIM, RotorField, Term, column_of
 from quadid_logs.identify.torque import RowGrid, RowTorque, spectrum_of
 from quadid_logs.maths.band import delay_response, gaussian_reach_s, high_pass
 from quadid_logs.vocabulary import TORQUE_SYMBOLS
@@ -200,13 +200,14 @@ def build_design(
     Design, or None if no segment is longer than the filters' memory.
     """
     terms = _all_terms(structures)
+    rotors = _rotors(data)
     grids, chunks, parts, times = [], [], [], []
     for chunk in _chunks(data):
         grid = _coarser_grid(chunk.n_samples, data.sample_period_s, smoothing_hz)
         if grid.n_rows:
             grids.append(grid)
             chunks.append(chunk)
-            parts.append(_smooth_columns(chunk, data.sample_period_s, grid, terms))
+            parts.append(_smooth_columns(chunk, data.sample_period_s, grid, terms, rotors))
             row_period_s = data.sample_period_s * grid.n_samples / grid.n_out
             times.append(
                 chunk.start_s + row_period_s * np.arange(grid.rows.start, grid.rows.stop, dtype=np.float64)
@@ -288,13 +289,17 @@ def _coarser_grid(n_samples: int, period_s: float, smoothing_hz: float) -> RowGr
 
 
 def _smooth_columns(
-    segment: Segment, period_s: float, grid: RowGrid, terms: Sequence[Term]
+    segment: Segment,
+    period_s: float,
+    grid: RowGrid,
+    terms: Sequence[Term],
+    rotors: RotorField | None = None,
 ) -> dict[str, FloatArray]:
     """Return the smoothed regressors and the smoothed derivatives of rates and angles, by symbol.
 
     Products are formed before smoothing, as in eq. (11).
     """
-    found = ((term.symbol, column_of(term, segment, period_s)) for term in terms)
+    found = ((term.symbol, column_of(term, segment, period_s, rotors)) for term in terms)
     raw = {symbol: column for symbol, column in found if column is not None}
     spectrum = spectrum_of(np.column_stack(list(raw.values())))
     columns = dict(zip(raw, grid.lay(spectrum).T, strict=True))
@@ -329,6 +334,15 @@ def _mean_throttle(data: FlightData) -> float | None:
         return None
     all_throttle = np.concatenate(throttle)
     return float(all_throttle.mean()) if np.std(all_throttle) > _LEAST_THROTTLE else None
+
+
+def _rotors(data: FlightData) -> RotorField | None:
+    """Return where the rotors are, with their mean thrust; None unless it is known throughout."""
+    thrust = [segment.rotor_thrust for segment in data.segments if segment.rotor_thrust is not None]
+    if data.input is None or data.input.torque_per_thrust is None or len(thrust) < len(data.segments):
+        return None
+    mean = sum(each.sum() for each in thrust) / sum(each.size for each in thrust)
+    return RotorField(data.input.torque_per_thrust, float(mean))
 
 
 def _chunks(data: FlightData) -> Iterator[Segment]:

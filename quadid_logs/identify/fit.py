@@ -23,7 +23,7 @@ from quadid_logs.identify.inference import (
 )
 from quadid_logs.identify.instruments import Projection
 from quadid_logs.identify.structures import Structure
-from quadid_logs.identify.terms import AIR_SPEED, TRIM, YAW_REACTION
+from quadid_logs.identify.terms import AIR_SPEED, ROTOR_DAMPING, TRIM, YAW_REACTION
 from quadid_logs.maths.least_squares import Equation, clustered_covariance, solve_least_squares
 from quadid_logs.vocabulary import RATE_SYMBOLS, TORQUE_SYMBOLS
 
@@ -144,7 +144,7 @@ def lay_out(
 def used_columns(design: Design, structure: Structure, kept: BoolArray | None) -> BoolArray:
     """Return which columns of structure and disturbances each target may use; shape (n_targets, n_columns).
 
-    Of high-passed rows there is no trim to be seen.
+    Of high-passed rows there is no trim to be seen, and rotors damp each axis by its own column.
 
     Parameters
     ----------
@@ -163,9 +163,12 @@ def used_columns(design: Design, structure: Structure, kept: BoolArray | None) -
         used[:, : len(structure.columns)] = kept
     if design.high_pass_hz and TRIM in structure.terms:
         used[:, structure.terms.index(TRIM)] = False
+    names = (*structure.columns, *design.disturbances(structure))
+    for term in ROTOR_DAMPING:
+        if term.symbol in names:
+            used[np.arange(len(used)) != term.axis, names.index(term.symbol)] = False
     if YAW_REACTION in structure.terms:
         # Air tilts a vehicle and does not turn it about its yaw axis, but slow as it is it passes for N.
-        names = (*structure.columns, *design.disturbances(structure))
         used[_YAW, [number for number, name in enumerate(names) if name in _AIR_SPEED]] = False
     return used
 

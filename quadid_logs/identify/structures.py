@@ -18,6 +18,7 @@ from quadid_logs.identify.terms import (
     INPUTS,
     PRODUCT_TERMS,
     RATE_TERMS,
+    ROTOR_DAMPING,
     THROTTLED_YAW,
     TRIM,
     YAW_REACTION,
@@ -127,7 +128,7 @@ TERMS: Final = MappingProxyType(
 )
 #: What turns a vehicle beside the terms of an actuated structure. Of a vehicle with products of inertia the
 #: squares of the rates do: left out, they pass for a gyroscopic term where the gyro's cross talk mixes rates.
-DISTURBANCES: Final = (*AIR_SPEED, *PRODUCT_TERMS)
+DISTURBANCES: Final = (*AIR_SPEED, *PRODUCT_TERMS, *ROTOR_DAMPING)
 
 
 def own_structure(name: str, terms: Iterable[str | Term]) -> Structure:

@@ -47,7 +47,9 @@ def typical_period(time_s: FloatArray) -> float:
     return float(np.mean(steps))
 
 
-def resample(time_s: FloatArray, values: FloatArray, grid_s: FloatArray) -> FloatArray:
+def resample(
+    time_s: FloatArray, values: FloatArray, grid_s: FloatArray, period_s: float | None = None
+) -> FloatArray:
     """Interpolate linearly onto a uniform grid, low-passing first where the grid is coarser.
 
     Parameters
@@ -57,16 +59,20 @@ def resample(time_s: FloatArray, values: FloatArray, grid_s: FloatArray) -> Floa
     values : ndarray, shape (n_in, n_columns)
     grid_s : ndarray, shape (n_out,)
         Uniform [s].
+    period_s : float, optional
+        Typical period of the samples [s], if it is known: then only those near the grid are looked at.
 
     Returns
     -------
     ndarray, shape (n_out, n_columns)
         Held constant beyond the first and the last sample.
     """
-    return _resample(time_s, values, grid_s, _interpolate)
+    return _resample(time_s, values, grid_s, period_s, _interpolate)
 
 
-def resample_held(time_s: FloatArray, values: FloatArray, grid_s: FloatArray) -> FloatArray:
+def resample_held(
+    time_s: FloatArray, values: FloatArray, grid_s: FloatArray, period_s: float | None = None
+) -> FloatArray:
     """Average what held during each period of a uniform grid, low-passing first where it is coarser.
 
     For a quantity that is set and then holds until it is set again. Averages
@@ -80,6 +86,8 @@ def resample_held(time_s: FloatArray, values: FloatArray, grid_s: FloatArray) ->
     values : ndarray, shape (n_in, n_columns)
     grid_s : ndarray, shape (n_out,)
         Uniform [s].
+    period_s : float, optional
+        Typical period of the samples [s], if it is known: then only those near the grid are looked at.
 
     Returns
     -------
@@ -90,33 +98,42 @@ def resample_held(time_s: FloatArray, values: FloatArray, grid_s: FloatArray) ->
     >>> resample_held(np.array([0.0, 1.5]), np.array([[1.0], [2.0]]), np.array([0.0, 1.0, 2.0]))[:, 0]
     array([1. , 1.5, 2. ])
     """
-    return _resample(time_s, values, grid_s, _hold)
+    return _resample(time_s, values, grid_s, period_s, _hold)
 
 
 def _resample(
     time_s: FloatArray,
     values: FloatArray,
     grid_s: FloatArray,
+    period_s: float | None,
     between: Callable[[FloatArray, FloatArray, FloatArray], FloatArray],
 ) -> FloatArray:
     """Evaluate between the samples; on a coarser grid, densely first and then low-passed."""
-    factor = _decimation_factor(time_s, grid_s)
+    factor = _decimation_factor(typical_period(time_s) if period_s is None else period_s, grid_s)
     if factor == 1:
-        return between(time_s, values, grid_s)
+        return between(*_near(time_s, values, grid_s), grid_s)
     period = (grid_s[-1] - grid_s[0]) / (len(grid_s) - 1)
     margin = _FILTER_PERIODS * factor
     fine = grid_s[0] + (np.arange(-margin, (len(grid_s) - 1) * factor + margin + 1)) * (period / factor)
     kernel = _low_pass(factor)
-    dense = between(time_s, values, fine)
+    dense = between(*_near(time_s, values, fine), fine)
     smooth = np.stack([np.convolve(column, kernel, mode="valid") for column in dense.T], axis=1)
     return np.ascontiguousarray(smooth[::factor])
 
 
-def _decimation_factor(time_s: FloatArray, grid_s: FloatArray) -> int:
+def _near(time_s: FloatArray, values: FloatArray, grid_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the samples that a grid needs: a log of many short segments would be copied once for each."""
+    step = grid_s[-1] - grid_s[-2] if len(grid_s) > 1 else 0.0
+    first, after = np.searchsorted(time_s, [grid_s[0], grid_s[-1] + step])
+    near = slice(max(int(first) - 1, 0), int(after) + 1)
+    return time_s[near], values[near]
+
+
+def _decimation_factor(period_s: float, grid_s: FloatArray) -> int:
     """Return how many input samples fall into one grid period (1 if about as many or fewer)."""
-    if len(grid_s) < 2 or len(time_s) < 2:
+    if len(grid_s) < 2 or not period_s > 0.0:
         return 1
-    ratio = (grid_s[-1] - grid_s[0]) / (len(grid_s) - 1) / typical_period(time_s)
+    ratio = (grid_s[-1] - grid_s[0]) / (len(grid_s) - 1) / period_s
     return int(np.ceil(ratio)) if ratio > 1.25 else 1
 
 

@@ -9,7 +9,9 @@ import pytest
 
 from quadid_logs.align import Prepared, assemble, clean, cut
 from quadid_logs.align.series import TorqueSeries
+from quadid_logs.autopilots import named
 from quadid_logs.data.settings import AlignSettings
+from quadid_logs.maths import resampling
 
 from .flights import align, flight_log, flown, motion, signal
 
@@ -71,6 +73,37 @@ def test_a_log_as_fast_as_the_loop_holds_every_step(loop_rate_hz: float, every: 
     described = cut(prepared(np.arange(10.0, 40.0, 0.0025), loop_rate_hz=loop_rate_hz), AlignSettings()).input
     assert described is not None
     assert described.every_step is every
+
+
+@pytest.mark.parametrize(("enabled", "every"), [(0.0, True), (1.0, False)])
+def test_a_fast_rate_thread_steps_between_the_rows_of_its_log(enabled: float, every: bool) -> None:
+    """The mixer obeys each step of a loop at 1000 Hz, of which a log at 400 Hz does not hold them all."""
+    parameters = {"SCHED_LOOP_RATE": 400.0, "FSTRATE_ENABLE": enabled}
+    loop_rate_hz = named("ardupilot").loop_rate_hz(parameters)
+    described = cut(prepared(np.arange(10.0, 40.0, 0.0025), loop_rate_hz=loop_rate_hz), AlignSettings()).input
+    assert described is not None
+    assert described.every_step is every
+
+
+def test_a_segment_costs_what_it_holds_and_not_what_the_log_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ten times as many segments read ten times as many samples."""
+    looked_at: list[int] = []
+
+    def counted(time_s: np.ndarray, values: np.ndarray, grid_s: np.ndarray) -> np.ndarray:
+        looked_at.append(time_s.size)
+        return np.zeros((grid_s.size, values.shape[1]))
+
+    monkeypatch.setattr(resampling, "_interpolate", counted)
+    monkeypatch.setattr(resampling, "_hold", counted)
+    samples = []
+    for n_segments in (4, 40):
+        looked_at.clear()
+        time_s = np.concatenate(
+            [10.0 + 3.0 * number + np.arange(250) / 100.0 for number in range(n_segments)]
+        )
+        assert len(cut(prepared(time_s), AlignSettings()).segments) == n_segments - 2
+        samples.append(sum(looked_at) / (n_segments - 2))
+    assert samples[1] == pytest.approx(samples[0], rel=0.05)
 
 
 def test_an_event_minutes_from_other_rows_is_believed() -> None:

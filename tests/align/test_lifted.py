@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from quadid_logs.align import clean
+from quadid_logs.align.flights import find_flights
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.settings import AlignSettings
 
@@ -103,3 +107,14 @@ def test_a_calm_hover_is_a_flight(signals: tuple[str, ...]) -> None:
 def test_an_autopilot_that_says_it_flies_is_believed_on_a_bench() -> None:
     """Its land detector knows more than a table."""
     assert len(on_a_bench(np.zeros((TIME_S.size, 3)), "armed").flights) == 1
+
+
+def test_a_clock_that_jumped_a_millennium_ahead_costs_no_memory() -> None:
+    """Found by damage: the fifths of a second of 30 billion seconds do not fit into any machine."""
+    time_s = np.append(TIME_S, 3e10)
+    table = clean(flight_log(*(signal(name, TIME_S, motion(TIME_S)) for name in ("body_rate", "torque_n_m"))))
+    late = {
+        name: replace(series[0], time_s=time_s, values=np.vstack([series[0].values, np.ones(3)]))
+        for name, series in table.candidates.items()
+    }
+    assert len(find_flights(late, (0.0, 3e10)).intervals) == 1

@@ -7,11 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 
+from quadid_logs.data.flight import Segment
 from quadid_logs.data.model import Model
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify import identify
 from quadid_logs.identify.structures import DAMPED, RIGID_BODY, STRUCTURES
-from quadid_logs.identify.terms import Family, RateTerm
+from quadid_logs.identify.terms import ROTOR_DAMPING, Family, RateTerm, RotorField, column_of
 
 from .vehicles import QUAD, fly, multisine
 
@@ -78,3 +79,53 @@ def test_structures_are_told_by_their_names() -> None:
     assert len({structure.name for structure in STRUCTURES}) == len(STRUCTURES)
     for structure in STRUCTURES:
         assert len(set(structure.columns)) == len(structure.columns)
+
+
+#: Roll, pitch, yaw per thrust of a quad in X: front right and rear left turn one way, the others the other.
+X_FRAME = np.array([[-0.5, 0.5, 0.5, -0.5], [0.5, -0.5, 0.5, -0.5], [0.5, 0.5, -0.5, -0.5]])
+
+
+def rotor_damping(thrust: list[float], rate: list[float]) -> list[float]:
+    """Return the three columns of one sample at a mean thrust of 1."""
+    segment = Segment(
+        time_s=np.zeros(1),
+        body_rate_rad_s=np.array([rate]),
+        torque=np.zeros((1, 3)),
+        attitude_rad=None,
+        throttle=None,
+        rotor_thrust=np.array([thrust]),
+        saturated=np.zeros(1, dtype=bool),
+    )
+    columns = (column_of(term, segment, 0.01, RotorField(X_FRAME, 1.0)) for term in ROTOR_DAMPING)
+    return [float(column[0]) for column in columns if column is not None]
+
+
+def test_rotors_at_their_mean_speed_damp_by_the_damping_alone() -> None:
+    """Nothing is left for the columns beside it."""
+    assert rotor_damping([1.0, 1.0, 1.0, 1.0], [1.0, 2.0, 3.0]) == pytest.approx([0.0, 0.0, 0.0])
+
+
+def test_rotors_twice_as_fast_damp_twice() -> None:
+    """Thrust goes with the square of the speed, damping with the speed."""
+    assert rotor_damping([4.0, 4.0, 4.0, 4.0], [1.0, 2.0, 3.0]) == pytest.approx([1.0, 2.0, 3.0])
+
+
+def test_a_yaw_command_lets_the_rotors_damp_pitch_by_roll() -> None:
+    """One diagonal is faster, the other slower: a roll rate meets its resistance askew."""
+    roll, pitch, yaw = rotor_damping([2.25, 2.25, 0.25, 0.25], [1.0, 0.0, 0.0])
+    assert (roll, yaw) == pytest.approx((0.0, 0.0))
+    assert pitch == pytest.approx(-0.5)
+
+
+def test_a_log_without_rotor_thrusts_has_no_column_of_their_damping() -> None:
+    """The damping itself stays."""
+    segment = Segment(
+        time_s=np.zeros(1),
+        body_rate_rad_s=np.ones((1, 3)),
+        torque=np.zeros((1, 3)),
+        attitude_rad=None,
+        throttle=None,
+        rotor_thrust=None,
+        saturated=np.zeros(1, dtype=bool),
+    )
+    assert column_of(ROTOR_DAMPING[0], segment, 0.01, RotorField(X_FRAME, 1.0)) is None

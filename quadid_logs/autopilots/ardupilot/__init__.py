@@ -49,8 +49,12 @@ class ArduPilot(Autopilot):
         return rebuild(log, airframe)
 
     def loop_rate_hz(self, parameters: Mapping[str, float]) -> float:
-        """SCHED_LOOP_RATE."""
-        return parameters.get("SCHED_LOOP_RATE", 0.0)
+        """SCHED_LOOP_RATE, or that of the fast rate thread."""
+        from quadid_logs.autopilots.ardupilot.controller import loop_period_s
+
+        if {"SCHED_LOOP_RATE", "FSTRATE_ENABLE"}.isdisjoint(parameters):
+            return 0.0
+        return 1.0 / loop_period_s(parameters)
 
     def controllers(self, log: FlightLog, parameters: Mapping[str, float]) -> FlownControllers:
         """AC_PID and the angle loop of ATC_*."""
