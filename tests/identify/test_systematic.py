@@ -52,8 +52,8 @@ def test_an_on_axis_effectiveness_is_known_to_one_per_cent_at_best() -> None:
     assert 0.0104 <= found[0, column] / coefficients()[0, column] < 0.0115
 
 
-def test_damping_is_known_to_half_a_per_cent_at_best() -> None:
-    """It is a mean over the speeds of the rotors."""
+def test_damping_is_known_to_five_per_cent_at_best() -> None:
+    """It goes with the air that flows through the rotors, and nothing in a log tells that."""
     found = systematic_half_width(RIGID_BODY, coefficients())
     column = RIGID_BODY.columns.index("p")
-    assert 0.005 <= found[0, column] / abs(coefficients()[0, column]) < 0.01
+    assert 0.05 <= found[0, column] / abs(coefficients()[0, column]) < 0.055
