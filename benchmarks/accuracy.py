@@ -117,7 +117,10 @@ def _cases(*, short: bool) -> Iterator[Case]:
     folder = corpus_folder()
     for path in sorted((folder / "firmware").glob("*.truth.json")) if not short else []:
         stem = path.name.removesuffix(".truth.json")
-        log = next(file for file in path.parent.glob(f"{stem}.*") if file.suffix in (".BIN", ".ulg"))
+        files = (path.with_name(stem + suffix) for suffix in (".BIN", ".ulg"))
+        log = next((file for file in files if file.is_file()), None)
+        if log is None:
+            continue
         truth = json.loads(path.read_text())
         yield from _case(log.name, read_log(log), _firmware_truth(truth), _firmware_damping(truth))
     for scenario, autopilot, rate_hz in SIMULATED[: 2 if short else None]:

@@ -6,6 +6,7 @@ import contextlib
 import random
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -132,6 +133,18 @@ def test_a_parquet_file_that_unfolds_to_far_more_than_its_size_is_refused(tmp_pa
     pa.parquet.write_table(pa.table({"time_s": zeros, "p_rad_s": zeros}), path)
     with pytest.raises(UnknownFormatError, match="unfolds from"):
         read_cells(path, lambda names: names)
+
+
+def test_no_column_of_a_parquet_file_is_asked_for_its_statistics(tmp_path, monkeypatch):
+    """Found by damage: where they contradict each other, Arrow ends the process instead of raising."""
+    path = tmp_path / "table.parquet"
+    pa.parquet.write_table(pa.table({"time_s": pa.array([0.0, 1.0])}), path)
+    groups = SimpleNamespace(total_byte_size=16)  # has no column()
+    about = SimpleNamespace(num_rows=2, num_row_groups=1, num_columns=1, row_group=lambda _number: groups)
+    whole = pa.parquet.ParquetFile(path)
+    damaged = SimpleNamespace(metadata=about, schema_arrow=whole.schema_arrow, read=whole.read)
+    monkeypatch.setattr(pa.parquet, "ParquetFile", lambda *_rest, **_options: damaged)
+    assert read_cells(path, lambda names: names).columns["time_s"].tolist() == [0.0, 1.0]
 
 
 def test_a_text_with_holes_is_not_read_whole(tmp_path):
