@@ -140,8 +140,8 @@ def _steps(plan: Plan) -> tuple[str, ...]:
     return (
         "Choose calm air, a full battery, 10 m of room to all sides, and a height of 10 m or more.",
         *plan.steps(),
-        "Land, take the log from the card, and run: quadid-log analyze LOG (where there are several, as after "
-        "a restart, give all of them and --pool)",
+        "Land, take the log from the card, and run: quadid-log analyze LOG (where there are several, as "
+        "after a restart, give all of them and --pool)",
     )
 
 
