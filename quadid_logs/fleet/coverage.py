@@ -82,8 +82,10 @@ def coverage_words(coverage: Coverage) -> str:
     caution = f", {coverage.caution} can be used with caution" if coverage.caution else ""
     if not n_refused:
         return f"{fit}{caution}."
-    reasons = [_reason_words(code, count) for code, count in coverage.refused.most_common(_MOST_REASONS)]
-    others = n_refused - sum(count for _, count in coverage.refused.most_common(_MOST_REASONS))
+    # By code where counts are equal: store and page count in different orders, and must name the same.
+    first = sorted(coverage.refused.items(), key=lambda one: (-one[1], one[0]))[:_MOST_REASONS]
+    reasons = [_reason_words(code, count) for code, count in first]
+    others = n_refused - sum(count for _, count in first)
     if others:
         reasons.append(f"{others} for other reasons")
     return f"{fit}{caution}; {n_refused} {'is' if n_refused == 1 else 'are'} refused: {', '.join(reasons)}."

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from quadid_logs.control.findings import outermost
 from quadid_logs.control.margins import UNMODELLED_DELAY_S
 from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated, Margins
+from quadid_logs.data.controller import ReplayReason
 from quadid_logs.data.result import Result
 from quadid_logs.report.cells import Cell, Table
 from quadid_logs.report.numbers import interval, number, resolved
@@ -74,11 +75,10 @@ def _sentence(axis: str, found: AxisLoop) -> str:
     """Say in one breath how far an axis is from instability, and what the prediction is worth."""
     margins, name = outermost(found), axis.capitalize()
     if margins is None:
-        replay = found.replay
-        if replay is not None and not replay.agrees and replay.reason is not None:
-            return (
-                f"{name}: the controller of the parameters is not the one that flew ({replay.reason.value})."
-            )
+        reason = None if found.replay is None or found.replay.agrees else found.replay.reason
+        # Without rows to replay nothing is known against the controller: then it is the model that lacks.
+        if reason is not None and reason is not ReplayReason.NO_ROWS:
+            return f"{name}: the controller of the parameters is not the one that flew ({reason.value})."
         return f"{name}: the model does not tell enough of this axis to close its loop."
     parts = [f"{name}: {_distance(margins)}"]
     prediction = found.prediction

@@ -224,15 +224,16 @@ def _validation_sentence(model: Model | None) -> str:
         return ""
     if not model.validation.held_out_s > 0.0:
         return "No data could be held out, so the model is not validated."
-    r2 = values_of(model.validation.r2_simulated_rate, RATE_SYMBOLS)
+    # What the verdict asks too: each axis by itself, so that none pays for another that is refused.
+    r2 = values_of(model.validation.r2_high_passed_rate, RATE_SYMBOLS)
     # Below zero it is worse than no model at all, and by how much tells nobody anything.
     told = [
         f"{percent(value)} of {axis}" if value > 0.0 else f"nothing of {axis}"
         for axis, value in zip(AXES, r2, strict=True)
     ]
     return (
-        f"{seconds(model.validation.held_out_s)} of the flight were kept from the fit. There, the rates "
-        f"simulated from the torque explain {told[0]}, {told[1]} and {told[2]}."
+        f"{seconds(model.validation.held_out_s)} of the flight were kept from the fit. There, in the fitted "
+        f"band, the rates simulated from the torque explain {told[0]}, {told[1]} and {told[2]}."
     )
 
 

@@ -76,6 +76,12 @@ def test_two_airframes_of_one_frame_are_not_merged():
     assert len(names) == 2
 
 
+def test_an_airframe_that_is_the_frame_is_named_once():
+    """PX4 before 1.13 says no more of its frame than the airframe's number."""
+    one = log(autopilot="px4", frame="quadrotor, airframe 10020", parameters={"SYS_AUTOSTART": 10020.0})
+    assert identify_vehicle(one, SOURCE, NamingRules()).vehicle.count("10020") == 1
+
+
 @pytest.mark.parametrize(
     ("name", "number"),
     [
