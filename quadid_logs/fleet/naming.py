@@ -115,13 +115,13 @@ def _build(log: FlightLog) -> str:
         (number for name in named(log.autopilot).airframe_parameters if (number := log.parameters.get(name))),
         math.nan,
     )
-    number = f"airframe {airframe:.0f}" if math.isfinite(airframe) else ""
+    called = f"airframe {airframe:.0f}" if math.isfinite(airframe) else ""
     parts = (
         log.autopilot,
         log.vehicle_type if log.vehicle_type not in ("unknown", MULTIROTOR if log.frame else "") else "",
         log.frame,
         # A frame that is not known otherwise is called by its number.
-        "" if log.frame and log.frame.endswith(number) else number,
+        "" if log.frame and log.frame.endswith(called) else called,
     )
     return " ".join(filter(None, parts))
 
