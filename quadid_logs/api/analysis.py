@@ -48,8 +48,8 @@ class Analysis(Result):
     >>> import quadid_logs
     >>> quadid_logs.analyze("sample_logs/sysid-quad-x.bin")
     <Analysis of 'sysid-quad-x.bin': structure rigid-body
-      roll   usable   B11 = 197.9 (195.8 to 200.1) rad/s^2
-      pitch  usable   B22 = 176.6 (174.7 to 178.6) rad/s^2
+      roll   usable   B11 = 197.9 (195.7 to 200.1) rad/s^2
+      pitch  usable   B22 = 176.7 (174.7 to 178.7) rad/s^2
       yaw    usable   B33 = 10.88 (10.76 to 11) rad/s^2>
     """
 

@@ -21,7 +21,7 @@ from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS, TORQUE_SY
 #: interpolated: no effectiveness is known better than this fraction for that alone.
 TORQUE_SYSTEMATIC: Final = 0.003
 #: The damping by rotors goes with the air that flows through them too, and no sensor tells that: on three
-#: flights of ArduPilot's simulator in still air, roll and pitch are damped by 1 to 7 % more than at hover.
+#: flights of a firmware's simulator in still air, roll and pitch are damped by 1 to 7 % more than at hover.
 DAMPING_SYSTEMATIC: Final = 0.05
 #: No moment of inertia exceeds the sum of the other two, so gyroscopic coefficients lie within 1.
 _MOST_GYROSCOPIC = 1.0
