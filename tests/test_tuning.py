@@ -229,8 +229,8 @@ def test_a_comparison_tells_that_the_promise_was_kept(raised: Tuning) -> None:
 
 
 def test_a_comparison_tells_that_the_promise_was_not_kept(raised: Tuning) -> None:
-    """The payload was left at home: the vehicle is half as effective again."""
-    (one,) = promises(flown("ardupilot"), followed(raised, 1.5))
+    """The payload was left at home: the vehicle is twice as effective."""
+    (one,) = promises(flown("ardupilot"), followed(raised, 2.0))
     assert not one.kept
 
 
