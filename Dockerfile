@@ -1,7 +1,7 @@
 # docker build -t quadid-log . && docker run --rm -v "$PWD":/logs quadid-log analyze flight.bin
 FROM python:3.12-slim AS build
 WORKDIR /source
-COPY pyproject.toml README.md LICENSE ./
+COPY pyproject.toml hatch_build.py README.md LICENSE ./
 COPY quadid_logs quadid_logs
 RUN python -m venv /opt/quadid && /opt/quadid/bin/pip install --no-cache-dir .
 

@@ -8,8 +8,9 @@ BENCH ?= --output benchmarks/results.md
 FUZZ ?= --count 50000
 STUDY ?= --flights 300
 MUTATIONS ?= --workers 2
+CONSOLE ?= yes
 
-.PHONY: help demo test lint types contracts bench fuzz study mutations fleet docs samples check clean
+.PHONY: help demo test lint types contracts bench fuzz study mutations fleet docs package samples check clean
 
 help:  ## List the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/'
@@ -21,7 +22,8 @@ $(INSTALLED): pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable '.[dev]'
 	@touch $@
 
-$(INSTALLED_DOCS): $(INSTALLED)
+$(INSTALLED_DOCS): pyproject.toml
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --editable '.[docs]'
 	@touch $@
 
@@ -58,8 +60,12 @@ mutations: $(INSTALLED)  ## Plausible mistakes, one at a time: which do the test
 fleet: $(INSTALLED)  ## 500 logs of 20 vehicles: speed, change points, and what kills and restarts leave
 	$(BIN)/python benchmarks/fleet.py $(FLEET)
 
-docs: $(INSTALLED_DOCS)  ## Build the documentation into site/
+docs: $(INSTALLED_DOCS)  ## Run the tutorials' commands and build the documentation into site/; CONSOLE= leaves the pages' output as it is
+	$(if $(CONSOLE),$(BIN)/python docs/console.py)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
+package:  ## Build the wheel, install it into an empty environment and run it there
+	@PYTHON=$(PYTHON) bash .ci/package
 
 samples: $(INSTALLED)  ## Write sample_logs/ anew with our own simulator
 	$(BIN)/python sample_logs/make.py

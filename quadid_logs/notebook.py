@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from quadid_logs.data.result import Result
+from quadid_logs.errors import SettingsError
 from quadid_logs.figures import figures_of
 from quadid_logs.report.pages import environment
 from quadid_logs.report.provenance import provenance_of
@@ -89,6 +90,11 @@ def plotly_figures(result: Result) -> dict[str, Any]:
     -------
     dict of str to plotly.graph_objects.Figure
 
+    Raises
+    ------
+    SettingsError
+        If plotly is not installed.
+
     Examples
     --------
     >>> from quadid_logs import analyze, plotly_figures
@@ -96,9 +102,12 @@ def plotly_figures(result: Result) -> dict[str, Any]:
     >>> figures["flight"].data[0].name
     'p'
     """
-    import plotly.graph_objects as go
-
     from quadid_logs.figures.interactive import interactive
+
+    try:
+        import plotly.graph_objects as go
+    except ImportError as error:
+        raise SettingsError("plotly is not installed.", hint="Install it with: pip install plotly") from error
 
     made = {}
     for figure in figures_of(result).shown:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import re
+import shlex
 from pathlib import Path
 
 import pytest
@@ -56,3 +57,39 @@ def test_the_template_of_an_autopilot_stands_in_the_docs() -> None:
     included = re.findall(r'^--8<-- "(.+)"$', page, re.MULTILINE)
     assert included == ["tests/autopilots/toy.py"]
     assert (DOCS.parent / included[0]).is_file()
+
+
+def console_pages() -> list[tuple[str, str]]:
+    """Return every command that a tutorial shows, with its page."""
+    spec = importlib.util.spec_from_file_location("console", DOCS / "console.py")
+    assert spec is not None
+    assert spec.loader is not None
+    console = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(console)
+    return [
+        (name, command)
+        for name in console.PAGES
+        for command in console.commands_of((DOCS / name).read_text(encoding="utf-8"))
+        if command.startswith("quadid-log ")
+    ]
+
+
+@pytest.mark.parametrize(("page", "command"), console_pages())
+def test_the_commands_of_a_tutorial_are_those_of_the_program(page: str, command: str) -> None:
+    """A renamed option would leave a reader alone; `make docs` runs them."""
+    import typer.main
+
+    from quadid_logs.cli.app import make_app
+
+    words = shlex.split(command.split(" | ")[0])[1:]
+    verb = typer.main.get_command(make_app()).commands[words[0]]  # type: ignore[attr-defined]
+    verb.make_context(words[0], words[1:])
+
+
+def test_every_picture_of_the_pages_is_there_and_small() -> None:
+    """Under 200 kB each."""
+    for page in [DOCS.parent / "README.md", *DOCS.rglob("*.md")]:
+        for target in re.findall(r"!\[[^\]]*\]\((?!https?:)([^)]+)\)", page.read_text(encoding="utf-8")):
+            picture = page.parent / target
+            assert picture.is_file(), f"{page.name}: {target}"
+            assert picture.stat().st_size < 250_000, target

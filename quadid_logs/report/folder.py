@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Literal
 
 from quadid_logs.data.result import Result
@@ -16,7 +16,7 @@ from quadid_logs.figures import FIGURE_KEYS, FIRST_CHAPTER, Figure, figures_of
 from quadid_logs.output import beside_prefix, check_free, check_no_link, new_folder, remove_unfinished
 from quadid_logs.report.json import json_text
 from quadid_logs.report.provenance import Provenance, provenance_of
-from quadid_logs.untrusted import printable
+from quadid_logs.untrusted import portable_name, printable
 from quadid_logs.vocabulary import AXES
 
 RESULT_FILE, REPORT_FILE = "result.json", "report.html"
@@ -26,12 +26,12 @@ INDEX_FILE = "index.html"
 PngChoice = Literal["first", "all", "none"]
 
 
-def report_folders(logs: Iterable[Path], parent: Path) -> tuple[Path, ...]:
+def report_folders(logs: Iterable[PurePath], parent: Path) -> tuple[Path, ...]:
     """Return one folder per log, named after its stem; no two logs get the same, none the index page's.
 
     Parameters
     ----------
-    logs : iterable of Path
+    logs : iterable of PurePath
     parent : Path
 
     Returns
@@ -48,7 +48,7 @@ def report_folders(logs: Iterable[Path], parent: Path) -> tuple[Path, ...]:
     taken = {INDEX_FILE}
     folders = []
     for log in logs:
-        stem = "".join(letter if letter.isprintable() else "_" for letter in log.stem).strip(". ") or "log"
+        stem = portable_name(log.stem)
         suffix = log.suffix.lstrip(".").lower()
         longer = f"{stem}-{suffix}" if suffix else stem
         names = (stem, longer, *(f"{longer}-{number}" for number in range(2, len(taken) + 3)))

@@ -164,11 +164,13 @@ def script_json(value: Any) -> str:
 
 
 def _plotly_script() -> str:
-    """Return plotly.min.js of the installed package, without importing it."""
-    found = importlib.util.find_spec("plotly")
-    if found is None or found.origin is None:
-        raise OutputError("The plotly package is not installed.", hint="Install it: pip install plotly.")
-    path = Path(found.origin).parent / "package_data" / "plotly.min.js"
+    """Return plotly.min.js of our wheel; in a checkout, of the plotly package, without importing it."""
+    path = Path(__file__).parent / "vendored" / "plotly.min.js"
+    if not path.is_file():
+        found = importlib.util.find_spec("plotly")
+        if found is None or found.origin is None:
+            raise OutputError("The plotly package is not installed.", hint="Install it: pip install plotly.")
+        path = Path(found.origin).parent / "package_data" / "plotly.min.js"
     try:
         # The CSP hash is of what the browser sees, and it turns CRLF into LF.
         return path.read_text(encoding="utf-8").replace("\r\n", "\n")
