@@ -1,29 +1,36 @@
-"""Every MAVLink message's layout, taken from pymavlink's generated dialect: nothing by hand."""
+"""Every MAVLink message's layout, in a table that was made of pymavlink's dialect: nothing by hand.
+
+The table is `mavlink_messages.json`; benchmarks/make_mavlink_messages.py makes it anew.
+"""
 
 from __future__ import annotations
 
+import json
 import re
+import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from types import MappingProxyType
-from typing import Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-#: Numbers above belong to nobody so far; below, they sort as 16-bit integers, which is fast.
-_NUMBERS: Final = 1 << 16
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MessageType:
-    """Name and layout of a message: `struct_format` has one item per field, in wire order."""
+    """Name and layout of a message: `struct_format` has one item per field, in wire order.
+
+    ``definition_order`` holds the places of the fields on the wire, in the order of the message's definition.
+    """
 
     name: str
     msg_id: int
     struct_format: str
     fields: tuple[str, ...]
+    definition_order: tuple[int, ...]
 
     @property
     def dtype(self) -> np.dtype[np.void]:
@@ -51,28 +58,30 @@ class Dialect:
 
 
 @cache
+def _table() -> dict[str, Any]:
+    """Return the table as it is written."""
+    text = (Path(__file__).parent / "mavlink_messages.json").read_text(encoding="utf-8")
+    table: dict[str, Any] = json.loads(text)
+    return table
+
+
+@cache
 def load_dialect() -> Dialect:
-    """Return the layouts of pymavlink's dialect "all", which holds every message with a number of its own.
-
-    They are constants of the installed package, so they are gathered once.
-    """
-    from pymavlink.dialects.v20 import all as generated
-
-    known = {
-        int(msg_id): message for msg_id, message in generated.mavlink_map.items() if 0 <= msg_id < _NUMBERS
-    }
+    """Return the layouts of the dialect "all", which holds every message with a number of its own."""
+    known = {int(number): message for number, message in _table()["messages"].items()}
     extra = np.full(max(known) + 2, -1, np.int32)
     longest = np.zeros(max(known) + 2, np.int32)
     types = {}
-    for msg_id, message in known.items():
+    for msg_id, (name, struct_format, fields, order, crc_extra) in known.items():
         types[msg_id] = MessageType(
-            name=str(message.msgname),
+            name=name,
             msg_id=msg_id,
-            struct_format=str(message.unpacker.format),
-            fields=tuple(message.ordered_fieldnames),
+            struct_format=struct_format,
+            fields=tuple(fields),
+            definition_order=tuple(order),
         )
-        extra[msg_id] = message.crc_extra
-        longest[msg_id] = message.unpacker.size
+        extra[msg_id] = crc_extra
+        longest[msg_id] = struct.calcsize(struct_format)
     extra.flags.writeable = longest.flags.writeable = False
     return Dialect(types=MappingProxyType(types), extra=extra, longest=longest)
 
@@ -92,11 +101,9 @@ def _payload_dtype(struct_format: str, names: tuple[str, ...]) -> np.dtype[np.vo
 
 def enum_names(enum: str, prefix: str) -> dict[int, str]:
     """Return the entries of an enumeration without their common prefix, by value; empty if there is none."""
-    from pymavlink.dialects.v20 import all as generated
-
-    entries = generated.enums.get(enum, {})
+    entries = _table()["enums"].get(enum, {})
     return {
-        int(value): str(entry.name).removeprefix(prefix)
-        for value, entry in entries.items()
-        if not str(entry.name).endswith("_ENUM_END")
+        int(value): name.removeprefix(prefix)
+        for value, name in entries.items()
+        if not name.endswith("_ENUM_END")
     }

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Mapping, Sequence
+import io
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -22,6 +24,12 @@ _LONGEST_HEADER: Final = 1 << 16
 _MOST_CELLS: Final = 4_000_000
 _MOST_BYTES: Final = 8 * _MOST_CELLS
 _TRUTH: Final = {"true": 1.0, "false": 0.0}
+#: What spreadsheets and programs write where there is no value.
+_MISSING: Final = frozenset(
+    ("", "NULL", "null", "NA", "N/A", "n/a", "#NA", "#N/A", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN")
+)
+#: A cell takes some sixty bytes until it is a number.
+_LINES_AT_ONCE: Final = 20_000
 
 Choose = Callable[[Sequence[str]], Sequence[str]]
 """Returns which of a table's columns are wanted, or raises."""
@@ -111,44 +119,59 @@ def _header(head: bytes) -> _Header | None:
 
 def _read_csv(path: str | Path, choose: Choose) -> Cells:
     """Read the chosen columns of a CSV file."""
-    import pyarrow as pa
-    from pyarrow import csv as arrow_csv
-
     content = text_content(path)
     header = _header(content[:_LONGEST_HEADER])
     wanted = choose(header.names if header else [])
     if header is None:
         return Cells({}, "CSV", ())
     body = _as_utf8(content[header.n_bytes :])
-    if not body.strip():
-        return Cells({name: np.zeros(0) for name in wanted}, "CSV", tuple(header.names))
-    columns = {name: f"f{header.names.index(name)}" for name in wanted}
-    n_broken = [0]
+    places = [header.names.index(name) for name in wanted]
+    is_comma = header.delimiter == ";" and b"," in body[:_LONGEST_HEADER].split(b"\n")[0]
+    parts: list[list[FloatArray]] = [[np.zeros(0)] for _ in places]
+    n_not_numeric = n_broken = 0
+    for lines in _blocks(body):
+        rows = [row for line in lines if (row := _split(line, header.delimiter)) is not None]
+        whole = [row for row in rows if len(row) == len(header.names)]
+        n_broken += len(rows) - len(whole)
+        for part, place in zip(parts, places, strict=True):
+            cells = [row[place].replace(",", ".") if is_comma else row[place] for row in whole]
+            values, count = _floats(cells)
+            part.append(values)
+            n_not_numeric += count
+    columns = {name: np.concatenate(part) for name, part in zip(wanted, parts, strict=True)}
+    return Cells(columns, "CSV", tuple(header.names), n_not_numeric, n_broken)
 
-    def skip_row(row: Any) -> str:  # noqa: ARG001
-        n_broken[0] += 1
-        return "skip"
 
-    first_rows = body[:_LONGEST_HEADER].split(b"\n")[0]
-    options = {
-        "include_columns": list(columns.values()),
-        "decimal_point": "," if header.delimiter == ";" and b"," in first_rows else ".",
-        "strings_can_be_null": True,
-    }
+def _blocks(body: bytes) -> Iterator[list[str]]:
+    """Yield some thousand lines after the other: the cells of all at once would fill the memory."""
+    lines = io.TextIOWrapper(io.BytesIO(body), encoding="utf-8", newline=None)
+    while block := list(islice(lines, _LINES_AT_ONCE)):
+        yield block
 
-    def load(kind: Any) -> Any:
-        n_broken[0] = 0
-        return arrow_csv.read_csv(
-            pa.BufferReader(body),
-            read_options=arrow_csv.ReadOptions(column_names=[f"f{k}" for k in range(len(header.names))]),
-            parse_options=arrow_csv.ParseOptions(delimiter=header.delimiter, invalid_row_handler=skip_row),
-            convert_options=arrow_csv.ConvertOptions(
-                column_types=dict.fromkeys(columns.values(), kind), **options
-            ),
-        )
 
-    found, n_not_numeric = _numbers(lambda: load(pa.float64()), lambda: load(pa.binary()), columns, path)
-    return Cells(found, "CSV", tuple(header.names), n_not_numeric, n_broken[0])
+def _split(line: str, delimiter: str) -> list[str] | None:
+    """Return the cells of a line, None of an empty one; a quotation does not go on in the next line."""
+    line = line.rstrip("\n")
+    if not line:
+        return None
+    if '"' not in line:
+        return line.split(delimiter)
+    try:
+        return next(csv.reader([line], delimiter=delimiter))
+    except csv.Error:
+        return []
+
+
+def _floats(cells: list[str]) -> tuple[FloatArray, int]:
+    """Return cells as numbers, and how many are none; what only stands for a missing value does not count."""
+    try:
+        return np.fromiter(map(float, cells), np.float64, len(cells)), 0
+    except ValueError:
+        different = list(dict.fromkeys(cells))
+    values, is_no_number = _convert(["" if cell.strip() in _MISSING else cell for cell in different])
+    place = {cell: k for k, cell in enumerate(different)}
+    places = np.fromiter((place[cell] for cell in cells), np.int64, len(cells))
+    return values[places], int(np.count_nonzero(is_no_number[places]))
 
 
 def _as_utf8(content: bytes) -> bytes:
@@ -162,9 +185,14 @@ def _as_utf8(content: bytes) -> bytes:
 
 def _read_parquet(path: str | Path, choose: Choose) -> Cells:
     """Read the chosen columns of a Parquet file."""
-    import pyarrow as pa
-    from pyarrow import parquet
-
+    try:
+        import pyarrow as pa
+        from pyarrow import parquet
+    except ImportError as error:
+        raise UnknownFormatError(
+            f"{path} is a Parquet file, and pyarrow, which reads them, is not installed.",
+            hint="Install it with: pip install pyarrow",
+        ) from error
     try:
         file = parquet.ParquetFile(path)
         names = [str(name) for name in file.schema_arrow.names]
@@ -221,30 +249,6 @@ def _parquet_column(column: Any) -> tuple[FloatArray, int]:
         return _as_float(column.cast(pa.float64(), safe=False)), 0
     except pa.ArrowException:
         return _convert_column(column.cast(pa.string()))
-
-
-def _numbers(
-    load_numbers: Callable[[], Any], load_text: Callable[[], Any], columns: dict[str, str], path: str | Path
-) -> tuple[dict[str, FloatArray], int]:
-    """Load the columns as numbers; where a cell is none, as text that is converted cell by cell."""
-    import pyarrow as pa
-
-    try:
-        table = load_numbers()
-        return {name: _as_float(table.column(column)) for name, column in columns.items()}, 0
-    except pa.ArrowException:
-        pass
-    try:
-        table = load_text()
-    except pa.ArrowException as error:
-        raise UnknownFormatError(
-            f"{path} cannot be read as a table: {error}.", hint="Export it again."
-        ) from error
-    found, n_not_numeric = {}, 0
-    for name, column in columns.items():
-        found[name], count = _convert_column(table.column(column))
-        n_not_numeric += count
-    return found, n_not_numeric
 
 
 def _as_float(column: Any) -> FloatArray:

@@ -85,7 +85,7 @@ def run_fleet(
     OutputError, SettingsError
         If the store cannot be written, or was made otherwise; if the scheduler does not answer.
     """
-    for library in ("distributed", "fsspec", "pebble"):
+    for library in ("distributed", "fsspec", "pebble", "pyarrow"):
         load(library)
     store = Store(folder, options, resume=resume)
     tally = Tally(n_logs=len(files))

@@ -1,4 +1,4 @@
-"""MAVLink telemetry log (.tlog) as a ground station records it, through pymavlink's dialect.
+"""MAVLink telemetry log (.tlog) as a ground station records it, packet by packet.
 
 Field meanings: mavlink common.xml and ardupilotmega.xml; RAW_IMU in mG and
 mrad/s as ArduPilot fills it (GCS_Common.cpp, `send_raw_imu`).
@@ -10,7 +10,7 @@ import heapq
 import math
 import struct
 from collections.abc import Iterator
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from quadid_logs.writers.log_series import (
     packed_version,
     write_clock,
 )
+from quadid_logs.writers.mavlink_packets import Message, Messages, packet
 from quadid_logs.writers.records import fit
 from quadid_logs.writers.ulog_topics import whole_parameter
 
@@ -52,7 +53,7 @@ PARAM_INT32, PARAM_REAL32 = 6, 9
 SEVERITY_INFO = 6
 
 #: A message and its place in the file [µs].
-Timed = tuple[int, Any]
+Timed = tuple[int, Message]
 
 
 def write_tlog(log: FlightLog, file: BinaryIO) -> None:
@@ -73,25 +74,24 @@ def write_tlog(log: FlightLog, file: BinaryIO) -> None:
     OutputError
         If a row has no finite time.
     """
-    from pymavlink.dialects.v20 import ardupilotmega as dialect
-
+    messages = Messages()
     clock = write_clock(log)
     streams = [
-        _greeting(dialect, log, clock),
-        _heartbeats(dialect, log, clock),
-        _attitude(dialect, log, clock),
-        _targets(dialect, log, clock),
-        *_imus(dialect, log, clock),
-        _outputs(dialect, log, clock),
-        _rotor_speed(dialect, log, clock),
-        _battery(dialect, log, clock),
-        _landed(dialect, log, clock),
-        _texts(dialect, log, clock),
+        _greeting(messages, log, clock),
+        _heartbeats(messages, log, clock),
+        _attitude(messages, log, clock),
+        _targets(messages, log, clock),
+        *_imus(messages, log, clock),
+        _outputs(messages, log, clock),
+        _rotor_speed(messages, log, clock),
+        _battery(messages, log, clock),
+        _landed(messages, log, clock),
+        _texts(messages, log, clock),
     ]
-    sender = dialect.MAVLink(None, srcSystem=SYSTEM_ID, srcComponent=COMPONENT_ID)
-    for key_us, message in heapq.merge(*streams, key=lambda timed: timed[0]):
-        file.write(struct.pack(">Q", HOST_EPOCH_US + key_us) + message.pack(sender))
-        sender.seq = (sender.seq + 1) % 256
+    merged = heapq.merge(*streams, key=lambda timed: timed[0])
+    for number, (key_us, message) in enumerate(merged):
+        sent = packet(message, number % 256, SYSTEM_ID, COMPONENT_ID)
+        file.write(struct.pack(">Q", HOST_EPOCH_US + key_us) + sent)
 
 
 def _boot_ms(stamps: Stamps) -> list[int]:
@@ -107,23 +107,19 @@ def _span(log: FlightLog, clock: WriteClock) -> tuple[int, int]:
     return min((low for low, _ in edges), default=0), max((high for _, high in edges), default=0)
 
 
-def _greeting(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
+def _greeting(messages: Messages, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
     """AUTOPILOT_VERSION and all parameters, as a ground station asks for them on connecting."""
     start_us, _ = _span(log, clock)
     none = bytes(8)
     yield (
         start_us,
-        dialect.MAVLink_autopilot_version_message(
-            0, packed_version(log.firmware), 0, 0, 0, none, none, none, 0, 0, 0
-        ),
+        messages.autopilot_version(0, packed_version(log.firmware), 0, 0, 0, none, none, none, 0, 0, 0),
     )
     for index, (name, value) in enumerate(log.parameters.items()):
         number, kind = _parameter(log, name, value)
         yield (
             start_us,
-            dialect.MAVLink_param_value_message(
-                clip_text(name, 16), number, kind, len(log.parameters), index
-            ),
+            messages.param_value(clip_text(name, 16), number, kind, len(log.parameters), index),
         )
 
 
@@ -136,7 +132,7 @@ def _parameter(log: FlightLog, name: str, value: float) -> tuple[float, int]:
     return float(np.float32(value)), PARAM_REAL32
 
 
-def _heartbeats(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
+def _heartbeats(messages: Messages, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
     """HEARTBEAT once a second: type, mode, armed."""
     start_us, end_us = _span(log, clock)
     key_us = np.arange(start_us, end_us + 1, HEARTBEAT_PERIOD_US, dtype=np.int64)
@@ -148,7 +144,7 @@ def _heartbeats(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Tim
     for key, number, is_armed in zip(key_us.tolist(), mode.tolist(), armed.tolist(), strict=True):
         base = BASE_MODE | (ARMED_FLAG if is_armed else 0)
         state = ACTIVE if is_armed else STANDBY
-        yield key, dialect.MAVLink_heartbeat_message(vehicle, autopilot, base, number, state, 3)
+        yield key, messages.heartbeat(vehicle, autopilot, base, number, state, 3)
 
 
 def _custom_mode(log: FlightLog, name: str) -> int:
@@ -157,7 +153,7 @@ def _custom_mode(log: FlightLog, name: str) -> int:
     return mode.px4_main << 16 | mode.px4_sub << 24 if log.autopilot == "px4" else mode.ardupilot
 
 
-def _attitude(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
+def _attitude(messages: Messages, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
     """ATTITUDE: angles and body rates together."""
     attitude, rate = first(log, "attitude"), controller_rate(log)
     base = rate if rate is not None and rate.n_samples else attitude
@@ -167,10 +163,10 @@ def _attitude(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed
     angles, rates = (held_at(clock, signal, stamps.key_us, 3) for signal in (attitude, rate))
     rows = np.concatenate((angles, rates), axis=1).tolist()
     for key, boot_ms, row in zip(stamps.key_us.tolist(), _boot_ms(stamps), rows, strict=True):
-        yield key, dialect.MAVLink_attitude_message(boot_ms, *row)
+        yield key, messages.attitude(boot_ms, *row)
 
 
-def _targets(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
+def _targets(messages: Messages, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
     """ATTITUDE_TARGET: wanted rates and thrust; the wanted attitude is unknown."""
     wanted = first(log, "body_rate_setpoint")
     if wanted is None:
@@ -180,10 +176,10 @@ def _targets(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed]
     rows = np.concatenate((wanted.values, thrust), axis=1).tolist()
     unknown = [math.nan] * 4
     for key, boot_ms, row in zip(stamps.key_us.tolist(), _boot_ms(stamps), rows, strict=True):
-        yield key, dialect.MAVLink_attitude_target_message(boot_ms, 0, unknown, *row)
+        yield key, messages.attitude_target(boot_ms, 0, unknown, *row)
 
 
-def _imus(dialect: Any, log: FlightLog, clock: WriteClock) -> list[Iterator[Timed]]:
+def _imus(messages: Messages, log: FlightLog, clock: WriteClock) -> list[Iterator[Timed]]:
     """RAW_IMU, SCALED_IMU2 and SCALED_IMU3 of ArduPilot; HIGHRES_IMU of PX4."""
     rates, forces = list(imu_rates(log)), list(log.candidates("specific_force"))
     makers = [_raw_imu, _scaled_imu2, _scaled_imu3]
@@ -194,7 +190,7 @@ def _imus(dialect: Any, log: FlightLog, clock: WriteClock) -> list[Iterator[Time
     for instance in range(n_imus):
         rate = rates[instance] if instance < len(rates) else None
         force = forces[instance] if instance < len(forces) else None
-        streams.append(makers[instance](dialect, *_imu_rows(clock, rate, force)))
+        streams.append(makers[instance](messages, *_imu_rows(clock, rate, force)))
     return streams
 
 
@@ -215,34 +211,34 @@ def _thousandths(rows: FloatArray) -> list[list[int]]:
     return list(fit(rows * scale, np.dtype(np.int16)).tolist())
 
 
-def _raw_imu(dialect: Any, stamps: Stamps, rows: FloatArray) -> Iterator[Timed]:
+def _raw_imu(messages: Messages, stamps: Stamps, rows: FloatArray) -> Iterator[Timed]:
     """First IMU, with microseconds."""
     for key, time_us, row in zip(
         stamps.key_us.tolist(), stamps.time_us.tolist(), _thousandths(rows), strict=True
     ):
-        yield key, dialect.MAVLink_raw_imu_message(time_us, *row, 0, 0, 0)
+        yield key, messages.raw_imu(time_us, *row, 0, 0, 0)
 
 
-def _scaled_imu2(dialect: Any, stamps: Stamps, rows: FloatArray) -> Iterator[Timed]:
+def _scaled_imu2(messages: Messages, stamps: Stamps, rows: FloatArray) -> Iterator[Timed]:
     """Second IMU, with milliseconds."""
     for key, boot_ms, row in zip(stamps.key_us.tolist(), _boot_ms(stamps), _thousandths(rows), strict=True):
-        yield key, dialect.MAVLink_scaled_imu2_message(boot_ms, *row, 0, 0, 0)
+        yield key, messages.scaled_imu2(boot_ms, *row, 0, 0, 0)
 
 
-def _scaled_imu3(dialect: Any, stamps: Stamps, rows: FloatArray) -> Iterator[Timed]:
+def _scaled_imu3(messages: Messages, stamps: Stamps, rows: FloatArray) -> Iterator[Timed]:
     """Third IMU, with milliseconds."""
     for key, boot_ms, row in zip(stamps.key_us.tolist(), _boot_ms(stamps), _thousandths(rows), strict=True):
-        yield key, dialect.MAVLink_scaled_imu3_message(boot_ms, *row, 0, 0, 0)
+        yield key, messages.scaled_imu3(boot_ms, *row, 0, 0, 0)
 
 
-def _highres_imu(dialect: Any, stamps: Stamps, rows: FloatArray) -> Iterator[Timed]:
+def _highres_imu(messages: Messages, stamps: Stamps, rows: FloatArray) -> Iterator[Timed]:
     """PX4's IMU in SI units; the lowest six bits name the updated fields."""
     unknown = [math.nan] * 7
     for key, time_us, row in zip(stamps.key_us.tolist(), stamps.time_us.tolist(), rows.tolist(), strict=True):
-        yield key, dialect.MAVLink_highres_imu_message(time_us, *row, *unknown, 0b111111)
+        yield key, messages.highres_imu(time_us, *row, *unknown, 0b111111)
 
 
-def _outputs(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
+def _outputs(messages: Messages, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
     """SERVO_OUTPUT_RAW, one port per 16 channels."""
     outputs = first(log, "output_pwm")
     if outputs is None:
@@ -254,7 +250,7 @@ def _outputs(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed]
     ports = [_filled(pulses[:, start : start + 16], 16) for start in range(0, pulses.shape[1], 16)]
     for row, (key, time_us) in enumerate(zip(stamps.key_us.tolist(), times, strict=True)):
         for port, channels in enumerate(ports):
-            yield key, dialect.MAVLink_servo_output_raw_message(time_us, port, *channels[row])
+            yield key, messages.servo_output_raw(time_us, port, *channels[row])
 
 
 def _filled(values: AnyArray, n_columns: int) -> list[list[int]]:
@@ -262,16 +258,16 @@ def _filled(values: AnyArray, n_columns: int) -> list[list[int]]:
     return list(np.pad(values, ((0, 0), (0, n_columns - values.shape[1]))).tolist())
 
 
-def _rotor_speed(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
+def _rotor_speed(messages: Messages, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
     """ESC_TELEMETRY for up to twelve rotors, in whole revolutions per minute."""
     speed = first(log, "rotor_speed")
     if speed is None:
         return
     rpm = fit(speed.values * RPM, np.dtype(np.uint16))
     makers = (
-        dialect.MAVLink_esc_telemetry_1_to_4_message,
-        dialect.MAVLink_esc_telemetry_5_to_8_message,
-        dialect.MAVLink_esc_telemetry_9_to_12_message,
+        messages.esc_telemetry_1_to_4,
+        messages.esc_telemetry_5_to_8,
+        messages.esc_telemetry_9_to_12,
     )
     groups = [_filled(rpm[:, start : start + 4], 4) for start in range(0, min(rpm.shape[1], 12), 4)]
     none = [0] * 4
@@ -280,27 +276,27 @@ def _rotor_speed(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Ti
             yield key, make(bytes(4), none, none, none, group[row], none)
 
 
-def _battery(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
+def _battery(messages: Messages, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
     """SYS_STATUS: the voltage in mV, no current sensor."""
     voltage = first(log, "battery_voltage")
     if voltage is None:
         return
     millivolts = fit(voltage.values[:, 0] * 1000.0, np.dtype(np.uint16)).tolist()
     for key, value in zip(clock.of(voltage).key_us.tolist(), millivolts, strict=True):
-        yield key, dialect.MAVLink_sys_status_message(0, 0, 0, 0, value, -1, -1, 0, 0, 0, 0, 0, 0)
+        yield key, messages.sys_status(0, 0, 0, 0, value, -1, -1, 0, 0, 0, 0, 0, 0)
 
 
-def _landed(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
+def _landed(messages: Messages, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
     """EXTENDED_SYS_STATE: on ground or in the air."""
     landed = first(log, "landed")
     if landed is None:
         return
     states = np.where(landed.values[:, 0] > 0.5, ON_GROUND, IN_AIR).tolist()
     for key, state in zip(clock.of(landed).key_us.tolist(), states, strict=True):
-        yield key, dialect.MAVLink_extended_sys_state_message(0, state)
+        yield key, messages.extended_sys_state(0, state)
 
 
-def _texts(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
+def _texts(messages: Messages, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
     """STATUSTEXT; a long text in chunks with one id."""
     keys = event_stamps(clock, log.texts).key_us.tolist()
     for number, (key, text) in enumerate(zip(keys, log.texts, strict=True), start=1):
@@ -308,4 +304,4 @@ def _texts(dialect: Any, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
         chunks = [encoded[i : i + TEXT_BYTES] for i in range(0, len(encoded), TEXT_BYTES)] or [b""]
         shared_id = number % 2**16 if len(chunks) > 1 else 0
         for sequence, chunk in enumerate(chunks):
-            yield key, dialect.MAVLink_statustext_message(SEVERITY_INFO, chunk, shared_id, sequence)
+            yield key, messages.statustext(SEVERITY_INFO, chunk, shared_id, sequence)

@@ -454,6 +454,31 @@ def test_help_names_every_verb_and_imports_nothing_heavy() -> None:
         assert verb in done.stdout
 
 
+def test_the_core_needs_no_library_of_the_extras(tmp_path: Path) -> None:
+    """Telemetry and a table are written and read where none of them can be imported."""
+    script = (
+        "import sys; from quadid_logs.cli import main;"
+        "extras = ['pyarrow', 'pymavlink', 'plotly', 'pandas', 'control', 'duckdb'];"
+        "sys.modules.update(dict.fromkeys(extras));"
+        "codes = [main(arguments.split()) for arguments in sys.argv[1:]]; sys.exit(max(codes))"
+    )
+    verbs = [
+        "simulate hover --duration-s 15 --rate-hz 50 -o f.tlog",
+        "info f.tlog",
+        "export f.tlog -o f.csv",
+        "info f.csv",
+    ]
+    done = subprocess.run(
+        [sys.executable, "-c", script, *verbs],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+
+
 def test_the_version_is_printed() -> None:
     """One line, exit code 0."""
     done = quadid_log("--version")

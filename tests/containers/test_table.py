@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from quadid_logs.autopilots.generic import table
+from quadid_logs.containers.table import read_cells
 from quadid_logs.errors import EmptyLogError, LogError, UnknownFormatError
 from quadid_logs.load import read_log
 
@@ -187,3 +189,23 @@ def test_every_number_of_the_real_table_is_read(corpus_log: Path) -> None:
         np.testing.assert_array_equal(
             signal.values, np.column_stack([expected[column] for column in columns])
         )
+
+
+def test_a_parquet_file_without_the_library_that_reads_it_is_one_clear_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """CSV needs none; what reads Parquet is an extra."""
+    path = tmp_path / "flight.parquet"
+    path.write_bytes(b"PAR1" + bytes(40))
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(UnknownFormatError, match="pip install pyarrow"):
+        read_log(path)
+
+
+def test_cells_for_a_missing_value_do_not_count_as_damaged(tmp_path: Path) -> None:
+    """As spreadsheets write them; a quotation mark without its partner costs its row only."""
+    path = tmp_path / "flight.csv"
+    path.write_text('time_s,throttle,note\n0,NULL,a\n1,n/a,b\n2,"0.5",c\n3,0.5,"d\n4,x,e\n\n5,0.7,f\n')
+    cells = read_cells(path, lambda _names: ["time_s", "throttle"])
+    np.testing.assert_array_equal(cells.columns["throttle"], [np.nan, np.nan, 0.5, 0.5, np.nan, 0.7])
+    assert (cells.n_not_numeric, cells.n_broken_rows) == (1, 0)
