@@ -151,16 +151,23 @@ def _summary(result: Result, row: Mapping[str, Any]) -> dict[str, Any]:
 def _compare(job: Job, tell: Tell) -> Done:
     """Do what ``quadid-log compare`` does."""
     from quadid_logs.compare import compare
+    from quadid_logs.figures import Figure
+    from quadid_logs.figures.comparison_chart import comparison_figure
     from quadid_logs.report.comparison import comparison_lines, comparison_text
+    from quadid_logs.report.comparison_page import comparison_page
 
     before, after = (_result_of(job, which, tell)[1] for which in (0, 1))
     comparison = compare(before, after)
     tell("writing the report", None)
-    lines = comparison_lines(before, after, comparison)
-    folder = Path(job.folder)
-    (folder / "compare.json").write_text(comparison_text(before, after, comparison), encoding="utf-8")
-    _write_page(folder, "Comparison of two flights", "\n".join(lines))
-    return Done(summary={"headline": lines[0]})
+    figures = [each for each in (comparison_figure(comparison),) if isinstance(each, Figure)]
+    _write(
+        job,
+        {
+            PAGE_FILE: comparison_page(before, after, comparison, figures),
+            "compare.json": comparison_text(before, after, comparison),
+        },
+    )
+    return Done(summary={"headline": comparison_lines(before, after, comparison)[0]})
 
 
 def _tune(job: Job, tell: Tell) -> Done:
@@ -179,14 +186,14 @@ def _tune(job: Job, tell: Tell) -> Done:
     files = dict(gain_files(result, tuning))
     files[PAGE_FILE] = tune_page(result, tuning, provenance)
     files["tune.json"] = tuning_text(result, tuning, provenance, tuple(sorted((*files, "tune.json"))))
-    for name, text in files.items():
-        (Path(job.folder) / name).write_text(text, encoding="utf-8")
+    _write(job, files)
     return Done(summary={"headline": headline(tuning)})
 
 
 def _plan(job: Job, tell: Tell) -> Done:
     """Do what ``quadid-log plan`` does."""
     from quadid_logs.plan import make_plan, parse_version, predict
+    from quadid_logs.report.markdown_page import markdown_page
     from quadid_logs.report.plan import CARD_FILE, card_lines, parameter_files
 
     firmware = str(job.options.get("firmware") or "")
@@ -197,17 +204,12 @@ def _plan(job: Job, tell: Tell) -> Done:
     )
     tell("flying it in the simulator", None)
     lines = card_lines(planned, predict(planned))
-    folder = Path(job.folder)
-    files = {**parameter_files(planned), CARD_FILE: "\n".join(lines) + "\n"}
-    for name, text in files.items():
-        (folder / name).write_text(text, encoding="utf-8")
-    _write_page(folder, "Flight plan", files[CARD_FILE])
+    card = "\n".join(lines) + "\n"
+    _write(job, {**parameter_files(planned), CARD_FILE: card, PAGE_FILE: markdown_page(card)})
     return Done(summary={"headline": printable(lines[0].lstrip("# "))})
 
 
-def _write_page(folder: Path, title: str, text: str) -> None:
-    """Write a page that holds plain text."""
-    from quadid_logs.report.pages import environment
-
-    page = environment("quadid_logs.serve").get_template("text.html").render(title=title, text=text)
-    (folder / PAGE_FILE).write_text(page, encoding="utf-8")
+def _write(job: Job, files: Mapping[str, str]) -> None:
+    """Write texts into the job's folder."""
+    for name, text in files.items():
+        (Path(job.folder) / name).write_text(text, encoding="utf-8")
