@@ -9,9 +9,12 @@ from pathlib import Path
 
 import pytest
 
+from quadid_logs.compare import compare
 from quadid_logs.figures import figures_of
+from quadid_logs.report.comparison_page import comparison_page
 from quadid_logs.report.html import render_html
 from quadid_logs.report.index import index_page, index_row
+from quadid_logs.report.markdown_page import markdown_page
 from quadid_logs.report.provenance import provenance_of
 from quadid_logs.report.view import view_of
 from tests import chromium
@@ -51,13 +54,18 @@ def axe(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 def pages() -> dict[str, str]:
-    """Return the pages to look at: a usable, a refused and a hostile report, and the index of all."""
+    """Return the pages to look at: a usable, a refused and a hostile report, and those beside it."""
     results = {"usable": usable_result(8.0), "refused": refused_result(), "hostile": hostile_result()}
     texts = {
         name: render_html(view_of(result, provenance_of("x", "quadid-log analyze x")), figures_of(result))
         for name, result in results.items()
     }
-    return {**texts, "index": index_page([index_row(result, name) for name, result in results.items()])}
+    return {
+        **texts,
+        "index": index_page([index_row(result, name) for name, result in results.items()]),
+        "compare": comparison_page(*[results["usable"]] * 2, compare(*[results["usable"]] * 2)),
+        "document": markdown_page("# Plan\n\n## Set\n\n- this\n\n| | a |\n|---|---|\n| b | 1 |"),
+    }
 
 
 @pytest.mark.parametrize(("width", "dark"), [(1280, False), (400, True)])
