@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -75,6 +76,7 @@ def test_charts_wait_until_they_are_scrolled_into_view(browser: chromium.Browser
     browser.run(PAUSE)
     assert browser.run("document.querySelectorAll('#chart-evidence .main-svg').length") > 0
     assert browser.run("document.querySelectorAll('details .chart .main-svg').length") == 0
+    assert browser.run("document.documentElement.scrollHeight") < 9 * 900
     assert "The model" in browser.run("document.body.innerText")
 
 
@@ -176,6 +178,27 @@ def test_a_printed_report_shows_every_chart(browser: chromium.Browser, page: Pat
     assert browser.run(COUNT) == browser.run("document.querySelectorAll('.chart').length")
     assert browser.run(colour) == "#171a1f"
     assert browser.problems == []
+
+
+def test_the_first_screen_holds_verdict_picture_and_steps(browser: chromium.Browser, page: Path) -> None:
+    """On 1280 by 900 pixels."""
+    browser.show(1280)
+    browser.open(page)
+    browser.run(PAUSE)
+    bottom = "document.querySelector('{}').getBoundingClientRect().bottom"
+    for selector in ("#verdict-title", ".axes", "#chart-evidence", ".steps h3"):
+        assert browser.run(bottom.format(selector)) < 900, selector
+
+
+def test_the_summary_is_printed_on_one_page(browser: chromium.Browser, page: Path) -> None:
+    """All else is left out, and comes back afterwards."""
+    browser.show(1280, media="print")
+    browser.open(page)
+    browser.run("document.documentElement.dataset.print = 'summary'")
+    assert len(re.findall(rb"/Type\s*/Page[^s]", browser.pdf())) == 1
+    browser.run(PAUSE)
+    assert browser.run("document.documentElement.dataset.print") is None
+    assert browser.run("document.querySelectorAll('details[open]').length") == 0
 
 
 def test_a_printed_report_is_small_enough_to_send(
