@@ -233,6 +233,8 @@ def _add_axes(
     """Add both axes, the title, the shading and the reference lines of one panel."""
     x_id, y_id = _axis_id("x", number), _axis_id("y", number)
     x_axis = _axis(panel, "x", domains[0]) | {"anchor": y_id, "showticklabels": labelled}
+    if figure.low:
+        x_axis |= {"nticks": 4, "tickangle": 0}
     if not labelled:
         x_axis.pop("title")
     if figure.over_time and number > 1:
