@@ -223,7 +223,7 @@ class _Search:
         search = SeparateGains(self._case, self._loops, self._rebuild, self._limits, self._cost)
         target = search.target()
         low, high = _SAME
-        if all(low <= factor <= high for factor in target.values()):
+        if all(low <= factor <= high for factor in target.values()) or not search.keeps(target):
             return None
         step = search.step(target, (MOST_DOWN, MOST_UP))
         if step is None:

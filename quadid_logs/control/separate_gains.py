@@ -31,6 +31,8 @@ _LEAST_INTEGRAL: Final = 0.5
 #: A missing tenth of a margin weighs more than any rejection of gusts.
 _PENALTY: Final = 100.0
 _HALVINGS: Final = 5
+#: The search ends this near to the limits.
+_ROUNDING: Final = 0.005
 
 
 class Step(NamedTuple):
@@ -95,10 +97,28 @@ class SeparateGains:
         controller = self._rebuild(self._values(factors))
         if controller is None:
             return np.inf
-        loops = scaled_loops(controller, self._estimate, self._loops.known_hz)
-        missing = max(1.0 - self._reserve * spare(loops.margins(), self._limits), 0.0)
         error, noise = self._cost(controller)
-        return error + _PENALTY * (missing + noise)
+        return error + _PENALTY * (self._missing(controller) + noise)
+
+    def _missing(self, controller: AxisController) -> float:
+        """Return how much of the limits the worst vehicle is expected to miss."""
+        loops = scaled_loops(controller, self._estimate, self._loops.known_hz)
+        return max(1.0 - self._reserve * spare(loops.margins(), self._limits), 0.0)
+
+    def keeps(self, target: Mapping[str, float]) -> bool:
+        """Tell whether the limits are kept at a target: without that, no step towards it is worth a flight.
+
+        Parameters
+        ----------
+        target : mapping of str to float
+            Factors.
+
+        Returns
+        -------
+        bool
+        """
+        controller = self._rebuild(self._values(target))
+        return controller is not None and self._missing(controller) <= _ROUNDING
 
     def _allowed(self, name: str, factor: float) -> bool:
         low, high = _BOUNDS
