@@ -153,13 +153,15 @@ def _compare(job: Job, tell: Tell) -> Done:
     from quadid_logs.compare import compare
     from quadid_logs.figures import Figure
     from quadid_logs.figures.comparison_chart import comparison_figure
+    from quadid_logs.figures.loop_comparison import loop_comparison_figure
     from quadid_logs.report.comparison import comparison_lines, comparison_text
     from quadid_logs.report.comparison_page import comparison_page
 
     before, after = (_result_of(job, which, tell)[1] for which in (0, 1))
     comparison = compare(before, after)
     tell("writing the report", None)
-    figures = [each for each in (comparison_figure(comparison),) if isinstance(each, Figure)]
+    drawn = (comparison_figure(comparison), loop_comparison_figure(before, after))
+    figures = [each for each in drawn if isinstance(each, Figure)]
     _write(
         job,
         {
