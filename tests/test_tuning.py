@@ -19,13 +19,15 @@ from quadid_logs.control.next_flight import of_next_flight
 from quadid_logs.control.posterior import draw
 from quadid_logs.control.recommend import MOST_DOWN, MOST_UP, filter_note
 from quadid_logs.control.scaled_loop import scaled_loops, spare
+from quadid_logs.data.closed_loop import Estimated
 from quadid_logs.data.controller import AxisController, Replay
 from quadid_logs.data.result import Result
-from quadid_logs.data.tuning import GOOD, AxisTuning, Tuning
+from quadid_logs.data.tuning import GOOD, AxisTuning, GainChange, Tuning
 from quadid_logs.report.gain_files import gain_files
 from quadid_logs.report.provenance import Provenance
 from quadid_logs.report.tune_card import flight_files
 from quadid_logs.report.tune_page import tune_page
+from quadid_logs.report.tune_view import tune_view
 from quadid_logs.tuning import promises, recommend
 from tests.control.loop_flights import Vehicle
 from tests.tuned_flights import flown
@@ -254,6 +256,26 @@ def test_the_page_says_what_changes_and_by_which_sign_to_land(raised: Tuning) ->
     page = tune_page(flown("ardupilot"), raised, NOWHERE)
     assert "Roll: raise the gains to 130 %" in page
     assert "Land if roll oscillates near" in page
+
+
+def test_the_page_shows_flown_gains_to_four_digits(raised: Tuning) -> None:
+    """The file that goes back has all of them."""
+    found = raised.axes["roll"]
+    name = next(iter(found.changes))
+    odd = replace(found, gains={name: GainChange(0.083082230, 0.108, 0.108)})
+    view = tune_view(flown("ardupilot"), replace(raised, axes={"roll": odd}))
+    assert view.axes[0].gains[0].now == "0.08308"
+
+
+def test_an_interval_on_the_page_does_not_collapse(raised: Tuning) -> None:
+    """50 (50 to 50) degrees would say that nothing is left to know."""
+    found = raised.axes["roll"]
+    assert found.now is not None
+    assert found.now.full is not None
+    narrow = replace(found.now.full, phase_margin_deg=Estimated(50.1, (49.8, 50.3)))
+    kept = replace(found, verdict="keep", now=replace(found.now, full=narrow))
+    view = tune_view(flown("ardupilot"), replace(raised, axes={"roll": kept}))
+    assert "50.1 (49.8 to 50.3) degrees" in view.axes[0].promise
 
 
 def test_the_confirming_flight_comes_with_the_gains(raised: Tuning, kept: Tuning) -> None:

@@ -27,7 +27,7 @@ _STYLES: Final = {"change": "caution", "keep": "usable", "refused": "refused"}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GainView:
-    """A parameter: now, next, where it leads to ("" where that is the same)."""
+    """A parameter: now to four digits, next as in the file, where it leads to ("" where that is the same)."""
 
     name: str
     now: str
@@ -151,7 +151,7 @@ def _axis(axis: str, found: AxisTuning) -> TuneAxisView:
         gains=tuple(
             GainView(
                 name=name,
-                now=exact(one.now),
+                now=number(one.now),
                 next=exact(one.next),
                 target="" if one.target == one.next else exact(one.target),
             )
@@ -193,8 +193,11 @@ def _margin_words(margins: Margins, told: Callable[[Estimated], str]) -> str:
 
 def _brief(figure: Estimated) -> str:
     """Return a figure as it is read at a glance; the table has the digits."""
-    low, high = figure.ci95
-    return f"{number(figure.value, 2)} ({number(low, 2)} to {number(high, 2)})"
+    value, low, high = (number(one, 2) for one in (figure.value, *figure.ci95))
+    if low == high:
+        # Two digits would say that nothing is left to know.
+        value, low, high = (f"{one:.1f}" for one in (figure.value, *figure.ci95))
+    return f"{value} ({low} to {high})"
 
 
 def _effect(found: AxisTuning) -> str:
