@@ -29,6 +29,7 @@ from quadid_logs.report.tune_card import flight_files
 from quadid_logs.report.tune_page import tune_page
 from quadid_logs.report.tune_view import tune_view
 from quadid_logs.tuning import promises, recommend
+from tests.analyses import Analyzed
 from tests.control.loop_flights import Vehicle
 from tests.tuned_flights import flown
 
@@ -322,10 +323,10 @@ def low_ends(found: AxisTuning) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("name", ["ac47_quadx_doublets.BIN", "px4_quad_multisine.ulg"])
-def test_the_true_vehicle_of_a_firmware_log_has_the_promised_margins(corpus: Path, name: str) -> None:
+def test_the_true_vehicle_of_a_firmware_log_has_the_promised_margins(
+    corpus: Path, analyzed: Analyzed, name: str
+) -> None:
     """The simulator's own physics behind the firmware's own controller, with the gains of the file."""
-    from tests.control.test_firmware_loops import analyzed
-
     result = analyzed(corpus / "firmware" / name)
     tuning = recommend(result, GOOD, ["roll", "pitch"])
     for number, (axis, found) in enumerate(tuning.axes.items()):

@@ -68,4 +68,4 @@ def test_the_terminal_does_not_cut_what_is_to_be_set() -> None:
     lines = result_lines(_with_findings(*THREE_WEAK_AXES, TOO_SLOW))
     steps = [line.strip() for line in lines if "next:" in line]
     assert steps[0] == f"next: {SET}"
-    assert len(steps) == 2
+    assert [number for number, step in enumerate(steps) if "doublets" in step] == [1]

@@ -205,7 +205,7 @@ def test_a_vehicle_that_cannot_fly_is_refused(vehicle):
         ("hover", {"duration_s": 3.0}, "cannot be flown"),
         ("hover", {"duration_s": float("nan")}, "cannot be flown"),
         ("hover", {"rate_hz": 1e6}, "cannot be logged"),
-        ("hover", {"autopilot": "betaflight"}, "betaflight"),
+        ("hover", {"autopilot": "clearflight"}, "clearflight"),
     ],
 )
 def test_what_cannot_be_simulated_is_refused(name, options, words):
