@@ -10,10 +10,13 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.autopilots import named
+from quadid_logs.control.autotune import forecast
 from quadid_logs.control.closed_loop import vehicles
 from quadid_logs.control.command_units import per_command
 from quadid_logs.control.guard import Case
+from quadid_logs.control.next_flight import of_next_flight
 from quadid_logs.control.recommend import tune_axis
+from quadid_logs.data.autotune import AutotuneForecast
 from quadid_logs.data.closed_loop import AxisLoop, Estimated
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.flight import FlightData
@@ -69,6 +72,37 @@ def recommend(
         for axis, (case, model) in cases.items()
     }
     return Tuning(axes=tuned, limits=limits)
+
+
+def autotune_forecasts(result: Result, tuning: Tuning) -> Mapping[str, AutotuneForecast]:
+    """Tell where the autopilot's own tuning procedure would end.
+
+    Parameters
+    ----------
+    result : Result
+    tuning : Tuning
+        Of `recommend`; what it refuses is not told of either.
+
+    Returns
+    -------
+    mapping of str to AutotuneForecast
+        By axis, as far as the procedure is known.
+    """
+    log = result.log
+    parameters = flown_parameters(log, result.data)
+    tunable = named(log.autopilot).tunable(parameters)
+    told: dict[str, AutotuneForecast] = {}
+    for axis, procedure in ({} if tunable is None else tunable.procedures).items():
+        if tunable is None or axis not in tuning.axes or axis in tuning.refused:
+            continue
+        case, _ = _case(result, axis, tunable, parameters)
+        if case.controller is None or case.plants is None:
+            continue
+        rebuild = partial(_rebuilt, log, parameters, axis)
+        found = forecast(procedure, case.controller, of_next_flight(case.plants), case.names, rebuild)
+        if found is not None:
+            told[axis] = found
+    return told
 
 
 def flown_parameters(log: FlightLog, data: FlightData) -> Mapping[str, float]:

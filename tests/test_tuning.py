@@ -28,7 +28,8 @@ from quadid_logs.report.provenance import Provenance
 from quadid_logs.report.tune_card import flight_files
 from quadid_logs.report.tune_page import tune_page
 from quadid_logs.report.tune_view import tune_view
-from quadid_logs.tuning import promises, recommend
+from quadid_logs.report.tuning_json import tuning_text
+from quadid_logs.tuning import autotune_forecasts, promises, recommend
 from tests.analyses import Analyzed
 from tests.control.loop_flights import Vehicle
 from tests.tuned_flights import flown
@@ -277,6 +278,17 @@ def test_an_interval_on_the_page_does_not_collapse(raised: Tuning) -> None:
     kept = replace(found, verdict="keep", now=replace(found.now, full=narrow))
     view = tune_view(flown("ardupilot"), replace(raised, axes={"roll": kept}))
     assert "50.1 (49.8 to 50.3) degrees" in view.axes[0].promise
+
+
+def test_page_and_json_tell_where_autotune_would_end(raised: Tuning) -> None:
+    """Whether to fly it at all: gains and margins as intervals."""
+    result = flown("ardupilot")
+    told = autotune_forecasts(result, raised)
+    assert "AutoTune would end at ATC_RAT_RLL_P 0." in tune_page(result, raised, NOWHERE, told)
+    found = json.loads(tuning_text(result, raised, NOWHERE, (), told))["axes"]["roll"]["autotune"]
+    low, high = found["gains"][ROLL[0]]
+    assert 0.01 < low <= high < 2.0
+    assert found["gain_margin_db"][0] > 0.0
 
 
 def test_the_confirming_flight_comes_with_the_gains(raised: Tuning, kept: Tuning) -> None:

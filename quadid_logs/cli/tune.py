@@ -16,6 +16,9 @@ from quadid_logs.output import check_folder_free, new_folder, write_together
 from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from quadid_logs.data.autotune import AutotuneForecast
     from quadid_logs.data.result import Result
     from quadid_logs.data.tuning import Limits, Tuning
     from quadid_logs.report.provenance import Provenance
@@ -57,7 +60,7 @@ def tune(
     """
     from quadid_logs.pipeline import analyze
     from quadid_logs.report.provenance import provenance_of
-    from quadid_logs.tuning import recommend
+    from quadid_logs.tuning import autotune_forecasts, recommend
     from quadid_logs.vehicle_file import read_vehicle
 
     limits = _limits(gain_margin_db, phase_margin_deg)
@@ -69,7 +72,8 @@ def tune(
         result = analyze(log, vehicle=described, progress=progress)
         progress("tune")
         tuning = recommend(result, limits, apart=apart)
-    text, written = _write(result, tuning, provenance_of(log, str(context.obj or "")), folder)
+        forecasts = autotune_forecasts(result, tuning)
+    text, written = _write(result, tuning, provenance_of(log, str(context.obj or "")), folder, forecasts)
     if as_json:
         say(text.rstrip("\n"))
     else:
@@ -111,7 +115,11 @@ def _possible_files() -> set[str]:
 
 
 def _write(
-    result: Result, tuning: Tuning, provenance: Provenance, folder: Path
+    result: Result,
+    tuning: Tuning,
+    provenance: Provenance,
+    folder: Path,
+    forecasts: Mapping[str, AutotuneForecast],
 ) -> tuple[str, tuple[str, ...]]:
     """Write page, JSON and parameter files; return the JSON and what was written."""
     from quadid_logs.report.gain_files import gain_files
@@ -121,9 +129,9 @@ def _write(
 
     texts = {**gain_files(result, tuning), **flight_files(result, tuning)}
     files = {name: text.encode() for name, text in texts.items()}
-    files[PAGE_FILE] = tune_page(result, tuning, provenance).encode()
+    files[PAGE_FILE] = tune_page(result, tuning, provenance, forecasts).encode()
     names = tuple(sorted((*files, _JSON_FILE)))
-    text = tuning_text(result, tuning, provenance, names)
+    text = tuning_text(result, tuning, provenance, names, forecasts)
     files[_JSON_FILE] = text.encode("ascii")
     with new_folder(folder):
         write_together(folder, files)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple
 
+from quadid_logs.data.autotune import Procedure
 from quadid_logs.data.closed_loop import LoopMargins, Step
 from quadid_logs.data.diagnosis import Finding
 
@@ -58,11 +59,14 @@ class Tunable:
         What this vehicle is that no gains are given for, "" for nothing.
     gyro_filter : str
         The parameter of the gyro's low-pass [Hz].
+    procedures : mapping of str to Procedure
+        By axis, how the autopilot tunes itself, where that is known.
     """
 
     axes: Mapping[str, GainNames] = field(default_factory=dict)
     obstacle: str = ""
     gyro_filter: str = ""
+    procedures: Mapping[str, Procedure] = field(default_factory=dict)
 
 
 class GainChange(NamedTuple):

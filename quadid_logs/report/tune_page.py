@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+from quadid_logs.data.autotune import AutotuneForecast
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import Tuning
 from quadid_logs.report.pages import environment
@@ -13,7 +16,12 @@ from quadid_logs.untrusted import printable
 PAGE_FILE = "tune.html"
 
 
-def tune_page(result: Result, tuning: Tuning, provenance: Provenance) -> str:
+def tune_page(
+    result: Result,
+    tuning: Tuning,
+    provenance: Provenance,
+    forecasts: Mapping[str, AutotuneForecast] | None = None,
+) -> str:
     """Return the page.
 
     Parameters
@@ -21,6 +29,8 @@ def tune_page(result: Result, tuning: Tuning, provenance: Provenance) -> str:
     result : Result
     tuning : Tuning
     provenance : Provenance
+    forecasts : mapping of str to AutotuneForecast, optional
+        By axis, where the autopilot's own procedure would end.
 
     Returns
     -------
@@ -32,7 +42,7 @@ def tune_page(result: Result, tuning: Tuning, provenance: Provenance) -> str:
         environment()
         .get_template("tune.html")
         .render(
-            view=tune_view(result, tuning),
+            view=tune_view(result, tuning, forecasts),
             pictures=[one for one in pictures if one is not None],
             provenance={
                 "version": provenance.version,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Final
@@ -10,13 +10,14 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.autopilots import named
+from quadid_logs.data.autotune import AutotuneForecast
 from quadid_logs.data.closed_loop import Estimated, LoopMargins, Margins
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import AxisTuning, Limits, Tuning
 from quadid_logs.report.cells import Cell, Table
 from quadid_logs.report.gain_files import exact, file_names
-from quadid_logs.report.numbers import interval, number, resolved
+from quadid_logs.report.numbers import interval, number, percent, resolved
 from quadid_logs.report.words import evidence_name, evidence_text
 from quadid_logs.untrusted import printable
 
@@ -58,6 +59,7 @@ class TuneAxisView:
     effect: str
     warning: str
     reasons: tuple[ReasonView, ...]
+    autotune: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,13 +76,17 @@ class TuneView:
     limits: str
 
 
-def tune_view(result: Result, tuning: Tuning) -> TuneView:
+def tune_view(
+    result: Result, tuning: Tuning, forecasts: Mapping[str, AutotuneForecast] | None = None
+) -> TuneView:
     """Put a recommendation into words.
 
     Parameters
     ----------
     result : Result
     tuning : Tuning
+    forecasts : mapping of str to AutotuneForecast, optional
+        By axis, where the autopilot's own procedure would end.
 
     Returns
     -------
@@ -94,7 +100,7 @@ def tune_view(result: Result, tuning: Tuning) -> TuneView:
         subtitle=firmware,
         headline=headline(tuning),
         style=style,
-        axes=tuple(_axis(axis, found) for axis, found in tuning.axes.items()),
+        axes=tuple(_axis(axis, found, (forecasts or {}).get(axis)) for axis, found in tuning.axes.items()),
         steps=tuple(_steps(result, tuning)),
         margins=_table(tuning),
         limits=_limits(tuning.limits),
@@ -142,7 +148,7 @@ def _listed(words: list[str]) -> str:
     return f"{', '.join(first)} and {last}" if first else last
 
 
-def _axis(axis: str, found: AxisTuning) -> TuneAxisView:
+def _axis(axis: str, found: AxisTuning, forecast: AutotuneForecast | None) -> TuneAxisView:
     return TuneAxisView(
         axis=axis,
         verdict=_WORDS[found.verdict],
@@ -161,7 +167,39 @@ def _axis(axis: str, found: AxisTuning) -> TuneAxisView:
         effect=_effect(found),
         warning=_warning(axis, found),
         reasons=tuple(_reason(one) for one in found.reasons),
+        autotune="" if forecast is None else autotune_words(forecast),
     )
+
+
+def autotune_words(forecast: AutotuneForecast) -> str:
+    """Say where the autopilot's own procedure would end.
+
+    Parameters
+    ----------
+    forecast : AutotuneForecast
+
+    Returns
+    -------
+    str
+    """
+    gains = ", ".join(f"{name} {_range(ends)}" for name, ends in forecast.gains.items())
+    figures = [
+        f"{_range(ends)} {unit}"
+        for ends, unit in ((forecast.gain_margin_db, "dB"), (forecast.phase_margin_deg, "degrees"))
+        if ends is not None
+    ]
+    promised = f" with {' and '.join(figures)}" if figures else ""
+    text = f"{forecast.title} would end at {gains}{promised}."
+    if forecast.ended_fraction < 1.0:
+        text += f" In {percent(1.0 - forecast.ended_fraction)} of the vehicles it would end without gains."
+    if forecast.unstable_fraction > 0.0:
+        text += f" In {percent(forecast.unstable_fraction)} of them the loop would be unstable."
+    return text
+
+
+def _range(ends: tuple[float, float]) -> str:
+    low, high = (number(end, 2) for end in ends)
+    return low if low == high else f"{low} to {high}"
 
 
 def _promise(found: AxisTuning) -> str:
@@ -228,8 +266,7 @@ def _warning(axis: str, found: AxisTuning) -> str:
 
 def _around(at: Estimated) -> str:
     """Return a frequency as a range that a pilot can tell."""
-    low, high = (number(end, 2) for end in at.ci95)
-    return low if low == high else f"{low} to {high}"
+    return _range(at.ci95)
 
 
 def _reason(one: Finding) -> ReasonView:

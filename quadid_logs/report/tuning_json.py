@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from quadid_logs.data.autotune import AutotuneForecast
 from quadid_logs.data.closed_loop import LoopMargins
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import AxisTuning, Tuning
@@ -13,10 +14,16 @@ from quadid_logs.report.loop_json import margins_dict
 from quadid_logs.report.provenance import Provenance
 
 #: Minor steps add keys, a major step changes or removes one.
-SCHEMA_VERSION = "1.0"
+SCHEMA_VERSION = "1.1"
 
 
-def tuning_text(result: Result, tuning: Tuning, provenance: Provenance, files: Sequence[str]) -> str:
+def tuning_text(
+    result: Result,
+    tuning: Tuning,
+    provenance: Provenance,
+    files: Sequence[str],
+    forecasts: Mapping[str, AutotuneForecast] | None = None,
+) -> str:
     """Return what is recommended as strict JSON in ASCII.
 
     Parameters
@@ -26,6 +33,8 @@ def tuning_text(result: Result, tuning: Tuning, provenance: Provenance, files: S
     provenance : Provenance
     files : sequence of str
         That were written.
+    forecasts : mapping of str to AutotuneForecast, optional
+        By axis, where the autopilot's own procedure would end.
 
     Returns
     -------
@@ -36,7 +45,10 @@ def tuning_text(result: Result, tuning: Tuning, provenance: Provenance, files: S
         "tool": {"name": "quadid-logs", **fields_of(provenance)},
         "log": log_dict(result.log, result.data),
         "limits": tuning.limits._asdict(),
-        "axes": {axis: _axis(found) for axis, found in tuning.axes.items()},
+        "axes": {
+            axis: _axis(found) | {"autotune": _forecast((forecasts or {}).get(axis))}
+            for axis, found in tuning.axes.items()
+        },
         "files": list(files),
     }
     return strict_text(content)
@@ -53,6 +65,20 @@ def _axis(found: AxisTuning) -> dict[str, Any]:
         "next": _loops(found.next),
         "attitude_error_ratio": found.attitude_error,
         "torque_noise": {"now": found.torque_noise, "next": found.torque_noise_next},
+    }
+
+
+def _forecast(found: AutotuneForecast | None) -> dict[str, Any] | None:
+    """Return where the autopilot's own procedure would end; intervals of 95 %."""
+    if found is None:
+        return None
+    return {
+        "procedure": found.title,
+        "gains": {name: list(ends) for name, ends in found.gains.items()},
+        "gain_margin_db": found.gain_margin_db,
+        "phase_margin_deg": found.phase_margin_deg,
+        "unstable_fraction": found.unstable_fraction,
+        "ended_fraction": found.ended_fraction,
     }
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Final
 
 from quadid_logs.autopilots.ardupilot.controller import AXIS_NAMES
+from quadid_logs.data.autotune import Twitching
 from quadid_logs.data.tuning import GainNames, Tunable
 
 #: AC_AttitudeControl_Multi.h and AC_AttitudeControl.cpp, @Range of RAT_RLL_P, RAT_YAW_P, ANG_RLL_P ...
@@ -36,7 +38,27 @@ def tunable(parameters: Mapping[str, float]) -> Tunable:
     Tunable
     """
     axes = {axis: _names(name) for axis, name in AXIS_NAMES.items()}
-    return Tunable(axes=axes, obstacle=_obstacle(parameters), gyro_filter="INS_GYRO_FILTER")
+    return Tunable(
+        axes=axes,
+        obstacle=_obstacle(parameters),
+        gyro_filter="INS_GYRO_FILTER",
+        procedures={axis: _autotune(parameters, AXIS_NAMES[axis]) for axis in ("roll", "pitch")},
+    )
+
+
+def _autotune(parameters: Mapping[str, float], name: str) -> Twitching:
+    """Return AutoTune of roll or pitch, as in AC_AutoTune_Multi.cpp; in yaw it varies a filter."""
+    cutoff_hz = parameters.get(f"ATC_RAT_{name}_FLTD", 0.0)
+    return Twitching(
+        title="AutoTune",
+        aggressiveness=min(max(parameters.get("AUTOTUNE_AGGR", 0.075), 0.05), 0.2),
+        filter_hz=2.0 * cutoff_hz if 0.0 < cutoff_hz < math.inf else 0.0,
+        derivative=(min(max(parameters.get("AUTOTUNE_MIN_D", 0.0005), 1e-5), 0.2), 0.2),
+        proportional=(0.01, 2.0),
+        angle=(0.5, 40.0),
+        integral_ratio=1.0,
+        angle_back_off=0.9,
+    )
 
 
 def _names(name: str) -> GainNames:

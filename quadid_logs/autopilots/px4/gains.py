@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Final
 
 from quadid_logs.autopilots.px4.controller import AXIS_NAMES
+from quadid_logs.data.autotune import PolePlacement
 from quadid_logs.data.tuning import GainNames, Tunable
 
 #: mc_rate_control_params.c and mc_att_control_params.c, @max.
@@ -31,7 +33,29 @@ def tunable(parameters: Mapping[str, float]) -> Tunable:
         P, I and D together are scaled by MC_ROLLRATE_K and its likes where the firmware has them.
     """
     axes = {axis: _names(name, parameters) for axis, (name, _) in AXIS_NAMES.items()}
-    return Tunable(axes=axes, obstacle=_obstacle(parameters), gyro_filter="IMU_GYRO_CUTOFF")
+    return Tunable(
+        axes=axes,
+        obstacle=_obstacle(parameters),
+        gyro_filter="IMU_GYRO_CUTOFF",
+        procedures={axis: _autotune(parameters, name) for axis, (name, _) in AXIS_NAMES.items()},
+    )
+
+
+def _autotune(parameters: Mapping[str, float], name: str) -> PolePlacement:
+    """Return the autotune of one axis: mc_autotune_attitude_control.cpp, pid_design.hpp."""
+    rise_s = 0.2 if name == "YAW" else parameters.get("MC_AT_RISE_TIME", 0.14)
+    cutoff_hz, common = parameters.get("IMU_GYRO_CUTOFF", 40.0), f"MC_{name}RATE_K"
+    return PolePlacement(
+        title="The autotune in flight",
+        rise_time_s=min(max(rise_s, 0.01), 1.0),
+        model_period_s=min(max(0.5 / cutoff_hz if cutoff_hz > 0.0 else 0.01, 0.002), 0.01),
+        excitation_per_s=5.0,
+        detuning=0.7,
+        angle_error_rad=math.radians(60.0),
+        angle_gains=(2.0, 6.5),
+        highest=(0.5, 10.0, 0.1),
+        common=common if common in parameters else "",
+    )
 
 
 def _names(name: str, parameters: Mapping[str, float]) -> GainNames:

@@ -1,0 +1,105 @@
+"""Where the autopilot's own tuning procedure would end on the vehicles that the flight allows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.control.loop import Plant
+from quadid_logs.control.pole_placement import place_poles
+from quadid_logs.control.scaled_loop import scaled_loops
+from quadid_logs.control.separate_gains import Rebuild
+from quadid_logs.control.twitch import twitch
+from quadid_logs.data.autotune import AutotuneForecast, PolePlacement, Procedure, Twitching
+from quadid_logs.data.closed_loop import Estimated, Margins
+from quadid_logs.data.controller import AxisController
+from quadid_logs.data.tuning import GainNames
+
+#: The estimate and so many vehicles around it: an interval is not a tail's last per cent.
+_N_VEHICLES: Final = 61
+_CI: Final = (0.025, 0.975)
+
+
+def forecast(
+    procedure: Procedure, controller: AxisController, plants: Plant, names: GainNames, rebuild: Rebuild
+) -> AutotuneForecast | None:
+    """Run a procedure on vehicles and tell with which gains and margins it ends.
+
+    Parameters
+    ----------
+    procedure : PolePlacement or Twitching
+    controller : AxisController
+        That flew.
+    plants : Plant
+        The estimate, then vehicles drawn around it.
+    names : GainNames
+    rebuild : callable
+
+    Returns
+    -------
+    AutotuneForecast or None
+        None where it ends on none of the vehicles.
+    """
+    few = plants.at(slice(0, _N_VEHICLES))
+    gains = _gains(procedure, controller, few, names, rebuild)
+    if gains is None:
+        return None
+    ended = np.all([np.isfinite(values) & (values >= 0.0) for values in gains.values()], axis=0)
+    places = np.flatnonzero(ended & (gains[names.proportional] > 0.0))
+    if not places.size:
+        return None
+    common = {procedure.common: 1.0} if isinstance(procedure, PolePlacement) and procedure.common else {}
+    margins = []
+    for place in places:
+        other = rebuild({name: float(each[place]) for name, each in gains.items()} | common)
+        if other is None:
+            return None
+        loop = scaled_loops(other, few.at(slice(place, place + 1)), np.inf).margins()
+        # The rate loop alone may be unstable where the whole one is not, and the other way round.
+        margins.append((loop.full or loop.rate) if loop.rate.stable else loop.rate)
+    return AutotuneForecast(
+        title=procedure.title,
+        gains={name: _interval(values[places]) for name, values in gains.items()},
+        gain_margin_db=_margin([_known(one, one.gain_margin_db) for one in margins]),
+        phase_margin_deg=_margin([_known(one, one.phase_margin_deg) for one in margins]),
+        unstable_fraction=float(np.mean([not one.stable for one in margins])),
+        ended_fraction=places.size / ended.size,
+    )
+
+
+def _gains(
+    procedure: Procedure, controller: AxisController, plants: Plant, names: GainNames, rebuild: Rebuild
+) -> Mapping[str, FloatArray] | None:
+    """Return by parameter the gains at the end, of each vehicle."""
+    if isinstance(procedure, Twitching):
+        found = twitch(procedure, controller, plants, names, rebuild)
+        if found is None:
+            return None
+        p, d, angle = found
+        return {
+            names.proportional: p,
+            names.integral: procedure.integral_ratio * p,
+            names.derivative: d,
+            names.angle: angle,
+        }
+    p, i_per_s, d_s, angle = place_poles(procedure, controller, plants)
+    return {names.proportional: p, names.integral: p * i_per_s, names.derivative: p * d_s, names.angle: angle}
+
+
+def _interval(values: FloatArray) -> tuple[float, float]:
+    low, high = np.quantile(values, _CI, method="nearest")
+    return float(low), float(high)
+
+
+def _known(margins: Margins, figure: Estimated | None) -> float:
+    if not margins.stable:
+        return 0.0
+    return np.nan if figure is None else figure.value
+
+
+def _margin(values: list[float]) -> tuple[float, float] | None:
+    known = np.array([value for value in values if np.isfinite(value)])
+    return _interval(known) if known.size else None

@@ -1,0 +1,115 @@
+"""The procedures by which autopilots tune themselves, run on given vehicles."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from quadid_logs.control.autotune import forecast
+from quadid_logs.control.loop import Plant, gyro_filters
+from quadid_logs.control.pole_placement import _discrete_models, place_poles
+from quadid_logs.control.twitch import twitch
+from quadid_logs.data.autotune import PolePlacement, Twitching
+from quadid_logs.data.controller import AxisController
+from quadid_logs.data.tuning import GainNames
+from tests.control.loop_flights import Vehicle
+
+VEHICLE = Vehicle()
+NAMES = GainNames(
+    scaled=("P", "I", "D"), proportional="P", integral="I", derivative="D", angle="A", highest={}
+)
+PLACED = PolePlacement(
+    title="placing", rise_time_s=0.14, model_period_s=0.01, excitation_per_s=5.0, detuning=0.7,
+    angle_error_rad=1.0472, angle_gains=(2.0, 6.5), highest=(0.5, 10.0, 0.1), common="",
+)  # fmt: skip
+TWITCHED = Twitching(
+    title="twitching", aggressiveness=0.075, filter_hz=40.0, derivative=(0.0005, 0.2),
+    proportional=(0.01, 2.0), angle=(0.5, 40.0), integral_ratio=1.0, angle_back_off=0.9,
+)  # fmt: skip
+
+
+def controller(changes: Mapping[str, float]) -> AxisController:
+    gains = {"P": VEHICLE.P, "I": VEHICLE.I, "D": VEHICLE.D, "A": 4.5} | dict(changes)
+    made = replace(VEHICLE, P=gains["P"], I=gains["I"], D=gains["D"]).controller
+    return replace(made, angle_gain_per_s=gains["A"], gains=gains)
+
+
+def plants(*effectiveness: float, damping: float = -2.0) -> Plant:
+    n = len(effectiveness)
+    return Plant(
+        np.array(effectiveness), np.full(n, damping), np.full(n, 0.03), np.full(n, 0.003), lead_s=0.0
+    )
+
+
+def test_the_discrete_model_answers_as_the_vehicle_where_it_was_excited() -> None:
+    """Least squares on second order, of a plant with lag, delay and gyro filter."""
+    flown, vehicle = controller({}), plants(300.0)
+    a1, a2, *b = _discrete_models(PLACED, flown, vehicle)[:, 0]
+    frequency_hz = np.array([2.0, 4.0])
+    late = np.exp(-2j * np.pi * frequency_hz * PLACED.model_period_s)
+    model = late * (b[0] + b[1] * late + b[2] * late**2) / (1.0 + a1 * late + a2 * late**2)
+    true = vehicle.response(frequency_hz, flown.period_s)[0] * gyro_filters(flown, frequency_hz)
+    assert np.abs(model / true - 1.0).max() < 0.05
+
+
+def test_the_law_of_pole_placement_is_that_of_the_firmware() -> None:
+    """A plant of first order with a delay of one step, worked out by hand from pid_design.hpp."""
+    found = place_poles(PLACED, controller({}), plants(300.0))
+    a1, a2, *b = _discrete_models(PLACED, controller({}), plants(300.0))[:, 0]
+    rho = 0.01 / 0.14
+    e1 = -a1 - 2.0 * np.exp(-rho / 0.5) + 1.0
+    f1, f2 = a1 * e1 - a2 * e1 + a2, a2 * e1
+    assert found.proportional[0] == pytest.approx(-(f1 + 2.0 * f2) / (0.7 + (e1 + 1.0) * sum(b)))
+
+
+def test_gains_that_the_firmware_does_not_accept_are_none() -> None:
+    """A vehicle that hardly answers would get a P beyond 0.5."""
+    assert np.isnan(place_poles(PLACED._replace(detuning=0.0), controller({}), plants(1.0)).proportional[0])
+
+
+def test_twitches_give_an_effective_vehicle_lower_gains() -> None:
+    """Twice as effective, half the gains, as far as steps of 5 and 10 % go."""
+    found = twitch(TWITCHED, controller({}), plants(300.0, 600.0), NAMES, controller)
+    assert found is not None
+    assert found.proportional[0] / found.proportional[1] == pytest.approx(2.0, rel=0.08)
+    assert found.derivative[0] / found.derivative[1] == pytest.approx(2.0, rel=0.15)
+
+
+def test_an_aggressive_procedure_ends_at_more_derivative() -> None:
+    """It bears more bounce back."""
+    mild, bold = (
+        twitch(TWITCHED._replace(aggressiveness=one), controller({}), plants(300.0), NAMES, controller)
+        for one in (0.05, 0.10)
+    )
+    assert mild is not None
+    assert bold is not None
+    assert bold.derivative[0] > mild.derivative[0]
+
+
+def test_the_start_hardly_matters_to_twitches() -> None:
+    """From half and from twice the gains the procedure comes to the same place."""
+    found = [
+        twitch(TWITCHED, controller({"P": p, "D": d}), plants(300.0), NAMES, controller)
+        for p, d in ((0.05, 0.001), (0.2, 0.006))
+    ]
+    assert found[0] is not None
+    assert found[1] is not None
+    assert found[0].proportional[0] == pytest.approx(found[1].proportional[0], rel=0.15)
+
+
+@pytest.mark.parametrize("procedure", [PLACED, TWITCHED])
+def test_a_forecast_spans_the_vehicles(procedure: PolePlacement | Twitching) -> None:
+    """A wider posterior gives wider gains."""
+    narrow, wide = (
+        forecast(procedure, controller({}), plants(*(300.0 * np.array(one))), NAMES, controller)
+        for one in ((1.0, 0.99, 1.01), (1.0, 0.7, 1.3))
+    )
+    assert narrow is not None
+    assert wide is not None
+    low, high = wide.gains["P"]
+    assert low < narrow.gains["P"][0]
+    assert high > narrow.gains["P"][1]
+    assert wide.phase_margin_deg is not None
