@@ -80,6 +80,21 @@ def quadid_tlog_all(path: str) -> object:
     return read_messages(path)
 
 
+def quadid_blackbox_needed(path: str) -> object:
+    """Ours: the fields that `analyze` needs."""
+    from quadid_logs.autopilots.betaflight.signals import FIELDS
+    from quadid_logs.containers.blackbox import read_content
+
+    return read_content(path, FIELDS)
+
+
+def quadid_blackbox_all(path: str) -> object:
+    """Ours: every field of every frame."""
+    from quadid_logs.containers.blackbox import read_content
+
+    return read_content(path)
+
+
 def _columns(receive: Callable[[], object]) -> dict[str, dict[str, np.ndarray]]:
     """Gather a reader's messages into columns, which is what any analysis needs."""
     rows: defaultdict[str, defaultdict[str, list[object]]] = defaultdict(lambda: defaultdict(list))
@@ -142,6 +157,13 @@ def pyulog_needed(path: str) -> object:
     from pyulog import ULog
 
     return ULog(path, ULOG_NEEDED)
+
+
+def orangebox_all(path: str) -> object:
+    """orangebox: every field of every main frame; it cannot select."""
+    from orangebox import Parser
+
+    return np.array([frame.data for frame in Parser.load(path).frames() if frame.type.value in ("I", "P")])
 
 
 def mavparser_all(path: str) -> object:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +13,12 @@ from quadid_logs.writers import write_log
 
 HERE = Path(__file__).resolve().parent
 CACHE = HERE / ".cache"
-#: Flown by ArduCopter and PX4 firmware in the loop.
+#: Flown by the firmware of ArduPilot, PX4 and Betaflight in the loop.
 CORPUS_LOGS = (
     "firmware/ac47_quadx_multisine.BIN",
     "firmware/ac47_quadx_multisine.tlog",
     "firmware/px4_quad_multisine.ulg",
+    "firmware/bf_quad_sticks.bbl",
 )
 #: Rate [Hz], columns, source of what an autopilot logs for system identification.
 SERIES = {
@@ -50,8 +52,9 @@ def generated_log(suffix: str, size_mb: float) -> Path:
     if not path.exists():
         CACHE.mkdir(exist_ok=True)
         probe = CACHE / f"probe{suffix}"
-        write_log(_flight(10.0), probe)
-        write_log(_flight(10.0 * size_mb * 1e6 / probe.stat().st_size), path)
+        make = _frames if suffix == ".bbl" else _flight
+        write_log(make(10.0), probe)
+        write_log(make(10.0 * size_mb * 1e6 / probe.stat().st_size), path)
         probe.unlink()
     return path
 
@@ -64,6 +67,20 @@ def _flight(duration_s: float) -> FlightLog:
         _signal("body_rate", duration_s, 400.0, 3, "IMU[0].GyrX,GyrY,GyrZ"),
     )
     return FlightLog(path="", format="dataflash", autopilot="ardupilot", n_bytes=0, signals=signals)
+
+
+def _frames(duration_s: float) -> FlightLog:
+    """Return the same as one frame a row, which holds all signals that are logged at the rate of the gyro."""
+    flight = _flight(duration_s)
+    rows = flight.candidates("body_rate")[0].rows
+    signals = {
+        name: tuple(replace(signal, rows=rows) for signal in found if len(signal.values) == len(rows.time_s))
+        for name, found in flight.signals.items()
+    }
+    limits = {"motorOutput[0]": 48.0, "motorOutput[1]": 2047.0}
+    return replace(
+        flight, signals={name: found for name, found in signals.items() if found}, parameters=limits
+    )
 
 
 def _signal(name: str, duration_s: float, rate_hz: float, n_columns: int, source: str) -> Signal:

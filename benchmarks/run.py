@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import platform
 import resource
@@ -45,9 +46,15 @@ READERS = {
         ("needed", "quadid_ulog_needed", ("pyulog_needed",)),
         ("all", "quadid_ulog_all", ("pyulog_all", "signalviewer_all")),
     ),
+    ".bbl": (
+        ("needed", "quadid_blackbox_needed", ()),
+        ("all", "quadid_blackbox_all", ("orangebox_all",)),
+    ),
 }
+#: Largest generated log of a format [MB]: the writer of Blackbox logs holds all numbers of a log at once.
+LARGEST_MB = {".bbl": 50.0}
 #: Readers that are measured only where they can be imported.
-OPTIONAL = ("mavparser", "fasttlogparser", "signalviewer")
+OPTIONAL = ("mavparser", "fasttlogparser", "signalviewer", "orangebox")
 
 
 class Measurement(NamedTuple):
@@ -162,6 +169,8 @@ def _sizes(sizes_mb: list[float], repeats: int) -> Iterator[str]:
         warm_up = str(generated_log(suffix, WARM_UP_MB))
         for action in (tasks[0][1], tasks[1][1], "quadid_read_log"):
             for size_mb in sizes_mb:
+                if size_mb > LARGEST_MB.get(suffix, math.inf):
+                    continue
                 path = generated_log(suffix, size_mb)
                 size = path.stat().st_size
                 turns = repeats if size_mb < 500.0 else min(repeats, 3)

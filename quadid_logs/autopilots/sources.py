@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any, Final, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from quadid_logs.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from quadid_logs.data.log import NO_GYRO_FILTER, GyroFilter, Rows, Signal
@@ -194,7 +195,9 @@ def build_signals(
     return {name: tuple(signals) for name, signals in found.items()}
 
 
-def stacked(table: Table, fields: Collection[str], scale: float = 1.0) -> FloatArray | None:
+def stacked(
+    table: Table, fields: Collection[str], scale: float = 1.0, dtype: DTypeLike = np.float64
+) -> FloatArray | None:
     """Return fields side by side times a factor; None where one is missing.
 
     Parameters
@@ -203,6 +206,8 @@ def stacked(table: Table, fields: Collection[str], scale: float = 1.0) -> FloatA
     fields : collection of str
         Each one number or an array of them per row.
     scale : float
+    dtype : dtype-like
+        Of the result.
 
     Returns
     -------
@@ -215,7 +220,7 @@ def stacked(table: Table, fields: Collection[str], scale: float = 1.0) -> FloatA
             return None
         columns += [column] if column.ndim == 1 else list(column.T)
     n_rows = len(table.position)
-    values = np.empty((n_rows, len(columns)))
+    values: FloatArray = np.empty((n_rows, len(columns)), dtype)
     with np.errstate(invalid="ignore"):  # damaged bytes can be signalling NaN
         for first in range(0, n_rows, _CHUNK):
             chunk = slice(first, first + _CHUNK)

@@ -34,33 +34,40 @@ class FrameTable:
 
     Attributes
     ----------
-    names : tuple of str
-        The fields that are there.
-    columns : tuple of ndarray of int16 or int32, shape (n_frames,)
-        One per field, modulo 2^32; 16 bits where they hold all of it.
-    signed : tuple of bool
+    columns : dict of str to ndarray of int16 or int32, shape (n_frames,)
+        By field, modulo 2^32; 16 bits where they hold all of it.
+    signed : mapping of str to bool
         Whether a field is below zero where its highest bit is set.
     position : ndarray of int64, shape (n_frames,)
         Byte offset of each frame in the file.
     """
 
-    names: tuple[str, ...]
-    columns: tuple[Column, ...]
-    signed: tuple[bool, ...]
+    columns: dict[str, Column]
+    signed: Mapping[str, bool]
     position: IntArray
 
-    def column(self, field: str) -> NDArray[np.int32] | NDArray[np.uint32] | None:
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The fields that are there."""
+        return tuple(self.columns)
+
+    def let_go(self, field: str) -> None:
+        """Forget a field, or all numbers of one that stands in brackets behind its name."""
+        for name in self.names:
+            if name == field or name.startswith(f"{field}["):
+                del self.columns[name]
+
+    def column(self, field: str) -> Column | NDArray[np.uint32] | None:
         """Return a field of every frame, None where there is none."""
-        if field not in self.names:
-            return None
-        number = self.names.index(field)
-        column = self.columns[number].astype(np.int32)
-        return column if self.signed[number] else column.view(np.uint32)
+        column = self.columns.get(field)
+        if column is None or self.signed[field] or column.min(initial=0) >= 0:
+            return column
+        return column.astype(np.int32).view(np.uint32)
 
     @property
     def values(self) -> NDArray[np.int32]:
         """All fields side by side, modulo 2^32; shape (n_frames, n_fields)."""
-        return np.stack([column.astype(np.int32) for column in self.columns], axis=1)
+        return np.stack([column.astype(np.int32) for column in self.columns.values()], axis=1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -212,9 +219,8 @@ def _main_table(
     if not good.all():
         position, columns = position[good], [column[good] for column in columns]
     return FrameTable(
-        names=tuple(layout.names[number] for number in kept),
-        columns=tuple(columns),
-        signed=tuple(layout.signed[number] for number in kept),
+        columns=dict(zip([layout.names[number] for number in kept], columns, strict=True)),
+        signed=dict(zip(layout.names, layout.signed, strict=True)),
         position=position,
     )
 
@@ -299,9 +305,8 @@ def _other_tables(file: FileParts, header: Header, frames: Frames, main: FrameTa
         if letter == "G":
             add_places(values.T, layout, _home(tables.get("H"), position), _last(main, 1, position))
         tables[letter] = FrameTable(
-            names=layout.names,
-            columns=tuple(values[valid].T),
-            signed=layout.signed,
+            columns=dict(zip(layout.names, values[valid].T, strict=True)),
+            signed=dict(zip(layout.names, layout.signed, strict=True)),
             position=position[valid],
         )
     return tables
@@ -319,4 +324,6 @@ def _last(table: FrameTable, column: int, position: IntArray) -> NDArray[np.int3
     before = np.searchsorted(table.position, position) - 1
     if not len(table.position):
         return np.zeros(len(position), np.int32)
-    return np.where(before >= 0, table.columns[column][np.maximum(before, 0)], 0).astype(np.int32)
+    return np.where(before >= 0, table.columns[table.names[column]][np.maximum(before, 0)], 0).astype(
+        np.int32
+    )

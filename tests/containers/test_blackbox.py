@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from quadid_logs.containers.blackbox import BlackboxContent, is_mine, read_content
+from quadid_logs.containers.blackbox import BlackboxContent, FrameTable, is_mine, read_content
 from quadid_logs.errors import EmptyLogError, SettingsError, SeveralLogsError, UnknownFormatError
 
 from . import blackbox_maker as maker
@@ -207,3 +207,14 @@ def test_a_damaged_log_of_the_firmware_keeps_every_row_that_was_not_touched(
     assert len(intact) - 400 < len(found) < len(intact)
     at = np.searchsorted(intact[:, 0], found[:, 0])
     np.testing.assert_array_equal(intact[at], found)
+
+
+def test_a_field_that_is_let_go_takes_its_numbers_along_and_no_other_field() -> None:
+    names = ("motor[0]", "motor[1]", "motorLegacy[0]")
+    table = FrameTable(
+        columns={name: np.zeros(2, np.int16) for name in names},
+        signed=dict.fromkeys(names, True),
+        position=np.arange(2),
+    )
+    table.let_go("motor")
+    assert table.names == ("motorLegacy[0]",)

@@ -115,7 +115,7 @@ def measured_filter(filtered: FloatArray, unfiltered: FloatArray, period_s: floa
     if not (period_s > 0.0 and len(filtered) * period_s > _SHORTEST_S):
         return None
     middle = slice(max(len(filtered) - _MOST_ROWS, 0) // 2, (len(filtered) + _MOST_ROWS) // 2)
-    filtered, unfiltered = filtered[middle], unfiltered[middle]
+    filtered, unfiltered = (each[middle].astype(np.float64) for each in (filtered, unfiltered))
     frequency_hz = np.fft.rfftfreq(len(filtered), period_s)
     band = (frequency_hz >= _DELAY_BAND_HZ[0]) & (frequency_hz <= _DELAY_BAND_HZ[1])
     first, second = (np.fft.rfft(each - each.mean(axis=0), axis=0)[band] for each in (unfiltered, filtered))

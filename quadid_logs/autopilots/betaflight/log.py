@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import Final
@@ -14,7 +14,7 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.autopilots.betaflight.filters import measured_filter, settings_filter
 from quadid_logs.autopilots.betaflight.signals import FIELDS, SOURCES, Facts
-from quadid_logs.autopilots.sources import Part, build_signals, stacked
+from quadid_logs.autopilots.sources import Part, Source, build_signals, stacked
 from quadid_logs.containers.blackbox import BlackboxContent, FrameTable, read_content
 from quadid_logs.containers.content import mean_rate_hz
 from quadid_logs.data.log import FlightLog, GyroFilter, MessageCount, Rows, Signal
@@ -117,7 +117,7 @@ def settings_of(texts: Mapping[str, str]) -> dict[str, float]:
 
 def _time_s(main: FrameTable) -> FloatArray:
     """Return the time of each frame [s]; the firmware's clock of 32 bits begins anew every 71 minutes."""
-    time_us = main.columns[1].astype(np.int32).view(np.uint32).astype(np.int64)
+    time_us = main.columns["time"].astype(np.int32).view(np.uint32).astype(np.int64)
     turns = np.cumsum(np.diff(time_us, prepend=time_us[:1]) < -(_WORD // 2))
     return np.asarray((time_us + turns * _WORD) / 1e6)
 
@@ -125,17 +125,25 @@ def _time_s(main: FrameTable) -> FloatArray:
 def _signals(
     content: BlackboxContent, settings: Mapping[str, float], time_s: FloatArray
 ) -> dict[str, tuple[Signal, ...]]:
-    """Make the signals of the main frames."""
+    """Make the signals of the main frames, whose fields are gone afterwards."""
     main = content.tables["I"]
     part = Part(name="main", table=main, rows=Rows(time_s, main.position), log=Facts.of(content.header))
     known = _measured_filter(main, time_s) or settings_filter(settings, _rotor_hz(part))
-    return build_signals(SOURCES, lambda _: [part], gyro_filter=known)
+
+    def parts_of(source: Source[Part[FrameTable]]) -> Iterator[Part[FrameTable]]:
+        """Yield the frames, and forget the fields that the signal was made of: none makes two."""
+        yield part
+        for field in (*source.fields, *source.optional):
+            main.let_go(field)
+
+    return build_signals(SOURCES, parts_of, gyro_filter=known)
 
 
 def _measured_filter(main: FrameTable, time_s: FloatArray) -> GyroFilter | None:
     """Compare the gyro before and behind its filters, where both are logged."""
     filtered, unfiltered = (
-        stacked(main, [f"{name}[{axis}]" for axis in range(3)]) for name in ("gyroADC", "gyroUnfilt")
+        stacked(main, [f"{name}[{axis}]" for axis in range(3)], dtype=np.float32)
+        for name in ("gyroADC", "gyroUnfilt")
     )
     if filtered is None or unfiltered is None or len(time_s) < 2:
         return None

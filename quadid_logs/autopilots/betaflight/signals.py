@@ -6,8 +6,7 @@ Field meanings: ``src/main/blackbox/blackbox.c``. Betaflight's axes are x forwar
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -19,7 +18,6 @@ from quadid_logs.autopilots.sources import (
     Part,
     Source,
     attitude_columns,
-    plain,
     stacked,
     used_columns,
 )
@@ -28,7 +26,6 @@ from quadid_logs.containers.blackbox_header import Header
 
 _Part: TypeAlias = Part[FrameTable]
 _Row: TypeAlias = Source[Any]
-_Build: TypeAlias = Callable[[_Part, _Row], "FloatArray | Built | None"]
 
 #: x forward, y left, z up to x forward, y right, z down.
 TO_FRD: Final = np.array([1.0, -1.0, -1.0])
@@ -75,9 +72,14 @@ class Facts:
         )
 
 
+def _columns(part: _Part, source: _Row) -> FloatArray | None:
+    """Put the fields side by side in single precision, which holds these whole numbers in half the memory."""
+    return stacked(part.table, source.fields, source.scale, np.float32)
+
+
 def _rates(part: _Part, source: _Row) -> FloatArray | None:
     """Turn degrees per second, or tenths of them, into rad/s, FRD."""
-    rates = plain(part, source)
+    rates = _columns(part, source)
     if rates is not None:
         rates *= _DEGREE * part.log.rate * TO_FRD
     return rates
@@ -85,7 +87,7 @@ def _rates(part: _Part, source: _Row) -> FloatArray | None:
 
 def _acceleration(part: _Part, source: _Row) -> FloatArray | None:
     """Turn counts into m/s^2, FRD."""
-    counts = plain(part, source)
+    counts = _columns(part, source)
     if counts is not None:
         counts *= part.log.acceleration * TO_FRD
     return counts
@@ -93,14 +95,13 @@ def _acceleration(part: _Part, source: _Row) -> FloatArray | None:
 
 def _pid_sums(part: _Part, source: _Row) -> FloatArray | None:
     """Sum the terms that are logged, limit the sum as the mixer does, FRD."""
-    sums = plain(part, source)
+    sums = _columns(part, source)
     if sums is None:
         return None
-    for term in "IDFS":
-        for axis in range(3):
-            column = part.table.column(f"axis{term}[{axis}]")
-            if column is not None:
-                sums[:, axis] += column
+    for number, field in enumerate(source.optional):
+        column = part.table.column(field)
+        if column is not None:
+            sums[:, number % 3] += column
     limits = np.array(part.log.pid_sum_limits)
     np.clip(sums, -limits, limits, out=sums)
     sums *= _PID_SCALE * TO_FRD
@@ -109,12 +110,12 @@ def _pid_sums(part: _Part, source: _Row) -> FloatArray | None:
 
 def _attitude(part: _Part, source: _Row) -> FloatArray | None:
     """Euler angles of x, y, z of a quaternion with w >= 0, body forward-left-up to Earth north-west-up."""
-    xyz = plain(part, source)
+    xyz = _columns(part, source)
     if xyz is None:
         return None
-    # In chunks: a dozen columns come and go on the way.
+    # In chunks of double precision: a dozen columns come and go on the way.
     for first in range(0, len(xyz), _CHUNK):
-        some = xyz[first : first + _CHUNK] / _QUATERNION_ONE
+        some = xyz[first : first + _CHUNK].astype(np.float64) / _QUATERNION_ONE
         w = np.sqrt(np.clip(1.0 - np.sum(some**2, axis=1), 0.0, None))
         xyz[first : first + _CHUNK] = attitude_columns(np.column_stack([w, some * TO_FRD]))
     return xyz
@@ -143,12 +144,13 @@ def _rotor_speed(part: _Part, source: _Row) -> FloatArray | None:
 def _numbered(part: _Part, field: str) -> FloatArray | None:
     """Return ``field[0]``, ``field[1]``, ... side by side, None without any."""
     names = [f"{field}[{number}]" for number in range(len(part.table.names))]
-    return stacked(part.table, names[: sum(name in part.table.names for name in names)] or [field])
+    present = names[: sum(name in part.table.names for name in names)]
+    return stacked(part.table, present or [field], dtype=np.float32)
 
 
 def _chirp(part: _Part, source: _Row) -> Built | None:
     """Take the excitation of the chirp mode; debug holds it in one debug mode only, told by its phase."""
-    fields = plain(part, source)
+    fields = _columns(part, source)
     if fields is None or not part.log.has_chirp:
         return None
     phase, axis, _, excitation = fields.T
@@ -168,20 +170,7 @@ def _axes(field: str) -> tuple[str, str, str]:
 _DEBUG: Final = tuple(f"debug[{number}]" for number in range(4))
 
 
-def _single(build: _Build) -> _Build:
-    """Keep what a builder makes of whole numbers in single precision, which holds them in half the memory."""
-
-    def built(part: _Part, source: _Row) -> FloatArray | Built | None:
-        made = build(part, source)
-        if made is None:
-            return None
-        whole = made if isinstance(made, Built) else Built(made)
-        return whole._replace(values=whole.values.astype(np.float32))
-
-    return built
-
-
-_TABLE: Final[tuple[Source[_Part], ...]] = (
+SOURCES: Final[tuple[Source[_Part], ...]] = (
     Source("body_rate", "main", _axes("gyroADC"), "the rate controller's own input, filtered", _rates,
            label="gyroADC", filtered=True),
     Source("body_rate", "main", _axes("gyroUnfilt"), "the gyro before its filters, with all vibration",
@@ -192,19 +181,19 @@ _TABLE: Final[tuple[Source[_Part], ...]] = (
     Source("attitude", "main", _axes("imuQuaternion"), "the estimator's attitude", _attitude,
            label="imuQuaternion"),
     Source("torque_command", "main", _axes("axisP"), "the rate controller's output, limited as by the mixer",
-           _pid_sums, label="axisP+I+D+F"),
-    Source("throttle", "main", ("setpoint[3]",), "throttle before the mixer", scale=_PID_SCALE),
+           _pid_sums, label="axisP+I+D+F",
+           optional=tuple(field for term in "IDFS" for field in _axes(f"axis{term}"))),
+    Source("throttle", "main", ("setpoint[3]",), "throttle before the mixer", _columns,
+           scale=_PID_SCALE),
     Source("motor_thrust", "main", ("motor",), "what each motor was sent, from idle to full", _motors),
     Source("rotor_speed", "main", ("eRPM",), "reported by the ESCs (bidirectional DShot)", _rotor_speed),
     Source("specific_force", "main", _axes("accSmooth"), "the accelerometer, filtered", _acceleration,
            label="accSmooth"),
-    Source("battery_voltage", "main", ("vbatLatest",), "measured", scale=0.01),
+    Source("battery_voltage", "main", ("vbatLatest",), "measured", _columns, scale=0.01),
 )  # fmt: skip
-SOURCES: Final = tuple(replace(source, build=_single(source.build)) for source in _TABLE)
 
 #: What the builders take beside the fields of the table.
 FIELDS: Final = (
-    *(field for source in SOURCES for field in source.fields),
-    *(f"axis{term}[{axis}]" for term in "IDFS" for axis in range(3)),
+    *(field for source in SOURCES for field in (*source.fields, *source.optional)),
     *(f"{field}[{number}]" for field in ("motor", "eRPM") for number in range(8)),
 )
