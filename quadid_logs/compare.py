@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -30,6 +31,9 @@ _FALSE_ALARMS = 0.05
 #: 0.9 %).
 COUPLING_SPREAD = 0.01
 _TIME_SPREAD_MS = 1e3 * TIME_SPREAD_S
+#: Yaw comes from the drag of the rotors, which grows at most with the cube of the command (thrust times
+#: command; a drag that goes with thrust alone is less), so that its slope grows at most with the square.
+_YAW_POWER = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,7 +45,8 @@ class Quantity:
     ``margin`` the least difference that counts as a change. ``scale`` is what
     a difference is a fraction of, the value called ``scale_name``. ``is_on_axis``
     marks how an axis answers to the torque about it. ``words`` and ``scale_words``
-    are what people call the two.
+    are what people call the two. ``throttle_change`` is by what fraction of itself the mean throttle
+    differed, and ``throttle_spread`` what that alone may make of the value, in `unit`: 0 but for yaw.
     """
 
     name: str
@@ -58,6 +63,8 @@ class Quantity:
     is_on_axis: bool = False
     words: str = ""
     scale_words: str = ""
+    throttle_change: float = 0.0
+    throttle_spread: float = 0.0
 
     @property
     def difference(self) -> float:
@@ -108,8 +115,8 @@ def compare(before: Result, after: Result) -> Comparison:
     their 95 % half-widths, widened by Bonferroni's correction for the number
     of quantities [1]_ (with fourteen of them, the plain intervals would call
     every other unchanged vehicle changed), and of what differs between flights
-    of one vehicle. The rest of A (couplings, tilt, trim) depends on wind and
-    manoeuvre and says nothing about a change.
+    of one vehicle. Yaw is also given what another mean throttle can make of it.
+    The rest of A (couplings, tilt, trim) depends on wind and manoeuvre and says nothing about a change.
 
     Parameters
     ----------
@@ -140,7 +147,9 @@ def compare(before: Result, after: Result) -> Comparison:
         reasons = dict.fromkeys(AXES, "no structure was fitted to both flights")
     found: list[Quantity] = []
     if first is not None and second is not None and len(reasons) < len(AXES):
-        found = [*_parameters(first, second, reasons), *_actuators(first, second)]
+        parameters = _parameters(first, second, reasons)
+        change = _throttle_change(before, after)
+        found = [*(_at_throttle(each, change) for each in parameters), *_actuators(first, second)]
     widening = _widening(len(found))
     quantities = tuple(_with_margin(quantity, widening) for quantity in found)
     axes: dict[str, AxisChange] = {}
@@ -246,6 +255,30 @@ def _parameters(first: Model, second: Model, reasons: Mapping[str, str]) -> Iter
             )
 
 
+def _throttle_change(before: Result, after: Result) -> float:
+    """Return by what fraction the mean throttle differs, 0 where one of the logs does not tell it."""
+    means = [_mean_throttle(result) for result in (before, after)]
+    return means[1] / means[0] - 1.0 if min(means) > 0.0 else 0.0
+
+
+def _mean_throttle(result: Result) -> float:
+    """Return the mean throttle of a flight, 0 where it was not logged throughout."""
+    segments = result.data.segments
+    throttle = [segment.throttle for segment in segments if segment.throttle is not None]
+    if not segments or len(throttle) < len(segments):
+        return 0.0
+    return sum(float(values.sum()) for values in throttle) / sum(values.size for values in throttle)
+
+
+def _at_throttle(quantity: Quantity, change: float) -> Quantity:
+    """Give yaw what the throttle alone may make of it: two flights cannot hold the two apart."""
+    if not (quantity.is_on_axis and quantity.axis == "yaw"):
+        return quantity
+    ratio = max(1.0 + change, 1.0 / (1.0 + change))
+    spread = (ratio**_YAW_POWER - 1.0) * abs(quantity.before)
+    return dataclasses.replace(quantity, throttle_change=change, throttle_spread=spread)
+
+
 def _known(parameter: Parameter) -> bool:
     """Return whether a value has an interval, and the flight tells it."""
     bounded = all(math.isfinite(value) for value in (parameter.value, *parameter.ci95))
@@ -291,10 +324,10 @@ def _widening(n_quantities: int) -> float:
 
 def _with_margin(quantity: Quantity, widening: float) -> Quantity:
     """Set the least difference that counts."""
-    import dataclasses
-
     halves = [0.5 * (high - low) for low, high in (quantity.ci95_before, quantity.ci95_after)]
-    return dataclasses.replace(quantity, margin=math.hypot(widening * math.hypot(*halves), quantity.spread))
+    chance = math.hypot(widening * math.hypot(*halves), quantity.spread)
+    # Added, not by squares: the throttle shifts the value one way, as a bias.
+    return dataclasses.replace(quantity, margin=chance + quantity.throttle_spread)
 
 
 def _advice(both: tuple[Result, Result], reasons: Mapping[str, str]) -> tuple[str, ...]:

@@ -135,9 +135,9 @@ def _below(values: list[float], limits: Limits) -> bool:
     return any(value < limit for value, limit in zip(values, limits, strict=True))
 
 
-def _evidence(figure: Estimated) -> list[float]:
-    """Return a figure and both ends of its interval."""
-    return [rounded(figure.value, 3), *(rounded(end, 3) for end in figure.ci95)]
+def _evidence(figure: Estimated) -> dict[str, object]:
+    """Return a figure and its interval, each by its name."""
+    return {"value": rounded(figure.value, 3), "ci95": [rounded(end, 3) for end in figure.ci95]}
 
 
 def _disagreement(axis: str, found: AxisLoop) -> Finding | None:

@@ -18,7 +18,7 @@ from quadid_logs.tuning import Promise, promises
 from quadid_logs.untrusted import printable
 
 #: What is said of a verdict.
-HEADLINES = {
+_HEADLINES: Final = {
     "same": "no change beyond the intervals",
     "changed": "changed beyond the intervals",
     "not comparable": "no comparison is possible on at least one axis",
@@ -28,6 +28,26 @@ _MARGINS: Final = (
     ("phase_margin_deg", "phase margin", "deg"),
     ("gain_margin_db", "gain margin", "dB"),
 )
+
+
+#: From here on another throttle is named: half a per cent is less than any flight leaves open.
+_LEAST_THROTTLE_CHANGE: Final = 0.005
+
+
+def headline(comparison: Comparison) -> str:
+    """Return the outcome of a comparison in words, without a full stop.
+
+    Parameters
+    ----------
+    comparison : Comparison
+
+    Returns
+    -------
+    str
+    """
+    if set(comparison.axes.values()) == {"not comparable"}:
+        return "these logs do not allow a comparison"
+    return _HEADLINES[comparison.verdict]
 
 
 def comparison_lines(before: Result, after: Result, comparison: Comparison) -> tuple[str, ...]:
@@ -44,10 +64,7 @@ def comparison_lines(before: Result, after: Result, comparison: Comparison) -> t
         Lines without control characters, whatever the logs hold.
     """
     names = [printable(PurePath(result.log.path).name, 80) for result in (before, after)]
-    headline = HEADLINES[comparison.verdict]
-    if set(comparison.axes.values()) == {"not comparable"}:
-        headline = "these logs do not allow a comparison"
-    lines = [f"{names[0]} -> {names[1]}: {headline}"]
+    lines = [f"{names[0]} -> {names[1]}: {headline(comparison)}"]
     for axis, change in comparison.axes.items():
         reason = comparison.reasons.get(axis, "")
         lines.append(f"  {axis:<5}  {change}{f': {printable(reason, 400)}' if reason else ''}")
@@ -87,8 +104,29 @@ def _sentence(quantity: Quantity) -> str:
     values = " -> ".join(estimate(value, *interval) for value, interval in pairs)
     text = f"{printable(quantity.words, 60)} {values} {pretty_unit(quantity.unit)}"
     if quantity.changed:
-        return f"{text}: changed by {amount(quantity, quantity.difference)}"
-    return f"{text}: no change seen (from {amount(quantity, quantity.margin)} on it would show)"
+        return f"{text}: changed by {amount(quantity, quantity.difference)}{throttle_note(quantity)}"
+    shows = amount(quantity, quantity.margin)
+    return f"{text}: no change seen (from {shows} on it would show{throttle_note(quantity)})"
+
+
+def throttle_note(quantity: Quantity) -> str:
+    """Say what another mean throttle may have made of a value, "" where it was the same.
+
+    Parameters
+    ----------
+    quantity : Quantity
+
+    Returns
+    -------
+    str
+        A clause that goes on after a comma.
+    """
+    change = quantity.throttle_change
+    if abs(change) < _LEAST_THROTTLE_CHANGE:
+        return ""
+    more = "more" if change > 0.0 else "less"
+    may = amount(quantity, quantity.throttle_spread)
+    return f", of which up to {may} for {percent(abs(change))} {more} throttle"
 
 
 def amount(quantity: Quantity, difference: float) -> str:
@@ -104,7 +142,8 @@ def amount(quantity: Quantity, difference: float) -> str:
     -------
     str
     """
-    if not quantity.scale > 0.0:
+    # Of a damping near zero, a difference of minus 150 % tells nothing.
+    if not quantity.scale >= abs(difference) > 0.0:
         return f"{number(difference, 3)} {pretty_unit(quantity.unit)}"
     of = "" if quantity.name == quantity.scale_name else f" of {printable(quantity.scale_words, 60)}"
     return f"{percent(difference / quantity.scale)}{of}"
@@ -142,6 +181,7 @@ def comparison_text(before: Result, after: Result, comparison: Comparison) -> st
                 "after": {"value": item.after, "ci95": item.ci95_after},
                 "difference": item.difference,
                 "margin": item.margin,
+                "throttle_change": item.throttle_change,
                 "changed": item.changed,
             }
             for item in comparison.quantities

@@ -12,7 +12,7 @@ from quadid_logs.compare import Comparison, Quantity
 from quadid_logs.data.result import Result
 from quadid_logs.figures import Figure
 from quadid_logs.report.cells import Cell, Table
-from quadid_logs.report.comparison import HEADLINES, amount
+from quadid_logs.report.comparison import amount, headline, throttle_note
 from quadid_logs.report.html import charts
 from quadid_logs.report.numbers import interval, resolved
 from quadid_logs.report.pages import environment
@@ -57,7 +57,7 @@ def comparison_page(
         .render(
             names=[printable(PurePath(result.log.path).name, 80) for result in (before, after)],
             flown=[flown_sentence(result) for result in (before, after)],
-            headline=HEADLINES[comparison.verdict],
+            headline=headline(comparison),
             style=_STYLES[comparison.verdict],
             axes=[_axis(comparison, axis) for axis in comparison.axes],
             table=_table(comparison),
@@ -77,13 +77,20 @@ def _axis(comparison: Comparison, axis: str) -> AxisChangeView:
         reason = printable(comparison.reasons[axis], 400)
         sentence = f"{reason[:1].upper()}{reason[1:]}."
     elif changed:
-        sentence = "; ".join(f"{each.words} by {amount(each, each.difference)}" for each in changed)
+        sentence = "; ".join(
+            f"{each.words} by {amount(each, each.difference)}{throttle_note(each)}" for each in changed
+        )
         sentence = f"Changed: {sentence}."
     else:
         own = [each for each in comparison.quantities if each.axis == axis and each.is_on_axis]
-        seen = "".join(f" {amount(each, each.margin)} of effectiveness would have shown." for each in own)
+        seen = "".join(f" {_would_show(each)}" for each in own)
         sentence = f"No change is seen.{seen}"
     return AxisChangeView(axis=axis, change=change, style=_STYLES[change], sentence=sentence)
+
+
+def _would_show(own: Quantity) -> str:
+    """Say from where on a change of the effectiveness would have been seen."""
+    return f"{amount(own, own.margin)} of effectiveness would have shown{throttle_note(own)}."
 
 
 def _table(comparison: Comparison) -> Table | None:

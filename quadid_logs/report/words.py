@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.report.numbers import number, percent
+from quadid_logs.report.numbers import estimate, number, percent
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import SIGNALS
 
@@ -92,11 +92,15 @@ def evidence_value(value: object) -> str:
     --------
     >>> evidence_value({"out_of_order": 3, "source": "gyro"}), evidence_value([1.5, True])
     ('out of order: 3, source: gyro', '1.5, yes')
+    >>> evidence_value({"value": 2.05, "ci95": [1.5, 2.69]})
+    '2.05 (1.5 to 2.69)'
     """
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
     if isinstance(value, float | np.floating):
         return number(float(value))
+    if isinstance(value, Mapping) and value.keys() == {"value", "ci95"}:
+        return estimate(float(value["value"]), *map(float, value["ci95"]))
     if isinstance(value, Mapping):
         items = list(value.items())[:12]
         return ", ".join(f"{evidence_name(str(key))}: {evidence_value(item)}" for key, item in items)

@@ -172,7 +172,9 @@ def _figure_4(runs: tuple[Run, Run, Run]) -> Figure:
                 axes.plot(run.time_s, series, style, marker=".", markersize=3, label=name)
             axes.set_ylabel(label)
             axes.grid(alpha=0.3)
-            axes.legend(loc="upper right", fontsize="small")
+            # An angle that only grows ends in the other corner.
+            corner = "upper left" if attribute == "quaternion" else "upper right"
+            axes.legend(loc=corner, fontsize="small")
         grid[0][column].set_title(f"{_AXES[column]} excited")
         grid[2][column].set_xlabel("time [s]")
     figure.suptitle("Torque, body rates and angles turned, sampled every 200 ms (the paper's Fig. 4)")

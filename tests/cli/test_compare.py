@@ -16,7 +16,8 @@ from quadid_logs.data.model import Model
 from quadid_logs.data.result import Result
 from quadid_logs.figures import Figure, LeftOut
 from quadid_logs.figures.loop_comparison import loop_comparison_figure
-from quadid_logs.report.comparison import comparison_lines, comparison_text
+from quadid_logs.report.comparison import amount, comparison_lines, comparison_text
+from quadid_logs.report.comparison_page import comparison_page
 from quadid_logs.report.numbers import estimate
 from tests.synthetic_results import refused_result, usable_result
 
@@ -269,3 +270,47 @@ def test_the_margins_of_both_flights_stand_beside_each_other(flight: Result) -> 
         margins.full.phase_margin_deg.value
     )
     assert loops["before"] == loops["after"]
+
+
+def at_throttle(result: Result, fraction: float) -> Result:
+    """Return the result as if flown at a constant throttle."""
+    segments = tuple(
+        replace(segment, throttle=np.full(segment.time_s.size, fraction)) for segment in result.data.segments
+    )
+    return replace(result, data=replace(result.data, segments=segments))
+
+
+@pytest.mark.parametrize(("throttle", "change"), [(0.40, "changed"), (0.42, "same")])
+def test_yaw_may_answer_as_the_throttle_lets_it(throttle: float, change: str, flight: Result) -> None:
+    """One firmware vehicle was called changed by 4 % of yaw between two flights at different throttle."""
+    first = at_throttle(flight, 0.40)
+    other = at_throttle(with_gain(flight, fraction=1.25, axis=2), throttle)
+    assert compare(first, other).axes["yaw"] == change
+
+
+def test_the_throttle_excuses_yaw_only(flight: Result) -> None:
+    """Roll comes from thrust, whose command the mixer makes linear."""
+    other = at_throttle(with_gain(flight, fraction=1.08), 0.42)
+    assert compare(at_throttle(flight, 0.40), other).axes["roll"] == "changed"
+
+
+def test_another_throttle_is_named_beside_yaw(flight: Result) -> None:
+    """Who reads that 12 % would show must know that the throttle takes most of it."""
+    first, other = at_throttle(flight, 0.40), at_throttle(flight, 0.42)
+    text = "\n".join(comparison_lines(first, other, compare(first, other)))
+    assert text.count("of which up to 10.2 % for 5 % more throttle") == 1
+
+
+def test_a_difference_larger_than_the_value_is_told_in_its_unit(flight: Result) -> None:
+    """A damping "changed by -150 %" reads as nonsense."""
+    gain = compare(flight, flight).quantities[0]
+    damping = replace(gain, name="A11", scale_name="A11", unit="1/s", scale=0.02)
+    assert amount(damping, 0.01) == "50 %"
+    assert amount(damping, -0.03) == "−0.03 1/s"
+
+
+def test_a_page_without_any_comparison_says_so(flight: Result) -> None:
+    """It said that "at least one axis" could not be compared where none could."""
+    refused = refused_result()
+    page = comparison_page(refused, flight, compare(refused, flight))
+    assert "hese logs do not allow a comparison" in page

@@ -63,7 +63,7 @@ def test_the_loop_with_the_angle_loop_is_judged_where_it_is_known() -> None:
     both = LoopMargins(rate=margins(8.0, 60.0), full=margins(2.0, 15.0))
     (one,) = found_in(AxisLoop(margins=both))
     assert one.code == "QL601"
-    assert one.evidence["phase_margin_deg"] == [15.0, 14.9, 15.1]
+    assert one.evidence["phase_margin_deg"] == {"value": 15.0, "ci95": [14.9, 15.1]}
 
 
 def test_the_advice_names_the_axis_because_it_is_read_apart_from_its_finding() -> None:
