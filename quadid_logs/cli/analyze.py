@@ -174,7 +174,7 @@ def analyze(
     with_index = wish.one_line and wish.files and wish.drawings
     if with_index:
         check_free(parent / INDEX_FILE, force=force)
-    folders = report_folders(logs, parent)
+    folders = report_folders(logs, parent, log_number)
     codes = [
         exit_code_of(partial(_analyze_one, [log], folder, part, wish, rows))
         for log, folder, part in zip(logs, folders, parts(logs), strict=True)

@@ -26,13 +26,15 @@ INDEX_FILE = "index.html"
 PngChoice = Literal["first", "all", "none"]
 
 
-def report_folders(logs: Iterable[PurePath], parent: Path) -> tuple[Path, ...]:
+def report_folders(logs: Iterable[PurePath], parent: Path, number: int = 0) -> tuple[Path, ...]:
     """Return one folder per log, named after its stem; no two logs get the same, none the index page's.
 
     Parameters
     ----------
     logs : iterable of PurePath
     parent : Path
+    number : int
+        Which log of a file with several was chosen, from 1; 0 where none was.
 
     Returns
     -------
@@ -48,7 +50,7 @@ def report_folders(logs: Iterable[PurePath], parent: Path) -> tuple[Path, ...]:
     taken = {INDEX_FILE}
     folders = []
     for log in logs:
-        stem = portable_name(log.stem)
+        stem = portable_name(log.stem) + (f"-log{number}" if number else "")
         suffix = log.suffix.lstrip(".").lower()
         longer = f"{stem}-{suffix}" if suffix else stem
         names = (stem, longer, *(f"{longer}-{number}" for number in range(2, len(taken) + 3)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -124,6 +125,16 @@ def test_the_outputs_tell_which_way_the_rotors_turn(direction: int, tmp_path: Pa
 def test_a_frame_that_mixes_otherwise_is_not_taken_for_a_quad_x(tmp_path: Path) -> None:
     """Motors in another order."""
     assert isinstance(find_airframe(mixed(tmp_path, MIX[[1, 0, 2, 3]])), Unknown)
+
+
+def test_a_frame_of_other_than_four_motors_is_refused_with_their_number(tmp_path: Path) -> None:
+    """A tricopter's log has three."""
+    log = mixed(tmp_path, MIX)
+    (motors,) = log.candidates("motor_thrust")
+    three = replace(motors, values=motors.values[:, :3])
+    found = find_airframe(replace(log, signals={**log.signals, "motor_thrust": (three,)}))
+    assert isinstance(found, Unknown)
+    assert "3 motors" in found.remark
 
 
 def test_thrust_linearisation_is_undone() -> None:

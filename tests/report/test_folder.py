@@ -179,3 +179,9 @@ def test_an_odd_log_name_cannot_leave_the_folder(name: str, tmp_path: Path) -> N
     assert folder.parent == tmp_path
     assert folder.name not in {"", ".", ".."}
     assert folder.name.isprintable()
+
+
+def test_each_log_of_a_file_has_a_folder_of_its_own(tmp_path: Path) -> None:
+    """Else the second one chosen with --log would be refused, or replace the first."""
+    first, second = (report_folders([Path("f.bbl")], tmp_path, number)[0].name for number in (1, 2))
+    assert (first, second) == ("f-log1", "f-log2")

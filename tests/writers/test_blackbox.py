@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from quadid_logs.data.log import FlightLog, Rows
+from quadid_logs.data.log import FlightLog, Rows, Signal
 from quadid_logs.errors import OutputError, SimulationError
 from quadid_logs.load import read_log
 from quadid_logs.pipeline import analyze
@@ -55,6 +55,20 @@ def test_each_signal_comes_back(name: str, flown: Simulation, written: Path) -> 
         off = (found.values - expected.values + math.pi) % (2.0 * math.pi) - math.pi
         away = off if name == "attitude" else found.values - expected.values
         assert np.abs(away).max() <= HALF_STEP[name] * 1.0001
+
+
+def test_an_attitude_whose_quaternion_has_a_negative_w_comes_back(tmp_path: Path) -> None:
+    """The log holds x, y and z alone, of the quaternion whose w is not negative."""
+    rows = Rows(1.0 + np.arange(64) * 1e-3, np.arange(64))
+    attitude = np.tile([-2.5, 1.2, 2.5], (64, 1))
+    signals = {
+        "body_rate": (Signal(name="body_rate", rows=rows, values=np.zeros((64, 3)), source="gyro"),),
+        "attitude": (Signal(name="attitude", rows=rows, values=attitude, source="attitude"),),
+    }
+    log = FlightLog(path="", format="blackbox", autopilot="betaflight", n_bytes=0, signals=signals)
+    write_log(log, tmp_path / "f.bbl")
+    (read,) = read_log(tmp_path / "f.bbl").candidates("attitude")
+    np.testing.assert_allclose(read.values, attitude, rtol=0.0, atol=3e-4)
 
 
 def test_settings_and_firmware_come_back(flown: Simulation, written: Path) -> None:

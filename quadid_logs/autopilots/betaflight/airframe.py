@@ -40,12 +40,15 @@ def find_airframe(log: FlightLog) -> Airframe | Unknown:
     if slopes is None:
         return Unknown(remark="The log holds too few PID sums and motor outputs to tell the frame from.")
     mix = np.column_stack([-np.sign(_POSITION[:, 1]), np.sign(_POSITION[:, 0]), _SPIN])
-    if slopes.shape[1] == len(mix):
-        for direction in (1.0, -1.0):
-            expected = mix * [1.0, 1.0, direction]
-            along = slopes.T * expected
-            if ((along > _SLOPES[0]) & (along < _SLOPES[1])).all():
-                return _quad_x(expected, direction)
+    if slopes.shape[1] != len(mix):
+        return Unknown(
+            remark=f"The log has {slopes.shape[1]} motors; of Betaflight's frames only quad X is known."
+        )
+    for direction in (1.0, -1.0):
+        expected = mix * [1.0, 1.0, direction]
+        along = slopes.T * expected
+        if ((along > _SLOPES[0]) & (along < _SLOPES[1])).all():
+            return _quad_x(expected, direction)
     return Unknown(remark="The motors do not follow the PID sums as those of Betaflight's quad X do.")
 
 
