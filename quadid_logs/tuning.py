@@ -16,6 +16,7 @@ from quadid_logs.control.command_units import per_command
 from quadid_logs.control.guard import Case
 from quadid_logs.control.next_flight import of_next_flight
 from quadid_logs.control.recommend import tune_axis
+from quadid_logs.control.what_if import what_if
 from quadid_logs.data.autotune import AutotuneForecast
 from quadid_logs.data.closed_loop import AxisLoop, Estimated
 from quadid_logs.data.controller import AxisController
@@ -24,6 +25,7 @@ from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Model
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD, AxisTuning, Limits, Tunable, Tuning
+from quadid_logs.data.what_if import WhatIf
 from quadid_logs.diagnose.findings import finding
 from quadid_logs.vocabulary import AXES, MULTIROTOR
 
@@ -103,6 +105,41 @@ def autotune_forecasts(result: Result, tuning: Tuning) -> Mapping[str, AutotuneF
         if found is not None:
             told[axis] = found
     return told
+
+
+def what_if_grids(result: Result, tuning: Tuning) -> Mapping[str, WhatIf]:
+    """Compute the loops with other gains and filters than flew.
+
+    Parameters
+    ----------
+    result : Result
+    tuning : Tuning
+        Of `recommend`; what it refuses is left out.
+
+    Returns
+    -------
+    mapping of str to WhatIf
+        By axis.
+    """
+    parameters = flown_parameters(result.log, result.data)
+    tunable = named(result.log.autopilot).tunable(parameters)
+    grids: dict[str, WhatIf] = {}
+    for axis in () if tunable is None else tuning.axes:
+        if tunable is None or axis in tuning.refused:
+            continue
+        case, _ = _case(result, axis, tunable, parameters)
+        names = case.names
+        if case.controller is None or case.plants is None:
+            continue
+        gains, filters = (
+            {name: parameters.get(name, 0.0) for name in some}
+            for some in ((names.proportional, names.integral, names.derivative), names.filters)
+        )
+        rebuild = partial(_rebuilt, result.log, parameters, axis)
+        grid = what_if(gains, filters, case.controller, case.plants, rebuild)
+        if grid is not None:
+            grids[axis] = grid
+    return grids
 
 
 def flown_parameters(log: FlightLog, data: FlightData) -> Mapping[str, float]:

@@ -29,7 +29,7 @@ from quadid_logs.report.tune_card import flight_files
 from quadid_logs.report.tune_page import tune_page
 from quadid_logs.report.tune_view import tune_view
 from quadid_logs.report.tuning_json import tuning_text
-from quadid_logs.tuning import autotune_forecasts, promises, recommend
+from quadid_logs.tuning import autotune_forecasts, promises, recommend, what_if_grids
 from tests.analyses import Analyzed
 from tests.control.loop_flights import Vehicle
 from tests.tuned_flights import flown
@@ -278,6 +278,16 @@ def test_an_interval_on_the_page_does_not_collapse(raised: Tuning) -> None:
     kept = replace(found, verdict="keep", now=replace(found.now, full=narrow))
     view = tune_view(flown("ardupilot"), replace(raised, axes={"roll": kept}))
     assert "50.1 (49.8 to 50.3) degrees" in view.axes[0].promise
+
+
+def test_the_page_lets_only_its_own_script_run(raised: Tuning) -> None:
+    """What it looks up is data, escaped for a script element."""
+    result = flown("ardupilot")
+    page = tune_page(result, raised, NOWHERE, grids=what_if_grids(result, raised))
+    assert "default-src 'none'" in page
+    assert page.count("script-src &#39;sha256-") == 1
+    assert page.count("<script") == 2
+    assert "ATC_RAT_RLL_FLTD" in page
 
 
 def test_page_and_json_tell_where_autotune_would_end(raised: Tuning) -> None:

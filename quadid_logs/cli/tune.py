@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from quadid_logs.data.autotune import AutotuneForecast
     from quadid_logs.data.result import Result
     from quadid_logs.data.tuning import Limits, Tuning
+    from quadid_logs.data.what_if import WhatIf
     from quadid_logs.report.provenance import Provenance
 
 _DEFAULT_FOLDER = Path("quadid-tune")
@@ -60,7 +61,7 @@ def tune(
     """
     from quadid_logs.pipeline import analyze
     from quadid_logs.report.provenance import provenance_of
-    from quadid_logs.tuning import autotune_forecasts, recommend
+    from quadid_logs.tuning import autotune_forecasts, recommend, what_if_grids
     from quadid_logs.vehicle_file import read_vehicle
 
     limits = _limits(gain_margin_db, phase_margin_deg)
@@ -73,7 +74,10 @@ def tune(
         progress("tune")
         tuning = recommend(result, limits, apart=apart)
         forecasts = autotune_forecasts(result, tuning)
-    text, written = _write(result, tuning, provenance_of(log, str(context.obj or "")), folder, forecasts)
+        grids = what_if_grids(result, tuning)
+    text, written = _write(
+        result, tuning, provenance_of(log, str(context.obj or "")), folder, forecasts, grids
+    )
     if as_json:
         say(text.rstrip("\n"))
     else:
@@ -120,6 +124,7 @@ def _write(
     provenance: Provenance,
     folder: Path,
     forecasts: Mapping[str, AutotuneForecast],
+    grids: Mapping[str, WhatIf],
 ) -> tuple[str, tuple[str, ...]]:
     """Write page, JSON and parameter files; return the JSON and what was written."""
     from quadid_logs.report.gain_files import gain_files
@@ -129,7 +134,7 @@ def _write(
 
     texts = {**gain_files(result, tuning), **flight_files(result, tuning)}
     files = {name: text.encode() for name, text in texts.items()}
-    files[PAGE_FILE] = tune_page(result, tuning, provenance, forecasts).encode()
+    files[PAGE_FILE] = tune_page(result, tuning, provenance, forecasts, grids).encode()
     names = tuple(sorted((*files, _JSON_FILE)))
     text = tuning_text(result, tuning, provenance, names, forecasts)
     files[_JSON_FILE] = text.encode("ascii")

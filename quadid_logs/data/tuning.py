@@ -36,6 +36,8 @@ class GainNames:
         Those that scale P, I and D of the rate loop together, each by the same factor.
     proportional, integral, derivative, angle : str
         Of the rate loop, and of the angle loop around it.
+    filters : tuple of str
+        Cut-offs [Hz] that shape this axis' loop: of D, of the gyro.
     highest : mapping of str to float
         Upper ends of the ranges that the firmware documents.
     """
@@ -46,6 +48,7 @@ class GainNames:
     derivative: str
     angle: str
     highest: Mapping[str, float]
+    filters: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

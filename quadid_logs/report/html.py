@@ -82,7 +82,7 @@ def charts(figures: Sequence[Figure]) -> dict[str, Any]:
         "palettes": script_json({"light": dict(LIGHT), "dark": dict(DARK)}),
         "script": script,
         "plotly": plotly,
-        "script_hashes": " ".join(_csp_hash(text) for text in (plotly, script)),
+        "script_hashes": " ".join(csp_hash(text) for text in (plotly, script)),
     }
 
 
@@ -181,7 +181,16 @@ def _plotly_script() -> str:
         ) from error
 
 
-def _csp_hash(script: str) -> str:
-    """Return what a content security policy needs to let exactly this script run."""
+def csp_hash(script: str) -> str:
+    """Return what a content security policy needs to let exactly this script run.
+
+    Parameters
+    ----------
+    script : str
+
+    Returns
+    -------
+    str
+    """
     digest = hashlib.sha256(script.encode("utf-8")).digest()
     return f"'sha256-{base64.b64encode(digest).decode('ascii')}'"

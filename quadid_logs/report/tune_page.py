@@ -1,4 +1,4 @@
-"""tune.html: one file with everything in it, that runs no script and asks no host for anything."""
+"""tune.html: one file with everything in it, that asks no host for anything."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ from collections.abc import Mapping
 from quadid_logs.data.autotune import AutotuneForecast
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import Tuning
+from quadid_logs.data.what_if import WhatIf
 from quadid_logs.report.pages import environment
 from quadid_logs.report.provenance import Provenance
 from quadid_logs.report.step_picture import step_picture
 from quadid_logs.report.tune_view import tune_view
+from quadid_logs.report.what_if import what_if_parts
 from quadid_logs.untrusted import printable
 
 PAGE_FILE = "tune.html"
@@ -21,6 +23,7 @@ def tune_page(
     tuning: Tuning,
     provenance: Provenance,
     forecasts: Mapping[str, AutotuneForecast] | None = None,
+    grids: Mapping[str, WhatIf] | None = None,
 ) -> str:
     """Return the page.
 
@@ -31,6 +34,8 @@ def tune_page(
     provenance : Provenance
     forecasts : mapping of str to AutotuneForecast, optional
         By axis, where the autopilot's own procedure would end.
+    grids : mapping of str to WhatIf, optional
+        By axis, what other gains and filters would make; the page's one script looks them up.
 
     Returns
     -------
@@ -43,6 +48,7 @@ def tune_page(
         .get_template("tune.html")
         .render(
             view=tune_view(result, tuning, forecasts),
+            what_if=what_if_parts(grids or {}),
             pictures=[one for one in pictures if one is not None],
             provenance={
                 "version": provenance.version,

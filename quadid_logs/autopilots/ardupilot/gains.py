@@ -69,6 +69,7 @@ def _names(name: str) -> GainNames:
         proportional=f"{prefix}P",
         integral=f"{prefix}I",
         derivative=f"{prefix}D",
+        filters=(f"{prefix}FLTD", "INS_GYRO_FILTER"),
         angle=angle,
         highest={f"{prefix}{short}": value for short, value in highest.items()} | {angle: _HIGHEST_ANGLE},
     )

@@ -67,6 +67,7 @@ def _names(name: str, parameters: Mapping[str, float]) -> GainNames:
         proportional=f"{prefix}P",
         integral=f"{prefix}I",
         derivative=f"{prefix}D",
+        filters=("IMU_DGYRO_CUTOFF", "IMU_GYRO_CUTOFF"),
         angle=angle,
         highest={f"{prefix}{short}": value for short, value in _HIGHEST.items()} | {angle: _HIGHEST_ANGLE},
     )
