@@ -55,10 +55,11 @@ class _Gains(NamedTuple):
 
 
 class _Answer(NamedTuple):
-    """What a twitch shows, relative to its target: the highest, and the lowest thereafter."""
+    """What a twitch shows, relative to its target: the highest, the lowest thereafter, a reversing rate."""
 
     highest: float
     lowest: float
+    reverses: bool = False
 
 
 def twitch(
@@ -154,7 +155,8 @@ def _angle_down(now: _Gains, seen: _Answer, procedure: Twitching) -> _Gains:
 
 
 def _angle_up(now: _Gains, seen: _Answer, procedure: Twitching) -> _Gains:
-    if seen.highest > 1.0 + 0.5 * procedure.aggressiveness:
+    returns = seen.highest > 1.0 and seen.reverses
+    if returns or seen.highest > 1.0 + 0.5 * procedure.aggressiveness:
         return now._replace(stage=now.stage + 1)
     angle, highest = now.angle * (1.0 + _STEP), procedure.angle[1]
     return now._replace(angle=min(angle, highest), stage=now.stage + (angle >= highest))
@@ -243,7 +245,9 @@ def _seen(step: FloatArray, now: _Gains, procedure: Twitching, period_s: float, 
     target = 1.0 + 0.5 * procedure.aggressiveness * (now.stage >= _P_UP)
     top = np.maximum.accumulate(step)
     if now.stage > _P_UP:
-        return _Answer(float(top[-1]), float(step.min()))
+        rate = np.diff(step)
+        reverses = float(rate.min()) < -procedure.aggressiveness * float(rate.max())
+        return _Answer(float(top[-1]), float(step.min()), reverses)
     risen = int(np.argmax(top >= _RISEN * target)) if top[-1] >= _RISEN * target else step.size
     bounced = (top > _BOUNCING * target) & (top - step > procedure.aggressiveness * top)
     over = (top > target) | bounced | (np.arange(step.size) >= 3 * risen)

@@ -11,7 +11,7 @@ import pytest
 from quadid_logs.control.autotune import forecast
 from quadid_logs.control.loop import Plant, gyro_filters
 from quadid_logs.control.pole_placement import _discrete_models, place_poles
-from quadid_logs.control.twitch import twitch
+from quadid_logs.control.twitch import _angle_up, _Answer, _Gains, twitch
 from quadid_logs.data.autotune import PolePlacement, Twitching
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.tuning import GainNames
@@ -113,3 +113,10 @@ def test_a_forecast_spans_the_vehicles(procedure: PolePlacement | Twitching) -> 
     assert low < narrow.gains["P"][0]
     assert high > narrow.gains["P"][1]
     assert wide.phase_margin_deg is not None
+
+
+def test_an_angle_whose_rate_reverses_ends_the_search_for_its_gain() -> None:
+    """It overshoots and swings back, though by less than is looked for in the angle."""
+    now, seen = _Gains(p=0.1, d=0.003, angle=10.0, stage=4), _Answer(1.01, 0.0, reverses=True)
+    assert _angle_up(now, seen, TWITCHED).stage == 5
+    assert _angle_up(now, seen._replace(reverses=False), TWITCHED).stage == 4
