@@ -13,8 +13,8 @@ from quadid_logs.simulate.damage import damage_bytes
 from quadid_logs.writers import write_log
 
 AXES = ("roll", "pitch", "yaw")
-#: Of each flight: two thirds of what a scenario flies by itself, for a third less time of the tests [s].
-FLIGHT_S = 40.0
+#: Of each flight: half of what a scenario flies by itself, for half the time of the tests [s].
+FLIGHT_S = 30.0
 
 
 @pytest.mark.parametrize("name", sorted(SCENARIOS))
