@@ -33,11 +33,12 @@ def interval(low: float, high: float) -> str:
     --------
     >>> interval(432.1, 447.9)
     '432.1 to 447.9'
+    >>> interval(97.818, 101.576)
+    '97.82 to 101.58'
     """
     if not (math.isfinite(low) and math.isfinite(high)):
         return "not bounded"
-    digits = _digits(low, high)
-    return f"{number(low, digits)} to {number(high, digits)}"
+    return f"{resolved(low, low, high)} to {resolved(high, low, high)}"
 
 
 def estimate(value: float, low: float, high: float) -> str:
