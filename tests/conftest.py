@@ -58,6 +58,11 @@ def corpus() -> Path:
     return corpus_folder()
 
 
+def pytest_xdist_auto_num_workers() -> int:
+    """One process more than cores: tests of workers, servers and browsers mostly wait for these."""
+    return (os.cpu_count() or 1) + 1
+
+
 def pytest_sessionfinish(session: pytest.Session) -> None:
     """Delete the shared analyses, half a gigabyte, when the last process is done."""
     if not hasattr(session.config, "workerinput"):
