@@ -9,21 +9,19 @@ from typing import Any, Final
 import numpy as np
 
 from quadid_logs.align import cut
-from quadid_logs.autopilots.discrete import butterworth, derivative, first_order, gain, integrator, unit
-from quadid_logs.control.loop import Plant, close, integrators
+from quadid_logs.control.loop import close, integrators
 from quadid_logs.control.margins import LoopFigures, figures_of, grid_hz
 from quadid_logs.data.closed_loop import AxisLoop, Margins
-from quadid_logs.data.controller import AxisController
 from quadid_logs.data.settings import Settings
 from quadid_logs.load import prepare
 from quadid_logs.pipeline import judge
-from quadid_logs.simulate import plan_flights
-from quadid_logs.simulate.closed_loop import Setup, Tuning, final_gains
+from quadid_logs.simulate.closed_loop import Setup, Tuning
 from quadid_logs.simulate.effects import Effects
 from quadid_logs.vocabulary import AXES
 from study.draw import Drawn, draw_flight
-from study.measure import simulate_drawn
+from study.measure import setup_of, simulate_drawn
 from study.structural import log_uniform
+from study.true_loop import true_controller, true_plant
 
 #: The figures that are held against the truth: of `Margins`, with the truth's name in `LoopFigures` and its
 #: unit there in units of the first.
@@ -130,82 +128,6 @@ def measure_loops(drawn: Drawn) -> dict[str, Any]:
             for loop, true in _true_figures(setup, truth, number)
         ]
     return {**drawn.settings, "seed": drawn.seed, "loops": loops}
-
-
-def setup_of(drawn: Drawn) -> Setup:
-    """Return the flight as it was set up.
-
-    Parameters
-    ----------
-    drawn : Drawn
-
-    Returns
-    -------
-    Setup
-    """
-    scenario = drawn.scenario
-    (setup,) = plan_flights(
-        scenario,
-        seed=1000 * drawn.seed + drawn.number,
-        duration_s=scenario.duration_s,
-        rate_hz=scenario.logging.rate_hz,
-        autopilot=drawn.autopilot,
-    )
-    return setup
-
-
-def true_controller(setup: Setup, axis: int) -> AxisController:
-    """Return the controller that the simulator ran, made of the gains and weights that it flew with.
-
-    Parameters
-    ----------
-    setup : Setup
-    axis : int
-
-    Returns
-    -------
-    AxisController
-        The gyro is read, and filtered, once in each loop.
-    """
-    gains, tuning, period_s = final_gains(setup), setup.tuning, 1.0 / setup.loop_hz
-    P, I, D = (float(each[axis]) for each in (gains.proportional, gains.integral, gains.derivative))  # noqa: E741
-    slope = (derivative(period_s) * first_order(tuning.derivative_hz, period_s)).scaled(D)
-    ardupilot = setup.autopilot == "ardupilot"
-    error = gain(P, period_s) + integrator(period_s, late=not ardupilot).scaled(I)
-    return AxisController(
-        period_s=period_s,
-        error=(error + slope) * first_order(tuning.error_hz, period_s) if ardupilot else error,
-        target=first_order(tuning.target_hz, period_s) if ardupilot else unit(period_s),
-        rate=None if ardupilot else slope,
-        gyro=(butterworth(setup.gyro_filter_hz, period_s),),
-        angle_gain_per_s=float(gains.attitude[axis]),
-    )
-
-
-def true_plant(setup: Setup, truth: dict[str, Any], axis: int) -> Plant:
-    """Return one axis of the simulated vehicle as its gyro shows it.
-
-    Parameters
-    ----------
-    setup : Setup
-    truth : dict
-        As of `quadid_logs.simulate.truth.flight_truth`.
-    axis : int
-
-    Returns
-    -------
-    Plant
-    """
-    model = truth["models"]["damped"]
-    seen = 1.0 + setup.noise.gyro_scale[axis]
-    values = (
-        model["B"][axis][axis] * seen,
-        model["A"][axis][model["regressors"].index("pqr"[axis])],
-        truth["actuator"]["lag_s"],
-        setup.delay_steps / setup.loop_hz,
-    )
-    plant = Plant(*(np.array([value]) for value in values))
-    return plant._replace(lead_s=truth["actuator"]["yaw_lead_s"] if axis == AXES.index("yaw") else 0.0)
 
 
 def _true_figures(setup: Setup, truth: dict[str, Any], axis: int) -> Iterator[tuple[str, LoopFigures]]:

@@ -65,8 +65,17 @@ def measure(drawn: Drawn) -> dict[str, Any]:
     }
 
 
-def simulate_drawn(drawn: Drawn) -> tuple[FlightLog, dict[str, Any]]:
-    """Fly, log, and tell the truth; no file is written: it would read back the same."""
+def setup_of(drawn: Drawn) -> Setup:
+    """Return the flight as it was set up.
+
+    Parameters
+    ----------
+    drawn : Drawn
+
+    Returns
+    -------
+    Setup
+    """
     scenario = drawn.scenario
     (setup,) = plan_flights(
         scenario,
@@ -75,6 +84,12 @@ def simulate_drawn(drawn: Drawn) -> tuple[FlightLog, dict[str, Any]]:
         rate_hz=scenario.logging.rate_hz,
         autopilot=drawn.autopilot,
     )
+    return setup
+
+
+def simulate_drawn(drawn: Drawn) -> tuple[FlightLog, dict[str, Any]]:
+    """Fly, log, and tell the truth; no file is written: it would read back the same."""
+    scenario, setup = drawn.scenario, setup_of(drawn)
     record = fly(setup)
     if drawn.clipped_fraction:
         record = fly(_limited(setup, record, drawn.clipped_fraction))

@@ -21,10 +21,8 @@ from typing import Any, Final
 import numpy as np
 
 from quadid_logs.align import cut
-from quadid_logs.control.loop import Plant
 from quadid_logs.control.scaled_loop import scaled_loops
 from quadid_logs.data.closed_loop import LoopMargins, Margins
-from quadid_logs.data.controller import AxisController
 from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
 from quadid_logs.data.tuning import AxisTuning, Tuning
@@ -37,9 +35,9 @@ from quadid_logs.simulate.logger import log_flights
 from quadid_logs.simulate.truth import flight_truth
 from quadid_logs.simulate.wind import Wind
 from quadid_logs.tuning import recommend
-from quadid_logs.vocabulary import AXES
 from study.draw import draw_flight
 from study.structural import log_uniform
+from study.true_loop import true_controller, true_plant
 
 #: A loop of this rate, logged at every step [Hz]; flights are as short as a pilot's patience.
 _RATE_HZ: Final = 280.0
@@ -170,62 +168,6 @@ def _resting_truth(setup: Setup) -> dict[str, Any]:
 
 def _true_margins(setup: Setup, truth: dict[str, Any], axis: int) -> LoopMargins:
     return scaled_loops(true_controller(setup, axis), true_plant(setup, truth, axis), np.inf).margins()
-
-
-def true_plant(setup: Setup, truth: dict[str, Any], axis: int) -> Plant:
-    """Return one axis of the simulated vehicle as its gyro shows it.
-
-    Parameters
-    ----------
-    setup : Setup
-    truth : dict
-        As of `quadid_logs.simulate.truth.flight_truth`.
-    axis : int
-
-    Returns
-    -------
-    Plant
-    """
-    model = truth["models"]["damped"]
-    values = (
-        model["B"][axis][axis] * (1.0 + setup.noise.gyro_scale[axis]),
-        model["A"][axis][model["regressors"].index("pqr"[axis])],
-        truth["actuator"]["lag_s"],
-        setup.delay_steps / setup.loop_hz,
-    )
-    plant = Plant(*(np.array([value]) for value in values))
-    return plant._replace(lead_s=truth["actuator"]["yaw_lead_s"] if axis == AXES.index("yaw") else 0.0)
-
-
-def true_controller(setup: Setup, axis: int) -> AxisController:
-    """Return the controller that the simulator runs, of its own parameters.
-
-    Parameters
-    ----------
-    setup : Setup
-    axis : int
-
-    Returns
-    -------
-    AxisController
-        The gyro is read, and filtered, once in each loop.
-    """
-    from quadid_logs.autopilots.discrete import butterworth, derivative, first_order, gain, integrator, unit
-    from quadid_logs.simulate.closed_loop import final_gains
-
-    gains, tuning, period_s = final_gains(setup), setup.tuning, 1.0 / setup.loop_hz
-    P, I, D = (float(each[axis]) for each in (gains.proportional, gains.integral, gains.derivative))  # noqa: E741
-    slope = (derivative(period_s) * first_order(tuning.derivative_hz, period_s)).scaled(D)
-    ardupilot = setup.autopilot == "ardupilot"
-    error = gain(P, period_s) + integrator(period_s, late=not ardupilot).scaled(I)
-    return AxisController(
-        period_s=period_s,
-        error=error + slope if ardupilot else error,
-        target=first_order(tuning.target_hz, period_s) if ardupilot else unit(period_s),
-        rate=None if ardupilot else slope,
-        gyro=(butterworth(setup.gyro_filter_hz, period_s),),
-        angle_gain_per_s=float(gains.attitude[axis]),
-    )
 
 
 def _described(record: Record, result: Result, tuning: Tuning) -> dict[str, Any]:

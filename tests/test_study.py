@@ -16,8 +16,8 @@ from quadid_logs.vocabulary import AXES
 from study import run
 from study.draw import FRAMES, GYRO_SCALE_SIGMA, MANOEUVRES, draw_flight
 from study.margin_tables import WORDS, draw_margins, loops_of, margins_page
-from study.margins import draw_loop, measure_loops, setup_of, true_controller, true_plant
-from study.measure import kind_of, simulate_drawn
+from study.margins import draw_loop, measure_loops
+from study.measure import kind_of, setup_of, simulate_drawn
 from study.plots import draw_plots
 from study.structural import CLEAN_FRACTION, EFFECTS, ROUGH_FRACTION
 from study.summary import (
@@ -31,6 +31,7 @@ from study.summary import (
     read_flights,
     verdict_table,
 )
+from study.true_loop import true_controller, true_plant
 
 
 @pytest.fixture(scope="module")

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import importlib
 from typing import TYPE_CHECKING, Any
 
-from quadid_logs.errors import SettingsError
+from quadid_logs import extra
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -27,13 +26,9 @@ def load(name: str) -> Any:
     SettingsError
         If it is not installed.
     """
-    try:
-        return importlib.import_module(name)
-    except ImportError as error:
-        raise SettingsError(
-            f"{error.name or name} is not installed.",
-            hint="Install it with: pip install pandas control (or quadid-logs with its extra [python])",
-        ) from error
+    return extra.load(
+        name, "Install it with: pip install pandas control (or quadid-logs with its extra [python])"
+    )
 
 
 def data_frame(columns: dict[str, Any], index: str = "") -> pd.DataFrame:

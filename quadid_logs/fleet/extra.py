@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import importlib
 from typing import Any
 
-from quadid_logs.errors import SettingsError
+from quadid_logs.extra import load as load_or_hint
 
 
 def load(name: str, extra: str = "fleet") -> Any:
@@ -16,10 +15,5 @@ def load(name: str, extra: str = "fleet") -> Any:
     SettingsError
         If it is not installed.
     """
-    try:
-        return importlib.import_module(name)
-    except ImportError as error:
-        raise SettingsError(
-            f"{error.name or name} is not installed.",
-            hint=f"Install it in the folder of quadid-logs' source with: pip install '.[{extra}]'",
-        ) from error
+    hint = f"Install it in the folder of quadid-logs' source with: pip install '.[{extra}]'"
+    return load_or_hint(name, hint)

@@ -1,0 +1,67 @@
+"""The loop that the simulator really flew: what margins are held against."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from quadid_logs.autopilots.discrete import butterworth, derivative, first_order, gain, integrator, unit
+from quadid_logs.control.loop import Plant
+from quadid_logs.data.controller import AxisController
+from quadid_logs.simulate.closed_loop import Setup, final_gains
+from quadid_logs.vocabulary import AXES
+
+
+def true_controller(setup: Setup, axis: int) -> AxisController:
+    """Return the controller that the simulator ran, made of the gains and weights that it flew with.
+
+    Parameters
+    ----------
+    setup : Setup
+    axis : int
+
+    Returns
+    -------
+    AxisController
+        The gyro is read, and filtered, once in each loop.
+    """
+    gains, tuning, period_s = final_gains(setup), setup.tuning, 1.0 / setup.loop_hz
+    P, I, D = (float(each[axis]) for each in (gains.proportional, gains.integral, gains.derivative))  # noqa: E741
+    slope = (derivative(period_s) * first_order(tuning.derivative_hz, period_s)).scaled(D)
+    ardupilot = setup.autopilot == "ardupilot"
+    error = gain(P, period_s) + integrator(period_s, late=not ardupilot).scaled(I)
+    return AxisController(
+        period_s=period_s,
+        error=(error + slope) * first_order(tuning.error_hz, period_s) if ardupilot else error,
+        target=first_order(tuning.target_hz, period_s) if ardupilot else unit(period_s),
+        rate=None if ardupilot else slope,
+        gyro=(butterworth(setup.gyro_filter_hz, period_s),),
+        angle_gain_per_s=float(gains.attitude[axis]),
+    )
+
+
+def true_plant(setup: Setup, truth: dict[str, Any], axis: int) -> Plant:
+    """Return one axis of the simulated vehicle as its gyro shows it.
+
+    Parameters
+    ----------
+    setup : Setup
+    truth : dict
+        As of `quadid_logs.simulate.truth.flight_truth`.
+    axis : int
+
+    Returns
+    -------
+    Plant
+    """
+    model = truth["models"]["damped"]
+    seen = 1.0 + setup.noise.gyro_scale[axis]
+    values = (
+        model["B"][axis][axis] * seen,
+        model["A"][axis][model["regressors"].index("pqr"[axis])],
+        truth["actuator"]["lag_s"],
+        setup.delay_steps / setup.loop_hz,
+    )
+    plant = Plant(*(np.array([value]) for value in values))
+    return plant._replace(lead_s=truth["actuator"]["yaw_lead_s"] if axis == AXES.index("yaw") else 0.0)
