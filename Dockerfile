@@ -8,6 +8,6 @@ RUN python -m venv /opt/quadid && /opt/quadid/bin/pip install --no-cache-dir .
 FROM python:3.12-slim
 COPY --from=build /opt/quadid /opt/quadid
 RUN useradd --create-home --uid 1000 pilot && mkdir /logs && chown pilot /logs
-USER pilot
+USER 1000
 WORKDIR /logs
 ENTRYPOINT ["/opt/quadid/bin/quadid-log"]

@@ -3,7 +3,8 @@
 Every case has a number; the number and --seed alone decide what is done, so
 that ``--only NUMBER`` repeats it. A case must end in a result or a
 `QuadidError`, with warnings as errors, within 5 times the processor time of
-an intact log of its size (at least `LEAST_SECONDS`) and within 4 times the file + 300 MB.
+an intact log of its size, in bytes or in samples (at least `LEAST_SECONDS`),
+and within 4 times the file + 300 MB.
 
 Run ``python fuzz/run.py --help``.
 """
@@ -28,7 +29,7 @@ from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, NamedTuple
 
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[_variable] = "1"
@@ -44,14 +45,27 @@ from quadid_logs.errors import QuadidError  # noqa: E402
 from quadid_logs.load import load  # noqa: E402
 from quadid_logs.pipeline import analyze  # noqa: E402
 from quadid_logs.report import json_text, write_report  # noqa: E402
+from quadid_logs.simulate import simulate  # noqa: E402
+from quadid_logs.writers import write_log  # noqa: E402
 
 #: Below this processor time [s] noise rules, not the input; by depth.
 LEAST_SECONDS = {"read": 0.5, "analyze": 3.0, "report": 30.0}
 #: Of the cases, those that are no damage.
 EXTREME_FRACTION = 0.2
 TIME_FACTOR, MEMORY_FACTOR, MEMORY_SPARE = 5.0, 4.0, 300e6
+#: A process hangs that is silent for this long [s] and works less than this meanwhile [s].
+HANG_S, IDLE_S = 300.0, 0.1
+#: After so many times its limit a case is broken off.
+PATIENCE = 4.0
 #: Cases after which a worker is replaced.
 BATCH = 500
+
+
+class Intact(NamedTuple):
+    """Processor time [s] of intact logs: by name and depth, and of a whole analysis by sample."""
+
+    seconds: dict[tuple[str, str], float]
+    sample_s: float
 
 
 class OutOfTimeError(BaseException):
@@ -73,15 +87,15 @@ def main() -> int:
     """Run the cases, print what came out; 1 if anything broke."""
     options = _options()
     seeds = [each for each in load_seeds(whole=options.whole) if options.kind in ("", each.kind)]
-    intact_s = _intact_seconds(seeds)
+    intact = _intact(seeds)
     if options.only is not None:
-        return _one(options, seeds, intact_s)
+        return _one(options, seeds, intact)
     tally, began = Tally(), time.monotonic()
     stop_at = began + options.minutes * 60.0 if options.minutes else float("inf")
     number = options.first
     while number < options.first + options.count and time.monotonic() < stop_at:
         batch = range(number, min(number + BATCH, options.first + options.count))
-        number = _run_batch(batch, options, seeds, intact_s, tally, stop_at)
+        number = _run_batch(batch, options, seeds, intact, tally, stop_at)
         _say(tally, time.monotonic() - began)
     print(json.dumps(_summary(tally), indent=1))
     if options.output:
@@ -116,18 +130,19 @@ def _case(number: int, seed: int, seeds: list[Seed]) -> tuple[Seed, str, bytes]:
     return log, depth, mutated(rng, log.kind, log.content)
 
 
-def _run(path: Path, depth: str) -> None:
-    """Take one file through the chain."""
+def _run(path: Path, depth: str) -> int:
+    """Take one file through the chain; return the number of samples that a whole analysis was about."""
     if depth == "read":
         cut(load(path), AlignSettings())
-        return
+        return 0
     result = analyze(path)
     json_text(result)
     if depth == "report":
         write_report(result, path.parent / "report", force=True)
+    return result.data.n_samples
 
 
-def _intact_seconds(seeds: list[Seed]) -> dict[tuple[str, str], float]:
+def _intact(seeds: list[Seed]) -> Intact:
     """Return the processor time of every intact log, the second time it is read."""
     taken = {}
     with tempfile.TemporaryDirectory() as folder:
@@ -137,7 +152,11 @@ def _intact_seconds(seeds: list[Seed]) -> dict[tuple[str, str], float]:
             for depth in ("read", "read", "analyze"):
                 taken[log.name, depth] = _processor_time(_run_tolerant, path, depth)
             taken[log.name, "report"] = taken[log.name, "analyze"]
-    return taken
+        path = Path(folder) / "minute.bin"
+        write_log(simulate("sysid-quad-x", seed=1, duration_s=60.0, rate_hz=50.0).log, path)
+        began = time.process_time()
+        n_samples = _run(path, "analyze")
+    return Intact(taken, (time.process_time() - began) / n_samples)
 
 
 def _run_tolerant(path: Path, depth: str) -> None:
@@ -159,23 +178,24 @@ def _run_batch(
     batch: range,
     options: argparse.Namespace,
     seeds: list[Seed],
-    intact_s: dict[tuple[str, str], float],
+    intact: Intact,
     tally: Tally,
     stop_at: float,
 ) -> int:
     """Run a batch in a process of its own: a crash of the interpreter is a finding. Return the next case."""
     context = multiprocessing.get_context("fork")
     receiver, sender = context.Pipe(duplex=False)
-    arguments = (batch, options.seed, seeds, intact_s, sender, stop_at)
+    arguments = (batch, options.seed, seeds, intact, sender, stop_at)
     process = context.Process(target=_work, args=arguments)
     process.start()
     sender.close()
     number = batch.start
     try:
         while True:
-            if not receiver.poll(300.0):
+            if not _answers(receiver, process.pid):
                 process.kill()
-                _fail(tally, number, options, seeds, "hang: nothing came for 300 s")
+                _fail(tally, number, options, seeds, f"hang: no answer after {HANG_S:g} s")
+                number += 1
                 break
             outcome = receiver.recv()
             _count(tally, outcome)
@@ -191,6 +211,27 @@ def _run_batch(
     return number
 
 
+def _answers(receiver: Connection, pid: int | None) -> bool:
+    """Wait for the next outcome; False if the process neither works nor answers, or works without end.
+
+    By processor time: on a busy machine a sound case may get little of it for minutes.
+    """
+    began_s = used_s = _used_s(pid)
+    while not receiver.poll(HANG_S):
+        before_s, used_s = used_s, _used_s(pid)
+        if used_s - before_s < IDLE_S or used_s - began_s > HANG_S:
+            return False
+    return True
+
+
+def _used_s(pid: int | None) -> float:
+    """Return the processor time of a process [s] (Linux, proc(5))."""
+    fields = (
+        Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
+    )
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
 def _fail(tally: Tally, number: int, options: argparse.Namespace, seeds: list[Seed], what: str) -> None:
     """Note a case that took its process with it."""
     log, depth, content = _case(number, options.seed, seeds)
@@ -203,7 +244,7 @@ def _work(
     batch: range,
     seed: int,
     seeds: list[Seed],
-    intact_s: dict[tuple[str, str], float],
+    intact: Intact,
     sender: Connection,
     stop_at: float,
 ) -> None:
@@ -215,7 +256,7 @@ def _work(
         for number in batch:
             if time.monotonic() > stop_at:
                 break
-            sender.send(_outcome(number, seed, seeds, intact_s, folder))
+            sender.send(_outcome(number, seed, seeds, intact, folder))
     finally:
         shutil.rmtree(folder, ignore_errors=True)
         sender.close()
@@ -225,25 +266,25 @@ def _out_of_time(_signal: int, _frame: FrameType | None) -> None:
     raise OutOfTimeError
 
 
-def _outcome(
-    number: int, seed: int, seeds: list[Seed], intact_s: dict[tuple[str, str], float], folder: Path
-) -> dict[str, Any]:
+def _outcome(number: int, seed: int, seeds: list[Seed], intact: Intact, folder: Path) -> dict[str, Any]:
     """Run one case within its limits."""
     log, depth, content = _case(number, seed, seeds)
     path = folder / f"log{log.suffix}"
     path.write_bytes(content)
     size = max(1.0, len(content) / len(log.content))
-    limit_s = max(LEAST_SECONDS[depth], TIME_FACTOR * size * intact_s[log.name, depth])
+    limit_s = max(LEAST_SECONDS[depth], TIME_FACTOR * size * intact.seconds[log.name, depth])
     outcome: dict[str, Any] = {"number": number, "log": log.name, "depth": depth, "n_bytes": len(content)}
     before = _reset_peak()
     began = time.process_time()
-    signal.setitimer(signal.ITIMER_PROF, 2.0 * limit_s)
+    signal.setitimer(signal.ITIMER_PROF, PATIENCE * limit_s)
     try:
-        _run(path, depth)
+        n_samples = _run(path, depth)
+        # What is refused when intact, and analyzed when damage has repeated it, is no measure of itself.
+        limit_s = max(limit_s, TIME_FACTOR * intact.sample_s * n_samples)
     except QuadidError as error:
         outcome["refused"] = type(error).__name__
     except OutOfTimeError:
-        outcome["failure"] = f"over {2.0 * limit_s:.1f} s: {traceback.format_exc(limit=-3)}"
+        outcome["failure"] = f"over {PATIENCE * limit_s:.1f} s: {traceback.format_exc(limit=-3)}"
     except Exception:  # noqa: BLE001 - what comes out is the finding
         outcome["failure"] = traceback.format_exc()
     finally:
@@ -306,7 +347,7 @@ def _summary(tally: Tally) -> dict[str, Any]:
     }
 
 
-def _one(options: argparse.Namespace, seeds: list[Seed], intact_s: dict[tuple[str, str], float]) -> int:
+def _one(options: argparse.Namespace, seeds: list[Seed], intact: Intact) -> int:
     """Repeat one case and show everything."""
     log, depth, content = _case(options.only, options.seed, seeds)
     if options.keep:
@@ -314,7 +355,7 @@ def _one(options: argparse.Namespace, seeds: list[Seed], intact_s: dict[tuple[st
     warnings.simplefilter("error")
     signal.signal(signal.SIGPROF, _out_of_time)
     with tempfile.TemporaryDirectory() as folder:
-        outcome = _outcome(options.only, options.seed, seeds, intact_s, Path(folder))
+        outcome = _outcome(options.only, options.seed, seeds, intact, Path(folder))
     print(outcome.pop("failure", "no failure"))
     print(f"{log.name}, {depth}: {outcome}")
     return 0

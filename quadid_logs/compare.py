@@ -8,11 +8,16 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
 from quadid_logs.callable_module import call_as
 from quadid_logs.control.next_flight import DAMPING_SPREAD, TIME_SPREAD_S
 from quadid_logs.data.model import Model, Parameter
 from quadid_logs.data.result import Result
+from quadid_logs.data.torque import HeldScale
 from quadid_logs.diagnose.advice import next_steps
+from quadid_logs.sentences import continued
 from quadid_logs.vocabulary import (
     ACCELERATION_SYMBOLS,
     AXES,
@@ -34,6 +39,9 @@ _TIME_SPREAD_MS = 1e3 * TIME_SPREAD_S
 #: Yaw comes from the drag of the rotors, which grows at most with the cube of the command (thrust times
 #: command; a drag that goes with thrust alone is less), so that its slope grows at most with the square.
 _YAW_POWER = 2.0
+#: Where the firmware does not undo the thrust curve, thrust grows at most with the square of the command,
+#: so that its slope grows at most with the command.
+_THRUST_POWER = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,7 +54,7 @@ class Quantity:
     a difference is a fraction of, the value called ``scale_name``. ``is_on_axis``
     marks how an axis answers to the torque about it. ``words`` and ``scale_words``
     are what people call the two. ``throttle_change`` is by what fraction of itself the mean throttle
-    differed, and ``throttle_spread`` what that alone may make of the value, in `unit`: 0 but for yaw.
+    differed, and ``throttle_spread`` what that alone may make of the value, in `unit`: 0 where nothing.
     """
 
     name: str
@@ -115,7 +123,8 @@ def compare(before: Result, after: Result) -> Comparison:
     their 95 % half-widths, widened by Bonferroni's correction for the number
     of quantities [1]_ (with fourteen of them, the plain intervals would call
     every other unchanged vehicle changed), and of what differs between flights
-    of one vehicle. Yaw is also given what another mean throttle can make of it.
+    of one vehicle. Yaw is also given what another mean throttle can make of it, roll and pitch
+    where the firmware does not undo the thrust curve.
     The rest of A (couplings, tilt, trim) depends on wind and manoeuvre and says nothing about a change.
 
     Parameters
@@ -149,7 +158,8 @@ def compare(before: Result, after: Result) -> Comparison:
     if first is not None and second is not None and len(reasons) < len(AXES):
         parameters = _parameters(first, second, reasons)
         change = _throttle_change(before, after)
-        found = [*(_at_throttle(each, change) for each in parameters), *_actuators(first, second)]
+        powers = _throttle_powers(both)
+        found = [*(_at_throttle(each, change, powers) for each in parameters), *_actuators(first, second)]
     widening = _widening(len(found))
     quantities = tuple(_with_margin(quantity, widening) for quantity in found)
     axes: dict[str, AxisChange] = {}
@@ -191,7 +201,7 @@ def _why_unknown(result: Result, axis: str) -> str:
     model = result.identification.recommended
     if verdict is None or verdict.verdict == "refused" or model is None:
         sentence = verdict.sentence if verdict else "there is no verdict"
-        return (sentence[:1].lower() + sentence[1:]).removesuffix(".")
+        return continued(sentence).removesuffix(".")
     gain = model.entries.get(ON_AXIS[axis])
     if gain is None or not gain.identifiable:
         return f"the flight does not tell the gain ({gain.reason if gain else 'not fitted'})"
@@ -257,12 +267,22 @@ def _parameters(first: Model, second: Model, reasons: Mapping[str, str]) -> Iter
 
 def _throttle_change(before: Result, after: Result) -> float:
     """Return by what fraction the mean throttle differs, 0 where one of the logs does not tell it."""
-    means = [_mean_throttle(result) for result in (before, after)]
+    means = [mean_throttle(result) for result in (before, after)]
     return means[1] / means[0] - 1.0 if min(means) > 0.0 else 0.0
 
 
-def _mean_throttle(result: Result) -> float:
-    """Return the mean throttle of a flight, 0 where it was not logged throughout."""
+def mean_throttle(result: Result) -> float:
+    """Return the mean throttle of a flight, 0 where it was not logged throughout.
+
+    Parameters
+    ----------
+    result : Result
+
+    Returns
+    -------
+    float
+        As a fraction of full throttle [1].
+    """
     segments = result.data.segments
     throttle = [segment.throttle for segment in segments if segment.throttle is not None]
     if not segments or len(throttle) < len(segments):
@@ -270,13 +290,44 @@ def _mean_throttle(result: Result) -> float:
     return sum(float(values.sum()) for values in throttle) / sum(values.size for values in throttle)
 
 
-def _at_throttle(quantity: Quantity, change: float) -> Quantity:
-    """Give yaw what the throttle alone may make of it: two flights cannot hold the two apart."""
-    if not (quantity.is_on_axis and quantity.axis == "yaw"):
+def _throttle_powers(both: tuple[Result, Result]) -> Mapping[str, float]:
+    """Return by axis with which power of the throttle the effectiveness may grow."""
+    expos = [result.data.input.expo for result in both if result.data.input is not None]
+    is_curved = any(expo is not None and expo.held is HeldScale.COMMAND for expo in expos)
+    thrust = _THRUST_POWER if is_curved else 0.0
+    return {"roll": thrust, "pitch": thrust, "yaw": _YAW_POWER}
+
+
+def _at_throttle(quantity: Quantity, change: float, powers: Mapping[str, float]) -> Quantity:
+    """Give a value what the throttle alone may make of it: two flights cannot hold the two apart."""
+    power = powers[quantity.axis] if quantity.is_on_axis else 0.0
+    if not power:
         return quantity
-    ratio = max(1.0 + change, 1.0 / (1.0 + change))
-    spread = (ratio**_YAW_POWER - 1.0) * abs(quantity.before)
+    spread = float(_by_throttle(quantity.before, 1.0 + change, power))
     return dataclasses.replace(quantity, throttle_change=change, throttle_spread=spread)
+
+
+def yaw_by_throttle(effectiveness: FloatArray | float, ratio: FloatArray | float) -> FloatArray:
+    """Return what another mean throttle alone may make of the yaw effectiveness.
+
+    Parameters
+    ----------
+    effectiveness : ndarray or float
+        At one throttle.
+    ratio : ndarray or float
+        The other throttle, as a fraction of that one.
+
+    Returns
+    -------
+    ndarray
+        In the unit of `effectiveness`, not negative.
+    """
+    return _by_throttle(effectiveness, ratio, _YAW_POWER)
+
+
+def _by_throttle(value: FloatArray | float, ratio: FloatArray | float, power: float) -> FloatArray:
+    """Return what a ratio of throttles may make of a value that grows with a power of it, up or down."""
+    return np.asarray((np.maximum(ratio, np.divide(1.0, ratio)) ** power - 1.0) * np.abs(value))
 
 
 def _known(parameter: Parameter) -> bool:

@@ -50,7 +50,7 @@ def show(result: Result) -> Shown:
     --------
     >>> from quadid_logs import analyze, show
     >>> print(str(show(analyze("sample_logs/default-logging.bin"))).splitlines()[0])
-    default-logging.bin: structure damped, 33.5 s of 39.7 s analysed
+    default-logging.bin: structure damped, 33.5 s of 39.7 s analyzed
     """
     return Shown(result=result)
 

@@ -40,36 +40,28 @@ def analyze(
     structure: Structure | None = None,
     progress: Progress | None = None,
 ) -> Result:
-    """Read, put on one clock, rebuild the torque, cut, identify and judge one log.
+    """Run every stage on one log: what `quadid_logs.analyze` wraps, and says in full.
 
     Parameters
     ----------
     path : str, Path or FlightLog
-        The log, of any supported format, or one that is in memory already.
-    settings : Settings, optional
-    vehicle : Vehicle, optional
-        What the user knows about the vehicle.
+        A file, or a log that is in memory already; nothing else is made a log here.
+    settings, vehicle
+        As of `quadid_logs.analyze`.
     structure : Structure, optional
         Fitted beside those of the package, and recommended.
-    progress : callable, optional
-        Called with the name of each stage as it begins.
+    progress
+        As of `quadid_logs.analyze`.
 
     Returns
     -------
     Result
+        Without the methods of an `Analysis`.
 
     Raises
     ------
-    LogError
-        If the file cannot be read as a flight log at all.
-    SettingsError
-        If the part of the log that was chosen holds no flight.
-
-    Examples
-    --------
-    >>> import quadid_logs
-    >>> quadid_logs.analyze("sample_logs/sysid-quad-x.bin").verdict
-    {'roll': 'usable', 'pitch': 'usable', 'yaw': 'usable'}
+    LogError, SettingsError
+        As `quadid_logs.analyze`.
     """
     return _analyze([path], settings or Settings(), vehicle, structure, progress)
 
@@ -82,33 +74,23 @@ def analyze_pooled(
     structure: Structure | None = None,
     progress: Progress | None = None,
 ) -> Result:
-    """Identify one model from several logs of one vehicle.
+    """Run every stage on several logs at once: what `quadid_logs.analyze_pooled` wraps, and says in full.
 
     Parameters
     ----------
     paths : sequence of str, Path or FlightLog
-        At least one. A log without a usable flight adds nothing, and a finding says so.
     settings, vehicle, structure, progress
-        As of `analyze`. ``start_s`` and ``end_s`` apply to the clock of each log.
+        As of `analyze`.
 
     Returns
     -------
     Result
-        With the first usable log as ``log`` and the names of all in ``pooled``.
+        Without the methods of an `Analysis`.
 
     Raises
     ------
-    LogError
-        If one of the files cannot be read as a flight log at all.
-    SettingsError
-        If the logs' torques are not the same quantity, or the part that was chosen holds no flight.
-
-    Examples
-    --------
-    >>> from quadid_logs import analyze_pooled
-    >>> result = analyze_pooled(["sample_logs/sysid-quad-x.bin", "sample_logs/damaged.bin"])
-    >>> [f"{one.path}: {one.used_s:.0f} s" for one in result.pooled]
-    ['sample_logs/sysid-quad-x.bin: 24 s', 'sample_logs/damaged.bin: 14 s']
+    LogError, SettingsError
+        As `quadid_logs.analyze_pooled`.
     """
     return _analyze(paths, settings or Settings(), vehicle, structure, progress)
 

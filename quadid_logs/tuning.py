@@ -136,7 +136,7 @@ def what_if_grids(result: Result, tuning: Tuning) -> Mapping[str, WhatIf]:
             for some in ((names.proportional, names.integral, names.derivative), names.filters)
         )
         rebuild = partial(_rebuilt, result.log, parameters, axis)
-        grid = what_if(gains, filters, case.controller, case.plants, rebuild)
+        grid = what_if(gains, filters, case.controller, case.plants, rebuild, names.written)
         if grid is not None:
             grids[axis] = grid
     return grids
@@ -194,7 +194,6 @@ def _case(
         plants=plants,
         names=tunable.axes[axis],
         parameters=parameters,
-        gyro_filter=tunable.gyro_filter,
         n_pooled=len(result.pooled),
     )
     return case, model

@@ -195,7 +195,24 @@ def term_words(target: str, regressor: str) -> str:
     return f"{axis} trim" if regressor == "1" else f"{axis} from {regressor_words(regressor)}"
 
 
-#: What a vehicle can be. Only a multirotor is analysed.
+def explained_words(r2: float) -> str:
+    """Say how much of something a model explains, as in "explains ... of it".
+
+    Parameters
+    ----------
+    r2 : float
+        Coefficient of determination; below zero the mean does better than the model.
+
+    Returns
+    -------
+    str
+    """
+    if not r2 > 0.0:
+        return "nothing"
+    return f"only {100.0 * r2:.0f} %" if r2 >= 0.005 else "less than 1 %"
+
+
+#: What a vehicle can be. Only a multirotor is analyzed.
 MULTIROTOR: Final = "multirotor"
 VEHICLE_TYPES: Final = (
     MULTIROTOR,

@@ -21,11 +21,13 @@ from typing import Any, Final
 import numpy as np
 
 from quadid_logs.align import cut
+from quadid_logs.arrays import FloatArray
+from quadid_logs.autopilots import named
 from quadid_logs.control.scaled_loop import scaled_loops
 from quadid_logs.data.closed_loop import LoopMargins, Margins
 from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
-from quadid_logs.data.tuning import AxisTuning, Tuning
+from quadid_logs.data.tuning import AxisTuning, GainNames, Tuning
 from quadid_logs.load import prepare
 from quadid_logs.pipeline import judge
 from quadid_logs.simulate import Scenario, fly, manoeuvres, plan_flights
@@ -42,7 +44,8 @@ from study.true_loop import true_controller, true_plant
 #: A loop of this rate, logged at every step [Hz]; flights are as short as a pilot's patience.
 _RATE_HZ: Final = 280.0
 _DURATION_S: Final = 24.0
-_MOST_FLIGHTS: Final = 8
+#: From the lowest gains to the highest targets it takes nine steps of a factor of 1.3.
+_MOST_FLIGHTS: Final = 12
 #: By how much the gains of each axis are off; vehicles that no pilot would take off with are drawn again.
 _DETUNING: Final = (0.4, 2.5)
 _LEAST_DB: Final = 2.0
@@ -109,33 +112,43 @@ def measure_tuning(seed: int, number: int) -> dict[str, Any]:
     """
     scenario, autopilot, settings = draw_vehicle(seed, number)
     rng = np.random.default_rng([seed, number, *b"detuning"])
-    factors = _flyable(scenario, autopilot, rng)
+    factors = _of_each_gain(_flyable(scenario, autopilot, rng))
     flights: list[dict[str, Any]] = []
     for count in range(_MOST_FLIGHTS):
         setup = _setup(scenario, autopilot, factors, 1000 * seed + 10 * number + count)
         record = fly(setup)
         result = _analyzed(record, scenario)
         tuning = recommend(result)
-        flights.append({"factors": list(factors), **_described(record, result, tuning)})
-        ratios = [_ratio(found) for found in tuning.axes.values()]
-        if all(ratio == 1.0 for ratio in ratios):
+        flights.append({"factors": factors.tolist(), **_described(record, result, tuning)})
+        if not tuning.changes:
             break
-        factors = tuple(factor * ratio for factor, ratio in zip(factors, ratios, strict=True))
+        factors = factors * _changed(tuning, result)
     return {"number": number, "seed": seed, **settings, "flights": flights}
 
 
-def _ratio(found: AxisTuning) -> float:
-    return next((one.next / one.now for one in found.changes.values() if one.now), 1.0)
+def _changed(tuning: Tuning, result: Result) -> FloatArray:
+    """Return the factors that a file puts on P, I, D and the angle gain of each axis, shape (4, 3)."""
+    tunable = named(result.log.autopilot).tunable(result.log.parameters)
+    assert tunable is not None
+    return np.column_stack([_ratios(found, tunable.axes[axis]) for axis, found in tuning.axes.items()])
+
+
+def _ratios(found: AxisTuning, names: GainNames) -> FloatArray:
+    ratios = {name: one.next / one.now for name, one in found.changes.items() if one.now}
+    own = (names.proportional, names.integral, names.derivative)
+    # A gain that multiplies all three is none of them.
+    common = next((ratio for name, ratio in ratios.items() if name in names.scaled and name not in own), 1.0)
+    return np.array([*(common * ratios.get(name, 1.0) for name in own), ratios.get(names.angle, 1.0)])
 
 
 def _flyable(scenario: Scenario, autopilot: str, rng: np.random.Generator) -> tuple[float, ...]:
-    """Return factors of the gains with which a pilot would take off, axis by axis."""
+    """Return factors on P, I and D with which a pilot would take off, axis by axis."""
     found = []
     for axis in range(3):
         while True:
             factor = log_uniform(rng, *_DETUNING)
             factors = tuple(factor if one == axis else 1.0 for one in range(3))
-            setup = _setup(scenario, autopilot, factors, 0)
+            setup = _setup(scenario, autopilot, _of_each_gain(factors), 0)
             margins = _true_margins(setup, _resting_truth(setup), axis)
             gain = (margins.full or margins.rate).gain_margin_db
             if margins.rate.stable and (gain is None or gain.value >= _LEAST_DB):
@@ -144,9 +157,14 @@ def _flyable(scenario: Scenario, autopilot: str, rng: np.random.Generator) -> tu
     return tuple(found)
 
 
-def _setup(scenario: Scenario, autopilot: str, factors: tuple[float, ...], seed: int) -> Setup:
-    roll, pitch, yaw = factors
-    tuned = dataclasses.replace(scenario, tuning=Gains(axis_gain=(roll, pitch, yaw)))
+def _of_each_gain(factors: tuple[float, ...]) -> FloatArray:
+    """Return the factors of P, I, D and the angle gain, shape (4, 3); the angle gain is not detuned."""
+    return np.vstack([np.tile(factors, (3, 1)), np.ones(3)])
+
+
+def _setup(scenario: Scenario, autopilot: str, factors: FloatArray, seed: int) -> Setup:
+    single = tuple((roll, pitch, yaw) for roll, pitch, yaw in factors.tolist())
+    tuned = dataclasses.replace(scenario, tuning=Gains(single_gain=single))
     (setup,) = plan_flights(tuned, seed=seed, duration_s=_DURATION_S, rate_hz=_RATE_HZ, autopilot=autopilot)
     return setup
 

@@ -14,6 +14,8 @@ from quadid_logs.vocabulary import AXES
 _FIGURES: Final = {"gain_margin_db": "gain [dB]", "phase_margin_deg": "phase [deg]", "disk_margin": "disk"}
 _LIMITS: Final = {"gain_margin_db": 6.0, "phase_margin_deg": 45.0, "disk_margin": 0.67}
 _PICTURE: Final = "margins.png"
+#: Of an axis that the analysis does not call usable.
+_NOT_USABLE: Final = "QL615"
 
 
 class Followed(NamedTuple):
@@ -74,7 +76,10 @@ def summarise(vehicles: list[dict[str, Any]], output: Path) -> str:
         f"- Unstable true loops in flights with recommended gains: {_unstable(every)}; "
         f"vehicles that got away: {sum(one['ran_away'] for each in known for one in each['flights'])}.",
         f"- Axes at the end: {_counted(one['verdict'] for one in ends)}.",
-        f"- Refused because of: {_counted(_refusals(ends))}.",
+        f"- Refused because of: {_counted(_refusals(ends))}; of these axes {_earlier(known)} had got "
+        "gains, or been told to keep them, in an earlier flight.",
+        f"- Of the axes that end with keep, {_kept(ends)} have the limits in truth.",
+        f"- A contradicted response (QL614) in {_judged(known, 'QL614')} judgements.",
         f"- Held below what the margins allow, of those kept: {_counted(_held(ends))}.",
         "",
         *_promise_table(every),
@@ -89,7 +94,36 @@ def _unstable(every: list[Followed]) -> int:
 
 
 def _refusals(ends: list[dict[str, Any]]) -> Iterator[str]:
-    yield from (one["reasons"][0] for one in ends if one["verdict"] == "refused")
+    """Yield the first reason of each refused axis, with the finding of the analysis behind it."""
+    for one in ends:
+        if one["verdict"] == "refused":
+            first = one["reasons"][0]
+            yield f"{first} ({', '.join(one['codes'])})" if first == _NOT_USABLE and one["codes"] else first
+
+
+def _kept(ends: list[dict[str, Any]]) -> str:
+    """Count the axes whose gains are called right, and those that keep the limits in truth."""
+    kept = [one["true"] for one in ends if one["verdict"] == "keep"]
+    good = [
+        all(one[name] is None or one[name][0] >= limit for name, limit in _LIMITS.items()) for one in kept
+    ]
+    return f"{sum(good)} of {len(kept)}"
+
+
+def _judged(known: list[dict[str, Any]], code: str) -> str:
+    """Count the judgements of an axis of a flight, and those that begin with a code."""
+    first = [
+        one["reasons"][:1] for each in known for flight in each["flights"] for one in flight["axes"].values()
+    ]
+    return f"{first.count([code])} of {len(first)}"
+
+
+def _earlier(known: list[dict[str, Any]]) -> int:
+    """Count the axes that only their last flight refused."""
+    verdicts = [
+        [flight["axes"][axis]["verdict"] for flight in one["flights"]] for one in known for axis in AXES
+    ]
+    return sum(each[-1] == "refused" and set(each) != {"refused"} for each in verdicts)
 
 
 def _held(ends: list[dict[str, Any]]) -> Iterator[str]:

@@ -168,7 +168,7 @@ class Browser:
 
     def key(self, name: str) -> None:
         """Press and release a key, as Tab or Enter."""
-        code = {"Tab": 9, "Enter": 13, "Space": 32}[name]
+        code = {"Tab": 9, "Enter": 13, "Space": 32, "ArrowDown": 40}[name]
         text = {"Enter": "\r", "Space": " "}.get(name, "")
         key = " " if name == "Space" else name
         values = {"key": key, "code": name, "windowsVirtualKeyCode": code}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,36 @@ if TYPE_CHECKING:
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+
+
+#: The test files that take longest, most first: what begins last decides when the suite ends.
+LONGEST_FIRST = (
+    "report/test_result_json.py",
+    "test_scenarios.py",
+    "fleet/test_run.py",
+    "report/test_browser.py",
+    "structural/test_effects.py",
+    "report/test_accessibility.py",
+    "identify/test_coverage.py",
+    "actuation/test_reconstruct.py",
+    "fleet/test_changes.py",
+    "identify/test_thrust_curve.py",
+    "simulate/test_closed_loop.py",
+    "test_flown_research.py",
+    "cli/test_main.py",
+    "test_study.py",
+    "identify/test_actuator_model.py",
+    "test_tuning.py",
+    "containers/test_dataflash.py",
+    "identify/test_identify.py",
+    "test_figures.py",
+    "cli/test_plan.py",
+    "cli/test_full_disk.py",
+    "serve/test_browser.py",
+    "identify/test_rotors.py",
+    "identify/test_select.py",
+    "test_pool.py",
+)
 
 
 def corpus_folder() -> Path:
@@ -36,15 +67,20 @@ def has_corpus() -> bool:
     return (corpus_folder() / "firmware").is_dir()
 
 
-def pytest_configure() -> None:
+def pytest_configure(config: pytest.Config) -> None:
     """Refuse to run where a corpus was named and is not there: its tests would only seem to pass."""
+    # Several processes take the files as they are sorted here, not by their number of tests.
+    config.option.loadscopereorder = False
     if "QUADID_LOG_CORPUS" in os.environ and not has_corpus():
         raise pytest.UsageError(f"QUADID_LOG_CORPUS names {corpus_folder()}, which holds no corpus of logs.")
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark every test that reads the corpus, before `-m` chooses."""
+    """Mark every test that reads the corpus, before `-m` chooses; sort the files, the long ones first."""
+    n_tests = Counter(item.path for item in items)
+    places = {REPOSITORY / "tests" / name: place for place, name in enumerate(LONGEST_FIRST)}
+    items.sort(key=lambda item: (places.get(item.path, len(places)), -n_tests[item.path], str(item.path)))
     for item in items:
         if "corpus" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.corpus)
@@ -59,8 +95,8 @@ def corpus() -> Path:
 
 
 def pytest_xdist_auto_num_workers() -> int:
-    """One process more than cores: tests of workers, servers and browsers mostly wait for these."""
-    return (os.cpu_count() or 1) + 1
+    """Two processes more than cores: tests of workers, servers and browsers mostly wait for these."""
+    return (os.cpu_count() or 1) + 2
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:

@@ -220,8 +220,10 @@ def _closed_loop(data: FlightData, model: Model) -> ClosedLoop:
         for segment in data.segments
     ]
     posterior = Posterior(
-        mean=np.column_stack([np.diag(model.B), np.full(3, -1.5), np.full(3, 0.03), np.full(3, 0.004)]),
-        covariance=np.tile(np.diag([3.0, 0.1, 1e-3, 1e-3]) ** 2, (3, 1, 1)),
+        mean=np.column_stack(
+            [np.diag(model.B), np.full(3, -1.5), np.full(3, 0.03), np.full(3, 0.004), np.zeros(3)]
+        ),
+        covariance=np.tile(np.diag([3.0, 0.1, 1e-3, 1e-3, 0.0]) ** 2, (3, 1, 1)),
         lag_or_delay_s=0.0,
     )
     period_s = 1.0 / RATE_HZ

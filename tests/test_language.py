@@ -26,6 +26,7 @@ REPLACED = {
     r"lives": "vehicle history",
     r"stand(s|ing)?[ _]out": "outlier test",
     r"analysts?": "worker",
+    r"analys(e[dr]?|able|ing)": "analyze and its forms, as the command is spelled",
     r"suspects?": "retry list",
     r"log ?books?": "logger model",
     r"stretch(es)?": "segment",

@@ -11,6 +11,7 @@ import pytest
 
 from quadid_logs.autopilots import named
 from quadid_logs.control.loop import close
+from quadid_logs.data.tuning import AxisTuning, GainChange
 from quadid_logs.simulate import fly, plan_flights
 from quadid_logs.vocabulary import AXES
 from study import run
@@ -32,6 +33,7 @@ from study.summary import (
     verdict_table,
 )
 from study.true_loop import true_controller, true_plant
+from study.tuning import _ratios
 
 
 @pytest.fixture(scope="module")
@@ -297,12 +299,14 @@ def test_windless_flights_are_a_group_of_their_own():
 
 def test_a_short_study_flies_once_and_goes_on_where_it_stopped(tmp_path, capsys):
     """The second study flies what is missing, and what the interruption cut in half."""
-    assert run.main(["--flights", "2", "--processes", "1", "--output", str(tmp_path)]) == 0
+    # Of this seed the first two flights are short and slowly logged.
+    words = ["--flights", "2", "--seed", "260", "--processes", "1", "--output", str(tmp_path)]
+    assert run.main(words) == 0
     (path,) = tmp_path.glob("*.jsonl")
     first, second = path.read_text().splitlines(keepends=True)
     marked = json.dumps(json.loads(first) | {"kept": True}) + "\n"
     path.write_text(marked + second[:100])
-    assert run.main(["--flights", "2", "--processes", "1", "--output", str(tmp_path)]) == 0
+    assert run.main(words) == 0
     flights = read_flights(path)
     assert [each["number"] for each in flights] == [0, 1]
     assert sum("kept" in each for each in flights) == 1
@@ -400,3 +404,17 @@ def test_the_study_of_margins_flies_its_own_flights(monkeypatch):
     """`--margins` measures loops, and leaves the other study's table alone."""
     monkeypatch.setattr(run, "measure_loops", lambda drawn: {"number": drawn.number})
     assert run._measure_margins((1, 5)) == {"number": 5}
+
+
+def test_a_tuned_vehicle_flies_every_gain_of_its_file() -> None:
+    """P, I, D and the angle gain each by itself, or all three by a common one."""
+    tunable = named("px4").tunable({"MC_ROLLRATE_K": 1.0})
+    assert tunable is not None
+    names = tunable.axes["roll"]
+
+    def found(**next_over_now: float) -> list[float]:
+        gains = {name: GainChange(2.0, 2.0 * ratio, 9.0) for name, ratio in next_over_now.items()}
+        return _ratios(AxisTuning(verdict="change", reasons=(), gains=gains), names).tolist()
+
+    assert found(MC_ROLLRATE_K=1.3) == [1.3, 1.3, 1.3, 1.0]
+    assert found(MC_ROLLRATE_P=1.2, MC_ROLLRATE_D=0.8, MC_ROLL_P=1.1) == [1.2, 1.0, 0.8, 1.1]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -120,6 +121,11 @@ def slow(result: Result) -> Result:
     return on_loop(replay=nothing)(result)
 
 
+def rounded_away(result: Result) -> Result:
+    hidden = Replay(relative_rms={}, agrees=False, reason=ReplayReason.ROUNDED)
+    return on_loop(replay=hidden)(result)
+
+
 def limiting(result: Result) -> Result:
     often = Replay(relative_rms={}, agrees=False, reason=ReplayReason.SLEW_LIMITED, numbers={"fraction": 0.2})
     return on_loop(replay=often)(result)
@@ -154,7 +160,7 @@ def unlogged_limiter(result: Result) -> Result:
 
 HIGH = Limits(39.0, 89.0, 1.9)
 SABOTAGES: dict[str, tuple[str, Callable[[Result], Result]]] = {
-    "another autopilot": ("QL610", on_log(autopilot="betaflight")),
+    "settings of another autopilot": ("QL611", on_log(autopilot="betaflight")),
     "no autopilot": ("QL610", on_log(autopilot="other")),
     "a plane": ("QL610", on_log(vehicle_type="fixed-wing")),
     "a quadplane": ("QL610", renamed(Q_ENABLE=1.0)),
@@ -187,7 +193,16 @@ SABOTAGES: dict[str, tuple[str, Callable[[Result], Result]]] = {
     "gains that were changed afterwards": ("QL622", gains_of_another_day),
     "two vehicles pooled": ("QL623", pooled),
     "an unstable loop": ("QL625", unstable),
+    "a log whose rounding hides the terms": ("QL644", rounded_away),
 }
+
+
+def test_the_loop_of_a_refused_model_is_not_called_unstable() -> None:
+    """None was closed: that a controller or a model is not what flew would be made up."""
+    refused = judged("refused")(on_loop(margins=None)(flown("ardupilot")))
+    codes = [one.code for one in recommend(refused, GOOD, ["roll"]).axes["roll"].reasons]
+    assert "QL615" in codes
+    assert "QL625" not in codes
 
 
 @pytest.mark.parametrize("name", SABOTAGES)
@@ -198,6 +213,13 @@ def test_a_sabotaged_flight_is_refused_by_name(name: str) -> None:
     assert found.verdict == "refused"
     assert code in [one.code for one in found.reasons]
     assert not found.gains
+
+
+def test_a_refused_model_is_named_with_its_reason() -> None:
+    """That it is "not usable" sent its reader to another command."""
+    found = recommend(judged("refused")(flown("ardupilot")), GOOD, ["roll"]).axes["roll"]
+    title = next(one.title for one in found.reasons if one.code == "QL615")
+    assert title.startswith("The model of this axis is refused: ")
 
 
 def test_the_flight_itself_is_not_refused() -> None:
@@ -216,3 +238,12 @@ def test_a_vtol_is_refused_by_name() -> None:
     result = replace(flown("px4"), log=replace(flown("px4").log, parameters={"CA_AIRFRAME": 2.0}))
     found = recommend(result, GOOD, ["roll"]).axes["roll"]
     assert [one.code for one in found.reasons] == ["QL610"]
+
+
+def test_the_manual_lists_every_sabotage_by_name() -> None:
+    """Beside the code that refuses it."""
+    rows = [
+        line.split(" | ") for line in Path("docs/tune.md").read_text().splitlines() if line.startswith("| QL")
+    ]
+    told = {name: row[0].strip("| ") for row in rows for name in row[1].rstrip(" |").split(", ")}
+    assert told == {name: code for name, (code, _) in SABOTAGES.items()}

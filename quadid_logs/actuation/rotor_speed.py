@@ -11,6 +11,7 @@ from quadid_logs.actuation.airframe import Airframe
 from quadid_logs.actuation.motors import MotorSeries
 from quadid_logs.align.series import CleanLog, CleanSeries
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
+from quadid_logs.maths.recurrence import lag
 from quadid_logs.maths.thrust_curve import mean_while_moved, slope_at
 
 #: Speeds that a rotor in flight cannot fall below or exceed [rad/s]; 100 and 100 000 rpm.
@@ -21,6 +22,8 @@ _LEAST_SPREAD: Final = 1e-3
 _COMPUTED: Final = 0.9995
 #: Below this the speeds belong to other rotors, or their clock is off.
 _UNLIKE: Final = 0.5
+#: What of a slow command fell between its rows is missing in a slope on it: 1 - 0.99^2, 2 % of it here.
+_TOLD: Final = 0.99
 #: Telemetry is this much older than its stamp, or less, the rotor's dead time included [s].
 _AGES_S: Final = (0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08)
 #: Steps of age and of lag about the best of these [s].
@@ -90,6 +93,11 @@ def from_rotor_speed(log: CleanLog, airframe: Airframe, reference: MotorSeries |
         return RotorSpeed(
             verdict=f"{signal.source}: not used, it does not follow the commanded thrust "
             f"(correlation {match.likeness:.2f})"
+        )
+    if match.likeness < _TOLD and reference.base.rate_hz < _LEAST_HZ:
+        return RotorSpeed(
+            verdict=f"{signal.source}: not used, commands at {reference.base.rate_hz:.3g} Hz do not tell "
+            f"their scale (correlation {match.likeness:.2f})"
         )
     rates_hz = (reference.base.rate_hz, *(each.rate_hz for each in log.sources("torque_command")))
     needed_hz = max(_MOST_LOST * min(max(rates_hz), _FAST_HZ), _LEAST_HZ)
@@ -171,13 +179,7 @@ def _some(time_s: FloatArray) -> slice:
 
 def _lagged(target: FloatArray, period_s: float, lag_s: float) -> FloatArray:
     """Return speeds that approach held targets exponentially; shape of `target`."""
-    if not lag_s:
-        return target
-    from scipy.signal import lfilter
-
-    decay = float(np.exp(-period_s / lag_s))
-    start = decay * target[:1]
-    return np.asarray(lfilter([1.0 - decay], [1.0, -decay], target, axis=0, zi=start)[0], dtype=np.float64)
+    return lag(target, period_s, lag_s) if lag_s else target
 
 
 def _row(time_s: FloatArray, reference: MotorSeries) -> IntArray:

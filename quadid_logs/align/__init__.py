@@ -93,8 +93,14 @@ def clean(log: FlightLog) -> CleanLog:
         clock=clock,
         candidates=candidates,
         flights=flights.intervals,
-        on_ground_reason=flights.reason,
+        on_ground_reason=_reason(log, flights.reason),
     )
+
+
+def _reason(log: FlightLog, reason: str) -> str:
+    """Return why there is no flight; of what has no rotors nothing is said that speaks of them."""
+    is_known = log.vehicle_type not in (MULTIROTOR, "unknown")
+    return "this is not a multirotor" if reason and is_known else reason
 
 
 def assemble(

@@ -228,7 +228,8 @@ def _analyze_one(logs: list[Path], folder: Path, part: Part, wish: _Wish, rows: 
             else analyze_pooled(logs, wish.settings, vehicle=wish.vehicle, progress=progress)
         )
         if wish.files:
-            progress("writing the report")
+            if wish.drawings:
+                progress("writing the report")
             result = write_report(
                 result,
                 folder,

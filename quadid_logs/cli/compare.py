@@ -43,6 +43,12 @@ def compare(
             "--band", metavar="LOW HIGH", help="Fit both from LOW to HIGH [Hz]; without it each log decides."
         ),
     ] = None,
+    log_numbers: Annotated[
+        tuple[int, int],
+        typer.Option(
+            "--logs", metavar="N M", help="Which logs of files that hold several: of BEFORE, then of AFTER."
+        ),
+    ] = (0, 0),
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run.")] = False,
 ) -> int:
@@ -62,11 +68,12 @@ def compare(
     if output is not None:
         check_folder_free(output, _FILES, force=force)
     described = None if vehicle is None else read_vehicle(vehicle)
-    settings = Settings(identify=in_band(band, IdentifySettings()))
+    identify = in_band(band, IdentifySettings())
     results = []
     for log in (before, after):
         check_log(log)
-    for log in (before, after):
+    for log, number in zip((before, after), log_numbers, strict=True):
+        settings = Settings(log=number, identify=identify)
         with Progress(log.name) as progress:
             results.append(analyze(log, settings, vehicle=described, progress=progress))
     first, second = results

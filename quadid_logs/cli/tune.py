@@ -52,6 +52,10 @@ def tune(
     apart: Annotated[
         bool, typer.Option("--apart", help="P, I, D and angle gain each by itself, not by one factor.")
     ] = False,
+    log_number: Annotated[
+        int,
+        typer.Option("--log", metavar="N", help="Which log of a file that holds several; info lists them."),
+    ] = 0,
 ) -> int:
     """Recommend the gains of the next flight, with the margins that they promise, or say why not.
 
@@ -59,6 +63,7 @@ def tune(
     those that flew. Exit code 0: gains to load, or to keep. 1: no advice on at least one axis. 2: the log
     could not be read.
     """
+    from quadid_logs.data.settings import Settings
     from quadid_logs.pipeline import analyze
     from quadid_logs.report.provenance import provenance_of
     from quadid_logs.tuning import autotune_forecasts, recommend, what_if_grids
@@ -70,7 +75,7 @@ def tune(
     check_folder_free(folder, _possible_files(), force=force)
     described = None if vehicle is None else read_vehicle(vehicle)
     with Progress(log.name) as progress:
-        result = analyze(log, vehicle=described, progress=progress)
+        result = analyze(log, Settings(log=log_number), vehicle=described, progress=progress)
         progress("tune")
         tuning = recommend(result, limits, apart=apart)
         forecasts = autotune_forecasts(result, tuning)
@@ -156,6 +161,7 @@ def _show(result: Result, tuning: Tuning, folder: Path, written: tuple[str, ...]
         for gain in axis.gains:
             target = f" (target {gain.target})" if gain.target else ""
             say(f"    {gain.name} {gain.now} -> {gain.next}{target}")
-        if axis.warning:
-            say(f"    {axis.warning}")
+        for line in (axis.filter_note, axis.warning):
+            if line:
+                say(f"    {line}")
     say(f"  written: {', '.join(printable(folder / name) for name in written)}")

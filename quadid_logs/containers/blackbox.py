@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from quadid_logs.arrays import BoolArray, IntArray
 from quadid_logs.containers.blackbox_encodings import frame_values, groups_of
 from quadid_logs.containers.blackbox_frames import BLOCK_BYTES, Event, Frames, blocks_of, find_frames
-from quadid_logs.containers.blackbox_header import MAGIC, Header, find_logs, read_header
+from quadid_logs.containers.blackbox_header import MAGIC, Accept, Header, find_logs, read_header
 from quadid_logs.containers.blackbox_predictors import add_constants, add_differences, add_places
 from quadid_logs.containers.content import FileParts, merge_lost
 from quadid_logs.data.log import LostBytes
@@ -105,7 +105,11 @@ def is_mine(head: bytes) -> bool:
 
 
 def read_content(
-    path: str | Path, wanted: Collection[str] | None = None, *, number: int = 0
+    path: str | Path,
+    wanted: Collection[str] | None = None,
+    *,
+    number: int = 0,
+    accept: Accept | None = None,
 ) -> BlackboxContent:
     """Read one log of a Blackbox file.
 
@@ -116,6 +120,8 @@ def read_content(
         Fields of the main frames to keep; all by default. Loop and time are always kept.
     number : int
         Which of the logs in the file, from 1; 0 takes the only one that holds frames.
+    accept : callable, optional
+        Is given a header's lines by name, and raises for a log of another writer.
 
     Returns
     -------
@@ -139,12 +145,12 @@ def read_content(
         if not starts:
             raise EmptyLogError(f"{path} holds no Blackbox log.", hint="Download it again.")
         if number == 0:
-            number = _only_one(file, starts)
+            number = _only_one(file, starts, accept)
         if not 1 <= number <= len(starts):
             raise SettingsError(
                 f"There is no log {number} in {path}.", hint=f"It holds {len(starts)}, counted from 1."
             )
-        header = _header(file, starts, number)
+        header = _header(file, starts, number, accept)
         frames = find_frames(file, header)
         lost = list(frames.lost)
         main = _main_table(file, header, frames, wanted, lost)
@@ -160,20 +166,20 @@ def read_content(
         )
 
 
-def _header(file: FileParts, starts: Sequence[int], number: int) -> Header:
+def _header(file: FileParts, starts: Sequence[int], number: int, accept: Accept | None) -> Header:
     """Read the header of one of the logs, counted from 1."""
     stop = [*starts[1:], file.n_bytes][number - 1]
-    return read_header(file, starts[number - 1], stop)
+    return read_header(file, starts[number - 1], stop, accept)
 
 
-def _only_one(file: FileParts, starts: Sequence[int]) -> int:
+def _only_one(file: FileParts, starts: Sequence[int], accept: Accept | None) -> int:
     """Return the number of the only log that holds frames, 1 where none does."""
     if len(starts) == 1:
         return 1
     found = {}
     for number in range(1, len(starts) + 1):
         try:
-            frames = find_frames(file, _header(file, starts, number))
+            frames = find_frames(file, _header(file, starts, number, accept))
         except UnknownFormatError:
             continue
         if len(frames.starts["I"]):
@@ -272,7 +278,7 @@ def _fill(
 ) -> None:
     """Decode frames of a part of the file block by block; of each kind its letter and the rows of it."""
     groups = {letter: groups_of(header.layouts[letter]) for letter, _ in kinds}
-    for start, block, _ in blocks_of(file, *part):
+    for start, block, _ in blocks_of(file, *part, position):
         for letter, rows in kinds:
             at, layout = position[rows], header.layouts[letter]
             found = slice(*np.searchsorted(at, [start, start + BLOCK_BYTES]).tolist())

@@ -65,22 +65,32 @@ class Block:
         self.bytes = content
         is_last = content < 128
         self._last = np.flatnonzero(is_last)
-        self._before = np.cumsum(is_last, dtype=np.int32)
-        self._before -= is_last
+        # Ends before a place are those before its word of 64 bytes and those in it: less to write than all.
+        bits = np.packbits(is_last, bitorder="little")
+        self._words = np.append(bits, np.zeros(-len(bits) % 8, np.uint8)).view("<u8")
+        self._before_word = np.cumsum(np.bitwise_count(self._words), dtype=np.int64)
+        self._before_word -= np.bitwise_count(self._words)
 
     def safe(self, at: IntArray) -> IntArray:
         """Return places, those behind the end moved to where any group can still be read."""
         return np.minimum(at, len(self.bytes) - _LONGEST_GROUP)
 
+    def _before(self, at: IntArray) -> IntArray:
+        """Return how many numbers end before places."""
+        word = at >> 6
+        in_word = self._words[word] & ((np.uint64(1) << (at & 63).astype(np.uint64)) - np.uint64(1))
+        before: IntArray = self._before_word[word] + np.bitwise_count(in_word)
+        return before
+
     def vb_end(self, at: IntArray, count: IntArray | int) -> IntArray:
         """Return where the `count`-th number of variable length from `at` on ends; 1 is the first."""
-        number = self._before[at] + (count - 1)
+        number = self._before(at) + (count - 1)
         found: IntArray = self._last[np.minimum(number, len(self._last) - 1)] + 1
         return found
 
     def vb_ends(self, at: IntArray, count: int) -> Iterator[IntArray]:
         """Yield where the first, second, ... of `count` numbers of variable length from `at` on end."""
-        number = np.minimum(self._before[at], len(self._last) - count)
+        number = np.minimum(self._before(at), len(self._last) - count)
         for k in range(count):
             yield self._last[number + k] + 1
 

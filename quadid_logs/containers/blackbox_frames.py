@@ -102,7 +102,9 @@ def find_frames(file: FileParts, header: Header) -> Frames:
     return Frames(starts, walk.events, walk.lost, walk.duration_us / 1e6)
 
 
-def blocks_of(file: FileParts, start: int, stop: int) -> Iterator[tuple[int, Block, int]]:
+def blocks_of(
+    file: FileParts, start: int, stop: int, position: IntArray | None = None
+) -> Iterator[tuple[int, Block, int]]:
     """Yield a log in blocks that overlap by more than a frame.
 
     Parameters
@@ -110,6 +112,8 @@ def blocks_of(file: FileParts, start: int, stop: int) -> Iterator[tuple[int, Blo
     file : FileParts
     start, stop : int
         [bytes].
+    position : ndarray of int64, shape (n,), optional
+        Only blocks in which one of these bytes is, rising; all by default.
 
     Yields
     ------
@@ -120,6 +124,8 @@ def blocks_of(file: FileParts, start: int, stop: int) -> Iterator[tuple[int, Blo
         Of the log in it, those of the overlap included.
     """
     for first in range(start, stop, BLOCK_BYTES):
+        if position is not None and not np.diff(np.searchsorted(position, [first, first + BLOCK_BYTES]))[0]:
+            continue
         part = file.part(first, min(stop, first + BLOCK_BYTES + PADDING))
         yield first, Block(np.concatenate([part, np.zeros(PADDING, np.uint8)])), len(part)
 

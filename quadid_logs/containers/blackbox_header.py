@@ -7,8 +7,9 @@ with a header of lines ``H name:value``.
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeAlias
 
 from quadid_logs.arrays import BoolArray, IntArray
 from quadid_logs.containers.content import FileParts, decode_text
@@ -27,6 +28,9 @@ _ENCODINGS: Final = frozenset((0, 1, 3, 6, 7, 8, 9, 10))
 _PREDICTORS: Final = frozenset(range(12))
 #: Iterations between complete frames are a 16 bit number in the firmware.
 _LONGEST_INTERVAL: Final = 1 << 15
+
+
+Accept: TypeAlias = Callable[[Mapping[str, str]], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +103,7 @@ def find_logs(file: FileParts) -> list[int]:
     return found
 
 
-def read_header(file: FileParts, start: int, stop: int) -> Header:
+def read_header(file: FileParts, start: int, stop: int, accept: Accept | None = None) -> Header:
     """Read the lines before the frames.
 
     Parameters
@@ -107,6 +111,8 @@ def read_header(file: FileParts, start: int, stop: int) -> Header:
     file : FileParts
     start, stop : int
         Of the log in the file [bytes].
+    accept : callable, optional
+        Is given all lines by name before any is understood, and raises for a log of another writer.
 
     Returns
     -------
@@ -123,6 +129,8 @@ def read_header(file: FileParts, start: int, stop: int) -> Header:
     while match := _LINE.match(content, at):
         texts[match[1].decode("ascii")] = decode_text(match[2]).rstrip("\r")
         at = match.end()
+    if accept is not None:
+        accept(texts)
     if texts.get("Data version", "2").strip() != "2":
         raise _unreadable(file, f"its data version is {texts['Data version'][:20]!r}, and only 2 is known")
     layouts = _layouts(file, texts)

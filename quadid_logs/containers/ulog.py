@@ -208,9 +208,9 @@ def _counts(file: FileParts, frames: Frames) -> tuple[MessageCount, ...]:
 
 
 def _first_and_last_us(file: FileParts, subscription: Subscription, starts: IntArray) -> FloatArray | None:
-    """Return when the first and the last row were logged [us]; None where they have no time."""
+    """Return when the first and the last row were logged [us]; None where they have no time, or are one."""
     layout = subscription.dtype
-    if not holds(layout, "timestamp", "iuf"):
+    if len(starts) < 2 or not holds(layout, "timestamp", "iuf"):
         return None
     ends = (starts[[0, -1]] + _MESSAGE_HEADER).tolist()
     return np.array([float(file.part(at, at + layout.itemsize).view(layout)["timestamp"][0]) for at in ends])

@@ -69,7 +69,6 @@ class ParameterWrite(NamedTuple):
 class Definitions:
     """All that is known so far while the messages of a file are gone through in order."""
 
-    start_timestamp_us: int = 0
     formats: Formats = field(default_factory=Formats)
     subscriptions: list[Subscription] = field(default_factory=list)
     index_by_id: dict[int, int] = field(default_factory=dict)

@@ -54,6 +54,7 @@ class Formats:
     fields: dict[str, str] = field(default_factory=dict)
     _layouts: dict[str, _Layout] = field(default_factory=dict)
     _rows: dict[str, tuple[np.dtype[np.void], int]] = field(default_factory=dict)
+    _held_by: dict[str, set[str]] = field(default_factory=dict)
     _n_fields: int = 0
 
     def define(self, definition: str) -> None:
@@ -70,8 +71,16 @@ class Formats:
         # Most formats are never subscribed: only their grammar is checked here.
         if self.fields.get(match[1]) != match[2]:
             self.fields[match[1]] = match[2]
-            self._layouts.clear()
-            self._rows.clear()
+            self._forget(match[1])
+
+    def _forget(self, name: str) -> None:
+        """Drop the layouts of a format that has changed and of those that hold it; the others stay."""
+        changed = [name]
+        while changed:
+            each = changed.pop()
+            self._layouts.pop(each, None)
+            self._rows.pop(each, None)
+            changed += self._held_by.pop(each, ())
 
     def row(self, name: str) -> tuple[np.dtype[np.void], int]:
         """Return the structured dtype of a topic's row and the row's size with padding at the end.
@@ -112,6 +121,7 @@ class Formats:
             if type_name in BASIC_TYPES:
                 element = np.dtype(BASIC_TYPES[type_name])
             else:
+                self._held_by.setdefault(type_name, set()).add(name)
                 inner = self._layout(type_name, (*outer, name))
                 element, depth = inner.dtype, max(depth, 1 + inner.depth)
             size += element.itemsize * max(1, n_elements)

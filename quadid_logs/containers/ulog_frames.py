@@ -149,12 +149,9 @@ def _enter_file(walk: _Walk, position: int) -> int:
     The topics known so far stay until the further file announces its own: what
     looks like its header can be a copy of the first one's.
     """
-    header = walk.bytes_at(position, position + HEADER_SIZE)
     if position:
         walk.n_joined += 1
         walk.known.has_data_section = False
-    else:
-        walk.known.start_timestamp_us = int.from_bytes(header[8:16], "little")
     return position + HEADER_SIZE
 
 

@@ -34,7 +34,7 @@ from quadid_logs.data.closed_loop import (
     MeasuredLoop,
     Prediction,
 )
-from quadid_logs.data.controller import AxisController, FlownControllers, Replay, ReplayReason
+from quadid_logs.data.controller import AxisController, FlownControllers, Replay
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import Model
 from quadid_logs.maths.band import ComplexArray, delay_response
@@ -95,7 +95,9 @@ def close_loop(
 
 def _disagrees(replay: Replay | None) -> bool:
     """Say whether the log contradicts the controller; one that the log cannot be held against it does not."""
-    return replay is not None and not replay.agrees and replay.reason is not ReplayReason.NO_ROWS
+    if replay is None or replay.agrees:
+        return False
+    return replay.reason is None or not replay.reason.tells_nothing
 
 
 def _axis(data: FlightData, model: Model, number: int, controller: AxisController, low_hz: float) -> AxisLoop:
@@ -153,7 +155,7 @@ def vehicles(data: FlightData, model: Model, number: int, controller: AxisContro
     plants = None if model.posterior is None else draw(model.posterior, number, controller.period_s)
     if plants is None:
         return None
-    lines = lines_of(data, number, controller.angle_delay_steps * controller.period_s)
+    lines = lines_of(data, number, controller.angle_delay_steps * controller.period_s, model.actuator)
     fitted = plants.at(slice(0, 1))
     found = _compared(plants, fitted, lines, controller, model.smoothing_hz)
     if found.seen is None or found.supported.contradicted:
@@ -200,8 +202,10 @@ def _prediction(
     """Predict the flight by the model as it was fitted: what the fit never saw is to judge it."""
     if known.seen is None or known.lines is None or model.fit is None or model.posterior is None:
         return None
+    if not controller.predictable:
+        return None
     covariance = model.posterior.covariance[number, 1:, 1:]
-    axis = AxisModel(number, controller, known.fitted, covariance, known.seen.chirp)
+    axis = AxisModel(number, controller, known.fitted, covariance, known.seen.chirp, model.actuator)
     return predict(data, axis, model.fit, known.lines, low_hz)
 
 
@@ -233,7 +237,7 @@ def _seen(lines: Lines, controller: AxisController, estimate: Plant) -> Seen:
     loop = close(controller, estimate, lines.frequency_hz)
     vehicle = loop.target_to_rate[0] / loop.target_to_torque[0]
     # Of what is modelled nothing is left to change over a band: no average over it is biased.
-    expected = lines.torque * vehicle
+    expected = lines.acting * vehicle
     ratio, broken = response(lines.frequency_hz, lines.setpoint, expected, lines.rate), None
     if lines.chirp is not None and _enters_at_mixer(lines, loop):
         by_chirp = response(lines.frequency_hz, lines.chirp, expected, lines.rate)

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
+from quadid_logs.data.closed_loop import Estimated
+from quadid_logs.data.controller import CommandUnit
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import Model, Parameter, Posterior
 from quadid_logs.data.torque import Calibration
 from quadid_logs.vocabulary import AXES, ON_AXIS
+
+#: Effectiveness and reaction are per torque; damping, lag and delay between them are not.
+_OF_TORQUE: Final = np.array([True, False, False, False, True])
 
 
 def per_command(data: FlightData, model: Model) -> tuple[FlightData, Model]:
@@ -34,6 +41,7 @@ def per_command(data: FlightData, model: Model) -> tuple[FlightData, Model]:
     calibration = data.input.calibration
     n_m = np.array(calibration.n_m_per_command)
     segments = tuple(replace(each, torque=each.torque / n_m) for each in data.segments)
+    given = replace(data.input, torque_per_thrust=_divided(data.input.torque_per_thrust, n_m))
     own = {ON_AXIS[axis]: number for number, axis in enumerate(AXES)}
     parameters = tuple(
         _converted(one, calibration, own[one.target, one.regressor])
@@ -42,7 +50,32 @@ def per_command(data: FlightData, model: Model) -> tuple[FlightData, Model]:
         for one in model.parameters
     )
     posterior = None if model.posterior is None else _posterior(model.posterior, calibration)
-    return replace(data, segments=segments), replace(model, parameters=parameters, posterior=posterior)
+    return replace(data, segments=segments, input=given), replace(
+        model, parameters=parameters, posterior=posterior
+    )
+
+
+def _divided(torque_per_thrust: FloatArray | None, n_m: FloatArray) -> FloatArray | None:
+    return None if torque_per_thrust is None else torque_per_thrust / n_m[:, np.newaxis]
+
+
+def in_degrees(effectiveness: Estimated, unit: CommandUnit) -> Estimated:
+    """Return an effectiveness as an autopilot counts it.
+
+    Parameters
+    ----------
+    effectiveness : Estimated
+        [rad/s^2] per command of 1.
+    unit : CommandUnit
+
+    Returns
+    -------
+    Estimated
+        [deg/s^2] per one of its units.
+    """
+    factor = math.degrees(1.0) / unit.per_command
+    low, high = effectiveness.ci95
+    return Estimated(factor * effectiveness.value, (factor * low, factor * high))
 
 
 def _converted(parameter: Parameter, calibration: Calibration, number: int) -> Parameter:
@@ -57,15 +90,10 @@ def _posterior(posterior: Posterior, calibration: Calibration) -> Posterior:
     mean, covariance = posterior.mean.copy(), posterior.covariance.copy()
     for number, n_m in enumerate(calibration.n_m_per_command):
         # The calibration's uncertainty is no part of what is known of the loop: see `data.model.Posterior`.
-        mean[number, 0] *= n_m
-        covariance[number] = _scaled(covariance[number], n_m)
+        per_command = np.where(_OF_TORQUE, n_m, 1.0)
+        mean[number] *= per_command
+        covariance[number] *= np.outer(per_command, per_command)
     return replace(posterior, mean=mean, covariance=covariance)
-
-
-def _scaled(covariance: FloatArray, factor: float) -> FloatArray:
-    """Return the covariance with the first number times a factor."""
-    scale = np.append(factor, np.ones(len(covariance) - 1))
-    return np.asarray(scale[:, np.newaxis] * covariance * scale)
 
 
 def _narrowing(sigma: float, value: float, relative_sigma: float) -> float:

@@ -83,7 +83,9 @@ def _moved(plants: Plant, measured: _Measured, hold_s: float, tolerance: float, 
     slack = slack_s * random.standard_normal(plants.delay_s.size)
     slack[0] = 0.0
     free = plants._replace(delay_s=plants.delay_s + slack)
-    numbers = np.column_stack([np.log(free.effectiveness), free.damping, free.lag_s, free.delay_s])
+    numbers = np.column_stack(
+        [np.log(free.effectiveness), free.damping, free.lag_s, free.delay_s, free.reaction]
+    )
     seen = _relative(free, plants, measured, hold_s)
     noise = _noise(measured, tolerance)
     spread, seen_spread = (each[1:] - each[1:].mean(axis=0) for each in (numbers, seen))
@@ -91,16 +93,17 @@ def _moved(plants: Plant, measured: _Measured, hold_s: float, tolerance: float, 
     gain = np.linalg.solve(together, seen_spread.T @ spread / (len(spread) - 1))
     drawn = random.standard_normal(seen.shape) @ np.linalg.cholesky(noise).T
     drawn[0] = 0.0
-    return _plant(numbers + (measured.value + drawn - seen) @ gain, plants.lead_s)
+    return _plant(numbers + (measured.value + drawn - seen) @ gain)
 
 
-def _plant(numbers: FloatArray, lead_s: float) -> Plant:
-    """Return plants of logarithms of effectiveness, dampings, lags and delays; no time below none."""
-    effectiveness, damping, lag_s, delay_s = numbers.T
+def _plant(numbers: FloatArray) -> Plant:
+    """Return plants of logarithms of effectiveness, dampings, lags, delays, reactions; no time below none."""
+    logarithm, damping, lag_s, delay_s, reaction = numbers.T
+    effectiveness = np.exp(logarithm)
     # Below the crossover the two act as one: what one is short of, the other gives.
     total_s = np.maximum(lag_s + delay_s, 0.0)
     lag_s = np.clip(lag_s, 0.0, total_s)
-    return Plant(np.exp(effectiveness), damping, lag_s, total_s - lag_s, lead_s)
+    return Plant(effectiveness, damping, lag_s, total_s - lag_s, reaction / effectiveness)
 
 
 def _relative(plants: Plant, reference: Plant, measured: _Measured, hold_s: float) -> FloatArray:

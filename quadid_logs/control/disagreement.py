@@ -9,8 +9,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
-from scipy.optimize import minimize_scalar
 
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.controller import AxisRows, Replay, ReplayInput, ReplayReason
@@ -59,10 +57,21 @@ def explain(result: Replay, axis: str, inputs: Mapping[str, ReplayInput]) -> Rep
     """
     given = inputs[axis]
     part = _worst_part(given)
-    if _error(given, given.rows.part(part)) <= given.tolerance:
+    if "I" not in given.as_logged and _error(given, given.rows.part(part)) <= given.tolerance:
         return replace(result, reason=ReplayReason.INTEGRATOR_RESET)
     swapped = _swapped(axis, inputs)
-    for attempt in (_shifted, swapped, _clock, _thinned, _filtered, _regained, _slew, _notch, _missing):
+    for attempt in (
+        _one_gain,
+        _shifted,
+        swapped,
+        _clock,
+        _thinned,
+        _filtered,
+        _regained,
+        _slew,
+        _notch,
+        _missing,
+    ):
         found = attempt(given, part)
         if found is not None:
             return replace(
@@ -107,7 +116,30 @@ def usable_rows(rows: AxisRows) -> BoolArray:
     return usable
 
 
+def _one_gain(given: ReplayInput, part: slice) -> _Explanation | None:  # noqa: ARG001
+    """Hold each logged term against a multiple of the replayed one, where terms are logged."""
+    rows, usable = given.rows, usable_rows(given.rows)
+    found = given.law(rows, given.parameters).values
+    allowed = given.tolerance * float(np.sqrt(np.mean(rows.output[usable] ** 2)))
+    for term, name in given.gains.items():
+        size = float(np.sum(found[term][usable] ** 2))
+        if term not in rows.logged or not size > 0.0:
+            continue
+        factor = float(np.sum(found[term][usable] * rows.logged[term][usable])) / size
+        change = (factor - 1.0) * found[term]
+        left = (found["output"] + change - rows.output, found[term] + change - rows.logged[term])
+        if all(float(np.sqrt(np.mean(one[usable] ** 2))) <= allowed for one in left):
+            in_file = given.parameters.get(name, 0.0)
+            return _Explanation(
+                ReplayReason.GAIN_DIFFERS, name, {"in_file": in_file, "flown": factor * in_file}
+            )
+    return None
+
+
 def _shifted(given: ReplayInput, part: slice) -> _Explanation | None:
+    # In a log of every fourth step a row is no step of the loop, and a late row may fit by chance.
+    if given.thinned or _thinned(given, part) is not None:
+        return None
     rows = given.rows.part(part)
     for shift in _SHIFTS:
         known = rows.known.copy()
@@ -140,6 +172,8 @@ def _swapped(
 
 
 def _clock(given: ReplayInput, part: slice) -> _Explanation | None:
+    if given.thinned:
+        return None
     rows = given.rows.part(part)
     for factor in _CLOCK_FACTORS:
         if _error(given, replace(rows, step_s=factor * rows.step_s)) <= given.tolerance:
@@ -174,6 +208,8 @@ def _filtered(given: ReplayInput, part: slice) -> _Explanation | None:
 
 def _refined(given: ReplayInput, rows: AxisRows, name: str, near_hz: float) -> tuple[float, float]:
     """Return the best cut-off within a factor of two, and its error."""
+    from scipy.optimize import minimize_scalar
+
     found = minimize_scalar(
         lambda log_hz: _error(given, rows, {name: float(np.exp(log_hz))}),
         bounds=(np.log(0.5 * near_hz), np.log(2.0 * near_hz)),
@@ -287,6 +323,8 @@ def _missing(given: ReplayInput, part: slice) -> _Explanation | None:  # noqa: A
 
 def _notch(given: ReplayInput, part: slice) -> _Explanation | None:
     """Look for a notch between the error and the output that the parameters do not tell."""
+    from scipy import signal
+
     rows = given.rows.part(part)
     rate_hz = 1.0 / float(np.median(rows.step_s))
     begin = rows.settled()
@@ -320,5 +358,7 @@ def _misfit(
     power: FloatArray,
     rate_hz: float,
 ) -> float:
+    from scipy import signal
+
     response = signal.freqz(*signal.iirnotch(*notch, fs=rate_hz), worN=frequency_hz, fs=rate_hz)[1]
     return float(np.sum(power * np.abs(response - ratio) ** 2))

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 import numpy as np
 
 from quadid_logs.control.margins import UNMODELLED_DELAY_S
 from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated, Margins
-from quadid_logs.data.controller import ReplayReason
 from quadid_logs.data.diagnosis import Finding, Level
 from quadid_logs.data.tuning import GOOD, Limits
 from quadid_logs.diagnose.findings import finding, rounded
@@ -35,8 +34,12 @@ def find_in_loop(loop: ClosedLoop) -> Iterator[Finding]:
     if loop.axes and controllers.version_read != "read":
         versions = {"firmware": controllers.firmware, "version_read": controllers.version_note}
         yield finding("QL606", "info", versions)
+    judged = {axis: level for axis, found in loop.axes.items() if (level := _level(outermost(found)))}
+    disagreeing = {axis: both for axis, found in loop.axes.items() if (both := _disagreement(found))}
     for axis, found in loop.axes.items():
-        for one in (_not_replayed(axis, found), _margin(axis, found), _disagreement(axis, found)):
+        margin = _margin(axis, loop, judged) if axis in judged else None
+        disagreement = _of_two_gains(axis, disagreeing) if axis in disagreeing else None
+        for one in (_not_replayed(axis, found), margin, disagreement):
             if one is not None:
                 yield one
         if found.contradicted:
@@ -45,6 +48,9 @@ def find_in_loop(loop: ClosedLoop) -> Iterator[Finding]:
     if unchecked:
         title = "The log does not show whether the controller of the parameters is the one that flew"
         yield finding("QL604", "info", {}, axes=unchecked, title=title)
+    partly = [axis for axis, found in loop.axes.items() if _partly(found)]
+    if partly:
+        yield finding("QL642", "info", {"terms_as_logged": _as_logged(loop, partly)}, axes=partly)
     extrapolated = [axis for axis, found in loop.axes.items() if _extrapolated(found)]
     if extrapolated:
         known_hz = [rounded(loop.axes[axis].known_hz, 3) for axis in extrapolated]
@@ -74,14 +80,27 @@ def _extrapolated(found: AxisLoop) -> bool:
 def _unchecked(found: AxisLoop) -> bool:
     """Say whether margins are told of a controller that the log could not be held against."""
     replay = found.replay
-    return found.margins is not None and replay is not None and replay.reason is ReplayReason.NO_ROWS
+    reason = None if replay is None else replay.reason
+    return found.margins is not None and reason is not None and reason.tells_nothing
+
+
+def _partly(found: AxisLoop) -> bool:
+    """Say whether margins are told of a controller of which the replay took some terms as logged."""
+    replay = found.replay
+    return found.margins is not None and replay is not None and replay.agrees and bool(replay.as_logged)
+
+
+def _as_logged(loop: ClosedLoop, axes: Sequence[str]) -> list[str]:
+    """Return the terms that the replay of some axes took as logged."""
+    replays = (loop.axes[axis].replay for axis in axes)
+    return list(dict.fromkeys(term for one in replays if one is not None for term in one.as_logged))
 
 
 def _not_replayed(axis: str, found: AxisLoop) -> Finding | None:
     replay = found.replay
     if replay is None or replay.agrees or replay.reason is None:
         return None
-    if replay.reason is ReplayReason.NO_ROWS:
+    if replay.reason.tells_nothing:
         return None
     differs = f" ({replay.parameter})" if replay.parameter else ""
     title = (
@@ -92,43 +111,66 @@ def _not_replayed(axis: str, found: AxisLoop) -> Finding | None:
     return finding("QL604", "warning", {**errors, **numbers}, axes=(axis,), title=title)
 
 
-def _margin(axis: str, found: AxisLoop) -> Finding | None:
-    """Judge the margins of one axis by what they are in the worst of the vehicles that the flight allows."""
-    margins = outermost(found)
+def _level(margins: Margins | None) -> Level | None:
+    """Judge margins by the worst of the vehicles that the flight allows; None is no finding."""
     if margins is None:
         return None
     if not margins.stable:
-        title = f"With the controller of the parameters, this model of {axis} is unstable"
-        fraction = {"stable_fraction": rounded(margins.stable_fraction)}
-        return finding("QL601", "warning", fraction, axes=(axis,), title=title, advice=_lower(axis, None))
-    figures = (margins.gain_margin_db, margins.phase_margin_deg, margins.disk_margin)
-    worst = [np.inf if each is None else each.ci95[0] for each in figures]
-    if not _below(worst, GOOD):
+        return "warning"
+    figures = _figures(margins).values()
+    if not _below([np.inf if each is None else each.ci95[0] for each in figures], GOOD):
         return None
-    values = [np.inf if each is None else each.value for each in figures]
-    poor = _below(values, POOR)
-    title = f"{axis.capitalize()} {'is' if _below(values, GOOD) else 'may be'} close to instability"
-    evidence: dict[str, object] = {
-        name: _evidence(each)
-        for name, each in zip(("gain_margin_db", "phase_margin_deg", "disk_margin"), figures, strict=True)
-        if each is not None
-    }
-    level: Level = "warning" if poor else "info"
-    advice = _lower(axis, margins.gain_margin_db)
-    return finding("QL601", level, evidence, axes=(axis,), title=title, advice=advice)
+    return "warning" if _below(_values(margins), POOR) else "info"
 
 
-def _lower(axis: str, gain_margin_db: Estimated | None) -> str:
-    """Say what to change; the axis by its name, because advice is read apart from its finding."""
-    by = ""
-    if gain_margin_db is not None and gain_margin_db.ci95[0] < GOOD.gain_db:
-        factor = 10.0 ** ((gain_margin_db.ci95[0] - GOOD.gain_db) / 20.0)
-        by = f" to {100.0 * factor:.0f} % of what they are, which leaves {GOOD.gain_db:g} dB,"
+def _figures(margins: Margins) -> dict[str, Estimated | None]:
+    """Return the figures that `Limits` limits, in its order."""
+    names = ("gain_margin_db", "phase_margin_deg", "disk_margin")
+    return {name: getattr(margins, name) for name in names}
+
+
+def _values(margins: Margins) -> list[float]:
+    return [np.inf if each is None else each.value for each in _figures(margins).values()]
+
+
+def _margin(axis: str, loop: ClosedLoop, judged: Mapping[str, Level]) -> Finding:
+    """Return the finding about an axis with too little room; axes that are alike share their advice."""
+    alike = [other for other in judged if judged[other] == judged[axis]]
+    found = {other: margins for other in alike if (margins := outermost(loop.axes[other])) is not None}
+    margins, advice = found[axis], _lower(found)
+    if not margins.stable:
+        title = f"With the controller of the parameters, this model of {axis} is unstable"
+        evidence: dict[str, object] = {"stable_fraction": rounded(margins.stable_fraction)}
+    else:
+        close = "is" if _below(_values(margins), GOOD) else "may be"
+        title = f"{axis.capitalize()} {close} close to instability"
+        evidence = {name: _evidence(each) for name, each in _figures(margins).items() if each is not None}
+    return finding("QL601", judged[axis], evidence, axes=(axis,), title=title, advice=advice)
+
+
+def _lower(found: Mapping[str, Margins]) -> str:
+    """Say what to change; the axes by their names, because advice is read apart from its finding."""
+    percents = {axis: _percent_left(margins) for axis, margins in found.items()}
+    to_percent = [f"{axis} to at most {left} %" for axis, left in percents.items() if left]
+    others = " and ".join(axis for axis, left in percents.items() if not left)
+    if to_percent:
+        also = f", and those of {others}" if others else ""
+        leaves = f"of what they are, for a gain margin of {GOOD.gain_db:g} dB{also}"
+        what = f"together: {', '.join(to_percent)} {leaves}"
+    else:
+        what = f"of {others} together"
     return (
-        f"Lower P, I and D of {axis} together{by} or let the filters of gyro and derivative pass more where "
-        "noise allows it; `quadid-log tune` works out both and writes the parameters. Land if the vehicle "
-        "oscillates."
+        f"Lower P, I and D {what}; or let the filters of gyro and derivative pass more where noise allows "
+        "it. `quadid-log tune` works out both and writes the parameters. Land if the vehicle oscillates."
     )
+
+
+def _percent_left(margins: Margins) -> str:
+    """Return what is left of gains that leave the gain margin that is enough, "" where they have it."""
+    gain = margins.gain_margin_db
+    if not margins.stable or gain is None or gain.ci95[0] >= GOOD.gain_db:
+        return ""
+    return f"{100.0 * 10.0 ** ((gain.ci95[0] - GOOD.gain_db) / 20.0):.0f}"
 
 
 def _below(values: list[float], limits: Limits) -> bool:
@@ -140,15 +182,23 @@ def _evidence(figure: Estimated) -> dict[str, object]:
     return {"value": rounded(figure.value, 3), "ci95": [rounded(end, 3) for end in figure.ci95]}
 
 
-def _disagreement(axis: str, found: AxisLoop) -> Finding | None:
-    """Compare the effectiveness found from torque and rates with that of the closed loop."""
-    if found.prediction is None or found.effectiveness is None:
+def _disagreement(found: AxisLoop) -> tuple[Estimated, Estimated] | None:
+    """Return the effectiveness found from torque and rates and that of the closed loop, if they differ."""
+    if found.prediction is None or found.effectiveness is None or found.prediction.at_limits:
         return None
     first, second = found.effectiveness, found.prediction.effectiveness
     difference = abs(second.value - first.value)
     half_widths = [0.5 * (each.ci95[1] - each.ci95[0]) for each in (first, second)]
     allowed = float(np.linalg.norm(half_widths))
-    if difference <= max(allowed, _DISAGREEMENT * first.value):
-        return None
-    evidence = {"open_loop": _evidence(first), "closed_loop": _evidence(second)}
-    return finding("QL602", "warning", evidence, axes=(axis,))
+    return (first, second) if difference > max(allowed, _DISAGREEMENT * first.value) else None
+
+
+def _of_two_gains(axis: str, disagreeing: Mapping[str, tuple[Estimated, Estimated]]) -> Finding:
+    """Return the finding about an axis; all share their advice, which names them: it is read apart."""
+    first, second = (_evidence(each) for each in disagreeing[axis])
+    *others, last = disagreeing
+    named = f"{', '.join(others)} and {last}" if others else last
+    advice = f"Check that no gain of {named} was changed in flight, and fly stronger manoeuvres in calm air."
+    title = f"Open loop and closed loop tell different effectiveness of {axis}"
+    evidence = {"open_loop": first, "closed_loop": second}
+    return finding("QL602", "warning", evidence, axes=(axis,), title=title, advice=advice)

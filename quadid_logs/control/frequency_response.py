@@ -7,13 +7,16 @@ was fitted to, wherever they have enough power.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quadid_logs.arrays import BoolArray, FloatArray
-from quadid_logs.data.flight import FlightData
+from quadid_logs.data.flight import FlightData, Segment
+from quadid_logs.data.model import Actuator
+from quadid_logs.identify.rotors import Rotors, equivalent_torque
 from quadid_logs.maths.band import ComplexArray, angular_frequency
 from quadid_logs.maths.instrument_response import gain_by_instrument, tapered_spectra
 
@@ -61,17 +64,45 @@ class Response(NamedTuple):
 class Lines(NamedTuple):
     """Spectral lines of one axis over tapered windows, (n_windows, n_lines) each.
 
-    ``chirp`` is what a system-ID mode injects, as late as it acts; None where the log has none.
+    ``acting`` is the torque that, behind a linear lag, acts as the rotors do; without a lag of theirs the
+    logged one. ``chirp`` is what a system-ID mode injects, as late as it acts; None where the log has none.
     """
 
     frequency_hz: FloatArray
     setpoint: ComplexArray
     torque: ComplexArray
+    acting: ComplexArray
     rate: ComplexArray
     chirp: ComplexArray | None
 
 
-def lines_of(data: FlightData, axis: int, chirp_delay_s: float) -> Lines | None:
+def acting_torque(segment: Segment, data: FlightData, actuator: Actuator | None) -> FloatArray:
+    """Return the torque that, behind the actuator's linear lag, acts as the rotors of a segment do.
+
+    Thrust goes with the square of a speed that lags: a doublet that brings the motors to their limits acts a
+    tenth more strongly than a linear lag would have it.
+
+    Parameters
+    ----------
+    segment : Segment
+        Of `data`.
+    data : FlightData
+    actuator : Actuator or None
+
+    Returns
+    -------
+    ndarray, shape (n_samples, 3)
+        The logged torque where the lag was not found to be that of the rotors.
+    """
+    if actuator is None or data.input is None or not np.isfinite(actuator.lag_up_s + actuator.lag_down_s):
+        return segment.torque
+    rotors = Rotors(actuator.lag_up_s, actuator.lag_down_s)
+    return equivalent_torque(segment, data.input, data.sample_period_s, rotors)[:, :3]
+
+
+def lines_of(
+    data: FlightData, axis: int, chirp_delay_s: float, actuator: Actuator | None = None
+) -> Lines | None:
     """Return the spectral lines of an axis.
 
     Parameters
@@ -80,6 +111,8 @@ def lines_of(data: FlightData, axis: int, chirp_delay_s: float) -> Lines | None:
     axis : int
     chirp_delay_s : float
         From the stamp of an excitation to the torque that it is part of [s].
+    actuator : Actuator, optional
+        As of `acting_torque`.
 
     Returns
     -------
@@ -88,31 +121,36 @@ def lines_of(data: FlightData, axis: int, chirp_delay_s: float) -> Lines | None:
     """
     n_samples = round(_WINDOW_S / data.sample_period_s)
     windows = [
-        np.column_stack(
-            [
-                segment.reference[rows, axis],
-                segment.torque[rows, axis],
-                segment.body_rate_rad_s[rows, axis],
-                segment.reference[rows, 3] if segment.reference.shape[1] > 3 else np.zeros(n_samples),
-            ]
-        )
+        columns[first : first + n_samples]
         for segment in data.segments
-        if segment.reference is not None
+        for columns in _columns(segment, data, axis, actuator)
         for first in range(0, segment.n_samples - n_samples + 1, n_samples // 2)
-        for rows in (slice(first, first + n_samples),)
     ]
     if not windows:
         return None
     s = angular_frequency(n_samples, data.sample_period_s)
     spectra = tapered_spectra(np.stack(windows))
-    chirp = spectra[..., 3] * np.exp(-s * chirp_delay_s)
+    chirp = spectra[..., 4] * np.exp(-s * chirp_delay_s)
     return Lines(
         frequency_hz=above_zero(s.imag / (2.0 * np.pi)),
         setpoint=spectra[..., 0],
         torque=spectra[..., 1],
-        rate=spectra[..., 2],
+        acting=spectra[..., 2],
+        rate=spectra[..., 3],
         chirp=chirp if np.abs(chirp).any() else None,
     )
+
+
+def _columns(
+    segment: Segment, data: FlightData, axis: int, actuator: Actuator | None
+) -> Iterator[FloatArray]:
+    """Yield what windows are cut from, where the segment has set-points; (n_samples, 5)."""
+    if segment.reference is None:
+        return
+    chirp = segment.reference[:, 3] if segment.reference.shape[1] > 3 else np.zeros(segment.n_samples)
+    acting = acting_torque(segment, data, actuator)[:, axis]
+    rate = segment.body_rate_rad_s[:, axis]
+    yield np.column_stack([segment.reference[:, axis], segment.torque[:, axis], acting, rate, chirp])
 
 
 def above_zero(frequency_hz: NDArray[np.floating]) -> FloatArray:

@@ -47,8 +47,6 @@ class Case:
     names : GainNames
     parameters : mapping of str to float
         That flew.
-    gyro_filter : str
-        The parameter of the gyro's low-pass [Hz].
     n_pooled : int
         Logs behind the one model, 0 for one.
     """
@@ -62,7 +60,6 @@ class Case:
     plants: Plant | None
     names: GainNames
     parameters: Mapping[str, float]
-    gyro_filter: str = ""
     n_pooled: int = 0
 
     @property
@@ -88,16 +85,21 @@ def obstacles(case: Case) -> Iterator[Finding]:
         yield from check(case)
 
 
-def _refusal(code: str, case: Case, evidence: Mapping[str, object]) -> Finding:
-    return finding(code, "warning", evidence, axes=(case.axis,))
+def _refusal(code: str, case: Case, evidence: Mapping[str, object], title: str = "") -> Finding:
+    return finding(code, "warning", evidence, axes=(case.axis,), title=title)
 
 
 def _verdict(case: Case) -> Iterator[Finding]:
     """Yield that the analysis does not call the axis usable."""
     verdict = case.diagnosis.axes.get(case.axis)
     if verdict is None or verdict.verdict != "usable":
-        told = {} if verdict is None else {"verdict": verdict.verdict, "codes": list(verdict.reasons)}
-        yield _refusal("QL615", case, told)
+        told: dict[str, object] = {}
+        title = ""
+        if verdict is not None:
+            told = {"verdict": verdict.verdict, "codes": list(verdict.reasons)}
+            codes = " ".join(verdict.reasons)
+            title = f"The model of this axis is {verdict.verdict}: {verdict.sentence.rstrip('.')} [{codes}]"
+        yield _refusal("QL615", case, told, title)
 
 
 def _controller(case: Case) -> Iterator[Finding]:
@@ -110,6 +112,8 @@ def _controller(case: Case) -> Iterator[Finding]:
     for one in mine:
         if one.kind is RemarkKind.NOTCH_UNKNOWN:
             yield _refusal("QL620", case, dict(one.values))
+        if one.kind is RemarkKind.ANGLE_LOOP_UNKNOWN:
+            yield _refusal("QL643", case, dict(one.values))
         if one.kind is RemarkKind.SLEW_LIMIT and not _logged_scale(case):
             yield _refusal("QL616", case, dict(one.values))
     unknown = [name for name in case.names.scaled if not _positive_or_zero(case.parameters.get(name))]
@@ -147,6 +151,8 @@ def _replay(case: Case) -> Iterator[Finding]:
         return
     if replay is None or replay.reason is ReplayReason.NO_ROWS:
         yield _refusal("QL613", case, {})
+    elif replay.reason is ReplayReason.ROUNDED:
+        yield _refusal("QL644", case, {})
     elif replay.reason is ReplayReason.SLEW_LIMITED and replay.numbers.get("fraction", 1.0) > _RARELY:
         yield _refusal("QL616", case, {name: rounded(one) for name, one in replay.numbers.items()})
     elif not replay.agrees:
@@ -158,7 +164,7 @@ def _limits(case: Case) -> Iterator[Finding]:
     """Yield that the vehicle was at its limits too often."""
     fraction = 0.0 if case.data.input is None else case.data.input.saturated_fraction
     if fraction > MOST_SATURATED:
-        yield _refusal("QL617", case, {"saturated_fraction": rounded(fraction)})
+        yield _refusal("QL617", case, {"fraction_at_limits": rounded(fraction)})
 
 
 def _mode(case: Case) -> Iterator[Finding]:
@@ -176,9 +182,16 @@ def _loop(case: Case) -> Iterator[Finding]:
         yield _refusal("QL614", case, {"known_to_hz": rounded(case.found.known_hz)})
     margins = case.found.margins
     if margins is None or case.plants is None:
-        yield _refusal("QL625", case, {})
+        # Around a refused model no loop is closed, and QL615 has said so.
+        if not _is_refused(case):
+            yield _refusal("QL625", case, {})
     elif not all(one.stable for one in (margins.rate, margins.full) if one is not None):
         yield _refusal("QL625", case, {"stable": False})
+
+
+def _is_refused(case: Case) -> bool:
+    verdict = case.diagnosis.axes.get(case.axis)
+    return verdict is not None and verdict.verdict == "refused"
 
 
 def _loose(case: Case) -> Iterator[Finding]:

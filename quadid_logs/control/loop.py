@@ -20,7 +20,7 @@ _AT_ZERO: Final = 1e-9
 
 
 class Plant(NamedTuple):
-    """Vehicles with their actuators, one axis: each of shape (n_plants,), but for the lead.
+    """Vehicles with their actuators, one axis: each of shape (n_plants,); one lead may be that of all.
 
     Torque to rate is B (1 + s lead) / (s - A) / (1 + s lag) exp(-s delay); ``damping`` A is negative where
     the air brakes. The delay does not contain the zero-order hold. The lead is that of rotors whose
@@ -31,12 +31,19 @@ class Plant(NamedTuple):
     damping: FloatArray
     lag_s: FloatArray
     delay_s: FloatArray
-    lead_s: float = 0.0
+    lead_s: FloatArray | float = 0.0
 
     def at(self, numbers: slice) -> Plant:
         """Return some of the plants."""
-        effectiveness, damping, lag_s, delay_s = (values[numbers] for values in self[:4])
-        return Plant(effectiveness, damping, lag_s, delay_s, self.lead_s)
+        return Plant(*(values[numbers] for values in self._numbers()))
+
+    def _numbers(self) -> tuple[FloatArray, ...]:
+        return (*self[:4], np.broadcast_to(self.lead_s, self.effectiveness.shape))
+
+    @property
+    def reaction(self) -> FloatArray:
+        """Return what accelerating rotors do; shape (n_plants,)."""
+        return np.asarray(self.effectiveness * self.lead_s)
 
     def times(self, factor: float) -> Plant:
         """Return plants that are so many times as effective."""
@@ -56,10 +63,10 @@ class Plant(NamedTuple):
         ndarray of complex, shape (n_plants, n_frequencies)
         """
         s = _laplace(frequency_hz)
-        B, A, lag_s, delay_s = (values[:, np.newaxis] for values in self[:4])
+        B, A, lag_s, delay_s, lead_s = (values[:, np.newaxis] for values in self._numbers())
         held = np.sinc(frequency_hz * hold_s)
         response = (
-            B * (1.0 + s * self.lead_s) / (s - A) / (1.0 + s * lag_s) * np.exp(-s * (delay_s + 0.5 * hold_s))
+            B * (1.0 + s * lead_s) / (s - A) / (1.0 + s * lag_s) * np.exp(-s * (delay_s + 0.5 * hold_s))
         )
         return np.asarray(held * response, dtype=np.complex128)
 
@@ -96,7 +103,7 @@ def close(controller: AxisController, plant: Plant, frequency_hz: FloatArray) ->
     s = _laplace(frequency_hz)
     body = plant.response(frequency_hz, controller.period_s)
     gyro, forward = gyro_filters(controller, frequency_hz), forward_filters(controller, frequency_hz)
-    rate = rate_loop(controller, plant, frequency_hz)
+    rate = body * _back(controller, frequency_hz)
     full = None
     if controller.angle_gain_per_s is not None:
         steps_s = controller.angle_delay_steps * controller.period_s
@@ -117,11 +124,17 @@ def rate_loop(controller: AxisController, plant: Plant, frequency_hz: FloatArray
     -------
     ndarray of complex, shape (n_plants, n_frequencies)
     """
+    back = _back(controller, frequency_hz)
+    return np.asarray(plant.response(frequency_hz, controller.period_s) * back)
+
+
+def _back(controller: AxisController, frequency_hz: FloatArray) -> ComplexArray:
+    """Return the response of the command to the rate, from the gyro's filters to the mixer's input."""
     on_rate = controller.error.response(frequency_hz)
     if controller.rate is not None:
         on_rate = on_rate + controller.rate.response(frequency_hz)
     back = gyro_filters(controller, frequency_hz) * _behind(controller, frequency_hz) * on_rate
-    return np.asarray(plant.response(frequency_hz, controller.period_s) * back)
+    return np.asarray(back, dtype=np.complex128)
 
 
 def forward_filters(controller: AxisController, frequency_hz: FloatArray) -> ComplexArray:

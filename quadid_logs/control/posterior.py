@@ -14,7 +14,6 @@ from quadid_logs.data.model import Posterior
 N_DRAWS: Final = 400
 #: Every analysis of a log draws the same vehicles.
 _SEED = 1
-_YAW = 2
 
 
 def draw(posterior: Posterior, axis: int, hold_s: float, n_draws: int = N_DRAWS) -> Plant | None:
@@ -46,19 +45,20 @@ def draw(posterior: Posterior, axis: int, hold_s: float, n_draws: int = N_DRAWS)
     random = np.random.default_rng(_SEED)
     variance, axes = np.linalg.eigh(covariance / _scale(covariance))
     root = axes * np.sqrt(np.maximum(variance, 0.0))
-    drawn = mean + (random.standard_normal((n_draws, 4)) @ root.T) * np.sqrt(np.diag(covariance))
-    effectiveness, damping, lag_s, delay_s = np.vstack([mean, drawn]).T
+    drawn = mean + (random.standard_normal((n_draws, len(mean))) @ root.T) * np.sqrt(np.diag(covariance))
+    effectiveness, damping, lag_s, delay_s, reaction = np.vstack([mean, drawn]).T
+    effectiveness = np.maximum(effectiveness, 0.01 * mean[0])
     unheld_s = delay_s - 0.5 * hold_s
     as_lag_s = np.append(0.0, random.uniform(0.0, 1.0, n_draws)) * np.clip(
         unheld_s, 0.0, posterior.lag_or_delay_s
     )
     short_s = max(0.0, -float(unheld_s[0])) * np.append(0.0, random.uniform(-1.0, 1.0, n_draws))
     return Plant(
-        effectiveness=np.maximum(effectiveness, 0.01 * mean[0]),
+        effectiveness=effectiveness,
         damping=damping,
         lag_s=np.maximum(lag_s + as_lag_s, 0.0),
         delay_s=np.maximum(unheld_s - as_lag_s, 0.0) + short_s,
-        lead_s=posterior.yaw_lead_s if axis == _YAW else 0.0,
+        lead_s=reaction / effectiveness,
     )
 
 

@@ -13,14 +13,14 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
-from quadid_logs.control.frequency_response import Lines, above_zero
+from quadid_logs.control.frequency_response import Lines, above_zero, acting_torque
 from quadid_logs.control.loop import Plant, forward_filters, gyro_filters, rate_loop
 from quadid_logs.data.closed_loop import Estimated, PredictedSeries, Prediction
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.flight import FlightData, Segment
-from quadid_logs.data.model import FitSeries
-from quadid_logs.identify.inference import quantile_95
-from quadid_logs.maths.band import ComplexArray, delay_response, high_pass
+from quadid_logs.data.model import Actuator, FitSeries
+from quadid_logs.identify.inference import student_quantile
+from quadid_logs.maths.band import ComplexArray, delay_response, high_pass, shorter_fast_length
 from quadid_logs.maths.least_squares import Equation, clustered_covariance
 from quadid_logs.maths.normal import NORMAL_95
 
@@ -32,6 +32,9 @@ _PADDING_S = 10.0
 _SHORTEST_S: Final = 4.0
 #: Residuals of a loop are forgotten within its periods, gusts within about a second.
 _CLUSTER_S = 1.0
+#: Where the motors were at their limits during more than the other half of what the set-points drive, the
+#: rest of the flight tells of gusts.
+_LEAST_CLOSED: Final = 0.5
 #: Standard deviation of when a set-point is used, in periods of the loop: it falls anywhere in one of them.
 _TIMING: Final = 1.0 / np.sqrt(12.0)
 #: A search for the effectiveness ends when a step changes it by less than this fraction of it: a hundredth of
@@ -58,8 +61,8 @@ class Chirp(NamedTuple):
 class AxisModel(NamedTuple):
     """The identified axis with its controller.
 
-    ``plant`` is the estimate; ``covariance`` (3, 3) that of its damping, lag and delay, one standard
-    deviation squared.
+    ``plant`` is the estimate; ``covariance`` (4, 4) that of its damping, lag, delay and reaction, one
+    standard deviation squared; ``actuator`` tells whether the lag is that of the rotors.
     """
 
     number: int
@@ -67,12 +70,14 @@ class AxisModel(NamedTuple):
     plant: Plant
     covariance: FloatArray
     chirp: Chirp
+    actuator: Actuator | None = None
 
 
 class _Answer(NamedTuple):
     """One segment: all that drives the torque around the loop, the loop, and the vehicle behind its gyro.
 
     Over frequencies (n_frequencies,): torque is ``driven`` / (1 + ``loop``), the rate ``vehicle`` times that.
+    ``bent`` is by how much more the logged torque acts than behind a linear lag, see `acting_torque`.
     """
 
     segment: Segment
@@ -80,6 +85,7 @@ class _Answer(NamedTuple):
     driven: ComplexArray
     loop: ComplexArray
     vehicle: ComplexArray
+    bent: ComplexArray
 
     @property
     def torque(self) -> ComplexArray:
@@ -124,12 +130,12 @@ def predict(
     if held_out_s < _SHORTEST_S:
         return None
     series = _series(answers, axis.number, held_out, high_passed)
+    rows = _closed(answers, series.predicted_torque, settled)
+    clusters = _clusters(time_s[rows])
+    search = _Search(answers, series.torque, rows, clusters, high_passed, axis.controller.period_s)
     torque_fit = _fit_percent(series.torque[held_out], series.predicted_torque[held_out])
     rate = [each.segment.body_rate_rad_s[:, axis.number] for each in answers]
     predicted_rate = [each.in_time(each.vehicle * each.torque) for each in answers]
-    search = _Search(
-        answers, series.torque, settled, _clusters(time_s[settled]), high_passed, axis.controller.period_s
-    )
     return Prediction(
         rate_fit_percent=_fit_percent(high_passed(rate)[held_out], high_passed(predicted_rate)[held_out]),
         torque_fit_percent=torque_fit,
@@ -137,8 +143,23 @@ def predict(
         attainable_percent=max(torque_fit, _attainable_percent(lines, axis.chirp, low_hz)),
         held_out_s=held_out_s,
         effectiveness=search.effectiveness(axis.plant, axis.covariance),
+        at_limits=rows is settled,
         series=series,
     )
+
+
+def _closed(answers: list[_Answer], driven: FloatArray, settled: BoolArray) -> BoolArray:
+    """Mark the samples in which the loop was closed; all that are settled where these are too few."""
+    rows = settled & ~np.concatenate([_at_limits(each.segment) for each in answers])
+    power = driven**2
+    return rows if power[rows].sum() >= _LEAST_CLOSED * power[settled].sum() else settled
+
+
+def _at_limits(segment: Segment) -> BoolArray:
+    """Mark the samples at which motors were at their limits, and a second after: the loop was open."""
+    limit_s = segment.time_s[segment.saturated]
+    last_s = np.append(-np.inf, limit_s)[np.searchsorted(limit_s, segment.time_s, side="right")]
+    return np.asarray(segment.time_s - last_s < _CLUSTER_S, dtype=np.bool_)
 
 
 def _series(
@@ -182,11 +203,13 @@ def _answers(data: FlightData, axis: AxisModel) -> list[_Answer]:
     period_s, controller, plant, chirp = data.sample_period_s, axis.controller, axis.plant, axis.chirp
     least = round((_SETTLE_S + _SHORTEST_S) / period_s)
     found = []
-    for segment in data.segments:
+    for whole in data.segments:
+        # Dozens of cosine transforms of this length follow.
+        segment = whole.rows(slice(0, shorter_fast_length(whole.n_samples)))
         if segment.reference is None or segment.n_samples < least:
             continue
         # Of an even length, so that the frequencies tell it.
-        n = 2 * int(next_fast_len(segment.n_samples + round(_PADDING_S / period_s), real=True) // 2 + 1)
+        n = 2 * int(next_fast_len((segment.n_samples + round(_PADDING_S / period_s) + 1) // 2, real=True))
         frequency_hz = above_zero(np.fft.rfftfreq(n, period_s))
         s = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
         late_s = controller.angle_delay_steps * controller.period_s
@@ -198,7 +221,9 @@ def _answers(data: FlightData, axis: AxisModel) -> list[_Answer]:
             controller, frequency_hz
         )
         loop = rate_loop(controller, plant, frequency_hz)[0]
-        found.append(_Answer(segment, s, driven, loop, vehicle))
+        acting = acting_torque(segment, data, axis.actuator) - segment.torque
+        bent = np.fft.rfft(acting[:, axis.number], n)
+        found.append(_Answer(segment, s, driven, loop, vehicle, bent))
     return found
 
 
@@ -228,8 +253,8 @@ class _Search:
         ----------
         plant : Plant
             Where the search begins.
-        covariance : ndarray, shape (3, 3)
-            Of damping, lag and delay.
+        covariance : ndarray, shape (4, 4)
+            Of damping, lag, delay and reaction.
 
         Returns
         -------
@@ -249,7 +274,7 @@ class _Search:
         by_others = others @ covariance @ others
         by_timing = (_TIMING * self._period_s * (slope @ self._slope_by_time(factor)) / (slope @ slope)) ** 2
         half = factor * np.sqrt(
-            quantile_95(self._clusters) ** 2 * by_chance + NORMAL_95**2 * (by_others + by_timing)
+            student_quantile(self._clusters) ** 2 * by_chance + NORMAL_95**2 * (by_others + by_timing)
         )
         value = float(plant.effectiveness[0])
         return Estimated(factor * value, (float((factor - half) * value), float((factor + half) * value)))
@@ -257,7 +282,10 @@ class _Search:
     def _series(self, factor: float) -> FloatArray:
         """Return the predicted torque with so many times the effectiveness, on the rows that count."""
         return self._high_passed(
-            [each.in_time(each.driven / (1.0 + factor * each.loop)) for each in self._answers]
+            [
+                each.in_time((each.driven - factor * each.loop * each.bent) / (1.0 + factor * each.loop))
+                for each in self._answers
+            ]
         )[self._rows]
 
     def _slope_by_time(self, factor: float) -> FloatArray:
@@ -275,7 +303,8 @@ class _Search:
         return self._high_passed(
             [
                 each.in_time(
-                    -each.driven * factor * each.loop * change(each.s) / (1.0 + factor * each.loop) ** 2
+                    -(each.driven + each.bent)
+                    * (factor * each.loop * change(each.s) / (1.0 + factor * each.loop) ** 2)
                 )
                 for each in self._answers
             ]
@@ -286,10 +315,16 @@ def _by_effectiveness(s: ComplexArray) -> ComplexArray:
     return np.ones_like(s)
 
 
-def _changes(plant: Plant) -> tuple[_Change, _Change, _Change]:
-    """Return the relative change of the loop with damping, lag and delay, as functions of s."""
+def _changes(plant: Plant) -> tuple[_Change, _Change, _Change, _Change]:
+    """Return the relative change of the loop with damping, lag, delay and reaction, as functions of s."""
     damping, lag_s = float(plant.damping[0]), float(plant.lag_s[0])
-    return (lambda s: 1.0 / (s - damping)), (lambda s: -s / (1.0 + lag_s * s)), (lambda s: -s)
+    effectiveness, reaction = float(plant.effectiveness[0]), float(plant.reaction[0])
+    return (
+        (lambda s: 1.0 / (s - damping)),
+        (lambda s: -s / (1.0 + lag_s * s)),
+        (lambda s: -s),
+        (lambda s: s / (effectiveness + reaction * s)),
+    )
 
 
 def _clusters(time_s: FloatArray) -> IntArray:

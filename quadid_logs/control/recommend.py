@@ -7,6 +7,7 @@ step, and what is promised of it is computed from the values that stand in the f
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -30,6 +31,7 @@ from quadid_logs.data.controller import AxisController
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.model import Model
 from quadid_logs.data.tuning import AxisTuning, GainChange, Limits
+from quadid_logs.diagnose import remedied
 from quadid_logs.diagnose.findings import finding, rounded
 
 #: In one flight gains rise by no more than this (2.3 dB: less than half of the gain margin to be kept), and
@@ -53,9 +55,8 @@ _BETTER: Final = 1.1
 MOST_NOISE: Final = 0.05
 #: With more of the samples at the mixer's limits, higher gains would only reach them sooner.
 _NEAR_LIMITS: Final = 0.05
-_DIGITS: Final = 4
-#: A third of the phase margin that is to be kept.
-_MUCH_PHASE_DEG: Final = 15.0
+#: Twice the cut-off halves a filter's delay: so it takes a third of the phase margin that is to be kept.
+_MUCH_PHASE_DEG: Final = 7.5
 
 
 class Found(NamedTuple):
@@ -95,6 +96,12 @@ def tune_axis(
     -------
     AxisTuning
     """
+    tuned = _tuned(case, model, rebuild, limits, apart=apart)
+    return replace(tuned, reasons=tuple(remedied(tuned.reasons, case.log.autopilot)))
+
+
+def _tuned(case: Case, model: Model | None, rebuild: Rebuild, limits: Limits, *, apart: bool) -> AxisTuning:
+    """Recommend gains, with the catalogue's advice."""
     refused = tuple(obstacles(case))
     found, plants, controller = case.found, case.plants, case.controller
     if refused or model is None or found is None or plants is None or controller is None:
@@ -108,9 +115,7 @@ def tune_axis(
         if separate is not None:
             return separate
     if not target.reached and target.factor == 1.0:
-        reason = _found("QL624", case, {"limits": list(limits)}, "warning")
-        note = filter_note(case, rebuild, loops)
-        return AxisTuning(verdict="refused", reasons=(reason, *note), now=found.margins)
+        return AxisTuning(verdict="refused", reasons=tuple(search.out_of_reach(target)), now=found.margins)
     return search.tuning(target)
 
 
@@ -123,6 +128,7 @@ class _Search:
         number = ("roll", "pitch", "yaw").index(case.axis)
         self._case, self._loops, self._rebuild, self._limits = case, loops, rebuild, limits
         self._few = loops.first(_FEW_DRAWS)
+        self._flown_spare = spare(loops.margins(), limits)
         self._now = {name: case.parameters[name] for name in case.names.scaled}
         self._torque = torque_spectrum(case.data, number)
         self._gusts = residual_spectrum(model.fit, number)
@@ -164,7 +170,9 @@ class _Search:
         code = min(allowed, key=lambda one: allowed[one])
         if allowed[code] >= factor:
             return Found(factor, reached=True)
-        return Found(allowed[code], reached=True, held_by=code)
+        # Low gains may lack phase, too: what holds them then holds them below the limits.
+        reached = self._score(allowed[code]) >= _SAME[0]
+        return Found(allowed[code], reached=reached, held_by=code)
 
     def _by_noise(self, factor: float) -> dict[str, float]:
         """Return by code the factor up to which the command's noise is bearable."""
@@ -201,7 +209,18 @@ class _Search:
         return spare(self._few.margins(factor), self._limits)
 
     def _controller(self, factor: float) -> AxisController | None:
-        return self._rebuild({name: _rounded(factor * value) for name, value in self._now.items()})
+        return self._rebuild(self._written(factor))
+
+    def out_of_reach(self, target: Found) -> Iterator[Finding]:
+        """Yield that no gains keep the limits, and what holds them."""
+        yield _found("QL624", self._case, {"to_be_kept": self._limits._asdict()}, "warning")
+        if target.held_by:
+            yield _found(target.held_by, self._case, self._evidence(target.held_by))
+        yield from filter_note(self._case, self._rebuild, self._loops)
+
+    def _written(self, factor: float) -> dict[str, float]:
+        """Return P, I and D by parameter, so many times as high as flown, as they stand in a file."""
+        return {name: self._case.names.written(factor * value) for name, value in self._now.items()}
 
     def tuning(self, target: Found) -> AxisTuning:
         """Return the step towards the target, with what it promises."""
@@ -211,8 +230,11 @@ class _Search:
         step = self._step(target)
         if step is None or step.factor == 1.0:
             return self._keep(target)
+        following, wanted = self._written(step.factor), self._written(target.factor)
+        if following == self._now:
+            return self._keep(target)
         gains = {
-            name: GainChange(now=now, next=_rounded(step.factor * now), target=_rounded(target.factor * now))
+            name: GainChange(now=now, next=following[name], target=wanted[name])
             for name, now in self._now.items()
         }
         reasons = tuple(self._reasons("change", target, step))
@@ -229,11 +251,15 @@ class _Search:
         if step is None:
             return None
         factors = {name: rounded(factor, 3) for name, factor in target.items()}
-        reasons = [_found("QL641", self._case, {"target_factors": factors})]
+        told = _found("QL641", self._case, {"target_factors": factors})
+        if not self._case.names.angle:
+            told = replace(told, title="P, I and D are changed each by itself")
+        reasons = [told]
         if any(one.next != one.target for one in step.gains.values()):
             reasons.append(_found("QL633", self._case, {}))
         if spare(step.promised, self._limits) < 1.0:
-            reasons.append(_found("QL638", self._case, {"limits": list(self._limits)}))
+            reasons.append(_found("QL638", self._case, {"to_be_kept": self._limits._asdict()}))
+            reasons.extend(filter_note(self._case, self._rebuild, self._loops))
         return self._described("change", tuple(reasons), step)
 
     def _cost(self, controller: AxisController) -> tuple[float, float]:
@@ -260,7 +286,8 @@ class _Search:
             if controller is None:
                 return None
             promised = scaled_loops(controller, self._loops.plants, self._loops.known_hz).margins()
-            if factor <= 1.0 or spare(promised, self._limits) >= 1.0:
+            # Where the flown gains are below the limits, a step towards them has not reached them yet.
+            if factor <= 1.0 or spare(promised, self._limits) >= min(1.0, self._flown_spare):
                 return _Step(factor, controller, promised)
             factor = max(factor * _BACK_OFF, 1.0)
         return None
@@ -301,10 +328,12 @@ class _Search:
             yield _found("QL634", case, {"target_factor": rounded(target.factor, 3)})
         elif factor < 1.0:
             yield _found("QL630", case, told)
+        elif self._flown_spare < _SAME[0]:
+            yield _found("QL660", case, told)
         else:
             yield _found("QL631", case, told)
         if not target.reached:
-            yield _found("QL638", case, {"limits": list(self._limits)})
+            yield _found("QL638", case, {"to_be_kept": self._limits._asdict()})
         if target.held_by:
             yield _found(target.held_by, case, self._evidence(target.held_by))
         if verdict == "change" and abs(factor / target.factor - 1.0) > 1.0 - _SAME[0]:
@@ -318,15 +347,15 @@ class _Search:
     def _evidence(self, code: str) -> dict[str, object]:
         """Return the numbers behind a limit."""
         if code == "QL635":
-            return {"saturated_fraction": rounded(self._saturated(), 3)}
+            return {"fraction_at_limits": rounded(self._saturated(), 3)}
         noise = self._noise(1.0)
         if code == "QL632" and noise is not None:
-            return {"command_noise": rounded(noise.now, 3), "most": MOST_NOISE}
+            return {"fraction_of_range": rounded(noise.now, 3), "fraction_accepted": MOST_NOISE}
         return {}
 
 
 def filter_note(case: Case, rebuild: Rebuild, loops: ScaledLoops) -> Iterator[Finding]:
-    """Yield that the gyro's filter limits the vehicle, where twice its cut-off would give much phase back.
+    """Yield which low-pass limits the vehicle most, where twice its cut-off would give much phase back.
 
     Parameters
     ----------
@@ -340,25 +369,36 @@ def filter_note(case: Case, rebuild: Rebuild, loops: ScaledLoops) -> Iterator[Fi
     Finding
         A note: filters are never loosened in a file.
     """
-    cutoff_hz = case.parameters.get(case.gyro_filter, 0.0)
-    other = rebuild({case.gyro_filter: 2.0 * cutoff_hz}) if 0.0 < cutoff_hz < np.inf else None
-    if other is None:
-        return
     estimate = loops.plants.at(slice(0, 1))
-    margins = [scaled_loops(one, estimate, np.inf).margins().rate for one in (loops.controller, other)]
-    before, after = (one.phase_margin_deg for one in margins)
-    if before is not None and after is not None and after.value - before.value >= _MUCH_PHASE_DEG:
-        told = {
-            f"{case.gyro_filter} {cutoff_hz:g}": f"{rounded(before.value, 2):g} deg",
-            f"{case.gyro_filter} {2.0 * cutoff_hz:g}": f"{rounded(after.value, 2):g} deg",
-        }
-        yield _found("QL636", case, told)
+    before = _phase_deg(loops.controller, estimate)
+    freed = {
+        name: _phase_deg(other, estimate)
+        for name in case.names.low_passes
+        if 0.0 < (cutoff_hz := case.parameters.get(name, 0.0)) < np.inf
+        and (other := rebuild({name: 2.0 * cutoff_hz})) is not None
+    }
+    most = max(freed, key=lambda name: freed[name], default="")
+    if not most or before == -np.inf or freed[most] - before < _MUCH_PHASE_DEG:
+        return
+    cutoff_hz, after = case.parameters[most], freed[most]
+    told = {
+        "parameter": most,
+        "cutoff_hz": cutoff_hz,
+        "phase_margin_deg": rounded(before, 2),
+        "phase_margin_with_twice_that_deg": rounded(after, 2),
+    }
+    title = (
+        f"A filter, not the gain, limits {case.axis}: with {most} at {2.0 * cutoff_hz:g} Hz instead of "
+        f"{cutoff_hz:g} Hz the rate loop would keep {rounded(after, 2):g} degrees, not {rounded(before, 2):g}"
+    )
+    yield finding("QL636", "info", told, axes=(case.axis,), title=title)
+
+
+def _phase_deg(controller: AxisController, plant: Plant) -> float:
+    """Return the phase margin of the rate loop; minus infinity where it is unstable or crosses nowhere."""
+    found = scaled_loops(controller, plant, np.inf).margins().rate.phase_margin_deg
+    return -np.inf if found is None else found.value
 
 
 def _found(code: str, case: Case, evidence: Mapping[str, object], level: str = "info") -> Finding:
     return finding(code, "warning" if level == "warning" else "info", evidence, axes=(case.axis,))
-
-
-def _rounded(value: float) -> float:
-    """Return a value as it is written: people read it, and the promise is computed from it."""
-    return rounded(value, _DIGITS)

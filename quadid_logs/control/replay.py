@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
@@ -61,19 +62,34 @@ def _replayed(
 ) -> Replay:
     given = inputs.get(axis)
     if given is None or not usable_rows(given.rows).any():
-        return Replay(relative_rms=dict.fromkeys(TERMS), agrees=False, reason=ReplayReason.NO_ROWS)
+        return _nothing(ReplayReason.NO_ROWS)
+    if math.isnan(given.tolerance):
+        return _nothing(ReplayReason.ROUNDED)
     rows = given.rows
     found = given.law(rows, given.parameters)
     errors = compared(found, rows)
     agrees = _agrees(errors, rows, given.tolerance)
-    result = Replay(relative_rms=errors, agrees=agrees, n_rows=rows.n_rows)
+    result = Replay(relative_rms=errors, agrees=agrees, n_rows=rows.n_rows, as_logged=given.as_logged)
     return (
         _other_rate(result, given)
         or _changed(result, given, gains, changes)
         or _slew_limited(result, rows)
         or _gains_scaled(result, rows)
-        or (_as_flown(result, rows, found) if agrees else explain(result, axis, inputs))
+        or (_as_flown(result, rows, found) if agrees else _explained(result, axis, inputs))
     )
+
+
+def _nothing(reason: ReplayReason) -> Replay:
+    """Return a replay that could not be made."""
+    return Replay(relative_rms=dict.fromkeys(TERMS), agrees=False, reason=reason)
+
+
+def _explained(result: Replay, axis: str, inputs: Mapping[str, ReplayInput]) -> Replay:
+    """Name what differs; of coarse rows only what was found counts, not that nothing was."""
+    found = explain(result, axis, inputs)
+    if inputs[axis].coarse and found.reason is ReplayReason.NOT_EXPLAINED:
+        return replace(found, reason=ReplayReason.ROUNDED)
+    return found
 
 
 def _agrees(errors: Mapping[Term, float | None], rows: AxisRows, tolerance: float) -> bool:

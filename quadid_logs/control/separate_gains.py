@@ -126,7 +126,7 @@ class SeparateGains:
         return low <= factor <= high and (factor <= 1.0 or factor * self._now[name] <= highest)
 
     def _values(self, factors: Mapping[str, float]) -> dict[str, float]:
-        return {name: rounded(factor * self._now[name]) for name, factor in factors.items()}
+        return {name: self._names.written(factor * self._now[name]) for name, factor in factors.items()}
 
     def step(self, target: Mapping[str, float], bounds: tuple[float, float]) -> Step | None:
         """Return the gains of the next flight on the way to a target.
@@ -168,14 +168,3 @@ class SeparateGains:
             else GainChange(now, following[name], wanted[name])
             for name, now in self._now.items()
         }
-
-
-def rounded(value: float) -> float:
-    """Return a gain as it is written: people read it, and the promise is computed from it.
-
-    Examples
-    --------
-    >>> rounded(0.0703999)
-    0.0704
-    """
-    return float(f"{value:.4g}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Final
 
 import numpy as np
@@ -14,6 +14,7 @@ from quadid_logs.control.scaled_loop import scaled_loops
 from quadid_logs.control.separate_gains import Rebuild
 from quadid_logs.control.step import step_of
 from quadid_logs.data.controller import AxisController
+from quadid_logs.data.tuning import four_digits
 from quadid_logs.data.what_if import WhatIf, WhatIfLoop
 
 #: Of the flown value: of gains what a flight may change, and of filters an octave.
@@ -31,6 +32,7 @@ def what_if(
     controller: AxisController,
     plants: Plant,
     rebuild: Rebuild,
+    written: Callable[[float], float] = four_digits,
 ) -> WhatIf | None:
     """Compute the loops of all combinations.
 
@@ -43,6 +45,8 @@ def what_if(
     plants : Plant
         The first of them is looked at.
     rebuild : callable
+    written : callable
+        Returns a value as a file holds it.
 
     Returns
     -------
@@ -53,7 +57,7 @@ def what_if(
     for flown, factors in ((gains, GAIN_FACTORS), (filters, FILTER_FACTORS)):
         for name, value in flown.items():
             if 0.0 < value < np.inf:
-                values[name] = tuple(float(f"{factor * value:.4g}") for factor in factors)
+                values[name] = tuple(written(factor * value) for factor in factors)
     estimate = plants.at(slice(0, 1))
     before = step_of(controller, estimate)
     if before is None or not values:

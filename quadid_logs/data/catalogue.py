@@ -278,8 +278,9 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL505",
                 "The interval is too wide",
-                "The data allow values of the control effectiveness too far apart for the number to be "
-                "useful.",
+                "The data allow values of the control effectiveness far apart. Up to a factor of 3 between "
+                "the ends of the interval the number is given, as a caution: it tells the size, not more, "
+                "and comparisons, inertia and tuning leave it out. Beyond that there is no number.",
                 "Fly longer, with stronger excitation on this axis.",
             ),
             _entry(
@@ -303,6 +304,13 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "it.",
                 "Look at the figure of estimates over time, and analyze both parts by themselves with "
                 "--start-s and --end-s.",
+            ),
+            _entry(
+                "QL532",
+                "The control effectiveness of both other axes changes in flight",
+                "Battery, payload, propellers and loose parts change the effectiveness about all axes. This "
+                "axis shows one value only, but it may have been commanded only while it had that value.",
+                "Command this axis throughout the flight, and find out what changes the others.",
             ),
             _entry(
                 "QL511",
@@ -454,8 +462,16 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "set-points, its effectiveness is known between 0.3 and 2.5 Hz, to 5 % for what happened "
                 "between the samples. Held-out flight cannot confirm it, because gusts move the vehicle as "
                 "much as its commands do.",
-                "Use it to compare flights that were logged alike. Log rates and torque at 40 Hz or more for "
-                "a model that can be confirmed.",
+                "Compare this yaw only with flights that were logged alike. Log rates and torque at 40 Hz or "
+                "more for a model that can be confirmed.",
+            ),
+            _entry(
+                "QL533",
+                "The effectiveness would be higher with a loss of torque that may be there",
+                "A dead zone or a limit that the log does not hold is not clear enough to be told from "
+                "chance, and would move the effectiveness by more than a tenth. The interval covers that.",
+                "Fly the manoeuvre once more, twice as long, half of it gently and half of it with strong "
+                "commands: what is chance fades, what is there becomes clear.",
             ),
             _entry(
                 "QL512",
@@ -646,6 +662,14 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Load the file, hover first, and go back to the flown gains if the vehicle oscillates.",
             ),
             _entry(
+                "QL660",
+                "Higher gains bring the margins back",
+                "The rate loop is so slow that the angle loop around it lacks phase: the flown gains have "
+                "less margin than is to be kept, and higher ones have more.",
+                "Load the file, hover first, and go back to the flown gains if the vehicle oscillates. A "
+                "lower angle gain helps, too.",
+            ),
+            _entry(
                 "QL632",
                 "Noise of the gyro holds the gains",
                 "With higher gains the gyro's noise would move the motors by more than a twentieth of their "
@@ -676,8 +700,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL636",
                 "A filter, not the gain, limits this vehicle",
-                "The delay of the gyro's filter takes most of the phase: with a higher cut-off the same "
-                "gains would keep more margin, at the price of more noise.",
+                "The delay of a low-pass takes most of the phase: with a higher cut-off the same gains "
+                "would keep more margin, at the price of more noise.",
                 "Raise the cut-off in small steps where vibration allows it, and tune again.",
             ),
             _entry(
@@ -706,6 +730,30 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "One factor on P, I and D does not keep the margins, or more was wanted: each gain "
                 "goes its own way to where gusts are rejected best and the margins are kept.",
                 "Load the file, hover first, and go back to the flown gains if the vehicle oscillates.",
+            ),
+            _entry(
+                "QL643",
+                "An angle loop that is not modelled flew around the rate loop",
+                "In a self-levelling mode the angle loop takes phase from the rate loop. How this autopilot "
+                "makes rates from angles is not modelled: no gains are recommended from such a flight.",
+                "Fly the whole flight in a mode in which the sticks command rates, and tune from that.",
+            ),
+            _entry(
+                "QL644",
+                "The log's rounding hides the controller",
+                "Rates, set-points and terms are logged as whole numbers, and the flight was so calm that "
+                "they hardly rise above their rounding: they speak neither for nor against the controller of "
+                "the parameters. A gain is not changed on trust.",
+                "Fly quick manoeuvres, and log with a higher resolution where the autopilot can.",
+            ),
+            _entry(
+                "QL642",
+                "Some terms of the controller were not replayed",
+                "P, and D where the log is fast enough, were made anew from set-points and rates and agree. "
+                "The terms that are named were taken as logged: moving sticks, limits and the throttle "
+                "change them in ways that the log does not hold. Margins take their gains from the settings, "
+                "and are those of sticks that rest.",
+                "Nothing to do; for D, log at 1 kHz or more.",
             ),
             _entry(
                 "QL640",

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.controller import FlownControllers, Replay
+from quadid_logs.numerals import estimate
 
 
 class Estimated(NamedTuple):
@@ -60,7 +61,7 @@ class Margins:
             return "unstable"
         figures = ("phase margin", self.phase_margin_deg, "deg"), ("gain margin", self.gain_margin_db, "dB")
         told = [
-            f"{name} {found.value:.3g} ({found.ci95[0]:.3g} to {found.ci95[1]:.3g}) {unit}"
+            f"{name} {estimate(found.value, *found.ci95)} {unit}"
             for name, found, unit in figures
             if found is not None
         ]
@@ -150,6 +151,9 @@ class Prediction:
     held_out_s : float
     effectiveness : Estimated
         The on-axis effectiveness whose predicted torque is nearest to the measured one.
+    at_limits : bool
+        Motors were at their limits during most of what the set-points drive: the loop was open then, and its
+        effectiveness is that of a torque that was not given.
     """
 
     rate_fit_percent: float
@@ -158,6 +162,7 @@ class Prediction:
     held_out_s: float
     effectiveness: Estimated
     series: PredictedSeries
+    at_limits: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -122,6 +122,8 @@ class AxisController:
         Loops from the angle's measurement to the use of the set-point made of it.
     gains : mapping of str to float
         The vendor's parameters that made all this.
+    predictable : bool
+        Set-points alone tell what the controller does; not where moving sticks change it.
     """
 
     period_s: float
@@ -134,6 +136,7 @@ class AxisController:
     angle_gain_per_s: float | None = None
     angle_delay_steps: int = 1
     gains: Mapping[str, float] = field(default_factory=dict)
+    predictable: bool = True
 
 
 class RemarkKind(Enum):
@@ -151,6 +154,10 @@ class RemarkKind(Enum):
     """Gains depend on throttle, landing or battery."""
     PERIOD_ASSUMED = "period assumed"
     """The loop's period is that of the parameters, not of the log's rows."""
+    VARIABLE_FILTER = "variable filter"
+    """Cut-offs follow the throttle: they are taken as at its mean."""
+    ANGLE_LOOP_UNKNOWN = "angle loop unknown"
+    """An angle loop may have flown around the rate loop, which is not modelled."""
     GYRO_RATE_ASSUMED = "gyro rate assumed"
     """How often the gyro is sampled, and its filters run, is nowhere told."""
 
@@ -162,6 +169,13 @@ class ControllerRemark:
     kind: RemarkKind
     axis: str = ""
     values: Mapping[str, float] = field(default_factory=dict)
+
+
+class CommandUnit(NamedTuple):
+    """The unit in which an autopilot's own figures count a command: so many of it are a command of 1."""
+
+    name: str
+    per_command: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -182,6 +196,8 @@ class FlownControllers:
     axes : mapping of str to AxisController
         By axis; one whose parameters are missing or not modelled is not in it.
     remarks : tuple of ControllerRemark
+    command_unit : CommandUnit or None
+        None where the autopilot counts commands as they stand here.
     """
 
     name: str
@@ -190,6 +206,7 @@ class FlownControllers:
     version_note: str
     axes: Mapping[str, AxisController]
     remarks: tuple[ControllerRemark, ...] = ()
+    command_unit: CommandUnit | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -220,6 +237,8 @@ class AxisRows:
         Factor on P and D by throttle or landing; None where the log tells of none.
     derivative : ndarray, shape (n_rows,), or None
         Logged angular acceleration that D acts on [rad/s^2].
+    throttle : ndarray, shape (n_rows,), or None
+        From 0 to 1; None where the law does not depend on it.
     known : ndarray of bool, shape (n_rows,)
         The set-point of the row was logged, not interpolated.
     setpoints_per_row : float
@@ -239,6 +258,7 @@ class AxisRows:
     scale: FloatArray | None = None
     gain_scale: FloatArray | None = None
     derivative: FloatArray | None = None
+    throttle: FloatArray | None = None
     setpoints_per_row: float = 1.0
 
     @property
@@ -261,7 +281,7 @@ class AxisRows:
 
 
 #: Fields of `AxisRows` that may be None.
-_MAYBE: Final = ("limited", "scale", "gain_scale", "derivative")
+_MAYBE: Final = ("limited", "scale", "gain_scale", "derivative", "throttle")
 
 
 class ReplayedTerms(NamedTuple):
@@ -287,13 +307,21 @@ class ReplayInput:
     cutoffs : tuple of str
         Parameters of filters [Hz].
     tolerance : float
-        By how much a right replay may differ, relative to the logged output's rms.
+        By how much a right replay may differ, relative to the logged output's rms; NaN where rounding alone
+        would hide a wrong one.
     loop_period_s : float
         That the parameters promise [s]; NaN where they do not.
     slew_limits : tuple of str
         Parameters that switch on a limiter whose factor on P and D these rows do not hold.
     filters : tuple of str
         How the names of further parameters begin that shape the loop, as those of the gyro's filters.
+    as_logged : tuple of str
+        Terms that are not made anew: what they follow is not in the rows.
+    coarse : bool
+        Rounding is so much of what is made anew that a difference which no cause explains tells nothing.
+    thinned : bool
+        The rows are some of the loops only, each with its own set-point: neither the stamps' clock nor the
+        place of set-points needs to be searched.
     """
 
     rows: AxisRows
@@ -305,6 +333,9 @@ class ReplayInput:
     loop_period_s: float = float("nan")
     slew_limits: tuple[str, ...] = ()
     filters: tuple[str, ...] = ()
+    as_logged: tuple[Term, ...] = ()
+    coarse: bool = False
+    thinned: bool = False
 
 
 class ReplayReason(Enum):
@@ -312,6 +343,8 @@ class ReplayReason(Enum):
 
     NO_ROWS = "no rows"
     """The log lacks set-points, rates or the controller's output at the loop's rate."""
+    ROUNDED = "rounding hides it"
+    """The terms hardly rise above the rounding of what the log holds."""
     GAINS_CHANGED = "gains changed in flight"
     GAIN_DIFFERS = "gain differs"
     FILTER_DIFFERS = "filter differs"
@@ -327,6 +360,11 @@ class ReplayReason(Enum):
     """All agrees but the integral's value: it was set in between, as on the ground."""
     HIDDEN_NOTCH = "hidden notch"
     NOT_EXPLAINED = "not explained"
+
+    @property
+    def tells_nothing(self) -> bool:
+        """Whether the log speaks neither for nor against the controller of the parameters."""
+        return self in (ReplayReason.NO_ROWS, ReplayReason.ROUNDED)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -346,6 +384,8 @@ class Replay:
         Evidence of the reason: values in the file and as flown, times, rows.
     n_rows : int
         That were compared.
+    as_logged : tuple of str
+        Terms that were taken from the log, so that nothing was checked of them.
     """
 
     relative_rms: Mapping[Term, float | None]
@@ -354,3 +394,4 @@ class Replay:
     parameter: str = ""
     numbers: Mapping[str, float] = field(default_factory=dict)
     n_rows: int = 0
+    as_logged: tuple[Term, ...] = ()

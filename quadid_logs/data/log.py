@@ -16,6 +16,28 @@ from quadid_logs.vocabulary import SIGNALS
 _VERSION: Final = re.compile(r"\b[Vv](\d{1,4})\.(\d{1,4})(?:\.(\d{1,4}))?")
 
 
+def version_in(firmware: str) -> tuple[int, ...] | None:
+    """Return the numbers of a firmware's version.
+
+    Parameters
+    ----------
+    firmware : str
+        Name and version as shown.
+
+    Returns
+    -------
+    tuple of int or None
+        Most significant first; None where the text does not say.
+
+    Examples
+    --------
+    >>> version_in("v1.15.0-beta"), version_in("master")
+    ((1, 15, 0), None)
+    """
+    match = _VERSION.search(firmware)
+    return tuple(int(number) for number in match.groups() if number) if match else None
+
+
 def whole_number(value: float | None, otherwise: int = 0) -> int:
     """Return a parameter that counts or names something.
 
@@ -240,7 +262,7 @@ class MessageCount:
     rate_hz: float = float("nan")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, weakref_slot=True, kw_only=True, eq=False)
 class FlightLog:
     """Everything that the later stages may know about a log file.
 
@@ -310,8 +332,7 @@ class FlightLog:
     @property
     def version(self) -> tuple[int, ...] | None:
         """The numbers of the firmware's version, most significant first; None where the log does not say."""
-        match = _VERSION.search(self.firmware)
-        return tuple(int(number) for number in match.groups() if number) if match else None
+        return version_in(self.firmware)
 
     @property
     def corrupt_bytes(self) -> int:

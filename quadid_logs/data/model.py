@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
+from quadid_logs.numerals import estimate
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS
 
 
@@ -49,7 +50,7 @@ class Parameter:
     ...         identifiable=True,
     ...     )
     ... )
-    B11 = 198 (196 to 200) rad/s^2
+    B11 = 198.0 (196.0 to 200.0) rad/s^2
     """
 
     name: str
@@ -64,7 +65,7 @@ class Parameter:
 
     def __str__(self) -> str:
         unit = "" if self.unit == "1" else f" {self.unit}"
-        return f"{self.name} = {self.value:.4g} ({self.ci95[0]:.4g} to {self.ci95[1]:.4g}){unit}"
+        return f"{self.name} = {estimate(self.value, *self.ci95)}{unit}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -111,26 +112,24 @@ def _narrow(value_s: float, ci95_s: tuple[float, float]) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Posterior:
-    """What is known, together, of the four numbers of each axis that a control loop is made of.
+    """What is known, together, of the five numbers of each axis that a control loop is made of.
 
     Attributes
     ----------
-    mean : ndarray, shape (3, 4)
+    mean : ndarray, shape (3, 5)
         Per axis: on-axis effectiveness [rad/s^2 per unit of torque] and on-axis damping [1/s], both of
-        the rates as the gyro shows them; lag and delay of the actuator [s].
-    covariance : ndarray, shape (3, 4, 4)
+        the rates as the gyro shows them; lag and delay of the actuator [s]; of yaw the reaction of
+        accelerating rotors [rad/s per unit of torque], zero where none was seen.
+    covariance : ndarray, shape (3, 5, 5)
         Of these, one standard deviation squared; not finite where an axis tells nothing. The gyro's scale
         and the torque's calibration, which cancel around a loop, are no part of it.
     lag_or_delay_s : float
         So much of the delay may be lag: the flight does not tell the two apart.
-    yaw_lead_s : float
-        Of yaw, by which accelerating rotors turn the vehicle; 0 where none was seen.
     """
 
     mean: FloatArray
     covariance: FloatArray
     lag_or_delay_s: float
-    yaw_lead_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -313,7 +312,7 @@ class FormulationCheck:
 
 
 #: What one more column of an equation stands for.
-Effect = Literal["threshold", "limit", "tilt", "mode", "second lag", "asymmetry"]
+Effect = Literal["threshold", "limit", "tilt", "swing", "mode", "second lag", "asymmetry"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -332,7 +331,7 @@ class EffectCheck:
     shift : float
         By how much the on-axis effectiveness is larger with it, relative.
     place : float
-        Torque of a dead zone or a limit, frequency of a mode [Hz]; NaN of the others.
+        Torque of a dead zone or a limit, frequency of a mode or a swing [Hz]; NaN of the others.
     """
 
     axis: int
@@ -373,7 +372,11 @@ class StructuralCheck:
         chance makes of it; rms of these deviations, relative. NaN on axes that were not looked at.
     feedback : ndarray, shape (3,)
         How much larger the on-axis effectiveness may be because a controller answers what disturbs the
-        vehicle, relative; zero where set-points are instruments.
+        vehicle, relative; zero where set-points are instruments that do more than hold an attitude.
+    instrumented : bool
+        Set-points are instruments.
+    own_timing : ndarray, shape (3,)
+        How much larger, relative, the on-axis effectiveness is with lag and delay of the axis' own.
     """
 
     effects: tuple[EffectCheck, ...]
@@ -383,6 +386,8 @@ class StructuralCheck:
     persistence: FloatArray
     spread: FloatArray
     feedback: FloatArray
+    instrumented: bool = False
+    own_timing: FloatArray = field(default_factory=lambda: np.zeros(3))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -562,12 +567,14 @@ class ThrustCurve:
     assumed : float
         With which the firmware flew.
     parameter : str
-        That sets it.
+        That sets it; empty where none does.
     identifiable : bool
     reason : str
         Why not.
     corrected : bool
         The models are fitted to the torque of the expo that was found.
+    measured : bool
+        What was assumed is what the measured speeds of the rotors tell.
     thrust_over_mean : ndarray, shape (n,)
         Levels of thrust that were flown, over its mean while the vehicle was moved.
     effectiveness : ndarray, shape (n,)
@@ -583,6 +590,7 @@ class ThrustCurve:
     identifiable: bool
     reason: str = ""
     corrected: bool = False
+    measured: bool = False
     thrust_over_mean: FloatArray = field(default_factory=_nothing)
     effectiveness: FloatArray = field(default_factory=_nothing)
     effectiveness_ci95: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))

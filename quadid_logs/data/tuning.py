@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple
@@ -11,6 +12,9 @@ from quadid_logs.data.closed_loop import LoopMargins, Step
 from quadid_logs.data.diagnosis import Finding
 
 TuningVerdict = Literal["change", "keep", "refused"]
+
+#: What is a whole number but for rounding stays that.
+_LAST_DIGIT: Final = 1e-9
 
 
 class Limits(NamedTuple):
@@ -26,6 +30,25 @@ class Limits(NamedTuple):
 GOOD: Final = Limits(6.0, 45.0, 0.67)
 
 
+def four_digits(value: float) -> float:
+    """Return a gain as people read it.
+
+    Parameters
+    ----------
+    value : float
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> four_digits(0.0703999)
+    0.0704
+    """
+    return float(f"{value:.4g}")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GainNames:
     """The parameters of one axis' controller that may be changed.
@@ -37,9 +60,13 @@ class GainNames:
     proportional, integral, derivative, angle : str
         Of the rate loop, and of the angle loop around it.
     filters : tuple of str
-        Cut-offs [Hz] that shape this axis' loop: of D, of the gyro.
+        Cut-offs [Hz] that people try out: of D, of the gyro.
+    low_passes : tuple of str
+        Cut-offs [Hz] of all low-passes in this axis' loop, each of which may take its phase.
     highest : mapping of str to float
         Upper ends of the ranges that the firmware documents.
+    whole : bool
+        The firmware holds whole numbers: a value is rounded down, to less gain.
     """
 
     scaled: tuple[str, ...]
@@ -49,6 +76,22 @@ class GainNames:
     angle: str
     highest: Mapping[str, float]
     filters: tuple[str, ...] = ()
+    low_passes: tuple[str, ...] = ()
+    whole: bool = False
+
+    def written(self, value: float) -> float:
+        """Return a gain as it is written: people read it, and the promise is computed from it.
+
+        Parameters
+        ----------
+        value : float
+
+        Returns
+        -------
+        float
+            To four digits, or the next whole number below.
+        """
+        return float(math.floor(value * (1.0 + _LAST_DIGIT))) if self.whole else four_digits(value)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,15 +103,12 @@ class Tunable:
     axes : mapping of str to GainNames
     obstacle : str
         What this vehicle is that no gains are given for, "" for nothing.
-    gyro_filter : str
-        The parameter of the gyro's low-pass [Hz].
     procedures : mapping of str to Procedure
         By axis, how the autopilot tunes itself, where that is known.
     """
 
     axes: Mapping[str, GainNames] = field(default_factory=dict)
     obstacle: str = ""
-    gyro_filter: str = ""
     procedures: Mapping[str, Procedure] = field(default_factory=dict)
 
 

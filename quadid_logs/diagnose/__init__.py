@@ -20,7 +20,7 @@ from quadid_logs.diagnose.structural_findings import find_in_structure
 from quadid_logs.diagnose.torque_findings import find_in_given_inertia, find_in_torque
 from quadid_logs.vocabulary import AXES
 
-__all__ = ["diagnose", "with_findings"]
+__all__ = ["diagnose", "remedied", "with_findings"]
 
 _SEVERITY = {"error": 0, "warning": 1, "info": 2}
 #: They tell of the loop that the controller makes of the vehicle: the model is as good as it was.
@@ -72,7 +72,7 @@ def diagnose(
         *find_in_structure(data, identification),
         *find_in_given_inertia(data, identification, vehicle),
     ]
-    findings = sorted(_remedied(found, log.autopilot), key=lambda finding: _SEVERITY[finding.level])
+    findings = sorted(remedied(found, log.autopilot), key=lambda finding: _SEVERITY[finding.level])
     return Diagnosis(
         findings=tuple(findings),
         axes={axis: _verdict(axis, findings) for axis in AXES},
@@ -94,13 +94,24 @@ def with_findings(diagnosis: Diagnosis, found: Iterable[Finding], autopilot: str
     Diagnosis
         With the verdicts anew.
     """
-    every = [*diagnosis.findings, *_remedied(found, autopilot)]
+    every = [*diagnosis.findings, *remedied(found, autopilot)]
     findings = sorted(every, key=lambda finding: _SEVERITY[finding.level])
     return Diagnosis(findings=tuple(findings), axes={axis: _verdict(axis, findings) for axis in AXES})
 
 
-def _remedied(findings: Iterable[Finding], autopilot: str) -> Iterator[Finding]:
-    """Put what to do on this autopilot in the place of the catalogue's advice."""
+def remedied(findings: Iterable[Finding], autopilot: str) -> Iterator[Finding]:
+    """Put what to do on this autopilot in the place of the catalogue's advice.
+
+    Parameters
+    ----------
+    findings : iterable of Finding
+    autopilot : str
+        As in `FlightLog.autopilot`.
+
+    Yields
+    ------
+    Finding
+    """
     remedies = advice_for(autopilot).remedies
     for finding in findings:
         yield replace(finding, advice=remedies.get(finding.code, finding.advice))

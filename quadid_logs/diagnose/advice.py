@@ -47,7 +47,8 @@ def next_steps(found: Iterable[tuple[FlightLog, Finding]]) -> tuple[str, ...]:
     """Return what to do next, each thing once and in the order of doing it.
 
     What is to be set comes before what is to be flown: a flight that is logged as
-    the last one would be for nothing. The manoeuvres of all axes are one step.
+    the last one would be for nothing. The manoeuvres of all axes are one step. What else a warning
+    advises on an axis that is refused anyway can wait until it is not.
 
     Parameters
     ----------
@@ -65,9 +66,19 @@ def next_steps(found: Iterable[tuple[FlightLog, Finding]]) -> tuple[str, ...]:
         *_advice_of(grave, "set"),
         *_advice_of([each for each in grave if each[1].level == "error"], "other"),
         *_manoeuvres(grave),
-        *_advice_of(grave, "other"),
+        *_advice_of(_of_axes_to_be_used(grave), "other"),
     )
     return tuple(dict.fromkeys(filter(None, texts)))
+
+
+def _of_axes_to_be_used(grave: Sequence[tuple[FlightLog, Finding]]) -> list[tuple[FlightLog, Finding]]:
+    """Leave out what is said only of axes that an error of the same log refuses."""
+    refused = {(id(log), axis) for log, one in grave if one.level == "error" for axis in one.axes or AXES}
+    return [
+        (log, one)
+        for log, one in grave
+        if not one.axes or any((id(log), axis) not in refused for axis in one.axes)
+    ]
 
 
 def _advice_of(found: Sequence[tuple[FlightLog, Finding]], step: Step) -> list[str]:

@@ -53,7 +53,8 @@ def find_in_data(log: FlightLog, data: FlightData, identification: Identificatio
         yield finding("QL301", "error", {"found": logged}, advice=advice)
     if torque is None:
         yield _no_torque(data, advice)
-    sources = [source for source in (rate, torque) if source is not None]
+    # A few rows have no rate: where nothing was flown either, they ask for no other way of logging.
+    sources = [source for source in (rate, torque) if source is not None and (source.rate_hz or data.flights)]
     yield from _rates(sources, advice, only_yaw=identification.only_yaw)
     yield from _attitude(data)
     if data.flights:
@@ -126,16 +127,19 @@ def _sampling(sources: Sequence[SourceChoice]) -> dict[str, object]:
 
 def _told(sources: Sequence[SourceChoice]) -> str:
     """Say in words at which rates the sources were logged."""
-    rates = {f"{source.rate_hz:.3g}" for source in sources}
+    rates = {_rate_words(source) for source in sources}
     names = [_SPOKEN[source.signal] for source in sources]
     if len(rates) == 1:
         subject = " and ".join(names)
         verb = "were" if len(names) > 1 else "was"
-        return f"{subject[:1].upper()}{subject[1:]} {verb} logged at {rates.pop()} Hz"
-    told = [
-        f"{name} was logged at {source.rate_hz:.3g} Hz" for name, source in zip(names, sources, strict=True)
-    ]
+        return f"{subject[:1].upper()}{subject[1:]} {verb} logged {rates.pop()}"
+    told = [f"{name} was logged {_rate_words(source)}" for name, source in zip(names, sources, strict=True)]
     return f"{told[0][:1].upper()}{told[0][1:]} and {told[1]}"
+
+
+def _rate_words(source: SourceChoice) -> str:
+    """Say at which rate a source was logged; a few rows, or pauses alone, have none."""
+    return f"at {source.rate_hz:.3g} Hz" if source.rate_hz else f"in {source.n_samples} rows of no rate"
 
 
 _SPOKEN = {"body_rate": "the body rate", "torque_command": "the torque", "torque_n_m": "the torque"}

@@ -11,15 +11,21 @@ import numpy as np
 from quadid_logs.data.catalogue import CATALOGUE, Step
 from quadid_logs.data.diagnosis import Finding, Level
 from quadid_logs.data.log import FlightLog
-from quadid_logs.data.model import Excitation, Identification, Model, Parameter, Response
+from quadid_logs.data.model import ChangeCheck, Excitation, Identification, Model, Parameter, Response
 from quadid_logs.diagnose.advice import advice_for
 from quadid_logs.diagnose.findings import finding, rounded
 from quadid_logs.identify.design import HELD_OUT_BLOCK_S
 from quadid_logs.identify.excitation import MIN_RATE_RMS_DEG_S
-from quadid_logs.identify.parameters import MAX_RELATIVE_CI, MIN_SIGNAL_TO_NOISE, MIN_SIMULATED_R2
+from quadid_logs.identify.parameters import (
+    MAX_RELATIVE_CI,
+    MIN_SIGNAL_TO_NOISE,
+    MIN_SIMULATED_R2,
+    least_signal_to_noise,
+)
 from quadid_logs.identify.response import Band, feedback_in, slope_and_phase
 from quadid_logs.identify.torque_products import MAX_DELAY_S, MAX_LAG_S
-from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS, RATE_SYMBOLS
+from quadid_logs.sentences import listed
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS, RATE_SYMBOLS, explained_words
 
 #: Effectiveness that differs by more than this from band to band is not one number.
 _BAND_ERROR = 0.25
@@ -36,6 +42,10 @@ _FORMULATIONS_WARNING = 0.05
 _WIDER = 1.5
 #: Windows of the paper of which a smaller fraction than this rises above the noise.
 _FEW_WINDOWS = 0.5
+#: Ends of an interval that are farther apart than this factor leave no use for the number. Nearer ones are
+#: within a factor of 1.73 (4.8 dB) of their middle, inside the gain margin of 6 dB that every rate loop is to
+#: keep: a loop that is tuned for the middle flies while a better flight is made.
+_FACTOR_BETWEEN_ENDS = 3.0
 #: R2 of 0.9: the torque explains nearly all.
 _CAUTION_SIGNAL_TO_NOISE = 9.0
 #: Gusts that leave less of the rate in the fitted band to the torque may take a tenth off its effectiveness.
@@ -43,11 +53,6 @@ _CAUTION_SIMULATED_R2 = 0.8
 #: The doublets that are advised turn a vehicle at 14 to 25 deg/s rms (yaw least): an axis that turns more
 #: lacks no excitation.
 _WELL_EXCITED_DEG_S = 20.0
-_ENOUGH_MOTION = (
-    f"An axis that turns by more than {_WELL_EXCITED_DEG_S:g} deg/s rms is excited enough: larger manoeuvres "
-    "would not help. Fly in calm air, away from the ground and with steady throttle, and check that torque "
-    "and rates in the log belong together: units, signs, time stamps, motors at their limits."
-)
 #: Findings that more and quicker commands help against, however much the axis turned.
 _COMMANDS_HELP = frozenset({"QL403", "QL516"})
 _OTHER: Final[Step] = "other"
@@ -87,6 +92,7 @@ class _Axis(NamedTuple):
     excitation: Excitation
     on_axis: Parameter
     advice: str
+    enough_motion: str
     response: Response | None
 
     @property
@@ -103,7 +109,7 @@ class _Axis(NamedTuple):
         """Return a finding about this axis; with what to fly where more motion would help."""
         advice, step = self.advice if CATALOGUE[code].step == "fly" else "", None
         if advice and code not in _COMMANDS_HELP and self.rate_rms_deg_s >= _WELL_EXCITED_DEG_S:
-            advice, step = _ENOUGH_MOTION, _OTHER
+            advice, step = self.enough_motion, _OTHER
         return finding(code, level, evidence, axes=(self.name,), advice=advice, title=title, step=step)
 
 
@@ -116,6 +122,7 @@ def _axis(log: FlightLog, identification: Identification, model: Model, number: 
         excitation=identification.excitation[number],
         on_axis=model.entries[ON_AXIS[AXES[number]]],
         advice=advice_for(log.autopilot).excitation(AXES[number : number + 1], log.version),
+        enough_motion=_enough_motion(identification),
         response=identification.responses[number] if identification.responses else None,
     )
     fatal, others = (_SLOW_FATAL, _SLOW_OTHERS) if identification.only_yaw else (_FATAL, _OTHERS)
@@ -126,6 +133,18 @@ def _axis(log: FlightLog, identification: Identification, model: Model, number: 
     for check in others:
         if (found := check(axis)) is not None:
             yield found
+
+
+def _enough_motion(identification: Identification) -> str:
+    """Say what to do about axes that lack no excitation, by their names: advice is read by itself."""
+    rms_deg_s = [float(np.degrees(each.rate_rms_rad_s)) for each in identification.excitation]
+    axes = [axis for axis, rms in zip(AXES, rms_deg_s, strict=True) if rms >= _WELL_EXCITED_DEG_S]
+    return (
+        f"{listed(axes).capitalize()} turned by more than {_WELL_EXCITED_DEG_S:g} deg/s rms, which is "
+        "enough: larger manoeuvres would not help. Fly in calm air, away from the ground and with steady "
+        "throttle, and check that torque and rates in the log belong together: units, signs, time stamps, "
+        "motors at their limits."
+    )
 
 
 def _evidence(axis: _Axis) -> dict[str, object]:
@@ -173,27 +192,47 @@ def _follows_the_rate(axis: _Axis) -> Finding | None:
 
 
 def _not_explained(axis: _Axis) -> Finding | None:
-    if axis.excitation.signal_to_noise >= MIN_SIGNAL_TO_NOISE:
+    explained = axis.excitation.signal_to_noise
+    if explained >= MIN_SIGNAL_TO_NOISE or (
+        explained >= least_signal_to_noise(axis.model) and _is_of_use(axis)
+    ):
         return None
     return axis.finding("QL504", "error", _evidence(axis), _explained(axis))
 
 
 def _explained(axis: _Axis) -> str:
-    return (
-        f"The torque explains only {100.0 * max(0.0, np.nan_to_num(axis.r2)):.0f} % of the "
-        f"{axis.name} acceleration on flight that the model was not fitted to"
-    )
+    what = f"of the {axis.name} acceleration on flight that the model was not fitted to"
+    return f"The torque explains {explained_words(axis.r2)} {what}"
 
 
 def _wrong_sign(axis: _Axis) -> Finding | None:
     return None if axis.on_axis.value > 0.0 else axis.finding("QL506", "error", _evidence(axis) | _gain(axis))
 
 
-def _too_wide(axis: _Axis) -> Finding | None:
+def _is_wide(axis: _Axis) -> bool:
     # What the interval covers beside that has findings of its own.
-    if not axis.on_axis.half_width > MAX_RELATIVE_CI * axis.on_axis.value:
+    return axis.on_axis.half_width > MAX_RELATIVE_CI * axis.on_axis.value
+
+
+def _is_of_use(axis: _Axis) -> bool:
+    low, high = axis.on_axis.ci95
+    return math.isfinite(axis.on_axis.half_width) and high < _FACTOR_BETWEEN_ENDS * low
+
+
+def _too_wide(axis: _Axis) -> Finding | None:
+    """Refuse an effectiveness that may be anything."""
+    if _is_of_use(axis) or not _is_wide(axis):
         return None
     return axis.finding("QL505", "error", _evidence(axis) | _gain(axis))
+
+
+def _wide(axis: _Axis) -> Finding | None:
+    """Warn of an effectiveness that is of use, but not to compare, to calibrate or to tune with."""
+    if not _is_wide(axis):
+        return None
+    below, above = (100.0 * abs(end / axis.on_axis.value - 1.0) for end in axis.on_axis.ci95)
+    title = f"The interval of the {axis.name} effectiveness is wide: -{below:.0f} to +{above:.0f} %"
+    return axis.finding("QL505", "warning", _evidence(axis) | _gain(axis), title)
 
 
 def _partly_explained(axis: _Axis) -> Finding | None:
@@ -241,13 +280,29 @@ def _depends_on_the_band(axis: _Axis) -> Finding | None:
     return axis.finding("QL503", "error" if spread > _BAND_ERROR else "warning", evidence)
 
 
+def _changes(change: ChangeCheck, number: int) -> bool:
+    """Say whether the effectiveness of an axis changes, beyond chance and by much."""
+    return bool(change.statistic[number] > _CHANGE_SEEN and change.relative[number] > _CHANGE_WARNING)
+
+
+def _others_change(axis: _Axis) -> Finding | None:
+    """Warn of an axis that shows no change where both others do: what changes theirs changes its own.
+
+    It may have been commanded at times when the effectiveness was one and the same, and not its mean.
+    """
+    change = axis.model.change
+    others = [number for number in range(len(AXES)) if number != axis.number]
+    if change is None or not all(_changes(change, number) for number in others):
+        return None
+    evidence = {AXES[number]: rounded(float(change.relative[number]), 2) for number in others}
+    return axis.finding("QL532", "warning", {"change_of": evidence, **_gain(axis)})
+
+
 def _changes_in_flight(axis: _Axis) -> Finding | None:
     change = axis.model.change
-    if change is None or not change.statistic[axis.number] > _CHANGE_SEEN:
-        return None
+    if change is None or not _changes(change, axis.number):
+        return _others_change(axis)
     relative = float(change.relative[axis.number])
-    if not relative > _CHANGE_WARNING:
-        return None
     time_s, before, after = (
         rounded(float(each[axis.number])) for each in (change.time_s, change.before, change.after)
     )
@@ -313,11 +368,12 @@ _OTHERS = (
     _formulations_disagree,
     _changes_in_flight,
     _interval_too_narrow,
+    _wide,
     _partly_explained,
 )
 #: Below 2.5 Hz gusts move a vehicle as its commands do: instruments tell them apart, held-out flight not.
 _SLOW_FATAL = (_poorly_excited, _follows_the_rate, _inverse_controller, _wrong_sign, _too_wide)
-_SLOW_OTHERS = (_from_slow_log, _depends_on_the_band, _interval_too_narrow)
+_SLOW_OTHERS = (_from_slow_log, _depends_on_the_band, _interval_too_narrow, _wide)
 
 
 def _actuator(model: Model) -> Iterator[Finding]:

@@ -23,7 +23,8 @@ def comparison_figure(comparison: Comparison) -> Figure | LeftOut:
         key="compare",
         title=f"{_TITLE}: {comparison.structure}",
         caption="Points with their 95 % intervals. A change is a difference larger than both intervals "
-        "together leave open, allowing for the number of quantities looked at."
+        "together leave open, allowing for the number of quantities looked at, and than what the throttle "
+        "and the day make of one vehicle."
         + (f" {hidden} more that did not change are not drawn." if hidden else ""),
         panels=tuple(_panel(quantity) for quantity in shown),
         columns=3,

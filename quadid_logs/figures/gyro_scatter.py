@@ -7,6 +7,7 @@ import numpy as np
 from quadid_logs.data.flight import GyroCheck
 from quadid_logs.data.result import Result
 from quadid_logs.figures.spec import Axis, Curve, Figure, LeftOut, Panel
+from quadid_logs.numerals import plus_minus
 from quadid_logs.vocabulary import AXES
 
 #: Half the delay of a typical gyro filter: a lag known no better is none of interest.
@@ -55,4 +56,4 @@ def _lag(check: GyroCheck) -> str:
     order = "after" if lag_ms > 0.0 else "before"
     cause = ": the filter of the gyro delays them" if lag_ms > 0.0 else ""
     known_ms = max(half_width_ms, 0.1)
-    return f"The rates come {abs(lag_ms):.1f} ± {known_ms:.1f} ms {order} the attitude{cause}."
+    return f"The rates come {plus_minus(abs(lag_ms), known_ms)} ms {order} the attitude{cause}."

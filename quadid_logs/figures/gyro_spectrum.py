@@ -26,7 +26,7 @@ _MOST_NOTCHES: Final = 4
 
 
 def gyro_spectrum(result: Result) -> Figure | LeftOut:
-    """Show the spectrum of each body rate as logged, and before the filters that the parameters tell of.
+    """Show the spectrum of each body rate as logged, and before the filters that are known.
 
     Parameters
     ----------
@@ -46,10 +46,10 @@ def gyro_spectrum(result: Result) -> Figure | LeftOut:
         title=_TITLE,
         caption="Peaks above the manoeuvres are vibration: of propellers, motors and frame. "
         + (
-            f"Known from the parameters: {known}. Before the filters: computed from these, as far as they "
+            f"Known of the filters: {known}. Before the filters: computed from these, as far as they "
             "pass a tenth; what is faster than half the log's rate is not to be seen."
             if known
-            else "No filter is known from the parameters."
+            else "No filter is known."
         ),
         panels=tuple(_panel(data, column, n_block) for column in range(len(AXES))),
         columns=3,

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
+from quadid_logs.figures.end_labels import at_the_right, labelled, names_at_ends
 from quadid_logs.figures.palette import WIDE_OPACITY, band_opacity
 from quadid_logs.figures.spec import Axis, Curve, Figure, Level, Panel, Ribbon
 from quadid_logs.figures.ticks import log_ticks, shown_range
@@ -26,6 +27,7 @@ _GAP_PX, _GAP_WITH_LABEL_PX = 34.0, 74.0
 _COLUMN_GAP = 0.09
 _BOXED = {"bgcolor": "@paper", "opacity": 0.85}
 _MOST_LEGEND_BANDS = 12
+_RIGHT_PX, _LETTER_PX, _LETTER_NARROW_PX = 14, 7.0, 6.4
 
 
 def interactive(figure: Figure) -> dict[str, Any]:
@@ -40,9 +42,10 @@ def interactive(figure: Figure) -> dict[str, Any]:
     dict
         ``key``, ``over_time``, ``data`` and ``layouts`` (``wide``,
         ``narrow``), ready for `json.dumps`; arrays are base64 typed arrays, in
-        which a gap is NaN.
+        which a gap is NaN. A trace whose ``meta`` says ``end`` bears its name at its end in the panels at
+        the right edge; the page's script puts it there, because it moves with the zoom.
     """
-    seen: set[str] = set()
+    seen = set(map(_name, names_at_ends(figure)))
     traces = [
         trace
         for number, panel in enumerate(figure.panels, start=1)
@@ -61,7 +64,7 @@ def interactive(figure: Figure) -> dict[str, Any]:
 
 def _shaded(ribbon: Ribbon, number: int, seen: set[str]) -> dict[str, Any]:
     """Return the area between two lines, out along the upper one and back along the lower one."""
-    name = html.escape(ribbon.label, quote=False)
+    name = _name(ribbon.label)
     known = np.isfinite(ribbon.low) & np.isfinite(ribbon.high)
     x, low, high = ribbon.x[known], ribbon.low[known], ribbon.high[known]
     trace = {
@@ -86,7 +89,7 @@ def _shaded(ribbon: Ribbon, number: int, seen: set[str]) -> dict[str, Any]:
 
 def _trace(curve: Curve, panel: Panel, number: int, seen: set[str]) -> dict[str, Any]:
     """Return one Plotly trace; a label enters the legend once."""
-    name = html.escape(curve.label, quote=False)
+    name = _name(curve.label)
     colour = f"@{curve.role}"
     unit = f" {panel.y.unit.replace('^2', '²')}" if panel.y.unit else ""
     trace: dict[str, Any] = {
@@ -102,8 +105,9 @@ def _trace(curve: Curve, panel: Panel, number: int, seen: set[str]) -> dict[str,
         "hovertemplate": f"%{{y:.4~g}}{html.escape(unit, quote=False)}",
     }
     seen.add(name)
-    if curve.samples:
-        trace["meta"] = {"samples": curve.samples}
+    meta = {"samples": curve.samples, "end": curve in labelled(panel)}
+    if any(meta.values()):
+        trace["meta"] = {name: value for name, value in meta.items() if value}
     if curve.mark == "points":
         trace["marker"] = {"color": colour, "size": 4, "opacity": 0.55}
     elif curve.mark == "bars":
@@ -145,7 +149,8 @@ def _band_legend(figure: Figure) -> list[dict[str, Any]]:
     return [
         {
             "type": "scatter",
-            "name": html.escape(label, quote=False),
+            "name": _name(label),
+            "legendgroup": _name(label),
             "x": [None],
             "y": [None],
             "mode": "markers",
@@ -176,7 +181,7 @@ def _layout(figure: Figure, columns: int, *, narrow: bool = False) -> dict[str, 
     top_px = _TOP_PX + _LEGEND_ROW_PX * _legend_rows(figure, legend_px)
     layout: dict[str, Any] = {
         "height": round(inside_px + top_px + _BOTTOM_PX),
-        "margin": {"l": 56 if narrow else 66, "r": 14, "t": top_px, "b": _BOTTOM_PX},
+        "margin": {"l": 66, "r": _right_px(figure, narrow=narrow), "t": top_px, "b": _BOTTOM_PX},
         "paper_bgcolor": "@paper",
         "plot_bgcolor": "@paper",
         "font": {"color": "@ink", "size": 12, "family": "system-ui, sans-serif"},
@@ -208,10 +213,23 @@ def _layout(figure: Figure, columns: int, *, narrow: bool = False) -> dict[str, 
 def _legend_rows(figure: Figure, width_px: float) -> int:
     """Return how many rows the legend needs: Plotly gives every entry the width of the longest."""
     labels = {curve.label for panel in figure.panels for curve in panel.curves if curve.mark != "thick"}
+    labels -= names_at_ends(figure)
     labels |= {band.label for panel in figure.panels for band in panel.bands if band.label}
     labels |= {ribbon.label for panel in figure.panels for ribbon in panel.ribbons}
-    longest_px = 7.0 * max(map(len, labels), default=0) + 48.0
+    longest_px = _LETTER_PX * max(map(len, labels), default=0) + 48.0
     return -(-len(labels) // max(1, int(width_px / longest_px)))
+
+
+def _right_px(figure: Figure, *, narrow: bool) -> int:
+    """Return the margin that names at the ends of lines need."""
+    panels = figure.panels if narrow else at_the_right(figure)
+    longest = max((len(curve.label) for panel in panels for curve in labelled(panel)), default=0)
+    return _RIGHT_PX + round(longest * (_LETTER_NARROW_PX if narrow else _LETTER_PX))
+
+
+def _name(label: str) -> str:
+    """Return a label as Plotly shows it: as text, whatever it holds."""
+    return html.escape(label, quote=False)
 
 
 def _column_domain(column: int, columns: int) -> tuple[float, float]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
+from quadid_logs.figures.end_labels import at_the_right, labelled, names_at_ends, spread
 from quadid_logs.figures.palette import LIGHT, WIDE_OPACITY, band_opacity
 from quadid_logs.figures.spec import Curve, Figure, Level, Panel
 from quadid_logs.figures.ticks import log_ticks, shown_range
@@ -22,6 +23,7 @@ _ROW_IN = {1: 1.75, 2: 1.75, 3: 3.2}
 _TITLE_IN, _CAPTION_LINE_IN, _GAP_IN = 0.95, 0.17, 0.62
 _CAPTION_WIDTH = 150
 _MOST_LEGEND_ENTRIES = 12
+_END_PT, _LETTER_IN = 8.0, 0.064
 _STYLE: dict[str, Any] = {
     "font.size": 9.0,
     "axes.edgecolor": LIGHT["muted"],
@@ -74,7 +76,7 @@ def _draw(figure: Figure) -> Canvas:
         figure.columns,
         height_ratios=heights,
         left=0.085,
-        right=0.985,
+        right=0.985 - _LETTER_IN * _longest_name(figure) / _WIDTH_IN,
         top=1.0 - _TITLE_IN / total_in,
         bottom=below_in / total_in,
         hspace=_GAP_IN / (sum(heights) / len(heights)),
@@ -88,10 +90,36 @@ def _draw(figure: Figure) -> Canvas:
         shared = shared or axes
         bottom = number >= len(figure.panels) - figure.columns
         _draw_panel(axes, panel, with_x_label=bottom or not figure.over_time)
+    for axes, panel in zip(canvas.axes, figure.panels, strict=True):
+        if any(panel is one for one in at_the_right(figure)):
+            _name_ends(axes, panel)
     canvas.text(0.012, 1.0 - 0.1 / total_in, _drawable(figure.title), va="top", fontsize=13, weight="bold")
     canvas.text(0.012, 0.08 / total_in, "\n".join(caption), va="bottom", fontsize=8.5, color=LIGHT["muted"])
     _legend(canvas, figure, total_in)
     return canvas
+
+
+def _longest_name(figure: Figure) -> int:
+    """Return the number of letters of the longest name at the end of a line."""
+    names = [curve.label for panel in at_the_right(figure) for curve in labelled(panel)]
+    return max(map(len, names), default=0)
+
+
+def _name_ends(axes: Axes, panel: Panel) -> None:
+    """Write the names of lines beside their ends; after all panels are drawn, whose ranges are shared."""
+    ends = []
+    for curve in labelled(panel):
+        known = np.flatnonzero(np.isfinite(curve.y))
+        if known.size:
+            point = axes.transData.transform((curve.x[known[-1]], curve.y[known[-1]]))
+            ends.append((curve, *axes.transAxes.inverted().transform(point)))
+    height_pt = 72.0 * axes.get_window_extent().height / axes.figure.dpi
+    places = spread([float(up) for _, _, up in ends], 1.15 * _END_PT / height_pt)
+    for (curve, right, _), place in zip(ends, places, strict=True):
+        axes.annotate(
+            _drawable(curve.label), (right, place), xycoords="axes fraction", xytext=(4, 0),
+            textcoords="offset points", ha="left", va="center", fontsize=_END_PT, color=LIGHT[curve.role],
+        )  # fmt: skip
 
 
 def _row_heights(figure: Figure) -> list[float]:
@@ -232,9 +260,10 @@ def _legend(canvas: Canvas, figure: Figure, total_in: float) -> None:
     from matplotlib.patches import Patch
 
     handles: dict[str, Any] = {}
+    at_ends = names_at_ends(figure)
     for panel in figure.panels:
         for curve in panel.curves:
-            if curve.mark != "thick":
+            if curve.mark != "thick" and curve.label not in at_ends:
                 point = curve.mark == "points"
                 handles.setdefault(
                     _drawable(curve.label),

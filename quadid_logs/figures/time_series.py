@@ -1,4 +1,4 @@
-"""Figures of the flight itself: the whole log, and the part that was analysed."""
+"""Figures of the flight itself: the whole log, and the part that was analyzed."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def torque_axis(description: InputDescription | None, kind: str = "") -> Axis:
 
 
 def flight_overview(result: Result) -> Figure | LeftOut:
-    """Show rates, attitude and torque over the whole log, with modes and the analysed segments."""
+    """Show rates, attitude and torque over the whole log, with modes and the analyzed segments."""
     data = result.data
     title = "The whole flight"
     candidates = (_overview_panel(data, *wanted) for wanted in _overview_order(data))
@@ -48,7 +48,7 @@ def flight_overview(result: Result) -> Figure | LeftOut:
     more = f" Only the first {MOST_BANDS} of {MOST_BANDS + hidden} modes are shaded." if hidden else ""
     caption = (
         "Shading shows the flight modes. The bars below show when the vehicle flew and which segments were "
-        "analysed. Where a line is missing, the log holds nothing." + more
+        "analyzed. Where a line is missing, the log holds nothing." + more
     )
     shaded = [
         Panel(title=panel.title, x=TIME, y=panel.y, curves=panel.curves, bands=bands) for panel in panels
@@ -170,15 +170,15 @@ def mode_bands(data: FlightData) -> tuple[tuple[Band, ...], int]:
 
 
 def _timeline(result: Result) -> Panel:
-    """Return the bars of what was flown, analysed and kept for validation."""
+    """Return the bars of what was flown, analyzed and kept for validation."""
     data = result.data
     model = result.identification.recommended
     held_out = () if model is None or model.fit is None else spans(model.fit.time_s, model.fit.held_out)
     rows = (
         ("held out", "held-out", held_out),
         (
-            "gap-free" if model is None else "analysed",
-            "analysed",
+            "gap-free" if model is None else "analyzed",
+            "analyzed",
             tuple((segment.start_s, segment.end_s) for segment in data.segments),
         ),
         ("in the air", "muted", data.flights),
@@ -213,7 +213,7 @@ def aligned_series(result: Result) -> Figure | LeftOut:
     data = result.data
     title = "The aligned series"
     if not data.segments:
-        reason = data.on_ground_reason or "No segment of the log can be analysed."
+        reason = data.on_ground_reason or "No segment of the log can be analyzed."
         return LeftOut(key="aligned", title=title, reason=printable(reason))
     time_s, rate, torque, saturated = _joined(data)
     y_torque = torque_axis(data.input)

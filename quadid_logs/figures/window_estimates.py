@@ -13,6 +13,7 @@ from quadid_logs.figures.spec import Axis, Band, Curve, Figure, LeftOut, Level, 
 from quadid_logs.figures.thinning import break_at_gaps, thin_line, thin_points
 from quadid_logs.figures.time_series import TIME
 from quadid_logs.maths.sliding_windows import weakest_words
+from quadid_logs.numerals import resolved
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, TORQUE_SYMBOLS, term_words
 
 #: Fraction of the windows that a panel must show; the outliers would flatten the picture.
@@ -176,7 +177,8 @@ def _pooled_marks(effect: _Effect) -> tuple[tuple[Band, ...], tuple[Level, ...]]
     if effect.pooled is None or not np.isfinite(effect.pooled.value):
         return (), ()
     low, high = effect.pooled.ci95
-    level = Level(value=effect.pooled.value, role="ink", label=f"pooled {effect.pooled.value:.4g}")
+    label = f"pooled {resolved(effect.pooled.value, low, high)}"
+    level = Level(value=effect.pooled.value, role="ink", label=label)
     if not (np.isfinite(low) and np.isfinite(high)):
         return (), (level,)
     return (Band(start=low, end=high, role="interval", along="y", label="95 % interval"),), (level,)

@@ -16,6 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
+from quadid_logs.compare import yaw_by_throttle
 from quadid_logs.maths.normal import MEDIAN_DEVIATION, NORMAL_95
 
 #: Chance of any false alarm in a whole fleet: one in a hundred fleets.
@@ -47,6 +48,8 @@ class Series:
     systematic : float
         Systematic uncertainty: what may differ between flights of an undamaged
         vehicle, in the unit of `value`.
+    throttle : ndarray, shape (n_flights,), or None
+        Mean throttle of the flights [1], NaN where unknown; None for what does not depend on it.
     """
 
     name: str
@@ -54,6 +57,7 @@ class Series:
     value: FloatArray
     half_width: FloatArray
     systematic: float
+    throttle: FloatArray | None = None
 
     @property
     def known(self) -> IntArray:
@@ -321,6 +325,7 @@ def _splits(one: Series, part: tuple[int, int], n_tests: int, prior: ScatterPrio
         freedom = n_known - 2.0 + prior.flights
         scatter = np.maximum((residual + prior.flights * prior.scatter) / freedom, 1.0)
         margin = np.hypot(_student(n_tests, freedom) * np.sqrt(scatter * variance), one.systematic)
+        margin += _by_throttle(one, known, count, before + centre)
         gain = (after - before) ** 2 / variance / scatter
     return _Splits(
         difference=np.where(inside, after - before, 0.0),
@@ -329,6 +334,22 @@ def _splits(one: Series, part: tuple[int, int], n_tests: int, prior: ScatterPrio
         before=before + centre,
         after=after + centre,
     )
+
+
+def _by_throttle(one: Series, known: IntArray, n_before: IntArray, before: FloatArray | float) -> FloatArray:
+    """Return what the mean throttle before and after alone may make of the difference between them.
+
+    `n_before` of the known flights lie before, one number for each split; a side without a flight
+    that tells its throttle explains nothing.
+    """
+    throttle = np.zeros(len(known)) if one.throttle is None else np.nan_to_num(one.throttle[known])
+    total, number = (np.concatenate([[0.0], np.cumsum(each)]) for each in (throttle, throttle > 0.0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        first = total[n_before] / number[n_before]
+        rest = (total[-1] - total[n_before]) / (number[-1] - number[n_before])
+        part = yaw_by_throttle(before, rest / first)
+    # Added to the margin, not by squares: the throttle shifts the value one way, as a bias.
+    return np.where(np.isfinite(part), part, 0.0)
 
 
 def find_open_change(
@@ -421,12 +442,13 @@ def _compared(
     weight = 1.0 / (variance + _added_variance(value, variance, sides, prior))
     before, after = (float(np.average(value[side], weights=weight[side])) for side in sides)
     error = float(np.sqrt(sum(1.0 / np.sum(weight[side]) for side in sides)))
+    chance = float(np.hypot(_student(n_tests, freedom) * error, one.systematic))
     shift = Shift(
         name=one.name,
         axis=one.axis,
         before=before,
         after=after,
-        margin=float(np.hypot(_student(n_tests, freedom) * error, one.systematic)),
+        margin=chance + float(_by_throttle(one, known, np.array(np.sum(~is_after)), before)),
         half_width=_quantile(0.05, freedom) * error,
     )
     return shift, error
@@ -440,13 +462,15 @@ def _added_variance(
     Where all intervals are alike, this is the Birge ratio.
     """
     freedom, typical = len(value) - 2.0 + prior.flights, float(np.median(variance))
+    parts = [(value[side], variance[side]) for side in sides]
 
     def excess(added: float) -> float:
-        weight = 1.0 / (variance + added)
         residual = prior.flights * prior.scatter * typical / (typical + added)
-        for side in sides:
-            mean = np.average(value[side], weights=weight[side])
-            residual += float(np.sum(weight[side] * (value[side] - mean) ** 2))
+        for values, variances in parts:
+            weight = 1.0 / (variances + added)
+            # As np.average does, without its checks, which would take most of the time.
+            mean = (values * weight).sum() / weight.sum()
+            residual += float((weight * (values - mean) ** 2).sum())
         return residual - freedom
 
     if excess(0.0) <= 0.0:
@@ -516,8 +540,34 @@ def present_value(one: Series, since: int, prior: ScatterPrior) -> tuple[float, 
     return mean, float(np.sqrt(scatter / np.sum(weight)))
 
 
+def present_throttle(one: Series, since: int) -> float:
+    """Return the mean throttle of a series since a flight, 0 where it is not known or of no influence.
+
+    Parameters
+    ----------
+    one : Series
+    since : int
+        As for `present_value`.
+
+    Returns
+    -------
+    float
+        As a fraction of full throttle [1].
+    """
+    known = one.known[one.known >= since]
+    throttle = np.zeros(0) if one.throttle is None else one.throttle[known]
+    throttle = throttle[throttle > 0.0]
+    return float(np.mean(throttle)) if len(throttle) else 0.0
+
+
 def compare_vehicles(
-    present: Mapping[str, tuple[float, float]], *, name: str, axis: str, systematic: float, n_tests: int
+    present: Mapping[str, tuple[float, float]],
+    *,
+    name: str,
+    axis: str,
+    systematic: float,
+    n_tests: int,
+    throttle: Mapping[str, float] | None = None,
 ) -> tuple[OutlierTest, ...]:
     """Compare every vehicle with all others of its model.
 
@@ -531,6 +581,8 @@ def compare_vehicles(
         As of the `Series`.
     n_tests : int
         Vehicles times quantities in the fleet.
+    throttle : mapping of str to float, optional
+        Mean throttle by vehicle where the quantity depends on it.
 
     Returns
     -------
@@ -549,7 +601,15 @@ def compare_vehicles(
         scatter = float(np.median(np.abs(others - middle))) / MEDIAN_DEVIATION
         freedom = max(_MAD_EFFICIENCY * (len(others) - 1), 1.0)
         margin = float(np.hypot(_student(n_tests, freedom) * np.hypot(scatter, error), systematic))
+        margin += _by_throttle_of_others(vehicle, middle, throttle or {})
         outlier_tests.append(
             OutlierTest(vehicle=vehicle, name=name, axis=axis, value=value, typical=middle, margin=margin)
         )
     return tuple(outlier_tests)
+
+
+def _by_throttle_of_others(vehicle: str, middle: float, throttle: Mapping[str, float]) -> float:
+    """Return what a vehicle's throttle against that of the others alone may make of the quantity."""
+    others = [value for other, value in throttle.items() if other != vehicle and value > 0.0]
+    own = throttle.get(vehicle, 0.0)
+    return float(yaw_by_throttle(middle, own / np.median(others))) if others and own > 0.0 else 0.0

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from quadid_logs.data.catalogue import CATALOGUE
+from quadid_logs.sentences import continued
 from quadid_logs.untrusted import printable
 
 #: Reasons that are named one by one.
@@ -69,7 +70,7 @@ def coverage_words(coverage: Coverage) -> str:
     Examples
     --------
     >>> coverage_words(coverage_of([("usable", (), 2), ("refused", ("QL303", "QL403"), 1)]))
-    '2 of 3 axes are usable; 1 is refused: 1 logged too slowly to identify anything (QL303).'
+    '2 of 3 axes are usable; 1 is refused: logged too slowly to identify anything (QL303) on 1.'
     """
     if not coverage.n_axes:
         return "No log could be analyzed."
@@ -87,13 +88,13 @@ def coverage_words(coverage: Coverage) -> str:
     reasons = [_reason_words(code, count) for code, count in first]
     others = n_refused - sum(count for _, count in first)
     if others:
-        reasons.append(f"{others} for other reasons")
+        reasons.append(f"other reasons on {others}")
     return f"{fit}{caution}; {n_refused} {'is' if n_refused == 1 else 'are'} refused: {', '.join(reasons)}."
 
 
 def _reason_words(code: str, count: int) -> str:
     """Say how many axes one finding blocks."""
     if code not in CATALOGUE:
-        return f"{count} {printable(code, 20) or 'without a reason'}"
+        return f"{printable(code, 20) or 'without a reason'} on {count}"
     title = CATALOGUE[code].title
-    return f"{count} {title[:1].lower()}{title[1:]} ({code})"
+    return f"{continued(title)} ({code}) on {count}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -27,6 +28,7 @@ from quadid_logs.fleet.changes import (
     count_tests,
     find_changes,
     find_open_change,
+    present_throttle,
     present_value,
     scatter_prior,
 )
@@ -45,7 +47,7 @@ _LAG_SYSTEMATIC_S: Final = 0.003
 _COLUMNS: Final = (
     "vehicle", "vehicle_from", "model", "status", "error", "url", "sha256", "autopilot", "frame", "firmware",
     "hardware_id", "flight", "n_flights", "axis", "verdict", "reasons", "structure", "input_unit", "started",
-    "started_from", "duration_s",
+    "started_from", "duration_s", "throttle",
     *(f"{name}{end}" for name in ("gain", "from_l", "from_m", "from_n", "damping", "lag_s")
       for end in ("", "_low", "_high")),
 )  # fmt: skip
@@ -213,18 +215,29 @@ def _outlier_tests(
     n_tests = sum(len(history.series) for history in histories)
     for group in groups.values():
         for name, axis in dict.fromkeys((one.name, one.axis) for history in group for one in history.series):
-            present, systematic = {}, []
-            for history in group:
-                one = history.of(name, axis)
-                if one is not None:
-                    since = history.changes[-1].flight if history.changes else 0
-                    present[history.vehicle] = present_value(
-                        one, since, prior.get((name, axis), ScatterPrior())
-                    )
-                    systematic.append(one.systematic)
-            yield from compare_vehicles(
-                present, name=name, axis=axis, systematic=float(np.median(systematic)), n_tests=n_tests
-            )
+            yield from _compared_in(group, name, axis, prior.get((name, axis), ScatterPrior()), n_tests)
+
+
+def _compared_in(
+    group: Sequence[VehicleHistory], name: str, axis: str, prior: ScatterPrior, n_tests: int
+) -> tuple[OutlierTest, ...]:
+    """Compare the vehicles of a group in one quantity."""
+    present, systematic, throttle = {}, [], {}
+    for history in group:
+        one = history.of(name, axis)
+        if one is not None:
+            since = history.changes[-1].flight if history.changes else 0
+            present[history.vehicle] = present_value(one, since, prior)
+            systematic.append(one.systematic)
+            throttle[history.vehicle] = present_throttle(one, since)
+    return compare_vehicles(
+        present,
+        name=name,
+        axis=axis,
+        systematic=float(np.median(systematic)),
+        n_tests=n_tests,
+        throttle=throttle,
+    )
 
 
 def _history(vehicle: str, rows: list[dict[str, Any]]) -> VehicleHistory:
@@ -313,7 +326,9 @@ def _series(flights: Sequence[Mapping[str, dict[str, Any]]], structure: str, uni
     gains = {axis: _column(usable, axis, "gain") for axis in AXES}
     scale = {axis: _typical(gains[axis][0]) for axis in AXES}
     for axis in AXES:
-        yield _one("gain", axis, gains[axis], _GAIN_SYSTEMATIC * scale[axis])
+        gain = _one("gain", axis, gains[axis], _GAIN_SYSTEMATIC * scale[axis])
+        # What yaw answers comes from the rotors' drag, which grows with the throttle.
+        yield replace(gain, throttle=_numbers(usable, axis, "throttle")) if axis == "yaw" else gain
         for torque, other in zip(TORQUE_SYMBOLS, AXES, strict=True):
             if other != axis:
                 coupling = _column(usable, axis, f"from_{torque.lower()}")
@@ -333,15 +348,14 @@ def _column(
     flights: Sequence[Mapping[str, dict[str, Any]]], axis: str, name: str
 ) -> tuple[FloatArray, FloatArray]:
     """Return value and half-width over the flights, NaN where it was not identifiable."""
-
-    def number(rows: Mapping[str, dict[str, Any]], column: str) -> float:
-        value = rows[axis][column] if axis in rows else None
-        return float("nan") if value is None else float(value)
-
-    value, low, high = (
-        np.array([number(rows, f"{name}{end}") for rows in flights]) for end in ("", "_low", "_high")
-    )
+    value, low, high = (_numbers(flights, axis, f"{name}{end}") for end in ("", "_low", "_high"))
     return value, 0.5 * (high - low)
+
+
+def _numbers(flights: Sequence[Mapping[str, dict[str, Any]]], axis: str, column: str) -> FloatArray:
+    """Return one column over the flights, NaN where it is empty."""
+    values = [rows[axis][column] if axis in rows else None for rows in flights]
+    return np.array([math.nan if value is None else float(value) for value in values])
 
 
 def _typical(value: FloatArray) -> float:

@@ -85,7 +85,8 @@ def identify_vehicle(log: FlightLog, file: LogFile, rules: NamingRules) -> Ident
     Identity
     """
     vehicle, taken_from = _vehicle(log, file, rules)
-    described = " ".join(filter(None, (log.autopilot, log.frame or log.vehicle_type)))
+    kind = log.frame or (log.vehicle_type if log.vehicle_type != "unknown" else "vehicle of unknown type")
+    described = f"{log.autopilot} {kind}"
     return Identity(
         vehicle=vehicle, vehicle_from=taken_from, model=_match(rules.model_from, file.url) or described
     )
@@ -121,7 +122,7 @@ def _build(log: FlightLog) -> str:
         log.vehicle_type if log.vehicle_type not in ("unknown", MULTIROTOR if log.frame else "") else "",
         log.frame,
         # A frame that is not known otherwise is called by its number.
-        "" if log.frame and log.frame.endswith(called) else called,
+        "" if called in log.frame.split(", ") else called,
     )
     return " ".join(filter(None, parts))
 

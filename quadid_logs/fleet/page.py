@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,6 +15,7 @@ from quadid_logs.fleet.coverage import coverage_words
 from quadid_logs.fleet.history import Failure, Fleet, Flight, VehicleHistory
 from quadid_logs.fleet.sparklines import HEIGHT, WIDTH, Sparkline, sparkline
 from quadid_logs.fleet.store import REPORTS
+from quadid_logs.numerals import plus_minus, resolved
 from quadid_logs.report.pages import environment
 from quadid_logs.untrusted import printable
 from quadid_logs.version import __version__
@@ -110,8 +110,8 @@ def fleet_page(fleet: Fleet, store: Path, page_folder: Path) -> str:
     """
     links = _links(store, page_folder)
     rows = [_vehicle_row(number, history, links) for number, history in enumerate(fleet.histories)]
-    # Changed vehicles and outliers come first: that is what the page is for.
-    rows.sort(key=lambda row: not (row.changes or row.open_change or row.outlier))
+    # Changed vehicles and outliers come first: that is what the page is for; then those with a result.
+    rows.sort(key=lambda row: (not (row.changes or row.open_change or row.outlier), not _is_known(row)))
     page: str = (
         environment("quadid_logs.fleet")
         .get_template("fleet.html")
@@ -133,6 +133,11 @@ def fleet_page(fleet: Fleet, store: Path, page_folder: Path) -> str:
         )
     )
     return page
+
+
+def _is_known(row: _VehicleRow) -> bool:
+    """Return whether anything is drawn of a vehicle."""
+    return any(drawn for _, drawn in (*row.gains, *row.dampings))
 
 
 def vehicle_values(fleet: Fleet, vehicle: str, links: Mapping[str, str]) -> dict[str, Any] | None:
@@ -341,21 +346,11 @@ def _size_words(shift: Shift, history: VehicleHistory) -> str:
     name, unit, factor = _spoken(shift.name, shift.axis, history.input_unit)
     difference, half = shift.after - shift.before, shift.half_width
     if shift.name.startswith("from ") or not abs(shift.before) > half:
-        mean, bound = (_rounded(factor * value, factor * half) for value in (difference, half))
-        size = f"{mean} ± {bound} {unit}"
+        size = f"{plus_minus(factor * difference, factor * half)} {unit}"
     else:
         scale = 100.0 / abs(shift.before)
-        size = f"{_percent(scale * difference)} ± {_percent(scale * half)} %"
+        size = f"{plus_minus(scale * difference, scale * half)} %"
     return f"by {size} in {name}"
-
-
-def _percent(value: float) -> str:
-    """Round to whole per cent, to tenths below ten.
-
-    >>> _percent(-51.63), _percent(0.26)
-    ('-52', '0.3')
-    """
-    return f"{value:.0f}" if abs(value) >= 10.0 else f"{value:.1f}"
 
 
 def _largest_first(shifts: Sequence[Shift]) -> list[Shift]:
@@ -366,7 +361,8 @@ def _shift_words(shift: Shift, unit: str) -> str:
     """Say from what to what, and which difference would still have been chance."""
     name, unit, factor = _spoken(shift.name, shift.axis, unit)
     before, after, margin = (
-        _rounded(factor * v, shift.margin * factor) for v in (shift.before, shift.after, shift.margin)
+        _rounded(factor * v, factor * shift.before, factor * shift.margin)
+        for v in (shift.before, shift.after, shift.margin)
     )
     return f"{name}: {before} to {after} {unit} (up to {margin} is no change)"
 
@@ -386,19 +382,15 @@ def _outlier_words(one: OutlierTest, unit: str) -> str:
     """Say what it is and what is typical of the others."""
     name, unit, factor = _spoken(one.name, one.axis, unit)
     value, typical, margin = (
-        _rounded(factor * v, one.margin * factor) for v in (one.value, one.typical, one.margin)
+        _rounded(factor * v, factor * one.typical, factor * one.margin)
+        for v in (one.value, one.typical, one.margin)
     )
     return f"{name}: {value} {unit}, the others have {typical} ± {margin}"
 
 
-def _rounded(value: float, margin: float) -> str:
-    """Round to two digits of `margin`: more would not be significant.
-
-    >>> _rounded(194.2719, 2.3), _rounded(-0.0007, 2.3)
-    ('194.3', '0.0')
-    """
-    decimals = max(1 - math.floor(math.log10(margin)), 0) if margin > 0.0 else 4
-    return f"{round(value, decimals) + 0.0:.{decimals}f}"
+def _rounded(value: float, centre: float, margin: float) -> str:
+    """Write a value with the decimals of the interval that a margin makes around `centre`."""
+    return resolved(value, centre - margin, centre + margin)
 
 
 def _drawing(history: VehicleHistory, name: str, axis: str) -> Sparkline | None:

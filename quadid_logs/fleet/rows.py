@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Any, Final, get_args
 
+from quadid_logs.compare import mean_throttle
 from quadid_logs.data.diagnosis import Verdict
 from quadid_logs.data.model import Model
 from quadid_logs.data.result import Result
@@ -33,7 +34,7 @@ _TEXTS: Final = (
     "axis", "verdict", "sentence", "structure", "input_unit",
 )  # fmt: skip
 _NUMBERS: Final = (
-    "start_s", "duration_s", "analyzed_s", "condition_number", "r2", "run_s",
+    "start_s", "duration_s", "analyzed_s", "throttle", "condition_number", "r2", "run_s",
     *(f"{name}{end}" for name in QUANTITIES for end in ("", "_low", "_high")),
 )  # fmt: skip
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
@@ -202,6 +203,7 @@ def result_rows(
             "start_s": start_s,
             "duration_s": duration_s,
             "started": _EPOCH + timedelta(microseconds=round(when * 1e6)) if 0.0 < when < 4e9 else None,
+            "throttle": _finite(mean_throttle(result)) or None,
             "run_s": result.timings_s["total"],
         }
         rows += [{**shared, **part, **_axis_part(result, number)} for number in range(len(AXES))]

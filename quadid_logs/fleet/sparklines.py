@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.fleet.changes import Series
+from quadid_logs.numerals import resolved
 
 WIDTH: Final = 132.0
 HEIGHT: Final = 34.0
@@ -72,12 +73,15 @@ def sparkline(one: Series, label: str, changes: Sequence[int]) -> Sparkline | No
         f"M{across(float(k)):g} {up(float(v - h)):g}V{up(float(v + h)):g}"
         for k, v, h in zip(known, value, half, strict=True)
     ]
-    words = f"{label} over {len(one.known)} flights: {low:.4g} to {high:.4g}, now {value[-1]:.4g}"
+    spread = float(np.median(half))
+    least, most = (resolved(end, end - spread, end + spread) for end in (low, high))
+    now = resolved(value[-1], value[-1] - half[-1], value[-1] + half[-1])
+    words = f"{label} over {len(one.known)} flights: {least} to {most}, now {now}"
     if changes:
         words += f"; changed at flight {', '.join(str(flight + 1) for flight in changes)}"
     return Sparkline(
         words=words,
-        now=f"{value[-1]:.3g}",
+        now=now,
         line="M" + "L".join(f"{x:g} {y:g}" for x, y in points),
         bars="".join(bars),
         dots=(points[-1],),

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 DATABASE: Final = "fleet.sqlite"
 REPORTS: Final = "reports"
-_FORMAT: Final = "2"
+_FORMAT: Final = "3"
 _TABLES: Final = (
     "CREATE TABLE made_with (name TEXT PRIMARY KEY, value TEXT)",
     f"CREATE TABLE fleet ({', '.join(f'{name} {kind}' for name, kind in COLUMNS.items())})",

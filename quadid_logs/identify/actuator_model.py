@@ -7,6 +7,7 @@ needs a torque of its own, and to find the two in turn takes many rounds.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -17,7 +18,7 @@ from quadid_logs.data.flight import InputDescription
 from quadid_logs.identify.actuator import ActuatorFit, Scorer, lag_limit, same_loss
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.fit import used_columns
-from quadid_logs.identify.inference import NOTHING_UNKNOWN, TorqueUnknowns
+from quadid_logs.identify.inference import NOTHING_UNKNOWN, TorqueUnknowns, clusters_of, student_quantile
 from quadid_logs.identify.instruments import Projection
 from quadid_logs.identify.rotors import MOST_ASYMMETRIC, Rotors, rotor_slopes, with_lag_on_rotors
 from quadid_logs.identify.structures import Structure
@@ -27,6 +28,8 @@ from quadid_logs.vocabulary import ACCELERATION_SYMBOLS
 
 #: Below [s], the lag of a rotor moves no torque by as much as can be seen.
 _LEAST_LAG_S = 0.002
+#: A lag of small rotors [s].
+_SOME_LAG_S = 0.01
 #: Steps of lag [s], delay [s] and logarithm of the asymmetry that change the fit about as much.
 _SCALE = (1e-3, 1e-3, 0.1)
 #: Relative change of the squared error, a hundredth of what chance makes of it in an hour of flight.
@@ -37,6 +40,18 @@ _TIME_TOLERANCE = 1e-4
 _STEPS = (2e-5, 2e-5, 2e-3)
 #: Gauss-Newton needs three to six; a search that needs more has no minimum.
 _MOST_TRIALS = 15
+#: Symmetric rotors pass for asymmetric ones so often. What is not taken for asymmetry is in the intervals all
+#: the same; what is wrongly taken for it takes a part of the effectiveness.
+_BY_CHANCE = 0.01
+#: Or the squared error falls to half, and the asymmetry is so many standard deviations from none: of some 70
+#: simulated flights with symmetric rotors none came near both; with rotors that slow down two to four times
+#: as slowly it falls to a quarter, at 10 standard deviations.
+_MOST_OF_ERROR = float(np.log(2.0))
+_FAR = 4.0
+#: Logarithm of the asymmetry from which it is searched for, to either side: twice as slow one way.
+_ASYMMETRIC = float(np.log(2.0))
+#: No search where asymmetry seems to explain less of the error than this; those flights had 0.07 and more.
+_WORTH_TRYING = 0.05
 #: The axes are weighted by errors that change with the fit; the second time they hardly do.
 _ROUNDS = 2
 
@@ -90,17 +105,34 @@ def find_actuator_model(
     """
     torque_search = _Search(problem, None)
     on_torque, torque_loss = torque_search.least(np.array([start.lag_s, start.delay_s]))
-    model = _model(problem.design, start, on_torque)
     if described is not None and start.lag_s >= _LEAST_LAG_S:
         by_chance = same_loss(torque_search.project, problem.axes)
         rotor_search = _Search(problem, described)
         on_rotors, rotor_loss = rotor_search.least(on_torque)
-        asymmetric, loss = rotor_search.least(np.append(on_rotors, 0.0))
-        if loss < rotor_loss - by_chance:
-            on_rotors, rotor_loss = asymmetric, loss
+        on_rotors, rotor_loss = _with_asymmetry(rotor_search, on_rotors, rotor_loss, by_chance)
         if rotor_loss <= torque_loss + by_chance or rotor_search.lag_is_measured:
-            model = _model(problem.design, start, on_rotors, described)
+            model = _model(problem.design, start, rotor_search.jackknifed(on_rotors), described)
+            return _with_unknowns(model, problem, described)
+    model = _model(problem.design, start, torque_search.jackknifed(on_torque))
     return _with_unknowns(model, problem, described)
+
+
+def _with_asymmetry(
+    search: _Search, symmetric: FloatArray, loss: float, by_chance: float
+) -> tuple[FloatArray, float]:
+    """Return the point of least error with the asymmetry that the flight speaks for, if any, and its loss."""
+    scores = search.scores(np.append(symmetric, 0.0))
+    if not scores.shown and scores.explained < _WORTH_TRYING:
+        return symmetric, loss
+    # Begun at none, a search may end on the wrong side: there is a minimum on either.
+    both = (search.least(np.append(symmetric, start)) for start in (-_ASYMMETRIC, _ASYMMETRIC))
+    asymmetric, least_loss = min(both, key=lambda found: found[1])
+    better = loss - least_loss
+    shown = scores.shown and better > by_chance
+    # The score test has the asymmetry's own error in its variance: of a large one it sees little.
+    if shown or (better > _MOST_OF_ERROR and search.scores(asymmetric).deviates(asymmetric[2])):
+        return asymmetric, least_loss
+    return symmetric, loss
 
 
 def same_actuator_model(
@@ -124,7 +156,7 @@ def same_actuator_model(
     known = described if rotors is not None else None
     search = _Search(problem, known, 0.0 if rotors is None else rotors.log_asymmetry)
     start = np.array([model.actuator.lag_s, model.actuator.delay_s])
-    found, _ = search.least(start, rounds=1)
+    found = search.jackknifed(start) if search.project.n_instruments else search.least(start, rounds=1)[0]
     return _model(problem.design, model.actuator, found, known, search.log_asymmetry)
 
 
@@ -150,9 +182,13 @@ def free_actuator_model(
     search = _Search(problem, known, 0.0 if rotors is None else rotors.log_asymmetry)
     start = np.array([model.actuator.lag_s, model.actuator.delay_s])
     _, loss = search.least(start, rounds=1)
-    found, free_loss = search.least(start, earliest_s=-MAX_DELAY_S)
+    # A lag of nothing is a bound, too, from which no step leads away while the delay is still at its own.
+    starts = (start, start + np.array([_SOME_LAG_S, -_SOME_LAG_S]))
+    either = (search.least(one, earliest_s=-MAX_DELAY_S) for one in starts)
+    found, free_loss = min(either, key=lambda each: each[1])
     if found[1] >= 0.0 or loss - free_loss <= same_loss(search.project, problem.axes):
         return None
+    found = search.jackknifed(found, earliest_s=-MAX_DELAY_S)
     return _model(problem.design, model.actuator, found, known, search.log_asymmetry)
 
 
@@ -191,11 +227,15 @@ def _with_unknowns(
 
 
 class _Axis(NamedTuple):
-    """Basis of the fixed columns, what of the acceleration they leave, and which torques the row may use."""
+    """Basis of the fixed columns, what of the acceleration they leave, and which torques the row may use.
+
+    ``rows`` are fixed columns and acceleration as they are, not as the instruments explain them.
+    """
 
     basis: FloatArray
     target: FloatArray
     inputs: BoolArray
+    rows: FloatArray
 
 
 class _Solved(NamedTuple):
@@ -204,6 +244,39 @@ class _Solved(NamedTuple):
     left: FloatArray
     alone: FloatArray
     gain: FloatArray
+
+
+class _Scores(NamedTuple):
+    """Scores of the asymmetry: derivatives of half the squared error, by cluster (n_clusters,).
+
+    ``information`` is what they change by with the asymmetry, ``squares`` the squared error, ``limit`` how
+    many standard deviations chance makes of their sum.
+    """
+
+    by_cluster: FloatArray
+    information: float
+    squares: float
+    limit: float
+
+    @property
+    def shown(self) -> bool:
+        """Whether the flight speaks for asymmetry, at the best lag and delay without.
+
+        A score test whose variance allows for residuals that are alike for a while, as those of gusts are:
+        to them a few instruments that happen to follow one gust would pass for evidence (D. D. Boos, The
+        American Statistician 46, 1992).
+        """
+        return bool(self.by_cluster.sum() ** 2 > self.limit**2 * np.sum(self.by_cluster**2))
+
+    @property
+    def explained(self) -> float:
+        """Fraction of the squared error that asymmetry explains, if it goes on as it begins."""
+        of = self.information * self.squares
+        return float(self.by_cluster.sum() ** 2 / of) if of > 0.0 else 0.0
+
+    def deviates(self, log_asymmetry: float) -> bool:
+        """Say whether an asymmetry is far from none, with the variance of what it leaves itself."""
+        return bool(abs(log_asymmetry) * self.information > _FAR * np.linalg.norm(self.by_cluster))
 
 
 class _Search:
@@ -228,18 +301,52 @@ class _Search:
         is_torque = np.isin((*structure.columns, *disturbances), self._inputs)
         names = (*structure.regressors, *disturbances)
         fixed = np.column_stack([design.columns[name] for name in names if name not in self._inputs])
-        fixed = self.project.coordinates(fixed[self._train])
+        self._fixed = fixed[self._train]
         used = used_columns(design, structure, problem.kept)
+        targets = [design.columns[ACCELERATION_SYMBOLS[axis]][self._train] for axis in problem.axes]
+        self._rows = [
+            np.column_stack([self._fixed[:, used[axis, ~is_torque]], target])
+            for axis, target in zip(problem.axes, targets, strict=True)
+        ]
+        self._used_torques = [used[axis, is_torque] for axis in problem.axes]
+        self._weight = np.ones(len(self._rows))
+        self._see_through(Projection(design, structure, self._train))
+
+    def _see_through(self, project: Projection) -> None:
+        """Take from rows and torque what these instruments tell of them."""
+        self.project = project
         self._axes: list[_Axis] = []
-        for axis in problem.axes:
-            basis, _ = np.linalg.qr(fixed[:, used[axis, ~is_torque]])
-            target = design.columns[ACCELERATION_SYMBOLS[axis]][self._train, np.newaxis]
-            target = _outside(basis, self.project.coordinates(target))[:, 0]
-            self._axes.append(_Axis(basis, target, used[axis, is_torque]))
-        self._weight = np.ones(len(self._axes))
+        for rows, inputs in zip(self._rows, self._used_torques, strict=True):
+            explained = project.coordinates(rows)
+            basis, _ = np.linalg.qr(explained[:, :-1])
+            left = _outside(basis, explained[:, -1:])[:, 0]
+            self._axes.append(_Axis(basis, left, inputs, rows))
         # A search asks for residuals and derivatives at the same point, and a delay moves no rotor.
         self._torque_at = lru_cache(maxsize=2)(self._torque)
         self._design_with = lru_cache(maxsize=3)(self._design_at)
+
+    def jackknifed(self, x: FloatArray, *, earliest_s: float = 0.0) -> FloatArray:
+        """Return the point near that of least error where no instrument counts for what it follows by chance.
+
+        The axes are weighted by all of their residuals: of so few instruments hardly any is left.
+        """
+        if not self.project.n_instruments or not self._is_seen(x):
+            return x
+        torque = self._torque_on_rows(x)
+        slopes = [
+            (self._torque_on_rows(x + step * np.eye(x.size)[number]) - torque) / step
+            for number, step in enumerate(_STEPS[: x.size])
+        ]
+        self._weight = np.ones(len(self._rows))
+        left = self._left_of_rows(x)
+        other = copy(self)
+        other._see_through(
+            self.project.jackknifed(
+                np.column_stack([self._fixed, torque, *slopes]), clusters_of(self._design)
+            )
+        )
+        other._weight = 1.0 / np.maximum([np.linalg.norm(each) for each in left], 1e-12)
+        return other._solve(x, earliest_s) if other._is_seen(x) else x
 
     def least(
         self, x: FloatArray, *, rounds: int = _ROUNDS, earliest_s: float = 0.0
@@ -248,27 +355,66 @@ class _Search:
 
         No delay is tried that is less than `earliest_s`.
         """
+        if not self._is_seen(x):
+            return x, self._loss(x)
+        for _ in range(rounds):
+            self._weight = 1.0 / np.maximum(np.sqrt(self._squares(x)), 1e-12)
+            x = self._solve(x, earliest_s)
+        return x, self._loss(x)
+
+    def _solve(self, x: FloatArray, earliest_s: float) -> FloatArray:
+        """Return the point of least weighted squares."""
         from scipy.optimize import least_squares
 
         limit = float(np.log(MOST_ASYMMETRIC))
         low = np.array([self._lags_s[0], earliest_s, -limit])[: x.size]
         high = np.array([self._lags_s[1], MAX_DELAY_S, limit])[: x.size]
-        if not self._slopes(x).any():
-            return x, self._loss(x)
-        for _ in range(rounds):
-            self._weight = 1.0 / np.maximum(np.sqrt(self._squares(x)), 1e-12)
-            x = least_squares(
-                self._misfit,
-                np.clip(x, low, high),
-                self._slopes,
-                bounds=(low, high),
-                x_scale=np.array(_SCALE)[: x.size],
-                ftol=_TOLERANCE,
-                xtol=_TIME_TOLERANCE,
-                gtol=None,
-                max_nfev=_MOST_TRIALS,
-            ).x
-        return x, self._loss(x)
+        found = least_squares(
+            self._misfit,
+            np.clip(x, low, high),
+            self._slopes,
+            bounds=(low, high),
+            x_scale=np.array(_SCALE)[: x.size],
+            ftol=_TOLERANCE,
+            xtol=_TIME_TOLERANCE,
+            gtol=None,
+            max_nfev=_MOST_TRIALS,
+        )
+        return np.asarray(found.x, dtype=np.float64)
+
+    def _is_seen(self, x: FloatArray) -> bool:
+        """Say whether lag, delay or asymmetry move the residuals by more than their rounding.
+
+        What does not is no start of a search.
+        """
+        moved = np.abs(self._slopes(x) * np.array(_SCALE)[: x.size]).max()
+        return bool(moved > np.finfo(np.float64).eps * np.abs(self._misfit(x)).max())
+
+    def scores(self, x: FloatArray) -> _Scores:
+        """Return the scores of the asymmetry at a point, lag and delay solved for."""
+        slopes, clusters = self._slopes(x), clusters_of(self._design)
+        others, _ = np.linalg.qr(slopes[:, :2])
+        score = np.split(_outside(others, slopes[:, 2:])[:, 0], len(self._axes))
+        left = zip(score, self._left_of_rows(x), strict=True)
+        by_row = np.sum([self.project.on_rows(one) * residuals for one, residuals in left], axis=0)
+        by_cluster = np.bincount(clusters, weights=by_row).astype(np.float64)
+        return _Scores(
+            by_cluster=by_cluster,
+            information=float(sum(one @ one for one in score)),
+            squares=float(np.sum(self._misfit(x) ** 2)),
+            limit=float(student_quantile(clusters, _BY_CHANCE / 2.0)),
+        )
+
+    def _left_of_rows(self, x: FloatArray) -> list[FloatArray]:
+        """Return the weighted residuals of each axis on the training rows themselves."""
+        behind = self._torque_on_rows(x)
+        found = []
+        for axis, weight, solved in zip(self._axes, self._weight, self._solved(x), strict=True):
+            left = axis.rows[:, -1] - behind[:, axis.inputs] @ solved.gain
+            fixed = self.project.coordinates(np.column_stack([axis.rows[:, :-1], left]))
+            theta = np.linalg.lstsq(fixed[:, :-1], fixed[:, -1], rcond=None)[0]
+            found.append(np.asarray(weight * (left - axis.rows[:, :-1] @ theta)))
+        return found
 
     def _loss(self, x: FloatArray) -> float:
         """Return the mean over the axes of the logarithm of the squared error."""
@@ -290,10 +436,17 @@ class _Search:
         rotors = Rotors.of(max(lag_s, _LEAST_LAG_S), log_asymmetry)
         return with_lag_on_rotors(self._design, self._described, rotors)
 
-    def _torque(self, lag_s: float, delay_s: float, log_asymmetry: float) -> FloatArray:
+    def _torque(self, *place: float) -> FloatArray:
         """Return the torque on the training rows, as far as it follows from the instruments."""
+        return self.project.coordinates(self._behind(*place))
+
+    def _behind(self, lag_s: float, delay_s: float, log_asymmetry: float) -> FloatArray:
+        """Return the torque on the training rows."""
         design = self._design_with(lag_s, log_asymmetry)
-        return self.project.coordinates(design.torque.behind(lag_s, delay_s, self._inputs)[self._train])
+        return design.torque.behind(lag_s, delay_s, self._inputs)[self._train]
+
+    def _torque_on_rows(self, x: FloatArray) -> FloatArray:
+        return self._behind(*self._place(x))
 
     def _place(self, x: FloatArray) -> tuple[float, float, float]:
         """Return lag, delay and asymmetry, which may not be searched for."""

@@ -18,7 +18,7 @@ from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.identify.structures import DISTURBANCES, STRUCTURES, Structure
 from quadid_logs.identify.terms import ANGLES, RATE_TERMS, TRIM, RotorField, Term, column_of
-from quadid_logs.identify.torque import RowGrid, RowTorque, spectrum_of
+from quadid_logs.identify.torque import RowGrid, RowTorque
 from quadid_logs.maths.band import delay_response, gaussian_reach_s, high_pass
 from quadid_logs.vocabulary import TORQUE_SYMBOLS
 
@@ -208,7 +208,7 @@ def build_design(
             grids.append(grid)
             chunks.append(chunk)
             parts.append(_smooth_columns(chunk, data.sample_period_s, grid, terms, rotors))
-            row_period_s = data.sample_period_s * grid.n_samples / grid.n_out
+            row_period_s = data.sample_period_s * grid.n_padded / grid.n_out
             times.append(
                 chunk.start_s + row_period_s * np.arange(grid.rows.start, grid.rows.stop, dtype=np.float64)
             )
@@ -274,18 +274,14 @@ def smooth_segment(
     if not grid.n_rows:
         return np.zeros(0), {}
     columns = _smooth_columns(segment, period_s, grid, _all_terms(structures))
-    columns |= dict(zip(TORQUE_SYMBOLS, grid.lay(spectrum_of(segment.torque)).T, strict=True))
+    columns |= dict(zip(TORQUE_SYMBOLS, grid.lay(grid.spectrum_of(segment.torque)).T, strict=True))
     return segment.time_s[grid.rows], columns
 
 
 def _coarser_grid(n_samples: int, period_s: float, smoothing_hz: float) -> RowGrid:
     """Return the coarsest grid that holds the smoothed band."""
-    from scipy.fft import next_fast_len
-
-    # Trying lags takes hundreds of FFTs of this length: let it be a fast one.
-    n_needed = int(np.ceil(n_samples * period_s * _ROWS_PER_CUTOFF * smoothing_hz))
-    n_out = min(n_samples, int(next_fast_len(n_needed, real=True)))
-    return RowGrid.of(n_samples, period_s, smoothing_hz, n_out=n_out, settle_s=_ACTUATOR_MEMORY_S)
+    rows_hz = _ROWS_PER_CUTOFF * smoothing_hz
+    return RowGrid.of(n_samples, period_s, smoothing_hz, rows_hz=rows_hz, settle_s=_ACTUATOR_MEMORY_S)
 
 
 def _smooth_columns(
@@ -301,10 +297,10 @@ def _smooth_columns(
     """
     found = ((term.symbol, column_of(term, segment, period_s, rotors)) for term in terms)
     raw = {symbol: column for symbol, column in found if column is not None}
-    spectrum = spectrum_of(np.column_stack(list(raw.values())))
+    spectrum = grid.spectrum_of(np.column_stack(list(raw.values())))
     columns = dict(zip(raw, grid.lay(spectrum).T, strict=True))
     states = [term.symbol for term in (*RATE_TERMS, *ANGLES) if term.symbol in raw]
-    slopes = grid.lay(spectrum[:, [list(raw).index(name) for name in states]], grid.s[: grid.n_bins])
+    slopes = grid.lay(spectrum[:, [list(raw).index(name) for name in states]], grid.s)
     columns |= {f"{name}_dot": slope for name, slope in zip(states, slopes.T, strict=True)}
     columns[TRIM.symbol] = np.ones(grid.n_rows)
     return columns
@@ -318,9 +314,8 @@ def _instruments(chunks: Sequence[Segment], grids: Sequence[RowGrid]) -> FloatAr
     n_references = max(reference.shape[1] for reference in references)
     parts = []
     for reference, grid in zip(references, grids, strict=True):
-        spectrum = spectrum_of(reference)
-        bins = grid.s[: grid.n_bins]
-        delayed = [grid.lay(spectrum, delay_response(bins, delay_s)) for delay_s in _INSTRUMENT_DELAYS_S]
+        spectrum = grid.spectrum_of(reference)
+        delayed = [grid.lay(spectrum, delay_response(grid.s, delay_s)) for delay_s in _INSTRUMENT_DELAYS_S]
         # Of pooled logs one may have a chirp of a system-ID mode, and the others none.
         missing = n_references - reference.shape[1]
         parts.append(np.column_stack([np.pad(columns, ((0, 0), (0, missing))) for columns in delayed]))

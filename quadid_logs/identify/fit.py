@@ -18,14 +18,13 @@ from quadid_logs.identify.inference import (
     clusters_of,
     feedback_left,
     infer,
-    quantile_95,
+    student_quantile,
     torque_effects,
 )
 from quadid_logs.identify.instruments import Projection
 from quadid_logs.identify.structures import Structure
-from quadid_logs.identify.terms import AIR_SPEED, ROTOR_DAMPING, TRIM, YAW_REACTION
+from quadid_logs.identify.terms import AIR_SPEED, LOOP_SYMBOLS, ROTOR_DAMPING, TRIM, YAW_REACTION
 from quadid_logs.maths.least_squares import Equation, clustered_covariance, solve_least_squares
-from quadid_logs.vocabulary import RATE_SYMBOLS, TORQUE_SYMBOLS
 
 _YAW = 2
 _AIR_SPEED = tuple(term.symbol for term in AIR_SPEED)
@@ -56,7 +55,7 @@ class PooledFit:
         Scale and cross-axis errors E of the gyro, where they were among the unknowns: it shows (I + E) w.
     measured : ndarray, shape (n_targets, n_columns), or None
         [A B] of the rates as measured, where that is not `theta`.
-    of_axes : ndarray, shape (3, 4, 4), or None
+    of_axes : ndarray, shape (3, 5, 5), or None
         As of `quadid_logs.identify.inference.Uncertainty.of_axes`; None for a structure without actuator.
     """
 
@@ -113,6 +112,7 @@ def lay_out(
     kept: BoolArray | None = None,
     *,
     average: int = 1,
+    all_instruments: bool = False,
 ) -> Regression:
     """Lay out the rows that a structure is fitted to.
 
@@ -120,6 +120,8 @@ def lay_out(
     ----------
     design, structure, actuator, kept, average
         As of `fit_pooled`.
+    all_instruments : bool
+        For more columns than those of the structure: none is left out.
 
     Returns
     -------
@@ -138,7 +140,27 @@ def lay_out(
     n_targets = len(structure.targets)
     Z, Y = rows[:, :-n_targets], rows[:, -n_targets:]
     project = Projection(instrumented, structure, train)
+    if actuator is not None and not all_instruments:
+        by_time = design.averaged(times_of(design, actuator), average)[train]
+        project = project.jackknifed(np.column_stack([Z, by_time]), clusters_of(design))
     return Regression(Z, project(Z), Y, used_columns(design, structure, kept), project)
+
+
+def times_of(design: Design, actuator: ActuatorFit) -> FloatArray:
+    """Return the derivatives of the torque by lag and delay; shape (n_rows, 6).
+
+    Parameters
+    ----------
+    design : Design
+    actuator : ActuatorFit
+
+    Returns
+    -------
+    ndarray, shape (n_rows, 6)
+    """
+    lag_s, delay_s = actuator.lag_s, actuator.delay_s
+    by_lag, by_delay = design.torque.by_lag(lag_s, delay_s), design.torque.by_delay(lag_s, delay_s)
+    return np.column_stack([by_lag, by_delay])
 
 
 def used_columns(design: Design, structure: Structure, kept: BoolArray | None) -> BoolArray:
@@ -227,13 +249,13 @@ def fit_pooled(
 
 
 def _one_each(structure: Structure, used: BoolArray) -> FloatArray:
-    """Return the slopes of on-axis effectiveness and damping where every coefficient is a parameter.
+    """Return the slopes of what a loop is made of where every coefficient is a parameter.
 
-    Shape (3, 2, n_parameters), as `Uncertainty.of_axes` takes them; zero where an axis has none.
+    Shape (3, 3, n_parameters), as `Uncertainty.of_axes` takes them; zero where an axis has none.
     """
     number = np.cumsum(used.ravel()).reshape(used.shape) - 1
-    slopes = np.zeros((3, 2, int(np.count_nonzero(used))))
-    for axis, symbols in enumerate(zip(TORQUE_SYMBOLS, RATE_SYMBOLS, strict=True)):
+    slopes = np.zeros((3, 3, int(np.count_nonzero(used))))
+    for axis, symbols in enumerate(LOOP_SYMBOLS):
         for row, symbol in enumerate(symbols):
             column = structure.columns.index(symbol) if symbol in structure.columns else -1
             if column >= 0 and used[axis, column]:
@@ -312,7 +334,7 @@ def _mean_half_width(columns: FloatArray, design: Design) -> list[float]:
     ones = np.ones((len(columns), 1))
     equations = [Equation(ones, column - column.mean(), np.array([0])) for column in columns.T]
     return [
-        quantile_95(blocks) * float(np.sqrt(clustered_covariance([each], blocks, 1)[0, 0]))
+        student_quantile(blocks) * float(np.sqrt(clustered_covariance([each], blocks, 1)[0, 0]))
         for each in equations
     ]
 

@@ -39,11 +39,12 @@ _MIN_CLUSTERS = 12
 #: A lag with less phase than this [rad] at the smoothing cut-off acts as a
 #: delay does; their derivatives are then parallel and only the sum is known.
 _LAG_SEEN = 0.1
-#: What is left of feedback's effect on least squares, in instruments per independent row: one because
-#: so many instruments fit that part of the disturbances by chance (Bound, Jaeger and Baker, JASA 90, 1995),
-#: one because set-points answer the same disturbances through the attitude, which was of the same size in
-#: 40 simulated flights through air as rough as flown.
-_LEFT_OF_FEEDBACK = 2.0
+#: What is left of feedback's effect on least squares, in instruments per independent row: what they follow by
+#: chance would be one (Bound, Jaeger and Baker, JASA 90, 1995) were it not told by other seconds; set-points
+#: answer the same disturbances through the attitude, which does as much as that.
+_LEFT_OF_FEEDBACK = 1.0
+#: Places of effectiveness, damping and reaction in a `Posterior`; lag and delay, of all axes, stand between.
+_OF_THE_EQUATION: Final = np.array([0, 1, 4])
 
 
 class TorqueUnknowns(NamedTuple):
@@ -118,20 +119,21 @@ class Uncertainty(NamedTuple):
         return float(np.sqrt(max(self.joint[place, place], 0.0)))
 
     def of_axes(self, slopes: FloatArray) -> FloatArray:
-        """Return the covariance of effectiveness, damping, lag and delay of each axis; shape (3, 4, 4).
+        """Return the covariance of the numbers of `data.model.Posterior` of each axis; shape (3, 5, 5).
 
         Parameters
         ----------
-        slopes : ndarray, shape (3, 2, n_parameters)
-            Of the axis' on-axis effectiveness and of its damping, by the parameters of A and B.
+        slopes : ndarray, shape (3, 3, n_parameters)
+            Of the axis' on-axis effectiveness, of its damping and of the reaction of its rotors, by the
+            parameters of A and B.
 
         Returns
         -------
-        ndarray, shape (3, 4, 4)
+        ndarray, shape (3, 5, 5)
             Its roots are half widths of 95 % intervals; zero for a lag that was not fitted.
         """
-        whole = np.zeros((3, 4, len(self.joint)))
-        whole[:, :2, : slopes.shape[2]] = slopes
+        whole = np.zeros((3, 5, len(self.joint)))
+        whole[:, _OF_THE_EQUATION, : slopes.shape[2]] = slopes
         for row, name in enumerate(("lag", "delay"), start=2):
             if name in self.shared:
                 whole[:, row, self.shared.index(name) - len(self.shared)] = 1.0
@@ -270,11 +272,11 @@ def covariance_95(
     of_residuals = clustered_covariance(equations, clusters, n_parameters, prior_precision)
     by_row = [errors[:, row] for row in range(len(equations))]
     change = first_order_change(equations, by_row, n_parameters, prior_precision)
-    return np.asarray(quantile_95(clusters) ** 2 * of_residuals + change @ change.T)
+    return np.asarray(student_quantile(clusters) ** 2 * of_residuals + change @ change.T)
 
 
-def quantile_95(clusters: IntArray) -> float:
-    """Return the two-sided 95 % quantile of Student's t that a variance from so many clusters needs.
+def student_quantile(clusters: IntArray, tail: float = 0.025) -> float:
+    """Return the two-sided quantile, 95 % by default, of Student's t for a variance from so many clusters.
 
     One degree of freedom less than there are clusters (Bell and McCaffrey, Survey Methodology 28, 2002).
 
@@ -282,6 +284,8 @@ def quantile_95(clusters: IntArray) -> float:
     ----------
     clusters : ndarray of int, shape (n_rows,)
         From 0, without gaps.
+    tail : float
+        Probability on either side.
 
     Returns
     -------
@@ -289,7 +293,7 @@ def quantile_95(clusters: IntArray) -> float:
     """
     from scipy.special import stdtrit
 
-    return float(stdtrit(max(int(clusters.max()), 1), 0.975))
+    return float(stdtrit(max(int(clusters.max()), 1), 1.0 - tail))
 
 
 def clusters_of(design: Design) -> IntArray:
@@ -459,15 +463,15 @@ def posterior_of(
     of_axes: FloatArray,
     period_s: float,
 ) -> Posterior:
-    """Return what is known together of effectiveness, damping, lag and delay of each axis.
+    """Return what is known together of effectiveness, damping, lag, delay and reaction of each axis.
 
     Parameters
     ----------
-    as_measured, half_width : ndarray, shape (3, 2)
-        On-axis effectiveness and damping of the rates as measured; half widths of their 95 % intervals
-        with all that is systematic but the gyro's scale and the torque's calibration.
+    as_measured, half_width : ndarray, shape (3, 3)
+        On-axis effectiveness, damping and reaction of the rates as measured; half widths of their 95 %
+        intervals with all that is systematic but the gyro's scale and the torque's calibration.
     actuator : ActuatorFit
-    of_axes : ndarray, shape (3, 4, 4)
+    of_axes : ndarray, shape (3, 5, 5)
         As of `Uncertainty.of_axes`.
     period_s : float
         Of the samples [s].
@@ -480,14 +484,14 @@ def posterior_of(
     """
     systematic_s = TIMING_SYSTEMATIC * period_s
     covariance = of_axes.copy()
-    for number in range(2):
+    for column, number in enumerate(_OF_THE_EQUATION):
         statistical = of_axes[:, number, number]
-        covariance[:, number, number] = np.maximum(half_width[:, number] ** 2, statistical)
+        covariance[:, number, number] = np.maximum(half_width[:, column] ** 2, statistical)
     covariance[:, 2, 2] += systematic_s**2 + (LAG_SYSTEMATIC * actuator.lag_s) ** 2
     covariance[:, 3, 3] += systematic_s**2
     times = np.tile([actuator.lag_s, actuator.delay_s], (len(as_measured), 1))
     return Posterior(
-        mean=np.column_stack([as_measured, times]),
+        mean=np.column_stack([as_measured[:, :2], times, as_measured[:, 2:]]),
         covariance=covariance / NORMAL_95**2,
         lag_or_delay_s=max(0.0, min(actuator.lag_limit_s - actuator.lag_s, actuator.delay_s)),
     )

@@ -41,10 +41,11 @@ from quadid_logs.identify.parameters import (
 from quadid_logs.identify.structural import with_alternatives, with_unseen_damping
 from quadid_logs.identify.structures import Structure
 from quadid_logs.identify.systematic import gyro_half_width
+from quadid_logs.identify.terms import of_loops
 from quadid_logs.identify.validate import validate
 from quadid_logs.identify.windows import windows_on_rows
 from quadid_logs.maths.discretise import zero_order_hold
-from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS, TORQUE_SYMBOLS
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS, TORQUE_SYMBOLS, explained_words
 
 
 def actuated_model(
@@ -201,18 +202,14 @@ def _actuator(found: ActuatedFit, period_s: float) -> Actuator:
 def _posterior(found: ActuatedFit, period_s: float) -> Posterior | None:
     """Return what is known together of the numbers that a control loop is made of."""
     structure, of_axes = found.structure, found.fit.of_axes
-    places = list(zip(TORQUE_SYMBOLS, RATE_SYMBOLS, strict=True))
     if of_axes is None or not {*RATE_SYMBOLS} <= {*structure.columns}:
         return None
-    columns = np.array([[structure.columns.index(name) for name in pair] for pair in places])
     # A controller is given what the gyro shows, and gives commands: neither the gyro's scale nor the newton
     # metres of a command make its loop less certain.
     estimate = _widened(structure, _intervals(structure, found.fit, found, None), found)
     half = 0.5 * (estimate.high - estimate.low)
     half = np.sqrt(np.maximum(half**2 - gyro_half_width(structure, found.fit.as_measured) ** 2, 0.0))
-    as_measured, half = (
-        np.take_along_axis(each[:3], columns, axis=1) for each in (found.fit.as_measured, half)
-    )
+    as_measured, half = (of_loops(structure.columns, each) for each in (found.fit.as_measured, half))
     return posterior_of(as_measured, half, found.model.actuator, of_axes, period_s)
 
 
@@ -231,7 +228,7 @@ def _caveats_by_target(design: Design, validation: Validation) -> dict[str, str]
     """Return the targets of whose equations nothing is identified, with the reason."""
     least = MIN_SIGNAL_TO_NOISE / (1.0 + MIN_SIGNAL_TO_NOISE)
     caveats = {
-        target: f"the model explains only {100.0 * max(0.0, np.nan_to_num(r2)):.0f} % of held-out {target}"
+        target: f"the model explains {explained_words(r2)} of held-out {target}"
         for target, r2 in validation.r2_acceleration.items()
         if not r2 >= least
     }

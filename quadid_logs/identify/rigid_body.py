@@ -18,12 +18,12 @@ from quadid_logs.data.flight import FlightData
 from quadid_logs.identify.actuator_model import ActuatorModel
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.equation_by_equation import ActuatedFit
-from quadid_logs.identify.fit import PooledFit, explained_fraction, with_trim
+from quadid_logs.identify.fit import PooledFit, explained_fraction, times_of, with_trim
 from quadid_logs.identify.inference import clusters_of, feedback_left, infer, torque_effects
 from quadid_logs.identify.instruments import Projection
 from quadid_logs.identify.structures import Structure
 from quadid_logs.identify.systematic import GYRO_SYSTEMATIC, as_measured
-from quadid_logs.identify.terms import THROTTLED_YAW, TORQUE_TERMS, TRIM, YAW_REACTION
+from quadid_logs.identify.terms import THROTTLED_YAW, TORQUE_TERMS, TRIM, YAW_REACTION, of_loops
 from quadid_logs.maths.least_squares import Equation, solve_least_squares
 from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.maths.rotational_dynamics import PRODUCTS, gyroscopic_matrix
@@ -122,29 +122,38 @@ class _Body(NamedTuple):
         return [self.symbols.index(symbol) for symbol in symbols]
 
     def coefficients(self, x: FloatArray) -> FloatArray:
-        """Return the coefficients of all columns; shape (3, n_symbols).
+        """Return the coefficients of all columns for parameters (..., n_parameters); (..., 3, n_symbols).
 
         With P the inverse inertia to any scale, B = P K and the damping P D,
         K and D diagonal such that the diagonals are the given ones.
         """
-        moments = np.abs(x[:3]) if self.calibrated else np.exp([0.0, *x[self.ratios]])
-        P = np.diag(moments)
-        for value, (i, j) in zip(x[self.correlations], _PAIRS, strict=True):
-            P[i, j] = P[j, i] = value * np.sqrt(moments[i] * moments[j])
-        B = P * (x[:3] / moments)
-        theta = np.zeros((3, len(self.symbols)))
-        theta[:, self._places(TORQUE_SYMBOLS)] = B
-        theta[:, self._places(PRODUCTS)] = gyroscopic_matrix(np.linalg.inv(P))
-        theta[:, self._places(RATE_SYMBOLS)] = P * (x[self.damping] / moments)
-        theta[:, self._places(self.loose)] = x[self.of_loose].reshape(3, -1)
-        theta[:, self._places(self.of_yaw_torque)] = B[:, 2:] * x[self.multiples]
+        moments, P = self._inverse_inertia(x)
+        B = P * (x[..., :3] / moments)[..., np.newaxis, :]
+        theta = np.zeros((*x.shape[:-1], 3, len(self.symbols)))
+        theta[..., self._places(TORQUE_SYMBOLS)] = B
+        inertia = np.asarray(np.linalg.inv(P), dtype=np.float64)
+        theta[..., self._places(PRODUCTS)] = gyroscopic_matrix(inertia)
+        theta[..., self._places(RATE_SYMBOLS)] = P * (x[..., self.damping] / moments)[..., np.newaxis, :]
+        theta[..., self._places(self.loose)] = x[..., self.of_loose].reshape(*x.shape[:-1], 3, -1)
+        multiples = x[..., np.newaxis, self.multiples]
+        theta[..., self._places(self.of_yaw_torque)] = B[..., 2:] * multiples
         return theta
+
+    def _inverse_inertia(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return its diagonal (..., 3) and itself (..., 3, 3), to any scale."""
+        first = np.zeros((*x.shape[:-1], 1))
+        moments = np.abs(x[..., :3]) if self.calibrated else np.exp(np.append(first, x[..., self.ratios], -1))
+        P = np.zeros((*x.shape[:-1], 3, 3))
+        P[..., range(3), range(3)] = moments
+        for value, (i, j) in zip(np.moveaxis(x[..., self.correlations], -1, 0), _PAIRS, strict=True):
+            P[..., i, j] = P[..., j, i] = value * np.sqrt(moments[..., i] * moments[..., j])
+        return moments, P
 
     def measured(self, x: FloatArray) -> FloatArray:
         """Return the `coefficients` for rates as the gyro shows them."""
-        theta, E = self.coefficients(x), x[self.gyro].reshape(3, 3)
+        theta, E = self.coefficients(x), x[..., self.gyro].reshape(*x.shape[:-1], 3, 3)
         products, rates = self._places(PRODUCTS), self._places(RATE_SYMBOLS)
-        theta[:, products], theta[:, rates] = as_measured(E, theta[:, products], theta[:, rates])
+        theta[..., products], theta[..., rates] = as_measured(E, theta[..., products], theta[..., rates])
         return np.asarray((np.eye(3) + E) @ theta)
 
     def prior(self) -> tuple[FloatArray, FloatArray]:
@@ -229,6 +238,8 @@ def _rows(body: _Body, structure: Structure, model: ActuatorModel) -> _Rows:
     answering = {term.symbol for term in TORQUE_TERMS if term.answers_disturbances}
     others = [number for number, symbol in enumerate(structure.inputs) if symbol not in answering]
     project = Projection(design, structure, train, also=torque[:, others])
+    by_time = times_of(design, model.actuator)[train]
+    project = project.jackknifed(np.column_stack([Z, by_time]), clusters_of(design))
     return _Rows(Z, project(Z), Y, design, model, project)
 
 
@@ -255,14 +266,13 @@ def _reduced(explained: FloatArray, Y: FloatArray, unexplained: FloatArray, n_cl
 
 
 def _slopes(function: Callable[[FloatArray], FloatArray], x: FloatArray) -> FloatArray:
-    """Return the derivatives of a function by all parameters, as its last dimension."""
-    columns = []
-    for number, step in enumerate(_STEP * np.maximum(np.abs(x), 1.0)):
-        ahead, behind = x.copy(), x.copy()
-        ahead[number] += step
-        behind[number] -= step
-        columns.append((function(ahead) - function(behind)) / (2.0 * step))
-    return np.stack(columns, axis=-1)
+    """Return the derivatives of a function by all parameters, as its last dimension.
+
+    The function takes many points at once: one by one they would be most of the time of a short flight.
+    """
+    step = _STEP * np.maximum(np.abs(x), 1.0)
+    ahead, behind = function(x + np.diag(step)), function(x - np.diag(step))
+    return np.ascontiguousarray(np.moveaxis(ahead - behind, 0, -1) / (2.0 * step))
 
 
 def _solve(body: _Body, problem: _Reduced, x: FloatArray, free: BoolArray) -> FloatArray | None:
@@ -340,11 +350,5 @@ def _as_fit(body: _Body, x: FloatArray, free: BoolArray, rows: _Rows, n_columns:
         disturbance=measured[:, n_columns:],
         gyro=x[body.gyro].reshape(3, 3) if coupled else None,
         measured=measured[:, :n_columns],
-        of_axes=found.of_axes(_on_axis(body, slopes_measured)),
+        of_axes=found.of_axes(of_loops(body.symbols, slopes_measured)),
     )
-
-
-def _on_axis(body: _Body, slopes: FloatArray) -> FloatArray:
-    """Return those of (3, n_symbols, n_free) slopes that are of on-axis effectiveness and damping."""
-    places = zip(body._places(TORQUE_SYMBOLS), body._places(RATE_SYMBOLS), strict=True)
-    return np.stack([slopes[axis, list(pair)] for axis, pair in enumerate(places)])

@@ -21,7 +21,7 @@ from quadid_logs.identify.excitation import ColumnNoise, noise_density
 from quadid_logs.identify.instruments import with_strong_instruments
 from quadid_logs.identify.model import actuated_model
 from quadid_logs.identify.parameters import MAX_RELATIVE_CI
-from quadid_logs.identify.response import responses
+from quadid_logs.identify.response import responses, slope_and_phase
 from quadid_logs.identify.structures import Structure
 from quadid_logs.identify.yaw import fit_with_reaction
 from quadid_logs.vocabulary import AXES, ON_AXIS
@@ -43,6 +43,23 @@ _OFF_INVERSE_DEG = 60.0
 _REASON = "the log is too slow for it"
 _WIDE = "its 95 % interval is wide"
 _YAW = 2
+
+
+def may_tell_yaw(data: FlightData) -> bool:
+    """Say whether yaw may be told by a log, whatever its rate is: fast enough for that, with set-points.
+
+    Parameters
+    ----------
+    data : FlightData
+
+    Returns
+    -------
+    bool
+    """
+    if data.input is None or any(segment.reference is None for segment in data.segments):
+        return False
+    needed = [data.sources[name] for name in (data.input.kind, "body_rate") if name in data.sources]
+    return bool(data.segments) and min(source.rate_hz for source in needed) >= MIN_YAW_RATE_HZ
 
 
 def fit_slow_yaw(
@@ -91,13 +108,13 @@ def _follows_motion(found: Sequence[Response], cutoff_hz: float) -> bool:
 
     A response that grows with the n-th power of frequency leads by n right angles (H. W. Bode, 1945), and
     what lags makes it lead less; -1/C, of the other sign, is two right angles from that.
+    `quadid_logs.identify.response.feedback_in` wants four third octaves in a row, each by itself. A slow log
+    has three here, about one line through them: two of five flown hovers would pass there.
     """
     for each in found:
-        known = (each.error < _KNOWN) & (each.frequency_hz < cutoff_hz)
-        if np.count_nonzero(known) >= _FEWEST_BANDS:
-            size, frequency_hz = np.abs(each.gain[known]), each.frequency_hz[known]
-            slope = float(np.polyfit(np.log(frequency_hz), np.log(size), 1)[0])
-            phase_deg = float(np.degrees(np.angle(np.mean(each.gain[known] / size))))
+        known = np.flatnonzero((each.error < _KNOWN) & (each.frequency_hz < cutoff_hz))
+        if known.size >= _FEWEST_BANDS:
+            slope, phase_deg = slope_and_phase(each, known)
             off_deg = (phase_deg - 90.0 * slope) % 360.0 - 180.0
             return slope >= _LEAST_SLOPE and abs(off_deg) <= _OFF_INVERSE_DEG
     return False

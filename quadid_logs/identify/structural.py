@@ -13,17 +13,18 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import FloatArray, IntArray
-from quadid_logs.data.flight import InputDescription
+from quadid_logs.data.flight import InputDescription, Segment
 from quadid_logs.data.model import Effect, EffectCheck, StructuralCheck, TimingCheck
 from quadid_logs.identify.actuator_model import ActuatorModel, FitProblem, free_actuator_model
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.fit import PooledFit, Regression, fit_pooled, lay_out
 from quadid_logs.identify.inference import Estimate, clusters_of
+from quadid_logs.identify.instruments import held_attitudes
 from quadid_logs.identify.structures import Structure
 from quadid_logs.identify.terms import YAW_REACTION
-from quadid_logs.identify.torque import spectrum_of
 from quadid_logs.maths.band import ComplexArray, delay_response, lag_response
 from quadid_logs.maths.normal import NORMAL_95
+from quadid_logs.maths.recurrence import lag
 from quadid_logs.maths.rotations import tilt_from_rates
 from quadid_logs.vocabulary import RATE_SYMBOLS, TORQUE_SYMBOLS
 
@@ -31,13 +32,19 @@ from quadid_logs.vocabulary import RATE_SYMBOLS, TORQUE_SYMBOLS
 #: three axes, variances from some thirty clusters are known to a quarter, and feedback that is not taken out
 #: makes up to 40 of a flight without any effect.
 EFFECT_SEEN: Final = 60.0
-#: An effect that is the model's error explains a good part of what the model leaves; a dead zone half of it:
-#: without set-points small torques are mostly answers to gusts, and seem to have less effect (up to 0.46).
-EFFECT_EXPLAINS: Final = (0.25, 0.5)
-#: From here on an effect may be there, and the interval covers what the effectiveness would be with it: one
-#: in a million by chance, at any of the levels that are tried.
-_EFFECT_POSSIBLE = 25.0
+#: An effect that is the model's error explains a good part of what the model leaves.
+_EFFECT_EXPLAINS = 0.25
+#: Without set-points small torques are mostly answers to gusts, and seem to have less effect (up to 0.46).
+_EXPLAINS_WITHOUT_SETPOINTS = 0.5
+#: Where one axis shows a dead zone all have it, for their rotors are the same: left to say is how large it is
+#: there. Three standard deviations; at one of eight levels noise reaches that once in fifty.
+_ON_ANOTHER_AXIS = 9.0
+#: From here on an effect may be there, and the interval covers what the effectiveness would be with it: by
+#: chance on one axis in two hundred, at any of the dozen that are tried, and the price is width alone.
+_EFFECT_POSSIBLE = 12.0
 _POSSIBLY_EXPLAINS = 0.05
+#: Effects that are lost torque of some size, not another shape of the response.
+_OF_AMPLITUDE: Final = ("threshold", "limit")
 #: An effect that would shift the effectiveness by more leaves no number.
 LARGEST_SHIFT: Final = 0.5
 #: Beyond a limit, torque has no effect: in simulated flights 0.6 and more of its coefficient goes to the
@@ -47,6 +54,11 @@ _LEAST_LOST = 0.5
 _LEVELS: Final = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.96)
 #: Frames and arms of multirotors bend from some hertz on; a mode is as wide as the steps between these.
 _MODES_HZ: Final = (3.0, 4.0, 5.0, 6.0, 7.0, 8.5, 10.0, 12.0)
+#: Loads swing on strings of half a metre to two, at 0.35 to 0.8 Hz.
+_SWINGS_HZ: Final = (0.35, 0.45, 0.6, 0.8)
+#: With fewer samples a cycle, what a mode does and what the torque does between two samples are alike: a log
+#: of 20 Hz, fitted up to 2.5 Hz, would show flanks of modes that no vehicle has.
+_MODE_SAMPLES_PER_CYCLE = 8.0
 #: Damping ratio at which a mode is looked for: wider than any, so that the steps leave no gap.
 _MODE_DAMPING = 0.1
 #: Tilt integrated from rates fades in this time, far below the band that is fitted.
@@ -62,6 +74,8 @@ _PERSISTENCE_S = 0.5
 _MOST_YAW_DAMPING_1_S = 1.0
 #: Below, the lag of a rotor moves no torque by as much as can be seen [s].
 _LEAST_LAG_S = 0.002
+
+_Response = Callable[[ComplexArray], ComplexArray]
 
 
 class _Candidate(NamedTuple):
@@ -171,7 +185,7 @@ def check_structure(
     # Beside a torque from another time no effect could be told: each would make up for that.
     model = free or model
     design = model.design
-    regression = lay_out(design, structure, model.actuator, fit.kept)
+    regression = lay_out(design, structure, model.actuator, fit.kept, all_instruments=True)
     equations = _equations(design, structure, model, regression, axes)
     persistence, spread = _variation(design, equations)
     flight_gain, flight_half_width = _by_flight(design, equations)
@@ -183,6 +197,8 @@ def check_structure(
         persistence=persistence,
         spread=spread,
         feedback=_feedback(design, fit),
+        instrumented=design.instruments is not None,
+        own_timing=_own_timing(structure, regression, equations),
     )
 
 
@@ -205,7 +221,8 @@ def with_alternatives(structure: Structure, estimate: Estimate, check: Structura
         gain = estimate.theta[place]
         of_timing = 0.0 if check.timing is None else check.timing.shift[axis]
         seen, possible = _shifts(check, axis)
-        factors = np.append(1.0, (1.0 + of_timing) * (1.0 + seen))
+        own = check.own_timing[axis] if _spoils_timing(check, axis) else 0.0
+        factors = np.array([1.0, *(1.0 + of_timing) * (1.0 + seen), 1.0 + own])
         others = gain * (1.0 + possible)
         low[place] = min((low[place] * factors).min(), others.min())
         high[place] = max((high[place] * factors).max(), others.max())
@@ -243,32 +260,65 @@ def with_unseen_damping(structure: Structure, estimate: Estimate) -> Estimate:
 
 def _shifts(check: StructuralCheck, axis: int) -> tuple[FloatArray, FloatArray]:
     """Return how much larger, relative, the effectiveness is with what is seen, and what may be there."""
-    effects = [each for each in check.effects if each.axis == axis]
     seen = seen_effects(check, axis)
     if seen:
-        # The others are its shadows.
         return np.array([0.0, max(seen, key=_explained).shift]), np.zeros(1)
-    possible = [each.shift for each in effects if _is_possible(each)]
-    return np.zeros(1), np.array([0.0, *possible])
+    possible = _possible(check, axis)
+    shifts = [each.shift for each in possible]
+    # An amplitude that is lost makes the effectiveness low. A misfit of the response that looks like one of
+    # the others may be of something that moves it the other way.
+    opposite = [-each.shift for each in possible if each.effect not in _OF_AMPLITUDE]
+    return np.zeros(1), np.array([0.0, *shifts, *opposite])
 
 
-def is_seen(effect: EffectCheck) -> bool:
+def _spoils_timing(check: StructuralCheck, axis: int) -> bool:
+    """Say whether an effect on another axis may have made the lag and the delay that all have in common."""
+    return any(seen_effects(check, other) for other in range(3) if other != axis)
+
+
+def evidence_needed(check: StructuralCheck, effect: EffectCheck) -> tuple[float, float]:
+    """Return what an effect must reach to be there beyond chance, and to be much of the model's error.
+
+    Parameters
+    ----------
+    check : StructuralCheck
+    effect : EffectCheck
+        One of its effects.
+
+    Returns
+    -------
+    statistic : float
+    explained : float
+        Fraction of the residual.
+    """
+    if effect.effect != "threshold":
+        return EFFECT_SEEN, _EFFECT_EXPLAINS
+    explained = _EFFECT_EXPLAINS if check.instrumented else _EXPLAINS_WITHOUT_SETPOINTS
+    others = (each for each in check.effects if each.effect == "threshold" and each.axis != effect.axis)
+    if any(each.statistic >= EFFECT_SEEN and each.explained >= explained for each in others):
+        return _ON_ANOTHER_AXIS, 0.0
+    return EFFECT_SEEN, explained
+
+
+def is_seen(check: StructuralCheck, effect: EffectCheck) -> bool:
     """Say whether an effect is there beyond chance and is much of the model's error.
 
     Parameters
     ----------
+    check : StructuralCheck
     effect : EffectCheck
+        One of its effects.
 
     Returns
     -------
     bool
     """
-    least = EFFECT_EXPLAINS[effect.effect == "threshold"]
-    return effect.statistic >= EFFECT_SEEN and effect.explained >= least
+    statistic, explained = evidence_needed(check, effect)
+    return effect.statistic >= statistic and effect.explained >= explained
 
 
 def seen_effects(check: StructuralCheck, axis: int) -> list[EffectCheck]:
-    """Return the effects that an axis has; a dead zone that one axis shows is that of the rotors of all.
+    """Return the effects that an axis has.
 
     Parameters
     ----------
@@ -279,35 +329,58 @@ def seen_effects(check: StructuralCheck, axis: int) -> list[EffectCheck]:
     -------
     list of EffectCheck
     """
-    shown = any(each.effect == "threshold" and is_seen(each) for each in check.effects)
-    return [
-        each
-        for each in check.effects
-        if each.axis == axis
-        and (is_seen(each) or (shown and each.effect == "threshold" and _is_beyond_chance(each)))
-    ]
+    return [each for each in check.effects if each.axis == axis and is_seen(check, each)]
 
 
-def _is_beyond_chance(effect: EffectCheck) -> bool:
-    """Say whether an effect is there, and explains what is enough where nothing else looks like it."""
-    return effect.statistic >= EFFECT_SEEN and effect.explained >= EFFECT_EXPLAINS[0]
+def possible_losses(check: StructuralCheck, axis: int) -> list[EffectCheck]:
+    """Return the dead zones and limits that an axis may have: not clear enough to be seen.
+
+    Parameters
+    ----------
+    check : StructuralCheck
+    axis : int
+
+    Returns
+    -------
+    list of EffectCheck
+        None where an effect is seen, whose shadows the others are.
+    """
+    return [each for each in _possible(check, axis) if each.effect in _OF_AMPLITUDE]
+
+
+def _possible(check: StructuralCheck, axis: int) -> list[EffectCheck]:
+    """Return the effects that an axis may have, and its interval covers; none where one is seen."""
+    if seen_effects(check, axis):
+        return []
+    return [each for each in check.effects if each.axis == axis and _is_possible(check, each)]
 
 
 def _explained(effect: EffectCheck) -> float:
     return effect.explained
 
 
-def _is_possible(effect: EffectCheck) -> bool:
+def _is_possible(check: StructuralCheck, effect: EffectCheck) -> bool:
     """Say whether the interval is to cover the effectiveness with an effect that is not seen clearly.
 
-    A mode in the band is then any combination of gain and lag.
+    A mode in the band is then any combination of gain and lag. The rotors of all axes are the same: a dead
+    zone that may be on one may be on all.
     """
-    return (
-        effect.effect != "mode"
-        and effect.statistic >= _EFFECT_POSSIBLE
-        and effect.explained >= _POSSIBLY_EXPLAINS
-        and abs(effect.shift) <= LARGEST_SHIFT
-    )
+    if effect.effect == "mode" or abs(effect.shift) > LARGEST_SHIFT:
+        return False
+    same = [each for each in check.effects if each.effect == effect.effect == "threshold"]
+    evidence = max((each.statistic for each in same if _is_part(each)), default=effect.statistic)
+    return evidence >= _EFFECT_POSSIBLE and _is_part(effect)
+
+
+def _is_part(effect: EffectCheck) -> bool:
+    """Say whether an effect is enough of the model's error to matter to an interval.
+
+    A moment of the tilt is one column, not the likeliest of a dozen levels or frequencies: beyond chance it
+    counts whatever it explains. A load that swings is three, and what gusts and attitude loop make of a tilt
+    looks like it; it explains half and more of what the model leaves.
+    """
+    least = {"tilt": -np.inf, "swing": _EFFECT_EXPLAINS}.get(effect.effect, _POSSIBLY_EXPLAINS)
+    return bool(effect.explained >= least)
 
 
 def _equations(
@@ -342,7 +415,7 @@ def _effects(
     best: dict[tuple[int, Effect], EffectCheck] = {}
     for candidate in _candidates(design, model, regression):
         for axis, equation in equations.items():
-            if candidate.effect == "tilt" and axis == 2:
+            if candidate.effect in ("tilt", "swing") and axis == 2:
                 continue
             also = None if candidate.of_predicted is None else candidate.of_predicted[:, axis]
             found = equation.extended(candidate.columns[:, axis], also)
@@ -357,14 +430,17 @@ def _effects(
 def _checked(candidate: _Candidate, axis: int, found: _Extended) -> EffectCheck:
     """Say what an effect does to an axis.
 
-    The torque below a level has less effect (dead zone), or only that below it has any (limit).
+    The torque below a level has less effect (dead zone), or only that below it has any (limit). By what the
+    instruments tell, a coefficient may be beyond chance and yet leave more than there was: that is no effect,
+    but for the tilt, which no level or frequency was chosen for.
     """
     limited = candidate.effect == "threshold" and found.coefficient > 0.0
     goes_on = limited and found.shift > -_LEAST_LOST
+    there = (found.explained > 0.0 or candidate.effect == "tilt") and not goes_on
     return EffectCheck(
         axis=axis,
         effect="limit" if limited else candidate.effect,
-        statistic=0.0 if goes_on else found.statistic,
+        statistic=found.statistic if there else 0.0,
         explained=found.explained,
         # Below a limit, the torque and the torque cut off are one.
         shift=found.shift + (found.coefficient if limited else 0.0),
@@ -377,7 +453,7 @@ def _candidates(design: Design, model: ActuatorModel, regression: Regression) ->
     yield from _thresholds(design, model, regression)
     yield from _modes(design, model)
     none = np.full(3, np.nan)
-    yield _Candidate("tilt", _tilt(design)[..., np.newaxis], none)
+    yield from _tilts(design)
     if model.actuator.lag_s >= _LEAST_LAG_S:
         curved = _shaped(design, model, lambda s: (s * lag_response(s, model.actuator.lag_s)) ** 2)
         yield _Candidate("second lag", curved[..., np.newaxis], none)
@@ -385,9 +461,7 @@ def _candidates(design: Design, model: ActuatorModel, regression: Regression) ->
             yield _Candidate("asymmetry", _asymmetry(design, model)[..., np.newaxis], none)
 
 
-def _shaped(
-    design: Design, model: ActuatorModel, response: Callable[[ComplexArray], ComplexArray]
-) -> FloatArray:
+def _shaped(design: Design, model: ActuatorModel, response: _Response) -> FloatArray:
     """Return the torque behind the actuator and one more response, on the training rows; (n_train, 3)."""
     lag_s, delay_s = model.actuator.lag_s, model.actuator.delay_s
     return design.torque.shaped(lambda s: response(s) * lag_response(s, lag_s) * delay_response(s, delay_s))[
@@ -414,33 +488,55 @@ def _thresholds(design: Design, model: ActuatorModel, regression: Regression) ->
 
 def _modes(design: Design, model: ActuatorModel) -> Iterator[_Candidate]:
     """Yield what modes of one frequency after the other make of the torque, in either phase."""
-    for frequency_hz in _MODES_HZ:
-        omega = 2.0 * np.pi * frequency_hz
-
-        def mode(s: ComplexArray, omega: float = omega) -> ComplexArray:
-            return np.asarray(
-                omega / (s**2 + 2.0 * _MODE_DAMPING * omega * s + omega**2), dtype=np.complex128
-            )
-
-        both = [
-            _shaped(design, model, lambda s, mode=mode, omega=omega: omega * mode(s)),  # type: ignore[misc]
-            _shaped(design, model, lambda s, mode=mode: s * mode(s)),  # type: ignore[misc]
-        ]
+    highest_hz = 1.0 / (_MODE_SAMPLES_PER_CYCLE * design.sample_period_s)
+    for frequency_hz in (each for each in _MODES_HZ if each <= highest_hz):
+        both = [_shaped(design, model, response) for response in _resonance(frequency_hz)]
         yield _Candidate("mode", np.stack(both, axis=-1), np.full(3, frequency_hz))
 
 
-def _tilt(design: Design) -> FloatArray:
-    """Return roll and pitch, and zeros for yaw, on the training rows; shape (n_train, 3)."""
-    parts = []
-    for chunk, grid in zip(design.chunks, design.torque.grids, strict=True):
-        angles = np.zeros((chunk.n_samples, 3))
-        angles[:, :2] = (
-            tilt_from_rates(chunk.body_rate_rad_s, design.sample_period_s, _TILT_MEMORY_S)
-            if chunk.attitude_rad is None
-            else chunk.attitude_rad[:, :2]
-        )
-        parts.append(grid.lay(spectrum_of(angles)))
-    return design.high_pass(np.concatenate(parts), design.high_pass_hz)[design.train]
+def _tilts(design: Design) -> Iterator[_Candidate]:
+    """Yield roll and pitch, and with them what a load makes of both that swings at one frequency.
+
+    The string pulls along the angle between vehicle and load, and the load follows the vehicle, which
+    moves where its thrust is tilted to.
+    """
+    spectra = [
+        grid.spectrum_of(_tilt(chunk, design.sample_period_s))
+        for chunk, grid in zip(design.chunks, design.torque.grids, strict=True)
+    ]
+
+    def behind(response: _Response) -> FloatArray:
+        each = zip(design.torque.grids, spectra, strict=True)
+        rows = np.concatenate([grid.lay(spectrum, response(grid.s)) for grid, spectrum in each])
+        return design.high_pass(rows, design.high_pass_hz)[design.train]
+
+    tilt = behind(np.ones_like)
+    yield _Candidate("tilt", tilt[..., np.newaxis], np.full(3, np.nan))
+    # Below the fitted band there is no swing, but its flank, which is any slow moment.
+    for frequency_hz in (each for each in _SWINGS_HZ if each >= design.high_pass_hz):
+        swings = [behind(response) for response in _resonance(frequency_hz)]
+        yield _Candidate("swing", np.stack([tilt, *swings], axis=-1), np.full(3, frequency_hz))
+
+
+def _resonance(frequency_hz: float) -> tuple[_Response, _Response]:
+    """Return deflection and rate of a resonance: in any phase it is a sum of the two."""
+    omega = 2.0 * np.pi * frequency_hz
+
+    def deflection(s: ComplexArray) -> ComplexArray:
+        found = omega**2 / (s**2 + 2.0 * _MODE_DAMPING * omega * s + omega**2)
+        return np.asarray(found, dtype=np.complex128)
+
+    return deflection, lambda s: s / omega * deflection(s)
+
+
+def _tilt(chunk: Segment, period_s: float) -> FloatArray:
+    """Return roll and pitch, and zeros for yaw; shape (n_samples, 3)."""
+    tilt = (
+        tilt_from_rates(chunk.body_rate_rad_s, period_s, _TILT_MEMORY_S)
+        if chunk.attitude_rad is None
+        else chunk.attitude_rad[:, :2]
+    )
+    return np.column_stack([tilt, np.zeros(chunk.n_samples)])
 
 
 def _asymmetry(design: Design, model: ActuatorModel) -> FloatArray:
@@ -452,21 +548,19 @@ def _asymmetry(design: Design, model: ActuatorModel) -> FloatArray:
     period_s, lag_s = design.sample_period_s, model.actuator.lag_s
     found = []
     for chunk in design.chunks:
-        lacking = chunk.torque - _lagged(chunk.torque, period_s, lag_s)
-        found.append(np.sign(lacking) * _lagged(np.abs(lacking), period_s, lag_s))
+        lacking = chunk.torque - lag(chunk.torque, period_s, lag_s)
+        found.append(np.sign(lacking) * lag(np.abs(lacking), period_s, lag_s))
     return _behind(design, model, found)
 
 
-def _lagged(columns: FloatArray, period_s: float, lag_s: float) -> FloatArray:
-    """Return columns (n_samples, n) behind a first-order lag, from rest at their first value."""
-    from scipy.linalg import solve_banded
-
-    decay = np.exp(-period_s / lag_s)
-    diagonals = np.ones((2, len(columns)))
-    diagonals[1] = -decay
-    driven = (1.0 - decay) * columns
-    driven[0] = columns[0]
-    return np.asarray(solve_banded((1, 0), diagonals, driven), dtype=np.float64)
+def _own_timing(
+    structure: Structure, regression: Regression, equations: dict[int, _EquationRows]
+) -> FloatArray:
+    """Return how much larger the on-axis effectiveness is with each axis' own lag and delay; shape (3,)."""
+    in_common, own = structure.on_axis(regression.solve()), np.zeros(3)
+    for axis, equation in equations.items():
+        own[axis] = np.clip(equation.gain / in_common[axis] - 1.0, -LARGEST_SHIFT, LARGEST_SHIFT)
+    return own
 
 
 def _variation(design: Design, equations: dict[int, _EquationRows]) -> tuple[FloatArray, FloatArray]:
@@ -540,7 +634,7 @@ def _feedback(design: Design, fit: PooledFit) -> FloatArray:
     squares then find B less the fraction of the torque's variance that answers d (U. Forssell and L. Ljung,
     Automatica 35, 1999). Seen is what the loop leaves of d, a good part of which passes for the model.
     """
-    if design.instruments is not None:
-        return np.zeros(3)
     unexplained = np.clip(1.0 - fit.r2[:3], 0.0, 1.0)
-    return np.asarray(_FEEDBACK * unexplained / np.maximum(1.0 - unexplained, 0.5))
+    higher = _FEEDBACK * unexplained / np.maximum(1.0 - unexplained, 0.5)
+    # Set-points that hold an attitude are feedback themselves.
+    return np.asarray(higher if design.instruments is None else np.where(held_attitudes(design), higher, 0.0))

@@ -73,24 +73,24 @@ def gyro_half_width(structure: Structure, theta: FloatArray) -> FloatArray:
 
 
 def as_measured(E: FloatArray, gyroscopic: FloatArray, damping: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return gyroscopic terms (3, 6) and damping (3, 3) as they are for rates measured as (I + E) w.
+    """Return gyroscopic terms and damping as they are for rates measured as (I + E) w.
 
     All targets are multiplied by I + E besides.
 
     Parameters
     ----------
-    E : ndarray, shape (3, 3)
+    E : ndarray, shape (..., 3, 3)
         Scale and cross-axis errors of the gyro.
-    gyroscopic, damping : ndarray, shape (3, 6) and (3, 3)
+    gyroscopic, damping : ndarray, shape (..., 3, 6) and (..., 3, 3)
 
     Returns
     -------
-    gyroscopic, damping : ndarray, shape (3, 6) and (3, 3)
+    gyroscopic, damping : ndarray, shape (..., 3, 6) and (..., 3, 3)
     """
     back = _undone(E)
     return gyroscopic @ products_mixed(back), damping @ back
 
 
 def _undone(E: FloatArray) -> FloatArray:
-    """Return what turns measured rates into true ones; shape (3, 3)."""
+    """Return what turns measured rates into true ones; shape (..., 3, 3)."""
     return np.asarray(np.linalg.inv(np.eye(3) + E), dtype=np.float64)

@@ -5,7 +5,7 @@ A new term is an object here and a place in a structure's list (`structures`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Final, NamedTuple
 
@@ -13,6 +13,7 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import Segment
+from quadid_logs.maths.recurrence import linear_filter
 from quadid_logs.maths.rotational_dynamics import PRODUCTS
 from quadid_logs.maths.rotations import tilt_from_rates
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS, TORQUE_SYMBOLS
@@ -23,6 +24,9 @@ TORQUE_SYSTEMATIC: Final = 0.003
 #: The damping by rotors goes with the air that flows through them too, and no sensor tells that: on three
 #: flights of a firmware's simulator in still air, roll and pitch are damped by 1 to 7 % more than at hover.
 DAMPING_SYSTEMATIC: Final = 0.05
+#: The reaction of rotors goes with the slope of their speed by command, which falls by 0.2 to 1.4 % with each
+#: hundredth of throttle (expo 0.8 to 0.2, at a third of throttle); a flight spreads over some hundredths.
+REACTION_SYSTEMATIC: Final = 0.02
 #: No moment of inertia exceeds the sum of the other two, so gyroscopic coefficients lie within 1.
 _MOST_GYROSCOPIC = 1.0
 #: Damping of multirotors is published at up to some 5 1/s.
@@ -221,29 +225,30 @@ def column_of(
 
 
 def products_mixed(M: FloatArray) -> FloatArray:
-    """Return K with products(M w) = K products(w); shape (6, 6).
+    """Return K with products(M w) = K products(w); shape (..., 6, 6).
 
     Parameters
     ----------
-    M : ndarray, shape (3, 3)
+    M : ndarray, shape (..., 3, 3)
 
     Returns
     -------
-    ndarray, shape (6, 6)
+    ndarray, shape (..., 6, 6)
         In the order of `PRODUCTS`.
     """
     pairs = [(RATE_SYMBOLS.index(name[0]), RATE_SYMBOLS.index(name[1])) for name in PRODUCTS]
     place = {frozenset(pair): number for number, pair in enumerate(pairs)}
-    K = np.zeros((6, 6))
+    K = np.zeros((*M.shape[:-2], 6, 6))
     for row, (first, second) in enumerate(pairs):
         for a, b in np.ndindex(3, 3):
-            K[row, place[frozenset((a, b))]] += M[first, a] * M[second, b]
+            K[..., row, place[frozenset((a, b))]] += M[..., first, a] * M[..., second, b]
     return K
 
 
 _RATE_FAMILY = Family(RATE_SYMBOLS, lambda M: M)
 _PRODUCT_FAMILY = Family(PRODUCTS, products_mixed)
 _TORQUE_FAMILY = Family(TORQUE_SYMBOLS, lambda _M: np.eye(3))
+_REACTION_FAMILY = Family(("N_dot",), lambda _M: np.eye(1))
 
 
 def _product(symbol: str, words: str = "") -> RateTerm:
@@ -311,15 +316,9 @@ def _air_speed(along: int) -> Callable[[FloatArray, float], FloatArray]:
     """
 
     def speed(attitude_rad: FloatArray, period_s: float) -> FloatArray:
-        # Not scipy.signal: it takes a quarter of a second to import, and this is all that is needed of it.
-        from scipy.linalg import solve_banded
-
         phi, theta = attitude_rad[:, 0], attitude_rad[:, 1]
         push = _GRAVITY_M_S2 * (np.sin(phi) * np.cos(theta) if along else -np.sin(theta))
-        # speed[k] - decay * speed[k - 1] = period * push[k], from rest.
-        diagonals = np.ones((2, len(push)))
-        diagonals[1] = -np.exp(-_DRAG_1_S * period_s)
-        return np.asarray(solve_banded((1, 0), diagonals, period_s * push), dtype=np.float64)
+        return linear_filter((period_s,), (1.0, -float(np.exp(-_DRAG_1_S * period_s))), push)
 
     return speed
 
@@ -369,8 +368,16 @@ YAW_REACTION: Final = TorqueTerm(
     units=("rad/s", "rad"),
     words="N_dot: the reaction of rotors that speed up or slow down, which leads the yaw torque",
     answers_disturbances=True,
+    family=_REACTION_FAMILY,
+    systematic={ACCELERATION_SYMBOLS[2]: REACTION_SYSTEMATIC},
     of_torque=lambda torque, _throttle: torque[:, -1],
     differentiated=True,
+)
+#: What the loop of each axis is made of besides lag and delay: its torque, its damping, and of yaw the
+#: reaction of the rotors.
+LOOP_SYMBOLS: Final = tuple(
+    (torque, rate, *((YAW_REACTION.symbol,) if torque == TORQUE_SYMBOLS[2] else ()))
+    for torque, rate in zip(TORQUE_SYMBOLS, RATE_SYMBOLS, strict=True)
 )
 #: What an actuator may shape; those beside L, M, N only where the flight has what they need.
 TORQUE_TERMS: Final = (*INPUTS, THROTTLED_YAW, YAW_REACTION)
@@ -384,3 +391,24 @@ ROTOR_DAMPING: Final = tuple(
     RotorDampingTerm(symbol=f"{symbol}*rotors", units=("1/s", "1"), axis=axis)
     for axis, symbol in enumerate(RATE_SYMBOLS)
 )
+
+
+def of_loops(symbols: Sequence[str], values: FloatArray) -> FloatArray:
+    """Return what belongs to the `LOOP_SYMBOLS` of each axis, zero where it has none.
+
+    Parameters
+    ----------
+    symbols : sequence of str
+        Of the columns.
+    values : ndarray, shape (n_targets, n_symbols, ...)
+        The first targets are the accelerations about the three axes.
+
+    Returns
+    -------
+    ndarray, shape (3, 3, ...)
+    """
+    found = np.zeros((3, 3, *values.shape[2:]))
+    for axis, wanted in enumerate(LOOP_SYMBOLS):
+        known = [symbols.index(symbol) for symbol in wanted if symbol in symbols]
+        found[axis, : len(known)] = values[axis, known]
+    return found

@@ -38,7 +38,7 @@ from quadid_logs.identify.terms import TRIM
 from quadid_logs.identify.torque_errors import battery_errors, sampling_errors, torques_by_expo
 from quadid_logs.identify.torque_products import MAX_DELAY_S, MAX_LAG_S
 from quadid_logs.maths.least_squares import Equation
-from quadid_logs.maths.thrust_curve import mean_while_moved, slope_at
+from quadid_logs.maths.thrust_curve import mean_while_moved, slope_at, slopes_at
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, TORQUE_SYMBOLS
 
 #: Thrust stands show curves that leave the parabola by one or two hundredths of full thrust: the best
@@ -336,6 +336,7 @@ def _judged(expo: AssumedExpo, found: _Found, scale: float) -> tuple[ThrustCurve
         identifiable=not reason,
         reason=reason,
         corrected=shift != 0.0,
+        measured=expo.lag_is_measured,
     )
     return curve, shift, off
 
@@ -399,11 +400,10 @@ def _with_effectiveness(curve: ThrustCurve, data: FlightData, shift: float, half
     middle = _mean_thrust(data)
     low, high = np.quantile(_collective(data), _FLOWN_QUANTILES)
     levels = np.linspace(float(low), float(high), _N_POINTS)
-    slopes = np.array([slope_at(thrust, by_expo, float(level)) for level in levels])
-    at_mean = slope_at(thrust, by_expo, middle)
+    *slopes, at_mean = slopes_at(thrust, by_expo, np.append(levels, middle))
 
     def relative(k: float) -> FloatArray:
-        return np.asarray((1.0 + k * slopes) / (1.0 + k * at_mean))
+        return np.asarray((1.0 + k * np.array(slopes)) / (1.0 + k * at_mean))
 
     ends = np.stack([relative(shift - half_width), relative(shift + half_width)])
     return replace(

@@ -34,17 +34,18 @@ class RowGrid:
 
     Attributes
     ----------
-    n_samples, n_out : int
-        Length at the full rate, and of the coarser grid that holds all of the smoothed band.
-    s : ndarray, shape (n_samples // 2 + 1,)
-        j omega [rad/s] of the bins of its real FFT.
-    smoothing : ndarray, shape (n_samples // 2 + 1,)
+    n_padded, n_out : int
+        Length at the full rate, with zeros up to one whose FFT is fast, and of the coarser grid that
+        holds all of the smoothed band; both last equally long.
+    s : ndarray, shape (n_bins,)
+        j omega [rad/s] of the bins of the real FFT that the coarser grid holds.
+    smoothing : ndarray, shape (n_bins,)
         Response of the Gaussian.
     rows : slice
         Of the coarser grid, those beyond the reach of all filters.
     """
 
-    n_samples: int
+    n_padded: int
     n_out: int
     s: ComplexArray
     smoothing: FloatArray
@@ -52,25 +53,43 @@ class RowGrid:
 
     @classmethod
     def of(
-        cls, n_samples: int, period_s: float, smoothing_hz: float, *, n_out: int = 0, settle_s: float = 0.0
+        cls,
+        n_samples: int,
+        period_s: float,
+        smoothing_hz: float,
+        *,
+        rows_hz: float = np.inf,
+        settle_s: float = 0.0,
     ) -> RowGrid:
-        """Return the grid of a chunk; `settle_s` more are dropped at its start, by default `n_out` is all."""
-        n_out = n_out or n_samples
-        row_period_s = period_s * n_samples / n_out
+        """Return the grid of a chunk, with `rows_hz` or more, but no more rows than samples.
+
+        `settle_s` more are dropped at its start. Beyond the chunk all counts as zero: no row reaches there.
+        """
+        from scipy.fft import next_fast_len
+
+        # A length with a large prime factor costs ten times as much, and up to hundreds of FFTs are made.
+        n_padded = int(next_fast_len(n_samples, real=True))
+        n_out = n_padded
+        if rows_hz < 1.0 / period_s:
+            n_out = min(n_padded, int(next_fast_len(int(np.ceil(n_padded * period_s * rows_hz)), real=True)))
+        row_period_s = period_s * n_padded / n_out
         reach = int(np.ceil(gaussian_reach_s(smoothing_hz) / row_period_s))
-        s = angular_frequency(n_samples, period_s)
+        s = angular_frequency(n_padded, period_s)[: n_out // 2 + 1]
+        n_rows = n_samples * n_out // n_padded
         return cls(
-            n_samples=n_samples,
+            n_padded=n_padded,
             n_out=n_out,
             s=s,
             smoothing=gaussian_response(s, smoothing_hz),
-            rows=slice(reach + int(np.ceil(settle_s / row_period_s)), n_out - reach),
+            rows=slice(reach + int(np.ceil(settle_s / row_period_s)), n_rows - reach),
         )
 
-    @property
-    def n_bins(self) -> int:
-        """Number of frequencies that the coarser grid holds."""
-        return self.n_out // 2 + 1
+    def spectrum_of(self, columns: FloatArray) -> ComplexArray:
+        """Return the real FFT of columns (n_samples, n_columns) as far as the rows hold it.
+
+        Shape (n_bins, n_columns).
+        """
+        return np.asarray(np.fft.rfft(columns, self.n_padded, axis=0)[: self.s.size], dtype=np.complex128)
 
     @property
     def n_rows(self) -> int:
@@ -79,9 +98,8 @@ class RowGrid:
 
     def lay(self, spectrum: ComplexArray, response: ComplexArray | None = None) -> FloatArray:
         """Return columns on the rows, smoothed and shaped by a response (n_bins,); (n_rows, n_columns)."""
-        n_bins = self.n_bins
-        shape = self.smoothing[:n_bins] if response is None else response * self.smoothing[:n_bins]
-        return filtered(spectrum, shape, n_samples=self.n_samples, n_out=self.n_out)[self.rows]
+        shape = self.smoothing if response is None else response * self.smoothing
+        return filtered(spectrum, shape, n_samples=self.n_padded, n_out=self.n_out)[self.rows]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -92,8 +110,8 @@ class RowTorque:
     ----------
     symbols : tuple of str
         Of the columns: L, M, N, and those of `TorqueTerm` that the flight has.
-    spectra : tuple of ndarray, shape (n_samples // 2 + 1, n_columns)
-        One per chunk.
+    spectra : tuple of ndarray, shape (n_bins, n_columns)
+        One per chunk, as far as its rows hold them.
     throttle : tuple of ndarray, shape (n_samples,), or None
         Its deviation from the mean of the flight, one per chunk; None where it is not known throughout.
     grids : tuple of RowGrid
@@ -143,7 +161,10 @@ class RowTorque:
         ]
         columns = [{name: column for name, column in each.items() if column is not None} for each in found]
         symbols = tuple(name for name in found[0] if all(name in chunk for chunk in columns))
-        spectra = [spectrum_of(np.column_stack([chunk[symbol] for symbol in symbols])) for chunk in columns]
+        spectra = [
+            grid.spectrum_of(np.column_stack([chunk[symbol] for symbol in symbols]))
+            for grid, chunk in zip(self.grids, columns, strict=True)
+        ]
         for number in _differentiated(symbols):
             for spectrum, grid in zip(spectra, self.grids, strict=True):
                 spectrum[:, number] *= grid.s
@@ -182,13 +203,12 @@ class RowTorque:
         self, response: Callable[[ComplexArray], ComplexArray], symbols: Sequence[str] = TORQUE_SYMBOLS
     ) -> FloatArray:
         """Return columns behind a response of j omega and the gyro filter, smoothed; (n_rows, n_symbols)."""
-        bins = [grid.s[: grid.n_bins] for grid in self.grids]
-        return self._laid([response(s) * self.gyro_response(s) for s in bins], symbols)
+        return self._laid([response(grid.s) * self.gyro_response(grid.s) for grid in self.grids], symbols)
 
     def _laid(self, responses: Sequence[ComplexArray | None], symbols: Sequence[str]) -> FloatArray:
         columns = [self.symbols.index(symbol) for symbol in symbols]
         parts = [
-            grid.lay(spectrum[: grid.n_bins, columns], response)
+            grid.lay(spectrum[:, columns], response)
             for grid, spectrum, response in zip(self.grids, self.spectra, responses, strict=True)
         ]
         if self.high_pass_hz:
@@ -200,17 +220,3 @@ def _differentiated(symbols: Sequence[str]) -> list[int]:
     """Return the places of the columns that are derivatives by time."""
     names = [term.symbol for term in TORQUE_TERMS if term.differentiated]
     return [number for number, symbol in enumerate(symbols) if symbol in names]
-
-
-def spectrum_of(columns: FloatArray) -> ComplexArray:
-    """Return the real FFT of columns over time.
-
-    Parameters
-    ----------
-    columns : ndarray, shape (n_samples, n_columns)
-
-    Returns
-    -------
-    ndarray, shape (n_samples // 2 + 1, n_columns)
-    """
-    return np.asarray(np.fft.rfft(columns, axis=0), dtype=np.complex128)

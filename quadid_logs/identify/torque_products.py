@@ -54,13 +54,15 @@ def torque_products(
     of all lags and delays are combinations of those of a few, and so are the products.
     """
     kernels = _kernels(design, design.high_pass(directions, design.high_pass_hz), symbols)
-    few = _few_responses(max(float(s.imag[-1]) for s, _ in kernels))
+    highest_rad_s = max(float(s.imag[-1]) for s, _ in kernels)
+    few = _few_responses(highest_rad_s)
     ready = np.sum(
         [np.tensordot(few.at(s).T, kernel, axes=1).real for s, kernel in kernels], axis=0, dtype=np.float64
     )
 
     def products(lag_s: float, delay_s: float) -> FloatArray:
-        return np.asarray(np.tensordot(few.combined(lag_s, delay_s), ready, axes=1), dtype=np.float64)
+        combined = _combined(highest_rad_s, lag_s, delay_s)
+        return np.asarray(np.tensordot(combined, ready, axes=1), dtype=np.float64)
 
     return products
 
@@ -79,15 +81,14 @@ def _kernels(
         padded = np.zeros((grid.n_out, directions.shape[1]))
         padded[grid.rows] = directions[first : first + grid.n_rows]
         first += grid.n_rows
-        n_bins = grid.n_bins
+        s = grid.s
         # Of a real series each bin but the first, and the last of an even length, stands for two.
-        twice = np.full(n_bins, 2.0)
+        twice = np.full(s.size, 2.0)
         twice[0] = 1.0
         if grid.n_out % 2 == 0:
             twice[-1] = 1.0
-        s = grid.s[:n_bins]
-        shape = grid.smoothing[:n_bins] * twice / grid.n_samples * design.torque.gyro_response(s)
-        torque = shape[:, np.newaxis] * spectrum[:n_bins, columns]
+        shape = grid.smoothing * twice / grid.n_padded * design.torque.gyro_response(s)
+        torque = shape[:, np.newaxis] * spectrum[:, columns]
         conjugate = np.conj(np.fft.rfft(padded, axis=0))
         kernels.append((s, conjugate[:, :, np.newaxis] * torque[:, np.newaxis, :]))
 
@@ -106,13 +107,6 @@ class _FewResponses(NamedTuple):
         """Return the responses at s (n_bins,); shape (n_bins, n)."""
         return _responses(s, self.timing)
 
-    def combined(self, lag_s: float, delay_s: float) -> FloatArray:
-        """Return the coefficients (n,) with which the few responses make that of a lag and a delay."""
-        from scipy.linalg import solve_triangular
-
-        wanted = _parts(_responses(self.s, np.array([(lag_s, delay_s)])))[:, 0]
-        return np.asarray(solve_triangular(self.r, self.q.T @ wanted, check_finite=False), dtype=np.float64)
-
 
 @lru_cache(maxsize=8)
 def _few_responses(highest_rad_s: float) -> _FewResponses:
@@ -126,6 +120,21 @@ def _few_responses(highest_rad_s: float) -> _FewResponses:
     q, r, order = qr(_parts(_responses(s, timing)), mode="economic", pivoting=True)
     n = np.count_nonzero(np.abs(np.diagonal(r)) > _LEFT * abs(r[0, 0]))
     return _FewResponses(timing[order[:n]], s, np.asarray(q[:, :n], float), np.asarray(r[:n, :n], float))
+
+
+@lru_cache(maxsize=512)
+def _combined(highest_rad_s: float, lag_s: float, delay_s: float) -> FloatArray:
+    """Return the coefficients (n,) with which the few responses make that of a lag and a delay.
+
+    Every fit of a flight begins with the same grid of them.
+    """
+    from scipy.linalg import solve_triangular
+
+    few = _few_responses(highest_rad_s)
+    wanted = _parts(_responses(few.s, np.array([(lag_s, delay_s)])))[:, 0]
+    found = np.asarray(solve_triangular(few.r, few.q.T @ wanted, check_finite=False), dtype=np.float64)
+    found.setflags(write=False)
+    return found
 
 
 def _responses(s: ComplexArray, timing: FloatArray) -> ComplexArray:

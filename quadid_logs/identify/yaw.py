@@ -67,12 +67,8 @@ class YawFit(NamedTuple):
 
     def on(self, model: Model) -> Model:
         """Return a model with what is known of its yaw."""
-        posterior = model.posterior
-        if posterior is not None and self.reaction is not None:
-            posterior = replace(posterior, yaw_lead_s=self.reaction.lead_s)
         return replace(
             model,
-            posterior=posterior,
             yaw_reaction=self.reaction,
             yaw_is_inverse_controller=self.is_inverse_controller,
         )

@@ -201,6 +201,23 @@ def filtered(
     return np.asarray(np.fft.irfft(shaped, n_out, axis=0) * (n_out / n_samples), dtype=np.float64)
 
 
+def shorter_fast_length(n_samples: int) -> int:
+    """Return the largest number up to `n_samples` without prime factors above 11: its transforms are fast.
+
+    Parameters
+    ----------
+    n_samples : int
+
+    Returns
+    -------
+    int
+        Of thousands of samples, less than a fiftieth are lost.
+    """
+    from scipy.fft import next_fast_len
+
+    return next((n for n in range(n_samples, 0, -1) if next_fast_len(n) == n), 0)
+
+
 def high_pass(columns: FloatArray, period_s: float, cutoff_hz: float) -> FloatArray:
     """Remove mean, drift and all cosines below the cut-off from columns of one gap-free record.
 

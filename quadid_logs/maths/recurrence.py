@@ -1,11 +1,65 @@
-"""First-order recurrences with a step that varies, without a loop over the samples."""
+"""Recurrences without a loop over the samples.
+
+Not scipy.signal: it takes longer to import than everything else that an analysis needs.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
-from scipy.linalg import solve_banded
 
 from quadid_logs.arrays import BoolArray, FloatArray
+
+
+def linear_filter(
+    numerator: Sequence[float] | FloatArray, denominator: Sequence[float] | FloatArray, values: FloatArray
+) -> FloatArray:
+    """Return values behind a digital filter that starts from zero.
+
+    Parameters
+    ----------
+    numerator, denominator : sequence of float
+        Coefficients b of the present value and those before it, a of the result; a[0] is 1.
+    values : ndarray, shape (n,) or (n, n_columns)
+        x, filtered along the first axis.
+
+    Returns
+    -------
+    ndarray, shape of `values`
+        y[k] = b[0] x[k] + b[1] x[k-1] + ... - a[1] y[k-1] - a[2] y[k-2] - ...
+    """
+    driven = numerator[0] * np.asarray(values, dtype=np.float64)
+    for late, coefficient in enumerate(numerator[1:], start=1):
+        driven[late:] += coefficient * values[:-late]
+    return _substituted(np.tile(np.asarray(denominator, dtype=np.float64), (len(values), 1)).T, driven)
+
+
+def lag(values: FloatArray, period_s: float, lag_s: float) -> FloatArray:
+    """Return held values behind a first-order lag, from rest at their first.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,) or (n, n_columns)
+    period_s, lag_s : float
+        Between the values; time constant, positive.
+
+    Returns
+    -------
+    ndarray, shape of `values`
+    """
+    decay = float(np.exp(-period_s / lag_s))
+    return linear_filter((1.0 - decay,), (1.0, -decay), values - values[:1]) + values[:1]
+
+
+def _substituted(bands: FloatArray, right: FloatArray) -> FloatArray:
+    """Solve a lower triangular system with few diagonals, (n_bands, n); the first one counts as ones."""
+    from scipy.linalg.lapack import dtbtrs
+
+    if not len(right):
+        return right
+    found, _ = dtbtrs(bands, right, uplo="L", diag="U", overwrite_b=True)
+    return np.asarray(found, dtype=np.float64).reshape(right.shape)
 
 
 def low_pass(values: FloatArray, cutoff_hz: float, step_s: FloatArray, *, first: float) -> FloatArray:
@@ -33,7 +87,7 @@ def low_pass(values: FloatArray, cutoff_hz: float, step_s: FloatArray, *, first:
     bands[1, :-1] = alpha[1:] - 1.0
     right = alpha * values
     right[0] = first
-    return np.asarray(solve_banded((1, 0), bands, right, overwrite_b=True, check_finite=False), np.float64)
+    return _substituted(bands, right)
 
 
 def anti_windup_sum(increments: FloatArray, limited: BoolArray, bound: float, *, first: float) -> FloatArray:

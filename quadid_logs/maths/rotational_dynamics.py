@@ -134,11 +134,11 @@ def gyroscopic_matrix(inertia_kg_m2: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    inertia_kg_m2 : ndarray, shape (3, 3)
+    inertia_kg_m2 : ndarray, shape (..., 3, 3)
 
     Returns
     -------
-    ndarray, shape (3, 6)
+    ndarray, shape (..., 3, 6)
         Dimensionless: -J^-1 times the coefficients of w x (J w).
 
     Examples
@@ -147,15 +147,16 @@ def gyroscopic_matrix(inertia_kg_m2: FloatArray) -> FloatArray:
     np.float64(-0.25)
     """
     J = np.asarray(inertia_kg_m2, dtype=np.float64)
-    (xx, xy, xz), (_, yy, yz), (_, _, zz) = J
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = np.moveaxis(J, (-2, -1), (0, 1))
+    no = np.zeros_like(xx)
     cross = np.array(
         [
-            [0.0, yz, -yz, zz - yy, -xy, xz],
-            [-xz, 0.0, xz, xy, xx - zz, -yz],
-            [xy, -xy, 0.0, -xz, yz, yy - xx],
+            [no, yz, -yz, zz - yy, -xy, xz],
+            [-xz, no, xz, xy, xx - zz, -yz],
+            [xy, -xy, no, -xz, yz, yy - xx],
         ]
     )
-    return np.asarray(-np.linalg.solve(J, cross), dtype=np.float64)
+    return np.asarray(-np.linalg.solve(J, np.moveaxis(cross, (0, 1), (-2, -1))), dtype=np.float64)
 
 
 def step_rates(

@@ -12,6 +12,8 @@ from quadid_logs.errors import ShapeError
 
 #: A column with less than half of the largest component is no part of the weakest direction.
 _PART = 0.5
+#: Smallest over largest singular value from which on elimination loses less than half of the digits.
+_WELL_CONDITIONED = 1e-8
 
 
 class WindowSolution(NamedTuple):
@@ -75,7 +77,7 @@ def solve_windows(regressors: FloatArray, targets: FloatArray) -> WindowSolution
     r"""Solve :math:`H_k \theta_n = \dot x_n` for every window at once, eq. (4) and (10).
 
     Square windows are inverted as the paper does, wider ones solved by least
-    squares, rank-deficient ones by minimum norm: all by one SVD of the
+    squares, rank-deficient ones by minimum norm: all from singular values of the
     column-scaled H_k, whose condition number does not depend on the units.
 
     Parameters
@@ -113,12 +115,9 @@ def solve_windows(regressors: FloatArray, targets: FloatArray) -> WindowSolution
         )
     length = np.sqrt(np.einsum("kij,kij->kj", regressors, regressors))[:, np.newaxis, :]
     scale = np.where(length > 0.0, length, 1.0)
-    u, singular, vt = np.linalg.svd(regressors / scale, full_matrices=False)
-    # Below this a direction carries rounding noise only: give it zero weight.
-    strong = singular > singular[:, :1] * n_samples * np.finfo(np.float64).eps
-    inverse = np.divide(1.0, singular, out=np.zeros_like(singular), where=strong)
-    projected = inverse[..., np.newaxis] * (np.swapaxes(u, 1, 2) @ targets)
-    theta = (np.swapaxes(vt, 1, 2) @ projected) / np.swapaxes(scale, 1, 2)
+    solve = _solve_square if n_samples == n_regressors else _solve_by_svd
+    scaled_theta, singular, strong = solve(regressors / scale, targets)
+    theta = scaled_theta / np.swapaxes(scale, 1, 2)
     residual = targets - regressors @ theta
     return WindowSolution(
         coefficients=np.swapaxes(theta, 1, 2),
@@ -128,6 +127,26 @@ def solve_windows(regressors: FloatArray, targets: FloatArray) -> WindowSolution
         residual_rms=np.sqrt(np.mean(residual**2, axis=1)),
         column_rms=length[:, 0, :] / np.sqrt(n_samples),
     )
+
+
+def _solve_by_svd(H: FloatArray, Y: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Return the least-squares solutions, of minimum norm, with singular values and which of them count."""
+    u, singular, vt = np.linalg.svd(H, full_matrices=False)
+    # Below this a direction carries rounding noise only: give it zero weight.
+    strong = singular > singular[:, :1] * H.shape[1] * np.finfo(np.float64).eps
+    inverse = np.divide(1.0, singular, out=np.zeros_like(singular), where=strong)
+    projected = inverse[..., np.newaxis] * (np.swapaxes(u, 1, 2) @ Y)
+    return np.swapaxes(vt, 1, 2) @ projected, singular, strong
+
+
+def _solve_square(H: FloatArray, Y: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Return the same for square H, where well conditioned by elimination: it takes half the time."""
+    singular = np.asarray(np.linalg.svd(H, compute_uv=False), dtype=np.float64)
+    good = singular[:, -1] > _WELL_CONDITIONED * singular[:, 0]
+    theta, strong = np.empty_like(Y), np.ones(singular.shape, dtype=np.bool_)
+    theta[good] = np.linalg.solve(H[good], Y[good])
+    theta[~good], _, strong[~good] = _solve_by_svd(H[~good], Y[~good])
+    return theta, singular, strong
 
 
 def _condition_number(singular: FloatArray, strong: BoolArray) -> FloatArray:

@@ -76,9 +76,30 @@ def slope_at(x: FloatArray, y: FloatArray, where: float) -> float:
     float
         NaN where the points do not vary, or are too few.
     """
+    return float(slopes_at(x, y, np.array([where]))[0])
+
+
+def slopes_at(x: FloatArray, y: FloatArray, where: FloatArray) -> FloatArray:
+    """Return the derivative of a smooth function at some points, from its values at many others.
+
+    Parameters
+    ----------
+    x, y : ndarray, shape (n,)
+        Points, and the function there.
+    where : ndarray, shape (m,)
+        Within the range of `x`.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        NaN where the points do not vary, or are too few.
+    """
+    from numpy.polynomial import polynomial
+
     spread = float(np.std(x)) if x.size > _DEGREE else 0.0
     if not spread > 0.0:
-        return float("nan")
-    # About the point and in units of the spread, so that the powers are of one size.
-    coefficients = np.polynomial.polynomial.polyfit((x - where) / spread, y, _DEGREE)
-    return float(coefficients[1]) / spread
+        return np.full(where.shape, np.nan)
+    # About the points and in units of the spread, so that the powers are of one size.
+    middle = float(np.mean(where))
+    slope = polynomial.polyder(polynomial.polyfit((x - middle) / spread, y, _DEGREE))
+    return np.asarray(polynomial.polyval((where - middle) / spread, slope), dtype=np.float64) / spread

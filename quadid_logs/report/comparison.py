@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import PurePath
 from typing import Any, Final
@@ -12,7 +13,7 @@ from quadid_logs.data.closed_loop import AxisLoop, Estimated
 from quadid_logs.data.result import Result
 from quadid_logs.report.json import strict_text
 from quadid_logs.report.loop_json import margins_and_step
-from quadid_logs.report.numbers import estimate, number, percent
+from quadid_logs.report.numbers import estimate, number, resolved
 from quadid_logs.report.words import pretty_unit
 from quadid_logs.tuning import Promise, promises
 from quadid_logs.untrusted import printable
@@ -70,7 +71,9 @@ def comparison_lines(before: Result, after: Result, comparison: Comparison) -> t
         lines.append(f"  {axis:<5}  {change}{f': {printable(reason, 400)}' if reason else ''}")
         lines += _quantity_lines(comparison, axis)
         lines += [f"{'':9}{text}" for text in _loop_sentences(before, after, axis)]
-    lines += _quantity_lines(comparison, "")
+    if shared := _quantity_lines(comparison, ""):
+        changed = any(each.changed for each in comparison.quantities if not each.axis)
+        lines += [f"  actuators  {'changed' if changed else 'same'}", *shared]
     lines += [f"  {_promise_sentence(one)}" for one in promises(before, after)]
     return (*lines, *(f"  next: {printable(text, 800)}" for text in comparison.advice))
 
@@ -104,7 +107,7 @@ def _sentence(quantity: Quantity) -> str:
     values = " -> ".join(estimate(value, *interval) for value, interval in pairs)
     text = f"{printable(quantity.words, 60)} {values} {pretty_unit(quantity.unit)}"
     if quantity.changed:
-        return f"{text}: changed by {amount(quantity, quantity.difference)}{throttle_note(quantity)}"
+        return f"{text}: changed by {change_words(quantity)}{throttle_note(quantity)}"
     shows = amount(quantity, quantity.margin)
     return f"{text}: no change seen (from {shows} on it would show{throttle_note(quantity)})"
 
@@ -126,10 +129,25 @@ def throttle_note(quantity: Quantity) -> str:
         return ""
     more = "more" if change > 0.0 else "less"
     may = amount(quantity, quantity.throttle_spread)
-    return f", of which up to {may} for {percent(abs(change))} {more} throttle"
+    return f", of which up to {may} for {number(100.0 * abs(change), 2)} % {more} throttle"
 
 
-def amount(quantity: Quantity, difference: float) -> str:
+def change_words(quantity: Quantity) -> str:
+    """Return by how much a quantity differs; one that has come nearer to zero by a negative percentage.
+
+    Parameters
+    ----------
+    quantity : Quantity
+
+    Returns
+    -------
+    str
+    """
+    is_own = quantity.name == quantity.scale_name
+    return amount(quantity, quantity.difference, towards=quantity.before if is_own else 1.0)
+
+
+def amount(quantity: Quantity, difference: float, towards: float = 1.0) -> str:
     """Return a difference as a fraction of what it is to be compared with, or in its unit.
 
     Parameters
@@ -137,16 +155,20 @@ def amount(quantity: Quantity, difference: float) -> str:
     quantity : Quantity
     difference : float
         In the unit of the quantity.
+    towards : float
+        The sign that a positive percentage has.
 
     Returns
     -------
     str
+        With the decimals that the least difference is known to which would show.
     """
     # Of a damping near zero, a difference of minus 150 % tells nothing.
     if not quantity.scale >= abs(difference) > 0.0:
-        return f"{number(difference, 3)} {pretty_unit(quantity.unit)}"
+        return f"{resolved(difference, -quantity.margin, quantity.margin)} {pretty_unit(quantity.unit)}"
     of = "" if quantity.name == quantity.scale_name else f" of {printable(quantity.scale_words, 60)}"
-    return f"{percent(difference / quantity.scale)}{of}"
+    percents = [100.0 * value / quantity.scale for value in (difference, quantity.margin)]
+    return f"{resolved(math.copysign(1.0, towards) * percents[0], -percents[1], percents[1])} %{of}"
 
 
 def _promise_sentence(promise: Promise) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
 from types import MappingProxyType
@@ -12,7 +12,7 @@ from quadid_logs.compare import Comparison, Quantity
 from quadid_logs.data.result import Result
 from quadid_logs.figures import Figure
 from quadid_logs.report.cells import Cell, Table
-from quadid_logs.report.comparison import amount, headline, throttle_note
+from quadid_logs.report.comparison import amount, change_words, headline, throttle_note
 from quadid_logs.report.html import charts
 from quadid_logs.report.numbers import interval, resolved
 from quadid_logs.report.pages import environment
@@ -26,7 +26,7 @@ _STYLES: Final = MappingProxyType({"same": "usable", "changed": "caution", "not 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisChangeView:
-    """What became of an axis: the outcome, its style, and a sentence."""
+    """What became of an axis, or of the actuators: the outcome, its style, and a sentence."""
 
     axis: str
     change: str
@@ -59,7 +59,7 @@ def comparison_page(
             flown=[flown_sentence(result) for result in (before, after)],
             headline=headline(comparison),
             style=_STYLES[comparison.verdict],
-            axes=[_axis(comparison, axis) for axis in comparison.axes],
+            axes=[*(_axis(comparison, axis) for axis in comparison.axes), *_actuators(comparison)],
             table=_table(comparison),
             steps=[printable(step, 800) for step in comparison.advice],
             figures=figures,
@@ -77,15 +77,27 @@ def _axis(comparison: Comparison, axis: str) -> AxisChangeView:
         reason = printable(comparison.reasons[axis], 400)
         sentence = f"{reason[:1].upper()}{reason[1:]}."
     elif changed:
-        sentence = "; ".join(
-            f"{each.words} by {amount(each, each.difference)}{throttle_note(each)}" for each in changed
-        )
+        sentence = "; ".join(f"{each.words} by {change_words(each)}{throttle_note(each)}" for each in changed)
         sentence = f"Changed: {sentence}."
     else:
         own = [each for each in comparison.quantities if each.axis == axis and each.is_on_axis]
         seen = "".join(f" {_would_show(each)}" for each in own)
         sentence = f"No change is seen.{seen}"
     return AxisChangeView(axis=axis, change=change, style=_STYLES[change], sentence=sentence)
+
+
+def _actuators(comparison: Comparison) -> Iterator[AxisChangeView]:
+    """Yield what became of lag and delay, which belong to all axes, where both flights tell them."""
+    shared = [each for each in comparison.quantities if not each.axis]
+    if not shared:
+        return
+    changed = [f"{each.words} by {change_words(each)}" for each in shared if each.changed]
+    change = "changed" if changed else "same"
+    seen = ", ".join(f"{amount(each, each.margin)} of {each.name}" for each in shared)
+    sentence = (
+        f"Changed: {'; '.join(changed)}." if changed else f"No change is seen. {seen} would have shown."
+    )
+    yield AxisChangeView(axis="actuators", change=change, style=_STYLES[change], sentence=sentence)
 
 
 def _would_show(own: Quantity) -> str:
@@ -112,7 +124,7 @@ def _row(quantity: Quantity) -> tuple[Cell, ...]:
         Cell(text=resolved(value, *ci95), detail=interval(*ci95))
         for value, ci95 in ((quantity.before, quantity.ci95_before), (quantity.after, quantity.ci95_after))
     )
-    difference = amount(quantity, quantity.difference)
+    difference = change_words(quantity)
     return (
         Cell(text=quantity.words, detail=pretty_unit(quantity.unit)),
         *values,

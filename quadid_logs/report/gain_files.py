@@ -12,6 +12,7 @@ from quadid_logs.autopilots import named
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import AxisTuning, GainChange, Tuning
 from quadid_logs.report.numbers import number
+from quadid_logs.sentences import continued
 from quadid_logs.tuning import flown_parameters
 from quadid_logs.untrusted import printable
 
@@ -54,8 +55,10 @@ def gain_files(result: Result, tuning: Tuning) -> dict[str, str]:
     advice = named(result.log.autopilot).advice
     parameters = flown_parameters(result.log, result.data)
     log = printable(PurePath(result.log.path).name, _LONGEST_NAME)
-    forth = [line for axis, found in tuning.axes.items() for line in _lines(axis, found)]
+    forth = [*advice.beside_gains(parameters)]
+    forth += [line for axis, found in tuning.axes.items() for line in _lines(axis, found)]
     back = [("as flown", name, exact(change.now)) for name, change in changes.items()]
+    back += advice.beside_gains(parameters, back=True)
     names = file_names(result.log.autopilot)
     return {
         names[0]: advice.gain_text(
@@ -96,7 +99,7 @@ def reason_text(found: AxisTuning) -> str:
     if outer is not None and outer.phase_margin_deg is not None:
         figures.append(f"{number(outer.phase_margin_deg.ci95[0], 2)} deg")
     promise = f" (at least {' and '.join(figures)} promised)" if figures else ""
-    return f"{title[:1].lower()}{title[1:]}{promise}"
+    return f"{continued(title)}{promise}"
 
 
 def exact(value: float) -> str:

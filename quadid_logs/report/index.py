@@ -24,7 +24,7 @@ class IndexRow:
 
 
 def index_row(result: Result, folder_name: str) -> IndexRow:
-    """Return the row of an analysed log whose report is in a folder beside the index."""
+    """Return the row of an analyzed log whose report is in a folder beside the index."""
     found = result.diagnosis.axes
     return IndexRow(
         name=printable(result.name, 80),

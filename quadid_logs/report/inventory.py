@@ -12,9 +12,11 @@ from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.flight import FlightData, SourceChoice
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Identification
+from quadid_logs.diagnose import remedied
 from quadid_logs.diagnose.data_findings import find_in_data
 from quadid_logs.diagnose.file_findings import find_in_file
 from quadid_logs.diagnose.gyro_findings import find_in_gyro
+from quadid_logs.identify.slow_yaw import may_tell_yaw
 from quadid_logs.report.airframe_facts import airframe_facts
 from quadid_logs.report.json import SCHEMA_VERSION, data_dict, finding_dict, log_dict, strict_text
 from quadid_logs.report.log_tables import spans_text
@@ -39,11 +41,12 @@ def missing_for_analysis(log: FlightLog, data: FlightData) -> tuple[Finding, ...
         Errors first, then warnings. Whether the flight excited every axis only
         `analyze` can tell.
     """
-    found = [
+    told = (
         *find_in_file(log, data),
-        *find_in_data(log, data, Identification()),
+        *find_in_data(log, data, Identification(only_yaw=may_tell_yaw(data))),
         *find_in_gyro(data),
-    ]
+    )
+    found = list(remedied(told, log.autopilot))
     return tuple(finding for level in ("error", "warning") for finding in found if finding.level == level)
 
 
@@ -102,14 +105,17 @@ def inventory_lines(log: FlightLog, data: FlightData) -> Iterator[Line]:
 def _lacking(found: Sequence[Finding]) -> Iterator[Line]:
     """Yield whether analyze can work with the log, and what it will complain about."""
     missing = [finding for finding in found if finding.level == "error"]
-    if missing:
-        yield Line(f"  analyze will refuse it: {counted(len(missing), 'thing')} missing")
+    if any(not finding.axes for finding in missing):
+        yield Line(f"  analyze will refuse it: {counted(len(missing), 'obstacle')}")
+    elif missing:
+        axes = " and ".join(dict.fromkeys(axis for finding in missing for axis in finding.axes))
+        yield Line(f"  analyze will refuse {axes}: {counted(len(missing), 'obstacle')}")
     else:
         yield Line(
             "  analyze can work with it" + (", with caveats" if found else ": nothing is missing in the log")
         )
     for finding in found:
-        word = "missing" if finding.level == "error" else "caution"
+        word = "obstacle" if finding.level == "error" else "caution"
         yield Line(f"    {word}: {printable(finding.title)} [{finding.code}]", 6)
         if finding.advice:
             yield Line(f"      {printable(finding.advice, 600)}", 6)
@@ -124,10 +130,12 @@ def _facts(log: FlightLog, data: FlightData) -> tuple[tuple[str, str], ...]:
         (
             "time",
             f"{data.start_s:.1f} to {data.start_s + data.duration_s:.1f} s, "
-            f"{counted(data.clock_resets, 'clock reset')}",
+            f"{counted(data.clock_resets, 'clock reset')}"
+            if log.has_time
+            else "not logged",
         ),
         ("flights", spans_text(data.flights) or printable(data.on_ground_reason) or "none"),
-        ("analysable", spans_text((part.start_s, part.end_s) for part in data.segments) or "nothing"),
+        ("analyzable", spans_text((part.start_s, part.end_s) for part in data.segments) or "nothing"),
         (
             "lost",
             f"{size(log.corrupt_bytes)} unreadable, "
@@ -146,7 +154,7 @@ def _signal_lines(choice: SourceChoice) -> Iterator[Line]:
     gap = f"{number(choice.longest_gap_s, 3)} s" if sampled and math.isfinite(choice.longest_gap_s) else "–"
     yield Line(f"  {printable(choice.signal, 20):<21}{rate:>10}{gap:>13}  {printable(choice.source, 80)}", 4)
     if choice.reason:
-        yield Line(f"    {printable(choice.reason, 120)}", 4)
+        yield Line(f"    {printable(choice.reason, 240)}", 4)
     for source, other_hz in choice.others[:4]:
         yield Line(f"    not taken: {printable(source, 80)} at {number(other_hz, 4)} Hz", 4)
 
@@ -163,5 +171,5 @@ def _systems(log: FlightLog) -> str:
 def _types(log: FlightLog) -> str:
     """Return the most frequent message types with their counts."""
     most = sorted(log.counts, key=lambda count: -count.count)[:_MOST_TYPES]
-    shown = ", ".join(f"{printable(count.name, 30)} {count.count}" for count in most)
+    shown = ", ".join(f"{printable(count.name, 60)} {count.count}" for count in most)
     return shown + (f" and {len(log.counts) - len(most)} more types" if len(log.counts) > len(most) else "")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
+from quadid_logs.align.clock import EVENTS
 from quadid_logs.autopilots import formats, named
 from quadid_logs.data.flight import FlightData, InputDescription, SourceChoice
 from quadid_logs.data.log import FlightLog
@@ -41,7 +42,7 @@ def log_facts(result: Result) -> tuple[tuple[str, str], ...]:
         ("Torque", _torque(data.input)),
         ("Flights", spans_text(data.flights) or printable(data.on_ground_reason) or "none"),
         (
-            "Analysed" if result.identification.recommended else "Without gaps",
+            "Analyzed" if result.identification.recommended else "Without gaps",
             spans_text((item.start_s, item.end_s) for item in data.segments) or "nothing",
         ),
         ("Resampled to", f"{1.0 / period_s:.4g} Hz" if math.isfinite(period_s) and period_s > 0 else "–"),
@@ -135,7 +136,7 @@ def _signal_table(caption: str, result: Result, *, main: bool) -> Table:
 def _signal(choice: SourceChoice) -> tuple[Cell, ...]:
     """Return one row of the table of signals."""
     name = signal_name(choice.signal)
-    why = printable(choice.reason, 160)
+    why = printable(choice.reason, 240)
     if choice.others:
         others = ", ".join(
             f"{printable(source, 60)} ({number(rate, 3)} Hz)" for source, rate in choice.others[:4]
@@ -161,6 +162,8 @@ def _signal(choice: SourceChoice) -> tuple[Cell, ...]:
 
 def _unit(signal: str) -> str:
     """Return the unit of a canonical signal as people read it."""
+    if signal in EVENTS:
+        return "on or off"
     unit = SIGNALS[signal].unit if signal in SIGNALS else ""
     return "normalised" if unit == "1" else pretty_unit(unit).replace("us", "µs")
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from quadid_logs.control.command_units import in_degrees
 from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated, Margins, Prediction
-from quadid_logs.data.controller import Replay
+from quadid_logs.data.controller import CommandUnit, Replay
 
 _FIGURES = (
     "crossover_hz",
@@ -42,8 +43,24 @@ def closed_loop_dict(loop: ClosedLoop) -> dict[str, Any]:
             for remark in controllers.remarks
         ],
         "axes": {
-            axis: {"gains": controllers.axes[axis].gains, **_axis(found)} for axis, found in loop.axes.items()
+            axis: {
+                "gains": controllers.axes[axis].gains,
+                "control_gain": _control_gain(found.effectiveness, controllers.command_unit),
+                **_axis(found),
+            }
+            for axis, found in loop.axes.items()
         },
+    }
+
+
+def _control_gain(found: Estimated | None, unit: CommandUnit | None) -> dict[str, Any] | None:
+    """Return what a command turns an axis with, in SI and as the autopilot counts: b0 of an ADRC."""
+    if found is None:
+        return None
+    own = None if unit is None else in_degrees(found, unit)
+    return {
+        "rad_s2_per_command": _estimated(found),
+        "deg_s2_per_own_unit": None if own is None or unit is None else {**own._asdict(), "unit": unit.name},
     }
 
 
@@ -99,6 +116,7 @@ def _replay(replay: Replay) -> dict[str, Any]:
         "numbers": replay.numbers,
         "n_rows": replay.n_rows,
         "terms": terms,
+        "as_logged": list(replay.as_logged),
     }
 
 
@@ -110,6 +128,7 @@ def _prediction(prediction: Prediction) -> dict[str, Any]:
         "attainable_percent": prediction.attainable_percent,
         "held_out_s": prediction.held_out_s,
         "effectiveness": _estimated(prediction.effectiveness),
+        "at_limits": prediction.at_limits,
     }
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
+from quadid_logs.control.command_units import in_degrees
 from quadid_logs.control.findings import outermost
 from quadid_logs.control.margins import UNMODELLED_DELAY_S
 from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated, Margins
-from quadid_logs.data.controller import ReplayReason
 from quadid_logs.data.result import Result
 from quadid_logs.report.cells import Cell, Table
 from quadid_logs.report.numbers import interval, number, resolved
@@ -45,9 +46,23 @@ def loop_view(result: Result) -> LoopView:
         return LoopView(intro=f"{text} Nothing is said of the loop.", sentences=(), margins=None)
     return LoopView(
         intro=_intro(loop),
-        sentences=tuple(_sentence(axis, found) for axis, found in loop.axes.items()),
+        sentences=(*(_sentence(axis, found) for axis, found in loop.axes.items()), *_own_units(loop)),
         margins=_table(loop),
     )
+
+
+def _own_units(loop: ClosedLoop) -> Iterator[str]:
+    """Say what one of the autopilot's own units of command does, where it counts in other units."""
+    unit = loop.controllers.command_unit
+    if unit is None:
+        return
+    told = []
+    for axis, found in loop.axes.items():
+        if found.effectiveness is not None:
+            own = in_degrees(found.effectiveness, unit)
+            told.append(f"{axis} with {resolved(own.value, *own.ci95)} ({interval(*own.ci95)}) deg/s²")
+    if told:
+        yield f"One {unit.name} turns {', '.join(told)}: the b0 of an ADRC, before its own scaling."
 
 
 def _why_none(result: Result) -> str:
@@ -63,8 +78,10 @@ def _intro(loop: ClosedLoop) -> str:
     controllers = loop.controllers
     text = (
         f"The gains of the log's parameters, in {controllers.name}, closed around the model: how far the "
-        "vehicle is from oscillating, and whether its set-points alone predict the flight."
+        "vehicle is from oscillating"
     )
+    predictable = any(one.predictable for one in controllers.axes.values())
+    text += ", and whether its set-points alone predict the flight." if predictable else "."
     if controllers.version_read == "read":
         return text
     law = printable(controllers.version_note, 40)
@@ -77,7 +94,7 @@ def _sentence(axis: str, found: AxisLoop) -> str:
     if margins is None:
         reason = None if found.replay is None or found.replay.agrees else found.replay.reason
         # Without rows to replay nothing is known against the controller: then it is the model that lacks.
-        if reason is not None and reason is not ReplayReason.NO_ROWS:
+        if reason is not None and not reason.tells_nothing:
             return f"{name}: the controller of the parameters is not the one that flew ({reason.value})."
         return f"{name}: the model does not tell enough of this axis to close its loop."
     parts = [f"{name}: {_distance(margins)}"]

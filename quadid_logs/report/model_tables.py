@@ -162,20 +162,19 @@ def _weak_note(parameters: Iterable[Parameter]) -> str:
     return f"Grey: this flight cannot tell the value; do not read it as a property of the vehicle. {why}."
 
 
+def _moment(inertia: Inertia, i: int, j: int, *, weak: bool) -> Cell:
+    """Return one entry of the tensor."""
+    ends = float(inertia.ci95_low[i, j]), float(inertia.ci95_high[i, j])
+    return Cell(text=resolved(float(inertia.matrix[i, j]), *ends), detail=interval(*ends), weak=weak)
+
+
 def _inertia(inertia: Inertia, distrusted: tuple[bool, ...]) -> Table:
     """Return the inertia tensor with its intervals; what rests on a refused axis is grey."""
     names = ("x", "y", "z")
     rows = tuple(
         (
             Cell(text=name, detail=_DISTRUSTED if distrusted[i] else ""),
-            *(
-                Cell(
-                    text=number(float(inertia.matrix[i, j])),
-                    detail=interval(float(inertia.ci95_low[i, j]), float(inertia.ci95_high[i, j])),
-                    weak=distrusted[i] or distrusted[j],
-                )
-                for j in range(3)
-            ),
+            *(_moment(inertia, i, j, weak=distrusted[i] or distrusted[j]) for j in range(3)),
         )
         for i, name in enumerate(names)
     )

@@ -45,22 +45,34 @@ def next_steps(result: Result) -> tuple[str, ...]:
 def _with_the_model(result: Result) -> Iterator[str]:
     """Yield what a usable model is good for."""
     margins = _margins_sentence(result)
-    if margins:
+    if margins and not _gains_named(result):
         yield margins
     log = _log(result)
     yield (
-        f"Use the model: quadid-log export {log} --model -o model.mat for MATLAB, model.py for "
-        "python-control, model.sdf for Gazebo."
+        f"Use the model: `quadid-log export {log} --model -o model.mat` for MATLAB, `model.py` for "
+        "python-control, `model.sdf` for Gazebo."
     )
     yield (
         "After a change of propellers, load, battery or gains, fly the same manoeuvre again and see what "
-        f"it did: quadid-log compare {log} NEXT-LOG"
+        f"it did: `quadid-log compare {_compared(result)}`"
     )
+
+
+def _gains_named(result: Result) -> bool:
+    """Say whether the advice of a finding already sends the pilot to the gains."""
+    return any(one.code == "QL601" and one.level == "warning" for one in result.diagnosis.findings)
 
 
 def _log(result: Result) -> str:
     """Return the log as one would name it on the command line."""
-    return printable(PurePath(result.log.path).name, 120)
+    name = printable(PurePath(result.log.path).name, 120)
+    return f"{name} --log {result.settings.log}" if result.settings.log else name
+
+
+def _compared(result: Result) -> str:
+    """Return this flight and the next one as `compare` takes them."""
+    name, number = printable(PurePath(result.log.path).name, 120), result.settings.log
+    return f"{name} NEXT-LOG --logs {number} 0" if number else f"{name} NEXT-LOG"
 
 
 def _margins_sentence(result: Result) -> str:
@@ -79,7 +91,7 @@ def _margins_sentence(result: Result) -> str:
         f"{enough} in the gains: the axis nearest to oscillating is {nearest}, with a phase margin of "
         f"{number(phase.value, 2)} degrees and a gain margin of {number(gain.value, 2)} dB "
         f"({GOOD.phase_deg:g} degrees and {GOOD.gain_db:g} dB are enough). The next gains to fly: "
-        f"quadid-log tune {_log(result)}"
+        f"`quadid-log tune {_log(result)}`"
     )
 
 

@@ -121,7 +121,8 @@ def _settings_lines(plan: Plan) -> Iterator[str]:
     for name, value in plan.logging:
         yield f"- {name} = {value:g} (rates and torque at the loop rate; {plan.advice.logging_note})"
     for axis, sweep in plan.sweeps.items():
-        yield f"- for {axis}: {', '.join(f'{name} = {value:g}' for name, value in plan.settings_of(axis))}"
+        values = ", ".join(f"{name} = {value:g}" for name, value in plan.settings_of(axis))
+        yield f"- for {axis}, when its turn comes: {values}"
         yield f"  ({_sweep_words(sweep)})"
     kept = plan.advice.gyro_filter_parameter
     yield f"- leave {kept} as you fly it: its delay is known from the log and allowed for"
@@ -140,8 +141,8 @@ def _steps(plan: Plan) -> tuple[str, ...]:
     return (
         "Choose calm air, a full battery, 10 m of room to all sides, and a height of 10 m or more.",
         *plan.steps(),
-        "Land, take the log from the card, and run: quadid-log analyze LOG (where there are several, as "
-        "after a restart, give all of them and --pool)",
+        "Take the log from the card, and run: quadid-log analyze LOG (where there are several, as after a "
+        "restart, give all of them and --pool)",
     )
 
 

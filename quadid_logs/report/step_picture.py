@@ -18,6 +18,8 @@ _LEFT, _RIGHT, _TOP, _BOTTOM = 34, 8, 10, 26
 _MOST_POINTS: Final = 160
 #: A rate loop that is worth flying has done most of its step by then; shown are so many settling times.
 _SHOWN: Final = 1.5
+#: Within a twentieth of the set-point, as `control.step` takes an answer for settled.
+_ARRIVED: Final = 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,12 +80,43 @@ def step_picture(axis: str, found: AxisTuning) -> StepPicture | None:
 
 def _words(axis: str, steps: dict[str, Step]) -> str:
     told = [
-        f"{'as flown' if name == 'before' else 'with the next gains'} it rises in "
-        f"{number(1e3 * one.rise_time_s.value, 2)} ms and overshoots by "
-        f"{one.overshoot_percent.value:.0f} %"
+        f"{'as flown' if name == 'before' else 'with the next gains'} it "
+        + rise_words(
+            one.rise_time_s.value,
+            one.overshoot_percent.value,
+            float(one.response[-1]),
+            float(one.time_s[-1]),
+        )
         for name, one in steps.items()
     ]
     return f"{axis.capitalize()} rate after a step of its set-point: {'; '.join(told)}."
+
+
+def rise_words(rise_s: float, overshoot_percent: float, end: float, end_s: float) -> str:
+    """Say how the rate comes to its set-point.
+
+    Parameters
+    ----------
+    rise_s, overshoot_percent : float
+        By where the answer ends.
+    end : float
+        That, as a fraction of the step.
+    end_s : float
+        When [s].
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> rise_words(0.015, 12.0, 1.0, 4.0), rise_words(1.64, 1.0, 0.84, 4.0)
+    ('rises in 15 ms and overshoots by 12 %', 'has come to 84 % after 4 s')
+    """
+    # An integrator that is slow goes on for long: rise and overshoot would be those of less than the step.
+    if abs(end - 1.0) > _ARRIVED:
+        return f"has come to {100.0 * end:.0f} % after {number(end_s, 2)} s"
+    return f"rises in {number(1e3 * rise_s, 2)} ms and overshoots by {overshoot_percent:.0f} %"
 
 
 class _Place:

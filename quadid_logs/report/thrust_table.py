@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from quadid_logs.data.model import ThrustCurve
 from quadid_logs.report.cells import Cell, Table
 from quadid_logs.report.numbers import estimate, interval, number, percent, resolved
 from quadid_logs.untrusted import printable
+
+_BY_SPEED: Final = "what the measured speeds of the rotors tell"
 
 
 def thrust_table(curve: ThrustCurve) -> Table:
@@ -41,10 +45,11 @@ def thrust_table(curve: ThrustCurve) -> Table:
 
 def _sentence(curve: ThrustCurve) -> str:
     """Say what the expo is, and what the autopilot takes it for."""
-    name = printable(curve.parameter, 40) or "what was assumed, as no parameter says it"
+    unnamed = "what was assumed, as no parameter says it"
+    name = printable(curve.parameter, 40) or (_BY_SPEED if curve.measured else unnamed)
     if not curve.identifiable:
         return (
-            f"The expo of the thrust curve cannot be told from this flight: {printable(curve.reason)}. "
+            f"The vehicle's answer does not tell the expo of the thrust curve: {printable(curve.reason)}. "
             f"It is taken as {number(curve.assumed, 2)} ({name}), which the intervals take for uncertain."
         )
     value = estimate(curve.expo, *curve.ci95)

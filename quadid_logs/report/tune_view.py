@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.autopilots import named
+from quadid_logs.control.recommend import MOST_DOWN, MOST_NOISE, MOST_UP
 from quadid_logs.data.autotune import AutotuneForecast
 from quadid_logs.data.closed_loop import Estimated, LoopMargins, Margins
 from quadid_logs.data.diagnosis import Finding
@@ -17,8 +18,9 @@ from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import AxisTuning, Limits, Tuning
 from quadid_logs.report.cells import Cell, Table
 from quadid_logs.report.gain_files import exact, file_names
-from quadid_logs.report.numbers import interval, number, percent, resolved
-from quadid_logs.report.words import evidence_name, evidence_text
+from quadid_logs.report.numbers import estimate, interval, number, percent, resolved
+from quadid_logs.report.words import evidence_phrase
+from quadid_logs.sentences import listed
 from quadid_logs.untrusted import printable
 
 _WORDS: Final = {"change": "change", "keep": "keep", "refused": "no advice"}
@@ -59,6 +61,7 @@ class TuneAxisView:
     effect: str
     warning: str
     reasons: tuple[ReasonView, ...]
+    filter_note: str = ""
     autotune: str = ""
 
 
@@ -121,7 +124,7 @@ def headline(tuning: Tuning) -> str:
     groups: dict[str, list[str]] = {}
     for axis, found in tuning.axes.items():
         groups.setdefault(_act(found), []).append(axis)
-    text = "; ".join(f"{_listed(axes)}: {act}" for act, axes in groups.items())
+    text = "; ".join(f"{listed(axes)}: {act}" for act, axes in groups.items())
     return f"{text[:1].upper()}{text[1:]}"
 
 
@@ -143,17 +146,12 @@ def _ratio(found: AxisTuning) -> float:
     return change.next / change.now
 
 
-def _listed(words: list[str]) -> str:
-    *first, last = words
-    return f"{', '.join(first)} and {last}" if first else last
-
-
 def _axis(axis: str, found: AxisTuning, forecast: AutotuneForecast | None) -> TuneAxisView:
     return TuneAxisView(
         axis=axis,
         verdict=_WORDS[found.verdict],
         style=_STYLES[found.verdict],
-        sentence=f"{found.reasons[0].title}." if found.reasons else "",
+        sentence=_sentence(found),
         gains=tuple(
             GainView(
                 name=name,
@@ -164,11 +162,21 @@ def _axis(axis: str, found: AxisTuning, forecast: AutotuneForecast | None) -> Tu
             for name, one in found.changes.items()
         ),
         promise=_promise(found),
-        effect=_effect(found),
+        effect=_effect(axis, found),
         warning=_warning(axis, found),
         reasons=tuple(_reason(one) for one in found.reasons),
+        filter_note=next((f"{one.title}." for one in found.reasons if one.code == "QL636"), ""),
         autotune="" if forecast is None else autotune_words(forecast),
     )
+
+
+def _sentence(found: AxisTuning) -> str:
+    """Say the decisive reason, and where it is one step of several that the limits come later."""
+    told = f"{found.reasons[0].title}." if found.reasons else ""
+    if any(one.next != one.target for one in found.changes.values()):
+        most, least = percent(MOST_UP), percent(MOST_DOWN)
+        told += f" This is one step of several: a flight takes a gain to {most} or {least} at most."
+    return told
 
 
 def autotune_words(forecast: AutotuneForecast) -> str:
@@ -206,11 +214,11 @@ def _promise(found: AxisTuning) -> str:
     """Say what margins the next flight will have, and what this one had."""
     if found.now is None:
         return ""
-    now = _margin_words(_outer(found.now), _brief)
+    now = _margin_words(_outer(found.now), _with_interval)
     if found.verdict != "change" or found.next is None:
         return f"Margins as flown: {now}."
-    flown = _margin_words(_outer(found.now), lambda one: number(one.value, 2))
-    return f"Promised margins: {_margin_words(_outer(found.next), _brief)}; as flown {flown}."
+    flown = _margin_words(_outer(found.now), lambda one: resolved(one.value, *one.ci95))
+    return f"Promised margins: {_margin_words(_outer(found.next), _with_interval)}; as flown {flown}."
 
 
 def _outer(margins: LoopMargins) -> Margins:
@@ -229,27 +237,23 @@ def _margin_words(margins: Margins, told: Callable[[Estimated], str]) -> str:
     return " and ".join(words) or "nowhere near instability"
 
 
-def _brief(figure: Estimated) -> str:
-    """Return a figure as it is read at a glance; the table has the digits."""
-    value, low, high = (number(one, 2) for one in (figure.value, *figure.ci95))
-    if low == high:
-        # Two digits would say that nothing is left to know.
-        value, low, high = (f"{one:.1f}" for one in (figure.value, *figure.ci95))
-    return f"{value} ({low} to {high})"
+def _with_interval(figure: Estimated) -> str:
+    return estimate(figure.value, *figure.ci95)
 
 
-def _effect(found: AxisTuning) -> str:
+def _effect(axis: str, found: AxisTuning) -> str:
     """Say what it costs or brings: gusts, and noise on the motors."""
     if found.verdict != "change":
         return ""
     words = []
     if np.isfinite(found.attitude_error):
         more = 100.0 * (found.attitude_error - 1.0)
-        words.append(f"gusts will tilt it {number(abs(more), 2)} % {'more' if more > 0.0 else 'less'}")
+        move = "turn" if axis == "yaw" else "tilt"
+        words.append(f"gusts will {move} it {number(abs(more), 2)} % {'more' if more > 0.0 else 'less'}")
     if np.isfinite(found.torque_noise_next):
         words.append(
             f"gyro noise on the command {number(100.0 * found.torque_noise, 2)} % → "
-            f"{number(100.0 * found.torque_noise_next, 2)} % of its range"
+            f"{number(100.0 * found.torque_noise_next, 2)} % of its range ({percent(MOST_NOISE)} is accepted)"
         )
     text = "; ".join(words)
     return f"{text[:1].upper()}{text[1:]}." if text else ""
@@ -270,11 +274,7 @@ def _around(at: Estimated) -> str:
 
 
 def _reason(one: Finding) -> ReasonView:
-    told = [
-        f"{evidence_name(name)} {evidence_text(name, value)}"
-        for name, value in one.evidence.items()
-        if value != ""
-    ]
+    told = [evidence_phrase(name, value) for name, value in one.evidence.items() if value != ""]
     return ReasonView(code=one.code, title=one.title, advice=one.advice, evidence=printable("; ".join(told)))
 
 
@@ -283,7 +283,8 @@ def _steps(result: Result, tuning: Tuning) -> Iterator[str]:
     changing = [axis for axis, found in tuning.axes.items() if found.verdict == "change"]
     if changing:
         forth, back = file_names(result.log.autopilot)
-        yield f"Load {forth} at the ground station, and keep {back} at hand: it restores the flown gains."
+        load = named(result.log.autopilot).advice.gain_loading.format(forth)
+        yield f"{load}, and keep {back} at hand: it restores the flown gains."
         yield (
             "Take off in calm air and hover at 3 m for 20 s with small stick inputs. Land at once if the "
             "vehicle oscillates or sounds different."

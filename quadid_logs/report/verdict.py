@@ -7,7 +7,7 @@ import math
 from quadid_logs.data.result import Result
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.report.calibration_parts import calibration_half_width, flight_interval
-from quadid_logs.report.numbers import estimate, seconds
+from quadid_logs.report.numbers import estimate, number, seconds
 from quadid_logs.report.words import pretty_unit
 from quadid_logs.vocabulary import AXES, ON_AXIS
 
@@ -51,12 +51,12 @@ def input_unit(result: Result) -> str:
 
 
 def flown_sentence(result: Result) -> str:
-    """Say how much of the log was analysed, or flown where nothing could be identified."""
+    """Say how much of the log was analyzed, or flown where nothing could be identified."""
     if not result.log.has_time:
         return "nothing identified: the log has no time stamps"
     length = seconds(result.data.duration_s)
     if result.identification.recommended is not None:
-        return f"{seconds(used_s(result))} of {length} analysed{_band_by_hand(result.settings.identify)}"
+        return f"{seconds(used_s(result))} of {length} analyzed{_band_by_hand(result.settings.identify)}"
     if not result.data.flights:
         return f"no flight in {length} of log"
     flown_s = sum(end - start for start, end in result.data.flights)
@@ -87,5 +87,6 @@ def effect_sentence(result: Result, axis: str) -> str:
     if not spread:
         return effect
     low, high = flight_interval(gain, result.data.input)
-    flight, calibration = 50.0 * (high - low) / abs(gain.value), 100.0 * spread / abs(gain.value)
-    return f"{effect} (the flight leaves {flight:.2g} %, the calibration to N m {calibration:.2g} %)"
+    both = 0.5 * (high - low), spread
+    flight, calibration = (number(100.0 * half / abs(gain.value), 2) for half in both)
+    return f"{effect} (the flight leaves {flight} %, the calibration to N m {calibration} %)"

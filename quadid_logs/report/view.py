@@ -32,6 +32,7 @@ from quadid_logs.report.verdict import (
     used_s,
 )
 from quadid_logs.report.words import evidence_name, evidence_text
+from quadid_logs.sentences import continued
 from quadid_logs.tuning import recommend
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES, RATE_SYMBOLS
@@ -178,7 +179,7 @@ def _model_sentence(result: Result, model: Model | None) -> str:
     """Say what the recommended model is, or why there is none."""
     if model is None:
         first = next((each.title for each in result.diagnosis.findings if each.level == "error"), "")
-        reason = first[:1].lower() + first[1:] or result.identification.skipped or "this log holds too little"
+        reason = continued(first) or result.identification.skipped or "this log holds too little"
         return f"No model was fitted: {printable(reason)}."
     parts = [
         f"Structure {model.structure}, fitted to {seconds(used_s(result))} of flight: "

@@ -11,6 +11,7 @@ import numpy as np
 from quadid_logs.data.what_if import WhatIf, WhatIfLoop
 from quadid_logs.report.html import csp_hash, script_json
 from quadid_logs.report.numbers import number
+from quadid_logs.report.step_picture import rise_words
 
 
 def what_if_parts(grids: Mapping[str, WhatIf]) -> dict[str, Any]:
@@ -42,11 +43,11 @@ def _grid(grid: WhatIf) -> dict[str, Any]:
         "names": list(grid.values),
         "values": [[number(one) for one in each] for each in grid.values.values()],
         "end": f"{number(float(grid.time_s[-1]), 2)} s",
-        "loops": [None if one is None else _loop(one) for one in grid.loops],
+        "loops": [None if one is None else _loop(one, float(grid.time_s[-1])) for one in grid.loops],
     }
 
 
-def _loop(loop: WhatIfLoop) -> list[Any]:
+def _loop(loop: WhatIfLoop, end_s: float) -> list[Any]:
     """Return the words, then the response in per cent."""
     figures = [
         f"{number(value, 2)} {unit}"
@@ -54,6 +55,6 @@ def _loop(loop: WhatIfLoop) -> list[Any]:
         if value is not None
     ]
     margins = " and ".join(figures) or "nowhere near instability"
-    rise = f"rises in {number(1e3 * loop.rise_time_s, 2)} ms, overshoots by {loop.overshoot_percent:.0f} %"
+    rise = rise_words(loop.rise_time_s, loop.overshoot_percent, float(loop.response[-1]), end_s)
     response = np.round(100.0 * np.clip(np.nan_to_num(loop.response), -1.0, 3.0)).astype(int)
     return [margins, rise, response.tolist()]

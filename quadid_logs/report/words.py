@@ -37,9 +37,14 @@ _PHRASES: Final[Mapping[str, str]] = MappingProxyType(
         "file_bytes": "bytes in the file",
         "found": "signals found",
         "gain": "gain B",
+        "gain_db": "gain margin [dB]",
         "gap_free": "flight without gaps",
         "gaps": "number of gaps",
+        "fraction_accepted": "accepted",
+        "fraction_at_limits": "part of the flight with motors at their limits",
+        "fraction_of_range": "of the command's range",
         "held_out_r2": "fraction explained on held-out flight (R²)",
+        "known_to": "measured up to",
         "mean_rate": "mean rate with all gaps",
         "needed": "needed at least",
         "needed_r2": "fraction needed (R²)",
@@ -68,6 +73,19 @@ def evidence_name(key: str) -> str:
     return f"{words} [{unit}]" if unit else words
 
 
+def evidence_phrase(key: str, value: object) -> str:
+    """Return an entry of the evidence as people say it: its name, its value, then the unit.
+
+    Examples
+    --------
+    >>> evidence_phrase("known_to_hz", 5.0), evidence_phrase("cutoff_hz", [20.0, 40.0])
+    ('measured up to 5 Hz', 'cut-off of the filter 20, 40 Hz')
+    """
+    words, text = evidence_name(key), evidence_text(key, value)
+    name, _, unit = words.removesuffix("]").partition(" [")
+    return f"{words} {text}" if isinstance(value, Mapping) or not unit else f"{name} {text} {unit}"
+
+
 def evidence_text(key: str, value: object) -> str:
     """Return a value of the evidence as text: a fraction in per cent, anything else as it is.
 
@@ -93,7 +111,7 @@ def evidence_value(value: object) -> str:
     >>> evidence_value({"out_of_order": 3, "source": "gyro"}), evidence_value([1.5, True])
     ('out of order: 3, source: gyro', '1.5, yes')
     >>> evidence_value({"value": 2.05, "ci95": [1.5, 2.69]})
-    '2.05 (1.5 to 2.69)'
+    '2.05 (1.50 to 2.69)'
     """
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"

@@ -246,7 +246,7 @@ class _Routes:
         """Return a log that was analyzed."""
         entry = self._schedule.get(entry_id)
         if entry is None or entry.kind is not Kind.ANALYZE or entry.state is not State.DONE:
-            raise HTTPException(400, "Choose flights that were analysed.")
+            raise HTTPException(400, "Choose flights that were analyzed.")
         return entry
 
 

@@ -82,7 +82,7 @@ def simulate(
     vehicle : Vehicle, optional
         What is given replaces the scenario's vehicle.
     autopilot : str
-        "ardupilot" or "px4": whose mixer flies and whose messages are logged.
+        "ardupilot", "px4" or "betaflight": whose mixer flies and whose messages are logged.
 
     Returns
     -------
@@ -174,7 +174,7 @@ def plan_flights(
     vehicle : Vehicle, optional
         What is given replaces the scenario's vehicle.
     autopilot : str
-        "ardupilot" or "px4".
+        "ardupilot", "px4" or "betaflight".
 
     Returns
     -------

@@ -38,6 +38,7 @@ from quadid_logs.simulate.control import (
 )
 from quadid_logs.simulate.effects import Actuation, Effects, FlexibleMode, Surroundings, disturbance
 from quadid_logs.simulate.manoeuvres import Reference
+from quadid_logs.simulate.outputs import OutputCurve, output_curve
 from quadid_logs.simulate.plant import Body, State, advance, at_rest
 from quadid_logs.simulate.wind import Wind, dryden_wind
 
@@ -74,6 +75,8 @@ class Tuning:
         Factor on P, I and D.
     axis_gain : tuple of float
         The same of each axis, on top of it.
+    single_gain : tuple of tuple of float
+        Factors on P, on I, on D and on the angle gain, of each axis, on top of both.
     later_gain : float or None
         Instead of it from the middle of the manoeuvre on.
     target_hz, error_hz : float
@@ -86,6 +89,7 @@ class Tuning:
 
     gain: float = 1.0
     axis_gain: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    single_gain: tuple[tuple[float, float, float], ...] = ((1.0, 1.0, 1.0),) * 4
     later_gain: float | None = None
     target_hz: float = 20.0
     error_hz: float = 0.0
@@ -292,6 +296,7 @@ class Controller(NamedTuple):
     propeller_expo: Component
     speed_max: Component
     compensates_voltage: bool
+    curve: OutputCurve
     actuation: Actuation
 
 
@@ -481,7 +486,8 @@ def _decide(
     """Mix the command and turn it into rotor speeds, on the way that the autopilot goes."""
     gain = 1.0 / battery.lift if controller.compensates_voltage else 1.0
     scaled = (command[0] * gain, command[1] * gain, command[2] * gain)
-    mixed = mix(scaled, throttle * gain, controller.mixer, ops)
+    base = controller.curve.throttle(throttle) if controller.curve.present else throttle * gain
+    mixed = mix(scaled, base, controller.mixer, ops)
     roll, pitch, yaw = mixed.torque
     actuators = _actuators(mixed.thrust, controller, battery, ops)
     return Decision(
@@ -504,6 +510,8 @@ def _actuators(
     for thrust in thrusts:
         if controller.compensates_voltage:
             value = throttle_for_thrust(battery.lift * thrust, controller.expo) / battery.filtered
+        elif controller.curve.present:
+            value = controller.curve.output(thrust, battery.ratio, ops)
         else:
             value = throttle_for_thrust(thrust, controller.expo)
         outputs.append(ops.lower(value, 1.0))
@@ -636,11 +644,12 @@ def controller_gains(setup: Setup) -> Gains:
     proportional = crossover / gain * np.array(setup.tuning.axis_gain)
     lead_s = np.array([0.6, 0.6, 0.0]) * lag
     tuning = setup.tuning
+    of_p, of_i, of_d, of_angle = np.array(tuning.single_gain)
     return Gains(
-        attitude=_vector([np.minimum(0.25 * crossover, (6.0, 6.0, 2.5))]),
-        proportional=_vector([proportional]),
-        integral=_vector([0.25 * crossover * proportional]),
-        derivative=_vector([lead_s * proportional]),
+        attitude=_vector([of_angle * np.minimum(0.25 * crossover, (6.0, 6.0, 2.5))]),
+        proportional=_vector([of_p * proportional]),
+        integral=_vector([of_i * 0.25 * crossover * proportional]),
+        derivative=_vector([of_d * lead_s * proportional]),
         derivative_weight=_weight(tuning.derivative_hz, setup.loop_hz),
         target_weight=_weight(tuning.target_hz, setup.loop_hz),
         error_weight=_weight(tuning.error_hz, setup.loop_hz),
@@ -705,6 +714,7 @@ def _controller(setups: tuple[Setup, ...]) -> Controller:
         propeller_expo=_stacked([s.airframe.thrust_expo for s in setups]),
         speed_max=_stacked([s.airframe.rotor_speed_max_rad_s for s in setups]),
         compensates_voltage=first.autopilot == "ardupilot",
+        curve=output_curve([s.effects for s in setups], wanted=first.autopilot == "betaflight"),
         actuation=Actuation([s.effects for s in setups]),
     )
 

@@ -55,6 +55,9 @@ class Effects:
         The rotors' time constant down over that of the airframe.
     firmware_expo : float or None
         The thrust curve's expo that the firmware is set to, where it is not the propellers'.
+    thrust_linear, sag_compensation : float
+        Settings of firmware whose outputs have no thrust curve (Betaflight), as fractions: outputs are raised
+        where they are low, and held back while the battery is full.
     flexible_mode_hz, flexible_mode_damping, flexible_mode_gain : float
         A mode between body and gyro: natural frequency, damping ratio, and how much of the mode's
         deflection the gyro sees (1: a gyro on a soft mount).
@@ -77,6 +80,8 @@ class Effects:
     gain_period_s: float = 5.0
     spin_down_ratio: float = 1.0
     firmware_expo: float | None = None
+    thrust_linear: float = 0.0
+    sag_compensation: float = 0.0
     flexible_mode_hz: float = 0.0
     flexible_mode_damping: float = 0.1
     flexible_mode_gain: float = 0.2
@@ -105,6 +110,8 @@ FIELDS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
         "alternating gain": ("gain_swing", "gain_period_s"),
         "spin-down asymmetry": ("spin_down_ratio",),
         "expo mismatch": ("firmware_expo",),
+        "thrust linearisation": ("thrust_linear",),
+        "sag compensation": ("sag_compensation",),
         "flexible mode": ("flexible_mode_hz", "flexible_mode_damping", "flexible_mode_gain"),
         "late torque": ("torque_late_s",),
         "outliers": ("outlier_fraction",),

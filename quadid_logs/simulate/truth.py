@@ -12,7 +12,8 @@ from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.maths.rotational_dynamics import PRODUCTS, gyroscopic_matrix
 from quadid_logs.simulate.airframes import SimulatedAirframe
 from quadid_logs.simulate.closed_loop import Record, Setup, mixer_factors
-from quadid_logs.simulate.control import throttle_for_thrust, thrust_of_throttle
+from quadid_logs.simulate.control import arithmetic, throttle_for_thrust, thrust_of_throttle
+from quadid_logs.simulate.outputs import output_curve
 
 _TARGETS = ["p_dot", "q_dot", "r_dot"]
 _INPUTS = ["L", "M", "N"]
@@ -184,8 +185,12 @@ def _thrust_slope(setup: Setup, means: dict[str, float]) -> float:
     else:
         argument, divisor = means["thrust_fraction"], 1.0
 
+    curve = output_curve([setup.effects], wanted=setup.autopilot == "betaflight")
+
     def thrust(value: float) -> float:
         throttle = throttle_for_thrust(value, expo) / divisor
+        if curve.present:
+            throttle = float(curve.output(value, means["battery_ratio"], arithmetic(1)))
         effective = throttle * means["battery_ratio"]
         return float(airframe.max_thrust_n * thrust_of_throttle(effective, airframe.thrust_expo))
 

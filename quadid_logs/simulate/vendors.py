@@ -11,6 +11,7 @@ from quadid_logs.autopilots.ardupilot.frames import FRAME_CLASSES, FRAME_TYPES
 from quadid_logs.errors import SimulationError
 from quadid_logs.simulate.closed_loop import SPIN_MAX, SPIN_MIN, Setup, Tuning, final_gains
 from quadid_logs.simulate.control import Gains
+from quadid_logs.simulate.outputs import CELL_WARNING_V
 
 _PWM_MIN: Final = 1000.0
 _PWM_MAX: Final = 2000.0
@@ -326,9 +327,11 @@ def _px4_gains(gains: Gains) -> dict[str, float]:
 
 
 def _betaflight(setup: Setup) -> dict[str, float]:
-    """Betaflight: the settings that the header of a Blackbox log holds; digital outputs without idle."""
-    gains = final_gains(setup)
-    values = {
+    """Betaflight: the settings that the header of a Blackbox log holds; digital outputs without idle.
+
+    Gains are not among them: what flies here is not its law, and only the sum of the terms is written.
+    """
+    return {
         "looptime": 1e6 / setup.loop_hz,
         "pid_process_denom": 1,
         "gyro_lpf1_type": 1,
@@ -343,12 +346,10 @@ def _betaflight(setup: Setup) -> dict[str, float]:
         "pidsum_limit_yaw": 400,
         "features": _AIRMODE,
         "blackbox_high_resolution": 1,
-        "thrust_linear": 0,
-        "vbat_sag_compensation": 0,
+        "thrust_linear": round(100.0 * setup.effects.thrust_linear),
+        "vbat_sag_compensation": round(100.0 * setup.effects.sag_compensation),
+        "vbatcellvoltage[0]": 330,
+        "vbatcellvoltage[1]": round(100.0 * CELL_WARNING_V),
+        "vbatcellvoltage[2]": 430,
+        "vbatref": round(100.0 * setup.airframe.battery.full_v),
     }
-    per_degree = 1000.0 * np.pi / 180.0
-    for axis, name in enumerate(("roll", "pitch", "yaw")):
-        values[f"{name}PID[0]"] = round(gains.proportional[axis] * per_degree / 0.032029)
-        values[f"{name}PID[1]"] = round(gains.integral[axis] * per_degree / 0.244381)
-        values[f"{name}PID[2]"] = round(gains.derivative[axis] * per_degree / 0.000529)
-    return values

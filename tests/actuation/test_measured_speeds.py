@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,11 +15,12 @@ from quadid_logs.data.model import Model
 from quadid_logs.data.settings import AlignSettings, IdentifySettings
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.identify import identify
-from quadid_logs.load import prepare
+from quadid_logs.load import load, prepare
 from quadid_logs.simulate import find_scenario, fly, plan_flights
 from quadid_logs.simulate.logger import Logging, log_flights
 from quadid_logs.simulate.truth import flight_truth
 
+SAMPLES = Path(__file__).parents[2] / "sample_logs"
 RATE_HZ, AGE_S, NOISE_RAD_S = 200.0, 0.012, 8.0
 VEHICLE = Vehicle(mass_kg=1.5, arm_length_m=0.225, torque_to_thrust_m=0.016)
 
@@ -89,6 +91,15 @@ def test_slow_telemetry_is_no_input_and_says_so() -> None:
     assert "25 Hz are too slow for the input, 160 Hz are needed" in prepared.log.torque.rotor_speed
     assert prepared.torque is not None
     assert "through the mixer" in prepared.torque.series.source
+
+
+def test_commands_that_are_too_slow_tell_no_scale_of_speeds() -> None:
+    """Telemetry of 20 Hz, outputs of 10 Hz: what doublets did between these was missing, and yaw 26 % low."""
+    prepared = load(SAMPLES / "doublets.tlog")
+    assert prepared.log.torque is not None
+    assert "commands at 10 Hz do not tell their scale" in prepared.log.torque.rotor_speed
+    assert prepared.torque is not None
+    assert "servoN_raw" in prepared.torque.series.source
 
 
 def test_a_thrust_stands_curve_goes_before_speeds() -> None:

@@ -210,7 +210,7 @@ def test_parameters_from_before_3_4_rebuild_nothing(made: FlightLog) -> None:
     prepared = prepare(old)
     assert prepared.log.torque is not None
     assert torques_of(prepared) == list(prepared.clean.sources("torque_command"))
-    assert any("MOT_THST_EXPO" in remark for remark in prepared.log.torque.remarks)
+    assert any("MOT_SPIN_MIN" in remark for remark in prepared.log.torque.remarks)
 
 
 def test_saturated_samples_are_marked_after_alignment(made: FlightLog) -> None:

@@ -6,6 +6,7 @@ import pytest
 
 from quadid_logs.autopilots import Autopilot, known
 from quadid_logs.autopilots.ardupilot.advice import ADVICE as ARDUPILOT
+from quadid_logs.autopilots.betaflight.advice import ADVICE as BETAFLIGHT
 from quadid_logs.autopilots.px4.advice import ADVICE as PX4
 from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.data.log import FlightLog
@@ -20,6 +21,51 @@ def ardupilot_logging(mask: float, version: Version = (4, 5, 7), log_format: str
 
 def px4_logging(profile: float, version: Version = (1, 15, 4), log_format: str = "ulog") -> str:
     return PX4.logging(log_format, {"SDLOG_PROFILE": profile}, version)
+
+
+def betaflight_logging(version: Version) -> str:
+    return BETAFLIGHT.logging("blackbox", {}, version)
+
+
+@pytest.mark.parametrize(
+    ("version", "setting"), [((4, 2, 8), "blackbox_p_ratio = 32"), ((4, 3), "blackbox_sample_rate = 1/4")]
+)
+def test_betaflight_is_told_the_setting_that_its_version_has(version: Version, setting: str) -> None:
+    """The rate of the Blackbox was another setting before 4.3."""
+    assert f"set {setting} (1 kHz" in betaflight_logging(version)
+
+
+@pytest.mark.parametrize(
+    ("looptime", "denominator", "part"),
+    [(125.0, 1.0, "1/8 (1 kHz with a PID loop of 8 kHz)"), (125.0, 2.0, "1/4 (1 kHz"),
+     (312.0, 1.0, "1/2 (1.6 kHz"), (1000.0, 1.0, "1/1 (1 kHz"), (float("nan"), 1.0, "1/4 (1 kHz"),
+     (1e-9, 1.0, "1/16")],
+)  # fmt: skip
+def test_the_part_of_the_loops_that_betaflight_logs_is_that_of_its_loop(
+    looptime: float, denominator: float, part: str
+) -> None:
+    """1/4 of a loop of 8 kHz were 2 kHz, which fills a flash chip in half the time."""
+    settings = {"looptime": looptime, "pid_process_denom": denominator}
+    assert f"blackbox_sample_rate = {part}" in BETAFLIGHT.logging("blackbox", settings, (4, 5))
+
+
+def test_betaflight_that_cannot_leave_fields_out_is_not_asked_to_log_them() -> None:
+    """Fields can be chosen since 4.3."""
+    assert "fields" not in betaflight_logging((4, 2, 8))
+    assert "fields" in betaflight_logging((4, 3))
+
+
+def test_three_axes_are_listed_with_commas() -> None:
+    """It said "roll and pitch and yaw"."""
+    assert "for roll, pitch and yaw, each" in BETAFLIGHT.excitation(AXES, (2025, 12))
+
+
+@pytest.mark.parametrize(
+    ("version", "told"), [((4, 4, 3), False), ((4, 5), True), ((2025, 12), True), (None, True)]
+)
+def test_rotor_speeds_are_asked_of_firmware_that_logs_them(version: Version, *, told: bool) -> None:
+    """The field eRPM is in the log since 4.5."""
+    assert ("bidirectional DShot" in betaflight_logging(version)) == told
 
 
 @pytest.mark.parametrize(("mask", "to_set"), [(176126.0, 176127), (830.0, 831), (float("nan"), 176127)])

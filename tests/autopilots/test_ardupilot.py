@@ -315,6 +315,13 @@ def test_what_flew_is_told_from_texts_and_parameters(
     assert (found.vehicle_type, found.frame) == expected
 
 
+def test_a_throttle_in_per_mille_beside_the_torque_is_brought_to_one(corpus: Path) -> None:
+    """RATE.AOut of 3.4-dev: a throttle of 475 made rotors of infinite speed."""
+    log = read_binary(corpus / "real" / "ac34dev-erlebrain2-RATE50Hz-138s.bin")
+    throttle = next(one for one in log.candidates("throttle") if one.source == "RATE.AOut")
+    assert 0.3 < np.nanmedian(throttle.values) < 0.6
+
+
 def test_modes_have_names_where_the_number_is_a_copter_s() -> None:
     """Other vehicles number their modes differently."""
     assert mode_name(25, "multirotor") == "SYSTEMID"

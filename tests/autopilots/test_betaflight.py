@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,13 +15,18 @@ import pytest
 from quadid_logs.actuation.airframe import Airframe, Unknown
 from quadid_logs.align.series import CleanSeries
 from quadid_logs.autopilots.betaflight.airframe import find_airframe
+from quadid_logs.autopilots.betaflight.controller import controllers
 from quadid_logs.autopilots.betaflight.filters import measured_filter, settings_filter
+from quadid_logs.autopilots.betaflight.frames import FRAMES, Frame
 from quadid_logs.autopilots.betaflight.log import read
-from quadid_logs.autopilots.betaflight.rotors import COMMON_EXPO, find_rotors, full_output, lagged
-from quadid_logs.autopilots.betaflight.torque import before_linearisation, mix_factor
-from quadid_logs.data.log import FlightLog, Rows
+from quadid_logs.autopilots.betaflight.mixer import before_linearisation, highest_output, mix_factor
+from quadid_logs.autopilots.betaflight.rotors import COMMON_EXPO, find_rotors, full_output
+from quadid_logs.autopilots.betaflight.signals import TO_FRD
+from quadid_logs.data.controller import RemarkKind
+from quadid_logs.data.log import FlightLog, Rows, Signal
 from quadid_logs.data.model import Model
 from quadid_logs.errors import UnknownFormatError
+from quadid_logs.maths.recurrence import lag
 from quadid_logs.vocabulary import ON_AXIS
 from tests.analyses import Analyzed
 from tests.containers import blackbox_maker as maker
@@ -30,7 +36,12 @@ MIX = np.array([[-1, 1, 1], [-1, -1, -1], [1, 1, -1], [1, -1, 1]])
 DEGREE = math.pi / 180.0
 
 
-def made(tmp_path: Path, columns: dict[str, np.ndarray | int], **settings: str) -> FlightLog:
+def made(
+    tmp_path: Path,
+    columns: dict[str, np.ndarray | int],
+    given: Mapping[str, str] = maker.SETTINGS,
+    **settings: str,
+) -> FlightLog:
     """Write columns, all others zero, and read them as a log."""
     count = max(np.size(values) for values in columns.values())
     rows = np.zeros((count, len(maker.NAMES)), dtype=int)
@@ -42,7 +53,7 @@ def made(tmp_path: Path, columns: dict[str, np.ndarray | int], **settings: str) 
     for name, values in columns.items():
         rows[:, maker.NAMES.index(name)] = values
     path = tmp_path / "made.bbl"
-    given = maker.SETTINGS | {name.replace("__", " "): value for name, value in settings.items()}
+    given = {**given} | {name.replace("__", " "): value for name, value in settings.items()}
     path.write_bytes(maker.log(rows.tolist(), settings=given))
     return read(path)
 
@@ -56,6 +67,15 @@ def test_pitch_and_yaw_change_sign_from_forward_left_up(tmp_path: Path) -> None:
     """Nose down and nose left are positive there."""
     log = made(tmp_path, {f"gyroADC[{axis}]": np.full(40, axis + 1) for axis in range(3)})
     np.testing.assert_allclose(values(log, "body_rate"), DEGREE * np.array([1.0, -2.0, -3.0]))
+
+
+def test_the_id_that_all_simulated_vehicles_have_names_none(tmp_path: Path) -> None:
+    """The fleet took four simulated vehicles for one."""
+    settings = {
+        "Firmware__revision": "Betaflight 2026.12.0-alpha (norevision) SITL",
+        "DeviceUID": "0" * 23 + "2",
+    }
+    assert not made(tmp_path, {"gyroADC[0]": np.full(40, 1)}, **settings).hardware_id
 
 
 def test_high_resolution_logs_have_tenths_of_degrees(tmp_path: Path) -> None:
@@ -82,6 +102,14 @@ def test_all_four_terms_are_in_the_pid_sum(tmp_path: Path) -> None:
     assert values(made(tmp_path, terms), "torque_command")[0] == pytest.approx(0.061)
 
 
+def test_before_4_4_terms_were_cut_towards_zero(tmp_path: Path) -> None:
+    """Half a unit each; the header does not have the setting that came with rounding."""
+    terms = {"axisP[0]": np.full(40, 1), "axisI[0]": np.full(40, -2), "axisD[0]": np.full(40, 3)}
+    old = {name: value for name, value in maker.SETTINGS.items() if name != "blackbox_high_resolution"}
+    found = values(made(tmp_path, terms, given=old), "torque_command")
+    np.testing.assert_allclose(found, [2.5e-3, 0.0, 0.0])
+
+
 def test_at_rest_the_specific_force_points_up(tmp_path: Path) -> None:
     """+1 g on Betaflight's z axis."""
     log = made(tmp_path, {"accSmooth[2]": np.full(40, 2048)})
@@ -96,52 +124,211 @@ def test_the_clock_of_32_bits_turns_over(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "revision", ["INAV 7.1.0 (abc) KAKUTEH7", "Cleanflight 2.1.0 (abc) SPF3", "Rotorflight 4.3.0 (abc) F7"]
+    ("revision", "kind", "name"),
+    [
+        ("INAV 7.1.0 (abc) KAKUTEH7", "INAV", "INAV"),
+        ("EmuFlight 0.4.1 (abc) FOXEERF722", "EmuFlight", "EmuFlight"),
+        ("Rotorflight 4.3.0 (abc) F7", "Rotorflight", "Rotorflight"),
+        ("Cleanflight 2.1.0 (abc) SPF3", "Cleanflight", "Cleanflight"),
+        ("f0e8c3a", "Cleanflight", "Cleanflight"),
+        ("Betaflight 3.5.7 (abc) F4", "Cleanflight", "Betaflight 3.5.7"),
+        ("KISS 1.3-RC50 (abc) FCV2", "KISS", "KISS"),
+        ("QuickSilver v0.1", "QuickSilver", "QuickSilver"),
+        ("Butterflight 4.0.0 (abc) F4", "Cleanflight", "Butterflight"),
+        ("f0e8c3a", "Baseflight", "Baseflight"),
+        ("", "", "an unknown firmware"),
+    ],
 )
-def test_other_firmware_is_refused_by_its_name(revision: str, tmp_path: Path) -> None:
-    """Its fields have other scales, its mixer is another."""
-    with pytest.raises(UnknownFormatError, match=revision.split()[0]):
-        made(tmp_path, {"gyroADC[0]": np.zeros(40)}, Firmware__revision=revision)
+def test_other_firmware_is_refused_by_its_name(revision: str, kind: str, name: str, tmp_path: Path) -> None:
+    """Its fields have other scales, its mixer is another; old ones log the revision of their source alone."""
+    names = {"Firmware__revision": revision, "Firmware__type": kind}
+    with pytest.raises(UnknownFormatError, match=f"log of {name}, not"):
+        made(tmp_path, {"gyroADC[0]": np.zeros(40)}, **names)
 
 
-def mixed(tmp_path: Path, mix: np.ndarray) -> FlightLog:
-    """Fly random PID sums through a mixer."""
+PIDS = {"rollPID": "45,80,30", "pitchPID": "47,84,34", "yawPID": "45,80,0"}
+
+
+@pytest.mark.parametrize(
+    ("version", "read_as"),
+    [("4.0.6", "nearest"), ("4.2.8", "nearest"), ("4.3.1", "read"), ("4.4.2", "read"), ("4.5.1", "read"),
+     ("2025.12.2", "read"), ("2026.6.1", "read"), ("2026.12.0-alpha", "read")],
+)  # fmt: skip
+def test_a_version_whose_law_was_read_is_not_called_another(
+    version: str, read_as: str, tmp_path: Path
+) -> None:
+    """Every report of a 4.5 or a 2025.12 said that its source had not been read."""
+    log = made(
+        tmp_path, {"gyroADC[0]": np.zeros(40)}, Firmware__revision=f"Betaflight {version} (a) F7", **PIDS
+    )
+    assert controllers(log, log.parameters).version_read == read_as
+
+
+@pytest.mark.parametrize(
+    ("setting", "left"), [("use_integrated_yaw", {"roll", "pitch"}), ("abs_control_gain", set())]
+)
+def test_a_setting_that_makes_another_law_leaves_its_axes_without_a_controller(
+    setting: str, left: set[str], tmp_path: Path
+) -> None:
+    """Both were in the firmware up to 2026.6 and 2025.12."""
+    log = made(tmp_path, {"gyroADC[0]": np.zeros(40)}, **PIDS, **{setting: "1"})
+    found = controllers(log, log.parameters)
+    assert set(found.axes) == left
+    assert {one.kind for one in found.remarks} >= {RemarkKind.NOT_MODELLED}
+
+
+def test_an_integrated_yaw_sum_is_named_and_no_custom_mixer(tmp_path: Path) -> None:
+    """The outputs do not follow the logged sum."""
+    log = replace(mixed(MIX * [1, 1, 0]), parameters={"use_integrated_yaw": 1.0})
+    found = find_airframe(log)
+    assert isinstance(found, Unknown)
+    assert "use_integrated_yaw" in found.remark
+
+
+@pytest.mark.parametrize("name", ["ff_weight", "feedforward_weight"])
+def test_feed_forward_has_its_name_of_the_command_line(name: str, tmp_path: Path) -> None:
+    """The header called it otherwise before 4.3."""
+    log = made(tmp_path, {"gyroADC[0]": np.zeros(40)}, **{name: "120,125,90"})
+    assert log.parameters["f_yaw"] == 90.0
+
+
+@pytest.mark.parametrize("version", ["2,25.12.2", "2021e9", "20-15", "202²", "20\x00\x00À2.1", "9" * 25])
+def test_a_damaged_version_costs_only_itself(version: str, tmp_path: Path) -> None:
+    """It stays text: by its name the log is Betaflight's."""
+    log = made(tmp_path, {"gyroADC[0]": np.zeros(40)}, Firmware__revision=f"Betaflight {version} (abc) F7")
+    assert log.candidates("body_rate")
+
+
+@pytest.mark.parametrize(
+    ("kind", "revision"),
+    [("Cleanflight", "Betaflight (norevision) SITL"), ("Betaflight", ""), ("", "Betaflight")],
+)
+def test_betaflight_without_a_version_is_not_refused_as_another_firmware(
+    kind: str, revision: str, tmp_path: Path
+) -> None:
+    """It was "a Blackbox log of Betaflight, not of Betaflight 4.0 or later"."""
+    names = {"Firmware__type": kind, "Firmware__revision": revision}
+    log = made(tmp_path, {"gyroADC[0]": np.zeros(40)}, **names)
+    assert (log.firmware, log.version) == ("Betaflight", None)
+
+
+def test_other_firmware_is_refused_by_its_name_before_its_fields_are_understood(tmp_path: Path) -> None:
+    """They may be written in ways that no frame of ours is; that is no damage."""
+    path = tmp_path / "other.bbl"
+    settings = maker.SETTINGS | {"Firmware revision": "INAV 7.1.0 (abc) F7"}
+    path.write_bytes(maker.header(settings).replace(b"H Field I encoding:1", b"H Field I encoding:99"))
+    with pytest.raises(UnknownFormatError, match="log of INAV"):
+        read(path)
+
+
+def mixed(mix: np.ndarray, **settings: float) -> FlightLog:
+    """Fly random PID sums (Betaflight's axes) through a mixer of any number of motors."""
     rng = np.random.default_rng(0)
-    sums, throttle = rng.integers(-60, 60, (2000, 3)), rng.integers(300, 500, 2000)
-    outputs = 158 + np.rint(1889 * (throttle[:, None] + sums @ mix.T) / 1000.0).astype(int)
-    columns = {f"axisP[{axis}]": sums[:, axis] for axis in range(3)} | {"setpoint[3]": throttle}
-    return made(tmp_path, columns | {f"motor[{k}]": outputs[:, k] for k in range(4)})
+    sums, throttle = rng.integers(-60, 60, (2000, 3)) / 1000.0, rng.integers(300, 500, 2000) / 1000.0
+    factor = mix_factor(throttle, {"features": float(1 << 22)} | settings)[:, None]
+    outputs = np.rint(1889 * (throttle[:, None] + factor * sums @ mix.T)) / 1889
+    rows = Rows(1e-3 * np.arange(2000), np.arange(2000))
+    columns = {"torque_command": sums * TO_FRD, "throttle": throttle[:, None], "motor_thrust": outputs}
+    return FlightLog(
+        path="",
+        format="blackbox",
+        autopilot="betaflight",
+        n_bytes=0,
+        signals={
+            name: (Signal(name=name, source="main", reason="", rows=rows, values=values),)
+            for name, values in columns.items()
+        },
+    )
 
 
 @pytest.mark.parametrize("direction", [1, -1])
-def test_the_outputs_tell_which_way_the_rotors_turn(direction: int, tmp_path: Path) -> None:
+def test_the_outputs_tell_which_way_the_rotors_turn(direction: int) -> None:
     """No header says yaw_motors_reversed; motor 1, rear right, turns clockwise without it."""
-    frame = find_airframe(mixed(tmp_path, MIX * [1, 1, direction]))
+    frame = find_airframe(mixed(MIX * [1, 1, direction]))
     assert isinstance(frame, Airframe)
     np.testing.assert_array_equal(frame.spin, direction * np.array([-1.0, 1.0, 1.0, -1.0]))
     np.testing.assert_allclose(frame.factors[:, :3], MIX * [1, -1, -direction])
 
 
-def test_a_frame_that_mixes_otherwise_is_not_taken_for_a_quad_x(tmp_path: Path) -> None:
+def test_a_frame_that_mixes_otherwise_is_not_taken_for_a_quad_x() -> None:
     """Motors in another order."""
-    assert isinstance(find_airframe(mixed(tmp_path, MIX[[1, 0, 2, 3]])), Unknown)
-
-
-def test_a_frame_of_other_than_four_motors_is_refused_with_their_number(tmp_path: Path) -> None:
-    """A tricopter's log has three."""
-    log = mixed(tmp_path, MIX)
-    (motors,) = log.candidates("motor_thrust")
-    three = replace(motors, values=motors.values[:, :3])
-    found = find_airframe(replace(log, signals={**log.signals, "motor_thrust": (three,)}))
+    found = find_airframe(mixed(MIX[[1, 0, 2, 3]]))
     assert isinstance(found, Unknown)
-    assert "3 motors" in found.remark
+    assert "custom mixer" in found.remark
 
 
-def test_thrust_linearisation_is_undone() -> None:
-    """By the formula of the firmware, e = 0.4."""
+@pytest.mark.parametrize("frame", FRAMES, ids=lambda frame: frame.name)
+@pytest.mark.parametrize("settings", [{}, {"features": 0.0}], ids=["airmode", "without"])
+def test_every_frame_of_the_motor_table_is_told_by_its_outputs(frame: Frame, settings: dict) -> None:
+    """By name; those whose torque is not in the thrusts are refused by it."""
+    found = find_airframe(mixed(frame.mixer * TO_FRD, **settings))
+    if frame.unread:
+        assert isinstance(found, Unknown)
+        assert frame.name in found.remark
+    else:
+        assert isinstance(found, Airframe)
+        assert found.name == frame.name
+
+
+def test_the_rotors_of_a_frame_turn_it_as_its_mixer_says() -> None:
+    """Roll right by thrust on the left, pitch up by thrust in front, nose right by anticlockwise rotors."""
+    for frame in FRAMES:
+        if not frame.unread:
+            lever = np.column_stack([-frame.position[:, 1], frame.position[:, 0], np.sign(frame.mixer[:, 2])])
+            assert (
+                np.sum(lever * frame.mixer, axis=0) > 0.99 * np.sum(np.abs(lever * frame.mixer), axis=0)
+            ).all()
+            np.testing.assert_allclose(frame.mixer.sum(axis=0), 0.0, atol=1e-5)
+
+
+@pytest.mark.parametrize(("n_motors", "name"), [(1, "aeroplane"), (2, "bicopter"), (3, "tricopter")])
+def test_a_frame_of_few_motors_is_refused_by_its_name(n_motors: int, name: str) -> None:
+    """Servos turn it, which no thrust tells."""
+    found = find_airframe(mixed(MIX[:n_motors]))
+    assert isinstance(found, Unknown)
+    assert name in found.remark
+
+
+def test_a_build_for_wings_is_no_multirotor(tmp_path: Path) -> None:
+    """It logs the S term of its control surfaces."""
+    log = made(tmp_path, {"gyroADC[0]": np.zeros(40)})
+    assert log.vehicle_type == "multirotor"
+    content = Path(log.path).read_bytes()
+    Path(log.path).write_bytes(content.replace(b"axisF[0],axisF[1]", b"axisS[0],axisF[1]"))
+    assert read(log.path).vehicle_type == "fixed-wing"
+
+
+@pytest.mark.parametrize("version", [(4, 5, 1), (2025, 12, 2), (2026, 6), (2026, 12), None])
+def test_thrust_linearisation_is_undone(version: tuple[int, ...] | None) -> None:
+    """By the formula of the firmware's version, e = 0.4."""
     x = np.linspace(0.0, 1.0, 21)
-    output = x * (1.0 + 0.4 * (1.0 - x) * (1.0 + 0.4 * (1.0 - 2.0 * x)))
-    np.testing.assert_allclose(before_linearisation(output, 0.4), x, atol=1e-5)
+    output = x * (1.0 + 0.4 * (1.0 - x) ** 2)
+    if version is None or version >= (2026, 6):
+        output = x * (1.0 + 0.4 * (1.0 - x) * (1.0 + 0.4 * (1.0 - 2.0 * x)))
+    np.testing.assert_allclose(before_linearisation(output, 0.4, version), x, atol=1e-5)
+
+
+SAG = {
+    "vbat_sag_compensation": 100.0,
+    "vbatref": 1650.0,
+    "vbatcellvoltage[1]": 350.0,
+    "vbatcellvoltage[2]": 430.0,
+}
+
+
+@pytest.mark.parametrize(
+    ("voltage", "expected"), [(17.2, 5 / 6), (16.8, 5 / 6), (15.4, 11 / 12), (13.0, 1.0)]
+)
+def test_sag_compensation_stops_motors_below_their_highest_output(voltage: float, expected: float) -> None:
+    """Four cells: a sixth of the range is kept while they are full, nothing from 3.5 V a cell down."""
+    assert highest_output(np.array([voltage]), SAG) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("missing", SAG)
+def test_without_the_cells_of_the_header_motors_stop_at_their_highest_output(missing: str) -> None:
+    """Before 4.3 the header does not hold the compensation."""
+    settings = {name: value for name, value in SAG.items() if name != missing}
+    assert highest_output(np.array([16.8]), settings) == 1.0
 
 
 @pytest.mark.parametrize(("features", "expected"), [(1 << 22, [1.0, 1.0, 1.0]), (0, [0.5, 0.8, 1.0])])
@@ -163,16 +350,19 @@ def test_the_delay_of_the_gyro_filters_is_measured() -> None:
 def test_low_passes_in_a_row_delay_by_their_sum() -> None:
     """One pole at 250 Hz and one at 500 Hz: 0.64 + 0.32 ms."""
     settings = {"gyro_lpf1_type": 0.0, "gyro_lpf1_static_hz": 250.0, "gyro_lpf2_static_hz": 500.0}
-    cutoff_hz = settings_filter(settings, math.nan).low_pass_hz
+    cutoff_hz = settings_filter(settings, ()).low_pass_hz
     assert math.sqrt(2.0) / (2.0 * math.pi * cutoff_hz) == pytest.approx(1.5 / (2.0 * math.pi * 250.0))
 
 
-def test_the_rpm_filter_has_a_notch_per_motor_and_harmonic() -> None:
-    """Q in hundredths, where the rotors turn."""
+@pytest.mark.parametrize(
+    "rotors_hz", [[], [180.0] * 4, [170.0, 172.0, 174.0, 176.0, 178.0, 180.0], [150.0] * 8]
+)
+def test_the_rpm_filter_has_a_notch_per_motor_and_harmonic(rotors_hz: list[float]) -> None:
+    """Q in hundredths, where each rotor turns; a hexa has six."""
     settings = {"rpm_filter_harmonics": 2.0, "rpm_filter_q": 500.0, "rpm_filter_min_hz": 100.0}
-    notches = settings_filter(settings, 180.0).notches
-    assert [notch.frequency_hz for notch in notches] == [180.0] * 4 + [360.0] * 4
-    assert {notch.inverse_q for notch in notches} == {0.2}
+    notches = settings_filter(settings, rotors_hz).notches
+    assert [notch.frequency_hz for notch in notches] == [*rotors_hz, *(2.0 * one for one in rotors_hz)]
+    assert {notch.inverse_q for notch in notches} <= {0.2}
 
 
 def test_digital_outputs_are_steps_and_others_microseconds() -> None:
@@ -215,8 +405,8 @@ class Cleaned:
 def flown() -> tuple[np.ndarray, np.ndarray]:
     """Outputs that move, and speeds of rotors with an expo of 0.7 and 30 ms, on a battery that runs down."""
     rng = np.random.default_rng(0)
-    output = 0.35 + 0.05 * np.clip(lagged(rng.normal(size=(20_000, 4)), 1e-3, 0.02) * 6.0, -4.0, 4.0)
-    speed = lagged(np.sqrt(0.3 * output + 0.7 * output**2), 1e-3, 0.03)
+    output = 0.35 + 0.05 * np.clip(lag(rng.normal(size=(20_000, 4)), 1e-3, 0.02) * 6.0, -4.0, 4.0)
+    speed = lag(np.sqrt(0.3 * output + 0.7 * output**2), 1e-3, 0.03)
     return output, 2000.0 * speed * np.linspace(1.0, 0.9, 20_000)[:, np.newaxis]
 
 

@@ -14,9 +14,10 @@ from quadid_logs.cli import main
 from quadid_logs.compare import compare
 from quadid_logs.data.model import Model
 from quadid_logs.data.result import Result
+from quadid_logs.data.torque import AssumedExpo, HeldScale
 from quadid_logs.figures import Figure, LeftOut
 from quadid_logs.figures.loop_comparison import loop_comparison_figure
-from quadid_logs.report.comparison import amount, comparison_lines, comparison_text
+from quadid_logs.report.comparison import amount, change_words, comparison_lines, comparison_text
 from quadid_logs.report.comparison_page import comparison_page
 from quadid_logs.report.numbers import estimate
 from tests.synthetic_results import refused_result, usable_result
@@ -153,7 +154,7 @@ def test_newton_metres_are_not_compared_with_commands(flight: Result) -> None:
 
 
 @pytest.fixture
-def analysed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, flight: Result) -> Callable[..., Path]:
+def analyzed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, flight: Result) -> Callable[..., Path]:
     """Let the file's name say what the analysis finds."""
     found = {
         "good": flight,
@@ -174,7 +175,7 @@ def analysed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, flight: Result) ->
 
 @pytest.mark.parametrize(("after", "code"), [("good", 0), ("other", 1), ("refused", 3)])
 def test_the_exit_code_says_what_was_found(
-    after: str, code: int, analysed: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+    after: str, code: int, analyzed: Callable[..., Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     """0 no change, 1 changed, 3 not comparable; stdout is plain text."""
     assert main(["compare", "good.bin", f"{after}.bin"]) == code
@@ -185,7 +186,7 @@ def test_the_exit_code_says_what_was_found(
 
 
 def test_figure_and_json_are_written_and_not_overwritten(
-    analysed: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+    analyzed: Callable[..., Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     """--json prints what the file holds; a second run needs --force."""
     assert main(["compare", "good.bin", "other.bin", "-o", "out", "--json"]) == 1
@@ -201,7 +202,7 @@ def test_figure_and_json_are_written_and_not_overwritten(
 
 
 def test_a_full_temporary_folder_costs_no_comparison(
-    analysed: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+    analyzed: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The figure went through a file there."""
 
@@ -214,7 +215,7 @@ def test_a_full_temporary_folder_costs_no_comparison(
 
 
 def test_no_figure_of_an_earlier_comparison_is_left_beside_another_one(
-    analysed: Callable[..., Path],
+    analyzed: Callable[..., Path],
 ) -> None:
     """Nothing was compared, so nothing is drawn; the old picture would say otherwise."""
     assert main(["compare", "good.bin", "other.bin", "-o", "out"]) == 1
@@ -288,8 +289,30 @@ def test_yaw_may_answer_as_the_throttle_lets_it(throttle: float, change: str, fl
     assert compare(first, other).axes["yaw"] == change
 
 
+def curved(result: Result) -> Result:
+    """Return the result as if its firmware did not undo the thrust curve."""
+    assert result.data.input is not None
+    expo = AssumedExpo(value=0.5, parameter="", held=HeldScale.COMMAND)
+    return replace(result, data=replace(result.data, input=replace(result.data.input, expo=expo)))
+
+
+def test_the_throttle_excuses_roll_where_no_firmware_undoes_the_thrust_curve(flight: Result) -> None:
+    """One vehicle was called changed by 3.2 % of roll between sticks and a chirp at less throttle."""
+    first = at_throttle(curved(flight), 0.40)
+    other = at_throttle(with_gain(first, fraction=1.04), 0.42)
+    comparison = compare(first, other)
+    assert comparison.axes["roll"] == "same"
+
+
+def test_lag_and_delay_have_a_line_of_their_own(flight: Result) -> None:
+    """They stood below yaw, as if they were yaw's alone."""
+    lines = comparison_lines(flight, flight, compare(flight, flight))
+    place = next(k for k, line in enumerate(lines) if "lag of the actuators" in line)
+    assert lines[place - 1] == "  actuators  same"
+
+
 def test_the_throttle_excuses_yaw_only(flight: Result) -> None:
-    """Roll comes from thrust, whose command the mixer makes linear."""
+    """Roll comes from thrust, whose command this firmware makes linear."""
     other = at_throttle(with_gain(flight, fraction=1.08), 0.42)
     assert compare(at_throttle(flight, 0.40), other).axes["roll"] == "changed"
 
@@ -298,15 +321,41 @@ def test_another_throttle_is_named_beside_yaw(flight: Result) -> None:
     """Who reads that 12 % would show must know that the throttle takes most of it."""
     first, other = at_throttle(flight, 0.40), at_throttle(flight, 0.42)
     text = "\n".join(comparison_lines(first, other, compare(first, other)))
-    assert text.count("of which up to 10.2 % for 5 % more throttle") == 1
+    assert text.count("of which up to 10 % for 5 % more throttle") == 1
 
 
 def test_a_difference_larger_than_the_value_is_told_in_its_unit(flight: Result) -> None:
     """A damping "changed by -150 %" reads as nonsense."""
     gain = compare(flight, flight).quantities[0]
-    damping = replace(gain, name="A11", scale_name="A11", unit="1/s", scale=0.02)
+    damping = replace(gain, name="A11", scale_name="A11", unit="1/s", scale=0.02, margin=0.004)
     assert amount(damping, 0.01) == "50 %"
-    assert amount(damping, -0.03) == "−0.03 1/s"
+    assert amount(damping, -0.03) == "−0.0300 1/s"
+
+
+def test_a_difference_has_the_decimals_of_what_would_show(flight: Result) -> None:
+    """0.00712 % was told where 2.4 % would show."""
+    gain = replace(
+        compare(flight, flight).quantities[0], before=100.0, after=100.007, scale=100.0, margin=2.37
+    )
+    assert (change_words(gain), amount(gain, gain.margin)) == ("0.0 %", "2.4 %")
+
+
+def test_a_damping_that_weakens_is_told_with_a_minus(flight: Result) -> None:
+    """From -2.3 to -2.1 per second it read "7.9 %", as if there were more of it."""
+    gain = compare(flight, flight).quantities[0]
+    damping = replace(gain, before=-2.3, after=-2.1, scale=2.3, margin=0.4)
+    assert change_words(damping) == "−9 %"
+
+
+def test_the_page_tells_a_changed_lag_beside_the_axes(flight: Result) -> None:
+    """All axes were the same below "Changed beyond the intervals"."""
+    model = flight.identification.models[0]
+    assert model.actuator is not None
+    slower = replace(model.actuator, lag_s=model.actuator.lag_s + 0.02, lag_ci95_s=(0.049, 0.051))
+    models = (replace(model, actuator=slower), *flight.identification.models[1:])
+    other = replace(flight, identification=replace(flight.identification, models=models))
+    page = comparison_page(flight, other, compare(flight, other))
+    assert '<h3>Actuators <span class="badge">changed</span></h3>' in page
 
 
 def test_a_page_without_any_comparison_says_so(flight: Result) -> None:

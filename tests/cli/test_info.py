@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -17,10 +18,26 @@ def test_whether_analyze_can_work_with_it_is_said_first(capsys: pytest.CaptureFi
     """Before any fact about the log; each line is whole, for grep."""
     assert main(["info", LOG]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[1] == "  analyze will refuse it: 1 thing missing"
-    assert lines[2].startswith("    missing: ")
+    assert lines[1] == "  analyze will refuse roll and pitch: 1 obstacle"
+    assert lines[2].startswith("    obstacle: ")
     assert "[QL303]" in lines[2]
     assert any(len(line) > 120 for line in lines)
+
+
+def test_of_a_slow_log_only_what_is_too_slow_is_said_to_be_refused(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """10 Hz with set-points: analyze tells yaw, so that "anything" was false."""
+    assert main(["info", LOG]) == 0
+    assert "too slowly to identify roll or pitch [QL303]" in capsys.readouterr().out
+
+
+def test_what_to_do_is_that_of_the_autopilot(corpus: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As analyze says it; and a log without times has no span of time."""
+    assert main(["info", str(corpus / "real" / "ac30-quadV-underpowered.log")]) == 0
+    out = capsys.readouterr().out
+    assert "Update the firmware to 4.0 or later" in out
+    assert "  time       not logged" in out
 
 
 def test_lines_end_where_the_terminal_does(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -33,3 +50,11 @@ def test_lines_end_where_the_terminal_does(monkeypatch: pytest.MonkeyPatch) -> N
     lines = shown.getvalue().splitlines()
     assert max(map(len, lines)) <= 50
     assert max(len(line) - len(line.lstrip()) for line in lines) <= 20
+
+
+def test_of_a_rover_no_rotors_are_told(corpus: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its rotors were said to have run as on a bench, and its airframe to be told with [[rotor]] tables."""
+    assert main(["info", str(corpus / "real" / "rover246-real-61.bin")]) == 0
+    out = capsys.readouterr().out
+    assert "  flights    this is not a multirotor" in out
+    assert "rotor" not in out.replace("multirotor", "")

@@ -433,9 +433,18 @@ def test_what_takes_long_is_told_on_stderr(
     assert "\x1b" not in err
 
 
+def test_no_report_is_told_of_where_none_is_written(
+    pipeline: FakePipeline, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With --no-report the numbers alone are written."""
+    monkeypatch.setattr("quadid_logs.cli.progress._PATIENCE_S", 0.0)
+    assert main(["analyze", "refused.bin", "--no-report"]) == 1
+    assert "report" not in capsys.readouterr().err
+
+
 def quadid_log(*arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run the command in a process of its own."""
-    command = [sys.executable, "-c", "from quadid_logs.cli import run; run()", *arguments]
+    """Run the package in a process of its own, as where its script is not on the path."""
+    command = [sys.executable, "-m", "quadid_logs", *arguments]
     return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -99,6 +100,20 @@ def test_the_card_predicts_for_the_vehicle_that_was_given(yaw_flight: Prediction
     assert "known to ±" in text
     assert "- roll:" not in text
     assert "READ BACK that SID_AXIS is 12 and SID_MAGNITUDE is 0.15" in text
+
+
+def test_nothing_is_set_on_the_ground_before_the_landing() -> None:
+    """ "Set SID_AXIS back to 0" stood before "Land", though files are loaded on the ground."""
+    steps = make_plan("ardupilot", ["roll", "yaw"]).steps()
+    assert "and land" in steps[-2]
+    assert steps[-1] == "After the last landing set SID_AXIS back to 0."
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_a_card_lands_once_a_flight(autopilot: str, yaw_flight: Prediction) -> None:
+    """A sweep ends with its own landing; doublets with one."""
+    text = "\n".join(card_lines(make_plan(autopilot, ["yaw"]), yaw_flight))
+    assert len(re.findall(r"\bland\b", text, re.IGNORECASE)) == 1
 
 
 def test_every_sweep_is_loaded_twice_and_read_back_before_it_is_flown() -> None:

@@ -28,6 +28,7 @@ SETTINGS = {
     "motorOutput": "158,2047",
     "acc_1G": "2048",
     "features": "4194304",
+    "blackbox_high_resolution": "0",
 }
 END = b"E\xffEnd of log\0"
 

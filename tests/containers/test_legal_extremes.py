@@ -72,7 +72,7 @@ def test_formats_deeper_than_eight_are_refused_from_whatever_side_they_are_asked
 def test_formats_that_keep_changing_come_to_an_end():
     """Each change makes the layouts void; none is worked out for ever."""
     formats = Formats()
-    formats.define("wide:" + "".join(f"uint8_t f{k};" for k in range(400)))
+    formats.define("wide:other o;" + "".join(f"uint8_t f{k};" for k in range(400)))
 
     def change_all_the_time() -> None:
         for number in range(300):
@@ -81,6 +81,26 @@ def test_formats_that_keep_changing_come_to_an_end():
 
     with pytest.raises(BrokenMessageError, match="change all the time"):
         change_all_the_time()
+
+
+def test_a_format_that_changes_leaves_the_layouts_of_others_alone():
+    """A topic of 400 fields used to be taken apart again for every change of a format it does not hold."""
+    formats = Formats()
+    formats.define("wide:" + "".join(f"uint8_t f{k};" for k in range(400)))
+    for number in range(300):
+        formats.define(f"other:float x{number};")
+        formats.row("wide")
+    assert formats._n_fields == 400
+
+
+def test_a_format_that_changes_two_levels_down_changes_the_row():
+    """What holds the changed format must not keep its old layout."""
+    formats = Formats()
+    for definition in ("a:uint8_t x;", "b:a x;", "c:b x;uint8_t y;"):
+        formats.define(definition)
+    before = formats.row("c")[1]
+    formats.define("a:uint64_t x;")
+    assert (before, formats.row("c")[1]) == (2, 9)
 
 
 def test_thousands_of_late_topics_give_every_row(tmp_path, monkeypatch):

@@ -37,11 +37,11 @@ def calibrated() -> tuple[FlightData, Model]:
     )
     segments = tuple(replace(each, torque=each.torque * N_M) for each in data.segments)
     sigma = np.hypot(SIGMA, 0.02)
-    covariance = np.zeros((3, 4, 4))
+    covariance = np.zeros((3, 5, 5))
     covariance[:, 0, 0] = 2.0**2
     covariance[:, 1, 1] = 0.25
     covariance[:, 0, 1] = covariance[:, 1, 0] = 0.3 * 0.5 * 2.0
-    mean = np.tile([100.0, -2.0, 0.03, 0.004], (3, 1))
+    mean = np.tile([100.0, -2.0, 0.03, 0.004, 5.0], (3, 1))
     model = Model(
         structure="damped", recommended=True, states=(), regressors=(), targets=(), inputs=("L", "M", "N"),
         A=np.zeros((3, 3)), B=100.0 * np.eye(3),
@@ -60,6 +60,7 @@ def test_effectiveness_is_per_unit_of_command(calibrated: tuple[FlightData, Mode
     _, model = per_command(*calibrated)
     assert model.posterior is not None
     assert model.posterior.mean[:, 0] == pytest.approx([400.0, 300.0, 50.0])
+    assert model.posterior.mean[:, 4] == pytest.approx([20.0, 15.0, 2.5])
     assert [one.value for one in model.parameters] == pytest.approx([400.0, 300.0, 50.0])
 
 
@@ -90,3 +91,13 @@ def test_a_model_per_command_stays_as_it_is(calibrated: tuple[FlightData, Model]
     """Most logs are not calibrated."""
     data = flight(seconds=2.0)
     assert per_command(data, calibrated[1])[1] is calibrated[1]
+
+
+def test_the_torque_of_a_rotor_is_per_unit_of_command_too(calibrated: tuple[FlightData, Model]) -> None:
+    """Rotors that lag make the torque that the loop is measured with."""
+    data, model = calibrated
+    assert data.input is not None
+    arms = np.ones((3, 4))
+    given, _ = per_command(replace(data, input=replace(data.input, torque_per_thrust=arms)), model)
+    assert given.input is not None
+    assert given.input.torque_per_thrust == pytest.approx(arms / np.array(N_M)[:, np.newaxis])

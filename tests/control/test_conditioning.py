@@ -16,10 +16,13 @@ BANDS_HZ = 6.0 * 2.0 ** (np.arange(9) / 3.0)
 DEVIATION = np.array([3.0, 0.1, 2e-4, 4e-4])
 
 
-def plants(lag_s: float = 0.02, delay_s: float = 0.004) -> Plant:
-    mean = np.array([300.0, -2.0, lag_s, delay_s + 0.5 * HOLD_S])
+def plants(
+    lag_s: float = 0.02, delay_s: float = 0.004, reaction: float = 0.0, reaction_sigma: float = 0.0
+) -> Plant:
+    mean = np.array([300.0, -2.0, lag_s, delay_s + 0.5 * HOLD_S, reaction])
+    variance = np.diag([*DEVIATION, reaction_sigma]) ** 2
     posterior = Posterior(
-        mean=np.tile(mean, (3, 1)), covariance=np.tile(np.diag(DEVIATION**2), (3, 1, 1)), lag_or_delay_s=0.0
+        mean=np.tile(mean, (3, 1)), covariance=np.tile(variance, (3, 1, 1)), lag_or_delay_s=0.0
     )
     drawn = draw(posterior, 0, HOLD_S)
     assert drawn is not None
@@ -53,6 +56,22 @@ def test_what_was_measured_makes_the_vehicles_more_alike() -> None:
     moved = conditioned(given, seen(late(given, 0.0), given), HOLD_S, FITTED_HZ, crosses_above=False)
     assert np.std(waiting_s(moved)[1:]) < 0.7 * np.std(waiting_s(given)[1:])
     assert np.std(moved.effectiveness[1:]) < np.std(given.effectiveness[1:])
+
+
+def test_a_reaction_that_the_fit_missed_is_sought_in_the_measured_response() -> None:
+    """Above the corner of its lead yaw turns with the reaction alone; 3 % is within what a model may lack."""
+    given = plants(reaction=20.0, reaction_sigma=0.4)
+    truth = given.at(slice(0, 1))
+    truth = truth._replace(lead_s=20.6 / truth.effectiveness)
+    moved = conditioned(given, seen(truth, given), HOLD_S, FITTED_HZ, crosses_above=False)
+    assert 20.2 < moved.reaction[0] < 20.6
+
+
+def test_a_reaction_that_is_known_is_that_of_every_moved_vehicle() -> None:
+    """Whatever its effectiveness is moved to."""
+    given = plants(reaction=20.0)
+    moved = conditioned(given, seen(late(given, 5e-4), given), HOLD_S, FITTED_HZ, crosses_above=False)
+    np.testing.assert_allclose(moved.reaction, 20.0, rtol=1e-9)
 
 
 def test_bands_of_the_fit_do_not_count_twice() -> None:

@@ -80,7 +80,28 @@ def test_the_advice_says_how_far_the_gains_are_to_be_lowered(
         iter(found_in(AxisLoop(margins=LoopMargins(rate=margins(gain_db, 20.0, half=half), full=None))))
     )
     assert ("%" in one.advice) == (percent is not None)
-    assert percent is None or f"to {percent} % of what they are" in one.advice
+    assert percent is None or f"roll to at most {percent} % of what they are" in one.advice
+
+
+def test_axes_with_as_little_room_share_one_advice() -> None:
+    """Roll and pitch of one vehicle are mostly alike; two steps that differ in a name are one too many."""
+    poor, fair = AxisLoop(margins=LoopMargins(rate=margins(4.1, 20.0), full=None)), loop(AxisLoop())
+    good = AxisLoop(margins=LoopMargins(rate=margins(5.0, 50.0), full=None))
+    found = list(find_in_loop(replace(fair, axes={"roll": poor, "pitch": poor, "yaw": good})))
+    roll, pitch, yaw = (one.advice for one in found)
+    assert roll == pitch != yaw
+    assert "roll to at most 79 %, pitch to at most 79 % of what they are" in roll
+
+
+def test_an_axis_that_lacks_phase_alone_is_named_without_a_percentage() -> None:
+    gain, phase = (
+        AxisLoop(margins=LoopMargins(rate=margins(gain_db, 20.0), full=None)) for gain_db in (4.1, 9.0)
+    )
+    found = list(find_in_loop(replace(loop(gain), axes={"roll": gain, "yaw": phase})))
+    assert (
+        "roll to at most 79 % of what they are, for a gain margin of 6 dB, and those of yaw;"
+        in found[0].advice
+    )
 
 
 def test_an_unstable_loop_is_a_warning() -> None:
@@ -105,6 +126,19 @@ def test_open_and_closed_loop_disagree_beyond_both_intervals(
 ) -> None:
     axis = AxisLoop(prediction=prediction(value, half), effectiveness=figure(430.0, 10.0))
     assert [one.code for one in found_in(axis)] == codes
+
+
+def test_the_advice_about_a_disagreement_names_the_axis() -> None:
+    """It is read apart from its finding, among the next steps."""
+    axis = AxisLoop(prediction=prediction(330.0, 5.0), effectiveness=figure(430.0, 10.0))
+    (one,) = found_in(axis)
+    assert "no gain of roll was changed" in one.advice
+
+
+def test_motors_at_their_limits_are_no_disagreement() -> None:
+    """The loop was open for most of what it was asked."""
+    limited = replace(prediction(330.0, 5.0), at_limits=True)
+    assert found_in(AxisLoop(prediction=limited, effectiveness=figure(430.0, 10.0))) == []
 
 
 def test_a_failed_replay_is_named_with_what_differs() -> None:

@@ -24,7 +24,7 @@ from quadid_logs.data.model import FitSeries
 from tests.control.loop_flights import AXES, PERIOD_S, flight
 
 TRUE = AXES["roll"]
-KNOWN = np.diag([0.05, 2e-4, 2e-4]) ** 2
+KNOWN = np.diag([0.05, 2e-4, 2e-4, 0.0]) ** 2
 
 
 @pytest.fixture(scope="module")
@@ -84,16 +84,21 @@ def test_the_closed_loop_finds_the_effectiveness_wherever_it_begins(data: Flight
     assert high - low < 0.15 * TRUE.B
 
 
-@pytest.mark.parametrize("number", [0, 1, 2, 3])
+@pytest.mark.parametrize("number", [0, 1, 2, 3, 4])
 def test_derivatives_of_the_predicted_torque_are_those_of_finite_differences(
     data: FlightData, number: int
 ) -> None:
-    """By effectiveness (relative), damping, lag and delay: the interval rests on them."""
+    """By effectiveness (relative), damping, lag, delay and reaction: the interval rests on them."""
+
+    def reacting(step: float, number: int) -> Plant:
+        numbers = [TRUE.B, TRUE.A, TRUE.lag_s, TRUE.delay_steps * PERIOD_S, 0.05 * TRUE.B]
+        numbers[number] += step * (TRUE.B if number == 0 else 1.0)
+        # A relative change of the effectiveness is one of all that the torque does.
+        lead_s = 0.05 if number == 0 else numbers[4] / numbers[0]
+        return Plant(*(np.array([value]) for value in (*numbers[:4], lead_s)))
 
     def searched(step: float) -> _Search:
-        numbers = [TRUE.B, TRUE.A, TRUE.lag_s, TRUE.delay_steps * PERIOD_S]
-        numbers[number] += step * (TRUE.B if number == 0 else 1.0)
-        plant = Plant(*(np.array([value]) for value in numbers))
+        plant = reacting(step, number)
         axis = AxisModel(0, TRUE.controller, plant, KNOWN, Chirp(at_mixer=False, delay_s=0.0))
         answers = _answers(data, axis)
         n = answers[0].segment.n_samples
@@ -102,10 +107,7 @@ def test_derivatives_of_the_predicted_torque_are_those_of_finite_differences(
         return _Search(answers, np.zeros(n), everything, nothing, np.concatenate, PERIOD_S)
 
     step = 1e-5
-    change = (
-        _by_effectiveness,
-        *_changes(Plant(*(np.array([x]) for x in (TRUE.B, TRUE.A, TRUE.lag_s, 0.0)))),
-    )
+    change = (_by_effectiveness, *_changes(reacting(0.0, 1)))
     slope = searched(0.0)._slope_by(1.0, change[number])
     differences = (searched(step)._series(1.0) - searched(-step)._series(1.0)) / (2.0 * step)
     assert np.linalg.norm(slope - differences) < 1e-3 * np.linalg.norm(differences)
@@ -122,3 +124,15 @@ def test_a_flight_of_a_few_seconds_is_not_predicted(data: FlightData) -> None:
     short = replace(data, segments=(data.segments[0].rows(slice(0, 2000)),))
     with pytest.raises(AssertionError):
         predicted(short)
+
+
+@pytest.mark.parametrize(("marked_s", "expected"), [((5.0, 6.0), False), ((5.0, 45.0), True)])
+def test_a_flight_that_is_mostly_at_the_motors_limits_is_marked(
+    data: FlightData, marked_s: tuple[float, float], expected: bool
+) -> None:
+    """The loop was open then; a second at the limits is left out instead."""
+    (segment,) = data.segments
+    first_s, last_s = segment.start_s + np.array(marked_s)
+    saturated = (segment.time_s >= first_s) & (segment.time_s < last_s)
+    limited = replace(data, segments=(replace(segment, saturated=saturated),))
+    assert predicted(limited).at_limits is expected

@@ -380,6 +380,13 @@ def test_a_log_that_is_slower_than_the_loop_is_not_replayed(corpus: Path, name: 
     assert {one.reason for one in found.values()} == {ReplayReason.NO_ROWS}
 
 
+def test_in_a_log_of_every_fourth_step_no_set_point_is_called_shifted() -> None:
+    """A row is four steps of the loop there, and a slow yaw fits a late row within the tolerance."""
+    prepared = load(Path("sample_logs/products-of-inertia.ulg"))
+    found = replayed(prepared.log, prepared.flights)
+    assert {one.reason for one in found.values()} == {ReplayReason.NO_ROWS}
+
+
 def test_the_ground_before_the_flight_shows_as_a_reset_of_the_integrator(corpus: Path) -> None:
     found = roll(read_log(corpus / "firmware" / "ac47_quadx_multisine.BIN"))
     assert (found.agrees, found.reason) == (False, ReplayReason.INTEGRATOR_RESET)

@@ -69,3 +69,12 @@ def test_the_terminal_does_not_cut_what_is_to_be_set() -> None:
     steps = [line.strip() for line in lines if "next:" in line]
     assert steps[0] == f"next: {SET}"
     assert [number for number, step in enumerate(steps) if "doublets" in step] == [1]
+
+
+def test_other_advice_on_a_refused_axis_waits_until_it_is_not() -> None:
+    """Who is to fly roll again need not stiffen the frame for it first; for a usable pitch that stands."""
+    log, refused = _log(), _finding("QL303", "error", "roll", advice=SET)
+    roll = _finding("QL525", "warning", "roll", advice="Stiffen roll.")
+    both = _finding("QL525", "warning", "roll", "pitch", advice="Stiffen both.")
+    assert next_steps([(log, refused), (log, roll), (log, both)]) == (SET, "Stiffen both.")
+    assert next_steps([(log, roll)]) == ("Stiffen roll.",)

@@ -269,3 +269,49 @@ def test_the_present_value_is_that_since_the_last_change():
     one = series([1.0] * 10 + [5.0] * 10)
     assert present_value(one, 10, ScatterPrior()) == pytest.approx((5.0, 1.0 / np.sqrt(10.0)), rel=1e-4)
     assert np.isnan(present_value(one, 20, ScatterPrior())[0])
+
+
+def yaw_flights(values, throttle):
+    values = np.asarray(values, dtype=float)
+    half = np.full(values.shape, 0.1)
+    return Series(
+        name="gain",
+        axis="yaw",
+        value=values,
+        half_width=half,
+        systematic=0.1 * values[0],
+        throttle=np.asarray(throttle, dtype=float),
+    )
+
+
+LOADED = [14.0, 14.1, 13.9, 18.0, 18.1, 17.9]
+
+
+@pytest.mark.parametrize(("throttle", "n_changes"), [(0.35, 0), (0.30, 1), (float("nan"), 1)])
+def test_yaw_that_answers_as_the_throttle_lets_it_is_no_change(throttle, n_changes):
+    """Three flights with a load need more throttle; yaw then answers more strongly."""
+    history = [yaw_flights(LOADED, [0.3] * 3 + [throttle] * 3)]
+    assert len(find_changes(history, count_tests([history]), {})) == n_changes
+
+
+@pytest.mark.parametrize(("throttle", "differs"), [(0.35, False), (0.30, True)])
+def test_the_last_flights_at_more_throttle_leave_no_question_open(throttle, differs):
+    """Two loaded flights at the end."""
+    history = [yaw_flights(LOADED[:5], [0.3] * 3 + [throttle] * 2)]
+    found = find_open_change(history, 0, count_tests([history]), {})
+    assert (found is not None) == differs
+
+
+@pytest.mark.parametrize(("throttle", "is_outlier"), [(0.36, False), (0.30, True)])
+def test_a_heavier_vehicle_is_no_outlier_in_yaw(throttle, is_outlier):
+    """It hovers at more throttle than the others of its model."""
+    present = {f"quad-{k}": (14.0 + 0.01 * k, 0.05) for k in range(8)} | {"heavy": (19.0, 0.05)}
+    tests = compare_vehicles(
+        present,
+        name="gain",
+        axis="yaw",
+        systematic=1.4,
+        n_tests=9,
+        throttle=dict.fromkeys(present, 0.3) | {"heavy": throttle},
+    )
+    assert next(test.is_outlier for test in tests if test.vehicle == "heavy") == is_outlier

@@ -82,6 +82,19 @@ def test_an_airframe_that_is_the_frame_is_named_once():
     assert identify_vehicle(one, SOURCE, NamingRules()).vehicle.count("10020") == 1
 
 
+def test_an_airframe_within_the_frame_is_named_once():
+    """PX4 since 1.13 tells its rotors behind the airframe."""
+    frame = "quadrotor, airframe 10040, 4 rotors in CA_ROTOR*"
+    one = log(autopilot="px4", frame=frame, parameters={"SYS_AUTOSTART": 10040.0})
+    assert identify_vehicle(one, SOURCE, NamingRules()).vehicle.count("10040") == 1
+
+
+def test_a_vehicle_of_unknown_type_is_said_to_be_that():
+    """The page read "px4 unknown"."""
+    found = identify_vehicle(log(autopilot="px4", frame=""), SOURCE, NamingRules())
+    assert found.model == "px4 vehicle of unknown type"
+
+
 @pytest.mark.parametrize(
     ("name", "number"),
     [

@@ -17,7 +17,9 @@ WIDER_THAN_THE_PAGE = """[...document.querySelectorAll(".scroll")]
   .filter((box) => box.scrollWidth > box.clientWidth + 1)
   .map((box) => box.getAttribute("aria-label"))"""
 HOSTILE = '<img src=x onerror="alert(1)">'
-NAMES = ("quad-1", "quad-2", "quad-3", "quad-4", "quad-5", "quad-6", "quad-7", HOSTILE)
+#: One long word: unbroken, it made the page wider than a phone.
+HARDWARE_ID = "000200000000353338373138511600380018"
+NAMES = ("quad-1", "quad-2", "quad-3", "quad-4", "quad-5", "quad-6", HARDWARE_ID, HOSTILE)
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +59,7 @@ def test_the_command_says_what_it_found(store, tmp_path, capsys):
     """How many axes are usable, one line a change and an outlier; exit code 1 for scripts."""
     assert main(["fleet-report", str(store), "-o", str(tmp_path / "x.html")]) == 1
     out = capsys.readouterr().out.splitlines()
-    assert out[0].startswith("280 of 288 axes are usable; 8 are refused: 8 logged too slowly")
+    assert out[0].startswith("280 of 288 axes are usable; 8 are refused: logged too slowly")
     assert out[1].startswith("quad-4 changed with flight 7 of 12, 2026-03-07 12:00")
     assert out[2].startswith("quad-4 is an outlier among ardupilot quad X")
     assert len(out) == 4
@@ -129,3 +131,16 @@ def test_a_browser_shows_it_without_complaint(page, request, tmp_path, width, da
         browser.run(f"{request.getfixturevalue('axe')};0")
         assert browser.run(RUN) == []
         assert [address for address in browser.requests if not address.startswith(("file:", "data:"))] == []
+
+
+def test_vehicles_with_a_result_stand_before_those_without(tmp_path):
+    """Thirty-one vehicles without any hid the three that had one."""
+
+    def change(row, _flight):
+        if row["vehicle"] == "a":
+            row |= {"verdict": "refused", "reasons": ["QL303"], "gain": None, "damping": None}
+
+    store = make_store(tmp_path / "store", ("a", "b"), 2, change=change)
+    assert main(["fleet-report", str(store), "-o", str(tmp_path / "x.html")]) == 0
+    page = (tmp_path / "x.html").read_text()
+    assert 0 < page.index('href="#v1"') < page.index('href="#v0"')

@@ -27,12 +27,13 @@ from quadid_logs.identify.inference import (
     infer,
     intervals,
     lag_interval,
-    quantile_95,
+    student_quantile,
     torque_effects,
 )
 from quadid_logs.identify.instruments import Projection
 from quadid_logs.identify.structures import DAMPED
 from quadid_logs.identify.systematic import systematic_half_width
+from quadid_logs.identify.torque import RowGrid
 from quadid_logs.identify.torque_errors import sampling_errors
 from quadid_logs.maths.least_squares import Equation
 
@@ -65,7 +66,7 @@ def equation(Z: np.ndarray, y: np.ndarray) -> Equation:
 )
 def test_the_quantile_is_that_of_the_table_of_students_t(n_clusters: int, quantile: float) -> None:
     """Two-sided 95 %, one degree of freedom less than there are clusters."""
-    assert quantile_95(np.arange(n_clusters)) == pytest.approx(quantile, abs=1e-4)
+    assert student_quantile(np.arange(n_clusters)) == pytest.approx(quantile, abs=1e-4)
 
 
 def test_half_widths_are_those_of_fits_without_each_cluster(
@@ -163,14 +164,14 @@ def test_what_is_left_of_feedback_is_added_in_squares() -> None:
 
 
 def test_less_of_feedback_is_left_in_a_longer_flight_and_none_is_said_without_instruments() -> None:
-    """Two instruments per independent row of the band: as many rows as twice its width, times the time."""
+    """One instrument per independent row of the band: as many rows as twice its width, times the time."""
     fractions = []
     for duration_s in (20.0, 40.0):
         design = build_design(fly(QUAD, multisine(duration_s)), 5.0, (DAMPED,)).high_passed(0.3)
         found = feedback_left(design, [], 24)
         assert found is not None
         trained_s = design.train.mean() * duration_s
-        assert found.fraction == pytest.approx(2.0 * 24 / (2.0 * 4.7 * trained_s), rel=0.05)
+        assert found.fraction == pytest.approx(24 / (2.0 * 4.7 * trained_s), rel=0.05)
         fractions.append(found.fraction)
     assert fractions[1] < 0.7 * fractions[0]
     assert feedback_left(design, [], 0) is None
@@ -226,7 +227,7 @@ def test_the_interval_of_a_mean_is_that_of_the_means_of_blocks(design: Design) -
     blocks = np.unique(design.block[design.train])
     without = np.array([column[design.block[design.train] != each].mean() for each in blocks])
     n = blocks.size
-    expected = quantile_95(np.arange(n)) * np.sqrt((n - 1) / n * np.sum((without - column.mean()) ** 2))
+    expected = student_quantile(np.arange(n)) * np.sqrt((n - 1) / n * np.sum((without - column.mean()) ** 2))
     (found,) = _mean_half_width(column[:, np.newaxis], design)
     assert found == pytest.approx(expected, rel=1e-6)
 
@@ -237,9 +238,12 @@ def test_not_knowing_the_torque_between_samples_costs_what_every_nth_sample_miss
     chunks = [
         dataclasses.replace(chunk, torque=rng.standard_normal(chunk.torque.shape)) for chunk in design.chunks
     ]
-    found = sampling_errors(dataclasses.replace(design, chunks=tuple(chunks)))
     n_samples = chunks[0].n_samples
-    errors = [np.fft.irfft(error.spectra[0][:, :3], n_samples, axis=0) for error in found]
+    whole_band = RowGrid.of(n_samples, design.sample_period_s, design.smoothing_hz)
+    torque = dataclasses.replace(design.torque, grids=(whole_band,))
+    found = sampling_errors(dataclasses.replace(design, chunks=tuple(chunks), torque=torque))
+    spectra = [error.spectra[0][:, :3] for error in found]
+    errors = [np.fft.irfft(spectrum, whole_band.n_padded, axis=0)[:n_samples] for spectrum in spectra]
     variance = np.sum([np.mean(error**2) for error in errors])
     assert variance == pytest.approx(1.96**2 * 0.5 * (1.0 / 2.0 + 1.0 / 3.0), rel=0.03)
 

@@ -31,35 +31,38 @@ def actuator(lag_s: float = 0.03, delay_s: float = 0.01, limit_s: float = 0.03) 
 
 
 def test_an_axis_covariance_is_carried_over_from_all_parameters() -> None:
-    """Two parameters, lag and delay; effectiveness is the first, damping a mixture of both."""
+    """Two parameters, lag and delay: effectiveness is the first, the others are mixtures."""
     generator = np.random.default_rng(1)
     root = generator.standard_normal((4, 4))
     found = Uncertainty(root @ root.T, ("lag", "delay"))
-    slopes = np.zeros((3, 2, 2))
-    slopes[0] = [[1.0, 0.0], [-1.0, 3.0]]
+    slopes = np.zeros((3, 3, 2))
+    slopes[0] = [[1.0, 0.0], [-1.0, 3.0], [0.0, 2.0]]
     drawn = generator.standard_normal((200_000, 4)) @ root.T
-    axis = np.column_stack([drawn[:, 0], 3.0 * drawn[:, 1] - drawn[:, 0], drawn[:, 2], drawn[:, 3]])
+    axis = np.column_stack(
+        [drawn[:, 0], 3.0 * drawn[:, 1] - drawn[:, 0], drawn[:, 2], drawn[:, 3], 2.0 * drawn[:, 1]]
+    )
     np.testing.assert_allclose(found.of_axes(slopes)[0], np.cov(axis.T), rtol=0.05, atol=0.05)
     assert found.lag_s == pytest.approx(np.sqrt((root @ root.T)[2, 2]))
 
 
 def test_each_number_has_the_interval_that_is_reported_of_it() -> None:
     """What is systematic is added; the correlations are those of the fit."""
-    of_axes = np.tile(np.diag([4.0, 0.01, 1e-6, 1e-6]), (3, 1, 1))
+    of_axes = np.tile(np.diag([4.0, 0.01, 1e-6, 1e-6, 0.04]), (3, 1, 1))
     of_axes[:, 0, 3] = of_axes[:, 3, 0] = 1e-3
-    reported = np.tile([5.0, 0.3], (3, 1))
-    found = posterior_of(np.tile([300.0, -2.0], (3, 1)), reported, actuator(), of_axes, PERIOD_S)
+    reported = np.tile([5.0, 0.3, 0.5], (3, 1))
+    found = posterior_of(np.tile([300.0, -2.0, 12.0], (3, 1)), reported, actuator(), of_axes, PERIOD_S)
     half_width = NORMAL_95 * np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2))[0]
     timing_s = TIMING_SYSTEMATIC * PERIOD_S
     lag_s = np.sqrt(1e-6 + timing_s**2 + (LAG_SYSTEMATIC * 0.03) ** 2)
-    np.testing.assert_allclose(half_width, [5.0, 0.3, lag_s, np.hypot(1e-3, timing_s)], rtol=1e-9)
+    np.testing.assert_allclose(half_width, [5.0, 0.3, lag_s, np.hypot(1e-3, timing_s), 0.5], rtol=1e-9)
+    assert found.mean[2].tolist() == [300.0, -2.0, 0.03, 0.01, 12.0]
     assert found.covariance[0, 0, 3] == pytest.approx(1e-3 / NORMAL_95**2)
 
 
 def test_no_more_delay_than_there_is_may_be_lag() -> None:
-    of_axes, reported = np.tile(np.eye(4), (3, 1, 1)), np.ones((3, 2))
+    of_axes, reported = np.tile(np.eye(5), (3, 1, 1)), np.ones((3, 3))
     some, all_of_it = (
-        posterior_of(np.ones((3, 2)), reported, actuator(0.001, 0.004, limit_s), of_axes, PERIOD_S)
+        posterior_of(np.ones((3, 3)), reported, actuator(0.001, 0.004, limit_s), of_axes, PERIOD_S)
         for limit_s in (0.003, 0.02)
     )
     assert some.lag_or_delay_s == pytest.approx(0.002)
@@ -85,4 +88,4 @@ def test_the_posterior_of_a_flight_has_the_models_numbers_and_intervals_but_for_
                 of_gyro = GYRO_SYSTEMATIC * abs(entry.value) if name in TORQUE_SYMBOLS else 0.0
                 assert half_width[axis, number] <= 1.1 * size
                 assert np.hypot(half_width[axis, number], of_gyro) >= 0.9 * size
-        assert model.posterior.mean[0, 2:].tolist() == [model.actuator.lag_s, model.actuator.delay_s]
+        assert model.posterior.mean[0, 2:4].tolist() == [model.actuator.lag_s, model.actuator.delay_s]

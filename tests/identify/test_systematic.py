@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from quadid_logs.identify.structures import RIGID_BODY as WITH_THROTTLE
 from quadid_logs.identify.systematic import GYRO_SYSTEMATIC, gyro_half_width, systematic_half_width
@@ -57,3 +58,14 @@ def test_damping_is_known_to_five_per_cent_at_best() -> None:
     found = systematic_half_width(RIGID_BODY, coefficients())
     column = RIGID_BODY.columns.index("p")
     assert 0.05 <= found[0, column] / abs(coefficients()[0, column]) < 0.055
+
+
+def test_the_reaction_of_rotors_is_known_to_two_per_cent_of_the_throttle_and_one_of_the_gyro_at_best() -> (
+    None
+):
+    """The slope of their speed by command changes with the throttle."""
+    reacting = RIGID_BODY.with_reaction()
+    column = reacting.columns.index("N_dot")
+    theta = np.insert(coefficients(), column, 0.0, axis=1)
+    theta[2, column] = 10.0
+    assert systematic_half_width(reacting, theta)[2, column] == pytest.approx(10.0 * np.hypot(0.02, 0.01))

@@ -133,9 +133,13 @@ def test_an_even_manoeuvre_keeps_blocks_of_five_seconds() -> None:
     assert np.bincount(design.block).max() * design.period_s == pytest.approx(HELD_OUT_BLOCK_S, rel=0.02)
 
 
-def test_yaw_of_a_slow_log_is_known_to_its_interval() -> None:
+@pytest.fixture(scope="module")
+def slow() -> Simulation:
+    return simulate("pilot-sticks", seed=1, duration_s=60.0, rate_hz=10.0)
+
+
+def test_yaw_of_a_slow_log_is_known_to_its_interval(slow: Simulation) -> None:
     """20 samples a second with set-points: roll and pitch are nothing, yaw is within 5 %."""
-    slow = simulate("pilot-sticks", seed=1, duration_s=60.0, rate_hz=10.0)
     found = identify(cut(prepare(slow.log), AlignSettings()), IdentifySettings())
     (model,) = found.models
     truth = slow.truth["models"]["damped"]["B"][2][2]
@@ -146,9 +150,8 @@ def test_yaw_of_a_slow_log_is_known_to_its_interval() -> None:
     assert [entry.name for entry in model.parameters if entry.identifiable] == ["B33"]
 
 
-def test_a_slow_log_without_setpoints_tells_nothing() -> None:
+def test_a_slow_log_without_setpoints_tells_nothing(slow: Simulation) -> None:
     """The torque of a slow log answers gusts, and nothing tells them from commands."""
-    slow = simulate("pilot-sticks", seed=1, duration_s=60.0, rate_hz=10.0)
     data = cut(prepare(slow.log), AlignSettings())
     bare = [dataclasses.replace(each, reference=None) for each in data.segments]
     found = identify(dataclasses.replace(data, segments=tuple(bare)), IdentifySettings())

@@ -102,3 +102,15 @@ def test_residual_and_columns_are_given_by_their_root_mean_square() -> None:
     assert solution.coefficients.item() == pytest.approx(0.0, abs=1e-12)
     assert solution.residual_rms.item() == pytest.approx(1.0)
     assert solution.column_rms.item() == pytest.approx(3.0)
+
+
+def test_a_square_window_of_which_a_column_is_another_s_double_is_solved_at_least_norm() -> None:
+    """Elimination would give numbers without meaning there; its neighbours are solved as ever."""
+    rng = np.random.default_rng(6)
+    H, theta = rng.standard_normal((3, 4, 4)), np.arange(1.0, 5.0)
+    H[1, :, 3] = 2.0 * H[1, :, 2]
+    solution = solve_windows(H, (H @ theta)[..., np.newaxis])
+    assert solution.rank.tolist() == [4, 3, 4]
+    np.testing.assert_allclose(solution.coefficients[[0, 2], 0], [theta, theta], rtol=1e-9)
+    np.testing.assert_allclose(H[1] @ solution.coefficients[1, 0], H[1] @ theta, rtol=1e-9)
+    assert np.abs(solution.coefficients[1, 0]).max() < 12.0

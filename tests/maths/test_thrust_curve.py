@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadid_logs.maths.thrust_curve import mean_while_moved, relative_by_expo, slope_at
+from quadid_logs.maths.thrust_curve import mean_while_moved, relative_by_expo, slope_at, slopes_at
 
 
 @pytest.mark.parametrize("expo", [0.0, 0.2, 0.65, 1.0])
@@ -31,6 +31,14 @@ def test_the_slope_of_a_thrust_curve_is_found_from_scattered_points() -> None:
     y = np.clip(rng.normal(0.55, 0.15, 20_000), 0.0, 1.0)
     slope = slope_at((1.0 - expo) * y + expo * y**2, y**2 - y, (1.0 - expo) * 0.6 + expo * 0.36)
     assert slope == pytest.approx((2.0 * 0.6 - 1.0) / (1.0 - expo + 2.0 * expo * 0.6), abs=2e-3)
+
+
+def test_slopes_at_several_points_are_those_at_each() -> None:
+    """One polynomial serves them all."""
+    x = np.random.default_rng(4).uniform(0.2, 0.9, 2_000)
+    where = np.array([0.3, 0.5, 0.8])
+    each = [slope_at(x, np.exp(x), one) for one in where]
+    np.testing.assert_allclose(slopes_at(x, np.exp(x), where), each, rtol=1e-9)
 
 
 def test_points_that_do_not_vary_have_no_slope() -> None:

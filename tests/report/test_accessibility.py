@@ -20,6 +20,7 @@ from quadid_logs.report.view import view_of
 from tests import chromium
 from tests.report.test_browser import SCROLL
 from tests.synthetic_results import hostile_result, refused_result, usable_result
+from tests.synthetic_tuning import synthetic_tune_page
 
 pytestmark = [
     pytest.mark.browser,
@@ -64,6 +65,7 @@ def pages() -> dict[str, str]:
         **texts,
         "index": index_page([index_row(result, name) for name, result in results.items()]),
         "compare": comparison_page(*[results["usable"]] * 2, compare(*[results["usable"]] * 2)),
+        "tune": synthetic_tune_page(),
         "document": markdown_page("# Plan\n\n## Set\n\n- this\n\n| | a |\n|---|---|\n| b | 1 |"),
     }
 

@@ -32,6 +32,34 @@ SCROLL = """(async () => {
 DRAWN = 'document.querySelectorAll(".chart .main-svg").length > 0 && [...document.querySelectorAll(".chart")]'
 COUNT = f"({DRAWN}).filter((chart) => chart.querySelector('.main-svg .trace')).length"
 RANGE = "document.getElementById('chart-{}').layout.xaxis.range"
+#: How many names stand at ends of lines, those that lie on another, and those that leave their chart.
+NAMES = """(() => {
+  const covered = [], outside = [];
+  let count = 0;
+  for (const chart of document.querySelectorAll(".chart")) {
+    const box = (at) => chart.querySelector(`.annotation[data-index="${at}"]`).getBoundingClientRect();
+    const names = chart.layout.annotations.map((one, at) => [one, at])
+      .filter(([one]) => one.name === "end").map(([one, at]) => [one.text, box(at)]);
+    const frame = chart.getBoundingClientRect();
+    count += names.length;
+    names.forEach(([text, box], at) => {
+      if (box.right > frame.right + 1) outside.push(chart.id + " " + text);
+      for (const [other, against] of names.slice(at + 1))
+        if (box.left < against.right && against.left < box.right && Math.abs(box.top - against.top) < 10)
+          covered.push(chart.id + " " + text + ", " + other);
+    });
+  }
+  return [count, covered, outside];
+})()"""
+#: Where the lower of two lines leaves the view, and where the lower of their names is, in its unit.
+NAMED = """(() => {
+  const chart = document.getElementById("chart-tracking"), [low, high] = chart.layout.yaxis.range;
+  const last = ({ x, y }) => [...x].findLastIndex((at, place) => at <= 28.0002 && Number.isFinite(y[place]));
+  const lines = chart.data.filter((one) => (one.yaxis || "y") === "y" && one.meta);
+  const names = chart.layout.annotations.filter((one) => one.name === "end" && one.yref === "y domain");
+  const lowest = Math.min(...names.map((one) => one.y));
+  return [Math.min(...lines.map((line) => line.y[last(line)])), low + lowest * (high - low), names.length];
+})()"""
 PAUSE = "new Promise((done) => setTimeout(done, 500))"
 
 
@@ -66,6 +94,8 @@ def test_every_chart_is_drawn_and_nothing_scrolls_sideways(
     assert charts >= 14
     assert browser.run(COUNT) == charts
     assert browser.run("document.documentElement.scrollWidth") <= width
+    names, covered, outside = browser.run(NAMES)
+    assert (names > 25, covered, outside) == (True, [], [])
     assert browser.problems == []
 
 
@@ -109,7 +139,7 @@ def test_the_policy_forbids_what_a_log_could_try(browser: chromium.Browser, page
 
 
 def test_charts_over_time_zoom_together(browser: chromium.Browser, page: Path) -> None:
-    """Zooming the first chart moves the others; charts of other things stay; a double click resets all."""
+    """Zooming the first chart moves the others and the names at ends of lines; a double click resets all."""
     browser.show(1280)
     browser.open(page)
     browser.run(SCROLL)
@@ -122,6 +152,8 @@ def test_charts_over_time_zoom_together(browser: chromium.Browser, page: Path) -
     for key in ("flight", "aligned", "over-time", "fit", "simulation"):
         assert browser.run(RANGE.format(key)) == pytest.approx([26, 28]), key
     assert browser.run(RANGE.format("structures")) == pytest.approx(structures)
+    end, named, names = browser.run(NAMED)
+    assert (named, names) == (pytest.approx(end), 2)
     browser.run(f"Plotly.relayout({flight}, {{'xaxis.autorange': true}}).then(() => {PAUSE})")
     assert browser.run(RANGE.format("fit")) == pytest.approx(whole, abs=0.5)
     assert browser.problems == []
@@ -181,13 +213,14 @@ def test_a_printed_report_shows_every_chart(browser: chromium.Browser, page: Pat
 
 
 def test_the_first_screen_holds_verdict_picture_and_steps(browser: chromium.Browser, page: Path) -> None:
-    """On 1280 by 900 pixels."""
+    """On 1280 by 900 pixels; the links to the chapters take one line of it."""
     browser.show(1280)
     browser.open(page)
     browser.run(PAUSE)
     bottom = "document.querySelector('{}').getBoundingClientRect().bottom"
-    for selector in ("#verdict-title", ".axes", "#chart-evidence", ".steps h3"):
+    for selector in ("#verdict-title", ".axes", "#chart-evidence", ".steps li:last-child"):
         assert browser.run(bottom.format(selector)) < 900, selector
+    assert browser.run("document.querySelector('nav').getBoundingClientRect().height") < 60
 
 
 def test_the_summary_is_printed_on_one_page(browser: chromium.Browser, page: Path) -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import quadid_logs
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.model import Inertia
 from quadid_logs.data.result import Result
@@ -20,6 +21,7 @@ from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.figures import figures_of
 from quadid_logs.figures.interactive import interactive
 from quadid_logs.report.html import packed, render_html, script_json
+from quadid_logs.report.log_tables import _unit
 from quadid_logs.report.provenance import provenance_of
 from quadid_logs.report.text import result_lines
 from quadid_logs.report.view import _milliseconds, view_of
@@ -97,9 +99,9 @@ def test_the_first_screen_has_verdict_model_and_next_step(usable_page: Page) -> 
         for words in (
             "The model can be used, with the caveats named below.",
             "With caution: the torque was clipped",
-            "Flight that the fit never saw",
             "What to do next",
             "Fly gentler yaw",
+            "Flight that the fit never saw",
             "B: what each torque does",
             "A: what the motion itself does",
             "The log",
@@ -220,6 +222,18 @@ def test_a_refused_log_says_why_and_carries_no_charting_script(refused: Result) 
     assert sum(len(text) for _, text in page.scripts) < 50_000
 
 
+def test_where_nothing_is_usable_what_is_wrong_stands_before_a_folded_model(
+    refused: Result, usable_page: Page
+) -> None:
+    """A pilot reads why, not tables of numbers that are no results; of a usable flight the model is first."""
+    sections = [attrs for tag, attrs in page_of(refused).tags if tag == "section"]
+    places = {attrs["id"]: attrs.get("class") for attrs in sections}
+    assert list(places)[:3] == ["verdict", "findings", "model"]
+    assert [places[name] for name in ("findings", "model", "loop", "gains")] == [None, "fold", "fold", "fold"]
+    usable = [attrs["id"] for tag, attrs in usable_page.tags if tag == "section"]
+    assert usable[:5] == ["verdict", "model", "loop", "gains", "findings"]
+
+
 def test_the_report_can_be_made_again(usable_page: Page) -> None:
     """Version, command, settings and the file's hash are there."""
     digest = hashlib.sha256(b"\xa3\x95" * 1000).hexdigest()
@@ -299,6 +313,14 @@ def test_an_inertia_stands_beside_the_given_and_the_published_ones(usable: Resul
     assert [cell.text for cell in table.rows[0][2:]] == ["0.0229", "0.0231", "0.046"]
 
 
+def test_only_names_of_axes_are_capitalized_by_the_templates() -> None:
+    """Jinja's filter lowers all other letters: a card said rad/s²/(n m)."""
+    package = Path(quadid_logs.__file__).parent
+    texts = [path.read_text(encoding="utf-8") for path in package.rglob("templates/*.html")]
+    found = {name for text in texts for name in re.findall(r"([\w.]+)\s*\|\s*capitalize", text)}
+    assert found == {"axis.axis", "picture.axis"}
+
+
 def test_a_delay_that_may_be_none_is_said_to_be_at_most_so_long() -> None:
     """The search may end at nothing but rounding: no digits of that are shown."""
     assert _milliseconds(2e-13, 0.0, 0.000174, known=False) == "at most 0.17 ms"
@@ -312,3 +334,8 @@ def test_a_delay_of_which_only_the_size_is_known_is_said_to_be_about_so_long() -
 def test_a_known_lag_stands_with_its_interval() -> None:
     """With the digits that the interval allows."""
     assert _milliseconds(0.0473721, 0.0471, 0.0476, known=True).startswith("47.37 (")
+
+
+def test_what_is_on_or_off_is_not_called_normalised() -> None:
+    """The table of signals gave "armed" the unit of a command."""
+    assert [_unit(signal) for signal in ("armed", "landed", "throttle")] == [*2 * ["on or off"], "normalised"]

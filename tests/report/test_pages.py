@@ -48,8 +48,8 @@ def test_a_compared_flight_says_by_axis_what_changed_and_what_would_have_shown(u
         advice=("Fly again.",),
     )
     page = comparison_page(usable, usable, comparison)
-    assert "Changed: roll effectiveness by 20 %." in page
-    assert "No change is seen. 2 % of effectiveness would have shown." in page
+    assert "Changed: roll effectiveness by 20.0 %." in page
+    assert "No change is seen. 2.0 % of effectiveness would have shown." in page
     assert "In both flights yaw was poorly excited." in page
     assert page.index("roll effectiveness<small>") < page.index("pitch effectiveness<small>")
     assert "Fly again." in page
@@ -109,6 +109,25 @@ def test_a_usable_flight_says_what_it_is_good_for(usable: Result) -> None:
     steps = next_steps(usable)
     assert any("quadid-log export flight.bin --model" in step for step in steps)
     assert "quadid-log compare flight.bin" in steps[-1]
+
+
+def test_gains_that_a_finding_lowers_are_no_second_step(usable: Result) -> None:
+    """The finding's advice names `tune` already; without it, the margins have a step of their own."""
+    lower = Finding(code="QL601", level="warning", title="", evidence={}, advice="Lower the gains.")
+    told, asked = (
+        next_steps(replace(usable, diagnosis=replace(usable.diagnosis, findings=found)))
+        for found in ((), (lower,))
+    )
+    assert ("tune" in told[0], len(told)) == (True, 3)
+    assert (asked[0], asked[1:]) == ("Lower the gains.", told[1:])
+
+
+def test_commands_between_backticks_are_set_as_code_and_stay_escaped(usable: Result) -> None:
+    advice = ("Run `quadid-log tune <b>`, or not: one ` alone.",)
+    axes = dict.fromkeys(("roll", "pitch", "yaw"), "not comparable")
+    comparison = Comparison(structure="", quantities=(), axes=axes, reasons={}, advice=advice)  # type: ignore[arg-type]
+    page = comparison_page(usable, usable, comparison)
+    assert "<li>Run <code>quadid-log tune &lt;b&gt;</code>, or not: one ` alone.</li>" in page
 
 
 def test_a_refused_flight_is_not_told_to_export() -> None:

@@ -67,6 +67,7 @@ def fake_worker(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """No processes here: they are tested with the whole server."""
     monkeypatch.setattr(schedule_module, "Worker", FakeWorker)
     monkeypatch.setattr(FakeWorker, "gate", threading.Event())
+    monkeypatch.setattr(FakeWorker, "running", [])
     monkeypatch.setattr(FakeWorker, "most_at_once", 0)
     yield
     FakeWorker.gate.set()
@@ -106,12 +107,21 @@ def wait(schedule: Schedule, states: dict[int, State]) -> None:
     raise AssertionError([(entry.name, entry.state) for entry in schedule.entries()])
 
 
+def wait_for_workers(n_workers: int) -> None:
+    """Wait until so many workers have a job: an entry is running a moment before a worker has it."""
+    until = time.monotonic() + 20.0
+    while len(FakeWorker.running) < n_workers:
+        assert time.monotonic() < until, FakeWorker.running
+        time.sleep(0.01)
+
+
 def test_there_are_never_more_jobs_than_workers(tmp_path: Path) -> None:
     """And all get done."""
     with working(tmp_path / "s") as schedule:
         for number in range(8):
             add(schedule, number)
         wait(schedule, {0: State.RUNNING, 1: State.RUNNING, 2: State.QUEUED})
+        wait_for_workers(2)
         FakeWorker.gate.set()
         wait(schedule, dict.fromkeys(range(8), State.DONE))
     assert FakeWorker.most_at_once == 2

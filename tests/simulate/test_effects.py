@@ -26,7 +26,7 @@ from quadid_logs.simulate.effects import (
 from quadid_logs.simulate.logger import Logging, log_flights
 from quadid_logs.simulate.plant import advance, at_rest
 from quadid_logs.simulate.truth import actuator_truth, flight_truth, torque_per_command
-from tests.simulate.test_closed_loop import SILENT, body_of, manoeuvre, setup_of
+from tests.simulate.test_closed_loop import SILENT, SLOW_HZ, body_of, manoeuvre, setup_of
 
 ALL = Effects(
     disturbance_rad_s2=(1.0, 1.2, 0.4),
@@ -37,6 +37,8 @@ ALL = Effects(
     gain_swing=0.2,
     spin_down_ratio=2.0,
     firmware_expo=0.3,
+    thrust_linear=0.3,
+    sag_compensation=0.8,
     flexible_mode_hz=7.0,
     torque_late_s=0.01,
     outlier_fraction=0.002,
@@ -280,7 +282,7 @@ def test_a_batch_with_effects_flies_what_its_members_fly_alone():
     fine = dataclasses.replace(SILENT, gyro_resolution_rad_s=1e-9)
     other = Effects(sling_load_fraction=0.15, flexible_mode_hz=9.0)
     setups = [
-        setup_of("sysid-quad-x", seed=seed, duration_s=15.0, noise=fine, effects=effects)
+        setup_of("sysid-quad-x", seed=seed, duration_s=15.0, rate_hz=SLOW_HZ, noise=fine, effects=effects)
         for seed, effects in enumerate((ALL, Effects(), other))
     ]
     together = fly_many(setups)

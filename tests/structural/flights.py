@@ -33,6 +33,8 @@ class Effects:
     """Of an arm that bends and carries the gyro."""
     tilt_1_s2: float = 0.0
     """Angular acceleration per angle: positive tips over, negative is a pendulum."""
+    sling_1_s2: float = 0.0
+    """Angular acceleration per angle to a load on a string of a metre, 15 % of the mass."""
     alternating: float = 0.0
     """Fraction by which the gain is higher and lower, in turn, for 2.5 s."""
     up_s: float = 0.0
@@ -92,6 +94,7 @@ def fly(flights: list[Effects], *, seed: int = 0) -> list[Flight]:
     omega, bends = 2.0 * np.pi * has["mode_hz"], 0.4 * (has["mode_hz"] > 0.0)
     gust_step = has["gust_rad_s2"] * np.array([1.0, 1.0, 0.3]) * np.sqrt(1.0 - fade**2)
     rate, angle, torque, total, gust, seen, bent, bend_rate = (np.zeros((n, 3)) for _ in range(8))
+    swing, swing_rate = np.zeros((n, 2)), np.zeros((n, 2))
     thrust, command = np.zeros((n, 4)), np.zeros((n, 3))
     sent = np.zeros((8, n, 3))
     logged: dict[str, list[np.ndarray]] = {name: [] for name in ("rate", "setpoint", "torque", "attitude")}
@@ -118,6 +121,10 @@ def fly(flights: list[Effects], *, seed: int = 0) -> list[Flight]:
         acceleration = gain * true_gain * torque - damping * rate + gust
         acceleration += gyroscopic * np.column_stack([q * r, p * r, p * q])
         acceleration[:, :2] += has["tilt_1_s2"] * angle[:, :2]
+        # The load falls back below the hook, which goes where thrust is tilted to and the string pulls.
+        swing_rate = swing_rate - _STEP_S * (9.81 * (1.15 * swing + angle[:, :2]) + 0.3 * swing_rate)
+        swing = swing + _STEP_S * swing_rate
+        acceleration[:, :2] -= has["sling_1_s2"] * (angle[:, :2] + swing)
         bend_rate = bend_rate + _STEP_S * (bends * acceleration - 0.1 * omega * bend_rate - omega**2 * bent)
         bent = bent + _STEP_S * bend_rate
         rate = rate + _STEP_S * acceleration

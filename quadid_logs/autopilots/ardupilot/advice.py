@@ -143,10 +143,11 @@ class ArduPilotAdvice(Advice):
             "vehicle: never switch to System ID before you have read it back.",
             "Load parameter files on the ground and disarmed. While the vehicle hovers only a second person "
             "may, at the ground station.",
-            *(step for axis in axes for step in _axis_steps(axis, sweeps[axis])),
-            "If the vehicle barely shakes at the first sweep, double SID_MAGNITUDE; if it leans more than 20 "
+            *_axis_steps(axes[0], sweeps[axes[0]]),
+            "If the vehicle barely shook, double SID_MAGNITUDE for all sweeps; if it leaned more than 20 "
             "degrees, halve it.",
-            "Set SID_AXIS back to 0.",
+            *(step for axis in axes[1:] for step in _axis_steps(axis, sweeps[axis])),
+            "After the last landing set SID_AXIS back to 0.",
         )
 
 

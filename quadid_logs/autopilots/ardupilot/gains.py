@@ -41,7 +41,6 @@ def tunable(parameters: Mapping[str, float]) -> Tunable:
     return Tunable(
         axes=axes,
         obstacle=_obstacle(parameters),
-        gyro_filter="INS_GYRO_FILTER",
         procedures={axis: _autotune(parameters, AXIS_NAMES[axis]) for axis in ("roll", "pitch")},
     )
 
@@ -70,6 +69,7 @@ def _names(name: str) -> GainNames:
         integral=f"{prefix}I",
         derivative=f"{prefix}D",
         filters=(f"{prefix}FLTD", "INS_GYRO_FILTER"),
+        low_passes=(f"{prefix}FLTE", f"{prefix}FLTD", "INS_GYRO_FILTER"),
         angle=angle,
         highest={f"{prefix}{short}": value for short, value in highest.items()} | {angle: _HIGHEST_ANGLE},
     )

@@ -258,7 +258,7 @@ def _remarks(
         remarks.append("The rows of this log carry no time: firmware before 3.1 did not log it.")
     elif without:
         remarks.append(
-            f"{', '.join(without)} carry no time; they take that of the row before them in the file."
+            f"Rows of {', '.join(without)} carry no time; they take that of the row before them in the file."
         )
     if rate_scale is not None and not rate_scale.is_stated:
         remarks.append(f"RATE is taken as {rate_scale.unit}: {rate_scale.evidence}.")

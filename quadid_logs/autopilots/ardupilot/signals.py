@@ -446,7 +446,7 @@ SOURCES: Final[tuple[DataFlashSource, ...]] = (
       for age in _RATE_AGES),
     _pids("torque_command", "PIDR", ("P",), "RATE is missing: rebuilt as the sum of the PID terms, without "
           "chirp or feed-forward added behind the PID", _pid_command, optional=("I", "D", "FF", "DFF")),
-    _one("throttle", "RATE", ("AOut",), "logged with the torque command"),
+    _one("throttle", "RATE", ("AOut",), "logged with the torque command", _throttle_out),
     _one("throttle", "CTUN", ("ThO",), "output of the throttle controller", _throttle_out),
     _one("throttle", "CTUN", ("ThrOut",), "output of the throttle controller", _throttle_out),
     _one("throttle", "MOTB", ("ThrOut",), "throttle that reached the mixer"),

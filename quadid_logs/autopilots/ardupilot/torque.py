@@ -64,8 +64,8 @@ def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
     if settings is None:
         return Rebuilt(
             remarks=(
-                "No motor thrust can be rebuilt: MOT_THST_EXPO and MOT_SPIN_MIN are not in the log "
-                "(firmware before 3.4, or no parameters).",
+                "No motor thrust can be rebuilt: MOT_SPIN_MIN is not in the log, or the motors' parameters "
+                "make no sense (firmware before 3.4, or no parameters).",
             )
         )
     outputs = _motor_pulses(log, airframe)

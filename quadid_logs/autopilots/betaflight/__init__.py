@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from quadid_logs.autopilots import Autopilot, LogFormat
@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from quadid_logs.actuation.motors import Rebuilt
     from quadid_logs.align.series import CleanLog
     from quadid_logs.autopilots.generic.advice import Advice
+    from quadid_logs.data.controller import FlownControllers, ReplayInput
+    from quadid_logs.data.tuning import Tunable
 
 
 class Betaflight(Autopilot):
@@ -44,8 +46,30 @@ class Betaflight(Autopilot):
 
     def loop_rate_hz(self, parameters: Mapping[str, float]) -> float:
         """Looptime of the gyro [us] times the PID's denominator."""
-        period_us = parameters.get("looptime", 0.0) * parameters.get("pid_process_denom", 1.0)
+        from quadid_logs.autopilots.betaflight.law import loop_period_us
+
+        period_us = loop_period_us(parameters)
         return 1e6 / period_us if period_us > 0.0 else 0.0
+
+    def controllers(self, log: FlightLog, parameters: Mapping[str, float]) -> FlownControllers:
+        """Take the header's settings, and what moves as it was on average."""
+        from quadid_logs.autopilots.betaflight.controller import controllers
+
+        return controllers(log, parameters)
+
+    def replay_inputs(
+        self, log: FlightLog, controllers: FlownControllers, intervals: Sequence[tuple[float, float]]
+    ) -> Mapping[str, ReplayInput]:
+        """Take frames with their set-points, rates and terms."""
+        from quadid_logs.autopilots.betaflight.replay import replay_inputs
+
+        return replay_inputs(log, controllers, intervals)
+
+    def tunable(self, parameters: Mapping[str, float]) -> Tunable:
+        """P, I and D by their names on the command line."""
+        from quadid_logs.autopilots.betaflight.gains import tunable
+
+        return tunable(parameters)
 
     @property
     def advice(self) -> Advice:

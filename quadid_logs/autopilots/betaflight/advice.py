@@ -3,32 +3,80 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Final
 
-from quadid_logs.autopilots.generic.advice import Advice, Setting, Version
+from quadid_logs.autopilots.betaflight.chirp import SWEEP_SETTINGS
+from quadid_logs.autopilots.betaflight.law import loop_period_us
+from quadid_logs.autopilots.generic.advice import Advice, GainLine, Setting, Version
+from quadid_logs.data.log import whole_number
+from quadid_logs.sentences import listed
 
 #: The chirp flight mode is in builds since then, where it was chosen (USE_CHIRP).
 _CHIRP_SINCE: Final[Version] = (2025, 12)
+#: blackbox_sample_rate took the place of blackbox_p_ratio, frames in 32 ms, and fields could be left out; the
+#: field eRPM came later.
+_SAMPLE_RATE_SINCE: Final[Version] = (4, 3)
+_RPM_SINCE: Final[Version] = (4, 5)
+#: What is wanted [us], and the parts of the loop's rate that blackbox_sample_rate can be.
+_WANTED_US: Final = 1000.0
+_SAMPLE_RATES: Final = (1, 2, 4, 8, 16)
+_COMMON_LOOP_US: Final = 250.0
+#: Sliders of the configurator that make gains from others, since 4.3, and what its modes are called.
+SLIDERS: Final = "simplified_pids_mode"
+_SLIDER_MODES: Final = ("OFF", "RP", "RPY")
+_FILTERS: Final = "Let the filters of gyro and D term pass more where noise allows it."
+_PROFILE: Final = (
+    "First choose the PID profile that flew, which no log tells: profile 0 is the first one.",
+    "Paste on the command line, disarmed.",
+)
 
 
 class BetaflightAdvice(Advice):
     """Blackbox rate, chirp mode, and the text of the command line."""
 
+    remedies = MappingProxyType(
+        {
+            "QL306": "Attitude is logged since 2025.12, where it is left among the logged fields; no other "
+            "structure needs it.",
+            "QL401": "Use a log with a flight of at least half a minute; of a file that holds several, info "
+            "lists them and --log N chooses one. If you did fly, fetch the whole file again.",
+            "QL604": "Keep profiles and gains as they are during the flight, without adjustments by a "
+            "switch.",
+            "QL613": "Leave gyro, PID and set-points among the logged fields (blackbox_disable_gyro, "
+            "blackbox_disable_pids and blackbox_disable_setpoint = OFF), and fly once more.",
+            "QL620": "Leave the unfiltered gyro among the logged fields: it shows the delay of all filters. "
+            "Before 4.5, which does not log it, update the firmware.",
+            # Its rate loop is tuned in Acro mode: no angle loop is there to be lowered.
+            "QL624": _FILTERS,
+            "QL638": _FILTERS,
+            "QL644": "Fly quick manoeuvres, with blackbox_high_resolution = ON (4.4 and later).",
+        }
+    )
+    excitation_parameters = SWEEP_SETTINGS
     gyro_filter_parameter = "gyro_lpf1_static_hz"
     hover_mode = "Angle or Acro mode"
     parameter_suffix = ".txt"
+    gain_loading = "Paste {} into the command line of the configurator"
 
     def _logging(
         self,
         log_format: str,  # noqa: ARG002
-        parameters: Mapping[str, float],  # noqa: ARG002
-        version: Version | None,  # noqa: ARG002
+        parameters: Mapping[str, float],
+        version: Version | None,
     ) -> str:
-        """Say how to log fast, with the speed of the rotors."""
+        """Say how to log fast, with the speed of the rotors where the firmware logs it."""
+        if version is not None and version < _SAMPLE_RATE_SINCE:
+            return (
+                "On the command line set blackbox_p_ratio = 32 (1 kHz) and blackbox_mode = NORMAL, save, "
+                "and fly again."
+            )
+        told, speeds = "gyro, PID, set-points and motors", ""
+        if version is None or version >= _RPM_SINCE:
+            told, speeds = "gyro, PID, set-points, motors and RPM", "turn on bidirectional DShot, "
         return (
-            "On the command line set blackbox_sample_rate = 1/4 (1 kHz with a PID loop of 4 kHz) and "
-            "blackbox_mode = NORMAL, leave gyro, PID, set-points, motors and RPM among the logged fields, "
-            "turn on bidirectional DShot, save, and fly again."
+            f"On the command line set {_sample_rate(parameters)} and blackbox_mode = NORMAL, leave {told} "
+            f"among the logged fields, {speeds}save, and fly again."
         )
 
     def excitation(self, axes: Sequence[str], version: Version | None) -> str:
@@ -36,15 +84,46 @@ class BetaflightAdvice(Advice):
         if version is not None and version < _CHIRP_SINCE:
             return super().excitation(axes, version)
         return (
-            f"In calm air, hover and switch on the CHIRP mode for 20 s for {' and '.join(axes)} (each time "
-            "it is switched on it moves the next axis), with debug_mode = CHIRP; a build without CHIRP: "
-            f"{super().excitation(axes, version)}"
+            f"In calm air, hover and switch on the CHIRP mode for {listed(axes)}, each for "
+            "chirp_time_seconds (each time it is switched on it moves the next axis), with debug_mode = "
+            f"CHIRP; a build without CHIRP: {super().excitation(axes, version)}"
         )
 
     def parameter_text(self, comment: str, settings: Sequence[Setting]) -> str:
         """Return lines for the command line."""
         lines = (f"set {name} = {value:g}" for name, value in settings)
         return "\n".join((f"# {comment}", *lines, "save")) + "\n"
+
+    def gain_text(
+        self,
+        heading: Sequence[str],
+        gains: Sequence[GainLine],
+        parameters: Mapping[str, float],  # noqa: ARG002
+    ) -> str:
+        """Return lines for the command line, where each changes the profile that was chosen before."""
+        lines = [*(f"# {one}" for one in heading), *(f"# {one}" for one in _PROFILE)]
+        for comment, name, value in gains:
+            lines += [f"# {comment}", f"set {name} = {value}"]
+        return "\n".join((*lines, "save")) + "\n"
+
+    def beside_gains(self, parameters: Mapping[str, float], *, back: bool = False) -> tuple[GainLine, ...]:
+        """Switch the sliders off, which would set the gains anew, and on again on the way back."""
+        mode = whole_number(parameters.get(SLIDERS))
+        if not 0 < mode < len(_SLIDER_MODES):
+            return ()
+        if back:
+            return (("as flown", SLIDERS, _SLIDER_MODES[mode]),)
+        return (("sliders would set these gains anew", SLIDERS, _SLIDER_MODES[0]),)
+
+
+def _sample_rate(parameters: Mapping[str, float]) -> str:
+    """Return the setting that logs 1 kHz, or what comes nearest from above, with the loop of a log."""
+    period_us = loop_period_us(parameters)
+    if not 0.0 < period_us <= _WANTED_US:
+        period_us = _COMMON_LOOP_US
+    part = max(one for one in _SAMPLE_RATES if one == 1 or one * period_us <= _WANTED_US)
+    logged, loop = (f"{1e3 / each:.3g}" for each in (part * period_us, period_us))
+    return f"blackbox_sample_rate = 1/{part} ({logged} kHz with a PID loop of {loop} kHz)"
 
 
 ADVICE: Final = BetaflightAdvice()

@@ -1,31 +1,40 @@
 """Which frame a Betaflight log describes: found in how the motors follow the PID sums.
 
-The header names neither the frame nor the direction of the rotors, so both are told by the outputs.
+The header names neither the frame nor the direction of the rotors, so both are told by the outputs. Counter-
+clockwise from above is a spin of +1; the other way round with yaw_motors_reversed, "props out".
 """
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from quadid_logs.actuation.airframe import Airframe, Unknown
 from quadid_logs.arrays import FloatArray
+from quadid_logs.autopilots.betaflight.frames import FEW_MOTORS, FRAMES, Frame
 from quadid_logs.data.log import FlightLog
 
-#: Betaflight's quad X (``mixer_init.c``): rear right, front right, rear left, front left; FRD, longest arm 1.
-_POSITION: Final = np.sqrt(0.5) * np.array([[-1.0, 1, 0], [1, 1, 0], [-1, -1, 0], [1, -1, 0]])
-#: Counter-clockwise from above is +1; the other way round with yaw_motors_reversed, "props out".
-_SPIN: Final = np.array([-1.0, 1.0, 1.0, -1.0])
 #: Slopes of flown logs on those of the mixer: without airmode it halves them at low throttle; thrust
 #: linearisation and rounding of whole numbers change less.
 _SLOPES: Final = (0.4, 1.5)
+#: How far a motor's slope may be off the table's, once the axis has its scale: linearisation and rounding
+#: make less of it, and two frames of the table differ by more.
+_OFF: Final = 0.25
 #: Rows that tell slopes to well within the tolerance.
 _FEWEST_ROWS, _MOST_ROWS = 500, 20_000
 
 
+class _Match(NamedTuple):
+    """A frame of the table with its rotors one way round, and the largest slope that is off."""
+
+    off: float
+    frame: Frame
+    direction: float
+
+
 def find_airframe(log: FlightLog) -> Airframe | Unknown:
-    """Compare the outputs' slopes on roll, pitch and yaw sums with a quad X, rotors either way round.
+    """Compare the outputs' slopes on roll, pitch and yaw sums with the motor table, rotors either way round.
 
     Parameters
     ----------
@@ -34,32 +43,67 @@ def find_airframe(log: FlightLog) -> Airframe | Unknown:
     Returns
     -------
     Airframe or Unknown
-        Factors are fractions of the outputs' range per unit of command.
+        Factors are fractions of the outputs' range per unit of command. Unknown, by its name, where torque
+        does not follow from the thrusts.
     """
     slopes = _slopes(log)
+    motors = log.candidates("motor_thrust")
+    n_motors = motors[0].values.shape[1] if motors else 0
+    if n_motors in FEW_MOTORS:
+        return _as_they_are(f"The log has the motors of {FEW_MOTORS[n_motors]}.")
     if slopes is None:
         return Unknown(remark="The log holds too few PID sums and motor outputs to tell the frame from.")
-    mix = np.column_stack([-np.sign(_POSITION[:, 1]), np.sign(_POSITION[:, 0]), _SPIN])
-    if slopes.shape[1] != len(mix):
-        return Unknown(
-            remark=f"The log has {slopes.shape[1]} motors; of Betaflight's frames only quad X is known."
+    if log.parameters.get("use_integrated_yaw", 0.0) > 0.0:
+        return _as_they_are(
+            "The mixer's yaw is the integral of the logged yaw sum (use_integrated_yaw): what this log tells "
+            "of yaw is no answer to a torque."
         )
-    for direction in (1.0, -1.0):
-        expected = mix * [1.0, 1.0, direction]
-        along = slopes.T * expected
-        if ((along > _SLOPES[0]) & (along < _SLOPES[1])).all():
-            return _quad_x(expected, direction)
-    return Unknown(remark="The motors do not follow the PID sums as those of Betaflight's quad X do.")
+    found = _best(slopes)
+    if found is None:
+        return _as_they_are(
+            f"The {n_motors} motors do not follow the PID sums as those of a frame in Betaflight's motor "
+            "table do: a custom mixer, or an order of its own."
+        )
+    name, why = found.frame.name, found.frame.unread
+    if why:
+        return _as_they_are(f"The motors follow the PID sums as those of a {name} do, and {why}.")
+    return _airframe(found)
 
 
-def _quad_x(mix: FloatArray, direction: float) -> Airframe:
+def _as_they_are(why: str) -> Unknown:
+    """Say that the torque is the one commanded."""
+    return Unknown(remark=f"{why} So the PID sums are taken as they are.")
+
+
+def _best(slopes: FloatArray) -> _Match | None:
+    """Return the frame of the table that slopes (3, n_motors) are nearest to, None where none is near."""
+    matches = [
+        _Match(_off(slopes, frame.mixer * [1.0, 1.0, direction]), frame, direction)
+        for frame in FRAMES
+        if len(frame.mixer) == slopes.shape[1]
+        for direction in (1.0, -1.0)
+    ]
+    best = min(matches, key=lambda match: match.off, default=None)
+    return best if best is not None and best.off < _OFF else None
+
+
+def _off(slopes: FloatArray, mixer: FloatArray) -> float:
+    """Return by how much a slope is off a mixer (n_motors, 3) at most; infinite where an axis is scaled."""
+    scale = np.sum(slopes * mixer.T, axis=1) / np.sum(mixer**2, axis=0)
+    if not ((scale > _SLOPES[0]) & (scale < _SLOPES[1])).all():
+        return float("inf")
+    return float(np.max(np.abs(slopes / scale[:, np.newaxis] - mixer.T)))
+
+
+def _airframe(found: _Match) -> Airframe:
     """Return the frame with its rotors this way round."""
+    mix = found.frame.mixer * [1.0, 1.0, found.direction]
     return Airframe(
-        name="quad X",
-        source="how the motors follow the PID sums" + ("" if direction > 0 else "; rotors reversed"),
+        name=found.frame.name,
+        source="how the motors follow the PID sums" + ("" if found.direction > 0 else "; rotors reversed"),
         factors=np.column_stack([mix, np.ones(len(mix))]),
-        position=_POSITION,
-        spin=_SPIN * direction,
+        position=found.frame.position,
+        spin=np.sign(mix[:, 2]),
         remarks=("The arms are those of a symmetric frame: no header tells them.",),
     )
 

@@ -3,26 +3,50 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
+from quadid_logs.autopilots.discrete import butterworth, first_order, notch
 from quadid_logs.autopilots.filters import gyro_filter
-from quadid_logs.data.log import GyroFilter, Notch
+from quadid_logs.data.controller import DiscreteFilter
+from quadid_logs.data.log import GyroFilter, Notch, whole_number
 
 #: `gyro_lpf1_type`: one pole, a Butterworth of second order, two and three poles that are 3 dB down together.
 _ONE_POLE, _BIQUAD, _TWO_POLES, _THREE_POLES = range(4)
 #: ``common/filter.c``: cut-off of each pole over that of all.
 _SPREAD = {_ONE_POLE: 1.0, _TWO_POLES: 1.553773974, _THREE_POLES: 1.961459177}
 _N_POLES = {_ONE_POLE: 1, _TWO_POLES: 2, _THREE_POLES: 3}
-#: Type, cut-off and range of the two low-passes, as called since 4.3 and before.
-_LOW_PASSES = (
-    ("gyro_lpf1_type", "gyro_lpf1_static_hz", "gyro_lpf1_dyn_hz"),
-    ("gyro_lpf2_type", "gyro_lpf2_static_hz", "gyro_lpf2_dyn_hz"),
-    ("gyro_lowpass_type", "gyro_lowpass_hz", "gyro_lowpass_dyn_hz"),
-    ("gyro_lowpass2_type", "gyro_lowpass2_hz", "gyro_lowpass2_dyn_hz"),
+
+
+class LowPassNames(NamedTuple):
+    """The settings of a low-pass: its type, cut-off, and the range and bend that the throttle moves it in."""
+
+    kind: str
+    static: str
+    dynamic: str = ""
+    expo: str = ""
+
+
+#: As called since 4.3, and before. The first D low-pass of 4.2 has a bend that no header tells.
+GYRO_LOW_PASSES = (
+    LowPassNames("gyro_lpf1_type", "gyro_lpf1_static_hz", "gyro_lpf1_dyn_hz", "gyro_lpf1_dyn_expo"),
+    LowPassNames("gyro_lpf2_type", "gyro_lpf2_static_hz"),
+    LowPassNames("gyro_lowpass_type", "gyro_lowpass_hz", "gyro_lowpass_dyn_hz"),
+    LowPassNames("gyro_lowpass2_type", "gyro_lowpass2_hz"),
 )
+D_LOW_PASSES = (
+    LowPassNames("dterm_lpf1_type", "dterm_lpf1_static_hz", "dterm_lpf1_dyn_hz", "dterm_lpf1_dyn_expo"),
+    LowPassNames("dterm_lpf2_type", "dterm_lpf2_static_hz"),
+    LowPassNames("dterm_filter_type", "dterm_lowpass_hz", "dterm_lowpass_dyn_hz", "dyn_lpf_dterm_curve_expo"),
+    LowPassNames("dterm_filter2_type", "dterm_lowpass2_hz"),
+)
+#: The bend of versions whose header does not hold it: 4.2 to 4.4.
+_COMMON_BEND = 5.0
+#: ``config/feature.h``: FEATURE_DYNAMIC_FILTER, before 4.3.
+_DYNAMIC_FILTER = 1 << 29
 #: Motion, not the vibration that the filters are there for; of so many seconds.
 _DELAY_BAND_HZ = (0.5, 20.0)
 _SHORTEST_S = 4.0
@@ -32,15 +56,15 @@ _MOST_ROWS = 1 << 17
 _LONGEST_S = 0.03
 
 
-def settings_filter(settings: Mapping[str, float], rotor_hz: float) -> GyroFilter:
+def settings_filter(settings: Mapping[str, float], rotors_hz: Sequence[float]) -> GyroFilter:
     """Return both low-passes as one of the same delay, and static and RPM notches.
 
     Parameters
     ----------
     settings : mapping of str to float
         Of the log's header.
-    rotor_hz : float
-        Mean speed of the rotors, at which the RPM filter's notches stand; NaN where it is not logged.
+    rotors_hz : sequence of float
+        Mean speed of each rotor, at which the RPM filter's notches stand; none where they are not logged.
 
     Returns
     -------
@@ -52,45 +76,161 @@ def settings_filter(settings: Mapping[str, float], rotor_hz: float) -> GyroFilte
     -----
     Betaflight: ``gyro_init.c``, ``rpm_filter.c``, ``common/filter.c``.
     """
-    delay_s = sum(_delay_s(settings, names) for names in _LOW_PASSES)
+    delay_s = sum(_delay_s(settings, names) for names in GYRO_LOW_PASSES)
     cutoff_hz = math.sqrt(2.0) / (2.0 * math.pi * delay_s) if delay_s > 0.0 else math.nan
-    return gyro_filter(cutoff_hz, [*_static(settings), *_rpm(settings, rotor_hz)])
+    return gyro_filter(cutoff_hz, [*_static(settings), *_rpm(settings, rotors_hz)])
 
 
-def _delay_s(settings: Mapping[str, float], names: tuple[str, str, str]) -> float:
+def _delay_s(settings: Mapping[str, float], names: LowPassNames) -> float:
     """Return the delay of a low-pass far below its cut-off; of a dynamic one at its lowest."""
-    kind_name, static_name, dynamic_name = names
-    dynamic = settings.get(f"{dynamic_name}[0]", 0.0)
-    cutoff_hz = dynamic if dynamic > 0.0 else settings.get(static_name, 0.0)
-    kind = settings.get(kind_name, _ONE_POLE)
-    if not 0.0 < cutoff_hz < math.inf:
+    cutoff = cutoff_hz(settings, names, 0.0)
+    if cutoff == 0.0:
         return 0.0
-    if kind == _BIQUAD:
-        return math.sqrt(2.0) / (2.0 * math.pi * cutoff_hz)
-    poles = int(kind) if kind in _SPREAD else _ONE_POLE
-    return _N_POLES[poles] / (2.0 * math.pi * cutoff_hz * _SPREAD[poles])
+    poles = _poles(settings, names)
+    if poles == _BIQUAD:
+        return math.sqrt(2.0) / (2.0 * math.pi * cutoff)
+    return _N_POLES[poles] / (2.0 * math.pi * cutoff * _SPREAD[poles])
+
+
+def _poles(settings: Mapping[str, float], names: LowPassNames) -> int:
+    kind = settings.get(names.kind, _ONE_POLE)
+    return int(kind) if kind in (*_SPREAD, _BIQUAD) else _ONE_POLE
+
+
+def cutoff_hz(settings: Mapping[str, float], names: LowPassNames, throttle: float) -> float:
+    """Return the cut-off of a low-pass [Hz], 0 where it is off.
+
+    Parameters
+    ----------
+    settings : mapping of str to float
+    names : LowPassNames
+    throttle : float
+        From 0 to 1, by which a dynamic one moves between its ends.
+
+    Returns
+    -------
+    float
+
+    Notes
+    -----
+    Betaflight: ``dynLpfCutoffFreq``; a gyro's before 4.3 ``dynThrottle``.
+    """
+    lowest, highest = (settings.get(f"{names.dynamic}[{end}]", 0.0) for end in (0, 1))
+    if not lowest > 0.0:
+        found = settings.get(names.static, 0.0)
+    elif names.expo:
+        bend = throttle * (1.0 - throttle) * settings.get(names.expo, _COMMON_BEND) / 10.0
+        found = lowest + max(highest - lowest, 0.0) * (throttle + bend)
+    else:
+        found = max(1.5 * throttle * (1.0 - throttle**2 / 3.0) * highest, lowest)
+    return found if 0.0 < found < math.inf else 0.0
+
+
+def low_pass(
+    settings: Mapping[str, float], names: LowPassNames, throttle: float, period_s: float
+) -> tuple[DiscreteFilter, ...]:
+    """Return a low-pass as it runs at a throttle; none where it is off.
+
+    Parameters
+    ----------
+    settings, names, throttle
+        As of `cutoff_hz`.
+    period_s : float
+
+    Returns
+    -------
+    tuple of DiscreteFilter
+
+    Notes
+    -----
+    Betaflight: ``pt1FilterGain``, ``pt2FilterGain``, ``pt3FilterGain``, ``biquadFilterInitLPF``.
+    """
+    cutoff, poles = cutoff_hz(settings, names, throttle), _poles(settings, names)
+    if cutoff == 0.0:
+        return ()
+    if poles == _BIQUAD:
+        return (butterworth(cutoff, period_s),)
+    return (first_order(cutoff * _SPREAD[poles], period_s),) * _N_POLES[poles]
+
+
+def static_notch(settings: Mapping[str, float], centre: str, begin: str) -> tuple[Notch, ...]:
+    """Return a notch by its centre and where it begins, which make Q = f0 fc / (f0^2 - fc^2)."""
+    f0, fc = settings.get(centre, 0.0), settings.get(begin, 0.0)
+    return (Notch(f0, (f0**2 - fc**2) / (f0 * fc), 0.0),) if 0.0 < fc < f0 < math.inf else ()
+
+
+def loop_filters(
+    settings: Mapping[str, float],
+    rotors_hz: Sequence[float],
+    throttle: float,
+    periods_s: tuple[float, float],
+) -> tuple[DiscreteFilter, ...]:
+    """Return what stands between gyro and controller, as it was on the average of a flight.
+
+    Parameters
+    ----------
+    settings : mapping of str to float
+    rotors_hz : sequence of float
+        Mean speed of each rotor; none where they are not logged.
+    throttle : float
+        The mean, from 0 to 1.
+    periods_s : tuple of float
+        Of the gyro and of the PID loop [s].
+
+    Returns
+    -------
+    tuple of DiscreteFilter
+        The second low-pass runs at the gyro's rate, all else at the loop's. Dynamic notches are not among
+        them: no log tells where they stood.
+
+    Notes
+    -----
+    Betaflight: ``gyro_filter_impl.c``, ``rpm_filter.c``.
+    """
+    gyro_s, loop_s = periods_s
+    found = [
+        each
+        for names in GYRO_LOW_PASSES
+        for each in low_pass(settings, names, throttle, gyro_s if "2" in names.kind else loop_s)
+    ]
+    known = gyro_filter(math.nan, [*_static(settings), *_rpm(settings, rotors_hz)]).notches
+    return (*found, *(notch(one, loop_s) for one in known if one.frequency_hz * loop_s < 0.5))
+
+
+def has_dynamic_notches(settings: Mapping[str, float]) -> bool:
+    """Tell whether notches follow peaks of the gyro's spectrum (dyn_notch_count, once a feature)."""
+    count = settings.get("dyn_notch_count")
+    if count is not None:
+        return count > 0.0
+    return "dyn_notch_q" in settings and bool(whole_number(settings.get("features")) & _DYNAMIC_FILTER)
+
+
+def has_rpm_notches(settings: Mapping[str, float]) -> bool:
+    """Tell whether notches follow the rotors' speeds, by the settings' names since 4.3 or before."""
+    harmonics = settings.get("rpm_filter_harmonics", settings.get("gyro_rpm_notch_harmonics", 0.0))
+    return harmonics > 0.0 and settings.get("dshot_bidir", 0.0) > 0.0
 
 
 def _static(settings: Mapping[str, float]) -> Iterator[Notch]:
-    """Yield gyro_notch1 and 2: Q = f0 fc / (f0^2 - fc^2), fc where it begins."""
+    """Yield gyro_notch1 and 2."""
     for number in range(2):
-        centre = settings.get(f"gyro_notch_hz[{number}]", 0.0)
-        begin = settings.get(f"gyro_notch_cutoff[{number}]", 0.0)
-        if 0.0 < begin < centre:
-            yield Notch(centre, (centre**2 - begin**2) / (centre * begin), 0.0)
+        yield from static_notch(settings, f"gyro_notch_hz[{number}]", f"gyro_notch_cutoff[{number}]")
 
 
-def _rpm(settings: Mapping[str, float], rotor_hz: float) -> Iterator[Notch]:
-    """Yield a notch per motor and harmonic."""
+def _rpm(settings: Mapping[str, float], rotors_hz: Sequence[float]) -> Iterator[Notch]:
+    """Yield a notch per rotor and harmonic; close to the lowest frequency they fade out."""
     quality = settings.get("rpm_filter_q", 0.0) / 100.0
     lowest_hz = settings.get("rpm_filter_min_hz", 0.0)
     harmonics = settings.get("rpm_filter_harmonics", 0.0)
-    if not (rotor_hz > 0.0 and quality > 0.0 and 1.0 <= harmonics <= 3.0):
+    if not (quality > 0.0 and 1.0 <= harmonics <= 3.0):
         return
+    fade_hz = settings.get("rpm_filter_fade_range_hz", 0.0)
     for harmonic in range(1, int(harmonics) + 1):
         weight = min(max(settings.get(f"rpm_filter_weights[{harmonic - 1}]", 100.0) / 100.0, 0.0), 1.0)
-        for _ in range(4):
-            yield Notch(max(harmonic * rotor_hz, lowest_hz), 1.0 / quality, 1.0 - weight)
+        for rotor_hz in (one for one in rotors_hz if one > 0.0):
+            above_hz = harmonic * rotor_hz - lowest_hz
+            faded = weight * min(max(above_hz / fade_hz, 0.0), 1.0) if fade_hz > 0.0 else weight
+            yield Notch(lowest_hz + max(above_hz, 0.0), 1.0 / quality, 1.0 - faded)
 
 
 def measured_filter(filtered: FloatArray, unfiltered: FloatArray, period_s: float) -> GyroFilter | None:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -13,19 +14,38 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.autopilots.betaflight.filters import measured_filter, settings_filter
-from quadid_logs.autopilots.betaflight.signals import FIELDS, SOURCES, Facts
+from quadid_logs.autopilots.betaflight.flight_modes import flight_modes
+from quadid_logs.autopilots.betaflight.law import named_gains
+from quadid_logs.autopilots.betaflight.signals import FIELDS, SOURCES, Facts, cuts_terms
+from quadid_logs.autopilots.betaflight.terms import controller_terms
 from quadid_logs.autopilots.sources import Part, Source, build_signals, stacked
 from quadid_logs.containers.blackbox import BlackboxContent, FrameTable, read_content
 from quadid_logs.containers.content import mean_rate_hz
-from quadid_logs.data.log import FlightLog, GyroFilter, MessageCount, Rows, Signal
+from quadid_logs.data.log import (
+    FlightLog,
+    GyroFilter,
+    MessageCount,
+    Rows,
+    Signal,
+    version_in,
+)
 from quadid_logs.errors import EmptyLogError, UnknownFormatError
 from quadid_logs.vocabulary import MULTIROTOR
 
 #: "Betaflight 2025.12.2 (79065c96b) STM32F7X2"; firmware of the same family writes its own name there.
 _REVISION: Final = re.compile(r"\s*(\w{1,20})\s+(\d\S{0,30})(.{0,80})")
+_OWN_NAME: Final = "Betaflight"
+#: First of the versions whose logs hold set-points and feed-forward.
+_OLDEST: Final = 4
+_OTHERS: Final = {
+    "Rotorflight": "It flies helicopters, whose torque is not made by the thrusts of motors.",
+}
 _NUMBER: Final = re.compile(r"-?\d{1,10}(?:\.\d{1,10})?$")
 _KINDS: Final = {"I": "main", "S": "slow", "H": "GPS home", "G": "GPS"}
 _WORD: Final = 1 << 32
+
+#: Target of the firmware that flies a simulated vehicle, the last word of its revision.
+_SIMULATOR: Final = " SITL"
 
 
 def read(path: str | Path, *, system: int = 0, number: int = 0) -> FlightLog:
@@ -52,9 +72,8 @@ def read(path: str | Path, *, system: int = 0, number: int = 0) -> FlightLog:
     SettingsError, SeveralLogsError
         If there is no such log, or several and none was chosen.
     """
-    content = read_content(path, FIELDS, number=number)
+    content = read_content(path, FIELDS, number=number, accept=partial(_refuse_others, path))
     header = content.header
-    firmware = _firmware(path, header.texts.get("Firmware revision", ""))
     main = content.tables["I"]
     if not len(main.position):
         raise EmptyLogError(
@@ -62,35 +81,73 @@ def read(path: str | Path, *, system: int = 0, number: int = 0) -> FlightLog:
             hint="The copter was disarmed at once, or the file is cut off; choose another log.",
         )
     settings = settings_of(header.texts)
-    time_s = _time_s(main)
+    settings |= named_gains(settings)
+    rows = Rows(_time_s(main), main.position)
+    terms = controller_terms(main, rows, cut=cuts_terms(header.texts))
     return FlightLog(
         path=str(path),
         format="blackbox",
         autopilot="betaflight",
         n_bytes=content.n_bytes,
-        signals=_signals(content, settings, time_s),
-        firmware=firmware,
-        vehicle_type=MULTIROTOR,
+        signals=_signals(content, settings, rows),
+        firmware=_firmware(header.texts.get("Firmware revision", "")),
+        vehicle_type=_vehicle_type(header.layouts["I"].names),
         vehicle_name=header.texts.get("Craft name", "").strip(),
-        hardware_id=header.texts.get("DeviceUID", "").strip(),
+        hardware_id=_hardware_id(header.texts),
         parameters=settings,
         lost=content.lost,
-        counts=_counts(content, time_s),
-        utc_offset_s=_utc_offset_s(header.texts.get("Log start datetime", ""), time_s),
+        controller_terms=terms,
+        modes=flight_modes(content.tables.get("S"), rows),
+        counts=_counts(content, rows.time_s),
+        utc_offset_s=_utc_offset_s(header.texts.get("Log start datetime", ""), rows.time_s),
         remarks=_remarks(content, system),
     )
 
 
-def _firmware(path: str | Path, revision: str) -> str:
-    """Return name and version; firmware whose fields and mixer differ is refused by its name."""
+def _refuse_others(path: str | Path, texts: Mapping[str, str]) -> None:
+    """Refuse, by its name, firmware whose fields and mixer differ, and Betaflight that is too old."""
+    revision = texts.get("Firmware revision", "")
     match = _REVISION.match(revision)
-    if match is None or match[1] != "Betaflight":
-        name = match[1] if match else "an unknown firmware"
-        raise UnknownFormatError(
-            f"{path} is a Blackbox log of {name}, not of Betaflight.",
-            hint="Its fields have other scales and signs: export them to a table in SI units.",
+    if match is None and _OWN_NAME in (revision.split(maxsplit=1)[:1] or [texts.get("Firmware type", "")]):
+        # Without a version that can be read; firmware calls its own type so since 4.3.
+        return
+    if match is not None and match[1] == _OWN_NAME:
+        version = version_in(_firmware(revision))
+        if version is None or version[0] >= _OLDEST:
+            return
+        name, hint = (
+            f"Betaflight {match[2]}",
+            f"Set-points are logged since {_OLDEST}.0: update the firmware.",
         )
-    return f"{match[1]} v{match[2]}{match[3]}".strip()
+    else:
+        # Before they wrote their name there, the revision was that of the source alone.
+        written = re.match(r"\s*(\w{1,20})", match[1] if match else texts.get("Firmware type", ""))
+        name = written[1] if written else "an unknown firmware"
+        hint = _OTHERS.get(
+            name, "Its fields have other scales and signs: export them to a table in SI units."
+        )
+    raise UnknownFormatError(
+        f"{path} is a Blackbox log of {name}, not of Betaflight 4.0 or later.", hint=hint
+    )
+
+
+def _firmware(revision: str) -> str:
+    """Return name and version as shown."""
+    match = _REVISION.match(revision)
+    return f"{match[1]} v{match[2]}{match[3]}".strip() if match else _OWN_NAME
+
+
+def _hardware_id(texts: Mapping[str, str]) -> str:
+    """Return the processor's id; every simulated vehicle has the same, which tells nothing."""
+    is_simulated = texts.get("Firmware revision", "").rstrip().endswith(_SIMULATOR)
+    return "" if is_simulated else texts.get("DeviceUID", "").strip()
+
+
+def _vehicle_type(fields: Collection[str]) -> str:
+    """Return what the vehicle is by its motors; builds for wings log S terms."""
+    if any(field.startswith("axisS[") for field in fields) or "motor[1]" not in fields:
+        return "fixed-wing" if "motor[0]" in fields else "unknown"
+    return MULTIROTOR if "motor[2]" in fields else "unknown"
 
 
 def settings_of(texts: Mapping[str, str]) -> dict[str, float]:
@@ -123,12 +180,12 @@ def _time_s(main: FrameTable) -> FloatArray:
 
 
 def _signals(
-    content: BlackboxContent, settings: Mapping[str, float], time_s: FloatArray
+    content: BlackboxContent, settings: Mapping[str, float], rows: Rows
 ) -> dict[str, tuple[Signal, ...]]:
     """Make the signals of the main frames, whose fields are gone afterwards."""
     main = content.tables["I"]
-    part = Part(name="main", table=main, rows=Rows(time_s, main.position), log=Facts.of(content.header))
-    known = _measured_filter(main, time_s) or settings_filter(settings, _rotor_hz(part))
+    part = Part(name="main", table=main, rows=rows, log=Facts.of(content.header))
+    known = _measured_filter(main, rows.time_s) or settings_filter(settings, _rotors_hz(part))
 
     def parts_of(source: Source[Part[FrameTable]]) -> Iterator[Part[FrameTable]]:
         """Yield the frames, and forget the fields that the signal was made of: none makes two."""
@@ -150,11 +207,13 @@ def _measured_filter(main: FrameTable, time_s: FloatArray) -> GyroFilter | None:
     return measured_filter(filtered, unfiltered, float(np.median(np.diff(time_s))))
 
 
-def _rotor_hz(part: Part[FrameTable]) -> float:
-    """Return the mean speed of the rotors [Hz], NaN where it is not logged."""
+def _rotors_hz(part: Part[FrameTable]) -> tuple[float, ...]:
+    """Return the mean speed of each rotor [Hz], none where it is not logged."""
     speed = next(source for source in SOURCES if source.signal == "rotor_speed")
     values = speed.build(part, speed)
-    return float(np.mean(values)) / (2.0 * math.pi) if isinstance(values, np.ndarray) else math.nan
+    if not isinstance(values, np.ndarray):
+        return ()
+    return tuple((values.mean(axis=0, dtype=np.float64) / (2.0 * math.pi)).tolist())
 
 
 def _counts(content: BlackboxContent, time_s: FloatArray) -> tuple[MessageCount, ...]:

@@ -15,6 +15,7 @@ import numpy as np
 
 from quadid_logs.align.series import CleanLog, CleanSeries
 from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.maths.recurrence import lag
 
 #: Middle of what thrust stands show (0.2 to 0.8, see docs/method.md).
 COMMON_EXPO: Final = 0.5
@@ -139,16 +140,7 @@ def behind_lag(thrust: FloatArray, period_s: float, lag_s: float) -> FloatArray:
     -------
     ndarray, shape (n_samples, n_rotors)
     """
-    return np.asarray(lagged(np.sqrt(thrust), period_s, lag_s) ** 2)
-
-
-def lagged(columns: FloatArray, period_s: float, lag_s: float) -> FloatArray:
-    """Return columns (n_samples, n) behind a lag, exact for held values."""
-    from scipy.signal import lfilter
-
-    decay = float(np.exp(-period_s / lag_s))
-    start = decay * columns[:1]
-    return np.asarray(lfilter([1.0 - decay], [1.0, -decay], columns, axis=0, zi=start)[0], dtype=np.float64)
+    return np.asarray(lag(np.sqrt(thrust), period_s, lag_s) ** 2)
 
 
 def _supply(log: CleanLog, motors: CleanSeries, flown: BoolArray) -> FloatArray:
@@ -185,7 +177,7 @@ def _fitted(
 
     def left(x: FloatArray) -> FloatArray:
         curve = np.clip((1.0 - x[0]) * output + x[0] * output**2, 0.0, None)
-        return np.asarray((target - _relative(lagged(np.sqrt(curve), period_s, x[1]), width)[flown]).ravel())
+        return np.asarray((target - _relative(lag(np.sqrt(curve), period_s, x[1]), width)[flown]).ravel())
 
     x = np.array([COMMON_EXPO, COMMON_LAG_S])
     for _ in range(_ROUNDS):

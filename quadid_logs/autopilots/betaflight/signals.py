@@ -1,17 +1,21 @@
 """Betaflight's Blackbox fields in canonical signals: one table, the preferred source of each signal first.
 
 Field meanings: ``src/main/blackbox/blackbox.c``. Betaflight's axes are x forward, y left, z up, so pitch
-(nose down positive) and yaw (nose left positive) change sign. PID terms are whole numbers of thousandths.
+(nose down positive) and yaw (nose left positive) change sign. PID terms are whole numbers of thousandths:
+rounded since 4.4, cut towards zero before.
 """
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quadid_logs.arrays import FloatArray
+from quadid_logs.autopilots.betaflight.chirp import Sweep, excitation, sweep_of
 from quadid_logs.autopilots.sources import (
     RPM,
     Built,
@@ -23,6 +27,7 @@ from quadid_logs.autopilots.sources import (
 )
 from quadid_logs.containers.blackbox import FrameTable
 from quadid_logs.containers.blackbox_header import Header
+from quadid_logs.vocabulary import AXES
 
 _Part: TypeAlias = Part[FrameTable]
 _Row: TypeAlias = Source[Any]
@@ -32,16 +37,19 @@ TO_FRD: Final = np.array([1.0, -1.0, -1.0])
 _DEGREE: Final = np.pi / 180.0
 _GRAVITY: Final = 9.80665
 #: A PID sum of 1000 is the whole range of the mixer (``mixer.c``, PID_MIXER_SCALING).
-_PID_SCALE: Final = 1e-3
-#: ``pid.h``: PIDSUM_LIMIT and PIDSUM_LIMIT_YAW.
-_PID_SUM_LIMITS: Final = (500, 500, 400)
+PID_SCALE: Final = 1e-3
+#: The setting that limits the PID sum of an axis, and its default (``pid.h``, PIDSUM_LIMIT).
+PID_SUM_LIMITS: Final = {
+    "roll": ("pidsum_limit", 500),
+    "pitch": ("pidsum_limit", 500),
+    "yaw": ("pidsum_limit_yaw", 400),
+}
 #: blackbox_high_resolution logs rates and set-points in tenths.
 _HIGH_RESOLUTION: Final = 0.1
+#: The change that brought this setting, in 4.4, also rounded the terms; all headers have held it since.
+_SINCE_ROUNDED: Final = "blackbox_high_resolution"
 _QUATERNION_ONE: Final = 32767.0
 _CHUNK: Final = 1 << 15
-_CHIRP_ONE, _CHIRP_PHASE_ONE = 1000.0, 5000.0
-#: The logged excitation and the cosine of the logged phase agree to the rounding of both.
-_CHIRP_ROUNDING: Final = 2e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,22 +62,54 @@ class Facts:
     lowest_output: float
     highest_output: float
     pole_pairs: float
-    has_chirp: bool
+    cuts_terms: bool
+    sweep: Sweep | None
 
     @classmethod
     def of(cls, header: Header) -> Facts:
         """Read the header; what is missing there has the firmware's default."""
         low, high = [*header.texts.get("motorOutput", "").split(","), "", ""][:2]
-        limits = (header.number("pidsum_limit", _PID_SUM_LIMITS[0]),) * 2
+        roll, pitch, yaw = (header.number(*PID_SUM_LIMITS[axis]) for axis in AXES)
         return cls(
             rate=_HIGH_RESOLUTION if header.number("blackbox_high_resolution") else 1.0,
             acceleration=_GRAVITY / max(header.number("acc_1G", 2048), 1),
-            pid_sum_limits=(*limits, header.number("pidsum_limit_yaw", _PID_SUM_LIMITS[2])),
+            pid_sum_limits=(roll, pitch, yaw),
             lowest_output=float(low) if low.strip().isdecimal() else np.nan,
             highest_output=float(high) if high.strip().isdecimal() else np.nan,
             pole_pairs=max(header.number("motor_poles", 14), 2) / 2.0,
-            has_chirp="chirp_time_seconds" in header.texts,
+            cuts_terms=cuts_terms(header.texts),
+            sweep=sweep_of(header.texts),
         )
+
+
+def cuts_terms(settings: Container[str]) -> bool:
+    """Tell whether terms were cut towards zero, by the names of a header: rounded ones are those of 4.4 on.
+
+    Parameters
+    ----------
+    settings : container of str
+
+    Returns
+    -------
+    bool
+    """
+    return _SINCE_ROUNDED not in settings
+
+
+def middle(whole: NDArray[Any], *, cut: bool) -> NDArray[Any]:
+    """Return the middle of the values that became each whole number.
+
+    Parameters
+    ----------
+    whole : ndarray
+    cut : bool
+        Towards zero: 3 stands for 3 to 4, and 0 for -1 to 1.
+
+    Returns
+    -------
+    ndarray, shape of `whole`
+    """
+    return whole + 0.5 * np.sign(whole) if cut else whole
 
 
 def _columns(part: _Part, source: _Row) -> FloatArray | None:
@@ -95,16 +135,20 @@ def _acceleration(part: _Part, source: _Row) -> FloatArray | None:
 
 def _pid_sums(part: _Part, source: _Row) -> FloatArray | None:
     """Sum the terms that are logged, limit the sum as the mixer does, FRD."""
+    cut = part.log.cuts_terms
     sums = _columns(part, source)
     if sums is None:
         return None
-    for number, field in enumerate(source.optional):
-        column = part.table.column(field)
-        if column is not None:
-            sums[:, number % 3] += column
+    others = [(number % 3, part.table.column(field)) for number, field in enumerate(source.optional)]
     limits = np.array(part.log.pid_sum_limits)
-    np.clip(sums, -limits, limits, out=sums)
-    sums *= _PID_SCALE * TO_FRD
+    # In chunks: every term comes and goes in its middle.
+    for first in range(0, len(sums), _CHUNK):
+        rows = slice(first, first + _CHUNK)
+        some = middle(sums[rows], cut=cut)
+        for axis, column in others:
+            if column is not None:
+                some[:, axis] += middle(column[rows], cut=cut)
+        sums[rows] = np.clip(some, -limits, limits) * (PID_SCALE * TO_FRD)
     return sums
 
 
@@ -149,18 +193,12 @@ def _numbered(part: _Part, field: str) -> FloatArray | None:
 
 
 def _chirp(part: _Part, source: _Row) -> Built | None:
-    """Take the excitation of the chirp mode; debug holds it in one debug mode only, told by its phase."""
+    """Take the excitation of the chirp mode, which the debug fields hold in one debug mode only."""
     fields = _columns(part, source)
-    if fields is None or not part.log.has_chirp:
+    if fields is None or part.log.sweep is None or len(fields) < 2:
         return None
-    phase, axis, _, excitation = fields.T
-    runs = axis >= 0.0
-    if not runs.any() or not np.isin(axis, (-1.0, 0.0, 1.0, 2.0)).all():
-        return None
-    off = np.abs(np.cos(phase / _CHIRP_PHASE_ONE) - excitation / _CHIRP_ONE)[runs]
-    if np.median(off) > _CHIRP_ROUNDING:
-        return None
-    return Built(np.where(runs, excitation / _CHIRP_ONE, 0.0)[:, np.newaxis])
+    found = excitation(fields, part.rows.time_s, part.log.sweep)
+    return None if found is None else Built(found[:, np.newaxis])
 
 
 def _axes(field: str) -> tuple[str, str, str]:
@@ -184,7 +222,7 @@ SOURCES: Final[tuple[Source[_Part], ...]] = (
            _pid_sums, label="axisP+I+D+F",
            optional=tuple(field for term in "IDFS" for field in _axes(f"axis{term}"))),
     Source("throttle", "main", ("setpoint[3]",), "throttle before the mixer", _columns,
-           scale=_PID_SCALE),
+           scale=PID_SCALE),
     Source("motor_thrust", "main", ("motor",), "what each motor was sent, from idle to full", _motors),
     Source("rotor_speed", "main", ("eRPM",), "reported by the ESCs (bidirectional DShot)", _rotor_speed),
     Source("specific_force", "main", _axes("accSmooth"), "the accelerometer, filtered", _acceleration,

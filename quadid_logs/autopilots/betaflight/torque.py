@@ -2,12 +2,12 @@
 
 The outputs make thrust by the curve of the propellers. A unit of torque is what a unit of the PID sums
 makes of it, by least squares over the flight: mixer, ``thrust_linear``, airmode, sag compensation and idle
-are in it.
+are in it. The logged terms are whole thousandths, which is much of a small sum; outputs are finer, and the
+mixer is known. So the sums are those that the mixer makes the outputs of, as far as the terms allow.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -16,24 +16,22 @@ from quadid_logs.actuation.airframe import Airframe
 from quadid_logs.actuation.motors import MotorSeries, Rebuilt, any_motor
 from quadid_logs.align.series import CleanLog, CleanSeries
 from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.autopilots.betaflight.mixer import highest_output, unmixed
 from quadid_logs.autopilots.betaflight.rotors import (
     MEASURED_HALF_WIDTH,
     Rotors,
     behind_lag,
     find_rotors,
     full_output,
-    lagged,
 )
-from quadid_logs.data.log import whole_number
 from quadid_logs.data.torque import AssumedExpo, HeldScale
+from quadid_logs.maths.recurrence import lag
 from quadid_logs.maths.thrust_curve import relative_by_expo
 
 #: Outputs and PID terms are whole numbers: their rounding is a few thousandths of the range.
 _LIMITED: Final = 0.02
-#: ``config/feature.h``: FEATURE_AIRMODE.
-_AIRMODE: Final = 1 << 22
-#: Points of the inverse of a smooth curve: interpolated to 1e-6.
-_CURVE_POINTS: Final = 1001
+#: The battery's voltage that the firmware stops the motors by is filtered otherwise than the logged one.
+_NEAR_STOP: Final = 0.01
 #: Rows that tell a slope of PID sums.
 _FEWEST_ROWS: Final = 500
 #: Thrust by curves of these changes of the expo tells how the slope goes with it.
@@ -71,8 +69,11 @@ def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
     output = full_output(motors.values, log.log.parameters)
     flown = log.flown(motors.time_s, motors.values.mean(axis=1))
     rotors = find_rotors(log, motors, output, flown)
-    free = flown & ((motors.values > 0.0) & (motors.values < 1.0)).all(axis=1)
-    scale = _scale(rotors, output, commanded, free, airframe, motors.period_s)
+    highest = _highest(log, motors)
+    at_stop = _at_stop(motors, highest)
+    of_range = np.clip(motors.values / highest, 0.0, 1.0)
+    mixed = unmixed(of_range, throttle.at(motors.time_s), airframe, log.log)
+    scale = _scale(rotors, output, (commanded, mixed), flown & ~at_stop, airframe, motors.period_s)
     if scale is None:
         return Rebuilt(remarks=("The outputs do not follow the PID sums, so the torque is as commanded.",))
     thrust = rotors.thrust(output)
@@ -83,7 +84,7 @@ def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
         command_thrust=thrust,
         actuator=output,
         command=thrust @ per_thrust.T,
-        saturated=_saturated(motors, commanded, throttle.at(motors.time_s), airframe, log.log.parameters),
+        saturated=at_stop[:, np.newaxis] & (np.abs(mixed - commanded) > _LIMITED),
         flown=flown,
         source=f"{motors.source} through the thrust curve",
         reason="what the motors were sent, in units of the PID sums: saturation is in it",
@@ -105,24 +106,28 @@ def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
 def _scale(
     rotors: Rotors,
     output: FloatArray,
-    commanded: FloatArray,
+    sums: tuple[FloatArray, FloatArray],
     free: BoolArray,
     airframe: Airframe,
     period_s: float,
 ) -> _Scale | None:
-    """Compare thrust with PID sums (n_samples, 3) behind the same lag, where no motor is at a stop.
+    """Compare thrust with PID sums behind the same lag, where no motor is at a stop.
+
+    The sums, each (n_samples, 3), are as logged and as `unmixed`: a regressor that is rounded would take
+    from the slopes what rounding adds to its variance.
 
     None where a slope is that of no mixer, or the rows are too few.
     """
     if np.count_nonzero(free) < _FEWEST_ROWS:
         return None
-    sums = lagged(commanded, period_s, rotors.lag_s)[free]
-    regressors = np.column_stack([sums, np.ones(len(sums))])
+    commanded, mixed = sums
+    of_sums = _logged_per_mixed(mixed[free], commanded[free])
+    lagged = lag(mixed, period_s, rotors.lag_s)[free]
 
     def slopes(expo: float) -> FloatArray:
         thrust = behind_lag(rotors.thrust(output, expo), period_s, rotors.lag_s)[free]
-        made = np.linalg.lstsq(regressors, thrust @ airframe.command_per_thrust.T, rcond=None)[0]
-        return np.clip(np.diag(made[:3]), 1e-9, None)
+        made = _slopes(lagged, thrust @ airframe.command_per_thrust.T)
+        return np.clip(made / of_sums, 1e-9, None)
 
     found = slopes(rotors.expo)
     if not ((found > _SLOPES[0]) & (found < _SLOPES[1])).all():
@@ -132,56 +137,32 @@ def _scale(
     return _Scale(1.0 / found, (roll, pitch, yaw))
 
 
-def _saturated(
-    motors: CleanSeries,
-    commanded: FloatArray,
-    throttle: FloatArray,
-    airframe: Airframe,
-    settings: Mapping[str, float],
-) -> BoolArray:
-    """Mark axes that got less than was commanded, because a motor was at a stop; shape (n_samples, 3)."""
-    linear = before_linearisation(motors.values, settings.get("thrust_linear", 0.0) / 100.0)
-    made = linear @ airframe.command_per_thrust.T / mix_factor(throttle, settings)[:, np.newaxis]
-    at_stop = any_motor((motors.values <= 0.0) | (motors.values >= 1.0))
-    return np.asarray(at_stop[:, np.newaxis] & (np.abs(made - commanded) > _LIMITED))
+def _logged_per_mixed(mixed: FloatArray, commanded: FloatArray) -> FloatArray:
+    """Return what the logged sums are of those that the mixer makes the outputs of; shape (3,).
 
-
-def mix_factor(throttle: FloatArray, settings: Mapping[str, float]) -> FloatArray:
-    """Return what the mixer multiplies the PID sums with, for each throttle.
-
-    Parameters
-    ----------
-    throttle : ndarray, shape (n,)
-    settings : mapping of str to float
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        1 with airmode; without, 0.5 to 1.
+    One where what is left between them, rounding for the most part, could be all of the difference
+    (the inequality of Cauchy and Schwarz): small terms vanish in it. Sag compensation, for one, leaves less.
     """
-    if whole_number(settings.get("features"), _AIRMODE) & _AIRMODE:
-        return np.ones_like(throttle)
-    return np.clip(0.5 + throttle, 0.5, 1.0)
+    slopes = _slopes(mixed, commanded)
+    allowed = (commanded - slopes * mixed).std(axis=0) / np.maximum(mixed.std(axis=0), 1e-12)
+    return np.where(np.abs(slopes - 1.0) > allowed, np.clip(slopes, 1e-9, None), 1.0)
 
 
-def before_linearisation(output: FloatArray, amount: float) -> FloatArray:
-    """Return the outputs as they were before ``thrust_linear``, which raises low ones.
+def _slopes(of: FloatArray, made: FloatArray) -> FloatArray:
+    """Return each axis' slope on its own by least squares, the other axes and a constant beside; (3,)."""
+    regressors = np.column_stack([of, np.ones(len(of))])
+    return np.asarray(np.diag(np.linalg.lstsq(regressors, made, rcond=None)[0][:3]))
 
-    Parameters
-    ----------
-    output : ndarray
-        From 0 to 1.
-    amount : float
-        ``thrust_linear`` as a fraction.
 
-    Returns
-    -------
-    ndarray
-        The x of output = x (1 + e (1 - x) (1 + e (1 - 2 x))), `pidApplyThrustLinearization`.
-    """
-    if not 0.0 < amount <= 1.0:
-        return output
-    x = np.linspace(0.0, 1.0, _CURVE_POINTS)
-    linear = 1.0 - x
-    curve = x * (1.0 + amount * linear * (1.0 + amount * (linear - x)))
-    return np.asarray(np.interp(output, np.maximum.accumulate(curve), x), dtype=np.float64)
+def _highest(log: CleanLog, motors: CleanSeries) -> FloatArray:
+    """Return the highest output of each row; shape (n_samples, 1) or (1, 1)."""
+    battery = log.first("battery_voltage")
+    if battery is None:
+        return np.ones((1, 1))
+    return highest_output(battery.at(motors.time_s), log.log.parameters)[:, np.newaxis]
+
+
+def _at_stop(motors: CleanSeries, highest: FloatArray) -> BoolArray:
+    """Mark rows in which a motor is at a stop; shape (n_samples,)."""
+    near = np.where(highest < 1.0, _NEAR_STOP, 0.0)
+    return any_motor((motors.values <= 0.0) | (motors.values >= highest - near))

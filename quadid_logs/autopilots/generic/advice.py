@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import ClassVar, Final
 
+from quadid_logs.sentences import listed
+
 __all__ = ["ADVICE", "Advice", "GainLine", "Setting", "Version"]
 
 #: Name and value of a parameter.
@@ -34,6 +36,8 @@ class Advice:
         What makes it log rates and torque fast enough; empty where no flight can be planned.
     logging_note, gyro_filter_parameter, hover_mode, parameter_suffix : str
         For the card and the parameter files of a planned flight.
+    gain_loading : str
+        How a file of gains is loaded, with {} for its name.
     """
 
     remedies: ClassVar[Mapping[str, str]] = _NOTHING
@@ -43,6 +47,7 @@ class Advice:
     gyro_filter_parameter: ClassVar[str] = "the gyro filter"
     hover_mode: ClassVar[str] = "a mode that levels itself"
     parameter_suffix: ClassVar[str] = ".txt"
+    gain_loading: ClassVar[str] = "Load {} at the ground station"
 
     def logging(self, log_format: str, parameters: Mapping[str, float], version: Version | None) -> str:
         """Say what to set so that rates and torque are logged at the loop rate.
@@ -95,7 +100,7 @@ class Advice:
         str
         """
         return (
-            f"In calm air, fly quick {_listed([_STICKS[axis] for axis in axes])} stick doublets (half a "
+            f"In calm air, fly quick {listed([_STICKS[axis] for axis in axes])} stick doublets (half a "
             f"second each way, a third of full stick) for 30 s{' each' if len(axes) > 1 else ''}."
         )
 
@@ -169,8 +174,29 @@ class Advice:
         """
         raise NotImplementedError
 
+    def beside_gains(
+        self,
+        parameters: Mapping[str, float],  # noqa: ARG002
+        *,
+        back: bool = False,  # noqa: ARG002
+    ) -> tuple[GainLine, ...]:
+        """Return what has to be set beside gains so that they hold.
+
+        Parameters
+        ----------
+        parameters : mapping of str to float
+            Of the log.
+        back : bool
+            For the way back to what flew.
+
+        Returns
+        -------
+        tuple of (comment, name, value)
+        """
+        return ()
+
     def steps(self, axes: Sequence[str], sweeps: Mapping[str, Mapping[str, float]]) -> tuple[str, ...]:
-        """Return how to fly a plan between the preparation and the landing, in order.
+        """Return how to fly a plan from take-off to landing, in order.
 
         Parameters
         ----------
@@ -191,12 +217,8 @@ class Advice:
                 "full stick, a second of rest between them, for 30 s."
                 for axis in axes
             ),
+            "Land.",
         )
-
-
-def _listed(words: Sequence[str]) -> str:
-    *first, last = words
-    return f"{', '.join(first)} and {last}" if first else last
 
 
 class UnknownAutopilotAdvice(Advice):

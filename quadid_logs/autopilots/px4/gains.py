@@ -13,6 +13,7 @@ from quadid_logs.data.tuning import GainNames, Tunable
 #: mc_rate_control_params.c and mc_att_control_params.c, @max.
 _HIGHEST: Final = {"K": 5.0, "P": 0.5, "D": 0.01}
 _HIGHEST_ANGLE: Final = 12.0
+_FILTERS: Final = ("IMU_DGYRO_CUTOFF", "IMU_GYRO_CUTOFF")
 #: Of CA_AIRFRAME: a multirotor, and one with tilted rotors.
 _MULTIROTORS: Final = (0.0, 6.0)
 #: MAV_TYPE of planes and of what takes off vertically and flies as one (MAVLink, MAV_TYPE).
@@ -36,7 +37,6 @@ def tunable(parameters: Mapping[str, float]) -> Tunable:
     return Tunable(
         axes=axes,
         obstacle=_obstacle(parameters),
-        gyro_filter="IMU_GYRO_CUTOFF",
         procedures={axis: _autotune(parameters, name) for axis, (name, _) in AXIS_NAMES.items()},
     )
 
@@ -67,7 +67,8 @@ def _names(name: str, parameters: Mapping[str, float]) -> GainNames:
         proportional=f"{prefix}P",
         integral=f"{prefix}I",
         derivative=f"{prefix}D",
-        filters=("IMU_DGYRO_CUTOFF", "IMU_GYRO_CUTOFF"),
+        filters=_FILTERS,
+        low_passes=_FILTERS if name != "YAW" else (*_FILTERS, "MC_YAW_TQ_CUTOFF"),
         angle=angle,
         highest={f"{prefix}{short}": value for short, value in _HIGHEST.items()} | {angle: _HIGHEST_ANGLE},
     )

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.autopilots.generic.mav_type import frame_words, vehicle_type_of
+from quadid_logs.counting import counted
 from quadid_logs.data.log import whole_number
 
 #: First number of each thousand in ROMFS/px4fmu_common/init.d/airframes.
@@ -92,7 +93,7 @@ def describe_frame(parameters: Mapping[str, float]) -> str:
     if airframe:
         words.append(f"airframe {airframe}")
     if 0 < n_rotors <= 12:
-        words.append(f"{n_rotors} rotors{_layout(parameters, n_rotors)} in CA_ROTOR*")
+        words.append(f"{counted(n_rotors, 'rotor')}{_layout(parameters, n_rotors)} in CA_ROTOR*")
     return ", ".join(word for word in words if word)
 
 

@@ -65,7 +65,8 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
         firmware=firmware_words(known.information),
         vehicle_type=vehicle_type(known.parameters, _last_status(content)),
         frame=describe_frame(known.parameters),
-        hardware_id=str(known.information.get("sys_uuid", "")),
+        # Every simulated vehicle has the same one.
+        hardware_id="" if _is_simulated(content) else str(known.information.get("sys_uuid", "")),
         parameters=dict(known.parameters),
         parameter_changes=_parameter_changes(content),
         controller_terms=controller_terms(content.topics),
@@ -128,6 +129,10 @@ def _modes(content: UlogContent) -> tuple[ModeChange, ...]:
     return mode_changes(table.rows["nav_state"], time_s, table.position, names.get)
 
 
+def _is_simulated(content: UlogContent) -> bool:
+    return content.definitions.information.get("ver_hw") == "PX4_SITL"
+
+
 def _remarks(content: UlogContent, system: int) -> tuple[str, ...]:
     """Say what was decided or assumed."""
     known = content.definitions
@@ -151,7 +156,7 @@ def _remarks(content: UlogContent, system: int) -> tuple[str, ...]:
         )
     if known.unknown_flags:
         remarks.append("The log says that it needs a newer reader; it was read all the same.")
-    if known.information.get("ver_hw") == "PX4_SITL" and ("esc_status", 0) in content.topics:
+    if _is_simulated(content) and ("esc_status", 0) in content.topics:
         remarks.append("This is a simulated flight: rotor speeds are derived from the commands.")
     if system:
         remarks.append("A ULog holds one vehicle: the chosen system was not needed.")

@@ -7,7 +7,6 @@ from functools import partial
 from typing import Final
 
 import numpy as np
-from scipy.signal import lfilter
 
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.autopilots.loop_rows import Interval, longest_run, matched, possible, stood_still, within
@@ -15,7 +14,7 @@ from quadid_logs.autopilots.px4.controller import AXIS_NAMES, rate_parameters
 from quadid_logs.autopilots.px4.filters import cutoff_hz, derivative_filter, has_second_order_derivative
 from quadid_logs.data.controller import AxisRows, FlownControllers, ReplayedTerms, ReplayInput, Term
 from quadid_logs.data.log import FlightLog, Signal
-from quadid_logs.maths.recurrence import anti_windup_sum, low_pass
+from quadid_logs.maths.recurrence import anti_windup_sum, linear_filter, low_pass
 from quadid_logs.vocabulary import AXES
 
 #: The set-points that the logger missed, and the limits of the integrator that it holds at 5 Hz, leave this.
@@ -129,7 +128,7 @@ def _acceleration(rows: AxisRows, parameters: Mapping[str, float]) -> FloatArray
     slope = np.diff(rows.rate, prepend=rows.rate[0]) / rows.step_s
     used = derivative_filter(parameters, float(np.median(rows.step_s)))
     if has_second_order_derivative(parameters):
-        return np.asarray(lfilter(used.numerator, used.denominator, slope), dtype=np.float64)
+        return linear_filter(used.numerator, used.denominator, slope)
     return low_pass(slope, cutoff_hz(parameters), rows.step_s, first=0.0)
 
 

@@ -64,7 +64,7 @@
     return [[x[0], ...near[0], x[x.length - 1]], [NaN, ...near[1], NaN]];
   };
 
-  const isSeries = (figure, trace) => figure.over_time && trace.meta && trace.x.length > mostOnScreen;
+  const isSeries = (figure, trace) => figure.over_time && trace.meta?.samples && trace.x.length > mostOnScreen;
 
   const forScreen = (figure) => figure.data.map((trace) => {
     if (!isSeries(figure, trace)) return trace;
@@ -75,7 +75,7 @@
   // Say how much of the log is to be seen, where that is not all of it.
   const sayDetail = (chart, figure) => {
     const place = chart.parentElement.querySelector(".detail");
-    const series = figure.data.find((trace) => trace.meta);
+    const series = figure.data.find((trace) => trace.meta?.samples);
     if (!place || !series) return;
     const x = series.x, span = x[x.length - 1] - x[0];
     const seen = shared ? Math.min(1, (shared[1] - shared[0]) / span) : 1;
@@ -123,10 +123,50 @@
     return [coloured(data, palette), layout, { ...config, displayModeBar: narrow.matches ? false : "hover" }];
   };
 
+  // The last point in view of a line, as fractions of its axes' lengths.
+  const endOf = ({ x, y }, xAxis, yAxis) => {
+    const along = (axis, value) => ((axis.type === "log" ? Math.log10(value) : value) - axis.range[0]) / (axis.range[1] - axis.range[0]);
+    for (let at = x.length - 1; at >= 0; at--)
+      if (Number.isFinite(y[at]) && along(xAxis, x[at]) <= 1.0001) return { right: along(xAxis, x[at]), place: along(yAxis, y[at]) };
+    return null;
+  };
+
+  // Places between 0 and 1, moved until none is nearer to another than `apart`.
+  const spread = (names, apart) => {
+    names.sort((a, b) => a.place - b.place);
+    let floor = 0, ceiling = 1;
+    for (const name of names) floor = (name.place = Math.max(floor, Math.min(1, name.place))) + apart;
+    for (const name of [...names].reverse()) ceiling = (name.place = Math.min(ceiling, name.place)) - apart;
+    return names;
+  };
+
+  // Lines bear their names at their ends, in the panels at the right edge; a zoom moves the ends.
+  const END_PX = 14;
+  const nameEnds = (chart) => {
+    const { _fullLayout: full, data, layout } = chart, panels = new Map();
+    const high = full.height - full.margin.t - full.margin.b;
+    for (const trace of data) {
+      const xAxis = full[trace.xaxis?.replace("x", "xaxis")], yAxis = full[trace.yaxis?.replace("y", "yaxis")];
+      if (!trace.meta?.end || xAxis.domain[1] < 0.99) continue;
+      const end = endOf(trace, xAxis, yAxis);
+      if (!end || end.right < 0) continue;
+      if (!panels.has(yAxis)) panels.set(yAxis, []);
+      panels.get(yAxis).push({ ...end, trace });
+    }
+    const ends = [...panels].flatMap(([axis, names]) => spread(names, END_PX / (high * (axis.domain[1] - axis.domain[0]))).map(({ right, place, trace }) => ({
+      name: "end", text: trace.name, xref: trace.xaxis + " domain", x: right, xanchor: "left", xshift: 4, align: "left", showarrow: false,
+      yref: trace.yaxis + " domain", y: place, yanchor: "middle", font: { color: trace.line.color, size: narrow.matches ? 11 : 12 },
+    })));
+    const others = (layout.annotations || []).filter((one) => one.name !== "end");
+    return ends.length ? Plotly.relayout(chart, { annotations: [...others, ...ends] }) : Promise.resolve();
+  };
+
   const draw = (chart) => {
     const first = !drawn.has(chart);
-    const done = Plotly.react(chart, ...plan(chart));
+    const done = Plotly.react(chart, ...plan(chart)).then(() => nameEnds(chart));
     if (!first) return done;
+    chart.on("plotly_relayout", (change) => { if (!("annotations" in change)) nameEnds(chart); });
+    chart.on("plotly_restyle", () => nameEnds(chart));
     if (drawn.get(chart).over_time) chart.on("plotly_relayout", (change) => followTime(chart, change));
     chart.addEventListener("keydown", (event) => onKey(chart, event));
     return done;

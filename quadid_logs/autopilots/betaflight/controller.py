@@ -1,0 +1,185 @@
+"""Betaflight's rate controller from the settings in a log's header.
+
+What follows throttle and sticks (D-max, throttle attenuation, dynamic low-passes) is taken as it was on the
+average of the flight, and said. The loop is that of sticks that rest: while they move, iterm relax holds the
+integral back, and the feed-forward adds to the set-point's way, not to the loop.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Final
+
+import numpy as np
+
+from quadid_logs.autopilots.betaflight.filters import (
+    D_LOW_PASSES,
+    GYRO_LOW_PASSES,
+    cutoff_hz,
+    has_dynamic_notches,
+    has_rpm_notches,
+    loop_filters,
+)
+from quadid_logs.autopilots.betaflight.flown import Flown, flown
+from quadid_logs.autopilots.betaflight.law import (
+    attenuates_p,
+    attenuation,
+    d_filter,
+    loop_period_s,
+    p_filter,
+    rate_gains,
+)
+from quadid_logs.autopilots.betaflight.replay import d_parts
+from quadid_logs.autopilots.betaflight.signals import PID_SCALE
+from quadid_logs.autopilots.discrete import integrator, unit
+from quadid_logs.autopilots.versions import finite, read_version
+from quadid_logs.data.controller import (
+    AxisController,
+    CommandUnit,
+    ControllerRemark,
+    DiscreteFilter,
+    FlownControllers,
+    RemarkKind,
+)
+from quadid_logs.data.log import FlightLog
+from quadid_logs.vocabulary import AXES
+
+#: Versions whose pid.c, pid_init.c and filter.c were read: P, I, D, their filters and throttle attenuation
+#: are the same in all; filters that became others in 2026.6 have the same response.
+VERSIONS_READ: Final = ((4, 3), (4, 4), (4, 5), (2025, 12), (2026, 6), (2026, 12))
+#: Settings of some versions that make another controller, of yaw or of all axes.
+_OTHER_LAWS: Final = {"use_integrated_yaw": ("yaw",), "abs_control_gain": AXES}
+#: Filters are compared where motion is, far below their cut-offs [Hz].
+_SLOW_HZ: Final = np.array([5.0])
+#: Settings of notches that follow what a log need not hold.
+_DYNAMIC_NOTCH: Final = ("dyn_notch_count", "dyn_notch_q")
+_RPM_NOTCH: Final = ("rpm_filter_harmonics", "gyro_rpm_notch_harmonics")
+#: Of a factor by the throttle: less is no matter for a margin.
+_FELT: Final = 0.02
+
+
+def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControllers:
+    """Return the controllers that the settings make.
+
+    Parameters
+    ----------
+    log : FlightLog
+        Tells the firmware, and throttle, rotor speeds and filter delays of the flight.
+    parameters : mapping of str to float
+        The header's settings.
+
+    Returns
+    -------
+    FlownControllers
+
+    Notes
+    -----
+    ``pid.c``, ``pid_init.c``, ``gyro_filter_impl.c``, ``rpm_filter.c``.
+    """
+    version_read, note = read_version(log.version, VERSIONS_READ)
+    axes: dict[str, AxisController] = {}
+    remarks = list(_common_remarks(parameters, flown(log)))
+    for axis in AXES:
+        other = {name: parameters[name] for name in _OTHER_LAWS if _is_on(parameters, name, axis)}
+        missing = _missing(parameters, axis)
+        if other:
+            remarks.append(ControllerRemark(kind=RemarkKind.NOT_MODELLED, axis=axis, values=other))
+        elif missing:
+            values = dict.fromkeys(missing, math.nan)
+            remarks.append(ControllerRemark(kind=RemarkKind.MISSING_PARAMETER, axis=axis, values=values))
+        else:
+            axes[axis] = _axis(log, parameters, axis)
+            remarks += _axis_remarks(log, parameters, axis)
+    return FlownControllers(
+        name="Betaflight's rate loop",
+        firmware=log.firmware,
+        version_read=version_read,
+        version_note=note,
+        axes=axes,
+        remarks=tuple(remarks),
+        command_unit=CommandUnit("unit of the PID sum", 1.0 / PID_SCALE),
+    )
+
+
+def _is_on(parameters: Mapping[str, float], name: str, axis: str) -> bool:
+    """Tell whether a setting makes another controller of an axis."""
+    return axis in _OTHER_LAWS[name] and (finite(parameters.get(name)) or 0.0) > 0.0
+
+
+def _missing(parameters: Mapping[str, float], axis: str) -> list[str]:
+    """Return the settings without which there is no loop."""
+    needed = [f"{short}_{axis}" for short in "pid"]
+    given = {name: finite(parameters.get(name)) for name in needed}
+    # A damaged header may hold any number; a gain below zero is none.
+    missing = [name for name, value in given.items() if value is None or value < 0.0]
+    return missing if loop_period_s(parameters) > 0.0 else [*missing, "looptime"]
+
+
+def _axis(log: FlightLog, parameters: Mapping[str, float], axis: str) -> AxisController:
+    mean, gains, period_s = flown(log), rate_gains(parameters, axis), loop_period_s(parameters)
+    factor = float(attenuation(parameters, mean.throttle))
+    of_p = gains.proportional * (factor if attenuates_p(parameters) else 1.0)
+    of_d = gains.between(d_parts(log)[axis]) * factor
+    error = p_filter(parameters, axis, period_s).scaled(of_p) + integrator(period_s).scaled(gains.integral)
+    return AxisController(
+        period_s=period_s,
+        error=error,
+        target=unit(period_s),
+        rate=d_filter(parameters, mean.throttle, period_s).scaled(of_d) if of_d else None,
+        gyro=_gyro(log, parameters, mean, period_s),
+        predictable=False,
+        gains=_named(parameters, axis),
+    )
+
+
+def _gyro(
+    log: FlightLog, parameters: Mapping[str, float], mean: Flown, loop_s: float
+) -> tuple[DiscreteFilter, ...]:
+    """Return the gyro's filters; what is later than the known ones that flew is a delay."""
+    periods_s = (1e-6 * log.parameters.get("looptime", 1e6 * loop_s), loop_s)
+    flown_filters, known = (
+        loop_filters(each, mean.rotors_hz, mean.throttle, periods_s) for each in (log.parameters, parameters)
+    )
+    phase = sum(float(np.angle(each.response(_SLOW_HZ)[0])) for each in flown_filters)
+    later_s = mean.gyro_delay_s + phase / (2.0 * math.pi * float(_SLOW_HZ[0]))
+    return (*known, DiscreteFilter(np.array([0.0, 1.0]), np.ones(1), later_s)) if later_s > 0.0 else known
+
+
+def _named(parameters: Mapping[str, float], axis: str) -> dict[str, float]:
+    """Return the settings that make an axis' gains."""
+    names = (f"{short}_{axis}" for short in ("p", "i", "d", "d_min", "d_max", "f"))
+    return {name: parameters[name] for name in names if finite(parameters.get(name)) is not None}
+
+
+def _common_remarks(parameters: Mapping[str, float], mean: Flown) -> Iterator[ControllerRemark]:
+    """Yield what concerns all axes."""
+    if mean.self_levels:
+        yield ControllerRemark(kind=RemarkKind.ANGLE_LOOP_UNKNOWN)
+    unseen = (*_DYNAMIC_NOTCH,) if has_dynamic_notches(parameters) else ()
+    if has_rpm_notches(parameters) and not mean.rotors_hz:
+        unseen = (*unseen, *_RPM_NOTCH)
+    if unseen and not math.isfinite(mean.gyro_delay_s):
+        values = {name: parameters[name] for name in unseen if name in parameters}
+        yield ControllerRemark(kind=RemarkKind.NOTCH_UNKNOWN, values=values)
+    if float(attenuation(parameters, mean.highest_throttle)) < 1.0 - _FELT:
+        names = ("tpa_rate", "tpa_breakpoint")
+        values = {name: parameters[name] for name in names} | {"mean_throttle": mean.throttle}
+        yield ControllerRemark(kind=RemarkKind.VARIABLE_GAIN, values=values)
+    moving = {
+        names.dynamic: cutoff_hz(parameters, names, mean.throttle)
+        for names in (*GYRO_LOW_PASSES, *D_LOW_PASSES)
+        if parameters.get(f"{names.dynamic}[0]", 0.0) > 0.0
+    }
+    if moving:
+        yield ControllerRemark(kind=RemarkKind.VARIABLE_FILTER, values=moving)
+
+
+def _axis_remarks(log: FlightLog, parameters: Mapping[str, float], axis: str) -> Iterator[ControllerRemark]:
+    """Yield what makes the axis' gains other than those of the settings at times."""
+    gains = rate_gains(parameters, axis)
+    if gains.most_derivative > gains.derivative > 0.0:
+        names = (f"{short}_{axis}" for short in ("d", "d_min", "d_max"))
+        values = {name: parameters[name] for name in names if name in parameters}
+        values["mean_part"] = d_parts(log)[axis]
+        yield ControllerRemark(kind=RemarkKind.VARIABLE_GAIN, axis=axis, values=values)

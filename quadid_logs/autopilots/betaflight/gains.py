@@ -1,0 +1,58 @@
+"""Betaflight's gains: names of the command line, ranges, and what is not told."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from quadid_logs.autopilots.betaflight.advice import SLIDERS
+from quadid_logs.autopilots.betaflight.filters import D_LOW_PASSES, GYRO_LOW_PASSES
+from quadid_logs.data.tuning import GainNames, Tunable
+from quadid_logs.vocabulary import AXES
+
+#: ``pid.h``, PID_GAIN_MAX: raised with the simplified tuning of 4.3.
+_HIGHEST, _HIGHEST_BEFORE = 250.0, 200.0
+
+
+def tunable(parameters: Mapping[str, float]) -> Tunable:
+    """Return the gains that may be changed.
+
+    Parameters
+    ----------
+    parameters : mapping of str to float
+        Of the log.
+
+    Returns
+    -------
+    Tunable
+        P, I and D are scaled together, and with D the other end of its range. Feed-forward is no part of the
+        loop, and stays.
+    """
+    return Tunable(
+        axes={axis: _names(axis, parameters) for axis in AXES},
+        obstacle=_obstacle(parameters),
+    )
+
+
+def _names(axis: str, parameters: Mapping[str, float]) -> GainNames:
+    proportional, integral, derivative = (f"{short}_{axis}" for short in "pid")
+    ends = [f"{name}_{axis}" for name in ("d_min", "d_max")]
+    scaled = (proportional, integral, derivative, *(one for one in ends if parameters.get(one, 0.0) > 0.0))
+    highest = _HIGHEST if SLIDERS in parameters else _HIGHEST_BEFORE
+    return GainNames(
+        scaled=scaled,
+        proportional=proportional,
+        integral=integral,
+        derivative=derivative,
+        angle="",
+        filters=("dterm_lpf2_static_hz", "gyro_lpf2_static_hz"),
+        low_passes=tuple(one.static for one in (*GYRO_LOW_PASSES, *D_LOW_PASSES)),
+        highest=dict.fromkeys(scaled, highest),
+        whole=True,
+    )
+
+
+def _obstacle(parameters: Mapping[str, float]) -> str:
+    """Name what changes the loop and is not modelled."""
+    if parameters.get("tpa_curve_type", 0.0) != 0.0:
+        return "flown with a curve of throttle attenuation that is not modelled (tpa_curve_type)"
+    return ""

@@ -1,0 +1,164 @@
+"""The law of Betaflight's rate loop: gains per unit, throttle attenuation, and the filters of P and D.
+
+Source: ``pid.c``, ``pid_init.c`` and ``pid.h``. The log's own units are deg/s and thousandths of the mixer's
+range; here they are rad/s and 1.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import reduce
+from operator import mul
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.autopilots.betaflight.filters import D_LOW_PASSES, low_pass, static_notch
+from quadid_logs.autopilots.discrete import derivative, first_order, notch, unit
+from quadid_logs.autopilots.versions import finite
+from quadid_logs.data.controller import DiscreteFilter
+from quadid_logs.vocabulary import AXES
+
+#: PTERM_SCALE, ITERM_SCALE, DTERM_SCALE and FEEDFORWARD_SCALE, per deg/s and thousandth.
+_SCALES: Final = (0.032029, 0.244381, 0.000529, 0.013754 * 0.01)
+_UNIT: Final = math.degrees(1.0) * 1e-3
+#: ``pid_init.c`` gives yaw's I so many times its scale.
+_YAW_INTEGRAL: Final = 2.5
+#: TPA_MODE_PD: P is attenuated like D.
+_WITH_P: Final = 0.0
+_STICK_LOW, _STICK_RANGE = 1000.0, 1000.0
+#: What the command line calls the entries of the header's lists, p_roll or d_max_yaw; feed-forward's list has
+#: had its name since 4.3.
+_LISTS: Final = (("d_min", "d_min"), ("d_max", "d_max"), ("f", "feedforward_weight"), ("f", "ff_weight"))
+
+
+def named_gains(settings: Mapping[str, float]) -> dict[str, float]:
+    """Return the gains of a header by the names that they have on the command line.
+
+    Parameters
+    ----------
+    settings : mapping of str to float
+        Lists by name and place: ``rollPID[0]``, ``d_max[1]``.
+
+    Returns
+    -------
+    dict of str to float
+        ``p_roll``, ``i_roll``, ``d_roll``, ``d_min_roll``, ``d_max_roll``, ``f_roll``; those that are there.
+    """
+    places = {f"{short}_{axis}": f"{axis}PID[{place}]" for place, short in enumerate("pid") for axis in AXES}
+    found = {name: settings[place] for name, place in places.items() if place in settings}
+    for short, of_header in _LISTS:
+        listed = {f"{short}_{axis}": f"{of_header}[{k}]" for k, axis in enumerate(AXES)}
+        found |= {name: settings[place] for name, place in listed.items() if place in settings}
+    return found
+
+
+class RateGains(NamedTuple):
+    """Gains of one axis: command [1] per rad/s, per rad, per rad/s^2 twice, and per rad/s^2.
+
+    D lies between ``derivative`` and ``most_derivative``, and moves up while stick or vehicle do.
+    """
+
+    proportional: float
+    integral: float
+    derivative: float
+    most_derivative: float
+    feed_forward: float
+
+    def between(self, part: float) -> float:
+        """Return D so far on its way from the lower to the higher one, from 0 to 1."""
+        return self.derivative + part * (self.most_derivative - self.derivative)
+
+
+def rate_gains(settings: Mapping[str, float], axis: str) -> RateGains:
+    """Return the gains of one axis.
+
+    Parameters
+    ----------
+    settings : mapping of str to float
+        By the names of `named_gains`.
+    axis : str
+
+    Returns
+    -------
+    RateGains
+
+    Raises
+    ------
+    KeyError
+        If P, I or D is missing.
+    """
+    p, i, d = (settings[f"{short}_{axis}"] for short in "pid")
+    # Up to 4.5 the header holds the higher of both D and d_min beside it, since 2025.12 the lower and d_max.
+    low = settings.get(f"d_min_{axis}", 0.0)
+    least = low if 0.0 < low < d else d
+    most = max(settings.get(f"d_max_{axis}", 0.0), d) if d > 0.0 else 0.0
+    factor = _YAW_INTEGRAL if axis == "yaw" else 1.0
+    forward = finite(settings.get(f"f_{axis}")) or 0.0
+    of_p, of_i, of_d, of_f = (scale * _UNIT for scale in _SCALES)
+    return RateGains(of_p * p, of_i * factor * i, of_d * least, of_d * most, of_f * forward)
+
+
+def attenuation(settings: Mapping[str, float], throttle: FloatArray | float) -> FloatArray:
+    """Return the factor on D by the throttle (TPA).
+
+    Parameters
+    ----------
+    settings : mapping of str to float
+    throttle : ndarray or float
+        From 0 to 1.
+
+    Returns
+    -------
+    ndarray, same shape
+    """
+    begin = (settings.get("tpa_breakpoint", 2000.0) - _STICK_LOW) / _STICK_RANGE
+    rate = min(max(settings.get("tpa_rate", 0.0) / 100.0, 0.0), 1.0)
+    if not 0.0 <= begin < 1.0 or settings.get("tpa_curve_type", 0.0) != 0.0:
+        return np.ones_like(np.asarray(throttle, dtype=np.float64))
+    return np.asarray(1.0 - rate * np.clip((throttle - begin) / (1.0 - begin), 0.0, 1.0))
+
+
+def attenuates_p(settings: Mapping[str, float]) -> bool:
+    """Tell whether P is attenuated with D."""
+    return settings.get("tpa_mode") == _WITH_P
+
+
+def p_filter(settings: Mapping[str, float], axis: str, loop_s: float) -> DiscreteFilter:
+    """Return the filter behind P: yaw's low-pass."""
+    cutoff_hz = finite(settings.get("yaw_lowpass_hz")) or 0.0
+    return first_order(cutoff_hz, loop_s) if axis == "yaw" else unit(loop_s)
+
+
+def d_filter(settings: Mapping[str, float], throttle: float, loop_s: float) -> DiscreteFilter:
+    """Return the filters from the body rate to the slope that D acts on.
+
+    Parameters
+    ----------
+    settings : mapping of str to float
+    throttle : float
+        By which the first low-pass moves.
+    loop_s : float
+
+    Returns
+    -------
+    DiscreteFilter
+    """
+    notches = static_notch(settings, "dterm_notch_hz", "dterm_notch_cutoff")
+    chain = [notch(one, loop_s) for one in notches if one.frequency_hz * loop_s < 0.5]
+    for names in D_LOW_PASSES:
+        chain += low_pass(settings, names, throttle, loop_s)
+    return reduce(mul, chain, derivative(loop_s))
+
+
+def loop_period_us(settings: Mapping[str, float]) -> float:
+    """Return the PID loop's period as set [us], `looptime` of the gyro times `pid_process_denom`; or NaN."""
+    return settings.get("looptime", math.nan) * settings.get("pid_process_denom", 1.0)
+
+
+def loop_period_s(settings: Mapping[str, float]) -> float:
+    """Return the period of the PID loop [s], NaN where none is set that a loop can have."""
+    period_us = loop_period_us(settings)
+    return 1e-6 * period_us if 0.0 < period_us < 1e5 else math.nan

@@ -1,0 +1,316 @@
+"""Betaflight's PID on the rows of the log: P and D anew, I and feed-forward as logged.
+
+The log holds every n-th loop. P has no memory, but for yaw's low-pass. D is filtered and differenced at the
+loop's rate, on rates interpolated between rows. Iterm relax, limits and anti-gravity, and the smoothing of
+the sticks, act between the rows on what is not logged: I and feed-forward cannot be made anew.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Final, NamedTuple
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.autopilots.betaflight.filters import D_LOW_PASSES
+from quadid_logs.autopilots.betaflight.flown import LEAST_THROTTLE
+from quadid_logs.autopilots.betaflight.law import (
+    attenuates_p,
+    attenuation,
+    d_filter,
+    loop_period_s,
+    p_filter,
+    rate_gains,
+)
+from quadid_logs.autopilots.betaflight.signals import PID_SCALE, PID_SUM_LIMITS, cuts_terms
+from quadid_logs.autopilots.loop_rows import Interval, in_step, longest_run, possible, within
+from quadid_logs.data.controller import (
+    AxisRows,
+    DiscreteFilter,
+    FlownControllers,
+    ReplayedTerms,
+    ReplayInput,
+    Term,
+)
+from quadid_logs.data.log import ControllerTerms, FlightLog, Signal
+from quadid_logs.maths.recurrence import linear_filter
+from quadid_logs.vocabulary import AXES
+
+#: Anti-gravity raises P by some per cent where the throttle moves, which moves the cut-off of D's filter too:
+#: on the firmware's logs P is off by 1 to 2 %, beside the rounding.
+_TOLERANCE: Final = 0.05
+#: D amplifies what slower rows alias: from them it is not made anew [s].
+_SLOWEST_FOR_D_S: Final = 1.1e-3
+_DEGREE: Final = math.radians(1.0)
+#: Loops of 32 kHz between rows of 1 kHz; more are no matter for a filter of some 100 Hz.
+_MOST_LOOPS: Final = 32
+
+#: Of what is made anew: where rounding is more of it, a gain wrong by a third would not be seen.
+_MOST_ROUNDING: Final = 0.25
+#: Frequencies that tell the mean of a smooth response.
+_POINTS: Final = 65
+
+_parts: Final[WeakKeyDictionary[FlightLog, Mapping[str, float]]] = WeakKeyDictionary()
+
+
+class _Logged(NamedTuple):
+    """What one frame holds of the controller, and the frames that follow each other."""
+
+    setpoint: Signal
+    rate: Signal
+    throttle: Signal
+    run: slice
+
+    @property
+    def thinned_for_d(self) -> bool:
+        """Tell whether the rows are too slow for D."""
+        return float(np.median(np.diff(self.rate.time_s[self.run]))) > _SLOWEST_FOR_D_S
+
+
+def replay_inputs(
+    log: FlightLog, controllers: FlownControllers, intervals: Sequence[Interval]
+) -> dict[str, ReplayInput]:
+    """Return by axis the rows and the law to replay them with.
+
+    Parameters
+    ----------
+    log : FlightLog
+    controllers : FlownControllers
+    intervals : sequence of (start_s, end_s)
+        Flights on the log's own clock; none for the whole log.
+
+    Returns
+    -------
+    dict of str to ReplayInput
+        Without axes whose terms were not logged.
+    """
+    logged = _logged(log, intervals)
+    found = {} if logged is None else {each.axis: each for each in log.controller_terms}
+    return {
+        axis: _input(log, axis, logged, found[axis])
+        for axis in controllers.axes
+        if logged is not None and axis in found and "P" in found[axis].values
+    }
+
+
+def _input(log: FlightLog, axis: str, logged: _Logged, terms_: ControllerTerms) -> ReplayInput:
+    settings = log.parameters
+    rows = _rows(axis, logged, terms_, settings, d_too=not logged.thinned_for_d)
+    tolerance = _tolerance(rows, settings, axis)
+    # Whole degrees per second make more of D than of P: where they hide both, P alone may be seen.
+    coarse = math.isnan(tolerance) and "D" in rows.logged
+    if coarse:
+        rows = _rows(axis, logged, terms_, settings, d_too=False)
+        tolerance = _tolerance(rows, settings, axis)
+    d_too = "D" in rows.logged
+    gains: dict[Term, str] = {"P": f"p_{axis}"}
+    if d_too:
+        gains["D"] = f"d_{axis}"
+    law = partial(terms, axis=axis, part=d_parts(log)[axis] if d_too else None)
+    first = next((names for names in D_LOW_PASSES if settings.get(f"{names.dynamic}[0]", 0.0) > 0.0), None)
+    of_d = (*(f"{first.dynamic}[{end}]" for end in (0, 1)),) if first else ("dterm_lpf1_static_hz",)
+    return ReplayInput(
+        rows=rows,
+        law=law,
+        parameters=settings,
+        gains=gains,
+        cutoffs=("yaw_lowpass_hz",) if axis == "yaw" else (*of_d, "dterm_lpf2_static_hz") if d_too else (),
+        tolerance=tolerance,
+        loop_period_s=float(np.median(rows.step_s)),
+        coarse=coarse,
+        thinned=True,
+        as_logged=("I", "FF") if d_too or axis == "yaw" else ("I", "D", "FF"),
+    )
+
+
+def _logged(log: FlightLog, intervals: Sequence[Interval]) -> _Logged | None:
+    """Return what is needed of the frames, None where it is missing or too short."""
+    setpoint = next(iter(log.candidates("body_rate_setpoint")), None)
+    rate = setpoint and in_step(log, "body_rate", setpoint)
+    throttle = setpoint and in_step(log, "throttle", setpoint)
+    if setpoint is None or rate is None or throttle is None or setpoint.n_samples < 2:
+        return None
+    usable = within(setpoint.time_s, intervals) & possible(setpoint.values, rate.values, throttle.values)
+    run = longest_run(setpoint.time_s, usable & (throttle.values[:, 0] > LEAST_THROTTLE))
+    return None if run is None else _Logged(setpoint, rate, throttle, run)
+
+
+def _rows(
+    axis: str, logged: _Logged, terms_: ControllerTerms, settings: Mapping[str, float], *, d_too: bool
+) -> AxisRows:
+    """Return the rows of one axis, to make P anew, and D; what is not made anew stands in ``added``."""
+    number, run = AXES.index(axis), logged.run
+    now = slice(run.start + 1, run.stop)
+    of_terms = {term: terms_.values[term][now] for term in terms_.values}
+    if "D" in of_terms and d_too:
+        anew: dict[Term, FloatArray] = {"P": of_terms["P"], "D": of_terms["D"]}
+    else:
+        anew = {"P": of_terms["P"]}
+    nothing = np.zeros(run.stop - run.start - 1)
+    return AxisRows(
+        start_s=float(logged.rate.time_s[now.start]),
+        positions=logged.rate.position[now],
+        step_s=np.diff(logged.rate.time_s[run]),
+        target=logged.setpoint.values[now, number].astype(np.float64),
+        rate=logged.rate.values[now, number].astype(np.float64),
+        output=_limited(sum(of_terms.values(), nothing), settings, axis),
+        added=sum((each for term, each in of_terms.items() if term not in anew), nothing),
+        known=np.ones(nothing.size, np.bool_),
+        logged=anew,
+        throttle=np.clip(logged.throttle.values[now, 0].astype(np.float64), 0.0, 1.0),
+    )
+
+
+def _limited(total: FloatArray, settings: Mapping[str, float], axis: str) -> FloatArray:
+    """Return a sum of terms as the mixer takes it."""
+    limit = PID_SCALE * abs(settings.get(*PID_SUM_LIMITS[axis]))
+    return np.clip(total, -limit, limit)
+
+
+def _tolerance(rows: AxisRows, settings: Mapping[str, float], axis: str) -> float:
+    """Return by how much a right replay may differ, relative to the output; NaN where rounding hides it."""
+    settled = slice(rows.settled(), None)
+    size, anew, of_d = (
+        float(np.sqrt(np.mean(one[settled] ** 2))) if one[settled].size else 0.0
+        for one in (rows.output, rows.output - rows.added, rows.logged.get("D", np.zeros(rows.n_rows)))
+    )
+    rounding = _rounding(rows, settings, axis)
+    if not 0.0 < rounding <= _MOST_ROUNDING * anew or not size > 0.0:
+        return math.nan
+    gains = rate_gains(settings, axis)
+    # Anywhere between its ends, D lies off its mean by this standard deviation.
+    spread = (gains.most_derivative - gains.derivative) / math.sqrt(12.0)
+    varying = of_d * spread / gains.most_derivative if spread > 0.0 else 0.0
+    fast = _fast_part(rows.logged["D"][settled]) if "D" in rows.logged else 0.0
+    return math.hypot(_TOLERANCE * anew, rounding, varying, fast) / size
+
+
+def _fast_part(values: FloatArray) -> float:
+    """Return the rms of what is faster than a quarter of the rows' rate: its way between them is unknown."""
+    power = np.abs(np.fft.rfft(values)[1:]) ** 2
+    return math.sqrt(2.0 * float(power[power.size // 2 :].sum())) / max(values.size, 1)
+
+
+def _rounding(rows: AxisRows, settings: Mapping[str, float], axis: str) -> float:
+    """Return what rounding of rates and terms leaves of a right replay, rms [1]."""
+    tenths = settings.get("blackbox_high_resolution", 0.0) > 0.0
+    of_rate = (0.1 if tenths else 1.0) * _DEGREE / math.sqrt(12.0)
+    gains = rate_gains(settings, axis)
+    found = [gains.proportional * of_rate * math.sqrt(2.0)]
+    if "D" in rows.logged:
+        period_s = float(np.median(rows.step_s))
+        used = d_filter(settings, float(_throttle(rows).mean()), loops_of(period_s, settings)[0])
+        gain = used.response(np.linspace(0.0, 0.5 / period_s, _POINTS))
+        found.append(gains.most_derivative * of_rate * float(np.sqrt(np.mean(np.abs(gain) ** 2))))
+    for logged in rows.logged.values():
+        # Known to half a unit; one that was cut towards zero to a whole one there.
+        of_term = np.where((logged == 0.0) & cuts_terms(settings), 1.0 / 3.0, 1.0 / 12.0)
+        found.append(PID_SCALE * float(np.sqrt(np.mean(of_term))))
+    return math.hypot(*found)
+
+
+def terms(rows: AxisRows, parameters: Mapping[str, float], *, axis: str, part: float | None) -> ReplayedTerms:
+    """Replay P and D of pidController.
+
+    Parameters
+    ----------
+    rows : AxisRows
+    parameters : mapping of str to float
+    axis : str
+    part : float or None
+        Of the way from the lower to the higher D, on average; None where D stands in ``added``.
+
+    Returns
+    -------
+    ReplayedTerms
+        I and feed-forward are zero: they stand in ``added``, as logged.
+    """
+    gains, factor = rate_gains(parameters, axis), attenuation(parameters, _throttle(rows))
+    error = (rows.target - rows.rate) * (factor if attenuates_p(parameters) else 1.0)
+    period_s = float(np.median(rows.step_s))
+    loop_s, n_loops = loops_of(period_s, parameters)
+    proportional = gains.proportional * (
+        _at_rows(p_filter(parameters, axis, loop_s), error, n_loops) if axis == "yaw" else error
+    )
+    derivative = np.zeros(rows.n_rows)
+    if part is not None:
+        derivative = -gains.between(part) * factor * _slope(rows, parameters)
+    none = np.zeros(rows.n_rows)
+    values: dict[Term, FloatArray] = {"P": proportional, "I": none, "D": derivative, "FF": none}
+    values["output"] = _limited(proportional + derivative + rows.added, parameters, axis)
+    return ReplayedTerms(values, np.zeros(rows.n_rows, np.bool_))
+
+
+def _throttle(rows: AxisRows) -> FloatArray:
+    return np.zeros(rows.n_rows) if rows.throttle is None else rows.throttle
+
+
+def _slope(rows: AxisRows, parameters: Mapping[str, float]) -> FloatArray:
+    """Return the filtered slope of the rate that D acts on [rad/s^2]."""
+    loop_s, n_loops = loops_of(float(np.median(rows.step_s)), parameters)
+    used = d_filter(parameters, float(_throttle(rows).mean()), loop_s)
+    return _at_rows(used, rows.rate, n_loops)
+
+
+def loops_of(period_s: float, parameters: Mapping[str, float]) -> tuple[float, int]:
+    """Return the loop's period [s] and how many loops there are from row to row."""
+    promised_s = loop_period_s(parameters)
+    n_loops = max(round(period_s / promised_s), 1) if promised_s > 0.0 else 1
+    n_loops = min(n_loops, _MOST_LOOPS)
+    return period_s / n_loops, n_loops
+
+
+def _at_rows(used: DiscreteFilter, values: FloatArray, n_loops: int) -> FloatArray:
+    """Filter values at the loop's rate, straight between the rows, and return those of the rows."""
+    if not values.size:
+        return values
+    loops = np.arange((values.size - 1) * n_loops + 1)
+    between = np.interp(loops / n_loops, np.arange(values.size), values)
+    numerator, denominator = (one / used.denominator[0] for one in (used.numerator, used.denominator))
+    # From rest at the first value, whose answer lasts.
+    at_rest = float(between[0] * np.sum(numerator) / np.sum(denominator))
+    return (linear_filter(numerator, denominator, between - between[0]) + at_rest)[::n_loops]
+
+
+def d_parts(log: FlightLog) -> Mapping[str, float]:
+    """Return by axis how far D-max moved D from the lower to the higher one, on the average of the flight.
+
+    Parameters
+    ----------
+    log : FlightLog
+
+    Returns
+    -------
+    mapping of str to float
+        From 0 to 1, by least squares of the logged D on that of the lower gain; half-way where the log does
+        not show it.
+
+    Notes
+    -----
+    Worked out once for each log: loops are closed many times around one flight.
+    """
+    if log not in _parts:
+        logged = _logged(log, ())
+        _parts[log] = {axis: _part(log, axis, logged) for axis in AXES}
+    return _parts[log]
+
+
+def _part(log: FlightLog, axis: str, logged: _Logged | None) -> float:
+    try:
+        gains = rate_gains(log.parameters, axis)
+    except KeyError:
+        return 0.0
+    if not gains.most_derivative > gains.derivative > 0.0:
+        return 0.0
+    found = next((one for one in log.controller_terms if one.axis == axis and "D" in one.values), None)
+    if logged is None or found is None or logged.thinned_for_d:
+        return 0.5
+    rows = _rows(axis, logged, found, log.parameters, d_too=True)
+    lowest = terms(rows, log.parameters, axis=axis, part=0.0).values["D"]
+    size = float(lowest @ lowest)
+    more = float(lowest @ rows.logged["D"]) / size - 1.0 if size > 0.0 else 0.0
+    return min(max(more / (gains.most_derivative / gains.derivative - 1.0), 0.0), 1.0)

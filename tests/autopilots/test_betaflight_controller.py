@@ -1,0 +1,339 @@
+"""Betaflight's rate loop: gains and filters of the header, replay on the log's rows, margins."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from quadid_logs.autopilots import named
+from quadid_logs.autopilots.betaflight.controller import controllers
+from quadid_logs.autopilots.betaflight.filters import GYRO_LOW_PASSES, cutoff_hz, loop_filters
+from quadid_logs.autopilots.betaflight.law import attenuation, d_filter, p_filter, rate_gains
+from quadid_logs.autopilots.betaflight.log import read
+from quadid_logs.autopilots.betaflight.replay import d_parts, replay_inputs
+from quadid_logs.autopilots.betaflight.terms import WholeTerms
+from quadid_logs.control.loop import Plant, close, integrators
+from quadid_logs.control.margins import grid_hz, margins_of
+from quadid_logs.control.replay import replay
+from quadid_logs.data.closed_loop import Margins
+from quadid_logs.data.controller import RemarkKind, Replay, ReplayReason
+from quadid_logs.data.log import FlightLog
+from quadid_logs.report.loop_json import closed_loop_dict
+from quadid_logs.report.loop_view import loop_view
+from quadid_logs.vocabulary import AXES
+from tests.analyses import Analyzed
+
+STICKS, CHIRP, HOVER = (f"bf_quad_{name}.bbl" for name in ("sticks", "chirp", "hover"))
+PID = {"p_roll": 45.0, "i_roll": 80.0, "d_roll": 30.0}
+YAW = {"p_yaw": 45.0, "i_yaw": 80.0, "d_yaw": 0.0}
+PER_RADIAN = math.degrees(1.0) * 1e-3
+
+
+@cache
+def logged(path: Path) -> FlightLog:
+    """Read a log of the corpus once."""
+    return read(path)
+
+
+def replayed(log: FlightLog, **changes: float) -> dict[str, Replay]:
+    """Replay a log with other settings than those of its header."""
+    other = replace(log, parameters={**log.parameters, **changes})
+    found = controllers(other, other.parameters)
+    return replay(found, replay_inputs(other, found, ()))
+
+
+def test_p_of_the_header_is_per_degree_and_thousandth() -> None:
+    """PTERM_SCALE 0.032029."""
+    assert rate_gains(PID, "roll").proportional == pytest.approx(0.032029 * 45 * PER_RADIAN)
+
+
+def test_yaws_integral_is_two_and_a_half_times_its_scale() -> None:
+    """As ``pid_init.c`` has it, and as the firmware's logs show."""
+    assert rate_gains(YAW, "yaw").integral == pytest.approx(2.5 * 0.244381 * 80 * PER_RADIAN)
+
+
+def test_d_lies_between_the_header_and_d_max() -> None:
+    """Since 4.6 the header's D is the lower one."""
+    found = rate_gains(PID | {"d_max_roll": 40.0}, "roll")
+    assert (found.derivative, found.most_derivative) == pytest.approx(
+        (0.000529 * 30 * PER_RADIAN, 0.000529 * 40 * PER_RADIAN)
+    )
+
+
+def test_d_lies_between_d_min_and_the_header() -> None:
+    """Until then it was the higher one."""
+    found = rate_gains(PID | {"d_min_roll": 20.0}, "roll")
+    assert (found.derivative, found.most_derivative) == pytest.approx(
+        (0.000529 * 20 * PER_RADIAN, 0.000529 * 30 * PER_RADIAN)
+    )
+
+
+def test_d_fades_from_the_breakpoint_to_full_throttle() -> None:
+    """By 65 % at full throttle, by half of that half-way."""
+    settings = {"tpa_rate": 65.0, "tpa_breakpoint": 1350.0}
+    np.testing.assert_allclose(
+        attenuation(settings, np.array([0.2, 0.35, 0.675, 1.0])), [1.0, 1.0, 0.675, 0.35]
+    )
+
+
+@pytest.mark.parametrize(("cut", "of_three"), [(True, -3.5e-3), (False, -3e-3)], ids=["4.3", "4.4"])
+def test_whole_terms_stand_for_the_middle_of_what_became_them(cut: bool, of_three: float) -> None:
+    """Before 4.4 the firmware cut towards zero: 3 stood for 3 to 4, and 0 for -1 to 1."""
+    terms = WholeTerms({"P": (np.array([3, 0, -3], np.int16),)}, -1.0, cut=cut)
+    np.testing.assert_allclose(terms["P"], [of_three, 0.0, -of_three])
+
+
+def test_a_dynamic_low_pass_moves_with_the_throttle() -> None:
+    """From its lowest cut-off to its highest, faster at first by the expo."""
+    settings = {"gyro_lpf1_dyn_hz[0]": 250.0, "gyro_lpf1_dyn_hz[1]": 500.0, "gyro_lpf1_dyn_expo": 5.0}
+    found = [cutoff_hz(settings, GYRO_LOW_PASSES[0], throttle) for throttle in (0.0, 0.5, 1.0)]
+    assert found == pytest.approx([250.0, 250.0 + 250.0 * (0.5 + 0.125), 500.0])
+
+
+@pytest.mark.parametrize(("throttle", "expected"), [(0.1, 200.0), (0.5, 275.0), (1.0, 400.0)])
+def test_before_4_3_the_gyros_dynamic_low_pass_rose_by_another_curve(
+    throttle: float, expected: float
+) -> None:
+    """1.5 t (1 - t^2 / 3) times the higher end, and never below the lower one."""
+    settings = {"gyro_lowpass_dyn_hz[0]": 200.0, "gyro_lowpass_dyn_hz[1]": 400.0}
+    found = next(hz for names in GYRO_LOW_PASSES if (hz := cutoff_hz(settings, names, throttle)) > 0.0)
+    assert found == pytest.approx(expected)
+
+
+def test_a_header_without_the_bend_of_a_dynamic_low_pass_has_that_of_its_firmware() -> None:
+    """4.3 and 4.4 do not log it; it is 5 in tenths unless it was changed."""
+    settings = {"gyro_lpf1_dyn_hz[0]": 250.0, "gyro_lpf1_dyn_hz[1]": 500.0}
+    assert cutoff_hz(settings, GYRO_LOW_PASSES[0], 0.3) == pytest.approx(250.0 + 250.0 * (0.3 + 0.105))
+
+
+def test_notches_on_rotors_that_nobody_logged_are_named(corpus: Path) -> None:
+    """Betaflight 4.2 has the RPM filter and logs no speeds."""
+    log = logged(corpus / "blackbox" / "bf42-btfl002.bbl")
+    (remark,) = (
+        one for one in controllers(log, log.parameters).remarks if one.kind is RemarkKind.NOTCH_UNKNOWN
+    )
+    assert remark.values["gyro_rpm_notch_harmonics"] == 3.0
+
+
+def test_notches_on_the_rotors_fade_out_above_their_lowest_frequency() -> None:
+    """Half-way through the fade range half of the notch is left."""
+    settings = {
+        "rpm_filter_q": 500.0,
+        "rpm_filter_min_hz": 100.0,
+        "rpm_filter_harmonics": 1.0,
+        "rpm_filter_fade_range_hz": 50.0,
+    }
+    (found,) = loop_filters(settings, (125.0,), 0.3, (125e-6, 250e-6))
+    assert abs(found.response(np.array([125.0]))[0]) == pytest.approx(0.5, abs=1e-6)
+
+
+def test_d_acts_on_the_slope_behind_two_low_passes() -> None:
+    """At 100 Hz, where both take phase and gain away."""
+    settings = {"dterm_lpf1_static_hz": 75.0, "dterm_lpf2_static_hz": 150.0}
+    s = 2j * math.pi * 100.0
+    expected = s / (1.0 + s / (2 * math.pi * 75.0)) / (1.0 + s / (2 * math.pi * 150.0))
+    found = d_filter(settings, 0.0, 1e-6).response(np.array([100.0]))[0]
+    assert found == pytest.approx(expected, rel=2e-3)
+
+
+def test_only_yaws_p_is_low_passed() -> None:
+    """At 100 Hz."""
+    for axis, gain in (("roll", 1.0), ("yaw", math.sqrt(0.5))):
+        found = p_filter({"yaw_lowpass_hz": 100.0}, axis, 1e-6).response(np.array([100.0]))[0]
+        assert abs(found) == pytest.approx(gain, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", [STICKS, CHIRP])
+def test_the_firmwares_own_terms_are_replayed(corpus: Path, name: str) -> None:
+    """P and D of roll and pitch, P of yaw, within what rounding leaves."""
+    found = replayed(logged(corpus / "firmware" / name))
+    assert {axis: one.agrees for axis, one in found.items()} == dict.fromkeys(AXES, True)
+    assert all((one.relative_rms["P"] or 1.0) < 0.08 for one in found.values())
+    assert all((found[axis].relative_rms["D"] or 1.0) < 0.12 for axis in ("roll", "pitch"))
+
+
+def test_what_is_not_replayed_is_told(corpus: Path) -> None:
+    """Nothing is claimed of I and feed-forward."""
+    found = replayed(logged(corpus / "firmware" / STICKS))["roll"]
+    assert found.as_logged == ("I", "FF")
+    assert found.relative_rms["I"] is None
+
+
+@pytest.mark.parametrize(("axis", "name", "value"), [("roll", "p_roll", 54.0), ("pitch", "p_pitch", 41.0)])
+def test_a_gain_that_did_not_fly_is_named(corpus: Path, axis: str, name: str, value: float) -> None:
+    """Of the header's P a fifth too high or an eighth too low."""
+    log = logged(corpus / "firmware" / STICKS)
+    found = replayed(log, **{name: value})[axis]
+    assert (found.reason, found.parameter) == (ReplayReason.GAIN_DIFFERS, name)
+    assert found.numbers["flown"] == pytest.approx(log.parameters[name], rel=0.03)
+
+
+def test_a_hover_of_a_few_units_tells_nothing_of_the_controller(corpus: Path) -> None:
+    """Its terms are mostly rounding."""
+    found = replayed(logged(corpus / "firmware" / HOVER))
+    assert {one.reason for one in found.values()} == {ReplayReason.ROUNDED}
+
+
+def test_p_alone_is_held_against_a_log_whose_rounding_hides_d(corpus: Path) -> None:
+    """A calm flight in whole degrees per second; what no cause explains is not said to be another gain."""
+    log = logged(corpus / "blackbox" / "bf2025-eRPM-btfl027.bbl")
+    inputs = replay_inputs(log, controllers(log, log.parameters), [(73.8, 110.8)])
+    assert inputs["roll"].coarse
+    found = replay(controllers(log, log.parameters), inputs)
+    assert found["roll"].agrees
+    assert {one.reason for one in found.values()} == {None, ReplayReason.ROUNDED}
+
+
+def test_the_mean_d_lies_between_its_ends(corpus: Path) -> None:
+    """On quick sticks a little above the lower one, in a flown log close to the higher one."""
+    quick = d_parts(logged(corpus / "firmware" / STICKS))["roll"]
+    flown = d_parts(logged(corpus / "blackbox" / "bf2025-eRPM-btfl027.bbl"))["roll"]
+    assert 0.1 < quick < 0.3
+    assert 0.8 < flown <= 1.0
+
+
+def test_d_of_a_slow_log_is_taken_as_logged(corpus: Path) -> None:
+    """500 Hz alias what D amplifies."""
+    found = replayed(logged(corpus / "blackbox" / "bf42-btfl002.bbl"))["roll"]
+    assert found.agrees
+    assert found.as_logged == ("I", "D", "FF")
+
+
+def test_a_dynamic_notch_that_nobody_measured_is_named(corpus: Path) -> None:
+    """Without the unfiltered gyro nothing tells its delay."""
+    log = logged(corpus / "blackbox" / "bf42-btfl002.bbl")
+    kinds = {one.kind for one in controllers(log, log.parameters).remarks}
+    assert RemarkKind.NOTCH_UNKNOWN in kinds
+
+
+def test_a_header_without_gains_closes_no_loop(corpus: Path) -> None:
+    """The missing ones are named."""
+    log = logged(corpus / "firmware" / STICKS)
+    found = controllers(log, {name: one for name, one in log.parameters.items() if not name.startswith("p_")})
+    assert not found.axes
+    assert "p_roll" in found.remarks[-3].values
+
+
+def test_a_gain_below_zero_is_none(corpus: Path) -> None:
+    """Of a damaged header; the other axes are not concerned."""
+    log = logged(corpus / "firmware" / STICKS)
+    assert set(controllers(log, {**log.parameters, "d_pitch": -1e9}).axes) == {"roll", "yaw"}
+
+
+def test_the_autopilot_hands_on_controller_and_rows(corpus: Path) -> None:
+    """Through the folder's way in."""
+    log, autopilot = logged(corpus / "firmware" / STICKS), named("betaflight")
+    found = autopilot.controllers(log, log.parameters)
+    assert found is not None
+    assert set(autopilot.replay_inputs(log, found, ())) == set(AXES)
+
+
+def true_plant(corpus: Path, name: str, axis: str) -> Plant:
+    """Return the simulated vehicle's axis over the flight; yaw with its rotors' reaction to small changes.
+
+    Least squares over the flight weighs the fastest and largest changes most, which no crossover is made of.
+    """
+    truth = json.loads((corpus / "firmware" / name).with_suffix(".truth.json").read_text())
+    model, number = truth["linear_model"], AXES.index(axis)
+    B = model["B_roll_pitch_yaw_ls_flight"][number]
+    damping = -model["D_per_s_FRD"][number][number]
+    lag_s = truth["vehicle"]["motor_lag_s"][0]
+    numbers = (B, damping, lag_s, truth["delays"]["gyro_sample_to_thrust_command_s"])
+    lead_s = model["E_yaw_mean"] / B if axis == "yaw" else 0.0
+    return Plant(*(np.array([value]) for value in numbers), lead_s=lead_s)
+
+
+def true_margins(corpus: Path, name: str, axis: str, **changes: float) -> Margins:
+    log = logged(corpus / "firmware" / name)
+    log = replace(log, parameters={**log.parameters, **changes})
+    controller = controllers(log, log.parameters).axes[axis]
+    frequency_hz = grid_hz(controller.period_s)
+    loop = close(controller, true_plant(corpus, name, axis), frequency_hz)
+    return margins_of(frequency_hz, loop.rate, integrators(controller), np.array([False]), 1e9)
+
+
+@pytest.mark.parametrize("axis", AXES)
+@pytest.mark.parametrize("name", [STICKS, CHIRP])
+def test_the_true_vehicles_margins_are_inside_the_intervals(
+    corpus: Path, analyzed: Analyzed, name: str, axis: str
+) -> None:
+    """Phase, gain and crossover of the rate loop."""
+    result = analyzed(corpus / "firmware" / name)
+    assert result.closed_loop is not None
+    margins, true = result.closed_loop.axes[axis].margins, true_margins(corpus, name, axis)
+    assert margins is not None
+    for figure in ("phase_margin_deg", "gain_margin_db", "crossover_hz"):
+        low, high = getattr(margins.rate, figure).ci95
+        slack = 2e-3 * getattr(true, figure).value
+        assert low - slack <= getattr(true, figure).value <= high + slack
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+@pytest.mark.parametrize("name", [STICKS, CHIRP])
+def test_a_cutoff_of_d_that_the_replay_does_not_see_hardly_changes_the_phase_margin(
+    corpus: Path, name: str, factor: float
+) -> None:
+    """At half or twice its value, which D-max hides: by 0.3 degrees at most."""
+    cutoff_hz = factor * logged(corpus / "firmware" / name).parameters["dterm_lpf2_static_hz"]
+    found = true_margins(corpus, name, "roll", dterm_lpf2_static_hz=cutoff_hz)
+    true = true_margins(corpus, name, "roll")
+    assert abs(found.phase_margin_deg.value - true.phase_margin_deg.value) < 0.3
+
+
+def swept(corpus: Path, axis: str, start_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return what the chirp shows of the rate over the set-point, by frequency, and the model of it."""
+    log = logged(corpus / "firmware" / CHIRP)
+    setpoint, rate = (log.candidates(name)[0] for name in ("body_rate_setpoint", "body_rate"))
+    rows = (rate.time_s > start_s) & (rate.time_s < start_s + 20.6)
+    x, y = (one.values[rows, AXES.index(axis)].astype(float) for one in (setpoint, rate))
+    frequency_hz, cross = signal.csd(x, y, 1000.0, nperseg=4096)
+    found = cross / signal.welch(x, 1000.0, nperseg=4096)[1]
+    known = (frequency_hz > 1.5) & (frequency_hz < 31.0)
+    controller = controllers(log, log.parameters).axes[axis]
+    loop = close(controller, true_plant(corpus, CHIRP, axis), frequency_hz[known])
+    return frequency_hz[known], found[known], loop.target_to_rate[0]
+
+
+def test_yaws_broken_loop_is_what_the_chirp_shows(corpus: Path) -> None:
+    """Without D it is T / (1 - T) of the set-point's response T; yaw's integral knows no relax."""
+    _, measured, modelled = swept(corpus, "yaw", 57.8)
+    broken, expected = (one / (1.0 - one) for one in (measured, modelled))
+    np.testing.assert_allclose(np.abs(broken / expected), 1.0, atol=0.08)
+    np.testing.assert_allclose(np.degrees(np.angle(broken / expected)), 0.0, atol=5.0)
+
+
+@pytest.mark.parametrize(("axis", "start_s"), [("roll", 11.8), ("pitch", 34.8)])
+def test_above_the_integrals_band_the_closed_loop_is_what_the_chirp_shows(
+    corpus: Path, axis: str, start_s: float
+) -> None:
+    """Below it relax holds the integral back as the set-point moves; beyond 28 Hz rounding hides all."""
+    frequency_hz, measured, modelled = swept(corpus, axis, start_s)
+    high = (frequency_hz > 15.0) & (frequency_hz < 28.0)
+    np.testing.assert_allclose(np.abs(measured / modelled)[high], 1.0, atol=0.1)
+    np.testing.assert_allclose(np.degrees(np.angle(measured / modelled)[high]), 0.0, atol=7.0)
+
+
+def test_the_gain_per_unit_of_the_pid_sum_is_that_of_the_true_vehicle(
+    corpus: Path, analyzed: Analyzed
+) -> None:
+    """B in deg/s^2 per thousandth, as an ADRC would be told it."""
+    loop = analyzed(corpus / "firmware" / STICKS).closed_loop
+    assert loop is not None
+    told = closed_loop_dict(loop)["axes"]["roll"]["control_gain"]["deg_s2_per_own_unit"]
+    true = true_plant(corpus, STICKS, "roll").effectiveness[0] * PER_RADIAN
+    assert told["unit"] == "unit of the PID sum"
+    assert told["ci95"][0] < true < told["ci95"][1]
+
+
+def test_no_prediction_is_announced_where_none_is_made(corpus: Path, analyzed: Analyzed) -> None:
+    """Moving sticks hold the integral back."""
+    view = loop_view(analyzed(corpus / "firmware" / STICKS))
+    assert "predict" not in view.intro
+    assert "b0" in view.sentences[-1]

@@ -1,0 +1,96 @@
+"""What follows from the instruments, each second told by all the others."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from quadid_logs.identify.design import Design, build_design
+from quadid_logs.identify.instruments import Projection, held_attitudes
+from quadid_logs.identify.structures import DAMPED
+
+from .vehicles import QUAD, fly, multisine
+
+N_CLUSTERS, LENGTH = 30, 5
+CLUSTERS = np.repeat(np.arange(N_CLUSTERS), LENGTH)
+
+
+def estimates(rng: np.random.Generator) -> tuple[float, float]:
+    """Two-stage least squares and its jackknife where gusts of y reach x by feedback; the truth is 2."""
+    n = CLUSTERS.size
+    instruments = rng.standard_normal((n, 20))
+    gusts = rng.standard_normal(N_CLUSTERS)[CLUSTERS] + 0.3 * rng.standard_normal(n)
+    x = instruments @ np.full(20, 1.0 / np.sqrt(20.0)) - 0.8 * gusts
+    y = 2.0 * x + gusts
+    project = Projection.onto(instruments)
+    explained, told = project(x[:, np.newaxis])[:, 0], project.jackknifed(x[:, np.newaxis], CLUSTERS)
+    told_x = told(x[:, np.newaxis])[:, 0]
+    return float(explained @ y / (explained @ x)), float(told_x @ y / (told_x @ x))
+
+
+def test_instruments_told_by_other_seconds_keep_nothing_of_the_disturbances() -> None:
+    """Over 400 draws; two-stage least squares keeps its share of what plain least squares are off by."""
+    rng = np.random.default_rng(5)
+    found = np.array([estimates(rng) for _ in range(400)])
+    plain, jackknifed = np.median(found, axis=0) - 2.0
+    assert plain < -0.07
+    assert abs(jackknifed) < 0.25 * abs(plain)
+
+
+def test_what_lies_in_the_instruments_is_told_alike_by_all_seconds() -> None:
+    """A column that no disturbance reaches is its own best instrument."""
+    instruments = np.random.default_rng(6).standard_normal((CLUSTERS.size, 4))
+    columns = instruments @ np.array([[1.0, 2.0], [0.5, 0.0], [0.0, -1.0], [3.0, 0.1]])
+    project = Projection.onto(instruments).jackknifed(columns, CLUSTERS)
+    np.testing.assert_allclose(project(columns), columns, atol=1e-9)
+    assert project.n_instruments == 2
+
+
+def test_no_more_instruments_are_left_than_columns() -> None:
+    """Each more would follow disturbances by chance, and tell nothing."""
+    rng = np.random.default_rng(7)
+    project = Projection.onto(rng.standard_normal((CLUSTERS.size, 12)))
+    columns = rng.standard_normal((CLUSTERS.size, 3))
+    assert project.jackknifed(columns, CLUSTERS).n_instruments == 3
+
+
+def test_a_manoeuvre_flown_within_one_second_is_told_by_that_second() -> None:
+    """No other knows of it: told by them alone, nothing of it or anything would be left."""
+    rng = np.random.default_rng(8)
+    once = np.where(CLUSTERS == 12, rng.standard_normal(CLUSTERS.size), 0.0)
+    throughout = rng.standard_normal(CLUSTERS.size)
+    x = (3.0 * once + throughout + 0.1 * rng.standard_normal(CLUSTERS.size))[:, np.newaxis]
+    told = Projection.onto(np.column_stack([once, throughout])).jackknifed(x, CLUSTERS)(x)
+    left = (x - told)[CLUSTERS == 12]
+    assert np.linalg.norm(left) < 0.2 * np.linalg.norm(x[CLUSTERS == 12])
+
+
+@pytest.fixture(scope="module")
+def design() -> Design:
+    """A flight whose set-points are to be put in."""
+    built = build_design(fly(QUAD, multisine(20.0)), 5.0, (DAMPED,))
+    assert built is not None
+    return built.high_passed(0.3)
+
+
+def test_setpoints_that_follow_from_the_attitude_command_nothing(design: Design) -> None:
+    """An angle controller that holds roll at zero asks for the rate that takes the roll angle back."""
+    rng = np.random.default_rng(9)
+    phi, theta, psi = rng.standard_normal((3, design.time_s.size))
+    commanded = rng.standard_normal(design.time_s.size)
+    held = dataclasses.replace(
+        design,
+        columns=design.columns | {"phi": phi, "theta": theta, "psi": psi},
+        instruments=np.column_stack([-4.0 * phi, 4.0 * (commanded - theta), 4.0 * commanded]),
+    )
+    np.testing.assert_array_equal(held_attitudes(held), [True, False, False])
+
+
+def test_without_attitude_no_setpoint_is_said_to_hold_one(design: Design) -> None:
+    """Nor is any where there are no set-points."""
+    columns = {name: column for name, column in design.columns.items() if name not in ("phi", "theta", "psi")}
+    without = dataclasses.replace(design, columns=columns, instruments=np.zeros((design.time_s.size, 3)))
+    assert not held_attitudes(without).any()
+    assert not held_attitudes(dataclasses.replace(design, instruments=None)).any()

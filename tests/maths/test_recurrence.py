@@ -1,0 +1,52 @@
+"""Digital filters without a loop over the samples, against scipy's."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from quadid_logs.maths.recurrence import lag, linear_filter
+
+VALUES = np.random.default_rng(3).standard_normal((500, 2))
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_digital_filter_gives_what_scipy_gives(order: int) -> None:
+    """The filters of controllers are of the first and the second order."""
+    numerator, denominator = signal.butter(order, 0.05)
+    expected = signal.lfilter(numerator, denominator, VALUES, axis=0)
+    np.testing.assert_allclose(linear_filter(numerator, denominator, VALUES), expected, atol=1e-12)
+
+
+def test_a_lag_forgets_all_but_one_part_in_e_within_its_time_constant() -> None:
+    """From rest at the first value towards a step: y = 1 - exp(-t / T)."""
+    step = np.array([0.0, 1.0, 1.0, 1.0, 1.0])
+    expected = 1.0 - np.exp(-np.arange(5) * 0.01 / 0.02)
+    np.testing.assert_allclose(lag(step, 0.01, 0.02), expected, atol=1e-15)
+
+
+def test_a_lag_rests_at_its_first_value() -> None:
+    """A rotor speed that does not change is not run up from zero."""
+    np.testing.assert_allclose(lag(np.full((4, 3), 7.0), 0.01, 0.02), 7.0, rtol=1e-15)
+
+
+def test_no_values_give_none() -> None:
+    """An axis may have no row at all."""
+    assert lag(np.zeros((0, 2)), 0.01, 0.02).shape == (0, 2)
+
+
+def test_an_analysis_starts_without_scipys_signal_package() -> None:
+    """It takes as long to import as everything else together."""
+    code = (
+        "import pkgutil, sys, importlib, quadid_logs.pipeline, quadid_logs.autopilots as autopilots, "
+        "quadid_logs.control as control\n"
+        "for package in (autopilots, control):\n"
+        "    for module in pkgutil.walk_packages(package.__path__, package.__name__ + '.'):\n"
+        "        importlib.import_module(module.name)\n"
+        "sys.exit('scipy.signal' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
