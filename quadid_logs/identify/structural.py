@@ -36,8 +36,8 @@ EFFECT_SEEN: Final = 60.0
 _EFFECT_EXPLAINS = 0.25
 #: Without set-points small torques are mostly answers to gusts, and seem to have less effect (up to 0.46).
 _EXPLAINS_WITHOUT_SETPOINTS = 0.5
-#: Where one axis shows a dead zone all have it, for their rotors are the same: left to say is how large it is
-#: there. Three standard deviations; at one of eight levels noise reaches that once in fifty.
+#: Where one axis shows a dead zone or a limit all have it, for their rotors are the same: left to say is how
+#: large it is there. Three standard deviations; at one of ten levels noise reaches that once in fifty.
 _ON_ANOTHER_AXIS = 9.0
 #: From here on an effect may be there, and the interval covers what the effectiveness would be with it: by
 #: chance on one axis in two hundred, at any of the dozen that are tried, and the price is width alone.
@@ -50,8 +50,9 @@ LARGEST_SHIFT: Final = 0.5
 #: Beyond a limit, torque has no effect: in simulated flights 0.6 and more of its coefficient goes to the
 #: torque that is cut off there. A curve that bends (0.1 to 0.3, firmware without a limit) is none.
 _LEAST_LOST = 0.5
-#: Where a dead zone or a limit is looked for, as quantiles of the torque's size.
-_LEVELS: Final = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.96)
+#: Where a dead zone or a limit is looked for, as quantiles of the torque's size. Of steps with pauses between
+#: only the first peaks reach a limit.
+_LEVELS: Final = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.96, 0.98, 0.99)
 #: Frames and arms of multirotors bend from some hertz on; a mode is as wide as the steps between these.
 _MODES_HZ: Final = (3.0, 4.0, 5.0, 6.0, 7.0, 8.5, 10.0, 12.0)
 #: Loads swing on strings of half a metre to two, at 0.35 to 0.8 Hz.
@@ -291,10 +292,11 @@ def evidence_needed(check: StructuralCheck, effect: EffectCheck) -> tuple[float,
     explained : float
         Fraction of the residual.
     """
-    if effect.effect != "threshold":
+    if effect.effect not in _OF_AMPLITUDE:
         return EFFECT_SEEN, _EFFECT_EXPLAINS
-    explained = _EFFECT_EXPLAINS if check.instrumented else _EXPLAINS_WITHOUT_SETPOINTS
-    others = (each for each in check.effects if each.effect == "threshold" and each.axis != effect.axis)
+    dead = effect.effect == "threshold"
+    explained = _EXPLAINS_WITHOUT_SETPOINTS if dead and not check.instrumented else _EFFECT_EXPLAINS
+    others = (each for each in check.effects if each.effect == effect.effect and each.axis != effect.axis)
     if any(each.statistic >= EFFECT_SEEN and each.explained >= explained for each in others):
         return _ON_ANOTHER_AXIS, 0.0
     return EFFECT_SEEN, explained
@@ -409,7 +411,10 @@ def _equations(
 def _effects(
     design: Design, model: ActuatorModel, regression: Regression, equations: dict[int, _EquationRows]
 ) -> Iterator[EffectCheck]:
-    """Yield the likeliest level or frequency of each kind of effect, axis by axis."""
+    """Yield the likeliest level or frequency of each kind of effect, axis by axis.
+
+    That is the one furthest beyond chance, or of several that are clearly there, the one that explains most.
+    """
     if not equations:
         return
     best: dict[tuple[int, Effect], EffectCheck] = {}
@@ -422,9 +427,15 @@ def _effects(
             # The torque below a level has less effect (dead zone), or only that below it has any (limit).
             check = _checked(candidate, axis, found)
             effect = check.effect
-            if check.statistic > (best[axis, effect].statistic if (axis, effect) in best else 0.0):
-                best[axis, effect] = check
+            if check.statistic > 0.0:
+                best[axis, effect] = max(best.get((axis, effect), check), check, key=_fits)
     yield from best.values()
+
+
+def _fits(effect: EffectCheck) -> tuple[float, float]:
+    """Return by what the likeliest of several levels or frequencies is chosen."""
+    clear = effect.statistic >= EFFECT_SEEN
+    return (EFFECT_SEEN, effect.explained) if clear else (effect.statistic, 0.0)
 
 
 def _checked(candidate: _Candidate, axis: int, found: _Extended) -> EffectCheck:

@@ -156,15 +156,16 @@ def _manoeuvre(name: str, time_s: np.ndarray, rng: np.random.Generator) -> np.nd
         lines, size = rng.uniform(3.6, 4.4, (1, 3)), 0.8
     else:
         lines, size = 0.6 * np.arange(7)[:, None] + rng.uniform(0.3, 0.6, (7, 3)), 0.5
-    if name != "doublets":
+    if "doublets" not in name:
         for line in lines:
             wanted += np.sin(2.0 * np.pi * line * time_s[:, None] + rng.uniform(0.0, 6.3, 3))
         return size * wanted
+    pause_s = (3.0, 5.0) if name == "rare doublets" else (0.3, 1.5)
     for axis in range(3):
         at_s = 1.0
         while at_s < time_s[-1] - 2.0:
             half_s, size = rng.uniform(0.12, 0.45), rng.choice([-1.0, 1.0])
             wanted[(time_s >= at_s) & (time_s < at_s + half_s), axis] += size
             wanted[(time_s >= at_s + half_s) & (time_s < at_s + 2.0 * half_s), axis] -= size
-            at_s += 2.0 * half_s + rng.uniform(0.3, 1.5)
+            at_s += 2.0 * half_s + rng.uniform(*pause_s)
     return wanted

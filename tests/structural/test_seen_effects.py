@@ -16,6 +16,7 @@ from quadid_logs.identify.structural import (
     _Candidate,
     _checked,
     _Extended,
+    _fits,
     _modes,
     _resonance,
     _tilts,
@@ -85,6 +86,34 @@ def test_it_must_be_beyond_chance_on_its_own_axis() -> None:
     """What noise does as often is no dead zone wherever else one is."""
     yaw = dead_zone(YAW, explained=0.32, statistic=5.0)
     assert not seen_effects(check(yaw, dead_zone(ROLL, explained=0.9)), YAW)
+
+
+def test_a_limit_is_seen_where_another_axis_shows_it_clearly() -> None:
+    """A pitch that was 12 % low had a fiftieth of the evidence of the roll beside it."""
+    pitch, roll = (
+        EffectCheck(axis=axis, effect="limit", statistic=statistic, explained=0.8, shift=0.1)
+        for axis, statistic in ((1, 19.0), (ROLL, 1000.0))
+    )
+    assert seen_effects(check(pitch, roll), 1) == [pitch]
+    assert not seen_effects(check(pitch), 1)
+
+
+def test_of_levels_that_are_clear_the_one_that_explains_most_counts() -> None:
+    """Beyond the true limit the statistic may still grow, with less of the residual explained."""
+    at, beyond = (
+        EffectCheck(axis=ROLL, effect="limit", statistic=statistic, explained=explained, shift=0.1)
+        for statistic, explained in ((1028.0, 0.97), (1252.0, 0.85))
+    )
+    assert max(at, beyond, key=_fits) is at
+
+
+def test_of_levels_that_chance_makes_the_likeliest_counts() -> None:
+    """What explains most may be a rare outlier's doing."""
+    rare, likely = (
+        EffectCheck(axis=ROLL, effect="limit", statistic=statistic, explained=explained, shift=0.1)
+        for statistic, explained in ((5.0, 0.5), (20.0, 0.1))
+    )
+    assert max(rare, likely, key=_fits) is likely
 
 
 def test_an_axis_does_not_vouch_for_itself() -> None:
