@@ -37,7 +37,7 @@ _EFFECT_EXPLAINS = 0.25
 #: Without set-points small torques are mostly answers to gusts, and seem to have less effect (up to 0.46).
 _EXPLAINS_WITHOUT_SETPOINTS = 0.5
 #: Where one axis shows a dead zone or a limit all have it, for their rotors are the same: left to say is how
-#: large it is there. Three standard deviations; at one of ten levels noise reaches that once in fifty.
+#: large it is there. Three standard deviations; at one of eight levels noise reaches that once in fifty.
 _ON_ANOTHER_AXIS = 9.0
 #: From here on an effect may be there, and the interval covers what the effectiveness would be with it: by
 #: chance on one axis in two hundred, at any of the dozen that are tried, and the price is width alone.
@@ -50,9 +50,10 @@ LARGEST_SHIFT: Final = 0.5
 #: Beyond a limit, torque has no effect: in simulated flights 0.6 and more of its coefficient goes to the
 #: torque that is cut off there. A curve that bends (0.1 to 0.3, firmware without a limit) is none.
 _LEAST_LOST = 0.5
-#: Where a dead zone or a limit is looked for, as quantiles of the torque's size. Of steps with pauses between
-#: only the first peaks reach a limit.
-_LEVELS: Final = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.96, 0.98, 0.99)
+#: Where a dead zone or a limit is looked for, as quantiles of the torque's size.
+_LEVELS: Final = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.96)
+#: Where a limit only: of steps with pauses between, the first peaks alone reach it.
+_PEAKS: Final = (0.98, 0.99)
 #: Frames and arms of multirotors bend from some hertz on; a mode is as wide as the steps between these.
 _MODES_HZ: Final = (3.0, 4.0, 5.0, 6.0, 7.0, 8.5, 10.0, 12.0)
 #: Loads swing on strings of half a metre to two, at 0.35 to 0.8 Hz.
@@ -413,7 +414,7 @@ def _effects(
 ) -> Iterator[EffectCheck]:
     """Yield the likeliest level or frequency of each kind of effect, axis by axis.
 
-    That is the one furthest beyond chance, or of several that are clearly there, the one that explains most.
+    That is the one furthest beyond chance, of several limits that are clear the one that explains most.
     """
     if not equations:
         return
@@ -433,8 +434,11 @@ def _effects(
 
 
 def _fits(effect: EffectCheck) -> tuple[float, float]:
-    """Return by what the likeliest of several levels or frequencies is chosen."""
-    clear = effect.statistic >= EFFECT_SEEN
+    """Return by what the likeliest of several levels or frequencies is chosen.
+
+    Far beyond a limit, where fewer samples are, the statistic may still grow.
+    """
+    clear = effect.effect == "limit" and effect.statistic >= EFFECT_SEEN
     return (EFFECT_SEEN, effect.explained) if clear else (effect.statistic, 0.0)
 
 
@@ -445,9 +449,10 @@ def _checked(candidate: _Candidate, axis: int, found: _Extended) -> EffectCheck:
     instruments tell, a coefficient may be beyond chance and yet leave more than there was: that is no effect,
     but for the tilt, which no level or frequency was chosen for.
     """
-    limited = candidate.effect == "threshold" and found.coefficient > 0.0
+    limited = candidate.effect in _OF_AMPLITUDE and found.coefficient > 0.0
     goes_on = limited and found.shift > -_LEAST_LOST
-    there = (found.explained > 0.0 or candidate.effect == "tilt") and not goes_on
+    dead = candidate.effect == "limit" and not limited
+    there = (found.explained > 0.0 or candidate.effect == "tilt") and not goes_on and not dead
     return EffectCheck(
         axis=axis,
         effect="limit" if limited else candidate.effect,
@@ -491,10 +496,12 @@ def _thresholds(design: Design, model: ActuatorModel, regression: Regression) ->
     torques = [chunk.torque for chunk in design.chunks]
     behind = _behind(design, model, torques)
     predicted = None if design.instruments is None else regression.project(behind)
-    for level in np.quantile(np.abs(np.concatenate(torques)), _LEVELS, axis=0):
+    levels = np.quantile(np.abs(np.concatenate(torques)), [*_LEVELS, *_PEAKS], axis=0)
+    for number, level in enumerate(levels):
         cut_off = _behind(design, model, [np.clip(torque, -level, level) for torque in torques])
         instrument = None if predicted is None else np.clip(predicted, -level, level)[..., np.newaxis]
-        yield _Candidate("threshold", cut_off[..., np.newaxis], level, instrument)
+        effect: Effect = "threshold" if number < len(_LEVELS) else "limit"
+        yield _Candidate(effect, cut_off[..., np.newaxis], level, instrument)
 
 
 def _modes(design: Design, model: ActuatorModel) -> Iterator[_Candidate]:

@@ -175,6 +175,16 @@ def test_a_resonance_that_leaves_more_than_there_was_is_none(explained: float, s
     assert _checked(mode, ROLL, found).statistic == statistic
 
 
+@pytest.mark.parametrize(("coefficient", "statistic"), [(0.8, 300.0), (-0.8, 0.0)])
+def test_where_only_peaks_are_a_torque_may_be_limited_and_not_dead(
+    coefficient: float, statistic: float
+) -> None:
+    """A dead zone is below: of flown doublets one was found that all but the peaks would be in."""
+    peaks = _Candidate("limit", np.zeros((1, 3, 1)), np.full(3, 0.2))
+    found = _Extended(statistic=300.0, explained=0.5, shift=-0.7, coefficient=coefficient)
+    assert _checked(peaks, ROLL, found).statistic == statistic
+
+
 def test_an_effect_on_one_axis_leaves_the_others_a_lag_of_their_own() -> None:
     """All have one lag: on a vehicle that tips over it took up the tilt, and yaw was 10 % high."""
     low, high = widened(tilt(ROLL, explained=0.6), own_timing=(0.03, 0.02, -0.08))
