@@ -23,11 +23,21 @@ _SAME_TIME_S = 1e-9
 GAP_PERIODS = 3.0
 #: In flight the throttle stays above this much of its median: motors that idle on the ground are not flown.
 _FLOWN_THROTTLE = 0.5
+_ONE_COLUMN_PER_MOTOR = frozenset({"motor_thrust", "rotor_speed", "output_pwm"})
 #: What the model is made of: a handful of absurd samples would outweigh all others in its squares.
-_MEASURED = frozenset({"body_rate", "torque_n_m", "torque_command", "thrust_n", "throttle"})
+_MEASURED = frozenset(
+    {"body_rate", "torque_n_m", "torque_command", "thrust_n", "throttle", *_ONE_COLUMN_PER_MOTOR}
+)
 #: Times the 99th percentile of a signal's distance from its median.
 _ABSURD = 10.0
-_ONE_COLUMN_PER_MOTOR = frozenset({"motor_thrust", "rotor_speed", "output_pwm"})
+#: Within two periods of this length no vehicle turns away and back, and no rate loop takes back a torque that
+#: it gave; a slower log shows a kick of the controller in one sample [s].
+_LONGEST_SPIKE_S = 0.0105
+#: Times the 99th percentile of the samples' distance from the mean of their neighbours: thirteen standard
+#: deviations of noise.
+_SPIKE = 5.0
+#: The four samples around a spike differ by less than this fraction of it.
+_AROUND_A_SPIKE = 0.25
 
 Interval = tuple[float, float]
 
@@ -293,7 +303,7 @@ class Cleaner:
         self._orders: dict[tuple[Rows, float], _Order] = {}
 
     def clean(self, signal: Signal) -> CleanSeries:
-        """Drop damaged stamps, impossible and absurd values, put rows in order, merge repeated stamps.
+        """Drop damaged stamps, absurd values and spikes, put rows in order, merge repeated stamps.
 
         Rows are ordered by time *within* an epoch only; a reboot is never sorted
         away. Of rows with the same stamp the last stands: it is what the
@@ -326,6 +336,11 @@ class Cleaner:
         order = _order_of(time_s) if n_not_finite else self._order(key, time_s)
         if order.chosen is not None:
             time_s, values, known = time_s[order.chosen], values[order.chosen], known[order.chosen]
+        if signal.name in _MEASURED and order.period_s < _LONGEST_SPIKE_S:
+            spike = _is_spike(values)
+            if spike.any():
+                n_not_finite += int(np.count_nonzero(spike))
+                time_s, values, known = time_s[~spike], values[~spike], known[~spike]
         return CleanSeries(
             name=signal.name,
             rows=signal.rows,
@@ -390,6 +405,26 @@ def _is_absurd(values: FloatArray) -> BoolArray:
     far = np.abs(values[rows, columns] - np.median(values[near, columns[:, np.newaxis]], axis=1))
     absurd[rows[far > limit[columns]]] = True
     return absurd
+
+
+def _is_spike(values: FloatArray) -> BoolArray:
+    """Mark single samples that jump away from four around them that agree with each other.
+
+    A gyro that failed for one sample, or a bit that was read wrong: less than absurd, and yet a few of them
+    outweigh the motion that a model is made of.
+    """
+    spike = np.zeros(len(values), dtype=np.bool_)
+    if len(values) < 5:
+        return spike
+    for column in values.T:
+        away = np.abs(column[2:-2] - 0.5 * (column[1:-3] + column[3:-1]))
+        limit = _SPIKE * np.quantile(away, 0.99)
+        if not limit > 0.0:  # a motor that is not there, or never changes
+            continue
+        rows = np.flatnonzero(away > limit)
+        around = np.ptp(column[rows[:, np.newaxis] + [0, 1, 3, 4]], axis=1)
+        spike[rows[around < _AROUND_A_SPIKE * away[rows]] + 2] = True
+    return spike
 
 
 def _is_possible(values: FloatArray) -> BoolArray:

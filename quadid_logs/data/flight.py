@@ -34,7 +34,7 @@ class SourceChoice:
         Pauses of more than three periods.
     n_duplicate, n_out_of_order, n_outliers, n_not_finite : int
         Rows with a repeated stamp, put back in order, thrown away for an
-        impossible stamp, or for NaN, infinite or absurd values.
+        impossible stamp, or for NaN, infinite or absurd values or a spike of one sample.
     others : tuple of (source, rate_hz)
         The sources that were not taken.
     """

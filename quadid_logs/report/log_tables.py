@@ -146,7 +146,7 @@ def _signal(choice: SourceChoice) -> tuple[Cell, ...]:
         "repeated": choice.n_duplicate,
         "reordered": choice.n_out_of_order,
         "impossible time": choice.n_outliers,
-        "not finite": choice.n_not_finite,
+        "without a possible value": choice.n_not_finite,
     }
     return (
         Cell(text=name, detail=_unit(choice.signal)),

@@ -113,10 +113,10 @@ def test_the_axes_that_got_less_than_the_set_point_of_the_sample_are_marked() ->
 def test_without_a_set_point_a_motor_at_its_stop_marks_all_axes() -> None:
     """What was wanted is not known."""
     thrust = MIXED.copy()
-    thrust[100, 2], thrust[200, 0] = 0.0, 1.0
+    thrust[100:102, 2], thrust[200:202, 0] = 0.0, 1.0
     found = achieved(rebuilt(signal("motor_thrust", STAMPS, thrust)))
-    np.testing.assert_array_equal(np.flatnonzero(marks(found).all(axis=1)), [100, 200])
-    np.testing.assert_array_equal(np.flatnonzero(marks(found).any(axis=1)), [100, 200])
+    np.testing.assert_array_equal(np.flatnonzero(marks(found).all(axis=1)), [100, 101, 200, 201])
+    np.testing.assert_array_equal(np.flatnonzero(marks(found).any(axis=1)), [100, 101, 200, 201])
 
 
 def test_torque_that_the_allocation_could_not_give_is_marked_on_its_axis() -> None:
