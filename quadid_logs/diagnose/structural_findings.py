@@ -148,7 +148,7 @@ def _axis(identification: Identification, model: Model, number: int, axis: str) 
     if excitation.noise_in_phase > _IN_PHASE and not identification.only_yaw:
         evidence: dict[str, object] = {"coherence_in_phase": rounded(excitation.noise_in_phase, 3)}
         yield finding("QL520", "error", evidence, axes=(axis,))
-    elif excitation.bandwidth < _LEAST_BANDWIDTH or _is_one_line(excitation):
+    elif _holds_one_frequency(excitation, identification.excitation):
         evidence = {
             "relative_bandwidth": rounded(excitation.bandwidth, 2),
             "needed": _LEAST_BANDWIDTH,
@@ -162,9 +162,16 @@ def _axis(identification: Identification, model: Model, number: int, axis: str) 
         yield from _effects(model.structural, number, axis)
 
 
-def _is_one_line(excitation: Excitation) -> bool:
-    """Say whether hardly any of the torque is beside its strongest frequency."""
-    return excitation.line_fraction > _MOST_IN_ONE_LINE and excitation.bandwidth < _NARROW
+def _holds_one_frequency(excitation: Excitation, all_axes: Sequence[Excitation]) -> bool:
+    """Say whether hardly any of the torque is beside its strongest frequency.
+
+    About an axis beside one that holds a single frequency nobody flew doublets: what is beside its own
+    strongest line is what the other axes leak.
+    """
+    if excitation.bandwidth < _LEAST_BANDWIDTH:
+        return True
+    no_doublets = any(each.bandwidth < _LEAST_BANDWIDTH for each in all_axes)
+    return excitation.line_fraction > _MOST_IN_ONE_LINE and (no_doublets or excitation.bandwidth < _NARROW)
 
 
 def _commanded_rates(model: Model, numbers: Sequence[int], *, may_be_rate: bool) -> Iterator[Finding]:
