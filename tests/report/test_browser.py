@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import re
+import time
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -24,7 +28,7 @@ SCROLL = """(async () => {
   for (const fold of document.querySelectorAll("details")) fold.open = true;
   for (const chart of document.querySelectorAll(".chart")) {
     chart.scrollIntoView({behavior: "instant"});
-    for (let turn = 0; turn < 50 && !chart.querySelector(".main-svg"); turn++)
+    for (let turn = 0; turn < 1500 && !chart.querySelector(".main-svg"); turn++)
       await new Promise((done) => setTimeout(done, 40));
   }
   scrollTo(0, 0);
@@ -61,6 +65,9 @@ NAMED = """(() => {
   return [Math.min(...lines.map((line) => line.y[last(line)])), low + lowest * (high - low), names.length];
 })()"""
 PAUSE = "new Promise((done) => setTimeout(done, 500))"
+FIRST_DRAWN = "document.querySelectorAll('#chart-evidence .main-svg').length > 0"
+#: How long a browser may take to answer what a test did to the page [s].
+PATIENCE_S = 30.0
 
 
 @pytest.fixture(scope="module")
@@ -75,6 +82,56 @@ def hostile_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_page(hostile_result(), tmp_path_factory.mktemp("page"))
 
 
+@pytest.fixture
+def drawn(browser: chromium.Browser, page: Path, request: pytest.FixtureRequest) -> Iterator[None]:
+    """Show every chart of the page on a desk, as it was loaded."""
+    yield from shown(browser, page, request)
+
+
+@pytest.fixture(scope="module")
+def long_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the report of a flight of 80 s at 400 Hz."""
+    return write_page(usable_result(), tmp_path_factory.mktemp("long"))
+
+
+@pytest.fixture
+def long_drawn(browser: chromium.Browser, long_page: Path, request: pytest.FixtureRequest) -> Iterator[None]:
+    """Show every chart of the long flight's page on a desk, as it was loaded."""
+    yield from shown(browser, long_page, request)
+
+
+def shown(browser: chromium.Browser, path: Path, request: pytest.FixtureRequest) -> Iterator[None]:
+    """Show every chart: on the page of the test before, where that left it whole; drawing takes seconds."""
+    n_failed = request.session.testsfailed
+    if browser.run("location.href") != path.as_uri() or not browser.run("window.whole === true"):
+        draw_all(browser, path)
+    yield
+    if request.session.testsfailed > n_failed:
+        browser.go("about:blank")
+
+
+def draw_all(browser: chromium.Browser, path: Path, width: int = 1280, *, dark: bool = False) -> None:
+    """Load a page and show every chart of it."""
+    load(browser, path, width, dark=dark)
+    browser.run(SCROLL)
+    browser.run(f"window.whole = {json.dumps(width == 1280 and not dark)}")
+
+
+def load(browser: chromium.Browser, path: Path, width: int = 1280, *, dark: bool = False) -> None:
+    """Load a page in a window that has its size before: another size draws all charts anew."""
+    browser.go("about:blank")
+    browser.show(width, dark=dark)
+    browser.open(path)
+
+
+def becomes(browser: chromium.Browser, script: str, wanted: Any) -> None:
+    """Wait until an expression in the page has this value."""
+    until = time.monotonic() + PATIENCE_S
+    while (found := browser.run(script)) != wanted and time.monotonic() < until:
+        time.sleep(0.05)
+    assert found == wanted, script
+
+
 def write_page(result: Result, folder: Path) -> Path:
     """Write the page alone, without pictures."""
     view = view_of(result, provenance_of(result.log.path, "quadid-log analyze"))
@@ -82,48 +139,81 @@ def write_page(result: Result, folder: Path) -> Path:
     return folder / "report.html"
 
 
-@pytest.mark.parametrize(("width", "dark"), [(1280, False), (400, True)])
+@pytest.mark.parametrize(("width", "dark"), [(400, True), (1280, False)])
 def test_every_chart_is_drawn_and_nothing_scrolls_sideways(
     browser: chromium.Browser, page: Path, width: int, dark: bool
 ) -> None:
     """On a desk and on a phone, light and dark, without a message in the console."""
-    browser.show(width, dark=dark)
-    browser.open(page)
-    browser.run(SCROLL)
+    draw_all(browser, page, width, dark=dark)
     charts = browser.run("document.querySelectorAll('.chart').length")
     assert charts >= 14
-    assert browser.run(COUNT) == charts
+    becomes(browser, COUNT, charts)
+    becomes(browser, f"{NAMES}[0] > 25", True)
     assert browser.run("document.documentElement.scrollWidth") <= width
-    names, covered, outside = browser.run(NAMES)
-    assert (names > 25, covered, outside) == (True, [], [])
+    assert browser.run(NAMES)[1:] == [[], []]
     assert browser.problems == []
 
 
-def test_charts_wait_until_they_are_scrolled_into_view(browser: chromium.Browser, page: Path) -> None:
-    """Those of the first screens are there, those of folded chapters are not."""
-    browser.show(1280)
-    browser.open(page)
-    browser.run(PAUSE)
-    assert browser.run("document.querySelectorAll('#chart-evidence .main-svg').length") > 0
-    assert browser.run("document.querySelectorAll('details .chart .main-svg').length") == 0
-    assert browser.run("document.documentElement.scrollHeight") < 9 * 900
-    assert "The model" in browser.run("document.body.innerText")
-
-
-def test_the_report_asks_no_host_for_anything(browser: chromium.Browser, page: Path) -> None:
+def test_the_report_asks_no_host_for_anything(browser: chromium.Browser, drawn: None) -> None:
     """The only thing that is loaded is the file itself (and its empty icon)."""
-    browser.show(1280)
-    browser.open(page)
-    browser.run(SCROLL)
     outside = [address for address in browser.requests if not address.startswith(("file:", "data:", "blob:"))]
     assert outside == []
     assert sum(address.startswith("file:") for address in browser.requests) == 1
 
 
+def test_charts_over_time_zoom_together(browser: chromium.Browser, drawn: None) -> None:
+    """Zooming the first chart moves the others and the names at ends of lines; a double click resets all."""
+    whole = browser.run(RANGE.format("fit"))
+    structures = browser.run(RANGE.format("structures"))
+    flight = "document.getElementById('chart-flight')"
+    browser.run(f"Plotly.relayout({flight}, {{'xaxis.range[0]': 26, 'xaxis.range[1]': 28}}).then(() => null)")
+    for key in ("flight", "aligned", "over-time", "fit", "simulation"):
+        becomes(browser, RANGE.format(key), pytest.approx([26, 28]))
+    assert browser.run(RANGE.format("structures")) == pytest.approx(structures)
+    becomes(browser, f"(([end, named]) => named - end)({NAMED})", pytest.approx(0.0, abs=1e-6))
+    assert browser.run(NAMED)[2] == 2
+    browser.run(f"Plotly.relayout({flight}, {{'xaxis.autorange': true}}).then(() => null)")
+    becomes(browser, RANGE.format("fit"), pytest.approx(whole, abs=0.5))
+    assert browser.problems == []
+
+
+def test_a_chart_can_be_zoomed_with_the_keyboard(browser: chromium.Browser, drawn: None) -> None:
+    """Plus halves the span that all charts over time show, zero shows everything again."""
+    start, end = browser.run(RANGE.format("fit"))
+    press = """(document.getElementById("chart-fit").dispatchEvent(
+        new KeyboardEvent("keydown", {key: "%s", bubbles: true})))"""
+    browser.run(press % "+")
+    for key in ("fit", "aligned"):
+        becomes(
+            browser, f"(([from, to]) => to - from)({RANGE.format(key)})", pytest.approx((end - start) / 2.0)
+        )
+    browser.run(press % "0")
+    becomes(browser, RANGE.format("fit"), pytest.approx([start, end], abs=0.5))
+
+
+def test_turning_the_phone_lays_the_charts_out_anew(browser: chromium.Browser, drawn: None) -> None:
+    """Three columns on a wide screen become one on a narrow one."""
+    domain = "document.getElementById('chart-horizon').layout.xaxis.domain[1]"
+    assert browser.run(domain) < 0.4
+    browser.run("window.whole = false")
+    browser.show(400)
+    becomes(browser, domain, 1)
+    becomes(browser, "document.documentElement.scrollWidth <= 400", True)
+
+
+def test_charts_wait_until_they_are_scrolled_into_view(browser: chromium.Browser, page: Path) -> None:
+    """Those of the first screens are there, those of folded chapters are not."""
+    load(browser, page)
+    becomes(browser, FIRST_DRAWN, True)
+    browser.run(PAUSE)
+    assert browser.run("document.querySelectorAll('details .chart .main-svg').length") == 0
+    assert browser.run("document.documentElement.scrollHeight") < 9 * 900
+    assert "The model" in browser.run("document.body.innerText")
+
+
 def test_the_policy_forbids_what_a_log_could_try(browser: chromium.Browser, page: Path) -> None:
     """Even if an attack became markup, it would not run and could not call home."""
-    browser.show(1280)
-    browser.open(page)
+    load(browser, page)
     browser.run(
         """(async () => {
           const script = document.createElement("script");
@@ -138,61 +228,9 @@ def test_the_policy_forbids_what_a_log_could_try(browser: chromium.Browser, page
     assert any("Content Security Policy" in problem for problem in browser.problems)
 
 
-def test_charts_over_time_zoom_together(browser: chromium.Browser, page: Path) -> None:
-    """Zooming the first chart moves the others and the names at ends of lines; a double click resets all."""
-    browser.show(1280)
-    browser.open(page)
-    browser.run(SCROLL)
-    whole = browser.run(RANGE.format("fit"))
-    structures = browser.run(RANGE.format("structures"))
-    flight = "document.getElementById('chart-flight')"
-    browser.run(
-        f"Plotly.relayout({flight}, {{'xaxis.range[0]': 26, 'xaxis.range[1]': 28}}).then(() => {PAUSE})"
-    )
-    for key in ("flight", "aligned", "over-time", "fit", "simulation"):
-        assert browser.run(RANGE.format(key)) == pytest.approx([26, 28]), key
-    assert browser.run(RANGE.format("structures")) == pytest.approx(structures)
-    end, named, names = browser.run(NAMED)
-    assert (named, names) == (pytest.approx(end), 2)
-    browser.run(f"Plotly.relayout({flight}, {{'xaxis.autorange': true}}).then(() => {PAUSE})")
-    assert browser.run(RANGE.format("fit")) == pytest.approx(whole, abs=0.5)
-    assert browser.problems == []
-
-
-def test_a_chart_can_be_zoomed_with_the_keyboard(browser: chromium.Browser, page: Path) -> None:
-    """Plus halves the span that all charts over time show, zero shows everything again."""
-    browser.show(1280)
-    browser.open(page)
-    browser.run(SCROLL)
-    start, end = browser.run(RANGE.format("fit"))
-    press = """(document.getElementById("chart-fit").dispatchEvent(
-        new KeyboardEvent("keydown", {key: "%s", bubbles: true})), %s)"""
-    browser.run(press % ("+", PAUSE))
-    for key in ("fit", "aligned"):
-        closer = browser.run(RANGE.format(key))
-        assert closer[1] - closer[0] == pytest.approx((end - start) / 2.0), key
-    browser.run(press % ("0", PAUSE))
-    assert browser.run(RANGE.format("fit")) == pytest.approx([start, end], abs=0.5)
-
-
-def test_turning_the_phone_lays_the_charts_out_anew(browser: chromium.Browser, page: Path) -> None:
-    """Three columns on a wide screen become one on a narrow one."""
-    domain = "document.getElementById('chart-horizon').layout.xaxis.domain[1]"
-    browser.show(1280)
-    browser.open(page)
-    browser.run(SCROLL)
-    assert browser.run(domain) < 0.4
-    browser.show(400)
-    browser.run(PAUSE)
-    assert browser.run(domain) == 1
-    assert browser.run("document.documentElement.scrollWidth") <= 400
-
-
 def test_a_hostile_log_runs_no_script(browser: chromium.Browser, hostile_page: Path) -> None:
     """The attack is visible text: nothing of it became an element, and nothing had to be blocked."""
-    browser.show(1280)
-    browser.open(hostile_page)
-    browser.run(SCROLL)
+    draw_all(browser, hostile_page)
     assert browser.run("document.querySelectorAll('#chart-flight .main-svg').length") > 0
     assert "<script>alert(1)</script>" in browser.run("document.body.innerText")
     assert browser.run("document.querySelectorAll('img[src]:not(.chart img), [onerror]').length") == 0
@@ -201,22 +239,20 @@ def test_a_hostile_log_runs_no_script(browser: chromium.Browser, hostile_page: P
 
 def test_a_printed_report_shows_every_chart(browser: chromium.Browser, page: Path) -> None:
     """Also those that were never scrolled into view, in light colours on a dark screen."""
-    browser.show(1280, dark=True)
-    browser.open(page)
+    load(browser, page, dark=True)
     colour = "document.getElementById('chart-fit').layout.paper_bgcolor"
     browser.run(f"addEventListener('beforeprint', () => {{ window.printed = {colour}; }})")
     assert len(browser.pdf()) > 100_000
     assert browser.run("window.printed") == "#ffffff"
-    assert browser.run(COUNT) == browser.run("document.querySelectorAll('.chart').length")
-    assert browser.run(colour) == "#171a1f"
+    becomes(browser, COUNT, browser.run("document.querySelectorAll('.chart').length"))
+    becomes(browser, colour, "#171a1f")
     assert browser.problems == []
 
 
 def test_the_first_screen_holds_verdict_picture_and_steps(browser: chromium.Browser, page: Path) -> None:
     """On 1280 by 900 pixels; the links to the chapters take one line of it."""
-    browser.show(1280)
-    browser.open(page)
-    browser.run(PAUSE)
+    load(browser, page)
+    becomes(browser, FIRST_DRAWN, True)
     bottom = "document.querySelector('{}').getBoundingClientRect().bottom"
     for selector in ("#verdict-title", ".axes", "#chart-evidence", ".steps li:last-child"):
         assert browser.run(bottom.format(selector)) < 900, selector
@@ -229,20 +265,47 @@ def test_the_summary_is_printed_on_one_page(browser: chromium.Browser, page: Pat
     browser.open(page)
     browser.run("document.documentElement.dataset.print = 'summary'")
     assert len(re.findall(rb"/Type\s*/Page[^s]", browser.pdf())) == 1
-    browser.run(PAUSE)
-    assert browser.run("document.documentElement.dataset.print") is None
+    becomes(browser, "document.documentElement.dataset.print", None)
     assert browser.run("document.querySelectorAll('details[open]').length") == 0
 
 
-def test_a_printed_report_is_small_enough_to_send(
-    browser: chromium.Browser, tmp_path_factory: pytest.TempPathFactory
-) -> None:
+def test_a_printed_report_is_small_enough_to_send(browser: chromium.Browser, long_drawn: None) -> None:
     """An 80 s flight at 400 Hz took 18 MB of PDF while paper showed every point, each half transparent."""
-    long_page = write_page(usable_result(), tmp_path_factory.mktemp("long"))
-    browser.show(1280, media="print")
-    browser.open(long_page)
-    browser.run(SCROLL)
     assert len(browser.pdf()) < 3_000_000
+    becomes(browser, "document.getElementById('chart-aligned')._fullData[0].x.length > 2500", True)
+
+
+UNZOOM = (
+    "Plotly.relayout(document.getElementById('chart-aligned'), {'xaxis.autorange': true}).then(() => null)"
+)
+FINER = """(async () => {
+  const chart = document.getElementById("chart-aligned");
+  const said = () => chart.parentElement.querySelector(".detail").textContent;
+  const near = () => [...chart._fullData[0].x].filter((at) => at >= 30 && at <= 32).length;
+  const whole = [near(), said()];
+  await Plotly.relayout(chart, {"xaxis.range[0]": 30, "xaxis.range[1]": 32});
+  for (let turn = 0; turn < 600 && near() === whole[0]; turn++)
+    await new Promise((done) => setTimeout(done, 50));
+  return [...whole, near(), said(), chart._fullData[0].x.length];
+})()"""
+
+
+def test_a_zoomed_chart_shows_more_of_the_log_and_says_how_much(
+    browser: chromium.Browser, long_drawn: None
+) -> None:
+    """Of 80 s at 400 Hz, 4000 points are drawn; of two seconds more than twice as many as before."""
+    before, said, after, said_near, drawn = browser.run(FINER)
+    assert said == "1 of 9 samples shown, peaks kept; zoom in to see more."
+    assert after > 2.2 * before
+    assert said_near == "1 of 3 samples shown, peaks kept."
+    assert drawn < 1000
+    assert browser.problems == []
+    browser.run(UNZOOM)
+    becomes(
+        browser,
+        "document.querySelector('#chart-aligned').parentElement.querySelector('.detail').textContent",
+        said,
+    )
 
 
 THINNED = """(() => {
@@ -255,48 +318,17 @@ THINNED = """(() => {
 })()"""
 
 
-def test_paper_shows_fewer_points_and_no_lower_peak(
-    browser: chromium.Browser, tmp_path_factory: pytest.TempPathFactory
-) -> None:
+def test_paper_shows_fewer_points_and_no_lower_peak(browser: chromium.Browser, long_drawn: None) -> None:
     """Each block of points keeps its lowest and its highest value."""
-    browser.show(1280)
-    browser.open(write_page(usable_result(), tmp_path_factory.mktemp("thin")))
-    browser.run(SCROLL)
+    browser.run("window.whole = false")
     peak, count, printed_peak, printed_count = browser.run(THINNED)
     assert printed_peak == pytest.approx(peak)
     assert 400 < printed_count < min(count, 2500)
 
 
-FINER = """(async () => {
-  const chart = document.getElementById("chart-aligned");
-  const said = () => chart.parentElement.querySelector(".detail").textContent;
-  const near = () => [...chart._fullData[0].x].filter((at) => at >= 30 && at <= 32).length;
-  const whole = [near(), said()];
-  await Plotly.relayout(chart, {"xaxis.range[0]": 30, "xaxis.range[1]": 32});
-  await new Promise((done) => setTimeout(done, 1500));
-  return [...whole, near(), said(), chart._fullData[0].x.length];
-})()"""
-
-
-def test_a_zoomed_chart_shows_more_of_the_log_and_says_how_much(
-    browser: chromium.Browser, tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    """Of 80 s at 400 Hz, 4000 points are drawn; of two seconds more than twice as many as before."""
-    browser.show(1280)
-    browser.open(write_page(usable_result(), tmp_path_factory.mktemp("zoom")))
-    browser.run(SCROLL)
-    before, said, after, said_near, drawn = browser.run(FINER)
-    assert said == "1 of 9 samples shown, peaks kept; zoom in to see more."
-    assert after > 2.2 * before
-    assert said_near == "1 of 3 samples shown, peaks kept."
-    assert drawn < 1000
-    assert browser.problems == []
-
-
 def test_every_control_can_be_reached_by_keyboard(browser: chromium.Browser, page: Path) -> None:
     """The first stop is the jump to the model; links, charts and wide tables are all stops."""
-    browser.show(1280)
-    browser.open(page)
+    load(browser, page)
     key = {"type": "keyDown", "key": "Tab", "code": "Tab", "windowsVirtualKeyCode": 9}
     browser.send("Input.dispatchKeyEvent", key)
     assert browser.run("document.activeElement.className") == "skip"
