@@ -18,8 +18,8 @@ COMMANDS = {
     "csv": ["export", str(LOG), "-o", "{}/new/series.csv"],
     "parquet": ["export", str(LOG), "-o", "{}/new/series.parquet"],
     "mat": ["export", str(LOG), "-o", "{}/new/series.mat"],
-    "bin": ["simulate", "hover", "-o", "{}/new/flight.bin"],
-    "tlog": ["simulate", "hover", "-o", "{}/new/flight.tlog"],
+    "bin": ["simulate", "hover", "-o", "{}/new/flight.bin", "--duration-s", "15"],
+    "tlog": ["simulate", "hover", "-o", "{}/new/flight.tlog", "--duration-s", "15"],
     "paper": ["paper", "-o", "{}/new"],
 }
 
