@@ -64,6 +64,12 @@ def rarely_limited() -> tuple[Flight, Result]:
     return flight, analyzed(flight.log())
 
 
+@functools.cache
+def as_slung(*, setpoints: bool) -> Result:
+    """Return the analysis of the flight with a load on a string."""
+    return analyzed(slung().log(setpoints=setpoints))
+
+
 def codes(result: Result, axis: str) -> set[str]:
     return set(result.diagnosis.axes[axis].reasons)
 
@@ -132,13 +138,13 @@ def test_the_interval_holds_what_the_effect_hides(name: str, axis: str) -> None:
 @pytest.mark.parametrize("axis", ["roll", "pitch"])
 def test_a_load_on_a_string_is_named(axis: str) -> None:
     """It follows the tilt in another phase than a pendulum: a moment of the tilt explained nothing."""
-    assert "QL526" in codes(analyzed(slung().log(setpoints=False)), axis)
+    assert "QL526" in codes(as_slung(setpoints=False), axis)
 
 
 @pytest.mark.parametrize("setpoints", [True, False])
 def test_the_interval_holds_what_a_load_on_a_string_hides(setpoints: bool) -> None:
     """Roll and pitch are 4 to 6 % high."""
-    result = analyzed(slung().log(setpoints=setpoints))
+    result = as_slung(setpoints=setpoints)
     assert all(holds_the_truth(result, slung(), axis) for axis in AXES)
 
 
