@@ -80,6 +80,13 @@ def wait_for_logs(store, n_wanted, process=None):
         time.sleep(0.05)
 
 
+def wait_for_a_download(folder, process):
+    """Wait until a log is at work: between two of them there is none."""
+    while not list(folder.glob("quadid-fleet-*")):
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.001)
+
+
 def test_every_log_is_a_row_per_axis_or_a_reason(undisturbed):
     """Four flights give twelve rows; what is no log gives one with its reason."""
     rows = rows_of(undisturbed)
@@ -159,7 +166,7 @@ def test_a_killed_run_leaves_a_good_store_and_no_process(undisturbed, logs, tmp_
     wait_for_logs(store, 1, process)
     processes = psutil.Process(process.pid).children(recursive=True)
     assert processes
-    assert list(downloads.glob("quadid-fleet-*"))
+    wait_for_a_download(downloads, process)
     process.kill()
     process.communicate(timeout=180)
     assert psutil.wait_procs(processes, timeout=10.0)[1] == []

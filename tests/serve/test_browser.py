@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -224,7 +223,6 @@ def test_a_deleted_flight_is_gone(session: Session) -> None:
     browser.click("button[aria-label='Delete doublets.tlog']")
     browser.wait("document.querySelector('#confirm').open")
     browser.click("#confirm button[value=yes]")
-    browser.wait(f"{FLIGHTS} === 2", 20.0)
-    time.sleep(0.1)
+    browser.wait(f"{FLIGHTS} === 2")
     assert entry["id"] not in json.dumps(session.server.entries())
     assert session.server.ask("GET", f"/reports/{entry['id']}/page")[0] == 404

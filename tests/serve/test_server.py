@@ -96,5 +96,5 @@ def test_a_server_that_nobody_looks_at_ends(tmp_path: Path, n_open: int, ended: 
         listener = SimpleNamespace(leave=lambda: left.append(True))
         watching = _leave_when_idle(listener, shared, 0.02)  # type: ignore[arg-type]
         with contextlib.suppress(TimeoutError):
-            asyncio.run(asyncio.wait_for(watching, 0.2))
+            asyncio.run(asyncio.wait_for(watching, 60.0 if ended else 0.2))
     assert bool(left) is ended
