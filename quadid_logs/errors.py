@@ -20,7 +20,7 @@ exception says that a contract was broken, and its ``hint`` says what to do.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 
 class QuadidError(Exception):
@@ -77,11 +77,21 @@ class SeveralLogsError(LogError):
     hint : str
     logs : sequence of str
         One line per log that can be chosen.
+    durations_s : mapping of int to float
+        How long each of them is [s], by number.
     """
 
-    def __init__(self, message: str, *, hint: str, logs: Sequence[str]) -> None:
+    def __init__(
+        self, message: str, *, hint: str, logs: Sequence[str], durations_s: Mapping[int, float]
+    ) -> None:
         super().__init__(message, hint=hint)
         self.logs = tuple(logs)
+        self.durations_s = dict(durations_s)
+
+    @property
+    def longest(self) -> int:
+        """Number of the log that is longest."""
+        return max(self.durations_s, key=self.durations_s.__getitem__)
 
 
 class SettingsError(QuadidError, ValueError):

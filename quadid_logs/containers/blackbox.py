@@ -176,7 +176,7 @@ def _only_one(file: FileParts, starts: Sequence[int], accept: Accept | None) -> 
     """Return the number of the only log that holds frames, 1 where none does."""
     if len(starts) == 1:
         return 1
-    found = {}
+    found, durations_s = {}, {}
     for number in range(1, len(starts) + 1):
         try:
             frames = find_frames(file, _header(file, starts, number, accept))
@@ -185,12 +185,14 @@ def _only_one(file: FileParts, starts: Sequence[int], accept: Accept | None) -> 
         if len(frames.starts["I"]):
             n_frames = len(frames.starts["I"]) + len(frames.starts["P"])
             found[number] = f"log {number}: {frames.duration_s:.1f} s, {n_frames} frames"
+            durations_s[number] = frames.duration_s
     if len(found) < 2:
         return next(iter(found), 1)
     raise SeveralLogsError(
         f"{file.path} holds {len(starts)} logs, {len(found)} of them with frames.",
         hint=f"Choose one with --log N: {', '.join(map(str, found))}.",
         logs=tuple(found.values()),
+        durations_s=durations_s,
     )
 
 

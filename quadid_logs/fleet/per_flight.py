@@ -1,4 +1,4 @@
-"""One log -> one `Result` per flight: a vehicle's history is counted in flights, not in files."""
+"""One file -> one `Result` per flight: a vehicle's history is counted in flights, not in files."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from quadid_logs.align import Prepared, cut
 from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
 from quadid_logs.data.vehicle import Vehicle
+from quadid_logs.errors import SeveralLogsError
 from quadid_logs.load import load
 from quadid_logs.pipeline import judge
 
@@ -20,7 +21,7 @@ MOST_FLIGHTS = 32
 
 
 def analyze_flights(path: Path, settings: Settings, vehicle: Vehicle | None) -> Iterator[Result]:
-    """Read a log once and analyze each of its flights alone.
+    """Read each log of a file once and analyze each of its flights alone.
 
     Parameters
     ----------
@@ -33,8 +34,9 @@ def analyze_flights(path: Path, settings: Settings, vehicle: Vehicle | None) -> 
     Yields
     ------
     Result
-        One per flight, or one for the whole log where it holds none, or more
-        than `MOST_FLIGHTS`.
+        One per flight, or one for a whole log where it holds none, or more
+        than `MOST_FLIGHTS`; in the order of the file. ``settings.log`` tells the
+        logs of a file apart.
 
     Raises
     ------
@@ -42,7 +44,12 @@ def analyze_flights(path: Path, settings: Settings, vehicle: Vehicle | None) -> 
         If the file cannot be read as a flight log at all.
     """
     began = time.perf_counter()
-    prepared = load(path, settings, vehicle)
+    try:
+        prepared = load(path, settings, vehicle)
+    except SeveralLogsError as several:
+        for number in several.durations_s:
+            yield from analyze_flights(path, dataclasses.replace(settings, log=number), vehicle)
+        return
     yield from judge_flights(prepared, settings, vehicle, time.perf_counter() - began)
 
 

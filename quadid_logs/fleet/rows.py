@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, get_args
 
 from quadid_logs.compare import mean_throttle
 from quadid_logs.data.diagnosis import Verdict
+from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Model
 from quadid_logs.data.result import Result
 from quadid_logs.fleet.log_files import LogFile
@@ -180,25 +181,20 @@ def result_rows(
     list of dict
         With the keys of `COLUMNS`, fewer where nothing is known.
     """
-    log = results[0].log
-    zero_s, started_from = clock_zero(log, results[0].data.start_s, file)
-    shared = {
-        **_file_part(file, sha256, identify_vehicle(log, file, rules)),
-        "status": ANALYZED,
-        "format": log.format,
-        "autopilot": log.autopilot,
-        "firmware": printable(log.firmware),
-        "vehicle_type": log.vehicle_type,
-        "frame": printable(log.frame),
-        "hardware_id": printable(log.hardware_id),
-        "started_from": started_from,
-        "n_flights": len(results[0].data.flights) if len(results) == 1 else len(results),
-    }
-    rows = []
+    n_flights = len(results[0].data.flights) if len(results) == 1 else len(results)
+    rows: list[dict[str, Any]] = []
+    log: FlightLog | None = None
+    zero_s, shared = math.nan, dict[str, Any]()
     for flight, result in enumerate(results):
+        if result.log is not log:  # a file may hold several
+            log = result.log
+            zero_s, started_from = clock_zero(log, result.data.start_s, file)
+            identity = identify_vehicle(log, file, rules)
+            shared = {**_file_part(file, sha256, identity), **_log_part(log), "started_from": started_from}
         start_s, duration_s = _span(result)
         when = zero_s + start_s
         part = {
+            "n_flights": n_flights,
             "flight": flight,
             "start_s": start_s,
             "duration_s": duration_s,
@@ -208,6 +204,19 @@ def result_rows(
         }
         rows += [{**shared, **part, **_axis_part(result, number)} for number in range(len(AXES))]
     return rows
+
+
+def _log_part(log: FlightLog) -> dict[str, Any]:
+    """Return what a log says of itself."""
+    return {
+        "status": ANALYZED,
+        "format": log.format,
+        "autopilot": log.autopilot,
+        "firmware": printable(log.firmware),
+        "vehicle_type": log.vehicle_type,
+        "frame": printable(log.frame),
+        "hardware_id": printable(log.hardware_id),
+    }
 
 
 def _file_part(file: LogFile, sha256: str, identity: Identity) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from quadid_logs.errors import SeveralLogsError
 from quadid_logs.fleet.log_files import LogFile
 from quadid_logs.fleet.options import Options
 from quadid_logs.fleet.tasks import Outcome
@@ -94,7 +95,7 @@ def _analyze(job: Job, tell: Tell) -> Done:
 
 
 def _result_of(job: Job, which: int, tell: Tell) -> tuple[Prepared, Result]:
-    """Analyze one log, under the name that its owner knows."""
+    """Analyze one log, of a file with several the longest, under the name that its owner knows."""
     import time
 
     from quadid_logs.align import cut
@@ -105,7 +106,11 @@ def _result_of(job: Job, which: int, tell: Tell) -> tuple[Prepared, Result]:
     settings = Settings()
     began = time.perf_counter()
     tell("read", None)
-    prepared = load(job.logs[which], settings)
+    try:
+        prepared = load(job.logs[which], settings)
+    except SeveralLogsError as several:
+        settings = Settings(log=several.longest)
+        prepared = load(job.logs[which], settings)
     named = dataclasses.replace(prepared, log=dataclasses.replace(prepared.log, path=job.names[which]))
     read = time.perf_counter()
     tell("align", None)
@@ -125,7 +130,8 @@ def _by_flight(prepared: Prepared, result: Result) -> tuple[Result, ...]:
     """Analyze each flight alone, in the structure that all flights of the history have."""
     from quadid_logs.fleet.per_flight import judge_flights
 
-    return tuple(judge_flights(prepared, Options().settings, None, result.timings_s["read"]))
+    settings = dataclasses.replace(Options().settings, log=result.settings.log)
+    return tuple(judge_flights(prepared, settings, None, result.timings_s["read"]))
 
 
 def _summary(result: Result, row: Mapping[str, Any]) -> dict[str, Any]:
@@ -141,11 +147,17 @@ def _summary(result: Result, row: Mapping[str, Any]) -> dict[str, Any]:
         "started_from": row["started_from"],
         "n_flights": len(result.data.flights),
         "headline": headline(result),
-        "flown": flown_sentence(result),
+        "flown": flown_sentence(result) + _which_log(result),
         "axes": {
             axis: {"verdict": found[axis].verdict, "effect": effect_sentence(result, axis)} for axis in AXES
         },
     }
+
+
+def _which_log(result: Result) -> str:
+    """Say which log of a file with several this is."""
+    number = result.settings.log
+    return f"; log {number} of the file, its longest" if number else ""
 
 
 def _compare(job: Job, tell: Tell) -> Done:

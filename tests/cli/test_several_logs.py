@@ -1,4 +1,4 @@
-"""A file that holds several logs: every verb that reads one log takes its number."""
+"""A file that holds several logs: a verb that reads one takes its number, a fleet takes all."""
 
 from __future__ import annotations
 
@@ -9,17 +9,31 @@ import pytest
 
 from quadid_logs.cli import main
 from quadid_logs.data.settings import Settings
+from quadid_logs.fleet.log_files import LogFile
+from quadid_logs.fleet.options import Options
+from quadid_logs.fleet.per_flight import analyze_flights
+from quadid_logs.fleet.tasks import Task
+from quadid_logs.fleet.work import work
 from quadid_logs.report.next_flight import next_steps
+from quadid_logs.serve.entries import Kind
+from quadid_logs.serve.jobs import Job, do
+from quadid_logs.vocabulary import AXES
 from tests.containers import blackbox_maker as maker
 from tests.synthetic_results import usable_result
 
 
+def log(n_frames: int, day: int = 1) -> bytes:
+    """Return a log of some frames, too short to fly."""
+    rows = [[loop, 1000 * loop + 1_000_000] + [0] * (len(maker.NAMES) - 2) for loop in range(n_frames)]
+    settings = maker.SETTINGS | {"Log start datetime": f"2026-05-{day:02d}T12:00:00.000+00:00"}
+    return maker.log(rows, settings=settings)
+
+
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
-    """Two logs of some frames, too short to fly."""
-    rows = [[loop, 1000 * loop + 1_000_000] + [0] * (len(maker.NAMES) - 2) for loop in range(64)]
+    """Two logs, of which the second is longer."""
     path = tmp_path / "two.bbl"
-    path.write_bytes(2 * maker.log(rows, settings=maker.SETTINGS))
+    path.write_bytes(log(64) + log(96, day=3))
     return path
 
 
@@ -49,3 +63,38 @@ def test_the_next_commands_name_the_log_of_the_file() -> None:
     steps = " ".join(next_steps(replace(result, settings=Settings(log=4))))
     assert " --log 4 --model -o model.mat" in steps
     assert " NEXT-LOG --logs 4 0`" in steps
+
+
+def test_a_fleet_takes_each_log_of_a_file_as_a_flight(file: Path) -> None:
+    """A dump of a flash chip gave one row: that one of its logs was to be chosen."""
+    outcome = work(Task(file=LogFile(url=str(file), n_bytes=file.stat().st_size), options=Options()))
+    assert outcome.status == "analyzed"
+    assert [(row["flight"], row["n_flights"], row["axis"]) for row in outcome.rows] == [
+        (flight, 2, axis) for flight in (0, 1) for axis in AXES
+    ]
+    assert outcome.rows[0]["duration_s"] < outcome.rows[3]["duration_s"]
+    assert (outcome.rows[3]["started"] - outcome.rows[0]["started"]).days == 2
+
+
+def test_a_flight_of_a_fleet_knows_its_log(file: Path) -> None:
+    """What a flight's report proposes to run names its log."""
+    flights = analyze_flights(file, Settings(), None)
+    assert [flight.settings.log for flight in flights] == [1, 2]
+
+
+def test_a_page_that_gets_several_logs_takes_the_longest_and_says_so(file: Path, tmp_path: Path) -> None:
+    """The choice was left to the command line, which who opened a page may not know."""
+    folder = tmp_path / "result"
+    folder.mkdir()
+    job = Job(
+        kind=Kind.ANALYZE,
+        logs=(str(file),),
+        names=("two.bbl",),
+        sha256=("0" * 64,),
+        n_bytes=file.stat().st_size,
+        options={"modified_s": 0.0},
+        folder=str(folder),
+    )
+    done = do(job, lambda _stage, _summary: None)
+    assert done.summary["flown"].endswith("log 2 of the file, its longest")
+    assert "this is log 2" in (folder / "report.html").read_text()
