@@ -75,9 +75,10 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL106",
-                "Some time stamps were repaired",
-                "Rows were out of order, repeated a stamp, or carried an impossible one. They were put in "
-                "order, merged, or left out.",
+                "Some rows were repaired or left out",
+                "Rows were out of order, repeated a stamp, carried an impossible one, or held no possible "
+                "value: none, an absurd one, or a spike of one sample. They were put in order, merged, or left "
+                "out.",
                 "Nothing to do while it stays a small fraction of the rows.",
             ),
             _entry(

@@ -12,7 +12,7 @@ from quadid_logs.data.result import PooledLog
 from quadid_logs.diagnose.findings import finding
 from quadid_logs.vocabulary import MULTIROTOR
 
-#: Under one per thousand of the rows a repaired stamp changes no estimate.
+#: Under one per thousand of the rows what was repaired or left out changes no estimate.
 _NOTABLE_REPAIRS = 1e-3
 #: More lost bytes than this fraction of the file may well hide a part of the manoeuvre.
 _NOTABLE_LOSS = 0.01
