@@ -77,8 +77,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL106",
                 "Some rows were repaired or left out",
                 "Rows were out of order, repeated a stamp, carried an impossible one, or held no possible "
-                "value: none, an absurd one, or a spike of one sample. They were put in order, merged, or left "
-                "out.",
+                "value: none, an absurd one, or a spike of one sample. They were put in order, merged, or "
+                "left out.",
                 "Nothing to do while it stays a small fraction of the rows.",
             ),
             _entry(
