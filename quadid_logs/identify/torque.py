@@ -203,7 +203,9 @@ class RowTorque:
         self, response: Callable[[ComplexArray], ComplexArray], symbols: Sequence[str] = TORQUE_SYMBOLS
     ) -> FloatArray:
         """Return columns behind a response of j omega and the gyro filter, smoothed; (n_rows, n_symbols)."""
-        return self._laid([response(grid.s) * self.gyro_response(grid.s) for grid in self.grids], symbols)
+        sizes = {(grid.n_padded, grid.n_out): grid.s for grid in self.grids}
+        shapes = {size: response(s) * self.gyro_response(s) for size, s in sizes.items()}
+        return self._laid([shapes[grid.n_padded, grid.n_out] for grid in self.grids], symbols)
 
     def _laid(self, responses: Sequence[ComplexArray | None], symbols: Sequence[str]) -> FloatArray:
         columns = [self.symbols.index(symbol) for symbol in symbols]

@@ -10,6 +10,8 @@ differenced.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +19,8 @@ from numpy.typing import NDArray
 from quadid_logs.arrays import FloatArray
 
 ComplexArray = NDArray[np.complex128]
+#: So many cosines are taken out of a short record one by one: two transforms would take longer to begin.
+_FEW_COSINES: Final = 8
 
 
 def angular_frequency(n_samples: int, period_s: float) -> ComplexArray:
@@ -242,9 +246,22 @@ def high_pass(columns: FloatArray, period_s: float, cutoff_hz: float) -> FloatAr
     >>> float(np.abs(high_pass((2.0 + 0.0 * t)[:, np.newaxis], 0.01, 0.3)).max().round(9))
     0.0
     """
+    n_removed = min(int(2.0 * len(columns) * period_s * cutoff_hz) + 1, len(columns))
+    if n_removed <= _FEW_COSINES:
+        low = _lowest_cosines(len(columns), n_removed)
+        return np.asarray(columns - low @ (low.T @ columns))
     from scipy.fft import dct, idct
 
-    n_removed = int(2.0 * len(columns) * period_s * cutoff_hz) + 1
     spectrum = dct(columns, axis=0, norm="ortho")
     spectrum[:n_removed] = 0.0
     return np.asarray(idct(spectrum, axis=0, norm="ortho"), dtype=np.float64)
+
+
+@lru_cache(maxsize=32)
+def _lowest_cosines(n_rows: int, n_cosines: int) -> FloatArray:
+    """Return the first columns of the orthonormal DCT-II, shape (n_rows, n_cosines), not to be written to."""
+    phase = np.pi / n_rows * np.outer(np.arange(n_rows) + 0.5, np.arange(n_cosines))
+    cosines = np.sqrt(2.0 / n_rows) * np.cos(phase)
+    cosines[:, 0] /= np.sqrt(2.0)
+    cosines.flags.writeable = False
+    return np.asarray(cosines)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadid_logs.identify.torque import RowGrid
+from quadid_logs.data.log import NO_GYRO_FILTER
+from quadid_logs.identify.torque import RowGrid, RowTorque
 
 #: A prime: without padding, its transform takes ten times as long as that of a length close by.
 N, PERIOD_S, SMOOTHING_HZ = 4001, 0.005, 5.0
@@ -36,3 +37,21 @@ def test_the_last_row_is_as_near_to_the_end_as_the_filter_allows() -> None:
     unused_s = N * PERIOD_S - GRID.rows.stop * row_s
     first_s = GRID.rows.start * row_s
     assert first_s - row_s <= unused_s <= first_s + row_s
+
+
+def test_each_chunk_has_the_response_of_its_own_length() -> None:
+    """Chunks of one length share theirs."""
+    rng = np.random.default_rng(0)
+    lengths = [800, 1200, 800]
+    grids = [RowGrid.of(n, PERIOD_S, SMOOTHING_HZ, rows_hz=50.0) for n in lengths]
+    torques = [rng.standard_normal((n, 3)) for n in lengths]
+    whole = RowTorque(
+        symbols=("L", "M", "N"),
+        spectra=tuple(grid.spectrum_of(torque) for grid, torque in zip(grids, torques, strict=True)),
+        throttle=(None, None, None),
+        grids=tuple(grids),
+        gyro_filter=NO_GYRO_FILTER,
+        row_period_s=0.02,
+    )
+    alone = [whole.chosen([number]).behind(0.05, 0.01) for number in range(3)]
+    np.testing.assert_array_equal(whole.behind(0.05, 0.01), np.concatenate(alone))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import scipy.fft
 
 from quadid_logs.maths.band import (
     angular_frequency,
@@ -124,6 +125,16 @@ def test_a_gyro_s_filters_act_one_after_the_other() -> None:
     expected = butterworth_response(s, 40.0) * notch_response(s, *first) * notch_response(s, *second)
     np.testing.assert_allclose(gyro_response(s, 40.0, [first, second]), expected, rtol=1e-12)
     np.testing.assert_array_equal(gyro_response(s, np.nan, []), np.ones(3))
+
+
+@pytest.mark.parametrize("n_rows", [1, 7, 240, 1300, 1400, 4000])
+def test_a_short_record_is_high_passed_as_a_long_one(n_rows: int) -> None:
+    """A few cosines are taken out one by one, many by two transforms: the same projection."""
+    columns = np.random.default_rng(n_rows).standard_normal((n_rows, 3)) + 5.0
+    spectrum = scipy.fft.dct(columns, axis=0, norm="ortho")
+    spectrum[: int(2.0 * n_rows * PERIOD_S * 0.5) + 1] = 0.0
+    expected = scipy.fft.idct(spectrum, axis=0, norm="ortho")
+    np.testing.assert_allclose(high_pass(columns, PERIOD_S, 0.5), expected, atol=1e-12)
 
 
 def test_the_high_pass_takes_out_the_cosines_below_its_cutoff_and_no_others() -> None:
