@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from typing import Final, NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from quadid_logs.autopilots.betaflight.filters import measured_filter
 from quadid_logs.autopilots.betaflight.flight_modes import SELF_LEVELLING
+from quadid_logs.autopilots.betaflight.once import once_per_log
 from quadid_logs.autopilots.loop_rows import in_step
 from quadid_logs.data.log import FlightLog, Signal
 
@@ -43,9 +43,7 @@ class Flown(NamedTuple):
     self_levels: bool
 
 
-_known: Final[WeakKeyDictionary[FlightLog, Flown]] = WeakKeyDictionary()
-
-
+@once_per_log
 def flown(log: FlightLog) -> Flown:
     """Return what a flight was like on average.
 
@@ -56,14 +54,7 @@ def flown(log: FlightLog) -> Flown:
     Returns
     -------
     Flown
-        Worked out once for each log: loops are closed many times around one flight.
     """
-    if log not in _known:
-        _known[log] = _found(log)
-    return _known[log]
-
-
-def _found(log: FlightLog) -> Flown:
     throttle = next(iter(log.candidates("throttle")), None)
     if throttle is None:
         return Flown(0.0, 0.0, (), _gyro_delay_s(log), _self_levels(log))

@@ -11,7 +11,6 @@ import math
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Final, NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -26,6 +25,7 @@ from quadid_logs.autopilots.betaflight.law import (
     p_filter,
     rate_gains,
 )
+from quadid_logs.autopilots.betaflight.once import once_per_log
 from quadid_logs.autopilots.betaflight.signals import PID_SCALE, PID_SUM_LIMITS, cuts_terms
 from quadid_logs.autopilots.loop_rows import Interval, in_step, longest_run, possible, within
 from quadid_logs.data.controller import (
@@ -53,8 +53,6 @@ _MOST_LOOPS: Final = 32
 _MOST_ROUNDING: Final = 0.25
 #: Frequencies that tell the mean of a smooth response.
 _POINTS: Final = 65
-
-_parts: Final[WeakKeyDictionary[FlightLog, Mapping[str, float]]] = WeakKeyDictionary()
 
 
 class _Logged(NamedTuple):
@@ -276,6 +274,7 @@ def _at_rows(used: DiscreteFilter, values: FloatArray, n_loops: int) -> FloatArr
     return (linear_filter(numerator, denominator, between - between[0]) + at_rest)[::n_loops]
 
 
+@once_per_log
 def d_parts(log: FlightLog) -> Mapping[str, float]:
     """Return by axis how far D-max moved D from the lower to the higher one, on the average of the flight.
 
@@ -288,15 +287,9 @@ def d_parts(log: FlightLog) -> Mapping[str, float]:
     mapping of str to float
         From 0 to 1, by least squares of the logged D on that of the lower gain; half-way where the log does
         not show it.
-
-    Notes
-    -----
-    Worked out once for each log: loops are closed many times around one flight.
     """
-    if log not in _parts:
-        logged = _logged(log, ())
-        _parts[log] = {axis: _part(log, axis, logged) for axis in AXES}
-    return _parts[log]
+    logged = _logged(log, ())
+    return {axis: _part(log, axis, logged) for axis in AXES}
 
 
 def _part(log: FlightLog, axis: str, logged: _Logged | None) -> float:
