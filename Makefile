@@ -10,10 +10,10 @@ STUDY ?= --flights 300
 MUTATIONS ?= --workers 2
 CONSOLE ?= yes
 
-.PHONY: help demo test lint types contracts bench fuzz study mutations fleet docs package samples check clean
+.PHONY: help demo test lint types contracts bench fuzz study mutations fleet docs package samples check check-all clean
 
 help:  ## List the targets
-	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/'
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/'
 
 $(INSTALLED): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "quadid-logs needs Python 3.11 or newer; try: make PYTHON=python3.12 $(MAKECMDGOALS)" >&2; exit 1; }
@@ -71,6 +71,9 @@ samples: $(INSTALLED)  ## Write sample_logs/ anew with our own simulator
 	$(BIN)/python sample_logs/make.py
 
 check: lint types contracts test  ## All that must hold before a commit
+
+check-all: check  ## And what only a change of the code's text can break: the lists of mistakes fit the code
+	$(BIN)/python -m pytest -q -n auto -m source_text
 
 clean:  ## Remove what was generated
 	rm -rf $(VENV) demo site build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

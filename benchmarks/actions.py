@@ -82,10 +82,10 @@ def quadid_tlog_all(path: str) -> object:
 
 def quadid_blackbox_needed(path: str) -> object:
     """Ours: the fields that `analyze` needs."""
-    from quadid_logs.autopilots.betaflight.signals import FIELDS
+    from quadid_logs.autopilots.betaflight.dialect import BETAFLIGHT
     from quadid_logs.containers.blackbox import read_content
 
-    return read_content(path, FIELDS)
+    return read_content(path, BETAFLIGHT.fields_of)
 
 
 def quadid_blackbox_all(path: str) -> object:

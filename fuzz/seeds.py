@@ -12,6 +12,7 @@ from quadid_logs.data.settings import AlignSettings
 from quadid_logs.load import load
 from quadid_logs.report.series_file import write_table
 from quadid_logs.simulate import simulate
+from quadid_logs.simulate.dialects import FIRMWARE, in_dialect
 from quadid_logs.writers import write_log
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -27,6 +28,9 @@ CORPUS_PARTS = (
     ("text", "real/ac30-quadV-underpowered.log", 60_000),
     ("blackbox", "blackbox/bf42-btfl002.bbl", 120_000),
     ("blackbox", "blackbox/several-logs-in-one-file.bbl", 120_000),
+    ("blackbox", "blackbox/bf3-log14.bfl", 120_000),
+    ("blackbox", "blackbox/cleanflight-2016.txt", 120_000),
+    ("blackbox", "blackbox/inav901.txt", 120_000),
     ("text", "real/x8coax_moments_hover.csv", 60_000),
 )
 
@@ -62,6 +66,10 @@ def _simulated() -> list[Seed]:
             flight = simulate("sysid-quad-x", seed=1, duration_s=15.0, rate_hz=50.0, autopilot=autopilot)
             write_log(flight.log, path / f"flight{suffix}")
             seeds.append(_seed(path / f"flight{suffix}", kind))
+            if kind == "blackbox":
+                for dialect in FIRMWARE:
+                    write_log(in_dialect(flight.log, dialect), path / f"{dialect}{suffix}")
+                    seeds.append(_seed(path / f"{dialect}{suffix}", kind))
         data = cut(load(path / "flight.bin"), AlignSettings())
         for suffix, kind in ((".csv", "text"), (".parquet", "plain")):
             write_table(data, path / f"table{suffix}")

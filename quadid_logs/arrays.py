@@ -1,8 +1,9 @@
-"""Names for the array types that travel through the package."""
+"""Names for the array types that travel through the package, and rows by the block."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,3 +12,26 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 AnyArray = NDArray[Any]
+
+#: What is worked out on the way to a result fits into the processor's cache.
+_BLOCK_ROWS: Final = 1 << 16
+
+
+def row_blocks(n_rows: int) -> Iterator[slice]:
+    """Yield all rows by the block: what is needed on the way to a result is then not as large as the log.
+
+    Parameters
+    ----------
+    n_rows : int
+
+    Yields
+    ------
+    slice
+
+    Examples
+    --------
+    >>> [(rows.start, rows.stop) for rows in row_blocks(100_000)]
+    [(0, 65536), (65536, 100000)]
+    """
+    for first in range(0, n_rows, _BLOCK_ROWS):
+        yield slice(first, min(first + _BLOCK_ROWS, n_rows))

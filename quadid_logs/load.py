@@ -9,14 +9,15 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.actuation import reconstruct
-from quadid_logs.align import Prepared, assemble, clean
+from quadid_logs.actuation import Torques, reconstruct
+from quadid_logs.align import Prepared, assemble, clean, cut
 from quadid_logs.autopilots import LogFormat, formats, named
 from quadid_logs.containers.foreign import explain_foreign
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.settings import Settings
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.errors import EmptyLogError, LogNotFoundError, SettingsError, UnknownFormatError
+from quadid_logs.identify.torque_choice import compare_torques
 
 _HEAD_BYTES: Final = 1 << 16
 
@@ -64,7 +65,30 @@ def prepare(log: FlightLog, vehicle: Vehicle | None = None) -> Prepared:
     cleaned = clean(log)
     torques = reconstruct(cleaned, autopilot, vehicle)
     loop_rate_hz = autopilot.loop_rate_hz(log.parameters)
-    return assemble(replace(log, torque=torques.model), cleaned, torques.sources, loop_rate_hz)
+
+    def assembled(chosen: Torques) -> Prepared:
+        return assemble(replace(log, torque=chosen.model), cleaned, chosen.sources, loop_rate_hz)
+
+    prepared, without = assembled(torques), torques.without_speeds
+    return prepared if without is None else _chosen(prepared, assembled(without))
+
+
+def _chosen(preferred: Prepared, other: Prepared) -> Prepared:
+    """Return the one of two torques that the flight supports, with the comparison."""
+    settings = Settings()
+    first, second = (cut(each, settings.align) for each in (preferred, other))
+    found = compare_torques(first, second, settings.identify)
+    if found is None:
+        return preferred
+    chosen = preferred if found.takes_preferred else other
+    torque = chosen.log.torque
+    if torque is None:
+        return preferred
+    unlike = "; not used, the motor commands predict validation data better"
+    verdict = torque.rotor_speed if found.takes_preferred else f"{torque.rotor_speed}{unlike}"
+    return replace(
+        chosen, log=replace(chosen.log, torque=replace(torque, rotor_speed=verdict, comparison=found))
+    )
 
 
 def read_log(path: str | Path, *, system: int = 0, number: int = 0) -> FlightLog:

@@ -8,6 +8,7 @@ what the flight knows.
 from __future__ import annotations
 
 import math
+from typing import Final
 
 #: Of the larger end. An interval below a millionth of its value is finer than anything that is logged.
 _MOST_DIGITS = 6
@@ -89,6 +90,20 @@ def resolved(value: float, low: float, high: float) -> str:
     rounded = round(value, decimals) + 0.0
     shown = f"{rounded / 10.0**power:.{max(0, decimals + power)}f}"
     return (f"{shown}e{power}" if power else shown).replace("-", "−")
+
+
+def p_words(p_value: float) -> str:
+    """Return a p-value to one digit; below a billionth no interval is known well enough to say more.
+
+    Examples
+    --------
+    >>> p_words(0.00123), p_words(4e-30)
+    ('p = 0.001', 'p < 1e-09')
+    """
+    return f"p = {p_value:.1g}" if p_value >= _LEAST_P else f"p < {_LEAST_P:.1g}"
+
+
+_LEAST_P: Final = 1e-9
 
 
 def _magnitude(value: float) -> int:

@@ -160,11 +160,12 @@ def _analyze(
     # What is not pooled (sources, airframe, texts) is told of the first log that flew.
     flown = (one.log for one, each in zip(prepared, flights, strict=True) if each.segments)
     log = next(flown, prepared[0].log)
+    # Every source of every signal, as large as the log: what was cut out of them is all that is needed now.
+    del prepared, flown
     clock.lap("align")
     tell("identify")
     pooled = tuple(
-        PooledLog(path=one.path, used_s=sum(b - a for a, b in each.flight_segments))
-        for one, each in zip(logs, flights, strict=True)
+        PooledLog(path=one.path, used_s=each.used_s) for one, each in zip(logs, flights, strict=True)
     )
     pooled = pooled if len(paths) > 1 else ()
     return judge(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -56,6 +56,8 @@ class Plan:
         By axis, where the autopilot sweeps by itself; else empty, and the pilot flies doublets.
     duration_s : float
         From take-off to landing.
+    parameters : mapping of str to float
+        Of the vehicle; empty where they are not known.
     """
 
     autopilot: str
@@ -63,6 +65,7 @@ class Plan:
     axes: tuple[str, ...]
     sweeps: Mapping[str, Sweep]
     duration_s: float
+    parameters: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def advice(self) -> Advice:
@@ -71,8 +74,13 @@ class Plan:
 
     @property
     def logging(self) -> tuple[Setting, ...]:
-        """Parameters that make the autopilot log enough."""
-        return self.advice.logging_settings
+        """Parameters that make the autopilot log enough: the vehicle's own with what they lack."""
+        return self.advice.logging_values(self.parameters)
+
+    @property
+    def logging_back(self) -> tuple[Setting, ...]:
+        """The same parameters as the vehicle has them, where that is known."""
+        return tuple((name, self.parameters[name]) for name, _ in self.logging if name in self.parameters)
 
     def settings_of(self, axis: str) -> tuple[Setting, ...]:
         """Return the parameters of an axis' sweep, in the order in which they are to be set."""
@@ -98,7 +106,12 @@ class Prediction:
     diagnosis: Diagnosis
 
 
-def make_plan(autopilot: str, axes: Sequence[str] = (), version: Version | None = None) -> Plan:
+def make_plan(
+    autopilot: str,
+    axes: Sequence[str] = (),
+    version: Version | None = None,
+    parameters: Mapping[str, float] = MappingProxyType({}),
+) -> Plan:
     """Plan a flight.
 
     Parameters
@@ -109,6 +122,8 @@ def make_plan(autopilot: str, axes: Sequence[str] = (), version: Version | None 
         Of roll, pitch, yaw; empty means all.
     version : tuple of int, optional
         Of the firmware; without, a recent one.
+    parameters : mapping of str to float
+        Of the vehicle, where they are known.
 
     Returns
     -------
@@ -142,6 +157,7 @@ def make_plan(autopilot: str, axes: Sequence[str] = (), version: Version | None 
         axes=chosen,
         sweeps=MappingProxyType(sweeps),
         duration_s=_AROUND_S + (flown_s or _DOUBLETS_PER_AXIS_S * len(chosen)),
+        parameters=parameters,
     )
 
 

@@ -43,3 +43,25 @@ def listed(words: Sequence[str]) -> str:
     """
     *first, last = words or [""]
     return f"{', '.join(first)} and {last}" if first else last
+
+
+def some(words: Sequence[str], n_all: int) -> str:
+    """Return the words that are named of a long list, and how many more there are.
+
+    Parameters
+    ----------
+    words : sequence of str
+    n_all : int
+        Named ones and others.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> some(["a", "b"], 2), some(["a", "b"], 4)
+    ('a, b', 'a, b and 2 more')
+    """
+    rest = n_all - len(words)
+    return ", ".join(words) + (f" and {rest} more" if rest > 0 else "")

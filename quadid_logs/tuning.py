@@ -16,6 +16,7 @@ from quadid_logs.control.command_units import per_command
 from quadid_logs.control.guard import Case
 from quadid_logs.control.next_flight import of_next_flight
 from quadid_logs.control.recommend import tune_axis
+from quadid_logs.control.room import leads_back
 from quadid_logs.control.what_if import what_if
 from quadid_logs.data.autotune import AutotuneForecast
 from quadid_logs.data.closed_loop import AxisLoop, Estimated
@@ -23,6 +24,7 @@ from quadid_logs.data.controller import AxisController
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Model
+from quadid_logs.data.once import once
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD, AxisTuning, Limits, Tunable, Tuning
 from quadid_logs.data.what_if import WhatIf
@@ -74,6 +76,22 @@ def recommend(
         for axis, (case, model) in cases.items()
     }
     return Tuning(axes=tuned, limits=limits)
+
+
+@once
+def tuning_of(result: Result) -> Tuning:
+    """Return what is recommended with the default limits: every page and sentence takes it from here.
+
+    Parameters
+    ----------
+    result : Result
+
+    Returns
+    -------
+    Tuning
+        Computed once for each result, when a page or a sentence first needs it.
+    """
+    return recommend(result)
 
 
 def autotune_forecasts(result: Result, tuning: Tuning) -> Mapping[str, AutotuneForecast]:
@@ -182,7 +200,8 @@ def _case(
     if model is not None:
         data, model = per_command(result.data, model)
         if controller is not None:
-            known = vehicles(data, model, AXES.index(axis), controller)
+            frame = None if found is None else found.frame
+            known = vehicles(data, model, AXES.index(axis), controller, frame)
             plants = None if known is None else known.plants
     case = Case(
         axis=axis,
@@ -210,11 +229,13 @@ def _rebuilt(
 class Promise(NamedTuple):
     """Whether the margins that were promised of an axis are those of the next flight.
 
-    ``figures`` holds by name what was promised and what was found of the whole loop.
+    ``figures`` holds by name what was promised and what was found of the whole loop; ``way_back`` says
+    whether the gains of the flight before leave more margin than those that were recommended.
     """
 
     axis: str
     kept: bool
+    way_back: bool
     figures: Mapping[str, tuple[Estimated, Estimated]]
 
 
@@ -241,12 +262,16 @@ def promises(before: Result, after: Result, limits: Limits = GOOD) -> tuple[Prom
         for axis, names in tunable.axes.items()
         if any(flown[0].get(name) != flown[1].get(name) for name in names.scaled)
     ]
-    recommended = recommend(before, limits, changed).axes if changed else {}
-    kept = (_promise(axis, found, flown[1], after) for axis, found in recommended.items())
+    if not changed:
+        return ()
+    recommended = (tuning_of(before) if limits == GOOD else recommend(before, limits, changed)).axes
+    kept = (_promise(axis, recommended[axis], flown[1], after, limits) for axis in changed)
     return tuple(one for one in kept if one is not None)
 
 
-def _promise(axis: str, found: AxisTuning, flown: Mapping[str, float], after: Result) -> Promise | None:
+def _promise(
+    axis: str, found: AxisTuning, flown: Mapping[str, float], after: Result, limits: Limits
+) -> Promise | None:
     """Compare one axis; None where other gains flew than were recommended, or nothing is known of it."""
     loop = None if after.closed_loop is None else after.closed_loop.axes.get(axis)
     followed = all(
@@ -259,4 +284,5 @@ def _promise(axis: str, found: AxisTuning, flown: Mapping[str, float], after: Re
     figures = {name: (getattr(pairs[0], name), getattr(pairs[1], name)) for name in _PROMISED}
     known = {name: pair for name, pair in figures.items() if None not in pair}
     kept = all(seen.ci95[1] >= promised.ci95[0] for promised, seen in known.values())
-    return Promise(axis, kept and pairs[1].stable, known)
+    way_back = found.now is not None and leads_back(found.now, loop.margins, limits)
+    return Promise(axis, kept and pairs[1].stable, way_back, known)

@@ -80,6 +80,7 @@ def read_vehicle(path: Path) -> Vehicle:
         rotors=_rotors(path, content.get("rotor", [])),
         thrust_curve=_thrust_curve(path, content["thrust_curve"]) if "thrust_curve" in content else None,
         inertia_kg_m2=_inertia(path, content["inertia_kg_m2"]) if "inertia_kg_m2" in content else None,
+        path=str(path),
         **numbers,
     )
 

@@ -8,8 +8,10 @@ import numpy as np
 
 from quadid_logs.autopilots.discrete import butterworth, derivative, first_order, gain, integrator, unit
 from quadid_logs.control.loop import Plant
-from quadid_logs.data.controller import AxisController
+from quadid_logs.data.closed_loop import Modes
+from quadid_logs.data.controller import AxisController, DiscreteFilter
 from quadid_logs.simulate.closed_loop import Setup, final_gains
+from quadid_logs.simulate.effects import high_pass
 from quadid_logs.vocabulary import AXES
 
 
@@ -36,9 +38,20 @@ def true_controller(setup: Setup, axis: int) -> AxisController:
         error=(error + slope) * first_order(tuning.error_hz, period_s) if ardupilot else error,
         target=first_order(tuning.target_hz, period_s) if ardupilot else unit(period_s),
         rate=None if ardupilot else slope,
-        gyro=(butterworth(setup.gyro_filter_hz, period_s),),
+        gyro=(*_flexible_mode(setup), butterworth(setup.gyro_filter_hz, period_s)),
         angle_gain_per_s=float(gains.attitude[axis]),
     )
+
+
+def _flexible_mode(setup: Setup) -> tuple[DiscreteFilter, ...]:
+    """Return what the gyro sees of the body's rate where a mode of the frame lies between them."""
+    effects = setup.effects
+    if not effects.flexible_mode_hz:
+        return ()
+    b0, b1, b2, a1, a2 = high_pass(effects.flexible_mode_hz, effects.flexible_mode_damping, setup.loop_hz)
+    below = np.array([1.0, a1, a2])
+    above = below - effects.flexible_mode_gain * np.array([b0, b1, b2])
+    return (DiscreteFilter(above, below, 1.0 / setup.loop_hz),)
 
 
 def true_plant(setup: Setup, truth: dict[str, Any], axis: int) -> Plant:
@@ -64,4 +77,7 @@ def true_plant(setup: Setup, truth: dict[str, Any], axis: int) -> Plant:
         setup.delay_steps / setup.loop_hz,
     )
     plant = Plant(*(np.array([value]) for value in values))
-    return plant._replace(lead_s=truth["actuator"]["yaw_lead_s"] if axis == AXES.index("yaw") else 0.0)
+    # The controller holds the mode of the frame as it flew; one of no gain keeps the frequencies dense there.
+    no_mode = Modes(*(np.array([value]) for value in (1.0, 1.0, 0.0)))
+    lead_s = truth["actuator"]["yaw_lead_s"] if axis == AXES.index("yaw") else 0.0
+    return plant._replace(lead_s=lead_s, modes=no_mode)

@@ -56,6 +56,14 @@ def test_no_interval_of_a_small_quadrotor_excludes_what_cross_spectra_show(
             assert low <= gain <= high
 
 
+def test_roll_of_a_quadrotor_in_wind_holds_what_its_set_points_show(corpus: Path, analyzed: Analyzed) -> None:
+    """105 to 148; with the roll torque left out of the search for a lag it was refused at 93."""
+    result = analyzed(corpus / "real" / "ac34dev-erlebrain2-RATE50Hz-138s.bin")
+    assert result.diagnosis.axes["roll"].verdict != "refused"
+    low, high = interval(result, "roll")
+    assert low < 127.0 < high
+
+
 def test_the_small_quadrotor_has_a_gain_on_roll_and_pitch(corpus: Path, analyzed: Analyzed) -> None:
     """Refusing everything is no answer: this flight tells both."""
     result = analyzed(corpus / "real" / "cfbl-square3-rotors.csv")
@@ -68,7 +76,9 @@ def test_a_hover_whose_torque_is_the_inverse_controller_s_is_refused_by_that_nam
 ) -> None:
     """Between 5 and 20 Hz its coherence is high, and a fit there would be confident nonsense."""
     result = analyzed(corpus / "real" / "px4-1.15-quad-hover-80s.ulg")
-    assert result.diagnosis.axes[axis].reasons[0] == "QL516"
+    assert result.diagnosis.axes[axis].verdict == "refused"
+    # Set-points drive its yaw, whose response is measured by them; of that nothing follows.
+    assert result.diagnosis.axes[axis].reasons[0] == ("QL504" if axis == "yaw" else "QL516")
 
 
 def test_a_hover_is_no_better_in_the_band_of_the_inverse_controller(corpus: Path) -> None:

@@ -24,6 +24,7 @@ def tree_of(path: str) -> str:
     return ast.dump(ast.parse(text_of(path)))
 
 
+@pytest.mark.source_text
 @pytest.mark.parametrize("mutation", MUTATIONS, ids=[f"{one.file}: {one.why}" for one in MUTATIONS])
 def test_a_wrong_change_applies_to_the_code_and_leaves_python(mutation: Mutation) -> None:
     """Its text is there exactly once, something changes, and the tests that should notice exist."""

@@ -12,6 +12,7 @@ from quadid_logs import analyze_pooled
 from quadid_logs.cli import main
 from quadid_logs.data.result import Result
 from quadid_logs.errors import SettingsError
+from quadid_logs.report.verdict import flown_sentence
 from quadid_logs.simulate import simulate
 from quadid_logs.writers import write_log
 
@@ -90,7 +91,13 @@ def test_what_was_used_of_a_log_is_what_lies_in_its_segments(pooled: Result) -> 
     """Not the time on the ground: the sums are those of the pooled flight."""
     used_s = [each.used_s for each in pooled.pooled]
     assert used_s == pytest.approx([end - start for start, end in pooled.data.flight_segments])
-    assert sum(used_s) < pooled.data.duration_s - 60.0
+    assert 30.0 < sum(used_s) < pooled.data.duration_s
+
+
+def test_the_terminal_counts_the_seconds_of_the_logs_only(pooled: Result) -> None:
+    """Two logs of 25 s, a minute apart on the common clock."""
+    assert 48.0 < pooled.data.duration_s <= 50.0
+    assert flown_sentence(pooled).endswith(f"of {pooled.data.duration_s:.1f} s analyzed")
 
 
 def test_what_is_told_of_the_vehicle_is_that_of_the_first_log_that_flew(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -91,8 +92,8 @@ def clock_reset(result: Result) -> Result:
     return with_log(reset, reset.log)
 
 
-def found_mode(result: Result) -> Result:
-    mode = Finding(code="QL525", level="info", title="", evidence={"frequency_hz": 9.0}, advice="")
+def found_mode(result: Result, axes: tuple[str, ...] = ()) -> Result:
+    mode = Finding(code="QL525", level="info", title="", evidence={"frequency_hz": 9.0}, advice="", axes=axes)
     diagnosis = replace(result.diagnosis, findings=(*result.diagnosis.findings, mode))
     return replace(result, diagnosis=diagnosis)
 
@@ -185,6 +186,7 @@ SABOTAGES: dict[str, tuple[str, Callable[[Result], Result]]] = {
     "a posterior too wide in effectiveness": ("QL618", on_posterior(0, 40.0)),
     "a lag that is hardly known": ("QL618", on_posterior(2, 0.02)),
     "a payload that swings": ("QL619", found_mode),
+    "a payload that swings about another axis": ("QL619", partial(found_mode, axes=("pitch",))),
     "a hidden notch": ("QL620", on_parameters(INS_HNTCH_ENABLE=1.0, INS_HNTCH_MODE=3.0, INS_HNTCH_REF=1.0)),
     "a firmware without a version": (
         "QL621",

@@ -12,18 +12,27 @@ from quadid_logs.data.settings import Settings
 from quadid_logs.load import prepare
 from quadid_logs.pipeline import _closed_loop, judge
 from quadid_logs.simulate import SCENARIOS, fly, plan_flights
+from quadid_logs.simulate.closed_loop import Record
 from quadid_logs.simulate.logger import log_flights
 
 #: Just fast enough for a loop of its own at that rate.
 RATE_HZ = 270.0
 
 
+SCENARIO = SCENARIOS["sysid-quad-x"]
+
+
+@cache
+def recorded(autopilot: str) -> tuple[Record, ...]:
+    """Return a flight of 20 s."""
+    setups = plan_flights(SCENARIO, seed=1, duration_s=20.0, rate_hz=RATE_HZ, autopilot=autopilot)
+    return tuple(fly(one) for one in setups)
+
+
 @cache
 def flown(autopilot: str) -> Result:
     """Return what an analysis finds in a flight of 20 s."""
-    scenario = SCENARIOS["sysid-quad-x"]
-    setups = plan_flights(scenario, seed=1, duration_s=20.0, rate_hz=RATE_HZ, autopilot=autopilot)
-    log = log_flights(tuple(fly(one) for one in setups), replace(scenario.logging, rate_hz=RATE_HZ))
+    log = log_flights(recorded(autopilot), replace(SCENARIO.logging, rate_hz=RATE_HZ))
     prepared = prepare(log)
     settings = Settings()
     return judge(prepared.log, cut(prepared, settings.align), settings, vehicle=None, timings_s={})

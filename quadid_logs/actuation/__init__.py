@@ -12,7 +12,7 @@ import numpy as np
 from quadid_logs.actuation.airframe import Airframe, Unknown, with_rotors
 from quadid_logs.actuation.calibration import Scaled, calibrate, torque_n_m
 from quadid_logs.actuation.motors import Mixing, MotorSeries, Rebuilt
-from quadid_logs.actuation.rotor_speed import from_rotor_speed
+from quadid_logs.actuation.rotor_speed import RotorSpeed, from_rotor_speed
 from quadid_logs.align.series import CleanLog, CleanSeries, TorqueSeries
 from quadid_logs.data.torque import AssumedExpo, TorqueModel
 from quadid_logs.data.vehicle import Vehicle
@@ -24,10 +24,14 @@ _MOST_LOST = 0.8
 
 
 class Torques(NamedTuple):
-    """What is known of the torque, and its sources, of each kind the preferred one first."""
+    """What is known of the torque, and its sources, of each kind the preferred one first.
+
+    ``without_speeds`` is the same from motor commands, where measured rotor speeds come first.
+    """
 
     model: TorqueModel
     sources: tuple[TorqueSeries, ...]
+    without_speeds: Torques | None = None
 
 
 # Damaged numbers pass on as NaN or infinity, silently: `TorqueSeries.possible` drops them.
@@ -60,20 +64,37 @@ def reconstruct(log: CleanLog, autopilot: Mixing, vehicle: Vehicle | None = None
     speed = from_rotor_speed(log, airframe, series[0] if series else None)
     # A thrust stand's curve is over the motor command, which a speed does not tell.
     by_speed = speed.fast and not rebuilt.told_by_speed
-    measured = by_speed and (vehicle is None or vehicle.thrust_curve is None)
-    if speed.series is not None:
-        series = (speed.series, *series) if measured else (*series, speed.series)
-    scaled = calibrate(log, airframe, vehicle, series if measured else rebuilt.series)
+    if speed.series is None:
+        return _torques(log, airframe, vehicle, rebuilt, speed)
+    commanded = replace(rebuilt, series=(*series, speed.series))
+    without = _torques(log, airframe, vehicle, commanded, speed)
+    if not by_speed or not (vehicle is None or vehicle.thrust_curve is None):
+        return without
+    measured = replace(rebuilt, series=(speed.series, *series))
+    return _torques(log, airframe, vehicle, measured, speed, n_measured=1)._replace(without_speeds=without)
+
+
+def _torques(
+    log: CleanLog,
+    airframe: Airframe,
+    vehicle: Vehicle | None,
+    rebuilt: Rebuilt,
+    speed: RotorSpeed,
+    *,
+    n_measured: int = 0,
+) -> Torques:
+    """Put the torques together; the first ``n_measured`` of the series come before what was commanded."""
+    scaled = calibrate(log, airframe, vehicle, rebuilt.series)
     refused = (*airframe.refused, *scaled.refused)
     model = replace(
-        _model(airframe, scaled, rebuilt, series),
+        _model(airframe, scaled, rebuilt),
         rotor_speed=speed.verdict,
         refused=refused,
         remarks=(*airframe.remarks, *rebuilt.remarks, *_mistrust(rebuilt), *scaled.remarks, *refused),
     )
     sources = (
-        *_commands(log, replace(rebuilt, series=series), airframe, n_first=measured + rebuilt.trusted),
-        *_in_newton_metres(log, series, airframe, scaled, rebuilt.expo),
+        *_commands(log, rebuilt, airframe, n_first=n_measured + rebuilt.trusted),
+        *_in_newton_metres(log, rebuilt.series, airframe, scaled, rebuilt.expo),
     )
     return Torques(model, tuple(one.possible() for one in sources))
 
@@ -138,9 +159,7 @@ def _keeps_the_rate(log: CleanLog, series: Sequence[MotorSeries]) -> bool:
     return max((len(one.time_s) for one in series), default=0) >= _MOST_LOST * best
 
 
-def _model(
-    airframe: Airframe, scaled: Scaled, rebuilt: Rebuilt, series: Sequence[MotorSeries]
-) -> TorqueModel:
+def _model(airframe: Airframe, scaled: Scaled, rebuilt: Rebuilt) -> TorqueModel:
     """Describe the airframe for people."""
     in_metres = scaled.position is not None
     return TorqueModel(
@@ -154,7 +173,7 @@ def _model(
         channel_source=airframe.channel_source,
         calibration=scaled.calibration,
         check=rebuilt.check,
-        saturated_fraction=_saturated_fraction(series),
+        saturated_fraction=_saturated_fraction(rebuilt.series),
         needs=scaled.needs,
     )
 

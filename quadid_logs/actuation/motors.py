@@ -135,13 +135,15 @@ class MotorSeries:
         TorqueSeries
             ``torque_command`` [1].
         """
-        command = self.command.copy()
+        command = self.command
         if airframe.yaw_with_command:
-            command[:, 2] = self._yaw_with_command(airframe.command_per_thrust[2])
+            yaw = self._yaw_with_command(airframe.command_per_thrust[2])
+            command = np.column_stack([command[:, :2], yaw])
         series = self.series("torque_command", command)
         if not airframe.inverts:
             return TorqueSeries(series=series, saturated=self.marks)
-        thrust = np.clip(self.command_thrust, 0.0, None)
+        thrust = self.command_thrust
+        thrust = thrust if thrust.size and thrust.min() >= 0.0 else np.clip(thrust, 0.0, None)
         return TorqueSeries(
             series=series,
             saturated=self.marks,

@@ -22,6 +22,7 @@ from quadid_logs.data.log import NO_GYRO_FILTER, FlightLog, LogText, ModeChange,
 from quadid_logs.data.settings import AlignSettings
 from quadid_logs.data.torque import Calibration
 from quadid_logs.errors import SettingsError
+from quadid_logs.maths.grid import step_of
 from quadid_logs.maths.resampling import resample, resample_held
 from quadid_logs.maths.rotations import unwrapped
 from quadid_logs.vocabulary import MULTIROTOR, SIGNALS
@@ -211,7 +212,7 @@ def check_part(logs: Sequence[Prepared], settings: AlignSettings) -> None:
     raise SettingsError(
         f"The part {chosen} holds {held}: the log runs from {start_s:.1f} to {end_s:.1f} s"
         f"{f', flown {flown}' if flown else ''}.",
-        hint="Give --start-s and --end-s on the log's clock, as quadid-log info shows it.",
+        hint="Give --start-s and --end-s on the log's clock, as `quadid-log info LOG` shows it.",
     )
 
 
@@ -383,6 +384,7 @@ def _input(prepared: Prepared, segments: tuple[Segment, ...]) -> InputDescriptio
         torque_per_thrust=prepared.torque.torque_per_thrust,
         expo=prepared.torque.expo,
         every_step=loop_hz > 0.0 and 1.0 / series.period_s >= _EVERY_STEP * loop_hz,
+        grid=(step_of(series.values[:, 0]), step_of(series.values[:, 1]), step_of(series.values[:, 2])),
     )
 
 

@@ -28,6 +28,8 @@ _LIFTING, _LIFT_S = 0.5, 0.5
 #: Averages over a fifth of a second leave under a tenth of this of a gyro's noise on a bench; a vehicle
 #: that hovers by itself turns three times as much and more [deg/s rms].
 _STILL_DEG_S, _STILL_S = 0.3, 0.2
+#: ISO 80000-3 [m/s^2].
+_GRAVITY = 9.80665
 _TOO_SHORT = "the vehicle was never in the air for two seconds at a time"
 _BENCH = "the rotors ran, but the vehicle did not turn, as on a bench"
 
@@ -43,8 +45,9 @@ def find_flights(series: Mapping[str, CleanSeries], span: Interval) -> Flights:
     """Find the intervals between take-off and landing.
 
     Every kind of evidence that the log holds must agree: armed, not landed,
-    motors turning. Without any of these (a bare table), the vehicle is taken
-    to fly while its torque is not constant.
+    motors turning. A throttle cut in mid-air ends no flight: that takes a
+    vehicle that rests. Without any of these (a bare table), the vehicle is
+    taken to fly while its torque is not constant.
 
     Parameters
     ----------
@@ -62,8 +65,8 @@ def find_flights(series: Mapping[str, CleanSeries], span: Interval) -> Flights:
         return Flights((), "the log covers no time")
     # A clock that jumped far ahead must not cost memory: at most a million points.
     grid = np.linspace(*span, min(int((span[1] - span[0]) / _GRID_S) + 2, 1_000_000))
-    aloft = np.ones(grid.shape, dtype=bool)
-    evidence = 0
+    aloft = np.ones(grid.shape, dtype=np.bool_)
+    stated, evidence = aloft, 0
     for name, believe, failure in (
         ("armed", _is_set, "the motors were never armed"),
         ("landed", _is_clear, "the land detector saw no take-off"),
@@ -72,18 +75,20 @@ def find_flights(series: Mapping[str, CleanSeries], span: Interval) -> Flights:
         if name not in series:
             continue
         evidence += 1
-        aloft &= believe(series[name], grid)
+        aloft = aloft & believe(series[name], grid)
+        stated = stated if name == "throttle" else aloft
         if not aloft.any():
             return Flights((), f"{failure}{_in_so_short(span)}")
     if not {"armed", "landed"} & series.keys() and (lifted := _lifted(series, grid)) is not None:
         evidence += 1
-        aloft &= lifted
+        aloft = aloft & lifted
         if not aloft.any():
             return Flights((), f"the thrust never lifted the vehicle{_in_so_short(span)}")
     if not evidence:
         found = _from_motion(series)
         flown = _turning(series, found.intervals)
         return Flights(flown, found.reason if flown or not found.intervals else _BENCH)
+    aloft = _until_it_rests(series, grid, powered=aloft, stated=stated)
     intervals = _intervals(aloft, grid)
     trimmed = tuple((a + _GROUND_MARGIN_S, b - _GROUND_MARGIN_S) for a, b in intervals)
     lasting = tuple((a, b) for a, b in trimmed if b > a)
@@ -91,6 +96,71 @@ def find_flights(series: Mapping[str, CleanSeries], span: Interval) -> Flights:
         lasting = _turning(series, lasting)
         return Flights(lasting, "" if lasting else _BENCH)
     return Flights(lasting, "" if lasting else _TOO_SHORT)
+
+
+def _until_it_rests(
+    series: Mapping[str, CleanSeries], grid: FloatArray, *, powered: BoolArray, stated: BoolArray
+) -> BoolArray:
+    """Return where the vehicle flies: through throttle cuts and dives, but not where it lies on the ground.
+
+    ``stated`` is what arming and land detector say. Before the first and after the last power inside it,
+    the vehicle is on the ground whether it moves or not.
+    """
+    rests = _rests(series, grid)
+    if rests is None:
+        return powered
+    aloft = powered.copy()
+    for first, after in _runs(powered):
+        held = np.flatnonzero(rests[first:after] & _at_full(series, grid[first:after]))
+        if held.size:
+            aloft[first + held[0] : after] = False
+    for first, after in _runs(stated & ~aloft):
+        between = first > 0 and after < grid.size and aloft[first - 1] and aloft[after]
+        aloft[first:after] = between and not rests[first:after].any()
+    return aloft
+
+
+def _rests(series: Mapping[str, CleanSeries], grid: FloatArray) -> BoolArray | None:
+    """Say from which points on the vehicle rests for as long as a pause lasts; None without rates.
+
+    Its gyro is still, and its accelerometer, where one is logged, shows what carries it: in a fall it
+    shows nothing. Where samples are too rare to tell, the vehicle may rest.
+    """
+    rate, force = series.get("body_rate"), series.get("specific_force")
+    if rate is None or not rate.n_samples:
+        return None
+    n_cells = round(_MIN_PAUSE_S / _STILL_S)
+    total, squares = np.zeros((2, grid.size, 3))
+    for cell in range(n_cells):
+        mean = _mean_after(rate, grid + cell * _STILL_S, _STILL_S)
+        total += mean
+        squares += mean**2
+    variance = squares / n_cells - (total / n_cells) ** 2
+    rests = ~(variance > np.radians(_STILL_DEG_S) ** 2).any(axis=1)
+    if force is not None and force.n_samples:
+        carried = np.linalg.norm(_mean_after(force, grid, _MIN_PAUSE_S), axis=1) / _GRAVITY
+        rests &= ~(np.abs(carried - 1.0) > _LIFTING)
+    return np.asarray(rests, dtype=np.bool_)
+
+
+def _at_full(series: Mapping[str, CleanSeries], grid: FloatArray) -> BoolArray:
+    """Say from which points on some motor is at full throttle for as long as a pause lasts.
+
+    Only with an accelerometer: a vehicle that rests does not climb.
+    """
+    thrust = series.get("motor_thrust")
+    if thrust is None or "specific_force" not in series:
+        return np.zeros(grid.shape, dtype=np.bool_)
+    mean = _mean_after(thrust, grid, _MIN_PAUSE_S)
+    return np.asarray((mean > 1.0 - _IDLE_THROTTLE).any(axis=1), dtype=np.bool_)
+
+
+def _mean_after(series: CleanSeries, start_s: FloatArray, length_s: float) -> FloatArray:
+    """Return means over a time from each start on, shape (n_starts, n_columns); NaN where no sample is."""
+    total = np.concatenate([np.zeros((1, series.values.shape[1])), np.cumsum(series.values, axis=0)])
+    first, after = (np.searchsorted(series.time_s, start_s + shift) for shift in (0.0, length_s))
+    count = (after - first)[:, np.newaxis].astype(np.float64)
+    return np.asarray((total[after] - total[first]) / np.where(count > 0.0, count, np.nan))
 
 
 def _lifted(series: Mapping[str, CleanSeries], grid: FloatArray) -> BoolArray | None:
@@ -178,11 +248,16 @@ def _above_idle(series: CleanSeries, grid: FloatArray) -> BoolArray:
     return _held(series, grid, before=float(series.values[0, 0])) > _IDLE_THROTTLE
 
 
+def _runs(mask: BoolArray) -> list[tuple[int, int]]:
+    """Return first index and index after the last of each run where the mask holds."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return [(int(first), int(after)) for first, after in zip(edges[::2], edges[1::2], strict=True)]
+
+
 def _intervals(mask: BoolArray, grid: FloatArray) -> list[Interval]:
     """Return the intervals where the mask holds, bridging short dips."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     found: list[Interval] = []
-    for first, after in zip(edges[::2], edges[1::2], strict=True):
+    for first, after in _runs(mask):
         start, end = float(grid[first]), float(grid[after - 1])
         if found and start - found[-1][1] < _MIN_PAUSE_S:
             found[-1] = (found[-1][0], end)

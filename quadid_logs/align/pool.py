@@ -30,7 +30,7 @@ def pool(flights: Sequence[FlightData]) -> FlightData:
     FlightData
         Sources, overview and texts are those of the first log; segments and
         flights are those of all, each shifted to begin a minute after the log
-        before it ended.
+        before it ended. Its duration is that of all logs, without the minutes between.
 
     Raises
     ------
@@ -39,16 +39,17 @@ def pool(flights: Sequence[FlightData]) -> FlightData:
         not the same quantity.
     """
     first, *others = (each for each in flights if each.segments)
-    merged = first
+    merged, end_s = first, first.start_s + first.duration_s
     for other in others:
         _check_alike(first, other)
-        shift_s = merged.start_s + merged.duration_s + _BETWEEN_S - other.start_s
+        shift_s = end_s + _BETWEEN_S - other.start_s
+        end_s += _BETWEEN_S + other.duration_s
         n_flights = len(merged.flights)
         merged = replace(
             merged,
             segments=(*merged.segments, *(_shifted(each, shift_s, n_flights) for each in other.segments)),
             flights=(*merged.flights, *((a + shift_s, b + shift_s) for a, b in other.flights)),
-            duration_s=other.start_s + shift_s + other.duration_s - merged.start_s,
+            duration_s=merged.duration_s + other.duration_s,
             clock_resets=merged.clock_resets + other.clock_resets,
             gyro_filter=merged.gyro_filter if merged.gyro_filter == other.gyro_filter else NO_GYRO_FILTER,
         )
@@ -87,6 +88,7 @@ def _joint_input(merged: FlightData, parts: Sequence[FlightData]) -> InputDescri
         saturated_fraction=float(np.average(saturated, weights=n_samples)),
         achieved=all(each.achieved for each in described),
         every_step=all(each.every_step for each in described),
+        grid=max(each.grid for each in described),
         # Of logs rebuilt with different curves no one expo is to be found.
         expo=expo if all(each.expo == expo for each in described) else None,
     )

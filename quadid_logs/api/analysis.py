@@ -49,8 +49,8 @@ class Analysis(Result):
     >>> quadid_logs.analyze("sample_logs/sysid-quad-x.bin")
     <Analysis of 'sysid-quad-x.bin': structure rigid-body
       roll   usable   B11 = 197.9 (195.7 to 200.1) rad/s^2
-      pitch  usable   B22 = 176.6 (174.6 to 178.6) rad/s^2
-      yaw    usable   B33 = 10.88 (10.76 to 11.00) rad/s^2>
+      pitch  usable   B22 = 176.6 (173.8 to 179.4) rad/s^2
+      yaw    usable   B33 = 10.88 (10.75 to 11.01) rad/s^2>
     """
 
     structure: Structure | None = None

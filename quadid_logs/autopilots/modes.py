@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 
-from quadid_logs.arrays import AnyArray, FloatArray, IntArray
+from quadid_logs.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from quadid_logs.data.log import ModeChange
 
 
@@ -36,3 +36,25 @@ def mode_changes(
         )
         for row in changes.tolist()
     )
+
+
+def in_modes(modes: Sequence[ModeChange], names: Collection[str], time_s: FloatArray) -> BoolArray:
+    """Mark the times at which one of some modes was on.
+
+    Parameters
+    ----------
+    modes : sequence of ModeChange
+    names : collection of str
+    time_s : ndarray, shape (n,)
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        The first mode counts from the beginning.
+    """
+    if not modes:
+        return np.zeros(time_s.shape, np.bool_)
+    on = np.array([one.name in names for one in modes])
+    order = np.argsort([one.time_s for one in modes], kind="stable")
+    starts = np.array([one.time_s for one in modes])[order]
+    return np.asarray(on[order][np.maximum(np.searchsorted(starts, time_s, side="right") - 1, 0)], np.bool_)

@@ -7,12 +7,12 @@ input or wrong usage, 130 interrupted, 141 the reader of the output went away, 1
 from __future__ import annotations
 
 import os
-import shlex
 import signal
 import sys
 from types import FrameType
 
 from quadid_logs.cli.failure import ReaderGoneError, exit_code_of, flush, report_problem
+from quadid_logs.commands import PROGRAM, quoted
 
 __all__ = ["main", "run"]
 
@@ -90,8 +90,8 @@ def _dispatch(arguments: list[str]) -> int:
     """Parse the arguments and run their verb."""
     from quadid_logs.cli.app import make_app
 
-    command = shlex.join(["quadid-log", *arguments])
-    code = make_app()(args=arguments, prog_name="quadid-log", standalone_mode=False, obj=command)
+    given = " ".join((PROGRAM, *map(quoted, arguments)))
+    code = make_app()(args=arguments, prog_name=PROGRAM, standalone_mode=False, obj=given)
     if code == _INTERRUPTED:
         # Typer turns Ctrl-C into this code without a word.
         raise KeyboardInterrupt

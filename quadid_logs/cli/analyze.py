@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import partial
 from pathlib import Path
@@ -17,6 +17,7 @@ from quadid_logs.cli.failure import exit_code_of, report_problem, say
 from quadid_logs.cli.logs import check_log, expanded
 from quadid_logs.cli.progress import Part, Progress, parts
 from quadid_logs.cli.terminal import is_terminal, show_result
+from quadid_logs.errors import SeveralLogsError
 from quadid_logs.output import check_free, write_beside
 from quadid_logs.untrusted import printable
 
@@ -211,8 +212,6 @@ def _write_index(parent: Path, outcomes: list[tuple[Path, IndexRow | None]]) -> 
 
 def _analyze_one(logs: list[Path], folder: Path, part: Part, wish: _Wish, rows: dict[Path, IndexRow]) -> int:
     """Analyze one log (or several as one), write its files, say its verdict, note its row of the index."""
-    from quadid_logs.pipeline import analyze as analyze_log
-    from quadid_logs.pipeline import analyze_pooled
     from quadid_logs.report import check_folder, write_report
     from quadid_logs.report.index import index_row
     from quadid_logs.report.text import one_line
@@ -222,11 +221,7 @@ def _analyze_one(logs: list[Path], folder: Path, part: Part, wish: _Wish, rows: 
     if wish.files:
         check_folder(folder, force=wish.force)
     with Progress(logs[0].name, quiet=wish.quiet, part=part) as progress:
-        result = (
-            analyze_log(logs[0], wish.settings, vehicle=wish.vehicle, progress=progress)
-            if len(logs) == 1
-            else analyze_pooled(logs, wish.settings, vehicle=wish.vehicle, progress=progress)
-        )
+        result = _result_of(logs, wish, progress)
         if wish.files:
             if wish.drawings:
                 progress("writing the report")
@@ -244,6 +239,24 @@ def _analyze_one(logs: list[Path], folder: Path, part: Part, wish: _Wish, rows: 
     elif not result.diagnosis.usable:
         report_problem(one_line(result))
     return 0 if result.diagnosis.usable else 1
+
+
+def _result_of(logs: list[Path], wish: _Wish, progress: Progress) -> Result:
+    """Analyze one log (or several as one); of a file that holds several the longest, and say so."""
+    from quadid_logs.pipeline import analyze as analyze_log
+    from quadid_logs.pipeline import analyze_pooled
+
+    if len(logs) > 1:
+        return analyze_pooled(logs, wish.settings, vehicle=wish.vehicle, progress=progress)
+    try:
+        return analyze_log(logs[0], wish.settings, vehicle=wish.vehicle, progress=progress)
+    except SeveralLogsError as several:
+        report_problem(
+            f"{logs[0].name} holds {len(several.logs)} logs with frames. Log {several.longest}, the longest, "
+            "is analyzed. Choose another one with --log N; info lists them."
+        )
+        settings = replace(wish.settings, log=several.longest)
+    return analyze_log(logs[0], settings, vehicle=wish.vehicle, progress=progress)
 
 
 def _say_result(result: Result, folder: Path, wish: _Wish) -> None:

@@ -49,6 +49,9 @@ def compare(
             "--logs", metavar="N M", help="Which logs of files that hold several: of BEFORE, then of AFTER."
         ),
     ] = (0, 0),
+    system: Annotated[
+        int, typer.Option("--system", metavar="ID", help="MAVLink system of both logs; 0 chooses.")
+    ] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run.")] = False,
 ) -> int:
@@ -73,7 +76,7 @@ def compare(
     for log in (before, after):
         check_log(log)
     for log, number in zip((before, after), log_numbers, strict=True):
-        settings = Settings(log=number, identify=identify)
+        settings = Settings(log=number, system=system, identify=identify)
         with Progress(log.name) as progress:
             results.append(analyze(log, settings, vehicle=described, progress=progress))
     first, second = results

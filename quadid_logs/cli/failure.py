@@ -38,7 +38,7 @@ def exit_code_of(action: Callable[[], int]) -> int:
         if usage is not None:
             context = getattr(error, "ctx", None)
             verb = "quadid-log" if context is None else context.command_path
-            _report(f"error: {usage().removesuffix('.')}. See {verb} --help.")
+            _report(f"error: {usage().removesuffix('.')}. See `{verb} --help`.")
         else:
             _report(
                 f"error: unexpected {type(error).__name__}: {error}. This is a bug in quadid-logs; please "

@@ -29,9 +29,9 @@ def fleet_report(
     The first line on stdout says how many axes are usable, and what blocks the
     others; then comes one line per change, outlier and open question.
 
-    Exit code 0: none. 1: a vehicle changed or is an outlier. 3: none, but the
-    last flights of a vehicle differ, and one or two more must decide. 4: no axis
-    is usable, so that nothing could be compared.
+    Exit code 0: none. 1: a vehicle changed or is an outlier, or its flights are
+    not one vehicle. 3: none, but the last flights of a vehicle differ, and one or
+    two more must decide. 4: no axis is usable, so that nothing could be compared.
     """
     from quadid_logs.fleet.coverage import coverage_words
     from quadid_logs.fleet.history import read_fleet
@@ -48,7 +48,7 @@ def fleet_report(
         say(line)
     n_vehicles = len(fleet.histories)
     say(f"{n_vehicles} vehicle{'' if n_vehicles == 1 else 's'}: {printable(output)}")
-    if any(history.changes or history.outliers for history in fleet.histories):
+    if any(history.changes or history.scatter or history.outliers for history in fleet.histories):
         return 1
     if any(history.open_change for history in fleet.histories):
         return _UNDECIDED

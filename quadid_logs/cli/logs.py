@@ -6,6 +6,7 @@ import difflib
 from collections.abc import Iterable
 from pathlib import Path
 
+from quadid_logs.commands import command, named
 from quadid_logs.errors import LogNotFoundError
 from quadid_logs.untrusted import printable
 
@@ -45,7 +46,7 @@ def check_log(log: Path) -> None:
     if log.is_dir():
         raise LogNotFoundError(
             f"{printable(log)} is a folder.",
-            hint="Name the logs in it, or give the folder to quadid-log fleet.",
+            hint=f"Name the logs in it, or run `{command('fleet', named(str(log)), '-o', 'STORE')}`.",
         )
     if log.exists():
         return

@@ -9,7 +9,9 @@ import typer
 
 from quadid_logs.cli.completion import autopilots, axes
 from quadid_logs.cli.failure import say
+from quadid_logs.cli.logs import check_log
 from quadid_logs.cli.progress import Progress
+from quadid_logs.errors import SettingsError
 from quadid_logs.output import check_folder_free, new_folder, write_together
 from quadid_logs.untrusted import printable
 
@@ -36,6 +38,12 @@ def plan(
             "--firmware", metavar="VERSION", help="Of the autopilot, as 4.5 [default: a recent one]."
         ),
     ] = None,
+    like: Annotated[
+        Path | None,
+        typer.Option(
+            "--like", metavar="LOG", help="A log of the vehicle: what it logs is kept, for its firmware."
+        ),
+    ] = None,
     vehicle: Annotated[
         Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="Simulate this vehicle.")
     ] = None,
@@ -50,12 +58,22 @@ def plan(
 
     Without -o the card is only printed.
     """
+    from quadid_logs.load import read_log
     from quadid_logs.plan import make_plan, parse_version, predict
     from quadid_logs.report.markdown_page import markdown_page
     from quadid_logs.report.plan import CARD_FILE, CARD_PAGE, card_lines, parameter_files, plan_text
     from quadid_logs.vehicle_file import read_vehicle
 
-    planned = make_plan(autopilot.lower(), axis or (), None if firmware is None else parse_version(firmware))
+    version = None if firmware is None else parse_version(firmware)
+    planned = make_plan(autopilot.lower(), axis or (), version)
+    if like is not None:
+        check_log(like)
+        flown = read_log(like)
+        if flown.autopilot != planned.autopilot:
+            raise SettingsError(
+                f"{printable(like)} is a log of {flown.autopilot}.", hint="Give a log of the same autopilot."
+            )
+        planned = make_plan(planned.autopilot, planned.axes, version or flown.version, flown.parameters)
     files = {name: text.encode() for name, text in parameter_files(planned).items()}
     if output is not None:
         check_folder_free(output, (CARD_FILE, CARD_PAGE, *files), force=force)

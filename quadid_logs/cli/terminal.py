@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import sys
 import textwrap
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
 _FEWEST_COLUMNS = 30
 #: On fewer columns a deep indent leaves no room for words.
 _FEWEST_FOR_HANG = 60
+_COMMAND = re.compile("`[^`]*`")
+#: Stands for a space that no line is broken at; no text holds it (`untrusted.printable`).
+_UNBROKEN = "\ue000"
 _COLOURS = {"usable": "green", "caution": "yellow", "refused": "red"}
 
 
@@ -28,10 +32,12 @@ def is_terminal(stream: TextIO) -> bool:
 def wrapped(line: str, hang: int) -> list[str]:
     """Break a line at the terminal's width; a pipe gets it whole, for grep finds only whole lines.
 
+    A command stays in one line, however long: broken in two it could not be pasted.
+
     Parameters
     ----------
     line : str
-        Of words between spaces.
+        Of words between spaces, commands between backticks.
     hang : int
         By how many columns the lines after the first are indented; on a narrow terminal, by fewer.
 
@@ -42,8 +48,29 @@ def wrapped(line: str, hang: int) -> list[str]:
     if not is_terminal(sys.stdout):
         return [line]
     columns = max(_FEWEST_COLUMNS, shutil.get_terminal_size().columns)
-    indent = " " * (hang if columns >= _FEWEST_FOR_HANG else min(hang, 4))
-    return textwrap.wrap(line, columns, subsequent_indent=indent, break_on_hyphens=False) or [""]
+    return broken(line, columns, hang if columns >= _FEWEST_FOR_HANG else min(hang, 4)) or [""]
+
+
+def broken(line: str, columns: int, hang: int = 0) -> list[str]:
+    """Break a line at some width, but no command.
+
+    Parameters
+    ----------
+    line : str
+        Of words between spaces, commands between backticks.
+    columns : int
+    hang : int
+        By how many columns the lines after the first are indented.
+
+    Returns
+    -------
+    list of str
+    """
+    joined = _COMMAND.sub(lambda match: match[0].replace(" ", _UNBROKEN), line)
+    parts = textwrap.wrap(
+        joined, columns, subsequent_indent=" " * hang, break_on_hyphens=False, break_long_words=False
+    )
+    return [part.replace(_UNBROKEN, " ") for part in parts]
 
 
 def show_result(result: Result) -> None:
@@ -72,4 +99,5 @@ def show_result(result: Result) -> None:
     console.print(Text(result_lines(result)[0], style="bold"))
     console.print(table)
     for step in next_steps(result):
-        console.print(Text(f"next: {step}"))
+        for line in wrapped(f"next: {step}", 2):
+            console.print(Text(line), soft_wrap=True)

@@ -12,7 +12,6 @@ from quadid_logs.cli.failure import say
 from quadid_logs.cli.logs import check_log
 from quadid_logs.cli.progress import Progress
 from quadid_logs.errors import SettingsError
-from quadid_logs.output import check_folder_free, new_folder, write_together
 from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
@@ -25,7 +24,6 @@ if TYPE_CHECKING:
     from quadid_logs.report.provenance import Provenance
 
 _DEFAULT_FOLDER = Path("quadid-tune")
-_JSON_FILE = "tune.json"
 _HIGHEST_DB, _HIGHEST_DEG = 40.0, 90.0
 
 
@@ -35,14 +33,19 @@ def tune(
     output: Annotated[
         Path | None,
         typer.Option(
-            "-o", "--output", metavar="DIR", help="Folder for page and files [default: quadid-tune]."
+            "-o",
+            "--output",
+            metavar="DIR",
+            help="Folder in which the log gets its own [default: quadid-tune].",
         ),
     ] = None,
     vehicle: Annotated[
         Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="Mass, arms, thrust of the vehicle.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON to stdout.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run.")] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace the files of an earlier run on this log.")
+    ] = False,
     gain_margin_db: Annotated[
         float, typer.Option("--gain-margin-db", metavar="X", help="Gain margin to be kept [dB].")
     ] = 6.0,
@@ -52,6 +55,9 @@ def tune(
     apart: Annotated[
         bool, typer.Option("--apart", help="P, I, D and angle gain each by itself, not by one factor.")
     ] = False,
+    system: Annotated[
+        int, typer.Option("--system", metavar="ID", help="MAVLink system to tune; 0 chooses.")
+    ] = 0,
     log_number: Annotated[
         int,
         typer.Option("--log", metavar="N", help="Which log of a file that holds several; info lists them."),
@@ -59,34 +65,34 @@ def tune(
 ) -> int:
     """Recommend the gains of the next flight, with the margins that they promise, or say why not.
 
-    Writes tune.html, tune.json, and, where a gain changes, a parameter file with the next gains and one with
-    those that flew. Exit code 0: gains to load, or to keep. 1: no advice on at least one axis. 2: the log
-    could not be read.
+    Writes into DIR/<log>: tune.html, tune.json, and, where a gain changes, a parameter file with the next
+    gains and one with those that flew, which is never replaced. Exit code 0: gains to load, or to keep. 1: no
+    advice on at least one axis. 2: the log could not be read.
     """
     from quadid_logs.data.settings import Settings
     from quadid_logs.pipeline import analyze
     from quadid_logs.report.provenance import provenance_of
+    from quadid_logs.report.tune_folder import check_tune_folder, tune_folder
     from quadid_logs.tuning import autotune_forecasts, recommend, what_if_grids
     from quadid_logs.vehicle_file import read_vehicle
 
     limits = _limits(gain_margin_db, phase_margin_deg)
     check_log(log)
-    folder = output or _DEFAULT_FOLDER
-    check_folder_free(folder, _possible_files(), force=force)
+    provenance = provenance_of(log, str(context.obj or ""))
+    folder = tune_folder(output or _DEFAULT_FOLDER, log, provenance.log_sha256, log_number)
+    check_tune_folder(folder, force=force)
     described = None if vehicle is None else read_vehicle(vehicle)
     with Progress(log.name) as progress:
-        result = analyze(log, Settings(log=log_number), vehicle=described, progress=progress)
+        result = analyze(log, Settings(log=log_number, system=system), vehicle=described, progress=progress)
         progress("tune")
         tuning = recommend(result, limits, apart=apart)
         forecasts = autotune_forecasts(result, tuning)
         grids = what_if_grids(result, tuning)
-    text, written = _write(
-        result, tuning, provenance_of(log, str(context.obj or "")), folder, forecasts, grids
-    )
+    text, written, removed = _write(result, tuning, provenance, folder, forecasts, grids)
     if as_json:
         say(text.rstrip("\n"))
     else:
-        _show(result, tuning, folder, written)
+        _show(result, tuning, folder, written, removed)
     return 1 if tuning.refused else 0
 
 
@@ -109,20 +115,6 @@ def _limits(gain_db: float, phase_deg: float) -> Limits:
     return Limits(gain_db, phase_deg, min(GOOD.disk * max(gain_db / GOOD.gain_db, 1.0), of_gain, of_phase))
 
 
-def _possible_files() -> set[str]:
-    """Return the names of all files that may be written."""
-    from quadid_logs.autopilots import known
-    from quadid_logs.plan import make_plan
-    from quadid_logs.report.gain_files import file_names
-    from quadid_logs.report.plan import CARD_FILE, parameter_files
-    from quadid_logs.report.tune_page import PAGE_FILE
-
-    autopilots = [one for one in known() if one.advice.logging_settings]
-    names = {name for one in autopilots for name in file_names(one.name)}
-    flights = {name for one in autopilots for name in parameter_files(make_plan(one.name))}
-    return {PAGE_FILE, _JSON_FILE, CARD_FILE, *names, *flights}
-
-
 def _write(
     result: Result,
     tuning: Tuning,
@@ -130,28 +122,26 @@ def _write(
     folder: Path,
     forecasts: Mapping[str, AutotuneForecast],
     grids: Mapping[str, WhatIf],
-) -> tuple[str, tuple[str, ...]]:
-    """Write page, JSON and parameter files; return the JSON and what was written."""
+) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
+    """Write page, JSON and parameter files; return the JSON, what was written, and what was removed."""
     from quadid_logs.report.gain_files import gain_files
     from quadid_logs.report.tune_card import flight_files
+    from quadid_logs.report.tune_folder import JSON_FILE, write_tuning
     from quadid_logs.report.tune_page import PAGE_FILE, tune_page
     from quadid_logs.report.tuning_json import tuning_text
 
     texts = {**gain_files(result, tuning), **flight_files(result, tuning)}
     files = {name: text.encode() for name, text in texts.items()}
     files[PAGE_FILE] = tune_page(result, tuning, provenance, forecasts, grids).encode()
-    names = tuple(sorted((*files, _JSON_FILE)))
-    text = tuning_text(result, tuning, provenance, names, forecasts)
-    files[_JSON_FILE] = text.encode("ascii")
-    with new_folder(folder):
-        write_together(folder, files)
-        for stale in _possible_files() - set(files):
-            # Gains of an earlier run beside a page that does not recommend them.
-            (folder / stale).unlink(missing_ok=True)
-    return text, names
+    names = tuple(sorted((*files, JSON_FILE)))
+    text = tuning_text(result, tuning, provenance, names, forecasts, folder.name)
+    files[JSON_FILE] = text.encode("ascii")
+    return text, names, write_tuning(folder, files)
 
 
-def _show(result: Result, tuning: Tuning, folder: Path, written: tuple[str, ...]) -> None:
+def _show(
+    result: Result, tuning: Tuning, folder: Path, written: tuple[str, ...], removed: tuple[str, ...]
+) -> None:
     from quadid_logs.report.tune_view import tune_view
 
     view = tune_view(result, tuning)
@@ -165,3 +155,5 @@ def _show(result: Result, tuning: Tuning, folder: Path, written: tuple[str, ...]
             if line:
                 say(f"    {line}")
     say(f"  written: {', '.join(printable(folder / name) for name in written)}")
+    if removed:
+        say(f"  removed, of an earlier run: {', '.join(printable(folder / name) for name in removed)}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +26,7 @@ _LONGEST_PAUSE_US: Final = 10_000_000
 _CHUNK_FRAMES: Final = 1 << 15
 
 Column: TypeAlias = NDArray[np.int16] | NDArray[np.int32]
+Wanted: TypeAlias = Callable[[tuple[str, ...]], Collection[str]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -106,7 +107,7 @@ def is_mine(head: bytes) -> bool:
 
 def read_content(
     path: str | Path,
-    wanted: Collection[str] | None = None,
+    wanted: Wanted | None = None,
     *,
     number: int = 0,
     accept: Accept | None = None,
@@ -116,8 +117,9 @@ def read_content(
     Parameters
     ----------
     path : str or Path
-    wanted : collection of str, optional
-        Fields of the main frames to keep; all by default. Loop and time are always kept.
+    wanted : callable, optional
+        Is given the fields of the main frames, and returns those to keep; all by default. Loop and time are
+        always kept.
     number : int
         Which of the logs in the file, from 1; 0 takes the only one that holds frames.
     accept : callable, optional
@@ -200,14 +202,13 @@ def _main_table(
     file: FileParts,
     header: Header,
     frames: Frames,
-    wanted: Collection[str] | None,
+    wanted: Wanted | None,
     lost: list[LostBytes],
 ) -> FrameTable:
     """Decode complete frames and those of differences, without those that cannot be true."""
     layout = header.layouts["I"]
-    kept = [
-        number for number, name in enumerate(layout.names) if wanted is None or number < 2 or name in wanted
-    ]
+    some = layout.names if wanted is None else frozenset(wanted(layout.names))
+    kept = [number for number, name in enumerate(layout.names) if number < 2 or name in some]
     position = np.concatenate([frames.starts["I"], frames.starts["P"]])
     order = np.argsort(position, kind="stable")
     position, is_complete = position[order], (order < len(frames.starts["I"]))

@@ -41,6 +41,8 @@ _INVALID_AUTOPILOT: Final = 8
 _GROUND_STATION: Final = 6
 #: The packets of as many bytes are sorted and copied at once.
 _PART_BYTES: Final = 1 << 20
+#: Nobody reads a longer list of who speaks.
+_MOST_LISTED: Final = 12
 _FEW: Final = 2
 """Packets with a right checksum that make a file a MAVLink log, unless it begins with one."""
 
@@ -79,24 +81,20 @@ class Sender(NamedTuple):
     mav_type: int
     n_messages: int
 
-    @property
-    def is_autopilot(self) -> bool:
-        """Whether it flies a vehicle."""
-        return self.autopilot not in (-1, _INVALID_AUTOPILOT) and self.mav_type != _GROUND_STATION
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TlogContent:
     """What the chosen one of the senders of a telemetry log says.
 
     `clock` is the boot clock; `on_host_clock` tells that it had to be taken
-    from the host's stamps.
+    from the host's stamps. Of `n_senders` the autopilots come first into `senders`, then who says most.
     """
 
     messages: Mapping[str, MessageRows]
     clock: BootClock
     on_host_clock: bool
     senders: tuple[Sender, ...]
+    n_senders: int
     chosen: Sender
     counts: tuple[MessageCount, ...]
     lost: tuple[LostBytes, ...]
@@ -181,10 +179,10 @@ def _content(file: FileParts, names: Collection[str], system: int) -> TlogConten
         raise EmptyLogError(
             f"{path} holds no MAVLink packet with a right checksum.", hint="Copy the log again."
         )
-    senders = _senders(packets, _decode(file, packets, dialect, {"HEARTBEAT"}).get("HEARTBEAT"))
-    chosen = _choose(senders, system)
+    heartbeats = _decode(file, packets, dialect, {"HEARTBEAT"}).get("HEARTBEAT")
+    senders, chosen, n_senders = _senders(packets, heartbeats, system)
     if chosen is None:
-        present = ", ".join(str(number) for number in sorted({one.system_id for one in senders}))
+        present = ", ".join(str(number) for number in np.unique(packets.system).tolist())
         raise SettingsError(f"There is no system {system} in {path}.", hint=f"It holds {present}.")
     is_own = (packets.system == chosen.system_id) & (packets.component == chosen.component_id)
     own = packets if is_own.all() else packets.where(is_own)
@@ -195,6 +193,7 @@ def _content(file: FileParts, names: Collection[str], system: int) -> TlogConten
         clock=clock,
         on_host_clock=on_host_clock,
         senders=senders,
+        n_senders=n_senders,
         chosen=chosen,
         counts=_counts(own, dialect, clock),
         lost=framing.lost,
@@ -295,36 +294,43 @@ def _own_time_s(message: MessageRows, name: str) -> FloatArray:
     return boot_ms_s(stamp) if name == BOOT_MS else np.where(stamp > 0, stamp / 1e6, np.nan)
 
 
-def _most_frequent(values: AnyArray) -> int:
-    """Return the most frequent small integer."""
-    return int(np.bincount(values).argmax())
+def _senders(
+    packets: Packets, heartbeats: MessageRows | None, system: int
+) -> tuple[tuple[Sender, ...], Sender | None, int]:
+    """Tell who speaks in the file, by address; who is read, None without that system; and how many speak.
+
+    Anybody may send in the name of any of 65 536 addresses: only those that matter most are listed.
+    """
+    counts = np.bincount(_addresses(packets.system, packets.component))
+    keys = np.flatnonzero(counts)
+    autopilot, mav_type = np.full(counts.size, -1), np.zeros(counts.size, int)
+    if heartbeats is not None:
+        address = _addresses(heartbeats.system_id, heartbeats.component_id)
+        for said, field in ((autopilot, "autopilot"), (mav_type, "type")):
+            who, most = _most_frequent(address, heartbeats.rows[field])
+            said[who] = most
+    flies = ~np.isin(autopilot[keys], (-1, _INVALID_AUTOPILOT)) & (mav_type[keys] != _GROUND_STATION)
+    by_rank = keys[np.lexsort((-counts[keys], ~flies))]
+    eligible = by_rank[by_rank // 256 == system] if system else by_rank
+    first = eligible[:1]
+    listed = np.sort(np.concatenate([first, by_rank[~np.isin(by_rank, first)]])[:_MOST_LISTED])
+    columns = (listed // 256, listed % 256, autopilot[listed], mav_type[listed], counts[listed])
+    senders = tuple(Sender(*row) for row in zip(*(column.tolist() for column in columns), strict=True))
+    chosen = senders[listed.searchsorted(first[0])] if eligible.size else None
+    return senders, chosen, int(keys.size)
 
 
-def _senders(packets: Packets, heartbeats: MessageRows | None) -> tuple[Sender, ...]:
-    """List who speaks in the file."""
-    address = packets.system.astype(np.uint16) * 256 + packets.component
-    return tuple(
-        Sender(key // 256, key % 256, *_identity(heartbeats, key // 256, key % 256), count)
-        for key, count in enumerate(np.bincount(address).tolist())
-        if count
-    )
+def _addresses(system: AnyArray, component: AnyArray) -> IntArray:
+    """Return system and component as one number."""
+    return np.asarray(system.astype(np.int64) * 256 + component, np.int64)
 
 
-def _choose(senders: tuple[Sender, ...], system: int) -> Sender | None:
-    """Return the autopilot (of the given system) with most messages, else who has most."""
-    eligible = [one for one in senders if not system or one.system_id == system]
-    return max(eligible, key=lambda one: (one.is_autopilot, one.n_messages), default=None)
-
-
-def _identity(heartbeats: MessageRows | None, system: int, component: int) -> tuple[int, int]:
-    """Return what its heartbeats say a sender is: MAV_AUTOPILOT and MAV_TYPE, -1 and 0 without heartbeats."""
-    if heartbeats is None:
-        return -1, 0
-    own = (heartbeats.system_id == system) & (heartbeats.component_id == component)
-    if not own.any():
-        return -1, 0
-    rows = heartbeats.rows[own]
-    return _most_frequent(rows["autopilot"]), _most_frequent(rows["type"])
+def _most_frequent(address: IntArray, values: AnyArray) -> tuple[IntArray, IntArray]:
+    """Return each address and the most frequent byte that it sent, the smallest of equally frequent ones."""
+    pairs, counts = np.unique(address * 256 + values, return_counts=True)
+    order = np.lexsort((pairs, -counts, pairs // 256))
+    who, first = np.unique(pairs[order] // 256, return_index=True)
+    return who, pairs[order][first] % 256
 
 
 def _counts(packets: Packets, dialect: Dialect, clock: BootClock) -> tuple[MessageCount, ...]:

@@ -11,6 +11,7 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.control.command_units import per_command
 from quadid_logs.control.conditioning import conditioned
+from quadid_logs.control.flexible_mode import frame_modes
 from quadid_logs.control.frequency_response import (
     Confirmation,
     Lines,
@@ -21,7 +22,7 @@ from quadid_logs.control.frequency_response import (
     response,
 )
 from quadid_logs.control.loop import Loop, Plant, close, integrators, rate_loop
-from quadid_logs.control.margins import grid_hz, margins_of, phase_margin, unmodelled
+from quadid_logs.control.margins import fine_grid_hz, grid_hz, margins_of, phase_margin, unmodelled
 from quadid_logs.control.posterior import draw
 from quadid_logs.control.prediction import AxisModel, Chirp, predict
 from quadid_logs.control.step import step_of
@@ -29,6 +30,7 @@ from quadid_logs.data.closed_loop import (
     AxisLoop,
     ClosedLoop,
     Estimated,
+    FrameModes,
     LoopCurve,
     LoopMargins,
     MeasuredLoop,
@@ -106,7 +108,7 @@ def _axis(data: FlightData, model: Model, number: int, controller: AxisControlle
     if known is None:
         return AxisLoop()
     seen, known_hz = known.seen, known.supported.known_hz
-    loop = close(controller, known.plants, grid_hz(controller.period_s))
+    loop = close(controller, known.plants, fine_grid_hz(controller.period_s))
     entry = model.entries[ON_AXIS[AXES[number]]]
     return AxisLoop(
         prediction=_prediction(data, model, number, controller, known, low_hz),
@@ -117,6 +119,7 @@ def _axis(data: FlightData, model: Model, number: int, controller: AxisControlle
         effectiveness=Estimated(entry.value, entry.ci95),
         contradicted=known.supported.contradicted,
         known_hz=known_hz,
+        frame=known.frame,
     )
 
 
@@ -132,9 +135,16 @@ class Vehicles(NamedTuple):
     lines: Lines | None
     seen: Seen | None
     supported: Confirmation
+    frame: FrameModes | None = None
 
 
-def vehicles(data: FlightData, model: Model, number: int, controller: AxisController) -> Vehicles | None:
+def vehicles(
+    data: FlightData,
+    model: Model,
+    number: int,
+    controller: AxisController,
+    frame: FrameModes | None = None,
+) -> Vehicles | None:
     """Return the vehicles that the fit and the response above its band allow.
 
     Parameters
@@ -146,6 +156,8 @@ def vehicles(data: FlightData, model: Model, number: int, controller: AxisContro
     number : int
         Of the axis.
     controller : AxisController
+    frame : FrameModes, optional
+        The modes that the flight allows, where they are known already.
 
     Returns
     -------
@@ -158,16 +170,29 @@ def vehicles(data: FlightData, model: Model, number: int, controller: AxisContro
     lines = lines_of(data, number, controller.angle_delay_steps * controller.period_s, model.actuator)
     fitted = plants.at(slice(0, 1))
     found = _compared(plants, fitted, lines, controller, model.smoothing_hz)
-    if found.seen is None or found.supported.contradicted:
-        return found
-    plants = conditioned(
-        plants,
-        found.seen.ratio.up_to(found.supported.known_hz),
-        controller.period_s,
-        model.smoothing_hz,
-        crosses_above=_crossover_hz(plants, controller) > model.smoothing_hz,
-    )
-    return _compared(plants, fitted, lines, controller, model.smoothing_hz)
+    if found.seen is not None and not found.supported.contradicted:
+        plants = conditioned(
+            plants,
+            found.seen.ratio.up_to(found.supported.known_hz),
+            controller.period_s,
+            model.smoothing_hz,
+            crosses_above=_crossover_hz(plants, controller) > model.smoothing_hz,
+        )
+        found = _compared(plants, fitted, lines, controller, model.smoothing_hz)
+    if frame is None:
+        n_draws = plants.effectiveness.size - 1
+        estimate = plants.at(slice(0, 1))
+        frame = frame_modes(
+            data,
+            number,
+            controller,
+            estimate,
+            fitted_hz=model.smoothing_hz,
+            known_hz=found.supported.known_hz,
+            n=n_draws,
+        )
+    modes = None if frame is None else frame.modes
+    return found._replace(plants=found.plants._replace(modes=modes), frame=frame)
 
 
 def _compared(
@@ -179,7 +204,8 @@ def _compared(
         crossover_hz = _crossover_hz(plants, controller)
         seen = _seen(lines, controller, plants.at(slice(0, 1)))
         if np.isfinite(crossover_hz):
-            supported = confirm(seen.ratio, crossover_hz, fitted_hz)
+            allowed = plants.response(seen.ratio.frequency_hz, controller.period_s)
+            supported = confirm(seen.ratio, crossover_hz, fitted_hz, allowed[1:] / allowed[:1])
     return Vehicles(plants, fitted, lines, seen, supported)
 
 

@@ -57,8 +57,13 @@ def explain(result: Replay, axis: str, inputs: Mapping[str, ReplayInput]) -> Rep
     """
     given = inputs[axis]
     part = _worst_part(given)
-    if "I" not in given.as_logged and _error(given, given.rows.part(part)) <= given.tolerance:
-        return replace(result, reason=ReplayReason.INTEGRATOR_RESET)
+    if "I" not in given.as_logged:
+        # Where the log does not say when the integrator stopped, each stop that is missed moves all that
+        # follows, and no gain: from each part's own beginning the parameters' controller flew.
+        if given.rows.limited is None and _agrees_in_parts(given):
+            return replace(result, agrees=True, reason=ReplayReason.LIMIT_FLAGS_MISSING)
+        if _error(given, given.rows.part(part)) <= given.tolerance:
+            return replace(result, reason=ReplayReason.INTEGRATOR_RESET)
     swapped = _swapped(axis, inputs)
     for attempt in (
         _one_gain,
@@ -78,6 +83,14 @@ def explain(result: Replay, axis: str, inputs: Mapping[str, ReplayInput]) -> Rep
                 result, reason=found.reason, parameter=found.parameter, numbers=dict(found.numbers)
             )
     return replace(result, reason=ReplayReason.NOT_EXPLAINED)
+
+
+def _agrees_in_parts(given: ReplayInput) -> bool:
+    """Tell whether every part of the rows replays from its own beginning."""
+    n_parts = max(given.rows.n_rows // _ROWS, 1)
+    edges = np.linspace(0, given.rows.n_rows, n_parts + 1).astype(int).tolist()
+    parts = (given.rows.part(slice(a, b)) for a, b in itertools.pairwise(edges))
+    return all(_error(given, part) <= given.tolerance for part in parts)
 
 
 def _worst_part(given: ReplayInput) -> slice:

@@ -8,13 +8,23 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.control.margins import UNMODELLED_DELAY_S
-from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated, Margins
-from quadid_logs.data.diagnosis import Finding, Level
-from quadid_logs.data.tuning import GOOD, Limits
+from quadid_logs.control.room import Room, figures, outermost, room_of
+from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated
+from quadid_logs.data.diagnosis import Finding
+from quadid_logs.data.tuning import GOOD
 from quadid_logs.diagnose.findings import finding, rounded
 
-#: Small changes of the vehicle bring such loops to the limit.
-POOR: Final = Limits(4.0, 30.0, 0.0)
+_TITLES: Final = {
+    Room.UNSTABLE: "With the controller of the parameters, this model of {axis} is unstable",
+    Room.POOR: "{Axis} is close to instability",
+    Room.LITTLE: "{Axis} has less margin than is to be kept",
+    Room.PERHAPS_LITTLE: "{Axis} may have less margin than is to be kept",
+}
+#: The same for all axes, so that it is one step of what to do next.
+_CLOSE: Final = (
+    "Land if the vehicle shakes or the motors buzz. `quadid-log tune LOG` computes the next gains, or says "
+    "why it cannot."
+)
 #: Effectiveness is not known better than to some per cent in practice: less is no matter.
 _DISAGREEMENT = 0.05
 
@@ -34,12 +44,10 @@ def find_in_loop(loop: ClosedLoop) -> Iterator[Finding]:
     if loop.axes and controllers.version_read != "read":
         versions = {"firmware": controllers.firmware, "version_read": controllers.version_note}
         yield finding("QL606", "info", versions)
-    judged = {axis: level for axis, found in loop.axes.items() if (level := _level(outermost(found)))}
     disagreeing = {axis: both for axis, found in loop.axes.items() if (both := _disagreement(found))}
     for axis, found in loop.axes.items():
-        margin = _margin(axis, loop, judged) if axis in judged else None
         disagreement = _of_two_gains(axis, disagreeing) if axis in disagreeing else None
-        for one in (_not_replayed(axis, found), margin, disagreement):
+        for one in (_not_replayed(axis, found), _margin(axis, found), disagreement, _line(axis, found)):
             if one is not None:
                 yield one
         if found.contradicted:
@@ -58,18 +66,21 @@ def find_in_loop(loop: ClosedLoop) -> Iterator[Finding]:
         yield finding("QL605", "info", known, axes=extrapolated)
 
 
-def outermost(found: AxisLoop) -> Margins | None:
-    """Return the margins with all that is known to close the loop; None where nothing may be said.
-
-    Parameters
-    ----------
-    found : AxisLoop
-
-    Returns
-    -------
-    Margins or None
-    """
-    return None if found.margins is None else found.margins.full or found.margins.rate
+def _line(axis: str, found: AxisLoop) -> Finding | None:
+    """Return the finding about a mode that the spectrum of the rate shows."""
+    margins, frame = outermost(found), found.frame
+    if margins is None or frame is None or not frame.seen:
+        return None
+    gain = margins.gain_margin_db
+    evidence: dict[str, object] = {
+        "frequency_hz": rounded(frame.line_hz, 3),
+        "power_over_surroundings": rounded(frame.line_height, 3),
+        "probability_of_none": rounded(frame.absent, 2),
+    }
+    if gain is not None:
+        evidence["gain_margin_db"] = _evidence(gain)
+    low = gain is not None and gain.ci95[0] < GOOD.gain_db
+    return finding("QL607", "warning" if low else "info", evidence, axes=(axis,))
 
 
 def _extrapolated(found: AxisLoop) -> bool:
@@ -111,70 +122,27 @@ def _not_replayed(axis: str, found: AxisLoop) -> Finding | None:
     return finding("QL604", "warning", {**errors, **numbers}, axes=(axis,), title=title)
 
 
-def _level(margins: Margins | None) -> Level | None:
-    """Judge margins by the worst of the vehicles that the flight allows; None is no finding."""
-    if margins is None:
+def _margin(axis: str, found: AxisLoop) -> Finding | None:
+    """Return the finding about an axis with too little margin; which gains have more, `tune` alone says."""
+    margins = outermost(found)
+    # Of a loop that the measured response contradicts no margin is told.
+    if margins is None or found.contradicted or (room := room_of(margins)) is Room.ENOUGH:
         return None
+    close = room <= Room.POOR
+    title = _TITLES[room].format(axis=axis, Axis=axis.capitalize())
+    evidence: dict[str, object] = {
+        name: _evidence(each) for name, (each, _) in figures(margins).items() if each is not None
+    }
     if not margins.stable:
-        return "warning"
-    figures = _figures(margins).values()
-    if not _below([np.inf if each is None else each.ci95[0] for each in figures], GOOD):
-        return None
-    return "warning" if _below(_values(margins), POOR) else "info"
-
-
-def _figures(margins: Margins) -> dict[str, Estimated | None]:
-    """Return the figures that `Limits` limits, in its order."""
-    names = ("gain_margin_db", "phase_margin_deg", "disk_margin")
-    return {name: getattr(margins, name) for name in names}
-
-
-def _values(margins: Margins) -> list[float]:
-    return [np.inf if each is None else each.value for each in _figures(margins).values()]
-
-
-def _margin(axis: str, loop: ClosedLoop, judged: Mapping[str, Level]) -> Finding:
-    """Return the finding about an axis with too little room; axes that are alike share their advice."""
-    alike = [other for other in judged if judged[other] == judged[axis]]
-    found = {other: margins for other in alike if (margins := outermost(loop.axes[other])) is not None}
-    margins, advice = found[axis], _lower(found)
-    if not margins.stable:
-        title = f"With the controller of the parameters, this model of {axis} is unstable"
-        evidence: dict[str, object] = {"stable_fraction": rounded(margins.stable_fraction)}
-    else:
-        close = "is" if _below(_values(margins), GOOD) else "may be"
-        title = f"{axis.capitalize()} {close} close to instability"
-        evidence = {name: _evidence(each) for name, each in _figures(margins).items() if each is not None}
-    return finding("QL601", judged[axis], evidence, axes=(axis,), title=title, advice=advice)
-
-
-def _lower(found: Mapping[str, Margins]) -> str:
-    """Say what to change; the axes by their names, because advice is read apart from its finding."""
-    percents = {axis: _percent_left(margins) for axis, margins in found.items()}
-    to_percent = [f"{axis} to at most {left} %" for axis, left in percents.items() if left]
-    others = " and ".join(axis for axis, left in percents.items() if not left)
-    if to_percent:
-        also = f", and those of {others}" if others else ""
-        leaves = f"of what they are, for a gain margin of {GOOD.gain_db:g} dB{also}"
-        what = f"together: {', '.join(to_percent)} {leaves}"
-    else:
-        what = f"of {others} together"
-    return (
-        f"Lower P, I and D {what}; or let the filters of gyro and derivative pass more where noise allows "
-        "it. `quadid-log tune` works out both and writes the parameters. Land if the vehicle oscillates."
+        evidence = {"stable_fraction": rounded(margins.stable_fraction)}
+    return finding(
+        "QL601",
+        "warning" if close else "info",
+        evidence,
+        axes=(axis,),
+        title=title,
+        advice=_CLOSE if close else "",
     )
-
-
-def _percent_left(margins: Margins) -> str:
-    """Return what is left of gains that leave the gain margin that is enough, "" where they have it."""
-    gain = margins.gain_margin_db
-    if not margins.stable or gain is None or gain.ci95[0] >= GOOD.gain_db:
-        return ""
-    return f"{100.0 * 10.0 ** ((gain.ci95[0] - GOOD.gain_db) / 20.0):.0f}"
-
-
-def _below(values: list[float], limits: Limits) -> bool:
-    return any(value < limit for value, limit in zip(values, limits, strict=True))
 
 
 def _evidence(figure: Estimated) -> dict[str, object]:

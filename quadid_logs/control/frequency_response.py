@@ -21,14 +21,14 @@ from quadid_logs.maths.band import ComplexArray, angular_frequency
 from quadid_logs.maths.instrument_response import gain_by_instrument, tapered_spectra
 
 #: Windows of the averaged spectra: long enough for the slowest crossover, short enough for many of them.
-_WINDOW_S = 4.0
+WINDOW_S = 4.0
 #: From half a hertz, the resolution of a window, eight octaves to 128 Hz, above any crossover; in thirds.
 _LOWEST_HZ: Final = 0.5
 _OCTAVES: Final = 8
 _WIDTH: Final = 2.0 ** (1.0 / 3.0)
 THIRDS: Final = 3
 #: Above this fraction of the sample rate, the response is that of what happens between the samples.
-_MOST_OF_RATE = 0.35
+MOST_OF_RATE = 0.35
 #: A response known worse than this (6 degrees, 0.9 dB) cannot tell a good margin from a poor one.
 _LARGEST_ERROR = 0.1
 #: Gain and phase (3 degrees) that a lag and a delay leave of rotors, frame and sampling, in one standard
@@ -119,7 +119,7 @@ def lines_of(
     Lines or None
         None where no segment with set-points is as long as a window.
     """
-    n_samples = round(_WINDOW_S / data.sample_period_s)
+    n_samples = round(WINDOW_S / data.sample_period_s)
     windows = [
         columns[first : first + n_samples]
         for segment in data.segments
@@ -196,7 +196,7 @@ def response(
     """
     lowest_hz = _LOWEST_HZ * 2.0 ** (np.arange(_OCTAVES * per_octave) / per_octave)
     where = lowest_hz * np.sqrt(_WIDTH)
-    highest_hz = _MOST_OF_RATE * 2.0 * frequency_hz[-1]
+    highest_hz = MOST_OF_RATE * 2.0 * frequency_hz[-1]
     kept_density: list[float] = []
     gain, error = np.full(where.size, np.nan + 0j), np.full(where.size, np.inf)
     for band, low in enumerate(lowest_hz):
@@ -236,7 +236,9 @@ class Confirmation(NamedTuple):
     contradicted: bool
 
 
-def confirm(ratio: Response, crossover_hz: float, fitted_hz: float) -> Confirmation:
+def confirm(
+    ratio: Response, crossover_hz: float, fitted_hz: float, drawn: ComplexArray | None = None
+) -> Confirmation:
     """Hold the measured vehicle against the model around the crossover.
 
     Parameters
@@ -247,27 +249,40 @@ def confirm(ratio: Response, crossover_hz: float, fitted_hz: float) -> Confirmat
         Of the rate loop.
     fitted_hz : float
         Up to where the model was fitted.
+    drawn : ndarray of complex, shape (n_plants, n_bands), optional
+        Vehicles that the fit allows, over the model: what it leaves open is no contradiction.
 
     Returns
     -------
     Confirmation
+        Contradicted where the distance from the model is beyond what both leave open, with a probability of
+        1 % by chance.
     """
     from scipy.special import chdtri
 
     near = (ratio.frequency_hz >= 0.5 * crossover_hz) & (ratio.frequency_hz <= 2.0 * crossover_hz)
-    off = _chi_squared(ratio)
-    if np.count_nonzero(near) >= _FEWEST_BANDS and off[near].sum() > chdtri(
-        2 * np.count_nonzero(near), 1.0 - _CONFIDENCE
-    ):
+    n_near = int(np.count_nonzero(near))
+    if n_near >= _FEWEST_BANDS and _distance(ratio, drawn, near) > chdtri(2 * n_near, 1.0 - _CONFIDENCE):
         return Confirmation(0.0, contradicted=True)
-    agrees = off <= chdtri(2, 1.0 - _CONFIDENCE)
+    bands = np.eye(ratio.frequency_hz.size, dtype=np.bool_)
+    off = np.array([_distance(ratio, drawn, band) for band in bands])
+    agrees = np.asarray(off <= chdtri(2, 1.0 - _CONFIDENCE), dtype=np.bool_)
     return Confirmation(max(fitted_hz, _without_break_hz(ratio.frequency_hz, agrees)), contradicted=False)
 
 
-def _chi_squared(ratio: Response) -> FloatArray:
-    """Return the squared distance of each band from one, over its variance: of two degrees of freedom."""
-    variance = 0.5 * ratio.error**2 + TOLERANCE**2
-    return np.asarray(np.abs(ratio.gain - 1.0) ** 2 / variance)
+def _distance(ratio: Response, drawn: ComplexArray | None, bands: BoolArray) -> float:
+    """Return the squared distance of some bands from one, over what is known of it.
+
+    Each band has two degrees of freedom. What the model leaves open is alike in neighbouring bands: its
+    covariance is that of the drawn vehicles.
+    """
+    off = ratio.gain[bands] - 1.0
+    covariance = np.diag(np.tile(0.5 * ratio.error[bands] ** 2 + TOLERANCE**2, 2))
+    if drawn is not None and len(drawn) > 1:
+        parts = np.hstack([drawn[:, bands].real, drawn[:, bands].imag])
+        covariance = covariance + np.cov(parts, rowvar=False)
+    both = np.concatenate([off.real, off.imag])
+    return float(both @ np.linalg.solve(covariance, both))
 
 
 def _without_break_hz(frequency_hz: FloatArray, agrees: BoolArray) -> float:

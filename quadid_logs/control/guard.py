@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -11,10 +12,11 @@ import numpy as np
 from quadid_logs.control.loop import Plant, rate_loop
 from quadid_logs.data.closed_loop import AxisLoop
 from quadid_logs.data.controller import AxisController, FlownControllers, RemarkKind, ReplayReason
-from quadid_logs.data.diagnosis import Diagnosis, Finding
+from quadid_logs.data.diagnosis import Diagnosis, Finding, Verdict
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.tuning import GainNames
+from quadid_logs.diagnose.advice import advice_for, next_steps, to_a_usable_axis
 from quadid_logs.diagnose.findings import finding, rounded
 
 #: With P and D scaled down in more of the rows, the gains of the parameters are not those that flew.
@@ -27,6 +29,13 @@ _LOOSE_EFFECTIVENESS: Final = 0.20
 #: kept would be unknown.
 _LOOSE_PHASE_DEG: Final = 15.0
 _NORMAL_95: Final = 1.96
+_VERDICTS: Final[Mapping[Verdict, str]] = MappingProxyType(
+    {
+        "refused": "The model of this axis is refused",
+        "caution": "The model of this axis is to be used with caution",
+        "usable": "The model of this axis is usable",
+    }
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -85,8 +94,10 @@ def obstacles(case: Case) -> Iterator[Finding]:
         yield from check(case)
 
 
-def _refusal(code: str, case: Case, evidence: Mapping[str, object], title: str = "") -> Finding:
-    return finding(code, "warning", evidence, axes=(case.axis,), title=title)
+def _refusal(
+    code: str, case: Case, evidence: Mapping[str, object], title: str = "", advice: str = ""
+) -> Finding:
+    return finding(code, "warning", evidence, axes=(case.axis,), title=title, advice=advice)
 
 
 def _verdict(case: Case) -> Iterator[Finding]:
@@ -98,8 +109,9 @@ def _verdict(case: Case) -> Iterator[Finding]:
         if verdict is not None:
             told = {"verdict": verdict.verdict, "codes": list(verdict.reasons)}
             codes = " ".join(verdict.reasons)
-            title = f"The model of this axis is {verdict.verdict}: {verdict.sentence.rstrip('.')} [{codes}]"
-        yield _refusal("QL615", case, told, title)
+            title = f"{_VERDICTS[verdict.verdict]}: {verdict.sentence.rstrip('.')} [{codes}]"
+        steps = next_steps((case.log, one) for one in to_a_usable_axis(case.diagnosis, case.axis))
+        yield _refusal("QL615", case, told, title, advice=" ".join(steps))
 
 
 def _controller(case: Case) -> Iterator[Finding]:
@@ -150,7 +162,9 @@ def _replay(case: Case) -> Iterator[Finding]:
     if case.controller is None:
         return
     if replay is None or replay.reason is ReplayReason.NO_ROWS:
-        yield _refusal("QL613", case, {})
+        log = case.log
+        logging = advice_for(log.autopilot).logging(log.format, log.parameters, log.version)
+        yield _refusal("QL613", case, {}, advice=logging)
     elif replay.reason is ReplayReason.ROUNDED:
         yield _refusal("QL644", case, {})
     elif replay.reason is ReplayReason.SLEW_LIMITED and replay.numbers.get("fraction", 1.0) > _RARELY:
@@ -168,10 +182,11 @@ def _limits(case: Case) -> Iterator[Finding]:
 
 
 def _mode(case: Case) -> Iterator[Finding]:
-    """Yield that a flexible mode was found in what the model leaves."""
+    """Yield that a flexible mode was found in what the model leaves, of any axis: the frame is one."""
     for one in case.diagnosis.findings:
-        if one.code == "QL525" and (not one.axes or case.axis in one.axes):
-            yield _refusal("QL619", case, dict(one.evidence))
+        if one.code == "QL525":
+            yield _refusal("QL619", case, {"axes": list(one.axes), **one.evidence})
+            return
 
 
 def _loop(case: Case) -> Iterator[Finding]:

@@ -12,6 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
+from quadid_logs.data.closed_loop import Modes
 from quadid_logs.data.controller import AxisController
 from quadid_logs.maths.band import ComplexArray, delay_response
 
@@ -24,7 +25,7 @@ class Plant(NamedTuple):
 
     Torque to rate is B (1 + s lead) / (s - A) / (1 + s lag) exp(-s delay); ``damping`` A is negative where
     the air brakes. The delay does not contain the zero-order hold. The lead is that of rotors whose
-    acceleration turns the vehicle, in yaw.
+    acceleration turns the vehicle, in yaw. The modes are those of the frame, None where none is looked for.
     """
 
     effectiveness: FloatArray
@@ -32,13 +33,18 @@ class Plant(NamedTuple):
     lag_s: FloatArray
     delay_s: FloatArray
     lead_s: FloatArray | float = 0.0
+    modes: Modes | None = None
 
     def at(self, numbers: slice) -> Plant:
         """Return some of the plants."""
-        return Plant(*(values[numbers] for values in self._numbers()))
+        effectiveness, damping, lag_s, delay_s, lead_s = (values[numbers] for values in self._numbers())
+        modes = None if self.modes is None else self.modes.at(numbers)
+        return Plant(effectiveness, damping, lag_s, delay_s, lead_s, modes)
 
-    def _numbers(self) -> tuple[FloatArray, ...]:
-        return (*self[:4], np.broadcast_to(self.lead_s, self.effectiveness.shape))
+    def _numbers(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return all but the modes."""
+        lead_s = np.broadcast_to(self.lead_s, self.effectiveness.shape)
+        return self.effectiveness, self.damping, self.lag_s, self.delay_s, lead_s
 
     @property
     def reaction(self) -> FloatArray:
@@ -68,6 +74,8 @@ class Plant(NamedTuple):
         response = (
             B * (1.0 + s * lead_s) / (s - A) / (1.0 + s * lag_s) * np.exp(-s * (delay_s + 0.5 * hold_s))
         )
+        if self.modes is not None:
+            response = response * self.modes.response(frequency_hz)
         return np.asarray(held * response, dtype=np.complex128)
 
 

@@ -21,6 +21,9 @@ from quadid_logs.maths.band import ComplexArray
 #: documented of one), a stiff frame's first mode.
 UNMODELLED_DELAY_S: Final = 0.005
 _CI = (0.025, 0.975)
+#: Where modes of frames are, and a third of the relative half width of the sharpest of them.
+_MODES_HZ: Final = (5.0, 75.0)
+_FINE_STEP: Final = 0.003
 
 
 def grid_hz(period_s: float) -> FloatArray:
@@ -38,6 +41,25 @@ def grid_hz(period_s: float) -> FloatArray:
     """
     highest_hz = 0.499 / period_s
     return np.geomspace(0.01, highest_hz, int(np.log(highest_hz / 0.01) / 0.02) + 2)
+
+
+def fine_grid_hz(period_s: float) -> FloatArray:
+    """Return the frequencies of `grid_hz`, so close together where frames bend that no mode falls between.
+
+    Parameters
+    ----------
+    period_s : float
+        Of the control loop [s].
+
+    Returns
+    -------
+    ndarray, shape (n_frequencies,)
+        [Hz].
+    """
+    coarse = grid_hz(period_s)
+    low_hz, high_hz = _MODES_HZ
+    fine = np.geomspace(low_hz, high_hz, int(np.log(high_hz / low_hz) / _FINE_STEP) + 2)
+    return np.unique(np.concatenate([coarse, fine[fine < coarse[-1]]]))
 
 
 def unmodelled(frequency_hz: FloatArray, known_hz: float) -> ComplexArray:

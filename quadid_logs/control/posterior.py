@@ -38,6 +38,8 @@ def draw(posterior: Posterior, axis: int, hold_s: float, n_draws: int = N_DRAWS)
     The identified delay contains the zero-order hold of the loop, half its period, which a `Plant` does not.
     Where it is shorter than that, the stamps of torque and rate are off by at least the difference: the
     delay is taken for none then, and is as uncertain as that.
+    Rotors and air brake: a damping that is estimated as none is drawn on that side alone, and the other
+    numbers as they go with it.
     """
     mean, covariance = posterior.mean[axis], posterior.covariance[axis]
     if not (np.isfinite(mean).all() and np.isfinite(covariance).all() and mean[0] > 0.0):
@@ -46,6 +48,9 @@ def draw(posterior: Posterior, axis: int, hold_s: float, n_draws: int = N_DRAWS)
     variance, axes = np.linalg.eigh(covariance / _scale(covariance))
     root = axes * np.sqrt(np.maximum(variance, 0.0))
     drawn = mean + (random.standard_normal((n_draws, len(mean))) @ root.T) * np.sqrt(np.diag(covariance))
+    if posterior.only_brakes[axis]:
+        drives = np.maximum(drawn[:, 1], 0.0)
+        drawn -= 2.0 * drives[:, np.newaxis] * covariance[1] / covariance[1, 1]
     effectiveness, damping, lag_s, delay_s, reaction = np.vstack([mean, drawn]).T
     effectiveness = np.maximum(effectiveness, 0.01 * mean[0])
     unheld_s = delay_s - 0.5 * hold_s

@@ -107,16 +107,18 @@ def _tuned(case: Case, model: Model | None, rebuild: Rebuild, limits: Limits, *,
     if refused or model is None or found is None or plants is None or controller is None:
         margins = None if found is None else found.margins
         return AxisTuning(verdict="refused", reasons=refused, now=margins)
-    loops = scaled_loops(controller, of_next_flight(plants), found.known_hz)
-    search = _Search(case, loops, model, rebuild, limits)
+    following = of_next_flight(plants)
+    search = _Search(case, scaled_loops(controller, following, found.known_hz), model, rebuild, limits)
     target = search.target()
-    if apart or not target.reached:
-        separate = search.apart()
-        if separate is not None:
-            return separate
-    if not target.reached and target.factor == 1.0:
-        return AxisTuning(verdict="refused", reasons=tuple(search.out_of_reach(target)), now=found.margins)
-    return search.tuning(target)
+    possible = following.modes is not None and (found.frame is None or not found.frame.seen)
+    if possible and (target.factor < _SAME[0] or not target.reached):
+        # What the flight only leaves possible holds gains, as noise does, and is no reason to lower them.
+        without = scaled_loops(controller, following._replace(modes=None), found.known_hz)
+        held = _Search(case, without, model, rebuild, limits).held()
+        if held is not None:
+            return replace(held, reasons=(_found("QL645", case, {}), *held.reasons))
+    separate = search.apart() if apart or not target.reached else None
+    return search.tuning(target) if separate is None else separate
 
 
 class _Search:
@@ -134,6 +136,13 @@ class _Search:
         self._gusts = residual_spectrum(model.fit, number)
         low_hz = 0.3 if model.band is None else float(model.band.low_hz[0])
         self._gust_band_hz = (low_hz, model.smoothing_hz)
+
+    def held(self) -> AxisTuning | None:
+        """Return that the flown gains stay, None where they have to go down or reach no limits."""
+        target = self.target()
+        if not target.reached or target.factor < _SAME[0] or self._flown_spare < _SAME[0]:
+            return None
+        return self._keep(Found(1.0, reached=True))
 
     def target(self) -> Found:
         """Return the factor that the vehicle bears, whatever it flies with now."""
@@ -211,7 +220,7 @@ class _Search:
     def _controller(self, factor: float) -> AxisController | None:
         return self._rebuild(self._written(factor))
 
-    def out_of_reach(self, target: Found) -> Iterator[Finding]:
+    def _out_of_reach(self, target: Found) -> Iterator[Finding]:
         """Yield that no gains keep the limits, and what holds them."""
         yield _found("QL624", self._case, {"to_be_kept": self._limits._asdict()}, "warning")
         if target.held_by:
@@ -230,6 +239,9 @@ class _Search:
         step = self._step(target)
         if step is None or step.factor == 1.0:
             return self._keep(target)
+        if step.factor < target.factor < 1.0:
+            # The last step down had to go further to keep the limits: that is the target.
+            target = target._replace(factor=step.factor)
         following, wanted = self._written(step.factor), self._written(target.factor)
         if following == self._now:
             return self._keep(target)
@@ -238,7 +250,18 @@ class _Search:
             for name, now in self._now.items()
         }
         reasons = tuple(self._reasons("change", target, step))
-        return self._described("change", reasons, Step(gains, step.controller, step.promised))
+        further = Step(gains, step.controller, step.promised)
+        return self._described("change", reasons, further, self._flights_to_limits(step, target))
+
+    def _flights_to_limits(self, step: _Step, target: Found) -> int:
+        """Return how many flights lie between the next gains and the first that keep the limits."""
+        factor, n_flights = step.factor, 0
+        missing = spare(step.promised, self._limits) < 1.0
+        while missing and not _SAME[0] <= target.factor / factor <= _SAME[1]:
+            factor *= min(max(target.factor / factor, MOST_DOWN), MOST_UP)
+            n_flights += 1
+            missing = self._score(factor) < 1.0
+        return n_flights
 
     def apart(self) -> AxisTuning | None:
         """Return the step towards the best gains, each by itself; None where that is none."""
@@ -258,7 +281,6 @@ class _Search:
         if any(one.next != one.target for one in step.gains.values()):
             reasons.append(_found("QL633", self._case, {}))
         if spare(step.promised, self._limits) < 1.0:
-            reasons.append(_found("QL638", self._case, {"to_be_kept": self._limits._asdict()}))
             reasons.extend(filter_note(self._case, self._rebuild, self._loops))
         return self._described("change", tuple(reasons), step)
 
@@ -273,32 +295,43 @@ class _Search:
         return (error if np.isfinite(error) else 1.0), max(noise.next / allowed - 1.0, 0.0)
 
     def _keep(self, target: Found) -> AxisTuning:
+        """Return that the flown gains are right, or that no others keep the limits either."""
+        low, high = _SAME
+        if not target.reached or (self._flown_spare < low and not low <= target.factor <= high):
+            out = tuple(self._out_of_reach(target))
+            return AxisTuning(verdict="refused", reasons=out, now=(self._case.found or AxisLoop()).margins)
         gains = {name: GainChange(now, now, now) for name, now in self._now.items()}
         step = _Step(1.0, self._loops.controller, self._margins_now())
         reasons = tuple(self._reasons("keep", target, step))
         return self._described("keep", reasons, Step(gains, step.controller, step.promised))
 
     def _step(self, target: Found) -> _Step | None:
-        """Return the change for the next flight; a raise keeps the limits in all drawn vehicles."""
+        """Return the change for the next flight; what reaches the limits keeps them in all drawn vehicles."""
         factor = min(max(target.factor, MOST_DOWN), MOST_UP)
+        # Where the flown gains are below the limits, a raise towards them has not reached them yet. A step
+        # down that is not the last one has not, either; the last one goes further down until it has.
+        last_down = factor < 1.0 and target.reached and factor >= target.factor
+        enough = 1.0 if last_down else min(1.0, self._flown_spare) if factor > 1.0 else 0.0
+        end, found = (1.0 if factor > 1.0 else MOST_DOWN), None
         for _ in range(_MOST_BACK_OFF):
             controller = self._controller(factor)
             if controller is None:
                 return None
             promised = scaled_loops(controller, self._loops.plants, self._loops.known_hz).margins()
-            # Where the flown gains are below the limits, a step towards them has not reached them yet.
-            if factor <= 1.0 or spare(promised, self._limits) >= min(1.0, self._flown_spare):
+            if spare(promised, self._limits) >= enough or factor == end:
                 return _Step(factor, controller, promised)
-            factor = max(factor * _BACK_OFF, 1.0)
-        return None
+            found = _Step(factor, controller, promised)
+            factor = max(factor * _BACK_OFF, end)
+        return found if last_down else None
 
     def _described(
         self,
         verdict: str,
         reasons: tuple[Finding, ...],
         step: Step,
+        to_limits: int | None = None,
     ) -> AxisTuning:
-        """Put together what is recommended and what it promises."""
+        """Put together what is recommended and what it promises; without a count, the target keeps limits."""
         controller, noise = step.controller, self._noise_of(step.controller)
         nothing = float("nan")
         return AxisTuning(
@@ -312,6 +345,8 @@ class _Search:
             attitude_error=self._error(self._gusts, controller),
             torque_noise=nothing if noise is None else noise.now,
             torque_noise_next=nothing if noise is None else noise.next,
+            more_flights=_flights_after(step.gains),
+            flights_to_limits=_flights_after(step.gains) if to_limits is None else to_limits,
         )
 
     def _error(self, gusts: Spectrum | None, controller: AxisController) -> float:
@@ -352,6 +387,17 @@ class _Search:
         if code == "QL632" and noise is not None:
             return {"fraction_of_range": rounded(noise.now, 3), "fraction_accepted": MOST_NOISE}
         return {}
+
+
+def _flights_after(gains: Mapping[str, GainChange]) -> int:
+    """Return how many flights lie between the next gains and those that would be kept as the target."""
+    low, high = _SAME
+    left = [change.target / change.next for change in gains.values() if change.next > 0.0 < change.target]
+    n_flights = 0
+    while not all(low <= each <= high for each in left):
+        left = [each / min(max(each, MOST_DOWN), MOST_UP) for each in left]
+        n_flights += 1
+    return n_flights
 
 
 def filter_note(case: Case, rebuild: Rebuild, loops: ScaledLoops) -> Iterator[Finding]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.control.loop import Plant, close, integrators
-from quadid_logs.control.margins import grid_hz, margins_of
+from quadid_logs.control.margins import fine_grid_hz, grid_hz, margins_of
 from quadid_logs.data.closed_loop import Estimated, LoopMargins, Margins
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.tuning import Limits
@@ -83,7 +83,7 @@ def scaled_loops(controller: AxisController, plants: Plant, known_hz: float) -> 
     -------
     ScaledLoops
     """
-    frequency_hz = grid_hz(controller.period_s)
+    frequency_hz = (grid_hz if plants.modes is None else fine_grid_hz)(controller.period_s)
     whole = close(controller, plants, frequency_hz)
     if whole.full is None:
         return ScaledLoops(controller, plants, known_hz, frequency_hz, whole.rate, None, None)

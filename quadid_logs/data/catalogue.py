@@ -28,7 +28,19 @@ class CatalogueEntry:
     step: Step
 
 
-_SET: Final = frozenset({"QL102", "QL104", "QL301", "QL302", "QL303", "QL304", "QL305", "QL306", "QL307"})
+_SET: Final = frozenset(
+    {"QL102", "QL104", "QL301", "QL302", "QL303", "QL304", "QL305", "QL306", "QL307"}
+    | {"QL611", "QL613", "QL620", "QL621"}
+)
+#: The doublets that are advised turn a vehicle at 14 to 25 deg/s rms (yaw least): an axis that turns more
+#: lacks no excitation.
+WELL_EXCITED_DEG_S: Final = 20.0
+#: What helps an axis that lacks no excitation.
+CALMER: Final = "Fly in calm air, away from the ground, with steady throttle and motors off their limits."
+_ENOUGH: Final = (
+    f"Look at the evidence. Below {WELL_EXCITED_DEG_S:g} deg/s rms, fly stronger manoeuvres on this axis. "
+    f"Above, larger manoeuvres would not help. {CALMER}"
+)
 _FLY: Final = frozenset({"QL403", "QL404", "QL503", "QL504", "QL505", "QL511", "QL516"})
 
 
@@ -185,6 +197,15 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "To have another part analyzed, give --start-s and --end-s.",
             ),
             _entry(
+                "QL312",
+                "Rotor speeds and motor commands give different effectiveness",
+                "The torque was computed from the rotor speeds and from the motor commands, and the same "
+                "model was fitted to each. The two values differ by more than their intervals allow. The "
+                "source that predicts validation data better was used.",
+                "Check that each ESC reports its own motor, and the number of motor poles. A simulator may "
+                "compute rotor speeds that its thrust does not follow.",
+            ),
+            _entry(
                 "QL320",
                 "No multirotor turns like these body rates",
                 "The rates integrate to a vehicle that is upside down for much of its flight, or exceed"
@@ -228,7 +249,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The torque does not explain all of the motion",
                 "The torque explains most, but not nearly all, of the motion: the axis was weakly excited "
                 "or something else than torque moved it.",
-                "Fly quicker and larger stick doublets on this axis, in calm air.",
+                _ENOUGH,
             ),
             _entry(
                 "QL405",
@@ -268,13 +289,13 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The estimate depends on the frequency band",
                 "Fitted to slower or faster motion the control effectiveness comes out differently. That "
                 "of a rigid body does not: noise, wind, or feedback from the controller is in the way.",
-                "Fly with stronger excitation on this axis, in calm air.",
+                _ENOUGH,
             ),
             _entry(
                 "QL504",
                 "The model fails on flight that it was not fitted to",
                 "On held-out parts of the flight the model predicts the acceleration badly.",
-                "Do not use this axis. Fly with stronger excitation, in calm air, without saturation.",
+                f"Do not use this axis. {_ENOUGH}",
             ),
             _entry(
                 "QL505",
@@ -282,7 +303,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The data allow values of the control effectiveness far apart. Up to a factor of 3 between "
                 "the ends of the interval the number is given, as a caution: it tells the size, not more, "
                 "and comparisons, inertia and tuning leave it out. Beyond that there is no number.",
-                "Fly longer, with stronger excitation on this axis.",
+                f"Fly longer. {_ENOUGH}",
             ),
             _entry(
                 "QL506",
@@ -294,7 +315,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL507",
                 "The lag lies at the end of the searched range",
-                "The best lag or delay is the largest that was tried, so it is not a motor's.",
+                "The best lag or delay is the largest that was tried, so it is not a motor's. Neither of "
+                "them is identified.",
                 "Check that torque and rates come from the same clock.",
             ),
             _entry(
@@ -321,7 +343,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "torque is mostly the controller's answer to that. An effectiveness fitted to such an answer "
                 "is biased even if the fit looks good. An axis that speeds itself up in the model is judged "
                 "only over the time for which its motion can be predicted.",
-                "Fly stronger manoeuvres on this axis, in calm air.",
+                _ENOUGH,
             ),
             _entry(
                 "QL510",
@@ -369,9 +391,10 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL520",
                 "The torque was computed from the rates",
-                "Noise of the gyro is in the torque at the same moment. No motor is that quick: what is"
-                " logged as torque is a derivative of the rates, and its effectiveness is what whoever "
-                "computed it assumed.",
+                "The rates follow the torque without any lag, and fast torques have no less of an effect. "
+                "Motors lag, and the gyro's filter delays. This torque is a derivative of the rates: its "
+                "effectiveness is what whoever computed it assumed. Where roll or pitch shows it, no axis "
+                "is judged.",
                 "Log the torque that was commanded, or the motor outputs.",
             ),
             _entry(
@@ -414,7 +437,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "About one frequency the rates answer the torque as something does that bends or "
                 "swings: an arm, a soft gyro mount, a load. A rigid body does not, and the "
                 "effectiveness depends on the band.",
-                "Stiffen what bends, filter less near that frequency, and fly slower manoeuvres.",
+                "Stiffen what bends, or put a notch at that frequency. Fly slower manoeuvres. Do not raise "
+                "gains.",
             ),
             _entry(
                 "QL526",
@@ -475,6 +499,14 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "commands: what is chance fades, what is there becomes clear.",
             ),
             _entry(
+                "QL534",
+                "The torque was logged in coarse steps",
+                "The logged torque takes whole steps only. Where it was cut toward zero, as a cast to "
+                "whole numbers does, it is too small and the effectiveness too high. Where it was "
+                "rounded, the effectiveness is right. The log does not tell which; the interval covers both.",
+                "Log the torque with more digits, and fly the manoeuvre with larger commands.",
+            ),
+            _entry(
                 "QL512",
                 "The inertia is implausible for a multirotor",
                 "A body's largest moment of inertia is at most the sum of the other two, and a "
@@ -485,14 +517,12 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL601",
-                "The control loop is close to instability",
-                "With the controller that flew, the vehicle has little gain or phase to spare: a lighter "
-                "vehicle, a fuller battery or a little more delay would make it oscillate. Good loops keep "
-                "6 dB, 45 degrees and a disk margin of 0.67; below 4 dB or 30 degrees they are called poor "
-                "here.",
-                "Lower the gains of this axis together, by the factor that is missing, or let the filters "
-                "of gyro and derivative pass more where noise allows it; `quadid-log tune` works out both "
-                "and writes the parameters. Land if the vehicle oscillates.",
+                "The control loop has little margin",
+                "Good loops keep 6 dB, 45 degrees and a disk margin of 0.67 in the worst vehicle that the "
+                "flight allows. Below 4 dB or 30 degrees a loop is close to instability: a lighter vehicle, "
+                "a fuller battery or a little more delay can make it oscillate. Margins are lost by gains "
+                "that are too high, and by gains that are too low.",
+                "`quadid-log tune LOG` computes the next gains, or says why it cannot.",
             ),
             _entry(
                 "QL602",
@@ -526,7 +556,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Margins rest on frequencies where nothing was measured",
                 "The loop decides about its stability above the frequencies that the flight shows. What "
                 "nobody measured may take phase away there: the margins' intervals allow for a further "
-                "delay of 5 ms.",
+                "delay of 5 ms. A frame that bends may add gain: they allow for the modes that the log does "
+                "not rule out.",
                 "Fly a system-ID chirp up to twice the crossover, or quicker manoeuvres.",
             ),
             _entry(
@@ -535,6 +566,14 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The source of this firmware version was not read. The loop is closed with the law of the "
                 "nearest version that was.",
                 "Compare the release notes of the rate controller between the two versions.",
+            ),
+            _entry(
+                "QL607",
+                "A line above the fitted band bounds the gain margin",
+                "The spectrum of the rate has a line there: an arm, a mount or a load that bends, or a "
+                "propeller. What bends adds gain to the loop. The gain margin and its interval allow for it.",
+                "Look for what bends or is loose, and stiffen it; or put a notch at that frequency. Do not "
+                "raise gains before.",
             ),
             _entry(
                 "QL610",
@@ -576,14 +615,15 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The model of this axis is not usable",
                 "Gains follow from the model, and something puts it in question: the reasons are named by "
                 "their codes.",
-                "Do what the findings of this axis advise, fly once more, and tune from that flight.",
+                "Take the next steps that `quadid-log analyze LOG` prints, and tune from the new flight.",
             ),
             _entry(
                 "QL616",
                 "The slew limiter scaled the gains down",
                 "P and D were scaled down in flight, or may have been and the log does not tell: the gains "
                 "of the parameters are not those that flew.",
-                "Lower P and D until the limiter stays out, or log the controller's terms; then tune.",
+                "Log the controller's terms, which show how often the limiter acted. Fly gently enough that "
+                "it stays out, and tune from that flight.",
             ),
             _entry(
                 "QL617",
@@ -638,8 +678,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "No common factor of P, I and D brings the margins to their limits",
                 "Neither higher nor lower gains keep what is to be kept: filters, angle loop or motors take "
                 "too much phase.",
-                "Let the filters of gyro and derivative pass more where noise allows it, or lower the angle "
-                "gain.",
+                "Keep the gains. Where a filter limits this axis, QL636 names it and its cut-off.",
             ),
             _entry(
                 "QL625",
@@ -650,25 +689,24 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL630",
-                "Lower gains keep the margins",
-                "In the worst of the vehicles that the flight allows, the flown gains have less margin than "
-                "is to be kept.",
-                "Load the file, hover first, and land if the vehicle oscillates.",
+                "Lower these gains: they leave too little margin for the next flight",
+                "In the worst of the vehicles that the next flight allows, the flown gains have less margin "
+                "than is to be kept, and lower ones have more.",
+                "Load the file, hover first, and heed the warning beside these gains.",
             ),
             _entry(
                 "QL631",
-                "Higher gains reject gusts better and keep the margins",
+                "Raise these gains: they reject gusts better, and margins stay above the limits",
                 "Even in the worst of the vehicles that the flight allows, there is more margin than is to "
                 "be kept.",
-                "Load the file, hover first, and go back to the flown gains if the vehicle oscillates.",
+                "Load the file, hover first, and heed the warning beside these gains.",
             ),
             _entry(
                 "QL660",
-                "Higher gains bring the margins back",
+                "Raise these gains: they leave too little margin for the next flight",
                 "The rate loop is so slow that the angle loop around it lacks phase: the flown gains have "
                 "less margin than is to be kept, and higher ones have more.",
-                "Load the file, hover first, and go back to the flown gains if the vehicle oscillates. A "
-                "lower angle gain helps, too.",
+                "Load the file, hover first, and heed the warning beside these gains.",
             ),
             _entry(
                 "QL632",
@@ -716,13 +754,13 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The limits are not reached with one factor of P, I and D",
                 "The recommended gains are nearer to the limits than the flown ones. Filters, angle loop or "
                 "motors take the rest.",
-                "Let the filters of gyro and derivative pass more where noise allows it, or lower the angle "
-                "gain.",
+                "Where a filter limits this axis, QL636 names it and its cut-off.",
             ),
             _entry(
                 "QL639",
                 "The promise rests on frequencies where nothing was measured",
-                "Above what the flight shows, the promised margins allow for a further delay of 5 ms.",
+                "Above what the flight shows, the promised margins allow for a further delay of 5 ms, and "
+                "for modes of the frame that the log does not rule out.",
                 "Fly a system-ID chirp up to twice the crossover for a narrower promise.",
             ),
             _entry(
@@ -730,7 +768,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "P, I, D and the angle gain are changed each by itself",
                 "One factor on P, I and D does not keep the margins, or more was wanted: each gain "
                 "goes its own way to where gusts are rejected best and the margins are kept.",
-                "Load the file, hover first, and go back to the flown gains if the vehicle oscillates.",
+                "Load the file, hover first, and heed the warning beside these gains.",
             ),
             _entry(
                 "QL643",
@@ -762,6 +800,13 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The torque was logged too slowly to see what the gyro's noise makes of it: gains are not "
                 "raised.",
                 "Log the controller's output at the loop's rate.",
+            ),
+            _entry(
+                "QL645",
+                "The log does not rule out that the frame bends",
+                "A frame that bends above the fitted band would take gain margin. This log is too slow, too "
+                "short or too noisy to show it. That is no reason to lower the gains, nor to raise them.",
+                "Log rates and torque at 400 Hz or more, and fly for a minute.",
             ),
         )
     )

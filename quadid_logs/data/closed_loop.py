@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.controller import FlownControllers, Replay
 from quadid_logs.numerals import estimate
 
@@ -19,6 +19,62 @@ class Estimated(NamedTuple):
 
     value: float
     ci95: tuple[float, float]
+
+
+class Modes(NamedTuple):
+    """Modes of frames between body and gyro: natural frequencies, damping ratios, what the gyro sees of them.
+
+    Each of shape (n_plants,). The deflection d obeys d'' + 2 z w d' + w^2 d = -(rate)'.
+    """
+
+    natural_hz: FloatArray
+    damping_ratio: FloatArray
+    gain: FloatArray
+
+    def at(self, numbers: slice | IntArray) -> Modes:
+        """Return some of the modes."""
+        return Modes(*(values[numbers] for values in self))
+
+    def response(self, frequency_hz: FloatArray) -> NDArray[np.complex128]:
+        """Return the response of the gyro's rate to the body's.
+
+        Parameters
+        ----------
+        frequency_hz : ndarray, shape (n_frequencies,) or (n_plants, n_frequencies)
+
+        Returns
+        -------
+        ndarray of complex, shape (n_plants, n_frequencies)
+        """
+        natural_hz, damping_ratio, gain = (values[:, np.newaxis] for values in self)
+        x = frequency_hz / natural_hz
+        return np.asarray(1.0 + gain * x**2 / (1.0 - x**2 + 2j * damping_ratio * x), dtype=np.complex128)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FrameModes:
+    """Modes of the frame that the flight allows about one axis, above the fitted band.
+
+    Attributes
+    ----------
+    modes : Modes
+        That of the estimate, then drawn ones; a gain of zero is none.
+    seen : bool
+        The spectrum of the rate shows one: the estimate has it, too.
+    line_hz, line_height : float
+        Where its line stands, and how many times the power of its surroundings it has; NaN for no line.
+    absent : float
+        Probability that there is no mode.
+    visible_hz : float
+        Up to where the log shows the spectrum of the rate, 0 nowhere.
+    """
+
+    modes: Modes
+    seen: bool
+    line_hz: float
+    line_height: float
+    absent: float
+    visible_hz: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -182,6 +238,7 @@ class AxisLoop:
     effectiveness: Estimated | None = None
     contradicted: bool = False
     known_hz: float = 0.0
+    frame: FrameModes | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -179,6 +179,7 @@ class InputDescription:
     ``expo``: that of the thrust curve by which the torque was rebuilt, None where none was assumed.
     ``every_step``: each step of the control loop was logged, so that the
     torque is known between the samples as well.
+    ``grid``: step of the values that L, M and N take in the log, 0 where they take any.
     """
 
     kind: str
@@ -190,6 +191,7 @@ class InputDescription:
     torque_per_thrust: FloatArray | None = None
     expo: AssumedExpo | None = None
     every_step: bool = False
+    grid: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -224,7 +226,7 @@ class FlightData:
     clock_resets : int
         Reboots and clock jumps; later epochs are shifted to follow the earlier ones.
     start_s, duration_s : float
-        Of the whole log on that clock.
+        Of the whole log on that clock; of pooled logs together, without the pauses between.
     on_ground_reason : str
         Why no flight was found, "" where there is one.
     gyro_check : GyroCheck or None
@@ -262,6 +264,11 @@ class FlightData:
             start_s, _ = spans.get(segment.flight, (segment.start_s, 0.0))
             spans[segment.flight] = (start_s, segment.end_s)
         return tuple(spans.values())
+
+    @property
+    def used_s(self) -> float:
+        """Length of all segments together [s]."""
+        return sum(segment.end_s - segment.start_s for segment in self.segments)
 
     @property
     def n_samples(self) -> int:

@@ -12,6 +12,8 @@ from quadid_logs.data.torque import TorqueModel
 from quadid_logs.errors import ShapeError
 from quadid_logs.vocabulary import SIGNALS
 
+#: Whole numbers below are exact in single precision.
+_EXACT: Final = 2.0**24
 #: As autopilots write it after their name: "V4.5.7 (2a3dc4b7)", "v1.15.0-beta", "V3.4-rc2".
 _VERSION: Final = re.compile(r"\b[Vv](\d{1,4})\.(\d{1,4})(?:\.(\d{1,4}))?")
 
@@ -57,6 +59,28 @@ def whole_number(value: float | None, otherwise: int = 0) -> int:
     (12, 0, 4)
     """
     return int(value) if value is not None and abs(value) < 2.0**32 else otherwise
+
+
+def own_bits(value: float | None) -> int | None:
+    """Return a mask of bits, None where single precision, in which a log holds it, may have lost some.
+
+    Parameters
+    ----------
+    value : float or None
+
+    Returns
+    -------
+    int or None
+        Of a mask with its highest bit set a negative number, as the vehicle holds it.
+
+    Examples
+    --------
+    >>> own_bits(407551.0), own_bits(-22530.0), own_bits(2.0**24), own_bits(float("nan"))
+    (407551, -22530, None, None)
+    """
+    if value is None or not abs(value) < _EXACT or value != int(value):
+        return None
+    return int(value)
 
 
 class Notch(NamedTuple):
@@ -323,6 +347,7 @@ class FlightLog:
     lost: tuple[LostBytes, ...] = ()
     n_dropped: int = 0
     systems: tuple[LoggedSystem, ...] = ()
+    n_systems: int = 0
     counts: tuple[MessageCount, ...] = ()
     has_time: bool = True
     utc_offset_s: float = float("nan")

@@ -92,14 +92,22 @@ class Actuator:
     @property
     def lag_identifiable(self) -> bool:
         """Whether the lag is known well enough to be told from another."""
-        return _narrow(self.lag_s, self.lag_ci95_s)
+        return _narrow(self.lag_s, self.lag_ci95_s) and not self.at_bound
 
     @property
     def delay_identifiable(self) -> bool:
         """Whether the delay is known well enough to be told from another."""
-        return _narrow(self.delay_s, self.delay_ci95_s)
+        return _narrow(self.delay_s, self.delay_ci95_s) and not self.at_bound
+
+    @property
+    def at_bound(self) -> bool:
+        """Whether lag or delay is the largest of the search: then neither is identified."""
+        pairs = ((self.lag_s, self.lag_grid_s), (self.delay_s, self.delay_grid_s))
+        return any(value_s >= _AT_BOUND * grid_s.max(initial=0.0) for value_s, grid_s in pairs if grid_s.size)
 
 
+#: A search ends this near to a bound that it would cross.
+_AT_BOUND = 0.99
 #: A half width of a fifth is a standard deviation of a tenth: a time known worse is an order of magnitude.
 _MOST_RELATIVE = 0.2
 
@@ -125,11 +133,14 @@ class Posterior:
         and the torque's calibration, which cancel around a loop, are no part of it.
     lag_or_delay_s : float
         So much of the delay may be lag: the flight does not tell the two apart.
+    only_brakes : tuple of bool
+        Of each axis: its damping is estimated as none, at the edge of what rotors and air can do.
     """
 
     mean: FloatArray
     covariance: FloatArray
     lag_or_delay_s: float
+    only_brakes: tuple[bool, bool, bool] = (False, False, False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -178,8 +189,9 @@ class Windows:
 class Validation:
     """How the model does on data that it was not fitted to; empty maps where there were none.
 
-    ``r2_acceleration`` in the fitted band; ``r2_simulated_rate`` of the whole
-    rate, ``r2_high_passed_rate`` without what is slower than the fitted band.
+    ``r2_acceleration`` in the fitted band; ``r2_commanded`` of what follows from the instruments there, empty
+    without any; ``r2_simulated_rate`` of the whole rate, ``r2_high_passed_rate`` without what is slower than
+    the fitted band.
     ``residual_memory_s``: after so long the residual of the acceleration has
     forgotten itself (autocorrelation below 0.2); ``input_correlation``: its
     largest correlation with the axis' own torque up to half a second apart.
@@ -187,6 +199,7 @@ class Validation:
 
     held_out_s: float
     r2_acceleration: Mapping[str, float] = field(default_factory=dict)
+    r2_commanded: Mapping[str, float] = field(default_factory=dict)
     r2_simulated_rate: Mapping[str, float] = field(default_factory=dict)
     r2_high_passed_rate: Mapping[str, float] = field(default_factory=dict)
     fit_percent: Mapping[str, float] = field(default_factory=dict)
@@ -372,9 +385,11 @@ class StructuralCheck:
         chance makes of it; rms of these deviations, relative. NaN on axes that were not looked at.
     feedback : ndarray, shape (3,)
         How much larger the on-axis effectiveness may be because a controller answers what disturbs the
-        vehicle, relative; zero where set-points are instruments that do more than hold an attitude.
+        vehicle, relative; where set-points are instruments, as far as they follow the attitude.
     instrumented : bool
         Set-points are instruments.
+    strength : ndarray, shape (3,)
+        How strongly they drive each torque: effective F statistic over what it must reach; NaN without any.
     own_timing : ndarray, shape (3,)
         How much larger, relative, the on-axis effectiveness is with lag and delay of the axis' own.
     """
@@ -388,6 +403,7 @@ class StructuralCheck:
     feedback: FloatArray
     instrumented: bool = False
     own_timing: FloatArray = field(default_factory=lambda: np.zeros(3))
+    strength: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -526,6 +542,24 @@ _TARGETS = dict(zip(AXES, ACCELERATION_SYMBOLS, strict=True))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TorquePath:
+    """How acceleration follows torque: lag and roll-off, with their standard errors.
+
+    Advanced by ``lag_s``, torque and acceleration are in phase. The gain falls as 1 - ``roll_off_s2`` times
+    omega squared, about half of the squared time constant of a first-order lag. ``explained``: fraction of
+    the acceleration, every frequency with the same weight. ``p_value``: that of a torque which acts through
+    rotors and filters, but looks as if nothing lay between.
+    """
+
+    lag_s: float
+    lag_error_s: float
+    roll_off_s2: float
+    roll_off_error_s2: float
+    explained: float
+    p_value: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Excitation:
     """How much an axis was moved, against what noise alone would show.
 
@@ -535,6 +569,7 @@ class Excitation:
     with their ``coherence``. ``noise_in_phase``: coherence of torque and angular acceleration without any
     delay, above all motion; ``bandwidth``: standard deviation of the torque's frequency over its mean, in
     the fitted band; ``line_fraction`` of its power is in the strongest line, at ``line_hz``.
+    ``path``: what lies between torque and acceleration, None where the flight is too short to tell.
     """
 
     axis: str
@@ -549,6 +584,7 @@ class Excitation:
     bandwidth: float = float("nan")
     line_hz: float = float("nan")
     line_fraction: float = float("nan")
+    path: TorquePath | None = None
 
 
 def _nothing() -> FloatArray:

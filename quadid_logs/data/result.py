@@ -24,7 +24,7 @@ class PooledLog:
     used_s: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, weakref_slot=True, kw_only=True, eq=False)
 class Result:
     """The chain's objects, one per stage, and the seconds that each stage took.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -131,6 +132,36 @@ class AssumedExpo:
         return sum(self.slope_by_expo) / len(self.slope_by_expo)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TorqueComparison:
+    """Two measurements of the torque, fitted alike and compared on validation data.
+
+    Attributes
+    ----------
+    used, other : str
+        Their sources.
+    takes_preferred : bool
+        Whether the one that is used is the one that would be without a comparison.
+    decided : bool
+        Whether validation data tell which of them predicts the flight better.
+    effectiveness_ratio : mapping of str to float
+        By axis, the effectiveness that belongs to the other over that of the one used.
+    unexplained, unexplained_by_other : mapping of str to float
+        By axis, fraction of the squared acceleration in validation data that is not predicted.
+    differ : tuple of str
+        Axes whose effectiveness differs by more than both intervals.
+    """
+
+    used: str
+    other: str
+    takes_preferred: bool
+    decided: bool
+    effectiveness_ratio: Mapping[str, float]
+    unexplained: Mapping[str, float]
+    unexplained_by_other: Mapping[str, float]
+    differ: tuple[str, ...]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TorqueModel:
     """The airframe as it is understood, and what its outputs say about torque.
@@ -159,6 +190,8 @@ class TorqueModel:
         Fraction of flown samples in which the axis did not get what was commanded; NaN where unknown.
     rotor_speed : str
         What the ESCs' speeds turned out to be, "" where there are none.
+    comparison : TorqueComparison, optional
+        None unless the flight chose between two sources of the torque.
     remarks : tuple of str
         What had to be decided or refused.
     refused : tuple of str
@@ -179,6 +212,7 @@ class TorqueModel:
     check: MixerCheck | None = None
     saturated_fraction: tuple[float, float, float] = (math.nan, math.nan, math.nan)
     rotor_speed: str = ""
+    comparison: TorqueComparison | None = None
     remarks: tuple[str, ...] = ()
     refused: tuple[str, ...] = ()
     needs: tuple[str, ...] = ()

@@ -12,6 +12,8 @@ from quadid_logs.data.closed_loop import LoopMargins, Step
 from quadid_logs.data.diagnosis import Finding
 
 TuningVerdict = Literal["change", "keep", "refused"]
+#: Where the gains go: all up, all down, some up and some down, nowhere; "refuse" says nothing of them.
+Direction = Literal["raise", "lower", "reshape", "keep", "refuse"]
 
 #: What is a whole number but for rounding stays that.
 _LAST_DIGIT: Final = 1e-9
@@ -28,6 +30,8 @@ class Limits(NamedTuple):
 #: Of loops that pilots and the handling-quality standards call good (6 dB and 45 degrees: MIL-F-9490D,
 #: ADS-33E practice). A disk margin of 0.67 is both at once.
 GOOD: Final = Limits(6.0, 45.0, 0.67)
+#: Small changes of the vehicle bring loops below these to the limit: they are called close to instability.
+POOR: Final = Limits(4.0, 30.0, 0.0)
 
 
 def four_digits(value: float) -> float:
@@ -141,6 +145,9 @@ class AxisTuning:
         Standard deviation of the command above the crossover, as flown; NaN where the log is too slow.
     torque_noise_next : float
         With the next gains.
+    more_flights, flights_to_limits : int
+        After the next one until the gains are at their target, and until the limits are kept, if none of
+        them finds anything else.
     """
 
     verdict: TuningVerdict
@@ -153,11 +160,21 @@ class AxisTuning:
     attitude_error: float = float("nan")
     torque_noise: float = float("nan")
     torque_noise_next: float = float("nan")
+    more_flights: int = 0
+    flights_to_limits: int = 0
 
     @property
     def changes(self) -> Mapping[str, GainChange]:
         """The gains that get another value."""
         return {name: change for name, change in self.gains.items() if change.next != change.now}
+
+    @property
+    def direction(self) -> Direction:
+        """Where the gains go: the one source of every sentence that says so."""
+        if self.verdict != "change":
+            return "keep" if self.verdict == "keep" else "refuse"
+        ups = {change.next > change.now for change in self.changes.values()}
+        return "reshape" if len(ups) > 1 else "raise" if True in ups else "lower"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

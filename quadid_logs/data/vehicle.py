@@ -19,7 +19,8 @@ class Rotor:
 class Vehicle:
     """Values given here win over the log's parameters; None means not given.
 
-    ``inertia_kg_m2`` (3, 3) is only ever compared with, never used in a fit.
+    ``inertia_kg_m2`` (3, 3) is only ever compared with, never used in a fit. ``path`` is the file that it
+    was read from, "" for none.
 
     Examples
     --------
@@ -36,3 +37,4 @@ class Vehicle:
     thrust_curve: FloatArray | None = None
     torque_to_thrust_m: float | None = None
     inertia_kg_m2: FloatArray | None = None
+    path: str = ""

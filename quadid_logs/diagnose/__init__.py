@@ -24,7 +24,7 @@ __all__ = ["diagnose", "remedied", "with_findings"]
 
 _SEVERITY = {"error": 0, "warning": 1, "info": 2}
 #: They tell of the loop that the controller makes of the vehicle: the model is as good as it was.
-_NOT_OF_THE_MODEL = frozenset({"QL601", "QL603", "QL604", "QL605", "QL606"})
+_NOT_OF_THE_MODEL = frozenset({"QL601", "QL603", "QL604", "QL605", "QL606", "QL607"})
 
 
 def diagnose(

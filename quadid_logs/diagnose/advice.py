@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 from quadid_logs.autopilots import known, named
 from quadid_logs.data.catalogue import CATALOGUE
-from quadid_logs.vocabulary import AXES
+from quadid_logs.vocabulary import AXES, TABLE_FORMAT
 
 if TYPE_CHECKING:
     from quadid_logs.autopilots.generic.advice import Advice
     from quadid_logs.data.catalogue import Step
-    from quadid_logs.data.diagnosis import Finding
+    from quadid_logs.data.diagnosis import Diagnosis, Finding
     from quadid_logs.data.log import FlightLog
 
 
@@ -43,17 +43,22 @@ def plannable() -> tuple[str, ...]:
     return tuple(sorted(autopilot.name for autopilot in known() if autopilot.advice.logging_settings))
 
 
-def next_steps(found: Iterable[tuple[FlightLog, Finding]]) -> tuple[str, ...]:
+def next_steps(
+    found: Iterable[tuple[FlightLog, Finding]], again: Iterable[tuple[FlightLog, str]] = ()
+) -> tuple[str, ...]:
     """Return what to do next, each thing once and in the order of doing it.
 
     What is to be set comes before what is to be flown: a flight that is logged as
-    the last one would be for nothing. The manoeuvres of all axes are one step. What else a warning
-    advises on an axis that is refused anyway can wait until it is not.
+    the last one would be for nothing. The manoeuvres of all axes are one step. Where an error asks
+    for another way of logging, the next flight takes the place of this one: it moves every axis. What
+    else a warning advises on an axis that is refused anyway can wait until it is not.
 
     Parameters
     ----------
     found : iterable of (FlightLog, Finding)
         Errors and warnings count; of several logs where they are compared.
+    again : iterable of (FlightLog, str)
+        Axes that the next flight is to move, whatever was found.
 
     Returns
     -------
@@ -65,7 +70,7 @@ def next_steps(found: Iterable[tuple[FlightLog, Finding]]) -> tuple[str, ...]:
     texts = (
         *_advice_of(grave, "set"),
         *_advice_of([each for each in grave if each[1].level == "error"], "other"),
-        *_manoeuvres(grave),
+        *_manoeuvres(grave, again),
         *_advice_of(_of_axes_to_be_used(grave), "other"),
     )
     return tuple(dict.fromkeys(filter(None, texts)))
@@ -85,16 +90,60 @@ def _advice_of(found: Sequence[tuple[FlightLog, Finding]], step: Step) -> list[s
     return [finding.advice for _log, finding in found if _step(finding) == step]
 
 
-def _manoeuvres(found: Sequence[tuple[FlightLog, Finding]]) -> list[str]:
+def _manoeuvres(
+    found: Sequence[tuple[FlightLog, Finding]], again: Iterable[tuple[FlightLog, str]]
+) -> list[str]:
     """Return one manoeuvre for all axes that need one; several only where autopilots differ."""
     wanted: dict[tuple[str, tuple[int, ...] | None], set[str]] = {}
-    for log, finding in found:
-        if _step(finding) == "fly":
-            wanted.setdefault((log.autopilot, log.version), set()).update(finding.axes or AXES)
+    needed = [(log, finding.axes or AXES) for log, finding in found if _step(finding) == "fly"]
+    needed += [(log, AXES) for log, finding in found if _hides_excitation(log, finding)]
+    for log, axes in (*needed, *((log, (axis,)) for log, axis in again)):
+        wanted.setdefault((log.autopilot, log.version), set()).update(axes)
     return [
         advice_for(autopilot).excitation([axis for axis in AXES if axis in axes], version)
         for (autopilot, version), axes in wanted.items()
     ]
+
+
+def _hides_excitation(log: FlightLog, finding: Finding) -> bool:
+    """Return whether another flight is needed because of how this one was logged; a table is made anew."""
+    return is_to_set(finding) and finding.level == "error" and log.format != TABLE_FORMAT
+
+
+def to_a_usable_axis(diagnosis: Diagnosis, axis: str) -> tuple[Finding, ...]:
+    """Return the findings whose advice an axis lacks to be usable.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+    axis : str
+
+    Returns
+    -------
+    tuple of Finding
+        Those that decided its verdict, and what is to be set before it is flown again.
+    """
+    reasons = diagnosis.axes[axis].reasons if axis in diagnosis.axes else ()
+    return tuple(
+        one
+        for one in diagnosis.findings
+        if (not one.axes or axis in one.axes)
+        and (one.code in reasons or (one.level != "info" and is_to_set(one)))
+    )
+
+
+def is_to_set(finding: Finding) -> bool:
+    """Return whether its advice is to set something before the next flight.
+
+    Parameters
+    ----------
+    finding : Finding
+
+    Returns
+    -------
+    bool
+    """
+    return _step(finding) == "set"
 
 
 def _step(finding: Finding) -> Step:

@@ -125,7 +125,8 @@ def _vehicle(log: FlightLog) -> Iterator[Finding]:
                     f"system {s.system_id} component {s.component_id}: {s.vehicle_type} ({s.autopilot}), "
                     f"{s.n_messages} messages{', chosen' if s.chosen else ''}"
                     for s in log.systems
-                ]
+                ],
+                **({"others": log.n_systems - len(log.systems)} if log.n_systems > len(log.systems) else {}),
             },
         )
     if log.vehicle_type == "unknown":

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.data.catalogue import CATALOGUE, Step
+from quadid_logs.data.catalogue import CALMER, CATALOGUE, WELL_EXCITED_DEG_S, Step
 from quadid_logs.data.diagnosis import Finding, Level
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import ChangeCheck, Excitation, Identification, Model, Parameter, Response
@@ -20,12 +20,19 @@ from quadid_logs.identify.parameters import (
     MAX_RELATIVE_CI,
     MIN_SIGNAL_TO_NOISE,
     MIN_SIMULATED_R2,
-    least_signal_to_noise,
+    is_commanded_explained,
+    is_explained,
 )
 from quadid_logs.identify.response import Band, feedback_in, slope_and_phase
-from quadid_logs.identify.torque_products import MAX_DELAY_S, MAX_LAG_S
 from quadid_logs.sentences import listed
-from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS, RATE_SYMBOLS, explained_words
+from quadid_logs.vocabulary import (
+    ACCELERATION_SYMBOLS,
+    AXES,
+    ON_AXIS,
+    RATE_SYMBOLS,
+    TABLE_FORMAT,
+    explained_words,
+)
 
 #: Effectiveness that differs by more than this from band to band is not one number.
 _BAND_ERROR = 0.25
@@ -50,9 +57,6 @@ _FACTOR_BETWEEN_ENDS = 3.0
 _CAUTION_SIGNAL_TO_NOISE = 9.0
 #: Gusts that leave less of the rate in the fitted band to the torque may take a tenth off its effectiveness.
 _CAUTION_SIMULATED_R2 = 0.8
-#: The doublets that are advised turn a vehicle at 14 to 25 deg/s rms (yaw least): an axis that turns more
-#: lacks no excitation.
-_WELL_EXCITED_DEG_S = 20.0
 #: Findings that more and quicker commands help against, however much the axis turned.
 _COMMANDS_HELP = frozenset({"QL403", "QL516"})
 _OTHER: Final[Step] = "other"
@@ -108,7 +112,7 @@ class _Axis(NamedTuple):
     def finding(self, code: str, level: Level, evidence: Mapping[str, object], title: str = "") -> Finding:
         """Return a finding about this axis; with what to fly where more motion would help."""
         advice, step = self.advice if CATALOGUE[code].step == "fly" else "", None
-        if advice and code not in _COMMANDS_HELP and self.rate_rms_deg_s >= _WELL_EXCITED_DEG_S:
+        if advice and code not in _COMMANDS_HELP and self.rate_rms_deg_s >= WELL_EXCITED_DEG_S:
             advice, step = self.enough_motion, _OTHER
         return finding(code, level, evidence, axes=(self.name,), advice=advice, title=title, step=step)
 
@@ -122,7 +126,7 @@ def _axis(log: FlightLog, identification: Identification, model: Model, number: 
         excitation=identification.excitation[number],
         on_axis=model.entries[ON_AXIS[AXES[number]]],
         advice=advice_for(log.autopilot).excitation(AXES[number : number + 1], log.version),
-        enough_motion=_enough_motion(identification),
+        enough_motion=_enough_motion(identification, log.format),
         response=identification.responses[number] if identification.responses else None,
     )
     fatal, others = (_SLOW_FATAL, _SLOW_OTHERS) if identification.only_yaw else (_FATAL, _OTHERS)
@@ -135,15 +139,15 @@ def _axis(log: FlightLog, identification: Identification, model: Model, number: 
             yield found
 
 
-def _enough_motion(identification: Identification) -> str:
+def _enough_motion(identification: Identification, log_format: str) -> str:
     """Say what to do about axes that lack no excitation, by their names: advice is read by itself."""
     rms_deg_s = [float(np.degrees(each.rate_rms_rad_s)) for each in identification.excitation]
-    axes = [axis for axis, rms in zip(AXES, rms_deg_s, strict=True) if rms >= _WELL_EXCITED_DEG_S]
+    axes = [axis for axis, rms in zip(AXES, rms_deg_s, strict=True) if rms >= WELL_EXCITED_DEG_S]
+    # Who made the columns of a table can look at them.
+    columns = " Check units, signs and times of the table's columns." if log_format == TABLE_FORMAT else ""
     return (
-        f"{listed(axes).capitalize()} turned by more than {_WELL_EXCITED_DEG_S:g} deg/s rms, which is "
-        "enough: larger manoeuvres would not help. Fly in calm air, away from the ground and with steady "
-        "throttle, and check that torque and rates in the log belong together: units, signs, time stamps, "
-        "motors at their limits."
+        f"{listed(axes).capitalize()} turned by more than {WELL_EXCITED_DEG_S:g} deg/s rms, which is enough: "
+        f"larger manoeuvres would not help. {CALMER}{columns}"
     )
 
 
@@ -167,6 +171,16 @@ def _poorly_excited(axis: _Axis) -> Finding | None:
         return None
     title = f"{axis.name.capitalize()} was poorly excited ({rounded(axis.rate_rms_deg_s)} deg/s rms)"
     return axis.finding("QL403", "error", {**_evidence(axis), "needed_deg_s": needed}, title)
+
+
+def _weakly_commanded(axis: _Axis) -> Finding | None:
+    """Refuse an axis whose torque hardly follows from the set-points that its equation is fitted by."""
+    check = axis.model.structural
+    if check is None or not check.strength[axis.number] < 1.0:
+        return None
+    evidence = {"f_over_needed": rounded(float(check.strength[axis.number]), 2)}
+    title = f"{axis.name.capitalize()} was hardly commanded: its torque follows from something else"
+    return axis.finding("QL403", "error", _evidence(axis) | evidence, title)
 
 
 def _follows_the_rate(axis: _Axis) -> Finding | None:
@@ -193,9 +207,8 @@ def _follows_the_rate(axis: _Axis) -> Finding | None:
 
 def _not_explained(axis: _Axis) -> Finding | None:
     explained = axis.excitation.signal_to_noise
-    if explained >= MIN_SIGNAL_TO_NOISE or (
-        explained >= least_signal_to_noise(axis.model) and _is_of_use(axis)
-    ):
+    enough = is_explained(axis.model, explained, axis.number)
+    if explained >= MIN_SIGNAL_TO_NOISE or (enough and _is_of_use(axis)):
         return None
     return axis.finding("QL504", "error", _evidence(axis), _explained(axis))
 
@@ -240,7 +253,7 @@ def _partly_explained(axis: _Axis) -> Finding | None:
         return None
     rms = axis.rate_rms_deg_s
     weak = f"{axis.name.capitalize()} was weakly excited ({rounded(rms)} deg/s rms)"
-    title = weak if rms < _WELL_EXCITED_DEG_S else _explained(axis)
+    title = weak if rms < WELL_EXCITED_DEG_S else _explained(axis)
     return axis.finding("QL404", "warning", _evidence(axis), title)
 
 
@@ -254,7 +267,8 @@ def _not_reproduced(axis: _Axis) -> Finding | None:
         "block_s": HELD_OUT_BLOCK_S,
         "needed_r2": MIN_SIMULATED_R2,
     }
-    return axis.finding("QL511", "warning" if r2 >= MIN_SIMULATED_R2 else "error", evidence)
+    enough = r2 >= MIN_SIMULATED_R2 or is_commanded_explained(axis.model, axis.number)
+    return axis.finding("QL511", "warning" if enough else "error", evidence)
 
 
 def _own_damping(axis: _Axis) -> Finding | None:
@@ -361,7 +375,15 @@ def _from_slow_log(axis: _Axis) -> Finding | None:
     return axis.finding("QL531", "warning" if axis.r2 > 0.0 else "error", evidence)
 
 
-_FATAL = (_poorly_excited, _follows_the_rate, _inverse_controller, _not_explained, _wrong_sign, _too_wide)
+_FATAL = (
+    _poorly_excited,
+    _follows_the_rate,
+    _inverse_controller,
+    _weakly_commanded,
+    _not_explained,
+    _wrong_sign,
+    _too_wide,
+)
 _OTHERS = (
     _not_reproduced,
     _depends_on_the_band,
@@ -378,9 +400,7 @@ _SLOW_OTHERS = (_from_slow_log, _depends_on_the_band, _interval_too_narrow, _wid
 
 def _actuator(model: Model) -> Iterator[Finding]:
     actuator = model.actuator
-    if actuator is None:
-        return
-    if actuator.lag_s >= 0.99 * MAX_LAG_S or actuator.delay_s >= 0.99 * MAX_DELAY_S:
+    if actuator is not None and actuator.at_bound:
         yield finding(
             "QL507", "warning", {"lag_s": rounded(actuator.lag_s), "delay_s": rounded(actuator.delay_s)}
         )

@@ -9,9 +9,17 @@ import numpy as np
 
 from quadid_logs.data.diagnosis import Finding, Level
 from quadid_logs.data.flight import FlightData
-from quadid_logs.data.model import Effect, EffectCheck, Excitation, Identification, Model, StructuralCheck
+from quadid_logs.data.model import (
+    Effect,
+    EffectCheck,
+    Excitation,
+    Identification,
+    Model,
+    StructuralCheck,
+    TorquePath,
+)
 from quadid_logs.diagnose.findings import finding, rounded
-from quadid_logs.identify.parameters import least_signal_to_noise
+from quadid_logs.identify.parameters import is_explained
 from quadid_logs.identify.structural import (
     LARGEST_SHIFT,
     evidence_needed,
@@ -39,9 +47,18 @@ _LEAST_BANDWIDTH = 0.15
 #: their power in one line. Doublets of yaw have 0.9 there (at 1 Hz a line is as wide as they are), and 0.4.
 _MOST_IN_ONE_LINE = 0.9
 _NARROW = 0.25
-#: Noise of a gyro is in no torque at the same moment: the controller answers later and the rotors later
-#: still (measured: -0.4 to 0.7, the latter where rates were smoothed). A torque computed from rates has 1.
+#: Gyros and calibrations leave two per cent: less is no matter. In the fitted band a torque is half of what
+#: it is as a whole, or more, and a step twice as much of it.
+_COARSE = 0.01
+#: Yaw leads where rotors react, by as much as they lag: there, noise of the gyro has to be in the torque at
+#: the same moment, too (measured: -0.4 to 0.7, the latter where rates were smoothed; computed, it is 1).
 _IN_PHASE = 0.95
+#: Of torques that act through rotors, one in a thousand looks as if nothing lay between by chance.
+_BY_CHANCE = 1e-3
+#: What was computed from the rates is most of them, beside the rounding of what was logged.
+_MOST = 0.5
+#: Axes that the rotors' thrust turns, without a reaction.
+_TILTING = 2
 #: Damping of multirotors is published at up to some 5 1/s, rate loops close at 5 to 30 rad/s, in yaw at 2.
 _MOST_DAMPING_1_S = 5.0
 _LEAST_LOOP_1_S = 2.0
@@ -98,17 +115,42 @@ def find_in_structure(data: FlightData, identification: Identification) -> Itera
     explained = [
         number
         for number, excitation in enumerate(identification.excitation)
-        if excitation.signal_to_noise >= least_signal_to_noise(model)
+        if is_explained(model, excitation.signal_to_noise, number)
     ]
     # What the motors gave is a torque: per newton metre, a rate near one is a coincidence of units.
     given = data.input is not None and data.input.achieved
     yield from _commanded_rates(model, explained, may_be_rate=not given)
+    yield from _coarse_steps(data, explained)
+    computed = _computed_from_rates(identification.excitation)
     for number in explained:
-        yield from _axis(identification, model, number, AXES[number])
-    if model.structural is not None:
+        if number in computed:
+            yield _computed(identification.excitation[number], AXES[number])
+        else:
+            yield from _axis(identification, model, number, AXES[number])
+    if model.structural is not None and not computed:
         yield from _whole_model(model.structural, data.sample_period_s)
     if any(segment.reference is None for segment in data.segments):
         yield finding("QL321", "info", _feedback(model))
+
+
+def _coarse_steps(data: FlightData, numbers: Sequence[int]) -> Iterator[Finding]:
+    """Say by how much the effectiveness is too high if the torque was cut to whole steps, not rounded."""
+    if data.input is None or not data.segments:
+        return
+    torque = np.concatenate([segment.torque for segment in data.segments])
+    for number in numbers:
+        step = data.input.grid[number]
+        size = np.abs(torque[:, number])
+        power = float(np.mean(size**2))
+        # Cut toward zero, what was logged is less than the torque by half a step on the mean.
+        too_high = 0.5 * step * float(np.mean(size)) / power if step else 0.0
+        if too_high > _COARSE:
+            evidence: dict[str, object] = {
+                "step": rounded(step, 3),
+                "torque_rms": rounded(float(np.sqrt(power)), 3),
+                "too_high_if_cut_by_at_least": rounded(too_high, 2),
+            }
+            yield finding("QL534", "warning", evidence, axes=(AXES[number],))
 
 
 def _rates(data: FlightData) -> Iterator[Finding]:
@@ -144,12 +186,8 @@ def _feedback(model: Model) -> dict[str, object]:
 def _axis(identification: Identification, model: Model, number: int, axis: str) -> Iterator[Finding]:
     """Judge one axis: what makes its number worthless is enough, then what would change it."""
     excitation = identification.excitation[number]
-    # A log that is too slow for roll and pitch holds nothing above the motion.
-    if excitation.noise_in_phase > _IN_PHASE and not identification.only_yaw:
-        evidence: dict[str, object] = {"coherence_in_phase": rounded(excitation.noise_in_phase, 3)}
-        yield finding("QL520", "error", evidence, axes=(axis,))
-    elif _holds_one_frequency(excitation, identification.excitation):
-        evidence = {
+    if _holds_one_frequency(excitation, identification.excitation):
+        evidence: dict[str, object] = {
             "relative_bandwidth": rounded(excitation.bandwidth, 2),
             "needed": _LEAST_BANDWIDTH,
             "strongest_line_hz": rounded(excitation.line_hz, 3),
@@ -160,6 +198,31 @@ def _axis(identification: Identification, model: Model, number: int, axis: str) 
         yield finding("QL420", "error", evidence, axes=(axis,), title=title)
     elif model.structural is not None:
         yield from _effects(model.structural, number, axis)
+
+
+def _computed_from_rates(excitation: Sequence[Excitation]) -> tuple[int, ...]:
+    """Return the axes whose torque was computed from the rates: all where roll's or pitch's was."""
+    found = [number for number, each in enumerate(excitation) if _has_no_path(each.path)]
+    if any(number < _TILTING for number in found):
+        return tuple(range(len(excitation)))
+    return tuple(number for number in found if excitation[number].noise_in_phase > _IN_PHASE)
+
+
+def _has_no_path(path: TorquePath | None) -> bool:
+    """Say whether nothing lies between torque and acceleration: no rotor, and no filter of a gyro."""
+    return path is not None and path.p_value < _BY_CHANCE and path.explained > _MOST
+
+
+def _computed(excitation: Excitation, axis: str) -> Finding:
+    path, evidence = excitation.path, {}
+    if path is not None:
+        evidence = {
+            "lag_ms": rounded(1e3 * path.lag_s, 2),
+            "lag_standard_error_ms": rounded(1e3 * path.lag_error_s, 2),
+            "explained": rounded(path.explained, 3),
+            "p_value": rounded(path.p_value, 2),
+        }
+    return finding("QL520", "error", evidence, axes=(axis,))
 
 
 def _holds_one_frequency(excitation: Excitation, all_axes: Sequence[Excitation]) -> bool:

@@ -11,7 +11,7 @@ from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.flight import FlightData, InputDescription
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Identification, Inertia, ThrustCurve
-from quadid_logs.data.torque import Calibration, TorqueModel
+from quadid_logs.data.torque import Calibration, TorqueComparison, TorqueModel
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.diagnose.findings import finding, rounded
 from quadid_logs.vocabulary import AXES, ON_AXIS
@@ -21,6 +21,12 @@ _OFTEN_LIMITED = 0.01
 #: Moments of inertia over mass times arm squared. All mass at the tips of a cross gives 0.5 about x and y
 #: and 1 about z; the known vehicles lie at 0.06 to 0.4.
 _INERTIA_RATIO = ((0.01, 0.6), (0.01, 0.6), (0.02, 1.1))
+
+#: What to do where validation data do not tell which of two sources is right, or tell for rotor speeds.
+_STRONGER = "Fly stronger doublets on these axes: validation data do not show which of the two is right."
+_CHECK_COMMANDS = (
+    "Check the motor order and the battery compensation: the motor commands predict the flight worse."
+)
 
 
 def find_in_torque(log: FlightLog, data: FlightData, identification: Identification) -> Iterator[Finding]:
@@ -46,6 +52,7 @@ def find_in_torque(log: FlightLog, data: FlightData, identification: Identificat
         yield finding("QL308", "info", {"why": list(model.refused)})
     if data.segments:
         yield from _saturation(model, data.input)
+        yield from _sources(model.comparison)
     curve = identification.thrust_curve
     # Where no parameter holds the expo there is nothing to set; the result says what was found.
     if curve is not None and curve.corrected and curve.parameter:
@@ -111,6 +118,27 @@ def _saturation(model: TorqueModel, given: InputDescription) -> Iterator[Finding
         {"fraction_of_flight": limited, "torque": "as achieved" if given.achieved else "as commanded"},
         axes=often,
     )
+
+
+def _sources(comparison: TorqueComparison | None) -> Iterator[Finding]:
+    """Say that two sources of the torque disagree, and whether the flight tells which one is right."""
+    if comparison is None or not comparison.differ:
+        return
+    axes = comparison.differ
+    evidence: dict[str, object] = {
+        "used": comparison.used,
+        "other": comparison.other,
+        "effectiveness_of_other_over_used": {
+            axis: rounded(comparison.effectiveness_ratio[axis], 3) for axis in axes
+        },
+        "unexplained_by_used": {axis: rounded(comparison.unexplained[axis], 2) for axis in axes},
+        "unexplained_by_other": {axis: rounded(comparison.unexplained_by_other[axis], 2) for axis in axes},
+    }
+    if not comparison.decided:
+        yield finding("QL312", "warning", evidence, axes=axes, advice=_STRONGER)
+        return
+    advice = _CHECK_COMMANDS if comparison.takes_preferred else ""
+    yield finding("QL312", "info", evidence, axes=axes, advice=advice)
 
 
 def _other_expo(curve: ThrustCurve) -> Finding:

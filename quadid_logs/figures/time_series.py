@@ -153,7 +153,9 @@ def axis_curves(time_s: FloatArray, values: FloatArray, names: tuple[str, ...]) 
 
 def mode_bands(data: FlightData) -> tuple[tuple[Band, ...], int]:
     """Return a band per flight mode, and how many more there would be."""
-    end_s = data.start_s + data.duration_s
+    # Of pooled logs, modes are those of the first, as the overview is.
+    ends = [float(each.time_s[-1]) for each in data.overview.values() if each.time_s.size]
+    end_s = max(ends, default=data.start_s + data.duration_s)
     edges = [*(mode.time_s for mode in data.modes), end_s][1:]
     names = list(dict.fromkeys(mode.name for mode in data.modes))
     bands = tuple(

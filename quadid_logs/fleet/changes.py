@@ -72,6 +72,8 @@ class Shift:
 
     ``half_width`` is that of the difference's own 95 % interval, with the
     scatter of the flights, but without systematic uncertainty and correction.
+    ``p_value`` is the chance of such a difference in any vehicle of an unchanged fleet, where the
+    intervals alone tell it.
     """
 
     name: str
@@ -80,6 +82,7 @@ class Shift:
     after: float
     margin: float
     half_width: float = float("nan")
+    p_value: float = float("nan")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -33,6 +33,7 @@ from quadid_logs.fleet.changes import (
     scatter_prior,
 )
 from quadid_logs.fleet.coverage import Coverage, coverage_of
+from quadid_logs.fleet.disagreement import Scatter, find_disagreements, n_disagreement_tests
 from quadid_logs.fleet.naming import MODIFICATION, number_in
 from quadid_logs.fleet.rows import ANALYZED
 from quadid_logs.fleet.store import SetAside, read_rows
@@ -93,6 +94,7 @@ class VehicleHistory:
     series: tuple[Series, ...]
     changes: tuple[ChangePoint, ...] = ()
     open_change: OpenChange | None = None
+    scatter: tuple[Scatter, ...] = ()
     outlier_tests: tuple[OutlierTest, ...] = ()
 
     @property
@@ -183,7 +185,8 @@ def _failure(row: Mapping[str, Any]) -> Failure:
 def _tested(histories: Sequence[VehicleHistory]) -> tuple[tuple[VehicleHistory, ...], int]:
     """Return the histories with changes and outlier tests, and how many tests there were for changes."""
     all_series = [history.series for history in histories]
-    n_tests, prior = count_tests(all_series), scatter_prior(all_series)
+    prior = scatter_prior(all_series)
+    n_tests = count_tests(all_series) + n_disagreement_tests(all_series)
     changed = [_with_changes(history, n_tests, prior) for history in histories]
     outlier_tests: dict[str, list[OutlierTest]] = {}
     for test in _outlier_tests(changed, prior):
@@ -200,8 +203,15 @@ def _with_changes(
     """Return a history with its changes, and with what the last flights leave open."""
     changes = find_changes(history.series, n_tests, prior)
     since = changes[-1].flight if changes else 0
+    still_open = find_open_change(history.series, since, n_tests, prior)
+    ends = {0, *(change.flight for change in changes), len(history.flights)}
+    ends |= {still_open.flight} if still_open else set()
+    others = find_disagreements(history.series, sorted(ends), n_tests, prior)
     return replace(
-        history, changes=changes, open_change=find_open_change(history.series, since, n_tests, prior)
+        history,
+        changes=tuple(sorted((*changes, *others.changes), key=lambda change: change.flight)),
+        open_change=still_open or others.open_change,
+        scatter=others.scatter,
     )
 
 

@@ -39,7 +39,8 @@ def log_suffixes() -> tuple[str, ...]:
 
     A file that is named, or matches a pattern, is taken whatever its ending. Tables would be too many.
     """
-    return tuple(suffix for one in formats() if one.name != "table" for suffix in one.suffixes)
+    every = (suffix for one in formats() if one.name != "table" for suffix in one.suffixes)
+    return tuple(dict.fromkeys(every))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

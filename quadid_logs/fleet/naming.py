@@ -19,6 +19,8 @@ UNKNOWN = "unknown"
 MODIFICATION = "modification"
 #: Part of an id that is unique: the processor's, in words of hexadecimal digits.
 _UNIQUE = re.compile(r"[0-9A-Fa-f]{16,}")
+#: So many digits tell contents of the same name apart.
+_SHORT = 8
 _EMPTY = re.compile(r"[0 ]*")
 _DATE = re.compile(
     r"(?<!\d)(20\d\d)(?P<dash>[-_.]?)(\d\d|(?<=[-_.])\d)(?P=dash)(\d\d|(?<=[-_.])\d)(?!\d)"
@@ -63,15 +65,16 @@ def identify_unread(file: LogFile, rules: NamingRules) -> Identity:
     )
 
 
-def identify_vehicle(log: FlightLog, file: LogFile, rules: NamingRules) -> Identity:
+def identify_vehicle(log: FlightLog, file: LogFile, rules: NamingRules, sha256: str = "") -> Identity:
     """Name vehicle and model.
 
     The vehicle's name is, in this order: what ``vehicle_from`` finds in the
-    path, the autopilot's unique hardware id, its serial number
-    (BRD_SERIAL_NUM), its MAVLink id where somebody set one, the folder. The
-    last three may be those of several vehicles, so that autopilot, type, frame
-    and airframe are part of the name. The model is what ``model_from`` finds,
-    otherwise autopilot and frame.
+    path, the autopilot's unique hardware id, the craft name that the pilot
+    gave it, its serial number (BRD_SERIAL_NUM), its MAVLink id where somebody
+    set one, the folder. All but the first two may be those of several vehicles,
+    so that autopilot, type, frame and airframe are part of the name. A log with
+    nothing of that is a vehicle by itself: two of them may be two vehicles.
+    The model is what ``model_from`` finds, otherwise autopilot and frame.
 
     Parameters
     ----------
@@ -79,12 +82,14 @@ def identify_vehicle(log: FlightLog, file: LogFile, rules: NamingRules) -> Ident
     file : LogFile
         Where it lies.
     rules : NamingRules
+    sha256 : str
+        Of its content.
 
     Returns
     -------
     Identity
     """
-    vehicle, taken_from = _vehicle(log, file, rules)
+    vehicle, taken_from = _vehicle(log, file, rules, sha256)
     kind = log.frame or (log.vehicle_type if log.vehicle_type != "unknown" else "vehicle of unknown type")
     described = f"{log.autopilot} {kind}"
     return Identity(
@@ -92,13 +97,30 @@ def identify_vehicle(log: FlightLog, file: LogFile, rules: NamingRules) -> Ident
     )
 
 
-def _vehicle(log: FlightLog, file: LogFile, rules: NamingRules) -> tuple[str, str]:
+def craft_name(log: FlightLog) -> str:
+    """Return what the pilot called the vehicle, "" where the log does not say.
+
+    Parameters
+    ----------
+    log : FlightLog
+
+    Returns
+    -------
+    str
+        Untrusted text. What tells the systems of a MAVLink log apart is a number, and no name.
+    """
+    return "" if log.systems else log.vehicle_name.strip()
+
+
+def _vehicle(log: FlightLog, file: LogFile, rules: NamingRules, sha256: str) -> tuple[str, str]:
     """Return the first name that distinguishes vehicles."""
     if name := _match(rules.vehicle_from, file.url):
         return name, "path"
     words = log.hardware_id.replace("-", "").split()
     if _UNIQUE.search("".join(words[1:] or words)) and not _EMPTY.fullmatch("".join(words)):
         return log.hardware_id, "hardware id"
+    if craft := craft_name(log):
+        return f"{craft} ({_build(log)})", "craft name"
     for parameter in (name for autopilot in known() for name in autopilot.serial_parameters):
         if serial := log.parameters.get(parameter, 0.0):
             return f"serial {serial:.0f} ({_build(log)})", parameter
@@ -106,8 +128,11 @@ def _vehicle(log: FlightLog, file: LogFile, rules: NamingRules) -> tuple[str, st
         number = log.parameters.get(parameter, 1.0)
         if math.isfinite(number) and number != 1.0:
             return f"system {number:.0f} ({_build(log)})", parameter
-    folder = PurePosixPath(file.url.replace("\\", "/")).parent.name
-    return f"{folder or UNKNOWN} ({_build(log)})", "folder"
+    path = PurePosixPath(file.url.replace("\\", "/"))
+    if path.parent.name:
+        return f"{path.parent.name} ({_build(log)})", "folder"
+    content = f", {sha256[:_SHORT]}" if sha256 else ""
+    return f"{path.name or UNKNOWN}{content} ({_build(log)})", ""
 
 
 def _build(log: FlightLog) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -10,12 +11,14 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
 
+from quadid_logs.commands import command, named
 from quadid_logs.fleet.changes import MIN_RUN, ChangePoint, OpenChange, OutlierTest, Shift
 from quadid_logs.fleet.coverage import coverage_words
+from quadid_logs.fleet.disagreement import Scatter
 from quadid_logs.fleet.history import Failure, Fleet, Flight, VehicleHistory
 from quadid_logs.fleet.sparklines import HEIGHT, WIDTH, Sparkline, sparkline
 from quadid_logs.fleet.store import REPORTS
-from quadid_logs.numerals import plus_minus, resolved
+from quadid_logs.numerals import p_words, plus_minus, resolved
 from quadid_logs.report.pages import environment
 from quadid_logs.untrusted import printable
 from quadid_logs.version import __version__
@@ -77,10 +80,16 @@ class _VehicleRow:
     dampings: tuple[tuple[str, Sparkline | None], ...]
     changes: tuple[_Story, ...]
     open_change: _Story | None
+    scatter: _Story | None
     outlier: _Story | None
     nothing: str
     flights: tuple[_FlightRow, ...]
     n_hidden: int
+
+    @property
+    def is_noticed(self) -> bool:
+        """Whether there is anything to say about it."""
+        return bool(self.changes or self.open_change or self.scatter or self.outlier)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,13 +120,13 @@ def fleet_page(fleet: Fleet, store: Path, page_folder: Path) -> str:
     links = _links(store, page_folder)
     rows = [_vehicle_row(number, history, links) for number, history in enumerate(fleet.histories)]
     # Changed vehicles and outliers come first: that is what the page is for; then those with a result.
-    rows.sort(key=lambda row: (not (row.changes or row.open_change or row.outlier), not _is_known(row)))
+    rows.sort(key=lambda row: (not row.is_noticed, not _is_known(row)))
     page: str = (
         environment("quadid_logs.fleet")
         .get_template("fleet.html")
         .render(
             rows=rows,
-            noticed=[row for row in rows if row.changes or row.open_change or row.outlier],
+            noticed=[row for row in rows if row.is_noticed],
             coverage=coverage_words(fleet.coverage),
             all_clear=_all_clear(fleet),
             failures=[_failure_row(failure) for failure in fleet.failures[:_MOST_FAILURES]],
@@ -130,6 +139,7 @@ def fleet_page(fleet: Fleet, store: Path, page_folder: Path) -> str:
             version=__version__,
             width=WIDTH,
             height=HEIGHT,
+            query=command("query", named(str(store)), "SELECT * FROM fleet"),
         )
     )
     return page
@@ -228,6 +238,7 @@ def _vehicle_row(number: int, history: VehicleHistory, links: Mapping[str, str])
         dampings=_lines(history, "damping", changes),
         changes=tuple(_change_story(change, history) for change in history.changes),
         open_change=_open_story(history.open_change, history) if history.open_change else None,
+        scatter=_scatter_story(history) if history.scatter else None,
         outlier=_outlier_story(history) if history.outliers else None,
         nothing=_nothing_found(history),
         flights=tuple(
@@ -333,6 +344,25 @@ def _open_story(found: OpenChange, history: VehicleHistory) -> _Story:
     )
 
 
+def _scatter_story(history: VehicleHistory) -> _Story:
+    """Say that the flights are not those of one vehicle, and what to do."""
+    found = sorted(history.scatter, key=lambda one: one.p_value)
+    return _Story(
+        head="flights are not one vehicle: they scatter far beyond their intervals",
+        items=tuple(_scatter_words(one, history.input_unit) for one in found),
+        cause="Two vehicles have one name, or the vehicle was rebuilt in between. Give each its own name.",
+        drawing=_drawing(history, found[0].name, found[0].axis),
+    )
+
+
+def _scatter_words(one: Scatter, unit: str) -> str:
+    """Say how far the flights lie apart, and how likely that is by chance."""
+    name, unit, factor = _spoken(one.name, one.axis, unit)
+    low, high = (f"{factor * value:.3g}" for value in (one.lowest, one.highest))
+    flights = f"flights {one.first + 1} to {one.last + 1}"
+    return f"{name}: {low} to {high} {unit} in {flights} ({p_words(one.p_value)})"
+
+
 def _decided_by(found: OpenChange) -> str:
     """Say what it takes to decide."""
     if found.n_missing:
@@ -364,7 +394,8 @@ def _shift_words(shift: Shift, unit: str) -> str:
         _rounded(factor * v, factor * shift.before, factor * shift.margin)
         for v in (shift.before, shift.after, shift.margin)
     )
-    return f"{name}: {before} to {after} {unit} (up to {margin} is no change)"
+    chance = "" if math.isnan(shift.p_value) else f"; {p_words(shift.p_value)}"
+    return f"{name}: {before} to {after} {unit} (up to {margin} is no change{chance})"
 
 
 def _outlier_story(history: VehicleHistory) -> _Story:
@@ -431,6 +462,8 @@ def headlines(fleet: Fleet) -> list[str]:
         stories = [_change_story(change, history) for change in history.changes]
         if history.open_change:
             stories.append(_open_story(history.open_change, history))
+        if history.scatter:
+            stories.append(_scatter_story(history))
         if history.outliers:
             stories.append(_outlier_story(history))
         lines += [

@@ -189,7 +189,7 @@ def result_rows(
         if result.log is not log:  # a file may hold several
             log = result.log
             zero_s, started_from = clock_zero(log, result.data.start_s, file)
-            identity = identify_vehicle(log, file, rules)
+            identity = identify_vehicle(log, file, rules, sha256)
             shared = {**_file_part(file, sha256, identity), **_log_part(log), "started_from": started_from}
         start_s, duration_s = _span(result)
         when = zero_s + start_s
@@ -204,6 +204,31 @@ def result_rows(
         }
         rows += [{**shared, **part, **_axis_part(result, number)} for number in range(len(AXES))]
     return rows
+
+
+def judged_as(rows: Sequence[Mapping[str, Any]], told: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return rows with the verdicts of others about the same flight.
+
+    Numbers of an axis that its own verdict refused are left out, whatever the other one says.
+
+    Parameters
+    ----------
+    rows, told : sequence of mapping
+        By axis, in the same order.
+
+    Returns
+    -------
+    list of dict
+    """
+    nothing = {f"{name}{end}": None for name in QUANTITIES for end in ("", "_low", "_high")}
+    return [
+        {
+            **row,
+            **(nothing if row["verdict"] == "refused" else {}),
+            **{name: other[name] for name in ("verdict", "reasons", "sentence")},
+        }
+        for row, other in zip(rows, told, strict=True)
+    ]
 
 
 def _log_part(log: FlightLog) -> dict[str, Any]:

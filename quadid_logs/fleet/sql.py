@@ -22,7 +22,7 @@ _LOCKS = (
     "SET lock_configuration = true",
 )
 _BATCH = 1000
-_COLUMNS_HINT = 'Columns: quadid-log query STORE "DESCRIBE fleet"'
+_COLUMNS_HINT = 'Columns: `quadid-log query STORE "DESCRIBE fleet"`'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

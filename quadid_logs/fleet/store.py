@@ -193,6 +193,21 @@ class Store:
         for page in (self.folder / REPORTS).glob(f"{sha256}-*.html"):
             page.unlink(missing_ok=True)
 
+    def rename(self, vehicle: str, name: str) -> None:
+        """Give a vehicle another name.
+
+        Parameters
+        ----------
+        vehicle, name : str
+
+        Raises
+        ------
+        OutputError
+            If the store cannot be written.
+        """
+        with self._writing(), self._transaction():
+            self._database.execute("UPDATE fleet SET vehicle = ? WHERE vehicle = ?", (name, vehicle))
+
     def _write_reports(self, outcome: Outcome) -> None:
         """Write the pages beside the table, before the rows that point to them."""
         pages = {
@@ -355,7 +370,7 @@ def _reading(folder: Path) -> Iterator[sqlite3.Connection]:
     if not path.is_file():
         raise SettingsError(
             f"{printable(folder)} is no store of a fleet.",
-            hint="Make one with: quadid-log fleet LOGS -o STORE",
+            hint="Make one with `quadid-log fleet LOGS -o STORE`.",
         )
     try:
         with closing(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -15,8 +15,14 @@ from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.errors import SettingsError
 from quadid_logs.identify.design import Design, build_design, smooth_segment
 from quadid_logs.identify.equation_by_equation import INFORMATIVE_R2
-from quadid_logs.identify.excitation import ColumnNoise, excited_axes, measure_excitation, noise_density
-from quadid_logs.identify.instruments import with_strong_instruments
+from quadid_logs.identify.excitation import (
+    ColumnNoise,
+    excited_axes,
+    measure_excitation,
+    noise_density,
+    turns,
+)
+from quadid_logs.identify.first_stage import told_axes, with_strong_instruments
 from quadid_logs.identify.model import actuated_model
 from quadid_logs.identify.published import fit_as_published
 from quadid_logs.identify.response import SAMPLES_PER_CYCLE, Band, fitted_band, responses
@@ -29,7 +35,7 @@ from quadid_logs.identify.thrust_curve import fit_thrust_curve
 from quadid_logs.identify.yaw import YawFit, fit_with_reaction, with_yaw_of
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS
 
-__all__ = ["MIN_RATE_HZ", "identify"]
+__all__ = ["MIN_RATE_HZ", "ROWS_PER_UNKNOWN", "default_band", "identify"]
 
 #: Below, a 50 ms motor lag and the rate loop (2 to 8 Hz) leave under five samples per cycle between them,
 #: and the torque between two samples is a guess: B comes out wrong by factors (measured: factor 2 at 11 Hz).
@@ -47,7 +53,7 @@ _NOT_A_RIGID_BODY = (
 #: Equivalent noise bandwidth of the Gaussian over its cut-off: sqrt(pi / ln 2) / 2.
 _NOISE_BANDWIDTH = 1.0645
 #: Rows per unknown below which a fit is arithmetic, not evidence.
-_ROWS_PER_UNKNOWN = 5
+ROWS_PER_UNKNOWN: Final = 5
 
 
 def identify(
@@ -86,25 +92,28 @@ def identify(
     slowest_hz = min((source.rate_hz for source in needed), default=np.inf)
     if slowest_hz < MIN_RATE_HZ:
         return _only_yaw(data, settings, structures[0], slowest_hz)
-    band = _default_band(settings, data.sample_period_s)
+    band = default_band(settings, data.sample_period_s)
     data = most_excited(data, settings.most_samples)
     design = build_design(data, band.high_hz, structures)
-    n_needed = _ROWS_PER_UNKNOWN * len(structures[0].columns)
+    n_needed = ROWS_PER_UNKNOWN * len(structures[0].columns)
     if design is None or np.count_nonzero(design.train) < n_needed:
         return Identification(skipped="the flight is too short for the number of unknowns")
     high_passed = design.high_passed(settings.high_pass_hz)
     design = with_strong_instruments(design, high_passed, excited_axes(high_passed))
     data, design, curve = fit_thrust_curve(data, design, settings.high_pass_hz)
     models, informative = _fit_all(data, design, structures, settings)
-    found = responses(data, instruments=design.instruments is not None)
-    other = _band_of_the_response(found, informative, band, data.sample_period_s)
-    if other != band and not settings.smoothing_hz and settings.high_pass_hz:
-        again = _fit_in(other, data, design, structures, settings)
-        models = (
-            again if _is_better(again, models, informative, raised=other.low_hz > band.low_hz) else models
-        )
+    used = design.high_passed(settings.high_pass_hz)
+    told = [] if design.instruments is None else told_axes(used)
+    found = responses(data, by_setpoints=told)
+    if not settings.smoothing_hz and settings.high_pass_hz:
+        # By set-points the response of an axis can be known before a fit of it is any good.
+        asked = told or informative
+        tilting = {axis: found[axis] for axis in asked if axis < 2 and found}
+        for other, raised in _bands_of_the_response(tilting, band, data.sample_period_s, design):
+            again = _fit_in(other, data, design, structures, settings, raised=raised)
+            models = again if _is_better(again, models, asked, raised=raised) else models
     ordered = _recommend(models, recommended or settings.structure)
-    return replace(_identified(data, ordered, high_passed), responses=found, thrust_curve=curve)
+    return replace(_identified(data, ordered, design), responses=found, thrust_curve=curve)
 
 
 def _only_yaw(
@@ -114,26 +123,52 @@ def _only_yaw(
     found = fit_slow_yaw(data, structure, settings, rate_hz)
     if found is None:
         return Identification(skipped=f"torque and rates were logged at {rate_hz:.3g} Hz only")
-    model, high_passed = found
-    return replace(_identified(data, (model,), high_passed), only_yaw=True)
+    model, design = found
+    return replace(_identified(data, (model,), design), only_yaw=True)
 
 
-def _identified(data: FlightData, models: tuple[Model, ...], high_passed: Design) -> Identification:
-    """Put an identification together, with how much each axis was excited on the high-passed rows."""
+def _identified(data: FlightData, models: tuple[Model, ...], design: Design) -> Identification:
+    """Put an identification together, with how much each axis was excited in the band of its fit."""
+    low_hz = [_lower_edge(models[0], axis, design.high_pass_hz) for axis in range(3)]
+    fitted = {each: design.high_passed(each) for each in {*low_hz}}
     return Identification(
         models=models,
         n_samples=data.n_samples,
         excitation=measure_excitation(
             data,
             signal_to_noise=_signal_to_noise(models[0]),
-            rate_rms_rad_s=np.array([np.std(high_passed.columns[name]) for name in RATE_SYMBOLS]),
-            band_hz=(high_passed.high_pass_hz, models[0].smoothing_hz),
+            rate_rms_rad_s=np.array(
+                [np.std(fitted[low].columns[name]) for low, name in zip(low_hz, RATE_SYMBOLS, strict=True)]
+            ),
+            # What an axis holds beside its strongest line counts wherever the fit could begin.
+            band_hz=(design.high_pass_hz, models[0].smoothing_hz),
         ),
     )
 
 
-def _default_band(settings: IdentifySettings, sample_period_s: float) -> Band:
-    """Return the band that is fitted where the response does not speak against it."""
+def _lower_edge(model: Model, axis: int, default_hz: float) -> float:
+    """Return below which frequency [Hz] an axis was not fitted."""
+    band = model.band_of(axis)
+    return default_hz if band is None else float(band.low_hz[0])
+
+
+def default_band(settings: IdentifySettings, sample_period_s: float) -> Band:
+    """Return the band that is fitted where the response does not speak against it.
+
+    Parameters
+    ----------
+    settings : IdentifySettings
+    sample_period_s : float
+
+    Returns
+    -------
+    Band
+
+    Raises
+    ------
+    SettingsError
+        If the band that was set by hand goes up to half the sample rate.
+    """
     rate_hz = 1.0 / sample_period_s
     if 2.0 * settings.smoothing_hz >= rate_hz:
         raise SettingsError(
@@ -146,44 +181,60 @@ def _default_band(settings: IdentifySettings, sample_period_s: float) -> Band:
     )
 
 
-def _band_of_the_response(
-    found: Sequence[Response], informative: Sequence[int], band: Band, sample_period_s: float
-) -> Band:
-    """Return the band that the response of roll and pitch speaks for.
+def _bands_of_the_response(
+    tilting: Mapping[int, Response], band: Band, sample_period_s: float, design: Design
+) -> Iterator[tuple[Band, bool]]:
+    """Yield the other bands that the response of roll and pitch, by number of the axis, speaks for.
 
-    They are what slow air tilts. Yaw tells most where it is slowest.
+    They are what slow air tilts; yaw tells most where it is slowest. With each, whether its lower edge is
+    raised above what is known to be another's. With set-points as instruments, slow air hides what it does
+    not change: what nothing is known of may be left out, where the axes are still moved.
     """
-    tilting = [each for axis, each in enumerate(found) if axis in informative and axis < 2]
-    return fitted_band(tilting, band, sample_period_s) if tilting else band
+    if not tilting:
+        return
+    found = [*tilting.values()]
+    other = fitted_band(found, band, sample_period_s)
+    if other != band:
+        yield other, other.low_hz > band.low_hz
+    if design.instruments is None:
+        return
+    known = fitted_band(found, band, sample_period_s, from_known=True)
+    if known not in (band, other) and turns(design.high_passed(known.low_hz))[[*tilting]].all():
+        yield known, False
 
 
 def _fit_in(
-    band: Band, data: FlightData, design: Design, structures: Sequence[Structure], settings: IdentifySettings
+    band: Band,
+    data: FlightData,
+    design: Design,
+    structures: Sequence[Structure],
+    settings: IdentifySettings,
+    *,
+    raised: bool,
 ) -> list[Model]:
     """Fit again in another band; nothing where no segment is as long as its filters reach."""
     other = build_design(data, band.high_hz, structures)
     if other is None:
         return []
-    if design.instruments is None:
-        other = other.without_instruments()
+    other = other.instrumented_as(design)
     # The reaction of the rotors rules yaw above a raised lower edge, so that yaw stays below; roll and pitch,
-    # which slow air drives there, have no say in its lag and delay.
+    # which slow air drives there, have no say in its lag and delay. What is only left out may be told by yaw.
     own = None
     if band.low_hz > settings.high_pass_hz:
         yaw = fit_with_reaction(
             data, design, structures[0].known(design.torque.symbols), settings, voting=(2,)
         )
-        own = None if yaw.reaction is None else yaw
+        own = None if raised and yaw.reaction is None else yaw
     settings = replace(settings, high_pass_hz=band.low_hz)
     return _fit_all(data, other, structures, settings, yaw=own)[0]
 
 
-def _is_better(again: list[Model], models: list[Model], informative: Sequence[int], *, raised: bool) -> bool:
+def _is_better(again: list[Model], models: list[Model], asked: Sequence[int], *, raised: bool) -> bool:
     """Say whether a fit in the band of the response takes the place of that in the default one.
 
     Above a raised lower edge an axis must be explained: what is below is known to be another's, however well
-    it was fitted. Without what is above an upper edge more must be explained: captured motion, for one,
-    is often smoothed, and its empty upper frequencies harm nothing.
+    it was fitted. Without what is above an upper edge, or of which nothing is known, more must be explained:
+    captured motion, for one, is often smoothed, and its empty upper frequencies harm nothing.
     """
     if not again:
         return False
@@ -191,7 +242,7 @@ def _is_better(again: list[Model], models: list[Model], informative: Sequence[in
         np.array(
             [
                 each[0].validation.r2_acceleration.get(ACCELERATION_SYMBOLS[axis], 0.0)
-                for axis in informative
+                for axis in asked
                 if axis < 2
             ]
         )

@@ -22,7 +22,7 @@ from quadid_logs.identify.inference import NOTHING_UNKNOWN, TorqueUnknowns, clus
 from quadid_logs.identify.instruments import Projection
 from quadid_logs.identify.rotors import MOST_ASYMMETRIC, Rotors, rotor_slopes, with_lag_on_rotors
 from quadid_logs.identify.structures import Structure
-from quadid_logs.identify.torque_errors import battery_errors, expo_errors, sampling_errors
+from quadid_logs.identify.torque_errors import battery_errors, expo_errors, grid_errors, sampling_errors
 from quadid_logs.identify.torque_products import MAX_DELAY_S, MAX_LAG_S
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS
 
@@ -73,7 +73,7 @@ class ActuatorModel(NamedTuple):
 class FitProblem(NamedTuple):
     """What is fitted: the rows, the columns each of them may use, and the axes that count.
 
-    ``every_step``: each step of the control loop was logged.
+    ``every_step``: each step of the control loop was logged. ``grid``: steps of the values of L, M, N.
     """
 
     design: Design
@@ -81,6 +81,7 @@ class FitProblem(NamedTuple):
     kept: BoolArray
     axes: Sequence[int]
     every_step: bool = False
+    grid: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 def find_actuator_model(
@@ -127,6 +128,9 @@ def _with_asymmetry(
     # Begun at none, a search may end on the wrong side: there is a minimum on either.
     both = (search.least(np.append(symmetric, start)) for start in (-_ASYMMETRIC, _ASYMMETRIC))
     asymmetric, least_loss = min(both, key=lambda found: found[1])
+    if abs(asymmetric[2]) >= (1.0 - _TIME_TOLERANCE) * np.log(MOST_ASYMMETRIC):
+        # A search that ends where no rotor is has found something else.
+        return symmetric, loss
     better = loss - least_loss
     shown = scores.shown and better > by_chance
     # The score test has the asymmetry's own error in its variance: of a large one it sees little.
@@ -219,6 +223,7 @@ def _with_unknowns(
     if model.rotors is not None and described is not None:
         slopes = rotor_slopes(problem.design, described, model.rotors)
     errors = battery_errors(problem.design) + expo_errors(problem.design, described)
+    errors += grid_errors(problem.design, problem.grid)
     if not problem.every_step:
         errors += sampling_errors(problem.design)
     return model._replace(
@@ -298,7 +303,10 @@ class _Search:
         self.project = Projection(design, structure, self._train)
         disturbances = design.disturbances(structure)
         self._inputs = structure.inputs
-        is_torque = np.isin((*structure.columns, *disturbances), self._inputs)
+        columns = (*structure.columns, *disturbances)
+        is_torque = np.isin(columns, self._inputs)
+        # In the order of the torque's columns, which begin with L, M, N; those of a structure end with them.
+        torques = [columns.index(symbol) for symbol in self._inputs]
         names = (*structure.regressors, *disturbances)
         fixed = np.column_stack([design.columns[name] for name in names if name not in self._inputs])
         self._fixed = fixed[self._train]
@@ -308,7 +316,7 @@ class _Search:
             np.column_stack([self._fixed[:, used[axis, ~is_torque]], target])
             for axis, target in zip(problem.axes, targets, strict=True)
         ]
-        self._used_torques = [used[axis, is_torque] for axis in problem.axes]
+        self._used_torques = [used[axis, torques] for axis in problem.axes]
         self._weight = np.ones(len(self._rows))
         self._see_through(Projection(design, structure, self._train))
 
@@ -328,7 +336,8 @@ class _Search:
     def jackknifed(self, x: FloatArray, *, earliest_s: float = 0.0) -> FloatArray:
         """Return the point near that of least error where no instrument counts for what it follows by chance.
 
-        The axes are weighted by all of their residuals: of so few instruments hardly any is left.
+        The axes are weighted by all of their residuals: of so few instruments hardly any is left. As many
+        instruments as unknowns hold no search back: one that ends at a bound has found nothing.
         """
         if not self.project.n_instruments or not self._is_seen(x):
             return x
@@ -346,29 +355,43 @@ class _Search:
             )
         )
         other._weight = 1.0 / np.maximum([np.linalg.norm(each) for each in left], 1e-12)
-        return other._solve(x, earliest_s) if other._is_seen(x) else x
+        if not other._is_seen(x):
+            return x
+        found = other._solve(x, earliest_s)
+        return x if _reaches_a_bound(x, found) else found
 
     def least(
         self, x: FloatArray, *, rounds: int = _ROUNDS, earliest_s: float = 0.0
     ) -> tuple[FloatArray, float]:
         """Return the point of least error from a start (lag, delay[, asymmetry]), and its logarithm.
 
-        No delay is tried that is less than `earliest_s`.
+        No delay is tried that is less than `earliest_s`. A point of more error than the start is no result.
         """
         if not self._is_seen(x):
             return x, self._loss(x)
+        best = np.clip(x, *self._bounds(x.size, earliest_s))
+        least = self._loss(best)
         for _ in range(rounds):
-            self._weight = 1.0 / np.maximum(np.sqrt(self._squares(x)), 1e-12)
-            x = self._solve(x, earliest_s)
-        return x, self._loss(x)
+            self._weight = 1.0 / np.maximum(np.sqrt(self._squares(best)), 1e-12)
+            found = self._solve(best, earliest_s)
+            loss = self._loss(found)
+            if loss > least:
+                break
+            best, least = found, loss
+        return best, least
+
+    def _bounds(self, size: int, earliest_s: float) -> tuple[FloatArray, FloatArray]:
+        """Return the least and the largest lag, delay and asymmetry, so many of them."""
+        limit = float(np.log(MOST_ASYMMETRIC))
+        low = np.array([self._lags_s[0], earliest_s, -limit])
+        high = np.array([self._lags_s[1], MAX_DELAY_S, limit])
+        return low[:size], high[:size]
 
     def _solve(self, x: FloatArray, earliest_s: float) -> FloatArray:
         """Return the point of least weighted squares."""
         from scipy.optimize import least_squares
 
-        limit = float(np.log(MOST_ASYMMETRIC))
-        low = np.array([self._lags_s[0], earliest_s, -limit])[: x.size]
-        high = np.array([self._lags_s[1], MAX_DELAY_S, limit])[: x.size]
+        low, high = self._bounds(x.size, earliest_s)
         found = least_squares(
             self._misfit,
             np.clip(x, low, high),
@@ -475,6 +498,13 @@ class _Search:
             span, _ = np.linalg.qr(solved.alone)
             parts.append(-weight * _outside(span, _outside(axis.basis, moved)))
         return np.concatenate(parts)
+
+
+def _reaches_a_bound(start: FloatArray, found: FloatArray) -> bool:
+    """Say whether lag or delay went from inside to the largest that any vehicle has."""
+    largest_s = np.array([MAX_LAG_S, MAX_DELAY_S])
+    inside, ended = (x[:2] < (1.0 - _TIME_TOLERANCE) * largest_s for x in (start, found))
+    return bool((inside & ~ended).any())
 
 
 def _outside(basis: FloatArray, columns: FloatArray) -> FloatArray:

@@ -75,6 +75,8 @@ class Design:
     instruments : ndarray, shape (n_rows, n_instruments), or None
         What was commanded, now and some tenths of a second ago: it moves the
         vehicle, but no disturbance and no noise moves it.
+    held_per_s : ndarray, shape (3, 3), or None
+        Rate set-points per angle (as rows) that were taken out of the instruments; None where nothing was.
     """
 
     time_s: FloatArray
@@ -90,6 +92,7 @@ class Design:
     sample_period_s: float
     high_pass_hz: float = 0.0
     instruments: FloatArray | None = None
+    held_per_s: FloatArray | None = None
 
     @property
     def train(self) -> BoolArray:
@@ -135,7 +138,29 @@ class Design:
 
     def without_instruments(self) -> Design:
         """Return the same rows for plain least squares."""
-        return replace(self, instruments=None)
+        return replace(self, instruments=None, held_per_s=None)
+
+    def without_held(self, held_per_s: FloatArray) -> Design:
+        """Return the same rows, what of the logged rate set-points follows from the attitude taken out.
+
+        Parameters
+        ----------
+        held_per_s : ndarray, shape (3, 3)
+            Rate set-points [rad/s] per angle [rad]; angles as rows.
+        """
+        grids = [
+            _coarser_grid(chunk.n_samples, self.sample_period_s, self.smoothing_hz) for chunk in self.chunks
+        ]
+        instruments = _instruments([_not_held(chunk, held_per_s) for chunk in self.chunks], grids)
+        if instruments is not None:
+            instruments = self.high_pass(instruments, self.high_pass_hz)
+        return replace(self, instruments=instruments, held_per_s=held_per_s)
+
+    def instrumented_as(self, other: Design) -> Design:
+        """Return the same rows with the instruments that another design of the flight chose."""
+        if other.instruments is None:
+            return self.without_instruments()
+        return self if other.held_per_s is None else self.without_held(other.held_per_s)
 
     def with_chunks(self, chunks: Sequence[Segment]) -> Design:
         """Return the same rows with other torque and thrust of the same chunks of the flight."""
@@ -320,6 +345,15 @@ def _instruments(chunks: Sequence[Segment], grids: Sequence[RowGrid]) -> FloatAr
         missing = n_references - reference.shape[1]
         parts.append(np.column_stack([np.pad(columns, ((0, 0), (0, missing))) for columns in delayed]))
     return np.concatenate(parts)
+
+
+def _not_held(chunk: Segment, held_per_s: FloatArray) -> Segment:
+    """Return a chunk whose rate set-points are less what follows from its attitude."""
+    if chunk.reference is None or chunk.attitude_rad is None:
+        return chunk
+    reference = chunk.reference.copy()
+    reference[:, :3] -= chunk.attitude_rad @ held_per_s
+    return replace(chunk, reference=reference)
 
 
 def _mean_throttle(data: FlightData) -> float | None:

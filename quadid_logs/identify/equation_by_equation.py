@@ -20,7 +20,7 @@ from quadid_logs.identify.actuator_model import (
 )
 from quadid_logs.identify.checks import bootstrapped_half_width, check_change, check_formulations
 from quadid_logs.identify.design import Design, build_design
-from quadid_logs.identify.excitation import excited_axes
+from quadid_logs.identify.first_stage import told_axes
 from quadid_logs.identify.fit import PooledFit, fit_pooled, lay_out, with_trim
 from quadid_logs.identify.parameters import plausible_size
 from quadid_logs.identify.rotors import rotors_known, with_lag_on_rotors
@@ -86,18 +86,10 @@ def fit_equation_by_equation(
     -------
     ActuatedFit
     """
-    design = whole.high_passed(settings.high_pass_hz)
-    actuator, informative, voters = _on_torque(structure, design, voting)
     described = data.input if rotors_known(data) else None
-    problem = FitProblem(
-        design,
-        structure,
-        _possible(structure, informative),
-        voters,
-        every_step=data.input is not None and data.input.every_step,
+    problem, model, fit, informative = fit_behind_actuator(
+        data, whole.high_passed(settings.high_pass_hz), structure, voting=voting
     )
-    model = find_actuator_model(problem, actuator, described)
-    fit, informative = _fit_behind(model, structure)
     if model.rotors is not None and described is not None:
         whole = with_lag_on_rotors(whole, described, model.rotors)
     regression = lay_out(model.design, structure, model.actuator, fit.kept)
@@ -113,45 +105,89 @@ def fit_equation_by_equation(
         bootstrap_half_width=bootstrapped_half_width(model.design, structure, regression),
         # An axis that turns too little for lag and delay may still have a number of its own.
         structural=check_structure(
-            problem._replace(kept=fit.kept, axes=_informative(fit.r2, range(3))), model, fit, described
+            problem._replace(kept=fit.kept, axes=_informative(fit, range(3))), model, fit, described
         ),
     )
+
+
+class _Behind(NamedTuple):
+    """What was fitted, the actuator, the fit behind it, and the axes that answer to their own torque."""
+
+    problem: FitProblem
+    model: ActuatorModel
+    fit: PooledFit
+    informative: list[int]
+
+
+def fit_behind_actuator(
+    data: FlightData, design: Design, structure: Structure, *, voting: Sequence[int] = (0, 1, 2)
+) -> _Behind:
+    """Fit a structure's equations one by one behind lag and delay, without any check.
+
+    Parameters
+    ----------
+    data : FlightData
+    design : Design
+        Its high-passed rows, with the structure's terms.
+    structure : Structure
+    voting : sequence of int
+        Axes that may vote on lag and delay.
+
+    Returns
+    -------
+    _Behind
+    """
+    actuator, informative, voters = _on_torque(structure, design, voting)
+    problem = FitProblem(
+        design,
+        structure,
+        _possible(structure, informative),
+        voters,
+        every_step=data.input is not None and data.input.every_step,
+        grid=data.input.grid if data.input is not None else (0.0, 0.0, 0.0),
+    )
+    model = find_actuator_model(problem, actuator, data.input if rotors_known(data) else None)
+    return _Behind(problem, model, *_fit_behind(model, structure))
 
 
 def _on_torque(
     structure: Structure, design: Design, voting: Sequence[int]
 ) -> tuple[ActuatorFit, list[int], list[int]]:
     """Find a lag on the torque and a delay, the axes that are informative behind them, and who voted."""
-    axes = excited_axes(design)
+    axes = told_axes(design)
     voters = [axis for axis in axes if axis in voting] or list(voting)
     actuator = fit_actuator(design, structure, voters)
-    informative = _informative(_r2_behind(actuator, structure, design), axes)
+    informative = _explained(_r2_behind(actuator, structure, design), axes)
     chosen = [axis for axis in informative if axis in voting]
     if chosen and chosen != voters:
         actuator = fit_actuator(design, structure, chosen)
-        informative = _informative(_r2_behind(actuator, structure, design), axes)
+        informative = _explained(_r2_behind(actuator, structure, design), axes)
     return actuator, informative, [axis for axis in informative if axis in voting] or voters
 
 
 def _r2_behind(actuator: ActuatorFit, structure: Structure, design: Design) -> FloatArray:
-    """Return R2 of each target behind a lag and a delay; shape (n_targets,)."""
+    """Return R2 of what was commanded of each target, behind a lag and a delay; shape (n_targets,)."""
     regression = lay_out(design, structure, actuator)
-    return regression.r2(regression.solve())
+    return regression.r2_commanded(regression.solve(), design)
 
 
 def _fit_behind(model: ActuatorModel, structure: Structure) -> tuple[PooledFit, list[int]]:
     """Fit behind lag and delay without what cannot be seen, and return the informative axes as well."""
-    axes = excited_axes(model.design)
+    axes = told_axes(model.design)
     fit = fit_pooled(model.design, structure, model.actuator, unknown=model.unknown)
-    informative = _informative(fit.r2, axes)
+    informative = _informative(fit, axes)
     kept = _visible(structure, fit, informative)
     if not kept.all():
         fit = fit_pooled(model.design, structure, model.actuator, kept, model.unknown)
     return fit, informative
 
 
-def _informative(r2: FloatArray, axes: Sequence[int]) -> list[int]:
-    """Return the axes of whose acceleration the model explains enough."""
+def _informative(fit: PooledFit, axes: Sequence[int]) -> list[int]:
+    """Return the axes of whose acceleration, as far as it was commanded, the model explains enough."""
+    return _explained(fit.r2 if fit.r2_commanded is None else fit.r2_commanded, axes)
+
+
+def _explained(r2: FloatArray, axes: Sequence[int]) -> list[int]:
     return [axis for axis in axes if r2[axis] >= INFORMATIVE_R2]
 
 
@@ -215,8 +251,7 @@ def _other_bands(data: FlightData, problem: FitProblem, model: ActuatorModel, fi
             continue
         other = build_design(data, cutoff_hz, [structure])
         if other is not None and np.count_nonzero(other.train) > 2 * len(structure.columns):
-            if design.instruments is None:
-                other = other.without_instruments()
+            other = other.instrumented_as(design)
             other = other.high_passed(low * design.high_pass_hz)
             again = same_actuator_model(problem._replace(design=other), model, data.input)
             regression = lay_out(again.design, structure, again.actuator, problem.kept)

@@ -7,11 +7,12 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray
+from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.data.model import Excitation
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.terms import ANGLE_SYMBOLS, Term
+from quadid_logs.identify.torque_path import torque_path
 from quadid_logs.maths.band import gaussian_response
 from quadid_logs.maths.spectra import Spectra, averaged_spectra
 from quadid_logs.vocabulary import AXES, RATE_SYMBOLS, TORQUE_SYMBOLS
@@ -44,12 +45,22 @@ def excited_axes(design: Design) -> list[int]:
     list of int
         0 roll, 1 pitch, 2 yaw.
     """
-    excited = [
-        axis
-        for axis, name in enumerate(RATE_SYMBOLS)
-        if np.degrees(np.std(design.columns[name][design.train])) >= MIN_RATE_RMS_DEG_S
-    ]
-    return excited or [0, 1, 2]
+    return np.flatnonzero(turns(design)).tolist() or [0, 1, 2]
+
+
+def turns(design: Design) -> BoolArray:
+    """Say which axes turn more than a hovering vehicle does; shape (3,).
+
+    Parameters
+    ----------
+    design : Design
+
+    Returns
+    -------
+    ndarray of bool, shape (3,)
+    """
+    rate = np.column_stack([design.columns[name][design.train] for name in RATE_SYMBOLS])
+    return np.asarray(np.degrees(np.std(rate, axis=0)) >= MIN_RATE_RMS_DEG_S, dtype=np.bool_)
 
 
 def measure_excitation(
@@ -101,6 +112,7 @@ def _axis(
         torque_psd=spectra.input_psd,
         coherence=spectra.coherence,
         noise_in_phase=_noise_in_phase(spectra),
+        path=torque_path(data.segments, axis, data.sample_period_s),
         **_spread(spectra, band_hz)._asdict(),
     )
 

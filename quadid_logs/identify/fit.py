@@ -43,6 +43,8 @@ class PooledFit:
     kept : ndarray of bool, shape (n_targets, n_columns)
     r2 : ndarray, shape (n_targets,)
         On the training rows.
+    r2_commanded : ndarray, shape (n_targets,), or None
+        Of what follows from the instruments; `r2` without any.
     condition_number : float
         Of the column-scaled regressor matrix.
     n_parameters : int
@@ -71,6 +73,7 @@ class PooledFit:
     gyro: FloatArray | None = None
     measured: FloatArray | None = None
     of_axes: FloatArray | None = None
+    r2_commanded: FloatArray | None = None
 
     @property
     def as_measured(self) -> FloatArray:
@@ -103,6 +106,13 @@ class Regression(NamedTuple):
     def r2(self, theta: FloatArray) -> FloatArray:
         """Return R2 of each target as `theta` (n_targets, n_columns) explains it; shape (n_targets,)."""
         return explained_fraction(self.Y, self.Y - self.Z @ theta.T)
+
+    def r2_commanded(self, theta: FloatArray, design: Design) -> FloatArray:
+        """Return R2 of what follows from the instruments, which no gust makes less; `r2` without any."""
+        if design.instruments is None:
+            return self.r2(theta)
+        project = Projection.onto(design.instruments[design.train])
+        return commanded_fraction(project, self.Y, self.Y - self.Z @ theta.T)
 
 
 def lay_out(
@@ -239,6 +249,7 @@ def fit_pooled(
         half_width=half_width[:, :n_columns],
         kept=used[:, :n_columns],
         r2=regression.r2(theta),
+        r2_commanded=regression.r2_commanded(theta, design),
         condition_number=solve_least_squares(Z[:, used.any(axis=0)], Y).condition_number,
         n_parameters=int(np.count_nonzero(used)) + len(effects.shared),
         lag_half_width_s=found.lag_s,
@@ -337,6 +348,24 @@ def _mean_half_width(columns: FloatArray, design: Design) -> list[float]:
         student_quantile(blocks) * float(np.sqrt(clustered_covariance([each], blocks, 1)[0, 0]))
         for each in equations
     ]
+
+
+def commanded_fraction(project: Projection, Y: FloatArray, residual: FloatArray) -> FloatArray:
+    """Return R2 of each column as far as it follows from instruments; shape (n_targets,).
+
+    Parameters
+    ----------
+    project : Projection
+        On the instruments.
+    Y, residual : ndarray, shape (n_rows, n_targets)
+
+    Returns
+    -------
+    ndarray, shape (n_targets,)
+        1 where nothing follows.
+    """
+    left, whole = (np.sum(project.coordinates(each) ** 2, axis=0) for each in (residual, Y))
+    return np.asarray(1.0 - left / np.where(whole > 0.0, whole, np.inf))
 
 
 def explained_fraction(Y: FloatArray, residual: FloatArray) -> FloatArray:

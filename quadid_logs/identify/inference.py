@@ -8,6 +8,7 @@ sensors cannot tell and what is not known of a newton metre.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
@@ -26,6 +27,8 @@ from quadid_logs.identify.torque import RowTorque
 from quadid_logs.maths.least_squares import Equation, clustered_covariance, first_order_change
 from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.vocabulary import TORQUE_SYMBOLS
+
+_YAW: Final = 2
 
 #: Stamps place torque against rate to no better than this fraction of a sample period: lag and delay
 #: are not known better.
@@ -494,4 +497,46 @@ def posterior_of(
         mean=np.column_stack([as_measured[:, :2], times, as_measured[:, 2:]]),
         covariance=covariance / NORMAL_95**2,
         lag_or_delay_s=max(0.0, min(actuator.lag_limit_s - actuator.lag_s, actuator.delay_s)),
+    )
+
+
+def with_damping_of_vehicles(posterior: Posterior, seen: BoolArray, most_1_s: FloatArray) -> Posterior:
+    """Return what is known of each axis from its flight and from the dampings that vehicles have.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Of the flight.
+    seen : ndarray of bool, shape (3,)
+        The flight shows the damping of this axis.
+    most_1_s : ndarray, shape (3,)
+        No damping of a vehicle is larger in 95 % [1/s].
+
+    Returns
+    -------
+    Posterior
+        A damping that the flight does not show is zero with that half width.
+
+    Notes
+    -----
+    Normal distributions of both, of which the second tells of the damping alone: what is known of the other
+    numbers moves with it as far as the flight takes the one for the other. Nothing drives yaw: where feedback
+    from slow air makes it seem so, the most probable damping is none.
+    """
+    mean, covariance = posterior.mean.copy(), posterior.covariance.copy()
+    variance = (most_1_s / NORMAL_95) ** 2
+    for axis in range(3):
+        if seen[axis]:
+            gain = covariance[axis, :, 1] / (covariance[axis, 1, 1] + variance[axis])
+            mean[axis] -= gain * mean[axis, 1]
+            covariance[axis] -= np.outer(gain, covariance[axis, 1])
+        else:
+            mean[axis, 1] = covariance[axis, 1, :] = covariance[axis, :, 1] = 0.0
+            covariance[axis, 1, 1] = variance[axis]
+    drives = mean[_YAW, 1] > 0.0
+    if drives:
+        mean[_YAW] -= covariance[_YAW, :, 1] / covariance[_YAW, 1, 1] * mean[_YAW, 1]
+    roll, pitch, yaw = (not each for each in seen)
+    return replace(
+        posterior, mean=mean, covariance=covariance, only_brakes=(roll, pitch, bool(yaw or drives))
     )

@@ -15,8 +15,6 @@ Krueger (J. Applied Econometrics 14, 1999), with seconds left out because distur
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
@@ -24,18 +22,11 @@ from quadid_logs.identify.design import Design
 from quadid_logs.identify.structures import Structure
 from quadid_logs.identify.terms import ANGLES
 
-#: The instruments must explain half of a torque, or the estimate loses more
-#: precision (its variance grows by one over that fraction) than bias.
-_LEAST_EXPLAINED = 0.5
 #: Squared relative size below which a direction of the Gram matrix is rounding.
 _ROUNDING = 1e-11
 #: A direction of the instruments of which a second holds more than this has too little elsewhere to be told
 #: by (its noise would be five times that of the whole): it is told by that second too.
 _MOST_LEVERAGE = 0.8
-#: Rate set-points of which the attitude explains more command nothing: they are what an angle controller
-#: makes of the motion. Simulated, 0.98 and more where an attitude is held; manoeuvres have 0.03 to 0.6, and
-#: one tone per axis 0.75.
-_HELD = 0.9
 
 
 class Projection:
@@ -66,7 +57,7 @@ class Projection:
             names = [name for name in (*own, *design.disturbances(structure)) if name in design.columns]
             columns = [design.instruments, *(design.columns[name] for name in names)]
             columns += [] if also is None else [also]
-            self._basis = _orthonormal(np.column_stack(columns)[rows])
+            self._basis = _orthonormal(np.column_stack([each[rows] for each in columns]))
 
     @classmethod
     def onto(cls, instruments: FloatArray) -> Projection:
@@ -126,28 +117,8 @@ class Projection:
         return 0 if self._basis is None else self._basis.shape[1]
 
 
-def with_strong_instruments(design: Design, high_passed: Design, axes: Sequence[int]) -> Design:
-    """Return the design, without its instruments where they hardly explain the torque of one of the axes.
-
-    Parameters
-    ----------
-    design, high_passed : Design
-        As it is, and as it is fitted.
-    axes : sequence of int
-        That are excited.
-
-    Returns
-    -------
-    Design
-    """
-    fraction = explained_by_instruments(high_passed)
-    if fraction is None or (fraction[list(axes)] >= _LEAST_EXPLAINED).all():
-        return design
-    return design.without_instruments()
-
-
-def explained_by_instruments(design: Design) -> FloatArray | None:
-    """Return the fraction of each torque's variance that the instruments explain; (3,), None without any.
+def from_attitude(design: Design) -> FloatArray:
+    """Return which fraction of each rate set-point follows from the attitude.
 
     Parameters
     ----------
@@ -155,38 +126,51 @@ def explained_by_instruments(design: Design) -> FloatArray | None:
 
     Returns
     -------
-    ndarray, shape (3,), or None
-    """
-    if design.instruments is None:
-        return None
-    train = design.train
-    torque = design.torque.behind(0.0, 0.0)[train]
-    torque = torque - torque.mean(axis=0)
-    basis = _orthonormal(np.column_stack([design.instruments[train], np.ones(len(torque))]))
-    explained = np.sum((basis.T @ torque) ** 2, axis=0)
-    whole = np.sum(torque**2, axis=0)
-    return np.asarray(np.divide(explained, whole, out=np.zeros(3), where=whole > 0.0))
-
-
-def held_attitudes(design: Design) -> BoolArray:
-    """Say of which axes the rate set-points only hold an attitude; shape (3,), none without attitude.
-
-    Parameters
-    ----------
-    design : Design
-
-    Returns
-    -------
-    ndarray of bool, shape (3,)
+    ndarray, shape (3,)
+        As logged; zero where no attitude is known. That fraction may be no command but the answer of an angle
+        controller to the motion.
     """
     names = [term.symbol for term in ANGLES if term.symbol in design.columns]
     if design.instruments is None or not names:
-        return np.zeros(3, dtype=np.bool_)
+        return np.zeros(3)
     train = design.train
-    angles = _orthonormal(np.column_stack([design.columns[name][train] for name in names]))
+    columns = np.column_stack([design.columns[name][train] for name in names])
+    angles = _orthonormal(columns)
     setpoints = design.instruments[train, :3]
-    left = np.sum((setpoints - angles @ (angles.T @ setpoints)) ** 2, axis=0)
-    return np.asarray(left < (1.0 - _HELD) * np.sum(setpoints**2, axis=0), dtype=np.bool_)
+    if design.held_per_s is not None:
+        setpoints = setpoints + columns @ design.held_per_s
+    whole = np.sum(setpoints**2, axis=0)
+    follows = np.sum((angles.T @ setpoints) ** 2, axis=0)
+    return np.asarray(np.divide(follows, whole, out=np.zeros(3), where=whole > 0.0))
+
+
+def held_by_attitude(design: Design) -> FloatArray:
+    """Return the rate set-points that hold an attitude, per angle.
+
+    Parameters
+    ----------
+    design : Design
+        As it is fitted, with the set-points as logged.
+
+    Returns
+    -------
+    ndarray, shape (3, 3)
+        Least squares of the set-points on the angles [1/s], angles as rows. Zero for set-points that do not
+        oppose their own angle, and where an angle is not known.
+
+    Notes
+    -----
+    An angle controller asks for r = k (s - x), where the angle x = T s + g follows the command s and
+    the gusts, g. Least squares take c k x out of it, and leave (1 - c) of what answers gusts, where c k is
+    the slope of -r by x: less wherever r opposes x, and nothing where s stands still (c = 1).
+    """
+    names = [term.symbol for term in ANGLES]
+    if design.instruments is None or any(name not in design.columns for name in names):
+        return np.zeros((3, 3))
+    train = design.train
+    angles = np.column_stack([design.columns[name][train] for name in names])
+    slope = np.linalg.lstsq(angles, design.instruments[train, :3], rcond=None)[0]
+    return np.where(np.diag(slope) < 0.0, slope, 0.0)
 
 
 def _told_by_others(basis: FloatArray, columns: FloatArray, products: FloatArray) -> FloatArray:
@@ -209,7 +193,8 @@ def _orthonormal(columns: FloatArray) -> FloatArray:
     left of the first (CholeskyQR2, Yamamoto et al. 2015, doi:10.1553/etna_vol44s306).
     """
     length = np.linalg.norm(columns, axis=0)
-    basis = columns[:, length > 0.0] / length[length > 0.0]
+    moving = length > 0.0
+    basis = columns / length if moving.all() else columns[:, moving] / length[moving]
     for _ in range(2):
         value, vector = np.linalg.eigh(basis.T @ basis)
         seen = value > _ROUNDING * value[-1]

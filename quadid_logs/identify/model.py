@@ -31,6 +31,7 @@ from quadid_logs.identify.inference import (
     intervals,
     lag_interval,
     posterior_of,
+    with_damping_of_vehicles,
 )
 from quadid_logs.identify.parameters import (
     MIN_SIGNAL_TO_NOISE,
@@ -41,7 +42,7 @@ from quadid_logs.identify.parameters import (
 from quadid_logs.identify.structural import with_alternatives, with_unseen_damping
 from quadid_logs.identify.structures import Structure
 from quadid_logs.identify.systematic import gyro_half_width
-from quadid_logs.identify.terms import of_loops
+from quadid_logs.identify.terms import MOST_DAMPING_1_S, of_loops
 from quadid_logs.identify.validate import validate
 from quadid_logs.identify.windows import windows_on_rows
 from quadid_logs.maths.discretise import zero_order_hold
@@ -210,7 +211,10 @@ def _posterior(found: ActuatedFit, period_s: float) -> Posterior | None:
     half = 0.5 * (estimate.high - estimate.low)
     half = np.sqrt(np.maximum(half**2 - gyro_half_width(structure, found.fit.as_measured) ** 2, 0.0))
     as_measured, half = (of_loops(structure.columns, each) for each in (found.fit.as_measured, half))
-    return posterior_of(as_measured, half, found.model.actuator, of_axes, period_s)
+    seen = of_loops(structure.columns, found.fit.kept.astype(np.float64))[:, 1] > 0.0
+    half[:, 1] = np.where(seen, half[:, 1], 0.0)
+    of_flight = posterior_of(as_measured, half, found.model.actuator, of_axes, period_s)
+    return with_damping_of_vehicles(of_flight, seen, np.array(MOST_DAMPING_1_S))
 
 
 def _criterion(design: Design, fit: PooledFit) -> float:
@@ -230,10 +234,11 @@ def _caveats_by_target(design: Design, validation: Validation) -> dict[str, str]
     caveats = {
         target: f"the model explains {explained_words(r2)} of held-out {target}"
         for target, r2 in validation.r2_acceleration.items()
-        if not r2 >= least
+        if not max(r2, validation.r2_commanded.get(target, r2)) >= least
     }
     for target, rate in zip(ACCELERATION_SYMBOLS, RATE_SYMBOLS, strict=True):
-        if not validation.r2_high_passed_rate.get(rate, np.inf) >= MIN_SIMULATED_R2:
+        commanded = validation.r2_commanded.get(target, -np.inf) >= least
+        if not (commanded or validation.r2_high_passed_rate.get(rate, np.inf) >= MIN_SIMULATED_R2):
             caveats.setdefault(target, "the torque alone does not reproduce the motion")
     for axis in {0, 1, 2}.difference(excited_axes(design)):
         caveats[ACCELERATION_SYMBOLS[axis]] = "the axis was poorly excited"

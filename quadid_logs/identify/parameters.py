@@ -14,6 +14,7 @@ from quadid_logs.identify.inference import Estimate
 from quadid_logs.identify.structures import Structure
 from quadid_logs.identify.terms import GYROSCOPIC, Term
 from quadid_logs.numerals import resolved
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS
 
 #: Explained over unexplained acceleration variance in the fitted band: R2 of 0.75.
 MIN_SIGNAL_TO_NOISE: Final = 3.0
@@ -27,6 +28,7 @@ _LEAST_WITHOUT_SETPOINTS = 1.0
 MIN_SIMULATED_R2: Final = 0.5
 #: A coefficient whose 95 % interval has a wider half width than this is not identified.
 MAX_RELATIVE_CI: Final = 0.3
+_YAW = 2
 #: Products of inertia of a tenth of the moments move the sum of the gyroscopic terms by some hundredths.
 _PRODUCTS_OF_INERTIA = 0.1
 
@@ -44,6 +46,43 @@ def least_signal_to_noise(model: Model) -> float:
     """
     without_setpoints = model.structural is not None and not model.structural.instrumented
     return _LEAST_WITHOUT_SETPOINTS if without_setpoints else MIN_SIGNAL_TO_NOISE
+
+
+def is_explained(model: Model, signal_to_noise: float, axis: int) -> bool:
+    """Say whether a model explains enough of an axis: of its acceleration, or of what was commanded of it.
+
+    Parameters
+    ----------
+    model : Model
+    signal_to_noise : float
+        Explained over unexplained acceleration of the axis.
+    axis : int
+        0 roll, 1 pitch, 2 yaw.
+
+    Returns
+    -------
+    bool
+    """
+    return signal_to_noise >= least_signal_to_noise(model) or is_commanded_explained(model, axis)
+
+
+def is_commanded_explained(model: Model, axis: int) -> bool:
+    """Say whether a model explains what was commanded of an axis, whatever else moved it.
+
+    Parameters
+    ----------
+    model : Model
+    axis : int
+        0 roll, 1 pitch, 2 yaw.
+
+    Returns
+    -------
+    bool
+        Never of yaw: air that hides its motion hides the reaction of the rotors, too, which then passes for
+        effectiveness. Nor without set-points.
+    """
+    r2 = model.validation.r2_commanded.get(ACCELERATION_SYMBOLS[axis], float("nan"))
+    return axis != _YAW and r2 >= MIN_SIGNAL_TO_NOISE / (1.0 + MIN_SIGNAL_TO_NOISE)
 
 
 def plausible_size(structure: Structure, on_axis_gain: FloatArray) -> FloatArray:

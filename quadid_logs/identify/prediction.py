@@ -74,7 +74,8 @@ def _whole_flight(design: Design | None) -> Design:
     """Return the rows of a flight, all of them held out."""
     if design is None:
         raise EmptyLogError(
-            "The other flight has no segment that is long enough to predict.", hint="See quadid-log info."
+            "The other flight has no segment that is long enough to predict.",
+            hint="See `quadid-log info LOG`.",
         )
     everything = np.ones(design.time_s.shape, dtype=np.bool_)
     return replace(design, held_out=everything, edge=~everything)

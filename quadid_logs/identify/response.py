@@ -7,7 +7,7 @@ the inverse controller, -1/C: it grows with frequency while its phase lags.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple
 
@@ -64,7 +64,9 @@ class Band(NamedTuple):
 EVERYWHERE: Final = Band(0.0, np.inf)
 
 
-def fitted_band(found: Sequence[Response], default: Band, sample_period_s: float) -> Band:
+def fitted_band(
+    found: Sequence[Response], default: Band, sample_period_s: float, *, from_known: bool = False
+) -> Band:
     """Return the band to fit some axes in: where the response of all of them is a vehicle's.
 
     Parameters
@@ -75,6 +77,8 @@ def fitted_band(found: Sequence[Response], default: Band, sample_period_s: float
         What is fitted where nothing speaks against it. The upper edge goes above its own only
         where a raised lower edge would leave less than two octaves.
     sample_period_s : float
+    from_known : bool
+        Leave out what is slower than the first third octave that is known of all axes, too.
 
     Returns
     -------
@@ -83,10 +87,29 @@ def fitted_band(found: Sequence[Response], default: Band, sample_period_s: float
     """
     bands = [vehicle_band(each) for each in found]
     low_hz = max([default.low_hz, *(band.low_hz for band in bands)])
+    if from_known:
+        low_hz = max([low_hz, *(known_from(each) for each in found)])
     highest_hz = min([1.0 / (SAMPLES_PER_CYCLE * sample_period_s), *(band.high_hz for band in bands)])
     if NARROWEST_BAND * low_hz > highest_hz:
         return default
     return Band(low_hz, min(max(default.high_hz, NARROWEST_BAND * low_hz), highest_hz))
+
+
+def known_from(response: Response) -> float:
+    """Return the lower edge of the first third octave of which enough is known.
+
+    Parameters
+    ----------
+    response : Response
+
+    Returns
+    -------
+    float
+        [Hz]; 0 where no slower one holds a line of the spectrum, and where nothing is known at all.
+    """
+    known = _known(response)
+    unknown_below = known.size and np.isfinite(response.gain[: known[0]]).any()
+    return float(_EDGES_HZ[known[0]]) if unknown_below else 0.0
 
 
 def vehicle_band(response: Response) -> Band:
@@ -216,15 +239,15 @@ def _is_one_gain(flat: ComplexArray, error: FloatArray) -> bool:
     return bool((off <= allowed + error).all(axis=1).any())
 
 
-def responses(data: FlightData, *, instruments: bool) -> tuple[Response, ...]:
+def responses(data: FlightData, *, by_setpoints: Collection[int]) -> tuple[Response, ...]:
     """Return the response of each axis to its own torque.
 
     Parameters
     ----------
     data : FlightData
-    instruments : bool
-        From the cross spectra with the axis' rate setpoint, which no disturbance moves;
-        otherwise from those with the torque itself.
+    by_setpoints : collection of int
+        Axes whose rate set-points drive their torque: from the cross spectra with the set-point, which no
+        disturbance moves. Of the others from those with the torque itself.
 
     Returns
     -------
@@ -239,16 +262,17 @@ def responses(data: FlightData, *, instruments: bool) -> tuple[Response, ...]:
     lines = _Lines.of(data)
     if lines is None:
         return ()
-    driven_by = lines.torque if lines.reference is None or not instruments else lines.reference
     # Lines beyond the last third octave that the samples resolve stay out of every one.
     n_edges = int(np.searchsorted(_EDGES_HZ, _MOST_OF_RATE / data.sample_period_s, side="right"))
     below = lines.frequency_hz < (_EDGES_HZ[n_edges - 1] if n_edges else 0.0)
+    reference = lines.reference
+    driven_by = (reference if reference is not None and k in by_setpoints else lines.torque for k in range(3))
     return tuple(
         _response(
             lines.frequency_hz[below],
-            *(each[:, below, k] for each in (driven_by, lines.torque, lines.acceleration)),
+            *(each[:, below, k] for each in (driver, lines.torque, lines.acceleration)),
         )
-        for k in range(3)
+        for k, driver in enumerate(driven_by)
     )
 
 

@@ -18,7 +18,7 @@ from quadid_logs.data.model import Model, Parameter, Response
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify.design import Design, build_design
 from quadid_logs.identify.excitation import ColumnNoise, noise_density
-from quadid_logs.identify.instruments import with_strong_instruments
+from quadid_logs.identify.first_stage import with_strong_instruments
 from quadid_logs.identify.model import actuated_model
 from quadid_logs.identify.parameters import MAX_RELATIVE_CI
 from quadid_logs.identify.response import responses, slope_and_phase
@@ -98,7 +98,7 @@ def fit_slow_yaw(
     model = actuated_model(data, found.fit, settings, noise)
     parameters = tuple(_judged(each) for each in model.parameters)
     model = replace(found.on(model), recommended=True, parameters=parameters, inertia=None)
-    follows = _follows_motion(responses(data, instruments=False)[_YAW:], cutoff_hz)
+    follows = _follows_motion(responses(data, by_setpoints=())[_YAW:], cutoff_hz)
     model = replace(model, yaw_is_inverse_controller=model.yaw_is_inverse_controller or follows)
     return model, found.fit.model.design
 

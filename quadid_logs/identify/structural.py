@@ -17,11 +17,12 @@ from quadid_logs.data.flight import InputDescription, Segment
 from quadid_logs.data.model import Effect, EffectCheck, StructuralCheck, TimingCheck
 from quadid_logs.identify.actuator_model import ActuatorModel, FitProblem, free_actuator_model
 from quadid_logs.identify.design import Design
+from quadid_logs.identify.first_stage import first_stage
 from quadid_logs.identify.fit import PooledFit, Regression, fit_pooled, lay_out
 from quadid_logs.identify.inference import Estimate, clusters_of
-from quadid_logs.identify.instruments import held_attitudes
+from quadid_logs.identify.instruments import from_attitude
 from quadid_logs.identify.structures import Structure
-from quadid_logs.identify.terms import YAW_REACTION
+from quadid_logs.identify.terms import MOST_DAMPING_1_S, YAW_REACTION
 from quadid_logs.maths.band import ComplexArray, delay_response, lag_response
 from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.maths.recurrence import lag
@@ -72,8 +73,6 @@ _SAME_COLUMN = 1e-7
 _FEEDBACK = 3.0
 #: A change of the effectiveness lasts longer than this; the answer to a gust does not.
 _PERSISTENCE_S = 0.5
-#: Yaw damping of multirotors is published at up to this; hovering ones have half of it and less.
-_MOST_YAW_DAMPING_1_S = 1.0
 #: Below, the lag of a rotor moves no torque by as much as can be seen [s].
 _LEAST_LAG_S = 0.002
 
@@ -201,7 +200,14 @@ def check_structure(
         feedback=_feedback(design, fit),
         instrumented=design.instruments is not None,
         own_timing=_own_timing(structure, regression, equations),
+        strength=_strength(design),
     )
+
+
+def _strength(design: Design) -> FloatArray:
+    """Return how strongly instruments drive each torque, over what they must; shape (3,), NaN without any."""
+    found = first_stage(design)
+    return np.full(3, np.nan) if found is None else np.asarray(found.statistic / found.needed)
 
 
 def with_alternatives(structure: Structure, estimate: Estimate, check: StructuralCheck) -> Estimate:
@@ -256,7 +262,7 @@ def with_unseen_damping(structure: Structure, estimate: Estimate) -> Estimate:
     if estimate.kept[2, damping] or not estimate.kept[2, reaction]:
         return estimate
     high = estimate.high.copy()
-    high[2, len(structure.terms) + 2] += abs(estimate.theta[2, reaction]) * _MOST_YAW_DAMPING_1_S
+    high[2, len(structure.terms) + 2] += abs(estimate.theta[2, reaction]) * MOST_DAMPING_1_S[2]
     return estimate._replace(high=high)
 
 
@@ -654,5 +660,5 @@ def _feedback(design: Design, fit: PooledFit) -> FloatArray:
     """
     unexplained = np.clip(1.0 - fit.r2[:3], 0.0, 1.0)
     higher = _FEEDBACK * unexplained / np.maximum(1.0 - unexplained, 0.5)
-    # Set-points that hold an attitude are feedback themselves.
-    return np.asarray(higher if design.instruments is None else np.where(held_attitudes(design), higher, 0.0))
+    # Set-points are feedback themselves as far as an angle controller makes them of the attitude.
+    return np.asarray(higher if design.instruments is None else higher * from_attitude(design))

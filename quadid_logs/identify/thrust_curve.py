@@ -44,6 +44,13 @@ from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, TORQUE_SYMBOLS
 #: Thrust stands show curves that leave the parabola by one or two hundredths of full thrust: the best
 #: parabola over another range of throttle has an expo that differs by this.
 EXPO_SYSTEMATIC: Final = 0.02
+#: Between the least and the most thrust of a flight, other effects (air, battery under load, rotors that are
+#: quicker at speed) are taken to change the effectiveness by up to this, at 95 %. That is judged from two
+#: flights alone: their thrust varied by 7 %, and the expo was 0.17 and 0.24 off, as a change by about 1 %
+#: would make it. Only a range of thrust tells the two apart.
+_OTHER_CHANGE: Final = 0.02
+#: What to fly, as a factor of the thrust: then the above leaves less than 0.1 of an expo.
+_THRUST_TO_FLY: Final = 1.5
 #: Half width beyond which an expo is no answer: a quarter of the range in which propellers lie.
 _MOST_HALF_WIDTH: Final = 0.15
 #: Propellers measured on stands lie here, most of them (0.2 to 0.8, see docs/method.md).
@@ -87,13 +94,14 @@ class _Linear(NamedTuple):
     """The equations of the informative axes about a point: residuals, and columns that all have in common.
 
     ``fixed`` (n_train, n_columns) are the regressors of each axis, ``shared`` by name (n_train, 3) the
-    derivatives by k, lag, delay and asymmetry, ``residual`` (n_train, 3), ``B`` (3, 3), ``base`` the
-    design with the torque of that k.
+    derivatives by k, lag, delay and asymmetry, ``residual`` (n_train, 3) and ``explained``, what of it
+    follows from the instruments, ``B`` (3, 3), ``base`` the design with the torque of that k.
     """
 
     fixed: FloatArray
     shared: Mapping[str, FloatArray]
     residual: FloatArray
+    explained: FloatArray
     B: FloatArray
     base: Design
 
@@ -111,13 +119,24 @@ class _Search:
         """Return the point of least error, and the equations about it."""
         point = _Point(0.0, self.start.lag_s, self.start.delay_s, 0.0 if on_rotors else None)
         linear = self.about(point)
+        step = self._step(linear)
         for _ in range(_MOST_STEPS):
-            step = self._step(linear)
-            point = point.moved(step)
-            linear = self.about(point)
+            ahead = point.moved(step)
+            tried = self.about(ahead)
             if abs(step["expo"]) < _SMALL:
-                break
+                return ahead, tried
+            if self._misfit(tried, linear) < self._misfit(linear, linear):
+                point, linear = ahead, tried
+                step = self._step(linear)
+            else:
+                # As far as the equations are straight: half of a step that leads uphill, and so on.
+                step = {name: 0.5 * each for name, each in step.items()}
         return point, linear
+
+    def _misfit(self, linear: _Linear, weighted_by: _Linear) -> float:
+        """Return the weighted squares that a step makes less, as far as they follow from the instruments."""
+        weight = self._weight(weighted_by)
+        return float(np.sum((weight * linear.explained[:, list(self.axes)]) ** 2))
 
     def about(self, point: _Point) -> _Linear:
         """Return the equations about a point."""
@@ -144,7 +163,8 @@ class _Search:
         actuator = self.start._replace(lag_s=lag_s, delay_s=delay_s)
         effects = torque_effects(shaped, actuator, B, TorqueUnknowns(slopes), project)
         shared = {"expo": project(by_expo[train] @ B.T), **effects.shared}
-        return _Linear(fixed, shared, targets - columns @ theta, B, base)
+        residual = targets - columns @ theta
+        return _Linear(fixed, shared, residual, project.coordinates(residual), B, base)
 
     def _step(self, linear: _Linear) -> dict[str, float]:
         """Return the step to the least squares of the linear equations."""
@@ -221,7 +241,7 @@ def fit_thrust_curve(
     expo, scale = described.expo, _scale_change(data, described.expo)
     data = replace(data, segments=tuple(_normalised(each, scale) for each in data.segments))
     whole = whole.with_chunks([_normalised(each, scale) for each in whole.chunks])
-    found = _search(whole.high_passed(high_pass_hz), described)
+    found = _with_other_changes(_search(whole.high_passed(high_pass_hz), described), data)
     curve, shift, half_width = _judged(expo, found, scale)
     corrected = replace(expo, value=curve.expo, half_width=half_width)
     curve = _with_effectiveness(curve, data, shift, half_width)
@@ -284,6 +304,20 @@ class _Found(NamedTuple):
     shift: float
     half_width: float
     reason: str = ""
+    thrust_ratio: float = float("nan")
+
+
+def _with_other_changes(found: _Found, data: FlightData) -> _Found:
+    """Widen the interval by what else may change the effectiveness from low to high thrust.
+
+    Effectiveness goes with 1 + k dF'/dF: the difference of that slope over the flown thrust is the lever.
+    """
+    low, high = np.quantile(_collective(data), _FLOWN_QUANTILES)
+    slopes = slopes_at(*_per_rotor(data), np.array([low, high]))
+    lever = float(abs(slopes[1] - slopes[0]))
+    by_others = _OTHER_CHANGE / lever if lever > 0.0 else np.inf
+    half_width = float(np.hypot(found.half_width, by_others))
+    return found._replace(half_width=half_width, thrust_ratio=float(high / low) if low > 0.0 else np.inf)
 
 
 def _search(design: Design, described: InputDescription) -> _Found:
@@ -302,6 +336,8 @@ def _search(design: Design, described: InputDescription) -> _Found:
         r2 = explained_fraction(targets, linear.residual)
         informative = [axis for axis in axes if r2[axis] >= INFORMATIVE_R2]
         if informative == axes:
+            if point.lag_s >= MAX_LAG_S or point.delay_s >= MAX_DELAY_S:
+                return _Found(0.0, np.inf, "no lag of a rotor explains the flight")
             return _Found(point.shift, search.half_width(point, linear))
         axes = informative
     return _Found(
@@ -317,7 +353,10 @@ def _judged(expo: AssumedExpo, found: _Found, scale: float) -> tuple[ThrustCurve
     half = max(abs(one - value), abs(other - value)) + EXPO_SYSTEMATIC
     reason = found.reason
     if not reason and not half <= _MOST_HALF_WIDTH:
-        reason = "thrust varied too little, what lies beside it was not flown"
+        reason = (
+            f"thrust varied by a factor of {found.thrust_ratio:.2f}, and more was not flown; climb and "
+            f"descend so that it varies by {_THRUST_TO_FLY:g}"
+        )
     if not reason and not _POSSIBLE[0] <= value <= _POSSIBLE[1]:
         reason = "the effectiveness changes with thrust more than any propeller's curve makes it"
     if reason:

@@ -27,6 +27,9 @@ from quadid_logs.maths.normal import NORMAL_95
 
 #: Every second and every third sample: three independent differences in all.
 _EVERY = (2, 3)
+#: What was cut is missing in full, beside all that adds in squares: sqrt((1.2 b)^2 + s^2) is b + s and more
+#: up to s = b / 5.
+_IN_FULL = 1.2
 #: A lithium battery's voltage falls by some 14 % in a quarter of an hour of flight, and thrust with its
 #: square: by 2 % a minute, 1 % to either side of the mean. Autopilots make up for it by halves.
 _DRIFT_1_S = 0.01 / 60.0
@@ -107,6 +110,43 @@ def expo_errors(design: Design, described: InputDescription | None) -> tuple[Row
         return ()
     changes = torques_by_expo(design.chunks, described)
     return (design.torque.replaced([expo.half_width * change for change in changes]),)
+
+
+def grid_errors(design: Design, grid: Sequence[float]) -> tuple[RowTorque, ...]:
+    """Return the torque that whole steps hide where they were cut toward zero, one for each axis.
+
+    Cut, a torque is half a step more than was logged on the mean, in its own direction; where zero was
+    logged, it goes from the sign before to the sign after. Rounded, it is none of that: the log does not
+    tell which.
+
+    Parameters
+    ----------
+    design : Design
+        With the torque as it is fitted.
+    grid : sequence of float
+        Step of the values of L, M and N, 0 where they take any.
+
+    Returns
+    -------
+    tuple of RowTorque
+        As of `sampling_errors`.
+    """
+    return tuple(
+        design.torque.replaced(
+            [_lost(chunk.torque[:, axis], step) * (np.arange(3) == axis) for chunk in design.chunks]
+        )
+        for axis, step in enumerate(grid)
+        if step
+    )
+
+
+def _lost(torque: FloatArray, step: float) -> FloatArray:
+    """Return half a step in the direction of the torque; shape (n_samples, 1)."""
+    half = np.copysign(0.5 * _IN_FULL * step, torque)
+    known = np.flatnonzero(np.abs(torque) > 0.5 * step)
+    if known.size:
+        half = np.interp(np.arange(torque.size), known, half[known])
+    return np.asarray(half[:, np.newaxis])
 
 
 def torques_by_expo(chunks: Sequence[Segment], described: InputDescription) -> list[FloatArray]:

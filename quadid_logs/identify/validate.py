@@ -10,6 +10,8 @@ import numpy as np
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.model import FitSeries, Validation
 from quadid_logs.identify.design import Design
+from quadid_logs.identify.fit import commanded_fraction
+from quadid_logs.identify.instruments import Projection
 from quadid_logs.identify.structures import Structure
 from quadid_logs.maths.band import high_pass
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS
@@ -79,6 +81,7 @@ def validate(
     return Validation(
         held_out_s=float(np.count_nonzero(held_out) * design.period_s),
         r2_acceleration=_by_name(ACCELERATION_SYMBOLS, _r2(spread[held_out], error[held_out])),
+        r2_commanded=_commanded(design, spread, error, high_pass_hz),
         r2_simulated_rate=_by_name(RATE_SYMBOLS, _r2(rate[held_out], missed[held_out])),
         r2_high_passed_rate=_by_name(RATE_SYMBOLS, _high_passed_r2(motion, rate, design, high_pass_hz)),
         fit_percent=_by_name(RATE_SYMBOLS, _fit_percent(rate[held_out], missed[held_out])),
@@ -87,6 +90,19 @@ def validate(
         residual_memory_s=_by_name(ACCELERATION_SYMBOLS, _memory_s(error, design)),
         input_correlation=_by_name(ACCELERATION_SYMBOLS, _input_correlation(error, given_torque, design)),
     ), series
+
+
+def _commanded(
+    design: Design, acceleration: FloatArray, error: FloatArray, high_pass_hz: float
+) -> dict[str, float]:
+    """Return R2 of held-out acceleration as far as it follows from the instruments; nothing without any."""
+    if design.instruments is None:
+        return {}
+    held_out = design.held_out
+    project = Projection.onto(design.high_pass(design.instruments, high_pass_hz)[held_out])
+    return _by_name(
+        ACCELERATION_SYMBOLS, commanded_fraction(project, acceleration[held_out], error[held_out]).tolist()
+    )
 
 
 def _memory_s(error: FloatArray, design: Design) -> list[float]:

@@ -205,7 +205,8 @@ def _posterior(first: Posterior | None, second: Posterior | None) -> Posterior |
         return None
     mean, covariance = first.mean.copy(), first.covariance.copy()
     mean[_YAW], covariance[_YAW] = second.mean[_YAW], second.covariance[_YAW]
-    return replace(first, mean=mean, covariance=covariance)
+    only_brakes = (*first.only_brakes[:_YAW], second.only_brakes[_YAW])
+    return replace(first, mean=mean, covariance=covariance, only_brakes=only_brakes)
 
 
 def _row(first: FloatArray, second: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.maths.band import ComplexArray
 
 #: Windows overlap by half and their taper leaks into neighbours: so many of their lines are independent.
-_INDEPENDENT = 0.5
+INDEPENDENT = 0.5
 _TINY = float(np.finfo(float).tiny)
 
 
@@ -62,5 +62,5 @@ def gain_by_instrument(
     power = np.vdot(driven_by, cause)
     gain = np.vdot(driven_by, effect) / power
     left = np.linalg.norm(effect - gain * cause) * np.linalg.norm(driven_by)
-    left = left / np.sqrt(_INDEPENDENT * cause.size)
+    left = left / np.sqrt(INDEPENDENT * cause.size)
     return GainByInstrument(complex(gain), float(left / max(float(abs(gain * power)), _TINY)))

@@ -8,7 +8,7 @@ from pathlib import PurePath
 from typing import Any, Final
 
 from quadid_logs.compare import Comparison, Quantity
-from quadid_logs.control.findings import outermost
+from quadid_logs.control.room import outermost
 from quadid_logs.data.closed_loop import AxisLoop, Estimated
 from quadid_logs.data.result import Result
 from quadid_logs.report.json import strict_text
@@ -178,7 +178,8 @@ def _promise_sentence(promise: Promise) -> str:
         f"{estimate(seen.value, *seen.ci95)} {units[name]}, promised {estimate(said.value, *said.ci95)}"
         for name, (said, seen) in promise.figures.items()
     ]
-    kept = "kept" if promise.kept else "not kept: load the gains that flew before"
+    act = "load the gains that flew before" if promise.way_back else "tune again from the second flight"
+    kept = "kept" if promise.kept else f"not kept: {act}"
     return f"promise of {promise.axis} {kept} ({'; '.join(told)})"
 
 
@@ -219,6 +220,7 @@ def comparison_text(before: Result, after: Result, comparison: Comparison) -> st
         "promises": {
             one.axis: {
                 "kept": one.kept,
+                "way_back": one.way_back,
                 "margins": {
                     name: {"promised": said._asdict(), "found": seen._asdict()}
                     for name, (said, seen) in one.figures.items()

@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import count
 from pathlib import Path, PurePath
 from typing import Literal
 
@@ -50,14 +51,33 @@ def report_folders(logs: Iterable[PurePath], parent: Path, number: int = 0) -> t
     taken = {INDEX_FILE}
     folders = []
     for log in logs:
-        stem = portable_name(log.stem) + (f"-log{number}" if number else "")
-        suffix = log.suffix.lstrip(".").lower()
-        longer = f"{stem}-{suffix}" if suffix else stem
-        names = (stem, longer, *(f"{longer}-{number}" for number in range(2, len(taken) + 3)))
-        name = next(name for name in names if name.lower() not in taken)
+        name = next(name for name in folder_names(log, number) if name.lower() not in taken)
         taken.add(name.lower())
         folders.append(parent / name)
     return tuple(folders)
+
+
+def folder_names(log: PurePath, number: int = 0) -> Iterator[str]:
+    """Yield the names that the folder of a log may have, the first one that is free to be taken.
+
+    Parameters
+    ----------
+    log : PurePath
+    number : int
+        Which log of a file with several, from 1; 0 for the only one.
+
+    Yields
+    ------
+    str
+        Without end.
+    """
+    stem = portable_name(log.stem) + (f"-log{number}" if number else "")
+    suffix = log.suffix.lstrip(".").lower()
+    longer = f"{stem}-{suffix}" if suffix else stem
+    yield stem
+    if longer != stem:
+        yield longer
+    yield from (f"{longer}-{place}" for place in count(2))
 
 
 def check_folder(folder: Path, *, force: bool = False) -> None:

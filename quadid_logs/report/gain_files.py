@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import PurePath
 from typing import Final
 
 import numpy as np
 
-from quadid_logs.autopilots import named
+from quadid_logs.autopilots import known, named
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import AxisTuning, GainChange, Tuning
 from quadid_logs.report.numbers import number
@@ -36,6 +36,16 @@ def file_names(autopilot: str) -> tuple[str, str]:
     return f"{NEXT}{suffix}", f"{BACK}{suffix}"
 
 
+def tunable_autopilots() -> tuple[str, ...]:
+    """Return the names of the autopilots that gains are recommended for.
+
+    Returns
+    -------
+    tuple of str
+    """
+    return tuple(one.name for one in known() if one.tunable({}) is not None)
+
+
 def gain_files(result: Result, tuning: Tuning) -> dict[str, str]:
     """Return the text of each file by its name.
 
@@ -57,17 +67,30 @@ def gain_files(result: Result, tuning: Tuning) -> dict[str, str]:
     log = printable(PurePath(result.log.path).name, _LONGEST_NAME)
     forth = [*advice.beside_gains(parameters)]
     forth += [line for axis, found in tuning.axes.items() for line in _lines(axis, found)]
-    back = [("as flown", name, exact(change.now)) for name, change in changes.items()]
+    flown = _flown(result, parameters) | {name: change.now for name, change in changes.items()}
+    back = [("as flown", name, exact(value)) for name, value in flown.items()]
     back += advice.beside_gains(parameters, back=True)
     names = file_names(result.log.autopilot)
     return {
         names[0]: advice.gain_text(
-            (f"quadid-log tune: the next gains to fly, from {log}", f"The way back: {names[1]}"),
+            (f"The next gains to fly, from {log}", f"The gains that flew: {names[1]}"),
             forth,
             parameters,
         ),
-        names[1]: advice.gain_text((f"quadid-log tune: the gains that flew in {log}",), back, parameters),
+        names[1]: advice.gain_text((f"The gains that flew in {log}",), back, parameters),
     }
+
+
+def _flown(result: Result, parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return every gain that could be changed as it flew, so that one flight has one way back."""
+    tunable = named(result.log.autopilot).tunable(parameters)
+    axes = () if tunable is None else tunable.axes.values()
+    names = (
+        name
+        for one in axes
+        for name in (*one.scaled, one.proportional, one.integral, one.derivative, one.angle)
+    )
+    return {name: parameters[name] for name in names if np.isfinite(parameters.get(name, np.nan))}
 
 
 def _lines(axis: str, found: AxisTuning) -> Iterator[tuple[str, str, str]]:

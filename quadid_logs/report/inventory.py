@@ -13,14 +13,17 @@ from quadid_logs.data.flight import FlightData, SourceChoice
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Identification
 from quadid_logs.diagnose import remedied
+from quadid_logs.diagnose.advice import next_steps
 from quadid_logs.diagnose.data_findings import find_in_data
 from quadid_logs.diagnose.file_findings import find_in_file
 from quadid_logs.diagnose.gyro_findings import find_in_gyro
 from quadid_logs.identify.slow_yaw import may_tell_yaw
 from quadid_logs.report.airframe_facts import airframe_facts
+from quadid_logs.report.commands import like_log
 from quadid_logs.report.json import SCHEMA_VERSION, data_dict, finding_dict, log_dict, strict_text
 from quadid_logs.report.log_tables import spans_text
 from quadid_logs.report.numbers import number, size
+from quadid_logs.sentences import some
 from quadid_logs.untrusted import printable
 
 _MOST_TYPES = 14
@@ -89,7 +92,7 @@ def inventory_lines(log: FlightLog, data: FlightData) -> Iterator[Line]:
     yield Line(
         f"{printable(log.path)}  {size(log.n_bytes)}, {log.format} {printable(log.dialect, 40)}".rstrip()
     )
-    yield from _lacking(missing_for_analysis(log, data))
+    yield from _lacking(log, missing_for_analysis(log, data))
     yield Line("")
     for name, value in (*_facts(log, data), *((name.lower(), value) for name, value in airframe_facts(log))):
         if value:
@@ -102,8 +105,8 @@ def inventory_lines(log: FlightLog, data: FlightData) -> Iterator[Line]:
         yield Line(f"  Note: {printable(remark)}", 4)
 
 
-def _lacking(found: Sequence[Finding]) -> Iterator[Line]:
-    """Yield whether analyze can work with the log, and what it will complain about."""
+def _lacking(log: FlightLog, found: Sequence[Finding]) -> Iterator[Line]:
+    """Yield whether analyze can work with the log, what it will complain about, and what to fly then."""
     missing = [finding for finding in found if finding.level == "error"]
     if any(not finding.axes for finding in missing):
         yield Line(f"  analyze will refuse it: {counted(len(missing), 'obstacle')}")
@@ -118,7 +121,11 @@ def _lacking(found: Sequence[Finding]) -> Iterator[Line]:
         word = "obstacle" if finding.level == "error" else "caution"
         yield Line(f"    {word}: {printable(finding.title)} [{finding.code}]", 6)
         if finding.advice:
-            yield Line(f"      {printable(finding.advice, 600)}", 6)
+            yield Line(f"      {like_log(printable(finding.advice, 600), log.path)}", 6)
+    told = {finding.advice for finding in found}
+    for step in next_steps((log, finding) for finding in found):
+        if step not in told:
+            yield Line(f"    then: {like_log(printable(step, 800), log.path)}", 6)
 
 
 def _facts(log: FlightLog, data: FlightData) -> tuple[tuple[str, str], ...]:
@@ -161,11 +168,12 @@ def _signal_lines(choice: SourceChoice) -> Iterator[Line]:
 
 def _systems(log: FlightLog) -> str:
     """Return the MAVLink systems, the chosen one marked."""
-    return ", ".join(
+    named = [
         f"{system.system_id}/{system.component_id} {printable(system.vehicle_type, 30)}"
         f" {counted(system.n_messages, 'message')}" + (" (chosen)" if system.chosen else "")
-        for system in log.systems[:12]
-    )
+        for system in log.systems
+    ]
+    return some(named, log.n_systems)
 
 
 def _types(log: FlightLog) -> str:

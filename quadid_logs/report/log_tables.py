@@ -14,6 +14,7 @@ from quadid_logs.report.airframe_facts import airframe_facts
 from quadid_logs.report.cells import Cell, Table
 from quadid_logs.report.numbers import number, percent, seconds, size
 from quadid_logs.report.words import pretty_unit, signal_name
+from quadid_logs.sentences import some
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import SIGNALS
 
@@ -65,11 +66,12 @@ def _torque(described: InputDescription | None) -> str:
 
 def _systems(log: FlightLog) -> str:
     """Return the MAVLink systems, the chosen one marked."""
-    return ", ".join(
+    named = [
         f"{system.system_id}/{system.component_id} {printable(system.vehicle_type, 30)}"
         + (" (chosen)" if system.chosen else "")
-        for system in log.systems[:12]
-    )
+        for system in log.systems
+    ]
+    return some(named, log.n_systems)
 
 
 def _format(log: FlightLog) -> str:

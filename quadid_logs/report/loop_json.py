@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from quadid_logs.control.command_units import in_degrees
-from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated, Margins, Prediction
+from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated, FrameModes, Margins, Prediction
 from quadid_logs.data.controller import CommandUnit, Replay
 
 _FIGURES = (
@@ -72,6 +72,7 @@ def _axis(found: AxisLoop) -> dict[str, Any]:
         **margins_and_step(found),
         "known_to_hz": found.known_hz,
         "contradicted": found.contradicted,
+        "frame": None if found.frame is None else _frame(found.frame),
     }
 
 
@@ -117,6 +118,17 @@ def _replay(replay: Replay) -> dict[str, Any]:
         "n_rows": replay.n_rows,
         "terms": terms,
         "as_logged": list(replay.as_logged),
+    }
+
+
+def _frame(frame: FrameModes) -> dict[str, Any]:
+    """Return ``frame``: whether a mode of the frame is seen, and how far the log can show one."""
+    return {
+        "seen": frame.seen,
+        "line_hz": frame.line_hz,
+        "line_height": frame.line_height,
+        "absent_probability": frame.absent,
+        "visible_hz": frame.visible_hz,
     }
 
 

@@ -6,16 +6,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from quadid_logs.control.command_units import in_degrees
-from quadid_logs.control.findings import outermost
 from quadid_logs.control.margins import UNMODELLED_DELAY_S
+from quadid_logs.control.room import outermost
 from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated, Margins
 from quadid_logs.data.result import Result
 from quadid_logs.report.cells import Cell, Table
 from quadid_logs.report.numbers import interval, number, resolved
 from quadid_logs.untrusted import printable
 
-#: From here on a gain is told as a multiple.
+#: From here on a gain is told as a multiple: no battery and no load changes a vehicle by as much.
 _MANY_TIMES = 2.0
+_CONTRADICTED = "the measured response contradicts the model, so that no margin is told."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,7 +98,8 @@ def _sentence(axis: str, found: AxisLoop) -> str:
         if reason is not None and not reason.tells_nothing:
             return f"{name}: the controller of the parameters is not the one that flew ({reason.value})."
         return f"{name}: the model does not tell enough of this axis to close its loop."
-    parts = [f"{name}: {_distance(margins)}"]
+    # No distance is told of a loop that the log contradicts.
+    parts = [f"{name}: {_CONTRADICTED if found.contradicted else _distance(margins)}"]
     prediction = found.prediction
     if prediction is not None:
         parts.append(
@@ -120,15 +122,24 @@ def _distance(margins: Margins) -> str:
     far.append(f"{number(gain.value, 2)} dB" if gain is not None else "")
     text = f"{' and '.join(filter(None, far)) or 'nowhere near'} from instability"
     if gain is not None and at is not None:
-        factor = 10.0 ** (gain.value / 20.0)
-        more = f"a {number(100.0 * (factor - 1.0), 2)} % higher gain"
-        text += (
-            f"; {more if factor < _MANY_TIMES else f'{number(factor, 2)} times the gain'} (lighter vehicle, "
-            f"fuller battery) would oscillate at about {number(at.value, 2)} Hz"
-        )
-    if margins.extrapolated and phase is not None:
-        text += f" (extrapolated: it may be as little as {number(max(phase.ci95[0], 0.0), 2)} degrees)"
-    return f"{text}."
+        text += f"; {_more(gain.value)} would oscillate at about {number(at.value, 2)} Hz"
+    return f"{text}{_at_least(margins) if margins.extrapolated else ''}."
+
+
+def _more(gain_db: float) -> str:
+    """Say by how much the gain may grow, and what makes it grow by so little."""
+    factor = 10.0 ** (gain_db / 20.0)
+    if factor >= _MANY_TIMES:
+        return f"{number(factor, 2)} times the gain"
+    return f"a {number(100.0 * (factor - 1.0), 2)} % higher gain (lighter vehicle, fuller battery)"
+
+
+def _at_least(margins: Margins) -> str:
+    """Say which of the two margins may be less, for no frequency was measured where they are read off."""
+    pairs = ((margins.phase_margin_deg, "degrees"), (margins.gain_margin_db, "dB"))
+    told = ((number(each.value, 2), number(max(each.ci95[0], 0.0), 2), unit) for each, unit in pairs if each)
+    less = [f"{low} {unit}" for value, low, unit in told if low != value]
+    return f" (extrapolated: it may be as little as {' and '.join(less)})" if less else " (extrapolated)"
 
 
 def _table(loop: ClosedLoop) -> Table | None:
@@ -136,9 +147,10 @@ def _table(loop: ClosedLoop) -> Table | None:
     rows = []
     for axis, found in loop.axes.items():
         if found.margins is not None:
-            rows.append(_row(f"{axis}, rate loop", found.margins.rate))
+            also = "contradicted" if found.contradicted else ""
+            rows.append(_row(f"{axis}, rate loop", found.margins.rate, also))
             if found.margins.full is not None:
-                rows.append(_row(f"{axis}, with angle loop", found.margins.full))
+                rows.append(_row(f"{axis}, with angle loop", found.margins.full, also))
     if not rows:
         return None
     return Table(
@@ -150,9 +162,9 @@ def _table(loop: ClosedLoop) -> Table | None:
     )
 
 
-def _row(name: str, margins: Margins) -> tuple[Cell, ...]:
+def _row(name: str, margins: Margins, also: str) -> tuple[Cell, ...]:
     if not margins.stable:
-        return (Cell(text=name), Cell(text="unstable"), *[Cell(text="–")] * 5)
+        return (Cell(text=name, detail=also), Cell(text="unstable"), *[Cell(text="–")] * 5)
     delay = margins.delay_margin_s
     figures = (
         margins.phase_margin_deg,
@@ -162,7 +174,7 @@ def _row(name: str, margins: Margins) -> tuple[Cell, ...]:
         margins.disk_margin,
         margins.peak_sensitivity,
     )
-    name_cell = Cell(text=name, detail="extrapolated" if margins.extrapolated else "")
+    name_cell = Cell(text=name, detail=also or ("extrapolated" if margins.extrapolated else ""))
     return (name_cell, *(_cell(each) for each in figures))
 
 

@@ -15,6 +15,7 @@ from quadid_logs.arrays import AnyArray, FloatArray
 from quadid_logs.data.model import Model
 from quadid_logs.data.result import Result
 from quadid_logs.errors import EmptyLogError, SettingsError
+from quadid_logs.report.commands import on_log
 from quadid_logs.report.verdict import input_unit, refused_names
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS
@@ -45,6 +46,28 @@ def check_model_format(path: Path) -> None:
         )
 
 
+def model_formats_of(result: Result) -> tuple[str, ...]:
+    """Return the endings that the model of a result can be written with.
+
+    Parameters
+    ----------
+    result : Result
+
+    Returns
+    -------
+    tuple of str
+        Of `MODEL_FORMATS`.
+    """
+    model = result.identification.recommended
+    if model is None:
+        return ()
+    try:
+        _trusted_inertia(result, model)
+    except EmptyLogError:
+        return (".mat", ".py")
+    return tuple(MODEL_FORMATS)
+
+
 def model_bytes(result: Result, ending: str) -> bytes:
     """Return the recommended model as a file.
 
@@ -70,7 +93,8 @@ def model_bytes(result: Result, ending: str) -> bytes:
     model = result.identification.recommended
     if model is None:
         why = printable(result.identification.skipped) or "this log holds too little"
-        raise EmptyLogError(f"There is no model to export: {why}.", hint="See quadid-log analyze.")
+        hint = f"See `{on_log(result, 'analyze')}`."
+        raise EmptyLogError(f"There is no model to export: {why}.", hint=hint)
     if ending == ".mat":
         return _matlab(result, model)
     if ending == ".py":
@@ -214,7 +238,7 @@ def _trusted_inertia(result: Result, model: Model) -> FloatArray:
     if refused:
         raise EmptyLogError(
             f"The inertia cannot be exported: {', '.join(refused)} must not be trusted.",
-            hint="See quadid-log analyze for what to fly.",
+            hint=f"`{on_log(result, 'analyze')}` says what to fly.",
         )
     matrix = None if model.inertia is None else model.inertia.matrix
     if matrix is None or not np.isfinite(np.diagonal(matrix)).all():

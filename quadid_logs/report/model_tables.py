@@ -42,7 +42,7 @@ def model_tables(result: Result, model: Model) -> tuple[Table, ...]:
     Returns
     -------
     tuple of Table
-        One row for each torque or regressor, one column for each acceleration.
+        As in the equation: one row for each acceleration, one column for each torque or regressor.
     """
     unit = "N m" if input_unit(result) == "N m" else "unit of normalised command"
     refused = _refused_targets(result)
@@ -95,12 +95,12 @@ def _columns(model: Model, chosen: tuple[str, ...]) -> FloatArray:
 def _matrix(
     model: Model, values: FloatArray, columns: tuple[str, ...], caption: str, distrusted: frozenset[str]
 ) -> Table:
-    """Return a matrix, transposed: its columns as rows; what belongs to refused axes is grey."""
+    """Return a matrix as it stands in the equation; what belongs to refused axes is grey."""
     known = model.entries
     largest = float(np.abs(values).max(initial=0.0))
     rows = tuple(
         (
-            Cell(text=regressor_words(name), detail=name),
+            Cell(text=_HEADS.get(target, target), detail=_DISTRUSTED if target in distrusted else target),
             *(
                 replace(
                     _entry(
@@ -108,25 +108,29 @@ def _matrix(
                     ),
                     name=term_words(target, name),
                 )
-                for row, target in enumerate(model.targets)
+                for column, name in enumerate(columns)
             ),
         )
-        for column, name in enumerate(columns)
+        for row, target in enumerate(model.targets)
     )
-    head = ("", *(_head(target, distrusted) for target in model.targets))
-    return Table(caption=caption, head=head, rows=rows, note=_note(model, columns, distrusted))
+    return Table(
+        caption=caption,
+        head=("", *(_column_words(name) for name in columns)),
+        rows=rows,
+        note=_note(model, columns, distrusted),
+    )
 
 
-def _head(target: str, distrusted: frozenset[str]) -> str:
-    words = _HEADS.get(target, target)
-    return f"{words} ({_DISTRUSTED})" if target in distrusted else words
+def _column_words(name: str) -> str:
+    words = regressor_words(name)
+    return name if words == name else f"{words} ({name})"
 
 
 def _note(model: Model, columns: tuple[str, ...], distrusted: frozenset[str]) -> str:
     """Say what the regressors are, which entries are no results, and why."""
     words = "; ".join(filter(None, (_WORDS.get(name) for name in columns)))
     words = f"{words}." if words else ""
-    refused = f"Columns marked {_DISTRUSTED!r} belong to refused axes: they are no results."
+    refused = f"Rows marked {_DISTRUSTED!r} belong to refused axes: they are no results."
     trusted = (
         parameter
         for parameter in model.parameters

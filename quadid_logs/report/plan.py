@@ -3,19 +3,55 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterator, Mapping
+from functools import partial
+from typing import Any, Final, NamedTuple
 
+from quadid_logs.autopilots.generic.advice import digits
+from quadid_logs.commands import LOG, NEXT_LOG, command
 from quadid_logs.data.model import Parameter
+from quadid_logs.diagnose.advice import advice_for
 from quadid_logs.plan import Plan, Prediction
 from quadid_logs.report.json import strict_text
 from quadid_logs.report.numbers import estimate, number
 from quadid_logs.report.words import pretty_unit
 from quadid_logs.simulate.sweep import Sweep
 from quadid_logs.untrusted import printable
-from quadid_logs.vocabulary import ON_AXIS
+from quadid_logs.vocabulary import AXES, ON_AXIS
 
 CARD_FILE, CARD_PAGE = "plan.md", "plan.html"
+#: How files are called that hold what flew.
+BACK: Final = "back"
+
+
+class FileNames(NamedTuple):
+    """The names of the parameter files of an autopilot; ``sweeps`` by axis."""
+
+    logging: str
+    logging_back: str
+    sweeps: Mapping[str, str]
+    sweep_off: str
+
+
+def plan_file_names(autopilot: str) -> FileNames:
+    """Return the names of all parameter files that a plan may have.
+
+    Parameters
+    ----------
+    autopilot : str
+        As in `FlightLog.autopilot`.
+
+    Returns
+    -------
+    FileNames
+    """
+    suffix = advice_for(autopilot).parameter_suffix
+    return FileNames(
+        logging=f"logging{suffix}",
+        logging_back=f"logging-{BACK}{suffix}",
+        sweeps={axis: f"sweep-{axis}{suffix}" for axis in AXES},
+        sweep_off=f"sweep-off{suffix}",
+    )
 
 
 def parameter_files(plan: Plan) -> dict[str, str]:
@@ -28,13 +64,21 @@ def parameter_files(plan: Plan) -> dict[str, str]:
     Returns
     -------
     dict of str to str
+        What makes the autopilot log and sweep, where that has to be set, and the ways back.
     """
-    advice = plan.advice
-    text = advice.parameter_text("Log rates and torque at the loop rate", plan.logging)
-    files = {f"logging{advice.parameter_suffix}": text}
+    advice, names = plan.advice, plan_file_names(plan.autopilot)
+    text = partial(advice.parameter_text, parameters=plan.parameters)
+    files = {}
+    if plan.logging:
+        why = "Log rates and torque at the loop rate"
+        known = f"the way back: {names.logging_back}" if plan.logging_back else advice.unknown_mask_note
+        files[names.logging] = text(f"{why}; {known}", plan.logging)
+    if plan.logging_back:
+        files[names.logging_back] = text("Log as before", plan.logging_back)
     for axis in plan.sweeps:
-        text = advice.parameter_text(advice.sweep_comment(axis), plan.settings_of(axis))
-        files[f"sweep-{axis}{advice.parameter_suffix}"] = text
+        files[names.sweeps[axis]] = text(advice.sweep_comment(axis), plan.settings_of(axis))
+    if plan.sweeps:
+        files[names.sweep_off] = text("Take the sweep off the vehicle", advice.sweep_off())
     return files
 
 
@@ -55,7 +99,7 @@ def card_lines(plan: Plan, prediction: Prediction) -> tuple[str, ...]:
         "",
         "## Set",
         "",
-        *_settings_lines(plan),
+        *settings_lines(plan),
         "",
         "## Fly",
         "",
@@ -114,18 +158,41 @@ def _on_axis(prediction: Prediction, axis: str) -> Parameter | None:
     return None if model is None else model.entries.get(ON_AXIS[axis])
 
 
-def _settings_lines(plan: Plan) -> Iterator[str]:
+def settings_lines(plan: Plan) -> Iterator[str]:
     """Yield what to set and why."""
     for note in plan.advice.version_notes(plan.version):
         yield f"- {note}"
-    for name, value in plan.logging:
-        yield f"- {name} = {value:g} (rates and torque at the loop rate; {plan.advice.logging_note})"
+    yield from logging_lines(plan)
     for axis, sweep in plan.sweeps.items():
-        values = ", ".join(f"{name} = {value:g}" for name, value in plan.settings_of(axis))
+        values = ", ".join(f"{name} = {digits(value)}" for name, value in plan.settings_of(axis))
         yield f"- for {axis}, when its turn comes: {values}"
         yield f"  ({_sweep_words(sweep)})"
     kept = plan.advice.gyro_filter_parameter
     yield f"- leave {kept} as you fly it: its delay is known from the log and allowed for"
+
+
+def logging_lines(plan: Plan) -> Iterator[str]:
+    """Yield what to set so that the autopilot logs enough, with the way back.
+
+    Parameters
+    ----------
+    plan : Plan
+
+    Yields
+    ------
+    str
+    """
+    names = plan_file_names(plan.autopilot)
+    flown = dict(plan.logging_back)
+    for name, value in plan.logging:
+        why = "; ".join(filter(None, ("rates and torque at the loop rate", plan.advice.logging_note)))
+        if name in flown:
+            yield f"- load {names.logging}: {name} {digits(flown[name])} -> {digits(value)} ({why})"
+            yield f"  (when tuning is done, {names.logging_back} brings {digits(flown[name])} back)"
+        else:
+            yield f"- {name} = {digits(value)} ({why}; {plan.advice.unknown_mask_note})"
+    if not plan.logging:
+        yield f"- {plan.advice.logging('', plan.parameters, plan.version)}"
 
 
 def _sweep_words(sweep: Sweep) -> str:
@@ -141,8 +208,8 @@ def _steps(plan: Plan) -> tuple[str, ...]:
     return (
         "Choose calm air, a full battery, 10 m of room to all sides, and a height of 10 m or more.",
         *plan.steps(),
-        "Take the log from the card, and run: quadid-log analyze LOG (where there are several, as after a "
-        "restart, give all of them and --pool)",
+        f"Take the log from the card, and run `{command('analyze', LOG)}`. Where there are several, as after "
+        f"a restart, run `{command('analyze', LOG, NEXT_LOG, '--pool')}`.",
     )
 
 

@@ -5,8 +5,12 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from quadid_logs.version import __version__
+
+#: Characters of a command line with several logs and their folders: nothing of it may be cut off.
+LONGEST_COMMAND: Final = 100_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

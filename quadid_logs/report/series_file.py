@@ -66,7 +66,9 @@ def aligned_table(data: FlightData) -> dict[str, AnyArray]:
     """
     if not data.segments or data.input is None:
         reason = printable(data.on_ground_reason) or "Nothing in this log can be aligned."
-        raise EmptyLogError(f"There is no aligned series to export. {reason}", hint="See quadid-log info.")
+        raise EmptyLogError(
+            f"There is no aligned series to export. {reason}", hint="See `quadid-log info LOG`."
+        )
     blocks: dict[str, AnyArray] = {"time_s": np.concatenate([segment.time_s for segment in data.segments])}
     for name, values in (
         ("body_rate", [segment.body_rate_rad_s for segment in data.segments]),

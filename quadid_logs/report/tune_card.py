@@ -10,8 +10,8 @@ from quadid_logs.data.tuning import Tuning
 from quadid_logs.diagnose.advice import advice_for, plannable
 from quadid_logs.plan import Plan, make_plan
 from quadid_logs.report.gain_files import file_names
-from quadid_logs.report.plan import CARD_FILE, parameter_files
-from quadid_logs.report.tune_view import tune_view
+from quadid_logs.report.plan import CARD_FILE, parameter_files, settings_lines
+from quadid_logs.report.tune_view import tune_again, tune_view, way_back
 
 
 def flight_files(result: Result, tuning: Tuning) -> dict[str, str]:
@@ -32,25 +32,26 @@ def flight_files(result: Result, tuning: Tuning) -> dict[str, str]:
         return {}
     planned = None
     if result.log.autopilot in plannable():
-        planned = make_plan(result.log.autopilot, changing, result.log.version)
+        planned = make_plan(result.log.autopilot, changing, result.log.version, result.log.parameters)
     card = "\n".join(_card(result, tuning, changing, planned)) + "\n"
     return {CARD_FILE: card, **({} if planned is None else parameter_files(planned))}
 
 
 def _card(result: Result, tuning: Tuning, axes: list[str], planned: Plan | None) -> Iterator[str]:
     """Yield the card as Markdown that reads well as plain text."""
-    view = tune_view(result, tuning)
-    forth, back = file_names(result.log.autopilot)
+    view, autopilot = tune_view(result, tuning), result.log.autopilot
+    forth, _ = file_names(autopilot)
     yield from (f"# Confirming flight: {', '.join(axes)}", "", "## Set", "", f"- load {forth}")
     for axis in view.axes:
         yield from (f"  - {one.name} {one.now} -> {one.next}" for one in axis.gains)
-    yield from _settings(result.log) if planned is None else _planned_settings(planned)
+    yield from _settings(result.log) if planned is None else settings_lines(planned)
     yield from ("", "## Fly", "")
     steps = (
         "Choose calm air, a full battery, 10 m of room to all sides.",
-        "Hover at 3 m for 20 s with small stick inputs, at once down again if the vehicle oscillates. Land.",
+        "Hover at 3 m for 20 s with small stick inputs, at once down again if it shakes or buzzes. Land.",
         *(_advice(result.log, axes) if planned is None else planned.steps()),
-        f"Take the log from the card, and run quadid-log tune on it. If anything was wrong, load {back}.",
+        f"Take the log from the card, and run `{tune_again(result, tuning)}` on it. "
+        f"{way_back(autopilot, tuning).sentence}",
     )
     yield from (f"{place}. {step}" for place, step in enumerate(steps, start=1))
     yield from ("", "## Expect", "")
@@ -59,17 +60,12 @@ def _card(result: Result, tuning: Tuning, axes: list[str], planned: Plan | None)
             yield f"- {axis.axis}: {axis.promise} {axis.warning}"
 
 
-def _planned_settings(planned: Plan) -> Iterator[str]:
-    for name, value in planned.logging:
-        yield f"- {name} = {value:g} ({planned.advice.logging_note})"
-    for swept in planned.sweeps:
-        settings = ", ".join(f"{name} = {value:g}" for name, value in planned.settings_of(swept))
-        yield f"- for {swept}, when its turn comes: {settings}"
-
-
 def _settings(log: FlightLog) -> Iterator[str]:
     """Yield what to log with an autopilot whose settings are no numbers."""
-    yield f"- {advice_for(log.autopilot).logging(log.format, log.parameters, log.version)}"
+    advice = advice_for(log.autopilot)
+    if advice.before_setting:
+        yield f"- {advice.before_setting}"
+    yield f"- {advice.logging(log.format, log.parameters, log.version)}"
 
 
 def _advice(log: FlightLog, axes: Sequence[str]) -> tuple[str, ...]:

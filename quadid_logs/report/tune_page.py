@@ -9,7 +9,7 @@ from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import Tuning
 from quadid_logs.data.what_if import WhatIf
 from quadid_logs.report.pages import environment
-from quadid_logs.report.provenance import Provenance
+from quadid_logs.report.provenance import LONGEST_COMMAND, Provenance
 from quadid_logs.report.step_picture import step_picture
 from quadid_logs.report.tune_view import tune_view
 from quadid_logs.report.what_if import what_if_parts
@@ -53,7 +53,7 @@ def tune_page(
             provenance={
                 "version": provenance.version,
                 "log_sha256": provenance.log_sha256,
-                "command": printable(provenance.command),
+                "command": printable(provenance.command, LONGEST_COMMAND),
             },
         )
     )

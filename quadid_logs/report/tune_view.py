@@ -10,13 +10,17 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.autopilots import named
-from quadid_logs.control.recommend import MOST_DOWN, MOST_NOISE, MOST_UP
+from quadid_logs.control.recommend import MOST_NOISE
+from quadid_logs.control.room import has_way_back, missed, whole
 from quadid_logs.data.autotune import AutotuneForecast
-from quadid_logs.data.closed_loop import Estimated, LoopMargins, Margins
+from quadid_logs.data.closed_loop import Estimated, Margins
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.result import Result
-from quadid_logs.data.tuning import AxisTuning, Limits, Tuning
+from quadid_logs.data.tuning import GOOD, AxisTuning, Direction, Limits, Tuning
+from quadid_logs.diagnose.advice import is_to_set, to_a_usable_axis
+from quadid_logs.diagnose.advice import next_steps as ordered_steps
 from quadid_logs.report.cells import Cell, Table
+from quadid_logs.report.commands import filled, on_next_log
 from quadid_logs.report.gain_files import exact, file_names
 from quadid_logs.report.numbers import estimate, interval, number, percent, resolved
 from quadid_logs.report.words import evidence_phrase
@@ -50,11 +54,16 @@ class ReasonView:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TuneAxisView:
-    """One axis in the order in which a pilot asks."""
+    """One axis in the order in which a pilot asks.
+
+    ``direction`` and ``way_back`` (whether the flown gains are one) are what all its sentences say.
+    """
 
     axis: str
     verdict: str
     style: str
+    direction: Direction
+    way_back: bool
     sentence: str
     gains: tuple[GainView, ...]
     promise: str
@@ -97,14 +106,18 @@ def tune_view(
     """
     verdicts = [found.verdict for found in tuning.axes.values()]
     style = "refused" if set(verdicts) == {"refused"} else "caution" if tuning.changes else "usable"
+    back = way_back(result.log.autopilot, tuning)
     firmware = printable(result.log.firmware or named(result.log.autopilot).title, 80)
     return TuneView(
         name=printable(PurePath(result.log.path).name),
         subtitle=firmware,
         headline=headline(tuning),
         style=style,
-        axes=tuple(_axis(axis, found, (forecasts or {}).get(axis)) for axis, found in tuning.axes.items()),
-        steps=tuple(_steps(result, tuning)),
+        axes=tuple(
+            _axis(result, axis, found, tuning.limits, back, (forecasts or {}).get(axis))
+            for axis, found in tuning.axes.items()
+        ),
+        steps=tuple(filled(step, result) for step in _steps(result, tuning)),
         margins=_table(tuning),
         limits=_limits(tuning.limits),
     )
@@ -129,15 +142,22 @@ def headline(tuning: Tuning) -> str:
 
 
 def _act(found: AxisTuning) -> str:
-    if found.verdict == "refused":
-        return "no advice"
-    if found.verdict == "keep":
-        return "keep the gains"
-    if found.reasons[0].code == "QL641":
-        return f"change {len(found.changes)} gains, each by itself"
-    ratio = _ratio(found)
-    way = "lower" if ratio < 1.0 else "raise"
-    return f"{way} the gains to {number(100.0 * ratio, 2 if ratio < 1.0 else 3)} %"
+    match found.direction:
+        case "refuse":
+            return "no advice"
+        case "keep":
+            return "keep the gains"
+        case "raise" | "lower" as way:
+            if found.reasons[0].code == "QL641":
+                return f"{way} {_counted(len(found.changes), 'gain')}, each by itself"
+            ratio = _ratio(found)
+            return f"{way} the gains to {number(100.0 * ratio, 2 if ratio < 1.0 else 3)} %"
+        case "reshape":
+            return f"change {len(found.changes)} gains, each by itself"
+
+
+def _counted(number_of: int, noun: str) -> str:
+    return f"{number_of} {noun}{'' if number_of == 1 else 's'}"
 
 
 def _ratio(found: AxisTuning) -> float:
@@ -146,12 +166,68 @@ def _ratio(found: AxisTuning) -> float:
     return change.next / change.now
 
 
-def _axis(axis: str, found: AxisTuning, forecast: AutotuneForecast | None) -> TuneAxisView:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WayBack:
+    """The axes that the flown gains are a way back for, and those that they are none for."""
+
+    file: str
+    axes: tuple[str, ...]
+    no_axes: tuple[str, ...]
+
+    def loaded(self, axis: str) -> str:
+        """Say how to go back with an axis, and with no other that must not."""
+        alone = f"the gains of {axis} alone, as in {self.file}"
+        return f"set back {alone}" if self.no_axes else f"load {self.file}"
+
+    @property
+    def sentence(self) -> str:
+        """Say what to do with the file if anything is wrong."""
+        if not self.no_axes:
+            return f"If anything was wrong, load {self.file}."
+        refrain = f"do not load the flown gains of {listed(self.no_axes)}: they have less margin"
+        if not self.axes:
+            return f"If anything was wrong, {refrain}."
+        alone = f"set back the gains of {listed(self.axes)} alone, as in {self.file}"
+        return f"If anything was wrong, {alone}; {refrain}."
+
+
+def way_back(autopilot: str, tuning: Tuning) -> WayBack:
+    """Return which axes the flown gains are a way back for.
+
+    Parameters
+    ----------
+    autopilot : str
+        As in `FlightLog.autopilot`.
+    tuning : Tuning
+
+    Returns
+    -------
+    WayBack
+    """
+    changing = {axis: found for axis, found in tuning.axes.items() if found.verdict == "change"}
+    safe = {axis: has_way_back(found, tuning.limits) for axis, found in changing.items()}
+    return WayBack(
+        file=file_names(autopilot)[1],
+        axes=tuple(axis for axis, back in safe.items() if back),
+        no_axes=tuple(axis for axis, back in safe.items() if not back),
+    )
+
+
+def _axis(
+    result: Result,
+    axis: str,
+    found: AxisTuning,
+    limits: Limits,
+    back: WayBack,
+    forecast: AutotuneForecast | None,
+) -> TuneAxisView:
     return TuneAxisView(
         axis=axis,
         verdict=_WORDS[found.verdict],
         style=_STYLES[found.verdict],
-        sentence=_sentence(found),
+        direction=found.direction,
+        way_back=axis in back.axes,
+        sentence=_sentence(found, limits),
         gains=tuple(
             GainView(
                 name=name,
@@ -163,20 +239,39 @@ def _axis(axis: str, found: AxisTuning, forecast: AutotuneForecast | None) -> Tu
         ),
         promise=_promise(found),
         effect=_effect(axis, found),
-        warning=_warning(axis, found),
-        reasons=tuple(_reason(one) for one in found.reasons),
+        warning=_warning(axis, found, back),
+        reasons=tuple(_reason(result, one) for one in found.reasons),
         filter_note=next((f"{one.title}." for one in found.reasons if one.code == "QL636"), ""),
         autotune="" if forecast is None else autotune_words(forecast),
     )
 
 
-def _sentence(found: AxisTuning) -> str:
-    """Say the decisive reason, and where it is one step of several that the limits come later."""
-    told = f"{found.reasons[0].title}." if found.reasons else ""
-    if any(one.next != one.target for one in found.changes.values()):
-        most, least = percent(MOST_UP), percent(MOST_DOWN)
-        told += f" This is one step of several: a flight takes a gain to {most} or {least} at most."
-    return told
+def _sentence(found: AxisTuning, limits: Limits) -> str:
+    """Say why: the decisive reason or every one of a refusal, and whether the next gains are there yet."""
+    decisive = found.reasons if found.verdict == "refused" else found.reasons[:1]
+    told = " ".join(f"{one.title}." for one in decisive)
+    return f"{told} {_progress(found, limits)}".strip() if found.verdict == "change" else told
+
+
+def _progress(found: AxisTuning, limits: Limits) -> str:
+    """Say whether the promised margins are those to be kept, and how many flights are still to come."""
+    units = {"gain_db": "{} dB", "phase_deg": "{} degrees", "disk": "a disk margin of {}"}
+    fields = limits._fields if found.next is None else missed(found.next, limits)
+    short = listed([units[name].format(number(getattr(limits, name), 3)) for name in fields])
+    if not short:
+        return (
+            f"This is one step of several: expect {_more(found.more_flights)}." if found.more_flights else ""
+        )
+    if any(one.code == "QL638" for one in found.reasons):
+        after = f", also after {_more(found.more_flights)}" if found.more_flights else ""
+        return f"The gains come nearer to {short} and do not reach it{after}."
+    if found.flights_to_limits:
+        return f"Not there yet for {short}: expect {_more(found.flights_to_limits)}."
+    return f"The next gains miss {short} by less than a flight tells."
+
+
+def _more(n_flights: int) -> str:
+    return f"about {_counted(n_flights, 'more flight')}"
 
 
 def autotune_words(forecast: AutotuneForecast) -> str:
@@ -214,15 +309,11 @@ def _promise(found: AxisTuning) -> str:
     """Say what margins the next flight will have, and what this one had."""
     if found.now is None:
         return ""
-    now = _margin_words(_outer(found.now), _with_interval)
+    now = _margin_words(whole(found.now), _with_interval)
     if found.verdict != "change" or found.next is None:
         return f"Margins as flown: {now}."
-    flown = _margin_words(_outer(found.now), lambda one: resolved(one.value, *one.ci95))
-    return f"Promised margins: {_margin_words(_outer(found.next), _with_interval)}; as flown {flown}."
-
-
-def _outer(margins: LoopMargins) -> Margins:
-    return margins.full or margins.rate
+    flown = _margin_words(whole(found.now), lambda one: resolved(one.value, *one.ci95))
+    return f"Promised margins: {_margin_words(whole(found.next), _with_interval)}; as flown {flown}."
 
 
 def _margin_words(margins: Margins, told: Callable[[Estimated], str]) -> str:
@@ -259,13 +350,20 @@ def _effect(axis: str, found: AxisTuning) -> str:
     return f"{text[:1].upper()}{text[1:]}." if text else ""
 
 
-def _warning(axis: str, found: AxisTuning) -> str:
-    """Say by which sign to land, and at what frequency it would show."""
-    if found.verdict != "change" or found.next is None:
+def _warning(axis: str, found: AxisTuning, back: WayBack) -> str:
+    """Say what to look and listen for, and then whether the flown gains are a way back."""
+    if found.verdict != "change" or found.now is None or found.next is None:
         return ""
-    at = _outer(found.next).oscillation_hz
-    near = "" if at is None else f" near {_around(at)} Hz"
-    return f"Land if {axis} oscillates{near}, and load the flown gains again."
+    at = whole(found.next).oscillation_hz
+    near = "" if at is None else f" (near {_around(at)} Hz)"
+    sign = f"Watch {axis} and listen to the motors. Land if {axis} shakes or the motors buzz{near}."
+    if axis in back.axes:
+        return f"{sign} Then {back.loaded(axis)}."
+    flown = _margin_words(whole(found.now), lambda one: resolved(one.value, *one.ci95))
+    return (
+        f"{sign} Do not load the flown gains of {axis} then: they have less margin ({flown}). Tune from the "
+        "log of that flight."
+    )
 
 
 def _around(at: Estimated) -> str:
@@ -273,27 +371,69 @@ def _around(at: Estimated) -> str:
     return _range(at.ci95)
 
 
-def _reason(one: Finding) -> ReasonView:
+def _reason(result: Result, one: Finding) -> ReasonView:
     told = [evidence_phrase(name, value) for name, value in one.evidence.items() if value != ""]
-    return ReasonView(code=one.code, title=one.title, advice=one.advice, evidence=printable("; ".join(told)))
+    advice = filled(one.advice, result)
+    return ReasonView(code=one.code, title=one.title, advice=advice, evidence=printable("; ".join(told)))
 
 
 def _steps(result: Result, tuning: Tuning) -> Iterator[str]:
     """Yield what to do next, in order."""
     changing = [axis for axis, found in tuning.axes.items() if found.verdict == "change"]
     if changing:
-        forth, back = file_names(result.log.autopilot)
-        load = named(result.log.autopilot).advice.gain_loading.format(forth)
-        yield f"{load}, and keep {back} at hand: it restores the flown gains."
+        forth, _ = file_names(result.log.autopilot)
+        yield f"{named(result.log.autopilot).advice.gain_loading.format(forth)}."
         yield (
             "Take off in calm air and hover at 3 m for 20 s with small stick inputs. Land at once if the "
-            "vehicle oscillates or sounds different."
+            "vehicle shakes or the motors buzz."
         )
+        yield way_back(result.log.autopilot, tuning).sentence
         yield "Then fly the confirming flight: plan.md beside this page says what to set and to do."
-        yield "Take the log and run quadid-log tune on it, until it says keep."
-    for axis in tuning.refused:
-        for one in tuning.axes[axis].reasons[:1]:
-            yield f"For advice on {axis}: {one.advice}"
+        yield f"Take the log and run `{tune_again(result, tuning)}` on it, until it says keep."
+    yield from _steps_to_advice(result, tuning)
+
+
+def tune_again(result: Result, tuning: Tuning) -> str:
+    """Return the command that tunes the log of the next flight with the same limits.
+
+    Parameters
+    ----------
+    result : Result
+    tuning : Tuning
+
+    Returns
+    -------
+    str
+    """
+    limits = tuning.limits
+    wanted = (
+        ("--gain-margin-db", limits.gain_db, GOOD.gain_db),
+        ("--phase-margin-deg", limits.phase_deg, GOOD.phase_deg),
+    )
+    words = [(name, f"{value:g}") for name, value, default in wanted if value != default]
+    return on_next_log(result, "tune", *(word for pair in words for word in pair))
+
+
+def _steps_to_advice(result: Result, tuning: Tuning) -> Iterator[str]:
+    """Yield what gives advice on the axes without, each step once: what to set, what to fly, and the rest."""
+    reasons = [(axis, one) for axis in tuning.refused for one in tuning.axes[axis].reasons]
+    not_usable = [axis for axis, one in reasons if one.code == "QL615"]
+    decided = {axis: to_a_usable_axis(result.diagnosis, axis) for axis in not_usable}
+    mine = [one for one in result.diagnosis.findings if any(one in some for some in decided.values())]
+    # Who logs in another way flies again.
+    again = [axis for axis, one in reasons if is_to_set(one)]
+    again += [axis for axis, some in decided.items() if any(is_to_set(one) for one in some)]
+    of_model = ordered_steps(((result.log, one) for one in mine), ((result.log, axis) for axis in again))
+    own: dict[str, list[str]] = {}
+    for axis, one in reasons:
+        if one.code != "QL615" and one.advice not in of_model:
+            own.setdefault(one.advice, []).append(axis)
+    to_set = {one.advice for _, one in reasons if is_to_set(one)}
+    yield from (step for step in own if step in to_set)
+    yield from of_model
+    for step, axes in own.items():
+        if step not in to_set:
+            yield step if len(axes) == len(tuning.axes) else f"{listed(axes).capitalize()}: {step}"
 
 
 def _table(tuning: Tuning) -> Table | None:

@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from quadid_logs.control.room import has_way_back, missed
 from quadid_logs.data.autotune import AutotuneForecast
 from quadid_logs.data.closed_loop import LoopMargins
 from quadid_logs.data.result import Result
-from quadid_logs.data.tuning import AxisTuning, Tuning
+from quadid_logs.data.tuning import AxisTuning, Limits, Tuning
 from quadid_logs.report.json import fields_of, finding_dict, log_dict, strict_text
 from quadid_logs.report.loop_json import margins_dict
 from quadid_logs.report.provenance import Provenance
 
 #: Minor steps add keys, a major step changes or removes one.
-SCHEMA_VERSION = "1.1"
+SCHEMA_VERSION = "1.2"
 
 
 def tuning_text(
@@ -23,6 +24,7 @@ def tuning_text(
     provenance: Provenance,
     files: Sequence[str],
     forecasts: Mapping[str, AutotuneForecast] | None = None,
+    folder: str = "",
 ) -> str:
     """Return what is recommended as strict JSON in ASCII.
 
@@ -35,6 +37,8 @@ def tuning_text(
         That were written.
     forecasts : mapping of str to AutotuneForecast, optional
         By axis, where the autopilot's own procedure would end.
+    folder : str
+        Name of the folder that holds them, "" for none of its own.
 
     Returns
     -------
@@ -46,18 +50,24 @@ def tuning_text(
         "log": log_dict(result.log, result.data),
         "limits": tuning.limits._asdict(),
         "axes": {
-            axis: _axis(found) | {"autotune": _forecast((forecasts or {}).get(axis))}
+            axis: _axis(found, tuning.limits) | {"autotune": _forecast((forecasts or {}).get(axis))}
             for axis, found in tuning.axes.items()
         },
+        "folder": folder,
         "files": list(files),
     }
     return strict_text(content)
 
 
-def _axis(found: AxisTuning) -> dict[str, Any]:
+def _axis(found: AxisTuning, limits: Limits) -> dict[str, Any]:
     """Return the entry of an axis."""
     return {
         "verdict": found.verdict,
+        "direction": found.direction,
+        "limits_missed": None if found.next is None else missed(found.next, limits),
+        "way_back": has_way_back(found, limits) if found.changes else None,
+        "more_flights": found.more_flights,
+        "flights_to_limits": found.flights_to_limits,
         "reasons": [one.code for one in found.reasons],
         "findings": [finding_dict(one) for one in found.reasons],
         "gains": {name: change._asdict() for name, change in found.gains.items()},

@@ -56,7 +56,7 @@ def flown_sentence(result: Result) -> str:
         return "nothing identified: the log has no time stamps"
     length = seconds(result.data.duration_s)
     if result.identification.recommended is not None:
-        return f"{seconds(used_s(result))} of {length} analyzed{_band_by_hand(result.settings.identify)}"
+        return f"{seconds(result.data.used_s)} of {length} analyzed{_band_by_hand(result.settings.identify)}"
     if not result.data.flights:
         return f"no flight in {length} of log"
     flown_s = sum(end - start for start, end in result.data.flights)
@@ -68,11 +68,6 @@ def _band_by_hand(settings: IdentifySettings) -> str:
     if not settings.smoothing_hz:
         return ""
     return f" in the band from {settings.high_pass_hz:g} to {settings.smoothing_hz:g} Hz, set by hand"
-
-
-def used_s(result: Result) -> float:
-    """Return the length of all segments [s]."""
-    return float(sum(segment.end_s - segment.start_s for segment in result.data.segments))
 
 
 def effect_sentence(result: Result, axis: str) -> str:

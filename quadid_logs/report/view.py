@@ -12,6 +12,7 @@ from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.model import Model
 from quadid_logs.data.result import Result
 from quadid_logs.report.cells import Table
+from quadid_logs.report.commands import filled, on_log
 from quadid_logs.report.fit_tables import excitation_table, structures_table, values_of, windows_table
 from quadid_logs.report.json import settings_of
 from quadid_logs.report.log_tables import MOST_ROWS, log_facts, lost_blocks, main_signals, other_signals
@@ -20,7 +21,7 @@ from quadid_logs.report.meaning import beside_published, meaning_sentence
 from quadid_logs.report.model_tables import model_tables, more_tables
 from quadid_logs.report.next_flight import next_steps
 from quadid_logs.report.numbers import estimate, number, percent, seconds
-from quadid_logs.report.provenance import Provenance
+from quadid_logs.report.provenance import LONGEST_COMMAND, Provenance
 from quadid_logs.report.tune_view import TuneView, tune_view
 from quadid_logs.report.verdict import (
     effect_sentence,
@@ -29,11 +30,10 @@ from quadid_logs.report.verdict import (
     input_unit,
     overall,
     refused_axes,
-    used_s,
 )
 from quadid_logs.report.words import evidence_name, evidence_text
 from quadid_logs.sentences import continued
-from quadid_logs.tuning import recommend
+from quadid_logs.tuning import tuning_of
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES, RATE_SYMBOLS
 
@@ -95,6 +95,8 @@ class View:
     validation_sentence: str
     loop: LoopView
     gains: TuneView
+    tune_command: str
+    png_command: str
     findings: tuple[FindingView, ...]
     notes: tuple[FindingView, ...]
     reproduction: tuple[tuple[str, str], ...]
@@ -114,7 +116,9 @@ def view_of(result: Result, provenance: Provenance) -> View:
         Plain, visible text; not yet escaped for HTML.
     """
     model = result.identification.recommended
-    ranked = [_finding(place, finding) for place, finding in enumerate(by_consequence(result), start=1)]
+    ranked = [
+        _finding(result, place, finding) for place, finding in enumerate(by_consequence(result), start=1)
+    ]
     return View(
         name=printable(result.name, 120),
         subtitle=_subtitle(result),
@@ -139,7 +143,9 @@ def view_of(result: Result, provenance: Provenance) -> View:
         excitation=excitation_table(result),
         validation_sentence=_validation_sentence(model),
         loop=loop_view(result),
-        gains=tune_view(result, recommend(result)),
+        gains=tune_view(result, tuning_of(result)),
+        tune_command=on_log(result, "tune"),
+        png_command=_png_command(result, provenance),
         findings=tuple(each for each in ranked if each.level != "info"),
         notes=tuple(each for each in ranked if each.level == "info"),
         reproduction=_reproduction(result, provenance),
@@ -182,7 +188,7 @@ def _model_sentence(result: Result, model: Model | None) -> str:
         reason = continued(first) or result.identification.skipped or "this log holds too little"
         return f"No model was fitted: {printable(reason)}."
     parts = [
-        f"Structure {model.structure}, fitted to {seconds(used_s(result))} of flight: "
+        f"Structure {model.structure}, fitted to {seconds(result.data.used_s)} of flight: "
         "[dp/dt, dq/dt, dr/dt] = A · regressors + B · [L, M, N]."
     ]
     actuator = model.actuator
@@ -266,7 +272,7 @@ def by_consequence(result: Result) -> tuple[Finding, ...]:
     return tuple(sorted(result.diagnosis.findings, key=rank))
 
 
-def _finding(place: int, finding: Finding) -> FindingView:
+def _finding(result: Result, place: int, finding: Finding) -> FindingView:
     """Return a finding as text."""
     return FindingView(
         place=place,
@@ -274,12 +280,18 @@ def _finding(place: int, finding: Finding) -> FindingView:
         level=finding.level,
         title=printable(finding.title, 200),
         meaning=CATALOGUE[finding.code].meaning.replace("^2", "²") if finding.code in CATALOGUE else "",
-        advice=printable(finding.advice, 600),
+        advice=filled(printable(finding.advice, 600), result),
         axes=", ".join(axis for axis in finding.axes if axis not in finding.title.lower()),
         evidence=tuple(
             (evidence_name(name), evidence_text(name, value)) for name, value in finding.evidence.items()
         ),
     )
+
+
+def _png_command(result: Result, provenance: Provenance) -> str:
+    """Return the command that writes every figure beside the page."""
+    asked = printable(provenance.command, LONGEST_COMMAND) or on_log(result, "analyze")
+    return f"{asked} --png all{'' if '--force' in asked.split() else ' --force'}"
 
 
 def _listed(settings: Mapping[str, object]) -> str:
@@ -296,7 +308,7 @@ def _reproduction(result: Result, provenance: Provenance) -> tuple[tuple[str, st
     vehicle = result.vehicle
     return (
         ("quadid-logs", provenance.version),
-        ("Command", printable(provenance.command, 500) or "(called from Python)"),
+        ("Command", printable(provenance.command, LONGEST_COMMAND) or "(called from Python)"),
         ("Log", printable(result.log.path)),
         ("SHA-256 of the log", provenance.log_sha256 or "the file cannot be read any more"),
         (

@@ -31,14 +31,19 @@ from quadid_logs.serve.schedule import Schedule
 from quadid_logs.serve.security import REPORT_POLICY, Access, Guard
 from quadid_logs.serve.store import ServeStore
 from quadid_logs.serve.upload import UploadError, Uploads
+from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES
 
 #: Of a form or a question [bytes].
 _MOST_BODY: Final = 10_000
+#: It comes at once, or never [s].
+_BODY_S: Final = 10.0
 #: A wrong token costs its sender so long [s].
 _WRONG_TOKEN_S: Final = 0.5
 #: A plan's form: longest text.
 _MOST_TEXT: Final = 40
+#: Of a vehicle's name.
+_MOST_NAME: Final = 80
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,6 +85,7 @@ def make_app(server: Server) -> Guard:
             Route("/entries/{id}/again", routes.again, methods=["POST"]),
             Route("/entries/{id}", routes.delete, methods=["DELETE"]),
             Route("/vehicles/{id}", routes.vehicle),
+            Route("/vehicles/{id}/name", routes.rename, methods=["POST"]),
             Route("/reports/{id}", routes.report),
             Route("/reports/{id}/page", routes.report_page),
             Route("/reports/{id}/files/{name}", routes.file),
@@ -140,7 +146,8 @@ class _Routes:
             taken = await self._uploads.take(_blocks(request), int(declared) if declared.isdigit() else None)
         except UploadError as error:
             # What is still being sent is not waited for.
-            return JSONResponse({"error": str(error)}, error.status, {"Connection": "close"})
+            headers = {"Connection": "close"} | ({"Retry-After": "10"} if error.status == 503 else {})
+            return JSONResponse({"error": str(error)}, error.status, headers)
         name = unquote(request.headers.get("x-log-name", "log"))
         entry = log_entry(taken.sha256, name, taken.n_bytes, _date(request.headers.get("x-log-modified", "")))
         held = await asyncio.to_thread(self._schedule.submit, entry)
@@ -196,6 +203,15 @@ class _Routes:
         if found is None:
             raise HTTPException(404, "Nothing is known of this vehicle yet.")
         return found
+
+    async def rename(self, request: Request) -> Response:
+        """Call the vehicle that flew a log as its owner does."""
+        entry = self._done(request)
+        name = printable(str((await _json(request)).get("name", "")), _MOST_NAME).strip()
+        if not name:
+            raise HTTPException(400, "Give the vehicle a name.")
+        await asyncio.to_thread(self._schedule.rename, entry.id, name)
+        return Response(status_code=204)
 
     async def report(self, request: Request) -> Response:
         """Show a result inside our page, with its files."""
@@ -260,10 +276,14 @@ async def _blocks(request: Request) -> AsyncIterator[bytes]:
 async def _body(request: Request) -> bytes:
     """Return a small body."""
     found = b""
-    async for block in request.stream():
-        found += block
-        if len(found) > _MOST_BODY:
-            raise HTTPException(413, "That is too long.")
+    try:
+        async with asyncio.timeout(_BODY_S):
+            async for block in request.stream():
+                found += block
+                if len(found) > _MOST_BODY:
+                    raise HTTPException(413, "That is too long.")
+    except TimeoutError as error:
+        raise HTTPException(408, "The question was broken off.") from error
     return found
 
 

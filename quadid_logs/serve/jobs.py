@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from quadid_logs.errors import SeveralLogsError
 from quadid_logs.fleet.log_files import LogFile
+from quadid_logs.fleet.naming import craft_name
 from quadid_logs.fleet.options import Options
 from quadid_logs.fleet.tasks import Outcome
 from quadid_logs.serve.entries import Kind
@@ -74,7 +75,7 @@ def do(job: Job, tell: Tell) -> Done:
 
 def _analyze(job: Job, tell: Tell) -> Done:
     """Do what ``quadid-log analyze`` does, and what a fleet's history needs."""
-    from quadid_logs.fleet.rows import result_rows
+    from quadid_logs.fleet.rows import judged_as, result_rows
     from quadid_logs.report.folder import write_drawings
     from quadid_logs.report.json import json_text
     from quadid_logs.report.provenance import Provenance
@@ -90,7 +91,9 @@ def _analyze(job: Job, tell: Tell) -> Done:
     (folder / RESULT_FILE).write_text(json_text(result, provenance), encoding="utf-8")
     if not _fits_history(result):
         tell("adding it to the history", summary)
-        rows = result_rows(_by_flight(prepared, result), file, job.sha256[0], Options().rules)
+        by_flight = result_rows(_by_flight(prepared, result), file, job.sha256[0], Options().rules)
+        # Of a single flight, list, report and history say the same.
+        rows = judged_as(by_flight, rows) if len(by_flight) == len(rows) else by_flight
     return Done(summary=summary, outcome=Outcome(file=file, sha256=job.sha256[0], rows=rows))
 
 
@@ -142,6 +145,7 @@ def _summary(result: Result, row: Mapping[str, Any]) -> dict[str, Any]:
     found = result.diagnosis.axes
     return {
         "vehicle": row["vehicle"],
+        "craft": printable(craft_name(result.log), 80),
         "model": row["model"],
         "started": started.isoformat() if started is not None else "",
         "started_from": row["started_from"],
@@ -188,6 +192,7 @@ def _tune(job: Job, tell: Tell) -> Done:
     """Do what ``quadid-log tune`` does."""
     from quadid_logs.report.gain_files import gain_files
     from quadid_logs.report.provenance import Provenance
+    from quadid_logs.report.tune_card import flight_files
     from quadid_logs.report.tune_page import tune_page
     from quadid_logs.report.tune_view import headline
     from quadid_logs.report.tuning_json import tuning_text
@@ -197,7 +202,7 @@ def _tune(job: Job, tell: Tell) -> Done:
     tell("tune", None)
     tuning = recommend(result)
     provenance = Provenance(version=__version__, command="", log_sha256=job.sha256[0])
-    files = dict(gain_files(result, tuning))
+    files = {**gain_files(result, tuning), **flight_files(result, tuning)}
     files[PAGE_FILE] = tune_page(result, tuning, provenance)
     files["tune.json"] = tuning_text(result, tuning, provenance, tuple(sorted((*files, "tune.json"))))
     _write(job, files)

@@ -14,7 +14,7 @@ from typing import Any, Final
 from quadid_logs.errors import QuadidError
 from quadid_logs.serve.entries import Entry, State
 from quadid_logs.serve.estimate import Pace, Progress
-from quadid_logs.serve.jobs import Job
+from quadid_logs.serve.jobs import Done, Job
 from quadid_logs.serve.store import ServeStore
 from quadid_logs.serve.worker import JobError, Worker
 from quadid_logs.untrusted import printable
@@ -169,6 +169,23 @@ class Schedule:
                 running.kill()
             self._put(replace(entry, state=State.CANCELLED, summary={}))
 
+    def rename(self, entry_id: str, name: str) -> None:
+        """Call the vehicle that flew a log otherwise, in all its logs.
+
+        Parameters
+        ----------
+        entry_id : str
+        name : str
+        """
+        with self._condition:
+            entry = self._entries.get(entry_id)
+            vehicle = entry.summary.get("vehicle") if entry is not None else None
+            if not isinstance(vehicle, str) or vehicle == name:
+                return
+            self._store.rename(vehicle, name)
+            for each in [one for one in self._entries.values() if one.summary.get("vehicle") == vehicle]:
+                self._put(replace(each, summary={**each.summary, "vehicle": name}))
+
     def forget(self, entry_id: str) -> None:
         """Delete an entry and everything about it; of a log also what was asked about it.
 
@@ -286,6 +303,7 @@ class Schedule:
             job, tell = self._job(entry, folder), self._teller(entry, running)
             done = worker.do(job, tell, self._limits.timeout_s)
             with self._condition:
+                done = self._store.named(done)
                 if not self._is_over(entry, running):
                     finished = replace(entry, state=State.DONE, summary=done.summary, n_begun=0)
                     self._store.keep(finished, folder, done.outcome)
@@ -321,7 +339,7 @@ class Schedule:
             with self._condition:
                 running.progress.begin_stage(stage, time.monotonic())
                 if summary is not None and not self._is_over(entry, running):
-                    self._note(replace(entry, summary=summary))
+                    self._note(replace(entry, summary=self._store.named(Done(summary=summary)).summary))
                 self._notify()
 
         return tell

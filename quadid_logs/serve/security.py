@@ -56,6 +56,9 @@ _SAFE_METHODS: Final = frozenset({"GET", "HEAD"})
 _OURS: Final = frozenset({"same-origin", "none"})
 #: Everybody may have these: the page that takes the token, and how it looks.
 _OPEN_PATHS: Final = frozenset({"/start", "/static/serve.css"})
+#: Of all pages together, a few dozen each.
+_MOST_REQUESTS: Final = 200
+_RETRY_S: Final = "2"
 LOOPBACK: Final = ("127.0.0.1", "::1", "localhost")
 
 
@@ -171,6 +174,7 @@ class Guard:
     def __init__(self, app: ASGIApp, access: Access) -> None:
         self._app = app
         self._access = access
+        self._n_open = 0
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Handle one request."""
@@ -187,8 +191,16 @@ class Guard:
             await send(message)
 
         refused = self._refusal(scope["method"], scope["path"], Headers(scope=scope))
-        app = self._app if refused is None else refused
-        await app(scope, receive, send_with_headers)
+        if refused is None and self._n_open >= _MOST_REQUESTS:
+            refused = PlainTextResponse("Too much at once; try again.", 503, {"Retry-After": _RETRY_S})
+        if refused is not None:
+            await refused(scope, receive, send_with_headers)
+            return
+        self._n_open += 1
+        try:
+            await self._app(scope, receive, send_with_headers)
+        finally:
+            self._n_open -= 1
 
     def _refusal(self, method: str, path: str, headers: Headers) -> Response | None:
         """Return what to answer to a request that is not let in."""
@@ -197,7 +209,9 @@ class Guard:
             return PlainTextResponse("This server does not have that name.", 421)
         if not self._comes_from_us(method, headers):
             return PlainTextResponse("Only this server's own page may ask this.", 403)
-        if path in _OPEN_PATHS or access.knows_cookie(headers.get("cookie", "")):
+        if path in _OPEN_PATHS or (
+            self._may_read(headers) and access.knows_cookie(headers.get("cookie", ""))
+        ):
             return None
         if method in _SAFE_METHODS and headers.get("sec-fetch-dest", "document") == "document":
             from quadid_logs.serve.pages import start_page
@@ -207,13 +221,20 @@ class Guard:
 
     def _comes_from_us(self, method: str, headers: Headers) -> bool:
         """Return whether no other site caused a request; what is unsafe must prove it."""
-        site, origin = headers.get("sec-fetch-site", ""), headers.get("origin", "")
         if method not in _SAFE_METHODS:
+            site, origin = headers.get("sec-fetch-site", ""), headers.get("origin", "")
             return site in ("", "same-origin") and self._is_own_origin(origin)
-        if site in ("", *_OURS):
-            return True
-        # A link on another site may lead here; nothing else there may use what is here.
-        return headers.get("sec-fetch-mode") == "navigate" and headers.get("sec-fetch-dest") == "document"
+        # A link on another site may lead to the start; nothing else there may use what is here.
+        is_link = headers.get("sec-fetch-mode") == "navigate" and headers.get("sec-fetch-dest") == "document"
+        return is_link or self._may_read(headers)
+
+    def _may_read(self, headers: Headers) -> bool:
+        """Return whether our own page or a person asks: other ports of this machine have the cookie as well.
+
+        Where the browser does not say who asks, an ``Origin`` of another page does.
+        """
+        site, origin = headers.get("sec-fetch-site", ""), headers.get("origin", "")
+        return site in _OURS or (not site and (not origin or self._is_own_origin(origin)))
 
     def _is_own_origin(self, origin: str) -> bool:
         scheme, _, host = origin.partition("://")

@@ -19,6 +19,7 @@ import uvicorn
 
 from quadid_logs.errors import SettingsError
 from quadid_logs.serve.app import Server, make_app
+from quadid_logs.serve.connections import PATIENT, Patience, protocol_for
 from quadid_logs.serve.events import Pages
 from quadid_logs.serve.schedule import Limits, Schedule
 from quadid_logs.serve.security import Access, hosts_of, is_loopback
@@ -34,7 +35,6 @@ _MEMORY_FRACTION: Final = 0.9
 _LOOK_S: Final = 5.0
 #: Open requests get so long when the server ends [s].
 _GRACE_S: Final = 2
-_MOST_CONNECTIONS: Final = 200
 _ANY: Final = frozenset({"0.0.0.0", "::"})  # noqa: S104 - to recognise it
 
 
@@ -216,23 +216,26 @@ class _Uvicorn(uvicorn.Server):
         self.should_exit = True
 
 
-async def _run(
-    settings: ServeSettings, sockets: list[socket.socket], server: Server, began: Callable[[], None]
-) -> None:
-    """Serve, beside the queue's threads and a look now and then at whether anybody is there."""
-    config = uvicorn.Config(
+def _config(server: Server, patience: Patience) -> uvicorn.Config:
+    """Return how connections are listened to."""
+    return uvicorn.Config(
         make_app(server),
         access_log=False,
         server_header=False,
         proxy_headers=False,
         lifespan="off",
-        http="h11",
+        http=protocol_for(server.access, patience),
         ws="none",
         log_level="warning",
-        limit_concurrency=_MOST_CONNECTIONS,
         timeout_graceful_shutdown=_GRACE_S,
     )
-    listener = _Uvicorn(config, server.pages)
+
+
+async def _run(
+    settings: ServeSettings, sockets: list[socket.socket], server: Server, began: Callable[[], None]
+) -> None:
+    """Serve, beside the queue's threads and a look now and then at whether anybody is there."""
+    listener = _Uvicorn(_config(server, PATIENT), server.pages)
     server.schedule.start()
     watch = asyncio.create_task(_leave_when_idle(listener, server, settings.idle_s))
     began()

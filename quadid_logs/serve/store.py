@@ -37,6 +37,7 @@ from quadid_logs.fleet.store import Store as History
 from quadid_logs.fleet.tasks import Outcome
 from quadid_logs.output import check_no_link, make_folder
 from quadid_logs.serve.entries import Entry, Kind, State
+from quadid_logs.serve.jobs import Done
 from quadid_logs.serve.lock import FolderLock
 from quadid_logs.untrusted import printable
 
@@ -49,6 +50,8 @@ _COLUMNS: Final = (
     "id", "kind", "name", "logs", "options", "n_bytes", "added_s", "state", "error", "summary", "n_begun",
 )  # fmt: skip
 _TABLE: Final = f"CREATE TABLE entries ({', '.join(_COLUMNS)}, PRIMARY KEY (id))"
+#: What the owner calls a vehicle, by what its logs say.
+_NAMES: Final = "CREATE TABLE IF NOT EXISTS names (found TEXT PRIMARY KEY, name TEXT NOT NULL)"
 _UPSERT: Final = f"INSERT OR REPLACE INTO entries VALUES ({', '.join('?' * len(_COLUMNS))})"  # noqa: S608 - no values
 #: A log that was begun so often and ended its server each time is not begun again by itself.
 MOST_BEGUN: Final = 3
@@ -106,11 +109,13 @@ class ServeStore:
         if not self._database.execute("SELECT name FROM sqlite_master").fetchall():
             self._database.execute(_TABLE)
             self._database.execute(f"PRAGMA user_version = {_FORMAT}")
+        self._database.execute(_NAMES)
         if str(self._database.execute("PRAGMA user_version").fetchone()[0]) != _FORMAT:
             raise SettingsError(
                 f"{printable(self.folder)} was made by another version.", hint="Choose another --store."
             )
         self._take_up()
+        _make_private(self.folder)
 
     def _take_up(self) -> None:
         """Delete what is not complete, and put back into the queue what was running."""
@@ -181,11 +186,52 @@ class ServeStore:
         """
         with self._guard, _writing(self.folder):
             _delete(self.result(entry.id))
+            _make_private(folder)
             folder.replace(self.result(entry.id))
             if outcome is not None:
                 with self._history() as history:
                     history.take(outcome)
+                _make_private(self.history)
             self.put(entry)
+
+    def named(self, done: Done) -> Done:
+        """Return a result with the name that the owner gave the vehicle, if any.
+
+        Parameters
+        ----------
+        done : Done
+
+        Returns
+        -------
+        Done
+        """
+        found = done.summary.get("vehicle")
+        name = self._name_of(found) if isinstance(found, str) else ""
+        if not name:
+            return done
+        outcome = done.outcome
+        if outcome is not None:
+            outcome = replace(outcome, rows=[{**row, "vehicle": name} for row in outcome.rows])
+        return replace(done, summary={**done.summary, "vehicle": name}, outcome=outcome)
+
+    def _name_of(self, vehicle: str) -> str:
+        with self._guard, _writing(self.folder):
+            row = self._database.execute("SELECT name FROM names WHERE found = ?", (vehicle,)).fetchone()
+        return str(row[0]) if row else ""
+
+    def rename(self, vehicle: str, name: str) -> None:
+        """Call a vehicle otherwise from now on, also in its history and for the logs to come.
+
+        Parameters
+        ----------
+        vehicle, name : str
+        """
+        with self._guard, _writing(self.folder):
+            self._database.execute("UPDATE names SET name = ? WHERE name = ?", (name, vehicle))
+            self._database.execute("INSERT OR REPLACE INTO names VALUES (?, ?)", (vehicle, name))
+            if self.history.exists():
+                with self._history() as history:
+                    history.rename(vehicle, name)
 
     def forget(self, entry: Entry) -> None:
         """Delete everything about an entry: of a log its content, results and rows of the history, too.
@@ -220,7 +266,7 @@ class ServeStore:
         """Make a folder to write a result into."""
         path = self.folder / WORK / secrets.token_hex(8)
         with _writing(self.folder):
-            path.mkdir()
+            path.mkdir(mode=0o700)
         return path
 
     def new_upload(self) -> Path:
@@ -282,6 +328,19 @@ def _decoded(row: Mapping[str, Any]) -> Entry:
         )
     except (ValueError, TypeError) as error:
         raise SettingsError("The store's queue is damaged.", hint="Choose another --store.") from error
+
+
+def _make_private(top: Path) -> None:
+    """Let only the owner read a folder and all in it, also where somebody opens the store's own folder.
+
+    What a link points to is not ours.
+    """
+    top.chmod(0o700)
+    for folder, folders, files in os.walk(top):
+        for names, mode in ((folders, 0o700), (files, 0o600)):
+            for path in (Path(folder, name) for name in names):
+                if not path.is_symlink():
+                    path.chmod(mode)
 
 
 def _delete(path: Path) -> None:

@@ -22,6 +22,8 @@ _CHECK_BYTES: Final = 16 << 20
 _SILENCE_S: Final = 60.0
 #: Uploads at a time; a page sends two.
 _MOST_AT_ONCE: Final = 16
+#: Of Windows: no line end is changed.
+_BINARY: Final = getattr(os, "O_BINARY", 0)
 
 
 class UploadError(Exception):
@@ -97,7 +99,7 @@ class Uploads:
     async def _write(self, path: Path, blocks: AsyncIterator[bytes]) -> Upload:
         """Write blocks as they come, and stop at the first that is too much."""
         digest, n_bytes, checked = hashlib.sha256(), 0, 0
-        with path.open("xb") as file:
+        with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _BINARY, 0o600), "wb") as file:
             while (block := await _next(blocks)) is not None:
                 n_bytes += len(block)
                 if n_bytes > self._max_bytes or n_bytes - checked >= _CHECK_BYTES:

@@ -241,7 +241,7 @@ class FlexibleMode:
         self._present = any(one.flexible_mode_hz for one in effects)
         self._gain = stacked([one.flexible_mode_gain * bool(one.flexible_mode_hz) for one in effects])
         parts = [
-            _high_pass(one.flexible_mode_hz or 1.0, one.flexible_mode_damping, loop_hz) for one in effects
+            high_pass(one.flexible_mode_hz or 1.0, one.flexible_mode_damping, loop_hz) for one in effects
         ]
         self._biquad = Biquad(*(stacked([part[place] for part in parts]) for place in range(5)))
         zero = 0.0 * self._gain
@@ -256,8 +256,21 @@ class FlexibleMode:
         return rate[0] - gain * own[0], rate[1] - gain * own[1], rate[2] - gain * own[2]
 
 
-def _high_pass(natural_hz: float, damping: float, loop_hz: float) -> tuple[float, float, float, float, float]:
-    """Return b0, b1, b2, a1, a2 of s^2 / (s^2 + 2 z w s + w^2), bilinear, right at its frequency."""
+def high_pass(natural_hz: float, damping: float, loop_hz: float) -> tuple[float, float, float, float, float]:
+    """Return a second-order high-pass, s^2 / (s^2 + 2 z w s + w^2) by the bilinear transform.
+
+    Parameters
+    ----------
+    natural_hz, damping : float
+        It is right at this frequency.
+    loop_hz : float
+        Of its samples.
+
+    Returns
+    -------
+    tuple of float
+        b0, b1, b2, a1, a2.
+    """
     ohm = math.tan(math.pi * natural_hz / loop_hz)
     c = 1.0 + 2.0 * damping * ohm + ohm * ohm
     return (

@@ -1,21 +1,22 @@
-"""Betaflight's Blackbox, written: one main frame for each row, settings in the header.
+"""Blackbox of Betaflight and its family, written: one main frame for each row, settings in the header.
 
 Source of the format: ``blackbox.c``, ``blackbox_fielddefs.h``, ``blackbox_encoding.c``. Every field is a
 number of variable length, as it is in complete frames and as the difference to the frame before in others,
-so that all frames are written at once.
+so that all frames are written at once. Autopilot and version of the log choose fields and units.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import BinaryIO, Final
+from typing import BinaryIO, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quadid_logs.arrays import FloatArray, IntArray
-from quadid_logs.autopilots.betaflight.signals import TO_FRD
+from quadid_logs.autopilots.betaflight.signals import STICK, TO_FRD
+from quadid_logs.autopilots.betaflight.sticks import sticks_of
 from quadid_logs.data.log import FlightLog, Signal
 from quadid_logs.errors import OutputError
 from quadid_logs.maths.rotations import quaternion_from_euler
@@ -31,6 +32,32 @@ _GRAVITY: Final = 9.80665
 _RPM: Final = 30.0 / np.pi
 _VERSION: Final = re.compile(r"(\w+) v(.*)")
 _LIST: Final = re.compile(r"(.+)\[\d+\]")
+#: Before 4.0 set-points are not logged, the voltage is in tenths, and `rcCommand[3]` begins at 1050.
+_SET_POINTS_SINCE: Final = (4, 0)
+#: Counts of the converter per volt, with a `vbatscale` of 110.
+_COUNTS_PER_VOLT: Final = 4095.0 * 10.0 / (3.3 * 110.0)
+_LEAST_STICK, _FULL_STICK = 1050.0, 2000.0
+#: Of a sensor of 2000 degrees per second in 16 bits: the bits of 1 / 16.4, as Cleanflight's header has them.
+_COUNTS, _COUNTS_BITS = 16.4, "0x3d79c190"
+#: What a stick of Cleanflight asks for with `rates` of 75 [deg/s].
+_PER_STICK: Final = (75.0 + 27.0) / 16.0 / 4.1
+_STICK: Final = np.arange(-500.0, 500.5, 0.5)
+#: Thousandths per degree per second that P is made of, where it has to tell what sticks ask for.
+_GAIN: Final = 1.4
+
+
+class _Spelling(NamedTuple):
+    """What a firmware calls its fields, and how the gyro, the throttle and the voltage count."""
+
+    set_points: str = "setpoint"
+    unfiltered: str = "gyroUnfilt"
+    voltage: str = "vbatLatest"
+    gyro: float = 1.0
+    per_volt: float = 100.0
+    sticks: bool = False
+    #: Of `rcCommand[3]`; none where the throttle is `setpoint[3]`.
+    throttle: tuple[float, float] | None = None
+    euler: bool = False
 
 
 def write_blackbox(log: FlightLog, file: BinaryIO) -> None:
@@ -52,8 +79,11 @@ def write_blackbox(log: FlightLog, file: BinaryIO) -> None:
     time_us = microseconds(rates[0].time_s)
     main = [each for signals in log.signals.values() for each in signals if each.rows is rates[0].rows]
     columns: dict[str, FloatArray] = {}
+    spelling = _spelling(log)
     for signal in main:
-        columns |= _columns(signal, log.parameters, first=signal is rates[0])
+        columns |= _columns(signal, log, spelling, first=signal is rates[0])
+    if spelling.gyro != 1.0:
+        columns |= _split(columns, spelling)
     file.write(_MAGIC)
     for name, text in _header(log, ("loopIteration", "time", *columns)).items():
         file.write(f"H {name}:{text}\n".encode())
@@ -69,21 +99,68 @@ def _whole(column: FloatArray) -> IntArray:
     return np.asarray(np.rint(np.clip(known, -_LARGEST, _LARGEST)), dtype=np.int64)
 
 
-def _columns(signal: Signal, settings: Mapping[str, float], *, first: bool) -> dict[str, FloatArray]:
+def _spelling(log: FlightLog) -> _Spelling:
+    """Return how the log's firmware writes."""
+    outputs = tuple(log.parameters.get(f"motorOutput[{end}]", (1000.0, 2000.0)[end]) for end in (0, 1))
+    if log.autopilot == "inav":
+        return _Spelling("axisRate", "gyroRaw", "vbat", throttle=(outputs[0], outputs[1]), euler=True)
+    if log.autopilot == "cleanflight":
+        return _Spelling(
+            gyro=_COUNTS, per_volt=_COUNTS_PER_VOLT, sticks=True, throttle=(outputs[0], outputs[1])
+        )
+    if log.version is not None and log.version < _SET_POINTS_SINCE:
+        return _Spelling(per_volt=10.0, sticks=True, throttle=(_LEAST_STICK, _FULL_STICK))
+    return _Spelling()
+
+
+def _split(columns: Mapping[str, FloatArray], spelling: _Spelling) -> dict[str, FloatArray]:
+    """Return P as the law makes it of sticks and gyro, and the rest of the sum as I."""
+    found: dict[str, FloatArray] = {}
+    for axis in range(3):
+        names = [f"{field}[{axis}]" for field in (STICK, "gyroADC", "axisP")]
+        if all(name in columns for name in names):
+            stick, gyro, whole = (columns[name] for name in names)
+            p = np.rint(_GAIN * (_PER_STICK * np.rint(stick) - np.rint(gyro) / spelling.gyro))
+            found |= {names[2]: p, f"axisI[{axis}]": whole - p}
+    return found
+
+
+def _sticks(set_points: FloatArray, log: FlightLog) -> FloatArray:
+    """Return the sticks that ask for set-points [deg/s], in the log's own signs."""
+    sticks = sticks_of(log.parameters, log.version)
+    if sticks is None:
+        return np.asarray(set_points / _PER_STICK)
+    columns = [np.interp(set_points[:, axis], sticks.rate(axis, _STICK), _STICK) for axis in range(3)]
+    # As the firmware does it: behind its interpolation a stick is cut to a whole number.
+    return np.column_stack([np.trunc(one) if sticks.cut[k] else one for k, one in enumerate(columns)])
+
+
+def _columns(signal: Signal, log: FlightLog, spelling: _Spelling, *, first: bool) -> dict[str, FloatArray]:
     """Return the fields that hold a signal; none for a signal that has no field."""
-    values = signal.values
+    values, settings = signal.values, log.parameters
     tenths = 10.0 if settings.get("blackbox_high_resolution") else 1.0
     forward_left_up = values * TO_FRD if values.shape[1] == 3 else values
     if signal.name == "body_rate":
-        return _named("gyroADC" if first else "gyroUnfilt", forward_left_up * _DEGREES * tenths)
+        name = "gyroADC" if first else spelling.unfiltered
+        return _named(name, forward_left_up * _DEGREES * tenths * spelling.gyro)
     if signal.name == "body_rate_setpoint":
-        return _named("setpoint", forward_left_up * _DEGREES * tenths)
+        rates = forward_left_up * _DEGREES
+        return (
+            _named(STICK, _sticks(rates, log))
+            if spelling.sticks
+            else _named(spelling.set_points, rates * tenths)
+        )
     if signal.name == "torque_command":
         return _named("axisP", forward_left_up * 1000.0)
     if signal.name == "throttle":
-        return {"setpoint[3]": values[:, 0] * 1000.0}
+        if spelling.throttle is None:
+            return {"setpoint[3]": values[:, 0] * 1000.0}
+        low, high = spelling.throttle
+        return {f"{STICK}[3]": low + (high - low) * values[:, 0]}
     if signal.name == "specific_force":
         return _named("accSmooth", forward_left_up * settings.get("acc_1G", 2048.0) / _GRAVITY)
+    if signal.name == "attitude" and spelling.euler:
+        return _named("attitude", values * [1.0, -1.0, 1.0] * _DEGREES * 10.0)
     if signal.name == "attitude":
         w, *xyz = quaternion_from_euler(values).T
         return _named(
@@ -94,7 +171,7 @@ def _columns(signal: Signal, settings: Mapping[str, float], *, first: bool) -> d
         return _named("motor", low + (high - low) * values)
     if signal.name == "rotor_speed":
         return _named("eRPM", values * _RPM * settings.get("motor_poles", 14.0) / 2.0 / 100.0)
-    return {"vbatLatest": values[:, 0] * 100.0} if signal.name == "battery_voltage" else {}
+    return {spelling.voltage: values[:, 0] * spelling.per_volt} if signal.name == "battery_voltage" else {}
 
 
 def _named(field: str, values: FloatArray) -> dict[str, FloatArray]:
@@ -103,7 +180,6 @@ def _named(field: str, values: FloatArray) -> dict[str, FloatArray]:
 
 def _header(log: FlightLog, names: tuple[str, ...]) -> dict[str, str]:
     """Return the header's lines: what the frames hold and how, then the settings."""
-    version = _VERSION.match(log.firmware)
     n, unsigned = len(names), ("loopIteration", "time")
     lists = {
         "Field I name": names,
@@ -115,9 +191,8 @@ def _header(log: FlightLog, names: tuple[str, ...]) -> dict[str, str]:
     }
     lines = {"Data version": "2", "I interval": str(_INTERVAL), "P interval": "1/1"}
     lines |= {name: ",".join(map(str, each)) for name, each in lists.items()}
+    lines |= _firmware(log)
     lines |= {
-        "Firmware type": "Betaflight",
-        "Firmware revision": f"{version[1]} {version[2]}" if version else "Betaflight 2025.12.1",
         "Log start datetime": "0000-01-01T00:00:00.000+00:00",
         "Craft name": _line(log.vehicle_name),
     }
@@ -126,6 +201,16 @@ def _header(log: FlightLog, names: tuple[str, ...]) -> dict[str, str]:
         key = _line(of_list[1] if of_list else name)
         lines[key] = f"{lines[key]},{value:.10g}" if of_list and key in lines else f"{value:.10g}"
     return lines
+
+
+def _firmware(log: FlightLog) -> dict[str, str]:
+    """Return the lines that name the firmware, and its scale of the gyro; most called their type alike."""
+    version = _VERSION.match(log.firmware)
+    revision = f"{version[1]} {version[2]}" if version else "Betaflight 2025.12.1"
+    if log.autopilot == "cleanflight":
+        return {"Firmware type": "Cleanflight", "Firmware revision": "bdaf8ec", "gyro.scale": _COUNTS_BITS}
+    own = "Betaflight" if _spelling(log) == _Spelling() else "Cleanflight"
+    return {"Firmware type": own, "Firmware revision": revision, "gyro_scale": "0x3f800000"}
 
 
 def _line(text: str) -> str:

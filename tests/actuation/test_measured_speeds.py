@@ -1,19 +1,22 @@
-"""Rotor speeds that were measured: the torque's best source where they are as dense as the commands."""
+"""Rotor speeds that were measured: the torque's first source where they are as dense as the commands."""
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.ndimage import uniform_filter1d
 
 from quadid_logs.align import cut
 from quadid_logs.data.log import FlightLog, Rows, Signal
-from quadid_logs.data.model import Model
+from quadid_logs.data.model import Identification, Model
 from quadid_logs.data.settings import AlignSettings, IdentifySettings
 from quadid_logs.data.vehicle import Vehicle
+from quadid_logs.diagnose.torque_findings import find_in_torque
 from quadid_logs.identify import identify
 from quadid_logs.load import load, prepare
 from quadid_logs.simulate import find_scenario, fly, plan_flights
@@ -121,3 +124,103 @@ def test_speeds_are_put_back_to_when_they_were_true(vehicle: Vehicle | None) -> 
     logged_s = prepared.clean.sources("rotor_speed")[0].time_s
     shift_s = logged_s[0] - prepared.torque.series.time_s[0]
     assert shift_s == pytest.approx(AGE_S, abs=0.005)
+
+
+@cache
+def averaged() -> FlightLog:
+    """Return the same flight with speeds that each ESC averages over 0.1 s, as some do."""
+    log = flown(2)[0]
+    (telemetry,) = log.signals["rotor_speed"]
+    values = uniform_filter1d(telemetry.values, round(0.1 * RATE_HZ), axis=0)
+    return replace(log, signals={**log.signals, "rotor_speed": (replace(telemetry, values=values),)})
+
+
+def test_speeds_that_predict_the_flight_worse_than_the_motor_commands_are_no_input() -> None:
+    """Roll and pitch came out 22 % high, and usable."""
+    prepared = prepare(averaged())
+    assert prepared.torque is not None
+    assert "through the mixer" in prepared.torque.series.source
+    model = identify(cut(prepared, AlignSettings()), IdentifySettings()).recommended
+    assert model is not None
+    truth = np.diag(np.array(flown(2)[1]["models"]["damped"]["B"]))
+    np.testing.assert_allclose(np.diag(model.B), truth, rtol=0.02)
+
+
+def test_inertia_is_calibrated_by_the_motor_commands_where_they_are_the_input() -> None:
+    """Not by the speeds that were not believed."""
+    data = cut(prepare(averaged(), VEHICLE), AlignSettings())
+    assert data.input is not None
+    assert data.input.unit == "N m"
+    model = identify(data, IdentifySettings()).recommended
+    assert model is not None
+    assert model.inertia is not None
+    truth = np.diag(np.array(flown(2)[1]["vehicle"]["inertia_kg_m2"]))
+    np.testing.assert_allclose(np.diag(model.inertia.matrix), truth, rtol=0.02)
+
+
+def test_two_sources_that_disagree_are_a_finding() -> None:
+    """By how much, and that each ESC is to be checked; yaw, which agrees to 5 %, is not named."""
+    prepared = prepare(averaged())
+    data = cut(prepared, AlignSettings())
+    (said,) = (each for each in find_in_torque(prepared.log, data, Identification()) if each.code == "QL312")
+    assert said.level == "info"
+    assert set(said.axes) == {"roll", "pitch"}
+    assert said.evidence["other"] == "ESC.RPM squared"
+    ratio = said.evidence["effectiveness_of_other_over_used"]
+    assert isinstance(ratio, dict)
+    assert ratio["roll"] == pytest.approx(1.22, abs=0.03)
+    assert "ESC" in said.advice
+
+
+def test_two_sources_that_agree_are_no_finding_and_the_speeds_stay() -> None:
+    """Their noise leaves a thousandth unexplained, and the effectiveness is the same."""
+    prepared = prepare(flown(2)[0])
+    data = cut(prepared, AlignSettings())
+    codes = [each.code for each in find_in_torque(prepared.log, data, Identification())]
+    assert "QL312" not in codes
+    assert data.input is not None
+    assert data.input.source == "ESC.RPM squared"
+
+
+def test_sources_between_which_the_flight_does_not_decide_are_a_caution() -> None:
+    """Of two numbers nobody knows which one is right."""
+    prepared = prepare(averaged())
+    torque = prepared.log.torque
+    assert torque is not None
+    assert torque.comparison is not None
+    undecided = replace(torque, comparison=replace(torque.comparison, decided=False))
+    log = replace(prepared.log, torque=undecided)
+    (said,) = (
+        each
+        for each in find_in_torque(log, cut(prepared, AlignSettings()), Identification())
+        if each.code == "QL312"
+    )
+    assert said.level == "warning"
+    assert "doublets" in said.advice
+
+
+def test_a_log_with_one_source_is_not_fitted_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It would cost every log what few need."""
+
+    def never(*_: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr("quadid_logs.load.compare_torques", never)
+    without = {name: each for name, each in flown(2)[0].signals.items() if name != "rotor_speed"}
+    assert prepare(replace(flown(2)[0], signals=without)).torque is not None
+    assert prepare(flown(16)[0]).torque is not None
+
+
+def test_speeds_that_a_simulator_made_up_give_way_to_the_motor_commands(corpus: Path) -> None:
+    """12 to 17 % low and usable, with a lag of nothing in the place of 48 ms."""
+    path = corpus / "firmware" / "px4_sih_hex_esc.ulg"
+    truth = np.diag(json.loads(path.with_suffix(".truth.json").read_text())["B_rad_s2_per_torque_setpoint"])
+    prepared = load(path)
+    data = cut(prepared, AlignSettings())
+    (said,) = (each for each in find_in_torque(prepared.log, data, Identification()) if each.code == "QL312")
+    assert set(said.axes) == {"roll", "pitch", "yaw"}
+    model = identify(data, IdentifySettings()).recommended
+    assert model is not None
+    assert model.actuator is not None
+    np.testing.assert_allclose(np.diag(model.B), truth, rtol=0.01)
+    assert model.actuator.lag_s == pytest.approx(0.048, abs=0.001)

@@ -18,11 +18,13 @@ TIME_S = np.arange(0.0, 60.0, 0.01)
 HOVER_N, IDLE_N = 0.44, 0.035
 
 
-def table(thrust_n: np.ndarray, name: str = "thrust_n", **more: np.ndarray) -> FlightData:
-    """Return the flights of a table with that thrust: its rows never stop moving, as on a running motor."""
+def table(
+    thrust_n: np.ndarray, name: str = "thrust_n", *, moves: np.ndarray | bool = True, **more: np.ndarray
+) -> FlightData:
+    """Return the flights of a table with that thrust: its torque never stops, as on a running motor."""
     others = [signal(key, TIME_S, values[:, np.newaxis]) for key, values in more.items()]
     log = flight_log(
-        signal("body_rate", TIME_S, motion(TIME_S)),
+        signal("body_rate", TIME_S, motion(TIME_S) * np.broadcast_to(moves, TIME_S.shape)[:, np.newaxis]),
         signal("torque_n_m", TIME_S, 1e-4 * motion(TIME_S)),
         signal(name, TIME_S, thrust_n[:, np.newaxis]),
         *others,
@@ -56,8 +58,14 @@ def test_thrust_that_falls_away_in_a_manoeuvre_ends_no_flight() -> None:
 
 def test_a_touch_down_between_two_hops_is_in_no_flight() -> None:
     """Two seconds on the ground, motors idling."""
-    landed = np.where((TIME_S > 20.0) & (TIME_S < 22.0), IDLE_N, thrust())
-    assert len(table(landed).flights) == 2
+    rests = (TIME_S > 20.0) & (TIME_S < 22.0)
+    assert len(table(np.where(rests, IDLE_N, thrust()), moves=~rests).flights) == 2
+
+
+def test_a_fall_of_two_seconds_is_part_of_a_flight() -> None:
+    """The vehicle turns on, which nothing does on the ground."""
+    falls = (TIME_S > 20.0) & (TIME_S < 22.0)
+    assert len(table(np.where(falls, IDLE_N, thrust())).flights) == 1
 
 
 def test_some_absurd_thrusts_move_no_boundary() -> None:

@@ -34,7 +34,14 @@ def test_each_log_begins_a_minute_after_the_one_before_has_ended() -> None:
     starts = [each.time_s[0] for each in found.segments]
     offset_s = second.segments[0].time_s[0] - second.start_s
     np.testing.assert_allclose(starts, [first.segments[0].time_s[0], *(end_s + offset_s for end_s in ends)])
-    assert found.start_s + found.duration_s == pytest.approx(ends[1] + second.duration_s)
+
+
+def test_pauses_that_nobody_flew_are_not_counted() -> None:
+    """The logs were put apart by a minute each; "of 6 min" told a pilot of minutes that no log has."""
+    first, second = part(SHORT), part(LONG)
+    assert pool([first, second, second]).duration_s == pytest.approx(
+        first.duration_s + 2.0 * second.duration_s
+    )
 
 
 def test_flights_are_counted_on() -> None:

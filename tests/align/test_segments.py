@@ -56,10 +56,12 @@ def test_motors_that_idle_do_not_fly() -> None:
 
 
 def test_a_bounce_of_the_evidence_is_no_landing() -> None:
-    """Half a second at idle throttle is one flight, five seconds are two."""
+    """Half a second at idle throttle is one flight, five seconds at rest are two."""
     for pause_s, n_flights in ((0.5, 1), (5.0, 2)):
-        throttle = np.where((STAMPS > 20.0) & (20.0 + pause_s > STAMPS), 0.0, 0.4)[:, np.newaxis]
-        data = align(with_signals(signal("throttle", STAMPS, throttle)), AlignSettings())
+        idle = ((STAMPS > 20.0) & (20.0 + pause_s > STAMPS))[:, np.newaxis]
+        throttle = signal("throttle", STAMPS, np.where(idle, 0.0, 0.4))
+        rate = signal("body_rate", STAMPS, np.where(idle, 0.0, motion(STAMPS)))
+        data = align(with_signals(throttle, rate), AlignSettings())
         assert len(data.flights) == n_flights
 
 

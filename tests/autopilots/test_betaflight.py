@@ -131,7 +131,6 @@ def test_the_clock_of_32_bits_turns_over(tmp_path: Path) -> None:
         ("Rotorflight 4.3.0 (abc) F7", "Rotorflight", "Rotorflight"),
         ("Cleanflight 2.1.0 (abc) SPF3", "Cleanflight", "Cleanflight"),
         ("f0e8c3a", "Cleanflight", "Cleanflight"),
-        ("Betaflight 3.5.7 (abc) F4", "Cleanflight", "Betaflight 3.5.7"),
         ("KISS 1.3-RC50 (abc) FCV2", "KISS", "KISS"),
         ("QuickSilver v0.1", "QuickSilver", "QuickSilver"),
         ("Butterflight 4.0.0 (abc) F4", "Cleanflight", "Butterflight"),
@@ -151,7 +150,8 @@ PIDS = {"rollPID": "45,80,30", "pitchPID": "47,84,34", "yawPID": "45,80,0"}
 
 @pytest.mark.parametrize(
     ("version", "read_as"),
-    [("4.0.6", "nearest"), ("4.2.8", "nearest"), ("4.3.1", "read"), ("4.4.2", "read"), ("4.5.1", "read"),
+    [("3.1.3", "read"), ("3.3.1", "nearest"), ("3.4.0", "read"), ("4.0.6", "nearest"),
+     ("4.2.8", "nearest"), ("4.3.1", "read"), ("4.4.2", "read"), ("4.5.1", "read"),
      ("2025.12.2", "read"), ("2026.6.1", "read"), ("2026.12.0-alpha", "read")],
 )  # fmt: skip
 def test_a_version_whose_law_was_read_is_not_called_another(

@@ -11,7 +11,7 @@ from quadid_logs.actuation.airframe import Airframe
 from quadid_logs.align import clean
 from quadid_logs.arrays import FloatArray
 from quadid_logs.autopilots.betaflight.airframe import find_airframe
-from quadid_logs.autopilots.betaflight.mixer import highest_output
+from quadid_logs.autopilots.betaflight.mixer import highest_output, unmixed
 from quadid_logs.autopilots.betaflight.signals import TO_FRD
 from quadid_logs.autopilots.betaflight.torque import rebuild
 from quadid_logs.data.log import FlightLog, Rows, Signal
@@ -108,3 +108,35 @@ def test_motors_that_sag_compensation_stops_are_at_their_limit(voltage: float) -
     beyond = beyond[200:-200]
     assert found[beyond > 0.1].all()
     assert not found[beyond < 0.0].any()
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "firmware", "factor"),
+    [
+        ("betaflight", "Betaflight v4.3.1 (a) F4", 1.0),
+        ("betaflight", "Betaflight v4.4.0 (a) F4", 0.6),
+        ("betaflight", "Betaflight", 0.6),
+        ("inav", "INAV v9.0.1 (a) F7", 1.0),
+    ],
+)
+def test_only_since_4_4_sums_count_less_without_airmode(autopilot: str, firmware: str, factor: float) -> None:
+    """Before, and in INAV, the mixer takes all of them at low throttle too."""
+    frame = Airframe(
+        name="quad X",
+        source="",
+        factors=np.column_stack([MIX * TO_FRD, np.ones(4)]),
+        position=np.column_stack([-MIX[:, 1], -MIX[:, 0], np.zeros(4)]) / np.sqrt(2.0),
+        spin=np.sign(MIX[:, 2]),
+    )
+    sums, throttle = np.array([[0.05, -0.02, 0.01]]), np.array([0.1])
+    log = FlightLog(
+        path="",
+        format="blackbox",
+        autopilot=autopilot,
+        n_bytes=0,
+        signals={},
+        firmware=firmware,
+        parameters={"features": 0.0},
+    )
+    outputs = throttle[:, None] + factor * sums @ (MIX * TO_FRD).T
+    np.testing.assert_allclose(unmixed(outputs, throttle, frame, log), sums, rtol=1e-9)

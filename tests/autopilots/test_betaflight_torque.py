@@ -21,7 +21,7 @@ N_ROWS, STEPS = 20_000, 1889.0
 class Flown:
     """A cleaned log of one long flight in airmode."""
 
-    log = SimpleNamespace(parameters={"features": float(1 << 22)}, version=(2026, 12))
+    log = SimpleNamespace(autopilot="betaflight", parameters={"features": float(1 << 22)}, version=(2026, 12))
 
     def __init__(self, **signals: np.ndarray) -> None:
         self._signals = {name: rows_of(values) for name, values in signals.items()}

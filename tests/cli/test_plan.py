@@ -47,13 +47,89 @@ def test_each_axis_gets_its_own_number_of_the_mixer() -> None:
 def test_parameter_files_are_what_the_ground_stations_read() -> None:
     """NAME,VALUE for ArduPilot, five tab-separated columns for PX4."""
     files = parameter_files(make_plan("ardupilot", ["yaw"]))
-    assert files.keys() == {"logging.param", "sweep-yaw.param"}
+    assert files.keys() == {"logging.param", "sweep-yaw.param", "sweep-off.param"}
     assert "LOG_BITMASK,176127\n" in files["logging.param"]
     for text in files.values():
         for line in text.splitlines():
             assert line.startswith("#") or len(line.split(",")) == 2
     (text,) = parameter_files(make_plan("px4")).values()
     assert text.splitlines()[-1].split("\t") == ["1", "1", "SDLOG_PROFILE", "25", "6"]
+
+
+def written(text: str) -> dict[str, str]:
+    """Return names and values of a file of NAME,VALUE or of QGroundControl's columns, as they stand there."""
+    lines = [line for line in text.splitlines() if not line.startswith("#")]
+    return dict(line.split(",") if "," in line else line.split("\t")[2:4] for line in lines)
+
+
+#: Beside ATTITUDE_FAST (bit 0, ArduCopter/defines.h): PID (12) and IMU_FAST (18); seven digits; the highest
+#: of 16 bits; what a log of single precision holds exactly no more.
+@pytest.mark.parametrize("mask", [176126, 407550, 1224702, 16777214, -22530])
+def test_a_vehicle_keeps_the_bits_of_its_mask_and_gets_them_back(mask: int) -> None:
+    """`logging.param` was the default with a bit: it took PID and IMU_FAST out of the log for good."""
+    files = parameter_files(make_plan("ardupilot", ["yaw"], None, {"LOG_BITMASK": float(mask)}))
+    assert written(files["logging.param"]) == {"LOG_BITMASK": str(mask + 1)}
+    assert written(files["logging-back.param"]) == {"LOG_BITMASK": str(mask)}
+
+
+@pytest.mark.parametrize(
+    ("profile", "logged"), [(1, 25), (3, 27), (2, 27), (1025, 1049)], ids=lambda value: str(value)
+)
+def test_a_vehicle_keeps_the_bits_of_its_profile_and_gets_them_back(profile: int, logged: int) -> None:
+    """PX4, src/modules/logger/params.c: bits 0, 3 and 4 are needed; on the vehicle of that number."""
+    files = parameter_files(make_plan("px4", [], None, {"SDLOG_PROFILE": float(profile), "MAV_SYS_ID": 7.0}))
+    assert written(files["logging.params"]) == {"SDLOG_PROFILE": str(logged)}
+    assert written(files["logging-back.params"]) == {"SDLOG_PROFILE": str(profile)}
+    rows = [line.split("\t") for text in files.values() for line in text.splitlines() if "SDLOG" in line]
+    assert {row[0] for row in rows} == {"7"}
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "parameters"),
+    [
+        ("ardupilot", {"LOG_BITMASK": 407551.0}),
+        ("ardupilot", {"LOG_BITMASK": 2.0**24}),
+        ("ardupilot", {"LOG_BITMASK": float("nan")}),
+        ("ardupilot", {"SCHED_LOOP_RATE": 400.0}),
+        ("px4", {"SDLOG_PROFILE": 27.0}),
+    ],
+)
+def test_a_mask_that_has_its_bits_or_is_not_known_exactly_is_written_into_no_file(
+    autopilot: str, parameters: dict[str, float], yaw_flight: Prediction
+) -> None:
+    """The card says what to do with it."""
+    plan = make_plan(autopilot, ["yaw"], None, parameters)
+    assert not [name for name in parameter_files(plan) if name.startswith("logging")]
+    card = "\n".join(card_lines(plan, yaw_flight))
+    assert "LOG_BITMASK" in card or "SDLOG_PROFILE is 27" in card
+
+
+def test_a_plan_like_a_log_keeps_what_is_set_on_its_vehicle(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    yaw_flight: Prediction,
+) -> None:
+    """The sample's own mask is 176126; of another autopilot nothing can be kept."""
+    monkeypatch.setattr("quadid_logs.plan.predict", lambda *_a: yaw_flight)
+    like = ["--like", "sample_logs/default-logging.bin", "-o", str(tmp_path / "plan")]
+    assert main(["plan", "--autopilot", "ardupilot", "--axis", "yaw", *like]) == 0
+    assert "LOG_BITMASK 176126 -> 176127" in capsys.readouterr().out
+    assert written((tmp_path / "plan" / "logging-back.param").read_text()) == {"LOG_BITMASK": "176126"}
+    assert main(["plan", "--autopilot", "px4", *like, "--force"]) == 2
+    assert "is a log of ardupilot" in capsys.readouterr().err
+
+
+def test_a_plan_for_a_vehicle_that_nobody_knows_says_when_not_to_load_its_mask() -> None:
+    """Only who looks at the vehicle can tell whether another one is set."""
+    files = parameter_files(make_plan("ardupilot")) | parameter_files(make_plan("px4"))
+    assert "where yours is not 176126, do not load" in files["logging.param"]
+    assert "where yours is not 1, do not load" in files["logging.params"]
+
+
+def test_the_sweep_is_taken_off_the_vehicle_by_a_file() -> None:
+    """SID_AXIS 0 does not start (mode_systemid.cpp); no value is set that is dangerous on a mixer axis."""
+    assert written(parameter_files(make_plan("ardupilot", ["roll"]))["sweep-off.param"]) == {"SID_AXIS": "0"}
 
 
 def test_before_system_id_mode_the_pilot_flies_doublets() -> None:
@@ -106,7 +182,7 @@ def test_nothing_is_set_on_the_ground_before_the_landing() -> None:
     """ "Set SID_AXIS back to 0" stood before "Land", though files are loaded on the ground."""
     steps = make_plan("ardupilot", ["roll", "yaw"]).steps()
     assert "and land" in steps[-2]
-    assert steps[-1] == "After the last landing set SID_AXIS back to 0."
+    assert steps[-1] == "After the last landing load sweep-off.param, which sets SID_AXIS back to 0."
 
 
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
@@ -158,6 +234,7 @@ def test_card_and_files_are_written_together(
         "plan.html",
         "logging.param",
         "sweep-yaw.param",
+        "sweep-off.param",
     }
     assert main(arguments) == 2
     assert "--force" in capsys.readouterr().err

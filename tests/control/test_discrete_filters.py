@@ -117,6 +117,23 @@ def test_the_ardupilot_error_path_answers_with_p_i_and_d_at_once() -> None:
     assert impulse_response(ApFlight(n=2000))[0] == pytest.approx(first, rel=1e-9)
 
 
+def test_px4s_k_multiplies_p_i_and_d() -> None:
+    """`tune` writes MC_ROLLRATE_K alone, for all three."""
+    one, two = (axes(Px4Flight(n=2000), {"MC_ROLLRATE_K": k})["roll"] for k in (1.0, 2.0))
+    where_hz = np.array([0.5, 5.0, 50.0])
+    assert one.rate is not None
+    assert two.rate is not None
+    np.testing.assert_allclose(two.rate.response(where_hz), 2.0 * one.rate.response(where_hz))
+    np.testing.assert_allclose(two.error.response(where_hz), 2.0 * one.error.response(where_hz))
+
+
+@pytest.mark.parametrize(("number", "rate_hz"), [(0.0, 1e3), (1.0, 2e3), (2.0, 4e3), (3.0, 8e3)])
+def test_ardupilots_gyro_rates_are_powers_of_two(number: float, rate_hz: float) -> None:
+    """INS_GYRO_RATE: 0 is 1 kHz, 1 is 2 kHz, 2 is 4 kHz, 3 is 8 kHz."""
+    found = axes(ApFlight(n=2000), {"INS_GYRO_RATE": number})["roll"]
+    assert found.gyro[-1].period_s == pytest.approx(1.0 / rate_hz)
+
+
 def test_the_px4_gyro_is_faster_than_a_loop_at_its_limit_and_as_fast_as_one_that_waits() -> None:
     waiting = axes(Px4Flight(n=2000), {"IMU_GYRO_RATEMAX": 800.0})["roll"]
     assert waiting.gyro[-1].period_s == waiting.period_s

@@ -88,6 +88,13 @@ def test_a_response_that_is_hardly_known_says_nothing() -> None:
     assert confirm(ratio(1.0, n=2, centre_hz=40.0), 5.0, 2.0).known_hz >= 2.0
 
 
+@pytest.mark.parametrize(("spread", "contradicted"), [(0.25, False), (0.02, True)])
+def test_what_the_fit_leaves_open_is_no_contradiction(spread: float, contradicted: bool) -> None:
+    """A margin whose interval holds the measured loop is not called wrong; one that does not is."""
+    drawn = 1.0 + spread * np.random.default_rng(1).standard_normal((400, 1)) * np.ones(6)
+    assert confirm(ratio(1.3), 5.0, 2.0, drawn.astype(complex)).contradicted == contradicted
+
+
 def closed(vehicle: Vehicle, model_of: Vehicle, **flown: float) -> AxisLoop:
     """Close the loop of a flight around the model of another."""
     model = identify(flight({**AXES, "roll": model_of}), IdentifySettings()).recommended

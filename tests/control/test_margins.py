@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from quadid_logs.control.margins import UNMODELLED_DELAY_S, figures_of, grid_hz, is_stable, margins_of
+from quadid_logs.control.margins import figures_of, grid_hz, is_stable, margins_of
 
 F = grid_hz(0.0025)
 S = 2j * np.pi * F
@@ -25,6 +25,33 @@ def test_an_integrator_with_a_delay_has_the_margins_of_the_textbook(k: float) ->
     assert found.gain_margin[0] == pytest.approx(np.pi / (2 * k * T), rel=1e-3)
     assert found.oscillation_hz[0] == pytest.approx(1 / (4 * T), rel=1e-3)
     assert np.isnan(found.gain_margin_down[0])
+
+
+def test_the_gain_margin_is_that_of_the_crossing_nearest_to_minus_one() -> None:
+    """Through -180 degrees at 4 Hz with 0.135, and, behind a mode of the frame, at 16 Hz with half of one."""
+    octaves = np.log2(F[(F > 1.0) & (F < 30.0)] / 2.0)
+    loop = np.exp(-2.0 + 0.65 * (octaves - 1.0) - 1j * np.pi * octaves)
+    found = figures_of(2.0 * 2.0**octaves, loop[np.newaxis], 1, NO)
+    assert found.gain_margin[0] == pytest.approx(np.exp(0.7), rel=2e-3)
+    assert found.oscillation_hz[0] == pytest.approx(16.0, rel=2e-3)
+
+
+def test_the_margin_downwards_is_that_of_the_crossing_nearest_to_minus_one() -> None:
+    """Of -7.4 and -2.0 the second comes first when gains fall."""
+    octaves = np.log2(F[(F > 1.0) & (F < 30.0)] / 2.0)
+    loop = np.exp(2.0 - 0.65 * (octaves - 1.0) - 1j * np.pi * octaves)
+    found = figures_of(2.0 * 2.0**octaves, loop[np.newaxis], 1, NO)
+    assert found.gain_margin_down[0] == pytest.approx(np.exp(0.7), rel=2e-3)
+
+
+def test_the_phase_margin_is_that_of_the_worst_crossover() -> None:
+    """70 degrees at 1.4 Hz, 30 at 5.7 Hz."""
+    octaves = np.log2(F[(F > 1.0) & (F < 8.0)])
+    loop = np.exp(np.cos(np.pi * octaves) - 1j * np.radians(100.0 + 20.0 * octaves))
+    found = figures_of(2.0**octaves, loop[np.newaxis], 1, NO)
+    assert np.degrees(found.phase_margin_rad[0]) == pytest.approx(30.0, abs=0.1)
+    assert found.crossover_hz[0] == pytest.approx(2.0**2.5, rel=2e-3)
+    assert found.delay_margin_s[0] == pytest.approx(30.0 / 360.0 / 2.0**2.5, rel=5e-3)
 
 
 def test_a_conditionally_stable_loop_has_a_gain_margin_downwards() -> None:
@@ -93,14 +120,14 @@ def test_an_unstable_loop_has_no_figures() -> None:
 
 
 def test_what_was_not_measured_may_take_phase_away() -> None:
-    """Nothing is known above 1 Hz: at the crossover, the delay that is allowed for widens the interval."""
+    """Nothing is known above 1 Hz: at the crossover, 5 ms that are allowed for widen the interval."""
     k = 30.0
     loop = (k * np.exp(-S * 0.02) / S)[np.newaxis]
     known, unknown = (margins_of(F, loop, 1, NO, known_hz) for known_hz in (1e9, 1.0))
     assert unknown.extrapolated
     assert known.phase_margin_deg is not None
     assert unknown.phase_margin_deg is not None
-    lost_deg = 360.0 * (k / (2 * np.pi) - 1.0) * UNMODELLED_DELAY_S
+    lost_deg = 360.0 * (k / (2 * np.pi) - 1.0) * 0.005
     low, high = unknown.phase_margin_deg.ci95
     assert low == pytest.approx(known.phase_margin_deg.value - lost_deg, abs=0.1)
     assert high == known.phase_margin_deg.value

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -73,3 +75,16 @@ def test_an_axis_that_tells_nothing_gives_no_vehicles() -> None:
     infinite = Posterior(mean=np.ones((3, 5)), covariance=np.full((3, 5, 5), np.inf), lag_or_delay_s=0.0)
     assert draw(infinite, 0, HOLD_S) is None
     assert draw(posterior(np.array([-300.0, -2.0, 0.03, 0.01, 0.0])), 0, HOLD_S) is None
+
+
+def test_vehicles_whose_damping_is_estimated_as_none_are_drawn_braking_alone() -> None:
+    """The other numbers go with the damping, so that the one which is moved takes them along."""
+    mean, deviation = np.array([12.0, 0.0, 0.03, 0.01, 0.0]), np.array([1.0, 0.3, 1e-6, 1e-6, 1e-6])
+    one = posterior(mean, deviation)
+    covariance = np.tile(np.diag(deviation**2), (3, 1, 1))
+    covariance[:, 0, 1] = covariance[:, 1, 0] = 0.999 * 1.0 * 0.3
+    plants = draw(replace(one, covariance=covariance, only_brakes=(False, False, True)), 2, HOLD_S)
+    assert plants is not None
+    assert plants.damping.max() <= 0.0
+    assert np.quantile(plants.damping, 0.05) == pytest.approx(-1.96 * 0.3, rel=0.15)
+    assert plants.effectiveness[1:] - 12.0 == pytest.approx(plants.damping[1:] / 0.3, abs=0.2)

@@ -81,6 +81,30 @@ def test_without_limit_flags_the_stops_are_taken_from_the_output_and_it_is_said(
     assert 0.01 < found.numbers["inferred_fraction"] < 0.05
 
 
+def with_unseen_stops(log: FlightLog, size: float) -> FlightLog:
+    """Move the integral of roll by so much of the output's rms, twice, where no log says why."""
+    (one,) = log.signals["torque_command"]
+    values = one.values.copy()
+    rms = float(np.sqrt(np.mean(values[:, 0] ** 2)))
+    for first, way in ((6500, 1.0), (13000, 1.0)):
+        values[first:, 0] += way * size * rms
+    return replace(log, signals={**log.signals, "torque_command": (replace(one, values=values),)})
+
+
+def test_an_integrator_whose_stops_no_log_tells_is_no_other_controller() -> None:
+    """A stop that is missed moves all that follows: from each part's own beginning the gains are right."""
+    found = roll(with_unseen_stops(ApFlight(n=19500, limited_fraction=0.0).log(terms=False), 0.02))
+    assert found.relative_rms["output"] > 0.01
+    assert found.agrees
+    assert found.reason is ReplayReason.LIMIT_FLAGS_MISSING
+
+
+def test_a_gain_that_differs_is_found_beside_stops_that_no_log_tells() -> None:
+    log = with_unseen_stops(ApFlight(n=19500, limited_fraction=0.0).log(terms=False), 0.02)
+    found = roll(replace(log, parameters={**log.parameters, "ATC_RAT_RLL_P": 1.1 * AP_PID["P"]}))
+    assert not found.agrees
+
+
 def test_a_rare_slew_limit_is_said_and_does_not_block() -> None:
     scale = np.where(np.arange(8000) % 100 < 2, 0.6, 1.0)
     found = roll(ApFlight(scale=scale).log())

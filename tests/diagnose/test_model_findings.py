@@ -13,7 +13,6 @@ from quadid_logs.data.model import BandCheck, ChangeCheck, FormulationCheck, Ide
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.diagnose.model_findings import find_in_models
 from quadid_logs.identify import identify
-from quadid_logs.identify.torque_products import MAX_DELAY_S
 from tests.align.flights import flight_log
 from tests.identify.vehicles import QUAD, fly, multisine
 
@@ -76,17 +75,22 @@ def test_an_interval_whose_ends_are_a_factor_of_three_apart_is_refused(
     assert found(good, lambda model: with_gain(model, low, high))["QL505"] == level
 
 
-def test_what_is_said_of_motion_that_was_enough_names_the_axes(good: Identification) -> None:
-    """Beside it stands what to fly on the others."""
+@pytest.mark.parametrize(("log_format", "columns"), [("table", True), ("dataflash", False), ("ulog", False)])
+def test_what_is_said_of_motion_that_was_enough_names_the_axes(
+    good: Identification, log_format: str, *, columns: bool
+) -> None:
+    """Beside it stands what to fly on the others; of the columns only who made them can tell."""
     fast = np.radians([30.0, 25.0, 5.0])
     excitation = tuple(
         dataclasses.replace(each, rate_rms_rad_s=float(rms), signal_to_noise=0.9)
         for each, rms in zip(good.excitation, fast, strict=True)
     )
     weak = dataclasses.replace(good, excitation=excitation, responses=())
-    advice = {one.axes: one.advice for one in find_in_models(flight_log(), weak) if one.code == "QL504"}
+    log = dataclasses.replace(flight_log(), format=log_format)
+    advice = {one.axes: one.advice for one in find_in_models(log, weak) if one.code == "QL504"}
     assert advice["roll",].startswith("Roll and pitch turned by more than 20 deg/s rms")
     assert advice["roll",] == advice["pitch",]
+    assert ("units, signs and times of the table" in advice["roll",]) == columns
 
 
 @pytest.mark.parametrize(
@@ -111,6 +115,67 @@ def test_half_of_the_motion_is_enough_where_the_interval_holds_what_feedback_too
 
     said = found(dataclasses.replace(good, excitation=excitation), changed)
     assert {"QL404", "QL504"} & said.keys() == {code}
+
+
+def commanded(model: Model, r2: float, axis: str = "q") -> Model:
+    """Return the model as if it explained so much of what was commanded, by set-points, of pitch or yaw."""
+    told = dataclasses.replace(model.validation, r2_commanded={f"{axis}_dot": r2})
+    return dataclasses.replace(with_setpoints(model), validation=told)
+
+
+@pytest.mark.parametrize(
+    ("r2", "high", "code"), [(0.8, 1.5, "QL404"), (0.7, 1.5, "QL504"), (0.8, 3.5, "QL504")]
+)
+def test_rough_air_alone_refuses_no_axis_whose_commanded_motion_is_explained(
+    good: Identification, r2: float, high: float, code: str
+) -> None:
+    """A third of the acceleration is explained, but all that was commanded; the interval must be of use."""
+    excitation = tuple(dataclasses.replace(one, signal_to_noise=0.5) for one in good.excitation)
+    said = found(
+        dataclasses.replace(good, excitation=excitation),
+        lambda model: with_gain(commanded(model, r2), 0.9, high),
+    )
+    assert {"QL404", "QL504"} & said.keys() == {code}
+
+
+def test_rough_air_refuses_yaw_all_the_same(good: Identification) -> None:
+    """It hides the reaction of the rotors, which then passes for effectiveness."""
+    excitation = tuple(dataclasses.replace(one, signal_to_noise=0.5) for one in good.excitation)
+    first, *others = good.models
+    models = (commanded(first, 0.9, "r"), *others)
+    changed = dataclasses.replace(good, excitation=excitation, models=models)
+    assert "QL504" in {one.code for one in find_in_models(flight_log(), changed) if one.axes == ("yaw",)}
+
+
+@pytest.mark.parametrize(("r2", "level"), [(0.8, "warning"), (0.7, "error")])
+def test_a_rate_that_gusts_hide_is_a_caution_where_the_commanded_motion_is_explained(
+    good: Identification, r2: float, level: str
+) -> None:
+    """Of the simulated rate over five seconds a third is left."""
+
+    def hidden(model: Model) -> Model:
+        model = commanded(model, r2)
+        rate = {**model.validation.r2_high_passed_rate, "q": 0.3}
+        return dataclasses.replace(
+            model, validation=dataclasses.replace(model.validation, r2_high_passed_rate=rate)
+        )
+
+    assert found(good, hidden)["QL511"] == level
+
+
+@pytest.mark.parametrize(("strength", "refused"), [(0.9, True), (1.1, False), (np.nan, False)])
+def test_an_axis_whose_torque_hardly_follows_from_the_setpoints_is_refused(
+    good: Identification, strength: float, refused: bool
+) -> None:
+    """Its instruments are weak: what they find leans towards the controller's answer to the air."""
+
+    def driven(model: Model) -> Model:
+        model = with_setpoints(model)
+        assert model.structural is not None
+        check = dataclasses.replace(model.structural, strength=np.array([9.0, strength, 9.0]))
+        return dataclasses.replace(model, structural=check)
+
+    assert (found(good, driven).get("QL403") == "error") is refused
 
 
 def test_an_effectiveness_of_the_wrong_sign_is_refused(good: Identification) -> None:
@@ -291,7 +356,7 @@ def test_the_lag_of_a_vehicle_at_rest_is_not_judged(
 
     def late(model: Model) -> Model:
         assert model.actuator is not None
-        return dataclasses.replace(model, actuator=dataclasses.replace(model.actuator, delay_s=MAX_DELAY_S))
+        return dataclasses.replace(model, actuator=dataclasses.replace(model.actuator, delay_s=0.06))
 
     assert ("QL507" in found(dataclasses.replace(good, excitation=still), late)) is said
 

@@ -6,12 +6,15 @@ from dataclasses import replace
 
 import pytest
 
+from quadid_logs import analyze
 from quadid_logs.autopilots import known
 from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.data.diagnosis import Diagnosis, Finding, Level
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.result import Result
 from quadid_logs.diagnose.advice import advice_for, next_steps
+from quadid_logs.report.inventory import inventory_lines
+from quadid_logs.report.next_flight import next_steps as flight_steps
 from quadid_logs.report.text import result_lines
 from quadid_logs.vocabulary import AXES
 from tests.synthetic_results import usable_result
@@ -19,8 +22,8 @@ from tests.synthetic_results import usable_result
 SET = "Set SOMETHING to 25."
 
 
-def _log(autopilot: str = "other") -> FlightLog:
-    return FlightLog(path="", format="table", autopilot=autopilot, n_bytes=0, signals={})
+def _log(autopilot: str = "other", log_format: str = "table") -> FlightLog:
+    return FlightLog(path="", format=log_format, autopilot=autopilot, n_bytes=0, signals={})
 
 
 def _finding(code: str, level: Level, *axes: str, advice: str = "Fly.") -> Finding:
@@ -43,6 +46,35 @@ def test_the_manoeuvre_names_the_axes_that_need_it_and_no_other() -> None:
     (step,) = next_steps((_log(), each) for each in THREE_WEAK_AXES[1:])
     assert "forward-back and rudder left-right" in step
     assert " left-right, " not in step
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4", "betaflight"])
+@pytest.mark.parametrize("yaw", [("QL403", "error"), ("QL531", "warning"), ("QL404", "warning")], ids=str)
+def test_a_log_that_is_too_slow_is_followed_by_a_flight_that_moves_every_axis(
+    autopilot: str, yaw: tuple[str, Level]
+) -> None:
+    """A hover was to be logged faster, with the rudder moved alone: roll and pitch were refused again."""
+    log = _log(autopilot, "dataflash")
+    slow = _finding("QL303", "error", "roll", "pitch", advice=SET)
+    steps = next_steps([(log, slow), (log, _finding(*yaw, "yaw", advice="Something of yaw."))])
+    assert steps[:2] == (SET, advice_for(autopilot).excitation(AXES, None))
+
+
+def test_a_table_that_is_too_slow_is_made_anew_from_the_same_flight() -> None:
+    """The log behind it may be fast enough, and the axes moved."""
+    assert next_steps([(_log(), _finding("QL303", "error", advice=SET))]) == (SET,)
+
+
+def test_a_slow_hover_log_tells_what_to_log_and_what_to_fly() -> None:
+    """The whole way, from a file: both, in that order."""
+    result = analyze("sample_logs/default-logging.bin")
+    steps = flight_steps(result)
+    assert steps[0].startswith("Set LOG_BITMASK to ")
+    assert all(stick in steps[1] for stick in (" left-right,", "forward-back", "rudder left-right"))
+    lines = [line.text.strip() for line in inventory_lines(result.log, result.data)]
+    (then,) = (line for line in lines if line.startswith("then: "))
+    assert then == f"then: {steps[1]}"
+    assert "--axis yaw --like sample_logs/default-logging.bin`" in then
 
 
 def test_an_axis_that_changed_in_flight_is_not_to_be_flown_again() -> None:

@@ -138,6 +138,14 @@ def test_a_bad_day_that_is_over_is_not_open():
         assert open_changes(histories)[0] is None, bad
 
 
+def test_a_flight_that_is_like_those_before_again_closes_the_question():
+    """Of a fleet with hardly any scatter: one bad day and a good one after it are no changed vehicle."""
+    of_fleet = {("gain", "roll"): ScatterPrior(scatter=1.0, flights=1000.0)}
+    bad_day, changed = series([100.0] * 10 + [140.0, 100.0]), series([100.0] * 10 + [140.0, 140.0])
+    assert find_open_change([changed], 0, 1, of_fleet) is not None
+    assert find_open_change([bad_day], 0, 1, of_fleet) is None
+
+
 def test_too_few_flights_before_leave_it_open():
     """Two and three: no flight to come can say which of the two is the vehicle."""
     (found,) = open_changes([[series([100.0, 100.5, 50.0, 50.3, 49.8])]])

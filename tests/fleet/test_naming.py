@@ -8,7 +8,7 @@ import math
 
 import pytest
 
-from quadid_logs.data.log import FlightLog
+from quadid_logs.data.log import FlightLog, LoggedSystem
 from quadid_logs.errors import SettingsError
 from quadid_logs.fleet.log_files import LogFile
 from quadid_logs.fleet.naming import NamingRules, clock_zero, identify_unread, identify_vehicle, number_in
@@ -36,6 +36,8 @@ def log(**changes):
             f"serial 42 {BUILT}", "BRD_SERIAL_NUM",
         ),
         (log(hardware_id="0" * 36, parameters={"MAV_SYS_ID": 9.0}), f"system 9 {BUILT}", "MAV_SYS_ID"),
+        (log(vehicle_name="Gecko", parameters={"BRD_SERIAL_NUM": 42.0}), f"Gecko {BUILT}", "craft name"),
+        (log(hardware_id=CUBE, vehicle_name="Gecko"), CUBE, "hardware id"),
         (log(parameters={"SYSID_THISMAV": math.nan}), f"2026-05-01 {BUILT}", "folder"),
         (log(parameters={"SYSID_THISMAV": 1.0}), f"2026-05-01 {BUILT}", "folder"),
     ],
@@ -63,6 +65,36 @@ def test_vehicles_that_are_built_differently_are_not_merged(other, weak):
     found = [log(vehicle_type="multirotor", parameters=weak), log(**other | {"parameters": parameters})]
     names = {identify_vehicle(one, SOURCE, NamingRules()).vehicle for one in found}
     assert len(names) == 2
+
+
+def test_two_vehicles_of_one_craft_name_that_are_built_differently_are_not_merged():
+    """Many are called "quad"."""
+    found = [log(vehicle_name="quad"), log(vehicle_name="quad", frame="hexa X")]
+    assert len({identify_vehicle(one, SOURCE, NamingRules()).vehicle for one in found}) == 2
+
+
+def test_the_number_of_a_mavlink_system_is_no_craft_name():
+    """Every ground station's first vehicle is system 1."""
+    system = LoggedSystem(
+        system_id=1,
+        component_id=1,
+        autopilot="ardupilotmega",
+        vehicle_type="multirotor",
+        n_messages=9,
+        chosen=True,
+    )
+    one = log(format="tlog", vehicle_name="system 1", systems=(system,))
+    assert identify_vehicle(one, SOURCE, NamingRules()).vehicle_from == "folder"
+
+
+def test_logs_without_any_identity_are_not_merged():
+    """Dropped on a page there is no folder: two quads became one "unknown (ardupilot quad X)"."""
+    names = [
+        identify_vehicle(log(), LogFile(url=url), NamingRules(), sha256).vehicle
+        for url, sha256 in (("a.bin", "1" * 64), ("b.bin", "2" * 64), ("a.bin", "3" * 64))
+    ]
+    assert len(set(names)) == 3
+    assert names[0].startswith("a.bin")
 
 
 def test_two_airframes_of_one_frame_are_not_merged():

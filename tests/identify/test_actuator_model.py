@@ -313,6 +313,18 @@ def test_asymmetry_is_searched_for_on_either_side(side: float) -> None:
     assert found[2] == side
 
 
+def test_an_asymmetry_at_the_end_of_its_search_is_none() -> None:
+    """A flown freestyle ended where rotors slow down six times as slowly, a fifth below what is right."""
+    ended = np.array([0.016, 0.007, -np.log(6.0)])
+    search = SimpleNamespace(
+        scores=lambda _: scores([5.0, 5.0], information=100.0), least=lambda _: (ended, -2.0)
+    )
+    symmetric = np.array([0.007, 0.013])
+    found, loss = _with_asymmetry(cast("Any", search), symmetric, -1.0, 0.01)
+    assert found is symmetric
+    assert loss == -1.0
+
+
 def test_a_delay_is_set_free_from_a_lag_of_nothing_too(monkeypatch: pytest.MonkeyPatch) -> None:
     """At its bound a lag hid that torque was stamped late: no step led away from either alone."""
 

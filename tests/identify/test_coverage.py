@@ -9,7 +9,6 @@ from quadid_logs.data.model import Model
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify import identify
 from quadid_logs.identify.structures import DAMPED, RIGID_BODY
-from quadid_logs.identify.systematic import GYRO_SYSTEMATIC
 from quadid_logs.maths.normal import NORMAL_95
 
 from .vehicles import Drawn, draw_flights
@@ -21,7 +20,7 @@ _FEWEST_MISSES, _MOST_MISSES = 3, 24
 @pytest.fixture(scope="module")
 def studied() -> list[tuple[Drawn, dict[str, Model]]]:
     """Forty flights of 24 s with gusts and with gyros as good as the intervals take them for."""
-    flights = draw_flights(40, 24.0, seed=11, gyro_sigma=GYRO_SYSTEMATIC / NORMAL_95)
+    flights = draw_flights(40, 24.0, seed=11, gyro_sigma=0.01 / NORMAL_95)
     structures = (DAMPED, RIGID_BODY)
     found = [identify(flight.data, IdentifySettings(), structures).models for flight in flights]
     return [

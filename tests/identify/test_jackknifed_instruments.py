@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from quadid_logs.identify.design import Design, build_design
-from quadid_logs.identify.instruments import Projection, held_attitudes
+from quadid_logs.identify.instruments import Projection, from_attitude
 from quadid_logs.identify.structures import DAMPED
 
 from .vehicles import QUAD, fly, multisine
@@ -85,12 +85,12 @@ def test_setpoints_that_follow_from_the_attitude_command_nothing(design: Design)
         columns=design.columns | {"phi": phi, "theta": theta, "psi": psi},
         instruments=np.column_stack([-4.0 * phi, 4.0 * (commanded - theta), 4.0 * commanded]),
     )
-    np.testing.assert_array_equal(held_attitudes(held), [True, False, False])
+    np.testing.assert_allclose(from_attitude(held), [1.0, 0.5, 0.0], atol=0.05)
 
 
 def test_without_attitude_no_setpoint_is_said_to_hold_one(design: Design) -> None:
     """Nor is any where there are no set-points."""
     columns = {name: column for name, column in design.columns.items() if name not in ("phi", "theta", "psi")}
     without = dataclasses.replace(design, columns=columns, instruments=np.zeros((design.time_s.size, 3)))
-    assert not held_attitudes(without).any()
-    assert not held_attitudes(dataclasses.replace(design, instruments=None)).any()
+    assert not from_attitude(without).any()
+    assert not from_attitude(dataclasses.replace(design, instruments=None)).any()

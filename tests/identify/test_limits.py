@@ -11,13 +11,14 @@ from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import Identification, Validation
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify import _is_rigid_body, identify
-from quadid_logs.identify.actuator import _CHANCE, ActuatorFit, Scorer, lag_limit, same_loss
+from quadid_logs.identify.actuator import ActuatorFit, Scorer, lag_limit, same_loss
 from quadid_logs.identify.checks import check_change
-from quadid_logs.identify.design import _ACTUATOR_MEMORY_S, Design, build_design
+from quadid_logs.identify.design import Design, build_design
 from quadid_logs.identify.excitation import ColumnNoise, noise_density
+from quadid_logs.identify.first_stage import told_axes, with_strong_instruments
 from quadid_logs.identify.fit import PooledFit, Regression, fit_pooled
 from quadid_logs.identify.inference import clusters_of
-from quadid_logs.identify.instruments import Projection, with_strong_instruments
+from quadid_logs.identify.instruments import Projection
 from quadid_logs.identify.model import _caveats_by_target, _criterion
 from quadid_logs.identify.structures import DAMPED
 from quadid_logs.identify.terms import AIR_SPEED, GYROSCOPIC, RATE_TERMS, SQUARES
@@ -75,8 +76,8 @@ def test_rows_that_feel_a_torque_that_was_not_given_are_not_fitted(
     assert plain is not None
     reach_s = gaussian_reach_s(5.0)
     off_s = built.time_s - at_s
-    felt = (off_s > -reach_s + PERIOD_S) & (off_s < reach_s + _ACTUATOR_MEMORY_S - PERIOD_S)
-    free = (off_s < -reach_s - PERIOD_S) | (off_s > reach_s + _ACTUATOR_MEMORY_S + PERIOD_S)
+    felt = (off_s > -reach_s + PERIOD_S) & (off_s < reach_s + 0.5 - PERIOD_S)
+    free = (off_s < -reach_s - PERIOD_S) | (off_s > reach_s + 0.5 + PERIOD_S)
     assert plain.train[felt].any()
     assert not (built.train & felt).any() or achieved
     np.testing.assert_array_equal(built.train[free], plain.train[free])
@@ -125,8 +126,8 @@ def test_chance_makes_as_much_of_a_mean_over_axes_as_chi_square_says(design: Des
     """The summed logarithms differ by 3.84 over the number of instruments; their mean by a third of that."""
     project = Projection(design, DAMPED, design.train)
     project._basis = np.linalg.qr(np.random.default_rng(1).standard_normal((100, 24)))[0]
-    assert same_loss(project, [0, 1, 2]) == pytest.approx(_CHANCE / 24.0 / 3.0)
-    assert same_loss(project, [1]) == pytest.approx(_CHANCE / 24.0)
+    assert same_loss(project, [0, 1, 2]) == pytest.approx(3.84 / 24.0 / 3.0)
+    assert same_loss(project, [1]) == pytest.approx(3.84 / 24.0)
 
 
 # Instruments.
@@ -146,13 +147,12 @@ def with_reference(axes: tuple[int, ...]) -> Design:
     return built
 
 
-def test_instruments_serve_only_if_they_explain_the_torque_of_every_excited_axis() -> None:
-    """Roll is commanded, pitch is not."""
+def test_instruments_serve_the_axes_that_they_drive() -> None:
+    """Roll is commanded, pitch is not: roll keeps its instruments, and no excited axis has a say without."""
     design = with_reference((0,))
-    assert with_strong_instruments(design, design, [0]).instruments is not None
-    assert with_strong_instruments(design, design, [0, 1]).instruments is None
-    both = with_reference((0, 1))
-    assert with_strong_instruments(both, both, [0, 1]).instruments is not None
+    assert with_strong_instruments(design, design, [0, 1]).instruments is not None
+    assert told_axes(design) == [0]
+    assert with_strong_instruments(design, design, [1]).instruments is None
 
 
 # Terms and their noise.

@@ -12,7 +12,15 @@ from quadid_logs.data.model import Model, Response
 from quadid_logs.data.settings import IdentifySettings, in_band
 from quadid_logs.errors import SettingsError
 from quadid_logs.identify import identify
-from quadid_logs.identify.response import EVERYWHERE, Band, feedback_in, fitted_band, responses, vehicle_band
+from quadid_logs.identify.response import (
+    EVERYWHERE,
+    Band,
+    feedback_in,
+    fitted_band,
+    known_from,
+    responses,
+    vehicle_band,
+)
 from quadid_logs.identify.structures import DAMPED
 from quadid_logs.maths.band import angular_frequency
 
@@ -61,6 +69,22 @@ def test_a_third_octave_of_which_nothing_is_known_disagrees_with_nothing() -> No
     mixed = np.where(FREQUENCY_HZ < 1.5, INVERSE_CONTROLLER, VEHICLE)
     error = np.where(FREQUENCY_HZ < 1.5, 0.9, 0.03)
     assert vehicle_band(response(mixed, error)).low_hz == 0.0
+
+
+def test_what_lies_below_the_first_known_third_octave_can_be_left_out() -> None:
+    """From 1.6 Hz on the response is known to 5 %: two octaves from there on are fitted."""
+    error = np.where(FREQUENCY_HZ < 1.59, 0.5, 0.05)
+    hidden = response(VEHICLE, error)
+    assert known_from(hidden) == pytest.approx(0.5 * 2.0 ** (5.0 / 3.0))
+    assert fitted_band([hidden], Band(0.3, 5.0), 0.0025) == Band(0.3, 5.0)
+    found = fitted_band([hidden, response(VEHICLE)], Band(0.3, 5.0), 0.0025, from_known=True)
+    assert found == pytest.approx((1.587, 6.35), abs=0.01)
+
+
+def test_a_third_octave_without_a_line_hides_nothing() -> None:
+    """Windows of four seconds resolve no half hertz."""
+    gain = np.where(FREQUENCY_HZ < 0.6, np.nan, VEHICLE)
+    assert known_from(response(gain, np.where(FREQUENCY_HZ < 0.6, np.inf, 0.03))) == 0.0
 
 
 def test_the_band_ends_where_the_inverse_controller_begins() -> None:
@@ -180,7 +204,7 @@ def test_feedback_is_all_that_is_seen_where_nothing_is_known_of_the_band() -> No
 
 def test_the_response_of_a_flight_is_that_of_its_vehicle() -> None:
     """Gain and phase of each third octave inside the manoeuvre; beyond, the controller answers noise."""
-    roll, *_ = responses(fly(QUAD, multisine(60.0), feedback=8.0), instruments=False)
+    roll, *_ = responses(fly(QUAD, multisine(60.0), feedback=8.0), by_setpoints=())
     known = np.isfinite(roll.gain) & (roll.frequency_hz > 0.6) & (roll.frequency_hz < 3.3)
     s = 2j * np.pi * roll.frequency_hz[known]
     lag = QUAD.lag_s

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from quadid_logs.data.model import FitSeries, Validation
 from quadid_logs.identify.design import Design, lay_blocks
 from quadid_logs.identify.structures import DAMPED
-from quadid_logs.identify.validate import HORIZONS_S, validate
+from quadid_logs.identify.validate import validate
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS
 
 PERIOD_S, DURATION_S = 0.02, 60.0
@@ -95,7 +97,7 @@ def test_rates_are_simulated_to_the_second_order_of_the_step() -> None:
 def test_a_horizon_ends_as_much_later_as_it_says() -> None:
     """Of a gain that is a fifth too large, a fifth of what the rate has changed by is missed."""
     found, _ = judged(PERFECT, 1.2 * GAIN)
-    for number, horizon_s in enumerate(HORIZONS_S):
+    for number, horizon_s in enumerate((0.1, 0.2, 0.5)):
         n = round(horizon_s / PERIOD_S)
         inside = HELD_OUT[:-n] & HELD_OUT[n:]
         missed = 0.2 * np.sqrt(np.mean((RATE[n:] - RATE[:-n])[inside] ** 2, axis=0))
@@ -116,6 +118,22 @@ def test_a_gain_that_is_a_tenth_too_small_leaves_a_hundredth_of_the_acceleration
     """Of a torque without a mean."""
     found, _ = judged(PERFECT, 0.9 * GAIN)
     np.testing.assert_allclose(list(found.r2_acceleration.values()), 0.99, atol=1e-3)
+
+
+def test_air_that_moves_the_vehicle_lowers_no_r2_of_what_was_commanded() -> None:
+    """Gusts twice as strong as what was commanded leave its R2; a gain a tenth too small takes 0.01."""
+    gust = 2.0 * GAIN * np.sin(2.0 * np.pi * 2.3 * TIME_S[:, np.newaxis])
+    flown = dataclasses.replace(rows(RATE, GAIN * TORQUE + gust), instruments=TORQUE)
+    found, _ = judged(flown)
+    assert max(found.r2_acceleration.values()) < 0.3
+    assert min(found.r2_commanded.values()) > 0.99
+    wrong, _ = judged(flown, 0.9 * GAIN)
+    assert [*wrong.r2_commanded.values()] == pytest.approx([0.99] * 3, abs=0.005)
+
+
+def test_without_setpoints_nothing_is_said_of_what_was_commanded() -> None:
+    """There is nothing to tell it by."""
+    assert judged(PERFECT)[0].r2_commanded == {}
 
 
 def test_the_memory_of_a_residual_is_in_seconds() -> None:

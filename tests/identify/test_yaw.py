@@ -12,7 +12,7 @@ from quadid_logs.align import cut
 from quadid_logs.data.model import Identification, Model, Response
 from quadid_logs.data.settings import AlignSettings, IdentifySettings
 from quadid_logs.identify import identify
-from quadid_logs.identify.design import HELD_OUT_BLOCK_S, build_design
+from quadid_logs.identify.design import build_design
 from quadid_logs.identify.inference import Estimate
 from quadid_logs.identify.slow_yaw import _follows_motion
 from quadid_logs.identify.structural import with_unseen_damping
@@ -130,7 +130,7 @@ def test_an_even_manoeuvre_keeps_blocks_of_five_seconds() -> None:
     """Shorter ones leave more rows out at their edges."""
     design = build_design(fly(QUAD, multisine(60.0)), 5.0)
     assert design is not None
-    assert np.bincount(design.block).max() * design.period_s == pytest.approx(HELD_OUT_BLOCK_S, rel=0.02)
+    assert np.bincount(design.block).max() * design.period_s == pytest.approx(5.0, rel=0.02)
 
 
 @pytest.fixture(scope="module")

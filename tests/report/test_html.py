@@ -20,11 +20,13 @@ from quadid_logs.data.result import Result
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.figures import figures_of
 from quadid_logs.figures.interactive import interactive
+from quadid_logs.report.cells import Table
 from quadid_logs.report.html import packed, render_html, script_json
 from quadid_logs.report.log_tables import _unit
 from quadid_logs.report.provenance import provenance_of
 from quadid_logs.report.text import result_lines
 from quadid_logs.report.view import _milliseconds, view_of
+from quadid_logs.vocabulary import AXES
 from tests.synthetic_results import refused_result
 
 
@@ -254,13 +256,10 @@ def test_numbers_of_a_refused_axis_do_not_look_like_results(usable: Result) -> N
     result = _pitch_refused(usable)
     view = view_of(result, provenance_of("x"))
     gains, regressors = view.model_tables[:2]
-    assert gains.head[1:] == (
-        "roll acceleration",
-        "pitch acceleration (not to be trusted)",
-        "yaw acceleration",
-    )
-    assert regressors.head == gains.head
-    assert all(row[2].weak for row in (*gains.rows, *regressors.rows))
+    for table in (gains, regressors):
+        assert [row[0].text for row in table.rows] == [f"{axis} acceleration" for axis in AXES]
+        assert [row[0].detail == "not to be trusted" for row in table.rows] == [False, True, False]
+        assert all(cell.weak for cell in table.rows[1][1:])
     assert "refused" in gains.note
     assert "refused" in regressors.note
     assert view.structures is not None
@@ -268,6 +267,32 @@ def test_numbers_of_a_refused_axis_do_not_look_like_results(usable: Result) -> N
     titles = [panel.title for figure in figures_of(result).shown for panel in figure.panels]
     assert "Pitch – refused, not to be trusted" in titles
     assert not any("Roll" in title and "refused" in title for title in titles)
+
+
+def test_the_matrices_stand_in_report_and_notebook_as_in_the_equation(usable: Result) -> None:
+    """Torques stood as rows here, accelerations everywhere else: p_dot by M was read as q_dot by L."""
+    (model, *others) = usable.identification.models
+    B, A = (np.arange(1.0, 1.0 + size).reshape(3, -1) for size in (9, model.A.size))
+    names = (*model.inputs, *model.regressors)
+    entries = [
+        replace(
+            one, value=float(np.hstack((B, A))[model.targets.index(one.target), names.index(one.regressor)])
+        )
+        for one in model.parameters
+    ]
+    changed = replace(model, B=B, A=A, parameters=tuple(entries))
+    result = replace(usable, identification=replace(usable.identification, models=(changed, *others)))
+    first, second = view_of(result, provenance_of("x")).model_tables[:2]
+    assert [head[-3:] for head in first.head[1:]] == ["(L)", "(M)", "(N)"]
+    shown = [name in second_names(second) for name in model.regressors]
+    for table, values in ((first, B), (second, A[:, shown])):
+        assert [row[0].detail for row in table.rows] == ["p_dot", "q_dot", "r_dot"]
+        assert [[round(float(cell.text)) for cell in row[1:]] for row in table.rows] == values.tolist()
+
+
+def second_names(table: Table) -> list[str]:
+    """Return the symbols of a table's columns."""
+    return [head.rpartition("(")[2].rstrip(")") for head in table.head]
 
 
 def test_findings_speak_in_words() -> None:

@@ -57,7 +57,30 @@ def test_a_pilot_reads_how_far_the_vehicle_is_from_oscillating(usable: Result) -
 
 def test_an_extrapolated_margin_is_told_by_its_lower_end(usable: Result) -> None:
     text = sentence(usable, replace(POOR, extrapolated=True))
-    assert text.endswith("(extrapolated: it may be as little as 15 degrees).")
+    assert text.endswith("(extrapolated: it may be as little as 15 degrees and 2.2 dB).")
+
+
+def test_an_extrapolated_margin_whose_lower_end_reads_the_same_contradicts_nothing(usable: Result) -> None:
+    """48 degrees that may be as little as 48 degrees."""
+    sharp = replace(POOR, phase_margin_deg=figure(48.1, 47.9, 48.4), gain_margin_db=figure(20.1, 19.9, 20.3))
+    text = sentence(usable, replace(sharp, extrapolated=True))
+    assert "48 degrees and 20 dB from instability" in text
+    assert text.endswith("(extrapolated).")
+
+
+def test_no_battery_is_blamed_for_ten_times_the_gain(usable: Result) -> None:
+    """A lighter vehicle has a few per cent more."""
+    text = sentence(usable, replace(POOR, gain_margin_db=figure(20.0, 19.0, 21.0)))
+    assert "10 times the gain would oscillate" in text
+    assert "battery" not in text
+
+
+def test_no_margin_is_told_of_a_loop_that_the_log_contradicts(usable: Result) -> None:
+    """The finding beside it says not to rely on it."""
+    loop = AxisLoop(margins=LoopMargins(rate=POOR, full=None), contradicted=True)
+    (text,) = loop_view(with_loop(usable, loop)).sentences
+    assert "contradicts the model" in text
+    assert "degrees" not in text
 
 
 def test_an_unstable_loop_has_no_distance(usable: Result) -> None:

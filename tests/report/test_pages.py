@@ -9,11 +9,14 @@ import pytest
 from quadid_logs.compare import Comparison, Quantity
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.result import Result
+from quadid_logs.data.tuning import GOOD, AxisTuning, GainChange, Tuning
+from quadid_logs.diagnose.findings import finding
 from quadid_logs.report.comparison_page import comparison_page
 from quadid_logs.report.markdown_page import markdown_page
 from quadid_logs.report.meaning import beside_published, meaning_sentence
 from quadid_logs.report.next_flight import next_steps
 from quadid_logs.report.view import by_consequence
+from quadid_logs.tuning import tuning_of
 from tests.synthetic_results import HOSTILE, refused_result, usable_result
 
 EFFECTIVENESS = Quantity(
@@ -90,14 +93,14 @@ def test_markdown_of_ours_becomes_headings_lists_tables_and_pictures() -> None:
 def test_findings_that_refuse_come_first_and_lost_bytes_last(usable: Result) -> None:
     """Some bytes of many megabytes change no model: their warning follows those of a verdict."""
 
-    def finding(code: str) -> Finding:
+    def made_up(code: str) -> Finding:
         return Finding(code=code, level="warning", title=code, evidence={}, advice="")
 
     verdicts = {axis: replace(found, reasons=()) for axis, found in usable.diagnosis.axes.items()}
     verdicts["yaw"] = replace(verdicts["yaw"], verdict="caution", reasons=("QL402",))
     diagnosis = replace(
         usable.diagnosis,
-        findings=tuple(map(finding, ("QL101", "QL303", "QL601", "QL511", "QL402"))),
+        findings=tuple(map(made_up, ("QL101", "QL303", "QL601", "QL511", "QL402"))),
         axes=verdicts,
     )
     ranked = by_consequence(replace(usable, diagnosis=diagnosis))
@@ -111,15 +114,23 @@ def test_a_usable_flight_says_what_it_is_good_for(usable: Result) -> None:
     assert "quadid-log compare flight.bin" in steps[-1]
 
 
-def test_gains_that_a_finding_lowers_are_no_second_step(usable: Result) -> None:
-    """The finding's advice names `tune` already; without it, the margins have a step of their own."""
-    lower = Finding(code="QL601", level="warning", title="", evidence={}, advice="Lower the gains.")
-    told, asked = (
-        next_steps(replace(usable, diagnosis=replace(usable.diagnosis, findings=found)))
-        for found in ((), (lower,))
-    )
-    assert ("tune" in told[0], len(told)) == (True, 3)
-    assert (asked[0], asked[1:]) == ("Lower the gains.", told[1:])
+def test_the_step_about_gains_is_what_tune_recommends(
+    usable: Result, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Word for word: no second text works out another direction."""
+    lower = finding("QL630", "info", {}, axes=("roll",))
+    roll = AxisTuning(verdict="change", reasons=(lower,), gains={"P": GainChange(0.2, 0.1, 0.1)})
+    pitch = AxisTuning(verdict="keep", reasons=(finding("QL634", "info", {}, axes=("pitch",)),))
+    tuning = Tuning(axes={"roll": roll, "pitch": pitch}, limits=GOOD)
+    monkeypatch.setattr("quadid_logs.report.next_flight.tuning_of", lambda _: tuning)
+    said = "Roll: lower the gains to 50 %; pitch: keep the gains. `quadid-log tune flight.bin`"
+    assert any(one.startswith(said) for one in next_steps(usable))
+
+
+def test_where_no_gains_are_recommended_no_step_is_about_gains(usable: Result) -> None:
+    """A made-up flight has no log to replay: every axis is refused."""
+    assert {one.direction for one in tuning_of(usable).axes.values()} == {"refuse"}
+    assert not any("advice" in one or "quadid-log tune" in one for one in next_steps(usable))
 
 
 def test_commands_between_backticks_are_set_as_code_and_stay_escaped(usable: Result) -> None:

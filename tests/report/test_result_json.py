@@ -12,6 +12,7 @@ import jsonschema
 import numpy as np
 import pytest
 
+from quadid_logs.data.closed_loop import FrameModes, Modes
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.result import Result
 from quadid_logs.report import json_text, result_dict
@@ -104,6 +105,35 @@ def test_the_checks_of_the_gains_are_in_the_result(usable: Result) -> None:
     assert content["band_check"]["spread"]["B33"] == pytest.approx(model.band.spread[2])
     assert content["change_check"]["B11"]["before"] == model.change.before[0]
     assert content["formulations_check"]["gain"]["B11"] == list(model.formulations.on_axis_gain[:, 0])
+
+
+@pytest.mark.parametrize(
+    ("seen", "line", "told"), [(True, (35.0, 640.0), [35.0, 640.0]), (False, (np.nan, np.nan), [None, None])]
+)
+def test_a_mode_of_the_frame_is_in_the_result(
+    usable: Result, seen: bool, line: tuple[float, float], told: list[float | None]
+) -> None:
+    """Where its line stands, or null for no line; the schema knows it."""
+    assert usable.closed_loop is not None
+    modes = Modes(np.array([35.0]), np.array([0.02]), np.array([0.4]))
+    frame = FrameModes(
+        modes=modes, seen=seen, line_hz=line[0], line_height=line[1], absent=0.25, visible_hz=180.0
+    )
+    loop = replace(usable.closed_loop.axes["roll"], frame=frame)
+    closed_loop = replace(usable.closed_loop, axes={**usable.closed_loop.axes, "roll": loop})
+    content = strict(json_text(replace(usable, closed_loop=closed_loop)))
+    found = content["closed_loop"]["axes"]["roll"]["frame"]
+    assert [found["line_hz"], found["line_height"]] == told
+    assert (found["seen"], found["absent_probability"], found["visible_hz"]) == (seen, 0.25, 180.0)
+
+
+def test_what_the_instruments_explain_is_in_the_result(usable: Result) -> None:
+    """By axis, beside what of the whole acceleration is explained."""
+    model = usable.identification.models[0]
+    told = replace(model, validation=replace(model.validation, r2_commanded={"p_dot": 0.75}))
+    identification = replace(usable.identification, models=(told, *usable.identification.models[1:]))
+    content = strict(json_text(replace(usable, identification=identification)))
+    assert content["models"][0]["validation"]["r2_commanded"] == {"p_dot": 0.75}
 
 
 def test_the_check_of_the_gyro_is_in_the_result(usable: Result) -> None:

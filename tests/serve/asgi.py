@@ -110,6 +110,7 @@ class Site:
         """Put a log with a result into the store and the list."""
         from dataclasses import replace
 
+        self.store.log(sha256).touch(0o600)
         self.store.log(sha256).write_bytes(b"log")
         work = self.store.new_work()
         (work / "report.html").write_text(page)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import dataclasses
 import socket
+from collections.abc import AsyncIterator
 from hashlib import sha256
 from pathlib import Path
 from urllib.parse import quote
@@ -14,7 +16,7 @@ from quadid_logs.errors import SettingsError
 from quadid_logs.serve import server as server_module
 from quadid_logs.serve.entries import log_entry
 from quadid_logs.serve.server import ServeSettings, serve
-from quadid_logs.serve.upload import RESERVE_BYTES
+from quadid_logs.serve.upload import UploadError, Uploads
 from tests.serve.asgi import OWN, PORT, SHA, Site, site
 
 
@@ -135,6 +137,30 @@ def test_other_sites_cannot_use_what_is_here(own: Site, mode: str, dest: str) ->
     assert own.ask("/entries", **headers).status == 403
 
 
+@pytest.mark.parametrize("fetch_site", ["same-site", "cross-site"])
+@pytest.mark.parametrize("path", ["/", "/entries", f"/reports/{SHA}/page"])
+def test_a_page_of_another_port_reads_nothing(own: Site, fetch_site: str, path: str) -> None:
+    """Browsers give the cookie to every port of a host: a link there shows the page that takes the token."""
+    own.finished()
+    link = {"sec_fetch_site": fetch_site, "sec_fetch_mode": "navigate", "sec_fetch_dest": "document"}
+    assert own.ask(path, **link).status == 401
+    assert (
+        own.ask(path, sec_fetch_site=fetch_site, sec_fetch_mode="cors", sec_fetch_dest="empty").status == 403
+    )
+
+
+@pytest.mark.parametrize("fetch_site", ["same-origin", "none", None])
+def test_our_own_page_and_a_typed_address_read(own: Site, fetch_site: str | None) -> None:
+    """A script, and an old browser, do not say where they come from."""
+    assert own.ask("/entries", sec_fetch_site=fetch_site).status == 200
+
+
+def test_an_old_browsers_request_for_another_page_reads_nothing(own: Site) -> None:
+    """It says by ``Origin`` who asks."""
+    assert own.ask("/entries", origin="http://127.0.0.1:80").status == 403
+    assert own.ask("/entries", origin=OWN).status == 200
+
+
 def test_a_link_on_another_site_may_lead_here(own: Site) -> None:
     """As one in a mail or a terminal in the browser."""
     headers = {"sec_fetch_site": "cross-site", "sec_fetch_mode": "navigate", "sec_fetch_dest": "document"}
@@ -218,9 +244,45 @@ def test_a_declared_size_that_is_too_large_is_refused_before_anything_is_written
 
 def test_an_upload_leaves_room_on_the_disk(own: Site, monkeypatch: pytest.MonkeyPatch) -> None:
     """For results, and for everything else of this machine."""
-    monkeypatch.setattr(own.store, "free_bytes", lambda: RESERVE_BYTES + 50)
+    monkeypatch.setattr(own.store, "free_bytes", lambda: 500_000_050)
     assert own.ask("/upload", "PUT", [b"x" * 100], content_length="100").status == 507
     assert own.ask("/upload", "PUT", [b"x" * 40], content_length="40").status == 201
+
+
+def test_uploads_leave_room_together(own: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each alone would fit."""
+    monkeypatch.setattr(own.store, "free_bytes", lambda: 500_000_100)
+    assert refused_beside(Uploads(own.store, 1000), n_running=1, declared=60) == 507
+
+
+@pytest.mark.parametrize(("n_running", "status"), [(15, 0), (16, 503)])
+def test_sixteen_uploads_go_at_a_time(own: Site, n_running: int, status: int) -> None:
+    """A browser that opens more takes no worker from others."""
+    assert refused_beside(Uploads(own.store, 1000), n_running=n_running, declared=1) == status
+
+
+def refused_beside(uploads: Uploads, *, n_running: int, declared: int) -> int:
+    """Return the status that one more upload is refused with beside running ones, 0 if it is taken."""
+
+    async def waiting(until: asyncio.Event) -> AsyncIterator[bytes]:
+        await until.wait()
+        yield b"x"
+
+    async def at_once() -> int:
+        until, now = asyncio.Event(), asyncio.Event()
+        now.set()
+        running = [asyncio.create_task(uploads.take(waiting(until), declared)) for _ in range(n_running)]
+        await asyncio.sleep(0.0)
+        try:
+            await uploads.take(waiting(now), declared)
+            status = 0
+        except UploadError as error:
+            status = error.status
+        until.set()
+        await asyncio.gather(*running)
+        return status
+
+    return asyncio.run(at_once())
 
 
 def test_long_questions_are_not_read(own: Site) -> None:
@@ -234,9 +296,31 @@ def test_a_question_that_is_none_is_refused(own: Site, body: bytes) -> None:
     assert own.ask("/compare", "POST", [body]).status == 400
 
 
+def open_to_others(folder: Path) -> list[Path]:
+    """Return what other users could read."""
+    return [path for path in (folder, *folder.rglob("*")) if path.stat().st_mode & 0o077]
+
+
 def test_other_users_cannot_read_the_store(own: Site) -> None:
-    """Logs tell where somebody flies."""
-    assert own.store.folder.stat().st_mode & 0o077 == 0
+    """Logs tell where somebody flies: neither the log nor its result, nor the queue."""
+    own.finished()
+    answer = own.ask("/upload", "PUT", [b"a log"])
+    assert answer.status == 201
+    assert open_to_others(own.store.folder) == []
+
+
+def test_a_store_that_others_could_read_is_closed_to_them(tmp_path: Path) -> None:
+    """Earlier versions left all files readable."""
+    with site(tmp_path / "store") as own:
+        own.finished()
+    for path in (tmp_path / "store").rglob("*"):
+        path.chmod(0o755 if path.is_dir() else 0o644)
+    with site(tmp_path / "store") as own:
+        assert open_to_others(own.store.folder) == []
+        assert (own.store.log(SHA).stat().st_mode & 0o777, own.store.folder.stat().st_mode & 0o777) == (
+            0o600,
+            0o700,
+        )
 
 
 def test_the_cookie_outlives_the_server_but_not_a_changed_token(own: Site) -> None:

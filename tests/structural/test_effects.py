@@ -179,6 +179,17 @@ def test_a_torque_computed_from_the_rates_is_refused() -> None:
     assert "QL520" in codes(result, "yaw")
 
 
+@pytest.mark.parametrize("steps", [4, 20])
+def test_of_commands_cut_toward_zero_the_interval_holds_the_truth(steps: int) -> None:
+    """A cast to whole numbers made the effectiveness 2 to 25 % too high, without a word."""
+    flight = flown()["clean doublets"]
+    step = np.std(flight.torque, axis=0) / steps
+    result = analyzed(flight.log(torque_command=np.trunc(flight.torque / step) * step))
+    for axis in AXES:
+        assert "QL534" in codes(result, axis)
+        assert holds_the_truth(result, flight, axis)
+
+
 @pytest.mark.parametrize("name", ["clean", "clean doublets"])
 def test_rates_in_degrees_are_refused_without_attitude_too(name: str) -> None:
     """Every effectiveness would be 57 times too large."""

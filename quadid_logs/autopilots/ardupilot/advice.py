@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Final
 
-from quadid_logs.autopilots.generic.advice import Advice, GainLine, Setting, Version
-from quadid_logs.data.log import whole_number
+from quadid_logs.autopilots.generic.advice import Advice, GainLine, Setting, Version, digits
+from quadid_logs.commands import LOG, command
+from quadid_logs.data.log import own_bits, whole_number
 
 #: ArduCopter/defines.h: bit 0 of LOG_BITMASK has been ATTITUDE_FAST since 2.x; what it logs has changed.
 _ATTITUDE_FAST: Final = 1
@@ -54,7 +55,11 @@ class ArduPilotAdvice(Advice):
     )
     excitation_parameters = ("SID_AXIS", "SID_MAGNITUDE", "SID_F_START_HZ", "SID_F_STOP_HZ")
     logging_settings = (("LOG_BITMASK", float(_DEFAULT_LOG_BITMASK | _ATTITUDE_FAST)),)
-    logging_note = "if yours is not the default, keep it and add bit 0"
+    logging_bits = MappingProxyType({"LOG_BITMASK": _ATTITUDE_FAST})
+    unknown_mask_note = (
+        f"bit 0, ATTITUDE_FAST, added to the default; where yours is not {_DEFAULT_LOG_BITMASK}, do not load "
+        "the file: add bit 0 to yours"
+    )
     gyro_filter_parameter = "INS_GYRO_FILTER"
     hover_mode = "Stabilize"
     parameter_suffix = ".param"
@@ -79,7 +84,7 @@ class ArduPilotAdvice(Advice):
             )
         loop = parameters.get("SCHED_LOOP_RATE", _LOOP_RATE_HZ)
         aim = f"so that RATE is logged at the loop rate ({loop:g} Hz), and fly again."
-        if mask < 0:
+        if mask < 0 or own_bits(mask) is None:
             return f"Set bit 0 of LOG_BITMASK (ATTITUDE_FAST) in the ground station's list of bits, {aim}"
         known = "LOG_BITMASK" in parameters
         what = (
@@ -96,7 +101,7 @@ class ArduPilotAdvice(Advice):
             f"{by_stick} ArduCopter's System ID mode{'' if version else ' (4.0 and later)'} does it by "
             f"itself: {_sweeps(axes)}. On the mixer axes "
             "the unit is a fraction of the full command, so that the default of 15 is dangerous: read the "
-            "value back before the flight; see quadid-log plan."
+            f"value back before the flight; see `{_plan_command(axes)}`."
         )
 
     def sweep_magnitudes(self, version: Version | None) -> Mapping[str, float]:
@@ -111,6 +116,10 @@ class ArduPilotAdvice(Advice):
     def sweep_comment(self, axis: str) -> str:
         """Return the first line of the parameter file of an axis' sweep."""
         return f"Sweep the {axis} axis. Load twice: SID_AXIS shows the others. Check SID_MAGNITUDE"
+
+    def sweep_off(self) -> tuple[Setting, ...]:
+        """Return SID_AXIS 0 alone: without an axis the mode does not start, and the others are hidden."""
+        return (("SID_AXIS", 0.0),)
 
     def version_notes(self, version: Version | None) -> tuple[str, ...]:
         """Return what is logged too slowly, and whether System ID mode is missing."""
@@ -129,9 +138,14 @@ class ArduPilotAdvice(Advice):
             lines += [f"# {comment}", f"{name},{value}"]
         return "\n".join(lines) + "\n"
 
-    def parameter_text(self, comment: str, settings: Sequence[Setting]) -> str:
+    def parameter_text(
+        self,
+        comment: str,
+        settings: Sequence[Setting],
+        parameters: Mapping[str, float] = MappingProxyType({}),  # noqa: ARG002
+    ) -> str:
         """Return lines of NAME,VALUE."""
-        return "\n".join((f"# {comment}", *(f"{name},{value:g}" for name, value in settings))) + "\n"
+        return "\n".join((f"# {comment}", *(f"{name},{digits(value)}" for name, value in settings))) + "\n"
 
     def steps(self, axes: Sequence[str], sweeps: Mapping[str, Mapping[str, float]]) -> tuple[str, ...]:
         """Return the steps of a flight with System ID mode, or by stick."""
@@ -147,7 +161,7 @@ class ArduPilotAdvice(Advice):
             "If the vehicle barely shook, double SID_MAGNITUDE for all sweeps; if it leaned more than 20 "
             "degrees, halve it.",
             *(step for axis in axes[1:] for step in _axis_steps(axis, sweeps[axis])),
-            "After the last landing set SID_AXIS back to 0.",
+            "After the last landing load sweep-off.param, which sets SID_AXIS back to 0.",
         )
 
 
@@ -183,6 +197,11 @@ def _logging_limit(version: Version | None) -> str:
         f"ArduCopter {_dotted(version)} {what}{early}, whatever LOG_BITMASK is: update the firmware to 4.0 "
         "or later (8-bit APM boards stay at 3.2, which does not log it)."
     )
+
+
+def _plan_command(axes: Sequence[str]) -> str:
+    words = [word for axis in axes for word in ("--axis", axis)]
+    return command("plan", "--autopilot", "ardupilot", *words, "--like", LOG)
 
 
 def _sweeps(axes: Sequence[str]) -> str:

@@ -8,7 +8,7 @@ AP_Motors_Thrust_Linearization.cpp (`thrust_to_actuator`, `get_compensation_gain
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -48,6 +48,10 @@ class Supply:
     gain: FloatArray
     throttle_limit: FloatArray
     throttle_average_max: FloatArray
+
+    def rows(self, rows: slice) -> Supply:
+        """Return those of some rows."""
+        return Supply(**{each.name: getattr(self, each.name)[rows] for each in fields(self)})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -11,7 +11,7 @@ import numpy as np
 from quadid_logs.actuation.airframe import Airframe
 from quadid_logs.actuation.motors import MotorSeries, Rebuilt, any_motor, on_all_axes
 from quadid_logs.align.series import CleanLog, CleanSeries
-from quadid_logs.arrays import BoolArray, FloatArray, IntArray
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray, row_blocks
 from quadid_logs.autopilots.ardupilot.airframe import motor_prefix
 from quadid_logs.autopilots.ardupilot.mixer import (
     MotorSettings,
@@ -216,10 +216,14 @@ def _mixed(vehicle: _Vehicle, command: _Command, law: _Law) -> MotorSeries:
     supply = vehicle.supply(series.time_s, law.source)
     if law.kind is DensityLaw.FITTED:
         supply = replace(supply, gain=_fitted_gain(vehicle, command, supply))
-    output = mix(series.values, command.throttle, factors, supply, settings.yaw_headroom)
-    actuator = actuator_of_thrust(output.thrust, supply, settings)
+    actuator = np.empty((series.n_samples, len(factors)))
+    limited = np.empty((series.n_samples, 3), np.bool_)
+    for rows in row_blocks(series.n_samples):
+        part = supply.rows(rows)
+        output = mix(series.values[rows], command.throttle[rows], factors, part, settings.yaw_headroom)
+        actuator[rows], limited[rows] = actuator_of_thrust(output.thrust, part, settings), output.limited
     mixed = _motor_series(vehicle, series, actuator, supply)
-    limited = output.limited | (np.abs(mixed.command - series.values) > _LIMITED)
+    limited |= np.abs(mixed.command - series.values) > _LIMITED
     return replace(
         mixed,
         saturated=limited,
@@ -232,21 +236,28 @@ def _mixed(vehicle: _Vehicle, command: _Command, law: _Law) -> MotorSeries:
 
 def _motor_series(vehicle: _Vehicle, base: CleanSeries, actuator: FloatArray, supply: Supply) -> MotorSeries:
     """Return what motor commands (n_samples, n_rotors) mean at a supply."""
-    thrust = full_battery_thrust(actuator, supply, vehicle.settings)
-    available = thrust / np.where(supply.lift_max > 0.0, supply.lift_max, 1.0)[:, None]
-    command_thrust = available / supply.gain[:, None]
+    thrust, command_thrust, by_expo = (np.empty_like(actuator) for _ in range(3))
+    available = np.empty(len(actuator))
+    for rows in row_blocks(len(actuator)):
+        part, driven = supply.rows(rows), actuator[rows]
+        full = full_battery_thrust(driven, part, vehicle.settings)
+        each = full / np.where(part.lift_max > 0.0, part.lift_max, 1.0)[:, None]
+        available[rows] = each.mean(axis=1)
+        command_thrust[rows] = each / part.gain[:, None]
+        thrust[rows] = full * vehicle.air(base.time_s[rows])
+        by_expo[rows] = relative_by_expo(voltage_effective(driven, part), vehicle.settings.expo)
     return MotorSeries(
         base=base,
-        thrust=thrust * vehicle.air(base.time_s),
+        thrust=thrust,
         command_thrust=command_thrust,
         actuator=actuator,
         command=command_thrust @ vehicle.airframe.command_per_thrust.T,
         saturated=None,
-        flown=vehicle.log.flown(base.time_s, available.mean(axis=1)),
+        flown=vehicle.log.flown(base.time_s, available),
         source=base.source,
         reason=base.reason,
         achieved=True,
-        by_expo=relative_by_expo(voltage_effective(actuator, supply), vehicle.settings.expo),
+        by_expo=by_expo,
     )
 
 

@@ -5,20 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from quadid_logs.autopilots import Autopilot, LogFormat
+from quadid_logs.autopilots import LogFormat
+from quadid_logs.autopilots.betaflight.family import BlackboxFamily
 from quadid_logs.data.log import FlightLog
 
 if TYPE_CHECKING:
-    from quadid_logs.actuation.airframe import Airframe, Unknown
-    from quadid_logs.actuation.motors import Rebuilt
-    from quadid_logs.align.series import CleanLog
     from quadid_logs.autopilots.generic.advice import Advice
     from quadid_logs.data.controller import FlownControllers, ReplayInput
     from quadid_logs.data.tuning import Tunable
 
 
-class Betaflight(Autopilot):
-    """Betaflight from 4.0 on."""
+class Betaflight(BlackboxFamily):
+    """Betaflight of every version."""
 
     name = "betaflight"
     title = "Betaflight"
@@ -32,26 +30,7 @@ class Betaflight(Autopilot):
         title = "Betaflight Blackbox"
         return (LogFormat("blackbox", title, blackbox.is_mine, read, suffixes, read_numbered=read),)
 
-    def find_airframe(self, log: FlightLog) -> Airframe | Unknown:
-        """Told by the outputs: no header names the frame."""
-        from quadid_logs.autopilots.betaflight.airframe import find_airframe
-
-        return find_airframe(log)
-
-    def rebuild(self, log: CleanLog, airframe: Airframe) -> Rebuilt:
-        """Take the outputs for where the mixer's limits were reached."""
-        from quadid_logs.autopilots.betaflight.torque import rebuild
-
-        return rebuild(log, airframe)
-
-    def loop_rate_hz(self, parameters: Mapping[str, float]) -> float:
-        """Looptime of the gyro [us] times the PID's denominator."""
-        from quadid_logs.autopilots.betaflight.law import loop_period_us
-
-        period_us = loop_period_us(parameters)
-        return 1e6 / period_us if period_us > 0.0 else 0.0
-
-    def controllers(self, log: FlightLog, parameters: Mapping[str, float]) -> FlownControllers:
+    def controllers(self, log: FlightLog, parameters: Mapping[str, float]) -> FlownControllers | None:
         """Take the header's settings, and what moves as it was on average."""
         from quadid_logs.autopilots.betaflight.controller import controllers
 

@@ -8,7 +8,7 @@ from typing import Final
 
 from quadid_logs.autopilots.betaflight.chirp import SWEEP_SETTINGS
 from quadid_logs.autopilots.betaflight.law import loop_period_us
-from quadid_logs.autopilots.generic.advice import Advice, GainLine, Setting, Version
+from quadid_logs.autopilots.generic.advice import Advice, GainLine, Setting, Version, digits
 from quadid_logs.data.log import whole_number
 from quadid_logs.sentences import listed
 
@@ -17,6 +17,8 @@ _CHIRP_SINCE: Final[Version] = (2025, 12)
 #: blackbox_sample_rate took the place of blackbox_p_ratio, frames in 32 ms, and fields could be left out; the
 #: field eRPM came later.
 _SAMPLE_RATE_SINCE: Final[Version] = (4, 3)
+#: blackbox_p_ratio took the place of blackbox_rate_num and blackbox_rate_denom, one frame in so many loops.
+_RATIO_SINCE: Final[Version] = (3, 2)
 _RPM_SINCE: Final[Version] = (4, 5)
 #: What is wanted [us], and the parts of the loop's rate that blackbox_sample_rate can be.
 _WANTED_US: Final = 1000.0
@@ -25,7 +27,6 @@ _COMMON_LOOP_US: Final = 250.0
 #: Sliders of the configurator that make gains from others, since 4.3, and what its modes are called.
 SLIDERS: Final = "simplified_pids_mode"
 _SLIDER_MODES: Final = ("OFF", "RP", "RPY")
-_FILTERS: Final = "Let the filters of gyro and D term pass more where noise allows it."
 _PROFILE: Final = (
     "First choose the PID profile that flew, which no log tells: profile 0 is the first one.",
     "Paste on the command line, disarmed.",
@@ -47,9 +48,6 @@ class BetaflightAdvice(Advice):
             "blackbox_disable_pids and blackbox_disable_setpoint = OFF), and fly once more.",
             "QL620": "Leave the unfiltered gyro among the logged fields: it shows the delay of all filters. "
             "Before 4.5, which does not log it, update the firmware.",
-            # Its rate loop is tuned in Acro mode: no angle loop is there to be lowered.
-            "QL624": _FILTERS,
-            "QL638": _FILTERS,
             "QL644": "Fly quick manoeuvres, with blackbox_high_resolution = ON (4.4 and later).",
         }
     )
@@ -57,6 +55,10 @@ class BetaflightAdvice(Advice):
     gyro_filter_parameter = "gyro_lpf1_static_hz"
     hover_mode = "Angle or Acro mode"
     parameter_suffix = ".txt"
+    before_setting = (
+        "first run `diff all` on the command line and keep what it prints: pasted again, it brings every "
+        "setting back"
+    )
     gain_loading = "Paste {} into the command line of the configurator"
 
     def _logging(
@@ -66,6 +68,12 @@ class BetaflightAdvice(Advice):
         version: Version | None,
     ) -> str:
         """Say how to log fast, with the speed of the rotors where the firmware logs it."""
+        if version is not None and version < _RATIO_SINCE:
+            loops = max(round(_WANTED_US / _period_us(parameters)), 1)
+            return (
+                f"On the command line set blackbox_rate_num = 1 and blackbox_rate_denom = {loops}, save, and "
+                "fly again."
+            )
         if version is not None and version < _SAMPLE_RATE_SINCE:
             return (
                 "On the command line set blackbox_p_ratio = 32 (1 kHz) and blackbox_mode = NORMAL, save, "
@@ -89,9 +97,14 @@ class BetaflightAdvice(Advice):
             f"CHIRP; a build without CHIRP: {super().excitation(axes, version)}"
         )
 
-    def parameter_text(self, comment: str, settings: Sequence[Setting]) -> str:
+    def parameter_text(
+        self,
+        comment: str,
+        settings: Sequence[Setting],
+        parameters: Mapping[str, float] = MappingProxyType({}),  # noqa: ARG002
+    ) -> str:
         """Return lines for the command line."""
-        lines = (f"set {name} = {value:g}" for name, value in settings)
+        lines = (f"set {name} = {digits(value)}" for name, value in settings)
         return "\n".join((f"# {comment}", *lines, "save")) + "\n"
 
     def gain_text(
@@ -116,11 +129,15 @@ class BetaflightAdvice(Advice):
         return (("sliders would set these gains anew", SLIDERS, _SLIDER_MODES[0]),)
 
 
+def _period_us(parameters: Mapping[str, float]) -> float:
+    """Return the loop's period of a log, or a common one [us]."""
+    period_us = loop_period_us(parameters)
+    return period_us if 0.0 < period_us <= _WANTED_US else _COMMON_LOOP_US
+
+
 def _sample_rate(parameters: Mapping[str, float]) -> str:
     """Return the setting that logs 1 kHz, or what comes nearest from above, with the loop of a log."""
-    period_us = loop_period_us(parameters)
-    if not 0.0 < period_us <= _WANTED_US:
-        period_us = _COMMON_LOOP_US
+    period_us = _period_us(parameters)
     part = max(one for one in _SAMPLE_RATES if one == 1 or one * period_us <= _WANTED_US)
     logged, loop = (f"{1e3 / each:.3g}" for each in (part * period_us, period_us))
     return f"blackbox_sample_rate = 1/{part} ({logged} kHz with a PID loop of {loop} kHz)"

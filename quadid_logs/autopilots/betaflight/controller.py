@@ -47,9 +47,12 @@ from quadid_logs.vocabulary import AXES
 
 #: Versions whose pid.c, pid_init.c and filter.c were read: P, I, D, their filters and throttle attenuation
 #: are the same in all; filters that became others in 2026.6 have the same response.
-VERSIONS_READ: Final = ((4, 3), (4, 4), (4, 5), (2025, 12), (2026, 6), (2026, 12))
+VERSIONS_READ: Final = ((3, 1), (3, 4), (4, 3), (4, 4), (4, 5), (2025, 12), (2026, 6), (2026, 12))
 #: Settings of some versions that make another controller, of yaw or of all axes.
 _OTHER_LAWS: Final = {"use_integrated_yaw": ("yaw",), "abs_control_gain": AXES}
+#: The first version whose law counts in degrees per second, and the first without the averaging filter of D.
+_OLDEST, _NO_AVERAGE_SINCE = (3, 1), (3, 4)
+_AVERAGE: Final = 2.0
 #: Filters are compared where motion is, far below their cut-offs [Hz].
 _SLOW_HZ: Final = np.array([5.0])
 #: Settings of notches that follow what a log need not hold.
@@ -59,8 +62,8 @@ _RPM_NOTCH: Final = ("rpm_filter_harmonics", "gyro_rpm_notch_harmonics")
 _FELT: Final = 0.02
 
 
-def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControllers:
-    """Return the controllers that the settings make.
+def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControllers | None:
+    """Return the controllers that the settings make; None for a version whose law is another.
 
     Parameters
     ----------
@@ -71,17 +74,21 @@ def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControl
 
     Returns
     -------
-    FlownControllers
+    FlownControllers or None
 
     Notes
     -----
     ``pid.c``, ``pid_init.c``, ``gyro_filter_impl.c``, ``rpm_filter.c``.
     """
+    if log.version is not None and log.version < _OLDEST:
+        return None
     version_read, note = read_version(log.version, VERSIONS_READ)
     axes: dict[str, AxisController] = {}
     remarks = list(_common_remarks(parameters, flown(log)))
     for axis in AXES:
         other = {name: parameters[name] for name in _OTHER_LAWS if _is_on(parameters, name, axis)}
+        if _averages(log, parameters):
+            other["dterm_filter_type"] = _AVERAGE
         missing = _missing(parameters, axis)
         if other:
             remarks.append(ControllerRemark(kind=RemarkKind.NOT_MODELLED, axis=axis, values=other))
@@ -107,6 +114,12 @@ def _is_on(parameters: Mapping[str, float], name: str, axis: str) -> bool:
     return axis in _OTHER_LAWS[name] and (finite(parameters.get(name)) or 0.0) > 0.0
 
 
+def _averages(log: FlightLog, parameters: Mapping[str, float]) -> bool:
+    """Tell whether D passes an average over rows, whose length no header holds."""
+    older = log.version is not None and log.version < _NO_AVERAGE_SINCE
+    return older and parameters.get("dterm_filter_type") == _AVERAGE
+
+
 def _missing(parameters: Mapping[str, float], axis: str) -> list[str]:
     """Return the settings without which there is no loop."""
     needed = [f"{short}_{axis}" for short in "pid"]
@@ -117,7 +130,8 @@ def _missing(parameters: Mapping[str, float], axis: str) -> list[str]:
 
 
 def _axis(log: FlightLog, parameters: Mapping[str, float], axis: str) -> AxisController:
-    mean, gains, period_s = flown(log), rate_gains(parameters, axis), loop_period_s(parameters)
+    mean, period_s = flown(log), loop_period_s(parameters)
+    gains = rate_gains(parameters, axis, log.version)
     factor = float(attenuation(parameters, mean.throttle))
     of_p = gains.proportional * (factor if attenuates_p(parameters) else 1.0)
     of_d = gains.between(d_parts(log)[axis]) * factor

@@ -9,9 +9,9 @@ import numpy as np
 
 from quadid_logs.autopilots.betaflight.filters import measured_filter
 from quadid_logs.autopilots.betaflight.flight_modes import SELF_LEVELLING
-from quadid_logs.autopilots.betaflight.once import once_per_log
 from quadid_logs.autopilots.loop_rows import in_step
 from quadid_logs.data.log import FlightLog, Signal
+from quadid_logs.data.once import once
 
 #: With less throttle a quadrotor stands on the ground, where the PID is reset, or falls.
 LEAST_THROTTLE: Final = 0.05
@@ -43,7 +43,7 @@ class Flown(NamedTuple):
     self_levels: bool
 
 
-@once_per_log
+@once
 def flown(log: FlightLog) -> Flown:
     """Return what a flight was like on average.
 

@@ -24,8 +24,9 @@ from quadid_logs.vocabulary import AXES
 #: PTERM_SCALE, ITERM_SCALE, DTERM_SCALE and FEEDFORWARD_SCALE, per deg/s and thousandth.
 _SCALES: Final = (0.032029, 0.244381, 0.000529, 0.013754 * 0.01)
 _UNIT: Final = math.degrees(1.0) * 1e-3
-#: ``pid_init.c`` gives yaw's I so many times its scale.
+#: ``pid_init.c`` gives yaw's I so many times its scale, since 4.0.
 _YAW_INTEGRAL: Final = 2.5
+_YAW_INTEGRAL_SINCE: Final = (4, 0)
 #: TPA_MODE_PD: P is attenuated like D.
 _WITH_P: Final = 0.0
 _STICK_LOW, _STICK_RANGE = 1000.0, 1000.0
@@ -72,7 +73,7 @@ class RateGains(NamedTuple):
         return self.derivative + part * (self.most_derivative - self.derivative)
 
 
-def rate_gains(settings: Mapping[str, float], axis: str) -> RateGains:
+def rate_gains(settings: Mapping[str, float], axis: str, version: tuple[int, ...] | None = None) -> RateGains:
     """Return the gains of one axis.
 
     Parameters
@@ -80,6 +81,8 @@ def rate_gains(settings: Mapping[str, float], axis: str) -> RateGains:
     settings : mapping of str to float
         By the names of `named_gains`.
     axis : str
+    version : tuple of int or None
+        Of the firmware; None for a recent one.
 
     Returns
     -------
@@ -95,7 +98,8 @@ def rate_gains(settings: Mapping[str, float], axis: str) -> RateGains:
     low = settings.get(f"d_min_{axis}", 0.0)
     least = low if 0.0 < low < d else d
     most = max(settings.get(f"d_max_{axis}", 0.0), d) if d > 0.0 else 0.0
-    factor = _YAW_INTEGRAL if axis == "yaw" else 1.0
+    recent = version is None or version >= _YAW_INTEGRAL_SINCE
+    factor = _YAW_INTEGRAL if axis == "yaw" and recent else 1.0
     forward = finite(settings.get(f"f_{axis}")) or 0.0
     of_p, of_i, of_d, of_f = (scale * _UNIT for scale in _SCALES)
     return RateGains(of_p * p, of_i * factor * i, of_d * least, of_d * most, of_f * forward)
@@ -119,6 +123,11 @@ def attenuation(settings: Mapping[str, float], throttle: FloatArray | float) -> 
     if not 0.0 <= begin < 1.0 or settings.get("tpa_curve_type", 0.0) != 0.0:
         return np.ones_like(np.asarray(throttle, dtype=np.float64))
     return np.asarray(1.0 - rate * np.clip((throttle - begin) / (1.0 - begin), 0.0, 1.0))
+
+
+def derives_set_points(settings: Mapping[str, float]) -> bool:
+    """Tell whether the logged D holds the slope of the set-points too, as it could before 3.5."""
+    return settings.get("dterm_setpoint_weight", 0.0) > 0.0
 
 
 def attenuates_p(settings: Mapping[str, float]) -> bool:

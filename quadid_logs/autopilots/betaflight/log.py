@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Collection, Iterator, Mapping
 from datetime import datetime
 from functools import partial
@@ -13,11 +12,12 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
+from quadid_logs.autopilots.betaflight.dialect import BETAFLIGHT, Dialect, firmware_of, settings_of
 from quadid_logs.autopilots.betaflight.filters import measured_filter, settings_filter
-from quadid_logs.autopilots.betaflight.flight_modes import flight_modes
-from quadid_logs.autopilots.betaflight.law import named_gains
-from quadid_logs.autopilots.betaflight.signals import FIELDS, SOURCES, Facts, cuts_terms
+from quadid_logs.autopilots.betaflight.flight_modes import SELF_LEVELLING, flight_modes
+from quadid_logs.autopilots.betaflight.signals import Facts, cuts_terms
 from quadid_logs.autopilots.betaflight.terms import controller_terms
+from quadid_logs.autopilots.modes import in_modes
 from quadid_logs.autopilots.sources import Part, Source, build_signals, stacked
 from quadid_logs.containers.blackbox import BlackboxContent, FrameTable, read_content
 from quadid_logs.containers.content import mean_rate_hz
@@ -27,20 +27,14 @@ from quadid_logs.data.log import (
     MessageCount,
     Rows,
     Signal,
-    version_in,
 )
 from quadid_logs.errors import EmptyLogError, UnknownFormatError
 from quadid_logs.vocabulary import MULTIROTOR
 
-#: "Betaflight 2025.12.2 (79065c96b) STM32F7X2"; firmware of the same family writes its own name there.
-_REVISION: Final = re.compile(r"\s*(\w{1,20})\s+(\d\S{0,30})(.{0,80})")
-_OWN_NAME: Final = "Betaflight"
-#: First of the versions whose logs hold set-points and feed-forward.
-_OLDEST: Final = 4
+_KNOWN: Final = ("Betaflight", "Cleanflight", "INAV")
 _OTHERS: Final = {
     "Rotorflight": "It flies helicopters, whose torque is not made by the thrusts of motors.",
 }
-_NUMBER: Final = re.compile(r"-?\d{1,10}(?:\.\d{1,10})?$")
 _KINDS: Final = {"I": "main", "S": "slow", "H": "GPS home", "G": "GPS"}
 _WORD: Final = 1 << 32
 
@@ -49,10 +43,17 @@ _SIMULATOR: Final = " SITL"
 
 
 def read(path: str | Path, *, system: int = 0, number: int = 0) -> FlightLog:
+    """Read a Blackbox log of Betaflight into canonical signals; as `read_dialect`."""
+    return read_dialect(BETAFLIGHT, path, system=system, number=number)
+
+
+def read_dialect(dialect: Dialect, path: str | Path, *, system: int = 0, number: int = 0) -> FlightLog:
     """Read a Blackbox log into canonical signals.
 
     Parameters
     ----------
+    dialect : Dialect
+        Of the firmware.
     path : str or Path
     system : int
         Has no effect: a Blackbox log holds one vehicle.
@@ -72,7 +73,9 @@ def read(path: str | Path, *, system: int = 0, number: int = 0) -> FlightLog:
     SettingsError, SeveralLogsError
         If there is no such log, or several and none was chosen.
     """
-    content = read_content(path, FIELDS, number=number, accept=partial(_refuse_others, path))
+    content = read_content(
+        path, dialect.fields_of, number=number, accept=partial(_refuse_others, path, dialect)
+    )
     header = content.header
     main = content.tables["I"]
     if not len(main.position):
@@ -80,61 +83,44 @@ def read(path: str | Path, *, system: int = 0, number: int = 0) -> FlightLog:
             f"{path} begins as a Blackbox log, but holds no frame that can be read.",
             hint="The copter was disarmed at once, or the file is cut off; choose another log.",
         )
-    settings = settings_of(header.texts)
-    settings |= named_gains(settings)
+    firmware = firmware_of(header.texts)
+    settings = dialect.settings(settings_of(header.texts), firmware.version)
     rows = Rows(_time_s(main), main.position)
+    modes = flight_modes(content.tables.get("S"), rows)
+    levels = in_modes(modes, SELF_LEVELLING, rows.time_s)
+    facts = dialect.facts(header, settings, firmware.version, main, levels)
     terms = controller_terms(main, rows, cut=cuts_terms(header.texts))
     return FlightLog(
         path=str(path),
         format="blackbox",
-        autopilot="betaflight",
+        autopilot=dialect.autopilot,
         n_bytes=content.n_bytes,
-        signals=_signals(content, settings, rows),
-        firmware=_firmware(header.texts.get("Firmware revision", "")),
+        signals=_signals(dialect, content, settings, rows, facts),
+        firmware=firmware.title,
         vehicle_type=_vehicle_type(header.layouts["I"].names),
         vehicle_name=header.texts.get("Craft name", "").strip(),
         hardware_id=_hardware_id(header.texts),
         parameters=settings,
         lost=content.lost,
         controller_terms=terms,
-        modes=flight_modes(content.tables.get("S"), rows),
+        modes=modes,
         counts=_counts(content, rows.time_s),
         utc_offset_s=_utc_offset_s(header.texts.get("Log start datetime", ""), rows.time_s),
-        remarks=_remarks(content, system),
+        remarks=_remarks(content, system, facts),
     )
 
 
-def _refuse_others(path: str | Path, texts: Mapping[str, str]) -> None:
-    """Refuse, by its name, firmware whose fields and mixer differ, and Betaflight that is too old."""
-    revision = texts.get("Firmware revision", "")
-    match = _REVISION.match(revision)
-    if match is None and _OWN_NAME in (revision.split(maxsplit=1)[:1] or [texts.get("Firmware type", "")]):
-        # Without a version that can be read; firmware calls its own type so since 4.3.
+def _refuse_others(path: str | Path, dialect: Dialect, texts: Mapping[str, str]) -> None:
+    """Refuse, by its name, firmware whose fields and mixer differ."""
+    name = firmware_of(texts).name
+    if name == dialect.name:
         return
-    if match is not None and match[1] == _OWN_NAME:
-        version = version_in(_firmware(revision))
-        if version is None or version[0] >= _OLDEST:
-            return
-        name, hint = (
-            f"Betaflight {match[2]}",
-            f"Set-points are logged since {_OLDEST}.0: update the firmware.",
-        )
-    else:
-        # Before they wrote their name there, the revision was that of the source alone.
-        written = re.match(r"\s*(\w{1,20})", match[1] if match else texts.get("Firmware type", ""))
-        name = written[1] if written else "an unknown firmware"
-        hint = _OTHERS.get(
-            name, "Its fields have other scales and signs: export them to a table in SI units."
-        )
+    hint = _OTHERS.get(name, "Its fields have other scales and signs: export them to a table in SI units.")
+    if name in _KNOWN:
+        hint = "The first log of the file is of other firmware: split the file."
     raise UnknownFormatError(
-        f"{path} is a Blackbox log of {name}, not of Betaflight 4.0 or later.", hint=hint
+        f"{path} is a Blackbox log of {name or 'an unknown firmware'}, not of {dialect.name}.", hint=hint
     )
-
-
-def _firmware(revision: str) -> str:
-    """Return name and version as shown."""
-    match = _REVISION.match(revision)
-    return f"{match[1]} v{match[2]}{match[3]}".strip() if match else _OWN_NAME
 
 
 def _hardware_id(texts: Mapping[str, str]) -> str:
@@ -150,28 +136,6 @@ def _vehicle_type(fields: Collection[str]) -> str:
     return MULTIROTOR if "motor[2]" in fields else "unknown"
 
 
-def settings_of(texts: Mapping[str, str]) -> dict[str, float]:
-    """Return the numbers of a header; those of a list by name and place, as ``rollPID[0]``.
-
-    Parameters
-    ----------
-    texts : mapping of str to str
-
-    Returns
-    -------
-    dict of str to float
-    """
-    found: dict[str, float] = {}
-    for name, text in texts.items():
-        if name.startswith("Field "):
-            continue
-        cells = [cell.strip() for cell in text.split(",")]
-        if all(map(_NUMBER.match, cells)):
-            names = [name] if len(cells) == 1 else [f"{name}[{k}]" for k in range(len(cells))]
-            found |= dict(zip(names, map(float, cells), strict=True))
-    return found
-
-
 def _time_s(main: FrameTable) -> FloatArray:
     """Return the time of each frame [s]; the firmware's clock of 32 bits begins anew every 71 minutes."""
     time_us = main.columns["time"].astype(np.int32).view(np.uint32).astype(np.int64)
@@ -180,12 +144,14 @@ def _time_s(main: FrameTable) -> FloatArray:
 
 
 def _signals(
-    content: BlackboxContent, settings: Mapping[str, float], rows: Rows
+    dialect: Dialect, content: BlackboxContent, settings: Mapping[str, float], rows: Rows, facts: Facts
 ) -> dict[str, tuple[Signal, ...]]:
     """Make the signals of the main frames, whose fields are gone afterwards."""
     main = content.tables["I"]
-    part = Part(name="main", table=main, rows=rows, log=Facts.of(content.header))
-    known = _measured_filter(main, rows.time_s) or settings_filter(settings, _rotors_hz(part))
+    part = Part(name="main", table=main, rows=rows, log=facts)
+    known = _measured_filter(dialect, main, rows.time_s) or settings_filter(
+        settings, _rotors_hz(dialect, part)
+    )
 
     def parts_of(source: Source[Part[FrameTable]]) -> Iterator[Part[FrameTable]]:
         """Yield the frames, and forget the fields that the signal was made of: none makes two."""
@@ -193,24 +159,24 @@ def _signals(
         for field in (*source.fields, *source.optional):
             main.let_go(field)
 
-    return build_signals(SOURCES, parts_of, gyro_filter=known)
+    return build_signals(dialect.sources, parts_of, gyro_filter=known)
 
 
-def _measured_filter(main: FrameTable, time_s: FloatArray) -> GyroFilter | None:
+def _measured_filter(dialect: Dialect, main: FrameTable, time_s: FloatArray) -> GyroFilter | None:
     """Compare the gyro before and behind its filters, where both are logged."""
     filtered, unfiltered = (
         stacked(main, [f"{name}[{axis}]" for axis in range(3)], dtype=np.float32)
-        for name in ("gyroADC", "gyroUnfilt")
+        for name in ("gyroADC", dialect.unfiltered)
     )
     if filtered is None or unfiltered is None or len(time_s) < 2:
         return None
     return measured_filter(filtered, unfiltered, float(np.median(np.diff(time_s))))
 
 
-def _rotors_hz(part: Part[FrameTable]) -> tuple[float, ...]:
+def _rotors_hz(dialect: Dialect, part: Part[FrameTable]) -> tuple[float, ...]:
     """Return the mean speed of each rotor [Hz], none where it is not logged."""
-    speed = next(source for source in SOURCES if source.signal == "rotor_speed")
-    values = speed.build(part, speed)
+    speed = next((source for source in dialect.sources if source.signal == "rotor_speed"), None)
+    values = None if speed is None else speed.build(part, speed)
     if not isinstance(values, np.ndarray):
         return ()
     return tuple((values.mean(axis=0, dtype=np.float64) / (2.0 * math.pi)).tolist())
@@ -237,11 +203,13 @@ def _utc_offset_s(start: str, time_s: FloatArray) -> float:
     return began.timestamp() - float(time_s[0]) if began.year > 2001 and began.tzinfo else math.nan
 
 
-def _remarks(content: BlackboxContent, system: int) -> tuple[str, ...]:
+def _remarks(content: BlackboxContent, system: int, facts: Facts) -> tuple[str, ...]:
     """Say what was decided or assumed."""
     remarks = []
     if len(content.starts) > 1:
         remarks.append(f"The file holds {len(content.starts)} logs; this is log {content.number}.")
     if system:
         remarks.append("A Blackbox log holds one vehicle: the chosen system was not needed.")
+    if not facts.has_set_points and facts.levels.any():
+        remarks.append("In angle and horizon mode the sticks ask for angles: set-points are not known there.")
     return tuple(remarks)

@@ -13,6 +13,8 @@ from quadid_logs.data.log import FlightLog, whole_number
 
 #: ``config/feature.h``: FEATURE_AIRMODE.
 _AIRMODE: Final = 1 << 22
+#: Without it, sums count less at low throttle since then.
+_LESS_SINCE: Final = (4, 4)
 #: Points of the inverse of a smooth curve: interpolated to 1e-6.
 _CURVE_POINTS: Final = 1001
 #: The first version with another curve of ``thrust_linear``, which may be as large as this since then.
@@ -42,7 +44,10 @@ def unmixed(outputs: FloatArray, throttle: FloatArray, airframe: Airframe, log: 
     ndarray, shape (n_samples, 3)
     """
     linear = before_linearisation(outputs, log.parameters.get("thrust_linear", 0.0) / 100.0, log.version)
-    return linear @ airframe.command_per_thrust.T / mix_factor(throttle, log.parameters)[:, np.newaxis]
+    mixed = linear @ airframe.command_per_thrust.T
+    if log.autopilot != "betaflight" or (log.version is not None and log.version < _LESS_SINCE):
+        return np.asarray(mixed)
+    return np.asarray(mixed / mix_factor(throttle, log.parameters)[:, np.newaxis])
 
 
 def mix_factor(throttle: FloatArray, settings: Mapping[str, float]) -> FloatArray:

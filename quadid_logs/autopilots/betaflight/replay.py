@@ -21,12 +21,13 @@ from quadid_logs.autopilots.betaflight.law import (
     attenuates_p,
     attenuation,
     d_filter,
+    derives_set_points,
     loop_period_s,
     p_filter,
     rate_gains,
 )
-from quadid_logs.autopilots.betaflight.once import once_per_log
-from quadid_logs.autopilots.betaflight.signals import PID_SCALE, PID_SUM_LIMITS, cuts_terms
+from quadid_logs.autopilots.betaflight.signals import PID_SCALE, PID_SUM_LIMITS, STICK, cuts_terms
+from quadid_logs.autopilots.betaflight.sticks import sticks_of
 from quadid_logs.autopilots.loop_rows import Interval, in_step, longest_run, possible, within
 from quadid_logs.data.controller import (
     AxisRows,
@@ -37,6 +38,7 @@ from quadid_logs.data.controller import (
     Term,
 )
 from quadid_logs.data.log import ControllerTerms, FlightLog, Signal
+from quadid_logs.data.once import once
 from quadid_logs.maths.recurrence import linear_filter
 from quadid_logs.vocabulary import AXES
 
@@ -97,13 +99,15 @@ def replay_inputs(
 
 def _input(log: FlightLog, axis: str, logged: _Logged, terms_: ControllerTerms) -> ReplayInput:
     settings = log.parameters
-    rows = _rows(axis, logged, terms_, settings, d_too=not logged.thinned_for_d)
-    tolerance = _tolerance(rows, settings, axis)
+    anew = not (logged.thinned_for_d or derives_set_points(settings))
+    rows = _rows(axis, logged, terms_, settings, d_too=anew)
+    by_sticks = _stick_rounding(log, logged, axis)
+    tolerance = _tolerance(rows, settings, axis, by_sticks)
     # Whole degrees per second make more of D than of P: where they hide both, P alone may be seen.
     coarse = math.isnan(tolerance) and "D" in rows.logged
     if coarse:
         rows = _rows(axis, logged, terms_, settings, d_too=False)
-        tolerance = _tolerance(rows, settings, axis)
+        tolerance = _tolerance(rows, settings, axis, by_sticks)
     d_too = "D" in rows.logged
     gains: dict[Term, str] = {"P": f"p_{axis}"}
     if d_too:
@@ -169,14 +173,28 @@ def _limited(total: FloatArray, settings: Mapping[str, float], axis: str) -> Flo
     return np.clip(total, -limit, limit)
 
 
-def _tolerance(rows: AxisRows, settings: Mapping[str, float], axis: str) -> float:
-    """Return by how much a right replay may differ, relative to the output; NaN where rounding hides it."""
+def _stick_rounding(log: FlightLog, logged: _Logged, axis: str) -> float:
+    """Return what whole numbers of the stick leave unknown of set-points that are made of it [rad/s], rms."""
+    sticks = sticks_of(log.parameters, log.version) if logged.setpoint.source.endswith(STICK) else None
+    if sticks is None:
+        return 0.0
+    number = AXES.index(axis)
+    return _DEGREE * sticks.rounding(number, np.degrees(logged.setpoint.values[logged.run, number]))
+
+
+def _tolerance(rows: AxisRows, settings: Mapping[str, float], axis: str, by_sticks: float) -> float:
+    """Return by how much a right replay may differ, relative to the output; NaN where rounding hides it.
+
+    Set-points made of sticks are known to `by_sticks` [rad/s].
+    """
     settled = slice(rows.settled(), None)
     size, anew, of_d = (
         float(np.sqrt(np.mean(one[settled] ** 2))) if one[settled].size else 0.0
         for one in (rows.output, rows.output - rows.added, rows.logged.get("D", np.zeros(rows.n_rows)))
     )
-    rounding = _rounding(rows, settings, axis)
+    rounding = math.hypot(
+        _rounding(rows, settings, axis), rate_gains(settings, axis).proportional * by_sticks
+    )
     if not 0.0 < rounding <= _MOST_ROUNDING * anew or not size > 0.0:
         return math.nan
     gains = rate_gains(settings, axis)
@@ -274,7 +292,7 @@ def _at_rows(used: DiscreteFilter, values: FloatArray, n_loops: int) -> FloatArr
     return (linear_filter(numerator, denominator, between - between[0]) + at_rest)[::n_loops]
 
 
-@once_per_log
+@once
 def d_parts(log: FlightLog) -> Mapping[str, float]:
     """Return by axis how far D-max moved D from the lower to the higher one, on the average of the flight.
 

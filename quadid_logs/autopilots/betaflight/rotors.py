@@ -92,6 +92,8 @@ def full_output(fraction: FloatArray, settings: Mapping[str, float]) -> FloatArr
         Shape of `fraction`.
     """
     digital = _DIGITAL[0] <= settings.get("motor_pwm_protocol", _DIGITAL[0]) <= _DIGITAL[1]
+    # Digital ones that begin at a pulse's length are logged in microseconds.
+    digital = digital and settings.get("motorOutput[0]", _STEPS[0]) < _PULSES[0]
     zero, full = _STEPS if digital else _PULSES
     low, high = settings.get("motorOutput[0]", zero), settings.get("motorOutput[1]", full)
     return np.asarray(np.clip((low - zero + fraction * (high - low)) / (full - zero), 0.0, 1.0))

@@ -7,15 +7,17 @@ rounded since 4.4, cut towards zero before.
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from quadid_logs.arrays import FloatArray
+from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.autopilots.betaflight.chirp import Sweep, excitation, sweep_of
+from quadid_logs.autopilots.betaflight.header_names import gyro_scale
+from quadid_logs.autopilots.betaflight.sticks import Sticks, sticks_of, straight_by_p, told_by_p
 from quadid_logs.autopilots.sources import (
     RPM,
     Built,
@@ -48,38 +50,127 @@ PID_SUM_LIMITS: Final = {
 _HIGH_RESOLUTION: Final = 0.1
 #: The change that brought this setting, in 4.4, also rounded the terms; all headers have held it since.
 _SINCE_ROUNDED: Final = "blackbox_high_resolution"
+#: The log's name of the sticks that set-points are made of.
+STICK: Final = "rcCommand"
 _QUATERNION_ONE: Final = 32767.0
 _CHUNK: Final = 1 << 15
 
 
-@dataclass(frozen=True, slots=True)
+#: `rcCommand[3]` at no and full throttle, where it is a stick and not yet an output: from `min_check`, which
+#: no header holds, by its default before 3.2 and since.
+_MIN_CHECK, _MIN_CHECK_SINCE, _FULL_STICK = (1100.0, 1050.0), (3, 2), 2000.0
+_SET_POINTS_SINCE: Final = (4, 0)
+#: Before 4.0 a cell's limits, and the voltage, are in tenths of a volt; a limit of a hundred tenths is none.
+_TENTHS_BELOW: Final = 100
+#: Voltages before 3.1 are the converter's counts: of 4095 for 3.3 V, behind a divider of `vbatscale` / 10.
+_COUNT: Final = 3.3 / 4095.0 / 10.0
+#: The most cells that the firmware counts: what would be more of them is no voltage.
+_MOST_CELLS: Final = 8
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Facts:
-    """What the header says of the fields' scales."""
+    """What header and modes say of the fields' scales.
+
+    Attributes
+    ----------
+    rate, gyro, acceleration, voltage : float
+        Units of the fields: set-points and gyro [deg/s], accelerometer [m/s^2], battery [V].
+    has_set_points, has_throttle : bool
+        They are logged, behind the curves of the sticks.
+    sticks : Sticks or None
+        Where the header tells how sticks ask for rates.
+    straight : ndarray, shape (3,), or None
+        What a unit of each stick asks for [deg/s], where P tells it and no header does.
+    levels : ndarray of bool, shape (n_rows,)
+        Rows in which sticks ask for angles.
+    throttle_range : tuple of float
+        Of ``rcCommand[3]``.
+    """
 
     rate: float
+    gyro: float
     acceleration: float
+    voltage: float
     pid_sum_limits: tuple[float, float, float]
     lowest_output: float
     highest_output: float
+    throttle_range: tuple[float, float]
     pole_pairs: float
     cuts_terms: bool
+    has_set_points: bool
+    has_throttle: bool
+    sticks: Sticks | None
+    straight: FloatArray | None
+    levels: BoolArray
     sweep: Sweep | None
 
     @classmethod
-    def of(cls, header: Header) -> Facts:
-        """Read the header; what is missing there has the firmware's default."""
-        low, high = [*header.texts.get("motorOutput", "").split(","), "", ""][:2]
-        roll, pitch, yaw = (header.number(*PID_SUM_LIMITS[axis]) for axis in AXES)
+    def of(
+        cls,
+        header: Header,
+        settings: Mapping[str, float],
+        version: tuple[int, ...] | None,
+        main: FrameTable,
+        levels: BoolArray,
+    ) -> Facts:
+        """Read the header; what is missing there has the firmware's default.
+
+        Parameters
+        ----------
+        header : Header
+        settings : mapping of str to float
+            Its numbers, by the names of `header_names`.
+        version : tuple of int or None
+        main : FrameTable
+            Before any of its fields is gone.
+        levels : ndarray of bool, shape (n_rows,)
+        """
+        tenths = _HIGH_RESOLUTION if header.number("blackbox_high_resolution") else 1.0
+        roll, pitch, yaw = (settings.get(*PID_SUM_LIMITS[axis]) for axis in AXES)
+        low, high = (settings.get(f"motorOutput[{end}]", np.nan) for end in (0, 1))
+        scale = gyro_scale(header.texts)
+        # Before 3.1 throttle, PID sums and outputs are in microseconds, and the gyro in counts of the sensor.
+        counts = scale != 1.0
+        at_rest = header.number("acc_1G", 2048)
         return cls(
-            rate=_HIGH_RESOLUTION if header.number("blackbox_high_resolution") else 1.0,
-            acceleration=_GRAVITY / max(header.number("acc_1G", 2048), 1),
-            pid_sum_limits=(roll, pitch, yaw),
-            lowest_output=float(low) if low.strip().isdecimal() else np.nan,
-            highest_output=float(high) if high.strip().isdecimal() else np.nan,
+            rate=tenths,
+            gyro=tenths * scale,
+            # Without a sensor the header says 0.
+            acceleration=_GRAVITY / at_rest if at_rest > 0 else np.nan,
+            voltage=_volts(header, settings),
+            pid_sum_limits=(abs(roll), abs(pitch), abs(yaw)),
+            lowest_output=low,
+            highest_output=high,
+            throttle_range=(low, high)
+            if counts
+            else (_MIN_CHECK[_since(version, _MIN_CHECK_SINCE)], _FULL_STICK),
             pole_pairs=max(header.number("motor_poles", 14), 2) / 2.0,
             cuts_terms=cuts_terms(header.texts),
+            has_set_points="setpoint[0]" in main.names,
+            has_throttle="setpoint[3]" in main.names,
+            # Later ones log set-points, unless told not to, and smooth them behind the sticks.
+            sticks=None
+            if counts or version is None or version >= _SET_POINTS_SINCE
+            else _sticks(main, settings, version, levels),
+            straight=_straight(main, scale, levels) if counts else None,
+            levels=levels,
             sweep=sweep_of(header.texts),
         )
+
+
+def _since(version: tuple[int, ...] | None, first: tuple[int, ...]) -> bool:
+    return version is None or version >= first
+
+
+def _volts(header: Header, settings: Mapping[str, float]) -> float:
+    """Return what a unit of the battery's voltage is [V]."""
+    most = settings.get("vbatcellvoltage[2]", np.nan)
+    if not 0.0 < most < _TENTHS_BELOW:
+        return 0.01
+    if header.number("vbatref") <= _MOST_CELLS * most:
+        return 0.1
+    return _COUNT * settings.get("vbatscale", 110.0)
 
 
 def cuts_terms(settings: Container[str]) -> bool:
@@ -117,19 +208,95 @@ def _columns(part: _Part, source: _Row) -> FloatArray | None:
     return stacked(part.table, source.fields, source.scale, np.float32)
 
 
-def _rates(part: _Part, source: _Row) -> FloatArray | None:
+def _set_points(part: _Part, source: _Row) -> FloatArray | None:
     """Turn degrees per second, or tenths of them, into rad/s, FRD."""
-    rates = _columns(part, source)
-    if rates is not None:
-        rates *= _DEGREE * part.log.rate * TO_FRD
+    return _turned(_columns(part, source), part.log.rate)
+
+
+def _gyro(part: _Part, source: _Row) -> FloatArray | None:
+    """Turn degrees per second, tenths of them, or counts of the sensor into rad/s, FRD."""
+    return _turned(_columns(part, source), part.log.gyro)
+
+
+def _turned(rates: FloatArray | None, unit: float) -> FloatArray | None:
+    """Turn rates, forward-left-up, in a unit [deg/s] into rad/s, FRD; None for a unit that is none."""
+    if rates is None or not np.isfinite(unit):
+        return None
+    rates *= _DEGREE * unit * TO_FRD
     return rates
+
+
+def _by_sticks(part: _Part, source: _Row) -> Built | None:
+    """Make set-points from the sticks where no others are logged; unknown where sticks ask for angles."""
+    facts: Facts = part.log
+    command = None if facts.has_set_points or facts.levels.all() else _columns(part, source)
+    if command is None:
+        return None
+    if facts.sticks is not None:
+        found = facts.sticks.set_points(command * facts.rate, part.rows.time_s)
+        note = "by the rates of the header"
+    elif facts.straight is not None:
+        found, note = command * facts.straight, "scaled by what the terms P are made of"
+    else:
+        return None
+    found *= _DEGREE * TO_FRD
+    found[facts.levels] = np.nan
+    return Built(found.astype(np.float32), note)
+
+
+def _sticks(
+    main: FrameTable, settings: Mapping[str, float], version: tuple[int, ...], levels: BoolArray
+) -> Sticks | None:
+    """Return the curves of the sticks, of the kind that P tells where the header does not."""
+    found, logged = sticks_of(settings, version), _of_p(main)
+    if found is None or logged is None or "rates_type" in settings or levels.all():
+        return found
+    rows = np.flatnonzero(~levels)
+    rows = rows[:: max(1, len(rows) // _CHUNK)]
+    return told_by_p(found, version, *(each[rows] for each in logged))
+
+
+def _of_p(main: FrameTable) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Return what P is made of, sticks and gyro, and P, as logged; None where one of them is not."""
+    found = [stacked(main, _axes(field), dtype=np.float32) for field in (STICK, "gyroADC", "axisP")]
+    command, gyro, p = found
+    return None if command is None or gyro is None or p is None else (command, gyro, p)
+
+
+def _straight(main: FrameTable, scale: float, levels: BoolArray) -> FloatArray | None:
+    """Return what a unit of each stick asks for [deg/s], by P."""
+    logged = _of_p(main)
+    if logged is None or not np.isfinite(scale):
+        return None
+    command, gyro, p = logged
+    return straight_by_p(command, gyro * scale, p, ~levels)
+
+
+def _throttle(part: _Part, source: _Row) -> FloatArray | None:
+    """Return the stick's throttle from 0 to 1, where the mixer's is not logged."""
+    low, high = part.log.throttle_range
+    stick = None if part.log.has_throttle else _columns(part, source)
+    if stick is None or not high > low:
+        return None
+    stick *= part.log.rate
+    return np.clip((stick - low) / (high - low), 0.0, 1.0, out=stick)
+
+
+def _voltage(part: _Part, source: _Row) -> FloatArray | None:
+    """Return volts."""
+    volts = _columns(part, source)
+    if volts is not None:
+        volts *= part.log.voltage
+    return volts
 
 
 def _acceleration(part: _Part, source: _Row) -> FloatArray | None:
     """Turn counts into m/s^2, FRD."""
     counts = _columns(part, source)
-    if counts is not None:
-        counts *= part.log.acceleration * TO_FRD
+    # Without a sensor all counts are 0.
+    if counts is None or not np.isfinite(part.log.acceleration) or not counts.any():
+        return None
+    counts *= part.log.acceleration * TO_FRD
     return counts
 
 
@@ -209,12 +376,14 @@ _DEBUG: Final = tuple(f"debug[{number}]" for number in range(4))
 
 
 SOURCES: Final[tuple[Source[_Part], ...]] = (
-    Source("body_rate", "main", _axes("gyroADC"), "the rate controller's own input, filtered", _rates,
+    Source("body_rate", "main", _axes("gyroADC"), "the rate controller's own input, filtered", _gyro,
            label="gyroADC", filtered=True),
     Source("body_rate", "main", _axes("gyroUnfilt"), "the gyro before its filters, with all vibration",
-           _rates, label="gyroUnfilt"),
-    Source("body_rate_setpoint", "main", _axes("setpoint"), "the rate controller's set-point", _rates,
+           _gyro, label="gyroUnfilt"),
+    Source("body_rate_setpoint", "main", _axes("setpoint"), "the rate controller's set-point", _set_points,
            label="setpoint"),
+    Source("body_rate_setpoint", "main", _axes(STICK), "what the sticks ask for", _by_sticks,
+           label=STICK),
     Source("sysid_chirp", "main", _DEBUG, "excitation of the chirp mode", _chirp, label="debug[0..3]"),
     Source("attitude", "main", _axes("imuQuaternion"), "the estimator's attitude", _attitude,
            label="imuQuaternion"),
@@ -223,15 +392,10 @@ SOURCES: Final[tuple[Source[_Part], ...]] = (
            optional=tuple(field for term in "IDFS" for field in _axes(f"axis{term}"))),
     Source("throttle", "main", ("setpoint[3]",), "throttle before the mixer", _columns,
            scale=PID_SCALE),
+    Source("throttle", "main", ("rcCommand[3]",), "throttle of the stick", _throttle),
     Source("motor_thrust", "main", ("motor",), "what each motor was sent, from idle to full", _motors),
     Source("rotor_speed", "main", ("eRPM",), "reported by the ESCs (bidirectional DShot)", _rotor_speed),
     Source("specific_force", "main", _axes("accSmooth"), "the accelerometer, filtered", _acceleration,
            label="accSmooth"),
-    Source("battery_voltage", "main", ("vbatLatest",), "measured", _columns, scale=0.01),
+    Source("battery_voltage", "main", ("vbatLatest",), "measured", _voltage),
 )  # fmt: skip
-
-#: What the builders take beside the fields of the table.
-FIELDS: Final = (
-    *(field for source in SOURCES for field in (*source.fields, *source.optional)),
-    *(f"{field}[{number}]" for field in ("motor", "eRPM") for number in range(8)),
-)

@@ -6,9 +6,11 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import ClassVar, Final
 
+from quadid_logs.data.log import own_bits
 from quadid_logs.sentences import listed
+from quadid_logs.vocabulary import TABLE_FORMAT
 
-__all__ = ["ADVICE", "Advice", "GainLine", "Setting", "Version"]
+__all__ = ["ADVICE", "Advice", "GainLine", "Setting", "Version", "digits"]
 
 #: Name and value of a parameter.
 Setting = tuple[str, float]
@@ -18,9 +20,21 @@ GainLine = tuple[str, str, str]
 Version = tuple[int, ...]
 
 _NOTHING: Final[Mapping[str, str]] = MappingProxyType({})
+_NOTHING_SET: Final[Mapping[str, float]] = MappingProxyType({})
 _STICKS: Final[Mapping[str, str]] = MappingProxyType(
     {"roll": "left-right", "pitch": "forward-back", "yaw": "rudder left-right"}
 )
+
+
+def digits(value: float) -> str:
+    """Return a setting as text: a mask to its last bit.
+
+    Examples
+    --------
+    >>> digits(1224703.0), digits(0.05)
+    ('1224703', '0.05')
+    """
+    return f"{value:.10g}"
 
 
 class Advice:
@@ -33,9 +47,16 @@ class Advice:
     excitation_parameters : tuple of str
         Parameters that describe an excitation run, as evidence.
     logging_settings : tuple of (name, value)
-        What makes it log rates and torque fast enough; empty where no flight can be planned.
+        Bits of masks: what makes it log rates and torque fast enough where the masks of the vehicle are
+        not known; empty where no flight can be planned.
+    logging_bits : mapping of str to int
+        By the name of a mask, the bits that it needs.
     logging_note, gyro_filter_parameter, hover_mode, parameter_suffix : str
         For the card and the parameter files of a planned flight.
+    unknown_mask_note : str
+        What to do with a file of `logging_settings` where other bits may be set on the vehicle.
+    before_setting : str
+        How all settings are kept before they are changed, where no file of the way back can be made.
     gain_loading : str
         How a file of gains is loaded, with {} for its name.
     """
@@ -43,7 +64,10 @@ class Advice:
     remedies: ClassVar[Mapping[str, str]] = _NOTHING
     excitation_parameters: ClassVar[tuple[str, ...]] = ()
     logging_settings: ClassVar[tuple[Setting, ...]] = ()
+    logging_bits: ClassVar[Mapping[str, int]] = MappingProxyType({})
     logging_note: ClassVar[str] = ""
+    unknown_mask_note: ClassVar[str] = ""
+    before_setting: ClassVar[str] = ""
     gyro_filter_parameter: ClassVar[str] = "the gyro filter"
     hover_mode: ClassVar[str] = "a mode that levels itself"
     parameter_suffix: ClassVar[str] = ".txt"
@@ -65,7 +89,7 @@ class Advice:
         -------
         str
         """
-        if log_format == "table":
+        if log_format == TABLE_FORMAT:
             return "Export the table with at least 100 rows per second."
         return self._onboard(log_format) + self._logging(log_format, parameters, version)
 
@@ -104,6 +128,29 @@ class Advice:
             f"second each way, a third of full stick) for 30 s{' each' if len(axes) > 1 else ''}."
         )
 
+    def logging_values(self, parameters: Mapping[str, float]) -> tuple[Setting, ...]:
+        """Return the masks that make this vehicle log rates and torque fast enough.
+
+        Parameters
+        ----------
+        parameters : mapping of str to float
+            What is set on the vehicle; empty where that is not known.
+
+        Returns
+        -------
+        tuple of (name, value)
+            Its own bits and those that are missing. Without a mask that lacks none, and without one that
+            the log does not hold exactly: that is set by hand, as `logging` says.
+        """
+        if not parameters:
+            return self.logging_settings
+        own = {name: own_bits(parameters.get(name)) for name in self.logging_bits}
+        return tuple(
+            (name, float(mask | self.logging_bits[name]))
+            for name, mask in own.items()
+            if mask is not None and mask | self.logging_bits[name] != mask
+        )
+
     def sweep_magnitudes(self, version: Version | None) -> Mapping[str, float]:  # noqa: ARG002
         """Return the amplitude of the sweep that the autopilot can inject, by axis.
 
@@ -137,23 +184,34 @@ class Advice:
         """Return the first line of the parameter file of an axis' sweep."""
         raise NotImplementedError
 
+    def sweep_off(self) -> tuple[Setting, ...]:
+        """Return the parameters that take the sweep off the vehicle again."""
+        return ()
+
     def version_notes(self, version: Version | None) -> tuple[str, ...]:  # noqa: ARG002
         """Return what a firmware of this version cannot do of what a plan asks for."""
         return ()
 
-    def parameter_text(self, comment: str, settings: Sequence[Setting]) -> str:
+    def parameter_text(
+        self,
+        comment: str,
+        settings: Sequence[Setting],
+        parameters: Mapping[str, float] = _NOTHING_SET,  # noqa: ARG002
+    ) -> str:
         """Return a file of parameters as the autopilot's ground station loads it.
 
         Parameters
         ----------
         comment : str
         settings : sequence of (name, value)
+        parameters : mapping of str to float
+            Of the log, which number the vehicle.
 
         Returns
         -------
         str
         """
-        return "\n".join((f"# {comment}", *(f"{name} {value:g}" for name, value in settings))) + "\n"
+        return "\n".join((f"# {comment}", *(f"{name} {digits(value)}" for name, value in settings))) + "\n"
 
     def gain_text(
         self, heading: Sequence[str], gains: Sequence[GainLine], parameters: Mapping[str, float]

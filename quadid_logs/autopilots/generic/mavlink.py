@@ -33,6 +33,7 @@ from quadid_logs.autopilots.utc import utc_offset_s
 from quadid_logs.containers.mavlink_dialect import enum_names
 from quadid_logs.containers.tlog import MessageRows, TlogContent, read_content
 from quadid_logs.data.log import FlightLog, LoggedSystem, LogText, ModeChange, Rows, Signal
+from quadid_logs.sentences import some
 
 #: MAV_AUTOPILOT.
 _ARDUPILOT: Final = 3
@@ -240,6 +241,7 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
         texts=texts,
         lost=content.lost,
         systems=_systems(content),
+        n_systems=content.n_senders,
         counts=content.counts,
         utc_offset_s=_utc_offset_s(content),
         remarks=_remarks(content),
@@ -384,7 +386,7 @@ def _remarks(content: TlogContent) -> tuple[str, ...]:
     if others:
         remarks.append(
             f"System {chosen.system_id}, component {chosen.component_id} was read; "
-            f"{', '.join(others)} also speak in the file (--system chooses)."
+            f"{some(others, content.n_senders - 1)} also speak in the file (--system chooses)."
         )
     if content.on_host_clock:
         remarks.append(

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Final
 
-from quadid_logs.autopilots.generic.advice import Advice, GainLine, Setting, Version
+from quadid_logs.autopilots.generic.advice import Advice, GainLine, Setting, Version, digits
 from quadid_logs.data.log import whole_number
 
 #: Bits of SDLOG_PROFILE (src/modules/logger/params.c): default, system identification, high rate.
@@ -26,7 +26,12 @@ class Px4Advice(Advice):
         }
     )
     logging_settings = (("SDLOG_PROFILE", float(_PROFILE)),)
+    logging_bits = MappingProxyType({"SDLOG_PROFILE": _PROFILE})
     logging_note = "restart the vehicle afterwards"
+    unknown_mask_note = (
+        "bits 3 and 4, system identification and high rate, added to the default; where yours is not 1, do "
+        "not load the file: add both bits to yours"
+    )
     gyro_filter_parameter = "IMU_GYRO_CUTOFF"
     hover_mode = "Stabilized or Altitude mode"
     parameter_suffix = ".params"
@@ -55,10 +60,16 @@ class Px4Advice(Advice):
             return ()
         return ("PX4 before 1.8 has no logging profile of high rate: update the firmware.",)
 
-    def parameter_text(self, comment: str, settings: Sequence[Setting]) -> str:  # noqa: ARG002
+    def parameter_text(
+        self,
+        comment: str,
+        settings: Sequence[Setting],
+        parameters: Mapping[str, float] = MappingProxyType({}),
+    ) -> str:
         """Return QGroundControl's columns: vehicle, component, name, value, type (6: an integer)."""
-        lines = (f"1\t1\t{name}\t{value:g}\t6" for name, value in settings)
-        return "\n".join(("# Vehicle-Id Component-Id Name Value Type", *lines)) + "\n"
+        vehicle = whole_number(parameters.get("MAV_SYS_ID"), 1)
+        lines = (f"{vehicle}\t1\t{name}\t{digits(value)}\t6" for name, value in settings)
+        return "\n".join((f"# {comment}", "#", "# Vehicle-Id Component-Id Name Value Type", *lines)) + "\n"
 
     def gain_text(
         self, heading: Sequence[str], gains: Sequence[GainLine], parameters: Mapping[str, float]

@@ -258,12 +258,18 @@
   const vehicleTable = (name, flights) =>
     make("div", {},
       make("h3", {}, name),
-      make("p", { class: "quiet" }, flights[0].summary.model, " · ",
-        make("a", { href: `/vehicles/${flights[0].id}` }, `history of ${flights.length} log${flights.length === 1 ? "" : "s"}`)),
+      make("p", { class: "quiet" }, [flights[0].summary.craft, flights[0].summary.model].filter(Boolean).join(", "), " · ",
+        make("a", { href: `/vehicles/${flights[0].id}` }, `history of ${flights.length} log${flights.length === 1 ? "" : "s"}`), " · ",
+        button("Rename", `Rename ${name}`, () => rename(name, flights[0].id))),
       make("table", { class: "flights" },
         make("thead", {}, make("tr", {}, ...["compare", "log", ...axes, "actions"].map((head) =>
           make("th", { scope: "col" }, head)))),
         make("tbody", {}, ...flights.map(flightRow))));
+
+  const rename = (name, id) => {
+    const wanted = window.prompt(`What do you call ${name}? Its logs, and later ones of the same vehicle, get that name.`, name);
+    if (wanted && wanted.trim() && wanted !== name) ask("POST", `/vehicles/${id}/name`, { name: wanted });
+  };
 
   const flightRow = (entry) =>
     make("tr", {},

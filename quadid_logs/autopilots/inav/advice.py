@@ -1,0 +1,41 @@
+"""What to log with INAV."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Final
+
+from quadid_logs.autopilots.generic.advice import Advice, Setting, Version, digits
+
+
+class InavAdvice(Advice):
+    """Blackbox rate, and the text of the command line."""
+
+    hover_mode = "Angle or Acro mode"
+    parameter_suffix = ".txt"
+
+    def _logging(
+        self,
+        log_format: str,  # noqa: ARG002
+        parameters: Mapping[str, float],  # noqa: ARG002
+        version: Version | None,  # noqa: ARG002
+    ) -> str:
+        """Say how to log fast."""
+        return (
+            "On the command line set blackbox_rate_num = 1 and blackbox_rate_denom = 2, keep gyro and motors "
+            "among the logged fields, save, and fly again."
+        )
+
+    def parameter_text(
+        self,
+        comment: str,
+        settings: Sequence[Setting],
+        parameters: Mapping[str, float] = MappingProxyType({}),  # noqa: ARG002
+    ) -> str:
+        """Return lines for the command line."""
+        lines = (f"set {name} = {digits(value)}" for name, value in settings)
+        return "\n".join((f"# {comment}", *lines, "save")) + "\n"
+
+
+ADVICE: Final = InavAdvice()

@@ -1,0 +1,343 @@
+"""Modes of the frame that a log does not rule out: what bends between rotors and gyro adds gain to a loop.
+
+Above the fitted band a flight holds the gyro's noise, which is about white over an octave and comes through
+the loop as n / (1 + L). Where a mode brings L near -1 it stands above its surroundings, as a line. Each mode
+that a frame may have weighs as much as it explains of the spectrum, and vehicles are drawn by these weights:
+a line that is seen bounds the gain margin, and so does what a short or slow log cannot exclude.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray, IntArray
+from quadid_logs.control.frequency_response import MOST_OF_RATE, WINDOW_S
+from quadid_logs.control.loop import Plant, close, gyro_filters, rate_loop
+from quadid_logs.control.margins import fine_grid_hz
+from quadid_logs.data.closed_loop import FrameModes, Modes
+from quadid_logs.data.controller import AxisController
+from quadid_logs.data.flight import FlightData, Segment
+from quadid_logs.maths.band import ComplexArray
+from quadid_logs.maths.instrument_response import INDEPENDENT, tapered_spectra
+
+#: Arms and soft mounts bend up to some tens of hertz; below the first, the harmonics that a manoeuvre makes
+#: are louder than noise, and the fitted band shows modes itself. Half an octave above that band, for a mode
+#: at its edge has no surroundings.
+_LOWEST_HZ: Final = 12.0
+_HIGHEST_HZ: Final = 60.0
+_ABOVE_FITTED: Final = 1.5
+#: Of vehicles, have a mode there that their gyro sees; how much it sees of it, on the body's side or against
+#: it; its damping, from a bolted frame's to a rubber mount's. Sizes are as likely in each octave.
+_PRESENT: Final = 0.25
+_SIZES: Final = tuple(np.geomspace(0.05, 1.5, 11).tolist())
+_DAMPINGS: Final = (0.01, 0.022, 0.05)
+#: Neighbours in frequency are half as far apart as the sharpest mode is wide.
+_STEP: Final = 0.01
+#: A mode changes the spectrum over this much to either side.
+_NEAR: Final = 1.25
+#: Of the surroundings so much is torque of the air: it passes the mode, which the gyro's noise does not.
+_OF_AIR: Final = (0.0, 0.5)
+#: Half an octave to either side makes the surroundings of a line.
+_BESIDE: Final = 2.0**0.5
+#: So many points for each line of a window, which averages over them by its taper.
+_FINE: Final = 4
+_FEWEST_WINDOWS: Final = 4
+_FEWEST_LINES: Final = 16
+#: A model that is a fifth off leaves a 25th of what set-points and injected torques do: so much of it is
+#: hidden in the noise. Steady noise is above so many times its mean once in 20 000 lines.
+_LOUD: Final = 10.0
+#: With a probability of less that there is none, a mode is seen: one log in some hundred has three axes
+#: without any of which one is taken for a line.
+_SEEN: Final = 0.001
+#: A line may be no mode of the frame but a propeller's or a radio link's: so many vehicles are drawn without,
+#: and the interval goes up to what they have.
+_NO_MODE: Final = 0.25
+#: A drawn mode with which the vehicle could not have flown is drawn again, so many times at most.
+_SPARE_DRAWS: Final = 3
+#: Points of a mode's circle in the plane of the open loop.
+_CIRCLE: Final = 121
+#: Every analysis of a log draws the same modes.
+_SEED = 3
+
+
+class _Noise(NamedTuple):
+    """The spectrum of one axis over what its loop makes of white noise, one about each line's surroundings.
+
+    ``n_independent`` is the number of averages of each line that are independent of each other.
+    """
+
+    frequency_hz: FloatArray
+    relative: FloatArray
+    n_independent: FloatArray
+
+
+class _Candidates(NamedTuple):
+    """Modes that are looked for: frequencies, and damping and gain of each kind (n_kinds,)."""
+
+    natural_hz: FloatArray
+    damping_ratio: FloatArray
+    gain: FloatArray
+
+
+def frame_modes(
+    data: FlightData,
+    number: int,
+    controller: AxisController,
+    estimate: Plant,
+    *,
+    fitted_hz: float,
+    known_hz: float,
+    n: int,
+) -> FrameModes | None:
+    """Return the modes that the flight allows about one axis.
+
+    Parameters
+    ----------
+    data : FlightData
+    number : int
+        Of the axis.
+    controller : AxisController
+    estimate : Plant
+        The vehicle as it was fitted, alone.
+    fitted_hz, known_hz : float
+        Up to where, and up to where its measured response agrees with it: no mode is there.
+    n : int
+        How many are drawn, after that of the estimate.
+
+    Returns
+    -------
+    FrameModes or None
+        None where the loop has no frequencies for any.
+    """
+    wanted = _candidates(controller, fitted_hz, known_hz)
+    if wanted is None:
+        return None
+    noise = _noise(data, number, controller, estimate, fitted_hz)
+    gained = _log_likelihood(noise, wanted, controller, estimate)
+    likelihood = np.exp(gained - max(float(gained.max()), 0.0))
+    none = (1.0 / _PRESENT - 1.0) * gained.size * np.exp(-max(float(gained.max()), 0.0))
+    absent = float(none / (none + likelihood.sum()))
+    modes = _drawn(wanted, likelihood, absent, (controller, estimate), n)
+    seen = absent < _SEEN
+    line_hz, height = _highest(noise, float(modes.natural_hz[0])) if seen else (np.nan, np.nan)
+    return FrameModes(
+        modes=modes,
+        seen=seen,
+        line_hz=line_hz,
+        line_height=height,
+        absent=absent,
+        visible_hz=0.0 if noise is None else float(noise.frequency_hz[-1]),
+    )
+
+
+def _candidates(controller: AxisController, fitted_hz: float, known_hz: float) -> _Candidates | None:
+    low_hz, high_hz = (
+        max(_ABOVE_FITTED * fitted_hz, known_hz, _LOWEST_HZ),
+        min(_HIGHEST_HZ, 0.45 / controller.period_s),
+    )
+    if not low_hz < high_hz:
+        return None
+    gains = np.array([*_SIZES, *(-size for size in _SIZES)])
+    damping_ratio, gain = (each.ravel() for each in np.meshgrid(_DAMPINGS, gains, indexing="ij"))
+    natural_hz = np.geomspace(low_hz, high_hz, int(np.log(high_hz / low_hz) / _STEP) + 2)
+    return _Candidates(natural_hz, damping_ratio, gain)
+
+
+def _noise(
+    data: FlightData, number: int, controller: AxisController, estimate: Plant, fitted_hz: float
+) -> _Noise | None:
+    """Return what the set-point leaves of the rate, over the estimate's response to white noise."""
+    n_samples = round(WINDOW_S / data.sample_period_s)
+    windows = [
+        columns[first : first + n_samples]
+        for columns in (_columns(segment, number) for segment in data.segments)
+        for first in range(0, len(columns) - n_samples + 1, n_samples // 2)
+    ]
+    if len(windows) < _FEWEST_WINDOWS:
+        return None
+    every_hz = np.fft.rfftfreq(n_samples, data.sample_period_s)
+    used = (every_hz > fitted_hz) & (every_hz < MOST_OF_RATE / data.sample_period_s)
+    if np.count_nonzero(used) < _FEWEST_LINES:
+        return None
+    frequency_hz = np.asarray(every_hz[used], dtype=np.float64)
+    spectra = tapered_spectra(np.stack(windows))[:, used]
+    loop = close(controller, estimate, frequency_hz)
+    sensitivity = 1.0 / (1.0 + loop.rate[0])
+    by_target, by_noise = loop.target_to_rate[0], gyro_filters(controller, frequency_hz) * sensitivity
+    vehicle = estimate.response(frequency_hz, controller.period_s)[0]
+    rate, target, chirp = (spectra[..., column] for column in range(3))
+    left = np.abs(rate - by_target * target) ** 2
+    driven = np.abs(by_target * target) ** 2 + np.abs(chirp) ** 2 * np.maximum(
+        np.abs(by_target) ** 2, np.abs(vehicle * by_noise) ** 2
+    )
+    # What the model leaves of a strong excitation is no noise, nor is what comes and goes.
+    middle = np.median(left, axis=0)
+    quiet = (driven <= _LOUD * middle) & (left <= _LOUD * middle / np.log(2.0))
+    n_quiet = np.count_nonzero(quiet, axis=0)
+    known = n_quiet >= _FEWEST_WINDOWS
+    power = np.sum(np.where(quiet, left, 0.0), axis=0) / np.maximum(n_quiet, 1) / np.abs(by_noise) ** 2
+    n_independent = INDEPENDENT * np.where(known, n_quiet, 0.0)
+    if np.count_nonzero(known) < _FEWEST_LINES:
+        return None
+    mean = _surroundings(frequency_hz, power, n_independent)
+    known &= np.isfinite(mean)
+    return _Noise(frequency_hz, np.where(known, power / mean, 1.0), np.where(known, n_independent, 0.0))
+
+
+def _columns(segment: Segment, number: int) -> FloatArray:
+    """Return rate and set-point of an axis, and what a system-ID mode injects; (n_samples, 3)."""
+    rate = segment.body_rate_rad_s[:, number]
+    found = np.zeros((segment.n_samples, 3))
+    found[:, 0] = rate
+    if segment.reference is not None:
+        found[:, 1] = segment.reference[:, number]
+        found[:, 2] = segment.reference[:, 3] if segment.reference.shape[1] > 3 else 0.0
+    return found
+
+
+def _surroundings(frequency_hz: FloatArray, power: FloatArray, n_independent: FloatArray) -> FloatArray:
+    """Return the mean power about each line, from the median, which a line does not move; or infinity."""
+    known = np.flatnonzero(n_independent)
+    # Wilson and Hilferty: the median of a chi-squared variable over its mean.
+    mean = power[known] / (1.0 - 1.0 / (9.0 * n_independent[known])) ** 3
+    of_known = frequency_hz[known]
+    first, last = (np.searchsorted(of_known, frequency_hz * k).tolist() for k in (1 / _BESIDE, _BESIDE))
+    found = [
+        np.median(mean[a:b]) if b - a >= _FEWEST_LINES else np.inf for a, b in zip(first, last, strict=True)
+    ]
+    return np.asarray(np.maximum(np.array(found), np.finfo(float).tiny), dtype=np.float64)
+
+
+def _log_likelihood(
+    noise: _Noise | None, wanted: _Candidates, controller: AxisController, estimate: Plant
+) -> FloatArray:
+    """Return by how much each mode explains the spectrum better than none, (n_frequencies, n_kinds).
+
+    Notes
+    -----
+    Whittle's likelihood of averaged periodograms. What even the best mode leaves beyond chance is of
+    something that is not modelled: all differences count for less by that (McCullagh and Nelder,
+    *Generalized Linear Models*, chapter 9).
+    """
+    found = np.zeros((wanted.natural_hz.size, len(_OF_AIR), wanted.gain.size))
+    if noise is None:
+        return np.asarray(found.reshape(wanted.natural_hz.size, -1), dtype=np.float64)
+    step_hz = float(noise.frequency_hz[1] - noise.frequency_hz[0])
+    offset = np.arange(-2 * _FINE, (noise.relative.size + 2) * _FINE) / _FINE
+    fine_hz = np.maximum(noise.frequency_hz[0] + step_hz * offset, 0.1)
+    loop, taper = rate_loop(controller, estimate, fine_hz)[0], _taper(noise.relative.size)
+    for place, natural_hz in enumerate(wanted.natural_hz.tolist()):
+        first, last = np.searchsorted(noise.frequency_hz, (natural_hz / _NEAR, natural_hz * _NEAR)).tolist()
+        if last - first < _FEWEST_LINES or natural_hz > noise.frequency_hz[-1]:
+            continue
+        part = slice(first * _FINE, (last + 4) * _FINE)
+        kinds = Modes(np.full(wanted.gain.size, natural_hz), wanted.damping_ratio, wanted.gain)
+        around = taper[: (last - first + 4) * _FINE, : last - first]
+        found[place] = _explained(
+            kinds.response(fine_hz[part]), loop[part], around, noise, slice(first, last)
+        )
+    used = (noise.frequency_hz >= wanted.natural_hz[0]) & (noise.n_independent > 0.0)
+    deviance = (
+        2.0 * float(np.sum((noise.n_independent * _deviance(noise.relative))[used])) - 2.0 * found.max()
+    )
+    of_chance = max(deviance / max(np.count_nonzero(used), 1), 1.0)
+    return np.asarray(found.reshape(wanted.natural_hz.size, -1) / of_chance, dtype=np.float64)
+
+
+def _deviance(ratio: FloatArray) -> FloatArray:
+    return np.asarray(ratio - 1.0 - np.log(np.maximum(ratio, np.finfo(float).tiny)))
+
+
+def _explained(
+    mode: ComplexArray, loop: ComplexArray, taper: FloatArray, noise: _Noise, lines: slice
+) -> FloatArray:
+    """Return the gain in log likelihood of modes of one frequency, (n_airs, n_kinds)."""
+    through = np.abs((1.0 + loop) / (1.0 + loop * mode)) ** 2
+    by_noise, by_air = (each @ taper for each in (through, through * np.abs(mode) ** 2))
+    seen, gained = noise.relative[lines], []
+    for air in _OF_AIR:
+        expected = (1.0 - air) * by_noise + air * by_air
+        better = _deviance(seen) - _deviance(seen / expected)
+        gained.append(better @ noise.n_independent[lines])
+    return np.array(gained)
+
+
+def _taper(n_lines: int) -> FloatArray:
+    """Return what the lines of a tapered window (Hann) hold of a fine spectrum that begins two lines before.
+
+    Shape ((n_lines + 4) * _FINE, n_lines).
+    """
+    offset = np.arange(1 - 2 * _FINE, 2 * _FINE) / _FINE
+    # The taper's transform is sinc x / (1 - x^2), one half at the neighbouring lines.
+    beside = np.abs(offset) == 1.0
+    weight = np.where(beside, 0.25, (np.sinc(offset) / np.where(beside, 1.0, 1.0 - offset**2)) ** 2)
+    found = np.zeros(((n_lines + 4) * _FINE, n_lines))
+    for place, each in enumerate((weight / weight.sum()).tolist(), start=1):
+        found[np.arange(n_lines) * _FINE + place, np.arange(n_lines)] = each
+    return found
+
+
+def _drawn(
+    wanted: _Candidates,
+    likelihood: FloatArray,
+    absent: float,
+    loop: tuple[AxisController, Plant],
+    n: int,
+) -> Modes:
+    """Draw modes with which the vehicle could have flown; that of the estimate first."""
+    random = np.random.default_rng(_SEED)
+    weight = likelihood.ravel() / likelihood.sum()
+    picked = random.choice(weight.size, size=_SPARE_DRAWS * n, p=weight)
+    some = _of_numbers(wanted, picked, random.uniform(-0.5, 0.5, picked.size))
+    used = _gain_used(some, *loop)
+    flies = np.flatnonzero(used < 1.0)
+    if not flies.size:
+        return _without(some.at(np.arange(1 + n)))
+    middle = flies[np.argsort(used[flies])[flies.size // 2]]
+    modes = some.at(np.append(middle, np.resize(flies, n)))
+    there = np.append(absent < _SEEN, random.random(n) >= max(absent, _NO_MODE))
+    return modes._replace(gain=np.where(there, modes.gain, 0.0))
+
+
+def _gain_used(modes: Modes, controller: AxisController, estimate: Plant) -> FloatArray:
+    """Return how far the circles of modes go towards -1, (n_modes,): with 1 and more no vehicle flies."""
+    away = np.tan(np.linspace(-1.5, 1.5, _CIRCLE))
+    frequency_hz = modes.natural_hz[:, np.newaxis] * (1.0 + modes.damping_ratio[:, np.newaxis] * away)
+    every_hz = fine_grid_hz(controller.period_s)
+    without = rate_loop(controller, estimate, every_hz)[0]
+    loop = np.interp(frequency_hz, every_hz, without.real) + 1j * np.interp(
+        frequency_hz, every_hz, without.imag
+    )
+    loop = loop * modes.response(frequency_hz)
+    first, second = loop[:, :-1], loop[:, 1:]
+    change = first.imag - second.imag
+    crosses = (first.imag * second.imag <= 0.0) & (change != 0.0)
+    place = np.divide(first.imag, change, where=crosses, out=np.zeros(change.shape))
+    real = first.real + place * (second.real - first.real)
+    return np.asarray(np.max(np.where(crosses, -real, 0.0), axis=1), dtype=np.float64)
+
+
+def _of_numbers(wanted: _Candidates, numbers: IntArray, aside: FloatArray) -> Modes:
+    """Return the modes of these numbers, somewhere between their neighbours in frequency."""
+    place, kind = np.divmod(numbers, len(_OF_AIR) * wanted.gain.size)
+    kind = np.mod(kind, wanted.gain.size)
+    return Modes(
+        wanted.natural_hz[place] * np.exp(_STEP * aside), wanted.damping_ratio[kind], wanted.gain[kind]
+    )
+
+
+def _without(modes: Modes) -> Modes:
+    return modes._replace(gain=np.zeros_like(modes.gain))
+
+
+def _highest(noise: _Noise | None, natural_hz: float) -> tuple[float, float]:
+    """Return where the line of a mode stands, and its power over that of its surroundings."""
+    if noise is None:
+        return float("nan"), float("nan")
+    near = np.abs(np.log(noise.frequency_hz / natural_hz)) < np.log(_NEAR)
+    if not near.any():
+        return float("nan"), float("nan")
+    place = int(np.argmax(np.where(near, noise.relative, 0.0)))
+    return float(noise.frequency_hz[place]), float(noise.relative[place])

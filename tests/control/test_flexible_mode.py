@@ -1,0 +1,141 @@
+"""A frame that bends adds gain to a loop: what is told of the gain margin is not more than it leaves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from quadid_logs.control.flexible_mode import frame_modes
+from quadid_logs.control.loop import Plant, gyro_filters, rate_loop
+from quadid_logs.data.closed_loop import FrameModes, Modes
+from quadid_logs.data.flight import FlightData
+from tests.control.loop_flights import PERIOD_S, Vehicle, flight
+
+VEHICLE = Vehicle(P=0.05, D=0.0008)
+PLANT = Plant(*(np.array([value]) for value in (300.0, -2.0, 0.03, PERIOD_S)))
+FREQUENCY_HZ = np.geomspace(0.5, 150.0, 12_000)
+
+
+def loop_of(natural_hz: float, damping: float, gain: float) -> np.ndarray:
+    """Return the open rate loop of a vehicle whose gyro stands on a mode, by its equation of motion."""
+    s, w = 2j * np.pi * FREQUENCY_HZ, 2.0 * np.pi * natural_hz
+    mode = 1.0 - gain * s**2 / (s**2 + 2.0 * damping * w * s + w**2)
+    return rate_loop(VEHICLE.controller, PLANT, FREQUENCY_HZ)[0] * mode
+
+
+def gain_margin_db(loop: np.ndarray) -> float:
+    crosses = (loop.imag[:-1] * loop.imag[1:] < 0.0) & (loop.real[:-1] < 0.0)
+    return float(-20.0 * np.log10(np.max(-loop.real[:-1][crosses])))
+
+
+def hover(loop: np.ndarray, seconds: float, noise: float = 1e-3) -> FlightData:
+    """Return a flight in still air: the gyro's noise, filtered, as the closed loop lets it pass."""
+    still = flight({"roll": VEHICLE, "pitch": VEHICLE, "yaw": VEHICLE}, seconds=1.0)
+    n = int(seconds / PERIOD_S)
+    every_hz = np.maximum(np.fft.rfftfreq(n, PERIOD_S), 0.5)
+    passes = gyro_filters(VEHICLE.controller, every_hz) / (
+        1.0 + np.interp(every_hz, FREQUENCY_HZ, loop.real) + 1j * np.interp(every_hz, FREQUENCY_HZ, loop.imag)
+    )
+    white = np.fft.rfft(np.random.default_rng(5).standard_normal((n, 3)), axis=0)
+    rate = noise * np.fft.irfft(white * passes[:, np.newaxis], n, axis=0)
+    segment = replace(
+        still.segments[0],
+        time_s=PERIOD_S * np.arange(n),
+        body_rate_rad_s=rate,
+        torque=np.zeros((n, 3)),
+        saturated=np.zeros(n, dtype=bool),
+        reference=np.zeros((n, 3)),
+    )
+    return replace(still, segments=(segment,), flights=((0.0, seconds),), duration_s=seconds)
+
+
+def allowed(data: FlightData, known_hz: float = 5.0) -> FrameModes:
+    found = frame_modes(data, 0, VEHICLE.controller, PLANT, fitted_hz=5.0, known_hz=known_hz, n=160)
+    assert found is not None
+    return found
+
+
+def lowest_db(found: FrameModes) -> float:
+    """Return the 2.5 % quantile of the gain margins of drawn vehicles."""
+    modes = (loop_of(*each) for each in zip(*found.modes, strict=True))
+    margins = [gain_margin_db(one) for one in modes]
+    return float(np.quantile(margins[1:], 0.025))
+
+
+@cache
+def seen_with(natural_hz: float, damping: float, gain: float) -> tuple[float, FrameModes]:
+    loop = loop_of(natural_hz, damping, gain)
+    return gain_margin_db(loop), allowed(hover(loop, 40.0))
+
+
+MODES = [(16.0, 0.03, 0.3), (20.0, 0.01, 0.15), (27.0, 0.015, 0.5), (35.0, 0.015, 0.7), (44.0, 0.02, 1.2)]
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_the_gain_margin_that_is_told_of_a_frame_that_bends_is_not_above_its_own(
+    mode: tuple[float, float, float],
+) -> None:
+    """A mode leaves less than the rigid vehicle has, at a frequency that no manoeuvre reaches."""
+    truth_db, found = seen_with(*mode)
+    assert truth_db < gain_margin_db(loop_of(30.0, 0.05, 0.0)) - 1.0
+    assert lowest_db(found) <= truth_db + 1.0
+
+
+@pytest.mark.parametrize("mode", [(22.0, 0.01, 0.3), (27.0, 0.01, 0.6), (35.0, 0.01, 0.9)])
+def test_a_line_that_a_sharp_mode_makes_in_a_minute_is_seen(mode: tuple[float, float, float]) -> None:
+    """Above and below the mode the loop makes a line of it: not at its own frequency, but near it."""
+    found = allowed(hover(loop_of(*mode), 60.0))
+    assert found.seen
+    assert found.line_hz == pytest.approx(mode[0], rel=0.25)
+    assert found.line_height > 1.3
+
+
+def test_a_stiff_frame_keeps_its_gain_margin_but_for_what_a_minute_cannot_rule_out() -> None:
+    rigid = loop_of(30.0, 0.05, 0.0)
+    found = allowed(hover(rigid, 60.0))
+    assert not found.seen
+    assert found.modes.gain[0] == 0.0
+    assert gain_margin_db(rigid) - 6.0 < lowest_db(found)
+
+
+def test_a_log_that_shows_no_noise_rules_nothing_out() -> None:
+    """Five seconds are no spectrum: what is told then is what a frame may do."""
+    rigid = loop_of(30.0, 0.05, 0.0)
+    short, long = (allowed(hover(rigid, seconds)) for seconds in (5.0, 60.0))
+    assert short.visible_hz == 0.0
+    assert lowest_db(short) < lowest_db(long) - 2.0
+
+
+def test_no_mode_is_looked_for_where_the_measured_response_is_the_models() -> None:
+    found = allowed(hover(loop_of(20.0, 0.01, 0.15), 40.0), known_hz=30.0)
+    assert found.modes.natural_hz.min() > 29.5
+    high = frame_modes(
+        hover(loop_of(20.0, 0.01, 0.15), 40.0),
+        0,
+        VEHICLE.controller,
+        PLANT,
+        fitted_hz=5.0,
+        known_hz=70.0,
+        n=9,
+    )
+    assert high is None
+
+
+def test_a_flight_that_excites_a_band_hard_leaves_no_line_at_its_edge() -> None:
+    """A chirp ends where its band does: what the model leaves of it is no mode."""
+    rigid = loop_of(30.0, 0.05, 0.0)
+    still = hover(rigid, 60.0)
+    time_s = still.segments[0].time_s
+    swept = 0.3 * np.sin(2.0 * np.pi * (2.0 * time_s + 16.0 * time_s**2 / 120.0))
+    moved = still.segments[0].body_rate_rad_s + swept[:, np.newaxis]
+    assert not allowed(replace(still, segments=(replace(still.segments[0], body_rate_rad_s=moved),))).seen
+
+
+def test_modes_of_a_plant_are_cut_with_it() -> None:
+    modes = Modes(*(np.array(each) for each in ([20.0, 30.0], [0.01, 0.02], [0.3, 0.0])))
+    plants = Plant(*(np.repeat(value, 2) for value in PLANT[:4]), 0.0, modes)
+    one = plants.at(slice(0, 1)).response(FREQUENCY_HZ[:10], PERIOD_S)
+    assert one == pytest.approx(plants.response(FREQUENCY_HZ[:10], PERIOD_S)[:1])
