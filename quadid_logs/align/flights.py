@@ -20,6 +20,8 @@ _MIN_PAUSE_S = 1.0
 _SHORT_LOG_S = 10.0
 #: Between two samples of slow evidence (1 Hz land detector) its value is held.
 _GRID_S = 0.1
+#: So few points cost nothing, however few the samples are.
+_FEWEST_POINTS = 20_000
 #: Rotors that turn at all give a tenth of the largest thrust, of which a few samples may be outliers.
 _RUNNING, _LARGEST = 0.1, 0.99
 #: With less than half its weight carried for half a second a vehicle is half a metre lower and falls at
@@ -63,8 +65,7 @@ def find_flights(series: Mapping[str, CleanSeries], span: Interval) -> Flights:
     """
     if not span[1] > span[0]:
         return Flights((), "the log covers no time")
-    # A clock that jumped far ahead must not cost memory: at most a million points.
-    grid = np.linspace(*span, min(int((span[1] - span[0]) / _GRID_S) + 2, 1_000_000))
+    grid = _grid(series, span)
     aloft = np.ones(grid.shape, dtype=np.bool_)
     stated, evidence = aloft, 0
     for name, believe, failure in (
@@ -96,6 +97,17 @@ def find_flights(series: Mapping[str, CleanSeries], span: Interval) -> Flights:
         lasting = _turning(series, lasting)
         return Flights(lasting, "" if lasting else _BENCH)
     return Flights(lasting, "" if lasting else _TOO_SHORT)
+
+
+def _grid(series: Mapping[str, CleanSeries], span: Interval) -> FloatArray:
+    """Return the times at which the evidence is compared.
+
+    Times at which the clock jumped far ahead hold no samples, and shall cost no more than those that do:
+    slow evidence comes once a second, which is ten points a sample.
+    """
+    n_samples = max((each.n_samples for each in series.values()), default=0)
+    n_points = int((span[1] - span[0]) / _GRID_S) + 2
+    return np.linspace(*span, min(n_points, max(10 * n_samples, _FEWEST_POINTS), 1_000_000))
 
 
 def _until_it_rests(
