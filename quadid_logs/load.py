@@ -65,9 +65,11 @@ def prepare(log: FlightLog, vehicle: Vehicle | None = None) -> Prepared:
     cleaned = clean(log)
     torques = reconstruct(cleaned, autopilot, vehicle)
     loop_rate_hz = autopilot.loop_rate_hz(log.parameters)
+    modes = {one.name for one in log.modes}
+    gains = {name: found for name in modes if (found := autopilot.angle_gains(name, log.parameters))}
 
     def assembled(chosen: Torques) -> Prepared:
-        return assemble(replace(log, torque=chosen.model), cleaned, chosen.sources, loop_rate_hz)
+        return assemble(replace(log, torque=chosen.model), cleaned, chosen.sources, loop_rate_hz, gains)
 
     prepared, without = assembled(torques), torques.without_speeds
     return prepared if without is None else _chosen(prepared, assembled(without))

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from quadid_logs.align.clock import Clock, find_clock
+from quadid_logs.align.commands import AngleGains, command_of
 from quadid_logs.align.flights import find_flights
 from quadid_logs.align.gyro import check_gyro
 from quadid_logs.align.series import GAP_PERIODS, Cleaner, CleanLog, CleanSeries, Interval, TorqueSeries
@@ -54,6 +55,8 @@ class Prepared:
         What was chosen as L, M, N.
     loop_rate_hz : float
         Of the autopilot's rate loop, 0 where that is not known.
+    angle_gains : mapping of str to (roll, pitch, yaw)
+        Of the flight modes in which set-points follow from the sticks [1/s].
     """
 
     log: FlightLog
@@ -62,6 +65,7 @@ class Prepared:
     series: Mapping[str, CleanSeries]
     torque: TorqueSeries | None
     loop_rate_hz: float = 0.0
+    angle_gains: AngleGains = field(default_factory=dict)
 
     @property
     def flights(self) -> tuple[Interval, ...]:
@@ -105,7 +109,11 @@ def _reason(log: FlightLog, reason: str) -> str:
 
 
 def assemble(
-    log: FlightLog, cleaned: CleanLog, torques: Sequence[TorqueSeries], loop_rate_hz: float = 0.0
+    log: FlightLog,
+    cleaned: CleanLog,
+    torques: Sequence[TorqueSeries],
+    loop_rate_hz: float = 0.0,
+    angle_gains: AngleGains | None = None,
 ) -> Prepared:
     """Choose the source of every signal.
 
@@ -118,6 +126,8 @@ def assemble(
         All sources of torque, rebuilt or as logged, the preferred one of a kind first.
     loop_rate_hz : float
         Of the autopilot's rate loop, 0 where that is not known.
+    angle_gains : mapping of str to (roll, pitch, yaw), optional
+        As of `Prepared`.
 
     Returns
     -------
@@ -139,6 +149,7 @@ def assemble(
         series=series,
         torque=torque,
         loop_rate_hz=loop_rate_hz,
+        angle_gains=angle_gains or {},
     )
 
 
@@ -162,6 +173,10 @@ def cut(prepared: Prepared, settings: AlignSettings) -> FlightData:
     intervals = _clip(prepared.flights, settings)
     period_s = _period_s(torque, settings)
     segments = _segments(series, torque, intervals, period_s) if _may_be_multirotor(log) else ()
+    modes = _on_clock(log.modes, clock)
+    segments = tuple(
+        replace(each, command=command_of(each, modes, prepared.angle_gains)) for each in segments
+    )
     return FlightData(
         sample_period_s=period_s,
         segments=segments,
@@ -178,7 +193,7 @@ def cut(prepared: Prepared, settings: AlignSettings) -> FlightData:
         or ("" if intervals else "the chosen part of the log holds no flight"),
         gyro_check=check_gyro(series.get("body_rate"), series.get("attitude"), intervals),
         overview={name: _overview(series[name]) for name in series if SIGNALS[name].columns},
-        modes=_on_clock(log.modes, clock),
+        modes=modes,
         texts=_texts_on_clock(log.texts, clock),
     )
 

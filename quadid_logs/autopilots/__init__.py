@@ -117,6 +117,14 @@ class Autopilot:
         """Return the rate of the rate controller's loop [Hz], 0 where the parameters do not say."""
         return 0.0
 
+    def angle_gains(self, mode: str, parameters: Mapping[str, float]) -> tuple[float, float, float] | None:  # noqa: ARG002
+        """Return the gains from angles of roll, pitch, yaw to rate set-points in a flight mode [1/s].
+
+        Zeros where the sticks command rates. None where set-points answer position or speed, where the
+        autopilot itself flies, and where the mode or its gains are not known.
+        """
+        return None
+
     def controllers(self, log: FlightLog, parameters: Mapping[str, float]) -> FlownControllers | None:  # noqa: ARG002
         """Return the rate and angle controllers that these parameters make; None where they are not known."""
         return None

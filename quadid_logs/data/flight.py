@@ -75,6 +75,11 @@ class Segment:
     reference : ndarray, shape (n_samples, 3 or 4), or None
         What was commanded, from outside the rate loop: rate setpoints [rad/s], and the excitation
         of a system-ID mode where there is one; None where the log has no setpoints.
+    command : ndarray, shape (n_samples, 3 or 4), or None
+        The reference without what the vehicle's own motion makes of it: where an angle controller flew, its
+        gain times the angle is put back, which leaves that gain times the commanded angle [rad/s]. NaN in
+        flight modes whose set-points answer the motion in ways that the log does not tell; None without
+        set-points, or where no flight mode is known.
     saturated : ndarray of bool, shape (n_samples,)
         The torque could not be achieved, or was clipped.
     flight : int
@@ -88,6 +93,7 @@ class Segment:
     throttle: FloatArray | None
     saturated: BoolArray
     reference: FloatArray | None = None
+    command: FloatArray | None = None
     rotor_thrust: FloatArray | None = None
     thrust_by_expo: FloatArray | None = None
     flight: int = 0
@@ -108,6 +114,7 @@ class Segment:
             throttle=None if self.throttle is None else self.throttle[rows],
             saturated=self.saturated[rows],
             reference=None if self.reference is None else self.reference[rows],
+            command=None if self.command is None else self.command[rows],
             rotor_thrust=None if self.rotor_thrust is None else self.rotor_thrust[rows],
             thrust_by_expo=None if self.thrust_by_expo is None else self.thrust_by_expo[rows],
         )

@@ -632,6 +632,66 @@ class ThrustCurve:
     effectiveness_ci95: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
 
 
+#: A response that departs from one gain, lag and delay by more than this is none of a rigid body with rotors.
+_MOST_DEPARTURE = 0.1
+#: A commanded acceleration of which a quarter is left does not follow from one equation: as of all fits.
+_LEAST_COMMANDED_R2 = 0.75
+#: Beyond, a number is of no use to tune with, and what else may be wrong is as large.
+_MOST_HALF_WIDTH = 0.2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SpectralFit:
+    """What the answers to commands alone tell of one axis, whatever the air did.
+
+    Attributes
+    ----------
+    mean : ndarray, shape (5,)
+        As of `Posterior`: effectiveness, damping, lag, delay, reaction; of the rates as the gyro shows them.
+    covariance : ndarray, shape (5, 5)
+    departure : float
+        Relative size (rms) of what the measured response has beside one gain, lag, delay and damping.
+    commanded : float
+        Power of the torque that follows from commands over that of all of it.
+    r2_commanded : float
+        Fraction of the commanded acceleration that the equation explains.
+    n_blocks : int
+        Half-overlapping stretches of the flight that were compared.
+    gyro : float
+        Half width of the 95 % interval of the gyro's scale, relative.
+    used : bool
+        The model's equation of this axis is this one.
+    """
+
+    mean: FloatArray
+    covariance: FloatArray
+    departure: float
+    commanded: float
+    r2_commanded: float
+    n_blocks: int
+    gyro: float = 0.0
+    used: bool = False
+
+    @property
+    def gain(self) -> float:
+        """Effectiveness [rad/s^2 per unit of torque]."""
+        return float(self.mean[0])
+
+    @property
+    def half_width(self) -> float:
+        """Of the 95 % interval of the effectiveness, the gyro's scale included."""
+        return float(np.hypot(1.96 * np.sqrt(self.covariance[0, 0]), self.gyro * self.gain))
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether the effectiveness is told: narrow, positive, and of a vehicle's response to commands."""
+        return bool(
+            self.departure <= _MOST_DEPARTURE
+            and self.r2_commanded >= _LEAST_COMMANDED_R2
+            and 0.0 < self.half_width <= _MOST_HALF_WIDTH * self.gain
+        )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Identification:
     """All structures fitted to one flight, the recommended one first.
@@ -640,6 +700,7 @@ class Identification:
     of roll, pitch and yaw are those to the rate setpoints where these serve as instruments,
     else to the torque; empty where no segment is long enough. ``thrust_curve`` is None where
     the torque was rebuilt from no assumed curve. ``only_yaw``: the log is too slow for anything else.
+    ``spectral`` of roll, pitch and yaw is empty where nothing tells what was commanded.
     """
 
     models: tuple[Model, ...] = ()
@@ -649,6 +710,7 @@ class Identification:
     n_samples: int = 0
     thrust_curve: ThrustCurve | None = None
     only_yaw: bool = False
+    spectral: tuple[SpectralFit, ...] = ()
 
     @property
     def recommended(self) -> Model | None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData
-from quadid_logs.data.model import Identification, Model, Response
+from quadid_logs.data.model import Identification, Model, Response, SpectralFit
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.errors import SettingsError
 from quadid_logs.identify.design import Design, build_design, smooth_segment
@@ -29,10 +29,13 @@ from quadid_logs.identify.response import SAMPLES_PER_CYCLE, Band, fitted_band, 
 from quadid_logs.identify.rigid_body import fit_single_rigid_body
 from quadid_logs.identify.select import most_excited
 from quadid_logs.identify.slow_yaw import fit_slow_yaw
+from quadid_logs.identify.spectral import fit_by_spectra
+from quadid_logs.identify.spectral_axes import spoiled_by_air, with_spectral_axes
+from quadid_logs.identify.splice import with_axis_of
 from quadid_logs.identify.structures import RIGID_BODY, STRUCTURES, Structure
 from quadid_logs.identify.terms import GYROSCOPIC, YAW_REACTION
 from quadid_logs.identify.thrust_curve import fit_thrust_curve
-from quadid_logs.identify.yaw import YawFit, fit_with_reaction, with_yaw_of
+from quadid_logs.identify.yaw import YawFit, fit_with_reaction
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS
 
 __all__ = ["MIN_RATE_HZ", "ROWS_PER_UNKNOWN", "default_band", "identify"]
@@ -112,8 +115,36 @@ def identify(
         for other, raised in _bands_of_the_response(tilting, band, data.sample_period_s, design):
             again = _fit_in(other, data, design, structures, settings, raised=raised)
             models = again if _is_better(again, models, asked, raised=raised) else models
-    ordered = _recommend(models, recommended or settings.structure)
-    return replace(_identified(data, ordered, design), responses=found, thrust_curve=curve)
+    wanted = recommended or settings.structure
+    fits = fit_by_spectra(data)
+    spoiled = spoiled_by_air(models[0], fits) if wanted in ("", models[0].structure) else ()
+    identified = _identified(data, _recommend(models, wanted), design)
+    if spoiled:
+        identified = _with_spectral(
+            identified, models[0].structure, fits, spoiled, data, design, structures, settings
+        )
+    fits = tuple(replace(each, used=axis in spoiled) for axis, each in enumerate(fits))
+    return replace(identified, responses=found, thrust_curve=curve, spectral=fits)
+
+
+def _with_spectral(
+    identified: Identification,
+    name: str,
+    fits: Sequence[SpectralFit],
+    axes: Sequence[int],
+    data: FlightData,
+    design: Design,
+    structures: Sequence[Structure],
+    settings: IdentifySettings,
+) -> Identification:
+    """Recommend the structure that is fitted equation by equation, some of its axes told by spectra."""
+    structure = structures[0].known(design.torque.symbols)
+    by_equation = next(each for each in identified.models if each.structure == name)
+    if YAW_REACTION.symbol in by_equation.regressors:
+        structure = structure.with_reaction()
+    told = with_spectral_axes(by_equation, structure, fits, axes, data=data, design=design, settings=settings)
+    others = (replace(each, recommended=False) for each in identified.models if each is not by_equation)
+    return replace(identified, models=(replace(told, recommended=True), *others))
 
 
 def _only_yaw(
@@ -291,7 +322,8 @@ def _fit_all(
             model = actuated_model(data, found, settings, noise)
             models.append(model if known is None else known.on(model))
     if yaw is not None:
-        models[0] = with_yaw_of(models[0], actuated_model(data, yaw.fit, settings, noise), data)
+        of_yaw = actuated_model(data, yaw.fit, settings, noise)
+        models[0] = replace(with_axis_of(models[0], of_yaw, 2, data), yaw_band=of_yaw.band)
     return models, [] if first is None else first.informative
 
 

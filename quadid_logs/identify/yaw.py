@@ -6,21 +6,15 @@ that lead, lag, damping and effectiveness of yaw make up for it and come out wro
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
-from typing import Any, Final, NamedTuple, TypeVar
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import (
-    ChangeCheck,
-    FitSeries,
-    FormulationCheck,
     Model,
-    Posterior,
-    Validation,
     YawReaction,
 )
 from quadid_logs.data.settings import IdentifySettings
@@ -32,14 +26,8 @@ from quadid_logs.identify.equation_by_equation import (
     fit_equation_by_equation,
 )
 from quadid_logs.identify.fit import PooledFit, fit_pooled
-from quadid_logs.identify.inertia import inertia_of
-from quadid_logs.identify.inference import Estimate
-from quadid_logs.identify.model import discrete_of
 from quadid_logs.identify.structures import Structure
 from quadid_logs.identify.terms import YAW_REACTION
-from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS
-
-_Check = TypeVar("_Check", ChangeCheck, FormulationCheck)
 
 _YAW: Final = 2
 #: A lead below this changes the yaw response by 1 % at 5 Hz, which no effectiveness is known to.
@@ -158,96 +146,3 @@ def _is_inverse_controller(seen: _Seen, without: ActuatedFit) -> bool:
         and seen.r2 >= INFORMATIVE_R2
         and 1.0 - seen.r2 < _BETTER * (1.0 - float(without.fit.r2[_YAW]))
     )
-
-
-def with_yaw_of(model: Model, yaw: Model, data: FlightData) -> Model:
-    """Return a model whose equation of yaw is that of another one, fitted to the same flight in another band.
-
-    Parameters
-    ----------
-    model, yaw : Model
-        Of the same structure, whose equations do not depend on each other.
-    data : FlightData
-
-    Returns
-    -------
-    Model
-    """
-    A, B = _row(model.A, yaw.A), _row(model.B, yaw.B)
-    target = ACCELERATION_SYMBOLS[_YAW]
-    parameters = tuple(
-        new if old.target == target else old
-        for old, new in zip(model.parameters, yaw.parameters, strict=True)
-    )
-    bounds = np.array([each.ci95 for each in parameters])
-    low, high = bounds.T.reshape(2, len(A), -1)
-    estimate = Estimate(theta=np.column_stack([A, B]), low=low, high=high, kept=np.isfinite(high))
-    return replace(
-        model,
-        A=A,
-        B=B,
-        parameters=parameters,
-        validation=_validation(model.validation, yaw.validation),
-        inertia=None if data.input is None else inertia_of(estimate, parameters, data.input),
-        discrete=discrete_of(model.states, model.regressors, A, B, data.sample_period_s),
-        fit=_series(model.fit, yaw.fit),
-        change=_columns(model.change, yaw.change),
-        formulations=_columns(model.formulations, yaw.formulations),
-        bootstrap_half_width=_column(model.bootstrap_half_width, yaw.bootstrap_half_width),
-        posterior=_posterior(model.posterior, yaw.posterior),
-        yaw_band=yaw.band,
-    )
-
-
-def _posterior(first: Posterior | None, second: Posterior | None) -> Posterior | None:
-    """Return what is known of each axis, with yaw from the second."""
-    if first is None or second is None:
-        return None
-    mean, covariance = first.mean.copy(), first.covariance.copy()
-    mean[_YAW], covariance[_YAW] = second.mean[_YAW], second.covariance[_YAW]
-    only_brakes = (*first.only_brakes[:_YAW], second.only_brakes[_YAW])
-    return replace(first, mean=mean, covariance=covariance, only_brakes=only_brakes)
-
-
-def _row(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Return the first matrix with the row of yaw from the second."""
-    return np.where(np.arange(len(first))[:, np.newaxis] == _YAW, second, first)
-
-
-def _column(first: FloatArray | None, second: FloatArray | None) -> FloatArray | None:
-    """Return the first array (..., 3) with the column of yaw from the second."""
-    return None if first is None or second is None else np.where(np.arange(3) == _YAW, second, first)
-
-
-def _columns(first: _Check | None, second: _Check | None) -> _Check | None:
-    """Return a check with its arrays of yaw from another one."""
-    if first is None or second is None:
-        return None
-    arrays: dict[str, Any] = {
-        each.name: _column(getattr(first, each.name), getattr(second, each.name)) for each in fields(first)
-    }
-    return replace(first, **arrays)
-
-
-def _validation(first: Validation, second: Validation) -> Validation:
-    """Return a validation with the figures of yaw from another one."""
-    names = (ACCELERATION_SYMBOLS[_YAW], RATE_SYMBOLS[_YAW])
-    changes: dict[str, Any] = {}
-    for each in fields(first):
-        values = getattr(first, each.name)
-        if isinstance(values, Mapping):
-            own = {name: value for name, value in getattr(second, each.name).items() if name in names}
-            changes[each.name] = {**values, **own}
-    return replace(first, **changes)
-
-
-def _series(first: FitSeries | None, second: FitSeries | None) -> FitSeries | None:
-    """Return series with those of yaw from another band, brought to the same times."""
-    if first is None or second is None:
-        return first
-    at, known = first.time_s, second.time_s
-    changes: dict[str, Any] = {}
-    for name in ("acceleration", "modelled_acceleration", "rate", "simulated_rate"):
-        yaw = np.interp(at, known, getattr(second, name)[:, _YAW])
-        changes[name] = _column(getattr(first, name), yaw[:, np.newaxis])
-    return replace(first, **changes)

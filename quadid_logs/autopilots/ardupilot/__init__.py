@@ -56,6 +56,12 @@ class ArduPilot(Autopilot):
             return 0.0
         return 1.0 / loop_period_s(parameters)
 
+    def angle_gains(self, mode: str, parameters: Mapping[str, float]) -> tuple[float, float, float] | None:
+        """ATC_ANG_*_P, STB_*_P before 3.4; ACRO, too, follows an attitude that it turns by the sticks."""
+        from quadid_logs.autopilots.ardupilot.controller import angle_gains
+
+        return angle_gains(mode, parameters)
+
     def controllers(self, log: FlightLog, parameters: Mapping[str, float]) -> FlownControllers:
         """AC_PID and the angle loop of ATC_*."""
         from quadid_logs.autopilots.ardupilot.controller import controllers

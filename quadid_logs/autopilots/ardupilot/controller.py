@@ -31,6 +31,40 @@ _DEFAULT_LOOP_HZ: Final = 400.0
 _FASTEST: Final = 3
 #: A rate thread that waits longer than so many of its periods stood still.
 _LONGEST_STEP: Final = 20.0
+#: Modes in which sticks, and nothing that answers position or speed, command attitude or rates.
+_STICK_MODES: Final = frozenset({"STABILIZE", "ALT_HOLD", "ACRO", "SPORT", "SYSTEMID"})
+#: Of the angle loops, by version: the names changed in 3.4.
+_ANGLE_GAINS: Final = (
+    ("ATC_ANG_RLL_P", "ATC_ANG_PIT_P", "ATC_ANG_YAW_P"),
+    ("STB_RLL_P", "STB_PIT_P", "STB_YAW_P"),
+)
+
+
+def angle_gains(mode: str, parameters: Mapping[str, float]) -> tuple[float, float, float] | None:
+    """Return the gains from angles to rate set-points; see `Autopilot.angle_gains`.
+
+    Parameters
+    ----------
+    mode : str
+    parameters : mapping of str to float
+
+    Returns
+    -------
+    tuple of float, or None
+        [1/s]
+
+    Notes
+    -----
+    AC_AttitudeControl.cpp, `update_ang_vel_target_from_att_error` and `input_rate_bf_roll_pitch_yaw`: the
+    error of the attitude times ANG_*_P, as long as no angular acceleration is limited.
+    """
+    if mode not in _STICK_MODES:
+        return None
+    for names in _ANGLE_GAINS:
+        if all(name in parameters for name in names):
+            roll, pitch, yaw = (parameters[name] for name in names)
+            return roll, pitch, yaw
+    return None
 
 
 def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControllers:

@@ -29,6 +29,12 @@ class BlackboxFamily(Autopilot):
 
         return rebuild(log, airframe)
 
+    def angle_gains(self, mode: str, parameters: Mapping[str, float]) -> tuple[float, float, float] | None:  # noqa: ARG002
+        """None in modes that level the copter: their gains are scaled in ways that differ by version."""
+        from quadid_logs.autopilots.betaflight.flight_modes import SELF_LEVELLING
+
+        return None if mode in SELF_LEVELLING else (0.0, 0.0, 0.0)
+
     def loop_rate_hz(self, parameters: Mapping[str, float]) -> float:
         """Looptime of the gyro [us] times the PID's denominator."""
         from quadid_logs.autopilots.betaflight.law import loop_period_us

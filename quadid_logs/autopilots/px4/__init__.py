@@ -52,6 +52,12 @@ class Px4(Autopilot):
         """IMU_GYRO_RATEMAX; 0 there means as fast as the gyro, whose rate no parameter tells."""
         return parameters.get("IMU_GYRO_RATEMAX", 0.0)
 
+    def angle_gains(self, mode: str, parameters: Mapping[str, float]) -> tuple[float, float, float] | None:
+        """MC_ROLL_P, MC_PITCH_P and MC_YAW_P; none in ACRO."""
+        from quadid_logs.autopilots.px4.controller import angle_gains
+
+        return angle_gains(mode, parameters)
+
     def controllers(self, log: FlightLog, parameters: Mapping[str, float]) -> FlownControllers:
         """mc_rate_control and mc_att_control by MC_*."""
         from quadid_logs.autopilots.px4.controller import controllers

@@ -32,6 +32,35 @@ _WAITING: Final = 1.1
 _FASTER: Final = 8.0
 #: Two topics of one loop have the same period but for the rounding of stamps.
 _SAME_PERIOD: Final = 0.02
+#: Modes in which sticks, and nothing that answers position or speed, command the attitude.
+_STICK_MODES: Final = frozenset({"MANUAL", "STABILIZED", "ALTCTL"})
+_ANGLE_GAINS: Final = ("MC_ROLL_P", "MC_PITCH_P", "MC_YAW_P")
+
+
+def angle_gains(mode: str, parameters: Mapping[str, float]) -> tuple[float, float, float] | None:
+    """Return the gains from angles to rate set-points; see `Autopilot.angle_gains`.
+
+    Parameters
+    ----------
+    mode : str
+    parameters : mapping of str to float
+
+    Returns
+    -------
+    tuple of float, or None
+        [1/s]
+
+    Notes
+    -----
+    AttitudeControl.cpp, `update`: twice the vector part of the error's quaternion times MC_*_P; MC_YAW_WEIGHT
+    is taken out of the yaw gain again by `setProportionalGain`.
+    """
+    if mode == "ACRO":
+        return 0.0, 0.0, 0.0
+    if mode not in _STICK_MODES or any(name not in parameters for name in _ANGLE_GAINS):
+        return None
+    roll, pitch, yaw = (parameters[name] for name in _ANGLE_GAINS)
+    return roll, pitch, yaw
 
 
 def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControllers:

@@ -1,0 +1,60 @@
+"""What was commanded from outside: rate set-points without the answer of the angle controller."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.data.flight import Segment
+from quadid_logs.data.log import ModeChange
+from quadid_logs.maths.recurrence import lag
+
+#: By flight mode, gains from angles of roll, pitch and yaw to rate set-points [1/s].
+AngleGains = Mapping[str, tuple[float, float, float]]
+#: Angles are integrated from rates. They fade in this time, far below the slowest motion that is looked at,
+#: so that the gyro's bias does not add up [s].
+_MEMORY_S = 15.0
+
+
+def command_of(segment: Segment, modes: Sequence[ModeChange], gains: AngleGains) -> FloatArray | None:
+    """Return what moved the vehicle from outside.
+
+    An angle controller asks for the rate k (s - x) + f of an angle x that is to be s. With k x put back,
+    k s + f is left, which no gust moves.
+
+    Parameters
+    ----------
+    segment : Segment
+    modes : sequence of ModeChange
+        On the segment's clock.
+    gains : mapping of str to (roll, pitch, yaw)
+        Of the modes whose set-points follow from sticks [1/s].
+
+    Returns
+    -------
+    ndarray, shape of `Segment.reference`, or None
+        As of `Segment.command`.
+    """
+    if segment.reference is None or not modes:
+        return None
+    angles = _MEMORY_S * lag(
+        np.vstack([np.zeros((1, 3)), segment.body_rate_rad_s]), _period_s(segment), _MEMORY_S
+    )
+    command = segment.reference.copy()
+    command[:, :3] += _gain_at(segment.time_s, modes, gains) * angles[1:]
+    return command
+
+
+def _period_s(segment: Segment) -> float:
+    return float(segment.time_s[1] - segment.time_s[0]) if segment.n_samples > 1 else 1.0
+
+
+def _gain_at(time_s: FloatArray, modes: Sequence[ModeChange], gains: AngleGains) -> FloatArray:
+    """Return the gains at some times, shape (n, 3); NaN in modes that have none."""
+    order = sorted(modes, key=lambda one: one.time_s)
+    unknown = (np.nan, np.nan, np.nan)
+    of_modes = np.array([gains.get(one.name, unknown) for one in order])
+    current = np.searchsorted([one.time_s for one in order], time_s, side="right") - 1
+    return np.asarray(of_modes[np.maximum(current, 0)], dtype=np.float64)

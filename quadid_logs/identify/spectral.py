@@ -1,0 +1,507 @@
+"""Effectiveness, damping, lag and delay from block spectra by instruments, weighted by the noise.
+
+Where air moves a vehicle as much as its commands do, a fit in time needs a band to be chosen, and calls the
+air an error of the model. Here it is noise with a spectrum: each frequency counts for as much as is known
+there. What was commanded tells the torque (first stage), each block by the others (jackknife instrumental
+variables: Angrist, Imbens and Krueger, J. Applied Econometrics 14, 1999), and the equation of motion,
+
+    d(rate)/dt = B h * (torque + lead d(torque)/dt) + A rate + c (product of other rates) + o (other axes),
+
+with h of lag and delay, is multiplied by that and summed over blocks and lines to one complex moment for each
+band (generalised method of moments: Hansen, Econometrica 50, 1982; the covariance of the moments is that of
+blocks, neighbours together: Newey and West, Econometrica 55, 1987). A smooth departure of the measured
+response from the model's, whose size the flight itself tells, is part of their covariance (stochastic
+embedding: Goodwin, Gevers and Ninness, IEEE Trans. Automatic Control 37, 1992), so that what the model cannot
+describe widens the intervals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray, IntArray
+from quadid_logs.data.flight import FlightData
+from quadid_logs.data.model import SpectralFit
+from quadid_logs.identify.systematic import GYRO_SYSTEMATIC
+from quadid_logs.identify.terms import MOST_DAMPING_1_S
+from quadid_logs.maths.band import ComplexArray, gyro_response
+from quadid_logs.maths.block_spectra import BlockSpectra, block_spectra
+from quadid_logs.maths.normal import NORMAL_95
+
+#: Of a block: twice the time in which a rate loop of half a hertz forgets, and a flight of half a minute has
+#: fourteen [s].
+_BLOCK_S = 4.0
+#: Beyond, blades, frame and filters move a gyro, and not the torque of rotors with a lag of some ten ms.
+_HIGHEST_HZ = 30.0
+#: Six samples a cycle: with fewer, what the torque does between two samples is a guess.
+_OF_SAMPLE_RATE = 1.0 / 6.0
+_BANDS_PER_OCTAVE = 6
+#: Lines on each side of one that share its first stage: what a loop makes of its command changes over
+#: a fraction of its own bandwidth, which is one hertz and more.
+_SHARED_LINES = 2
+#: A block that holds more of what was commanded at a frequency than this is told by itself, too.
+_MOST_LEVERAGE = 0.8
+#: Of first-stage directions, against the strongest: rounding and more.
+_RIDGE = 1e-3
+#: Time constants of motors with propellers of 3 to 30 inches are 10 to 150 ms: one standard deviation of their
+#: logarithm is 0.7 around 35 ms. Outputs reach the motors 1 to 30 ms after they were logged.
+_LAG_S, _LAG_SPREAD = 0.035, 0.7
+_DELAY_S, _DELAY_SPREAD = 0.006, 0.9
+_LAGS_S: Final = np.geomspace(0.002, 0.15, 10)
+_DELAYS_S: Final = (0.001, 0.004, 0.012, 0.03)
+_LEADS_S: Final = (0.0, 0.1, 0.2)
+#: Rotors that accelerate turn yaw ahead of their drag by 0 to 0.3 s.
+_LEAD_SPREAD_S = 0.15
+#: No gyroscopic coefficient is larger than one.
+_GYROSCOPIC_SPREAD = 0.5
+#: What one axis takes of another's acceleration: misalignment of the gyro and products of inertia.
+_CROSS_SPREAD = 0.03
+#: Standard deviations of the relative departure that are tried. A rotor is no better described than to some
+#: per cent by one lag: the least of them.
+_DEPARTURES: Final = np.array([0.03, 0.06, 0.12, 0.25, 0.5])
+#: Half of what is tried lies below this before the flight is seen (half-Cauchy).
+_USUAL_DEPARTURE = 0.05
+#: A departure keeps its value over this much of the logarithm of frequency: an octave.
+_OCTAVE = float(np.log(2.0))
+_ITERATIONS = 5
+_AXES: Final = 3
+_YAW: Final = 2
+_TINY = float(np.finfo(np.float64).tiny)
+
+
+class _Actuator(NamedTuple):
+    """Lag and delay [s] that all axes share, and the lead of yaw [s]."""
+
+    lag_s: float
+    delay_s: float
+    lead_s: float
+
+    def on(self, axis: int) -> _Actuator:
+        """Return what an axis has of it."""
+        return self if axis == _YAW else self._replace(lead_s=0.0)
+
+    @property
+    def coordinates(self) -> FloatArray:
+        """Where it is searched for, in standard deviations of what vehicles have; shape (3,)."""
+        return np.array(
+            [
+                np.log(self.lag_s / _LAG_S) / _LAG_SPREAD,
+                np.log(self.delay_s / _DELAY_S) / _DELAY_SPREAD,
+                self.lead_s / _LEAD_SPREAD_S,
+            ]
+        )
+
+    @classmethod
+    def at(cls, coordinates: FloatArray) -> _Actuator:
+        """Return the actuator at coordinates; never beyond five standard deviations."""
+        lag, delay, lead = np.clip(coordinates, -5.0, 5.0).tolist()
+        return cls(
+            _LAG_S * float(np.exp(_LAG_SPREAD * lag)),
+            _DELAY_S * float(np.exp(_DELAY_SPREAD * delay)),
+            _LEAD_SPREAD_S * lead,
+        )
+
+
+def fit_by_spectra(data: FlightData) -> tuple[SpectralFit, ...]:
+    """Estimate the equations of all axes from what was commanded of them.
+
+    Parameters
+    ----------
+    data : FlightData
+
+    Returns
+    -------
+    tuple of SpectralFit
+        Roll, pitch, yaw; empty where nothing tells what was commanded, or no stretch of it is as long as
+        two blocks. An axis that was not commanded has a wide interval, or `SpectralFit.departure`.
+    """
+    spectra = _spectra(data)
+    if spectra is None or len(spectra.run) < 2:
+        return ()
+    s = np.asarray(2j * np.pi * spectra.frequency_hz, dtype=np.complex128)
+    gyro = gyro_response(s, *data.gyro_filter)
+    axes = [_Axis(spectra, number, gyro) for number in range(_AXES)]
+    if spectra.frequency_hz.size < 2 * _SHARED_LINES or not any(axis.is_commanded for axis in axes):
+        return ()
+    return _fit([axis for axis in axes if axis.is_commanded])
+
+
+def _spectra(data: FlightData) -> BlockSpectra | None:
+    """Return the spectra of rates, torques, products of rates, and commands, in that order."""
+    records, starts = [], []
+    for segment in data.segments:
+        if segment.command is None:
+            continue
+        p, q, r = segment.body_rate_rad_s.T
+        columns = np.column_stack(
+            [segment.body_rate_rad_s, segment.torque, q * r, r * p, p * q, segment.command]
+        )
+        known = np.isfinite(columns).all(axis=1)
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]])))
+        for first, after in edges.reshape(-1, 2).tolist():
+            records.append(columns[first:after])
+            starts.append(float(segment.time_s[first]))
+    if len({record.shape[1] for record in records}) != 1:
+        return None
+    highest_hz = min(_HIGHEST_HZ, _OF_SAMPLE_RATE / data.sample_period_s)
+    return block_spectra(records, starts, data.sample_period_s, length_s=_BLOCK_S, highest_hz=highest_hz)
+
+
+class _Axis:
+    """One axis: what is summed over blocks once, and what changes with the weights."""
+
+    def __init__(self, spectra: BlockSpectra, number: int, gyro: ComplexArray) -> None:
+        self.number = number
+        self.s = np.asarray(2j * np.pi * spectra.frequency_hz, dtype=np.complex128)
+        self.gyro, self.run = gyro, spectra.run
+        self.torque, self.by_slope = (
+            each[:, :, _AXES + number] for each in (spectra.values, spectra.by_slope)
+        )
+        self.acceleration = spectra.derivative(number)
+        self.regressors = [
+            spectra.values[:, :, number],
+            spectra.values[:, :, 2 * _AXES + number],
+            *(spectra.derivative(other) for other in range(_AXES) if other != number),
+        ]
+        half = 0.5 * MOST_DAMPING_1_S[number]
+        self.prior = np.array([-0.5 * half, 0.0, 0.0, 0.0])
+        self.spread = np.array([max(half, 1.0) / 2.0, _GYROSCOPIC_SPREAD, _CROSS_SPREAD, _CROSS_SPREAD])
+        command = spectra.values[:, :, 3 * _AXES :]
+        moved = np.abs(command).sum(axis=(0, 1)) > 0.0
+        self.is_commanded = bool(moved.any() and self.torque.any() and self.acceleration.any())
+        self.told = _told_by_others(command[:, :, moved], self.torque, spectra.run)
+        self.edges = _band_edges(spectra.frequency_hz)
+        centre = np.log([spectra.frequency_hz[band].mean() for band in self._bands()])
+        self.alike = np.exp(-np.abs(centre[:, np.newaxis] - centre) / _OCTAVE)
+
+    def _bands(self) -> list[slice]:
+        return [slice(a, b) for a, b in zip(self.edges[:-1], self.edges[1:], strict=True)]
+
+    @property
+    def n_bands(self) -> int:
+        """Number of bands, each of a complex moment."""
+        return self.edges.size - 1
+
+    def summed(self, lines: ComplexArray) -> ComplexArray:
+        """Return the sums of lines (..., n_lines) by band."""
+        return np.asarray(np.add.reduceat(lines, self.edges[:-1], axis=-1), dtype=np.complex128)
+
+    def power(self, lines: ComplexArray) -> FloatArray:
+        """Return the sums of squared lines (..., n_lines) by band."""
+        return np.asarray(np.add.reduceat(np.abs(lines) ** 2, self.edges[:-1], axis=-1), dtype=np.float64)
+
+    def response(self, actuator: _Actuator) -> tuple[ComplexArray, ComplexArray]:
+        """Return what actuator and gyro make of torque and of the torque under the window's slope."""
+        s, (lag, delay, lead) = self.s, actuator.on(self.number)
+        response = self.gyro * np.exp(-s * delay) * (1.0 + s * lead) / (1.0 + s * lag)
+        # FT[w (h * u)] = H FT[w u] + j dH/domega FT[dw/dt u], and dH/domega = j dH/ds.
+        slope = response * (lead / (1.0 + s * lead) - lag / (1.0 + s * lag) - delay)
+        return response, -slope
+
+    def instrument_behind(self, actuator: _Actuator) -> None:
+        """Take the torque that was commanded behind an actuator for the instrument."""
+        self.instrument = self.told * self.response(actuator._replace(lead_s=0.0))[0]
+        weight = self.instrument.conj()
+        self.of_torque, self.of_slope = ((weight * each).sum(axis=0) for each in (self.torque, self.by_slope))
+        self.of_acceleration = self.summed((weight * self.acceleration).sum(axis=0))
+        self.of_regressors = [self.summed((weight * each).sum(axis=0)) for each in self.regressors]
+
+    def of_commanded(self, actuator: _Actuator) -> ComplexArray:
+        """Return the moments of the torque behind an actuator, shape (n_bands,)."""
+        response, slope = self.response(actuator)
+        return self.summed(response * self.of_torque + slope * self.of_slope)
+
+    def left(self, theta: FloatArray, actuator: _Actuator) -> ComplexArray:
+        """Return the moments of what an equation [B, A, c, o, o] leaves."""
+        explained = sum(c * each for c, each in zip(theta[1:], self.of_regressors, strict=True))
+        return np.asarray(self.of_acceleration - theta[0] * self.of_commanded(actuator) - explained)
+
+    def weigh(self, theta: FloatArray | None, actuator: _Actuator) -> None:
+        """Set the noise of the moments by what an equation leaves; by the acceleration itself without one."""
+        error = self.acceleration
+        if theta is not None:
+            response, slope = self.response(actuator)
+            error = error - theta[0] * (response * self.torque + slope * self.by_slope)
+            error = error - sum(c * each for c, each in zip(theta[1:], self.regressors, strict=True))
+        self.noise = _moment_noise(self, error)
+        reference = self.of_acceleration
+        if theta is not None:
+            explained = sum(c * each for c, each in zip(theta[1:], self.of_regressors, strict=True))
+            reference = reference - explained
+        self.size = np.abs(reference)
+        turn = self.of_commanded(actuator)
+        self.turn = np.exp(-1j * np.angle(turn if theta is None else theta[0] * turn))
+        self.depart(_DEPARTURES[1] ** 2)
+
+    def depart(self, variance: float) -> None:
+        """Set the whitening for a departure of this relative variance."""
+        covariance = np.diag(0.5 * self.noise + 1e-12 * max(float(self.size.max()) ** 2, _TINY))
+        covariance = covariance + variance * np.outer(self.size, self.size) * self.alike
+        scale = 1.0 / np.sqrt(np.diag(covariance))
+        triangle = np.linalg.cholesky(covariance * np.outer(scale, scale))
+        self.whitening = np.linalg.inv(triangle) * scale
+        self.log_size = float(2.0 * np.log(np.diag(triangle)).sum() - 2.0 * np.log(scale).sum())
+        self.variance = variance
+
+    def white(self, moments: ComplexArray) -> FloatArray:
+        """Return moments in standard deviations, real parts along and imaginary ones across the model's."""
+        turned = self.whitening @ (moments * self.turn)
+        return np.concatenate([turned.real, turned.imag])
+
+    def prepare(self) -> None:
+        """Whiten what does not change with the actuator."""
+        self._targets = np.concatenate([self.white(self.of_acceleration), self.prior / self.spread])
+        self._columns = np.column_stack([self.white(each) for each in self.of_regressors])
+        self._priors = np.column_stack([np.zeros(4), np.diag(1.0 / self.spread)])
+
+    def system(self, actuator: _Actuator) -> tuple[FloatArray, FloatArray]:
+        """Return the linear equations for [B, A, c, o, o], their priors below."""
+        columns = np.column_stack([self.white(self.of_commanded(actuator)), self._columns])
+        return np.vstack([columns, self._priors]), self._targets
+
+    def solved(self, actuator: _Actuator) -> tuple[FloatArray, FloatArray]:
+        """Return [B, A, c, o, o] and what they leave of the whitened system."""
+        columns, targets = self.system(actuator)
+        theta = np.linalg.lstsq(columns, targets, rcond=None)[0]
+        return np.asarray(theta, dtype=np.float64), targets - columns @ theta
+
+
+def _told_by_others(command: ComplexArray, torque: ComplexArray, run: IntArray) -> ComplexArray:
+    """Return the torque as a block's commands tell it by what other blocks show; (n_blocks, n_lines)."""
+    if not command.shape[2]:
+        return np.zeros_like(torque)
+    gram = _shared(np.einsum("bfi,bfj->fbij", command.conj(), command))
+    cross = _shared(np.einsum("bfi,bf->fbi", command.conj(), torque))
+    whole_gram, whole_cross = gram.sum(axis=1), cross.sum(axis=1)
+    own_gram, own_cross = _with_neighbours(gram, run), _with_neighbours(cross, run)
+    size = np.sqrt(np.maximum(np.einsum("fii->fi", whole_gram).real, _TINY))
+    share = np.einsum("fbii,fi->fb", own_gram, size**-2.0).real / size.shape[1]
+    elsewhere = share <= _MOST_LEVERAGE
+    gram = whole_gram[:, np.newaxis] - own_gram * elsewhere[:, :, np.newaxis, np.newaxis]
+    cross = whole_cross[:, np.newaxis] - own_cross * elsewhere[:, :, np.newaxis]
+    gram = gram / (size[:, np.newaxis, :, np.newaxis] * size[:, np.newaxis, np.newaxis, :])
+    gram = gram + _RIDGE * np.eye(size.shape[1])
+    law = np.linalg.solve(gram, (cross / size[:, np.newaxis])[..., np.newaxis])[..., 0] / size[:, np.newaxis]
+    return np.asarray(np.einsum("bfi,fbi->bf", command, law))
+
+
+def _shared(lines: ComplexArray) -> ComplexArray:
+    """Return sums over neighbouring lines (first axis), the nearer the heavier."""
+    weight = np.bartlett(2 * _SHARED_LINES + 3)[1:-1]
+    padded = np.concatenate([np.zeros((_SHARED_LINES, *lines.shape[1:])), lines])
+    padded = np.concatenate([padded, np.zeros((_SHARED_LINES, *lines.shape[1:]))])
+    n_lines = len(lines)
+    return np.asarray(sum(w * padded[k : k + n_lines] for k, w in enumerate(weight)))
+
+
+def _with_neighbours(blocks: ComplexArray, run: IntArray) -> ComplexArray:
+    """Return each block (second axis) with those that overlap it."""
+    follows = (run[1:] == run[:-1]).reshape(1, -1, *(1,) * (blocks.ndim - 2))
+    both = blocks.copy()
+    both[:, 1:] += np.where(follows, blocks[:, :-1], 0.0)
+    both[:, :-1] += np.where(follows, blocks[:, 1:], 0.0)
+    return both
+
+
+def _band_edges(frequency_hz: FloatArray) -> IntArray:
+    """Return where bands begin and end: sixths of octaves, of two lines at least."""
+    step_hz = float(frequency_hz[1] - frequency_hz[0])
+    edges = [0]
+    while edges[-1] < frequency_hz.size:
+        width = frequency_hz[edges[-1]] * (2.0 ** (1.0 / _BANDS_PER_OCTAVE) - 1.0) / step_hz
+        edges.append(min(edges[-1] + max(2, round(float(width))), frequency_hz.size))
+    return np.array(edges)
+
+
+def _moment_noise(axis: _Axis, error: ComplexArray) -> FloatArray:
+    """Return the variance of each complex moment that an error makes, shape (n_bands,).
+
+    What all blocks have in common is no noise. The variance by blocks, over that of an error which is equally
+    strong throughout, is smoothed over five bands: it is known from few blocks.
+    """
+    moments = axis.summed(axis.instrument.conj() * error)
+    power = axis.power(axis.instrument)
+    whole = np.maximum(power.sum(axis=0), _TINY)
+    moments = moments - moments.sum(axis=0) * power / whole
+    follows = (axis.run[1:] == axis.run[:-1])[:, np.newaxis]
+    alone = (np.abs(moments) ** 2).sum(axis=0)
+    beside = 2.0 * ((moments[1:] * moments[:-1].conj()).real * follows).sum(axis=0)
+    n_lines = np.diff(axis.edges)
+    even = np.maximum(whole * axis.power(error).mean(axis=0) / n_lines, _TINY)
+    # Half-overlapping Hann windows have a sixth in common: a negative part beyond a third is chance.
+    ratio = np.maximum(alone + beside, 2.0 / 3.0 * alone) / even
+    window = np.ones(min(5, ratio.size))
+    smooth = np.convolve(ratio, window, "same") / np.convolve(np.ones_like(ratio), window, "same")
+    return np.asarray(smooth * even)
+
+
+def _fit(axes: Sequence[_Axis]) -> tuple[SpectralFit, ...]:
+    """Iterate between the equations and the noise that they leave."""
+    actuator = _Actuator(_LAG_S, _DELAY_S, 0.0)
+    for axis in axes:
+        axis.instrument_behind(actuator)
+        axis.weigh(None, actuator)
+        axis.prepare()
+    actuator = _coarsely(axes)
+    weights = [np.zeros(_DEPARTURES.size)] * len(axes)
+    for step in range(_ITERATIONS):
+        actuator = _refined(axes, actuator)
+        if step == _ITERATIONS - 1:
+            break
+        for number, axis in enumerate(axes):
+            theta = axis.solved(actuator)[0]
+            axis.instrument_behind(actuator)
+            axis.weigh(theta, actuator)
+            weights[number] = _weigh_departures(axis, axis.left(theta, actuator))
+            axis.depart(float(weights[number] @ _DEPARTURES**2))
+            axis.prepare()
+    return _described(axes, actuator)
+
+
+def _weigh_departures(axis: _Axis, left: ComplexArray) -> FloatArray:
+    """Return how likely each departure is by what an equation leaves, shape (n_departures,)."""
+    likely = np.empty(_DEPARTURES.size)
+    for number, departure in enumerate(_DEPARTURES.tolist()):
+        axis.depart(departure**2)
+        white = axis.white(left)
+        likely[number] = -0.5 * float(white @ white) - axis.log_size
+        likely[number] -= np.log1p((departure / _USUAL_DEPARTURE) ** 2)
+    weight = np.exp(likely - likely.max())
+    return np.asarray(weight / weight.sum())
+
+
+def _cost(axes: Sequence[_Axis], actuator: _Actuator) -> float:
+    """Return the sum of squares that an actuator leaves, its prior among them."""
+    place = actuator.coordinates
+    return float(place @ place + sum(float(left @ left) for _, left in _all_solved(axes, actuator)))
+
+
+def _all_solved(axes: Sequence[_Axis], actuator: _Actuator) -> list[tuple[FloatArray, FloatArray]]:
+    return [axis.solved(actuator) for axis in axes]
+
+
+def _coarsely(axes: Sequence[_Axis]) -> _Actuator:
+    """Return the best actuator of a grid."""
+    tried = [
+        _Actuator(float(lag), delay, lead) for lag in _LAGS_S for delay in _DELAYS_S for lead in _LEADS_S
+    ]
+    return min(tried, key=lambda actuator: _cost(axes, actuator))
+
+
+def _refined(axes: Sequence[_Axis], actuator: _Actuator) -> _Actuator:
+    """Bring the actuator to its least cost (Levenberg and Marquardt, everything linear solved for)."""
+    place, cost, damping = actuator.coordinates, _cost(axes, actuator), 1e-3
+    for _ in range(20):
+        left, slopes = _slopes(axes, place)
+        normal, gradient = slopes.T @ slopes, slopes.T @ left
+        step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
+        trial = _Actuator.at(place + step)
+        new = _cost(axes, trial)
+        if new < cost:
+            small = cost - new < 1e-4
+            place, cost, damping = trial.coordinates, new, 0.3 * damping
+            if small:
+                break
+        else:
+            damping *= 10.0
+            if damping > 1e6:
+                break
+    return _Actuator.at(place)
+
+
+def _slopes(axes: Sequence[_Axis], place: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return what is left at a place, and its derivatives, everything linear solved for."""
+
+    def left(at: FloatArray) -> FloatArray:
+        return np.concatenate([at, *(each for _, each in _all_solved(axes, _Actuator.at(at)))])
+
+    step = 1e-4
+    columns = [(left(place + d) - left(place - d)) / (2.0 * step) for d in step * np.eye(3)]
+    return left(place), np.column_stack(columns)
+
+
+def _described(axes: Sequence[_Axis], actuator: _Actuator) -> tuple[SpectralFit, ...]:
+    """Return the estimates with their joint covariance."""
+    information = np.eye(3)
+    parts, thetas = [], []
+    for axis in axes:
+        theta = axis.solved(actuator)[0]
+        columns = axis.system(actuator)[0]
+        place, step = actuator.coordinates, 1e-4
+        slopes = np.zeros((len(columns), 3))
+        for number, d in enumerate(step * np.eye(3)):
+            ahead, behind = (
+                axis.white(axis.of_commanded(_Actuator.at(place + sign * d))) for sign in (1, -1)
+            )
+            slopes[: ahead.size, number] = theta[0] * (ahead - behind) / (2.0 * step)
+        parts.append((columns, slopes))
+        thetas.append(theta)
+    n_linear = thetas[0].size
+    n_all = 3 + n_linear * len(axes)
+    whole = np.zeros((n_all, n_all))
+    whole[:3, :3] = information
+    for number, (columns, slopes) in enumerate(parts):
+        own = np.r_[0:3, 3 + n_linear * number : 3 + n_linear * (number + 1)]
+        both = np.column_stack([slopes, columns])
+        whole[np.ix_(own, own)] += both.T @ both
+    covariance = np.asarray(np.linalg.pinv(whole, hermitian=True), dtype=np.float64)
+    found = {
+        axis.number: _one(axis, theta, actuator, covariance, 3 + n_linear * number)
+        for number, (axis, theta) in enumerate(zip(axes, thetas, strict=True))
+    }
+    return tuple(found.get(number, _NOTHING) for number in range(_AXES))
+
+
+def _one(
+    axis: _Axis, theta: FloatArray, actuator: _Actuator, covariance: FloatArray, first: int
+) -> SpectralFit:
+    """Return the estimate of one axis; ``first`` is the place of its effectiveness in the covariance."""
+    lag_s, delay_s, lead_s = actuator.on(axis.number)
+    gain = float(theta[0])
+    # Effectiveness, damping, lag, delay, reaction by [lag, delay, lead] as searched for, and [B, A].
+    slopes = np.zeros((5, 5))
+    slopes[0, 3] = slopes[1, 4] = 1.0
+    slopes[2, 0], slopes[3, 1] = _LAG_SPREAD * lag_s, _DELAY_SPREAD * delay_s
+    if axis.number == _YAW:
+        slopes[4, 2], slopes[4, 3] = gain * _LEAD_SPREAD_S, lead_s
+    own = np.array([0, 1, 2, first, first + 1])
+    left = axis.left(theta, actuator)
+    size = float(np.sum(np.abs(axis.of_commanded(actuator) * gain) ** 2))
+    return SpectralFit(
+        mean=np.array([gain, theta[1], lag_s, delay_s, gain * lead_s]),
+        covariance=_few_blocks(axis.run.size) ** 2 * slopes @ covariance[np.ix_(own, own)] @ slopes.T,
+        departure=float(np.sqrt(axis.variance)),
+        commanded=_ratio(float(np.sum(np.abs(axis.told) ** 2)), float(np.sum(np.abs(axis.torque) ** 2))),
+        r2_commanded=1.0 - _ratio(float(np.sum(np.abs(left) ** 2)), size),
+        n_blocks=int(axis.run.size),
+        gyro=GYRO_SYSTEMATIC,
+    )
+
+
+def _few_blocks(n_blocks: int) -> float:
+    """Return how much wider an interval is because its noise is known from so many half-overlapping blocks.
+
+    The 97.5 % point of Student's t over that of a normal distribution (Cornish and Fisher's first terms).
+    """
+    freedom = max(0.5 * n_blocks, 2.0)
+    z = NORMAL_95
+    t = z + (z**3 + z) / (4.0 * freedom) + (5.0 * z**5 + 16.0 * z**3 + 3.0 * z) / (96.0 * freedom**2)
+    return float(t / z)
+
+
+def _ratio(part: float, whole: float) -> float:
+    return part / whole if whole > 0.0 else float("inf")
+
+
+_NOTHING: Final = SpectralFit(
+    mean=np.full(5, np.nan),
+    covariance=np.full((5, 5), np.inf),
+    departure=float("inf"),
+    commanded=0.0,
+    r2_commanded=float("nan"),
+    n_blocks=0,
+    gyro=GYRO_SYSTEMATIC,
+)

@@ -1,0 +1,199 @@
+"""Equations told by the spectra of what was commanded, in the place of those that air has spoiled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.data.flight import FlightData
+from quadid_logs.data.model import Actuator, Model, Parameter, Posterior, SpectralFit
+from quadid_logs.data.settings import IdentifySettings
+from quadid_logs.identify.design import Design
+from quadid_logs.identify.inference import intervals
+from quadid_logs.identify.parameters import MAX_RELATIVE_CI
+from quadid_logs.identify.splice import with_axis_of
+from quadid_logs.identify.structures import Structure
+from quadid_logs.identify.terms import YAW_REACTION
+from quadid_logs.identify.validate import validate
+from quadid_logs.maths.normal import NORMAL_95
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS, TORQUE_SYMBOLS
+
+#: Where a fit in time explains nine tenths of flight that it was not fitted to, air has spoiled nothing.
+_EXPLAINED_R2 = 0.9
+_NOT_TOLD = "answers to commands tell effectiveness and damping alone"
+_YAW = 2
+
+
+def spoiled_by_air(model: Model, fits: Sequence[SpectralFit]) -> tuple[int, ...]:
+    """Return the axes that spectra tell, and the fit in time tells badly.
+
+    Parameters
+    ----------
+    model : Model
+        Fitted in time, equation by equation.
+    fits : sequence of SpectralFit
+        Of roll, pitch, yaw; or none.
+
+    Returns
+    -------
+    tuple of int
+        0 roll, 1 pitch, 2 yaw.
+    """
+    r2 = model.validation.r2_acceleration
+    return tuple(
+        axis
+        for axis, fit in enumerate(fits)
+        if fit.is_sound and not r2.get(ACCELERATION_SYMBOLS[axis], -np.inf) >= _EXPLAINED_R2
+    )
+
+
+def with_spectral_axes(
+    model: Model,
+    structure: Structure,
+    fits: Sequence[SpectralFit],
+    axes: Sequence[int],
+    *,
+    data: FlightData,
+    design: Design,
+    settings: IdentifySettings,
+) -> Model:
+    """Return a model whose equations of some axes are those that the spectra tell.
+
+    Parameters
+    ----------
+    model : Model
+        Behind an actuator.
+    structure : Structure
+        Of the model.
+    fits : sequence of SpectralFit
+        Of roll, pitch, yaw.
+    axes : sequence of int
+        0 roll, 1 pitch, 2 yaw.
+    data : FlightData
+    design : Design
+        Its rows, not high-passed.
+    settings : IdentifySettings
+
+    Returns
+    -------
+    Model
+    """
+    for axis in axes:
+        model = with_axis_of(
+            model, _of_axis(model, structure, fits[axis], axis, data, design, settings), axis, data
+        )
+    tilting = [fits[axis] for axis in axes if axis != _YAW]
+    if len(tilting) == _YAW and model.actuator is not None:
+        model = replace(model, actuator=_actuator(model.actuator, tilting[0]))
+    return model
+
+
+def _of_axis(
+    model: Model,
+    structure: Structure,
+    fit: SpectralFit,
+    axis: int,
+    data: FlightData,
+    design: Design,
+    settings: IdentifySettings,
+) -> Model:
+    """Return the model with one axis' equation, its intervals and its validation."""
+    theta = np.column_stack([model.A, model.B])
+    half, kept = np.zeros_like(theta), np.isfinite(theta)
+    theta[axis], half[axis], kept[axis] = 0.0, np.inf, False
+    for value, width, symbol in _told(structure, fit, axis):
+        column = structure.columns.index(symbol)
+        theta[axis, column], half[axis, column], kept[axis, column] = value, width, True
+    estimate = intervals(structure, theta, half, kept, knows_gyro=False, band=None, given=data.input)
+    parameters = tuple(
+        _parameter(old, *(float(each[row, column]) for each in (theta, estimate.low, estimate.high)))
+        if row == axis
+        else old
+        for old, (row, column) in zip(model.parameters, np.ndindex(theta.shape), strict=True)
+    )
+    torque = design.torque.behind(float(fit.mean[2]), float(fit.mean[3]), structure.inputs)
+    validation, series = validate(
+        design,
+        structure,
+        _with_trim(theta, structure, design, torque, axis),
+        torque,
+        disturbance=np.zeros((len(theta), len(design.disturbances(structure)))),
+        high_pass_hz=settings.high_pass_hz,
+    )
+    target = ACCELERATION_SYMBOLS[axis]
+    validation = replace(validation, r2_commanded={**validation.r2_commanded, target: fit.r2_commanded})
+    A, B = np.split(theta, [len(structure.terms)], axis=1)
+    return replace(
+        model,
+        A=A,
+        B=B,
+        parameters=parameters,
+        validation=validation,
+        fit=series,
+        posterior=_posterior(model.posterior, fit, axis),
+    )
+
+
+def _told(structure: Structure, fit: SpectralFit, axis: int) -> list[tuple[float, float, str]]:
+    """Return what the spectra tell: value, half width of the 95 % interval, symbol of the column."""
+    half = NORMAL_95 * np.sqrt(np.diag(fit.covariance))
+    told = [
+        (float(fit.mean[0]), float(half[0]), TORQUE_SYMBOLS[axis]),
+        (float(fit.mean[1]), float(half[1]), RATE_SYMBOLS[axis]),
+    ]
+    if axis == _YAW and YAW_REACTION in structure.terms:
+        told.append((float(fit.mean[4]), float(half[4]), YAW_REACTION.symbol))
+    return [each for each in told if each[2] in structure.columns]
+
+
+def _parameter(old: Parameter, value: float, low: float, high: float) -> Parameter:
+    """Return an element of the equation with what the spectra tell of it."""
+    half = 0.5 * (high - low)
+    if not np.isfinite(half):
+        return replace(
+            old, value=value, ci95=(low, high), identifiable=False, reason=_NOT_TOLD, half_width=half
+        )
+    known = half <= MAX_RELATIVE_CI * max(abs(value), 0.0)
+    reason = "" if known else "its interval is wide"
+    return replace(old, value=value, ci95=(low, high), identifiable=known, reason=reason, half_width=half)
+
+
+def _with_trim(
+    theta: FloatArray, structure: Structure, design: Design, torque: FloatArray, axis: int
+) -> FloatArray:
+    """Return the coefficients with the constant that makes the equation right on average."""
+    if "1" not in structure.columns:
+        return theta
+    modelled = design.stack(structure.columns, torque, structure.inputs) @ theta[axis]
+    left = design.columns[ACCELERATION_SYMBOLS[axis]] - modelled
+    with_trim = theta.copy()
+    with_trim[axis, structure.columns.index("1")] = left[design.train].mean()
+    return with_trim
+
+
+def _posterior(posterior: Posterior | None, fit: SpectralFit, axis: int) -> Posterior | None:
+    """Return what is known of each axis, with one from the spectra."""
+    if posterior is None:
+        return None
+    mean, covariance = posterior.mean.copy(), posterior.covariance.copy()
+    mean[axis], covariance[axis] = fit.mean, fit.covariance
+    return replace(posterior, mean=mean, covariance=covariance, only_brakes=(False, False, False))
+
+
+def _actuator(actuator: Actuator, fit: SpectralFit) -> Actuator:
+    """Return the actuator with lag and delay by the spectra."""
+    lag_s, delay_s = float(fit.mean[2]), float(fit.mean[3])
+    half_lag, half_delay = (NORMAL_95 * float(np.sqrt(fit.covariance[k, k])) for k in (2, 3))
+    return replace(
+        actuator,
+        acts_on="torque",
+        lag_s=lag_s,
+        lag_ci95_s=(max(0.0, lag_s - half_lag), lag_s + half_lag),
+        delay_s=delay_s,
+        delay_ci95_s=(max(0.0, delay_s - half_delay), delay_s + half_delay),
+        lag_up_s=float("nan"),
+        lag_down_s=float("nan"),
+    )

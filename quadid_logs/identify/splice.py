@@ -1,0 +1,115 @@
+"""A model of which one axis has another model's equation: they share nothing but lag and delay."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from typing import Any, Final, TypeVar
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.data.flight import FlightData
+from quadid_logs.data.model import ChangeCheck, FitSeries, FormulationCheck, Model, Posterior, Validation
+from quadid_logs.identify.inertia import inertia_of
+from quadid_logs.identify.inference import Estimate
+from quadid_logs.identify.model import discrete_of
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS
+
+_Check = TypeVar("_Check", ChangeCheck, FormulationCheck)
+_AXES: Final = 3
+
+
+def with_axis_of(model: Model, other: Model, axis: int, data: FlightData) -> Model:
+    """Return a model whose equation of one axis is that of another one, fitted to the same flight.
+
+    Parameters
+    ----------
+    model, other : Model
+        Of the same structure, whose equations do not depend on each other.
+    axis : int
+        0 roll, 1 pitch, 2 yaw.
+    data : FlightData
+
+    Returns
+    -------
+    Model
+    """
+    A, B = _row(model.A, other.A, axis), _row(model.B, other.B, axis)
+    target = ACCELERATION_SYMBOLS[axis]
+    parameters = tuple(
+        new if old.target == target else old
+        for old, new in zip(model.parameters, other.parameters, strict=True)
+    )
+    bounds = np.array([each.ci95 for each in parameters])
+    low, high = bounds.T.reshape(2, len(A), -1)
+    estimate = Estimate(theta=np.column_stack([A, B]), low=low, high=high, kept=np.isfinite(high))
+    return replace(
+        model,
+        A=A,
+        B=B,
+        parameters=parameters,
+        validation=_validation(model.validation, other.validation, axis),
+        inertia=None if data.input is None else inertia_of(estimate, parameters, data.input),
+        discrete=discrete_of(model.states, model.regressors, A, B, data.sample_period_s),
+        fit=_series(model.fit, other.fit, axis),
+        change=_columns(model.change, other.change, axis),
+        formulations=_columns(model.formulations, other.formulations, axis),
+        bootstrap_half_width=_column(model.bootstrap_half_width, other.bootstrap_half_width, axis),
+        posterior=_posterior(model.posterior, other.posterior, axis),
+    )
+
+
+def _posterior(first: Posterior | None, second: Posterior | None, axis: int) -> Posterior | None:
+    """Return what is known of each axis, with one from the second."""
+    if first is None or second is None:
+        return None
+    mean, covariance = first.mean.copy(), first.covariance.copy()
+    mean[axis], covariance[axis] = second.mean[axis], second.covariance[axis]
+    roll, pitch, yaw = ((second if number == axis else first).only_brakes[number] for number in range(_AXES))
+    return replace(first, mean=mean, covariance=covariance, only_brakes=(roll, pitch, yaw))
+
+
+def _row(first: FloatArray, second: FloatArray, axis: int) -> FloatArray:
+    """Return the first matrix with one row from the second."""
+    return np.where(np.arange(len(first))[:, np.newaxis] == axis, second, first)
+
+
+def _column(first: FloatArray | None, second: FloatArray | None, axis: int) -> FloatArray | None:
+    """Return the first array (..., 3) with one column from the second."""
+    return None if first is None or second is None else np.where(np.arange(_AXES) == axis, second, first)
+
+
+def _columns(first: _Check | None, second: _Check | None, axis: int) -> _Check | None:
+    """Return a check with its arrays of one axis from another one."""
+    if first is None or second is None:
+        return None
+    arrays: dict[str, Any] = {
+        each.name: _column(getattr(first, each.name), getattr(second, each.name), axis)
+        for each in fields(first)
+    }
+    return replace(first, **arrays)
+
+
+def _validation(first: Validation, second: Validation, axis: int) -> Validation:
+    """Return a validation with the figures of one axis from another one."""
+    names = (ACCELERATION_SYMBOLS[axis], RATE_SYMBOLS[axis])
+    changes: dict[str, Any] = {}
+    for each in fields(first):
+        values = getattr(first, each.name)
+        if isinstance(values, Mapping):
+            own = {name: value for name, value in getattr(second, each.name).items() if name in names}
+            changes[each.name] = {**values, **own}
+    return replace(first, **changes)
+
+
+def _series(first: FitSeries | None, second: FitSeries | None, axis: int) -> FitSeries | None:
+    """Return series with those of one axis from another fit, brought to the same times."""
+    if first is None or second is None:
+        return first
+    at, known = first.time_s, second.time_s
+    changes: dict[str, Any] = {}
+    for name in ("acceleration", "modelled_acceleration", "rate", "simulated_rate"):
+        own = np.interp(at, known, getattr(second, name)[:, axis])
+        changes[name] = _column(getattr(first, name), own[:, np.newaxis], axis)
+    return replace(first, **changes)
