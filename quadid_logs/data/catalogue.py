@@ -507,6 +507,16 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Log the torque with more digits, and fly the manoeuvre with larger commands.",
             ),
             _entry(
+                "QL535",
+                "An axis is told by its answers to commands alone",
+                "Air moved this axis as much as its commands did, so that torque and motion do not match "
+                "sample by sample. What was commanded, which no gust moves, still tells the effectiveness, "
+                "the damping and the lag: from spectra of short stretches of the flight, each frequency "
+                "weighted by what the air leaves of it. The interval holds what the air hides.",
+                "Fly in calmer air, or make larger and quicker manoeuvres, for a narrower interval.",
+                step="fly",
+            ),
+            _entry(
                 "QL512",
                 "The inertia is implausible for a multirotor",
                 "A body's largest moment of inertia is at most the sum of the other two, and a "

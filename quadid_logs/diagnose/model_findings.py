@@ -11,7 +11,15 @@ import numpy as np
 from quadid_logs.data.catalogue import CALMER, CATALOGUE, WELL_EXCITED_DEG_S, Step
 from quadid_logs.data.diagnosis import Finding, Level
 from quadid_logs.data.log import FlightLog
-from quadid_logs.data.model import ChangeCheck, Excitation, Identification, Model, Parameter, Response
+from quadid_logs.data.model import (
+    ChangeCheck,
+    Excitation,
+    Identification,
+    Model,
+    Parameter,
+    Response,
+    SpectralFit,
+)
 from quadid_logs.diagnose.advice import advice_for
 from quadid_logs.diagnose.findings import finding, rounded
 from quadid_logs.identify.design import HELD_OUT_BLOCK_S
@@ -98,6 +106,7 @@ class _Axis(NamedTuple):
     advice: str
     enough_motion: str
     response: Response | None
+    spectral: SpectralFit | None
 
     @property
     def r2(self) -> float:
@@ -128,8 +137,11 @@ def _axis(log: FlightLog, identification: Identification, model: Model, number: 
         advice=advice_for(log.autopilot).excitation(AXES[number : number + 1], log.version),
         enough_motion=_enough_motion(identification, log.format),
         response=identification.responses[number] if identification.responses else None,
+        spectral=next((each for each in identification.spectral[number : number + 1] if each.used), None),
     )
     fatal, others = (_SLOW_FATAL, _SLOW_OTHERS) if identification.only_yaw else (_FATAL, _OTHERS)
+    if axis.spectral is not None:
+        fatal, others = _SPECTRAL_FATAL, _SPECTRAL_OTHERS
     for check in fatal:
         if (found := check(axis)) is not None:
             yield found
@@ -375,6 +387,22 @@ def _from_slow_log(axis: _Axis) -> Finding | None:
     return axis.finding("QL531", "warning" if axis.r2 > 0.0 else "error", evidence)
 
 
+def _told_by_spectra(axis: _Axis) -> Finding | None:
+    """Say that an axis was moved by the air as by its commands, and what its effectiveness rests on."""
+    fit = axis.spectral
+    if fit is None:
+        return None
+    evidence = {
+        **_gain(axis),
+        "commanded_r2": rounded(fit.r2_commanded),
+        "departure": rounded(fit.departure),
+        "torque_commanded": rounded(fit.commanded),
+        "stretches": fit.n_blocks,
+    }
+    title = f"The air moved {axis.name} as well: its effectiveness comes from the answers to commands alone"
+    return axis.finding("QL535", "warning", _evidence(axis) | evidence, title)
+
+
 _FATAL = (
     _poorly_excited,
     _follows_the_rate,
@@ -396,6 +424,11 @@ _OTHERS = (
 #: Below 2.5 Hz gusts move a vehicle as its commands do: instruments tell them apart, held-out flight not.
 _SLOW_FATAL = (_poorly_excited, _follows_the_rate, _inverse_controller, _wrong_sign, _too_wide)
 _SLOW_OTHERS = (_from_slow_log, _depends_on_the_band, _interval_too_narrow, _wide)
+
+
+#: Rough air hides how well an axis follows its torque, and does not touch how it answers its commands.
+_SPECTRAL_FATAL = (_poorly_excited, _wrong_sign, _too_wide)
+_SPECTRAL_OTHERS = (_told_by_spectra, _wide)
 
 
 def _actuator(model: Model) -> Iterator[Finding]:

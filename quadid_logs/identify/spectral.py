@@ -46,8 +46,8 @@ _SHARED_LINES = 2
 _MOST_LEVERAGE = 0.8
 #: Of first-stage directions, against the strongest: rounding and more.
 _RIDGE = 1e-3
-#: Time constants of motors with propellers of 3 to 30 inches are 10 to 150 ms: one standard deviation of their
-#: logarithm is 0.7 around 35 ms. Outputs reach the motors 1 to 30 ms after they were logged.
+#: Time constants of motors with propellers of 3 to 30 inches are 10 to 150 ms: one standard deviation of
+#: their logarithm is 0.7 around 35 ms. Outputs reach the motors 1 to 30 ms after they were logged.
 _LAG_S, _LAG_SPREAD = 0.035, 0.7
 _DELAY_S, _DELAY_SPREAD = 0.006, 0.9
 _LAGS_S: Final = np.geomspace(0.002, 0.15, 10)
