@@ -41,7 +41,7 @@ _ENOUGH: Final = (
     f"Look at the evidence. Below {WELL_EXCITED_DEG_S:g} deg/s rms, fly stronger manoeuvres on this axis. "
     f"Above, larger manoeuvres would not help. {CALMER}"
 )
-_FLY: Final = frozenset({"QL403", "QL404", "QL503", "QL504", "QL505", "QL511", "QL516"})
+_FLY: Final = frozenset({"QL403", "QL404", "QL503", "QL504", "QL505", "QL511", "QL516", "QL535"})
 
 
 def _entry(code: str, title: str, meaning: str, advice: str) -> tuple[str, CatalogueEntry]:
@@ -514,7 +514,6 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "the damping and the lag: from spectra of short stretches of the flight, each frequency "
                 "weighted by what the air leaves of it. The interval holds what the air hides.",
                 "Fly in calmer air, or make larger and quicker manoeuvres, for a narrower interval.",
-                step="fly",
             ),
             _entry(
                 "QL512",

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
+from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.numerals import estimate
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS
 
@@ -680,7 +681,7 @@ class SpectralFit:
     @property
     def half_width(self) -> float:
         """Of the 95 % interval of the effectiveness, the gyro's scale included."""
-        return float(np.hypot(1.96 * np.sqrt(self.covariance[0, 0]), self.gyro * self.gain))
+        return float(np.hypot(NORMAL_95 * np.sqrt(self.covariance[0, 0]), self.gyro * self.gain))
 
     @property
     def is_sound(self) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -126,6 +126,9 @@ class _Axis(NamedTuple):
         return finding(code, level, evidence, axes=(self.name,), advice=advice, title=title, step=step)
 
 
+_Check = Callable[[_Axis], Finding | None]
+
+
 def _axis(log: FlightLog, identification: Identification, model: Model, number: int) -> Iterator[Finding]:
     """Judge one axis; the first thing that makes its number worthless is enough."""
     axis = _Axis(
@@ -139,9 +142,7 @@ def _axis(log: FlightLog, identification: Identification, model: Model, number: 
         response=identification.responses[number] if identification.responses else None,
         spectral=next((each for each in identification.spectral[number : number + 1] if each.used), None),
     )
-    fatal, others = (_SLOW_FATAL, _SLOW_OTHERS) if identification.only_yaw else (_FATAL, _OTHERS)
-    if axis.spectral is not None:
-        fatal, others = _SPECTRAL_FATAL, _SPECTRAL_OTHERS
+    fatal, others = _checks(axis, only_yaw=identification.only_yaw)
     for check in fatal:
         if (found := check(axis)) is not None:
             yield found
@@ -149,6 +150,13 @@ def _axis(log: FlightLog, identification: Identification, model: Model, number: 
     for check in others:
         if (found := check(axis)) is not None:
             yield found
+
+
+def _checks(axis: _Axis, *, only_yaw: bool) -> tuple[tuple[_Check, ...], tuple[_Check, ...]]:
+    """Return the checks of an axis of which the first that speaks is enough, and all others."""
+    if only_yaw:
+        return _SLOW_FATAL, _SLOW_OTHERS
+    return (_FATAL, _OTHERS) if axis.spectral is None else (_SPECTRAL_FATAL, _SPECTRAL_OTHERS)
 
 
 def _enough_motion(identification: Identification, log_format: str) -> str:

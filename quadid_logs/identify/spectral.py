@@ -133,7 +133,7 @@ def _spectra(data: FlightData) -> BlockSpectra | None:
     """Return the spectra of rates, torques, products of rates, and commands, in that order."""
     records, starts = [], []
     for segment in data.segments:
-        if segment.command is None:
+        if segment.command is None or segment.reference is None:
             continue
         p, q, r = segment.body_rate_rad_s.T
         columns = np.column_stack(

@@ -20,6 +20,7 @@ from quadid_logs.data.model import (
     ChangeCheck,
     Excitation,
     FormulationCheck,
+    Identification,
     Inertia,
     Model,
     Parameter,
@@ -34,6 +35,7 @@ from quadid_logs.maths.sliding_windows import weakest_words
 from quadid_logs.report.calibration_parts import calibration_half_width, flight_interval
 from quadid_logs.report.loop_json import closed_loop_dict
 from quadid_logs.report.provenance import Provenance
+from quadid_logs.vocabulary import AXES
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -100,6 +102,7 @@ def _content(result: Result, provenance: Provenance | None) -> dict[str, Any]:
         "closed_loop": None if result.closed_loop is None else closed_loop_dict(result.closed_loop),
         "excitation": {item.axis: _excitation(item) for item in result.identification.excitation},
         "thrust_curve": _thrust_curve(result.identification.thrust_curve),
+        "spectral": _spectral(result.identification),
         "skipped": result.identification.skipped,
         "timings_s": _timings(result),
         "settings": settings_of(result.settings),
@@ -251,6 +254,28 @@ def _thrust_curve(curve: ThrustCurve | None) -> dict[str, Any] | None:
         "thrust_over_mean": curve.thrust_over_mean,
         "effectiveness": curve.effectiveness,
         "effectiveness_ci95": curve.effectiveness_ci95,
+    }
+
+
+def _spectral(identification: Identification) -> dict[str, Any]:
+    """Return ``spectral``: by axis, empty where nothing tells what was commanded."""
+    return {
+        axis: {
+            "effectiveness": {
+                "value": fit.gain,
+                "ci95": (fit.gain - fit.half_width, fit.gain + fit.half_width),
+            },
+            "damping_1_s": fit.mean[1],
+            "lag_s": fit.mean[2],
+            "delay_s": fit.mean[3],
+            "departure": fit.departure,
+            "r2_commanded": fit.r2_commanded,
+            "torque_commanded": fit.commanded,
+            "stretches": fit.n_blocks,
+            "sound": fit.is_sound,
+            "used": fit.used,
+        }
+        for axis, fit in zip(AXES, identification.spectral, strict=False)
     }
 
 

@@ -15,10 +15,10 @@ from quadid_logs.identify import identify
 from quadid_logs.identify.design import build_design
 from quadid_logs.identify.inference import Estimate
 from quadid_logs.identify.slow_yaw import _follows_motion
+from quadid_logs.identify.splice import with_axis_of
 from quadid_logs.identify.structural import with_unseen_damping
 from quadid_logs.identify.structures import DAMPED
 from quadid_logs.identify.terms import YAW_REACTION
-from quadid_logs.identify.yaw import with_yaw_of
 from quadid_logs.load import prepare
 from quadid_logs.simulate import Simulation, simulate
 
@@ -165,7 +165,7 @@ def test_yaw_of_another_band_takes_its_own_row_only() -> None:
     first, second = (
         identify(data, IdentifySettings(high_pass_hz=edge_hz), (DAMPED,)).models[0] for edge_hz in (0.3, 0.5)
     )
-    merged = with_yaw_of(first, second, data)
+    merged = dataclasses.replace(with_axis_of(first, second, 2, data), yaw_band=second.band)
     np.testing.assert_array_equal(merged.B, [*first.B[:2], second.B[2]])
     assert merged.entries["r_dot", "N"] == second.entries["r_dot", "N"]
     assert merged.entries["p_dot", "L"] == first.entries["p_dot", "L"]
