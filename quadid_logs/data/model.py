@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
-from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.numerals import estimate
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS
 
@@ -658,8 +657,8 @@ class SpectralFit:
         Fraction of the commanded acceleration that the equation explains.
     n_blocks : int
         Half-overlapping stretches of the flight that were compared.
-    gyro : float
-        Half width of the 95 % interval of the gyro's scale, relative.
+    half_width : float
+        Of the 95 % interval of the effectiveness, the gyro's scale included.
     used : bool
         The model's equation of this axis is this one.
     """
@@ -670,18 +669,13 @@ class SpectralFit:
     commanded: float
     r2_commanded: float
     n_blocks: int
-    gyro: float = 0.0
+    half_width: float
     used: bool = False
 
     @property
     def gain(self) -> float:
         """Effectiveness [rad/s^2 per unit of torque]."""
         return float(self.mean[0])
-
-    @property
-    def half_width(self) -> float:
-        """Of the 95 % interval of the effectiveness, the gyro's scale included."""
-        return float(np.hypot(NORMAL_95 * np.sqrt(self.covariance[0, 0]), self.gyro * self.gain))
 
     @property
     def is_sound(self) -> bool:

@@ -470,14 +470,15 @@ def _one(
     own = np.array([0, 1, 2, first, first + 1])
     left = axis.left(theta, actuator)
     size = float(np.sum(np.abs(axis.of_commanded(actuator) * gain) ** 2))
+    spread = _few_blocks(axis.run.size) ** 2 * slopes @ covariance[np.ix_(own, own)] @ slopes.T
     return SpectralFit(
         mean=np.array([gain, theta[1], lag_s, delay_s, gain * lead_s]),
-        covariance=_few_blocks(axis.run.size) ** 2 * slopes @ covariance[np.ix_(own, own)] @ slopes.T,
+        covariance=spread,
         departure=float(np.sqrt(axis.variance)),
         commanded=_ratio(float(np.sum(np.abs(axis.told) ** 2)), float(np.sum(np.abs(axis.torque) ** 2))),
         r2_commanded=1.0 - _ratio(float(np.sum(np.abs(left) ** 2)), size),
         n_blocks=int(axis.run.size),
-        gyro=GYRO_SYSTEMATIC,
+        half_width=float(np.hypot(NORMAL_95 * np.sqrt(spread[0, 0]), GYRO_SYSTEMATIC * gain)),
     )
 
 
@@ -503,5 +504,5 @@ _NOTHING: Final = SpectralFit(
     commanded=0.0,
     r2_commanded=float("nan"),
     n_blocks=0,
-    gyro=GYRO_SYSTEMATIC,
+    half_width=float("inf"),
 )

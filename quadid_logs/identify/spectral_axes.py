@@ -12,9 +12,10 @@ from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import Actuator, Model, Parameter, Posterior, SpectralFit
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify.design import Design
-from quadid_logs.identify.inference import intervals
+from quadid_logs.identify.inference import Estimate, intervals
 from quadid_logs.identify.parameters import MAX_RELATIVE_CI
 from quadid_logs.identify.splice import with_axis_of
+from quadid_logs.identify.structural import with_alternatives
 from quadid_logs.identify.structures import Structure
 from quadid_logs.identify.terms import YAW_REACTION
 from quadid_logs.identify.validate import validate
@@ -108,6 +109,11 @@ def _of_axis(
         column = structure.columns.index(symbol)
         theta[axis, column], half[axis, column], kept[axis, column] = value, width, True
     estimate = intervals(structure, theta, half, kept, knows_gyro=False, band=None, given=data.input)
+    if model.structural is not None:
+        # Commands of one size tell no dead zone and no limit: what the fit in time sees of them widens this.
+        estimate = with_alternatives(
+            structure, estimate, replace(model.structural, feedback=np.zeros_like(model.structural.feedback))
+        )
     parameters = tuple(
         _parameter(old, *(float(each[row, column]) for each in (theta, estimate.low, estimate.high)))
         if row == axis
@@ -133,8 +139,15 @@ def _of_axis(
         parameters=parameters,
         validation=validation,
         fit=series,
-        posterior=_posterior(model.posterior, fit, axis),
+        posterior=_posterior(model.posterior, fit, axis, _widening(estimate, structure, fit, axis)),
     )
+
+
+def _widening(estimate: Estimate, structure: Structure, fit: SpectralFit, axis: int) -> float:
+    """Return how much wider the interval of the effectiveness is than the spectra alone make it."""
+    column = structure.columns.index(TORQUE_SYMBOLS[axis])
+    half = 0.5 * float(estimate.high[axis, column] - estimate.low[axis, column])
+    return max(half / fit.half_width, 1.0)
 
 
 def _told(structure: Structure, fit: SpectralFit, axis: int) -> list[tuple[float, float, str]]:
@@ -174,12 +187,13 @@ def _with_trim(
     return with_trim
 
 
-def _posterior(posterior: Posterior | None, fit: SpectralFit, axis: int) -> Posterior | None:
-    """Return what is known of each axis, with one from the spectra."""
+def _posterior(posterior: Posterior | None, fit: SpectralFit, axis: int, wider: float) -> Posterior | None:
+    """Return what is known of each axis, with one from the spectra, its effectiveness so much wider."""
     if posterior is None:
         return None
     mean, covariance = posterior.mean.copy(), posterior.covariance.copy()
     mean[axis], covariance[axis] = fit.mean, fit.covariance
+    covariance[axis, 0, 0] *= wider**2
     return replace(posterior, mean=mean, covariance=covariance, only_brakes=(False, False, False))
 
 
