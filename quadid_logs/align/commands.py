@@ -39,9 +39,10 @@ def command_of(segment: Segment, modes: Sequence[ModeChange], gains: AngleGains)
     """
     if segment.reference is None or not modes:
         return None
-    angles = _MEMORY_S * lag(
-        np.vstack([np.zeros((1, 3)), segment.body_rate_rad_s]), _period_s(segment), _MEMORY_S
-    )
+    rate = segment.body_rate_rad_s
+    # By trapezoids: half a sample of delay would leave a part of the angle in what is commanded.
+    means = 0.5 * (rate + np.vstack([rate[:1], rate[:-1]]))
+    angles = _MEMORY_S * lag(np.vstack([np.zeros((1, 3)), means]), _period_s(segment), _MEMORY_S)
     command = segment.reference.copy()
     command[:, :3] += _gain_at(segment.time_s, modes, gains) * angles[1:]
     return command

@@ -91,7 +91,7 @@ def test_roll_and_pitch_are_told_within_a_fifth(flown: list[tuple[SpectralFit, .
 
 
 def test_lag_and_damping_are_those_of_the_vehicle(flown: list[tuple[SpectralFit, ...]]) -> None:
-    """Their medians over the flights; the delay of two steps and the hold of half a one are beside the lag."""
+    """Their medians over the flights; lag and a delay of two steps are hardly told apart."""
     lags = [fits[0].mean[2] + fits[0].mean[3] for fits in flown]
     assert abs(np.median(lags) - (LAG_S + DELAY_STEPS * PERIOD_S)) < 0.006
     assert abs(np.median([fits[0].mean[1] for fits in flown]) - DAMPING[0]) < 0.6
