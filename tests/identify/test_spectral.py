@@ -90,6 +90,13 @@ def test_roll_and_pitch_are_told_within_a_fifth(flown: list[tuple[SpectralFit, .
     assert all(fits[axis].is_sound for fits in flown for axis in (0, 1))
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_in_calm_air_the_effectiveness_is_exact(seed: int) -> None:
+    """To 0.4 %: lags that reach over the window's slope are no multipliers alone, and are not taken for such."""
+    fits = fit_by_spectra(_fly(seed, gusts=0.02))
+    np.testing.assert_allclose([each.gain for each in fits], GAIN, rtol=0.004)
+
+
 def test_lag_and_damping_are_those_of_the_vehicle(flown: list[tuple[SpectralFit, ...]]) -> None:
     """Their medians over the flights; lag and a delay of two steps are hardly told apart."""
     lags = [fits[0].mean[2] + fits[0].mean[3] for fits in flown]
