@@ -92,7 +92,7 @@ def test_roll_and_pitch_are_told_within_a_fifth(flown: list[tuple[SpectralFit, .
 
 @pytest.mark.parametrize("seed", range(3))
 def test_in_calm_air_the_effectiveness_is_exact(seed: int) -> None:
-    """To 0.4 %: lags that reach over the window's slope are no multipliers alone, and are not taken for such."""
+    """To 0.4 %: behind a window with a slope, a lag is no multiplier alone."""
     fits = fit_by_spectra(_fly(seed, gusts=0.02))
     np.testing.assert_allclose([each.gain for each in fits], GAIN, rtol=0.004)
 
