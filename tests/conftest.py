@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import os
+import pickle
 import shutil
 import sys
 from collections import Counter
+from collections.abc import Iterator
+from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
+
+from tests.kept import Shelf, clear_others, code_key
 
 if TYPE_CHECKING:
     from tests.analyses import Analyzed
@@ -104,28 +109,70 @@ def pytest_xdist_auto_num_workers() -> int:
     return (os.cpu_count() or 1) + 2
 
 
-def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Delete the shared analyses, half a gigabyte, when the last process is done."""
-    if not hasattr(session.config, "workerinput"):
-        base = session.config._tmp_path_factory._basetemp  # type: ignore[attr-defined]
-        if base is not None:
-            shutil.rmtree(base / "analyses", ignore_errors=True)
+#: What is kept for all test processes, and the module that makes it.
+KEPT = {"analyses": "quadid_logs.pipeline", "flights": "quadid_logs.simulate.closed_loop"}
+_FOLDERS = pytest.StashKey[dict[str, str]]()
+
+
+def kept_folders(config: pytest.Config) -> dict[str, str]:
+    """Return the folder of each kind, named by the content of the code that fills it; delete all others."""
+    if hasattr(config, "workerinput"):
+        return dict(config.workerinput["kept_folders"])
+    if _FOLDERS not in config.stash:
+        config.stash[_FOLDERS] = {kind: f"{kind}-{code_key(module)}" for kind, module in KEPT.items()}
+        if cache := getattr(config, "cache", None):
+            clear_others(cache.mkdir("kept"), set(config.stash[_FOLDERS].values()))
+    return config.stash[_FOLDERS]
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_configure_node(node: Any) -> None:
+    """Read the code once, not in each test process."""
+    node.workerinput["kept_folders"] = kept_folders(node.config)
 
 
 @pytest.fixture(scope="session")
-def analyzed(
-    corpus: Path, tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest
-) -> Analyzed:
+def shelves(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> dict[str, Shelf]:
+    """Return where analyses and flights are kept: in pytest's cache if it is on, else for this run."""
+    own, config = tmp_path_factory.getbasetemp(), request.config
+    # The folders of the workers lie beside each other.
+    of_run = (own.parent if hasattr(config, "workerinput") else own) / "kept"
+    cache = getattr(config, "cache", None)
+    folder = cache.mkdir("kept") if cache else of_run
+    names = kept_folders(config)
+    return {kind: Shelf(folder / name, of_run / f"claims-{kind}") for kind, name in names.items()}
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Delete what was kept for this run only, up to a gigabyte, when the last process is done."""
+    if not hasattr(session.config, "workerinput"):
+        base = session.config._tmp_path_factory._basetemp  # type: ignore[attr-defined]
+        if base is not None:
+            shutil.rmtree(base / "kept", ignore_errors=True)
+
+
+@pytest.fixture(scope="session")
+def analyzed(corpus: Path, shelves: dict[str, Shelf]) -> Analyzed:
     """Return `analyze` for corpus logs, which makes each analysis once for all test processes."""
     from tests.analyses import shared_analyses
 
-    return shared_analyses(analyses_folder(tmp_path_factory, request.config))
+    return shared_analyses(shelves["analyses"])
 
 
-def analyses_folder(factory: pytest.TempPathFactory, config: pytest.Config) -> Path:
-    """Return where test processes share results: beside the folders of the workers, if there are any."""
-    own = factory.getbasetemp()
-    return (own.parent if hasattr(config, "workerinput") else own) / "analyses"
+@pytest.fixture(scope="session", autouse=True)
+def kept_flights(shelves: dict[str, Shelf]) -> Iterator[None]:
+    """Let the simulator fly no flight twice; its own tests fly each time (`tests/simulate/conftest.py`)."""
+    from quadid_logs.simulate import closed_loop
+
+    fly = closed_loop._fly
+
+    @wraps(fly)
+    def kept(*arguments: Any) -> Any:
+        return shelves["flights"].get(pickle.dumps(arguments), lambda: fly(*arguments))
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(closed_loop, "_fly", kept)
+        yield
 
 
 @pytest.fixture
