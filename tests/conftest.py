@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from tests.kept import Shelf, clear_others, code_key
+from tests.kept import SHELVES, Shelf, clear_others, code_key
 
 if TYPE_CHECKING:
     from tests.analyses import Analyzed
@@ -110,7 +110,11 @@ def pytest_xdist_auto_num_workers() -> int:
 
 
 #: What is kept for all test processes, and the module that makes it.
-KEPT = {"analyses": "quadid_logs.pipeline", "flights": "quadid_logs.simulate.closed_loop"}
+KEPT = {
+    "analyses": "quadid_logs.pipeline",
+    "flights": "quadid_logs.simulate.closed_loop",
+    "tuned": "tests.tuned_flights",
+}
 _FOLDERS = pytest.StashKey[dict[str, str]]()
 
 
@@ -140,7 +144,8 @@ def shelves(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureReq
     cache = getattr(config, "cache", None)
     folder = cache.mkdir("kept") if cache else of_run
     names = kept_folders(config)
-    return {kind: Shelf(folder / name, of_run / f"claims-{kind}") for kind, name in names.items()}
+    SHELVES.update({kind: Shelf(folder / name, of_run / f"claims-{kind}") for kind, name in names.items()})
+    return SHELVES
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:

@@ -23,6 +23,8 @@ ROOT: Final = Path(__file__).resolve().parents[1]
 #: After this the other process is taken for dead, and the work is done again [s].
 _PATIENCE_S: Final = 120.0
 _Made = TypeVar("_Made")
+#: Those of this run by kind, for what no fixture reaches (`tests/conftest.py` fills it).
+SHELVES: Final[dict[str, Shelf]] = {}
 
 
 class Shelf:

@@ -12,8 +12,6 @@ import pytest
 from tests.conftest import KEPT, REPOSITORY
 from tests.kept import Shelf, clear_others, code_key, modules_behind
 
-SAMPLE = REPOSITORY / "sample_logs" / "default-logging.bin"
-
 
 @pytest.fixture
 def shelf(tmp_path: Path) -> Shelf:
@@ -70,16 +68,18 @@ def test_what_is_imported_for_types_alone_changes_no_key(package: Path) -> None:
 
 _LOADED = """
 import json, sys
-from quadid_logs import pipeline
+from quadid_logs import load, pipeline
 for path in sys.argv[1:]:
-    pipeline.analyze(path)
+    load.read_log(path)
+pipeline.analyze(path)
 print(json.dumps([name for name in sys.modules if name.startswith("quadid_logs")]))
 """
 
 
 def test_every_module_that_an_analysis_loads_is_behind_its_key() -> None:
-    """Whichever way it is imported; a log of each container."""
-    logs = [SAMPLE, SAMPLE.with_name("products-of-inertia.ulg"), SAMPLE.with_name("doublets.tlog")]
+    """Whichever way it is imported; a log of each container is read, and the last one analyzed."""
+    names = ("sysid-quad-x.bin", "products-of-inertia.ulg", "betaflight-doublets.bbl", "doublets.tlog")
+    logs = [REPOSITORY / "sample_logs" / name for name in names]
     done = subprocess.run(
         [sys.executable, "-c", _LOADED, *map(str, logs)], capture_output=True, text=True, check=True
     )
