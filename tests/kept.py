@@ -15,6 +15,7 @@ import platform
 import shutil
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import Final, TypeVar
@@ -49,17 +50,25 @@ class Shelf:
         if not path.exists() and not _claimed(claim):
             _wait(path, claim)
         try:
-            if path.exists():
+            with suppress(FileNotFoundError, NotADirectoryError):
                 return pickle.loads(path.read_bytes())  # type: ignore[no-any-return]
             made = make()
-            # Another run, of other code, may have cleared the folder meanwhile.
-            self._folder.mkdir(parents=True, exist_ok=True)
-            unfinished = path.with_suffix(f".{os.getpid()}")
-            unfinished.write_bytes(pickle.dumps(made, pickle.HIGHEST_PROTOCOL))
-            unfinished.replace(path)
+            self._keep(path, made)
         finally:
             claim.unlink(missing_ok=True)
         return made
+
+    def _keep(self, path: Path, made: object) -> None:
+        """Write it whole or not at all; a disk that is full, or that a test calls full, keeps nothing."""
+        unfinished = path.with_suffix(f".{os.getpid()}")
+        try:
+            # Another run, of other code, may have cleared the folder meanwhile.
+            self._folder.mkdir(parents=True, exist_ok=True)
+            unfinished.write_bytes(pickle.dumps(made, pickle.HIGHEST_PROTOCOL))
+            unfinished.replace(path)
+        except OSError:
+            with suppress(OSError):
+                unfinished.unlink(missing_ok=True)
 
 
 def _claimed(claim: Path) -> bool:

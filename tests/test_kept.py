@@ -50,6 +50,13 @@ def test_what_failed_is_made_again(shelf: Shelf) -> None:
     assert shelf.get(b"one", lambda: 1) == 1
 
 
+def test_what_cannot_be_kept_is_made_each_time(tmp_path: Path) -> None:
+    """On a full disk, say; nothing is left half-written."""
+    (tmp_path / "shelf").write_text("no folder")
+    shelf = Shelf(tmp_path / "shelf", tmp_path / "claims")
+    assert [shelf.get(b"one", lambda made=made: made) for made in (1, 2)] == [1, 2]
+
+
 @pytest.mark.parametrize("changed", ["a.py", "b/__init__.py", "b/table.json", "__init__.py"])
 def test_another_text_of_any_module_behind_is_another_key(package: Path, changed: str) -> None:
     """Imported at the top or in a function, and data beside it."""

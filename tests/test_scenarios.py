@@ -12,6 +12,7 @@ from quadid_logs import pipeline
 from quadid_logs.simulate import SCENARIOS, simulate
 from quadid_logs.simulate.damage import damage_bytes
 from quadid_logs.writers import write_log
+from tests.marks import thorough_but
 
 AXES = ("roll", "pitch", "yaw")
 #: Of each analyzed flight: half of what a scenario flies by itself, for half the time of the tests [s].
@@ -38,11 +39,7 @@ def test_every_scenario_flies_and_its_truth_is_json(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=pytest.mark.thorough if _any_verdict(name) else ())
-        for name in sorted(SCENARIOS)
-    ],
+    "name", thorough_but([name for name in SCENARIOS if not _any_verdict(name)], sorted(SCENARIOS))
 )
 def test_a_usable_axis_has_the_true_gain_and_the_others_are_not_usable(name: str, tmp_path: Path) -> None:
     """Truth -> file -> verdict: "usable" means within 5 %, and no axis beyond what its flight allows."""

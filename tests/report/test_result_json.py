@@ -19,6 +19,7 @@ from quadid_logs.report import json_text, result_dict
 from quadid_logs.report.provenance import provenance_of
 from tests.analyses import Analyzed
 from tests.conftest import corpus_logs
+from tests.marks import thorough_but
 
 SCHEMA = json.loads((Path(__file__).parents[2] / "docs" / "result.schema.json").read_text(encoding="utf-8"))
 
@@ -211,10 +212,7 @@ OF_EACH_KIND = (
 @pytest.mark.corpus
 @pytest.mark.parametrize(
     "corpus_log",
-    [
-        pytest.param(name, marks=() if name in OF_EACH_KIND else pytest.mark.thorough)
-        for name in sorted({*OF_EACH_KIND, *corpus_logs("firmware", "real", "damaged")})
-    ],
+    thorough_but(OF_EACH_KIND, sorted({*OF_EACH_KIND, *corpus_logs("firmware", "real", "damaged")})),
     indirect=True,
 )
 def test_the_result_of_every_log_validates_against_the_schema(corpus_log: Path, analyzed: Analyzed) -> None:
