@@ -116,6 +116,17 @@ KEPT = {
     "flights": "quadid_logs.simulate.closed_loop",
     "tuned": "tests.tuned_flights",
 }
+
+
+def cache_folder(config: pytest.Config) -> Path | None:
+    """Return our part of pytest's cache; None where that is switched off or cannot be written."""
+    cache = getattr(config, "cache", None)
+    try:
+        return cache.mkdir("kept") if cache else None
+    except OSError:
+        return None
+
+
 _FOLDERS = pytest.StashKey[dict[str, str]]()
 
 
@@ -125,8 +136,8 @@ def kept_folders(config: pytest.Config) -> dict[str, str]:
         return dict(config.workerinput["kept_folders"])
     if _FOLDERS not in config.stash:
         config.stash[_FOLDERS] = {kind: f"{kind}-{code_key(module)}" for kind, module in KEPT.items()}
-        if cache := getattr(config, "cache", None):
-            clear_others(cache.mkdir("kept"), set(config.stash[_FOLDERS].values()))
+        if folder := cache_folder(config):
+            clear_others(folder, set(config.stash[_FOLDERS].values()))
     return config.stash[_FOLDERS]
 
 
@@ -142,8 +153,7 @@ def shelves(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureReq
     own, config = tmp_path_factory.getbasetemp(), request.config
     # The folders of the workers lie beside each other.
     of_run = (own.parent if hasattr(config, "workerinput") else own) / "kept"
-    cache = getattr(config, "cache", None)
-    folder = cache.mkdir("kept") if cache else of_run
+    folder = cache_folder(config) or of_run
     names = kept_folders(config)
     SHELVES.update({kind: Shelf(folder / name, of_run / f"claims-{kind}") for kind, name in names.items()})
     return SHELVES
