@@ -72,8 +72,8 @@ samples: $(INSTALLED)  ## Write sample_logs/ anew with our own simulator
 
 check: lint types contracts test  ## All that must hold before a commit
 
-check-all: check  ## And what only a change of the code's text can break: the lists of mistakes fit the code
-	$(BIN)/python -m pytest -q -n auto -m source_text
+check-all: check  ## And the long studies, every log, and that the lists of mistakes fit the code
+	$(BIN)/python -m pytest -q -n auto --dist loadfile -m 'source_text or thorough'
 
 clean:  ## Remove what was generated
 	rm -rf $(VENV) demo site build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

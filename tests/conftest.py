@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import os
+import pickle
 import shutil
 import sys
 from collections import Counter
+from collections.abc import Iterator
+from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
+
+from tests.kept import SHELVES, Shelf, clear_others, code_key
 
 if TYPE_CHECKING:
     from tests.analyses import Analyzed
@@ -27,28 +32,29 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 
 #: The test files that take longest, most first: what begins last decides when the suite ends.
 LONGEST_FIRST = (
-    "report/test_result_json.py",
-    "test_scenarios.py",
     "fleet/test_run.py",
-    "report/test_browser.py",
-    "structural/test_effects.py",
-    "report/test_accessibility.py",
-    "identify/test_coverage.py",
-    "actuation/test_reconstruct.py",
-    "fleet/test_changes.py",
-    "identify/test_thrust_curve.py",
-    "simulate/test_closed_loop.py",
-    "test_flown_research.py",
-    "cli/test_main.py",
-    "test_study.py",
-    "identify/test_actuator_model.py",
+    "test_scenarios.py",
+    "report/test_result_json.py",
     "test_tuning.py",
-    "containers/test_dataflash.py",
+    "identify/test_coverage.py",
+    "structural/test_effects.py",
+    "report/test_browser.py",
+    "test_flown_research.py",
+    "report/test_accessibility.py",
+    "simulate/test_closed_loop.py",
+    "identify/test_thrust_curve.py",
     "identify/test_identify.py",
+    "actuation/test_reconstruct.py",
+    "identify/test_actuator_model.py",
+    "serve/test_browser.py",
+    "diagnose/test_gyro.py",
+    "containers/test_dataflash.py",
+    "fleet/test_changes.py",
+    "test_study.py",
+    "cli/test_main.py",
     "test_figures.py",
     "cli/test_plan.py",
     "cli/test_full_disk.py",
-    "serve/test_browser.py",
     "identify/test_rotors.py",
     "identify/test_select.py",
     "test_pool.py",
@@ -104,28 +110,85 @@ def pytest_xdist_auto_num_workers() -> int:
     return (os.cpu_count() or 1) + 2
 
 
-def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Delete the shared analyses, half a gigabyte, when the last process is done."""
-    if not hasattr(session.config, "workerinput"):
-        base = session.config._tmp_path_factory._basetemp  # type: ignore[attr-defined]
-        if base is not None:
-            shutil.rmtree(base / "analyses", ignore_errors=True)
+#: What is kept for all test processes, and the module that makes it.
+KEPT = {
+    "analyses": "quadid_logs.pipeline",
+    "flights": "quadid_logs.simulate.closed_loop",
+    "tuned": "tests.tuned_flights",
+}
+
+
+def cache_folder(config: pytest.Config) -> Path | None:
+    """Return our part of pytest's cache; None where that is switched off or cannot be written."""
+    cache = getattr(config, "cache", None)
+    try:
+        return cache.mkdir("kept") if cache else None
+    except OSError:
+        return None
+
+
+_FOLDERS = pytest.StashKey[dict[str, str]]()
+
+
+def kept_folders(config: pytest.Config) -> dict[str, str]:
+    """Return the folder of each kind, named by the content of the code that fills it; delete all others."""
+    if hasattr(config, "workerinput"):
+        return dict(config.workerinput["kept_folders"])
+    if _FOLDERS not in config.stash:
+        config.stash[_FOLDERS] = {kind: f"{kind}-{code_key(module)}" for kind, module in KEPT.items()}
+        if folder := cache_folder(config):
+            clear_others(folder, set(config.stash[_FOLDERS].values()))
+    return config.stash[_FOLDERS]
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_configure_node(node: Any) -> None:
+    """Read the code once, not in each test process."""
+    node.workerinput["kept_folders"] = kept_folders(node.config)
 
 
 @pytest.fixture(scope="session")
-def analyzed(
-    corpus: Path, tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest
-) -> Analyzed:
+def shelves(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> dict[str, Shelf]:
+    """Return where analyses and flights are kept: in pytest's cache if it is on, else for this run."""
+    own, config = tmp_path_factory.getbasetemp(), request.config
+    # The folders of the workers lie beside each other.
+    of_run = (own.parent if hasattr(config, "workerinput") else own) / "kept"
+    folder = cache_folder(config) or of_run
+    names = kept_folders(config)
+    SHELVES.update({kind: Shelf(folder / name, of_run / f"claims-{kind}") for kind, name in names.items()})
+    return SHELVES
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Delete what was kept for this run only, up to a gigabyte, when the last process is done."""
+    if not hasattr(session.config, "workerinput"):
+        base = session.config._tmp_path_factory._basetemp  # type: ignore[attr-defined]
+        if base is not None:
+            shutil.rmtree(base / "kept", ignore_errors=True)
+
+
+@pytest.fixture(scope="session")
+def analyzed(corpus: Path, shelves: dict[str, Shelf]) -> Analyzed:
     """Return `analyze` for corpus logs, which makes each analysis once for all test processes."""
     from tests.analyses import shared_analyses
 
-    return shared_analyses(analyses_folder(tmp_path_factory, request.config))
+    return shared_analyses(shelves["analyses"])
 
 
-def analyses_folder(factory: pytest.TempPathFactory, config: pytest.Config) -> Path:
-    """Return where test processes share results: beside the folders of the workers, if there are any."""
-    own = factory.getbasetemp()
-    return (own.parent if hasattr(config, "workerinput") else own) / "analyses"
+@pytest.fixture(scope="session", autouse=True)
+def kept_flights(shelves: dict[str, Shelf]) -> Iterator[None]:
+    """Let the simulator fly no flight twice; its own tests fly each time (`tests/simulate/conftest.py`)."""
+    from quadid_logs.simulate import closed_loop
+
+    fly = closed_loop._fly
+
+    @wraps(fly)
+    def kept(*arguments: Any) -> Any:
+        return shelves["flights"].get(pickle.dumps(arguments), lambda: fly(*arguments))
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(closed_loop, "_fly", kept)
+        yield
 
 
 @pytest.fixture

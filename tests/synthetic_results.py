@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -44,12 +45,19 @@ HOSTILE = (
 
 def usable_result(duration_s: float = 80.0, path: str = "flight.bin") -> Result:
     """Return a good flight: 80 s at 400 Hz, three structures, one caution on yaw."""
+    made = _usable_result(duration_s)
+    return replace(made, log=replace(made.log, path=path))
+
+
+@cache
+def _usable_result(duration_s: float) -> Result:
+    """Make a flight of each length once: its loop is closed around hundreds of vehicles, which takes long."""
     generator = np.random.default_rng(0)
     segments = _segments(generator, duration_s)
     model = _model("damped", segments, generator, recommended=True)
     data = _data(segments, duration_s)
     return Result(
-        log=_log(path),
+        log=_log("flight.bin"),
         data=data,
         closed_loop=_closed_loop(data, model),
         identification=Identification(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -297,12 +298,26 @@ def test_windless_flights_are_a_group_of_their_own():
     assert list(groups) == ["up to 0", "0 to 2", "2 to 4", "4 to 6"]
 
 
-def test_a_short_study_flies_once_and_goes_on_where_it_stopped(tmp_path, capsys):
-    """The second study flies what is missing, and what the interruption cut in half."""
-    # Of this seed the first two flights are short and slowly logged.
-    words = ["--flights", "2", "--seed", "260", "--processes", "1", "--output", str(tmp_path)]
+class Here:
+    """A pool that works in this process."""
+
+    def __init__(self, *_arguments, **_keywords):
+        pass
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_error):
+        pass
+
+    imap_unordered = staticmethod(map)
+
+
+def goes_on_where_it_stopped(folder, seed):
+    """Study two flights, cut the second line in half, and study again."""
+    words = ["--flights", "2", "--seed", str(seed), "--processes", "1", "--output", str(folder)]
     assert run.main(words) == 0
-    (path,) = tmp_path.glob("*.jsonl")
+    (path,) = folder.glob("*.jsonl")
     first, second = path.read_text().splitlines(keepends=True)
     marked = json.dumps(json.loads(first) | {"kept": True}) + "\n"
     path.write_text(marked + second[:100])
@@ -310,7 +325,28 @@ def test_a_short_study_flies_once_and_goes_on_where_it_stopped(tmp_path, capsys)
     flights = read_flights(path)
     assert [each["number"] for each in flights] == [0, 1]
     assert sum("kept" in each for each in flights) == 1
-    assert "| on-axis effectiveness |" in (tmp_path / "coverage.md").read_text()
+    assert "| on-axis effectiveness |" in (folder / "coverage.md").read_text()
+
+
+def test_a_study_goes_on_where_it_stopped(tmp_path, capsys, monkeypatch):
+    """What is missing is flown, and what the interruption cut in half."""
+    flown = []
+
+    def measure_one(task):
+        flown.append(task)
+        return flight(task[1], parameter(truth=100.0 + task[1]))
+
+    monkeypatch.setattr(run, "_measure_one", measure_one)
+    monkeypatch.setattr(run.multiprocessing, "get_context", lambda _: SimpleNamespace(Pool=Here))
+    goes_on_where_it_stopped(tmp_path, 1)
+    assert flown == [(1, 0), (1, 1), (1, 1)]
+    assert "2 flights" in capsys.readouterr().out
+
+
+@pytest.mark.thorough
+def test_a_short_study_flies(tmp_path, capsys):
+    """In processes of its own; of this seed the first two flights are short and slowly logged."""
+    goes_on_where_it_stopped(tmp_path, 260)
     assert "2 flights" in capsys.readouterr().out
 
 

@@ -14,6 +14,7 @@ from quadid_logs.pipeline import _closed_loop, judge
 from quadid_logs.simulate import SCENARIOS, fly, plan_flights
 from quadid_logs.simulate.closed_loop import Record
 from quadid_logs.simulate.logger import log_flights
+from tests.kept import SHELVES
 
 #: Just fast enough for a loop of its own at that rate.
 RATE_HZ = 270.0
@@ -31,7 +32,11 @@ def recorded(autopilot: str) -> tuple[Record, ...]:
 
 @cache
 def flown(autopilot: str) -> Result:
-    """Return what an analysis finds in a flight of 20 s."""
+    """Return what an analysis finds in a flight of 20 s, made once for all test processes."""
+    return SHELVES["tuned"].get(autopilot.encode(), lambda: _analyzed(autopilot))
+
+
+def _analyzed(autopilot: str) -> Result:
     log = log_flights(recorded(autopilot), replace(SCENARIO.logging, rate_hz=RATE_HZ))
     prepared = prepare(log)
     settings = Settings()

@@ -21,6 +21,7 @@ from quadid_logs.load import load, prepare, read_log
 from quadid_logs.pipeline import analyze
 from quadid_logs.simulate import simulate
 from tests.actuation.logs import PARAMETERS, ardupilot_log, signal
+from tests.marks import thorough_but
 
 ARDUPILOT = [
     "ac47_quadx_default_logging",
@@ -92,7 +93,12 @@ def test_px4_motors_return_the_set_point_where_nothing_is_limited(corpus: Path, 
 
 
 # The multisine flight is in the next test.
-@pytest.mark.parametrize("name", [name for name in ARDUPILOT if name != "ac47_quadx_multisine"])
+@pytest.mark.parametrize(
+    "name",
+    thorough_but(
+        ["ac47_quadx_doublets", *TOLD], [name for name in ARDUPILOT if name != "ac47_quadx_multisine"]
+    ),
+)
 def test_mass_and_arm_alone_give_the_inertia_of_roll_and_pitch(corpus: Path, name: str) -> None:
     """Ixx and Iyy within 3 %; what the flight or the file does not tell stays empty."""
     path = corpus / "firmware" / f"{name}.BIN"

@@ -52,6 +52,7 @@ def test_a_parameter_is_found_by_axis_and_input_target_and_regressor_or_name(flo
     model = flown.model
     assert model["roll", "L"] is model["p_dot", "L"] is model["B11"]
     assert model["roll", "L"].value == model.B[0, 0]
+    assert model["pitch", "M"] is model["q_dot", "M"] is model["B22"]
     with pytest.raises(KeyError, match="p_dot"):
         model["roll", "X"]
 

@@ -18,6 +18,7 @@ from quadid_logs.containers.content import decode_text
 from quadid_logs.containers.dataflash import DataFlashFile, read_messages
 from quadid_logs.containers.message_table import MessageTable
 from quadid_logs.errors import EmptyLogError, LogError, LogNotFoundError, UnknownFormatError
+from tests.marks import thorough_but
 
 from .dataflash_files import (
     ATT,
@@ -62,6 +63,16 @@ INTACT = [
 #: that 4 MB of them hold is among the first 2. But not of those whose end is unlike it.
 _MOST_BYTES = 2_000_000
 _WHOLE = ("firmware/ac47_two_flights.BIN", "firmware/ac47_quadx_default_logging.BIN")
+#: Of each age and kind of vehicle one.
+OF_EACH_AGE = (
+    "real/ac313-y6b-331s.bin",
+    "real/ac33dev-erle-quadx-RATE50Hz-2015-03-31.bin",
+    "real/ac413-quadx-goodprop-hover1.bin",
+    "real/ac457-quadx-noATT-noRATE-50s.bin",
+    "real/plane423-fastlog-real.bin",
+    "real/sdlog2-quad-70s.px4log",
+    "firmware/ac47_quadx_doublets.BIN",
+)
 PID_TYPES = frozenset({"PIDR", "PIDP", "PIDY"})
 
 
@@ -106,7 +117,7 @@ def test_the_format_characters_are_those_of_the_reference_reader() -> None:
 
 
 @pytest.mark.corpus
-@pytest.mark.parametrize("name", INTACT)
+@pytest.mark.parametrize("name", thorough_but(OF_EACH_AGE, INTACT))
 def test_every_field_equals_the_reference_reader_s(corpus: Path, name: str, tmp_path: Path) -> None:
     """All rows and fields of the types that are used are pymavlink's, bit for bit."""
     path = corpus / name

@@ -21,6 +21,7 @@ from quadid_logs.simulate import simulate
 from quadid_logs.vocabulary import AXES
 from tests.align.flights import align, flight_log, signal
 from tests.conftest import corpus_logs
+from tests.marks import thorough_but
 
 RATE_HZ = 200.0
 #: Its main loop ran at 375 Hz instead of 400 by its own PM messages, so that its attitude turns too little,
@@ -225,8 +226,26 @@ def test_the_lag_of_the_gyro_filter_is_found_in_a_flight_of_the_firmware(corpus:
     assert check.lag_s == pytest.approx(0.01125, abs=0.0005)
 
 
+#: One log of each autopilot and each way to log rates and attitude, and the one that contradicts itself.
+OF_EACH_KIND = (
+    SLOW_LOOP,
+    "firmware/ac47_quadx_doublets.BIN",
+    "firmware/bf_quad_sticks.bbl",
+    "firmware/px4_quad_multisine.ulg",
+    "real/ac33dev-erle-quadx-RATE50Hz-2015-03-31.bin",
+    "real/ac413-quadx-goodprop-hover1.bin",
+    "real/px4-1.16-quad-v6c-indoor-85s.ulg",
+    "real/sdlog2-quad-70s.px4log",
+    "real/tailsitter-step-size2-2.csv",
+)
+
+
 @pytest.mark.corpus
-@pytest.mark.parametrize("corpus_log", corpus_logs("real", "firmware"), indirect=True)
+@pytest.mark.parametrize(
+    "corpus_log",
+    thorough_but(OF_EACH_KIND, sorted({*OF_EACH_KIND, *corpus_logs("real", "firmware")})),
+    indirect=True,
+)
 def test_of_all_flown_logs_one_contradicts_itself(corpus_log: Path) -> None:
     """And that one for a reason."""
     try:

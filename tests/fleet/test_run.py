@@ -1,4 +1,8 @@
-"""A whole run: every log a row, wherever the workers are and whatever happens to them."""
+"""A whole run: every log a row, wherever the workers are and whatever happens to them.
+
+Of what kills processes, and of what waits for a real clock to run out, two stand for all in a quick run;
+what the pool makes of other endings is in `tests/fleet/test_worker.py`.
+"""
 
 from __future__ import annotations
 
@@ -141,6 +145,7 @@ def test_a_killed_worker_and_a_restarted_scheduler_change_nothing(undisturbed, l
     assert rows_of(store) == rows_of(undisturbed)
 
 
+@pytest.mark.thorough
 def test_ctrl_c_leaves_a_good_store_that_resume_completes(undisturbed, logs, tmp_path):
     """Interrupted like at a terminal: the whole process group gets the signal."""
     store = tmp_path / "store"
@@ -174,6 +179,7 @@ def test_a_killed_run_leaves_a_good_store_and_no_process(undisturbed, logs, tmp_
     assert all(row in rows_of(undisturbed) for row in rows_of(store))
 
 
+@pytest.mark.thorough
 def test_logs_come_from_an_object_store(undisturbed, logs, tmp_path, monkeypatch):
     """The workers fetch them themselves; the numbers are those of the local files."""
     store = tmp_path / "store"
@@ -239,6 +245,7 @@ def lost_rows(store):
     return lost, [row for row in rows if row["status"] != "lost"]
 
 
+@pytest.mark.thorough
 def test_a_log_that_hangs_or_kills_is_a_row_and_its_neighbours_are_not(undisturbed, few, poisoned, tmp_path):
     """Also where a library hangs that holds Python's lock; the next run tries again."""
     store = tmp_path / "store"
@@ -259,6 +266,7 @@ def test_a_log_that_hangs_or_kills_is_a_row_and_its_neighbours_are_not(undisturb
     assert lost_rows(store)[0] == {}
 
 
+@pytest.mark.thorough
 def test_on_a_cluster_too_no_log_holds_or_fells_a_worker(undisturbed, few, poisoned, tmp_path):
     """Hanging, killing, hoarding: three rows, and the worker is the one that began."""
     store = tmp_path / "store"
@@ -280,6 +288,7 @@ def test_on_a_cluster_too_no_log_holds_or_fells_a_worker(undisturbed, few, poiso
     assert others == rows_about(few, undisturbed)
 
 
+@pytest.mark.thorough
 def test_a_log_that_kills_worker_after_worker_is_a_row(undisturbed, few, poisoned, tmp_path):
     """As where a container that takes too much memory is killed as a whole, and started again."""
     store = tmp_path / "store"
@@ -329,7 +338,9 @@ def _old_task(**keywords):
     return Task(**keywords, version="0.0.1")
 
 
-@pytest.mark.parametrize("n_workers", [0, 1], ids=["scheduler", "worker"])
+@pytest.mark.parametrize(
+    "n_workers", [0, pytest.param(1, marks=pytest.mark.thorough)], ids=["scheduler", "worker"]
+)
 def test_a_cluster_without_the_package_stops_the_run(one_log, tmp_path, n_workers):
     """Only a scheduler that lacks it, or a worker too: one clear line, and not a lost row per log."""
     package = tmp_path / "quadid_logs"
@@ -347,6 +358,7 @@ def test_a_cluster_without_the_package_stops_the_run(one_log, tmp_path, n_worker
     assert "Traceback" not in err
 
 
+@pytest.mark.thorough
 def test_a_failure_of_the_worker_is_a_row(one_log, tmp_path):
     """A full disk there, say: no end to the run, no endless loop, and the next run tries again."""
     (tmp_path / "sitecustomize.py").write_text(FULL)

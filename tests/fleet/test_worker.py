@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import os
 import time
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 from types import SimpleNamespace
 
 import psutil
 import pytest
+from pebble import ProcessExpired
 
 from quadid_logs.fleet.log_files import LogFile
 from quadid_logs.fleet.options import Options
-from quadid_logs.fleet.rows import UNREADABLE
+from quadid_logs.fleet.rows import LOST, UNREADABLE
 from quadid_logs.fleet.tasks import Task
-from quadid_logs.fleet.worker import AnalysisPool
+from quadid_logs.fleet.worker import AnalysisPool, ProcessDiedError
 
 #: What Dask gives a plugin, as far as it is used here: one thread, no limit of memory.
 WORKER = SimpleNamespace(memory_manager=SimpleNamespace(memory_limit=None), state=SimpleNamespace(nthreads=1))
@@ -56,3 +60,38 @@ def test_nothing_is_left_of_a_download(pool, task, tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     pool.analyze(task)
     assert [path.name for path in tmp_path.iterdir()] == ["noise.bin"]
+
+
+@pytest.fixture
+def end_with(pool, monkeypatch):
+    """Let each log end at once in an error, as the clock and the kernel do it in earnest elsewhere."""
+
+    def end(error):
+        future = Future()
+        future.set_exception(error)
+        monkeypatch.setattr(pool._pool, "schedule", lambda *_arguments, **_keywords: future)
+
+    return end
+
+
+def test_a_log_that_takes_too_long_is_a_row_that_names_the_limit(pool, task, end_with):
+    """So that it can be given more time."""
+    end_with(TimeoutError())
+    outcome = pool.analyze(replace(task, options=Options(timeout_s=15.0)))
+    assert outcome.status == LOST
+    assert "0.25 minutes (--timeout)" in outcome.rows[0]["error"]
+
+
+@pytest.mark.parametrize(("code", "words"), [(-9, "SIGKILL"), (-11, "SIGSEGV"), (3, "exit code 3")])
+def test_a_process_that_ended_by_itself_is_told_by_how(pool, task, end_with, code, words):
+    """Killed by the kernel, or by a library."""
+    end_with(ProcessExpired("", code=code))
+    with pytest.raises(ProcessDiedError, match=words):
+        pool.analyze(task)
+
+
+def test_a_pool_that_broke_under_a_log_is_told_too(pool, task, end_with):
+    """The log is tried again elsewhere."""
+    end_with(BrokenProcessPool())
+    with pytest.raises(ProcessDiedError, match="the pool broke"):
+        pool.analyze(task)

@@ -28,7 +28,7 @@ from quadid_logs.identify.actuator_model import (
     free_actuator_model,
 )
 from quadid_logs.identify.design import Design, build_design
-from quadid_logs.identify.structures import DAMPED, STRUCTURES
+from quadid_logs.identify.structures import DAMPED, STRUCTURES, Structure
 from quadid_logs.identify.torque_errors import battery_errors, sampling_errors
 from quadid_logs.load import prepare
 from quadid_logs.maths.band import angular_frequency, notch_response
@@ -61,8 +61,9 @@ def flown(scenario: Scenario, autopilot: str = "ardupilot") -> tuple[FlightData,
     return cut(log, AlignSettings()), flight_truth((record,), scenario=scenario.name, boot_s=31.0)
 
 
-def recommended(data: FlightData) -> Model:
-    model = identify(data, IdentifySettings()).recommended
+def recommended(data: FlightData, *structures: Structure) -> Model:
+    """Return the recommended model; of these structures, or of all that the package has."""
+    model = identify(data, IdentifySettings(), structures or STRUCTURES).recommended
     assert model is not None
     return model
 
@@ -79,7 +80,7 @@ def clean() -> tuple[Model, dict[str, Any]]:
         gyro_filter_hz=20.0,
     )
     data, truth = flown(scenario)
-    return recommended(data), truth
+    return recommended(data, DAMPED), truth
 
 
 def test_without_noise_nothing_is_left_of_lag_and_delay(
@@ -150,7 +151,7 @@ def test_what_the_torque_was_between_the_samples_widens_the_interval(slow_log: F
         slow_log, input=dataclasses.replace(slow_log.input, every_step=True)
     )
     width, narrow = (
-        [p.ci95[1] - p.ci95[0] for p in recommended(data).parameters if p.regressor == p.target[0]]
+        [p.ci95[1] - p.ci95[0] for p in recommended(data, DAMPED).parameters if p.regressor == p.target[0]]
         for data in (slow_log, taken_for_whole)
     )
     assert (np.array(width) > 1.2 * np.array(narrow)).any()
@@ -203,7 +204,7 @@ def test_a_known_notch_is_no_part_of_the_delay() -> None:
     untold = dataclasses.replace(notched, gyro_filter=NO_GYRO_FILTER)
     delays = [
         model.actuator.delay_s + model.actuator.lag_s
-        for model in map(recommended, (data, notched, untold))
+        for model in (recommended(one, DAMPED) for one in (data, notched, untold))
         if model.actuator is not None
     ]
     assert delays[1] == pytest.approx(delays[0], abs=1e-4)
@@ -250,7 +251,7 @@ def unbraked() -> tuple[Model, dict[str, Any]]:
         SCENARIOS["pilot-sticks"], duration_s=40.0, airframe=slow_motors, effects=Effects(spin_down_ratio=3.0)
     )
     data, truth = flown(scenario)
-    return recommended(data), truth
+    return recommended(data, DAMPED), truth
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])

@@ -13,6 +13,8 @@ from quadid_logs.maths.normal import NORMAL_95
 
 from .vehicles import Drawn, draw_flights
 
+pytestmark = pytest.mark.thorough
+
 #: Of 240 right intervals as few or as many miss the truth in one of a thousand studies (binomial, p = 0.05).
 _FEWEST_MISSES, _MOST_MISSES = 3, 24
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from quadid_logs.data.flight import FlightData, InputDescription, Segment
 from quadid_logs.data.log import GyroFilter
 from quadid_logs.maths.band import angular_frequency, butterworth_response
 
+Triple = tuple[float, float, float]
 PERIOD_S = 0.0025
 _SUBSTEPS = 2
 
@@ -56,24 +58,37 @@ def fly(truth: Truth, excitation: np.ndarray, *, seed: int = 0, feedback: float 
     rng = np.random.default_rng(seed)
     n, step = len(excitation), PERIOD_S / _SUBSTEPS
     noise = truth.noise_rad_s * rng.standard_normal((n, 3))
-    decay = np.exp(-step / truth.lag_s) if truth.lag_s else 0.0
+    decay = math.exp(-step / truth.lag_s) if truth.lag_s else 0.0
     behind = round(truth.delay_s / step)
-    command, rate, actual = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(3)
-    history = np.zeros((n * _SUBSTEPS + 1, 3))
-    w = np.zeros(3)
-    J, B, D = truth.inertia.tolist(), truth.B.tolist(), truth.damping.tolist()
-    for k in range(n):
-        rate[k] = w + noise[k]
-        command[k] = excitation[k] - feedback * truth.inertia @ rate[k]
-        for sub in range(_SUBSTEPS):
-            now = k * _SUBSTEPS + sub
-            history[now] = command[k]
-            wanted = history[now - behind] if now >= behind else np.zeros(3)
-            actual = wanted + (actual - wanted) * decay
-            push = truth.B @ actual
-            push[0] -= truth.quadratic_roll_damping * w[0] * abs(w[0])
-            middle = w + 0.5 * step * (push - _resistance(w, J, B, D))
-            w = w + step * (push - _resistance(middle, J, B, D))
+    # In plain floats: this runs a hundred thousand times.
+    J, B = _Rows(truth.inertia), _Rows(truth.B)
+    damping, gain, drag = _Rows(truth.damping), feedback, truth.quadratic_roll_damping
+
+    def slope(w: Triple, push: Triple) -> Triple:
+        p, q, r = w
+        x, y, z = J.times(w)
+        gx, gy, gz = B.times((q * z - r * y, r * x - p * z, p * y - q * x))
+        dx, dy, dz = damping.times(w)
+        return push[0] - gx - dx, push[1] - gy - dy, push[2] - gz - dz
+
+    rates, commands, wanted = [], [], [(0.0, 0.0, 0.0)] * behind
+    w: Triple = (0.0, 0.0, 0.0)
+    actual = w
+    for excited, disturbed in zip(excitation.tolist(), noise.tolist(), strict=True):
+        rate = (w[0] + disturbed[0], w[1] + disturbed[1], w[2] + disturbed[2])
+        held = J.times(rate)
+        command = (excited[0] - gain * held[0], excited[1] - gain * held[1], excited[2] - gain * held[2])
+        rates.append(rate)
+        commands.append(command)
+        for _ in range(_SUBSTEPS):
+            wanted.append(command)
+            x, y, z = wanted[len(wanted) - 1 - behind]
+            actual = (x + (actual[0] - x) * decay, y + (actual[1] - y) * decay, z + (actual[2] - z) * decay)
+            p, q, r = B.times(actual)
+            push = (p - drag * w[0] * abs(w[0]), q, r)
+            middle = _moved(w, slope(w, push), 0.5 * step)
+            w = _moved(w, slope(middle, push), step)
+    rate, command = np.array(rates), np.array(commands)
     if np.isfinite(truth.gyro_filter_hz):
         s = angular_frequency(n, PERIOD_S)
         response = butterworth_response(s, truth.gyro_filter_hz)[:, np.newaxis]
@@ -114,17 +129,24 @@ def fly_in_gusts(
     return flight_data(rate, command)
 
 
-def _resistance(rate: np.ndarray, J: list, B: list, D: list) -> np.ndarray:  # type: ignore[type-arg]
-    """J^-1 (w x J w) + D w in plain floats: this runs a hundred thousand times."""
-    p, q, r = rate.tolist()
-    x, y, z = (row[0] * p + row[1] * q + row[2] * r for row in J)
-    gx, gy, gz = q * z - r * y, r * x - p * z, p * y - q * x
-    return np.array(
-        [
-            b[0] * gx + b[1] * gy + b[2] * gz + d[0] * p + d[1] * q + d[2] * r
-            for b, d in zip(B, D, strict=True)
-        ]
-    )
+class _Rows:
+    """A matrix of shape (3, 3) as plain floats."""
+
+    def __init__(self, matrix: np.ndarray) -> None:
+        self._x, self._y, self._z = (tuple(row) for row in matrix.tolist())
+
+    def times(self, v: Triple) -> Triple:
+        a, b, c = v
+        x, y, z = self._x, self._y, self._z
+        return (
+            x[0] * a + x[1] * b + x[2] * c,
+            y[0] * a + y[1] * b + y[2] * c,
+            z[0] * a + z[1] * b + z[2] * c,
+        )
+
+
+def _moved(w: Triple, slope: Triple, by_s: float) -> Triple:
+    return w[0] + by_s * slope[0], w[1] + by_s * slope[1], w[2] + by_s * slope[2]
 
 
 @dataclass(frozen=True, kw_only=True)

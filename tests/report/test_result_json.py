@@ -19,6 +19,7 @@ from quadid_logs.report import json_text, result_dict
 from quadid_logs.report.provenance import provenance_of
 from tests.analyses import Analyzed
 from tests.conftest import corpus_logs
+from tests.marks import thorough_but
 
 SCHEMA = json.loads((Path(__file__).parents[2] / "docs" / "result.schema.json").read_text(encoding="utf-8"))
 
@@ -188,8 +189,32 @@ def test_texts_of_the_log_survive_unchanged(hostile: Result) -> None:
     assert hostile.log.firmware in set(strings(strict(json_text(hostile))))
 
 
+#: One log of each kind that a reader makes: the autopilots, their ages and ways to log, and damage.
+OF_EACH_KIND = (
+    "damaged/one-packet-70B.tlog",
+    "damaged/px4-1.17-x500-v6xrt-outdoor-89s-corrupt.ulg",
+    "damaged/sitl-flightlogs-bad-packets-4MB.tlog",
+    "damaged/truncated-80k-ac462-real.bin",
+    "firmware/ac47_quadx_default_logging.BIN",
+    "firmware/ac47_quadx_multisine.BIN",
+    "firmware/bf_quad_sticks.bbl",
+    "firmware/px4_quad_multisine.ulg",
+    "real/ac30-quadV-underpowered.log",
+    "real/ac32dev-quad-handrotated-52s.tlog",
+    "real/ac413-quadx-goodprop-hover1.bin",
+    "real/cfbl-multisine1-rotors.csv",
+    "real/px4-1.15-quad-hover-80s.ulg",
+    "real/rover246-real-61.bin",
+    "real/sdlog2-quad-70s.px4log",
+)
+
+
 @pytest.mark.corpus
-@pytest.mark.parametrize("corpus_log", corpus_logs("firmware", "real", "damaged"), indirect=True)
+@pytest.mark.parametrize(
+    "corpus_log",
+    thorough_but(OF_EACH_KIND, sorted({*OF_EACH_KIND, *corpus_logs("firmware", "real", "damaged")})),
+    indirect=True,
+)
 def test_the_result_of_every_log_validates_against_the_schema(corpus_log: Path, analyzed: Analyzed) -> None:
     """Flown, damaged, refused, large: the same keys and types."""
     from quadid_logs.errors import LogError

@@ -15,6 +15,7 @@ from quadid_logs.data.settings import Settings
 from quadid_logs.load import prepare
 from quadid_logs.pipeline import judge
 from quadid_logs.vocabulary import AXES, ON_AXIS
+from tests.marks import thorough
 from tests.structural.flights import Effects, Flight, fly
 
 FLIGHTS = {
@@ -110,7 +111,7 @@ def test_a_clean_flight_is_usable_and_its_interval_narrow(name: str, setpoints: 
         ("tone", "pitch", "QL420"),
     ],
 )
-@pytest.mark.parametrize("setpoints", [True, False])
+@pytest.mark.parametrize("setpoints", [True, thorough(False)])
 def test_an_effect_that_no_rigid_body_has_is_named(name: str, axis: str, code: str, setpoints: bool) -> None:
     """A verdict of caution or refusal with the reason that is true."""
     assert code in codes(as_flown(name, setpoints=setpoints), axis)
@@ -141,7 +142,7 @@ def test_a_load_on_a_string_is_named(axis: str) -> None:
     assert "QL526" in codes(as_slung(setpoints=False), axis)
 
 
-@pytest.mark.parametrize("setpoints", [True, False])
+@pytest.mark.parametrize("setpoints", [thorough(True), False])
 def test_the_interval_holds_what_a_load_on_a_string_hides(setpoints: bool) -> None:
     """Roll and pitch are 4 to 6 % high."""
     result = as_slung(setpoints=setpoints)
@@ -190,7 +191,7 @@ def test_of_commands_cut_toward_zero_the_interval_holds_the_truth(steps: int) ->
         assert holds_the_truth(result, flight, axis)
 
 
-@pytest.mark.parametrize("name", ["clean", "clean doublets"])
+@pytest.mark.parametrize("name", ["clean", thorough("clean doublets")])
 def test_rates_in_degrees_are_refused_without_attitude_too(name: str) -> None:
     """Every effectiveness would be 57 times too large."""
     flight = flown()[name]
@@ -199,7 +200,7 @@ def test_rates_in_degrees_are_refused_without_attitude_too(name: str) -> None:
     assert result.diagnosis.axes["roll"].verdict == "refused"
 
 
-@pytest.mark.parametrize("throttle", [0.3, 0.45, 0.5])
+@pytest.mark.parametrize("throttle", [thorough(0.3), 0.45, thorough(0.5)])
 def test_a_constant_throttle_spoils_no_yaw(throttle: float) -> None:
     """Its deviation from its mean is rounding, and rounding times yaw torque is yaw torque."""
     flight = flown()["clean"]
