@@ -21,7 +21,7 @@ def series(name: str, time_s: np.ndarray) -> CleanSeries:
         name=name,
         rows=logged.rows,
         time_s=logged.time_s,
-        values=logged.values,
+        stored=logged.values,
         period_s=float(np.median(np.diff(time_s))),
         source=name,
     )

@@ -162,7 +162,7 @@ def _supply(log: CleanLog, motors: CleanSeries, flown: BoolArray) -> FloatArray:
 def _speeds(log: CleanLog, motors: CleanSeries, n_rotors: int) -> FloatArray | None:
     """Return the rotors' speeds on the motors' rows, None where there are none for all of them."""
     logged = log.first("rotor_speed")
-    if logged is None or logged.values.shape[1] != n_rotors:
+    if logged is None or logged.n_columns != n_rotors:
         return None
     speed = np.column_stack([logged.at(motors.time_s, number) for number in range(n_rotors)])
     return speed if np.isfinite(speed).all() else None
