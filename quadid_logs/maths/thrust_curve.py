@@ -105,7 +105,8 @@ def slopes_at(x: FloatArray, y: FloatArray, where: FloatArray) -> FloatArray:
     # The triangle of all rows from those of blocks: the powers of all points are six times as large as they.
     for rows in row_blocks(x.size):
         powers = polynomial.polyvander((x[rows] - middle) / spread, _DEGREE)
-        triangle = np.linalg.qr(np.vstack([triangle, np.column_stack([powers, y[rows]])]), mode="r")
+        below = np.column_stack([powers, y[rows]])
+        triangle = np.asarray(np.linalg.qr(np.vstack([triangle, below]), mode="r"), dtype=np.float64)
     length = np.linalg.norm(triangle[:, :-1], axis=0)
     scaled = triangle[:, :-1] / length, triangle[:, -1]
     fitted = np.linalg.lstsq(*scaled, rcond=x.size * np.finfo(np.float64).eps)[0] / length
