@@ -109,12 +109,18 @@ def _agrees_but_for_stops(given: ReplayInput) -> bool:
 
 
 def _without_state(values: FloatArray, n_rows: int) -> FloatArray:
-    """Return values less their jumps, and less the running median of the rest."""
+    """Return values less the jumps that stand alone, and less the running median of the rest."""
     from scipy.stats import norm
 
     steps = np.diff(values, prepend=values[:1])
-    spread = _SD_OF_MAD * float(np.median(np.abs(steps)))
-    jumps = np.where(np.abs(steps) > spread * norm.isf(0.5 * _CHANCE / values.size), steps, 0.0)
+    # Logs are in single precision: a jump is no rounding.
+    rounding = float(np.finfo(np.float32).eps) * float(np.abs(values).max(initial=0.0))
+    spread = max(_SD_OF_MAD * float(np.median(np.abs(steps))), rounding)
+    far = np.abs(steps) > spread * norm.isf(0.5 * _CHANCE / values.size)
+    # An integral is set once in a while: what jumps again and again is another controller.
+    n_far = np.cumsum(np.pad(far, (n_rows + 1, n_rows)))
+    alone = far & (n_far[2 * n_rows + 1 :] - n_far[: values.size] == 1)
+    jumps = np.where(alone, steps, 0.0)
     values = values - np.cumsum(jumps)
     if values.size <= n_rows:
         return np.asarray(values - np.median(values))
@@ -330,9 +336,7 @@ def _told_by(
     if len(fits) < _CHUNKS - 1:
         return None
     middle = {name: float(np.median([fit[name] for _, fit in fits])) for name in fits[0][1]}
-    # Gains nearer to the file's than a right replay need be are those of the file, and explain nothing.
-    of_file = {one: given.parameters.get(one, 0.0) for one in middle}
-    if all(abs(flown - of_file[one]) <= given.tolerance * abs(of_file[one]) for one, flown in middle.items()):
+    if all(_are_of_file(given, fit, chunk) for chunk, fit in fits):
         return None
     name = names[0] if len(names) == 1 else ""
     in_file = given.parameters.get(name, 0.0)
@@ -341,6 +345,17 @@ def _told_by(
         return _Explanation(ReplayReason.GAIN_DIFFERS, name, numbers)
     numbers = {"before": fits[0][1][name], "after": fits[-1][1][name]} if name else {}
     return _Explanation(ReplayReason.GAINS_CHANGED, name, numbers)
+
+
+def _are_of_file(given: ReplayInput, gains: Mapping[str, float], rows: AxisRows) -> bool:
+    """Tell whether gains are nearer to the file's than a right replay need be: then they explain nothing."""
+    for name, flown in gains.items():
+        in_file = given.parameters.get(name, 0.0)
+        if in_file and abs(flown - in_file) > given.tolerance * abs(in_file):
+            return False
+        if not in_file and _error(given, rows) > given.tolerance:
+            return False
+    return True
 
 
 def _free(rows: AxisRows) -> AxisRows:
