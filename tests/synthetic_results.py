@@ -293,7 +293,7 @@ def _data(segments: tuple[Segment, ...], duration_s: float) -> FlightData:
         start_s=20.0,
         duration_s=duration_s + 15.0,
         overview={
-            signal: Overview(signal=signal, columns=("x", "y", "z"), time_s=time_s, values=values)
+            signal: Overview(signal=signal, columns=("x", "y", "z"), time_s=time_s, stored=values)
             for signal, values in columns.items()
         },
         gyro_check=_gyro_check(segments),

@@ -354,7 +354,7 @@ def test_a_heading_that_passes_south_draws_no_line_across(usable: Result) -> Non
     turned[:, 2] = np.linspace(3.0, 9.0, turned.shape[0])
     turned[:, 2] = np.arctan2(np.sin(turned[:, 2]), np.cos(turned[:, 2]))
     data = replace(
-        usable.data, overview={**usable.data.overview, "attitude": replace(overview, values=turned)}
+        usable.data, overview={**usable.data.overview, "attitude": replace(overview, stored=turned)}
     )
     figure = flight_overview(replace(usable, data=data))
     assert isinstance(figure, Figure)

@@ -115,7 +115,7 @@ class MotorSeries:
         return replace(
             self.base,
             name=name,
-            values=np.asarray(values, dtype=np.float64),
+            stored=values,
             source=self.source,
             reason=reason or self.reason,
             achieved=self.achieved,

@@ -78,8 +78,8 @@ def from_rotor_speed(log: CleanLog, airframe: Airframe, reference: MotorSeries |
     if signal is None:
         return RotorSpeed()
     columns = [channel - 1 for channel in airframe.channels] or list(range(airframe.n_rotors))
-    if reference is None or max(columns) >= signal.values.shape[1]:
-        return RotorSpeed(verdict=f"{signal.source}: {signal.values.shape[1]} speeds fit no known motors")
+    if reference is None or max(columns) >= signal.n_columns:
+        return RotorSpeed(verdict=f"{signal.source}: {signal.n_columns} speeds fit no known motors")
     speed = signal.values[:, columns]
     believable = np.asarray(((speed > _SPEEDS[0]) & (speed < _SPEEDS[1])).all(axis=1), dtype=np.bool_)
     up = np.asarray(log.flown(signal.time_s, np.nan_to_num(speed).mean(axis=1)) & believable, np.bool_)
@@ -158,16 +158,17 @@ def _match(measured: FloatArray, target: FloatArray, time_s: FloatArray, referen
     """Find the age of telemetry and the lag with which targets, on the reference's rows, fit best."""
     few = _some(time_s)
 
-    def match(lag_s: float, age_s: float) -> _Match:
+    def match(lag_s: float, lagged: FloatArray, age_s: float) -> _Match:
         row = _row(time_s[few] - age_s, reference)
-        return _Match(age_s, lag_s, _correlation(measured[few], lagged[lag_s][row]))
+        return _Match(age_s, lag_s, _correlation(measured[few], lagged[row]))
 
     best = _Match(0.0, 0.0, -1.0)
     for lags_s, ages_s in ((_LAGS_S, _AGES_S), ((0.0,), _FINER_S), (_FINER_S, _FINER_S)):
-        tried_s = {max(best.lag_s + lag_s, 0.0) for lag_s in lags_s}
-        lagged = {lag_s: _lagged(target, reference.base.period_s, lag_s) for lag_s in tried_s}
-        around_s = {max(best.age_s + age_s, 0.0) for age_s in ages_s}
-        found = (match(lag_s, age_s) for lag_s in sorted(tried_s) for age_s in sorted(around_s))
+        tried_s = sorted({max(best.lag_s + lag_s, 0.0) for lag_s in lags_s})
+        around_s = sorted({max(best.age_s + age_s, 0.0) for age_s in ages_s})
+        # One lag after the other: each is as large as the log.
+        lagging = ((lag_s, _lagged(target, reference.base.period_s, lag_s)) for lag_s in tried_s)
+        found = (match(lag_s, lagged, age_s) for lag_s, lagged in lagging for age_s in around_s)
         best = max((best, *found), key=lambda one: one.likeness)
     return best
 

@@ -309,7 +309,7 @@ def _segment(series: Mapping[str, CleanSeries], torque: TorqueSeries, grid: Floa
     return Segment(
         time_s=grid,
         body_rate_rad_s=_resampled(rate, grid),
-        torque=_on_grid(torque.series, torque.series.values, grid),
+        torque=_on_grid(torque.series, torque.series.stored, grid),
         attitude_rad=None if attitude is None else _attitude(attitude, grid),
         throttle=None if throttle is None else _resampled(throttle, grid)[:, 0],
         saturated=_saturated(series.get("torque_saturation"), grid),
@@ -322,7 +322,7 @@ def _segment(series: Mapping[str, CleanSeries], torque: TorqueSeries, grid: Floa
 
 def _resampled(series: CleanSeries, grid: FloatArray) -> FloatArray:
     """Return a series on the grid, shape (n_grid, n_columns)."""
-    return resample(series.time_s, series.values, grid, series.period_s)
+    return resample(series.time_s, series.stored, grid, series.period_s)
 
 
 def _on_grid(torque: CleanSeries, values: FloatArray, grid: FloatArray) -> FloatArray:
@@ -342,7 +342,7 @@ def _saturated(marks: CleanSeries | None, grid: FloatArray) -> BoolArray:
         return np.zeros(grid.shape, dtype=bool)
     step = float(grid[1] - grid[0]) if grid.size > 1 else 0.0
     near = marks.within(float(grid[0]) - step, float(grid[-1]) + step)
-    count = np.concatenate([[0], np.cumsum((marks.values[near] > 0.5).any(axis=1))])
+    count = np.concatenate([[0], np.cumsum((marks.stored[near] > 0.5).any(axis=1))])
     first, after = (np.searchsorted(marks.time_s[near], grid + shift) for shift in (-step, step))
     return np.asarray(count[after] > count[first], dtype=np.bool_)
 
@@ -371,7 +371,7 @@ def _n_within(series: CleanSeries, grid: FloatArray) -> int:
 def _attitude(attitude: CleanSeries, grid: FloatArray) -> FloatArray | None:
     """Return the angles on the grid, unwrapped so that no interpolation crosses a jump of 2 pi."""
     near = attitude.within(float(grid[0]) - 1.0, float(grid[-1]) + 1.0)
-    time_s, values = attitude.time_s[near], attitude.values[near]
+    time_s, values = attitude.time_s[near], attitude.of_rows(near)
     if (
         time_s.size < 2
         or time_s[0] > grid[0] + attitude.period_s
@@ -405,7 +405,7 @@ def _input(prepared: Prepared, segments: tuple[Segment, ...]) -> InputDescriptio
 
 def _overview(series: CleanSeries) -> Overview:
     return Overview(
-        signal=series.name, columns=SIGNALS[series.name].columns, time_s=series.time_s, values=series.values
+        signal=series.name, columns=SIGNALS[series.name].columns, time_s=series.time_s, stored=series.stored
     )
 
 

@@ -169,7 +169,7 @@ def _at_full(series: Mapping[str, CleanSeries], grid: FloatArray) -> BoolArray:
 
 def _mean_after(series: CleanSeries, start_s: FloatArray, length_s: float) -> FloatArray:
     """Return means over a time from each start on, shape (n_starts, n_columns); NaN where no sample is."""
-    total = np.concatenate([np.zeros((1, series.values.shape[1])), np.cumsum(series.values, axis=0)])
+    total = np.concatenate([np.zeros((1, series.n_columns)), np.cumsum(series.values, axis=0)])
     first, after = (np.searchsorted(series.time_s, start_s + shift) for shift in (0.0, length_s))
     count = (after - first)[:, np.newaxis].astype(np.float64)
     return np.asarray((total[after] - total[first]) / np.where(count > 0.0, count, np.nan))
@@ -206,7 +206,7 @@ def _turning(series: Mapping[str, CleanSeries], intervals: tuple[Interval, ...])
 def _turns(rate: CleanSeries, start_s: float, end_s: float) -> bool:
     """Say whether some axis turned by more than noise; True where a fifth of a second holds no sample."""
     near = rate.within(start_s, end_s)
-    time_s, values = rate.time_s[near], rate.values[near]
+    time_s, values = rate.time_s[near], rate.of_rows(near)
     n_cells = int((end_s - start_s) / _STILL_S)
     if not 2 <= n_cells <= time_s.size:
         # Asked first: a clock that jumped far ahead must not cost memory.
@@ -239,12 +239,12 @@ def _from_motion(series: Mapping[str, CleanSeries]) -> Flights:
 def _held(series: CleanSeries, grid: FloatArray, before: float) -> FloatArray:
     """Return the last known value at each grid point, `before` ahead of the first one."""
     index = np.searchsorted(series.time_s, grid + 1e-9, side="right")
-    return np.concatenate([[before], series.values[:, 0]])[index]
+    return np.concatenate([[before], series.stored[:, 0]])[index]
 
 
 def _state(series: CleanSeries, grid: FloatArray) -> BoolArray:
     """Return a switch's state; an event says that the state was the opposite before."""
-    first = float(series.values[0, 0])
+    first = float(series.stored[0, 0])
     return _held(series, grid, before=float(first < 0.5)) > 0.5
 
 
@@ -257,7 +257,7 @@ def _is_clear(series: CleanSeries, grid: FloatArray) -> BoolArray:
 
 
 def _above_idle(series: CleanSeries, grid: FloatArray) -> BoolArray:
-    return _held(series, grid, before=float(series.values[0, 0])) > _IDLE_THROTTLE
+    return _held(series, grid, before=float(series.stored[0, 0])) > _IDLE_THROTTLE
 
 
 def _runs(mask: BoolArray) -> list[tuple[int, int]]:

@@ -57,9 +57,9 @@ def check_gyro(
     rates, attitudes = _rows_within(rate, spans_s), _rows_within(attitude, spans_s)
     fit = fit_gyro_to_attitude(
         rate.time_s[rates],
-        rate.values[rates],
+        rate.of_rows(rates),
         attitude.time_s[attitudes],
-        unwrapped(attitude.values[attitudes]),
+        unwrapped(attitude.of_rows(attitudes)),
         np.searchsorted(attitudes, pairs),
         block,
     )

@@ -54,7 +54,8 @@ class CleanSeries:
         Of the message that it was logged in or rebuilt from: the same object for all series of one message.
     time_s : ndarray, shape (n_samples,)
         Strictly increasing [s].
-    values : ndarray, shape (n_samples, n_columns)
+    stored : ndarray, shape (n_samples, n_columns)
+        As the reader made them: whole numbers of few digits are in single precision, half as large.
     period_s : float
         Typical sample period [s], NaN for fewer than two samples.
     source, reason, gyro_filter, achieved
@@ -66,7 +67,7 @@ class CleanSeries:
     name: str
     rows: Rows
     time_s: FloatArray
-    values: FloatArray
+    stored: FloatArray
     period_s: float
     source: str
     reason: str = ""
@@ -76,6 +77,19 @@ class CleanSeries:
     n_out_of_order: int = 0
     n_outliers: int = 0
     n_not_finite: int = 0
+
+    @property
+    def values(self) -> FloatArray:
+        """In double precision, to work with; shape (n_samples, n_columns).
+
+        What is stored in single precision is converted each time: ask once, or for a column or some rows.
+        """
+        return np.asarray(self.stored, dtype=np.float64)
+
+    @property
+    def n_columns(self) -> int:
+        """Number of columns."""
+        return int(self.stored.shape[1])
 
     @property
     def n_samples(self) -> int:
@@ -102,6 +116,19 @@ class CleanSeries:
         first, last = np.searchsorted(self.time_s, [start_s, end_s + 1e-9])
         return slice(int(first), int(last))
 
+    def of_rows(self, rows: slice | IntArray | BoolArray) -> FloatArray:
+        """Return the values of some rows, in double precision.
+
+        Parameters
+        ----------
+        rows : slice or ndarray of int or bool
+
+        Returns
+        -------
+        ndarray, shape (n_rows, n_columns)
+        """
+        return np.asarray(self.stored[rows], dtype=np.float64)
+
     def at(self, time_s: FloatArray, column: int = 0) -> FloatArray:
         """Interpolate a column linearly to other times, held beyond the ends.
 
@@ -116,7 +143,7 @@ class CleanSeries:
         ndarray, shape (n,)
             In the unit of the signal.
         """
-        return np.asarray(np.interp(time_s, self.time_s, self.values[:, column]), dtype=np.float64)
+        return np.asarray(np.interp(time_s, self.time_s, self.stored[:, column]), dtype=np.float64)
 
     def last_before(self, time_s: FloatArray) -> IntArray:
         """Return which sample was the last one at given times.
@@ -145,7 +172,7 @@ class CleanSeries:
         -------
         CleanSeries
         """
-        return replace(self, time_s=self.time_s[samples], values=self.values[samples])
+        return replace(self, time_s=self.time_s[samples], stored=self.stored[samples])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -328,8 +355,7 @@ class Cleaner:
             finite = finite.copy()
             finite[finite] = ~_is_absurd(signal.values[finite])
         n_not_finite = int(np.count_nonzero(~stamps.outlier & ~finite))
-        # Logs of whole numbers come in single precision, which is no precision to fit with.
-        time_s, values = stamps.time_s, np.asarray(signal.values, dtype=np.float64)
+        time_s, values = stamps.time_s, signal.values
         kept = ~stamps.outlier & finite
         if not kept.all():  # in most logs all are, and nothing is copied
             time_s, values, known = time_s[kept], values[kept], known[kept]
@@ -345,7 +371,7 @@ class Cleaner:
             name=signal.name,
             rows=signal.rows,
             time_s=time_s,
-            values=values if _all(known) else np.where(known, values, np.nan),
+            stored=values if _all(known) else np.where(known, values, np.nan),
             period_s=order.period_s,
             source=signal.source,
             reason=signal.reason,
@@ -416,7 +442,8 @@ def _is_spike(values: FloatArray) -> BoolArray:
     spike = np.zeros(len(values), dtype=np.bool_)
     if len(values) < 5:
         return spike
-    for column in values.T:
+    for stored in values.T:
+        column = np.asarray(stored, dtype=np.float64)
         away = np.abs(column[2:-2] - 0.5 * (column[1:-3] + column[3:-1]))
         limit = _SPIKE * np.quantile(away, 0.99)
         if not limit > 0.0:  # a motor that is not there, or never changes

@@ -24,6 +24,13 @@ _CLOCK_FACTORS: Final = (0.5, 2.0, 0.25, 4.0)
 #: Cut-offs that are tried [Hz], 0 for none; between them the best is refined.
 _CUTOFFS_HZ: Final = (0.0, 1.25, 2.5, 5.0, 10.0, 20.0, 40.0, 80.0, 160.0)
 _CHUNKS: Final = 4
+#: Fewer could not be told from chance by their signs.
+_JUDGES: Final = 10
+#: Of taking a right gain for a wrong one, and any of all steps for a jump.
+_CHANCE: Final = 0.01
+#: The integrator's state is told again from so much of the log [s], slower than a rate loop answers, and so
+#: many times in it.
+_STATE_S, _STATES_PER_S = 1.0, 10
 #: A set-point a row less often is missing often enough to matter.
 _MISSING: Final = 0.02
 #: A notch is believed where it explains most of what differs.
@@ -59,8 +66,8 @@ def explain(result: Replay, axis: str, inputs: Mapping[str, ReplayInput]) -> Rep
     part = _worst_part(given)
     if "I" not in given.as_logged:
         # Where the log does not say when the integrator stopped, each stop that is missed moves all that
-        # follows, and no gain: from each part's own beginning the parameters' controller flew.
-        if given.rows.limited is None and _agrees_in_parts(given):
+        # follows, and no gain.
+        if given.rows.limited is None and _agrees_but_for_stops(given):
             return replace(result, agrees=True, reason=ReplayReason.LIMIT_FLAGS_MISSING)
         if _error(given, given.rows.part(part)) <= given.tolerance:
             return replace(result, reason=ReplayReason.INTEGRATOR_RESET)
@@ -85,12 +92,73 @@ def explain(result: Replay, axis: str, inputs: Mapping[str, ReplayInput]) -> Rep
     return replace(result, reason=ReplayReason.NOT_EXPLAINED)
 
 
-def _agrees_in_parts(given: ReplayInput) -> bool:
-    """Tell whether every part of the rows replays from its own beginning."""
-    n_parts = max(given.rows.n_rows // _ROWS, 1)
-    edges = np.linspace(0, given.rows.n_rows, n_parts + 1).astype(int).tolist()
-    parts = (given.rows.part(slice(a, b)) for a, b in itertools.pairwise(edges))
-    return all(_error(given, part) <= given.tolerance for part in parts)
+def _agrees_but_for_stops(given: ReplayInput) -> bool:
+    """Tell whether the parameters flew, wherever the integrator stopped or was set without a word in the log.
+
+    Its state is told again by the log, at each jump and second by second: what is left is compared with what
+    the output does within seconds, and no gain may differ in the steps of the output, which know of no state.
+    """
+    rows = given.rows
+    usable = usable_rows(rows)
+    n_rows = max(round(_STATE_S / float(np.median(rows.step_s))), 1)
+    off = _without_state(_output(given, rows) - rows.output, n_rows)[usable]
+    size = _without_state(rows.output, n_rows)[usable]
+    if not np.sum(off**2) <= given.tolerance**2 * np.sum(size**2):
+        return False
+    return not any(_differs(factors, given.tolerance) for factors in _gain_factors(given).values())
+
+
+def _without_state(values: FloatArray, n_rows: int) -> FloatArray:
+    """Return values less the jumps that stand alone, and less the running median of the rest."""
+    from scipy.stats import norm
+
+    steps = np.diff(values, prepend=values[:1])
+    # Logs are in single precision: a jump is no rounding.
+    rounding = float(np.finfo(np.float32).eps) * float(np.abs(values).max(initial=0.0))
+    spread = max(_SD_OF_MAD * float(np.median(np.abs(steps))), rounding)
+    far = np.abs(steps) > spread * norm.isf(0.5 * _CHANCE / values.size)
+    # An integral is set once in a while: what jumps again and again is another controller.
+    n_far = np.cumsum(np.pad(far, (n_rows + 1, n_rows)))
+    alone = far & (n_far[2 * n_rows + 1 :] - n_far[: values.size] == 1)
+    jumps = np.where(alone, steps, 0.0)
+    values = values - np.cumsum(jumps)
+    if values.size <= n_rows:
+        return np.asarray(values - np.median(values))
+    every = max(n_rows // _STATES_PER_S, 1)
+    padded = np.pad(values, n_rows // 2, mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, n_rows)[::every]
+    return np.asarray(values - np.repeat(np.median(windows, axis=1), every)[: values.size])
+
+
+def _gain_factors(given: ReplayInput) -> dict[str, list[float]]:
+    """Return what flown over the parameters' gains is, by chunk, where the integrator did not stand still."""
+    rows = given.rows
+    stood = given.law(rows, given.parameters).limited
+    found: dict[str, list[float]] = {}
+    edges = np.linspace(0, rows.n_rows, _JUDGES + 1).astype(int).tolist()
+    for quarter in itertools.starmap(slice, itertools.pairwise(edges)):
+        busiest = _busiest(rows.output[quarter])
+        here = slice(quarter.start + busiest.start, quarter.start + busiest.stop)
+        steps = _steps(given, rows.part(here))
+        steps = steps._replace(usable=steps.usable & ~stood[here])
+        for name, gain in (_fitted(given, steps, tuple(given.gains.values())) or {}).items():
+            in_file = given.parameters.get(name, 0.0)
+            if in_file:
+                found.setdefault(name, []).append(gain / in_file)
+    return found
+
+
+def _differs(factors: Sequence[float], tolerance: float) -> bool:
+    """Tell whether most factors lie beyond what a right replay may differ by, on one side (sign test).
+
+    However the errors of single chunks are distributed, each lies beyond a middle that is within with a
+    probability of a half at most; stops that were missed in some of the chunks change nothing.
+    """
+    from scipy.stats import binom
+
+    above, below = (sum(sign * (factor - 1.0) > tolerance for factor in factors) for sign in (1.0, -1.0))
+    n_beyond = max(above, below)
+    return bool(2.0 * binom.sf(n_beyond - 1, len(factors), 0.5) < _CHANCE)
 
 
 def _worst_part(given: ReplayInput) -> slice:
@@ -138,6 +206,8 @@ def _one_gain(given: ReplayInput, part: slice) -> _Explanation | None:  # noqa: 
         size = float(np.sum(found[term][usable] ** 2))
         if term not in rows.logged or not size > 0.0:
             continue
+        if float(np.sqrt(np.mean((found[term] - rows.logged[term])[usable] ** 2))) <= allowed:
+            continue  # this gain flew
         factor = float(np.sum(found[term][usable] * rows.logged[term][usable])) / size
         change = (factor - 1.0) * found[term]
         left = (found["output"] + change - rows.output, found[term] + change - rows.logged[term])
@@ -266,6 +336,8 @@ def _told_by(
     if len(fits) < _CHUNKS - 1:
         return None
     middle = {name: float(np.median([fit[name] for _, fit in fits])) for name in fits[0][1]}
+    if all(_are_of_file(given, fit, chunk) for chunk, fit in fits):
+        return None
     name = names[0] if len(names) == 1 else ""
     in_file = given.parameters.get(name, 0.0)
     if all(_error(given, chunk, middle) <= given.tolerance for chunk, _ in fits):
@@ -273,6 +345,17 @@ def _told_by(
         return _Explanation(ReplayReason.GAIN_DIFFERS, name, numbers)
     numbers = {"before": fits[0][1][name], "after": fits[-1][1][name]} if name else {}
     return _Explanation(ReplayReason.GAINS_CHANGED, name, numbers)
+
+
+def _are_of_file(given: ReplayInput, gains: Mapping[str, float], rows: AxisRows) -> bool:
+    """Tell whether gains are nearer to the file's than a right replay need be: then they explain nothing."""
+    for name, flown in gains.items():
+        in_file = given.parameters.get(name, 0.0)
+        if in_file and abs(flown - in_file) > given.tolerance * abs(in_file):
+            return False
+        if not in_file and _error(given, rows) > given.tolerance:
+            return False
+    return True
 
 
 def _free(rows: AxisRows) -> AxisRows:

@@ -205,13 +205,19 @@ class InputDescription:
 class Overview:
     """A cleaned series of the whole log, not resampled, for figures of the flight.
 
-    ``time_s`` has shape (n_samples,), ``values`` (n_samples, n_columns).
+    ``time_s`` has shape (n_samples,), ``stored`` (n_samples, n_columns): in single precision what was logged
+    as whole numbers of few digits.
     """
 
     signal: str
     columns: tuple[str, ...]
     time_s: FloatArray
-    values: FloatArray
+    stored: FloatArray
+
+    @property
+    def values(self) -> FloatArray:
+        """In double precision; shape (n_samples, n_columns)."""
+        return np.asarray(self.stored, dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -29,10 +29,16 @@ def linear_filter(
     ndarray, shape of `values`
         y[k] = b[0] x[k] + b[1] x[k-1] + ... - a[1] y[k-1] - a[2] y[k-2] - ...
     """
-    driven = numerator[0] * np.asarray(values, dtype=np.float64)
-    for late, coefficient in enumerate(numerator[1:], start=1):
-        driven[late:] += coefficient * values[:-late]
-    return _substituted(np.tile(np.asarray(denominator, dtype=np.float64), (len(values), 1)).T, driven)
+    bands = np.tile(np.asarray(denominator, dtype=np.float64), (len(values), 1)).T
+    found = np.empty(values.shape)
+    # Column by column: what is needed on the way is as large as one of them.
+    by_column = (found, values) if values.ndim > 1 else (found[:, np.newaxis], values[:, np.newaxis])
+    for result, column in zip(*(each.T for each in by_column), strict=True):
+        driven = numerator[0] * np.asarray(column, dtype=np.float64)
+        for late, coefficient in enumerate(numerator[1:], start=1):
+            driven[late:] += coefficient * column[:-late]
+        result[:] = _substituted(bands, driven)
+    return found
 
 
 def lag(values: FloatArray, period_s: float, lag_s: float) -> FloatArray:
@@ -49,7 +55,9 @@ def lag(values: FloatArray, period_s: float, lag_s: float) -> FloatArray:
     ndarray, shape of `values`
     """
     decay = float(np.exp(-period_s / lag_s))
-    return linear_filter((1.0 - decay,), (1.0, -decay), values - values[:1]) + values[:1]
+    found = linear_filter((1.0 - decay,), (1.0, -decay), values - values[:1])
+    found += values[:1]
+    return found
 
 
 def _substituted(bands: FloatArray, right: FloatArray) -> FloatArray:

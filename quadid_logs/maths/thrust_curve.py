@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray
+from quadid_logs.arrays import FloatArray, row_blocks
 
 #: A rotor that hardly turns has no thrust that could be wrong.
 _LEAST_THROTTLE: Final = 1e-3
@@ -101,5 +101,14 @@ def slopes_at(x: FloatArray, y: FloatArray, where: FloatArray) -> FloatArray:
         return np.full(where.shape, np.nan)
     # About the points and in units of the spread, so that the powers are of one size.
     middle = float(np.mean(where))
-    slope = polynomial.polyder(polynomial.polyfit((x - middle) / spread, y, _DEGREE))
+    triangle = np.zeros((0, _DEGREE + 2))
+    # The triangle of all rows from those of blocks: the powers of all points are six times as large as they.
+    for rows in row_blocks(x.size):
+        powers = polynomial.polyvander((x[rows] - middle) / spread, _DEGREE)
+        below = np.column_stack([powers, y[rows]])
+        triangle = np.asarray(np.linalg.qr(np.vstack([triangle, below]), mode="r"), dtype=np.float64)
+    length = np.linalg.norm(triangle[:, :-1], axis=0)
+    scaled = triangle[:, :-1] / length, triangle[:, -1]
+    fitted = np.linalg.lstsq(*scaled, rcond=x.size * np.finfo(np.float64).eps)[0] / length
+    slope = polynomial.polyder(fitted)
     return np.asarray(polynomial.polyval((where - middle) / spread, slope), dtype=np.float64) / spread

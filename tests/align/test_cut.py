@@ -23,7 +23,7 @@ def prepared(time_s: np.ndarray, *, limited: int = -1, loop_rate_hz: float = 0.0
     torque = cleaned.sources("torque_command")[0]
     marks = np.zeros((torque.n_samples, 3))
     marks[limited] = float(limited >= 0)
-    saturated = replace(torque, name="torque_saturation", values=marks)
+    saturated = replace(torque, name="torque_saturation", stored=marks)
     return assemble(log, cleaned, [TorqueSeries(series=torque, saturated=saturated)], loop_rate_hz)
 
 

@@ -21,7 +21,7 @@ def series(name: str, time_s: np.ndarray) -> CleanSeries:
         name=name,
         rows=logged.rows,
         time_s=logged.time_s,
-        values=logged.values,
+        stored=logged.values,
         period_s=float(np.median(np.diff(time_s))),
         source=name,
     )
@@ -57,8 +57,8 @@ def turning() -> tuple[CleanSeries, CleanSeries]:
     wrapped = (psi + np.pi) % (2.0 * np.pi) - np.pi
     angles = np.column_stack([phi, theta, wrapped])
     return (
-        replace(series("body_rate", t), values=rate),
-        replace(series("attitude", t), values=angles),
+        replace(series("body_rate", t), stored=rate),
+        replace(series("attitude", t), stored=angles),
     )
 
 

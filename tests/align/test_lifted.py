@@ -122,7 +122,7 @@ def test_a_clock_that_jumped_a_millennium_ahead_costs_no_memory() -> None:
     time_s = np.append(TIME_S, 3e10)
     table = clean(flight_log(*(signal(name, TIME_S, motion(TIME_S)) for name in ("body_rate", "torque_n_m"))))
     late = {
-        name: replace(series[0], time_s=time_s, values=np.vstack([series[0].values, np.ones(3)]))
+        name: replace(series[0], time_s=time_s, stored=np.vstack([series[0].values, np.ones(3)]))
         for name, series in table.candidates.items()
     }
     assert len(find_flights(late, (0.0, 3e10)).intervals) == 1

@@ -36,7 +36,7 @@ def marked(saturated: np.ndarray, settings: AlignSettings, log: FlightLog | None
     log = log or flown(STAMPS)
     cleaned = clean(log)
     series = cleaned.candidates["torque_command"][0]
-    marks = dataclasses.replace(series, name="torque_saturation", values=saturated)
+    marks = dataclasses.replace(series, name="torque_saturation", stored=saturated)
     return cut(assemble(log, cleaned, [TorqueSeries(series=series, saturated=marks)]), settings)
 
 

@@ -87,7 +87,7 @@ def test_values_that_no_vehicle_has_take_their_thrust_with_them() -> None:
         name="torque_command",
         rows=torque.rows,
         time_s=STAMPS[:3],
-        values=values,
+        stored=values,
         period_s=0.0025,
         source="RATE",
     )

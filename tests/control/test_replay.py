@@ -99,6 +99,57 @@ def test_an_integrator_whose_stops_no_log_tells_is_no_other_controller() -> None
     assert found.reason is ReplayReason.LIMIT_FLAGS_MISSING
 
 
+@pytest.mark.parametrize("size", [0.05, 0.5])
+@pytest.mark.parametrize("at", [(1500,), (3000, 4000, 5000, 11000, 12500)])
+def test_an_integral_that_is_set_anywhere_in_flight_is_no_other_controller(
+    size: float, at: tuple[int, ...]
+) -> None:
+    """Wherever a jump lies, and however large it is: all but the integral is as the parameters say."""
+    log = ApFlight(n=19500, limited_fraction=0.0).log(terms=False)
+    (one,) = log.signals["torque_command"]
+    values = one.values.copy()
+    rms = float(np.sqrt(np.mean(values[:, 0] ** 2)))
+    for number, first in enumerate(at):
+        values[first:, 0] += (-1.0) ** number * size * rms
+    found = roll(replace(log, signals={**log.signals, "torque_command": (replace(one, values=values),)}))
+    assert found.relative_rms["output"] > 0.01
+    assert (found.agrees, found.reason) == (True, ReplayReason.LIMIT_FLAGS_MISSING)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_clipped_px4_flight_whose_allocator_status_is_missing_flew_with_its_parameters(seed: int) -> None:
+    """The integrator stood for a fifth of a second at a time, in part of the way only: no row shows it."""
+    log = Px4Flight().log()
+    (one,) = log.signals["torque_command"]
+    values, rng = one.values.copy(), np.random.default_rng(seed)
+    rms = float(np.std(values[:, 0]))
+    drift = np.zeros(len(values))
+    for first in rng.integers(0, len(values) - 100, 20):
+        drift[first : first + 80] += rng.normal() * 0.1 * rms / 80
+    values[:, 0] += np.cumsum(drift)
+    found = roll(replace(log, signals={**log.signals, "torque_command": (replace(one, values=values),)}))
+    assert found.agrees
+
+
+@pytest.mark.parametrize(("name", "wrong"), [("P", 1.1), ("P", 0.9), ("I", 1.5), ("I", 0.6), ("D", 1.3)])
+def test_a_wrong_gain_is_no_stop_that_the_log_does_not_tell(name: str, wrong: float) -> None:
+    log = with_unseen_stops(ApFlight(n=19500, limited_fraction=0.0).log(terms=False), 0.02)
+    given = f"ATC_RAT_RLL_{name}"
+    assert not roll(replace(log, parameters={**log.parameters, given: wrong * AP_PID[name]})).agrees
+
+
+@pytest.mark.parametrize("first", [1000, 16000, 17500])
+def test_a_gain_that_is_as_in_the_file_is_not_said_to_differ(first: int) -> None:
+    """The integral was set in the middle of some part; the steps of the output show the file's gains."""
+    log = ApFlight(n=19500).log()
+    (one,) = log.signals["torque_command"]
+    values = one.values.copy()
+    values[first:, 0] += 0.3 * float(np.sqrt(np.mean(values[:, 0] ** 2)))
+    found = roll(replace(log, signals={**log.signals, "torque_command": (replace(one, values=values),)}))
+    assert not found.agrees
+    assert found.reason not in (ReplayReason.GAIN_DIFFERS, ReplayReason.GAINS_CHANGED)
+
+
 def test_a_gain_that_differs_is_found_beside_stops_that_no_log_tells() -> None:
     log = with_unseen_stops(ApFlight(n=19500, limited_fraction=0.0).log(terms=False), 0.02)
     found = roll(replace(log, parameters={**log.parameters, "ATC_RAT_RLL_P": 1.1 * AP_PID["P"]}))

@@ -15,6 +15,7 @@ from quadid_logs.fleet.options import Options
 from quadid_logs.fleet.rows import UNREADABLE
 from quadid_logs.fleet.store import Store
 from quadid_logs.fleet.tasks import Task, failure
+from tests.fleet.synthetic_store import make_store
 
 
 @pytest.fixture
@@ -135,3 +136,18 @@ def test_a_missing_library_is_one_clear_line(store, capsys, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "duckdb", None)
     assert ask(store, "SELECT 1") == 2
     assert "'.[fleet]'" in capsys.readouterr().err
+
+
+def test_a_question_about_failed_logs_is_answered_from_all_of_them(tmp_path, capsys):
+    """Which logs gave nothing, of which kind the failure was, and why; analyzed ones are not among them."""
+    folder = make_store(tmp_path / "store", ["quad"], n_flights=1)
+    task = Task(file=LogFile(url="/lost.bin", n_bytes=7), options=Options())
+    with Store(folder, Options(), resume=True) as opened:
+        opened.take(failure(task, "", "lost", "It was not analyzed within 60 s."))
+    wanted = "SELECT url, status, error FROM fleet WHERE status <> 'analyzed' ORDER BY status"
+    capsys.readouterr()
+    assert ask(folder, wanted, "--csv") == 0
+    found = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
+    assert [row["status"] for row in found] == ["lost", "unreadable"]
+    assert found[0] == {"url": "/lost.bin", "status": "lost", "error": "It was not analyzed within 60 s."}
+    assert all(row["error"] for row in found)

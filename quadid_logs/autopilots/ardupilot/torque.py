@@ -192,7 +192,7 @@ def _command(log: CleanLog) -> _Command | None:
 def _motor_pulses(log: CleanLog, airframe: Airframe) -> _Pulses | None:
     """Return the pulse widths in the order of the motors, None where a motor's channel is not logged."""
     series = log.first("output_pwm")
-    if series is None or not airframe.channels or max(airframe.channels) > series.values.shape[1]:
+    if series is None or not airframe.channels or max(airframe.channels) > series.n_columns:
         return None
     return _Pulses(series, series.values[:, [channel - 1 for channel in airframe.channels]])
 

@@ -162,7 +162,7 @@ def _supply(log: CleanLog, motors: CleanSeries, flown: BoolArray) -> FloatArray:
 def _speeds(log: CleanLog, motors: CleanSeries, n_rotors: int) -> FloatArray | None:
     """Return the rotors' speeds on the motors' rows, None where there are none for all of them."""
     logged = log.first("rotor_speed")
-    if logged is None or logged.values.shape[1] != n_rotors:
+    if logged is None or logged.n_columns != n_rotors:
         return None
     speed = np.column_stack([logged.at(motors.time_s, number) for number in range(n_rotors)])
     return speed if np.isfinite(speed).all() else None
@@ -175,11 +175,14 @@ def _fitted(
 
     Both sides are relative to their mean over some seconds: battery and air are in neither.
     """
-    target = _relative(speed, width)[flown]
+    target = np.column_stack([_relative(column, width)[flown] for column in speed.T])
 
     def left(x: FloatArray) -> FloatArray:
-        curve = np.clip((1.0 - x[0]) * output + x[0] * output**2, 0.0, None)
-        return np.asarray((target - _relative(lag(np.sqrt(curve), period_s, x[1]), width)[flown]).ravel())
+        found = target.copy()
+        for result, column in zip(found.T, output.T, strict=True):
+            curve = np.clip((1.0 - x[0]) * column + x[0] * column**2, 0.0, None)
+            result -= _relative(lag(np.sqrt(curve), period_s, x[1]), width)[flown]
+        return found.ravel()
 
     x = np.array([COMMON_EXPO, COMMON_LAG_S])
     for _ in range(_ROUNDS):

@@ -63,8 +63,8 @@ def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
     throttle = log.first("throttle")
     if motors is None or command is None or throttle is None:
         return Rebuilt()
-    if motors.values.shape[1] != airframe.n_rotors:
-        return Rebuilt(remarks=(f"The log has {motors.values.shape[1]} motors, not {airframe.n_rotors}.",))
+    if motors.n_columns != airframe.n_rotors:
+        return Rebuilt(remarks=(f"The log has {motors.n_columns} motors, not {airframe.n_rotors}.",))
     commanded = np.column_stack([command.at(motors.time_s, axis) for axis in range(3)])
     output = full_output(motors.values, log.log.parameters)
     flown = log.flown(motors.time_s, motors.values.mean(axis=1))

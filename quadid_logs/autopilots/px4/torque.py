@@ -81,7 +81,7 @@ def output_of_thrust(thrust: FloatArray, factor: float) -> FloatArray:
 def _from_motors(log: CleanLog, airframe: Airframe) -> MotorSeries | None:
     """Take actuator_motors: allocated thrust, before THR_MDL_FAC; NaN is a stopped motor."""
     series = log.first("motor_thrust")
-    if series is None or series.values.shape[1] < airframe.n_rotors:
+    if series is None or series.n_columns < airframe.n_rotors:
         return None
     # A stopped motor gives no thrust, but a row of NaN only says nothing.
     known = np.isfinite(series.values[:, : airframe.n_rotors]).any(axis=1)
@@ -150,7 +150,7 @@ def _from_outputs(log: CleanLog, airframe: Airframe) -> MotorSeries | None:
     """Take actuator_outputs back through pulse range and thrust model."""
     factor = _thrust_model(log)
     for series in log.sources("output_pwm"):
-        ranges = _pulse_ranges(log.log.parameters, airframe, series.values.shape[1])
+        ranges = _pulse_ranges(log.log.parameters, airframe, series.n_columns)
         if ranges is None:
             continue
         channel, low, high = ranges
