@@ -229,4 +229,4 @@ VEHICLE_TYPES: Final = (
 #: ``format`` in result.json; `FlightLog.dialect` tells variants with the same framing apart.
 #: Of what a person has put into columns.
 TABLE_FORMAT: Final = "table"
-LOG_FORMATS: Final = ("dataflash", "dataflash-text", "ulog", "tlog", "blackbox", TABLE_FORMAT)
+LOG_FORMATS: Final = ("dataflash", "dataflash-text", "ulog", "tlog", "blackbox", "usd", TABLE_FORMAT)

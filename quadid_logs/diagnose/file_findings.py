@@ -80,6 +80,9 @@ def _damage(log: FlightLog) -> Iterator[Finding]:
             },
             advice=_ONLY_THE_END if _only_the_end(log) else "",
         )
+    if log.checksum_wrong:
+        title = "The checksum of the file is wrong: some of its bytes are not those that were logged"
+        yield finding("QL101", "warning", {"file_bytes": log.n_bytes, "checksum": "wrong"}, title=title)
     if log.n_dropped:
         yield finding("QL102", "info", {"dropped_messages": log.n_dropped})
 
