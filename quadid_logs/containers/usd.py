@@ -41,6 +41,8 @@ _MOST_BYTES: Final = 1 << 33
 _LATER_S, _EARLIER_S = 10.0, 1.0
 #: So many events must follow each other to be believed where none is known before them.
 _CHAIN: Final = 4
+#: So many events of one time are an empty part of the card: there are fewer kinds.
+_MOST_ALIKE: Final = 64
 #: Bytes of the first part that is searched for the next event, rows of the first run.
 _SEARCH, _RUN = 512, 64
 _LONGEST_SEARCH, _LONGEST_RUN = 1 << 20, 1 << 18
@@ -327,8 +329,8 @@ class _Walk:
         One event alone is believed where the first one has to be.
         """
         times: list[int] = []
-        alone = at == self._start
-        while len(times) < _CHAIN and at + self._clock.head.size <= self._stop:
+        from_start = at == self._start
+        while len(times) < _MOST_ALIKE and at + self._clock.head.size <= self._stop:
             number, time = self._clock.head.unpack_from(self._content, at)
             size = self._sizes.get(number, 0)
             if at + size > self._stop:
@@ -337,8 +339,11 @@ class _Walk:
                 return False
             times.append(time)
             at += size
-        # All alike are an empty part of the card, not events.
-        return times[-1] > times[0] if len(times) > 1 else alone and len(times) == 1
+            if len(times) >= _CHAIN and time > times[0]:
+                return True
+        else:
+            from_start &= len(times) < _MOST_ALIKE
+        return bool(times) and (from_start or times[-1] > times[0])
 
     def _resume(self, at: int) -> int:
         """Return where the next event begins, and note what lies before it as lost."""
