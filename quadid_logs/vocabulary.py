@@ -42,6 +42,13 @@ _SPECS = (
         "what the rate controller was commanded",
     ),
     SignalSpec(
+        "reference_rate",
+        ("p_reference_rad_s", "q_reference_rad_s", "r_reference_rad_s"),
+        ("p_ref", "q_ref", "r_ref"),
+        "rad/s",
+        "body rates that follow from a planned trajectory alone, whatever the vehicle did",
+    ),
+    SignalSpec(
         "attitude",
         ("phi_rad", "theta_rad", "psi_rad"),
         ("phi", "theta", "psi"),

@@ -271,9 +271,7 @@ class _Walk:
         self._content, self._stop, self._start = content, stop, header.end
         self._bytes: Bytes = np.frombuffer(content, np.uint8)
         self._clock = _CLOCKS[header.version]
-        self._later, self._earlier = (
-            round(each / self._clock.unit_s) for each in (_LATER_S, _EARLIER_S)
-        )
+        self._later, self._earlier = (round(each / self._clock.unit_s) for each in (_LATER_S, _EARLIER_S))
         # Of a number that is defined twice the firmware writes the first.
         self._sizes = {kind.number: kind.size for kind in reversed(header.kinds)}
         self._head = np.dtype([("number", "<u2"), ("time", self._clock.stamp)])
@@ -369,7 +367,9 @@ class _Walk:
         end = min(end, self._stop - self._clock.head.size + 1)
         if end <= begin:
             return []
-        number = self._bytes[begin:end].astype(np.int64) | self._bytes[begin + 1 : end + 1].astype(np.int64) << 8
+        number = (
+            self._bytes[begin:end].astype(np.int64) | self._bytes[begin + 1 : end + 1].astype(np.int64) << 8
+        )
         size = self._size_of[number]
         at = np.arange(begin, end, dtype=np.int64)
         follows = at + size

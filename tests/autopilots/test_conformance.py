@@ -271,7 +271,9 @@ def test_garbage_behind_the_first_bytes_raises_nothing_but_log_errors(
 @pytest.mark.corpus
 def test_every_log_of_the_corpus_keeps_the_promises(corpus: Path) -> None:
     """Flown, damaged and simulated logs of all formats."""
-    folders = [corpus / name for name in ("real", "firmware", "damaged", "blackbox", "flown/crazyswarm2/logs")]
+    folders = [
+        corpus / name for name in ("real", "firmware", "damaged", "blackbox", "flown/crazyswarm2/logs")
+    ]
     logs = [opened(path) for folder in folders for path in sorted(folder.iterdir())]
     read = [log for log in logs if log is not None]
     for log in read:

@@ -75,6 +75,8 @@ def test_a_variable_of_one_is_one_of_its_unit(source: Source, tmp_path: Path) ->
     if source.fields in (("stateEstimate.qw", "stateEstimate.qx", "stateEstimate.qy", "stateEstimate.qz"),
                          ("stateEstimateZ.quat",)):  # fmt: skip
         return  # the tests of attitudes below
+    if source.signal == "reference_rate":
+        return  # the test of trajectories below
     n = len(source.fields)
     rows = np.vstack([np.zeros(n), np.eye(n)])
     log = written(tmp_path, dict(zip(source.fields, rows.T.tolist(), strict=True)))
@@ -119,6 +121,32 @@ def test_a_compressed_quaternion_is_the_same_to_its_resolution(
     found = log.signals["attitude"][0].values[0]
     # Nine bits of 0.71: half a step is 7e-4, and an angle is two of it and more where w is small.
     np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * expected), atol=0.02)
+
+
+@pytest.mark.parametrize(("group", "unit"), [("ctrltarget", 1.0), ("ctrltargetZ", 1e-3)])
+def test_a_trajectory_asks_for_the_rates_of_its_jerk_over_gravity(
+    group: str, unit: float, tmp_path: Path
+) -> None:
+    """To the right (y falls) right side down, forward nose down; at 1 Hz the smoothing takes 2 %."""
+    time_s = 0.004 * np.arange(1000)
+    turn = 2.0 * math.pi
+    right, forward = 0.5 * np.sin(turn * time_s), 0.3 * np.cos(turn * time_s)
+    log = written(tmp_path, {f"{group}.vx": list(forward / unit), f"{group}.vy": list(-right / unit)})
+    (found,) = log.signals["reference_rate"]
+    expected = np.column_stack([-(turn**2) * right, turn**2 * forward, np.zeros(1000)]) / 9.80665
+    np.testing.assert_allclose(found.values[50:-50], expected[50:-50], atol=0.03 * turn**2 * 0.5 / 9.80665)
+
+
+def test_where_a_log_pauses_a_trajectory_asks_for_nothing(tmp_path: Path) -> None:
+    """A leap of the velocity over a pause is no jerk."""
+    velocity = [float(k > 100) for k in range(200)]
+    types: dict[int, maker.Type] = {
+        0xFFFF: ("fixedFrequency", [("ctrltarget.vx", "f"), ("ctrltarget.vy", "f")])
+    }
+    rows = [maker.Event(0xFFFF, 4000 * k + 500_000 * (k > 100), (v, v)) for k, v in enumerate(velocity)]
+    (tmp_path / "log00").write_bytes(maker.log(types, rows))
+    rate = read_log(tmp_path / "log00").signals["reference_rate"][0].values
+    np.testing.assert_allclose(rate, 0.0, atol=1e-9)
 
 
 GROUPS = {

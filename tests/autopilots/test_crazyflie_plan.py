@@ -10,7 +10,7 @@ from unittest.mock import MagicMock
 
 import pytest
 
-from quadid_logs.cli.app import main
+from quadid_logs.cli import main
 from quadid_logs.load import read_log
 from tests.containers import usd_maker as maker
 

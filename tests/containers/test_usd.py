@@ -169,7 +169,7 @@ def test_a_file_that_defines_no_events_is_not_taken_for_a_log(head: bytes) -> No
 
 def test_a_log_is_told_by_its_first_bytes() -> None:
     """It has no suffix."""
-    assert is_mine(maker.log(TYPES, events())[:1 << 16])
+    assert is_mine(maker.log(TYPES, events())[: 1 << 16])
     assert not is_mine(b"\xbc")
 
 

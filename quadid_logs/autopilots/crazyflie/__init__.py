@@ -33,7 +33,9 @@ class Crazyflie(Autopilot):
         """Say that neither the frame nor its motors are in the log."""
         from quadid_logs.actuation.airframe import Unknown
 
-        return Unknown(remark="The log does not say which motors and propellers flew: its torque is a command.")
+        return Unknown(
+            remark="The log does not say which motors and propellers flew: its torque is a command."
+        )
 
     def loop_rate_hz(self, parameters: Mapping[str, float]) -> float:  # noqa: ARG002
         """Return the rate at which every controller of the firmware makes torque."""

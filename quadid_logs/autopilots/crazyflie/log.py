@@ -45,9 +45,7 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
     content = read_usd(path)
     # Events with many rows first: where two hold the same variables, the faster one is preferred.
     tables = sorted(content.tables.values(), key=lambda table: -len(table.position))
-    parts = [
-        Part(name=table.name, table=table, rows=Rows(table.time_s, table.position)) for table in tables
-    ]
+    parts = [Part(name=table.name, table=table, rows=Rows(table.time_s, table.position)) for table in tables]
     return FlightLog(
         path=str(path),
         format="usd",

@@ -33,6 +33,10 @@ _FULL: Final = 65535.0
 _GRAVITY: Final = 9.80665
 _FORWARD_LEFT_UP: Final = np.array([1.0, -1.0, -1.0])
 _YAW_LEFT: Final = np.array([1.0, 1.0, -1.0])
+#: A step of 1 mm/s, as the log holds it, is 0.02 rad/s behind this smoothing, where a flown trajectory has
+#: ten times that; what it leaves of 5 Hz is two thirds [s].
+_REFERENCE_SIGMA_S: Final = 0.03
+_LEAST_PERIOD_S, _PAUSE_PERIODS = 1e-4, 3.0
 #: Of ``supervisor.info``.
 _IS_ARMED, _IS_FLYING = 1, 4
 #: Duties of the motors front right, back right, back left, front left by roll, pitch and yaw command: the
@@ -81,6 +85,34 @@ def _unmixed(part: EventPart, source: Source[Any]) -> FloatArray | None:
 def _frd(quaternion: FloatArray) -> FloatArray:
     """Return Euler angles, FRD against NED, of quaternions w, x, y, z of x forward, y left, z up."""
     return attitude_columns(quaternion * np.array([1.0, 1.0, -1.0, -1.0]))
+
+
+def _reference_rates(part: EventPart, source: Source[Any]) -> FloatArray | None:
+    """Make the rates with which a vehicle tilts that follows a trajectory, of its velocity over the ground.
+
+    It tilts by acceleration over gravity, so that its rates are the jerk over gravity: the second derivative
+    of the velocity, smoothed as the sigma says. The nose is taken to point along x, as it does unless yaw is
+    commanded. Near a pause of the log the rates are nothing.
+    """
+    velocity = _command(part, source)
+    step_s = np.diff(part.rows.time_s)
+    period_s = float(np.median(step_s)) if len(step_s) else 0.0
+    if velocity is None or not _LEAST_PERIOD_S <= period_s <= _REFERENCE_SIGMA_S:
+        return None
+    reach = math.ceil(4.0 * _REFERENCE_SIGMA_S / period_s)
+    x = np.arange(-reach, reach + 1) * period_s / _REFERENCE_SIGMA_S
+    kernel = np.exp(-0.5 * x**2)
+    kernel = (x**2 - 1.0) * kernel / (kernel.sum() * _REFERENCE_SIGMA_S**2)
+    kernel -= kernel.mean()
+    pause = (step_s > _PAUSE_PERIODS * period_s) | (step_s < 0.0)
+    jerk = np.zeros((len(velocity), 3))
+    for axis in (0, 1):
+        padded = np.pad(np.nan_to_num(velocity[:, axis]), reach, mode="edge")
+        jerk[:, axis] = np.convolve(padded, kernel, mode="valid")
+    near = np.convolve(np.pad(np.append(pause, False), reach), np.ones(2 * reach + 1), mode="valid") > 0.5
+    jerk[near] = 0.0
+    forward, left, _ = jerk.T
+    return np.column_stack([-left, -forward, np.zeros(len(jerk))]) / _GRAVITY
 
 
 def _attitude(part: EventPart, source: Source[Any]) -> FloatArray | None:
@@ -133,6 +165,7 @@ def _of(group: str, names: str) -> tuple[str, ...]:
     return tuple(f"{group}.{name}" for name in names.split())
 
 
+_TRAJECTORY: Final = "the velocity of the reference trajectory, which no motion of the vehicle changes"
 _OWN = "what the {} controller works with"
 _OUT = "the {} controller's output, counts of 65535"
 _LEE_TORQUE: Final = (
@@ -158,6 +191,8 @@ SOURCES: Final[tuple[Source[EventPart], ...]] = (
            "the rates that the Lee controller asks of itself", _command_flu),
     Source("body_rate_setpoint", ANY_EVENT, _of("controller", "rollRate pitchRate yawRate"),
            "the rate controller's set-point", _command_yaw_left, _DEGREE),
+    Source("reference_rate", ANY_EVENT, _of("ctrltarget", "vx vy"), _TRAJECTORY, _reference_rates),
+    Source("reference_rate", ANY_EVENT, _of("ctrltargetZ", "vx vy"), _TRAJECTORY, _reference_rates, 1e-3),
     Source("attitude", ANY_EVENT, _of("ctrlLee", "rpyx rpyy rpyz"), _OWN.format("Lee"), _command_flu),
     Source("attitude", ANY_EVENT, _of("stateEstimate", "qw qx qy qz"), "the estimator's attitude", _attitude),
     Source("attitude", ANY_EVENT, _of("stateEstimateZ", "quat"), "the estimator's attitude in 32 bits",
