@@ -289,10 +289,10 @@ class _Walk:
             number, time = unpack(self._content, at) if at <= last_head else (-1, 0)
             size = sizes.get(number, 0)
             whole = size and at + size <= stop
-            if not whole or last is None or not -self._earlier <= time - last <= self._later:
-                if not (whole and self._is_chain(at)):
-                    at, before = self._resume(at), -1
-                    continue
+            likely = whole and last is not None and -self._earlier <= time - last <= self._later
+            if not likely and not (whole and self._is_chain(at)):
+                at, before = self._resume(at), -1
+                continue
             if number == before and run > 1:
                 n_events, last = self._same(at, size, number, time, run)
                 # Where kinds take turns, looking ahead costs more than it saves.

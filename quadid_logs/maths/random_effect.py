@@ -52,9 +52,9 @@ def random_effect(value: FloatArray, half_width: FloatArray) -> RandomEffect:
 
     Notes
     -----
-    Cochran's test; the variance between by R. DerSimonian and N. Laird (Controlled Clinical Trials 7, 1986); the
-    factor on the variance of the mean, and Student's t, by J. Hartung and G. Knapp (Statistics in Medicine 20,
-    2001), whose intervals hold for few estimates too.
+    Cochran's test; the variance between by R. DerSimonian and N. Laird (Controlled Clinical Trials 7, 1986);
+    the factor on the variance of the mean, and Student's t, by J. Hartung and G. Knapp (Statistics in
+    Medicine 20, 2001), whose intervals hold for few estimates too.
 
     Examples
     --------

@@ -77,7 +77,6 @@ def write_usd(log: FlightLog, file: BinaryIO, *, version: int = 2) -> None:
     """
     clock = write_clock(log)
     events = [*_events(log, clock)]
-    stamp, _ = _STAMPS[version]
     content = BytesIO()
     content.write(struct.pack("<BHH", _MAGIC, version, len(events)))
     for number, name, _, fields, types in events:

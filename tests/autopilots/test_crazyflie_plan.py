@@ -67,7 +67,7 @@ def test_the_script_arms_flies_its_axes_lands_and_ends_the_log(
     sys.modules["cflib.crtp"].init_drivers = MagicMock()  # type: ignore[attr-defined]
     sys.modules["cflib.crazyflie.syncCrazyflie"].SyncCrazyflie = MagicMock(return_value=link)  # type: ignore[attr-defined]
     monkeypatch.setattr(sys, "argv", ["fly.py"])
-    exec(compile((folder / "fly.py").read_text(), "fly.py", "exec"), {"__name__": "__main__"})  # noqa: S102
+    exec(compile((folder / "fly.py").read_text(), "fly.py", "exec"), {"__name__": "__main__"})
     crazyflie = link.__enter__.return_value.cf
     flown = {call.args[:3] for call in crazyflie.commander.send_zdistance_setpoint.call_args_list}
     assert flown == {(12.0, 0.0, 0.0), (-12.0, -0.0, -0.0), (0.0, 0.0, 150.0), (-0.0, -0.0, -150.0)}

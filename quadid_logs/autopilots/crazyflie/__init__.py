@@ -23,7 +23,7 @@ class Crazyflie(Autopilot):
     title = "Crazyflie"
 
     def formats(self) -> tuple[LogFormat, ...]:
-        """Logs of the micro-SD deck, which have no suffix."""
+        """Tell logs of the micro-SD deck by their first bytes: they have no suffix."""
         from quadid_logs.autopilots.crazyflie.log import read
         from quadid_logs.containers.usd import is_mine
 

@@ -36,7 +36,7 @@ _CONFIG_TEXT: Final = "\n".join(
 )
 #: A doublet that gives back speed and place: a quarter of a second one way, half a second the other, a
 #: quarter back; then two seconds of rest at one place. Roll and pitch in degrees, yaw in degrees per second.
-_SCRIPT_TEXT: Final = '''"""Fly {axes} doublets with a Crazyflie that holds its place, and log them on its micro-SD deck.
+_SCRIPT_TEXT: Final = '''"""Fly {axes} doublets with a Crazyflie that holds its place, and log them.
 
 pip install cflib; python fly.py [radio://0/80/2M/E7E7E7E7E7]. Stop with Ctrl-C: it lands.
 """
@@ -108,8 +108,8 @@ class CrazyflieAdvice(Advice):
         }
     )
     room = (
-        "Choose a room with positioning (Flow deck, Lighthouse or motion capture), 1.5 m free to all sides, and "
-        "a full battery."
+        "Choose a room with positioning (Flow deck, Lighthouse or motion capture), 1.5 m free to all sides, "
+        "and a full battery."
     )
 
     def _logging(
@@ -120,9 +120,9 @@ class CrazyflieAdvice(Advice):
     ) -> str:
         """Say what to put on the card."""
         return (
-            f"Put {CONFIG} of `quadid-log plan --autopilot crazyflie -o DIR` on the card of the micro-SD deck: it "
-            "logs commands, set-points, gyro and attitude of the PID controller at 250 Hz. For another controller "
-            "log its own group instead (ctrlMel, ctrlINDI, ctrlLee)."
+            f"Put {CONFIG} of `quadid-log plan --autopilot crazyflie -o DIR` on the card of the deck: "
+            "it logs commands, set-points, gyro and attitude of the PID controller at 250 Hz. For another "
+            "controller log its own group instead (ctrlMel, ctrlINDI, ctrlLee)."
         )
 
     def excitation(self, axes: Sequence[str], version: Version | None) -> str:  # noqa: ARG002
@@ -143,8 +143,8 @@ class CrazyflieAdvice(Advice):
             raise NotImplementedError
         return (
             f"Copy {CONFIG} into the top folder of the card, and put the card into the deck.",
-            f"Run `python {SCRIPT} URI`: it takes off to 1 m, flies ten {listed(axes)} doublets each, lands, and "
-            "ends the log. Ctrl-C lands at once.",
+            f"Run `python {SCRIPT} URI`: it takes off to 1 m, flies ten doublets of {listed(axes)}, lands, "
+            "and ends the log. Ctrl-C lands at once.",
             "Where the battery does not last, change it and run the script again: every run is a log.",
         )
 

@@ -3,10 +3,10 @@
 Source: the firmware of 2026 (``stabilizer.c``, ``controller_pid.c``, ``controller_mellinger.c``,
 ``controller_indi.c``, ``controller_lee.c``, ``power_distribution_quadrotor.c``, ``quatcompress.h``,
 ``motors.c``, ``pm_stm32f4.c``, ``supervisor.c``). Body axes of sensors and of the Lee controller are x
-forward, y left, z up, against an Earth frame whose z is up. Euler angles, rate set-points and rates of the older groups have the pitch
-of the first Crazyflie, positive with the nose up, and yaw positive to the left. The older controllers'
-commands go to the motors by the mixer alone, which fixes their signs: positive is right side down, nose up,
-nose right.
+forward, y left, z up, against an Earth frame whose z is up. Euler angles, rate set-points and rates of the
+older groups have the pitch of the first Crazyflie, positive with the nose up, and yaw positive to the left.
+The older controllers' commands go to the motors by the mixer alone, which fixes their signs: positive is
+right side down, nose up, nose right.
 """
 
 from __future__ import annotations
