@@ -126,11 +126,13 @@ def test_bytes_that_are_missing_cost_the_event_that_they_were_cut_from(tmp_path:
     assert len(events()) - 2 <= n_events < len(events())
 
 
+@pytest.mark.parametrize("into_event", [0, 5])
 @pytest.mark.parametrize("fill", [b"\0", b"\xff"])
-def test_an_empty_sector_holds_no_events(fill: bytes, tmp_path: Path) -> None:
-    """A kind with the number 0 or 65535 begins like it."""
+def test_an_empty_sector_holds_no_events(fill: bytes, into_event: int, tmp_path: Path) -> None:
+    """A kind with the number 0 or 65535 begins like it, between two events as well as inside one."""
     content = maker.log(TYPES, events())
-    found = read_usd(write(tmp_path, content[:2048] + fill * 512 + content[2048:]))
+    at = int(read_usd(write(tmp_path, content)).tables["fixedFrequency"].position[80]) + into_event
+    found = read_usd(write(tmp_path, content[:at] + fill * 512 + content[at:]))
     n_events = sum(len(table.position) for table in found.tables.values())
     assert len(events()) - 2 <= n_events <= len(events())
     assert 480 <= sum(lost.n_bytes for lost in found.lost) <= 560
