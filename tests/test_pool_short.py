@@ -53,8 +53,13 @@ def test_the_interval_of_the_pool_holds_the_truth(flights: list[Simulation], poo
 
 
 def test_flights_of_one_vehicle_are_not_told_apart(pooled: Result) -> None:
-    """They differ by chance."""
-    assert "QL529" not in {one.code for one in pooled.diagnosis.findings}
+    """They differ by chance, and the finding that names the logs says by how much."""
+    found = {one.code: one for one in pooled.diagnosis.findings}
+    assert "QL529" not in found
+    between = found["QL107"].evidence["between_flights"]
+    assert isinstance(between, dict)
+    assert between["roll"]["flights"] == 5
+    assert between["roll"]["p_value"] > 1e-3
 
 
 def test_a_flight_of_another_vehicle_is_found_and_widens_the_interval(
@@ -69,6 +74,8 @@ def test_a_flight_of_another_vehicle_is_found_and_widens_the_interval(
     assert other is not None
     widths = [np.diff(each.entries[("p_dot", "L")].ci95)[0] for each in (one, other)]
     assert widths[1] > 3.0 * widths[0]
+    gain = other.entries[("p_dot", "L")]
+    assert gain.value - gain.ci95[0] > 0.5 * (gain.ci95[1] - gain.value)
 
 
 @pytest.mark.corpus

@@ -63,7 +63,7 @@ def diagnose(
     'refused'
     """
     found = [
-        *find_in_pool(pooled),
+        *find_in_pool(pooled, identification),
         *find_in_file(log, data),
         *find_in_data(log, data, identification),
         *find_in_gyro(data),
