@@ -56,6 +56,13 @@ _SPECS = (
         "Euler 3-2-1 angles roll, pitch, yaw of the body against NED",
     ),
     SignalSpec(
+        "attitude_setpoint",
+        ("roll_setpoint_rad", "pitch_setpoint_rad", "yaw_setpoint_rad"),
+        ("phi_sp", "theta_sp", "psi_sp"),
+        "rad",
+        "angles that the attitude controller was commanded",
+    ),
+    SignalSpec(
         "torque_command",
         ("L_command", "M_command", "N_command"),
         ("L", "M", "N"),

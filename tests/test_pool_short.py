@@ -78,6 +78,15 @@ def test_a_flight_of_another_vehicle_is_found_and_widens_the_interval(
     assert gain.value - gain.ci95[0] > 0.5 * (gain.ci95[1] - gain.value)
 
 
+def test_a_flight_that_is_given_twice_counts_once(flights: list[Simulation], pooled: Result) -> None:
+    """Under another name it is still the same rates and torque: the interval is that of the five."""
+    again = analyze_pooled([*flights, flights[0]])
+    assert [bool(each.same_as) for each in again.pooled] == [False] * 5 + [True]
+    assert "another one" in {one.code: one for one in again.diagnosis.findings}["QL107"].title
+    ends = [each.identification.recommended.entries[("p_dot", "L")].ci95 for each in (pooled, again)]  # type: ignore[union-attr]
+    assert ends[0] == ends[1]
+
+
 @pytest.mark.corpus
 def test_five_flown_flights_of_ten_seconds_give_roll(corpus: Path) -> None:
     """About 40 000 per commanded newton metre, by reference-trajectory instruments over 103 flights."""

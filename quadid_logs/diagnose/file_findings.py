@@ -62,9 +62,16 @@ def find_in_pool(pooled: Sequence[PooledLog], identification: Identification) ->
     if not pooled:
         return
     flown = {PurePath(each.path).name: round(each.used_s, 1) for each in pooled}
+    same = {PurePath(each.path).name: PurePath(each.same_as).name for each in pooled if each.same_as}
     idle = [name for name, used_s in flown.items() if not used_s]
     title = f"{len(idle)} of {len(pooled)} pooled logs hold no usable flight" if idle else ""
-    evidence: dict[str, object] = {"used_s": flown, "between_flights": _between_flights(identification)}
+    if same:
+        title = f"{len(same)} of {len(pooled)} pooled logs hold the flight of another one, and count once"
+    evidence: dict[str, object] = {
+        "used_s": flown,
+        "same_as": same,
+        "between_flights": _between_flights(identification),
+    }
     yield finding("QL107", "warning" if idle else "info", evidence, title=title)
 
 

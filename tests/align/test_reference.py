@@ -40,3 +40,10 @@ def test_a_trajectory_comes_before_set_points_that_answer_the_motion(
     segment = cut(prepare(log(*names)), AlignSettings()).segments[0]
     assert segment.reference is not None
     assert np.abs(segment.reference).max() == pytest.approx(level, rel=1e-3)
+
+
+def test_where_only_angles_were_commanded_their_change_is_the_reference() -> None:
+    """A sine of 3 rad at 0.05 rad a sample of 10 ms changes by up to 15 rad/s; over a turn it goes on."""
+    segment = cut(prepare(log("attitude_setpoint")), AlignSettings()).segments[0]
+    assert segment.reference is not None
+    assert np.abs(segment.reference).max() == pytest.approx(15.0, rel=1e-2)
