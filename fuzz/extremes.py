@@ -366,11 +366,42 @@ def blackbox_logs(rng: random.Random, content: bytes, n_bytes: int) -> bytes:
     return one * (n_bytes // max(len(one), 1))
 
 
+def _usd_kind(number: int, name: str, fields: list[str]) -> bytes:
+    listed = b"".join(f"{field}\0".encode() for field in fields)
+    return struct.pack("<H", number) + name.encode() + b"\0" + struct.pack("<H", len(fields)) + listed
+
+
+def usd_wide(rng: random.Random, _content: bytes, n_bytes: int) -> bytes:
+    """Return a log of very many fields or kinds, of which few events or none are there."""
+    n_kinds, n_fields = rng.choice(((1, 1000), (1, 1001), (1000, 1), (1000, 0), (40, 200), (1001, 1)))
+    fields = [f"gyro.{'xyz'[k % 3]}{'' if k < 3 else k}(f)" for k in range(n_fields)]
+    kinds = b"".join(_usd_kind(k, f"event{k}", fields) for k in range(n_kinds))
+    body, at = [], 0
+    size = 10 + 4 * n_fields
+    while at < n_bytes:
+        body.append(struct.pack("<HQ", rng.randrange(n_kinds), 1000 * len(body)) + bytes(4 * n_fields))
+        at += size
+    return struct.pack("<BHH", 0xBC, 2, n_kinds) + kinds + b"".join(body)
+
+
+def usd_turns(rng: random.Random, _content: bytes, n_bytes: int) -> bytes:
+    """Return a log of events that are their number and time only, in turns, or all damaged."""
+    version = rng.choice((1, 2))
+    head = struct.Struct("<HI" if version == 1 else "<HQ")
+    kinds = b"".join(_usd_kind(k, f"event{k}", []) for k in range(2))
+    step = rng.choice((0, 1, 4000, 2**31, -4000))
+    body = b"".join(
+        head.pack(k % rng.choice((1, 2, 3)), max(k * step, 0) % 2**32) for k in range(n_bytes // head.size)
+    )
+    return struct.pack("<BHH", 0xBC, version, 2) + kinds + body
+
+
 BY_KIND: dict[str, tuple[Extreme, ...]] = {
     "dataflash": (dataflash_versions, dataflash_texts),
     "ulog": (ulog_nested, ulog_wide, ulog_subscriptions, ulog_redefined, ulog_texts),
     "tlog": (tlog_senders, tlog_texts),
     "blackbox": (blackbox_wide, blackbox_logs),
+    "usd": (usd_wide, usd_turns),
     "text": (text_versions, text_wide, text_gaps),
     "plain": (parquet_columns,),
 }

@@ -543,6 +543,59 @@ def blackbox_logs(rng: random.Random, data: bytearray) -> bytearray:
     return data
 
 
+# ---- Crazyflie micro-SD
+
+
+def usd_frames(data: bytearray) -> tuple[int, list[Frame]]:
+    """Return where the header of a log with one kind of event ends, and the events."""
+    version = data[1]
+    end = data.find(0, 7) + 1
+    n_fields = int.from_bytes(data[end : end + 2], "little")
+    end += 2
+    length = 6 if version == 1 else 10
+    for _ in range(n_fields):
+        after = data.find(0, end)
+        if after < 2:
+            return len(data), []
+        length += {"b": 1, "B": 1, "h": 2, "H": 2}.get(chr(data[after - 2]), 4)
+        end = after + 1
+    return end, [(at, at + length) for at in range(end, len(data) - length, length)]
+
+
+def usd_header(rng: random.Random, data: bytearray) -> bytearray:
+    """Change numbers, names and types of the definitions, or write the header again."""
+    end, frames = usd_frames(data)
+    if rng.random() < 0.3 and frames:
+        place = rng.choice(frames)[0]
+        data[place:place] = data[:end]
+        return data
+    for _ in range(rng.choice((1, 3))):
+        data[rng.randrange(min(end, len(data)))] = rng.choice((0, 1, 2, 40, 41, 0xFF, rng.randrange(256)))
+    return data
+
+
+def usd_clock(rng: random.Random, data: bytearray) -> bytearray:
+    """Write times that fall, leap or repeat."""
+    for begin, _ in _some(rng, usd_frames(data)[1], rng.choice((1, 10, 500))):
+        time = rng.choice((0, 1, 2**32 - 1, 2**63, 2**64 - 1, rng.randrange(2**40)))
+        _write_over(data, begin + 2, time.to_bytes(8, "little"))
+    return data
+
+
+def usd_rows(rng: random.Random, data: bytearray) -> bytearray:
+    """Repeat, leave out and renumber events."""
+    frames = usd_frames(data)[1]
+    kind = rng.randrange(3)
+    for begin, end in sorted(_some(rng, frames, rng.choice((1, 10, 100))), reverse=True):
+        if kind == 0:
+            data[begin:begin] = data[begin:end]
+        elif kind == 1:
+            del data[begin : end - rng.choice((0, 1))]
+        else:
+            _write_over(data, begin, rng.choice((b"\0\0", b"\xff\xff", b"\1\0")))
+    return data
+
+
 ANY: tuple[Mutation, ...] = (
     truncate,
     behead,
@@ -569,6 +622,7 @@ BY_KIND: dict[str, tuple[Mutation, ...]] = {
     "ulog": (ulog_sizes, ulog_types, ulog_definitions, ulog_parameters, ulog_appended, ulog_clock, ulog_rows),
     "tlog": (tlog_payloads, tlog_short_payloads, tlog_parameters, tlog_headers, tlog_clock, tlog_rows),
     "blackbox": (blackbox_header, blackbox_frames, blackbox_logs),
+    "usd": (usd_header, usd_clock, usd_rows),
     "text": (spoil_lines,),
     "plain": (),
 }

@@ -31,6 +31,8 @@ CORPUS_PARTS = (
     ("blackbox", "blackbox/bf3-log14.bfl", 120_000),
     ("blackbox", "blackbox/cleanflight-2016.txt", 120_000),
     ("blackbox", "blackbox/inav901.txt", 120_000),
+    ("usd", "flown/crazyswarm2/logs/log09", 60_000),
+    ("usd", "flown/crazyswarm2/logs/log183", 400_000),
     ("text", "real/x8coax_moments_hover.csv", 60_000),
 )
 
@@ -62,6 +64,7 @@ def _simulated() -> list[Seed]:
             (".ulg", "ulog", "px4"),
             (".bbl", "blackbox", "betaflight"),
             (".tlog", "tlog", "ardupilot"),
+            (".usd", "usd", "crazyflie"),
         ):
             flight = simulate("sysid-quad-x", seed=1, duration_s=15.0, rate_hz=50.0, autopilot=autopilot)
             write_log(flight.log, path / f"flight{suffix}")

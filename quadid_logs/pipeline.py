@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from quadid_logs.align import Prepared, check_part, cut
-from quadid_logs.align.pool import pool
+from quadid_logs.align.pool import copies, pool
 from quadid_logs.autopilots import named
 from quadid_logs.control.closed_loop import close_loop
 from quadid_logs.control.findings import find_in_loop
@@ -156,6 +156,8 @@ def _analyze(
     prepared = [prepare(log, vehicle) for log in logs]
     check_part(prepared, settings.align)
     flights = _cut_alike(prepared, settings.align)
+    same = copies(flights)
+    flights = [replace(each, segments=()) if place in same else each for place, each in enumerate(flights)]
     data = flights[0] if len(flights) == 1 or not any(each.segments for each in flights) else pool(flights)
     # What is not pooled (sources, airframe, texts) is told of the first log that flew.
     flown = (one.log for one, each in zip(prepared, flights, strict=True) if each.segments)
@@ -165,7 +167,8 @@ def _analyze(
     clock.lap("align")
     tell("identify")
     pooled = tuple(
-        PooledLog(path=one.path, used_s=each.used_s) for one, each in zip(logs, flights, strict=True)
+        PooledLog(path=one.path, used_s=each.used_s, same_as=logs[same[place]].path if place in same else "")
+        for place, (one, each) in enumerate(zip(logs, flights, strict=True))
     )
     pooled = pooled if len(paths) > 1 else ()
     return judge(

@@ -42,11 +42,25 @@ _SPECS = (
         "what the rate controller was commanded",
     ),
     SignalSpec(
+        "reference_rate",
+        ("p_reference_rad_s", "q_reference_rad_s", "r_reference_rad_s"),
+        ("p_ref", "q_ref", "r_ref"),
+        "rad/s",
+        "body rates that follow from a planned trajectory alone, whatever the vehicle did",
+    ),
+    SignalSpec(
         "attitude",
         ("phi_rad", "theta_rad", "psi_rad"),
         ("phi", "theta", "psi"),
         "rad",
         "Euler 3-2-1 angles roll, pitch, yaw of the body against NED",
+    ),
+    SignalSpec(
+        "attitude_setpoint",
+        ("roll_setpoint_rad", "pitch_setpoint_rad", "yaw_setpoint_rad"),
+        ("phi_sp", "theta_sp", "psi_sp"),
+        "rad",
+        "angles that the attitude controller was commanded",
     ),
     SignalSpec(
         "torque_command",
@@ -229,4 +243,4 @@ VEHICLE_TYPES: Final = (
 #: ``format`` in result.json; `FlightLog.dialect` tells variants with the same framing apart.
 #: Of what a person has put into columns.
 TABLE_FORMAT: Final = "table"
-LOG_FORMATS: Final = ("dataflash", "dataflash-text", "ulog", "tlog", "blackbox", TABLE_FORMAT)
+LOG_FORMATS: Final = ("dataflash", "dataflash-text", "ulog", "tlog", "blackbox", "usd", TABLE_FORMAT)

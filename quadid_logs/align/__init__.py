@@ -217,8 +217,8 @@ def check_part(logs: Sequence[Prepared], settings: AlignSettings) -> None:
     if not (chosen and timed):
         return
     flights = [each.flights or (_span(each.clean.clock),) for each in timed]
-    in_part_s = max(_length_s(_clip(each, settings)) for each in flights)
-    if in_part_s >= min(LEAST_FLIGHT_S, max(map(_length_s, flights))) > 0.0:
+    in_part_s = sum(_length_s(_clip(each, settings)) for each in flights)
+    if in_part_s >= min(LEAST_FLIGHT_S, sum(map(_length_s, flights))) > 0.0:
         return
     first = timed[0]
     held = f"{in_part_s:.1f} s of flight, and {LEAST_FLIGHT_S:g} s are needed" if in_part_s else "no flight"
@@ -348,11 +348,21 @@ def _saturated(marks: CleanSeries | None, grid: FloatArray) -> BoolArray:
 
 
 def _reference(series: Mapping[str, CleanSeries], grid: FloatArray) -> FloatArray | None:
-    """Return the rate setpoints, and the chirp of a system-ID mode if the log has one, on the grid."""
-    setpoint, chirp = series.get("body_rate_setpoint"), series.get("sysid_chirp")
-    if setpoint is None or _n_within(setpoint, grid) < 2:
+    """Return the rate setpoints, and the chirp of a system-ID mode if the log has one, on the grid.
+
+    Set-points of position and attitude loops answer the motion too; those of a trajectory do not. Where only
+    angles were logged as they were commanded, it is their change.
+    """
+    setpoint = series.get("reference_rate") or series.get("body_rate_setpoint")
+    angles = series.get("attitude_setpoint") if setpoint is None else None
+    chirp = series.get("sysid_chirp")
+    logged = setpoint or angles
+    if logged is None or _n_within(logged, grid) < 2:
         return None
-    wanted = _resampled(setpoint, grid)
+    wanted = _resampled(logged, grid)
+    if angles is not None:
+        commanded = resample(angles.time_s, unwrapped(angles.values), grid, angles.period_s)
+        wanted = np.gradient(commanded, grid, axis=0)
     if chirp is None:
         return wanted
     injected = np.zeros((grid.size, 1))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -54,6 +55,30 @@ def pool(flights: Sequence[FlightData]) -> FlightData:
             gyro_filter=merged.gyro_filter if merged.gyro_filter == other.gyro_filter else NO_GYRO_FILTER,
         )
     return replace(merged, input=_joint_input(merged, [first, *others]))
+
+
+def copies(flights: Sequence[FlightData]) -> dict[int, int]:
+    """Tell which logs hold the flights of another one: counted twice, they would know too much.
+
+    Parameters
+    ----------
+    flights : sequence of FlightData
+
+    Returns
+    -------
+    dict of int to int
+        By the place of a copy the place of the first log that holds the same rates and torque.
+    """
+    first: dict[bytes, int] = {}
+    found = {}
+    for place, each in enumerate(flights):
+        if each.segments:
+            told = hashlib.sha256()
+            for segment in each.segments:
+                told.update(segment.body_rate_rad_s.tobytes() + segment.torque.tobytes())
+            if (before := first.setdefault(told.digest(), place)) != place:
+                found[place] = before
+    return found
 
 
 def _shifted(segment: Segment, shift_s: float, n_flights: int) -> Segment:

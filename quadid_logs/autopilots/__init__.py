@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["Autopilot", "LogFormat", "formats", "known", "named", "register"]
 
 #: In the order in which their formats are asked; the last one answers for logs that name no autopilot.
-_FOLDERS: Final = ("px4", "ardupilot", "inav", "cleanflight", "betaflight", "generic")
+_FOLDERS: Final = ("px4", "ardupilot", "inav", "cleanflight", "betaflight", "crazyflie", "generic")
 
 
 class Reader(Protocol):

@@ -25,7 +25,9 @@ def simulate(
     ] = "",
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="FILE.(bin|ulg|bbl|tlog)", help="The ending says the format."),
+        typer.Option(
+            "-o", "--output", metavar="FILE.(bin|ulg|bbl|tlog|usd)", help="The ending says the format."
+        ),
     ] = None,
     seed: Annotated[int, typer.Option("--seed", metavar="N", help="Another seed, another flight.")] = 0,
     duration_s: Annotated[

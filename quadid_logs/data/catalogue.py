@@ -206,6 +206,15 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "compute rotor speeds that its thrust does not follow.",
             ),
             _entry(
+                "QL313",
+                "The commanded newton is none",
+                "In steady flight the thrust of all motors carries the weight. Here the controller commands "
+                "another thrust: the motors or propellers are not those that its firmware assumes. Its "
+                "torque in newton metres is as wrong, so that no inertia follows from it. Effectiveness per "
+                "command, and all that a loop is made of, are not touched.",
+                "To get newtons, measure the thrust of a motor over its command.",
+            ),
+            _entry(
                 "QL320",
                 "No multirotor turns like these body rates",
                 "The rates integrate to a vehicle that is upside down for much of its flight, or exceed"

@@ -316,6 +316,8 @@ class FlightLog:
         Size of the file [bytes].
     lost : tuple of LostBytes
         What could not be read. A header cut off at the file's end counts too.
+    checksum_wrong : bool
+        By its own checksum the file is not what was logged, wherever that may be.
     n_dropped : int
         Messages that the autopilot itself reports as not written.
     has_time : bool
@@ -345,6 +347,7 @@ class FlightLog:
     modes: tuple[ModeChange, ...] = ()
     texts: tuple[LogText, ...] = ()
     lost: tuple[LostBytes, ...] = ()
+    checksum_wrong: bool = False
     n_dropped: int = 0
     systems: tuple[LoggedSystem, ...] = ()
     n_systems: int = 0

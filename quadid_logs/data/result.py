@@ -18,10 +18,14 @@ from quadid_logs.vocabulary import ON_AXIS
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PooledLog:
-    """One of several logs behind one model: its path and the seconds of it that were used."""
+    """One of several logs behind one model: its path and the seconds of it that were used.
+
+    ``same_as`` is the path of a log before it that holds the same flights: then it adds nothing.
+    """
 
     path: str
     used_s: float
+    same_as: str = ""
 
 
 @dataclass(frozen=True, slots=True, weakref_slot=True, kw_only=True, eq=False)

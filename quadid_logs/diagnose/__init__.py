@@ -17,7 +17,7 @@ from quadid_logs.diagnose.file_findings import find_in_file, find_in_pool
 from quadid_logs.diagnose.gyro_findings import find_in_gyro
 from quadid_logs.diagnose.model_findings import find_in_models
 from quadid_logs.diagnose.structural_findings import find_in_structure
-from quadid_logs.diagnose.torque_findings import find_in_given_inertia, find_in_torque
+from quadid_logs.diagnose.torque_findings import find_in_given_inertia, find_in_torque, find_in_weight
 from quadid_logs.vocabulary import AXES
 
 __all__ = ["diagnose", "remedied", "with_findings"]
@@ -63,7 +63,7 @@ def diagnose(
     'refused'
     """
     found = [
-        *find_in_pool(pooled),
+        *find_in_pool(pooled, identification),
         *find_in_file(log, data),
         *find_in_data(log, data, identification),
         *find_in_gyro(data),
@@ -71,6 +71,7 @@ def diagnose(
         *find_in_models(log, identification),
         *find_in_structure(data, identification),
         *find_in_given_inertia(data, identification, vehicle),
+        *find_in_weight(data, vehicle),
     ]
     findings = sorted(remedied(found, log.autopilot), key=lambda finding: _SEVERITY[finding.level])
     return Diagnosis(

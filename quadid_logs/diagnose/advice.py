@@ -40,7 +40,13 @@ def plannable() -> tuple[str, ...]:
     tuple of str
         As in `FlightLog.autopilot`.
     """
-    return tuple(sorted(autopilot.name for autopilot in known() if autopilot.advice.logging_settings))
+    return tuple(
+        sorted(
+            autopilot.name
+            for autopilot in known()
+            if autopilot.advice.logging_settings or autopilot.advice.whole_files(AXES)
+        )
+    )
 
 
 def next_steps(

@@ -8,9 +8,11 @@ from pathlib import PurePath
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.log import FlightLog
+from quadid_logs.data.model import Identification
 from quadid_logs.data.result import PooledLog
-from quadid_logs.diagnose.findings import finding
-from quadid_logs.vocabulary import MULTIROTOR
+from quadid_logs.diagnose.findings import finding, rounded
+from quadid_logs.maths.random_effect import random_effect
+from quadid_logs.vocabulary import AXES, MULTIROTOR
 
 #: Under one per thousand of the rows what was repaired or left out changes no estimate.
 _NOTABLE_REPAIRS = 1e-3
@@ -43,13 +45,15 @@ def find_in_file(log: FlightLog, data: FlightData) -> Iterator[Finding]:
     yield from _vehicle(log)
 
 
-def find_in_pool(pooled: Sequence[PooledLog]) -> Iterator[Finding]:
+def find_in_pool(pooled: Sequence[PooledLog], identification: Identification) -> Iterator[Finding]:
     """Say which logs are behind the model, and warn of those that added nothing.
 
     Parameters
     ----------
     pooled : sequence of PooledLog
         Empty where the model is that of one log.
+    identification : Identification
+        Of its recommended model, what the flights differ by.
 
     Yields
     ------
@@ -58,9 +62,36 @@ def find_in_pool(pooled: Sequence[PooledLog]) -> Iterator[Finding]:
     if not pooled:
         return
     flown = {PurePath(each.path).name: round(each.used_s, 1) for each in pooled}
+    same = {PurePath(each.path).name: PurePath(each.same_as).name for each in pooled if each.same_as}
     idle = [name for name, used_s in flown.items() if not used_s]
     title = f"{len(idle)} of {len(pooled)} pooled logs hold no usable flight" if idle else ""
-    yield finding("QL107", "warning" if idle else "info", {"used_s": flown}, title=title)
+    if same:
+        title = f"{len(same)} of {len(pooled)} pooled logs hold the flight of another one, and count once"
+    evidence: dict[str, object] = {
+        "used_s": flown,
+        "same_as": same,
+        "between_flights": _between_flights(identification),
+    }
+    yield finding("QL107", "warning" if idle else "info", evidence, title=title)
+
+
+def _between_flights(identification: Identification) -> dict[str, object]:
+    """Return by axis whether the flights are of one effectiveness, and how far it differs between them."""
+    model = identification.recommended
+    if model is None or model.structural is None or not len(model.structural.flight_gain):
+        return {}
+    gain, half_width = model.structural.flight_gain, model.structural.flight_half_width
+    found = [random_effect(gain[:, axis], half_width[:, axis]) for axis in range(3)]
+    return {
+        axis: {
+            "flights": each.n,
+            "chi_square": rounded(each.chi_square, 3),
+            "p_value": rounded(each.p_value, 2),
+            "relative_sd": rounded(each.sd, 2),
+        }
+        for axis, each in zip(AXES, found, strict=True)
+        if each.n > 1
+    }
 
 
 def _damage(log: FlightLog) -> Iterator[Finding]:
@@ -80,6 +111,9 @@ def _damage(log: FlightLog) -> Iterator[Finding]:
             },
             advice=_ONLY_THE_END if _only_the_end(log) else "",
         )
+    if log.checksum_wrong:
+        title = "The checksum of the file is wrong: some of its bytes are not those that were logged"
+        yield finding("QL101", "warning", {"file_bytes": log.n_bytes, "checksum": "wrong"}, title=title)
     if log.n_dropped:
         yield finding("QL102", "info", {"dropped_messages": log.n_dropped})
 

@@ -27,6 +27,7 @@ from quadid_logs.identify.structural import (
     possible_losses,
     seen_effects,
 )
+from quadid_logs.maths.random_effect import random_effect
 from quadid_logs.maths.rotations import tilt_from_rates
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS, RATE_SYMBOLS
 
@@ -73,8 +74,8 @@ _VARIES = 0.05
 _LARGE_SHIFT = 0.1
 #: Flights of one vehicle differ by battery and air density.
 _FLIGHTS_DIFFER = 0.03
-#: Two intervals of 95 % that are this much farther apart than their widths: one in ten thousand by chance.
-_FLIGHTS_SEEN = 2.0
+#: Probability by chance at which flights are not of one effectiveness.
+_FLIGHTS_SEEN = 1e-4
 
 _CODES: Final[dict[Effect, str]] = {
     "threshold": "QL523",
@@ -345,11 +346,14 @@ def _flights(gain: np.ndarray, half_width: np.ndarray) -> dict[str, object] | No
     """Return the evidence that two flights have not the same effectiveness, None where they may have."""
     if not np.isfinite(gain).any():
         return None
-    low, high = int(np.nanargmin(gain)), int(np.nanargmax(gain))
-    difference = float(gain[high] - gain[low])
-    if difference <= max(_FLIGHTS_DIFFER, _FLIGHTS_SEEN * float(np.hypot(half_width[low], half_width[high]))):
+    found = random_effect(gain, half_width)
+    if found.p_value > _FLIGHTS_SEEN or float(np.nanmax(gain) - np.nanmin(gain)) <= _FLIGHTS_DIFFER:
         return None
     return {
+        "flights": found.n,
+        "chi_square": rounded(found.chi_square, 3),
+        "p_value": rounded(found.p_value, 2),
+        "sd_between_flights": rounded(found.sd, 2),
         "effectiveness_over_that_of_all": [rounded(float(each), 3) for each in gain],
         "ci95_half_width": [rounded(float(each), 2) for each in half_width],
     }

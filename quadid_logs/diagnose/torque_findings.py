@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 
+from quadid_logs.actuation.calibration import GRAVITY, MASS_SIGMA
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.flight import FlightData, InputDescription
 from quadid_logs.data.log import FlightLog
@@ -14,6 +16,7 @@ from quadid_logs.data.model import Identification, Inertia, ThrustCurve
 from quadid_logs.data.torque import Calibration, TorqueComparison, TorqueModel
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.diagnose.findings import finding, rounded
+from quadid_logs.maths.student import student_95
 from quadid_logs.vocabulary import AXES, ON_AXIS
 
 #: Limited this often, effectiveness per command is lower than that per achieved torque by some percent.
@@ -21,6 +24,8 @@ _OFTEN_LIMITED = 0.01
 #: Moments of inertia over mass times arm squared. All mass at the tips of a cross gives 0.5 about x and y
 #: and 1 about z; the known vehicles lie at 0.06 to 0.4.
 _INERTIA_RATIO = ((0.01, 0.6), (0.01, 0.6), (0.02, 1.1))
+#: What is left of climbs in the mean of one block scatters between them; a flight of 4 s holds three [s].
+_WEIGHT_BLOCK_S = 1.0
 
 #: What to do where validation data do not tell which of two sources is right, or tell for rotor speeds.
 _STRONGER = "Fly stronger doublets on these axes: validation data do not show which of the two is right."
@@ -217,3 +222,47 @@ def find_in_given_inertia(
         f"{axis} {evidence[f'{axis}_real_over_commanded']}" for axis in AXES
     )
     yield finding("QL515", "info", evidence, title=title)
+
+
+def find_in_weight(data: FlightData, vehicle: Vehicle | None) -> Iterator[Finding]:
+    """Hold a commanded thrust against the weight, where the mass is given.
+
+    Over a flight the vertical acceleration is nothing in the mean, so that thrust times the cosine of the
+    tilt is the weight.
+
+    Parameters
+    ----------
+    data : FlightData
+        Of pooled logs, the first flight's thrust is told.
+    vehicle : Vehicle or None
+
+    Yields
+    ------
+    Finding
+        QL313 where the two differ.
+    """
+    thrust, attitude = data.overview.get("thrust_n"), data.overview.get("attitude")
+    if thrust is None or attitude is None or vehicle is None or not vehicle.mass_kg:
+        return
+    upright = np.cos(attitude.values[:, 0]) * np.cos(attitude.values[:, 1])
+    lift = thrust.values[:, 0] * np.interp(thrust.time_s, attitude.time_s, upright)
+    blocks = []
+    for start_s, end_s in data.flights:
+        n_blocks = max(int((end_s - start_s) / _WEIGHT_BLOCK_S), 1)
+        edges = np.searchsorted(thrust.time_s, np.linspace(start_s, end_s, n_blocks + 1))
+        blocks += [float(lift[a:b].mean()) for a, b in pairwise(edges) if b > a]
+    ratio = np.array(blocks) / (vehicle.mass_kg * GRAVITY)
+    ratio = ratio[np.isfinite(ratio)]
+    if ratio.size < 2:
+        return
+    mean = float(ratio.mean())
+    sigma = math.hypot(float(ratio.std(ddof=1)) / math.sqrt(ratio.size), MASS_SIGMA * mean)
+    if abs(mean - 1.0) <= student_95(ratio.size - 1) * sigma:
+        return
+    evidence = {
+        "commanded_thrust_over_weight": rounded(mean, 3),
+        "ci95": [rounded(mean + end * student_95(ratio.size - 1) * sigma, 3) for end in (-1.0, 1.0)],
+        "mass_kg": vehicle.mass_kg,
+    }
+    title = f"The commanded newton is none: {mean:.2f} N are commanded for each newton of weight"
+    yield finding("QL313", "info", evidence, title=title)

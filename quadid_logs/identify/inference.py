@@ -36,9 +36,10 @@ TIMING_SYSTEMATIC: Final = 0.015
 #: A rotor is a first-order lag to some thousandths: its time constant goes with its speed.
 LAG_SYSTEMATIC: Final = 0.003
 #: Residuals of flight data are correlated over some tenths of a second (rate
-#: loop, gusts); a second holds that memory, and thirty of them a variance.
+#: loop, gusts); a second holds that memory, and thirty of them a variance; with
+#: fewer than a dozen there is none.
 _CLUSTER_S = 1.0
-_MIN_CLUSTERS = 12
+MIN_CLUSTERS = 12
 #: A lag with less phase than this [rad] at the smoothing cut-off acts as a
 #: delay does; their derivatives are then parallel and only the sum is known.
 _LAG_SEEN = 0.1
@@ -312,7 +313,7 @@ def clusters_of(design: Design) -> IntArray:
         From 0, without gaps.
     """
     train = design.train
-    length_s = min(_CLUSTER_S, np.count_nonzero(train) * design.period_s / _MIN_CLUSTERS)
+    length_s = min(_CLUSTER_S, np.count_nonzero(train) * design.period_s / MIN_CLUSTERS)
     # Clusters end where a chunk or a block ends: only neighbours in time are correlated.
     elapsed = np.floor((design.time_s - design.time_s[0]) / length_s)
     key = np.stack([design.block, elapsed.astype(np.int64)])[:, train]

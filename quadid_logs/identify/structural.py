@@ -19,12 +19,13 @@ from quadid_logs.identify.actuator_model import ActuatorModel, FitProblem, free_
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.first_stage import first_stage
 from quadid_logs.identify.fit import PooledFit, Regression, fit_pooled, lay_out
-from quadid_logs.identify.inference import Estimate, clusters_of
+from quadid_logs.identify.inference import MIN_CLUSTERS, Estimate, clusters_of
 from quadid_logs.identify.instruments import from_attitude
 from quadid_logs.identify.structures import Structure
 from quadid_logs.identify.terms import MOST_DAMPING_1_S, YAW_REACTION
 from quadid_logs.maths.band import ComplexArray, delay_response, lag_response
 from quadid_logs.maths.normal import NORMAL_95
+from quadid_logs.maths.random_effect import random_effect
 from quadid_logs.maths.recurrence import lag
 from quadid_logs.maths.rotations import tilt_from_rates
 from quadid_logs.vocabulary import RATE_SYMBOLS, TORQUE_SYMBOLS
@@ -236,6 +237,12 @@ def with_alternatives(structure: Structure, estimate: Estimate, check: Structura
         high[place] = max((high[place] * factors).max(), others.max())
         # A controller that answers disturbances makes an effectiveness too low, by no more than this.
         high[place] = gain + np.hypot(high[place] - gain, gain * check.feedback[axis])
+        # The next flight has its own battery, trim and weather: several flights show how much that matters.
+        between = (
+            gain * random_effect(check.flight_gain[:, axis], check.flight_half_width[:, axis]).half_width
+        )
+        low[place] = gain - np.hypot(gain - low[place], between)
+        high[place] = gain + np.hypot(high[place] - gain, between)
     return estimate._replace(low=low, high=high)
 
 
@@ -616,16 +623,27 @@ def _by_flight(design: Design, equations: dict[int, _EquationRows]) -> tuple[Flo
     shape = (flights.size if flights.size > 1 else 0, 3)
     gain, half_width = np.full(shape, np.nan), np.full(shape, np.nan)
     for axis, equation in equations.items():
+        information, square, n_clusters = np.zeros((3, shape[0]))
         for row in range(shape[0]):
             rows = flight == flights[row]
             alone, clusters = equation.alone[rows], np.unique(equation.clusters[rows], return_inverse=True)[1]
-            information = alone @ alone
-            if clusters.max() < 1 or not information > 0.0:
+            if not alone @ alone > 0.0:
                 continue
-            change = alone @ equation.residual[rows] / information
+            information[row] = alone @ alone
+            change = alone @ equation.residual[rows] / information[row]
             scores = np.bincount(clusters, alone * (equation.residual[rows] - change * alone))
+            square[row], n_clusters[row] = scores @ scores, clusters.max() + 1
             gain[row, axis] = 1.0 + change / equation.gain
-            half_width[row, axis] = NORMAL_95 * np.linalg.norm(scores) / information / abs(equation.gain)
+        if not information.any():
+            continue
+        # A short flight has too few seconds to tell its own disturbances: those of all stand for them.
+        told = n_clusters >= MIN_CLUSTERS
+        free = max(float(n_clusters.sum() - np.count_nonzero(n_clusters)), 1.0)
+        common = square.sum() / information.sum() * n_clusters.sum() / free
+        variance = np.full(shape[0], np.nan)
+        np.divide(np.where(told, square / np.maximum(information, 1e-300), common), information,
+                  out=variance, where=information > 0.0)  # fmt: skip
+        half_width[:, axis] = NORMAL_95 * np.sqrt(variance) / abs(equation.gain)
     return gain, half_width
 
 

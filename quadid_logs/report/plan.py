@@ -79,7 +79,7 @@ def parameter_files(plan: Plan) -> dict[str, str]:
         files[names.sweeps[axis]] = text(advice.sweep_comment(axis), plan.settings_of(axis))
     if plan.sweeps:
         files[names.sweep_off] = text("Take the sweep off the vehicle", advice.sweep_off())
-    return files
+    return files | advice.whole_files(plan.axes)
 
 
 def card_lines(plan: Plan, prediction: Prediction) -> tuple[str, ...]:
@@ -206,7 +206,7 @@ def _sweep_words(sweep: Sweep) -> str:
 def _steps(plan: Plan) -> tuple[str, ...]:
     """Return what to do, in order."""
     return (
-        "Choose calm air, a full battery, 10 m of room to all sides, and a height of 10 m or more.",
+        plan.advice.room,
         *plan.steps(),
         f"Take the log from the card, and run `{command('analyze', LOG)}`. Where there are several, as after "
         f"a restart, run `{command('analyze', LOG, NEXT_LOG, '--pool')}`.",

@@ -82,7 +82,7 @@ def simulate(
     vehicle : Vehicle, optional
         What is given replaces the scenario's vehicle.
     autopilot : str
-        "ardupilot", "px4" or "betaflight": whose mixer flies and whose messages are logged.
+        "ardupilot", "px4", "betaflight" or "crazyflie": whose mixer flies and whose messages are logged.
 
     Returns
     -------

@@ -151,19 +151,47 @@ BETAFLIGHT: Final = Vendor(
 )
 
 
+CRAZYFLIE: Final = Vendor(
+    name="crazyflie",
+    log_format="usd",
+    firmware="",
+    default_rate_hz=250.0,
+    # One event holds all.
+    streams=(
+        Stream(
+            message="fixedFrequency",
+            signals=(
+                ("body_rate", "controller.r_roll"),
+                ("body_rate_setpoint", "controller.rollRate"),
+                ("attitude", "stabilizer.roll"),
+                ("torque_command", "controller.cmd_roll"),
+                ("throttle", "controller.cmd_thrust"),
+                ("specific_force", "acc.x"),
+                ("battery_voltage", "pm.vbat"),
+            ),
+        ),
+    ),
+    flight_mode="",
+    sysid_mode="",
+    landing_mode="",
+    terms=False,
+)
+
+
 def vendor(autopilot: str) -> Vendor:
     """Return the autopilot's way of logging.
 
     Raises
     ------
     SimulationError
-        If it is none of "ardupilot", "px4" and "betaflight".
+        If it is none of "ardupilot", "px4", "betaflight" and "crazyflie".
     """
-    for known in (ARDUPILOT, PX4, BETAFLIGHT):
+    for known in (ARDUPILOT, PX4, BETAFLIGHT, CRAZYFLIE):
         if known.name == autopilot:
             return known
     raise SimulationError(
-        f"There is no simulated autopilot {autopilot!r}.", hint="Choose ardupilot, px4 or betaflight."
+        f"There is no simulated autopilot {autopilot!r}.",
+        hint="Choose ardupilot, px4, betaflight or crazyflie.",
     )
 
 
@@ -177,7 +205,7 @@ def start_texts(setup: Setup) -> tuple[str, ...]:
     """Return the messages of the log's first second."""
     if setup.autopilot == "px4":
         return ("[logger] logging started",)
-    if setup.autopilot == "betaflight":
+    if setup.autopilot in ("betaflight", "crazyflie"):
         return ()
     return (ARDUPILOT.firmware, f"Frame: {frame_name(setup)}")
 
@@ -206,7 +234,9 @@ def motor_order(setup: Setup) -> list[int]:
 
 def parameters(setup: Setup, *, rate_hz: float) -> dict[str, float]:
     """Return the parameters that the autopilot would log, the interesting ones of many."""
-    if setup.autopilot == "betaflight":
+    if setup.autopilot == "crazyflie":
+        listed = {}
+    elif setup.autopilot == "betaflight":
         listed = _betaflight(setup)
     else:
         listed = _px4(setup, rate_hz) if setup.autopilot == "px4" else _ardupilot(setup, rate_hz)

@@ -25,8 +25,8 @@ def write_log(log: FlightLog, path: Path) -> None:
     log : FlightLog
         What to write. Series that the format has no message for are left out.
     path : Path
-        Ends in ``.bin`` (ArduPilot DataFlash), ``.ulg`` (PX4 ULog), ``.bbl`` (Betaflight Blackbox) or
-        ``.tlog`` (MAVLink).
+        Ends in ``.bin`` (ArduPilot DataFlash), ``.ulg`` (PX4 ULog), ``.bbl`` (Betaflight Blackbox),
+        ``.tlog`` (MAVLink) or ``.usd`` (Crazyflie micro-SD, which has no suffix on the card).
 
     Raises
     ------
@@ -70,4 +70,10 @@ def _writer(suffix: str) -> Callable[[FlightLog, BinaryIO], None]:
         from quadid_logs.writers.blackbox_writer import write_blackbox
 
         return write_blackbox
-    raise SettingsError(f"No log format has the suffix {suffix!r}.", hint="Use .bin, .ulg, .bbl or .tlog.")
+    if suffix.lower() == ".usd":
+        from quadid_logs.writers.usd_writer import write_usd
+
+        return write_usd
+    raise SettingsError(
+        f"No log format has the suffix {suffix!r}.", hint="Use .bin, .ulg, .bbl, .tlog or .usd."
+    )

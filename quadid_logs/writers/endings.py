@@ -8,5 +8,5 @@ from typing import Final
 
 #: By ending: the autopilot, named as in `FlightLog.autopilot`.
 AUTOPILOT_OF_ENDING: Final[Mapping[str, str]] = MappingProxyType(
-    {".bin": "ardupilot", ".ulg": "px4", ".bbl": "betaflight", ".tlog": "ardupilot"}
+    {".bin": "ardupilot", ".ulg": "px4", ".bbl": "betaflight", ".tlog": "ardupilot", ".usd": "crazyflie"}
 )

@@ -24,7 +24,7 @@ from tests.containers import dataflash_files as dataflash
 
 from . import toy
 
-KINDS = ("bin", "ulg", "tlog", "text", "sdlog2", "csv", "parquet", "bbl", "toy")
+KINDS = ("bin", "ulg", "tlog", "text", "sdlog2", "csv", "parquet", "bbl", "usd", "toy")
 #: Of a table no byte is a message's, and a Parquet file has its columns one after the other.
 WITHOUT_LOST_BYTES = ("csv", "parquet")
 
@@ -80,7 +80,12 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Write a log of every kind."""
     folder = tmp_path_factory.mktemp("kinds")
     paths = {kind: folder / f"log.{kind}" for kind in KINDS}
-    for kind, autopilot in (("bin", "ardupilot"), ("ulg", "px4"), ("tlog", "ardupilot")):
+    for kind, autopilot in (
+        ("bin", "ardupilot"),
+        ("ulg", "px4"),
+        ("tlog", "ardupilot"),
+        ("usd", "crazyflie"),
+    ):
         flight = simulate("sysid-quad-x", seed=1, duration_s=15.0, rate_hz=50.0, autopilot=autopilot)
         write_log(flight.log, paths[kind])
     paths["text"].write_text(text_log())
@@ -266,7 +271,9 @@ def test_garbage_behind_the_first_bytes_raises_nothing_but_log_errors(
 @pytest.mark.corpus
 def test_every_log_of_the_corpus_keeps_the_promises(corpus: Path) -> None:
     """Flown, damaged and simulated logs of all formats."""
-    folders = [corpus / name for name in ("real", "firmware", "damaged", "blackbox")]
+    folders = [
+        corpus / name for name in ("real", "firmware", "damaged", "blackbox", "flown/crazyswarm2/logs")
+    ]
     logs = [opened(path) for folder in folders for path in sorted(folder.iterdir())]
     read = [log for log in logs if log is not None]
     for log in read:

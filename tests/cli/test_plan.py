@@ -243,7 +243,7 @@ def test_card_and_files_are_written_together(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--autopilot", "betaflight"], "ardupilot, px4"),
+        (["--autopilot", "betaflight"], "ardupilot, crazyflie, px4"),
         (["--autopilot", "px4", "--axis", "heave"], "roll, pitch, yaw"),
         (["--autopilot", "ardupilot", "--firmware", "four"], "4.5.7"),
         ([], "--autopilot"),

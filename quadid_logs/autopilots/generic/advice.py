@@ -59,6 +59,8 @@ class Advice:
         How all settings are kept before they are changed, where no file of the way back can be made.
     gain_loading : str
         How a file of gains is loaded, with {} for its name.
+    room : str
+        Where to fly a plan.
     """
 
     remedies: ClassVar[Mapping[str, str]] = _NOTHING
@@ -72,6 +74,9 @@ class Advice:
     hover_mode: ClassVar[str] = "a mode that levels itself"
     parameter_suffix: ClassVar[str] = ".txt"
     gain_loading: ClassVar[str] = "Load {} at the ground station"
+    room: ClassVar[str] = (
+        "Choose calm air, a full battery, 10 m of room to all sides, and a height of 10 m or more."
+    )
 
     def logging(self, log_format: str, parameters: Mapping[str, float], version: Version | None) -> str:
         """Say what to set so that rates and torque are logged at the loop rate.
@@ -187,6 +192,19 @@ class Advice:
     def sweep_off(self) -> tuple[Setting, ...]:
         """Return the parameters that take the sweep off the vehicle again."""
         return ()
+
+    def whole_files(self, axes: Sequence[str]) -> dict[str, str]:  # noqa: ARG002
+        """Return files of a plan that are no parameters, by name: what is logged, a script that flies.
+
+        Parameters
+        ----------
+        axes : sequence of str
+
+        Returns
+        -------
+        dict of str to str
+        """
+        return {}
 
     def version_notes(self, version: Version | None) -> tuple[str, ...]:  # noqa: ARG002
         """Return what a firmware of this version cannot do of what a plan asks for."""

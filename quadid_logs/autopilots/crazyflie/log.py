@@ -1,0 +1,90 @@
+"""Crazyflie's micro-SD logs as a `FlightLog`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from quadid_logs.autopilots.crazyflie.signals import GYRO_FILTER, SOURCES
+from quadid_logs.autopilots.sources import Part, build_signals, stacked
+from quadid_logs.containers.content import mean_rate_hz
+from quadid_logs.containers.usd import EventTable, UsdContent, read_usd
+from quadid_logs.data.log import FlightLog, MessageCount, Rows
+from quadid_logs.vocabulary import MULTIROTOR
+
+#: By controller, what it commands; the firmware runs one of them, and the variables of the others rest.
+_CONTROLLERS: Final = {
+    "Lee": ("ctrlLee.torquex", "ctrlLee.torquey"),
+    "PID": ("controller.cmd_roll", "controller.cmd_pitch"),
+    "Mellinger": ("ctrlMel.cmd_roll", "ctrlMel.cmd_pitch"),
+    "INDI": ("ctrlINDI.cmd_roll", "ctrlINDI.cmd_pitch"),
+}
+
+
+def read(path: str | Path, *, system: int = 0) -> FlightLog:
+    """Read a micro-SD log of a Crazyflie into canonical signals.
+
+    Parameters
+    ----------
+    path : str or Path
+    system : int
+        Has no effect: a log holds one vehicle.
+
+    Returns
+    -------
+    FlightLog
+        The remarks say which controller flew.
+
+    Raises
+    ------
+    UnknownFormatError, EmptyLogError, LogError, OSError
+        As `read_usd`.
+    """
+    content = read_usd(path)
+    # Events with many rows first: where two hold the same variables, the faster one is preferred.
+    tables = sorted(content.tables.values(), key=lambda table: -len(table.position))
+    parts = [Part(name=table.name, table=table, rows=Rows(table.time_s, table.position)) for table in tables]
+    return FlightLog(
+        path=str(path),
+        format="usd",
+        autopilot="crazyflie",
+        n_bytes=content.n_bytes,
+        signals=build_signals(SOURCES, lambda _: parts, gyro_filter=GYRO_FILTER),
+        vehicle_type=MULTIROTOR,
+        lost=content.lost,
+        checksum_wrong=content.checksum_wrong,
+        counts=tuple(
+            MessageCount(
+                name=table.name,
+                count=len(table.position),
+                rate_hz=mean_rate_hz(len(table.position), table.time_s),
+            )
+            for table in tables
+        ),
+        remarks=_remarks(content, system),
+    )
+
+
+def controllers_of(tables: list[EventTable]) -> list[str]:
+    """Return the controllers whose commands move."""
+    return [name for name, fields in _CONTROLLERS.items() if any(_moves(table, fields) for table in tables)]
+
+
+def _moves(table: EventTable, fields: tuple[str, ...]) -> bool:
+    values = stacked(table, fields)
+    return values is not None and bool(np.any(values != values[:1]))
+
+
+def _remarks(content: UsdContent, system: int) -> tuple[str, ...]:
+    """Say what was decided or assumed."""
+    remarks = []
+    flown = controllers_of(list(content.tables.values()))
+    if flown:
+        remarks.append(f"By the variables that move, the {' and the '.join(flown)} controller flew.")
+    else:
+        remarks.append("No variable of a controller was logged that tells which one flew.")
+    if system:
+        remarks.append("A micro-SD log holds one vehicle: the chosen system was not needed.")
+    return tuple(remarks)
