@@ -138,7 +138,7 @@ class Line:
         Of the oscillation [rad/s], without the floor.
     source : LineSource
     harmonic : int
-        Of the rotors' speed, 0 where it is not one of them.
+        Of the rotors' speed, or of the loop's oscillation; 0 where it is neither.
     notch_hz : float
         Centre of a notch of the parameters that stands on it, NaN without.
     """
@@ -155,7 +155,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Map:
-    """A spectrum over something: ``level_db`` (n_frequencies, n_x) over the cells' centres; NaN is unknown."""
+    """A spectrum over something: ``level_db`` (n_frequencies, n_x) over cells' centres; NaN is unknown."""
 
     x: FloatArray
     frequency_hz: FloatArray

@@ -25,7 +25,10 @@ __all__ = ["health_of"]
 _NEEDS: Final[Mapping[str, tuple[tuple[str, ...], str]]] = {
     "tracking": (("body_rate", "body_rate_setpoint"), "both are not logged together in flight"),
     "attitude": (("attitude", "attitude_setpoint"), "both are not logged together in flight"),
-    "steps": (("body_rate", "body_rate_setpoint"), "the set-points do not explain the rates, or are logged too slowly"),
+    "steps": (
+        ("body_rate", "body_rate_setpoint"),
+        "the set-points do not explain the rates, or are logged too slowly",
+    ),
     "noise": (("body_rate",), "the flight is too short for a spectrum"),
     "motors": (("outputs",), "the log does not tell which outputs drive the motors, or they never change"),
     "vibration": (("specific_force",), "it is logged too slowly"),
@@ -76,7 +79,16 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
     output = prepared.clean.first("torque_command")
     throttle, speed = series.get("throttle"), series.get("rotor_speed")
     responses = {} if rate is None or asked is None else find_responses(rate, asked, intervals)
-    lags = {axis: one.lag for axis, one in responses.items()}
+    lags = {axis: response.lag for axis, response in responses.items()}
+    oscillation = (
+        None
+        if rate is None or asked is None or output is None
+        else find_oscillation(rate, asked, output, speed, intervals)
+    )
+    oscillations_hz: dict[str, list[float]] = {}
+    for one in () if oscillation is None else oscillation.axes:
+        oscillations_hz.setdefault(one.axis, []).append(one.line.frequency_hz)
+    gyros = prepared.candidates.get("body_rate", ())
     found: dict[str, Any] = {
         "tracking": None
         if rate is None or asked is None
@@ -85,17 +97,19 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
         if angle is None or asked_angle is None
         else find_tracking(angle, asked_angle, intervals, {}, of="angles"),
         "steps": find_steps(responses),
-        "noise": find_noise(prepared.candidates.get("body_rate", ()), asked, throttle, speed, intervals),
+        "noise": find_noise(gyros, asked, throttle, speed, intervals, oscillations_hz),
         "motors": None if outputs is None else find_motors(outputs, prepared.log.torque, intervals),
         "vibration": find_vibration(series, prepared.candidates.get("accelerometer_clips", ()), intervals),
         "battery": None
         if (voltage := series.get("battery_voltage")) is None
         else find_battery(voltage, throttle, intervals),
-        "oscillation": None
-        if rate is None or asked is None or output is None
-        else find_oscillation(rate, asked, output, speed, intervals),
+        "oscillation": oscillation,
     }
-    there = {*series, *(("outputs",) if outputs is not None else ()), *(("torque_command",) if output else ())}
+    there = {
+        *series,
+        *(("outputs",) if outputs is not None else ()),
+        *(("torque_command",) if output else ()),
+    }
     missing = {name: _lacks(name, there) for name, topic in found.items() if topic is None}
     return Health(**found, missing=missing)
 

@@ -9,12 +9,12 @@ import numpy as np
 
 from quadid_logs.align.series import CleanSeries, Interval
 from quadid_logs.data.health import Battery, Level, Quantity
-from quadid_logs.numerals import plus_minus
 from quadid_logs.health.records import Record, averaged, in_flight
+from quadid_logs.numerals import plus_minus
 
 #: Betaflight's defaults for a cell (`vbat_warning_cell_voltage`, `vbat_min_cell_voltage`): warn, land [V].
 _WARN_V, _LAND_V = 3.5, 3.3
-#: Between these a cell of a lithium-polymer battery starts a flight: nearly empty, and full at high voltage [V].
+#: Between these a lithium-polymer cell starts a flight: nearly empty, and full at high voltage [V].
 _CELL_V: Final = (3.55, 4.35)
 #: As batteries are sold.
 _CELLS: Final = (1, 2, 3, 4, 5, 6, 8, 10, 12, 14)
@@ -67,9 +67,7 @@ def find_battery(
         sentence=_sentence(start, lowest, n_cells, level, sag),
         level=level,
         start_v=Quantity(start, "V"),
-        lowest_v=Quantity(
-            lowest, "V", normal=(_WARN_V * n_cells, _CELL_V[1] * n_cells) if n_cells else None
-        ),
+        lowest_v=Quantity(lowest, "V", normal=(_WARN_V * n_cells, _CELL_V[1] * n_cells) if n_cells else None),
         n_cells=n_cells,
         sag_v=sag,
         time_s=short.time_s,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -50,6 +51,7 @@ def find_noise(
     throttle: CleanSeries | None,
     rotor_speed: CleanSeries | None,
     intervals: Sequence[Interval],
+    oscillations_hz: Mapping[str, Sequence[float]] = MappingProxyType({}),
 ) -> Noise | None:
     """Take the fastest gyro behind the filters and the fastest before them, and find the lines.
 
@@ -60,6 +62,8 @@ def find_noise(
     setpoint, throttle, rotor_speed : CleanSeries or None
     intervals : sequence of (start_s, end_s)
         Of flight.
+    oscillations_hz : mapping of str to sequence of float
+        What is known to oscillate, by axis.
 
     Returns
     -------
@@ -72,9 +76,8 @@ def find_noise(
     if not shown:
         return None
     # Lines are looked for where the filters have not yet taken them away, if that is as fast.
-    name = "before" if "before" in shown and _reach(shown["before"]) >= _reach(next(iter(shown.values()))) else "after"
-    name = name if name in shown else next(iter(shown))
-    series, main = (before if name == "before" else after), shown[name]
+    best = max(shown, key=lambda name: (_reach(shown[name]), name == "before"))
+    series, main = (before if best == "before" else after), shown[best]
     if series is None:
         return None
     searched = main.frequency_hz > (COMMANDED_HZ if setpoint is None else LOWEST_HZ)
@@ -86,7 +89,7 @@ def find_noise(
     notches = after.gyro_filter if after is not None else series.gyro_filter
     lines = {
         axis: tuple(
-            _named(line, main, column, level, speeds, notches)
+            _named(line, main, column, level, speeds, notches, oscillations_hz.get(axis, ()))
             for line in find_lines(main, column, searched & ~commanded[:, column], len(AXES))
         )
         for column, axis in enumerate(AXES)
@@ -104,9 +107,7 @@ def find_noise(
     )
 
 
-def is_commanded(
-    spectra: Periodograms, setpoint: CleanSeries, intervals: Sequence[Interval]
-) -> BoolArray:
+def is_commanded(spectra: Periodograms, setpoint: CleanSeries, intervals: Sequence[Interval]) -> BoolArray:
     """Tell where the set-point moves enough to be what the rate shows; shape (n_frequencies, 3)."""
     step_hz = float(spectra.frequency_hz[1])
     found = _spectra(setpoint, intervals)
@@ -114,10 +115,7 @@ def is_commanded(
         return np.zeros((spectra.frequency_hz.size, len(AXES)), dtype=np.bool_)
     rate = spectra.mean
     asked = np.stack(
-        [
-            np.interp(spectra.frequency_hz, found.frequency_hz, column, right=0.0)
-            for column in found.mean.T
-        ],
+        [np.interp(spectra.frequency_hz, found.frequency_hz, column, right=0.0) for column in found.mean.T],
         axis=1,
     )
     # The bins beside a line hold some of it too.
@@ -139,8 +137,8 @@ def _reach(spectra: Periodograms) -> float:
     return float(spectra.frequency_hz[-1])
 
 
-def _fastest(sources: Sequence[CleanSeries] | object) -> CleanSeries | None:
-    usable = [one for one in sources if one.n_samples >= 2]  # type: ignore[attr-defined]
+def _fastest(sources: Iterable[CleanSeries]) -> CleanSeries | None:
+    usable = [one for one in sources if one.n_samples >= 2]
     return max(usable, key=lambda one: one.rate_hz, default=None)
 
 
@@ -191,8 +189,9 @@ def _named(
     throttle: FloatArray | None,
     speeds: FloatArray | None,
     known: GyroFilter,
+    oscillations_hz: Sequence[float],
 ) -> Line:
-    """Say what a line comes from, by rotor speed, by throttle, by notches."""
+    """Say what a line comes from: an oscillation of the loop, a rotor, what follows the throttle."""
     centre = next(
         (
             notch.frequency_hz
@@ -202,6 +201,12 @@ def _named(
         float("nan"),
     )
     line = replace(line, notch_hz=centre)
+    for oscillation_hz in oscillations_hz:
+        harmonic = round(line.frequency_hz / oscillation_hz)
+        # The error of a frequency grows with the harmonic.
+        error_hz = max(harmonic, 1) * float(spectra.frequency_hz[1])
+        if abs(line.frequency_hz - harmonic * oscillation_hz) <= error_hz:
+            return replace(line, source=LineSource.LOOP, harmonic=harmonic)
     near = np.flatnonzero(np.abs(spectra.frequency_hz / line.frequency_hz - 1.0) < _NEAR)
     peaks = spectra.frequency_hz[near[np.argmax(spectra.density[:, near, column], axis=1)]]
     if speeds is not None:
@@ -295,9 +300,13 @@ def _over_throttle(spectra: Periodograms, throttle: FloatArray | None) -> Map | 
 
 def source_words(line: Line) -> str:
     """Say what a line comes from, "" where nothing tells."""
-    if line.source is LineSource.ROTOR:
-        return "the rotors' speed" if line.harmonic == 1 else f"{line.harmonic} times the rotors' speed"
-    return "it rises with the throttle, as a rotor's does" if line.source is LineSource.FOLLOWS_THROTTLE else ""
+    times = "" if line.harmonic == 1 else f"{line.harmonic} times "
+    words = {
+        LineSource.LOOP: f"{times}the frequency of the oscillation",
+        LineSource.ROTOR: f"{times}the rotors' speed",
+        LineSource.FOLLOWS_THROTTLE: "it rises with the throttle, as a rotor's does",
+    }
+    return words.get(line.source, "")
 
 
 def _sentence(lines: Mapping[str, tuple[Line, ...]], folded: bool, highest_hz: float, searched: bool) -> str:
@@ -316,9 +325,8 @@ def _sentence(lines: Mapping[str, tuple[Line, ...]], folded: bool, highest_hz: f
         words = []
         for axis, line in named[:_MOST_NAMED]:
             source = source_words(line)
-            words.append(
-                f"{axis} {line.frequency_hz:.3g} Hz ({line.height_db:.0f} dB{f', {source}' if source else ''})"
-            )
+            height = f"{line.height_db:.0f} dB{', ' if source else ''}{source}"
+            words.append(f"{axis} {line.frequency_hz:.3g} Hz ({height})")
         told = f"The gyro shows lines above its noise: {some(words, len(named))}"
     note = ". Faster vibration, if there is any, can appear at these frequencies" if folded and named else ""
     if folded and not named:

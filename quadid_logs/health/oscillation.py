@@ -55,7 +55,9 @@ def find_oscillation(
     searched = (frequency_hz >= LOWEST_HZ) & (frequency_hz <= highest_hz)
     if not searched.any():
         return None
-    commanded = is_commanded(spectra._replace(density=spectra.density[:, :, : len(AXES)]), setpoint, intervals)
+    commanded = is_commanded(
+        spectra._replace(density=spectra.density[:, :, : len(AXES)]), setpoint, intervals
+    )
     found = []
     for column, axis in enumerate(AXES):
         free = searched & ~commanded[:, column]
@@ -91,9 +93,7 @@ def _lowest_rotor_hz(series: CleanSeries | None, intervals: Sequence[Interval]) 
     return float(np.percentile(speeds, 5.0)) / (2.0 * np.pi) if speeds.size else float("inf")
 
 
-def _sentence(
-    found: Sequence[AxisOscillation], highest_hz: float, *, folded: bool, rate_hz: float
-) -> str:
+def _sentence(found: Sequence[AxisOscillation], highest_hz: float, *, folded: bool, rate_hz: float) -> str:
     if not found:
         seen = "shows in the log" if folded else "lasts"
         return f"No oscillation {seen} between {LOWEST_HZ:g} and {highest_hz:.3g} Hz in rate and output."
@@ -104,5 +104,7 @@ def _sentence(
         for one in found[:3]
     )
     if folded:
-        told += f" The log has {rate_hz:.3g} samples a second: a faster vibration can appear at that frequency."
+        told += (
+            f" The log has {rate_hz:.3g} samples a second: a faster vibration can appear at that frequency."
+        )
     return told

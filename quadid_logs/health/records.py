@@ -51,9 +51,10 @@ def records(
     spans = [span for interval in intervals for span in _together(several, interval)]
     found = []
     for start_s, end_s in _spread(spans, most * period_s):
-        grid = start_s + period_s * np.arange(int((end_s - start_s) / period_s + 1e-6) + 1)
+        n_samples = int((end_s - start_s) / period_s + 1e-6) + 1
+        grid = start_s + period_s * np.arange(n_samples, dtype=np.float64)
         columns = [one for series in several for one in _on_grid(series, grid)]
-        found.append(Record(grid, np.column_stack(columns)))
+        found.append(Record(grid, np.asarray(np.column_stack(columns), dtype=np.float64)))
     return found, period_s
 
 

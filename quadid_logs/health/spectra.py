@@ -12,7 +12,7 @@ from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.health import Line
 from quadid_logs.health.records import Record
 
-#: Windows of this length part lines that lie half a hertz from each other; in a short flight of half of it [s].
+#: Windows of this length part lines that lie half a hertz apart; in a short flight, half of it [s].
 _WINDOW_S: Final = 4.0
 #: Fewer windows than these have no mean of which anything is known.
 _FEWEST_WINDOWS: Final = 6
@@ -85,7 +85,9 @@ def periodograms(found: Sequence[Record], period_s: float) -> Periodograms | Non
         parts.append(np.moveaxis(power, 1, 2) * (2.0 * period_s / np.sum(window**2)))
         times.append(one.time_s[0] + period_s * (n // 2 * np.arange(view.shape[0]) + 0.5 * n))
     return Periodograms(
-        np.concatenate(times), np.fft.rfftfreq(n, period_s), np.asarray(np.concatenate(parts), np.float64)
+        np.concatenate(times),
+        np.asarray(np.fft.rfftfreq(n, period_s), np.float64),
+        np.asarray(np.concatenate(parts), np.float64),
     )
 
 
@@ -115,10 +117,12 @@ def find_lines(
     density, frequency_hz = spectra.density[:, :, column], spectra.frequency_hz
     mean = density.mean(axis=0)
     step_hz = float(frequency_hz[1])
-    allowed = searched & (frequency_hz >= (_LOBE + 1) * step_hz) & (frequency_hz <= _HIGHEST * frequency_hz[-1])
+    allowed = (
+        searched & (frequency_hz >= (_LOBE + 1) * step_hz) & (frequency_hz <= _HIGHEST * frequency_hz[-1])
+    )
     if not (mean[1:] > 0.0).all() or not allowed.any():
         return ()
-    floor, variation = _around(mean, step_hz), _around(density.var(axis=0, ddof=1) / mean**2, step_hz)
+    floor, variation = _around(mean), _around(density.var(axis=0, ddof=1) / mean**2)
     counted = _INDEPENDENT * len(density) / np.maximum(variation, 1.0)
     floor = floor * counted / gamma.ppf(0.5, counted)
     half = np.maximum(_AROUND * frequency_hz / step_hz, _AROUND_BINS)
@@ -150,12 +154,12 @@ def _summit(mean: FloatArray, peak: int) -> float:
     """Return where between the bins a peak is highest, by a parabola through three logarithms."""
     if not 0 < peak < mean.size - 1:
         return float(peak)
-    low, middle, high = np.log(mean[peak - 1 : peak + 2])
+    low, middle, high = (float(np.log(one)) for one in mean[peak - 1 : peak + 2])
     bend = low - 2.0 * middle + high
     return peak + (0.5 * (low - high) / bend if bend < 0.0 else 0.0)
 
 
-def _around(values: FloatArray, step_hz: float) -> FloatArray:
+def _around(values: FloatArray) -> FloatArray:
     """Return the median around each bin, without its own lobe where that counts; shape of `values`."""
     n = values.size
     narrow = min(int(_AROUND_BINS / _AROUND), n - 1)

@@ -11,15 +11,15 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 
 from quadid_logs.align.series import CleanSeries, Interval
-from quadid_logs.arrays import FloatArray
+from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.health import AxisSteps, Quantity, StepCurve, Steps
 from quadid_logs.health.records import records
 from quadid_logs.vocabulary import AXES
 
 _WINDOW_S: Final = 2.0
 #: How much of the response is shown, and where it has settled [s].
-_SHOWN_S, _SETTLED_S = 0.5, 0.35
-#: Frequencies with a hundredth of the set-point's power tell half as much: 20 dB, as PID-Analyzer's noise level.
+_SHOWN_S, _SETTLED_S, _END_S = 0.5, 0.35, 0.65
+#: Frequencies with a hundredth of the set-point's power tell half as much: 20 dB, as in PID-Analyzer.
 _NOISE: Final = 0.01
 #: PID-Analyzer's limit of what set-points hold [Hz].
 _CUT_HZ: Final = 25.0
@@ -39,7 +39,7 @@ _LARGE: Final = 0.5
 
 
 class Response(NamedTuple):
-    """What set-points tell of one axis: lag by cross-correlation [s], and step responses if logged fast enough."""
+    """What set-points tell of one axis: lag by cross-correlation [s], and step responses of fast logs."""
 
     lag: Quantity
     steps: AxisSteps | None
@@ -130,7 +130,7 @@ def _windows(pairs: Sequence[tuple[FloatArray, FloatArray]], period_s: float) ->
 
 def _response(windows: _Windows) -> Response | None:
     """Return lag and step responses, None where the set-points do not tell."""
-    everything = np.ones(windows.peak.size, dtype=np.bool_)
+    everything: BoolArray = np.ones(windows.peak.size, dtype=np.bool_)
     whole = _curve(windows, everything)
     if whole is None:
         return None
@@ -156,7 +156,7 @@ def _response(windows: _Windows) -> Response | None:
     return Response(lag, steps)
 
 
-def _shown(size: Literal["all", "small", "large"], chosen: FloatArray, curve: _Curve) -> StepCurve:
+def _shown(size: Literal["all", "small", "large"], chosen: BoolArray, curve: _Curve) -> StepCurve:
     return StepCurve(
         size=size, n_windows=int(chosen.sum()), response=curve.response, low=curve.low, high=curve.high
     )
@@ -166,7 +166,7 @@ def _times(windows: _Windows) -> FloatArray:
     """Return the times of the response that are shown, from just before the step."""
     ahead, behind = _ends(windows)
     # A sum of samples is what the response was in the middle between this sample and the next.
-    return windows.period_s * (0.5 + np.arange(-ahead, behind + 1))
+    return np.asarray(windows.period_s * (0.5 + np.arange(-ahead, behind + 1)), dtype=np.float64)
 
 
 def _ends(windows: _Windows) -> tuple[int, int]:
@@ -174,7 +174,7 @@ def _ends(windows: _Windows) -> tuple[int, int]:
     return max(1, round(0.1 * _SHOWN_S / windows.period_s)), max(3, round(_SHOWN_S / windows.period_s))
 
 
-def _curve(windows: _Windows, chosen: FloatArray) -> _Curve | None:
+def _curve(windows: _Windows, chosen: BoolArray) -> _Curve | None:
     """Return the step response with its interval, None where it is not one."""
     xx, xy = windows.xx[chosen], windows.xy[chosen]
     low_pass = np.fft.rfftfreq(windows.n, windows.period_s) <= _CUT_HZ
@@ -186,21 +186,26 @@ def _curve(windows: _Windows, chosen: FloatArray) -> _Curve | None:
         return None
     step = _step(windows, power, xy.sum(axis=0))
     before = step[: windows.n // 2 - max(2, round(0.02 / windows.period_s))]
-    settled = step[windows.n // 2 + round(_SETTLED_S / windows.period_s) :][: round(0.3 / windows.period_s) + 1]
-    end = float(settled.mean())
+    first, after = (windows.n // 2 + round(one / windows.period_s) for one in (_SETTLED_S, _END_S))
+    end = float(step[first : after + 1].mean())
     ideal = _step(windows, power, power)
     early = (before - ideal[: before.size]).max()
     if abs(end - 1.0) > _OFF or early > _OFF or before.min() < -_OFF:
         return None
     groups = np.array_split(np.arange(len(xx)), _GROUPS)
     others = np.array(
-        [_step(windows, power - xx[one].sum(axis=0), (xy.sum(axis=0) - xy[one].sum(axis=0))) for one in groups]
+        [
+            _step(windows, power - xx[one].sum(axis=0), (xy.sum(axis=0) - xy[one].sum(axis=0)))
+            for one in groups
+        ]
     )
     ahead, behind = _ends(windows)
     middle = windows.n // 2
     part = slice(middle - ahead, middle + behind + 1)
     shown, left_out = step[part], others[:, part]
     half = _T * np.sqrt((_GROUPS - 1) * left_out.var(axis=0))
+    if float(np.median(half)) > _OFF:
+        return None
     times = _times(windows)
     return _Curve(
         shown,
@@ -238,13 +243,14 @@ def _half_time(times: FloatArray, response: FloatArray) -> float:
 
 
 def _lag(windows: _Windows) -> Quantity | None:
-    """Return where the cross-correlation is highest [s]; None where that is not behind the set-point."""
+    """Return where the cross-correlation is highest [s]; None where that may not be behind the set-point."""
     cross = windows.xy
     total = cross.sum(axis=0)
     value = _shift(windows, total)
     groups = np.array_split(np.arange(len(cross)), _GROUPS)
     others = [_shift(windows, total - cross[one].sum(axis=0)) for one in groups]
-    return _with_interval(value, others, "s") if value > 0.0 else None
+    found = _with_interval(value, others, "s")
+    return found if found.ci95 is not None and found.ci95[0] > 0.0 else None
 
 
 def _shift(windows: _Windows, cross: FloatArray) -> float:

@@ -76,7 +76,7 @@ def _judged(measured: _Measured, record: Record, clips: Quantity | None) -> Vibr
     columns = ("x", "y", "z")[: record.values.shape[1]] if record.values.shape[1] > 1 else ("",)
     level: Level = "fact"
     if measured.limits:
-        level = ("normal", "high", "severe")[int(np.searchsorted(measured.limits, value))]  # type: ignore[assignment]
+        level = ("normal", "high", "severe")[int(np.searchsorted(measured.limits, value))]
     normal = (0.0, measured.limits[0]) if measured.limits else None
     if clips is not None and clips.normal is not None and clips.value > clips.normal[1]:
         level = "severe" if level == "severe" else "high"
