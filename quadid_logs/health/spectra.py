@@ -125,11 +125,12 @@ def find_lines(
     floor, variation = _around(mean), _around(density.var(axis=0, ddof=1) / mean**2)
     counted = _INDEPENDENT * len(density) / np.maximum(variation, 1.0)
     floor = floor * counted / gamma.ppf(0.5, counted)
-    half = np.maximum(_AROUND * frequency_hz / step_hz, _AROUND_BINS)
+    half: FloatArray = np.maximum(_AROUND * frequency_hz / step_hz, _AROUND_BINS)
     offset_hz = 0.5 * (_LOBE + 1 + half) * step_hz
-    blunt = 1.0 + (offset_hz / (_DAMPING * np.maximum(frequency_hz, step_hz))) ** 2
-    ratio = mean / floor
-    chance = gamma.sf(ratio / blunt * counted, counted) * np.count_nonzero(allowed) * n_searches
+    blunt: FloatArray = 1.0 + (offset_hz / (_DAMPING * np.maximum(frequency_hz, step_hz))) ** 2
+    ratio: FloatArray = mean / floor
+    n_places = np.count_nonzero(allowed) * n_searches
+    chance = np.asarray(gamma.sf(ratio / blunt * counted, counted) * n_places, dtype=np.float64)
     left = allowed & (chance < FALSE_ALARM)
     found: list[Line] = []
     while left.any() and len(found) < _MOST_LINES:
