@@ -222,13 +222,13 @@ class Motors(Topic):
     mean, low, high : ndarray, shape (n_motors,)
         Mean, and the 5th and 95th percentile.
     spread : Quantity
-        Highest mean less the lowest.
+        Highest mean less the lowest, in microseconds of outputs that are pulses.
     hardest : int
         Which motor has the highest mean.
     headroom : Quantity or None
         What is left above the highest motor in 99 % of the flight; None where the range is not known.
     at_high, at_low : Quantity or None
-        Share of the flight in which any motor is at an end of its range.
+        Fraction of the flight in which any motor is at an end of its range.
     time_s, output : ndarray, shape (n_times,) and (n_times, n_motors)
         Averages over short times.
     """

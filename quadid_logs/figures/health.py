@@ -111,7 +111,7 @@ def _angles(result: Result, health: Health) -> Figure | None:
         "attitude",
         ("attitude", "attitude_setpoint"),
         Axis(label="angle", unit="deg"),
-        f"{health.attitude.sentence} The wide line is the vehicle, the thin one what it was asked for.",
+        f"{health.attitude.sentence} The wide line is the vehicle, the thin one its set-point.",
     )
 
 

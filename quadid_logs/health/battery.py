@@ -12,7 +12,7 @@ from quadid_logs.data.health import Battery, Level, Quantity
 from quadid_logs.health.records import Record, averaged, in_flight
 from quadid_logs.numerals import plus_minus
 
-#: Betaflight's defaults for a cell (`vbat_warning_cell_voltage`, `vbat_min_cell_voltage`): warn, land [V].
+#: For a cell, where an autopilot's defaults warn and where they land (sources: docs/health.md) [V].
 _WARN_V, _LAND_V = 3.5, 3.3
 #: Between these a lithium-polymer cell starts a flight: nearly empty, and full at high voltage [V].
 _CELL_V: Final = (3.55, 4.35)

@@ -19,8 +19,8 @@ from quadid_logs.health.spectra import FALSE_ALARM, Periodograms, find_lines, pe
 from quadid_logs.sentences import some
 from quadid_logs.vocabulary import AXES
 
-#: Without set-points a line below this may be a command: ArduPilot's and PX4's filters of set-points end
-#: here (ATC_RAT_RLL_FLTT = 20 Hz) [Hz].
+#: Without set-points a line below this may be a command: there autopilots' filters of set-points end, by
+#: default (docs/health.md) [Hz].
 COMMANDED_HZ: Final = 20.0
 #: With set-points, slower motion than this is that of the angle and position loops [Hz].
 LOWEST_HZ: Final = 1.5
@@ -28,7 +28,7 @@ LOWEST_HZ: Final = 1.5
 #: 1 / (2 sin(15 deg)) (K. J. Astrom and R. M. Murray, Feedback Systems, section 10.4).
 _MOST_OF_SETPOINT: Final = 2.0
 #: An oscillation comes back into the set-point by the gain of the angle loop over its frequency. Gains end at
-#: 12 1/s (ATC_ANG_RLL_P); what moves the set-point by more than twice as much comes from it [1/s].
+#: 12 1/s (docs/health.md); what moves the set-point by more than twice as much comes from it [1/s].
 _ANGLE_GAIN: Final = 24.0
 #: Harmonics of the rotors that lines are named by.
 _HARMONICS: Final = (1, 2, 3, 4)

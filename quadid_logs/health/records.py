@@ -1,4 +1,4 @@
-"""Gap-free stretches of a log's flights on a uniform grid, no more of them than say what they can say."""
+"""Gap-free segments of a log's flights on a uniform grid, no more of them than say what they can say."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from quadid_logs.arrays import FloatArray
 
 #: A quarter of an hour at 100 Hz, two minutes at 1 kHz: more of a flight changes no figure that is shown.
 MOST_SAMPLES: Final = 120_000
-#: Of a longer flight, stretches of this length are taken, spread evenly [s].
-_STRETCH_S: Final = 16.0
-#: Shorter stretches hold no window of a spectrum.
+#: Of a longer flight, segments of this length are taken, spread evenly [s].
+_SEGMENT_S: Final = 16.0
+#: Shorter segments hold no window of a spectrum.
 _SHORTEST_S: Final = 2.0
 
 
 class Record(NamedTuple):
-    """A stretch: ``time_s`` (n_samples,) uniform, ``values`` (n_samples, n_columns)."""
+    """A segment: ``time_s`` (n_samples,) uniform, ``values`` (n_samples, n_columns)."""
 
     time_s: FloatArray
     values: FloatArray
@@ -76,15 +76,15 @@ def _without_pauses(series: CleanSeries, interval: Interval) -> Iterator[Interva
 
 
 def _spread(spans: Sequence[Interval], longest_s: float) -> list[Interval]:
-    """Keep stretches spread evenly over the spans, as many as make ``longest_s`` together."""
+    """Keep segments spread evenly over the spans, as many as make ``longest_s`` together."""
     whole_s = sum(end_s - start_s for start_s, end_s in spans)
     if not whole_s > longest_s:
         return list(spans)
-    step_s = _STRETCH_S * whole_s / longest_s
+    step_s = _SEGMENT_S * whole_s / longest_s
     kept = []
     for start_s, end_s in spans:
         begins = start_s + step_s * np.arange(int((end_s - start_s) / step_s) + 1)
-        kept += [(float(begin), min(float(begin) + _STRETCH_S, end_s)) for begin in begins]
+        kept += [(float(begin), min(float(begin) + _SEGMENT_S, end_s)) for begin in begins]
     return [(start_s, end_s) for start_s, end_s in kept if end_s - start_s >= _SHORTEST_S]
 
 

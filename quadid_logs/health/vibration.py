@@ -24,17 +24,16 @@ class _Measured(NamedTuple):
 
 
 _MEASURES: Final = (
-    # ArduPilot's wiki, "Measuring Vibration": below 30 m/s/s normally acceptable, above 60 nearly always
-    # problems.
+    # Below 30 m/s^2 normally acceptable, above 60 nearly always problems (source: docs/health.md).
     _Measured("vibration", "The vibration that the autopilot measured", (30.0, 60.0)),
-    # PX4 Flight Review, "Vibration Metrics" of vehicle_imu_status: green below 4.905, red above 9.81.
+    # Green below 4.905, red above 9.81 (source: docs/health.md).
     _Measured("vibration_level", "The autopilot's vibration metric", (4.905, 9.81)),
     # Behind a low-pass, or averaged: nothing published says what is normal.
     _Measured("specific_force", "The logged acceleration's vibration above 5 Hz", ()),
 )
-#: ArduPilot's filter of the acceleration that vibration is measured against (AP_InertialSensor, 5 Hz).
+#: Autopilots measure vibration against the acceleration below this, too (docs/health.md) [Hz].
 _ABOVE_HZ: Final = 5.0
-#: ArduPilot's wiki, "Measuring Vibration": zero is ideal, below 100 in a flight is probably all right.
+#: Zero is ideal, below 100 in a flight is probably all right (source: docs/health.md).
 _MOST_CLIPS: Final = 100.0
 _FEWEST: Final = 10
 

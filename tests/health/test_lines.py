@@ -62,7 +62,7 @@ def test_clean_spectra_show_no_line_but_in_one_of_a_hundred() -> None:
 
 
 def test_a_line_on_a_rotor_s_speed_is_named_by_it() -> None:
-    """The rotor's speed moves by a quarter, as the throttle does, and the line with it, at twice the speed."""
+    """The rotor's speed moves by a quarter, as the throttle does, and the line with it, at twice that."""
     t = grid(RATE_HZ)
     speed_hz = 60.0 + 10.0 * np.sin(2.0 * np.pi * t / 20.0)
     _, rates = gyro_with(2.0 * speed_hz, 0.02)
@@ -90,14 +90,20 @@ def test_a_line_beside_every_rotor_s_speed_is_not_named_by_one() -> None:
 
 
 @pytest.mark.parametrize(("follows", "source"), [(True, "follows throttle"), (False, "unknown")])
-def test_a_line_that_rises_with_the_throttle_is_told_from_one_that_stays(*, follows: bool, source: str) -> None:
+def test_a_line_that_rises_with_the_throttle_is_told_from_one_that_stays(
+    *, follows: bool, source: str
+) -> None:
     """Thrust goes with the square of the speed."""
     t = grid(RATE_HZ)
     throttle = 0.5 + 0.1 * np.sin(2.0 * np.pi * t / 17.0)
     line_hz = 100.0 * np.sqrt(throttle / 0.5) if follows else np.full(t.shape, 100.0)
     _, rates = gyro_with(line_hz, 0.02)
     noise = find_noise(
-        [series("body_rate", t, rates)], None, series("throttle", t, throttle[:, None]), None, ((t[0], t[-1]),)
+        [series("body_rate", t, rates)],
+        None,
+        series("throttle", t, throttle[:, None]),
+        None,
+        ((t[0], t[-1]),),
     )
     assert noise is not None
     assert {line.source.value for line in noise.lines["roll"]} == {source}

@@ -30,9 +30,7 @@ def outputs(means: tuple[float, ...], spread: float = 0.05) -> np.ndarray:
         ((0.70, 0.50, 0.50, 0.52), "severe", "motor 1 (front right)"),
     ],
 )
-def test_the_corner_that_works_hardest_is_named(
-    means: tuple[float, ...], level: str, hardest: str
-) -> None:
+def test_the_corner_that_works_hardest_is_named(means: tuple[float, ...], level: str, hardest: str) -> None:
     """With how much more it works than the one that works least."""
     t, values = outputs(means)
     motors = find_motors(series("motor_thrust", t, values), QUAD, ((t[0], t[-1]),))
@@ -57,6 +55,9 @@ def test_pulses_are_taken_by_channel_and_range() -> None:
     assert motors is not None
     assert motors.mean == pytest.approx([0.5, 0.5, 0.5, 0.6], abs=0.01)
     assert motors.names[motors.hardest] == "motor 4 (back right)"
+    # A tenth of this range, 76 us, is just above the 75 that are normal of pulses.
+    assert motors.spread.value == pytest.approx(76.0, abs=3.0)
+    assert motors.spread.unit == "us"
 
 
 def test_pulses_of_unknown_range_are_compared_and_not_held_against_limits() -> None:
