@@ -9,13 +9,14 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import Overview
-from quadid_logs.data.health import AxisSteps, GyroSpectrum, Health, Map, Motors, Noise
+from quadid_logs.data.health import AxisSteps, GyroSpectrum, Health, Map, Motors, Noise, Topic
 from quadid_logs.data.log import GyroFilter
 from quadid_logs.data.result import Result
 from quadid_logs.figures.spec import Axis, Curve, Figure, Heat, LeftOut, Level, Mark, Panel, Ribbon
-from quadid_logs.figures.thinning import CARRIED, break_at_gaps, thin_line
+from quadid_logs.figures.thinning import BUCKETS, CARRIED, break_at_gaps, thin_line
 from quadid_logs.figures.time_series import TIME
 from quadid_logs.maths.band import gyro_response
+from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES
 
 _NOT_LOOKED_AT: Final = "The flights of this result were judged one by one."
@@ -82,9 +83,14 @@ _TITLES: Final = {
 }
 
 
+def _said(topic: Topic) -> str:
+    """Return the sentence that judges a figure."""
+    return printable(topic.sentence, 600)
+
+
 def _reason(health: Health, name: str) -> str:
     told = health.missing.get("noise" if name == "maps" else name, "the log holds too little")
-    return f"{told[:1].upper()}{told[1:]}."
+    return f"{printable(told[:1].upper() + told[1:], 200)}."
 
 
 def _desired_and_actual(result: Result, health: Health) -> Figure | None:
@@ -96,7 +102,7 @@ def _desired_and_actual(result: Result, health: Health) -> Figure | None:
         "tracking",
         ("body_rate", "body_rate_setpoint"),
         Axis(label="body rate", unit="deg/s"),
-        f"{health.tracking.sentence} A loop that follows brings the wide line under the thin one, a little "
+        f"{_said(health.tracking)} A loop that follows brings the wide line under the thin one, a little "
         "later. A rate that swings while its set-point is calm is an oscillation; one that stays short of it "
         "meets a limit.",
     )
@@ -111,7 +117,7 @@ def _angles(result: Result, health: Health) -> Figure | None:
         "attitude",
         ("attitude", "attitude_setpoint"),
         Axis(label="angle", unit="deg"),
-        f"{health.attitude.sentence} The wide line is the vehicle, the thin one its set-point.",
+        f"{_said(health.attitude)} The wide line is the vehicle, the thin one its set-point.",
     )
 
 
@@ -140,11 +146,13 @@ def _tracked(overview: Overview, column: int, drawn: tuple[str, str, Mark]) -> C
     label, role, mark = drawn
     values = np.degrees(overview.values[:, column : column + 1])
     time_s, values = break_at_gaps(overview.time_s, values)
-    if overview.signal.startswith("attitude"):
+    angle = overview.signal.startswith("attitude")
+    if angle:
         # No vehicle turned between 180 and -180 degrees.
         after = np.flatnonzero(np.abs(np.diff(values[:, 0])) > 180.0) + 1
         time_s, values = np.insert(time_s, after, time_s[after]), np.insert(values, after, np.nan, axis=0)
-    x, y = thin_line(time_s, values[:, 0], CARRIED)
+    # Angles change slowly: they need no more than a screen shows.
+    x, y = thin_line(time_s, values[:, 0], BUCKETS if angle else CARRIED)
     return Curve(label=label, x=x, y=y, role=role, mark=mark, samples=time_s.size)
 
 
@@ -155,7 +163,7 @@ def _steps(health: Health) -> Figure | None:
     return Figure(
         key=_KEYS["steps"],
         title=_TITLES["steps"],
-        caption=f"{health.steps.sentence} Found from set-points and rates of the whole flight; shaded, the "
+        caption=f"{_said(health.steps)} Found from set-points and rates of the whole flight; shaded, the "
         "95 % interval. Dashed: a loop that follows at once would look like this, for the set-points hold no "
         "sharper step. Of small and large steps, those part at half of the largest set-points.",
         panels=tuple(_step_panel(axis, steps) for axis, steps in health.steps.axes.items()),
@@ -209,7 +217,7 @@ def _spectrum(health: Health, known: GyroFilter) -> Figure | None:
     return Figure(
         key=_KEYS["noise"],
         title=_TITLES["noise"],
-        caption=f"{noise.sentence}{filters} Below some 10 Hz the vehicle's own motion shows.",
+        caption=f"{_said(noise)}{filters} Below some 10 Hz the vehicle's own motion shows.",
         panels=tuple(_spectrum_panel(noise, column, known) for column in range(len(AXES))),
         columns=3,
     )
@@ -333,7 +341,7 @@ def _motors(health: Health) -> Figure | None:
     return Figure(
         key=_KEYS["motors"],
         title=_TITLES["motors"],
-        caption=f"{motors.sentence} Opposite motors that differ show where the weight is. Motors of one "
+        caption=f"{_said(motors)} Opposite motors that differ show where the weight is. Motors of one "
         "sense of rotation above those of the other show a tilted motor or a twisted arm.",
         panels=(
             Panel(
@@ -384,7 +392,7 @@ def _vibration(health: Health) -> Figure | None:
     return Figure(
         key=_KEYS["vibration"],
         title=_TITLES["vibration"],
-        caption=vibration.sentence,
+        caption=_said(vibration),
         panels=(
             Panel(
                 title="Vibration",
@@ -420,7 +428,7 @@ def _battery(health: Health) -> Figure | None:
     return Figure(
         key=_KEYS["battery"],
         title=_TITLES["battery"],
-        caption=battery.sentence,
+        caption=_said(battery),
         panels=(
             Panel(
                 title="Voltage",

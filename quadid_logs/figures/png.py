@@ -89,14 +89,17 @@ def _draw(figure: Figure) -> Canvas:
         wspace={1: 0.0, 2: 0.2, 3: 0.3}[figure.columns],
     )
     shared: Axes | None = None
+    drawn: list[Axes] = []
     for number, panel in enumerate(figure.panels):
         axes = canvas.add_subplot(
             grid[divmod(number, figure.columns)], sharex=shared if figure.over_time else None
         )
         shared = shared or axes
+        drawn.append(axes)
         bottom = number >= len(figure.panels) - figure.columns
         _draw_panel(axes, panel, with_x_label=bottom or not figure.over_time)
-    for axes, panel in zip(canvas.axes, figure.panels, strict=True):
+    # Not all of the canvas: colour scales are axes as well.
+    for axes, panel in zip(drawn, figure.panels, strict=True):
         if any(panel is one for one in at_the_right(figure)):
             _name_ends(axes, panel)
     canvas.text(0.012, 1.0 - 0.1 / total_in, _drawable(figure.title), va="top", fontsize=13, weight="bold")
