@@ -117,6 +117,8 @@ def _sag(record: Record, throttle: CleanSeries) -> Quantity | None:
 
 def _sentence(start: float, lowest: float, n_cells: int, level: Level, sag: Quantity | None) -> str:
     told = f"The battery falls from {start:.1f} to {lowest:.1f} V under load"
+    if f"{start:.1f}" == f"{lowest:.1f}":
+        told = f"The battery stays at {start:.1f} V"
     if n_cells:
         per_cell = lowest / n_cells
         judged = {

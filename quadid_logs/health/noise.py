@@ -24,6 +24,9 @@ from quadid_logs.vocabulary import AXES
 COMMANDED_HZ: Final = 20.0
 #: With set-points, slower motion than this is that of the angle and position loops [Hz].
 LOWEST_HZ: Final = 1.5
+#: No loop of a multirotor can hold an oscillation above: the fastest published rotors (lag 15 ms), a delay of
+#: 3 ms and 45 degrees of lead by D leave no phase above 30 Hz; 40 with some room [Hz].
+LOOPS_END_HZ: Final = 40.0
 #: A rate loop with 30 degrees of phase margin or more makes no more than this of its set-point:
 #: 1 / (2 sin(15 deg)) (K. J. Astrom and R. M. Murray, Feedback Systems, section 10.4).
 _MOST_OF_SETPOINT: Final = 2.0
@@ -124,6 +127,7 @@ def is_commanded(spectra: Periodograms, setpoint: CleanSeries, intervals: Sequen
         asked[shift:] = np.maximum(asked[shift:], asked[:-shift])
         asked[:-shift] = np.maximum(asked[:-shift], asked[shift:])
     most = np.maximum(_MOST_OF_SETPOINT, 2.0 * np.pi * spectra.frequency_hz / _ANGLE_GAIN)
+    most[spectra.frequency_hz > LOOPS_END_HZ] = _MOST_OF_SETPOINT
     return np.asarray(asked * most[:, np.newaxis] ** 2 >= rate, dtype=np.bool_)
 
 

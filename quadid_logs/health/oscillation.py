@@ -10,14 +10,12 @@ import numpy as np
 
 from quadid_logs.align.series import CleanSeries, Interval
 from quadid_logs.data.health import AxisOscillation, Line, LineSource, Oscillation
-from quadid_logs.health.noise import LOWEST_HZ, is_commanded, may_be_folded
+from quadid_logs.health.noise import LOOPS_END_HZ, LOWEST_HZ, is_commanded, may_be_folded
 from quadid_logs.health.records import records
 from quadid_logs.health.spectra import find_lines, periodograms
+from quadid_logs.numerals import number
 from quadid_logs.vocabulary import AXES
 
-#: No loop of a multirotor can hold an oscillation above: the fastest published rotors (lag 15 ms), a delay of
-#: 3 ms and 45 degrees of lead by D leave no phase above 30 Hz; 40 with some room [Hz].
-_HIGHEST_HZ: Final = 40.0
 #: Where the rotors' speed is known, what is near it is vibration.
 _OF_ROTORS: Final = 0.5
 #: What stands in less than half of the flight does not last.
@@ -51,7 +49,7 @@ def find_oscillation(
     if spectra is None:
         return None
     frequency_hz = spectra.frequency_hz
-    highest_hz = min(_HIGHEST_HZ, _lowest_rotor_hz(rotor_speed, intervals) * _OF_ROTORS)
+    highest_hz = min(LOOPS_END_HZ, _lowest_rotor_hz(rotor_speed, intervals) * _OF_ROTORS)
     searched = (frequency_hz >= LOWEST_HZ) & (frequency_hz <= highest_hz)
     if not searched.any():
         return None
@@ -96,7 +94,9 @@ def _lowest_rotor_hz(series: CleanSeries | None, intervals: Sequence[Interval]) 
 def _sentence(found: Sequence[AxisOscillation], highest_hz: float, *, folded: bool, rate_hz: float) -> str:
     if not found:
         seen = "shows in the log" if folded else "lasts"
-        return f"No oscillation {seen} between {LOWEST_HZ:g} and {highest_hz:.3g} Hz in rate and output."
+        return (
+            f"No oscillation {seen} between {LOWEST_HZ:g} and {number(highest_hz, 2)} Hz in rate and output."
+        )
     told = " ".join(
         f"{one.axis.capitalize()} oscillates at {one.line.frequency_hz:.1f} Hz, in its rate "
         f"({np.degrees(one.line.rms):.2g} deg/s rms) and in its output, in {100.0 * one.line.share:.0f} % of "

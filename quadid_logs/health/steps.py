@@ -38,6 +38,9 @@ _OFF: Final = 0.2
 _LARGE: Final = 0.5
 
 
+_Size = Literal["all", "small", "large"]
+
+
 class Response(NamedTuple):
     """What set-points tell of one axis: lag by cross-correlation [s], and step responses of fast logs."""
 
@@ -61,6 +64,7 @@ class _Curve(NamedTuple):
     low: FloatArray
     high: FloatArray
     ideal: FloatArray
+    known: bool
     overshoot: Quantity
     half_s: Quantity
 
@@ -137,13 +141,13 @@ def _response(windows: _Windows) -> Response | None:
     split = _LARGE * float(np.percentile(windows.peak, 99.0))
     large = windows.peak > split
     curves = [_shown("all", everything, whole)]
-    some = [("small", ~large), ("large", large)]
+    some: list[tuple[_Size, BoolArray]] = [("small", ~large), ("large", large)]
     parts = [(size, chosen, _curve(windows, chosen)) for size, chosen in some if chosen.sum() >= _GROUPS]
-    told = [_shown(size, chosen, curve) for size, chosen, curve in parts if curve is not None]  # type: ignore[arg-type]
+    told = [_shown(size, chosen, curve) for size, chosen, curve in parts if curve and curve.known]
     lag = _lag(windows)
     if lag is None:
         return None
-    if windows.period_s > _SLOWEST_S:
+    if windows.period_s > _SLOWEST_S or not whole.known:
         return Response(lag, None)
     steps = AxisSteps(
         time_s=_times(windows),
@@ -156,7 +160,7 @@ def _response(windows: _Windows) -> Response | None:
     return Response(lag, steps)
 
 
-def _shown(size: Literal["all", "small", "large"], chosen: BoolArray, curve: _Curve) -> StepCurve:
+def _shown(size: _Size, chosen: BoolArray, curve: _Curve) -> StepCurve:
     return StepCurve(
         size=size, n_windows=int(chosen.sum()), response=curve.response, low=curve.low, high=curve.high
     )
@@ -204,14 +208,13 @@ def _curve(windows: _Windows, chosen: BoolArray) -> _Curve | None:
     part = slice(middle - ahead, middle + behind + 1)
     shown, left_out = step[part], others[:, part]
     half = _T * np.sqrt((_GROUPS - 1) * left_out.var(axis=0))
-    if float(np.median(half)) > _OFF:
-        return None
     times = _times(windows)
     return _Curve(
         shown,
         shown - half,
         shown + half,
         ideal[part],
+        float(np.median(half)) <= _OFF,
         _with_interval(*_above(shown, left_out, ideal[part]), "1"),
         _with_interval(_half_time(times, shown), [_half_time(times, one) for one in left_out], "s"),
     )

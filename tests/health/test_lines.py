@@ -120,6 +120,16 @@ def test_a_commanded_line_is_no_vibration() -> None:
     assert not noise.lines["roll"]
 
 
+def test_rough_set_points_hide_no_vibration() -> None:
+    """Steps of a radio link are in the set-points at every frequency; no loop follows them at 171 Hz."""
+    t, rates = gyro_with(171.4, 0.01)
+    asked = coloured(3, t.size, RATE_HZ) + 5e-4 * np.random.default_rng(8).standard_normal(rates.shape)
+    setpoint = series("body_rate_setpoint", t, asked)
+    noise = find_noise([series("body_rate", t, rates)], setpoint, None, None, ((t[0], t[-1]),))
+    assert noise is not None
+    assert [line.frequency_hz for line in noise.lines["roll"]] == pytest.approx([171.4], abs=0.5)
+
+
 def limit_cycle(at_hz: float, *, in_output: bool, until: float = 1.0, filtered: bool = True):
     """Return what is found in a flight whose roll axis cycles."""
     t, rates = gyro_with(at_hz, 0.0)
