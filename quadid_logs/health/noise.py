@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Final
 
 import numpy as np
-from scipy.stats import binom, spearmanr
+from scipy.special import betainc, stdtr
 
 from quadid_logs.align.series import CleanSeries, Interval
 from quadid_logs.arrays import BoolArray, FloatArray
@@ -232,8 +232,10 @@ def _harmonic(peaks: FloatArray, near_hz: FloatArray, speeds: FloatArray) -> int
         wide = np.maximum(_SAME_SPEED * places, 1.5 * float(near_hz[1] - near_hz[0]))
         hits = (np.abs(peaks[:, np.newaxis] - places) <= wide).any(axis=1)
         covered = (np.abs(near_hz[:, np.newaxis, np.newaxis] - places) <= wide).any(axis=2).mean()
-        chance = float(binom.sf(np.count_nonzero(hits) - 1, hits.size, min(float(covered), 1.0)))
-        if np.count_nonzero(hits) > 0.5 * hits.size and chance < least:
+        n_hits = int(np.count_nonzero(hits))
+        # So many hits or more, by the binomial distribution.
+        chance = float(betainc(n_hits, hits.size - n_hits + 1, min(float(covered), 1.0))) if n_hits else 1.0
+        if n_hits > 0.5 * hits.size and chance < least:
             least, found = chance, harmonic
     return found
 
@@ -246,10 +248,20 @@ def _by_throttle(line: Line, peaks: FloatArray, throttle: FloatArray | None) -> 
     if np.count_nonzero(flown) < 12 or not np.ptp(throttle[flown]) > 0.0 or not np.ptp(peaks[flown]) > 0.0:
         return LineSource.UNKNOWN
     # Windows overlap by half: every other one counts.
-    found = spearmanr(throttle[flown][::2], peaks[flown][::2])
-    if found.pvalue < FALSE_ALARM and found.statistic > 0.0:
-        return LineSource.FOLLOWS_THROTTLE
-    return LineSource.UNKNOWN
+    chance = _rising_by_chance(throttle[flown][::2], peaks[flown][::2])
+    return LineSource.FOLLOWS_THROTTLE if chance < FALSE_ALARM else LineSource.UNKNOWN
+
+
+def _rising_by_chance(x: FloatArray, y: FloatArray) -> float:
+    """Return the chance of a rank correlation as high as that of two series (C. Spearman), by Student's t."""
+    ranks = [np.unique(one, return_inverse=True, return_counts=True)[1:] for one in (x, y)]
+    # Equal values share the mean of their places.
+    first, second = (((np.cumsum(counts) - 0.5 * counts)[inverse]) for inverse, counts in ranks)
+    if not (first.std() > 0.0 and second.std() > 0.0):
+        return 1.0
+    rho = float(np.clip(np.corrcoef(first, second)[0, 1], -1.0 + 1e-12, 1.0 - 1e-12))
+    left = x.size - 2
+    return float(stdtr(left, -rho * np.sqrt(left / (1.0 - rho**2))))
 
 
 def _decibels(density: FloatArray) -> FloatArray:

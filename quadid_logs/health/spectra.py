@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.stats import gamma
+from scipy.special import gammaincc, gammaincinv
 
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.health import Line
@@ -124,13 +124,13 @@ def find_lines(
         return ()
     floor, variation = _around(mean), _around(density.var(axis=0, ddof=1) / mean**2)
     counted = _INDEPENDENT * len(density) / np.maximum(variation, 1.0)
-    floor = floor * counted / gamma.ppf(0.5, counted)
+    floor = floor * counted / gammaincinv(counted, 0.5)
     half: FloatArray = np.maximum(_AROUND * frequency_hz / step_hz, _AROUND_BINS)
     offset_hz = 0.5 * (_LOBE + 1 + half) * step_hz
     blunt: FloatArray = 1.0 + (offset_hz / (_DAMPING * np.maximum(frequency_hz, step_hz))) ** 2
     ratio: FloatArray = mean / floor
     n_places = np.count_nonzero(allowed) * n_searches
-    chance = np.asarray(gamma.sf(ratio / blunt * counted, counted) * n_places, dtype=np.float64)
+    chance = np.asarray(gammaincc(counted, ratio / blunt * counted) * n_places, dtype=np.float64)
     left = allowed & (chance < FALSE_ALARM)
     found: list[Line] = []
     while left.any() and len(found) < _MOST_LINES:
