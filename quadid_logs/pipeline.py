@@ -16,6 +16,7 @@ from quadid_logs.control.replay import replay
 from quadid_logs.data.closed_loop import ClosedLoop
 from quadid_logs.data.diagnosis import Diagnosis
 from quadid_logs.data.flight import FlightData
+from quadid_logs.data.health import Health
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Identification
 from quadid_logs.data.result import PooledLog, Result
@@ -23,6 +24,7 @@ from quadid_logs.data.settings import AlignSettings, Settings
 from quadid_logs.data.tuning import GOOD, Limits, Tuning
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.diagnose import diagnose, with_findings
+from quadid_logs.health import health_of
 from quadid_logs.identify import identify
 from quadid_logs.identify.select import most_excited
 from quadid_logs.identify.structures import STRUCTURES, Structure
@@ -160,11 +162,14 @@ def _analyze(
     flights = [replace(each, segments=()) if place in same else each for place, each in enumerate(flights)]
     data = flights[0] if len(flights) == 1 or not any(each.segments for each in flights) else pool(flights)
     # What is not pooled (sources, airframe, texts) is told of the first log that flew.
-    flown = (one.log for one, each in zip(prepared, flights, strict=True) if each.segments)
-    log = next(flown, prepared[0].log)
-    # Every source of every signal, as large as the log: what was cut out of them is all that is needed now.
-    del prepared, flown
+    flown = (number for number, each in enumerate(flights) if each.segments)
+    first = next(flown, 0)
+    log = prepared[first].log
     clock.lap("align")
+    health = health_of(prepared[first], flights[first])
+    clock.lap("health")
+    # Every source of every signal, as large as the log: what was made of them is all that is needed now.
+    del prepared
     tell("identify")
     pooled = tuple(
         PooledLog(path=one.path, used_s=each.used_s, same_as=logs[same[place]].path if place in same else "")
@@ -172,7 +177,14 @@ def _analyze(
     )
     pooled = pooled if len(paths) > 1 else ()
     return judge(
-        log, data, settings, vehicle=vehicle, structure=structure, pooled=pooled, timings_s=clock.timings_s
+        log,
+        data,
+        settings,
+        vehicle=vehicle,
+        structure=structure,
+        pooled=pooled,
+        health=health,
+        timings_s=clock.timings_s,
     )
 
 
@@ -191,6 +203,7 @@ def judge(
     vehicle: Vehicle | None,
     structure: Structure | None = None,
     pooled: tuple[PooledLog, ...] = (),
+    health: Health | None = None,
     timings_s: Mapping[str, float],
 ) -> Result:
     """Identify and diagnose what was aligned: the end of every analysis.
@@ -202,6 +215,8 @@ def judge(
     structure : Structure, optional
         As of `analyze`.
     pooled : tuple of PooledLog
+        As of `Result`.
+    health : Health, optional
         As of `Result`.
     timings_s : mapping of str to float
         What the stages before took.
@@ -228,6 +243,7 @@ def judge(
         identification=identification,
         diagnosis=diagnosis,
         closed_loop=closed_loop,
+        health=health,
         settings=settings,
         vehicle=vehicle,
         pooled=pooled,

@@ -57,10 +57,10 @@ _SPECS = (
     ),
     SignalSpec(
         "attitude_setpoint",
-        ("roll_setpoint_rad", "pitch_setpoint_rad", "yaw_setpoint_rad"),
+        ("phi_setpoint_rad", "theta_setpoint_rad", "psi_setpoint_rad"),
         ("phi_sp", "theta_sp", "psi_sp"),
         "rad",
-        "angles that the attitude controller was commanded",
+        "Euler 3-2-1 angles that the attitude controller was commanded",
     ),
     SignalSpec(
         "torque_command",
@@ -87,6 +87,23 @@ _SPECS = (
         ("ax", "ay", "az"),
         "m/s^2",
         "accelerometer: non-gravitational acceleration in body axes (-9.8 on z at rest)",
+    ),
+    SignalSpec(
+        "vibration",
+        ("vibration_x_m_s2", "vibration_y_m_s2", "vibration_z_m_s2"),
+        ("vx", "vy", "vz"),
+        "m/s^2",
+        "rms of the specific force above 5 Hz, as the autopilot measured it at the sensor's rate",
+    ),
+    SignalSpec(
+        "vibration_level",
+        ("vibration_level_m_s2",),
+        ("v",),
+        "m/s^2",
+        "mean change of the specific force from sample to sample of the sensor",
+    ),
+    SignalSpec(
+        "accelerometer_clips", (), (), "1", "samples at the end of the accelerometer's range since the start"
     ),
     SignalSpec("battery_voltage", ("battery_v",), ("V",), "V", "battery voltage"),
     SignalSpec(

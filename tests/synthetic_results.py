@@ -13,6 +13,24 @@ from quadid_logs.data.closed_loop import ClosedLoop
 from quadid_logs.data.controller import AxisController, DiscreteFilter, FlownControllers, Replay
 from quadid_logs.data.diagnosis import AxisVerdict, Diagnosis, Finding
 from quadid_logs.data.flight import FlightData, GyroCheck, InputDescription, Overview, Segment, SourceChoice
+from quadid_logs.data.health import (
+    AxisOscillation,
+    AxisSteps,
+    AxisTracking,
+    Battery,
+    GyroSpectrum,
+    Health,
+    Line,
+    Map,
+    Motors,
+    Noise,
+    Oscillation,
+    Quantity,
+    StepCurve,
+    Steps,
+    Tracking,
+    Vibration,
+)
 from quadid_logs.data.log import FlightLog, LogText, LostBytes, MessageCount, ModeChange
 from quadid_logs.data.model import (
     Actuator,
@@ -70,7 +88,99 @@ def _usable_result(duration_s: float) -> Result:
         ),
         diagnosis=_diagnosis(),
         settings=Settings(),
+        health=synthetic_health(),
         timings_s={"read": 0.1, "align": 0.05, "identify": 0.9, "total": 1.05},
+    )
+
+
+def synthetic_health(sentence: str = "All is well.") -> Health:
+    """Return every topic that a log can tell of, each with that sentence."""
+    frequency_hz = np.arange(0.25, 200.0, 0.25)
+    falling = 1e-4 / (1.0 + (frequency_hz / 4.0) ** 2)
+    time_s = np.linspace(1.0, 50.0, 100)
+    number = Quantity(0.02, "s", (0.018, 0.022))
+    followed = AxisTracking(error_rms=Quantity(0.1, "rad/s"), setpoint_rms=Quantity(0.4, "rad/s"), lag=number)
+    response = 1.0 - np.exp(-np.linspace(0.0, 10.0, 200))
+    step = AxisSteps(
+        time_s=np.linspace(-0.05, 0.5, 200),
+        ideal=response,
+        curves=(
+            StepCurve(
+                size="small", n_windows=20, response=response, low=response - 0.05, high=response + 0.05
+            ),
+            StepCurve(size="large", n_windows=12, response=response, low=response - 0.1, high=response + 0.1),
+        ),
+        split_rad_s=0.5,
+        overshoot=Quantity(0.1, "1", (0.05, 0.15)),
+        half_time=number,
+    )
+    line = Line(frequency_hz=85.0, height_db=12.0, p_value=1e-9, share=0.9, rms=0.01)
+    spectrum = GyroSpectrum(
+        source="RATE.R P Y", rate_hz=400.0, frequency_hz=frequency_hz, density=np.tile(falling[:, None], 3)
+    )
+    level_db = np.outer(np.linspace(0.0, -40.0, 60), np.ones(20))
+    level_db[:, 3] = np.nan
+    by_throttle = Map(
+        x=np.linspace(0.3, 0.6, 20), frequency_hz=np.linspace(1.0, 199.0, 60), level_db=level_db
+    )
+    return Health(
+        tracking=Tracking(sentence=sentence, axes=dict.fromkeys(AXES, followed)),
+        attitude=Tracking(sentence=sentence, axes=dict.fromkeys(AXES, followed)),
+        steps=Steps(sentence=sentence, axes=dict.fromkeys(AXES, step)),
+        noise=Noise(
+            sentence=sentence,
+            after=spectrum,
+            before=None,
+            lines={"roll": (line,), "pitch": (), "yaw": ()},
+            over_time=replace(by_throttle, x=np.linspace(1.0, 50.0, 20), level_db=np.nan_to_num(level_db)),
+            over_throttle=by_throttle,
+            rotor_hz=np.linspace(80.0, 90.0, 20),
+            may_be_folded=False,
+        ),
+        motors=Motors(
+            sentence=sentence,
+            level="high",
+            names=tuple(f"motor {n + 1}" for n in range(4)),
+            unit="1",
+            mean=np.full(4, 0.5),
+            low=np.full(4, 0.4),
+            high=np.full(4, 0.6),
+            spread=Quantity(0.09, "1", normal=(0.0, 0.075)),
+            hardest=2,
+            headroom=Quantity(0.3, "1"),
+            at_high=Quantity(0.0, "1"),
+            at_low=Quantity(0.0, "1"),
+            time_s=time_s,
+            output=np.full((100, 4), 0.5),
+        ),
+        vibration=Vibration(
+            sentence=sentence,
+            level="normal",
+            measure="vibration",
+            columns=("x", "y", "z"),
+            figure=Quantity(12.0, "m/s^2", normal=(0.0, 30.0)),
+            limits=(30.0, 60.0),
+            clips=Quantity(0.0, "1", normal=(0.0, 100.0)),
+            time_s=time_s,
+            values=np.full((100, 3), 10.0),
+        ),
+        battery=Battery(
+            sentence=sentence,
+            level="severe",
+            start_v=Quantity(16.4, "V"),
+            lowest_v=Quantity(13.0, "V", normal=(14.0, 17.4)),
+            n_cells=4,
+            sag_v=Quantity(0.3, "V", (0.28, 0.32)),
+            time_s=time_s,
+            voltage=np.linspace(16.4, 13.0, 100),
+        ),
+        oscillation=Oscillation(
+            sentence=sentence,
+            level="high",
+            axes=(AxisOscillation(axis="roll", line=line),),
+            highest_hz=40.0,
+            may_be_folded=False,
+        ),
     )
 
 
@@ -115,7 +225,7 @@ def refused_result(path: str = "bench.bin") -> Result:
 
 def hostile_result(path: str = "hostile.bin") -> Result:
     """Return a result in which every text that a log can set is an attack."""
-    usable = usable_result(6.0, path)
+    usable = replace(usable_result(6.0, path), health=synthetic_health(HOSTILE))
     source = next(iter(usable.data.sources.values()))
     bad_source = replace(source, source=HOSTILE, reason=HOSTILE, others=((HOSTILE, 10.0),))
     log = replace(
@@ -294,7 +404,7 @@ def _data(segments: tuple[Segment, ...], duration_s: float) -> FlightData:
         duration_s=duration_s + 15.0,
         overview={
             signal: Overview(signal=signal, columns=("x", "y", "z"), time_s=time_s, stored=values)
-            for signal, values in columns.items()
+            for signal, values in {**columns, "attitude_setpoint": columns["attitude"]}.items()
         },
         gyro_check=_gyro_check(segments),
         modes=_log("x").modes,

@@ -172,6 +172,7 @@ def _model(airframe: Airframe, scaled: Scaled, rebuilt: Rebuilt) -> TorqueModel:
         channels=airframe.channels,
         channel_source=airframe.channel_source,
         calibration=scaled.calibration,
+        output_range_us=rebuilt.output_range_us,
         check=rebuilt.check,
         saturated_fraction=_saturated_fraction(rebuilt.series),
         needs=scaled.needs,

@@ -173,7 +173,7 @@ class Rebuilt:
     """The motor series that a log allows, the check of them, what stood in the way, and the expo assumed.
 
     ``told_by_speed``: measured speeds of the rotors told thrust curve and drift, so that the outputs are
-    the input, whose lag is to be found.
+    the input, whose lag is to be found. ``output_range_us``: as of `TorqueModel`.
     """
 
     series: tuple[MotorSeries, ...] = ()
@@ -181,6 +181,7 @@ class Rebuilt:
     remarks: tuple[str, ...] = ()
     expo: AssumedExpo | None = None
     told_by_speed: bool = False
+    output_range_us: tuple[FloatArray, FloatArray] | None = None
 
     @property
     def trusted(self) -> bool:

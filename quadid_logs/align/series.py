@@ -58,7 +58,7 @@ class CleanSeries:
         As the reader made them: whole numbers of few digits are in single precision, half as large.
     period_s : float
         Typical sample period [s], NaN for fewer than two samples.
-    source, reason, gyro_filter, achieved
+    source, reason, gyro_filter, achieved, raw
         As of `Signal`.
     n_duplicate, n_out_of_order, n_outliers, n_not_finite : int
         Rows that were merged, put in order, or dropped.
@@ -73,6 +73,7 @@ class CleanSeries:
     reason: str = ""
     gyro_filter: GyroFilter = NO_GYRO_FILTER
     achieved: bool = False
+    raw: bool = False
     n_duplicate: int = 0
     n_out_of_order: int = 0
     n_outliers: int = 0
@@ -377,6 +378,7 @@ class Cleaner:
             reason=signal.reason,
             gyro_filter=signal.gyro_filter,
             achieved=signal.achieved,
+            raw=signal.raw,
             n_duplicate=order.n_duplicate,
             n_out_of_order=order.n_out_of_order,
             n_outliers=int(np.count_nonzero(stamps.outlier)),

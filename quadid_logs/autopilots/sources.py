@@ -119,6 +119,8 @@ class Source(Generic[P]):
         Messages that the builder also needs.
     filtered : bool
         Of body rates: they passed the filters that the parameters tell.
+    raw : bool
+        Of body rates: they passed none.
     """
 
     signal: str
@@ -131,6 +133,7 @@ class Source(Generic[P]):
     optional: tuple[str, ...] = ()
     beside: tuple[str, ...] = ()
     filtered: bool = False
+    raw: bool = False
 
 
 def messages_of(sources: Iterable[Source[Any]]) -> frozenset[str]:
@@ -190,6 +193,7 @@ def build_signals(
                 reason="; ".join(filter(None, (source.reason + part.note, built.note))),
                 nominal_rate_hz=(nominal_rate_hz or {}).get(source.message, math.nan),
                 gyro_filter=gyro_filter if source.filtered else NO_GYRO_FILTER,
+                raw=source.raw,
             )
             found.setdefault(source.signal, []).append(signal)
     return {name: tuple(signals) for name, signals in found.items()}

@@ -32,6 +32,7 @@ def info(
     """Say what is in a log, at which true rates, and what is missing for analyze."""
     from quadid_logs.align import cut
     from quadid_logs.data.settings import Settings
+    from quadid_logs.health import health_of
     from quadid_logs.load import load
     from quadid_logs.report.inventory import inventory_lines, inventory_text
     from quadid_logs.vehicle_file import read_vehicle
@@ -48,7 +49,7 @@ def info(
         progress("aligning")
         content, data = prepared.log, cut(prepared, settings.align)
     if as_json:
-        say(inventory_text(content, data).rstrip("\n"))
+        say(inventory_text(content, data, health_of(prepared, data)).rstrip("\n"))
         return 0
     for line in inventory_lines(content, data):
         for part in wrapped(line.text, line.hang):

@@ -79,6 +79,7 @@ def show_result(result: Result) -> None:
     from rich.table import Table
     from rich.text import Text
 
+    from quadid_logs.report.health_view import health_lines
     from quadid_logs.report.next_flight import next_steps
     from quadid_logs.report.text import result_lines
     from quadid_logs.report.verdict import effect_sentence
@@ -98,6 +99,9 @@ def show_result(result: Result) -> None:
         table.add_row(axis, Text(verdict.verdict, style=_COLOURS[verdict.verdict]), Text(words))
     console.print(Text(result_lines(result)[0], style="bold"))
     console.print(table)
+    for shown in health_lines(result):
+        for line in wrapped(shown.strip(), 2):
+            console.print(Text(line), soft_wrap=True)
     for step in next_steps(result):
         for line in wrapped(f"next: {step}", 2):
             console.print(Text(line), soft_wrap=True)

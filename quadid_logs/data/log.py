@@ -168,6 +168,8 @@ class Signal:
         Of body rates: what they passed before they were logged.
     achieved : bool
         Of a torque: what the actuators did, saturation included, not what was commanded.
+    raw : bool
+        Of body rates: before every filter of the autopilot.
     """
 
     name: str
@@ -178,6 +180,7 @@ class Signal:
     nominal_rate_hz: float = float("nan")
     gyro_filter: GyroFilter = NO_GYRO_FILTER
     achieved: bool = False
+    raw: bool = False
 
     def __post_init__(self) -> None:
         if self.name not in SIGNALS:

@@ -9,6 +9,7 @@ from pathlib import PurePath
 from quadid_logs.data.closed_loop import ClosedLoop
 from quadid_logs.data.diagnosis import Diagnosis, Verdict
 from quadid_logs.data.flight import FlightData
+from quadid_logs.data.health import Health
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Identification
 from quadid_logs.data.settings import Settings
@@ -33,7 +34,8 @@ class Result:
     """The chain's objects, one per stage, and the seconds that each stage took.
 
     ``pooled`` names the logs where the model is that of several; ``log`` is
-    then the first that flew. ``closed_loop`` is None where no controller is known.
+    then the first that flew. ``closed_loop`` is None where no controller is known; ``health`` is what the
+    log shows of its flight, None where nobody looked.
 
     Examples
     --------
@@ -49,6 +51,7 @@ class Result:
     diagnosis: Diagnosis
     settings: Settings
     closed_loop: ClosedLoop | None = None
+    health: Health | None = None
     vehicle: Vehicle | None = None
     pooled: tuple[PooledLog, ...] = ()
     timings_s: Mapping[str, float] = field(default_factory=dict)

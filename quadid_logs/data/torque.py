@@ -185,6 +185,9 @@ class TorqueModel:
     channel_source : str
         What says so.
     calibration : Calibration
+    output_range_us : tuple of (lowest, highest) ndarray, each shape (n_rotors,), or None
+        Pulse widths between which each motor is driven in flight; None where outputs come as fractions, or
+        the parameters do not tell.
     check : MixerCheck, optional
     saturated_fraction : tuple of 3 floats
         Fraction of flown samples in which the axis did not get what was commanded; NaN where unknown.
@@ -209,6 +212,7 @@ class TorqueModel:
     channels: tuple[int, ...] = ()
     channel_source: str = ""
     calibration: Calibration = field(default_factory=Calibration)
+    output_range_us: tuple[FloatArray, FloatArray] | None = None
     check: MixerCheck | None = None
     saturated_fraction: tuple[float, float, float] = (math.nan, math.nan, math.nan)
     rotor_speed: str = ""

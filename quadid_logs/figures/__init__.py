@@ -15,15 +15,27 @@ if TYPE_CHECKING:
 
 __all__ = ["CHAPTERS", "FIGURE_KEYS", "FIRST_CHAPTER", "Figure", "Figures", "LeftOut", "figures_of"]
 
+#: Of what any log shows, in the order of the page.
+HEALTH_KEYS: Final = (
+    "tracking",
+    "attitude-tracking",
+    "step-response",
+    "gyro-spectrum",
+    "spectrogram",
+    "motors",
+    "vibration",
+    "battery",
+)
 #: The chapters of the report that hold figures, in its order, each with the keys of its figures.
 CHAPTERS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
     {
         "verdict": ("evidence",),
+        "shows": HEALTH_KEYS,
         "model": ("response",),
         "loop": ("loop-tracking", "loop-step"),
-        "loop-detail": ("tracking", "loop-bode", "loop-nyquist"),
+        "loop-detail": ("loop-bode", "loop-nyquist"),
         "flight": ("flight", "aligned", "gyro", "airframe"),
-        "excitation": ("excitation", "gyro-spectrum"),
+        "excitation": ("excitation",),
         "windows": (*(f"condition-{structure}" for structure in STRUCTURES), "over-time", "singular"),
         "fit": ("lag", "held-out", "fit", "simulation", "horizon", "residuals"),
         "structures": ("structures",),
@@ -59,21 +71,20 @@ def figures_of(result: Result) -> Figures:
     from quadid_logs.figures.evidence import evidence_figure
     from quadid_logs.figures.excitation_spectra import excitation_spectra
     from quadid_logs.figures.gyro_scatter import gyro_against_attitude
-    from quadid_logs.figures.gyro_spectrum import gyro_spectrum
+    from quadid_logs.figures.health import health_figures
     from quadid_logs.figures.model_fit import fit_figures, horizon_error, lag_profile, structure_comparison
     from quadid_logs.figures.rotor_layout import airframe_from_above
-    from quadid_logs.figures.time_series import aligned_series, desired_and_actual, flight_overview
+    from quadid_logs.figures.time_series import aligned_series, flight_overview
     from quadid_logs.figures.window_estimates import window_figures
 
     everything = [
         evidence_figure(result),
+        *health_figures(result),
         flight_overview(result),
-        desired_and_actual(result),
         aligned_series(result),
         gyro_against_attitude(result),
         airframe_from_above(result),
         excitation_spectra(result),
-        gyro_spectrum(result),
         *window_figures(result),
         structure_comparison(result),
         lag_profile(result),

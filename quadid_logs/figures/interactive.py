@@ -14,8 +14,8 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.figures.end_labels import at_the_right, labelled, names_at_ends
-from quadid_logs.figures.palette import WIDE_OPACITY, band_opacity
-from quadid_logs.figures.spec import Axis, Curve, Figure, Level, Panel, Ribbon
+from quadid_logs.figures.palette import HEAT_COLOURS, HEAT_PERCENTILES, WIDE_OPACITY, band_opacity
+from quadid_logs.figures.spec import Axis, Curve, Figure, Heat, Level, Panel, Ribbon
 from quadid_logs.figures.ticks import log_ticks, shown_range
 
 _ROW_PX = {1: 190.0, 2: 180.0, 3: 300.0}
@@ -50,6 +50,7 @@ def interactive(figure: Figure) -> dict[str, Any]:
         trace
         for number, panel in enumerate(figure.panels, start=1)
         for trace in (
+            *(() if panel.heat is None else (_heat(panel.heat, number),)),
             *(_shaded(ribbon, number, seen) for ribbon in panel.ribbons),
             *(_trace(curve, panel, number, seen) for curve in panel.curves),
         )
@@ -59,6 +60,36 @@ def interactive(figure: Figure) -> dict[str, Any]:
         "over_time": figure.over_time,
         "data": traces + _band_legend(figure),
         "layouts": {"wide": _layout(figure, figure.columns), "narrow": _layout(figure, 1, narrow=True)},
+    }
+
+
+def _heat(heat: Heat, number: int) -> dict[str, Any]:
+    """Return a map of colours in 254 steps, finer than eyes tell apart; with gaps, as full numbers."""
+    known = np.isfinite(heat.z)
+    low, high = (float(one) for one in np.percentile(heat.z[known], HEAT_PERCENTILES))
+    step = (high - low) / 254.0 or 1.0
+    scaled = np.clip((heat.z - low) / step, 0.0, 254.0)
+    ticks = np.linspace(low, high, 4)
+    shape = {"shape": f"{heat.z.shape[0]}, {heat.z.shape[1]}"}
+    return {
+        "type": "heatmap",
+        "name": _name(heat.label),
+        "xaxis": _axis_id("x", number),
+        "yaxis": _axis_id("y", number),
+        "x": _typed(heat.x, "f4"),
+        "y": _typed(heat.y, "f4"),
+        "z": _typed(scaled, "u1" if known.all() else "f4") | shape,
+        "zmin": 0,
+        "zmax": 254,
+        "colorscale": HEAT_COLOURS,
+        "hoverinfo": "x+y",
+        "showscale": number == 1,
+        "colorbar": {
+            "title": {"text": html.escape(heat.unit, quote=False), "side": "right"},
+            "thickness": 8,
+            "tickvals": [float((tick - low) / step) for tick in ticks],
+            "ticktext": [f"{tick:.0f}" for tick in ticks],
+        },
     }
 
 

@@ -71,6 +71,11 @@ DARK: Final[Mapping[str, str]] = MappingProxyType(
 #: A wide line is pale: what lies on it must be seen.
 WIDE_OPACITY: Final = 0.45
 
+#: Of maps: dark to light, which people with any colour vision can read (J. Nunez et al., 2018).
+HEAT_COLOURS: Final = "Cividis"
+#: What lies beyond takes the end's colour: a few cells must not take the colours of all others.
+HEAT_PERCENTILES: Final = (2.0, 99.8)
+
 #: How strongly a band of a role covers the paper; others take the first.
 BAND_OPACITY: Final[Mapping[str, float]] = MappingProxyType({"": 0.12, "held-out": 0.18, "interval": 0.28})
 

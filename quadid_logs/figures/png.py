@@ -9,8 +9,14 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from quadid_logs.figures.end_labels import at_the_right, labelled, names_at_ends, spread
-from quadid_logs.figures.palette import LIGHT, WIDE_OPACITY, band_opacity
-from quadid_logs.figures.spec import Curve, Figure, Level, Panel
+from quadid_logs.figures.palette import (
+    HEAT_COLOURS,
+    HEAT_PERCENTILES,
+    LIGHT,
+    WIDE_OPACITY,
+    band_opacity,
+)
+from quadid_logs.figures.spec import Curve, Figure, Heat, Level, Panel
 from quadid_logs.figures.ticks import log_ticks, shown_range
 
 if TYPE_CHECKING:
@@ -83,14 +89,17 @@ def _draw(figure: Figure) -> Canvas:
         wspace={1: 0.0, 2: 0.2, 3: 0.3}[figure.columns],
     )
     shared: Axes | None = None
+    drawn: list[Axes] = []
     for number, panel in enumerate(figure.panels):
         axes = canvas.add_subplot(
             grid[divmod(number, figure.columns)], sharex=shared if figure.over_time else None
         )
         shared = shared or axes
+        drawn.append(axes)
         bottom = number >= len(figure.panels) - figure.columns
         _draw_panel(axes, panel, with_x_label=bottom or not figure.over_time)
-    for axes, panel in zip(canvas.axes, figure.panels, strict=True):
+    # Not all of the canvas: colour scales are axes as well.
+    for axes, panel in zip(drawn, figure.panels, strict=True):
         if any(panel is one for one in at_the_right(figure)):
             _name_ends(axes, panel)
     canvas.text(0.012, 1.0 - 0.1 / total_in, _drawable(figure.title), va="top", fontsize=13, weight="bold")
@@ -142,6 +151,8 @@ def _draw_panel(axes: Axes, panel: Panel, *, with_x_label: bool) -> None:
     for band in panel.bands:
         shade = axes.axvspan if band.along == "x" else axes.axhspan
         shade(band.start, band.end, color=LIGHT[band.role], alpha=band_opacity(band.role), linewidth=0)
+    if panel.heat is not None:
+        _draw_heat(axes, panel.heat)
     for ribbon in panel.ribbons:
         colour, opacity = LIGHT[ribbon.role], band_opacity("interval")
         axes.fill_between(ribbon.x, ribbon.low, ribbon.high, color=colour, alpha=opacity, linewidth=0)
@@ -163,6 +174,15 @@ def _draw_panel(axes: Axes, panel: Panel, *, with_x_label: bool) -> None:
             0.99, 0.97, _drawable(panel.note), transform=axes.transAxes, ha="right", va="top", fontsize=8,
             zorder=5, bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 1.5},
         )  # fmt: skip
+
+
+def _draw_heat(axes: Axes, heat: Heat) -> None:
+    """Draw a map in colours with its scale."""
+    known = heat.z[np.isfinite(heat.z)]
+    low, high = np.percentile(known, HEAT_PERCENTILES)
+    colours: dict[str, Any] = {"cmap": HEAT_COLOURS.lower(), "vmin": low, "vmax": high}
+    mesh = axes.pcolormesh(heat.x, heat.y, heat.z, **colours, shading="nearest", rasterized=True)
+    axes.figure.colorbar(mesh, ax=axes, label=_drawable(heat.unit), fraction=0.05, pad=0.02)
 
 
 def _draw_level(axes: Axes, level: Level) -> None:

@@ -60,6 +60,17 @@ class Ribbon:
     role: str
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Heat:
+    """A map in colours: ``z`` (n_y, n_x) over the cells' centres ``x`` and ``y``; NaN is a gap."""
+
+    label: str
+    unit: str
+    x: FloatArray
+    y: FloatArray
+    z: FloatArray
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Band:
     """A shaded interval along one axis."""
@@ -96,7 +107,7 @@ class Panel:
     """One pair of axes; ``height`` is relative to the other panels', ``note`` is written inside.
 
     ``equal`` gives both axes one scale, as a drawing needs it. ``model_of`` names
-    the vehicle's axis whose model the panel shows, "" where it shows none.
+    the vehicle's axis whose model the panel shows, "" where it shows none. ``heat`` lies beneath the curves.
     """
 
     title: str
@@ -111,6 +122,7 @@ class Panel:
     labels: tuple[Label, ...] = ()
     equal: bool = False
     model_of: str = ""
+    heat: Heat | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.flight import FlightData, InputDescription, Overview
 from quadid_logs.data.result import Result
-from quadid_logs.figures.spec import Axis, Band, Curve, Figure, LeftOut, Mark, Panel
+from quadid_logs.figures.spec import Axis, Band, Curve, Figure, LeftOut, Panel
 from quadid_logs.figures.thinning import CARRIED, break_at_gaps, thin_line, thin_points
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES, RATE_SYMBOLS, TORQUE_SYMBOLS
@@ -21,11 +19,6 @@ ANGLE_NAMES = ("roll angle", "pitch angle", "yaw angle")
 #: More shaded intervals than this are noise to the eye and weight to the file.
 MOST_BANDS = 60
 _MODE_ROLES = 6
-#: Label, colour and mark of what was flown, and of what was commanded.
-_DESIRED_AND_ACTUAL: Final[tuple[tuple[str, str, Mark], ...]] = (
-    ("actual", "measured", "wide"),
-    ("desired", "series-1", "line"),
-)
 _HALF_TURN_DEG = 180.0
 
 
@@ -56,54 +49,6 @@ def flight_overview(result: Result) -> Figure | LeftOut:
     return Figure(
         key="flight", title=title, caption=caption, panels=(*shaded, _timeline(result)), over_time=True
     )
-
-
-def desired_and_actual(result: Result) -> Figure | LeftOut:
-    """Show the rates that were commanded over those that were flown, over the whole log.
-
-    Parameters
-    ----------
-    result : Result
-
-    Returns
-    -------
-    Figure or LeftOut
-    """
-    title = "Desired and actual rates"
-    found = [result.data.overview.get(signal) for signal in ("body_rate", "body_rate_setpoint")]
-    if any(each is None or not each.time_s.size for each in found):
-        return LeftOut(
-            key="tracking", title=title, reason="The log holds no rate set-points beside its rates."
-        )
-    panels = [
-        Panel(
-            title=axis.capitalize(),
-            x=TIME,
-            y=RATE_AXIS,
-            curves=tuple(
-                _tracked(each, column, drawn)
-                for each, drawn in zip(found, _DESIRED_AND_ACTUAL, strict=True)
-                if each is not None
-            ),
-        )
-        for column, axis in enumerate(AXES)
-    ]
-    return Figure(
-        key="tracking",
-        title=title,
-        caption="A loop that follows brings the wide line under the thin one, a little later. A rate that "
-        "swings while its set-point is calm is an oscillation; one that stays short of it meets a limit.",
-        panels=tuple(panels),
-        over_time=True,
-    )
-
-
-def _tracked(overview: Overview, column: int, drawn: tuple[str, str, Mark]) -> Curve:
-    """Return one rate [deg/s] as a line with gaps."""
-    label, role, mark = drawn
-    time_s, values = break_at_gaps(overview.time_s, np.degrees(overview.values[:, column : column + 1]))
-    x, y = thin_line(time_s, values[:, 0], CARRIED)
-    return Curve(label=label, x=x, y=y, role=role, mark=mark, samples=time_s.size)
 
 
 def _overview_order(data: FlightData) -> list[tuple[str, Axis, tuple[str, ...], float]]:

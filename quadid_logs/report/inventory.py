@@ -10,6 +10,7 @@ from quadid_logs.autopilots import named
 from quadid_logs.counting import counted
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.flight import FlightData, SourceChoice
+from quadid_logs.data.health import Health
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Identification
 from quadid_logs.diagnose import remedied
@@ -20,6 +21,7 @@ from quadid_logs.diagnose.gyro_findings import find_in_gyro
 from quadid_logs.identify.slow_yaw import may_tell_yaw
 from quadid_logs.report.airframe_facts import airframe_facts
 from quadid_logs.report.commands import like_log
+from quadid_logs.report.health_json import health_dict
 from quadid_logs.report.json import SCHEMA_VERSION, data_dict, finding_dict, log_dict, strict_text
 from quadid_logs.report.log_tables import spans_text
 from quadid_logs.report.numbers import number, size
@@ -53,7 +55,7 @@ def missing_for_analysis(log: FlightLog, data: FlightData) -> tuple[Finding, ...
     return tuple(finding for level in ("error", "warning") for finding in found if finding.level == level)
 
 
-def inventory_text(log: FlightLog, data: FlightData) -> str:
+def inventory_text(log: FlightLog, data: FlightData, health: Health) -> str:
     """Return the inventory as JSON."""
     content: dict[str, Any] = {
         "schema_version": SCHEMA_VERSION,
@@ -64,6 +66,7 @@ def inventory_text(log: FlightLog, data: FlightData) -> str:
         ],
         "modes": [{"time_s": mode.time_s, "name": mode.name} for mode in data.modes],
         "n_parameters": len(log.parameters),
+        "health": health_dict(health),
         "missing_for_analysis": [finding_dict(finding) for finding in missing_for_analysis(log, data)],
     }
     return strict_text(content)

@@ -33,6 +33,7 @@ from quadid_logs.data.settings import Settings
 from quadid_logs.data.torque import TorqueModel
 from quadid_logs.maths.sliding_windows import weakest_words
 from quadid_logs.report.calibration_parts import calibration_half_width, flight_interval
+from quadid_logs.report.health_json import health_dict
 from quadid_logs.report.loop_json import closed_loop_dict
 from quadid_logs.report.provenance import Provenance
 from quadid_logs.vocabulary import AXES
@@ -101,6 +102,7 @@ def _content(result: Result, provenance: Provenance | None) -> dict[str, Any]:
         "findings": [finding_dict(finding) for finding in result.diagnosis.findings],
         "closed_loop": None if result.closed_loop is None else closed_loop_dict(result.closed_loop),
         "excitation": {item.axis: _excitation(item) for item in result.identification.excitation},
+        "health": None if result.health is None else health_dict(result.health),
         "thrust_curve": _thrust_curve(result.identification.thrust_curve),
         "spectral": _spectral(result.identification),
         "skipped": result.identification.skipped,

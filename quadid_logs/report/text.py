@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from quadid_logs.data.result import Result
+from quadid_logs.report.health_view import health_lines
 from quadid_logs.report.next_flight import next_steps
 from quadid_logs.report.verdict import effect_sentence, flown_sentence
 from quadid_logs.untrusted import printable
@@ -10,7 +11,7 @@ from quadid_logs.vocabulary import AXES
 
 
 def result_lines(result: Result) -> tuple[str, ...]:
-    """Return the verdict per axis with its main number, and what to do next.
+    """Return the verdict per axis with its main number, what the log shows, and what to do next.
 
     Parameters
     ----------
@@ -27,6 +28,7 @@ def result_lines(result: Result) -> tuple[str, ...]:
     for axis in AXES:
         if axis in result.diagnosis.axes:
             lines += _axis_lines(result, axis)
+    lines += health_lines(result)
     lines += [f"  next: {step}" for step in next_steps(result)]
     return tuple(lines)
 

@@ -14,6 +14,7 @@ from quadid_logs.data.result import Result
 from quadid_logs.report.cells import Table
 from quadid_logs.report.commands import filled, on_log
 from quadid_logs.report.fit_tables import excitation_table, structures_table, values_of, windows_table
+from quadid_logs.report.health_view import HealthView, health_view
 from quadid_logs.report.json import settings_of
 from quadid_logs.report.log_tables import MOST_ROWS, log_facts, lost_blocks, main_signals, other_signals
 from quadid_logs.report.loop_view import LoopView, loop_view
@@ -93,6 +94,7 @@ class View:
     windows: Table | None
     excitation: Table | None
     validation_sentence: str
+    health: HealthView
     loop: LoopView
     gains: TuneView
     tune_command: str
@@ -142,6 +144,7 @@ def view_of(result: Result, provenance: Provenance) -> View:
         windows=windows_table(result),
         excitation=excitation_table(result),
         validation_sentence=_validation_sentence(model),
+        health=health_view(result),
         loop=loop_view(result),
         gains=tune_view(result, tuning_of(result)),
         tune_command=on_log(result, "tune"),

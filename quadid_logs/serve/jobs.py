@@ -103,6 +103,7 @@ def _result_of(job: Job, which: int, tell: Tell) -> tuple[Prepared, Result]:
 
     from quadid_logs.align import cut
     from quadid_logs.data.settings import Settings
+    from quadid_logs.health import health_of
     from quadid_logs.load import load
     from quadid_logs.pipeline import judge
 
@@ -118,9 +119,11 @@ def _result_of(job: Job, which: int, tell: Tell) -> tuple[Prepared, Result]:
     read = time.perf_counter()
     tell("align", None)
     data = cut(named, settings.align)
-    timings_s = {"read": read - began, "align": time.perf_counter() - read}
+    aligned = time.perf_counter()
+    health = health_of(named, data)
+    timings_s = {"read": read - began, "align": aligned - read, "health": time.perf_counter() - aligned}
     tell("identify", None)
-    return named, judge(named.log, data, settings, vehicle=None, timings_s=timings_s)
+    return named, judge(named.log, data, settings, vehicle=None, health=health, timings_s=timings_s)
 
 
 def _fits_history(result: Result) -> bool:

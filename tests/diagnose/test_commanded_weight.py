@@ -28,9 +28,9 @@ def flown(over_weight: float, *, mass_kg: float = 0.035, length_s: float = 8.0) 
         duration_s=length_s,
         overview={
             "thrust_n": Overview(
-                signal="thrust_n", columns=("thrust_n",), time_s=time_s, values=thrust[:, np.newaxis]
+                signal="thrust_n", columns=("thrust_n",), time_s=time_s, stored=thrust[:, np.newaxis]
             ),
-            "attitude": Overview(signal="attitude", columns=(), time_s=time_s, values=attitude),
+            "attitude": Overview(signal="attitude", columns=(), time_s=time_s, stored=attitude),
         },
     )
 

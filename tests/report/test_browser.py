@@ -240,6 +240,7 @@ def test_a_hostile_log_runs_no_script(browser: chromium.Browser, hostile_page: P
 def test_a_printed_report_shows_every_chart(browser: chromium.Browser, page: Path) -> None:
     """Also those that were never scrolled into view, in light colours on a dark screen."""
     load(browser, page, dark=True)
+    becomes(browser, FIRST_DRAWN, True)
     colour = "document.getElementById('chart-fit').layout.paper_bgcolor"
     browser.run(f"addEventListener('beforeprint', () => {{ window.printed = {colour}; }})")
     assert len(browser.pdf()) > 100_000

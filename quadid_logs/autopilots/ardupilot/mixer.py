@@ -34,6 +34,12 @@ class MotorSettings:
     pwm_max_us: float
     yaw_headroom: float
 
+    def output_range_us(self, n_rotors: int) -> tuple[FloatArray, FloatArray]:
+        """Return the pulse widths of no and full thrust, each of shape (n_rotors,)."""
+        width_us = self.pwm_max_us - self.pwm_min_us
+        low, high = (self.pwm_min_us + width_us * spin for spin in (self.spin_min, self.spin_max))
+        return np.full(n_rotors, low), np.full(n_rotors, high)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Supply:

@@ -67,6 +67,7 @@ class Split(Enum):
     FIRST = ("I", "Instance", "Inst")
     """Only the first sensor counts."""
     SENSORS = ("I",)
+    IMUS = ("IMU",)
     CORES = ("C",)
     """The core that was primary most of the time comes first."""
 
@@ -410,6 +411,8 @@ _RATE_AGES: Final = (
 _GYRO: Final = ("GyrX", "GyrY", "GyrZ")
 _ACCELEROMETER: Final = ("AccX", "AccY", "AccZ")
 _ANGLES: Final = ("Roll", "Pitch", "Yaw")
+_ASKED_ANGLES: Final = tuple(f"Des{angle}" for angle in _ANGLES)
+_VIBRATION: Final = ("VibeX", "VibeY", "VibeZ")
 _CHANNELS: Final = tuple(f"{prefix}{n}" for prefix in ("C", "Ch", "Chan", "Mot") for n in range(1, 33))
 _ESCS: Final = tuple(f"ESC{number}" for number in range(1, 9))
 _one: Final = DataFlashSource
@@ -420,7 +423,7 @@ _pids: Final = partial(_whole, joined=PID_MESSAGES[1:], unless="RATE")
 #: AP_InertialSensor logs IMU from get_gyro(), behind the filters; GYR has raw samples.
 GYROS: Final = (
     *(_each("body_rate", name, _GYRO, "gyro", filtered=True) for name in ("IMU", "IMU2", "IMU3")),
-    *(_each("body_rate", name, _GYRO, "gyro") for name in ("GYR", "GYR1", "GYR2", "GYR3")),
+    *(_each("body_rate", name, _GYRO, "gyro", raw=True) for name in ("GYR", "GYR1", "GYR2", "GYR3")),
 )
 
 SOURCES: Final[tuple[DataFlashSource, ...]] = (
@@ -429,7 +432,7 @@ SOURCES: Final[tuple[DataFlashSource, ...]] = (
       for age in _RATE_AGES),
     *GYROS,
     _one("body_rate", "SIDD", ("Gx", "Gy", "Gz"), "system-ID mode: delta angle over time, unfiltered",
-         scale=DEGREE),
+         scale=DEGREE, raw=True),
     _pids("body_rate", "PIDR", ("Act",), "what the rate PIDs were fed with; RATE is missing", _pid_sum),
     *(_whole("body_rate_setpoint", "RATE", age.target, "the rate controller's target", _rate_target)
       for age in _RATE_AGES),
@@ -442,6 +445,8 @@ SOURCES: Final[tuple[DataFlashSource, ...]] = (
     _core("attitude", "NKF1", _ANGLES, "EKF2", optional=("PI",), beside=("NKF4",)),
     _core("attitude", "EKF1", _ANGLES, "first EKF"),
     _core("attitude", "AHR2", _ANGLES, "secondary attitude estimate"),
+    *(_core("attitude_setpoint", name, _ASKED_ANGLES, "target of the attitude controller")
+      for name in ("ANG", "ATT")),
     *(_whole("torque_command", "RATE", age.output, "the rate controller's output to the mixer", _command)
       for age in _RATE_AGES),
     _pids("torque_command", "PIDR", ("P",), "RATE is missing: rebuilt as the sum of the PID terms, without "
@@ -457,6 +462,9 @@ SOURCES: Final[tuple[DataFlashSource, ...]] = (
     _whole("rotor_speed", _ESCS[0], ("RPM",), "telemetry", _esc_speeds, RPM, joined=_ESCS[1:], unless="ESC"),
     *(_each("specific_force", name, _ACCELEROMETER, "accelerometer")
       for name in ("IMU", "IMU2", "IMU3", "ACC", "ACC1", "ACC2", "ACC3")),
+    DataFlashSource("vibration", "VIBE", _VIBRATION, "of one sensor", split=Split.IMUS),
+    DataFlashSource("accelerometer_clips", "VIBE", ("Clip",), "of one sensor", split=Split.IMUS),
+    _whole("accelerometer_clips", "VIBE", ("Clip0", "Clip1", "Clip2"), "of each sensor"),
     _one("battery_voltage", "BAT", ("Volt",), "voltage of the first battery", _voltage),
     _one("battery_voltage", "CURR", ("Volt",), "voltage of the first battery", _voltage),
     # A ratio, whatever its unit says.

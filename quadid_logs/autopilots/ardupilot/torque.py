@@ -84,6 +84,7 @@ def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
         check=check,
         remarks=_remarks(log, check),
         expo=AssumedExpo(value=settings.expo, parameter=f"{motor_prefix(log.log.parameters)}MOT_THST_EXPO"),
+        output_range_us=settings.output_range_us(airframe.n_rotors),
     )
 
 

@@ -379,7 +379,7 @@ SOURCES: Final[tuple[Source[_Part], ...]] = (
     Source("body_rate", "main", _axes("gyroADC"), "the rate controller's own input, filtered", _gyro,
            label="gyroADC", filtered=True),
     Source("body_rate", "main", _axes("gyroUnfilt"), "the gyro before its filters, with all vibration",
-           _gyro, label="gyroUnfilt"),
+           _gyro, label="gyroUnfilt", raw=True),
     Source("body_rate_setpoint", "main", _axes("setpoint"), "the rate controller's set-point", _set_points,
            label="setpoint"),
     Source("body_rate_setpoint", "main", _axes(STICK), "what the sticks ask for", _by_sticks,

@@ -49,6 +49,8 @@ SOURCES: Final[tuple[Source[Part[MessageTable]], ...]] = (
     Source("body_rate_setpoint", "ARSP", ("RollRateSP", "PitchRateSP", "YawRateSP"),
            "the rate controller's setpoint"),
     Source("attitude", "ATT", _ANGLES, "the estimator's attitude"),
+    Source("attitude_setpoint", "ATSP", ("RollSP", "PitchSP", "YawSP"),
+           "the attitude controller's set-point"),
     Source("torque_command", "ATTC", _ANGLES, "the rate controller's output to the mixer"),
     Source("throttle", "ATTC", ("Thrust",), "collective command to the mixer"),
     Source("output_pwm", "OUT0", _OUTPUTS, "pulse width per output channel"),

@@ -52,6 +52,7 @@ def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
             if series is not None
         ),
         expo=AssumedExpo(value=factor, parameter="THR_MDL_FAC"),
+        output_range_us=_output_range_us(log, airframe),
     )
 
 
@@ -196,6 +197,15 @@ def _pulse_ranges(
         if max(channels) <= n_channels and all(high > low > 0.0 for low, high in limits):
             low, high = np.array(limits).T
             return [channel - 1 for channel in channels], low, high
+    return None
+
+
+def _output_range_us(log: CleanLog, airframe: Airframe) -> tuple[FloatArray, FloatArray] | None:
+    """Return lowest and highest pulse width of each motor, None where they are not on their own channels."""
+    for series in log.sources("output_pwm"):
+        ranges = _pulse_ranges(log.log.parameters, airframe, series.values.shape[1])
+        if ranges is not None:
+            return ranges[1], ranges[2]
     return None
 
 

@@ -1,0 +1,344 @@
+"""What any log shows of its flight, whether or not a model comes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Literal, NamedTuple
+
+from quadid_logs.arrays import FloatArray
+
+#: "normal", "high" and "severe" judge against a published range; "fact" is a number without one.
+Level = Literal["normal", "high", "severe", "fact"]
+
+
+class Quantity(NamedTuple):
+    """A number with its unit, its 95 % interval and what is normal; None where that is not known."""
+
+    value: float
+    unit: str
+    ci95: tuple[float, float] | None = None
+    normal: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Topic:
+    """One chart's judgement.
+
+    Attributes
+    ----------
+    sentence : str
+        For people; no branch reads it.
+    level : {"normal", "high", "severe", "fact"}
+    """
+
+    sentence: str
+    level: Level = "fact"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxisTracking:
+    """How one axis follows its set-point.
+
+    Attributes
+    ----------
+    error_rms, setpoint_rms : Quantity
+        Of the difference, and of the set-point about its mean.
+    lag : Quantity or None
+        How late the axis follows [s]; None where the flight does not tell.
+    """
+
+    error_rms: Quantity
+    setpoint_rms: Quantity
+    lag: Quantity | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tracking(Topic):
+    """Set-points against what was flown, by axis; of the rates or of the attitude."""
+
+    axes: Mapping[str, AxisTracking]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StepCurve:
+    """A measured response to a step of 1 in the set-point.
+
+    Attributes
+    ----------
+    size : {"all", "small", "large"}
+    n_windows : int
+    response, low, high : ndarray, shape (n_times,)
+        With the 95 % interval.
+    """
+
+    size: Literal["all", "small", "large"]
+    n_windows: int
+    response: FloatArray
+    low: FloatArray
+    high: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AxisSteps:
+    """The step responses of one axis.
+
+    Attributes
+    ----------
+    time_s : ndarray, shape (n_times,)
+    ideal : ndarray, shape (n_times,)
+        What a loop that follows at once would show: set-points hold no sharper step.
+    split_rad_s : float
+        Largest set-point of a window that parts small from large.
+    overshoot : Quantity
+        Highest value above that of ``ideal``, as a fraction of the step.
+    half_time : Quantity
+        When half of the step is reached [s].
+    """
+
+    time_s: FloatArray
+    ideal: FloatArray
+    curves: tuple[StepCurve, ...]
+    split_rad_s: float
+    overshoot: Quantity
+    half_time: Quantity
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Steps(Topic):
+    """Measured responses of the rates to steps of their set-points, of the axes whose set-points tell."""
+
+    axes: Mapping[str, AxisSteps]
+
+
+class LineSource(Enum):
+    """What a line in the spectrum comes from."""
+
+    ROTOR = "rotor"
+    FOLLOWS_THROTTLE = "follows throttle"
+    FIXED = "fixed frequency"
+    LOOP = "control loop"
+    UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Line:
+    """A line in a spectrum.
+
+    Attributes
+    ----------
+    frequency_hz, height_db : float
+        Height above the floor around it.
+    p_value : float
+        That a spectrum without lines shows one as high anywhere in what was searched.
+    share : float
+        Of the flight's windows in which it stands.
+    rms : float
+        Of the oscillation [rad/s], without the floor.
+    source : LineSource
+    harmonic : int
+        Of the rotors' speed, or of the loop's oscillation; 0 where it is neither.
+    notch_hz : float
+        Centre of a notch of the parameters that stands on it, NaN without.
+    """
+
+    frequency_hz: float
+    height_db: float
+    p_value: float
+    share: float
+    rms: float
+    source: LineSource = LineSource.UNKNOWN
+    harmonic: int = 0
+    notch_hz: float = float("nan")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Map:
+    """A spectrum over something: ``level_db`` (n_frequencies, n_x) over cells' centres; NaN is unknown."""
+
+    x: FloatArray
+    frequency_hz: FloatArray
+    level_db: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GyroSpectrum:
+    """The density of one gyro source.
+
+    Attributes
+    ----------
+    source : str
+    rate_hz : float
+        Of its samples.
+    frequency_hz : ndarray, shape (n_frequencies,)
+    density : ndarray, shape (n_frequencies, 3)
+        [(rad/s)^2/Hz]
+    """
+
+    source: str
+    rate_hz: float
+    frequency_hz: FloatArray
+    density: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Noise(Topic):
+    """Spectra of the gyro, and the lines in them.
+
+    Attributes
+    ----------
+    after, before : GyroSpectrum or None
+        Behind the autopilot's filters and before them, as logged.
+    lines : mapping of str to tuple of Line
+        By axis, the highest first.
+    over_time, over_throttle : Map or None
+        Of all axes together.
+    rotor_hz : ndarray, shape (n_times,)
+        Mean speed of the rotors at the times of ``over_time``; empty where it is not logged.
+    may_be_folded : bool
+        Faster vibration than half the log's rate may stand below it.
+    """
+
+    after: GyroSpectrum | None
+    before: GyroSpectrum | None
+    lines: Mapping[str, tuple[Line, ...]]
+    over_time: Map | None
+    over_throttle: Map | None
+    rotor_hz: FloatArray
+    may_be_folded: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Motors(Topic):
+    """What the motors were sent in flight.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Number and place of each motor.
+    unit : {"1", "us"}
+        Fraction of the range in which the motors are driven, or the pulse's length where that is not known.
+    mean, low, high : ndarray, shape (n_motors,)
+        Mean, and the 5th and 95th percentile.
+    spread : Quantity
+        Highest mean less the lowest, in microseconds of outputs that are pulses.
+    hardest : int
+        Which motor has the highest mean.
+    headroom : Quantity or None
+        What is left above the highest motor in 99 % of the flight; None where the range is not known.
+    at_high, at_low : Quantity or None
+        Fraction of the flight in which any motor is at an end of its range.
+    time_s, output : ndarray, shape (n_times,) and (n_times, n_motors)
+        Averages over short times.
+    """
+
+    names: tuple[str, ...]
+    unit: Literal["1", "us"]
+    mean: FloatArray
+    low: FloatArray
+    high: FloatArray
+    spread: Quantity
+    hardest: int
+    headroom: Quantity | None
+    at_high: Quantity | None
+    at_low: Quantity | None
+    time_s: FloatArray
+    output: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Vibration(Topic):
+    """How much the vehicle shakes.
+
+    Attributes
+    ----------
+    measure : {"vibration", "vibration_level", "specific_force"}
+        The signal that it was taken from.
+    columns : tuple of str
+    figure : Quantity
+        What 99 % of the flight stay below, of the worst column.
+    limits : tuple of float
+        Where "high" and "severe" begin; empty where nothing published says so.
+    clips : Quantity or None
+        Samples at the end of the accelerometer's range, in flight.
+    time_s, values : ndarray, shape (n_times,) and (n_times, n_columns)
+    """
+
+    measure: Literal["vibration", "vibration_level", "specific_force"]
+    columns: tuple[str, ...]
+    figure: Quantity
+    limits: tuple[float, ...]
+    clips: Quantity | None
+    time_s: FloatArray
+    values: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Battery(Topic):
+    """The battery under load.
+
+    Attributes
+    ----------
+    start_v, lowest_v : Quantity
+        First and lowest mean over a second in flight.
+    n_cells : int
+        0 where the voltage does not tell.
+    sag_v : Quantity or None
+        Drop for each tenth of the throttle [V].
+    time_s, voltage : ndarray, shape (n_times,)
+    """
+
+    start_v: Quantity
+    lowest_v: Quantity
+    n_cells: int
+    sag_v: Quantity | None
+    time_s: FloatArray
+    voltage: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxisOscillation:
+    """A line in rate and output of one axis, where the loop can take part."""
+
+    axis: str
+    line: Line
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Oscillation(Topic):
+    """Oscillations that last, by axis; none where the log was searched and shows none."""
+
+    axes: tuple[AxisOscillation, ...]
+    highest_hz: float
+    may_be_folded: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Health:
+    """What a log shows of its flight; ``missing`` says of each topic that is None which signal it lacks."""
+
+    tracking: Tracking | None = None
+    attitude: Tracking | None = None
+    steps: Steps | None = None
+    noise: Noise | None = None
+    motors: Motors | None = None
+    vibration: Vibration | None = None
+    battery: Battery | None = None
+    oscillation: Oscillation | None = None
+    missing: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def topics(self) -> Mapping[str, Topic]:
+        """Those that the log tells of, by name, the most urgent first."""
+        found: dict[str, Topic | None] = {
+            "oscillation": self.oscillation,
+            "tracking": self.tracking,
+            "attitude": self.attitude,
+            "steps": self.steps,
+            "noise": self.noise,
+            "motors": self.motors,
+            "vibration": self.vibration,
+            "battery": self.battery,
+        }
+        return {name: topic for name, topic in found.items() if topic is not None}

@@ -1,0 +1,444 @@
+"""The figures of what a log shows, whether or not a model comes of it; each caption judges its figure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.data.flight import Overview
+from quadid_logs.data.health import AxisSteps, GyroSpectrum, Health, Map, Motors, Noise, Topic
+from quadid_logs.data.log import GyroFilter
+from quadid_logs.data.result import Result
+from quadid_logs.figures.spec import Axis, Curve, Figure, Heat, LeftOut, Level, Mark, Panel, Ribbon
+from quadid_logs.figures.thinning import BUCKETS, CARRIED, break_at_gaps, thin_line
+from quadid_logs.figures.time_series import TIME
+from quadid_logs.maths.band import gyro_response
+from quadid_logs.untrusted import printable
+from quadid_logs.vocabulary import AXES
+
+_NOT_LOOKED_AT: Final = "The flights of this result were judged one by one."
+#: Label, colour and mark of what was flown, and of what was commanded.
+_DESIRED_AND_ACTUAL: Final[tuple[tuple[str, str, Mark], ...]] = (
+    ("actual", "measured", "wide"),
+    ("desired", "series-1", "line"),
+)
+#: Where a filter leaves less than this, what it was given is lost in the steps of the log's numbers.
+_LEAST_GAIN: Final = 0.1
+#: More notches than this are those of every rotor's harmonics, and their words would cover each other.
+_MOST_NOTCHES: Final = 4
+_MOST_POINTS: Final = 600
+_ROLES: Final = ("series-1", "series-2", "series-3", "series-4")
+
+
+def health_figures(result: Result) -> list[Figure | LeftOut]:
+    """Return every figure of what the log shows, those that it has no data for with the reason.
+
+    Parameters
+    ----------
+    result : Result
+
+    Returns
+    -------
+    list of Figure or LeftOut
+    """
+    health = result.health or Health(missing=dict.fromkeys(_TITLES, _NOT_LOOKED_AT))
+    made: dict[str, Figure | None] = {
+        "tracking": _desired_and_actual(result, health),
+        "attitude": _angles(result, health),
+        "steps": _steps(health),
+        "noise": _spectrum(health, result.data.gyro_filter),
+        "maps": _maps(health, result.data.gyro_filter),
+        "motors": _motors(health),
+        "vibration": _vibration(health),
+        "battery": _battery(health),
+    }
+    return [
+        figure or LeftOut(key=_KEYS[name], title=_TITLES[name], reason=_reason(health, name))
+        for name, figure in made.items()
+    ]
+
+
+_KEYS: Final = {
+    "tracking": "tracking",
+    "attitude": "attitude-tracking",
+    "steps": "step-response",
+    "noise": "gyro-spectrum",
+    "maps": "spectrogram",
+    "motors": "motors",
+    "vibration": "vibration",
+    "battery": "battery",
+}
+_TITLES: Final = {
+    "tracking": "Desired and actual rates",
+    "attitude": "Desired and actual angles",
+    "steps": "Measured step response of the rates",
+    "noise": "Spectra of the gyro, after its filters and before them",
+    "maps": "The gyro's spectrum over time and over throttle",
+    "motors": "What the motors were sent",
+    "vibration": "Vibration",
+    "battery": "Battery under load",
+}
+
+
+def _said(topic: Topic) -> str:
+    """Return the sentence that judges a figure."""
+    return printable(topic.sentence, 600)
+
+
+def _reason(health: Health, name: str) -> str:
+    told = health.missing.get("noise" if name == "maps" else name, "the log holds too little")
+    return f"{printable(told[:1].upper() + told[1:], 200)}."
+
+
+def _desired_and_actual(result: Result, health: Health) -> Figure | None:
+    """Show the rates that were commanded over those that were flown, over the whole log."""
+    if health.tracking is None:
+        return None
+    return _followed(
+        result,
+        "tracking",
+        ("body_rate", "body_rate_setpoint"),
+        Axis(label="body rate", unit="deg/s"),
+        f"{_said(health.tracking)} A loop that follows brings the wide line under the thin one, a little "
+        "later. A rate that swings while its set-point is calm is an oscillation; one that stays short of it "
+        "meets a limit.",
+    )
+
+
+def _angles(result: Result, health: Health) -> Figure | None:
+    """Show the angles that were commanded over those that were flown."""
+    if health.attitude is None:
+        return None
+    return _followed(
+        result,
+        "attitude",
+        ("attitude", "attitude_setpoint"),
+        Axis(label="angle", unit="deg"),
+        f"{_said(health.attitude)} The wide line is the vehicle, the thin one its set-point.",
+    )
+
+
+def _followed(result: Result, name: str, signals: tuple[str, str], axis: Axis, caption: str) -> Figure | None:
+    found = [result.data.overview.get(signal) for signal in signals]
+    if any(each is None or not each.time_s.size for each in found):
+        return None
+    panels = tuple(
+        Panel(
+            title=title.capitalize(),
+            x=TIME,
+            y=axis,
+            curves=tuple(
+                _tracked(each, column, drawn)
+                for each, drawn in zip(found, _DESIRED_AND_ACTUAL, strict=True)
+                if each is not None
+            ),
+        )
+        for column, title in enumerate(AXES)
+    )
+    return Figure(key=_KEYS[name], title=_TITLES[name], caption=caption, panels=panels, over_time=True)
+
+
+def _tracked(overview: Overview, column: int, drawn: tuple[str, str, Mark]) -> Curve:
+    """Return one rate [deg/s] or angle [deg] as a line with gaps."""
+    label, role, mark = drawn
+    values = np.degrees(overview.values[:, column : column + 1])
+    time_s, values = break_at_gaps(overview.time_s, values)
+    angle = overview.signal.startswith("attitude")
+    if angle:
+        # No vehicle turned between 180 and -180 degrees.
+        after = np.flatnonzero(np.abs(np.diff(values[:, 0])) > 180.0) + 1
+        time_s, values = np.insert(time_s, after, time_s[after]), np.insert(values, after, np.nan, axis=0)
+    # Angles change slowly: they need no more than a screen shows.
+    x, y = thin_line(time_s, values[:, 0], BUCKETS if angle else CARRIED)
+    return Curve(label=label, x=x, y=y, role=role, mark=mark, samples=time_s.size)
+
+
+def _steps(health: Health) -> Figure | None:
+    """Show the measured step responses of the axes whose set-points tell them."""
+    if health.steps is None:
+        return None
+    return Figure(
+        key=_KEYS["steps"],
+        title=_TITLES["steps"],
+        caption=f"{_said(health.steps)} Found from set-points and rates of the whole flight; shaded, the "
+        "95 % interval. Dashed: a loop that follows at once would look like this, for the set-points hold no "
+        "sharper step. Of small and large steps, those part at half of the largest set-points.",
+        panels=tuple(_step_panel(axis, steps) for axis, steps in health.steps.axes.items()),
+        columns=3,
+    )
+
+
+def _step_panel(axis: str, steps: AxisSteps) -> Panel:
+    time_ms = 1e3 * steps.time_s
+    roles = {"all": "series-1", "small": "series-3", "large": "series-2"}
+    words = {"all": "all steps", "small": "small steps", "large": "large steps"}
+    return Panel(
+        title=axis.capitalize(),
+        x=Axis(label="time after the step", unit="ms"),
+        y=Axis(label="rate over set-point", unit=""),
+        curves=(
+            Curve(label="following at once", x=time_ms, y=steps.ideal, role="muted", mark="dashed"),
+            *(
+                Curve(label=words[one.size], x=time_ms, y=one.response, role=roles[one.size])
+                for one in steps.curves
+            ),
+        ),
+        ribbons=tuple(
+            Ribbon(label="95 % interval", x=time_ms, low=one.low, high=one.high, role=roles[one.size])
+            for one in steps.curves
+        ),
+        levels=(Level(value=1.0, role="muted"),),
+        note=f"small below {np.degrees(steps.split_rad_s):.0f} deg/s" if len(steps.curves) > 1 else "",
+    )
+
+
+def _filter_words(known: GyroFilter) -> str:
+    """Name the filters, "" where none is known."""
+    low_pass_hz, notches = known
+    parts = [f"low-pass of {low_pass_hz:.3g} Hz"] if np.isfinite(low_pass_hz) else []
+    parts += [f"notch at {notch.frequency_hz:.3g} Hz" for notch in notches[:_MOST_NOTCHES]]
+    if len(notches) > _MOST_NOTCHES:
+        parts.append(f"{len(notches) - _MOST_NOTCHES} more notches")
+    return ", ".join(parts)
+
+
+def _spectrum(health: Health, known: GyroFilter) -> Figure | None:
+    """Show the gyro's spectrum of each axis behind the filters and before them."""
+    noise = health.noise
+    if noise is None:
+        return None
+    words = _filter_words(known)
+    filters = f" Known of the filters: {words}." if words else ""
+    if noise.before is None and noise.after is not None and words:
+        filters += " Before the filters: computed from these, as far as they pass a tenth."
+    return Figure(
+        key=_KEYS["noise"],
+        title=_TITLES["noise"],
+        caption=f"{_said(noise)}{filters} Below some 10 Hz the vehicle's own motion shows.",
+        panels=tuple(_spectrum_panel(noise, column, known) for column in range(len(AXES))),
+        columns=3,
+    )
+
+
+def _spectrum_panel(noise: Noise, column: int, known: GyroFilter) -> Panel:
+    """Return the spectra of one axis with its lines and the notches."""
+    curves = []
+    if noise.before is not None:
+        curves.append(_density("before the filters", noise.before, column, "muted"))
+    elif noise.after is not None:
+        gain = np.abs(gyro_response(np.asarray(2j * np.pi * noise.after.frequency_hz), *known))
+        if not np.allclose(gain, 1.0):
+            passed = gain >= _LEAST_GAIN
+            before = noise.after.density[passed, column] / gain[passed] ** 2
+            curves.append(
+                _line("before the filters, computed", noise.after.frequency_hz[passed], before, "muted")
+            )
+    if noise.after is not None:
+        curves.append(_density("as the controller gets it", noise.after, column, AXES[column]))
+    shown = noise.after or noise.before
+    highest_hz = float(shown.frequency_hz[-1]) if shown is not None else 0.0
+    lines = noise.lines.get(AXES[column], ())
+    return Panel(
+        title=AXES[column].capitalize(),
+        x=Axis(label="frequency", unit="Hz", log=True),
+        y=Axis(label="rate density", unit="(deg/s)²/Hz", log=True),
+        curves=tuple(curves),
+        levels=(
+            *(
+                Level(value=notch.frequency_hz, role="muted", label="notch", along="x")
+                for notch in known.notches[:_MOST_NOTCHES]
+                if notch.frequency_hz <= highest_hz
+            ),
+            *(
+                Level(
+                    value=line.frequency_hz, role="saturated", label=f"{line.frequency_hz:.3g} Hz", along="x"
+                )
+                for line in lines[:2]
+            ),
+        ),
+    )
+
+
+def _density(label: str, spectrum: GyroSpectrum, column: int, role: str) -> Curve:
+    return _line(label, spectrum.frequency_hz, spectrum.density[:, column], role)
+
+
+def _line(label: str, frequency_hz: FloatArray, density: FloatArray, role: str) -> Curve:
+    density = density * float(np.degrees(1.0)) ** 2
+    known = np.isfinite(density) & (density > 0.0)
+    x, y = thin_line(frequency_hz[known], density[known], _MOST_POINTS)
+    return Curve(label=label, x=x, y=y, role=role)
+
+
+def _maps(health: Health, known: GyroFilter) -> Figure | None:
+    """Show the spectrum over time and over throttle, with the rotors' speed and the notches."""
+    noise = health.noise
+    if noise is None or noise.over_time is None:
+        return None
+    notches = tuple(
+        Level(value=notch.frequency_hz, role="paper", label="notch")
+        for notch in known.notches[:_MOST_NOTCHES]
+        if notch.frequency_hz <= noise.over_time.frequency_hz[-1]
+    )
+    time_s = noise.over_time.x
+    speed: tuple[Curve, ...] = ()
+    if noise.rotor_hz.size == time_s.size:
+        shown = np.where(noise.rotor_hz <= noise.over_time.frequency_hz[-1], noise.rotor_hz, np.nan)
+        speed = (Curve(label="rotors' mean speed", x=time_s, y=shown, role="saturated"),)
+    panels = [_map_panel("Over time", TIME, noise.over_time, speed, notches)]
+    if noise.over_throttle is not None:
+        percent = Axis(label="throttle", unit="%")
+        scaled = Map(
+            x=100.0 * noise.over_throttle.x,
+            frequency_hz=noise.over_throttle.frequency_hz,
+            level_db=noise.over_throttle.level_db,
+        )
+        panels.append(_map_panel("Over throttle", percent, scaled, (), notches))
+    return Figure(
+        key=_KEYS["maps"],
+        title=_TITLES["maps"],
+        caption="All axes together, light is strong. What rises with the throttle turns with the rotors; "
+        "what stays where it is belongs to the frame, to electronics or to the control loop.",
+        panels=tuple(panels),
+        columns=len(panels),
+    )
+
+
+def _map_panel(
+    title: str, x: Axis, shown: Map, curves: tuple[Curve, ...], levels: tuple[Level, ...]
+) -> Panel:
+    return Panel(
+        title=title,
+        x=x,
+        y=Axis(label="frequency", unit="Hz", low=0.0, high=float(shown.frequency_hz[-1])),
+        curves=curves,
+        levels=levels,
+        heat=Heat(label="density", unit="dB", x=shown.x, y=shown.frequency_hz, z=shown.level_db),
+        height=1.5,
+    )
+
+
+def _motors(health: Health) -> Figure | None:
+    """Show each motor's mean and range, and all of them over time."""
+    motors = health.motors
+    if motors is None:
+        return None
+    scale, unit = (100.0, "% of range") if motors.unit == "1" else (1.0, "us")
+    numbers = np.arange(1.0, len(motors.names) + 1.0)
+    ends = (0.0, 100.0) if motors.unit == "1" else (None, None)
+    mean = Curve(
+        label="mean, and where it is in 90 % of the flight",
+        x=numbers,
+        y=scale * motors.mean,
+        low=scale * motors.low,
+        high=scale * motors.high,
+        role="series-1",
+        mark="bars",
+    )
+    return Figure(
+        key=_KEYS["motors"],
+        title=_TITLES["motors"],
+        caption=f"{_said(motors)} Opposite motors that differ show where the weight is. Motors of one "
+        "sense of rotation above those of the other show a tilted motor or a twisted arm.",
+        panels=(
+            Panel(
+                title="Each motor",
+                x=Axis(
+                    label="motor",
+                    low=0.5,
+                    high=len(motors.names) + 0.5,
+                    ticks=tuple(zip(numbers.tolist(), _short_names(motors), strict=True)),
+                ),
+                y=Axis(label="output", unit=unit, low=ends[0], high=ends[1]),
+                curves=(mean,),
+            ),
+            Panel(
+                title="Over time",
+                x=TIME,
+                y=Axis(label="output", unit=unit, low=ends[0], high=ends[1]),
+                curves=tuple(
+                    Curve(
+                        label=name,
+                        x=motors.time_s,
+                        y=scale * motors.output[:, number],
+                        role=_ROLES[number % len(_ROLES)],
+                        mark="dashed" if number >= len(_ROLES) else "line",
+                    )
+                    for number, name in enumerate(motors.names)
+                ),
+            ),
+        ),
+        columns=2,
+    )
+
+
+def _short_names(motors: Motors) -> Sequence[str]:
+    """Return the motors' numbers, with their places where there is room for them."""
+    if len(motors.names) > len(_ROLES):
+        return [str(number + 1) for number in range(len(motors.names))]
+    return [name.removeprefix("motor ") for name in motors.names]
+
+
+def _vibration(health: Health) -> Figure | None:
+    """Show the vibration over time, with its published levels."""
+    vibration = health.vibration
+    if vibration is None:
+        return None
+    words = ("normal below", "nearly always trouble above")
+    highest = float(np.nanmax(vibration.values))
+    return Figure(
+        key=_KEYS["vibration"],
+        title=_TITLES["vibration"],
+        caption=_said(vibration),
+        panels=(
+            Panel(
+                title="Vibration",
+                x=TIME,
+                y=Axis(label="vibration", unit="m/s^2", low=0.0),
+                curves=tuple(
+                    Curve(
+                        label=name or "vibration",
+                        x=vibration.time_s,
+                        y=vibration.values[:, number],
+                        role=_ROLES[number],
+                    )
+                    for number, name in enumerate(vibration.columns)
+                ),
+                levels=tuple(
+                    Level(value=limit, role="saturated", label=f"{word} {limit:.3g}")
+                    for limit, word in zip(vibration.limits, words, strict=False)
+                    # Far above all data it would only press them flat.
+                    if limit <= 3.0 * highest
+                ),
+            ),
+        ),
+        over_time=True,
+    )
+
+
+def _battery(health: Health) -> Figure | None:
+    """Show the voltage over time."""
+    battery = health.battery
+    if battery is None:
+        return None
+    normal = battery.lowest_v.normal
+    return Figure(
+        key=_KEYS["battery"],
+        title=_TITLES["battery"],
+        caption=_said(battery),
+        panels=(
+            Panel(
+                title="Voltage",
+                x=TIME,
+                y=Axis(label="voltage", unit="V"),
+                curves=(Curve(label="voltage", x=battery.time_s, y=battery.voltage, role="series-1"),),
+                levels=()
+                if normal is None
+                else (Level(value=normal[0], role="saturated", label="3.5 V for each cell"),),
+            ),
+        ),
+        over_time=True,
+    )

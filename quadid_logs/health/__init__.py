@@ -1,0 +1,121 @@
+"""What any log shows of its flight: facts from the prepared log, none of them by the identified model."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from quadid_logs.align import Prepared
+from quadid_logs.data.flight import FlightData
+from quadid_logs.data.health import Health
+from quadid_logs.health.battery import find_battery
+from quadid_logs.health.motors import find_motors
+from quadid_logs.health.noise import find_noise
+from quadid_logs.health.oscillation import find_oscillation
+from quadid_logs.health.steps import find_responses, find_steps
+from quadid_logs.health.tracking import find_tracking
+from quadid_logs.health.vibration import find_vibration
+from quadid_logs.vocabulary import MULTIROTOR
+
+__all__ = ["health_of"]
+
+#: What a topic cannot do without, and what is wrong where all of it is logged.
+_NEEDS: Final[Mapping[str, tuple[tuple[str, ...], str]]] = {
+    "tracking": (("body_rate", "body_rate_setpoint"), "both are not logged together in flight"),
+    "attitude": (("attitude", "attitude_setpoint"), "both are not logged together in flight"),
+    "steps": (
+        ("body_rate", "body_rate_setpoint"),
+        "the set-points do not explain the rates, or are logged too slowly",
+    ),
+    "noise": (("body_rate",), "the flight is too short for a spectrum"),
+    "motors": (("outputs",), "the log does not tell which outputs drive the motors, or they never change"),
+    "vibration": (("specific_force",), "it is logged too slowly"),
+    "battery": (("battery_voltage",), "none was measured in flight"),
+    "oscillation": (
+        ("body_rate", "body_rate_setpoint", "torque_command"),
+        "the flight is too short for a spectrum",
+    ),
+}
+_WORDS: Final[Mapping[str, str]] = {
+    "body_rate": "body rates",
+    "body_rate_setpoint": "rate set-points",
+    "attitude": "attitude",
+    "attitude_setpoint": "attitude set-points",
+    "outputs": "motor outputs",
+    "specific_force": "accelerometer",
+    "battery_voltage": "battery voltage",
+    "torque_command": "output of the rate controller",
+}
+
+
+# Damaged numbers pass on as NaN or infinity, silently.
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
+def health_of(prepared: Prepared, data: FlightData) -> Health:
+    """Say of each topic what the log shows of it in flight, or which signal is missing.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    data : FlightData
+        What was cut of it: its flights are looked at.
+
+    Returns
+    -------
+    Health
+    """
+    intervals = data.flights
+    reason = "" if intervals else data.on_ground_reason or "no flight was found"
+    if prepared.log.vehicle_type not in (MULTIROTOR, "unknown"):
+        reason = "this is not a multirotor"
+    if reason:
+        return Health(missing=dict.fromkeys(_NEEDS, reason))
+    series = {name: one for name, one in prepared.series.items() if one.n_samples >= 2}
+    rate, asked = series.get("body_rate"), series.get("body_rate_setpoint")
+    angle, asked_angle = series.get("attitude"), series.get("attitude_setpoint")
+    outputs = series.get("motor_thrust") or series.get("output_pwm")
+    # As the controller gave it: what was rebuilt of the motors' outputs is another thing.
+    output = prepared.clean.first("torque_command")
+    throttle, speed = series.get("throttle"), series.get("rotor_speed")
+    responses = {} if rate is None or asked is None else find_responses(rate, asked, intervals)
+    lags = {axis: response.lag for axis, response in responses.items()}
+    oscillation = (
+        None
+        if rate is None or asked is None or output is None
+        else find_oscillation(rate, asked, output, speed, intervals)
+    )
+    oscillations_hz: dict[str, list[float]] = {}
+    for one in () if oscillation is None else oscillation.axes:
+        oscillations_hz.setdefault(one.axis, []).append(one.line.frequency_hz)
+    gyros = prepared.candidates.get("body_rate", ())
+    found: dict[str, Any] = {
+        "tracking": None
+        if rate is None or asked is None
+        else find_tracking(rate, asked, intervals, lags, of="rates"),
+        "attitude": None
+        if angle is None or asked_angle is None
+        else find_tracking(angle, asked_angle, intervals, {}, of="angles"),
+        "steps": find_steps(responses),
+        "noise": find_noise(gyros, asked, throttle, speed, intervals, oscillations_hz),
+        "motors": None if outputs is None else find_motors(outputs, prepared.log.torque, intervals),
+        "vibration": find_vibration(series, prepared.candidates.get("accelerometer_clips", ()), intervals),
+        "battery": None
+        if (voltage := series.get("battery_voltage")) is None
+        else find_battery(voltage, throttle, intervals),
+        "oscillation": oscillation,
+    }
+    there = {
+        *series,
+        *(("outputs",) if outputs is not None else ()),
+        *(("torque_command",) if output else ()),
+    }
+    missing = {name: _lacks(name, there) for name, topic in found.items() if topic is None}
+    return Health(**found, missing=missing)
+
+
+def _lacks(topic: str, there: Collection[str]) -> str:
+    """Say which signal a topic lacks, or what is wrong with what there is."""
+    needed, otherwise = _NEEDS[topic]
+    lacking = [_WORDS[name] for name in needed if name not in there]
+    return f"the log holds no {' and no '.join(lacking)}" if lacking else otherwise

@@ -1,0 +1,134 @@
+"""The battery under load."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from quadid_logs.align.series import CleanSeries, Interval
+from quadid_logs.data.health import Battery, Level, Quantity
+from quadid_logs.health.records import Record, averaged, in_flight
+from quadid_logs.numerals import plus_minus
+
+#: For a cell, where an autopilot's defaults warn and where they land (sources: docs/health.md) [V].
+_WARN_V, _LAND_V = 3.5, 3.3
+#: Between these a lithium-polymer cell starts a flight: nearly empty, and full at high voltage [V].
+_CELL_V: Final = (3.55, 4.35)
+#: As batteries are sold.
+_CELLS: Final = (1, 2, 3, 4, 5, 6, 8, 10, 12, 14)
+#: Below, nothing was measured [V].
+_LEAST_V: Final = 2.5
+_MEAN_S: Final = 1.0
+_FEWEST: Final = 20
+#: Half-width of the 95 % interval of a slope, in standard errors.
+_NORMAL: Final = 1.96
+#: Throttle and voltage are compared within blocks of this length [s].
+_BLOCK_S: Final = 5.0
+_TENTH: Final = 0.1
+
+
+def find_battery(
+    voltage: CleanSeries, throttle: CleanSeries | None, intervals: Sequence[Interval]
+) -> Battery | None:
+    """Say how far the voltage falls.
+
+    Parameters
+    ----------
+    voltage : CleanSeries
+    throttle : CleanSeries or None
+    intervals : sequence of (start_s, end_s)
+        Of flight.
+
+    Returns
+    -------
+    Battery or None
+        None where no voltage was measured in flight.
+    """
+    record = in_flight(voltage, intervals)
+    record = Record(record.time_s, record.values[:, :1])
+    if record.time_s.size < _FEWEST or not np.median(record.values) > _LEAST_V:
+        return None
+    if not np.ptp(record.values) > 0.0:  # a sensor that is not there
+        return None
+    n_mean = max(1, round(_MEAN_S * record.time_s.size / max(_flown_s(record), _MEAN_S)))
+    n_means = record.time_s.size // n_mean
+    means = record.values[: n_means * n_mean, 0].reshape(n_means, n_mean).mean(axis=1)
+    start, lowest = float(means[0]), float(means.min())
+    n_cells = _cells(float(means.max()))
+    level: Level = "fact"
+    if n_cells:
+        per_cell = lowest / n_cells
+        level = "normal" if per_cell >= _WARN_V else "high" if per_cell >= _LAND_V else "severe"
+    sag = None if throttle is None else _sag(record, throttle)
+    short = averaged(record)
+    return Battery(
+        sentence=_sentence(start, lowest, n_cells, level, sag),
+        level=level,
+        start_v=Quantity(start, "V"),
+        lowest_v=Quantity(lowest, "V", normal=(_WARN_V * n_cells, _CELL_V[1] * n_cells) if n_cells else None),
+        n_cells=n_cells,
+        sag_v=sag,
+        time_s=short.time_s,
+        voltage=short.values[:, 0],
+    )
+
+
+def _flown_s(record: Record) -> float:
+    """Return the time that the samples cover, without pauses [s]."""
+    steps = np.diff(record.time_s)
+    return float(steps[steps <= 5.0 * np.median(steps)].sum())
+
+
+def _cells(highest_v: float) -> int:
+    """Return the number of cells, 0 where more than one number fits."""
+    fitting = [n for n in _CELLS if _CELL_V[0] <= highest_v / n <= _CELL_V[1]]
+    return fitting[0] if len(fitting) == 1 else 0
+
+
+def _sag(record: Record, throttle: CleanSeries) -> Quantity | None:
+    """Return the drop for each tenth of the throttle beside the discharge [V], None where it is not seen.
+
+    Compared within blocks of some seconds: over a whole flight, throttle rises because the voltage falls.
+    """
+    level = throttle.at(record.time_s)
+    good = np.isfinite(level)
+    if np.count_nonzero(good) < _FEWEST or not np.std(level[good]) > 0.0:
+        return None
+    time_s, volts, level = record.time_s[good], record.values[good, 0], level[good]
+    starts = np.flatnonzero(np.diff(np.floor(time_s / _BLOCK_S), prepend=-np.inf))
+    counts = np.diff(np.append(starts, time_s.size))
+    volts, level = (one - np.repeat(np.add.reduceat(one, starts) / counts, counts) for one in (volts, level))
+    power = float(np.sum(level**2))
+    if not power > 0.0:
+        return None
+    slope = float(np.sum(level * volts)) / power
+    left = volts - slope * level
+    # Neighbouring residuals are alike: as many count as their correlation leaves.
+    alike = float(np.clip(np.corrcoef(left[1:], left[:-1])[0, 1], 0.0, 0.999)) if left.std() > 0.0 else 0.0
+    counted = max(level.size * (1.0 - alike) / (1.0 + alike), 4.0)
+    error = _TENTH * float(np.sqrt(left.var() * level.size / counted / power))
+    drop = -_TENTH * slope
+    if not drop > _NORMAL * error:
+        return None
+    return Quantity(drop, "V", (drop - _NORMAL * error, drop + _NORMAL * error))
+
+
+def _sentence(start: float, lowest: float, n_cells: int, level: Level, sag: Quantity | None) -> str:
+    told = f"The battery falls from {start:.1f} to {lowest:.1f} V under load"
+    if f"{start:.1f}" == f"{lowest:.1f}":
+        told = f"The battery stays at {start:.1f} V"
+    if n_cells:
+        per_cell = lowest / n_cells
+        judged = {
+            "normal": "which is normal (3.5 V or more)",
+            "high": "below 3.5 V, where pilots are warned to land",
+            "severe": "below 3.3 V, where lithium-polymer cells are empty",
+        }[level]
+        plural = "s" if n_cells > 1 else ""
+        told += f": {per_cell:.2f} V for each of {n_cells} cell{plural}, {judged}"
+    if sag is None or sag.ci95 is None:
+        return f"{told}."
+    half = 0.5 * (sag.ci95[1] - sag.ci95[0])
+    return f"{told}. It sags by {plus_minus(sag.value, half)} V for each 10 % of throttle."

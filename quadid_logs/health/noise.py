@@ -1,0 +1,350 @@
+"""Spectra of the gyro before and after its filters, and what their lines come from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+from scipy.special import betainc, stdtr
+
+from quadid_logs.align.series import CleanSeries, Interval
+from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.data.health import GyroSpectrum, Line, LineSource, Map, Noise
+from quadid_logs.data.log import GyroFilter
+from quadid_logs.health.records import records
+from quadid_logs.health.spectra import FALSE_ALARM, Periodograms, find_lines, periodograms
+from quadid_logs.sentences import some
+from quadid_logs.vocabulary import AXES
+
+#: Without set-points a line below this may be a command: there autopilots' filters of set-points end, by
+#: default (docs/health.md) [Hz].
+COMMANDED_HZ: Final = 20.0
+#: With set-points, slower motion than this is that of the angle and position loops [Hz].
+LOWEST_HZ: Final = 1.5
+#: No loop of a multirotor can hold an oscillation above: the fastest published rotors (lag 15 ms), a delay of
+#: 3 ms and 45 degrees of lead by D leave no phase above 30 Hz; 40 with some room [Hz].
+LOOPS_END_HZ: Final = 40.0
+#: A rate loop with 30 degrees of phase margin or more makes no more than this of its set-point:
+#: 1 / (2 sin(15 deg)) (K. J. Astrom and R. M. Murray, Feedback Systems, section 10.4).
+_MOST_OF_SETPOINT: Final = 2.0
+#: An oscillation comes back into the set-point by the gain of the angle loop over its frequency. Gains end at
+#: 12 1/s (docs/health.md); what moves the set-point by more than twice as much comes from it [1/s].
+_ANGLE_GAIN: Final = 24.0
+#: Harmonics of the rotors that lines are named by.
+_HARMONICS: Final = (1, 2, 3, 4)
+#: A line is followed within this fraction of its frequency, and lies on a rotor's speed within that one: as
+#: much as speed changes in some seconds of hover.
+_NEAR, _SAME_SPEED = 0.25, 0.03
+#: Cells of the pictures.
+_MOST_X, _MOST_Y, _MOST_LEVELS = 140, 120, 20
+#: Windows at one level of throttle, below which their mean says little.
+_FEWEST_AT_LEVEL: Final = 3
+#: A low-pass of second order lets pass a quarter at twice its cut-off.
+_CUT_OFFS: Final = 2.0
+#: Named in one sentence.
+_MOST_NAMED: Final = 3
+
+
+def find_noise(
+    rates: Sequence[CleanSeries],
+    setpoint: CleanSeries | None,
+    throttle: CleanSeries | None,
+    rotor_speed: CleanSeries | None,
+    intervals: Sequence[Interval],
+    oscillations_hz: Mapping[str, Sequence[float]] = MappingProxyType({}),
+) -> Noise | None:
+    """Take the fastest gyro behind the filters and the fastest before them, and find the lines.
+
+    Parameters
+    ----------
+    rates : sequence of CleanSeries
+        Every source of the body rates.
+    setpoint, throttle, rotor_speed : CleanSeries or None
+    intervals : sequence of (start_s, end_s)
+        Of flight.
+    oscillations_hz : mapping of str to sequence of float
+        What is known to oscillate, by axis.
+
+    Returns
+    -------
+    Noise or None
+        None where no source is long enough for a spectrum.
+    """
+    after, before = (_fastest(one for one in rates if one.raw is raw) for raw in (False, True))
+    spectra = {name: _spectra(one, intervals) for name, one in (("after", after), ("before", before)) if one}
+    shown = {name: one for name, one in spectra.items() if one is not None}
+    if not shown:
+        return None
+    # Lines are looked for where the filters have not yet taken them away, if that is as fast.
+    best = max(shown, key=lambda name: (_reach(shown[name]), name == "before"))
+    series, main = (before if best == "before" else after), shown[best]
+    if series is None:
+        return None
+    searched = main.frequency_hz > (COMMANDED_HZ if setpoint is None else LOWEST_HZ)
+    commanded = np.zeros((main.frequency_hz.size, len(AXES)), dtype=np.bool_)
+    if setpoint is not None:
+        commanded = is_commanded(main, setpoint, intervals)
+    level = _throttle(throttle, main)
+    speeds = _rotor_hz(rotor_speed, main)
+    notches = after.gyro_filter if after is not None else series.gyro_filter
+    lines = {
+        axis: tuple(
+            _named(line, main, column, level, speeds, notches, oscillations_hz.get(axis, ()))
+            for line in find_lines(main, column, searched & ~commanded[:, column], len(AXES))
+        )
+        for column, axis in enumerate(AXES)
+    }
+    folded = may_be_folded(series)
+    return Noise(
+        sentence=_sentence(lines, folded, float(main.frequency_hz[-1]), bool(searched.any())),
+        after=_shown(after, shown.get("after")),
+        before=_shown(before, shown.get("before")),
+        lines=lines,
+        over_time=_over_time(main),
+        over_throttle=_over_throttle(main, level),
+        rotor_hz=np.zeros(0) if speeds is None else speeds.mean(axis=1),
+        may_be_folded=folded,
+    )
+
+
+def is_commanded(spectra: Periodograms, setpoint: CleanSeries, intervals: Sequence[Interval]) -> BoolArray:
+    """Tell where the set-point moves enough to be what the rate shows; shape (n_frequencies, 3)."""
+    step_hz = float(spectra.frequency_hz[1])
+    found = _spectra(setpoint, intervals)
+    if found is None:
+        return np.zeros((spectra.frequency_hz.size, len(AXES)), dtype=np.bool_)
+    rate = spectra.mean
+    asked = np.stack(
+        [np.interp(spectra.frequency_hz, found.frequency_hz, column, right=0.0) for column in found.mean.T],
+        axis=1,
+    )
+    # The bins beside a line hold some of it too.
+    wide = max(1, round(float(found.frequency_hz[1]) / step_hz))
+    for shift in range(1, 2 + wide):
+        asked[shift:] = np.maximum(asked[shift:], asked[:-shift])
+        asked[:-shift] = np.maximum(asked[:-shift], asked[shift:])
+    most = np.maximum(_MOST_OF_SETPOINT, 2.0 * np.pi * spectra.frequency_hz / _ANGLE_GAIN)
+    most[spectra.frequency_hz > LOOPS_END_HZ] = _MOST_OF_SETPOINT
+    return np.asarray(asked * most[:, np.newaxis] ** 2 >= rate, dtype=np.bool_)
+
+
+def may_be_folded(series: CleanSeries) -> bool:
+    """Tell whether vibration above half the log's rate can stand below it: no filter known to end it."""
+    cutoff_hz = series.gyro_filter.low_pass_hz
+    return not 0.5 * series.rate_hz > _CUT_OFFS * cutoff_hz
+
+
+def _reach(spectra: Periodograms) -> float:
+    return float(spectra.frequency_hz[-1])
+
+
+def _fastest(sources: Iterable[CleanSeries]) -> CleanSeries | None:
+    usable = [one for one in sources if one.n_samples >= 2]
+    return max(usable, key=lambda one: one.rate_hz, default=None)
+
+
+def _spectra(series: CleanSeries, intervals: Sequence[Interval]) -> Periodograms | None:
+    return periodograms(*records([series], intervals))
+
+
+def _shown(series: CleanSeries | None, spectra: Periodograms | None) -> GyroSpectrum | None:
+    if series is None or spectra is None:
+        return None
+    return GyroSpectrum(
+        source=series.source,
+        rate_hz=series.rate_hz,
+        frequency_hz=spectra.frequency_hz[1:],
+        density=spectra.mean[1:],
+    )
+
+
+def _in_windows(series: CleanSeries | None, spectra: Periodograms) -> FloatArray | None:
+    """Return the mean of each column in each window, NaN without samples; None without a series."""
+    if series is None or series.n_samples < 2:
+        return None
+    half_s = 0.5 / float(spectra.frequency_hz[1])
+    first, after = (np.searchsorted(series.time_s, spectra.time_s + shift) for shift in (-half_s, half_s))
+    sums = np.vstack([np.zeros(series.values.shape[1]), np.cumsum(np.nan_to_num(series.values), axis=0)])
+    count = np.where(after > first, after - first, np.nan)
+    return np.asarray((sums[after] - sums[first]) / count[:, np.newaxis], dtype=np.float64)
+
+
+def _throttle(series: CleanSeries | None, spectra: Periodograms) -> FloatArray | None:
+    means = _in_windows(series, spectra)
+    return None if means is None else means[:, 0]
+
+
+def _rotor_hz(series: CleanSeries | None, spectra: Periodograms) -> FloatArray | None:
+    """Return the speed of every rotor in each window [1/s], shape (n_windows, n_rotors); None without any."""
+    means = _in_windows(series, spectra)
+    if means is None:
+        return None
+    turning = np.nan_to_num(means).max(axis=0) > 0.0
+    return means[:, turning] / (2.0 * np.pi) if turning.any() else None
+
+
+def _named(
+    line: Line,
+    spectra: Periodograms,
+    column: int,
+    throttle: FloatArray | None,
+    speeds: FloatArray | None,
+    known: GyroFilter,
+    oscillations_hz: Sequence[float],
+) -> Line:
+    """Say what a line comes from: an oscillation of the loop, a rotor, what follows the throttle."""
+    centre = next(
+        (
+            notch.frequency_hz
+            for notch in known.notches
+            if abs(line.frequency_hz - notch.frequency_hz) <= 0.5 * notch.inverse_q * notch.frequency_hz
+        ),
+        float("nan"),
+    )
+    line = replace(line, notch_hz=centre)
+    for oscillation_hz in oscillations_hz:
+        harmonic = round(line.frequency_hz / oscillation_hz)
+        # The error of a frequency grows with the harmonic.
+        error_hz = max(harmonic, 1) * float(spectra.frequency_hz[1])
+        if abs(line.frequency_hz - harmonic * oscillation_hz) <= error_hz:
+            return replace(line, source=LineSource.LOOP, harmonic=harmonic)
+    near = np.flatnonzero(np.abs(spectra.frequency_hz / line.frequency_hz - 1.0) < _NEAR)
+    peaks = spectra.frequency_hz[near[np.argmax(spectra.density[:, near, column], axis=1)]]
+    if speeds is not None:
+        harmonic = _harmonic(peaks, spectra.frequency_hz[near], speeds)
+        return replace(line, source=LineSource.ROTOR, harmonic=harmonic) if harmonic else line
+    return replace(line, source=_by_throttle(line, peaks, throttle))
+
+
+def _harmonic(peaks: FloatArray, near_hz: FloatArray, speeds: FloatArray) -> int:
+    """Return the multiple of a rotor's speed on which a line's peaks lie window by window, 0 where on none.
+
+    A binomial test: as often on any rotor's multiple as this does not happen to peaks anywhere near the line.
+    """
+    known = np.isfinite(speeds).all(axis=1)
+    peaks, speeds = peaks[known][::2], speeds[known][::2]
+    least, found = FALSE_ALARM / len(_HARMONICS), 0
+    for harmonic in _HARMONICS:
+        places = harmonic * speeds
+        wide = np.maximum(_SAME_SPEED * places, 1.5 * float(near_hz[1] - near_hz[0]))
+        hits = (np.abs(peaks[:, np.newaxis] - places) <= wide).any(axis=1)
+        covered = (np.abs(near_hz[:, np.newaxis, np.newaxis] - places) <= wide).any(axis=2).mean()
+        n_hits = int(np.count_nonzero(hits))
+        # So many hits or more, by the binomial distribution.
+        chance = float(betainc(n_hits, hits.size - n_hits + 1, min(float(covered), 1.0))) if n_hits else 1.0
+        if n_hits > 0.5 * hits.size and chance < least:
+            least, found = chance, harmonic
+    return found
+
+
+def _by_throttle(line: Line, peaks: FloatArray, throttle: FloatArray | None) -> LineSource:
+    """Tell by rank correlation whether a line rises with the throttle, as a rotor's does."""
+    if throttle is None or line.frequency_hz < COMMANDED_HZ:
+        return LineSource.UNKNOWN
+    flown = np.isfinite(throttle) & (throttle > 0.0)
+    if np.count_nonzero(flown) < 12 or not np.ptp(throttle[flown]) > 0.0 or not np.ptp(peaks[flown]) > 0.0:
+        return LineSource.UNKNOWN
+    # Windows overlap by half: every other one counts.
+    chance = _rising_by_chance(throttle[flown][::2], peaks[flown][::2])
+    return LineSource.FOLLOWS_THROTTLE if chance < FALSE_ALARM else LineSource.UNKNOWN
+
+
+def _rising_by_chance(x: FloatArray, y: FloatArray) -> float:
+    """Return the chance of a rank correlation as high as that of two series (C. Spearman), by Student's t."""
+    ranks = [np.unique(one, return_inverse=True, return_counts=True)[1:] for one in (x, y)]
+    # Equal values share the mean of their places.
+    first, second = (((np.cumsum(counts) - 0.5 * counts)[inverse]) for inverse, counts in ranks)
+    if not (first.std() > 0.0 and second.std() > 0.0):
+        return 1.0
+    rho = float(np.clip(np.corrcoef(first, second)[0, 1], -1.0 + 1e-12, 1.0 - 1e-12))
+    left = x.size - 2
+    return float(stdtr(left, -rho * np.sqrt(left / (1.0 - rho**2))))
+
+
+def _decibels(density: FloatArray) -> FloatArray:
+    """Return (deg/s)^2/Hz in decibels."""
+    floor = np.finfo(np.float64).tiny
+    return np.asarray(10.0 * np.log10(np.maximum(density * np.degrees(1.0) ** 2, floor)), dtype=np.float64)
+
+
+def _coarser(density: FloatArray, frequency_hz: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the highest of neighbouring frequencies, at most as many as a picture shows; axis 1."""
+    width = -(-frequency_hz.size // _MOST_Y)
+    starts = np.arange(0, frequency_hz.size, width)
+    return np.maximum.reduceat(density, starts, axis=1), frequency_hz[starts] + 0.5 * (width - 1) * float(
+        frequency_hz[1] - frequency_hz[0]
+    )
+
+
+def _over_time(spectra: Periodograms) -> Map | None:
+    """Return the spectrum over time, all axes together."""
+    total = spectra.density[:, 1:].sum(axis=2)
+    width = -(-len(total) // _MOST_X)
+    starts = np.arange(0, len(total), width)
+    counts = np.diff(np.append(starts, len(total)))
+    mean = np.add.reduceat(total, starts, axis=0) / counts[:, np.newaxis]
+    time_s = np.add.reduceat(spectra.time_s, starts) / counts
+    if len(time_s) < 2:
+        return None
+    coarse, frequency_hz = _coarser(mean, spectra.frequency_hz[1:])
+    return Map(x=time_s, frequency_hz=frequency_hz, level_db=_decibels(coarse).T)
+
+
+def _over_throttle(spectra: Periodograms, throttle: FloatArray | None) -> Map | None:
+    """Return the spectrum over the throttle, all axes together; None where that hardly changes."""
+    if throttle is None or not np.isfinite(throttle).any():
+        return None
+    low, high = np.nanpercentile(throttle, [2.5, 97.5])
+    if not high > low:
+        return None
+    edges = np.linspace(low, high, _MOST_LEVELS + 1)
+    place = np.digitize(throttle, edges) - 1
+    total = spectra.density[:, 1:].sum(axis=2)
+    rows = np.full((_MOST_LEVELS, total.shape[1]), np.nan)
+    for number in range(_MOST_LEVELS):
+        here = place == number
+        if np.count_nonzero(here) >= _FEWEST_AT_LEVEL:
+            rows[number] = total[here].mean(axis=0)
+    if np.count_nonzero(np.isfinite(rows[:, 0])) < _FEWEST_AT_LEVEL:
+        return None
+    coarse, frequency_hz = _coarser(rows, spectra.frequency_hz[1:])
+    return Map(x=0.5 * (edges[1:] + edges[:-1]), frequency_hz=frequency_hz, level_db=_decibels(coarse).T)
+
+
+def source_words(line: Line) -> str:
+    """Say what a line comes from, "" where nothing tells."""
+    times = "" if line.harmonic == 1 else f"{line.harmonic} times "
+    words = {
+        LineSource.LOOP: f"{times}the frequency of the oscillation",
+        LineSource.ROTOR: f"{times}the rotors' speed",
+        LineSource.FOLLOWS_THROTTLE: "it rises with the throttle, as a rotor's does",
+    }
+    return words.get(line.source, "")
+
+
+def _sentence(lines: Mapping[str, tuple[Line, ...]], folded: bool, highest_hz: float, searched: bool) -> str:
+    """Say which lines there are; no published figure says how high one may be."""
+    if not searched:
+        return (
+            f"The gyro is logged up to {highest_hz:.3g} Hz and no set-points are: "
+            "vibration cannot be told from commands there."
+        )
+    named = sorted(
+        ((axis, line) for axis, found in lines.items() for line in found), key=lambda one: -one[1].height_db
+    )
+    if not named:
+        told = f"The gyro shows no line above its noise up to {highest_hz:.3g} Hz"
+    else:
+        words = []
+        for axis, line in named[:_MOST_NAMED]:
+            source = source_words(line)
+            height = f"{line.height_db:.0f} dB{', ' if source else ''}{source}"
+            words.append(f"{axis} {line.frequency_hz:.3g} Hz ({height})")
+        told = f"The gyro shows lines above its noise: {some(words, len(named))}"
+    note = ". Faster vibration, if there is any, can appear at these frequencies" if folded and named else ""
+    if folded and not named:
+        note = ". Faster vibration cannot be seen at this log rate"
+    return f"{told}{note}."

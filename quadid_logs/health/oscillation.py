@@ -1,0 +1,110 @@
+"""Oscillations that last: one frequency in the rate and in the output of the same axis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from quadid_logs.align.series import CleanSeries, Interval
+from quadid_logs.data.health import AxisOscillation, Line, LineSource, Oscillation
+from quadid_logs.health.noise import LOOPS_END_HZ, LOWEST_HZ, is_commanded, may_be_folded
+from quadid_logs.health.records import records
+from quadid_logs.health.spectra import find_lines, periodograms
+from quadid_logs.numerals import number
+from quadid_logs.vocabulary import AXES
+
+#: Where the rotors' speed is known, what is near it is vibration.
+_OF_ROTORS: Final = 0.5
+#: What stands in less than half of the flight does not last.
+_LASTS: Final = 0.5
+_SAME_BINS: Final = 1.5
+
+
+def find_oscillation(
+    rate: CleanSeries,
+    setpoint: CleanSeries,
+    output: CleanSeries,
+    rotor_speed: CleanSeries | None,
+    intervals: Sequence[Interval],
+) -> Oscillation | None:
+    """Search for lines that rate and output of an axis share, and that nobody commanded.
+
+    Parameters
+    ----------
+    rate, setpoint, output : CleanSeries
+        Of the rate controller, three columns each.
+    rotor_speed : CleanSeries or None
+    intervals : sequence of (start_s, end_s)
+        Of flight.
+
+    Returns
+    -------
+    Oscillation or None
+        None where the flight is too short for a spectrum, or logged too slowly to see the loop.
+    """
+    spectra = periodograms(*records([rate, output], intervals))
+    if spectra is None:
+        return None
+    frequency_hz = spectra.frequency_hz
+    highest_hz = min(LOOPS_END_HZ, _lowest_rotor_hz(rotor_speed, intervals) * _OF_ROTORS)
+    searched = (frequency_hz >= LOWEST_HZ) & (frequency_hz <= highest_hz)
+    if not searched.any():
+        return None
+    commanded = is_commanded(
+        spectra._replace(density=spectra.density[:, :, : len(AXES)]), setpoint, intervals
+    )
+    found = []
+    for column, axis in enumerate(AXES):
+        free = searched & ~commanded[:, column]
+        in_rate = find_lines(spectra, column, free, len(AXES))
+        in_output = find_lines(spectra, len(AXES) + column, searched, len(AXES))
+        found += [
+            AxisOscillation(axis=axis, line=replace(line, source=LineSource.LOOP))
+            for line in in_rate
+            if line.share >= _LASTS and _is_among(line, in_output, float(frequency_hz[1]))
+        ]
+    found.sort(key=lambda one: -one.line.rms)
+    shown_hz = min(highest_hz, float(frequency_hz[-1]))
+    folded = may_be_folded(rate)
+    return Oscillation(
+        sentence=_sentence(found, shown_hz, folded=folded, rate_hz=rate.rate_hz),
+        level="high" if found and not folded else "fact",
+        axes=tuple(found),
+        highest_hz=shown_hz,
+        may_be_folded=folded,
+    )
+
+
+def _is_among(line: Line, others: Sequence[Line], step_hz: float) -> bool:
+    return any(abs(line.frequency_hz - one.frequency_hz) <= _SAME_BINS * step_hz for one in others)
+
+
+def _lowest_rotor_hz(series: CleanSeries | None, intervals: Sequence[Interval]) -> float:
+    """Return what 95 % of the rotors' speeds are above [1/s], infinite where they are not logged."""
+    if series is None or not intervals:
+        return float("inf")
+    speeds = np.concatenate([series.values[series.within(*one)] for one in intervals])
+    speeds = speeds[np.isfinite(speeds) & (speeds > 0.0)]
+    return float(np.percentile(speeds, 5.0)) / (2.0 * np.pi) if speeds.size else float("inf")
+
+
+def _sentence(found: Sequence[AxisOscillation], highest_hz: float, *, folded: bool, rate_hz: float) -> str:
+    if not found:
+        seen = "shows in the log" if folded else "lasts"
+        return (
+            f"No oscillation {seen} between {LOWEST_HZ:g} and {number(highest_hz, 2)} Hz in rate and output."
+        )
+    told = " ".join(
+        f"{one.axis.capitalize()} oscillates at {one.line.frequency_hz:.1f} Hz, in its rate "
+        f"({np.degrees(one.line.rms):.2g} deg/s rms) and in its output, in {100.0 * one.line.share:.0f} % of "
+        "the flight."
+        for one in found[:3]
+    )
+    if folded:
+        told += (
+            f" The log has {rate_hz:.3g} samples a second: a faster vibration can appear at that frequency."
+        )
+    return told

@@ -1,0 +1,153 @@
+"""Gap-free segments of a log's flights on a uniform grid, no more of them than say what they can say."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from quadid_logs.align.series import GAP_PERIODS, CleanSeries, Interval
+from quadid_logs.arrays import FloatArray
+
+#: A quarter of an hour at 100 Hz, two minutes at 1 kHz: more of a flight changes no figure that is shown.
+MOST_SAMPLES: Final = 120_000
+#: Of a longer flight, segments of this length are taken, spread evenly [s].
+_SEGMENT_S: Final = 16.0
+#: Shorter segments hold no window of a spectrum.
+_SHORTEST_S: Final = 2.0
+
+
+class Record(NamedTuple):
+    """A segment: ``time_s`` (n_samples,) uniform, ``values`` (n_samples, n_columns)."""
+
+    time_s: FloatArray
+    values: FloatArray
+
+
+def records(
+    several: Sequence[CleanSeries], intervals: Sequence[Interval], most: int = MOST_SAMPLES
+) -> tuple[list[Record], float]:
+    """Put series side by side on the grid of the slowest, where none of them pauses.
+
+    Parameters
+    ----------
+    several : sequence of CleanSeries
+        At least one.
+    intervals : sequence of (start_s, end_s)
+    most : int
+        Samples in all.
+
+    Returns
+    -------
+    found : list of Record
+        Columns of all series in their order.
+    period_s : float
+        Of the grid; NaN where a series has fewer than two samples.
+    """
+    period_s = max(one.period_s for one in several)
+    if not all(one.period_s > 0.0 for one in several):
+        return [], float("nan")
+    spans = [span for interval in intervals for span in _together(several, interval)]
+    found = []
+    for start_s, end_s in _spread(spans, most * period_s):
+        n_samples = int((end_s - start_s) / period_s + 1e-6) + 1
+        grid = start_s + period_s * np.arange(n_samples, dtype=np.float64)
+        columns = [one for series in several for one in _on_grid(series, grid)]
+        found.append(Record(grid, np.asarray(np.column_stack(columns), dtype=np.float64)))
+    return found, period_s
+
+
+def _together(several: Sequence[CleanSeries], interval: Interval) -> list[Interval]:
+    """Return where no series pauses."""
+    spans = [interval]
+    for series in several:
+        spans = [part for span in spans for part in _without_pauses(series, span)]
+    return [(start_s, end_s) for start_s, end_s in spans if end_s - start_s >= _SHORTEST_S]
+
+
+def _without_pauses(series: CleanSeries, interval: Interval) -> Iterator[Interval]:
+    time_s = series.time_s[series.within(*interval)]
+    if time_s.size < 2:
+        return
+    breaks = np.flatnonzero(np.diff(time_s) > GAP_PERIODS * series.period_s + 1e-6)
+    first, last = np.append(0, breaks + 1), np.append(breaks, time_s.size - 1)
+    yield from zip(time_s[first].tolist(), time_s[last].tolist(), strict=True)
+
+
+def _spread(spans: Sequence[Interval], longest_s: float) -> list[Interval]:
+    """Keep segments spread evenly over the spans, as many as make ``longest_s`` together."""
+    whole_s = sum(end_s - start_s for start_s, end_s in spans)
+    if not whole_s > longest_s:
+        return list(spans)
+    step_s = _SEGMENT_S * whole_s / longest_s
+    kept = []
+    for start_s, end_s in spans:
+        begins = start_s + step_s * np.arange(int((end_s - start_s) / step_s) + 1)
+        kept += [(float(begin), min(float(begin) + _SEGMENT_S, end_s)) for begin in begins]
+    return [(start_s, end_s) for start_s, end_s in kept if end_s - start_s >= _SHORTEST_S]
+
+
+def _on_grid(series: CleanSeries, grid: FloatArray) -> Iterator[FloatArray]:
+    """Yield the columns on the grid; averages over its period where the series is much faster."""
+    margin_s = float(grid[1] - grid[0]) if grid.size > 1 else 0.0
+    near = series.within(float(grid[0]) - margin_s, float(grid[-1]) + margin_s)
+    time_s, values = series.time_s[near], series.values[near]
+    ratio = margin_s / series.period_s
+    for column in values.T:
+        if ratio > 1.5:
+            sums = np.concatenate([[0.0], np.cumsum(column)])
+            first = np.searchsorted(time_s, grid - 0.5 * margin_s)
+            after = np.maximum(np.searchsorted(time_s, grid + 0.5 * margin_s), first + 1)
+            after = np.minimum(after, column.size)
+            first = np.minimum(first, after - 1)
+            yield (sums[after] - sums[first]) / (after - first)
+        else:
+            yield np.interp(grid, time_s, column)
+
+
+def in_flight(series: CleanSeries, intervals: Sequence[Interval], most: int = MOST_SAMPLES) -> Record:
+    """Return the samples of a series that lie in the intervals, every n-th of very many, not resampled.
+
+    Parameters
+    ----------
+    series : CleanSeries
+    intervals : sequence of (start_s, end_s)
+    most : int
+
+    Returns
+    -------
+    Record
+        Its times are not uniform.
+    """
+    slices = [series.within(*interval) for interval in intervals]
+    step = max(1, -(-sum(one.stop - one.start for one in slices) // most))
+    slices = [slice(one.start, one.stop, step) for one in slices]
+    if not slices:
+        return Record(np.zeros(0), np.zeros((0, series.values.shape[1])))
+    return Record(
+        np.concatenate([series.time_s[one] for one in slices]),
+        np.concatenate([series.values[one] for one in slices]),
+    )
+
+
+def averaged(record: Record, most: int = 600) -> Record:
+    """Return averages over short times, at most ``most`` of them, of a record that may have pauses.
+
+    Parameters
+    ----------
+    record : Record
+    most : int
+
+    Returns
+    -------
+    Record
+    """
+    n_samples = record.time_s.size
+    if n_samples <= most:
+        return record
+    width = -(-n_samples // most)
+    starts = np.arange(0, n_samples, width)
+    counts = np.diff(np.append(starts, n_samples))
+    means = np.add.reduceat(np.nan_to_num(record.values), starts, axis=0) / counts[:, np.newaxis]
+    return Record(np.add.reduceat(record.time_s, starts) / counts, means)

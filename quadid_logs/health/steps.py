@@ -1,0 +1,275 @@
+"""Step responses of the rates as they were flown, by deconvolution of set-point and rate.
+
+After the way of PID-Analyzer (F. Voss, 2018): windows of both series, a Wiener filter, averages over windows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, Literal, NamedTuple
+
+import numpy as np
+
+from quadid_logs.align.series import CleanSeries, Interval
+from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.data.health import AxisSteps, Quantity, StepCurve, Steps
+from quadid_logs.health.records import records
+from quadid_logs.vocabulary import AXES
+
+_WINDOW_S: Final = 2.0
+#: How much of the response is shown, and where it has settled [s].
+_SHOWN_S, _SETTLED_S, _END_S = 0.5, 0.35, 0.65
+#: Frequencies with a hundredth of the set-point's power tell half as much: 20 dB, as in PID-Analyzer.
+_NOISE: Final = 0.01
+#: PID-Analyzer's limit of what set-points hold [Hz].
+_CUT_HZ: Final = 25.0
+#: A slower log, but for some jitter, does not hold these frequencies [s].
+_SLOWEST_S: Final = 1.1 * 0.5 / _CUT_HZ
+#: Groups of windows that are left out in turn; fewer windows give no interval.
+_GROUPS: Final = 10
+#: Two-sided 95 % of Student's t with nine degrees of freedom.
+_T: Final = 2.262
+#: A set-point that explains less than half of the rate does not tell its response.
+_LEAST_EXPLAINED: Final = 0.5
+#: An integrator brings the rate to its set-point, 1, and nothing moves ahead of it. A response that ends or
+#: begins elsewhere by more than this is that of the set-point to the rate, through the angle loop.
+_OFF: Final = 0.2
+#: Half of the largest set-points part the small from the large.
+_LARGE: Final = 0.5
+
+
+_Size = Literal["all", "small", "large"]
+
+
+class Response(NamedTuple):
+    """What set-points tell of one axis: lag by cross-correlation [s], and step responses of fast logs."""
+
+    lag: Quantity
+    steps: AxisSteps | None
+
+
+class _Windows(NamedTuple):
+    """Products of the windows' transforms, (n_windows, n_frequencies), and their largest set-points."""
+
+    xx: FloatArray
+    xy: FloatArray
+    yy: FloatArray
+    peak: FloatArray
+    period_s: float
+    n: int
+
+
+class _Curve(NamedTuple):
+    response: FloatArray
+    low: FloatArray
+    high: FloatArray
+    ideal: FloatArray
+    known: bool
+    overshoot: Quantity
+    half_s: Quantity
+
+
+def find_responses(
+    rate: CleanSeries, setpoint: CleanSeries, intervals: Sequence[Interval]
+) -> dict[str, Response]:
+    """Deconvolve the axes whose set-points explain their rates.
+
+    Parameters
+    ----------
+    rate, setpoint : CleanSeries
+    intervals : sequence of (start_s, end_s)
+        Of flight.
+
+    Returns
+    -------
+    dict of str to Response
+        By axis; without those whose set-points do not tell.
+    """
+    found, period_s = records([setpoint, rate], intervals)
+    responses = {}
+    for column, axis in enumerate(AXES):
+        pairs = [(one.values[:, column], one.values[:, len(AXES) + column]) for one in found]
+        windows = _windows(pairs, period_s)
+        response = None if windows is None else _response(windows)
+        if response is not None:
+            responses[axis] = response
+    return responses
+
+
+def find_steps(responses: dict[str, Response]) -> Steps | None:
+    """Put the step responses of all axes that tell into one topic."""
+    axes = {axis: one.steps for axis, one in responses.items() if one.steps is not None}
+    if not axes:
+        return None
+    late, over = (", ".join(f"{axis} {words(one)}" for axis, one in axes.items()) for words in (_late, _over))
+    return Steps(sentence=f"Half of a step is reached after: {late}. It overshoots by: {over}.", axes=axes)
+
+
+def _late(steps: AxisSteps) -> str:
+    return f"{1e3 * steps.half_time.value:.0f} ms"
+
+
+def _over(steps: AxisSteps) -> str:
+    return f"{max(0.0, 100.0 * steps.overshoot.value):.0f} %"
+
+
+def _windows(pairs: Sequence[tuple[FloatArray, FloatArray]], period_s: float) -> _Windows | None:
+    n = 2 * round(0.5 * _WINDOW_S / period_s) if period_s > 0.0 else 0
+    if n < 8:
+        return None
+    window = np.hanning(n + 1)[:-1]
+    xs, ys, peaks = [], [], []
+    for asked, flown in pairs:
+        if asked.size < n:
+            continue
+        x, y = (np.lib.stride_tricks.sliding_window_view(one, n)[:: n // 2] for one in (asked, flown))
+        peaks.append(np.abs(x).max(axis=1))
+        xs.append(np.fft.rfft(x * window, axis=1))
+        ys.append(np.fft.rfft(y * window, axis=1))
+    if sum(map(len, xs)) < _GROUPS:
+        return None
+    x, y = np.concatenate(xs), np.concatenate(ys)
+    return _Windows(np.abs(x) ** 2, np.conj(x) * y, np.abs(y) ** 2, np.concatenate(peaks), period_s, n)
+
+
+def _response(windows: _Windows) -> Response | None:
+    """Return lag and step responses, None where the set-points do not tell."""
+    everything: BoolArray = np.ones(windows.peak.size, dtype=np.bool_)
+    whole = _curve(windows, everything)
+    if whole is None:
+        return None
+    split = _LARGE * float(np.percentile(windows.peak, 99.0))
+    large = windows.peak > split
+    curves = [_shown("all", everything, whole)]
+    some: list[tuple[_Size, BoolArray]] = [("small", ~large), ("large", large)]
+    parts = [(size, chosen, _curve(windows, chosen)) for size, chosen in some if chosen.sum() >= _GROUPS]
+    told = [_shown(size, chosen, curve) for size, chosen, curve in parts if curve and curve.known]
+    lag = _lag(windows)
+    if lag is None:
+        return None
+    if windows.period_s > _SLOWEST_S or not whole.known:
+        return Response(lag, None)
+    steps = AxisSteps(
+        time_s=_times(windows),
+        ideal=whole.ideal,
+        curves=tuple(told if len(told) == 2 else curves),
+        split_rad_s=split,
+        overshoot=whole.overshoot,
+        half_time=whole.half_s,
+    )
+    return Response(lag, steps)
+
+
+def _shown(size: _Size, chosen: BoolArray, curve: _Curve) -> StepCurve:
+    return StepCurve(
+        size=size, n_windows=int(chosen.sum()), response=curve.response, low=curve.low, high=curve.high
+    )
+
+
+def _times(windows: _Windows) -> FloatArray:
+    """Return the times of the response that are shown, from just before the step."""
+    ahead, behind = _ends(windows)
+    # A sum of samples is what the response was in the middle between this sample and the next.
+    return np.asarray(windows.period_s * (0.5 + np.arange(-ahead, behind + 1)), dtype=np.float64)
+
+
+def _ends(windows: _Windows) -> tuple[int, int]:
+    """Return how many samples before and after the step are shown."""
+    return max(1, round(0.1 * _SHOWN_S / windows.period_s)), max(3, round(_SHOWN_S / windows.period_s))
+
+
+def _curve(windows: _Windows, chosen: BoolArray) -> _Curve | None:
+    """Return the step response with its interval, None where it is not one."""
+    xx, xy = windows.xx[chosen], windows.xy[chosen]
+    low_pass = np.fft.rfftfreq(windows.n, windows.period_s) <= _CUT_HZ
+    power = xx.sum(axis=0)
+    if not power.max() > 0.0:
+        return None
+    explained = (np.abs(xy.sum(axis=0)) ** 2 / np.maximum(power, np.finfo(float).tiny))[low_pass].sum()
+    if not explained >= _LEAST_EXPLAINED * windows.yy[chosen].sum(axis=0)[low_pass].sum():
+        return None
+    step = _step(windows, power, xy.sum(axis=0))
+    before = step[: windows.n // 2 - max(2, round(0.02 / windows.period_s))]
+    first, after = (windows.n // 2 + round(one / windows.period_s) for one in (_SETTLED_S, _END_S))
+    end = float(step[first : after + 1].mean())
+    ideal = _step(windows, power, power)
+    early = (before - ideal[: before.size]).max()
+    if abs(end - 1.0) > _OFF or early > _OFF or before.min() < -_OFF:
+        return None
+    groups = np.array_split(np.arange(len(xx)), _GROUPS)
+    others = np.array(
+        [
+            _step(windows, power - xx[one].sum(axis=0), (xy.sum(axis=0) - xy[one].sum(axis=0)))
+            for one in groups
+        ]
+    )
+    ahead, behind = _ends(windows)
+    middle = windows.n // 2
+    part = slice(middle - ahead, middle + behind + 1)
+    shown, left_out = step[part], others[:, part]
+    half = _T * np.sqrt((_GROUPS - 1) * left_out.var(axis=0))
+    times = _times(windows)
+    return _Curve(
+        shown,
+        shown - half,
+        shown + half,
+        ideal[part],
+        float(np.median(half)) <= _OFF,
+        _with_interval(*_above(shown, left_out, ideal[part]), "1"),
+        _with_interval(_half_time(times, shown), [_half_time(times, one) for one in left_out], "s"),
+    )
+
+
+def _above(shown: FloatArray, others: FloatArray, ideal: FloatArray) -> tuple[float, list[float]]:
+    """Return by how much responses are higher than that of a loop that follows at once."""
+    highest = float(ideal.max())
+    return float(shown.max()) - highest, [float(one.max()) - highest for one in others]
+
+
+def _step(windows: _Windows, power: FloatArray, cross: FloatArray) -> FloatArray:
+    """Return the response to a step at the middle of the result, shape (n,)."""
+    frequency_hz = np.fft.rfftfreq(windows.n, windows.period_s)
+    noise = _NOISE * float(power[frequency_hz <= 5.0].mean())
+    smooth = np.exp(-0.5 * (frequency_hz / _CUT_HZ) ** 2)
+    impulse = np.fft.irfft(cross / (power + noise) * smooth, windows.n)
+    return np.asarray(np.cumsum(np.roll(impulse, windows.n // 2)), dtype=np.float64)
+
+
+def _half_time(times: FloatArray, response: FloatArray) -> float:
+    """Return when a response first passes one half [s]."""
+    after = int(np.argmax(response >= 0.5))
+    if after == 0:
+        return float(times[0])
+    below, above = float(response[after - 1]), float(response[after])
+    share = (0.5 - below) / (above - below) if above > below else 0.0
+    return float(times[after - 1] + share * (times[after] - times[after - 1]))
+
+
+def _lag(windows: _Windows) -> Quantity | None:
+    """Return where the cross-correlation is highest [s]; None where that may not be behind the set-point."""
+    cross = windows.xy
+    total = cross.sum(axis=0)
+    value = _shift(windows, total)
+    groups = np.array_split(np.arange(len(cross)), _GROUPS)
+    others = [_shift(windows, total - cross[one].sum(axis=0)) for one in groups]
+    found = _with_interval(value, others, "s")
+    return found if found.ci95 is not None and found.ci95[0] > 0.0 else None
+
+
+def _shift(windows: _Windows, cross: FloatArray) -> float:
+    """Return the lag of the highest cross-correlation within half a second [s]."""
+    correlation = np.fft.fftshift(np.fft.irfft(cross, windows.n))
+    middle, reach = windows.n // 2, max(2, round(_SHOWN_S / windows.period_s))
+    part = correlation[middle - reach : middle + reach + 1]
+    peak = int(np.argmax(part))
+    if not 0 < peak < part.size - 1:
+        return float("nan")
+    low, top, high = part[peak - 1 : peak + 2]
+    bend = low - 2.0 * top + high
+    return windows.period_s * (peak - reach + (0.5 * (low - high) / bend if bend < 0.0 else 0.0))
+
+
+def _with_interval(value: float, others: Sequence[float], unit: str) -> Quantity:
+    """Return a number with the interval of the delete-a-group jackknife (B. Efron, 1982)."""
+    half = _T * float(np.sqrt((_GROUPS - 1) * np.var(others)))
+    return Quantity(value, unit, (value - half, value + half))

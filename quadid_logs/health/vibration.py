@@ -1,0 +1,153 @@
+"""How much the vehicle shakes, and how often the accelerometer was at its end."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final, Literal, NamedTuple
+
+import numpy as np
+
+from quadid_logs.align.series import CleanSeries, Interval
+from quadid_logs.arrays import FloatArray
+from quadid_logs.data.health import Level, Quantity, Vibration
+from quadid_logs.health.records import Record, averaged, in_flight, records
+
+_Measure = Literal["vibration", "vibration_level", "specific_force"]
+
+
+class _Measured(NamedTuple):
+    """A signal, what it is in words, and where its published levels begin [m/s^2]."""
+
+    name: _Measure
+    words: str
+    limits: tuple[float, ...]
+
+
+_MEASURES: Final = (
+    # Below 30 m/s^2 normally acceptable, above 60 nearly always problems (source: docs/health.md).
+    _Measured("vibration", "The vibration that the autopilot measured", (30.0, 60.0)),
+    # Green below 4.905, red above 9.81 (source: docs/health.md).
+    _Measured("vibration_level", "The autopilot's vibration metric", (4.905, 9.81)),
+    # Behind a low-pass, or averaged: nothing published says what is normal.
+    _Measured("specific_force", "The logged acceleration's vibration above 5 Hz", ()),
+)
+#: Autopilots measure vibration against the acceleration below this, too (docs/health.md) [Hz].
+_ABOVE_HZ: Final = 5.0
+#: Zero is ideal, below 100 in a flight is probably all right (source: docs/health.md).
+_MOST_CLIPS: Final = 100.0
+_FEWEST: Final = 10
+
+
+def find_vibration(
+    signals: Mapping[str, CleanSeries], clipping: Sequence[CleanSeries], intervals: Sequence[Interval]
+) -> Vibration | None:
+    """Take the best measure of vibration that the log holds.
+
+    Parameters
+    ----------
+    signals : mapping of str to CleanSeries
+        By canonical name.
+    clipping : sequence of CleanSeries
+        Counts since the start, of every sensor.
+    intervals : sequence of (start_s, end_s)
+        Of flight.
+
+    Returns
+    -------
+    Vibration or None
+        None where no accelerometer was logged in flight.
+    """
+    for measured in _MEASURES:
+        series = signals.get(measured.name)
+        if series is None:
+            continue
+        record = in_flight(series, intervals) if measured.limits else _shaking(series, intervals)
+        # Without a measurement the autopilot logs zeros.
+        if record is not None and len(record.time_s) >= _FEWEST and record.values.any():
+            return _judged(measured, record, _clips(clipping, intervals))
+    return None
+
+
+def _judged(measured: _Measured, record: Record, clips: Quantity | None) -> Vibration:
+    high = np.percentile(record.values, 99.0, axis=0)
+    worst = int(np.argmax(high))
+    value = float(high[worst])
+    columns = ("x", "y", "z")[: record.values.shape[1]] if record.values.shape[1] > 1 else ("",)
+    level: Level = "fact"
+    if measured.limits:
+        level = ("normal", "high", "severe")[int(np.searchsorted(measured.limits, value))]
+    normal = (0.0, measured.limits[0]) if measured.limits else None
+    if clips is not None and clips.normal is not None and clips.value > clips.normal[1]:
+        level = "severe" if level == "severe" else "high"
+    short = averaged(record)
+    return Vibration(
+        sentence=_sentence(measured, value, columns[worst], clips),
+        level=level,
+        measure=measured.name,
+        columns=columns,
+        figure=Quantity(value, "m/s^2", normal=normal),
+        limits=measured.limits,
+        clips=clips,
+        time_s=short.time_s,
+        values=short.values,
+    )
+
+
+def _shaking(series: CleanSeries, intervals: Sequence[Interval]) -> Record | None:
+    """Return the rms over half seconds of what an acceleration moves above 5 Hz, by axis.
+
+    The log's own samples, not averages of them: what is faster than half their rate is in their spread all
+    the same.
+    """
+    n_half = round(0.5 * series.rate_hz)
+    if 0.5 * series.rate_hz <= _ABOVE_HZ or n_half < 4:
+        return None
+    found, _ = records([series], intervals)
+    width = max(3, round(series.rate_hz / _ABOVE_HZ))
+    times, values = [], []
+    for one in found:
+        n_blocks = (one.time_s.size - width) // n_half
+        if n_blocks < 1:
+            continue
+        sums = np.cumsum(np.vstack([np.zeros(one.values.shape[1]), one.values]), axis=0)
+        slow = (sums[width:] - sums[:-width]) / width
+        fast = one.values[width // 2 : width // 2 + len(slow)] - slow
+        blocks = fast[: n_blocks * n_half].reshape(n_blocks, n_half, -1)
+        values.append(np.sqrt(np.mean(blocks**2, axis=1)))
+        times.append(one.time_s[width // 2] + (0.5 + np.arange(n_blocks)) * n_half * series.period_s)
+    return Record(np.concatenate(times), np.concatenate(values)) if times else None
+
+
+def _clips(counts: Sequence[CleanSeries], intervals: Sequence[Interval]) -> Quantity | None:
+    """Return how many samples were clipped in flight, of the sensor with most."""
+    found = [
+        float(_rise(one.values[one.within(*interval)]).max())
+        for one in counts
+        for interval in intervals
+        if one.values[one.within(*interval)].shape[0] >= 2
+    ]
+    return Quantity(max(found), "1", normal=(0.0, _MOST_CLIPS)) if found else None
+
+
+def _rise(counts: FloatArray) -> FloatArray:
+    """Return by how much counters rose; one that starts again counts from there."""
+    return np.asarray(np.clip(np.diff(counts, axis=0), 0.0, None).sum(axis=0), dtype=np.float64)
+
+
+def _sentence(measured: _Measured, value: float, column: str, clips: Quantity | None) -> str:
+    axis = f" along {column}" if column else ""
+    told = f"{measured.words} stays below {value:.1f} m/s² in 99 % of the flight{axis}"
+    if measured.limits:
+        high, severe = measured.limits
+        if value <= high:
+            told += f", which is normal (below {high:.3g})"
+        elif value <= severe:
+            told += f", more than the normal {high:.3g}"
+        else:
+            told += f", far more than the normal {high:.3g}"
+    if clips is None:
+        return f"{told}."
+    if clips.value == 0.0:
+        return f"{told}; the accelerometer never clipped."
+    judged = "" if clips.value <= _MOST_CLIPS else ", more than the 100 that a flight may have"
+    return f"{told}; the accelerometer clipped {clips.value:.0f} times{judged}."

@@ -1,0 +1,192 @@
+"""The ``health`` of result.json and of ``info --json``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+
+from quadid_logs.data.health import (
+    Battery,
+    GyroSpectrum,
+    Health,
+    Line,
+    Motors,
+    Noise,
+    Oscillation,
+    Quantity,
+    Steps,
+    Topic,
+    Tracking,
+    Vibration,
+)
+
+
+def health_dict(health: Health) -> dict[str, Any]:
+    """Return ``health``: each topic None, or its figures with a sentence.
+
+    Parameters
+    ----------
+    health : Health
+
+    Returns
+    -------
+    dict
+        Topics that this version does not look at are None too.
+    """
+    return {
+        "tracking": _tracking(health),
+        "noise": _topic(health.noise, _noise),
+        "filters": None,
+        "vibration": _topic(health.vibration, _vibration),
+        "motors": _topic(health.motors, _motors),
+        "battery": _topic(health.battery, _battery),
+        "oscillation": _topic(health.oscillation, _oscillation),
+        "rotors": None,
+        "missing": dict(health.missing),
+    }
+
+
+def _topic(topic: Any, figures: Callable[[Any], dict[str, Any]]) -> dict[str, Any] | None:
+    return None if topic is None else _said(topic) | figures(topic)
+
+
+def _said(topic: Topic) -> dict[str, Any]:
+    return {"sentence": topic.sentence, "level": topic.level, "findings": []}
+
+
+def _quantity(number: Quantity | None) -> dict[str, Any] | None:
+    return None if number is None else number._asdict()
+
+
+def _tracking(health: Health) -> dict[str, Any] | None:
+    """Return rates, angles and steps, of which the first that is there says the sentence."""
+    parts: Mapping[str, tuple[Topic | None, Callable[[Any], dict[str, Any]]]] = {
+        "rates": (health.tracking, _axes),
+        "angles": (health.attitude, _axes),
+        "steps": (health.steps, _steps),
+    }
+    found = {name: _topic(topic, figures) for name, (topic, figures) in parts.items()}
+    first = next((one for one in found.values() if one is not None), None)
+    return None if first is None else {key: first[key] for key in ("sentence", "level", "findings")} | found
+
+
+def _axes(tracking: Tracking) -> dict[str, Any]:
+    return {
+        "axes": {
+            axis: {
+                "error_rms": _quantity(one.error_rms),
+                "setpoint_rms": _quantity(one.setpoint_rms),
+                "lag": _quantity(one.lag),
+            }
+            for axis, one in tracking.axes.items()
+        }
+    }
+
+
+def _steps(steps: Steps) -> dict[str, Any]:
+    return {
+        "axes": {
+            axis: {
+                "half_time": _quantity(one.half_time),
+                "overshoot": _quantity(one.overshoot),
+                "split": _quantity(Quantity(one.split_rad_s, "rad/s")),
+                "windows": {curve.size: curve.n_windows for curve in one.curves},
+            }
+            for axis, one in steps.axes.items()
+        }
+    }
+
+
+def _line(line: Line) -> dict[str, Any]:
+    return {
+        "frequency": _quantity(Quantity(line.frequency_hz, "Hz")),
+        "height": _quantity(Quantity(line.height_db, "dB")),
+        "p_value": line.p_value,
+        "share": _quantity(Quantity(line.share, "1")),
+        "rms": _quantity(Quantity(line.rms, "rad/s")),
+        "source": line.source.value,
+        "harmonic": line.harmonic or None,
+        "notch": None if np.isnan(line.notch_hz) else _quantity(Quantity(line.notch_hz, "Hz")),
+    }
+
+
+#: Edges of the bands whose rms is given: manoeuvres, the loops, and vibration [Hz].
+_BANDS_HZ: Final = (1.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
+
+
+def _spectrum(spectrum: GyroSpectrum | None) -> dict[str, Any] | None:
+    """Return the source of a spectrum, and the rms of roll, pitch and yaw by band."""
+    if spectrum is None:
+        return None
+    frequency_hz = spectrum.frequency_hz
+    step_hz = float(frequency_hz[0])
+    bands = [(low, high, (frequency_hz >= low) & (frequency_hz < high)) for low, high in pairwise(_BANDS_HZ)]
+    return {
+        "source": spectrum.source,
+        "rate": _quantity(Quantity(spectrum.rate_hz, "Hz")),
+        "rms_by_band": [
+            {
+                "band_hz": [low, high],
+                "rms": [
+                    _quantity(Quantity(float(value), "rad/s"))
+                    for value in np.sqrt(spectrum.density[inside].sum(axis=0) * step_hz)
+                ],
+            }
+            for low, high, inside in bands
+            if inside.any() and high <= frequency_hz[-1] + step_hz
+        ],
+    }
+
+
+def _noise(noise: Noise) -> dict[str, Any]:
+    return {
+        "after_filters": _spectrum(noise.after),
+        "before_filters": _spectrum(noise.before),
+        "may_be_folded": noise.may_be_folded,
+        "lines": {axis: [_line(line) for line in found] for axis, found in noise.lines.items()},
+    }
+
+
+def _vibration(vibration: Vibration) -> dict[str, Any]:
+    return {
+        "measure": vibration.measure,
+        "p99": _quantity(vibration.figure),
+        "limits": vibration.limits,
+        "clips": _quantity(vibration.clips),
+    }
+
+
+def _motors(motors: Motors) -> dict[str, Any]:
+    return {
+        "motors": [
+            {"name": name, "mean": _quantity(Quantity(mean, motors.unit)), "p05": low, "p95": high}
+            for name, mean, low, high in zip(
+                motors.names, motors.mean.tolist(), motors.low.tolist(), motors.high.tolist(), strict=True
+            )
+        ],
+        "spread": _quantity(motors.spread),
+        "hardest": motors.names[motors.hardest],
+        "headroom": _quantity(motors.headroom),
+        "at_high": _quantity(motors.at_high),
+        "at_low": _quantity(motors.at_low),
+    }
+
+
+def _battery(battery: Battery) -> dict[str, Any]:
+    return {
+        "start": _quantity(battery.start_v),
+        "lowest": _quantity(battery.lowest_v),
+        "n_cells": battery.n_cells or None,
+        "sag_per_tenth_throttle": _quantity(battery.sag_v),
+    }
+
+
+def _oscillation(oscillation: Oscillation) -> dict[str, Any]:
+    return {
+        "searched_up_to": _quantity(Quantity(oscillation.highest_hz, "Hz")),
+        "may_be_folded": oscillation.may_be_folded,
+        "axes": [{"axis": one.axis, **_line(one.line)} for one in oscillation.axes],
+    }

@@ -1,0 +1,158 @@
+"""Motors, vibration and battery are judged by what was put into the flight."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from quadid_logs.data.torque import TorqueModel
+from quadid_logs.health.battery import find_battery
+from quadid_logs.health.motors import find_motors
+from quadid_logs.health.vibration import find_vibration
+from tests.health.flights import coloured, grid, series
+
+#: X: front right, back left, front left, back right.
+POSITION = 0.7 * np.array([[1.0, 1.0, 0.0], [-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, 1.0, 0.0]])
+QUAD = TorqueModel(position=POSITION, spin=np.array([1.0, 1.0, -1.0, -1.0]), channels=(1, 2, 3, 4))
+
+
+def outputs(means: tuple[float, ...], spread: float = 0.05) -> np.ndarray:
+    """Return outputs around their means."""
+    t = grid(50.0)
+    return t, np.asarray(means) + spread / 0.3 * coloured(4, t.size, 50.0, columns=len(means))
+
+
+@pytest.mark.parametrize(
+    ("means", "level", "hardest"),
+    [
+        ((0.50, 0.52, 0.49, 0.51), "normal", "motor 2 (back left)"),
+        ((0.50, 0.50, 0.61, 0.51), "high", "motor 3 (front left)"),
+        ((0.70, 0.50, 0.50, 0.52), "severe", "motor 1 (front right)"),
+    ],
+)
+def test_the_corner_that_works_hardest_is_named(means: tuple[float, ...], level: str, hardest: str) -> None:
+    """With how much more it works than the one that works least."""
+    t, values = outputs(means)
+    motors = find_motors(series("motor_thrust", t, values), QUAD, ((t[0], t[-1]),))
+    assert motors is not None
+    assert motors.level == level
+    assert motors.names[motors.hardest] == hardest
+    assert motors.spread.value == pytest.approx(max(means) - min(means), abs=0.005)
+
+
+def test_pulses_are_taken_by_channel_and_range() -> None:
+    """Motors on channels 9 to 12 between 1120 and 1880 us: half of that range is 1500."""
+    t, values = outputs((0.5, 0.5, 0.5, 0.6))
+    pulses = np.full((t.size, 14), 1500.0)
+    pulses[:, 8:12] = 1120.0 + 760.0 * values
+    torque = TorqueModel(
+        position=POSITION,
+        spin=QUAD.spin,
+        channels=(9, 10, 11, 12),
+        output_range_us=(np.full(4, 1120.0), np.full(4, 1880.0)),
+    )
+    motors = find_motors(series("output_pwm", t, pulses), torque, ((t[0], t[-1]),))
+    assert motors is not None
+    assert motors.mean == pytest.approx([0.5, 0.5, 0.5, 0.6], abs=0.01)
+    assert motors.names[motors.hardest] == "motor 4 (back right)"
+    # A tenth of this range, 76 us, is just above the 75 that are normal of pulses.
+    assert motors.spread.value == pytest.approx(76.0, abs=3.0)
+    assert motors.spread.unit == "us"
+
+
+def test_pulses_of_unknown_range_are_compared_and_not_held_against_limits() -> None:
+    """150 us apart and more is severe; what is left above nobody knows."""
+    t, values = outputs((0.5, 0.5, 0.5, 0.7))
+    motors = find_motors(series("output_pwm", t, 1000.0 + 1000.0 * values), QUAD, ((t[0], t[-1]),))
+    assert motors is not None
+    assert motors.level == "severe"
+    assert motors.unit == "us"
+    assert motors.headroom is None
+    assert motors.at_high is None
+
+
+def test_the_share_of_time_at_the_limit_is_that_of_the_flight() -> None:
+    """One motor at full output in a tenth of the flight."""
+    t, values = outputs((0.5, 0.5, 0.5, 0.5))
+    values[: t.size // 10, 0] = 1.0
+    motors = find_motors(series("motor_thrust", t, values), QUAD, ((t[0], t[-1]),))
+    assert motors is not None
+    assert motors.at_high is not None
+    assert motors.at_high.value == pytest.approx(0.1, abs=0.002)
+
+
+@pytest.mark.parametrize(("rms", "level"), [(12.0, "normal"), (45.0, "high"), (80.0, "severe")])
+def test_vibration_is_judged_by_what_99_percent_stay_below(rms: float, level: str) -> None:
+    """ArduPilot's own measure, in m/s^2."""
+    t = grid(10.0)
+    values = np.column_stack([np.full(t.size, 2.0), np.full(t.size, 3.0), np.full(t.size, rms)])
+    values[:3, 0] = 400.0  # a bump on the ground
+    found = find_vibration({"vibration": series("vibration", t, values)}, (), ((t[0], t[-1]),))
+    assert found is not None
+    assert found.level == level
+    assert found.figure.value == pytest.approx(rms)
+
+
+def test_the_vibration_of_a_logged_acceleration_has_no_norm() -> None:
+    """What 5 Hz and slower motion is not; a number without a judgement."""
+    t = grid(200.0)
+    rng = np.random.default_rng(1)
+    values = 3.0 * rng.standard_normal((t.size, 3)) + 5.0 * np.sin(2.0 * np.pi * 0.5 * t)[:, None]
+    found = find_vibration({"specific_force": series("specific_force", t, values)}, (), ((t[0], t[-1]),))
+    assert found is not None
+    assert found.level == "fact"
+    # The worst hundredth of blocks of a hundred samples lies 2.3 / sqrt(200) above.
+    assert found.figure.value == pytest.approx(3.0 * (1.0 + 2.3 / np.sqrt(200.0)), rel=0.06)
+
+
+def test_clips_are_those_of_the_flight() -> None:
+    """A counter that had 700 before take-off and 950 after landing, 130 of them in flight."""
+    t = grid(10.0)
+    counts = np.interp(t, [t[0] + 10.0, t[0] + 20.0], [700.0, 830.0])
+    counts[t > t[0] + 55.0] = 950.0
+    flight = (t[0] + 5.0, t[0] + 50.0)
+    vibration = {"vibration": series("vibration", t, np.ones((t.size, 3)))}
+    found = find_vibration(vibration, (series("accelerometer_clips", t, counts[:, None]),), (flight,))
+    assert found is not None
+    assert found.clips is not None
+    assert found.clips.value == pytest.approx(130.0, abs=2.0)
+    assert found.level == "high"
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "cells", "level"),
+    [
+        (16.6, 14.6, 4, "normal"),
+        (12.4, 10.2, 3, "high"),
+        (25.0, 19.5, 6, "severe"),
+        (9.9, 9.2, 0, "fact"),
+    ],
+)
+def test_a_battery_is_judged_by_its_cells(start: float, end: float, cells: int, level: str) -> None:
+    """3.5 V for each is enough, below 3.3 V it is empty; where the cells cannot be counted, no judgement."""
+    t = grid(10.0)
+    found = find_battery(
+        series("battery_voltage", t, np.linspace(start, end, t.size)[:, None]), None, ((t[0], t[-1]),)
+    )
+    assert found is not None
+    assert found.n_cells == cells
+    assert found.level == level
+    assert found.lowest_v.value == pytest.approx(end, abs=0.1)
+
+
+def test_the_sag_is_told_from_the_discharge() -> None:
+    """0.3 V for each tenth of the throttle, while the throttle rises because the battery empties."""
+    t = grid(10.0)
+    rng = np.random.default_rng(0)
+    throttle = 0.5 + 0.1 * (t - t[0]) / 60.0 + 0.05 * rng.standard_normal(t.size)
+    volts = 16.4 - 1.5 * (t - t[0]) / 60.0 - 3.0 * (throttle - 0.5) + 0.02 * rng.standard_normal(t.size)
+    found = find_battery(
+        series("battery_voltage", t, volts[:, None]),
+        series("throttle", t, throttle[:, None]),
+        ((t[0], t[-1]),),
+    )
+    assert found is not None
+    assert found.sag_v is not None
+    assert found.sag_v.value == pytest.approx(0.3, abs=0.02)
+    assert found.sag_v.ci95 is not None
+    assert found.sag_v.ci95[0] <= 0.3 <= found.sag_v.ci95[1]

@@ -1,0 +1,106 @@
+"""What is said of tracking is what the flight was made with."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from quadid_logs.health.steps import find_responses, find_steps
+from quadid_logs.health.tracking import find_tracking
+from tests.health.flights import coloured, delayed, grid, series
+
+
+def flight(rate_hz: float, lag_s: float, time_constant_s: float, noise: float = 0.01):
+    """Return a flight that follows with a known lag."""
+    t = grid(rate_hz)
+    asked = coloured(1, t.size, rate_hz, 4.0)
+    rates = delayed(asked, rate_hz, lag_s, time_constant_s)
+    rates += noise * np.random.default_rng(2).standard_normal(rates.shape)
+    return series("body_rate", t, rates), series("body_rate_setpoint", t, asked), ((t[0], t[-1]),)
+
+
+@pytest.mark.parametrize(("rate_hz", "lag_s"), [(1000.0, 0.008), (400.0, 0.025), (50.0, 0.06), (25.0, 0.09)])
+def test_a_known_delay_is_found_from_slow_and_fast_logs(rate_hz: float, lag_s: float) -> None:
+    """By cross-correlation: within 2 ms, or a tenth of a sample, and within the interval that is given."""
+    rate, setpoint, intervals = flight(rate_hz, lag_s, 0.0)
+    for one in find_responses(rate, setpoint, intervals).values():
+        assert one.lag.value == pytest.approx(lag_s, abs=max(0.002, 0.1 / rate_hz))
+        assert one.lag.ci95 is not None
+        rounding_s = 0.1 / rate_hz
+        assert one.lag.ci95[0] - rounding_s <= lag_s <= one.lag.ci95[1] + rounding_s
+
+
+def test_the_step_response_of_a_first_order_loop_is_measured() -> None:
+    """Half of the step is reached a delay and ln 2 time constants after it, and nothing overshoots."""
+    rate, setpoint, intervals = flight(400.0, 0.01, 0.04)
+    steps = find_steps(find_responses(rate, setpoint, intervals))
+    assert steps is not None
+    assert set(steps.axes) == {"roll", "pitch", "yaw"}
+    for one in steps.axes.values():
+        assert one.half_time.value == pytest.approx(0.01 + 0.04 * np.log(2.0), abs=0.006)
+        assert one.overshoot.value < 0.05
+
+
+def test_an_overshooting_loop_is_seen_to_overshoot() -> None:
+    """A damping ratio of 0.4 overshoots a step by 25 %; set-points of 4 Hz show most of it."""
+    t = grid(400.0)
+    asked = coloured(1, t.size, 400.0, 12.0)
+    s = 2j * np.pi * np.fft.rfftfreq(t.size, 1.0 / 400.0)
+    w = 2.0 * np.pi * 4.0
+    response = w**2 / (s**2 + 0.8 * w * s + w**2)
+    rates = np.fft.irfft(np.fft.rfft(asked, axis=0) * response[:, None], t.size, axis=0)
+    found = find_responses(
+        series("body_rate", t, rates), series("body_rate_setpoint", t, asked), ((t[0], t[-1]),)
+    )
+    for one in found.values():
+        assert one.steps is not None
+        assert one.steps.overshoot.value == pytest.approx(0.25, abs=0.06)
+
+
+def test_set_points_that_answer_the_rate_tell_no_response() -> None:
+    """Hover in gusts: the angle loop makes the set-point of what the rate did, coherent and backwards."""
+    t = grid(400.0)
+    rates = coloured(5, t.size, 400.0, 3.0)
+    angle = np.cumsum(rates - rates.mean(axis=0), axis=0) / 400.0
+    angle -= delayed(angle, 400.0, 0.0, 1.0)  # it does not drift away
+    asked = -4.5 * angle
+    found = find_responses(
+        series("body_rate", t, rates), series("body_rate_setpoint", t, asked), ((t[0], t[-1]),)
+    )
+    assert not found
+
+
+def test_a_slow_log_gives_a_lag_and_no_step_response() -> None:
+    """25 samples a second hold nothing of a step's first tenth."""
+    found = find_responses(*flight(25.0, 0.09, 0.0))
+    assert found
+    assert all(one.steps is None for one in found.values())
+
+
+def test_the_tracking_error_is_the_rms_of_what_is_missed() -> None:
+    """An offset of a tenth, and nothing else."""
+    t = grid(100.0)
+    asked = coloured(1, t.size, 100.0)
+    tracking = find_tracking(
+        series("body_rate", t, asked + 0.1),
+        series("body_rate_setpoint", t, asked),
+        ((t[0], t[-1]),),
+        {},
+        of="rates",
+    )
+    assert tracking is not None
+    for one in tracking.axes.values():
+        assert one.error_rms.value == pytest.approx(0.1)
+        assert one.setpoint_rms.value == pytest.approx(0.3, rel=0.02)
+
+
+def test_an_error_of_heading_does_not_jump_at_north() -> None:
+    """From 179 to -179 degrees are two degrees."""
+    t = grid(50.0)
+    angle = np.full((t.size, 3), np.radians(179.0))
+    asked = np.full((t.size, 3), np.radians(-179.0))
+    tracking = find_tracking(
+        series("attitude", t, angle), series("attitude_setpoint", t, asked), ((t[0], t[-1]),), {}, of="angles"
+    )
+    assert tracking is not None
+    assert tracking.axes["yaw"].error_rms.value == pytest.approx(np.radians(2.0))
