@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.control.frequency_response import TOLERANCE, Response
@@ -122,7 +121,7 @@ def _noise(measured: _Measured, tolerance: float) -> FloatArray:
     octave = np.log2(measured.frequency_hz)
     alike = np.exp(-np.abs(octave[:, np.newaxis] - octave) / _ALIKE_OCTAVES)
     one = tolerance**2 * alike + np.diag(0.5 * measured.error**2)
-    return np.asarray(block_diag(one, one), dtype=np.float64)
+    return np.kron(np.eye(2), one)
 
 
 def _tolerance(measured: _Measured, modelled: FloatArray) -> float:
