@@ -21,7 +21,7 @@ from quadid_logs.control.frequency_response import (
     lines_of,
     response,
 )
-from quadid_logs.control.loop import Loop, Plant, close, integrators, rate_loop
+from quadid_logs.control.loop import Loop, close, integrators, rate_loop
 from quadid_logs.control.margins import fine_grid_hz, grid_hz, margins_of, phase_margin, unmodelled
 from quadid_logs.control.posterior import draw
 from quadid_logs.control.prediction import AxisModel, Chirp, predict
@@ -34,6 +34,7 @@ from quadid_logs.data.closed_loop import (
     LoopCurve,
     LoopMargins,
     MeasuredLoop,
+    Plant,
     Prediction,
 )
 from quadid_logs.data.controller import AxisController, FlownControllers, Replay
@@ -120,6 +121,7 @@ def _axis(data: FlightData, model: Model, number: int, controller: AxisControlle
         contradicted=known.supported.contradicted,
         known_hz=known_hz,
         frame=known.frame,
+        plants=known.plants,
     )
 
 
@@ -143,7 +145,6 @@ def vehicles(
     model: Model,
     number: int,
     controller: AxisController,
-    frame: FrameModes | None = None,
 ) -> Vehicles | None:
     """Return the vehicles that the fit and the response above its band allow.
 
@@ -156,8 +157,6 @@ def vehicles(
     number : int
         Of the axis.
     controller : AxisController
-    frame : FrameModes, optional
-        The modes that the flight allows, where they are known already.
 
     Returns
     -------
@@ -179,18 +178,15 @@ def vehicles(
             crosses_above=_crossover_hz(plants, controller) > model.smoothing_hz,
         )
         found = _compared(plants, fitted, lines, controller, model.smoothing_hz)
-    if frame is None:
-        n_draws = plants.effectiveness.size - 1
-        estimate = plants.at(slice(0, 1))
-        frame = frame_modes(
-            data,
-            number,
-            controller,
-            estimate,
-            fitted_hz=model.smoothing_hz,
-            known_hz=found.supported.known_hz,
-            n=n_draws,
-        )
+    frame = frame_modes(
+        data,
+        number,
+        controller,
+        plants.at(slice(0, 1)),
+        fitted_hz=model.smoothing_hz,
+        known_hz=found.supported.known_hz,
+        n=plants.effectiveness.size - 1,
+    )
     modes = None if frame is None else frame.modes
     return found._replace(plants=found.plants._replace(modes=modes), frame=frame)
 

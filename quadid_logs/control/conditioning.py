@@ -13,7 +13,7 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.control.frequency_response import TOLERANCE, Response
-from quadid_logs.control.loop import Plant
+from quadid_logs.data.closed_loop import Plant
 from quadid_logs.maths.band import ComplexArray
 
 #: Half a third octave: a band whose middle is this far above the fitted ones shares no line with them.

@@ -154,7 +154,8 @@ def _estimated(values: FloatArray, worse: FloatArray) -> Estimated | None:
 
 def _nearest(values: FloatArray) -> FloatArray:
     """Return the values nearest to the quantiles; numpy.quantile takes as long as all figures of a loop."""
-    return np.sort(values)[np.rint((values.size - 1) * np.array(_CI)).astype(np.int64)]
+    places = np.rint((values.size - 1) * np.array(_CI)).astype(np.int64)
+    return np.asarray(np.sort(values)[places])
 
 
 class LoopFigures(NamedTuple):

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.control.loop import Plant, close, integrators
+from quadid_logs.control.loop import close, integrators
 from quadid_logs.control.margins import fine_grid_hz, grid_hz, margins_of
-from quadid_logs.data.closed_loop import Estimated, LoopMargins, Margins
+from quadid_logs.data.closed_loop import Estimated, LoopMargins, Margins, Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.tuning import Limits
 from quadid_logs.maths.band import ComplexArray

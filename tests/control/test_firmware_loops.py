@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from quadid_logs.control.loop import Plant, close, integrators
+from quadid_logs.control.loop import close, integrators
 from quadid_logs.control.margins import grid_hz, margins_of
 from quadid_logs.control.posterior import draw
-from quadid_logs.data.closed_loop import Margins
+from quadid_logs.data.closed_loop import Margins, Plant
 from quadid_logs.data.result import Result
 from quadid_logs.vocabulary import AXES
 from tests.analyses import Analyzed

@@ -7,8 +7,9 @@ import pytest
 
 from quadid_logs.autopilots import named
 from quadid_logs.control.closed_loop import close_loop
-from quadid_logs.control.loop import Plant, close, integrators
+from quadid_logs.control.loop import close, integrators
 from quadid_logs.control.margins import figures_of, grid_hz
+from quadid_logs.data.closed_loop import Plant
 from quadid_logs.data.model import Identification
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify import identify
