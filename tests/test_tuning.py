@@ -116,7 +116,8 @@ def bending(factor: float, *, seen: bool) -> Result:
         damping_ratio=np.full(number.size, 0.02),
         gain=np.where(number % 10 == 1, 0.3, 0.0),
     )
-    roll = replace(loop, frame=replace(loop.frame, modes=modes, seen=seen))
+    frame, plants = replace(loop.frame, modes=modes, seen=seen), plants_of(result)._replace(modes=modes)
+    roll = replace(loop, frame=frame, plants=plants)
     return replace(result, closed_loop=replace(result.closed_loop, axes={"roll": roll}))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import replace
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -43,6 +43,8 @@ from quadid_logs.data.model import Model
 from quadid_logs.maths.band import ComplexArray, delay_response
 from quadid_logs.vocabulary import AXES, ON_AXIS
 
+#: What of a loop is wanted: everything, or what the verdicts rest on.
+LoopPart = Literal["whole", "verdict"]
 #: An excitation that enters at the mixer moves the torque as the loop lets it; one that enters elsewhere, in
 #: other units, is off by more than this factor.
 _AT_MIXER: Final = 2.0
@@ -62,6 +64,7 @@ def close_loop(
     *,
     trusted: Collection[str] = AXES,
     low_hz: float,
+    wanted: LoopPart = "whole",
 ) -> ClosedLoop:
     """Close the loop of every axis whose controller and effectiveness are known.
 
@@ -78,6 +81,8 @@ def close_loop(
         The axes whose model may be used: of others nothing is said.
     low_hz : float
         Lower edge of the fitted band.
+    wanted : {"whole", "verdict"}
+        Everything, or only what the verdicts rest on: the replay, and the prediction of the flight.
 
     Returns
     -------
@@ -91,7 +96,7 @@ def close_loop(
             continue
         found = AxisLoop()
         if axis in trusted and not _disagrees(replay) and model.entries[ON_AXIS[axis]].identifiable:
-            found = _axis(data, model, number, controller, low_hz)
+            found = _axis(data, model, number, controller, low_hz, wanted)
         axes[axis] = replace(found, replay=replay)
     return ClosedLoop(controllers=controllers, axes=axes)
 
@@ -103,21 +108,32 @@ def _disagrees(replay: Replay | None) -> bool:
     return replay.reason is None or not replay.reason.tells_nothing
 
 
-def _axis(data: FlightData, model: Model, number: int, controller: AxisController, low_hz: float) -> AxisLoop:
+def _axis(
+    data: FlightData,
+    model: Model,
+    number: int,
+    controller: AxisController,
+    low_hz: float,
+    wanted: LoopPart,
+) -> AxisLoop:
     """Close the loop of one axis; nothing where the model tells too little."""
-    known = vehicles(data, model, number, controller)
+    known = vehicles(data, model, number, controller, frames=wanted == "whole")
     if known is None:
         return AxisLoop()
     seen, known_hz = known.seen, known.supported.known_hz
-    loop = close(controller, known.plants, fine_grid_hz(controller.period_s))
     entry = model.entries[ON_AXIS[AXES[number]]]
+    prediction = _prediction(data, model, number, controller, known, low_hz)
+    effectiveness = Estimated(entry.value, entry.ci95)
+    if wanted == "verdict":
+        return AxisLoop(prediction=prediction, effectiveness=effectiveness)
+    loop = close(controller, known.plants, fine_grid_hz(controller.period_s))
     return AxisLoop(
-        prediction=_prediction(data, model, number, controller, known, low_hz),
+        prediction=prediction,
         margins=_margins(controller, known.plants, loop, known_hz),
         step=step_of(controller, known.plants, None if seen is None else seen.closed),
         curve=_curve(loop, known_hz),
         measured=None if seen is None else _measured(seen, controller, known.plants.at(slice(0, 1))),
-        effectiveness=Estimated(entry.value, entry.ci95),
+        effectiveness=effectiveness,
         contradicted=known.supported.contradicted,
         known_hz=known_hz,
         frame=known.frame,
@@ -145,6 +161,8 @@ def vehicles(
     model: Model,
     number: int,
     controller: AxisController,
+    *,
+    frames: bool = True,
 ) -> Vehicles | None:
     """Return the vehicles that the fit and the response above its band allow.
 
@@ -157,6 +175,8 @@ def vehicles(
     number : int
         Of the axis.
     controller : AxisController
+    frames : bool
+        Whether modes of the frame are looked for.
 
     Returns
     -------
@@ -178,6 +198,8 @@ def vehicles(
             crosses_above=_crossover_hz(plants, controller) > model.smoothing_hz,
         )
         found = _compared(plants, fitted, lines, controller, model.smoothing_hz)
+    if not frames:
+        return found
     frame = frame_modes(
         data,
         number,

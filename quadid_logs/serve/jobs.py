@@ -134,7 +134,7 @@ def _by_flight(prepared: Prepared, result: Result) -> tuple[Result, ...]:
     from quadid_logs.fleet.per_flight import judge_flights
 
     settings = dataclasses.replace(Options().settings, log=result.settings.log)
-    return tuple(judge_flights(prepared, settings, None, result.timings_s["read"]))
+    return tuple(judge_flights(prepared, settings, None, result.timings_s["read"], "verdict"))
 
 
 def _summary(result: Result, row: Mapping[str, Any]) -> dict[str, Any]:
