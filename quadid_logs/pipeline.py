@@ -241,7 +241,7 @@ def _closed_loop(
     identification: Identification,
     diagnosis: Diagnosis,
     settings: Settings,
-    wanted: LoopPart,
+    wanted: LoopPart = "whole",
 ) -> ClosedLoop | None:
     """Close the loop of what was identified; None where no controller or no model is known."""
     model = identification.recommended
