@@ -49,14 +49,12 @@ def close(controller: AxisController, plant: Plant, frequency_hz: FloatArray) ->
     -------
     Loop
     """
-    s = _laplace(frequency_hz)
     body = plant.response(frequency_hz, controller.period_s)
     gyro, forward = gyro_filters(controller, frequency_hz), forward_filters(controller, frequency_hz)
-    rate = body * _back(controller, frequency_hz)
+    rate = body * on_rate(controller, frequency_hz)
     full = None
     if controller.angle_gain_per_s is not None:
-        steps_s = controller.angle_delay_steps * controller.period_s
-        full = rate + body * (forward * controller.angle_gain_per_s / s * delay_response(s, steps_s))
+        full = rate + body * on_angle(controller, frequency_hz)
     to_torque = forward / (1.0 + rate)
     return Loop(frequency_hz, rate, full, to_torque, to_torque * body * gyro)
 
@@ -73,17 +71,48 @@ def rate_loop(controller: AxisController, plant: Plant, frequency_hz: FloatArray
     -------
     ndarray of complex, shape (n_plants, n_frequencies)
     """
-    back = _back(controller, frequency_hz)
+    back = on_rate(controller, frequency_hz)
     return np.asarray(plant.response(frequency_hz, controller.period_s) * back)
 
 
-def _back(controller: AxisController, frequency_hz: FloatArray) -> ComplexArray:
-    """Return the response of the command to the rate, from the gyro's filters to the mixer's input."""
-    on_rate = controller.error.response(frequency_hz)
+def on_rate(controller: AxisController, frequency_hz: FloatArray) -> ComplexArray:
+    """Return the response of the command to the rate, from the gyro's filters to the mixer's input.
+
+    Parameters
+    ----------
+    controller : AxisController
+    frequency_hz : ndarray, shape (n_frequencies,)
+
+    Returns
+    -------
+    ndarray of complex, shape (n_frequencies,)
+        With its sign turned: the loop is the product with the vehicle.
+    """
+    of_error = controller.error.response(frequency_hz)
     if controller.rate is not None:
-        on_rate = on_rate + controller.rate.response(frequency_hz)
-    back = gyro_filters(controller, frequency_hz) * _behind(controller, frequency_hz) * on_rate
+        of_error = of_error + controller.rate.response(frequency_hz)
+    back = gyro_filters(controller, frequency_hz) * _behind(controller, frequency_hz) * of_error
     return np.asarray(back, dtype=np.complex128)
+
+
+def on_angle(controller: AxisController, frequency_hz: FloatArray) -> ComplexArray:
+    """Return the response of the command to the rate by way of the angle loop.
+
+    Parameters
+    ----------
+    controller : AxisController
+        Its angle gain is known.
+    frequency_hz : ndarray, shape (n_frequencies,)
+
+    Returns
+    -------
+    ndarray of complex, shape (n_frequencies,)
+        With its sign turned, as of `on_rate`.
+    """
+    s, late_s = _laplace(frequency_hz), controller.angle_delay_steps * controller.period_s
+    gain_per_s = np.nan if controller.angle_gain_per_s is None else controller.angle_gain_per_s
+    forward = forward_filters(controller, frequency_hz)
+    return np.asarray(forward * gain_per_s / s * delay_response(s, late_s), dtype=np.complex128)
 
 
 def forward_filters(controller: AxisController, frequency_hz: FloatArray) -> ComplexArray:
