@@ -1,6 +1,6 @@
 """Hold the tables of one page of measurements against those of another, and say what got slower.
 
-Two runs are on two machines, or on one that was busier. How much longer the same work took that is none of ours
+Two runs are on two machines, or on one that was busier. How much longer work took that is none of ours
 is the machine's; where that is on neither page, how much longer the middle row took.
 """
 

@@ -292,8 +292,8 @@ class _Pen:
         width = max(1, round(points * _POINT * _FINER))
         joint = "curve" if width > _FINER else None
         for part in _parts(self._fine(x, y)):
-            for piece in _dashes(part) if dashed else (part,):
-                self._draw.line(piece.ravel().tolist(), fill=colour, width=width, joint=joint)
+            for drawn in _dashes(part) if dashed else (part,):
+                self._draw.line(drawn.ravel().tolist(), fill=colour, width=width, joint=joint)
 
     def points(self, x: FloatArray, y: FloatArray, colour: Any, diameter_pt: float) -> None:
         """Draw points."""
