@@ -74,7 +74,7 @@ def matplotlib_figures(result: Result) -> dict[str, Canvas]:
     >>> figures["flight"].axes[0].get_ylabel()
     'body rate [deg/s]'
     """
-    from quadid_logs.figures.matplotlib_canvas import draw
+    from quadid_logs.figures.png import draw
 
     return {figure.key: draw(figure) for figure in figures_of(result).shown}
 

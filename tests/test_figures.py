@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import base64
 import json
-import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +14,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from PIL import Image, ImageColor
 
 from quadid_logs.data.flight import Segment
 from quadid_logs.data.log import NO_GYRO_FILTER, GyroFilter, ModeChange, Notch
@@ -28,10 +24,9 @@ from quadid_logs.figures.bode import frequency_response, model_response
 from quadid_logs.figures.closed_loop import loop_figures
 from quadid_logs.figures.end_labels import labelled, names_at_ends
 from quadid_logs.figures.interactive import interactive
-from quadid_logs.figures.matplotlib_canvas import draw
 from quadid_logs.figures.palette import DARK, LIGHT
-from quadid_logs.figures.png import write_png
-from quadid_logs.figures.spec import Axis, Curve, Figure, Mark, Panel
+from quadid_logs.figures.png import draw, write_png
+from quadid_logs.figures.spec import Figure, Panel
 from quadid_logs.figures.thinning import break_at_gaps, thin_line, thin_points
 from quadid_logs.figures.ticks import log_ticks
 from quadid_logs.figures.time_series import flight_overview
@@ -210,6 +205,8 @@ def test_windows_that_could_not_be_solved_do_not_stop_the_figures(usable: Result
 
 def test_the_png_of_every_figure_is_a_picture(usable: Result, tmp_path: Path) -> None:
     """Every file is a PNG with content: more than one colour over more than an empty frame."""
+    from PIL import Image
+
     for figure in figures_of(usable).shown:
         path = tmp_path / f"{figure.key}.png"
         write_png(figure, path)
@@ -463,44 +460,3 @@ def test_the_predicted_torque_of_a_calibrated_log_is_shown_as_the_command_that_i
     torques = [panel.y for panel in figure.panels if panel.title.endswith("torque")]
     assert torques
     assert {axis.unit for axis in torques} == {"normalised"}
-
-
-def picture(y: list[float], *, log: bool = False, mark: Mark = "thick") -> np.ndarray:
-    """Return the pixels of a figure with one curve over 0 to 1."""
-    values = np.array(y)
-    curve = Curve(label="", x=np.linspace(0.0, 1.0, values.size), y=values, role="roll", mark=mark)
-    axis = Axis(label="", log=log) if log or mark != "thick" else Axis(label="", low=0.0, high=1.0)
-    panel = Panel(title="", x=Axis(label="", low=0.0, high=1.0), y=axis, curves=(curve,))
-    drawn = BytesIO()
-    write_png(Figure(key="k", title="", caption="", panels=(panel,)), drawn)
-    with Image.open(drawn) as image:
-        return np.asarray(image.convert("RGB"))
-
-
-def rows_of(pixels: np.ndarray) -> np.ndarray:
-    """Return the rows that hold the colour of roll."""
-    return np.flatnonzero((pixels == ImageColor.getrgb(LIGHT["roll"])).all(axis=2).any(axis=1))
-
-
-def test_a_curve_is_drawn_where_its_values_are() -> None:
-    """At a quarter, a half and three quarters of an axis: one as far above the other."""
-    quarter, half, more = (rows_of(picture([value, value])).mean() for value in (0.25, 0.5, 0.75))
-    assert quarter - half == pytest.approx(half - more, abs=1.0)
-    assert quarter - half == pytest.approx(3.2 * 140 / 4, abs=1.0)
-
-
-@pytest.mark.parametrize("mark", ["line", "dashed", "points"])
-@pytest.mark.parametrize("log", [False, True])
-@pytest.mark.parametrize(
-    "y",
-    [[1e308, -1e308], [np.nan, np.nan], [np.inf, 1.0], [5e-324, 1e-320], [0.0, 0.0], [1e17, 1e17 + 16.0], []],
-)
-def test_absurd_values_of_a_log_are_drawn_or_left_out(y: list[float], *, log: bool, mark: Mark) -> None:
-    """None raises, and none fills the memory with ticks or dashes."""
-    assert picture(y, log=log, mark=mark).shape == picture([0.5]).shape
-
-
-def test_pictures_of_a_report_are_drawn_without_matplotlib() -> None:
-    """Importing it alone takes as long as drawing them all."""
-    code = "import sys, quadid_logs.figures.png; sys.exit('matplotlib' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

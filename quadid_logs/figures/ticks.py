@@ -55,42 +55,6 @@ def log_ticks(low: float, high: float) -> tuple[Tick, ...]:
     return tuple(Tick(10.0**exponent, _decade(exponent, plain=plain)) for exponent in exponents[::every])
 
 
-def linear_ticks(low: float, high: float, most: int) -> tuple[Tick, ...]:
-    """Return the ticks of an axis: round numbers, 1, 2 or 5 of a power of ten apart.
-
-    Parameters
-    ----------
-    low, high : float
-        Ends of what is shown.
-    most : int
-        No more than so many steps, and at least two.
-
-    Returns
-    -------
-    tuple of Tick
-
-    Examples
-    --------
-    >>> [tick.text for tick in linear_ticks(-0.3, 1.2, 6)]
-    ['0.0', '0.5', '1.0']
-    >>> [tick.text for tick in linear_ticks(0.0, 40.0, 4)]
-    ['0', '10', '20', '30', '40']
-    """
-    least = (high - low) / max(most, 2)
-    power = math.floor(math.log10(least))
-    step = next(each for each in (1.0, 2.0, 5.0, 10.0) if each * 10.0**power >= least * (1.0 - 1e-9))
-    power += step == 10.0
-    step = (1.0 if step == 10.0 else step) * 10.0**power
-    numbers = range(math.ceil(low / step - 1e-6), math.floor(high / step + 1e-6) + 1)
-    return tuple(Tick(number * step, _with_digits(number * step, max(-power, 0))) for number in numbers)
-
-
-def _with_digits(value: float, n_digits: int) -> str:
-    """Return a tick's number with as many digits as its neighbours have, and a true minus."""
-    text = f"{value:.3g}" if n_digits > 6 or abs(value) >= 1e7 else f"{value:.{n_digits}f}"
-    return text.replace("-", "−") if value else text.replace("-", "")
-
-
 def _decade(exponent: int, *, plain: bool) -> str:
     """Return the text of a power of ten."""
     return _plain(10.0**exponent) if plain else f"10{str(exponent).translate(_SUPERSCRIPTS)}"
