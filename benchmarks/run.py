@@ -29,6 +29,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks import actions  # noqa: E402
+from benchmarks.against import MACHINE, told  # noqa: E402
 from benchmarks.logs import corpus_logs, generated_log  # noqa: E402
 
 WARM_UP_MB = 0.2
@@ -53,6 +54,13 @@ READERS = {
 }
 #: Largest generated log of a format [MB]: the writer of Blackbox logs holds all numbers of a log at once.
 LARGEST_MB = {".bbl": 50.0}
+_MACHINE = """
+import numpy
+sum(i * i for i in range(2_000_000))
+square = numpy.ones((600, 600))
+for _ in range(20):
+    square @ square
+"""
 #: Readers that are measured only where they can be imported.
 OPTIONAL = ("mavparser", "fasttlogparser", "signalviewer", "orangebox")
 
@@ -76,6 +84,10 @@ def main() -> None:
     for line in _report(options):
         print(line, flush=True)
         lines.append(line)
+    if options.against and Path(options.against).is_file():
+        before = Path(options.against).read_text(encoding="utf-8")
+        print("\n## Against the page before\n")
+        print("\n".join(told(before, "\n".join(lines))), flush=True)
     if options.output:
         Path(options.output).write_text("\n".join(lines) + "\n", encoding="utf-8")
 
@@ -98,6 +110,11 @@ def _options() -> argparse.Namespace:
         "--others-python",
         default=sys.executable,
         help="interpreter that has the optional readers: " + ", ".join(OPTIONAL),
+    )
+    parser.add_argument(
+        "--against",
+        default=str(Path(__file__).with_name("results.md")),
+        help="page of an earlier run: what got slower is said at the end, and fails nothing; empty for none",
     )
     parser.add_argument("--output", help="write the tables to this Markdown file")
     parser.add_argument(
@@ -125,11 +142,43 @@ def _report(options: argparse.Namespace) -> Iterator[str]:
     size_mb = 4.0 if options.short else 40.0
     kinds = {path.suffix.lower() for path in logs}
     logs += [generated_log(suffix, size_mb) for suffix in READERS if suffix not in kinds]
+    yield from _beginnings(3 if options.short else repeats)
     yield from _readers(logs, repeats, options.others_python)
     if not options.short:
         yield from _sizes(options.sizes_mb, repeats)
         yield from _analyses(options.sizes_mb, repeats)
     yield from _computations(options.short, repeats)
+
+
+def _beginnings(repeats: int) -> Iterator[str]:
+    """Time what is short, start of Python included: it is in every run, so that each can be compared."""
+    yield from ("", "## Short commands, start of Python included (least of the runs)", "")
+    yield "| what | CPU s |"
+    yield "|---|---|"
+    root = Path(__file__).resolve().parents[1]
+    cli = "import sys; from quadid_logs.cli import run; sys.exit(run())"
+    sample = ("analyze", str(root / "sample_logs" / "sysid-quad-x.bin"), "--json", "--no-report")
+    commands = {
+        MACHINE: (_MACHINE,),
+        "`import quadid_logs.pipeline`": ("import quadid_logs.pipeline",),
+        "`quadid-log --help`": (cli, "--help"),
+        "`analyze --json --no-report` of the sample log": (cli, *sample),
+    }
+    least = dict.fromkeys(commands, math.inf)
+    for _ in range(repeats):
+        for what, command in commands.items():
+            began = resource.getrusage(resource.RUSAGE_CHILDREN)
+            subprocess.run(
+                [sys.executable, "-c", *command],
+                env={**os.environ, "PYTHONPATH": str(root)},
+                capture_output=True,
+                check=False,
+            )
+            ended = resource.getrusage(resource.RUSAGE_CHILDREN)
+            taken = ended.ru_utime + ended.ru_stime - began.ru_utime - began.ru_stime
+            least[what] = min(least[what], taken)
+    for what, taken in least.items():
+        yield f"| {what} | {taken:.3f} |"
 
 
 def _readers(logs: list[Path], repeats: int, others_python: str) -> Iterator[str]:

@@ -10,7 +10,7 @@ from pathlib import Path
 from quadid_logs.align import Prepared, check_part, cut
 from quadid_logs.align.pool import copies, pool
 from quadid_logs.autopilots import named
-from quadid_logs.control.closed_loop import close_loop
+from quadid_logs.control.closed_loop import LoopPart, close_loop
 from quadid_logs.control.findings import find_in_loop
 from quadid_logs.control.replay import replay
 from quadid_logs.data.closed_loop import ClosedLoop
@@ -205,6 +205,7 @@ def judge(
     pooled: tuple[PooledLog, ...] = (),
     health: Health | None = None,
     timings_s: Mapping[str, float],
+    loop: LoopPart = "whole",
 ) -> Result:
     """Identify and diagnose what was aligned: the end of every analysis.
 
@@ -220,6 +221,8 @@ def judge(
         As of `Result`.
     timings_s : mapping of str to float
         What the stages before took.
+    loop : {"whole", "verdict"}
+        As ``wanted`` of `close_loop`: with "verdict", the result has no margins, and no findings about them.
 
     Returns
     -------
@@ -233,7 +236,7 @@ def judge(
     diagnosis = diagnose(log, data, identification, pooled, vehicle)
     identified = time.perf_counter()
     # Several logs may have flown with several controllers.
-    closed_loop = None if pooled else _closed_loop(log, data, identification, diagnosis, settings)
+    closed_loop = None if pooled else _closed_loop(log, data, identification, diagnosis, settings, loop)
     if closed_loop is not None:
         diagnosis = with_findings(diagnosis, find_in_loop(closed_loop), log.autopilot)
     timings = {**timings_s, "identify": identified - began, "control": time.perf_counter() - identified}
@@ -257,6 +260,7 @@ def _closed_loop(
     identification: Identification,
     diagnosis: Diagnosis,
     settings: Settings,
+    wanted: LoopPart = "whole",
 ) -> ClosedLoop | None:
     """Close the loop of what was identified; None where no controller or no model is known."""
     model = identification.recommended
@@ -270,7 +274,9 @@ def _closed_loop(
     trusted = [axis for axis, verdict in diagnosis.axes.items() if verdict.verdict != "refused"]
     fitted = most_excited(data, settings.identify.most_samples)
     low_hz = model.band.low_hz[0] if model.band is not None else settings.identify.high_pass_hz
-    return close_loop(fitted, model, controllers, replays, trusted=trusted, low_hz=float(low_hz))
+    return close_loop(
+        fitted, model, controllers, replays, trusted=trusted, low_hz=float(low_hz), wanted=wanted
+    )
 
 
 def _cut_alike(prepared: Sequence[Prepared], settings: AlignSettings) -> list[FlightData]:

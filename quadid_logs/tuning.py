@@ -11,7 +11,6 @@ import numpy as np
 
 from quadid_logs.autopilots import named
 from quadid_logs.control.autotune import forecast
-from quadid_logs.control.closed_loop import vehicles
 from quadid_logs.control.command_units import per_command
 from quadid_logs.control.guard import Case
 from quadid_logs.control.next_flight import of_next_flight
@@ -195,14 +194,9 @@ def _case(
     loop, model = result.closed_loop, result.identification.recommended
     found = None if loop is None else loop.axes.get(axis, AxisLoop())
     controllers = None if loop is None else loop.controllers
-    controller = None if controllers is None else controllers.axes.get(axis)
-    data, plants = result.data, None
+    data = result.data
     if model is not None:
         data, model = per_command(result.data, model)
-        if controller is not None:
-            frame = None if found is None else found.frame
-            known = vehicles(data, model, AXES.index(axis), controller, frame)
-            plants = None if known is None else known.plants
     case = Case(
         axis=axis,
         log=result.log,
@@ -210,7 +204,7 @@ def _case(
         diagnosis=result.diagnosis,
         controllers=controllers,
         found=found,
-        plants=plants,
+        plants=None if found is None else found.plants,
         names=tunable.axes[axis],
         parameters=parameters,
         n_pooled=len(result.pooled),

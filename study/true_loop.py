@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from quadid_logs.autopilots.discrete import butterworth, derivative, first_order, gain, integrator, unit
-from quadid_logs.control.loop import Plant
-from quadid_logs.data.closed_loop import Modes
+from quadid_logs.data.closed_loop import Modes, Plant
 from quadid_logs.data.controller import AxisController, DiscreteFilter
 from quadid_logs.simulate.closed_loop import Setup, final_gains
 from quadid_logs.simulate.effects import high_pass

@@ -10,9 +10,8 @@ from quadid_logs.autopilots import named
 from quadid_logs.control.closed_loop import vehicles
 from quadid_logs.control.command_units import per_command
 from quadid_logs.control.findings import find_in_loop
-from quadid_logs.control.loop import Plant
 from quadid_logs.control.scaled_loop import scaled_loops
-from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, LoopMargins
+from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, LoopMargins, Plant
 from quadid_logs.data.controller import Replay
 from quadid_logs.data.diagnosis import AxisVerdict, Diagnosis
 from quadid_logs.data.result import Result
@@ -136,7 +135,7 @@ def with_gains(
         margins = scaled_loops(controller, known.plants, known_hz).margins()
         replayed = Replay(relative_rms={}, agrees=True)
         fields = {"margins": margins, "replay": replayed, "known_hz": known_hz, **loop}
-        axes[axis] = AxisLoop(**fields)  # type: ignore[arg-type]
+        axes[axis] = AxisLoop(plants=known.plants, **fields)  # type: ignore[arg-type]
     closed = ClosedLoop(controllers=controllers, axes=axes)
     usable = AxisVerdict(verdict="usable", reasons=(), sentence="")
     before = Diagnosis(findings=(), axes=dict.fromkeys(AXES, usable))

@@ -15,12 +15,11 @@ import quadid_logs.control.recommend as recommending
 from quadid_logs.autopilots import named
 from quadid_logs.cli import main
 from quadid_logs.control.guard import Case
-from quadid_logs.control.loop import Plant
 from quadid_logs.control.next_flight import of_next_flight
 from quadid_logs.control.posterior import draw
 from quadid_logs.control.recommend import filter_note
 from quadid_logs.control.scaled_loop import scaled_loops, spare
-from quadid_logs.data.closed_loop import Estimated, LoopMargins, Margins
+from quadid_logs.data.closed_loop import Estimated, LoopMargins, Margins, Plant
 from quadid_logs.data.controller import AxisController, Replay
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD, AxisTuning, GainChange, GainNames, Tuning
@@ -118,7 +117,8 @@ def bending(factor: float, *, seen: bool) -> Result:
         damping_ratio=np.full(number.size, 0.02),
         gain=np.where(number % 10 == 1, 0.3, 0.0),
     )
-    roll = replace(loop, frame=replace(loop.frame, modes=modes, seen=seen))
+    frame, plants = replace(loop.frame, modes=modes, seen=seen), plants_of(result)._replace(modes=modes)
+    roll = replace(loop, frame=frame, plants=plants)
     return replace(result, closed_loop=replace(result.closed_loop, axes={"roll": roll}))
 
 

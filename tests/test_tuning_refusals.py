@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from quadid_logs.control.posterior import draw
 from quadid_logs.data.closed_loop import AxisLoop
 from quadid_logs.data.controller import Replay, ReplayReason
 from quadid_logs.data.diagnosis import AxisVerdict, Finding
@@ -56,7 +57,17 @@ def on_posterior(place: int, sigma: float) -> Callable[[Result], Result]:
         covariance[:, place, :] = covariance[:, :, place] = 0.0
         covariance[:, place, place] = sigma**2
         loose = replace(model, posterior=replace(model.posterior, covariance=covariance))
-        return replace(result, identification=replace(result.identification, models=(loose, *others)))
+        assert result.closed_loop is not None
+        axes = dict(result.closed_loop.axes)
+        for number, (axis, loop) in enumerate(axes.items()):
+            if loop.plants is not None and loose.posterior is not None:
+                plants = draw(loose.posterior, number, result.closed_loop.controllers.axes[axis].period_s)
+                assert plants is not None
+                axes[axis] = replace(loop, plants=plants._replace(modes=loop.plants.modes))
+        identification = replace(result.identification, models=(loose, *others))
+        return replace(
+            result, identification=identification, closed_loop=replace(result.closed_loop, axes=axes)
+        )
 
     return change
 

@@ -8,13 +8,12 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.control.loop import Plant
 from quadid_logs.control.pole_placement import place_poles
 from quadid_logs.control.scaled_loop import scaled_loops
 from quadid_logs.control.separate_gains import Rebuild
 from quadid_logs.control.twitch import twitch
 from quadid_logs.data.autotune import AutotuneForecast, PolePlacement, Procedure, Twitching
-from quadid_logs.data.closed_loop import Estimated, Margins
+from quadid_logs.data.closed_loop import Estimated, Margins, Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.tuning import GainNames
 

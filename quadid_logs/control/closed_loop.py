@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import replace
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from quadid_logs.control.frequency_response import (
     lines_of,
     response,
 )
-from quadid_logs.control.loop import Loop, Plant, close, integrators, rate_loop
+from quadid_logs.control.loop import Loop, close, integrators, rate_loop
 from quadid_logs.control.margins import fine_grid_hz, grid_hz, margins_of, phase_margin, unmodelled
 from quadid_logs.control.posterior import draw
 from quadid_logs.control.prediction import AxisModel, Chirp, predict
@@ -34,6 +34,7 @@ from quadid_logs.data.closed_loop import (
     LoopCurve,
     LoopMargins,
     MeasuredLoop,
+    Plant,
     Prediction,
 )
 from quadid_logs.data.controller import AxisController, FlownControllers, Replay
@@ -42,6 +43,8 @@ from quadid_logs.data.model import Model
 from quadid_logs.maths.band import ComplexArray, delay_response
 from quadid_logs.vocabulary import AXES, ON_AXIS
 
+#: What of a loop is wanted: everything, or what the verdicts rest on.
+LoopPart = Literal["whole", "verdict"]
 #: An excitation that enters at the mixer moves the torque as the loop lets it; one that enters elsewhere, in
 #: other units, is off by more than this factor.
 _AT_MIXER: Final = 2.0
@@ -61,6 +64,7 @@ def close_loop(
     *,
     trusted: Collection[str] = AXES,
     low_hz: float,
+    wanted: LoopPart = "whole",
 ) -> ClosedLoop:
     """Close the loop of every axis whose controller and effectiveness are known.
 
@@ -77,6 +81,8 @@ def close_loop(
         The axes whose model may be used: of others nothing is said.
     low_hz : float
         Lower edge of the fitted band.
+    wanted : {"whole", "verdict"}
+        Everything, or only what the verdicts rest on: the replay, and the prediction of the flight.
 
     Returns
     -------
@@ -90,7 +96,7 @@ def close_loop(
             continue
         found = AxisLoop()
         if axis in trusted and not _disagrees(replay) and model.entries[ON_AXIS[axis]].identifiable:
-            found = _axis(data, model, number, controller, low_hz)
+            found = _axis(data, model, number, controller, low_hz, wanted)
         axes[axis] = replace(found, replay=replay)
     return ClosedLoop(controllers=controllers, axes=axes)
 
@@ -102,24 +108,36 @@ def _disagrees(replay: Replay | None) -> bool:
     return replay.reason is None or not replay.reason.tells_nothing
 
 
-def _axis(data: FlightData, model: Model, number: int, controller: AxisController, low_hz: float) -> AxisLoop:
+def _axis(
+    data: FlightData,
+    model: Model,
+    number: int,
+    controller: AxisController,
+    low_hz: float,
+    wanted: LoopPart,
+) -> AxisLoop:
     """Close the loop of one axis; nothing where the model tells too little."""
-    known = vehicles(data, model, number, controller)
+    known = vehicles(data, model, number, controller, frames=wanted == "whole")
     if known is None:
         return AxisLoop()
     seen, known_hz = known.seen, known.supported.known_hz
-    loop = close(controller, known.plants, fine_grid_hz(controller.period_s))
     entry = model.entries[ON_AXIS[AXES[number]]]
+    prediction = _prediction(data, model, number, controller, known, low_hz)
+    effectiveness = Estimated(entry.value, entry.ci95)
+    if wanted == "verdict":
+        return AxisLoop(prediction=prediction, effectiveness=effectiveness)
+    loop = close(controller, known.plants, fine_grid_hz(controller.period_s))
     return AxisLoop(
-        prediction=_prediction(data, model, number, controller, known, low_hz),
+        prediction=prediction,
         margins=_margins(controller, known.plants, loop, known_hz),
         step=step_of(controller, known.plants, None if seen is None else seen.closed),
         curve=_curve(loop, known_hz),
         measured=None if seen is None else _measured(seen, controller, known.plants.at(slice(0, 1))),
-        effectiveness=Estimated(entry.value, entry.ci95),
+        effectiveness=effectiveness,
         contradicted=known.supported.contradicted,
         known_hz=known_hz,
         frame=known.frame,
+        plants=known.plants,
     )
 
 
@@ -143,7 +161,8 @@ def vehicles(
     model: Model,
     number: int,
     controller: AxisController,
-    frame: FrameModes | None = None,
+    *,
+    frames: bool = True,
 ) -> Vehicles | None:
     """Return the vehicles that the fit and the response above its band allow.
 
@@ -156,8 +175,8 @@ def vehicles(
     number : int
         Of the axis.
     controller : AxisController
-    frame : FrameModes, optional
-        The modes that the flight allows, where they are known already.
+    frames : bool
+        Whether modes of the frame are looked for.
 
     Returns
     -------
@@ -179,18 +198,17 @@ def vehicles(
             crosses_above=_crossover_hz(plants, controller) > model.smoothing_hz,
         )
         found = _compared(plants, fitted, lines, controller, model.smoothing_hz)
-    if frame is None:
-        n_draws = plants.effectiveness.size - 1
-        estimate = plants.at(slice(0, 1))
-        frame = frame_modes(
-            data,
-            number,
-            controller,
-            estimate,
-            fitted_hz=model.smoothing_hz,
-            known_hz=found.supported.known_hz,
-            n=n_draws,
-        )
+    if not frames:
+        return found
+    frame = frame_modes(
+        data,
+        number,
+        controller,
+        plants.at(slice(0, 1)),
+        fitted_hz=model.smoothing_hz,
+        known_hz=found.supported.known_hz,
+        n=plants.effectiveness.size - 1,
+    )
     modes = None if frame is None else frame.modes
     return found._replace(plants=found.plants._replace(modes=modes), frame=frame)
 

@@ -10,11 +10,10 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.control.frequency_response import TOLERANCE, Response
-from quadid_logs.control.loop import Plant
+from quadid_logs.data.closed_loop import Plant
 from quadid_logs.maths.band import ComplexArray
 
 #: Half a third octave: a band whose middle is this far above the fitted ones shares no line with them.
@@ -122,7 +121,7 @@ def _noise(measured: _Measured, tolerance: float) -> FloatArray:
     octave = np.log2(measured.frequency_hz)
     alike = np.exp(-np.abs(octave[:, np.newaxis] - octave) / _ALIKE_OCTAVES)
     one = tolerance**2 * alike + np.diag(0.5 * measured.error**2)
-    return np.asarray(block_diag(one, one), dtype=np.float64)
+    return np.kron(np.eye(2), one)
 
 
 def _tolerance(measured: _Measured, modelled: FloatArray) -> float:

@@ -14,9 +14,9 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.control.frequency_response import MOST_OF_RATE, WINDOW_S
-from quadid_logs.control.loop import Plant, close, gyro_filters, rate_loop
+from quadid_logs.control.loop import close, gyro_filters, rate_loop
 from quadid_logs.control.margins import fine_grid_hz
-from quadid_logs.data.closed_loop import FrameModes, Modes
+from quadid_logs.data.closed_loop import FrameModes, Modes, Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.maths.band import ComplexArray

@@ -9,8 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.control.loop import Plant, rate_loop
-from quadid_logs.data.closed_loop import AxisLoop
+from quadid_logs.control.loop import rate_loop
+from quadid_logs.data.closed_loop import AxisLoop, Plant
 from quadid_logs.data.controller import AxisController, FlownControllers, RemarkKind, ReplayReason
 from quadid_logs.data.diagnosis import Diagnosis, Finding, Verdict
 from quadid_logs.data.flight import FlightData

@@ -12,71 +12,12 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.data.closed_loop import Modes
+from quadid_logs.data.closed_loop import Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.maths.band import ComplexArray, delay_response
 
 #: A pole this near to one in z is at zero frequency: rounding leaves 1e-16, the slowest filter 1e-5.
 _AT_ZERO: Final = 1e-9
-
-
-class Plant(NamedTuple):
-    """Vehicles with their actuators, one axis: each of shape (n_plants,); one lead may be that of all.
-
-    Torque to rate is B (1 + s lead) / (s - A) / (1 + s lag) exp(-s delay); ``damping`` A is negative where
-    the air brakes. The delay does not contain the zero-order hold. The lead is that of rotors whose
-    acceleration turns the vehicle, in yaw. The modes are those of the frame, None where none is looked for.
-    """
-
-    effectiveness: FloatArray
-    damping: FloatArray
-    lag_s: FloatArray
-    delay_s: FloatArray
-    lead_s: FloatArray | float = 0.0
-    modes: Modes | None = None
-
-    def at(self, numbers: slice) -> Plant:
-        """Return some of the plants."""
-        effectiveness, damping, lag_s, delay_s, lead_s = (values[numbers] for values in self._numbers())
-        modes = None if self.modes is None else self.modes.at(numbers)
-        return Plant(effectiveness, damping, lag_s, delay_s, lead_s, modes)
-
-    def _numbers(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return all but the modes."""
-        lead_s = np.broadcast_to(self.lead_s, self.effectiveness.shape)
-        return self.effectiveness, self.damping, self.lag_s, self.delay_s, lead_s
-
-    @property
-    def reaction(self) -> FloatArray:
-        """Return what accelerating rotors do; shape (n_plants,)."""
-        return np.asarray(self.effectiveness * self.lead_s)
-
-    def times(self, factor: float) -> Plant:
-        """Return plants that are so many times as effective."""
-        return self._replace(effectiveness=self.effectiveness * factor)
-
-    def response(self, frequency_hz: FloatArray, hold_s: float) -> ComplexArray:
-        """Return the response of the rate to the controller's command, before the gyro's filters.
-
-        Parameters
-        ----------
-        frequency_hz : ndarray, shape (n_frequencies,)
-        hold_s : float
-            For which a command is held [s].
-
-        Returns
-        -------
-        ndarray of complex, shape (n_plants, n_frequencies)
-        """
-        s = _laplace(frequency_hz)
-        B, A, lag_s, delay_s, lead_s = (values[:, np.newaxis] for values in self._numbers())
-        held = np.sinc(frequency_hz * hold_s)
-        response = (
-            B * (1.0 + s * lead_s) / (s - A) / (1.0 + s * lag_s) * np.exp(-s * (delay_s + 0.5 * hold_s))
-        )
-        if self.modes is not None:
-            response = response * self.modes.response(frequency_hz)
-        return np.asarray(held * response, dtype=np.complex128)
 
 
 class Loop(NamedTuple):
@@ -108,14 +49,12 @@ def close(controller: AxisController, plant: Plant, frequency_hz: FloatArray) ->
     -------
     Loop
     """
-    s = _laplace(frequency_hz)
     body = plant.response(frequency_hz, controller.period_s)
     gyro, forward = gyro_filters(controller, frequency_hz), forward_filters(controller, frequency_hz)
-    rate = body * _back(controller, frequency_hz)
+    rate = body * on_rate(controller, frequency_hz)
     full = None
     if controller.angle_gain_per_s is not None:
-        steps_s = controller.angle_delay_steps * controller.period_s
-        full = rate + body * (forward * controller.angle_gain_per_s / s * delay_response(s, steps_s))
+        full = rate + body * on_angle(controller, frequency_hz)
     to_torque = forward / (1.0 + rate)
     return Loop(frequency_hz, rate, full, to_torque, to_torque * body * gyro)
 
@@ -132,17 +71,48 @@ def rate_loop(controller: AxisController, plant: Plant, frequency_hz: FloatArray
     -------
     ndarray of complex, shape (n_plants, n_frequencies)
     """
-    back = _back(controller, frequency_hz)
+    back = on_rate(controller, frequency_hz)
     return np.asarray(plant.response(frequency_hz, controller.period_s) * back)
 
 
-def _back(controller: AxisController, frequency_hz: FloatArray) -> ComplexArray:
-    """Return the response of the command to the rate, from the gyro's filters to the mixer's input."""
-    on_rate = controller.error.response(frequency_hz)
+def on_rate(controller: AxisController, frequency_hz: FloatArray) -> ComplexArray:
+    """Return the response of the command to the rate, from the gyro's filters to the mixer's input.
+
+    Parameters
+    ----------
+    controller : AxisController
+    frequency_hz : ndarray, shape (n_frequencies,)
+
+    Returns
+    -------
+    ndarray of complex, shape (n_frequencies,)
+        With its sign turned: the loop is the product with the vehicle.
+    """
+    of_error = controller.error.response(frequency_hz)
     if controller.rate is not None:
-        on_rate = on_rate + controller.rate.response(frequency_hz)
-    back = gyro_filters(controller, frequency_hz) * _behind(controller, frequency_hz) * on_rate
+        of_error = of_error + controller.rate.response(frequency_hz)
+    back = gyro_filters(controller, frequency_hz) * _behind(controller, frequency_hz) * of_error
     return np.asarray(back, dtype=np.complex128)
+
+
+def on_angle(controller: AxisController, frequency_hz: FloatArray) -> ComplexArray:
+    """Return the response of the command to the rate by way of the angle loop.
+
+    Parameters
+    ----------
+    controller : AxisController
+        Its angle gain is known.
+    frequency_hz : ndarray, shape (n_frequencies,)
+
+    Returns
+    -------
+    ndarray of complex, shape (n_frequencies,)
+        With its sign turned, as of `on_rate`.
+    """
+    s, late_s = _laplace(frequency_hz), controller.angle_delay_steps * controller.period_s
+    gain_per_s = np.nan if controller.angle_gain_per_s is None else controller.angle_gain_per_s
+    forward = forward_filters(controller, frequency_hz)
+    return np.asarray(forward * gain_per_s / s * delay_response(s, late_s), dtype=np.complex128)
 
 
 def forward_filters(controller: AxisController, frequency_hz: FloatArray) -> ComplexArray:

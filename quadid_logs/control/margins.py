@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.closed_loop import Estimated, Margins
 from quadid_logs.maths.band import ComplexArray
 
@@ -147,9 +147,15 @@ def _estimated(values: FloatArray, worse: FloatArray) -> Estimated | None:
     if not np.isfinite(values[0]):
         return None
     kept = [each[~np.isnan(each)] for each in (values, worse)]
-    limits = [np.quantile(each, _CI, method="nearest") for each in kept if each.size]
+    limits = [_nearest(each) for each in kept if each.size]
     low, high = min(each[0] for each in limits), max(each[1] for each in limits)
     return Estimated(float(values[0]), (float(min(low, values[0])), float(max(high, values[0]))))
+
+
+def _nearest(values: FloatArray) -> FloatArray:
+    """Return the values nearest to the quantiles; numpy.quantile takes as long as all figures of a loop."""
+    places = np.rint((values.size - 1) * np.array(_CI)).astype(np.int64)
+    return np.asarray(np.sort(values)[places])
 
 
 class LoopFigures(NamedTuple):
@@ -186,19 +192,69 @@ def figures_of(
     40(5), 2020.
     """
     crossover_hz, phase_rad, delay_s = phase_margin(frequency_hz, loop)
-    gain, oscillation_hz, gain_down = _gain_margins(frequency_hz, loop)
-    sensitivity = 1.0 / (1.0 + loop)
+    crossings = _on_negative_axis(loop)
+    gain, oscillation_hz, gain_down = _gain_margins(frequency_hz, crossings, len(loop))
+    # |S|^2 and 4 |S - 1/2|^2 with S = 1 / (1 + L).
+    square = loop.imag**2
+    distance = (1.0 + loop.real) ** 2 + square
+    skewed = (1.0 - loop.real) ** 2 + square
     return LoopFigures(
-        stable=is_stable(loop, integrators, unstable_poles),
+        stable=_stable(loop, crossings, integrators, unstable_poles),
         crossover_hz=crossover_hz,
         phase_margin_rad=phase_rad,
         delay_margin_s=delay_s,
         gain_margin=gain,
         oscillation_hz=oscillation_hz,
         gain_margin_down=gain_down,
-        disk_margin=1.0 / np.max(np.abs(sensitivity - 0.5), axis=1),
-        peak_sensitivity=np.max(np.abs(sensitivity), axis=1),
+        disk_margin=2.0 / np.sqrt(np.max(skewed / distance, axis=1)),
+        peak_sensitivity=1.0 / np.sqrt(np.min(distance, axis=1)),
     )
+
+
+class _Crossings(NamedTuple):
+    """Where Nyquist curves cross the negative real axis, each (n_crossings,).
+
+    Row and number of the frequency before, place between it and the next, the real part there, and in which
+    sense: 1 for counterclockwise about zero, 0 where the curve only touches the axis.
+    """
+
+    row: IntArray
+    before: IntArray
+    place: FloatArray
+    real: FloatArray
+    sense: IntArray
+
+
+def _on_negative_axis(loop: ComplexArray) -> _Crossings:
+    """Return the crossings of straight lines between the points of loops (n_plants, n_frequencies)."""
+    row, before = np.nonzero(loop.imag[:, :-1] * loop.imag[:, 1:] <= 0.0)
+    some, other = loop[row, before], loop[row, before + 1]
+    change = some.imag - other.imag
+    place = np.divide(some.imag, change, where=change != 0.0, out=np.zeros(change.shape))
+    real = some.real + place * (other.real - some.real)
+    sense = (some.imag >= 0.0).astype(np.int64) - (other.imag >= 0.0)
+    kept = (change != 0.0) & (real < 0.0)
+    return _Crossings(row[kept], before[kept], place[kept], real[kept], sense[kept])
+
+
+def _least(row: IntArray, values: FloatArray, n_rows: int) -> IntArray:
+    """Return for each row the number of its least value, the first of equal ones; -1 where it has none."""
+    order = np.lexsort((values, row))
+    first = order[np.diff(row[order], prepend=-1) > 0]
+    found = np.full(n_rows, -1, dtype=np.int64)
+    found[row[first]] = first
+    return found
+
+
+def _chosen(values: FloatArray, number: IntArray) -> FloatArray:
+    """Return the values of these numbers, NaN for -1."""
+    return np.append(values, np.nan)[number]
+
+
+def _between(frequency_hz: FloatArray, before: IntArray, place: FloatArray) -> FloatArray:
+    """Return frequencies [Hz] at a place after those of these numbers, in proportion to logarithms."""
+    low_hz = frequency_hz[before]
+    return np.asarray(low_hz * (frequency_hz[before + 1] / low_hz) ** place)
 
 
 def is_stable(loop: ComplexArray, integrators: int, unstable_poles: BoolArray) -> BoolArray:
@@ -222,14 +278,23 @@ def is_stable(loop: ComplexArray, integrators: int, unstable_poles: BoolArray) -
     The argument principle: without an unstable pole of the closed loop, 1 + L turns by a quarter of a circle
     for each integrator and by a half for each unstable pole, from zero frequency to high ones, where it is 1.
     """
-    difference = 1.0 + loop
-    turned = np.sum(np.angle(difference[:, 1:] / difference[:, :-1]), axis=1)
+    return _stable(loop, _on_negative_axis(loop), integrators, unstable_poles)
+
+
+def _stable(
+    loop: ComplexArray, crossings: _Crossings, integrators: int, unstable_poles: BoolArray
+) -> BoolArray:
+    """Do what `is_stable` says, with the crossings of the negative real axis."""
+    # 1 + L turns by what lies between its ends, and once more for each crossing of the axis beyond -1.
+    beyond = crossings.real <= -1.0
+    turns = np.zeros(len(loop))
+    np.add.at(turns, crossings.row[beyond], crossings.sense[beyond])
+    begins, ends = np.angle(1.0 + loop[:, 0]), np.angle(1.0 + loop[:, -1])
     # At the first frequency the vehicle's own pole has turned the curve by something between nothing and a
     # quarter.
     near = -0.5 * np.pi * (integrators + 0.5) - 0.5 * np.pi * unstable_poles
-    first = np.angle(difference[:, 0])
-    first += 2.0 * np.pi * np.round((near - first) / (2.0 * np.pi))
-    return np.asarray(np.abs(first + turned) < np.pi, dtype=np.bool_)
+    turns += np.round((near - begins) / (2.0 * np.pi))
+    return np.asarray(np.abs(ends + 2.0 * np.pi * turns) < np.pi, dtype=np.bool_)
 
 
 def phase_margin(frequency_hz: FloatArray, loop: ComplexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -245,44 +310,29 @@ def phase_margin(frequency_hz: FloatArray, loop: ComplexArray) -> tuple[FloatArr
     crossover_hz, phase_margin_rad, delay_margin_s : ndarray, shape (n_plants,)
         The crossover with the least phase to spare, that phase, and the least delay that any crossover bears.
     """
-    level = np.log(np.abs(loop))
-    crossing = (level[:, :-1] > 0.0) & (level[:, 1:] <= 0.0)
-    place = np.divide(
-        level[:, :-1], level[:, :-1] - level[:, 1:], where=crossing, out=np.zeros(crossing.shape)
-    )
-    at_hz = frequency_hz[:-1] * (frequency_hz[1:] / frequency_hz[:-1]) ** place
-    turn = np.angle(loop[:, 1:] / loop[:, :-1])
-    spare = np.mod(np.pi + np.angle(loop[:, :-1]) + place * turn, 2.0 * np.pi)
+    power = loop.real**2 + loop.imag**2
+    row, before = np.nonzero((power[:, :-1] > 1.0) & (power[:, 1:] <= 1.0))
+    level, after = np.log(power[row, before]), np.log(power[row, before + 1])
+    place = level / (level - after)
+    at_hz = _between(frequency_hz, before, place)
+    some = loop[row, before]
+    spare = np.mod(np.pi + np.angle(some) + place * np.angle(loop[row, before + 1] / some), 2.0 * np.pi)
     spare = np.where(spare > 1.5 * np.pi, spare - 2.0 * np.pi, spare)
-    least = np.where(crossing, spare, np.inf)
-    rows, number = np.arange(len(loop)), np.argmin(least, axis=1)
-    some = crossing.any(axis=1)
-    delay = np.min(np.where(crossing, spare / (2.0 * np.pi * at_hz), np.inf), axis=1)
-    return (
-        np.where(some, at_hz[rows, number], np.nan),
-        np.where(some, least[rows, number], np.nan),
-        np.where(some, delay, np.nan),
-    )
+    delay_s = spare / (2.0 * np.pi * at_hz)
+    least = _least(row, spare, len(loop))
+    return _chosen(at_hz, least), _chosen(spare, least), _chosen(delay_s, _least(row, delay_s, len(loop)))
 
 
-def _gain_margins(frequency_hz: FloatArray, loop: ComplexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _gain_margins(
+    frequency_hz: FloatArray, crossings: _Crossings, n_plants: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return factors by which the gain may grow and may fall, and at which frequency [Hz] the first ends."""
-    above, below = loop[:, :-1], loop[:, 1:]
-    change = above.imag - below.imag
-    crossing = above.imag * below.imag <= 0.0
-    crossing &= change != 0.0
-    place = np.divide(above.imag, change, where=crossing, out=np.zeros(crossing.shape))
-    real = above.real + place * (below.real - above.real)
-    crossing &= real < 0.0
-    inside, outside = crossing & (real > -1.0), crossing & (real <= -1.0)
-    up = np.where(inside, real, 0.0)
-    rows, number = np.arange(len(loop)), np.argmin(up, axis=1)
-    down = np.max(np.where(outside, real, -np.inf), axis=1)
-    at_hz = frequency_hz[:-1] * (frequency_hz[1:] / frequency_hz[:-1]) ** place
-    some_up, some_down = inside.any(axis=1), outside.any(axis=1)
-    largest = up[rows, number]
+    at_hz = _between(frequency_hz, crossings.before, crossings.place)
+    inside = crossings.real > -1.0
+    up = _least(crossings.row[inside], crossings.real[inside], n_plants)
+    down = _least(crossings.row[~inside], -crossings.real[~inside], n_plants)
     return (
-        np.divide(-1.0, largest, where=some_up, out=np.full(largest.shape, np.nan)),
-        np.where(some_up, at_hz[rows, number], np.nan),
-        np.where(some_down, -down, np.nan),
+        _chosen(-1.0 / crossings.real[inside], up),
+        _chosen(at_hz[inside], up),
+        _chosen(-crossings.real[~inside], down),
     )

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.control.loop import Plant
+from quadid_logs.data.closed_loop import Plant
 from quadid_logs.maths.normal import NORMAL_95
 
 #: Spread between flights of one vehicle, which the intervals do not hold (95 %). Measured on one simulated

@@ -7,8 +7,9 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.control.loop import Plant, forward_filters, gyro_filters, rate_loop
+from quadid_logs.control.loop import forward_filters, gyro_filters, rate_loop
 from quadid_logs.data.autotune import PolePlacement
+from quadid_logs.data.closed_loop import Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.maths.band import ComplexArray
 

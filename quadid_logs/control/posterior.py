@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.control.loop import Plant
+from quadid_logs.data.closed_loop import Plant
 from quadid_logs.data.model import Posterior
 
 #: The 2.5 % quantile of so many draws is itself known to a fifth of a standard deviation.

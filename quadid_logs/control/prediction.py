@@ -14,8 +14,8 @@ import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.control.frequency_response import Lines, above_zero, acting_torque
-from quadid_logs.control.loop import Plant, forward_filters, gyro_filters, rate_loop
-from quadid_logs.data.closed_loop import Estimated, PredictedSeries, Prediction
+from quadid_logs.control.loop import forward_filters, gyro_filters, rate_loop
+from quadid_logs.data.closed_loop import Estimated, Plant, PredictedSeries, Prediction
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.data.model import Actuator, FitSeries

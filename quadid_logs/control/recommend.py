@@ -13,7 +13,6 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.control.guard import Case, obstacles
-from quadid_logs.control.loop import Plant
 from quadid_logs.control.next_flight import of_next_flight
 from quadid_logs.control.scaled_loop import ScaledLoops, scaled_loops, spare
 from quadid_logs.control.separate_gains import Rebuild, SeparateGains, Step
@@ -26,7 +25,7 @@ from quadid_logs.control.torque_noise import (
     torque_noise,
     torque_spectrum,
 )
-from quadid_logs.data.closed_loop import AxisLoop, LoopMargins
+from quadid_logs.data.closed_loop import AxisLoop, LoopMargins, Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.model import Model

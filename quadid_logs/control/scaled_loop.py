@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.control.loop import Plant, close, integrators
+from quadid_logs.control.loop import integrators, on_angle, on_rate
 from quadid_logs.control.margins import fine_grid_hz, grid_hz, margins_of
-from quadid_logs.data.closed_loop import Estimated, LoopMargins, Margins
+from quadid_logs.data.closed_loop import Estimated, LoopMargins, Margins, Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.tuning import Limits
 from quadid_logs.maths.band import ComplexArray
@@ -84,14 +84,14 @@ def scaled_loops(controller: AxisController, plants: Plant, known_hz: float) -> 
     ScaledLoops
     """
     frequency_hz = (grid_hz if plants.modes is None else fine_grid_hz)(controller.period_s)
-    whole = close(controller, plants, frequency_hz)
-    if whole.full is None:
-        return ScaledLoops(controller, plants, known_hz, frequency_hz, whole.rate, None, None)
+    body = plants.response(frequency_hz, controller.period_s)
+    rate = body * on_rate(controller, frequency_hz)
+    if controller.angle_gain_per_s is None:
+        return ScaledLoops(controller, plants, known_hz, frequency_hz, rate, None, None)
     # The feed-forward is on the path of the set-point alone, and no gain scales it.
-    without = close(replace(controller, feed_forward=None), plants, frequency_hz).full
-    scaling = whole.full if without is None else without
-    angle, fixed = scaling - whole.rate, whole.full - scaling
-    return ScaledLoops(controller, plants, known_hz, frequency_hz, whole.rate, angle, fixed)
+    scaling = on_angle(replace(controller, feed_forward=None), frequency_hz)
+    angle, fixed = body * scaling, body * (on_angle(controller, frequency_hz) - scaling)
+    return ScaledLoops(controller, plants, known_hz, frequency_hz, rate, angle, fixed)
 
 
 def spare(margins: LoopMargins, limits: Limits) -> float:

@@ -8,9 +8,9 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.control.frequency_response import Response, above_zero
-from quadid_logs.control.loop import Plant, close, integrators
+from quadid_logs.control.loop import close, integrators
 from quadid_logs.control.margins import is_stable
-from quadid_logs.data.closed_loop import Estimated, Step
+from quadid_logs.data.closed_loop import Estimated, Plant, Step
 from quadid_logs.data.controller import AxisController
 
 #: A rate loop that is of use has settled by then [s].

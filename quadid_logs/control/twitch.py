@@ -13,10 +13,11 @@ import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.control.frequency_response import above_zero
-from quadid_logs.control.loop import Plant, gyro_filters, rate_loop
+from quadid_logs.control.loop import gyro_filters, rate_loop
 from quadid_logs.control.margins import is_stable
 from quadid_logs.control.separate_gains import Rebuild
 from quadid_logs.data.autotune import Twitching
+from quadid_logs.data.closed_loop import Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.tuning import GainNames
 from quadid_logs.maths.band import ComplexArray, delay_response

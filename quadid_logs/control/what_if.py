@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.control.loop import Plant
 from quadid_logs.control.scaled_loop import scaled_loops
 from quadid_logs.control.separate_gains import Rebuild
 from quadid_logs.control.step import step_of
+from quadid_logs.data.closed_loop import Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.tuning import four_digits
 from quadid_logs.data.what_if import WhatIf, WhatIfLoop

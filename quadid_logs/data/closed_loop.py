@@ -51,6 +51,65 @@ class Modes(NamedTuple):
         return np.asarray(1.0 + gain * x**2 / (1.0 - x**2 + 2j * damping_ratio * x), dtype=np.complex128)
 
 
+class Plant(NamedTuple):
+    """Vehicles with their actuators, one axis: each of shape (n_plants,); one lead may be that of all.
+
+    Torque to rate is B (1 + s lead) / (s - A) / (1 + s lag) exp(-s delay); ``damping`` A is negative where
+    the air brakes. The delay does not contain the zero-order hold. The lead is that of rotors whose
+    acceleration turns the vehicle, in yaw. The modes are those of the frame, None where none is looked for.
+    """
+
+    effectiveness: FloatArray
+    damping: FloatArray
+    lag_s: FloatArray
+    delay_s: FloatArray
+    lead_s: FloatArray | float = 0.0
+    modes: Modes | None = None
+
+    def at(self, numbers: slice) -> Plant:
+        """Return some of the plants."""
+        effectiveness, damping, lag_s, delay_s, lead_s = (values[numbers] for values in self._numbers())
+        modes = None if self.modes is None else self.modes.at(numbers)
+        return Plant(effectiveness, damping, lag_s, delay_s, lead_s, modes)
+
+    def _numbers(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return all but the modes."""
+        lead_s = np.broadcast_to(self.lead_s, self.effectiveness.shape)
+        return self.effectiveness, self.damping, self.lag_s, self.delay_s, lead_s
+
+    @property
+    def reaction(self) -> FloatArray:
+        """Return what accelerating rotors do; shape (n_plants,)."""
+        return np.asarray(self.effectiveness * self.lead_s)
+
+    def times(self, factor: float) -> Plant:
+        """Return plants that are so many times as effective."""
+        return self._replace(effectiveness=self.effectiveness * factor)
+
+    def response(self, frequency_hz: FloatArray, hold_s: float) -> NDArray[np.complex128]:
+        """Return the response of the rate to the controller's command, before the gyro's filters.
+
+        Parameters
+        ----------
+        frequency_hz : ndarray, shape (n_frequencies,)
+        hold_s : float
+            For which a command is held [s].
+
+        Returns
+        -------
+        ndarray of complex, shape (n_plants, n_frequencies)
+        """
+        s = 2j * np.pi * frequency_hz
+        B, A, lag_s, delay_s, lead_s = (values[:, np.newaxis] for values in self._numbers())
+        held = np.sinc(frequency_hz * hold_s)
+        response = (
+            B * (1.0 + s * lead_s) / (s - A) / (1.0 + s * lag_s) * np.exp(-s * (delay_s + 0.5 * hold_s))
+        )
+        if self.modes is not None:
+            response = response * self.modes.response(frequency_hz)
+        return np.asarray(held * response, dtype=np.complex128)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrameModes:
     """Modes of the frame that the flight allows about one axis, above the fitted band.
@@ -226,7 +285,8 @@ class AxisLoop:
     """The closed loop of one axis; what a failed replay or a refused axis forbids to say is None.
 
     ``contradicted``: the measured response does not fit the model around the crossover;
-    ``known_hz``: up to where measurement supports the model.
+    ``known_hz``: up to where measurement supports the model; ``plants``: the estimate, then vehicles drawn
+    around it, whose loops the intervals span.
     """
 
     replay: Replay | None = None
@@ -239,6 +299,7 @@ class AxisLoop:
     contradicted: bool = False
     known_hz: float = 0.0
     frame: FrameModes | None = None
+    plants: Plant | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -3,15 +3,46 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import wraps
-from typing import TypeVar
+from functools import update_wrapper
+from typing import Generic, TypeVar
 from weakref import WeakKeyDictionary
 
 _Of = TypeVar("_Of")
 _Found = TypeVar("_Found")
 
 
-def once(work: Callable[[_Of], _Found]) -> Callable[[_Of], _Found]:
+class Once(Generic[_Of, _Found]):
+    """A function of a log or a result whose answer is remembered for as long as that is held.
+
+    Parameters
+    ----------
+    work : callable
+    """
+
+    def __init__(self, work: Callable[[_Of], _Found]) -> None:
+        self._work = work
+        self._known: WeakKeyDictionary[_Of, _Found] = WeakKeyDictionary()
+        update_wrapper(self, work)
+
+    def __call__(self, of: _Of) -> _Found:
+        """Return what the function makes of it."""
+        if of not in self._known:
+            self._known[of] = self._work(of)
+        return self._known[of]
+
+    def hand_on(self, before: _Of, after: _Of) -> None:
+        """Remember of another object what is known of one that it differs from in nothing that matters.
+
+        Parameters
+        ----------
+        before, after
+            What is not known of the first is worked out for the second when it is needed.
+        """
+        if before in self._known:
+            self._known[after] = self._known[before]
+
+
+def once(work: Callable[[_Of], _Found]) -> Once[_Of, _Found]:
     """Remember what a function makes of a log or a result for as long as that is held.
 
     Parameters
@@ -20,14 +51,6 @@ def once(work: Callable[[_Of], _Found]) -> Callable[[_Of], _Found]:
 
     Returns
     -------
-    callable
+    Once
     """
-    known: WeakKeyDictionary[_Of, _Found] = WeakKeyDictionary()
-
-    @wraps(work)
-    def remembered(of: _Of) -> _Found:
-        if of not in known:
-            known[of] = work(of)
-        return known[of]
-
-    return remembered
+    return Once(work)

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from quadid_logs.align import Prepared, cut
+from quadid_logs.control.closed_loop import LoopPart
 from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
 from quadid_logs.data.vehicle import Vehicle
@@ -20,7 +21,9 @@ from quadid_logs.pipeline import judge
 MOST_FLIGHTS = 32
 
 
-def analyze_flights(path: Path, settings: Settings, vehicle: Vehicle | None) -> Iterator[Result]:
+def analyze_flights(
+    path: Path, settings: Settings, vehicle: Vehicle | None, loop: LoopPart = "whole"
+) -> Iterator[Result]:
     """Read each log of a file once and analyze each of its flights alone.
 
     Parameters
@@ -30,6 +33,8 @@ def analyze_flights(path: Path, settings: Settings, vehicle: Vehicle | None) -> 
         Its start and end are replaced by those of each flight.
     vehicle : Vehicle or None
         What is known of mass, arms and thrust.
+    loop : {"whole", "verdict"}
+        As of `judge`.
 
     Yields
     ------
@@ -48,13 +53,17 @@ def analyze_flights(path: Path, settings: Settings, vehicle: Vehicle | None) -> 
         prepared = load(path, settings, vehicle)
     except SeveralLogsError as several:
         for number in several.durations_s:
-            yield from analyze_flights(path, dataclasses.replace(settings, log=number), vehicle)
+            yield from analyze_flights(path, dataclasses.replace(settings, log=number), vehicle, loop)
         return
-    yield from judge_flights(prepared, settings, vehicle, time.perf_counter() - began)
+    yield from judge_flights(prepared, settings, vehicle, time.perf_counter() - began, loop)
 
 
 def judge_flights(
-    prepared: Prepared, settings: Settings, vehicle: Vehicle | None, read_s: float
+    prepared: Prepared,
+    settings: Settings,
+    vehicle: Vehicle | None,
+    read_s: float,
+    loop: LoopPart = "whole",
 ) -> Iterator[Result]:
     """Analyze each flight of a log that was read.
 
@@ -65,6 +74,8 @@ def judge_flights(
         As of `analyze_flights`.
     read_s : float
         How long reading took [s].
+    loop : {"whole", "verdict"}
+        As of `judge`.
 
     Yields
     ------
@@ -84,4 +95,4 @@ def judge_flights(
         began = time.perf_counter()
         data = cut(prepared, part.align)
         timings_s = {"read": read_s / len(parts), "align": time.perf_counter() - began}
-        yield judge(prepared.log, data, part, vehicle=vehicle, timings_s=timings_s)
+        yield judge(prepared.log, data, part, vehicle=vehicle, timings_s=timings_s, loop=loop)

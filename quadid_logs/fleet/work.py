@@ -13,6 +13,7 @@ import threading
 from pathlib import Path
 from typing import Final
 
+from quadid_logs.control.closed_loop import LoopPart
 from quadid_logs.data.result import Result
 from quadid_logs.errors import QuadidError, SettingsError
 from quadid_logs.fleet.log_files import FetchError, LogFile, fetched
@@ -111,7 +112,9 @@ def _memory_words() -> str:
 def _analyze(task: Task, path: Path, sha256: str) -> Outcome:
     """Analyze a log; what fails for its content will fail again."""
     try:
-        results = tuple(analyze_flights(path, task.options.settings, task.options.vehicle))
+        # Rows hold the verdicts and nothing else of the loop; a page shows all of it.
+        loop: LoopPart = "whole" if task.options.reports else "verdict"
+        results = tuple(analyze_flights(path, task.options.settings, task.options.vehicle, loop))
     except QuadidError as error:
         return failure(task, sha256, UNREADABLE, str(error).replace(str(path), "The file"))
     except MemoryError:

@@ -20,6 +20,7 @@ from quadid_logs.identify.structures import DISTURBANCES, STRUCTURES, Structure
 from quadid_logs.identify.terms import ANGLES, RATE_TERMS, TRIM, RotorField, Term, column_of
 from quadid_logs.identify.torque import RowGrid, RowTorque
 from quadid_logs.maths.band import delay_response, gaussian_reach_s, high_pass
+from quadid_logs.maths.moving_mean import moving_mean
 from quadid_logs.vocabulary import TORQUE_SYMBOLS
 
 #: Fraction of the flight that no fit sees; taken in blocks, never shuffled.
@@ -127,9 +128,7 @@ class Design:
         """Average columns over so many rows, chunk by chunk; beyond the ends they count as zero."""
         if n_rows <= 1:
             return columns
-        from scipy.ndimage import uniform_filter1d
-
-        parts = [uniform_filter1d(part, n_rows, axis=0, mode="constant") for part in self._by_chunk(columns)]
+        parts = [moving_mean(part, n_rows, beyond="zero") for part in self._by_chunk(columns)]
         return np.concatenate(parts)
 
     def _by_chunk(self, columns: FloatArray) -> list[FloatArray]:

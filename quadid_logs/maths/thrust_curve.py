@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.arrays import FloatArray, row_blocks
+from quadid_logs.maths.moving_mean import moving_mean
 
 #: A rotor that hardly turns has no thrust that could be wrong.
 _LEAST_THROTTLE: Final = 1e-3
@@ -53,11 +54,9 @@ def mean_while_moved(level: FloatArray, torque: FloatArray, period_s: float) -> 
     -------
     float
     """
-    from scipy.ndimage import uniform_filter1d
-
     spread = np.var(torque, axis=0)
     square = np.sum((torque - torque.mean(axis=0)) ** 2 / np.where(spread > 0.0, spread, np.inf), axis=1)
-    weight = uniform_filter1d(square, max(round(_MANOEUVRE_S / period_s), 1))
+    weight = moving_mean(square, round(_MANOEUVRE_S / period_s), beyond="mirrored")
     return float(np.average(level, weights=weight if weight.any() else None))
 
 

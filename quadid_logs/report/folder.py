@@ -17,6 +17,7 @@ from quadid_logs.figures import FIGURE_KEYS, FIRST_CHAPTER, Figure, figures_of
 from quadid_logs.output import beside_prefix, check_free, check_no_link, new_folder, remove_unfinished
 from quadid_logs.report.json import json_text
 from quadid_logs.report.provenance import Provenance, provenance_of
+from quadid_logs.tuning import tuning_of
 from quadid_logs.untrusted import portable_name, printable
 from quadid_logs.vocabulary import AXES
 
@@ -196,7 +197,9 @@ def _with_report_time(result: Result, report_s: float) -> Result:
     timings = dict(result.timings_s)
     timings["report"] = report_s
     timings["total"] = timings.get("total", 0.0) + report_s
-    return replace(result, timings_s=timings)
+    timed = replace(result, timings_s=timings)
+    tuning_of.hand_on(result, timed)
+    return timed
 
 
 @contextmanager

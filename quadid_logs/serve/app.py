@@ -26,6 +26,7 @@ from starlette.routing import Route
 from quadid_logs.serve.entries import Entry, Kind, State, is_id, log_entry, question
 from quadid_logs.serve.events import Pages, changes_dict
 from quadid_logs.serve.jobs import PAGE_FILE
+from quadid_logs.serve.lingering import Lingering
 from quadid_logs.serve.pages import page, start_page, static_files, vehicle_page
 from quadid_logs.serve.schedule import Schedule
 from quadid_logs.serve.security import REPORT_POLICY, Access, Guard
@@ -57,7 +58,7 @@ class Server:
     max_bytes: int
 
 
-def make_app(server: Server) -> Guard:
+def make_app(server: Server) -> Lingering:
     """Return the ASGI application.
 
     Parameters
@@ -66,8 +67,8 @@ def make_app(server: Server) -> Guard:
 
     Returns
     -------
-    Guard
-        Around the routes.
+    Lingering
+        Around the guard, and that around the routes.
     """
     routes = _Routes(server)
     app = Starlette(
@@ -91,7 +92,7 @@ def make_app(server: Server) -> Guard:
             Route("/reports/{id}/files/{name}", routes.file),
         ],
     )
-    return Guard(app, server.access)
+    return Lingering(Guard(app, server.access))
 
 
 class _Routes:
@@ -145,7 +146,7 @@ class _Routes:
         try:
             taken = await self._uploads.take(_blocks(request), int(declared) if declared.isdigit() else None)
         except UploadError as error:
-            # What is still being sent is not waited for.
+            # What is still being sent is not kept.
             headers = {"Connection": "close"} | ({"Retry-After": "10"} if error.status == 503 else {})
             return JSONResponse({"error": str(error)}, error.status, headers)
         name = unquote(request.headers.get("x-log-name", "log"))

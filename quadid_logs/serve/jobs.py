@@ -137,7 +137,7 @@ def _by_flight(prepared: Prepared, result: Result) -> tuple[Result, ...]:
     from quadid_logs.fleet.per_flight import judge_flights
 
     settings = dataclasses.replace(Options().settings, log=result.settings.log)
-    return tuple(judge_flights(prepared, settings, None, result.timings_s["read"]))
+    return tuple(judge_flights(prepared, settings, None, result.timings_s["read"], "verdict"))
 
 
 def _summary(result: Result, row: Mapping[str, Any]) -> dict[str, Any]:
@@ -199,11 +199,11 @@ def _tune(job: Job, tell: Tell) -> Done:
     from quadid_logs.report.tune_page import tune_page
     from quadid_logs.report.tune_view import headline
     from quadid_logs.report.tuning_json import tuning_text
-    from quadid_logs.tuning import recommend
+    from quadid_logs.tuning import tuning_of
 
     result = _result_of(job, 0, tell)[1]
     tell("tune", None)
-    tuning = recommend(result)
+    tuning = tuning_of(result)
     provenance = Provenance(version=__version__, command="", log_sha256=job.sha256[0])
     files = {**gain_files(result, tuning), **flight_files(result, tuning)}
     files[PAGE_FILE] = tune_page(result, tuning, provenance)

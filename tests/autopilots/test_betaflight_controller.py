@@ -19,10 +19,10 @@ from quadid_logs.autopilots.betaflight.law import attenuation, d_filter, p_filte
 from quadid_logs.autopilots.betaflight.log import read
 from quadid_logs.autopilots.betaflight.replay import d_parts, replay_inputs
 from quadid_logs.autopilots.betaflight.terms import WholeTerms
-from quadid_logs.control.loop import Plant, close, integrators
+from quadid_logs.control.loop import close, integrators
 from quadid_logs.control.margins import grid_hz, margins_of
 from quadid_logs.control.replay import replay
-from quadid_logs.data.closed_loop import Margins
+from quadid_logs.data.closed_loop import Margins, Plant
 from quadid_logs.data.controller import RemarkKind, Replay, ReplayReason
 from quadid_logs.data.log import FlightLog
 from quadid_logs.report.loop_json import closed_loop_dict

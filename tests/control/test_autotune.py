@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from quadid_logs.control.autotune import forecast
-from quadid_logs.control.loop import Plant, gyro_filters
+from quadid_logs.control.loop import gyro_filters
 from quadid_logs.control.pole_placement import _discrete_models, place_poles
 from quadid_logs.control.twitch import _angle_up, _Answer, _Gains, twitch
 from quadid_logs.data.autotune import PolePlacement, Twitching
+from quadid_logs.data.closed_loop import Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.tuning import GainNames
 from tests.control.loop_flights import Vehicle

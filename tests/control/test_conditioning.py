@@ -7,8 +7,8 @@ import pytest
 
 from quadid_logs.control.conditioning import conditioned
 from quadid_logs.control.frequency_response import Response
-from quadid_logs.control.loop import Plant
 from quadid_logs.control.posterior import draw
+from quadid_logs.data.closed_loop import Plant
 from quadid_logs.data.model import Posterior
 
 HOLD_S, FITTED_HZ = 0.0025, 5.0

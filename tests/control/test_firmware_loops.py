@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from quadid_logs.control.loop import Plant, close, integrators
+from quadid_logs.control.loop import close, integrators
 from quadid_logs.control.margins import grid_hz, margins_of
 from quadid_logs.control.posterior import draw
-from quadid_logs.data.closed_loop import Margins
+from quadid_logs.data.closed_loop import Margins, Plant
 from quadid_logs.data.result import Result
+from quadid_logs.fleet.per_flight import analyze_flights
 from quadid_logs.vocabulary import AXES
 from tests.analyses import Analyzed
 
@@ -163,3 +164,20 @@ def test_the_broken_loop_of_a_system_id_run_is_the_predicted_one(corpus: Path, a
     assert found.measured.frequency_hz.max() > 18.0
     assert np.abs(np.abs(off) - 1.0).max() < 0.03
     assert np.degrees(np.abs(np.angle(off))).max() < 2.0
+
+
+def test_verdicts_hear_the_closed_loop_where_nothing_else_of_it_is_wanted(
+    corpus: Path, analyzed: Analyzed
+) -> None:
+    """The effectiveness that it tells, which may contradict the model; no margin is worked out."""
+    whole = analyzed(corpus / "firmware" / AP)
+    (short,) = analyze_flights(corpus / "firmware" / AP, whole.settings, None, "verdict")
+    assert whole.closed_loop is not None
+    assert short.closed_loop is not None
+    for axis in ("roll", "pitch"):
+        full, part = whole.closed_loop.axes[axis], short.closed_loop.axes[axis]
+        assert full.prediction is not None
+        assert part.prediction is not None
+        assert part.prediction.effectiveness == full.prediction.effectiveness
+        assert part.effectiveness == full.effectiveness
+        assert (full.margins is None, part.margins) == (False, None)

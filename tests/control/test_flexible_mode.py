@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from quadid_logs.control.flexible_mode import frame_modes
-from quadid_logs.control.loop import Plant, gyro_filters, rate_loop
-from quadid_logs.data.closed_loop import FrameModes, Modes
+from quadid_logs.control.loop import gyro_filters, rate_loop
+from quadid_logs.data.closed_loop import FrameModes, Modes, Plant
 from quadid_logs.data.flight import FlightData
 from tests.control.loop_flights import PERIOD_S, Vehicle, flight
 

@@ -7,8 +7,8 @@ import pytest
 
 from quadid_logs.control.closed_loop import close_loop
 from quadid_logs.control.frequency_response import Lines, Response, confirm, lines_of, response
-from quadid_logs.control.loop import Plant, close
-from quadid_logs.data.closed_loop import AxisLoop
+from quadid_logs.control.loop import close
+from quadid_logs.data.closed_loop import AxisLoop, Plant
 from quadid_logs.data.model import Model
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify import identify

@@ -7,8 +7,9 @@ import pytest
 
 from quadid_logs.autopilots import named
 from quadid_logs.control.closed_loop import close_loop
-from quadid_logs.control.loop import Plant, close, integrators
+from quadid_logs.control.loop import close, integrators
 from quadid_logs.control.margins import figures_of, grid_hz
+from quadid_logs.data.closed_loop import Plant
 from quadid_logs.data.model import Identification
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify import identify
@@ -118,3 +119,17 @@ def test_accelerating_rotors_turn_the_vehicle_before_their_drag_does() -> None:
     plain = one()
     ratio = plain._replace(lead_s=0.04).response(frequency_hz, 0.0025) / plain.response(frequency_hz, 0.0025)
     np.testing.assert_allclose(ratio[0], 1.0 + 2j * np.pi * frequency_hz * 0.04, rtol=1e-12)
+
+
+def test_for_verdicts_the_loop_predicts_the_flight_and_tells_no_margins(
+    identified: Identification, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What contradicts the model is heard; the rest is not worked out."""
+    told = object()
+    monkeypatch.setattr("quadid_logs.control.closed_loop._prediction", lambda *_: told)
+    model = identified.recommended
+    assert model is not None
+    found = close_loop(flight(), model, controllers(), {}, low_hz=0.3, wanted="verdict").axes["roll"]
+    assert found.prediction is told
+    assert found.effectiveness is not None
+    assert (found.margins, found.step, found.frame) == (None, None, None)

@@ -131,3 +131,18 @@ def test_what_was_not_measured_may_take_phase_away() -> None:
     low, high = unknown.phase_margin_deg.ci95
     assert low == pytest.approx(known.phase_margin_deg.value - lost_deg, abs=0.1)
     assert high == known.phase_margin_deg.value
+
+
+def test_a_resonance_beyond_the_unstable_point_is_counted_in_both_senses() -> None:
+    """A lightly damped mode crosses the axis twice: beyond -1 with a low delay there and back, or around."""
+    told, true = [], []
+    for delay_s in np.linspace(0.0, 0.02, 15):
+        x = S / (2j * np.pi * 20.0)
+        mode = 1.0 + 1.5 * x**2 / (1.0 - x**2 + 0.04j * x)
+        loop = 30.0 / S * np.exp(-S * delay_s) * mode
+        told.append(is_stable(loop[np.newaxis], 1, NO)[0])
+        # Turns of 1 + L counted step by step.
+        steps = np.angle((1.0 + loop[1:]) / (1.0 + loop[:-1]))
+        true.append(abs(np.angle(1.0 + loop[0]) + steps.sum()) < np.pi)
+    assert told == true
+    assert 0 < sum(told) < len(told)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from quadid_logs.control.frequency_response import lines_of
-from quadid_logs.control.loop import Plant
 from quadid_logs.control.prediction import (
     AxisModel,
     Chirp,
@@ -18,7 +17,7 @@ from quadid_logs.control.prediction import (
     _Search,
     predict,
 )
-from quadid_logs.data.closed_loop import Prediction
+from quadid_logs.data.closed_loop import Plant, Prediction
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import FitSeries
 from tests.control.loop_flights import AXES, PERIOD_S, flight

@@ -12,9 +12,8 @@ from quadid_logs.align import cut
 from quadid_logs.autopilots import named
 from quadid_logs.control.closed_loop import _seen
 from quadid_logs.control.frequency_response import Response, acting_torque, lines_of
-from quadid_logs.control.loop import Plant
 from quadid_logs.control.prediction import AxisModel, Chirp, _answers, _clusters, _Search
-from quadid_logs.data.closed_loop import Estimated
+from quadid_logs.data.closed_loop import Estimated, Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import Actuator

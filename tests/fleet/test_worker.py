@@ -15,9 +15,11 @@ from pebble import ProcessExpired
 
 from quadid_logs.fleet.log_files import LogFile
 from quadid_logs.fleet.options import Options
-from quadid_logs.fleet.rows import LOST, UNREADABLE
+from quadid_logs.fleet.rows import LOST, UNREADABLE, result_rows
 from quadid_logs.fleet.tasks import Task
 from quadid_logs.fleet.worker import AnalysisPool, ProcessDiedError
+from quadid_logs.pipeline import judge
+from tests.tuned_flights import flown
 
 #: What Dask gives a plugin, as far as it is used here: one thread, no limit of memory.
 WORKER = SimpleNamespace(memory_manager=SimpleNamespace(memory_limit=None), state=SimpleNamespace(nthreads=1))
@@ -95,3 +97,14 @@ def test_a_pool_that_broke_under_a_log_is_told_too(pool, task, end_with):
     end_with(BrokenProcessPool())
     with pytest.raises(ProcessDiedError, match="the pool broke"):
         pool.analyze(task)
+
+
+def test_a_fleets_rows_are_the_same_with_what_verdicts_rest_on_alone():
+    """No margin of a loop has a part in them."""
+    whole = flown("ardupilot")
+    short = judge(
+        whole.log, whole.data, whole.settings, vehicle=None, timings_s={"total": 0.0}, loop="verdict"
+    )
+    rows = [result_rows((each,), LogFile(url="a.bin"), "", Options().rules) for each in (whole, short)]
+    assert [{**row, "run_s": 0.0} for row in rows[0]] == [{**row, "run_s": 0.0} for row in rows[1]]
+    assert short.closed_loop.axes["roll"].margins is None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,8 @@ from quadid_logs.errors import OutputError
 from quadid_logs.figures import figures_of
 from quadid_logs.report import check_folder, report_folders, write_report
 from quadid_logs.report.folder import PngChoice
+from quadid_logs.report.text import result_lines
+from quadid_logs.tuning import recommend
 
 
 def test_a_report_is_result_page_and_the_pictures_of_its_first_chapter(report_folder: Path) -> None:
@@ -185,3 +188,16 @@ def test_each_log_of_a_file_has_a_folder_of_its_own(tmp_path: Path) -> None:
     """Else the second one chosen with --log would be refused, or replace the first."""
     first, second = (report_folders([Path("f.bbl")], tmp_path, number)[0].name for number in (1, 2))
     assert (first, second) == ("f-log1", "f-log2")
+
+
+def test_gains_are_recommended_once_for_the_page_and_the_verdict(
+    usable: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The result that is handed back differs in what the report took alone."""
+    asked = []
+    monkeypatch.setattr(
+        "quadid_logs.tuning.recommend", lambda result: (asked.append(result), recommend(result))[1]
+    )
+    timed = write_report(replace(usable), tmp_path / "flight", png="none")
+    result_lines(timed)
+    assert len(asked) == 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import http.client
+import json
 import socket
 import threading
 import time
@@ -14,7 +15,8 @@ import pytest
 import uvicorn
 
 from quadid_logs.serve import app as app_module
-from quadid_logs.serve import security
+from quadid_logs.serve import lingering, security
+from quadid_logs.serve import upload as upload_module
 from quadid_logs.serve.app import Server
 from quadid_logs.serve.connections import Patience
 from quadid_logs.serve.events import Pages
@@ -160,3 +162,62 @@ def test_too_many_requests_at_once_are_told_to_come_again(
     monkeypatch.setattr(security, "_MOST_REQUESTS", 0)
     status, headers = listening.ask()
     assert (status, int(headers["retry-after"]) > 0) == (503, True)
+
+
+def put(listening: Listening, n_bytes: int, **headers: str) -> tuple[int, dict[str, str], bytes]:
+    """Send a log as a browser does: all of it, then look at the answer."""
+    asked = http.client.HTTPConnection("127.0.0.1", listening.port, timeout=20.0)
+    try:
+        origin = f"http://127.0.0.1:{listening.port}"
+        asked.request("PUT", "/upload", b"x" * n_bytes, {"Origin": origin, **listening.cookie, **headers})
+        answer = asked.getresponse()
+        return answer.status, {name.lower(): value for name, value in answer.getheaders()}, answer.read()
+    finally:
+        asked.close()
+
+
+def test_an_upload_that_is_too_large_gets_its_reason(listening: Listening) -> None:
+    """It used to be cut off while it was sent, which says nothing: the page tried again for ever."""
+    status, _, body = put(listening, 30_000_000)
+    assert (status, json.loads(body)["error"]) == (413, "The log is larger than 1 MB (--max-mb).")
+
+
+def test_an_upload_that_finds_the_disk_full_gets_its_reason(
+    listening: Listening, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first look at the disk refuses it."""
+    monkeypatch.setattr(listening.own.store, "free_bytes", lambda: 0)
+    status, _, body = put(listening, 900_000)
+    assert (status, json.loads(body)["error"]) == (507, "The disk of this server is nearly full.")
+
+
+def test_an_upload_beside_too_many_is_told_when_to_come_again(
+    listening: Listening, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In seconds, and with the reason."""
+    monkeypatch.setattr(upload_module, "_MOST_AT_ONCE", 0)
+    status, headers, body = put(listening, 900_000)
+    assert (status, int(headers["retry-after"]) > 0) == (503, True)
+    assert json.loads(body)["error"] == "Too many uploads at once; try again."
+
+
+def test_an_upload_without_the_cookie_of_this_server_gets_its_reason(listening: Listening) -> None:
+    """After a restart with another token, say."""
+    status, _, body = put(listening, 30_000_000, Cookie="none=1")
+    assert (status, body) == (401, b"Open the address that quadid-log serve printed.")
+
+
+def test_who_is_refused_and_sends_for_ever_is_cut_off(
+    listening: Listening, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is dropped costs a connection, for some seconds."""
+    monkeypatch.setattr(lingering, "_LINGER_S", 0.3)
+    with listening.connect() as endless:
+        host = f"127.0.0.1:{listening.port}"
+        head = f"PUT /upload HTTP/1.1\r\nHost: {host}\r\nContent-Length: 10000000000\r\n\r\n"
+        endless.sendall(head.encode())
+        began = time.monotonic()
+        with contextlib.suppress(OSError):
+            while time.monotonic() - began < 10.0:
+                endless.sendall(b"x" * 100_000)
+        assert time.monotonic() - began < 5.0

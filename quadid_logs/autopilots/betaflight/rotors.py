@@ -15,6 +15,7 @@ import numpy as np
 
 from quadid_logs.align.series import CleanLog, CleanSeries
 from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.maths.moving_mean import moving_mean
 from quadid_logs.maths.recurrence import lag
 
 #: Middle of what thrust stands show (0.2 to 0.8, see docs/method.md).
@@ -198,17 +199,12 @@ def _fitted(
 
 def _relative(columns: FloatArray, width: int) -> FloatArray:
     """Return columns over their running mean."""
-    return np.asarray(columns / np.maximum(_running_mean(columns, width), 1e-9))
-
-
-def _running_mean(columns: FloatArray, width: int) -> FloatArray:
-    from scipy.ndimage import uniform_filter1d
-
-    return np.asarray(uniform_filter1d(columns, width, axis=0, mode="nearest"))
+    return np.asarray(columns / np.maximum(moving_mean(columns, width, beyond="edge"), 1e-9))
 
 
 def _drift(square: FloatArray, answered: FloatArray, flown: BoolArray, width: int) -> FloatArray:
     """Return measured over expected squares of the speeds, both means over some seconds, of mean 1."""
-    ratio = _running_mean(square, width) / np.maximum(_running_mean(answered, width), 1e-9)
+    measured, expected = (moving_mean(each, width, beyond="edge") for each in (square, answered))
+    ratio = measured / np.maximum(expected, 1e-9)
     ratio /= ratio[flown].mean()
     return np.asarray(np.clip(ratio, *_BELIEVED))
