@@ -60,5 +60,5 @@ def test_everything_that_exists_is_offered() -> None:
     assert [code for code, _ in finding_codes("")] == list(CATALOGUE)
     assert [name for name, _ in structures("")] == list(STRUCTURES)
     assert {"sysid-quad-x", "paper"} <= {name for name, _ in scenarios("")}
-    assert [name for name, _ in autopilots("")] == ["ardupilot", "betaflight", "px4"]
+    assert [name for name, _ in autopilots("")] == ["ardupilot", "betaflight", "crazyflie", "px4"]
     assert [name for name, _ in axes("y")] == ["yaw"]

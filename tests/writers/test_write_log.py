@@ -40,7 +40,7 @@ def test_a_log_without_any_series_is_still_a_file(tmp_path: Path, name: str) -> 
 
 def test_an_unknown_suffix_is_refused(tmp_path: Path) -> None:
     """The message says which suffixes there are."""
-    with pytest.raises(SettingsError, match=r"\.bin, \.ulg, \.bbl or \.tlog"):
+    with pytest.raises(SettingsError, match=r"\.bin, \.ulg, \.bbl, \.tlog or \.usd"):
         write_log(flight(), tmp_path / "flight.csv")
 
 
