@@ -101,9 +101,9 @@ def told(before: str, after: str) -> Iterator[str]:
         yield "Too few rows are on both pages to compare them."
         return
     machine = [ratio for row, ratio in ratios.items() if MACHINE in row.what]
-    usual = machine[0] if machine else statistics.median(ratios.values())
-    slower = {row: ratio / usual for row, ratio in ratios.items() if ratio / usual > 1.0 + TOLERANCE}
-    common = f"{len(ratios)} rows are on both pages, and {usual:.2f} times as long is the machine's."
+    speed = machine[0] if machine else statistics.median(ratios.values())
+    slower = {row: ratio / speed for row, ratio in ratios.items() if ratio / speed > 1.0 + TOLERANCE}
+    common = f"{len(ratios)} rows are on both pages, and {speed:.2f} times as long is the machine's."
     limit = f"slower by more than {100 * TOLERANCE:.0f} % beyond that"
     yield f"{common} {len(slower)} got {limit}:" if slower else f"{common} None got {limit}."
     if slower:
