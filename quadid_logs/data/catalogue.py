@@ -520,7 +520,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "An axis is told by its answers to commands alone",
                 "Air moved this axis as much as its commands did, so that torque and motion do not match "
                 "sample by sample. What was commanded, which no gust moves, still tells the effectiveness, "
-                "the damping and the lag: from spectra of short stretches of the flight, each frequency "
+                "the damping and the lag: from spectra of short segments of the flight, each frequency "
                 "weighted by what the air leaves of it. The interval holds what the air hides.",
                 "Fly in calmer air, or make larger and quicker manoeuvres, for a narrower interval.",
             ),

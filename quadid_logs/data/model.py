@@ -656,7 +656,7 @@ class SpectralFit:
     r2_commanded : float
         Fraction of the commanded acceleration that the equation explains.
     n_blocks : int
-        Half-overlapping stretches of the flight that were compared.
+        Half-overlapping segments of the flight that were compared.
     half_width : float
         Of the 95 % interval of the effectiveness, the gyro's scale included.
     used : bool

@@ -405,7 +405,7 @@ def _told_by_spectra(axis: _Axis) -> Finding | None:
         "commanded_r2": rounded(fit.r2_commanded),
         "departure": rounded(fit.departure),
         "torque_commanded": rounded(fit.commanded),
-        "stretches": fit.n_blocks,
+        "segments": fit.n_blocks,
     }
     title = f"The air moved {axis.name} as well: its effectiveness comes from the answers to commands alone"
     return axis.finding("QL535", "warning", _evidence(axis) | evidence, title)

@@ -273,7 +273,7 @@ def _spectral(identification: Identification) -> dict[str, Any]:
             "departure": fit.departure,
             "r2_commanded": fit.r2_commanded,
             "torque_commanded": fit.commanded,
-            "stretches": fit.n_blocks,
+            "segments": fit.n_blocks,
             "sound": fit.is_sound,
             "used": fit.used,
         }
