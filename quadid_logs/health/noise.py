@@ -16,6 +16,7 @@ from quadid_logs.data.health import GyroSpectrum, Line, LineSource, Map, Noise
 from quadid_logs.data.log import GyroFilter
 from quadid_logs.health.records import records
 from quadid_logs.health.spectra import FALSE_ALARM, Periodograms, find_lines, periodograms
+from quadid_logs.numerals import number
 from quadid_logs.sentences import some
 from quadid_logs.vocabulary import AXES
 
@@ -37,13 +38,15 @@ _ANGLE_GAIN: Final = 24.0
 _HARMONICS: Final = (1, 2, 3, 4)
 #: A line is followed within this fraction of its frequency, and lies on a rotor's speed within that one: as
 #: much as speed changes in some seconds of hover.
-_NEAR, _SAME_SPEED = 0.25, 0.03
+_NEAR, _SAME_SPEED = 0.25, 0.02
 #: Cells of the pictures.
 _MOST_X, _MOST_Y, _MOST_LEVELS = 140, 120, 20
 #: Windows at one level of throttle, below which their mean says little.
 _FEWEST_AT_LEVEL: Final = 3
 #: A low-pass of second order lets pass a quarter at twice its cut-off.
 _CUT_OFFS: Final = 2.0
+#: Samples of a window that tell its median.
+_MOST_PER_WINDOW: Final = 400
 #: Named in one sentence.
 _MOST_NAMED: Final = 3
 
@@ -83,7 +86,10 @@ def find_noise(
     series, main = (before if best == "before" else after), shown[best]
     if series is None:
         return None
-    searched = main.frequency_hz > (COMMANDED_HZ if setpoint is None else LOWEST_HZ)
+    searched = main.frequency_hz > COMMANDED_HZ
+    if setpoint is not None:
+        # Nobody knows what was commanded faster than half the rate of the logged set-points.
+        searched |= (main.frequency_hz > LOWEST_HZ) & (main.frequency_hz < 0.5 * setpoint.rate_hz)
     commanded = np.zeros((main.frequency_hz.size, len(AXES)), dtype=np.bool_)
     if setpoint is not None:
         commanded = is_commanded(main, setpoint, intervals)
@@ -162,14 +168,20 @@ def _shown(series: CleanSeries | None, spectra: Periodograms | None) -> GyroSpec
 
 
 def _in_windows(series: CleanSeries | None, spectra: Periodograms) -> FloatArray | None:
-    """Return the mean of each column in each window, NaN without samples; None without a series."""
+    """Return the median of each column in each window, NaN without samples; None without a series.
+
+    The median: a line stands where a rotor's speed is most of the time.
+    """
     if series is None or series.n_samples < 2:
         return None
     half_s = 0.5 / float(spectra.frequency_hz[1])
     first, after = (np.searchsorted(series.time_s, spectra.time_s + shift) for shift in (-half_s, half_s))
-    sums = np.vstack([np.zeros(series.values.shape[1]), np.cumsum(np.nan_to_num(series.values), axis=0)])
-    count = np.where(after > first, after - first, np.nan)
-    return np.asarray((sums[after] - sums[first]) / count[:, np.newaxis], dtype=np.float64)
+    medians = np.full((spectra.time_s.size, series.values.shape[1]), np.nan)
+    for window, (begin, end) in enumerate(zip(first.tolist(), after.tolist(), strict=True)):
+        if end > begin:
+            step = max(1, (end - begin) // _MOST_PER_WINDOW)
+            medians[window] = np.median(series.values[begin:end:step], axis=0)
+    return medians
 
 
 def _throttle(series: CleanSeries | None, spectra: Periodograms) -> FloatArray | None:
@@ -214,7 +226,10 @@ def _named(
     near = np.flatnonzero(np.abs(spectra.frequency_hz / line.frequency_hz - 1.0) < _NEAR)
     peaks = spectra.frequency_hz[near[np.argmax(spectra.density[:, near, column], axis=1)]]
     if speeds is not None:
-        harmonic = _harmonic(peaks, spectra.frequency_hz[near], speeds)
+        # Half of the windows, with the stronger peaks: in a manoeuvre a line is smeared.
+        power = spectra.density[:, near, column].max(axis=1)
+        strong = power >= np.median(power)
+        harmonic = _harmonic(peaks[strong], spectra.frequency_hz[near], speeds[strong])
         return replace(line, source=LineSource.ROTOR, harmonic=harmonic) if harmonic else line
     return replace(line, source=_by_throttle(line, peaks, throttle))
 
@@ -225,7 +240,8 @@ def _harmonic(peaks: FloatArray, near_hz: FloatArray, speeds: FloatArray) -> int
     A binomial test: as often on any rotor's multiple as this does not happen to peaks anywhere near the line.
     """
     known = np.isfinite(speeds).all(axis=1)
-    peaks, speeds = peaks[known][::2], speeds[known][::2]
+    # Power in windows that overlap by half is correlated by 1/36 only: each counts.
+    peaks, speeds = peaks[known], speeds[known]
     least, found = FALSE_ALARM / len(_HARMONICS), 0
     for harmonic in _HARMONICS:
         places = harmonic * speeds
@@ -247,8 +263,7 @@ def _by_throttle(line: Line, peaks: FloatArray, throttle: FloatArray | None) -> 
     flown = np.isfinite(throttle) & (throttle > 0.0)
     if np.count_nonzero(flown) < 12 or not np.ptp(throttle[flown]) > 0.0 or not np.ptp(peaks[flown]) > 0.0:
         return LineSource.UNKNOWN
-    # Windows overlap by half: every other one counts.
-    chance = _rising_by_chance(throttle[flown][::2], peaks[flown][::2])
+    chance = _rising_by_chance(throttle[flown], peaks[flown])
     return LineSource.FOLLOWS_THROTTLE if chance < FALSE_ALARM else LineSource.UNKNOWN
 
 
@@ -304,10 +319,10 @@ def _over_throttle(spectra: Periodograms, throttle: FloatArray | None) -> Map | 
     place = np.digitize(throttle, edges) - 1
     total = spectra.density[:, 1:].sum(axis=2)
     rows = np.full((_MOST_LEVELS, total.shape[1]), np.nan)
-    for number in range(_MOST_LEVELS):
-        here = place == number
+    for level in range(_MOST_LEVELS):
+        here = place == level
         if np.count_nonzero(here) >= _FEWEST_AT_LEVEL:
-            rows[number] = total[here].mean(axis=0)
+            rows[level] = total[here].mean(axis=0)
     if np.count_nonzero(np.isfinite(rows[:, 0])) < _FEWEST_AT_LEVEL:
         return None
     coarse, frequency_hz = _coarser(rows, spectra.frequency_hz[1:])
@@ -341,8 +356,8 @@ def _sentence(lines: Mapping[str, tuple[Line, ...]], folded: bool, highest_hz: f
         words = []
         for axis, line in named[:_MOST_NAMED]:
             source = source_words(line)
-            height = f"{line.height_db:.0f} dB{', ' if source else ''}{source}"
-            words.append(f"{axis} {line.frequency_hz:.3g} Hz ({height})")
+            size = f"{line.height_db:.0f} dB, {number(float(np.degrees(line.rms)), 2)} deg/s rms"
+            words.append(f"{axis} {line.frequency_hz:.3g} Hz ({size}{', ' if source else ''}{source})")
         told = f"The gyro shows lines above its noise: {some(words, len(named))}"
     note = ". Faster vibration, if there is any, can appear at these frequencies" if folded and named else ""
     if folded and not named:

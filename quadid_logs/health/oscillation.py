@@ -49,7 +49,12 @@ def find_oscillation(
     if spectra is None:
         return None
     frequency_hz = spectra.frequency_hz
-    highest_hz = min(LOOPS_END_HZ, _lowest_rotor_hz(rotor_speed, intervals) * _OF_ROTORS)
+    highest_hz = min(
+        LOOPS_END_HZ,
+        _lowest_rotor_hz(rotor_speed, intervals) * _OF_ROTORS,
+        # Nobody knows what was commanded faster.
+        0.5 * setpoint.rate_hz,
+    )
     searched = (frequency_hz >= LOWEST_HZ) & (frequency_hz <= highest_hz)
     if not searched.any():
         return None

@@ -104,6 +104,11 @@ ARDUPILOT_CASES: dict[tuple[str, str, tuple[str, ...]], Case] = {
     ("body_rate_setpoint", "RATE", ("RollDes", "PitchDes", "YawDes")): each(DEGREE * I3),
     **{("attitude", name, ANGLES): each(DEGREE * I3)
        for name in ("ANG", "ATT", "XKF1", "NKF1", "EKF1", "AHR2")},
+    **{("attitude_setpoint", name, ("DesRoll", "DesPitch", "DesYaw")): each(DEGREE * I3)
+       for name in ("ANG", "ATT")},
+    ("vibration", "VIBE", ("VibeX", "VibeY", "VibeZ")): each(I3),
+    ("accelerometer_clips", "VIBE", ("Clip",)): each(I1),
+    ("accelerometer_clips", "VIBE", ("Clip0", "Clip1", "Clip2")): each(I3),
     ("torque_command", "RATE", ("ROut", "POut", "YOut")): each(I3),
     ("torque_command", "RATE", ("RllOut", "PitOut", "YawOut")): each(I3),
     ("torque_command", "RATE", ("RollOut", "PitchOut", "YawOut")): each(I3),
@@ -226,6 +231,7 @@ SDLOG2_CASES: dict[tuple[str, str, tuple[str, ...]], Case] = {
     **{("body_rate", name, ("GyroX", "GyroY", "GyroZ")): each(I3) for name in ("IMU", "IMU1", "IMU2")},
     ("body_rate_setpoint", "ARSP", ("RollRateSP", "PitchRateSP", "YawRateSP")): each(I3),
     ("attitude", "ATT", ANGLES): each(I3),
+    ("attitude_setpoint", "ATSP", ("RollSP", "PitchSP", "YawSP")): each(I3),
     ("torque_command", "ATTC", ANGLES): each(I3),
     ("throttle", "ATTC", ("Thrust",)): each(I1),
     ("output_pwm", "OUT0", tuple(f"Out{k}" for k in range(8))): each(np.eye(8)),
@@ -265,6 +271,14 @@ PX4_CASES: dict[tuple[str, str, tuple[str, ...]], tuple[str, Case]] = {
     ("sysid_chirp", "autotune_attitude_control_status", ("rate_sp",)): (
         "float[3] rate_sp", each(np.ones((3, 1)))),
     ("attitude", "vehicle_attitude", ("q[0]", "q[1]", "q[2]", "q[3]")): ("float[4] q", Case(TURNS, 0.2 * I3)),
+    ("attitude_setpoint", "vehicle_attitude_setpoint", ("roll_body", "pitch_body", "yaw_body")): (
+        "float roll_body;float pitch_body;float yaw_body", each(I3)),
+    ("attitude_setpoint", "vehicle_attitude_setpoint", ("q_d[0]", "q_d[1]", "q_d[2]", "q_d[3]")): (
+        "float[4] q_d", Case(TURNS, 0.2 * I3)),
+    ("vibration_level", "vehicle_imu_status", ("accel_vibration_metric",)): (
+        "float accel_vibration_metric", each(I1)),
+    ("accelerometer_clips", "vehicle_imu_status", tuple(f"accel_clipping[{k}]" for k in range(3))): (
+        "float[3] accel_clipping", each(I3)),
     ("torque_command", "vehicle_torque_setpoint", ("xyz",)): ("float[3] xyz", each(I3)),
     ("torque_command", "actuator_controls_0", ("control[0]", "control[1]", "control[2]")): (
         "float[8] control", each(np.eye(8, 3))),

@@ -42,7 +42,7 @@ def test_the_corner_that_works_hardest_is_named(means: tuple[float, ...], level:
 
 def test_pulses_are_taken_by_channel_and_range() -> None:
     """Motors on channels 9 to 12 between 1120 and 1880 us: half of that range is 1500."""
-    t, values = outputs((0.5, 0.5, 0.5, 0.6))
+    t, values = outputs((0.5, 0.5, 0.5, 0.58))
     pulses = np.full((t.size, 14), 1500.0)
     pulses[:, 8:12] = 1120.0 + 760.0 * values
     torque = TorqueModel(
@@ -53,10 +53,11 @@ def test_pulses_are_taken_by_channel_and_range() -> None:
     )
     motors = find_motors(series("output_pwm", t, pulses), torque, ((t[0], t[-1]),))
     assert motors is not None
-    assert motors.mean == pytest.approx([0.5, 0.5, 0.5, 0.6], abs=0.01)
+    assert motors.mean == pytest.approx([0.5, 0.5, 0.5, 0.58], abs=0.01)
     assert motors.names[motors.hardest] == "motor 4 (back right)"
-    # A tenth of this range, 76 us, is just above the 75 that are normal of pulses.
-    assert motors.spread.value == pytest.approx(76.0, abs=3.0)
+    # 8 % of this range are 61 us, below the 75 that are normal of pulses.
+    assert motors.level == "normal"
+    assert motors.spread.value == pytest.approx(61.0, abs=3.0)
     assert motors.spread.unit == "us"
 
 
