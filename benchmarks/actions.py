@@ -227,6 +227,11 @@ def quadid_analyze(path: str) -> object:
     return analyze(path)
 
 
+def quadid_cli_info(path: str) -> object:
+    """Ours: ``quadid-log info LOG`` in a process of its own, start included."""
+    return _command("info", path)
+
+
 def quadid_cli_json(path: str) -> object:
     """Ours: ``quadid-log analyze LOG --json --no-report`` in a process of its own, start included."""
     return _command("analyze", path, "--json", "--no-report")

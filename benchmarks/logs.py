@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from quadid_logs.data.log import FlightLog, Rows, Signal
+from quadid_logs.simulate import simulate
 from quadid_logs.writers import write_log
 
 HERE = Path(__file__).resolve().parent
@@ -57,6 +58,42 @@ def generated_log(suffix: str, size_mb: float) -> Path:
         write_log(make(10.0 * size_mb * 1e6 / probe.stat().st_size), path)
         probe.unlink()
     return path
+
+
+def many_flights(suffix: str, size_mb: float) -> Path:
+    """Return a log of about that size, of short flights; written once and kept in `CACHE`."""
+    path = CACHE / f"flights-{size_mb:g}MB{suffix}"
+    if not path.exists():
+        CACHE.mkdir(exist_ok=True)
+        autopilot = "betaflight" if suffix == ".bbl" else "ardupilot"
+        log = simulate(
+            "two-flights", seed=1, rate_hz=1000.0 if suffix == ".bbl" else None, autopilot=autopilot
+        ).log
+        write_log(_repeated(log, 2), path)
+        n_times = max(round(2.0 * size_mb * 1e6 / path.stat().st_size), 1)
+        write_log(_repeated(log, n_times), path)
+    return path
+
+
+def _repeated(log: FlightLog, n_times: int) -> FlightLog:
+    """Return the same flights again and again, ten seconds apart."""
+    every = [one.rows for signals in log.signals.values() for one in signals]
+    span_s = max(rows.time_s[-1] for rows in every) - min(rows.time_s[0] for rows in every) + 10.0
+    n_bytes = max(int(rows.position[-1]) for rows in every) + 1
+    later = {
+        id(rows): Rows(
+            np.concatenate([rows.time_s + number * span_s for number in range(n_times)]),
+            np.concatenate([rows.position + number * n_bytes for number in range(n_times)]),
+        )
+        for rows in every
+    }
+    signals = {
+        name: tuple(
+            replace(one, rows=later[id(one.rows)], values=np.tile(one.values, (n_times, 1))) for one in found
+        )
+        for name, found in log.signals.items()
+    }
+    return replace(log, signals=signals)
 
 
 def _flight(duration_s: float) -> FlightLog:

@@ -29,8 +29,12 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks import actions  # noqa: E402
+<<<<<<< HEAD
 from benchmarks.against import MACHINE, told  # noqa: E402
 from benchmarks.logs import corpus_logs, generated_log  # noqa: E402
+=======
+from benchmarks.logs import corpus_logs, generated_log, many_flights  # noqa: E402
+>>>>>>> w-fin
 
 WARM_UP_MB = 0.2
 #: Per suffix: what is read, our action, the other readers'.
@@ -147,6 +151,7 @@ def _report(options: argparse.Namespace) -> Iterator[str]:
     if not options.short:
         yield from _sizes(options.sizes_mb, repeats)
         yield from _analyses(options.sizes_mb, repeats)
+    yield from _memory_of_flights([4.0] if options.short else [10.0, 40.0])
     yield from _computations(options.short, repeats)
 
 
@@ -252,6 +257,25 @@ def _analyses(sizes_mb: list[float], repeats: int) -> Iterator[str]:
                 f"| {path.name} | {size / 1e6:.0f} | `{what}` | {own.cpu_seconds:.2f} | {own.seconds:.2f} "
                 f"| {own.peak_bytes / 1e6:.0f} | {stages} |"
             )
+
+
+def _memory_of_flights(sizes_mb: list[float]) -> Iterator[str]:
+    """Show what many short flights in one log cost; what each size adds is what a larger one will."""
+    yield from ("", "## Memory of many short flights in one log, start of Python included", "")
+    yield "| log | MB | command | peak MB | 4 x file + 300 MB |"
+    yield "|---|---|---|---|---|"
+    for suffix in (".bin", ".bbl"):
+        for size_mb in sizes_mb:
+            path = many_flights(suffix, size_mb)
+            size = path.stat().st_size
+            for action, what in (
+                ("quadid_cli_info", "info"),
+                ("quadid_cli_json", "analyze --json --no-report"),
+            ):
+                own = _measure(action, str(generated_log(suffix, WARM_UP_MB)), str(path))
+                allowed = 4.0 * size / 1e6 + 300.0
+                peak = own.peak_bytes / 1e6
+                yield f"| {suffix} | {size / 1e6:.0f} | `{what}` | {peak:.0f} | {allowed:.0f} |"
 
 
 def _computations(short: bool, repeats: int) -> Iterator[str]:

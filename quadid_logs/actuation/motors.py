@@ -9,7 +9,7 @@ import numpy as np
 
 from quadid_logs.actuation.airframe import Airframe, Unknown
 from quadid_logs.align.series import CleanLog, CleanSeries, TorqueSeries
-from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.arrays import AnyArray, BoolArray, FloatArray
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.torque import AssumedExpo, MixerCheck
 from quadid_logs.maths.thrust_curve import slope_at
@@ -95,9 +95,9 @@ class MotorSeries:
         """Where the axes got less than was commanded, as a series ``torque_saturation``."""
         if self.saturated is None:
             return None
-        return self.series("torque_saturation", self.saturated.astype(np.float64))
+        return self.series("torque_saturation", self.saturated)
 
-    def series(self, name: str, values: FloatArray, reason: str = "") -> CleanSeries:
+    def series(self, name: str, values: AnyArray, reason: str = "") -> CleanSeries:
         """Return values at these times as a source of a signal.
 
         Parameters
@@ -105,6 +105,7 @@ class MotorSeries:
         name : str
             A key of `vocabulary.SIGNALS`.
         values : ndarray, shape (n_samples, n_columns)
+            Of any type; they are worked with in double precision.
         reason : str
             Instead of that of the motors.
 

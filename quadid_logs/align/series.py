@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from quadid_logs.align.clock import EVENTS, JUMP_S, OUTLIER_S, Clock
-from quadid_logs.arrays import BoolArray, FloatArray, IntArray
+from quadid_logs.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from quadid_logs.data.log import NO_GYRO_FILTER, FlightLog, GyroFilter, Rows, Signal
 from quadid_logs.data.torque import AssumedExpo
 from quadid_logs.maths.resampling import typical_period
@@ -55,7 +55,7 @@ class CleanSeries:
     time_s : ndarray, shape (n_samples,)
         Strictly increasing [s].
     stored : ndarray, shape (n_samples, n_columns)
-        As the reader made them: whole numbers of few digits are in single precision, half as large.
+        As they were made: whole numbers of few digits in single precision, marks as such.
     period_s : float
         Typical sample period [s], NaN for fewer than two samples.
     source, reason, gyro_filter, achieved, raw
@@ -67,7 +67,7 @@ class CleanSeries:
     name: str
     rows: Rows
     time_s: FloatArray
-    stored: FloatArray
+    stored: AnyArray
     period_s: float
     source: str
     reason: str = ""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.arrays import AnyArray, BoolArray, FloatArray
 from quadid_logs.counting import counted
 from quadid_logs.data.log import NO_GYRO_FILTER, GyroFilter, LogText, ModeChange
 from quadid_logs.data.torque import AssumedExpo, Calibration
@@ -212,7 +212,7 @@ class Overview:
     signal: str
     columns: tuple[str, ...]
     time_s: FloatArray
-    stored: FloatArray
+    stored: AnyArray
 
     @property
     def values(self) -> FloatArray:

@@ -63,7 +63,7 @@ _CROSS_SPREAD = 0.03
 #: per cent by one lag: the least of them.
 _DEPARTURES: Final = np.array([0.03, 0.06, 0.12, 0.25, 0.5])
 #: Half of what is tried lies below this before the flight is seen (half-Cauchy).
-_USUAL_DEPARTURE = 0.05
+_TYPICAL_DEPARTURE = 0.05
 #: A departure keeps its value over this much of the logarithm of frequency: an octave.
 _OCTAVE = float(np.log(2.0))
 _ITERATIONS = 5
@@ -368,7 +368,7 @@ def _weigh_departures(axis: _Axis, left: ComplexArray) -> FloatArray:
         axis.depart(departure**2)
         white = axis.white(left)
         likely[number] = -0.5 * float(white @ white) - axis.log_size
-        likely[number] -= np.log1p((departure / _USUAL_DEPARTURE) ** 2)
+        likely[number] -= np.log1p((departure / _TYPICAL_DEPARTURE) ** 2)
     weight = np.exp(likely - likely.max())
     return np.asarray(weight / weight.sum())
 

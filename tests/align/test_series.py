@@ -94,3 +94,13 @@ def test_values_that_no_vehicle_has_take_their_thrust_with_them() -> None:
     found = TorqueSeries(series=one, rotor_thrust=np.array([[1.0], [2.0], [3.0]])).possible()
     assert found.rotor_thrust is not None
     assert (found.rotor_thrust[:, 0].tolist(), found.series.n_not_finite) == ([1.0, 3.0], 1)
+
+
+def test_numbers_that_were_read_in_single_precision_are_stored_so_and_worked_with_in_double() -> None:
+    """Blackbox logs hold whole numbers of few digits: twice their memory would tell nothing more."""
+    rates, torque = of_one_message(STAMPS)
+    single = replace(rates, values=rates.values.astype(np.float32))
+    one = Cleaner(find_clock([rates, torque])).clean(single)
+    assert (one.stored.dtype, one.values.dtype) == (np.float32, np.float64)
+    assert one.of_rows(slice(0, 2)).dtype == np.float64
+    np.testing.assert_array_equal(one.at(one.time_s, 1), one.stored[:, 1].astype(np.float64))

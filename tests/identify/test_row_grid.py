@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -55,3 +57,16 @@ def test_each_chunk_has_the_response_of_its_own_length() -> None:
     )
     alone = [whole.chosen([number]).behind(0.05, 0.01) for number in range(3)]
     np.testing.assert_array_equal(whole.behind(0.05, 0.01), np.concatenate(alone))
+
+
+def test_a_spectrum_keeps_no_more_than_its_rows_hold() -> None:
+    """At 400 Hz rows of 50 Hz hold an eighth; a view of the whole kept all of it for every fit."""
+    grid = RowGrid.of(48_000, 0.0025, 5.0, rows_hz=50.0)
+    columns = np.zeros((48_000, 3))
+    tracemalloc.start()
+    try:
+        spectrum = grid.spectrum_of(columns)
+        assert tracemalloc.get_traced_memory()[0] < columns.nbytes / 4
+    finally:
+        tracemalloc.stop()
+    assert spectrum.shape == (grid.s.size, 3)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -57,3 +59,21 @@ def test_what_is_flown_between_manoeuvres_does_not_count() -> None:
 def test_without_motion_all_of_the_flight_counts() -> None:
     """The weight of nothing is no weight."""
     assert mean_while_moved(np.arange(5.0), np.zeros((5, 3)), 0.01) == 2.0
+
+
+def test_the_slope_of_a_long_log_takes_less_memory_than_its_points() -> None:
+    """The powers of all points side by side are six times as large as they, and were copied four times."""
+    x = np.random.default_rng(5).uniform(0.2, 0.9, 1_000_000)
+    y = np.exp(x)
+    tracemalloc.start()
+    try:
+        assert slope_at(x, y, 0.5) == pytest.approx(np.exp(0.5), abs=1e-3)
+        assert tracemalloc.get_traced_memory()[1] < 3 * x.nbytes
+    finally:
+        tracemalloc.stop()
+
+
+def test_every_part_of_a_long_log_has_a_say_in_the_slope() -> None:
+    """Two halves of a flight at other thrusts: neither holds the curve of both."""
+    x = np.concatenate([np.linspace(0.1, 0.4, 100_000), np.linspace(0.6, 0.9, 100_000)])
+    assert slope_at(x, np.exp(x), 0.25) == pytest.approx(np.exp(0.25), abs=1e-3)
