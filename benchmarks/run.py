@@ -29,12 +29,8 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks import actions  # noqa: E402
-<<<<<<< HEAD
 from benchmarks.against import MACHINE, told  # noqa: E402
-from benchmarks.logs import corpus_logs, generated_log  # noqa: E402
-=======
 from benchmarks.logs import corpus_logs, generated_log, many_flights  # noqa: E402
->>>>>>> w-fin
 
 WARM_UP_MB = 0.2
 #: Per suffix: what is read, our action, the other readers'.
