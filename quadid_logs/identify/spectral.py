@@ -39,8 +39,8 @@ _HIGHEST_HZ = 30.0
 #: Six samples a cycle: with fewer, what the torque does between two samples is a guess.
 _OF_SAMPLE_RATE = 1.0 / 6.0
 _BANDS_PER_OCTAVE = 6
-#: Lines on each side of one that its first stage is fitted to, too: the response of a loop to its command changes over
-#: its own bandwidth, which is one hertz and more.
+#: Lines on each side of one that its first stage is fitted to, too: the response of a loop to its command
+#: changes over its own bandwidth, which is one hertz and more.
 _SHARED_LINES = 2
 #: A block that holds more of what was commanded at a frequency than this is told by itself, too.
 _MOST_LEVERAGE = 0.8
