@@ -8,7 +8,6 @@ from types import MappingProxyType
 from typing import Final
 
 import numpy as np
-from scipy.special import betainc, stdtr
 
 from quadid_logs.align.series import CleanSeries, Interval
 from quadid_logs.arrays import BoolArray, FloatArray
@@ -239,6 +238,8 @@ def _harmonic(peaks: FloatArray, near_hz: FloatArray, speeds: FloatArray) -> int
 
     A binomial test: as often on any rotor's multiple as this does not happen to peaks anywhere near the line.
     """
+    from scipy.special import betainc
+
     known = np.isfinite(speeds).all(axis=1)
     # Power in windows that overlap by half is correlated by 1/36 only: each counts.
     peaks, speeds = peaks[known], speeds[known]
@@ -269,6 +270,8 @@ def _by_throttle(line: Line, peaks: FloatArray, throttle: FloatArray | None) -> 
 
 def _rising_by_chance(x: FloatArray, y: FloatArray) -> float:
     """Return the chance of a rank correlation as high as that of two series (C. Spearman), by Student's t."""
+    from scipy.special import stdtr
+
     ranks = [np.unique(one, return_inverse=True, return_counts=True)[1:] for one in (x, y)]
     # Equal values share the mean of their places.
     first, second = (((np.cumsum(counts) - 0.5 * counts)[inverse]) for inverse, counts in ranks)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.special import gammaincc, gammaincinv
 
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.health import Line
@@ -114,6 +113,8 @@ def find_lines(
     tuple of Line
         The highest above the floor first, at most six.
     """
+    from scipy.special import gammaincc, gammaincinv
+
     density, frequency_hz = spectra.density[:, :, column], spectra.frequency_hz
     mean = density.mean(axis=0)
     step_hz = float(frequency_hz[1])

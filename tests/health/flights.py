@@ -26,7 +26,7 @@ def series(
         name=name,
         rows=Rows(time_s, np.arange(time_s.size)),
         time_s=time_s,
-        values=np.asarray(values, dtype=np.float64),
+        stored=np.asarray(values, dtype=np.float64),
         period_s=float(time_s[1] - time_s[0]),
         source=f"made {name}",
         gyro_filter=gyro_filter,

@@ -128,7 +128,7 @@ def test_a_report_opens_in_the_page_without_its_origin(session: Session) -> None
     assert browser.problems == []
     address = browser.run("document.querySelector('iframe').src")
     browser.go(address)
-    assert browser.run("typeof Plotly") == "object"
+    browser.wait("typeof Plotly === 'object'")
     assert browser.run("self.origin") == "null"
 
 
