@@ -17,6 +17,8 @@ from quadid_logs.numerals import number
 #: A published log analyzer warns where the highest motor's mean lies more than 75 us above the lowest one's,
 #: and fails above 150 us (source: docs/health.md).
 _WARN_US, _FAIL_US = 75.0, 150.0
+#: Beside what is normal, less than this fraction of it is no difference that a pilot can do anything about.
+_ALIKE: Final = 0.1
 #: Pulses go from 1000 to 2000 us: the same as a fraction of the range.
 _RANGE_US: Final = 1000.0
 #: Rounding of outputs at an end of their range; the steps of a pulse are a thousandth.
@@ -131,6 +133,8 @@ def _sentence(
         "severe": f"more than twice the normal {limit}",
     }[level]
     told = f"{hardest.capitalize()} works hardest, {apart} above {least}, {judged}."
+    if spread.value < (_WARN_US if pulses else _WARN_US / _RANGE_US) * _ALIKE:
+        told = "All motors work alike."
     if at_high is None or headroom is None:
         return told
     if at_high.value > 0.0:
