@@ -16,6 +16,8 @@ AngleGains = Mapping[str, tuple[float, float, float]]
 #: Angles are integrated from rates. They fade in this time, far below the slowest motion that is looked at,
 #: so that the gyro's bias does not add up [s].
 _MEMORY_S = 15.0
+#: Firmwares allow angle gains of up to 12 1/s; a parameter far beyond is damaged.
+_MOST_GAIN_1_S = 100.0
 
 
 def command_of(segment: Segment, modes: Sequence[ModeChange], gains: AngleGains) -> FloatArray | None:
@@ -57,5 +59,6 @@ def _gain_at(time_s: FloatArray, modes: Sequence[ModeChange], gains: AngleGains)
     order = sorted(modes, key=lambda one: one.time_s)
     unknown = (np.nan, np.nan, np.nan)
     of_modes = np.array([gains.get(one.name, unknown) for one in order])
+    of_modes[~(np.abs(of_modes) <= _MOST_GAIN_1_S)] = np.nan
     current = np.searchsorted([one.time_s for one in order], time_s, side="right") - 1
     return np.asarray(of_modes[np.maximum(current, 0)], dtype=np.float64)

@@ -67,6 +67,10 @@ _TYPICAL_DEPARTURE = 0.05
 #: A departure keeps its value over this much of the logarithm of frequency: an octave.
 _OCTAVE = float(np.log(2.0))
 _ITERATIONS = 5
+#: Ten seconds, as of every flight: of fewer blocks, how they scatter is not known.
+_FEWEST_BLOCKS = 4
+#: Signals beyond have squares that are no numbers; no unit makes a torque or a rate so small or large.
+_SMALLEST, _LARGEST = 1e-60, 1e60
 _AXES: Final = 3
 _YAW: Final = 2
 _TINY = float(np.finfo(np.float64).tiny)
@@ -119,7 +123,7 @@ def fit_by_spectra(data: FlightData) -> tuple[SpectralFit, ...]:
         two blocks. An axis that was not commanded has a wide interval, or `SpectralFit.departure`.
     """
     spectra = _spectra(data)
-    if spectra is None or len(spectra.run) < 2:
+    if spectra is None or len(spectra.run) < _FEWEST_BLOCKS:
         return ()
     s = np.asarray(2j * np.pi * spectra.frequency_hz, dtype=np.complex128)
     gyro = gyro_response(s, *data.gyro_filter)
@@ -170,8 +174,8 @@ class _Axis:
         self.prior = np.array([-0.5 * half, 0.0, 0.0, 0.0])
         self.spread = np.array([max(half, 1.0) / 2.0, _GYROSCOPIC_SPREAD, _CROSS_SPREAD, _CROSS_SPREAD])
         command = spectra.values[:, :, 3 * _AXES :]
-        moved = np.abs(command).sum(axis=(0, 1)) > 0.0
-        self.is_commanded = bool(moved.any() and self.torque.any() and self.acceleration.any())
+        moved = np.abs(command).max(axis=(0, 1)) > _SMALLEST
+        self.is_commanded = all(map(_has_size, (command, self.torque, self.acceleration)))
         self.told = _told_by_others(command[:, :, moved], self.torque, spectra.run)
         self.edges = _band_edges(spectra.frequency_hz)
         centre = np.log([spectra.frequency_hz[band].mean() for band in self._bands()])
@@ -267,6 +271,11 @@ class _Axis:
         columns, targets = self.system(actuator)
         theta = np.linalg.lstsq(columns, targets, rcond=None)[0]
         return np.asarray(theta, dtype=np.float64), targets - columns @ theta
+
+
+def _has_size(lines: ComplexArray) -> bool:
+    """Say whether spectra hold anything whose square is a number."""
+    return _SMALLEST < float(np.abs(lines).max(initial=0.0)) < _LARGEST
 
 
 def _told_by_others(command: ComplexArray, torque: ComplexArray, run: IntArray) -> ComplexArray:

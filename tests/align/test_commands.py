@@ -77,3 +77,11 @@ def test_the_gains_are_those_of_the_autopilots_parameters() -> None:
     assert named("px4").angle_gains("POSCTL", px4) is None
     assert named("betaflight").angle_gains("Acro", {}) == (0.0, 0.0, 0.0)
     assert named("betaflight").angle_gains("Angle", {}) is None
+
+
+def test_a_gain_that_no_firmware_has_is_not_believed() -> None:
+    """A damaged parameter would make numbers that overflow."""
+    command = command_of(_segment()[0], _modes((0.0, "STABILIZE")), {"STABILIZE": (1e300, np.inf, 4.0)})
+    assert command is not None
+    assert np.isnan(command[:, :2]).all()
+    assert np.isfinite(command[:, 2]).all()

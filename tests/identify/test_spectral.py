@@ -140,3 +140,11 @@ def test_a_gap_costs_its_blocks_only() -> None:
     fits = fit_by_spectra(halves)
     assert abs(fits[0].gain - GAIN[0]) <= fits[0].half_width
     assert fits[0].is_sound
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-150, 1e150])
+def test_signals_of_no_size_tell_nothing(size: float) -> None:
+    """Nor do they overflow: what is warned of is an error in these tests."""
+    segment = _fly(3, seconds=12.0).segments[0]
+    small = replace(segment, torque=size * segment.torque, body_rate_rad_s=size * segment.body_rate_rad_s)
+    assert fit_by_spectra(_data(small)) == ()
