@@ -10,6 +10,7 @@ import numpy as np
 
 from quadid_logs.autopilots.ardupilot.filters import follows_unknown, parameter_filter
 from quadid_logs.autopilots.discrete import derivative, first_order, gain, gyro_filters, integrator
+from quadid_logs.autopilots.modes import gains_named
 from quadid_logs.autopilots.versions import by_short_names, finite, read_version
 from quadid_logs.data.controller import AxisController, ControllerRemark, FlownControllers, RemarkKind
 from quadid_logs.data.log import FlightLog, whole_number
@@ -60,11 +61,7 @@ def angle_gains(mode: str, parameters: Mapping[str, float]) -> tuple[float, floa
     """
     if mode not in _STICK_MODES:
         return None
-    for names in _ANGLE_GAINS:
-        if all(name in parameters for name in names):
-            roll, pitch, yaw = (parameters[name] for name in names)
-            return roll, pitch, yaw
-    return None
+    return next((found for names in _ANGLE_GAINS if (found := gains_named(names, parameters))), None)
 
 
 def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControllers:

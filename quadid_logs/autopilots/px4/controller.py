@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.autopilots.discrete import derivative, first_order, gain, gyro_filters, integrator, unit
+from quadid_logs.autopilots.modes import gains_named
 from quadid_logs.autopilots.px4.filters import derivative_filter, parameter_filter
 from quadid_logs.autopilots.versions import by_short_names, finite, read_version
 from quadid_logs.data.controller import AxisController, ControllerRemark, FlownControllers, RemarkKind
@@ -57,10 +58,7 @@ def angle_gains(mode: str, parameters: Mapping[str, float]) -> tuple[float, floa
     """
     if mode == "ACRO":
         return 0.0, 0.0, 0.0
-    if mode not in _STICK_MODES or any(name not in parameters for name in _ANGLE_GAINS):
-        return None
-    roll, pitch, yaw = (parameters[name] for name in _ANGLE_GAINS)
-    return roll, pitch, yaw
+    return gains_named(_ANGLE_GAINS, parameters) if mode in _STICK_MODES else None
 
 
 def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControllers:
