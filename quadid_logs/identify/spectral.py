@@ -17,13 +17,15 @@ describe widens the intervals.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.data.flight import FlightData
+from quadid_logs.data.log import GyroFilter
 from quadid_logs.data.model import SpectralFit
 from quadid_logs.identify.systematic import GYRO_SYSTEMATIC
 from quadid_logs.identify.terms import MOST_DAMPING_1_S
@@ -119,18 +121,24 @@ def fit_by_spectra(data: FlightData) -> tuple[SpectralFit, ...]:
     Returns
     -------
     tuple of SpectralFit
-        Roll, pitch, yaw; empty where nothing tells what was commanded, or no part of it is as long as
-        two blocks. An axis that was not commanded has a wide interval, or `SpectralFit.departure`.
+        Roll, pitch, yaw; empty where nothing tells what was commanded, or it lasts for
+        less than four blocks. An axis that was not commanded has a wide interval, or `SpectralFit.departure`.
     """
     spectra = _spectra(data)
     if spectra is None or len(spectra.run) < _FEWEST_BLOCKS:
         return ()
-    s = np.asarray(2j * np.pi * spectra.frequency_hz, dtype=np.complex128)
-    gyro = gyro_response(s, *data.gyro_filter)
-    axes = [_Axis(spectra, number, gyro) for number in range(_AXES)]
-    if spectra.frequency_hz.size < 2 * _SHARED_LINES or not any(axis.is_commanded for axis in axes):
+    command = spectra.values[:, :, 3 * _AXES :]
+    axes = [number for number in range(_AXES) if _moves(spectra, number)]
+    if spectra.frequency_hz.size < 2 * _SHARED_LINES or not _has_size(command) or not axes:
         return ()
-    return _fit([axis for axis in axes if axis.is_commanded])
+    moved = command[:, :, np.abs(command).max(axis=(0, 1)) > _SMALLEST]
+    told = _told_by_others(moved, spectra.values[:, :, _AXES : 2 * _AXES], spectra.run)
+    return _fit([_Axis(spectra, number, told[:, :, number], data.gyro_filter) for number in axes])
+
+
+def _moves(spectra: BlockSpectra, number: int) -> bool:
+    """Say whether an axis has torque and motion."""
+    return _has_size(spectra.values[:, :, _AXES + number]) and _has_size(spectra.derivative(number))
 
 
 def _spectra(data: FlightData) -> BlockSpectra | None:
@@ -157,10 +165,12 @@ def _spectra(data: FlightData) -> BlockSpectra | None:
 class _Axis:
     """One axis: what is summed over blocks once, and what changes with the weights."""
 
-    def __init__(self, spectra: BlockSpectra, number: int, gyro: ComplexArray) -> None:
-        self.number = number
+    def __init__(
+        self, spectra: BlockSpectra, number: int, told: ComplexArray, gyro_filter: GyroFilter
+    ) -> None:
+        self.number, self.told, self.run = number, told, spectra.run
         self.s = np.asarray(2j * np.pi * spectra.frequency_hz, dtype=np.complex128)
-        self.gyro, self.run = gyro, spectra.run
+        self.gyro = gyro_response(self.s, *gyro_filter)
         self.torque, self.by_slope = (
             each[:, :, _AXES + number] for each in (spectra.values, spectra.by_slope)
         )
@@ -173,21 +183,9 @@ class _Axis:
         half = 0.5 * MOST_DAMPING_1_S[number]
         self.prior = np.array([-0.5 * half, 0.0, 0.0, 0.0])
         self.spread = np.array([max(half, 1.0) / 2.0, _GYROSCOPIC_SPREAD, _CROSS_SPREAD, _CROSS_SPREAD])
-        command = spectra.values[:, :, 3 * _AXES :]
-        moved = np.abs(command).max(axis=(0, 1)) > _SMALLEST
-        self.is_commanded = all(map(_has_size, (command, self.torque, self.acceleration)))
-        self.told = _told_by_others(command[:, :, moved], self.torque, spectra.run)
         self.edges = _band_edges(spectra.frequency_hz)
-        centre = np.log([spectra.frequency_hz[band].mean() for band in self._bands()])
+        centre = np.log([band.mean() for band in np.split(spectra.frequency_hz, self.edges[1:-1])])
         self.alike = np.exp(-np.abs(centre[:, np.newaxis] - centre) / _OCTAVE)
-
-    def _bands(self) -> list[slice]:
-        return [slice(a, b) for a, b in zip(self.edges[:-1], self.edges[1:], strict=True)]
-
-    @property
-    def n_bands(self) -> int:
-        """Number of bands, each of a complex moment."""
-        return self.edges.size - 1
 
     def summed(self, lines: ComplexArray) -> ComplexArray:
         """Return the sums of lines (..., n_lines) by band."""
@@ -220,8 +218,11 @@ class _Axis:
 
     def left(self, theta: FloatArray, actuator: _Actuator) -> ComplexArray:
         """Return the moments of what an equation [B, A, c, o, o] leaves."""
-        explained = sum(c * each for c, each in zip(theta[1:], self.of_regressors, strict=True))
-        return np.asarray(self.of_acceleration - theta[0] * self.of_commanded(actuator) - explained)
+        return np.asarray(self._by_torque(theta) - theta[0] * self.of_commanded(actuator))
+
+    def _by_torque(self, theta: FloatArray) -> ComplexArray:
+        """Return the moments of the acceleration that an equation leaves to the torque."""
+        return np.asarray(self.of_acceleration - _weighted(theta[1:], self.of_regressors))
 
     def weigh(self, theta: FloatArray | None, actuator: _Actuator) -> None:
         """Set the noise of the moments by what an equation leaves; by the acceleration itself without one."""
@@ -229,13 +230,9 @@ class _Axis:
         if theta is not None:
             response, slope = self.response(actuator)
             error = error - theta[0] * (response * self.torque + slope * self.by_slope)
-            error = error - sum(c * each for c, each in zip(theta[1:], self.regressors, strict=True))
+            error = error - _weighted(theta[1:], self.regressors)
         self.noise = _moment_noise(self, error)
-        reference = self.of_acceleration
-        if theta is not None:
-            explained = sum(c * each for c, each in zip(theta[1:], self.of_regressors, strict=True))
-            reference = reference - explained
-        self.size = np.abs(reference)
+        self.size = np.abs(self.of_acceleration if theta is None else self._by_torque(theta))
         turn = self.of_commanded(actuator)
         self.turn = np.exp(-1j * np.angle(turn if theta is None else theta[0] * turn))
         self.depart(_DEPARTURES[1] ** 2)
@@ -255,6 +252,10 @@ class _Axis:
         turned = self.whitening @ (moments * self.turn)
         return np.concatenate([turned.real, turned.imag])
 
+    def white_commanded(self, actuator: _Actuator) -> FloatArray:
+        """Return the moments of the torque behind an actuator in standard deviations."""
+        return self.white(self.of_commanded(actuator))
+
     def prepare(self) -> None:
         """Whiten what does not change with the actuator."""
         self._targets = np.concatenate([self.white(self.of_acceleration), self.prior / self.spread])
@@ -263,7 +264,7 @@ class _Axis:
 
     def system(self, actuator: _Actuator) -> tuple[FloatArray, FloatArray]:
         """Return the linear equations for [B, A, c, o, o], their priors below."""
-        columns = np.column_stack([self.white(self.of_commanded(actuator)), self._columns])
+        columns = np.column_stack([self.white_commanded(actuator), self._columns])
         return np.vstack([columns, self._priors]), self._targets
 
     def solved(self, actuator: _Actuator) -> tuple[FloatArray, FloatArray]:
@@ -273,28 +274,32 @@ class _Axis:
         return np.asarray(theta, dtype=np.float64), targets - columns @ theta
 
 
+def _weighted(weights: FloatArray, columns: Sequence[ComplexArray]) -> ComplexArray:
+    """Return the sum of columns, each by its weight."""
+    return np.asarray(sum(weight * each for weight, each in zip(weights, columns, strict=True)))
+
+
 def _has_size(lines: ComplexArray) -> bool:
     """Say whether spectra hold anything whose square is a number."""
     return _SMALLEST < float(np.abs(lines).max(initial=0.0)) < _LARGEST
 
 
 def _told_by_others(command: ComplexArray, torque: ComplexArray, run: IntArray) -> ComplexArray:
-    """Return the torque as a block's commands tell it by what other blocks show; (n_blocks, n_lines)."""
-    if not command.shape[2]:
-        return np.zeros_like(torque)
+    """Return the torques as a block's commands tell them by what other blocks show; shape of ``torque``."""
     gram = _shared(np.einsum("bfi,bfj->fbij", command.conj(), command))
-    cross = _shared(np.einsum("bfi,bf->fbi", command.conj(), torque))
+    cross = _shared(np.einsum("bfi,bfk->fbik", command.conj(), torque))
     whole_gram, whole_cross = gram.sum(axis=1), cross.sum(axis=1)
     own_gram, own_cross = _with_neighbours(gram, run), _with_neighbours(cross, run)
     size = np.sqrt(np.maximum(np.einsum("fii->fi", whole_gram).real, _TINY))
     share = np.einsum("fbii,fi->fb", own_gram, size**-2.0).real / size.shape[1]
     elsewhere = share <= _MOST_LEVERAGE
     gram = whole_gram[:, np.newaxis] - own_gram * elsewhere[:, :, np.newaxis, np.newaxis]
-    cross = whole_cross[:, np.newaxis] - own_cross * elsewhere[:, :, np.newaxis]
+    cross = whole_cross[:, np.newaxis] - own_cross * elsewhere[:, :, np.newaxis, np.newaxis]
     gram = gram / (size[:, np.newaxis, :, np.newaxis] * size[:, np.newaxis, np.newaxis, :])
     gram = gram + _RIDGE * np.eye(size.shape[1])
-    law = np.linalg.solve(gram, (cross / size[:, np.newaxis])[..., np.newaxis])[..., 0] / size[:, np.newaxis]
-    return np.asarray(np.einsum("bfi,fbi->bf", command, law))
+    scale = size[:, np.newaxis, :, np.newaxis]
+    law = np.linalg.solve(gram, cross / scale) / scale
+    return np.asarray(np.einsum("bfi,fbik->bfk", command, law))
 
 
 def _shared(lines: ComplexArray) -> ComplexArray:
@@ -355,23 +360,21 @@ def _fit(axes: Sequence[_Axis]) -> tuple[SpectralFit, ...]:
         axis.weigh(None, actuator)
         axis.prepare()
     actuator = _coarsely(axes)
-    weights = [np.zeros(_DEPARTURES.size)] * len(axes)
     for step in range(_ITERATIONS):
         actuator = _refined(axes, actuator)
         if step == _ITERATIONS - 1:
             break
-        for number, axis in enumerate(axes):
+        for axis in axes:
             theta = axis.solved(actuator)[0]
             axis.instrument_behind(actuator)
             axis.weigh(theta, actuator)
-            weights[number] = _weigh_departures(axis, axis.left(theta, actuator))
-            axis.depart(float(weights[number] @ _DEPARTURES**2))
+            axis.depart(_likely_variance(axis, axis.left(theta, actuator)))
             axis.prepare()
     return _described(axes, actuator)
 
 
-def _weigh_departures(axis: _Axis, left: ComplexArray) -> FloatArray:
-    """Return how likely each departure is by what an equation leaves, shape (n_departures,)."""
+def _likely_variance(axis: _Axis, left: ComplexArray) -> float:
+    """Return the mean variance of the departure, each by how likely what an equation leaves makes it."""
     likely = np.empty(_DEPARTURES.size)
     for number, departure in enumerate(_DEPARTURES.tolist()):
         axis.depart(departure**2)
@@ -379,17 +382,29 @@ def _weigh_departures(axis: _Axis, left: ComplexArray) -> FloatArray:
         likely[number] = -0.5 * float(white @ white) - axis.log_size
         likely[number] -= np.log1p((departure / _TYPICAL_DEPARTURE) ** 2)
     weight = np.exp(likely - likely.max())
-    return np.asarray(weight / weight.sum())
+    return float(weight @ _DEPARTURES**2 / weight.sum())
+
+
+def _left(axes: Sequence[_Axis], actuator: _Actuator) -> FloatArray:
+    """Return what an actuator leaves, everything linear solved for; its prior first."""
+    return np.concatenate([actuator.coordinates, *(axis.solved(actuator)[1] for axis in axes)])
 
 
 def _cost(axes: Sequence[_Axis], actuator: _Actuator) -> float:
     """Return the sum of squares that an actuator leaves, its prior among them."""
-    place = actuator.coordinates
-    return float(place @ place + sum(float(left @ left) for _, left in _all_solved(axes, actuator)))
+    left = _left(axes, actuator)
+    return float(left @ left)
 
 
-def _all_solved(axes: Sequence[_Axis], actuator: _Actuator) -> list[tuple[FloatArray, FloatArray]]:
-    return [axis.solved(actuator) for axis in axes]
+def _slopes(function: Callable[[_Actuator], FloatArray], actuator: _Actuator) -> FloatArray:
+    """Return the derivatives of a function by the coordinates of an actuator, in columns."""
+    place, step = actuator.coordinates, 1e-4
+
+    def slope(along: FloatArray) -> FloatArray:
+        ahead, behind = (function(_Actuator.at(place + sign * step * along)) for sign in (1, -1))
+        return (ahead - behind) / (2.0 * step)
+
+    return np.column_stack([slope(along) for along in np.eye(place.size)])
 
 
 def _coarsely(axes: Sequence[_Axis]) -> _Actuator:
@@ -402,57 +417,36 @@ def _coarsely(axes: Sequence[_Axis]) -> _Actuator:
 
 def _refined(axes: Sequence[_Axis], actuator: _Actuator) -> _Actuator:
     """Bring the actuator to its least cost (Levenberg and Marquardt, everything linear solved for)."""
-    place, cost, damping = actuator.coordinates, _cost(axes, actuator), 1e-3
+    cost, damping = _cost(axes, actuator), 1e-3
     for _ in range(20):
-        left, slopes = _slopes(axes, place)
-        normal, gradient = slopes.T @ slopes, slopes.T @ left
+        slopes = _slopes(partial(_left, axes), actuator)
+        normal, gradient = slopes.T @ slopes, slopes.T @ _left(axes, actuator)
         step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
-        trial = _Actuator.at(place + step)
+        trial = _Actuator.at(actuator.coordinates + step)
         new = _cost(axes, trial)
         if new < cost:
             small = cost - new < 1e-4
-            place, cost, damping = trial.coordinates, new, 0.3 * damping
+            actuator, cost, damping = trial, new, 0.3 * damping
             if small:
                 break
         else:
             damping *= 10.0
             if damping > 1e6:
                 break
-    return _Actuator.at(place)
-
-
-def _slopes(axes: Sequence[_Axis], place: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return what is left at a place, and its derivatives, everything linear solved for."""
-
-    def left(at: FloatArray) -> FloatArray:
-        return np.concatenate([at, *(each for _, each in _all_solved(axes, _Actuator.at(at)))])
-
-    step = 1e-4
-    columns = [(left(place + d) - left(place - d)) / (2.0 * step) for d in step * np.eye(3)]
-    return left(place), np.column_stack(columns)
+    return actuator
 
 
 def _described(axes: Sequence[_Axis], actuator: _Actuator) -> tuple[SpectralFit, ...]:
     """Return the estimates with their joint covariance."""
-    information = np.eye(3)
-    parts, thetas = [], []
-    for axis in axes:
-        theta = axis.solved(actuator)[0]
-        columns = axis.system(actuator)[0]
-        place, step = actuator.coordinates, 1e-4
-        slopes = np.zeros((len(columns), 3))
-        for number, d in enumerate(step * np.eye(3)):
-            ahead, behind = (
-                axis.white(axis.of_commanded(_Actuator.at(place + sign * d))) for sign in (1, -1)
-            )
-            slopes[: ahead.size, number] = theta[0] * (ahead - behind) / (2.0 * step)
-        parts.append((columns, slopes))
-        thetas.append(theta)
+    thetas = [axis.solved(actuator)[0] for axis in axes]
     n_linear = thetas[0].size
-    n_all = 3 + n_linear * len(axes)
-    whole = np.zeros((n_all, n_all))
-    whole[:3, :3] = information
-    for number, (columns, slopes) in enumerate(parts):
+    whole = np.zeros((3 + n_linear * len(axes),) * 2)
+    whole[:3, :3] = np.eye(3)
+    for number, (axis, theta) in enumerate(zip(axes, thetas, strict=True)):
+        columns = axis.system(actuator)[0]
+        slopes = theta[0] * _slopes(axis.white_commanded, actuator)
+        # The priors of what is linear do not move with the actuator.
+        slopes = np.vstack([slopes, np.zeros((len(columns) - len(slopes), 3))])
         own = np.r_[0:3, 3 + n_linear * number : 3 + n_linear * (number + 1)]
         both = np.column_stack([slopes, columns])
         whole[np.ix_(own, own)] += both.T @ both

@@ -87,7 +87,7 @@ def with_spectral_axes(
             model, _of_axis(model, structure, fits[axis], axis, data, design, settings), axis, data
         )
     tilting = [fits[axis] for axis in axes if axis != _YAW]
-    if len(tilting) == _YAW and model.actuator is not None:
+    if len(tilting) == 2 and model.actuator is not None:
         model = replace(model, actuator=_actuator(model.actuator, tilting[0]))
     return model
 
@@ -169,7 +169,7 @@ def _parameter(old: Parameter, value: float, low: float, high: float) -> Paramet
         return replace(
             old, value=value, ci95=(low, high), identifiable=False, reason=_NOT_TOLD, half_width=half
         )
-    known = half <= MAX_RELATIVE_CI * max(abs(value), 0.0)
+    known = half <= MAX_RELATIVE_CI * abs(value)
     reason = "" if known else "its interval is wide"
     return replace(old, value=value, ci95=(low, high), identifiable=known, reason=reason, half_width=half)
 
