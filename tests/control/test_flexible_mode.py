@@ -31,8 +31,13 @@ def gain_margin_db(loop: np.ndarray) -> float:
     return float(-20.0 * np.log10(np.max(-loop.real[:-1][crosses])))
 
 
-def hover(loop: np.ndarray, seconds: float, noise: float = 1e-3) -> FlightData:
-    """Return a flight in still air: the gyro's noise, filtered, as the closed loop lets it pass."""
+def hover(
+    loop: np.ndarray, seconds: float, noise: float = 1e-3, air: float = 0.0, line_hz: float = 0.0
+) -> FlightData:
+    """Return a flight: the gyro's noise, filtered, as the closed loop lets it pass.
+
+    With ``air`` times as much power of torque, which passes the frame, and with a propeller's line.
+    """
     still = flight({"roll": VEHICLE, "pitch": VEHICLE, "yaw": VEHICLE}, seconds=1.0)
     n = int(seconds / PERIOD_S)
     every_hz = np.maximum(np.fft.rfftfreq(n, PERIOD_S), 0.5)
@@ -40,7 +45,10 @@ def hover(loop: np.ndarray, seconds: float, noise: float = 1e-3) -> FlightData:
         1.0 + np.interp(every_hz, FREQUENCY_HZ, loop.real) + 1j * np.interp(every_hz, FREQUENCY_HZ, loop.imag)
     )
     white = np.fft.rfft(np.random.default_rng(5).standard_normal((n, 3)), axis=0)
-    rate = noise * np.fft.irfft(white * passes[:, np.newaxis], n, axis=0)
+    frame = np.abs(loop / loop_of(30.0, 0.05, 0.0))
+    shape = np.abs(passes) * np.sqrt(1.0 + air * np.interp(every_hz, FREQUENCY_HZ, frame) ** 2)
+    shape = shape * (1.0 + 6.0 * (np.abs(every_hz - line_hz) < 0.3))
+    rate = noise * np.fft.irfft(white * shape[:, np.newaxis], n, axis=0)
     segment = replace(
         still.segments[0],
         time_s=PERIOD_S * np.arange(n),
@@ -82,6 +90,22 @@ def test_the_gain_margin_that_is_told_of_a_frame_that_bends_is_not_above_its_own
     truth_db, found = seen_with(*mode)
     assert truth_db < gain_margin_db(loop_of(30.0, 0.05, 0.0)) - 1.0
     assert lowest_db(found) <= truth_db + 1.0
+
+
+@pytest.mark.parametrize("air", [0.03, 0.3, 3.0, 30.0])
+@pytest.mark.parametrize("mode", MODES)
+def test_torque_of_the_air_that_shakes_the_frame_does_not_hide_how_much_it_bends(
+    mode: tuple[float, float, float], air: float
+) -> None:
+    """A little of it makes a high line of a small part of the noise: the line alone tells no gain."""
+    loop = loop_of(*mode)
+    assert lowest_db(allowed(hover(loop, 40.0, air=air))) <= gain_margin_db(loop) + 1.0
+
+
+def test_a_line_of_a_propeller_does_not_hide_a_mode_at_another_frequency() -> None:
+    """Each third of an octave is looked at alone."""
+    loop = loop_of(20.0, 0.01, 0.15)
+    assert lowest_db(allowed(hover(loop, 40.0, line_hz=52.0))) <= gain_margin_db(loop) + 1.0
 
 
 @pytest.mark.parametrize("mode", [(22.0, 0.01, 0.3), (27.0, 0.01, 0.6), (35.0, 0.01, 0.9)])
