@@ -24,7 +24,7 @@ from quadid_logs.data.settings import AlignSettings
 from quadid_logs.data.torque import Calibration
 from quadid_logs.errors import SettingsError
 from quadid_logs.maths.grid import step_of
-from quadid_logs.maths.resampling import resample, resample_held
+from quadid_logs.maths.resampling import fill_gaps, resample, resample_held
 from quadid_logs.maths.rotations import unwrapped
 from quadid_logs.vocabulary import MULTIROTOR, SIGNALS
 
@@ -34,6 +34,11 @@ __all__ = ["Prepared", "assemble", "check_part", "clean", "cut"]
 _MOST_RATE_HZ = 400.0
 #: Shorter segments hold no full cycle of the slowest motion that the model must explain [s].
 _SHORTEST_SEGMENT_S = 2.0
+#: A logger that writes in blocks loses some tens of milliseconds at a time. Rate and torque of a motion of up
+#: to 10 Hz are known there from what is on either side, to a second order in both alike [s]; of the flight so
+#: much may be missing.
+_BRIDGED_S = 0.05
+_MOST_BRIDGED = 0.1
 #: No rate loop of a multirotor runs slower than this [Hz]; a log that is as
 #: fast holds every output.
 _LOOP_RATE_HZ = 200.0
@@ -297,7 +302,12 @@ def _without_gaps(series: CleanSeries, interval: Interval, period_s: float) -> l
         return []
     # A microsecond of slack: stamps are rounded to it.
     longest_s = GAP_PERIODS * max(series.period_s, period_s) + 1e-6
-    breaks = np.flatnonzero(np.diff(time_s) > longest_s)
+    steps = np.diff(time_s)
+    bridged_s = _BRIDGED_S + max(series.period_s, period_s) + 1e-6
+    missing_s = float(np.sum(steps[(steps > longest_s) & (steps <= bridged_s)]))
+    if missing_s <= _MOST_BRIDGED * (time_s[-1] - time_s[0]):
+        longest_s = max(longest_s, bridged_s)
+    breaks = np.flatnonzero(steps > longest_s)
     first = np.concatenate([[0], breaks + 1])
     last = np.concatenate([breaks, [time_s.size - 1]])
     return [(float(time_s[a]), float(time_s[b])) for a, b in zip(first, last, strict=True) if b > a]
@@ -333,7 +343,9 @@ def _on_grid(torque: CleanSeries, values: FloatArray, grid: FloatArray) -> Float
     """
     if torque.rate_hz < _EVERY_STEP * _LOOP_RATE_HZ:
         return resample(torque.time_s, values, grid, torque.period_s)
-    return resample_held(torque.time_s, values, grid, torque.period_s)
+    near = torque.within(float(grid[0]) - _BRIDGED_S, float(grid[-1]) + _BRIDGED_S)
+    bridged = fill_gaps(torque.time_s[near], values[near], torque.period_s, GAP_PERIODS * torque.period_s)
+    return resample_held(*bridged, grid, torque.period_s)
 
 
 def _saturated(marks: CleanSeries | None, grid: FloatArray) -> BoolArray:

@@ -19,7 +19,7 @@ from quadid_logs.maths.resampling import typical_period
 _IMPOSSIBLE = 1e6
 #: No log's clock is finer [s]: what is closer than this has the same time.
 _SAME_TIME_S = 1e-9
-#: A pause longer than this many periods stays a gap: interpolating over it invents data.
+#: A pause longer than this many periods is a gap.
 GAP_PERIODS = 3.0
 #: In flight the throttle stays above this much of its median: motors that idle on the ground are not flown.
 _FLOWN_THROTTLE = 0.5

@@ -62,8 +62,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL102",
                 "The autopilot dropped log messages",
-                "The logger could not keep up and left messages out. The places show as gaps and nothing "
-                "is interpolated across them.",
+                "The logger could not keep up and left messages out. The places show as gaps. Up to 50 ms "
+                "are filled by a straight line; longer ones split the flight.",
                 "Use a faster card, or log fewer message types.",
             ),
             _entry(

@@ -101,6 +101,36 @@ def resample_held(
     return _resample(time_s, values, grid_s, period_s, _hold)
 
 
+def fill_gaps(
+    time_s: FloatArray, values: FloatArray, period_s: float, longest_s: float
+) -> tuple[FloatArray, FloatArray]:
+    """Put in what is missing in gaps on a straight line: an output is not held for as long as a gap lasts.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (n_in,)
+        Strictly increasing [s].
+    values : ndarray, shape (n_in, n_columns)
+    period_s : float
+        Of the samples [s].
+    longest_s : float
+        A longer step is a gap [s].
+
+    Returns
+    -------
+    time_s : ndarray, shape (n_out,)
+    values : ndarray, shape (n_out, n_columns)
+        The same arrays where there is no gap.
+    """
+    steps = np.diff(time_s)
+    gaps = np.flatnonzero(steps > longest_s)
+    if not gaps.size:
+        return time_s, values
+    missing = [time_s[gap] + np.arange(1, round(steps[gap] / period_s)) * period_s for gap in gaps.tolist()]
+    every_s = np.sort(np.concatenate([time_s, *missing]))
+    return every_s, _interpolate(time_s, values, every_s)
+
+
 def _resample(
     time_s: FloatArray,
     values: FloatArray,

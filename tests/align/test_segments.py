@@ -74,8 +74,8 @@ def test_a_segment_ends_with_the_last_sample_ahead_of_a_gap() -> None:
 
 
 def test_a_pause_that_is_short_for_the_grid_is_no_gap() -> None:
-    """50 ms: ten periods of the log, one of the grid."""
-    time_s = STAMPS[(STAMPS < 25.0) | (STAMPS > 25.05)]
+    """100 ms: twenty periods of the log, two of the grid."""
+    time_s = STAMPS[(STAMPS < 25.0) | (STAMPS > 25.1)]
     assert len(align(flown(time_s), AlignSettings()).segments) == 2
     assert len(align(flown(time_s), AlignSettings(sample_rate_hz=20.0)).segments) == 1
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadid_logs.maths.resampling import resample, resample_held, typical_period
+from quadid_logs.maths.resampling import fill_gaps, resample, resample_held, typical_period
 
 
 def test_a_straight_line_stays_a_straight_line_on_jittered_times() -> None:
@@ -80,3 +80,15 @@ def test_held_values_keep_their_area_whatever_the_spacing() -> None:
     grid = np.arange(0.0, 0.1, 0.01)
     impulse = resample_held(time, values, grid).sum() * 0.01
     assert impulse == pytest.approx(0.013 - 2 * 0.001 + 4 * 0.036 + 0.5 * 0.03 + 3 * 0.02)
+
+
+def test_gaps_are_filled_on_a_straight_line_and_samples_stay() -> None:
+    time_s = np.array([0.0, 0.01, 0.02, 0.06, 0.07])
+    filled_s, values = fill_gaps(time_s, 100.0 * time_s[:, np.newaxis], 0.01, 0.03)
+    np.testing.assert_allclose(filled_s, 0.01 * np.arange(8), atol=1e-12)
+    np.testing.assert_allclose(values[:, 0], np.arange(8), atol=1e-9)
+
+
+def test_samples_without_gaps_are_handed_back() -> None:
+    time_s, values = np.array([0.0, 0.01, 0.03]), np.zeros((3, 2))
+    assert fill_gaps(time_s, values, 0.01, 0.03)[1] is values
