@@ -28,7 +28,7 @@ from quadid_logs.maths.instrument_response import INDEPENDENT, tapered_spectra
 _LOWEST_HZ: Final = 12.0
 _HIGHEST_HZ: Final = 60.0
 _ABOVE_FITTED: Final = 1.5
-#: Of vehicles, have a mode there that their gyro sees: judgement; in a study in which all have one, 3 % of the
+#: Of vehicles, have a mode that their gyro sees: judgement; in a study in which all have one, 3 % of the
 #: intervals lie more than 1 dB above the truth. How much the gyro sees of it, on the body's side or against
 #: it; its damping, from a bolted frame's to a rubber mount's. Sizes are as likely in each octave.
 _PRESENT: Final = 0.25
