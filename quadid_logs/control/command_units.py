@@ -14,6 +14,7 @@ from quadid_logs.data.controller import CommandUnit
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import Model, Parameter, Posterior
 from quadid_logs.data.torque import Calibration
+from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.vocabulary import AXES, ON_AXIS
 
 #: Effectiveness and reaction are per torque; damping, lag and delay between them are not.
@@ -81,7 +82,7 @@ def in_degrees(effectiveness: Estimated, unit: CommandUnit) -> Estimated:
 def _converted(parameter: Parameter, calibration: Calibration, number: int) -> Parameter:
     n_m, value = calibration.n_m_per_command[number], parameter.value
     half_width = 0.5 * (parameter.ci95[1] - parameter.ci95[0])
-    narrower = _narrowing(half_width / 1.96, value, calibration.relative_sigma[number])
+    narrower = _narrowing(half_width / NORMAL_95, value, calibration.relative_sigma[number])
     low, high = (n_m * (value + narrower * (end - value)) for end in parameter.ci95)
     return replace(parameter, value=n_m * value, ci95=(low, high))
 

@@ -18,6 +18,7 @@ from quadid_logs.data.log import FlightLog
 from quadid_logs.data.tuning import GainNames
 from quadid_logs.diagnose.advice import advice_for, next_steps, to_a_usable_axis
 from quadid_logs.diagnose.findings import finding, rounded
+from quadid_logs.maths.normal import NORMAL_95
 
 #: With P and D scaled down in more of the rows, the gains of the parameters are not those that flew.
 _RARELY: Final = 0.05
@@ -28,7 +29,6 @@ _LOOSE_EFFECTIVENESS: Final = 0.20
 #: Of the phase at the crossover, half of the 95 % interval [deg]: a third of the phase margin that is to be
 #: kept would be unknown.
 _LOOSE_PHASE_DEG: Final = 15.0
-_NORMAL_95: Final = 1.96
 _VERDICTS: Final[Mapping[Verdict, str]] = MappingProxyType(
     {
         "refused": "The model of this axis is refused",
@@ -214,12 +214,12 @@ def _loose(case: Case) -> Iterator[Finding]:
     margins = None if case.found is None else case.found.margins
     if margins is None or case.plants is None or margins.rate.crossover_hz is None:
         return
-    relative = _NORMAL_95 * float(np.std(case.plants.effectiveness[1:])) / case.plants.effectiveness[0]
+    relative = NORMAL_95 * float(np.std(case.plants.effectiveness[1:])) / case.plants.effectiveness[0]
     controller, crossover_hz = case.controller, margins.rate.crossover_hz.value
     if controller is None:
         return
     loop = rate_loop(controller, case.plants, np.array([crossover_hz]))[:, 0]
-    half_deg = _NORMAL_95 * float(np.degrees(np.std(np.angle(loop[1:] / loop[0]))))
+    half_deg = NORMAL_95 * float(np.degrees(np.std(np.angle(loop[1:] / loop[0]))))
     if relative > _LOOSE_EFFECTIVENESS or half_deg > _LOOSE_PHASE_DEG:
         told = {"effectiveness_percent": rounded(100.0 * relative, 3), "phase_deg": rounded(half_deg, 3)}
         yield _refusal("QL618", case, told)

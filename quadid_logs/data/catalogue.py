@@ -332,8 +332,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL509",
                 "The control effectiveness differs between parts of the flight",
                 "Before and after one time the effectiveness is not the same, by more than chance allows: "
-                "the vehicle changed (payload, damage, a propeller), or something else than torque moved "
-                "it.",
+                "the vehicle changed (battery, payload, damage, a propeller), or something else than torque "
+                "moved it. The interval covers what was before and after.",
                 "Look at the figure of estimates over time, and analyze both parts by themselves with "
                 "--start-s and --end-s.",
             ),

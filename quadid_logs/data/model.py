@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -284,6 +284,11 @@ class BandCheck:
         return relative
 
 
+#: The squared difference over its variance passes 12.2 in 1 % of flights
+#: without a change (Andrews 2003); three axes are looked at, and residuals are not quite normal.
+CHANGE_SEEN: Final = 16.0
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ChangeCheck:
     """The likeliest time at which B11, B22, B33 changed, each of shape (3,).
@@ -296,6 +301,11 @@ class ChangeCheck:
     before: FloatArray
     after: FloatArray
     statistic: FloatArray
+
+    @property
+    def seen(self) -> BoolArray:
+        """Whether the change is beyond chance; shape (3,)."""
+        return np.asarray(self.statistic > CHANGE_SEEN, dtype=np.bool_)
 
     @property
     def relative(self) -> FloatArray:

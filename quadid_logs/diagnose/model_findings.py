@@ -12,6 +12,7 @@ from quadid_logs.data.catalogue import CALMER, CATALOGUE, WELL_EXCITED_DEG_S, St
 from quadid_logs.data.diagnosis import Finding, Level
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import (
+    CHANGE_SEEN,
     ChangeCheck,
     Excitation,
     Identification,
@@ -45,10 +46,8 @@ from quadid_logs.vocabulary import (
 #: Effectiveness that differs by more than this from band to band is not one number.
 _BAND_ERROR = 0.25
 _BAND_WARNING = 0.1
-#: The squared difference over its variance passes 12.2 in 1 % of flights
-#: without a change (Andrews 2003); three axes are looked at, and residuals are not quite normal.
-_CHANGE_SEEN = 16.0
-#: A battery that empties lowers the effectiveness by some per cent; more is another vehicle.
+#: A battery that empties lowers the effectiveness by some per cent, which the interval covers; more is
+#: another vehicle.
 _CHANGE_WARNING = 0.1
 _CHANGE_ERROR = 0.25
 #: Effectiveness is not known better than to some per cent in practice: less is no matter.
@@ -316,7 +315,14 @@ def _depends_on_the_band(axis: _Axis) -> Finding | None:
 
 def _changes(change: ChangeCheck, number: int) -> bool:
     """Say whether the effectiveness of an axis changes, beyond chance and by much."""
-    return bool(change.statistic[number] > _CHANGE_SEEN and change.relative[number] > _CHANGE_WARNING)
+    return bool(change.seen[number] and change.relative[number] > _CHANGE_WARNING)
+
+
+def _widens(axis: _Axis, change: ChangeCheck) -> bool:
+    """Say whether most of the interval, which covers what was before and after, is a change."""
+    low, high = axis.model.entries[ON_AXIS[axis.name]].ci95
+    differ = abs(change.after[axis.number] - change.before[axis.number])
+    return bool(change.seen[axis.number] and differ > 0.5 * (high - low))
 
 
 def _others_change(axis: _Axis) -> Finding | None:
@@ -335,7 +341,9 @@ def _others_change(axis: _Axis) -> Finding | None:
 def _changes_in_flight(axis: _Axis) -> Finding | None:
     change = axis.model.change
     if change is None or not _changes(change, axis.number):
-        return _others_change(axis)
+        others = _others_change(axis)
+        if change is None or others is not None or not _widens(axis, change):
+            return others
     relative = float(change.relative[axis.number])
     time_s, before, after = (
         rounded(float(each[axis.number])) for each in (change.time_s, change.before, change.after)
@@ -345,12 +353,13 @@ def _changes_in_flight(axis: _Axis) -> Finding | None:
         "gain_before": before,
         "gain_after": after,
         "statistic": rounded(float(change.statistic[axis.number])),
-        "needed": _CHANGE_SEEN,
+        "needed": CHANGE_SEEN,
     }
     title = (
         f"The {axis.name} effectiveness changes by {100.0 * relative:.0f} % at {time_s:.4g} s into the log"
     )
-    return axis.finding("QL509", "error" if relative > _CHANGE_ERROR else "warning", evidence, title)
+    level: Level = "info" if relative <= _CHANGE_WARNING else "warning"
+    return axis.finding("QL509", "error" if relative > _CHANGE_ERROR else level, evidence, title)
 
 
 def _formulations_disagree(axis: _Axis) -> Finding | None:

@@ -10,6 +10,7 @@ import numpy as np
 from quadid_logs.align.series import CleanSeries, Interval
 from quadid_logs.data.health import Battery, Level, Quantity
 from quadid_logs.health.records import Record, averaged, in_flight
+from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.numerals import plus_minus
 
 #: For a cell, where an autopilot's defaults warn and where they land (sources: docs/health.md) [V].
@@ -22,8 +23,6 @@ _CELLS: Final = (1, 2, 3, 4, 5, 6, 8, 10, 12, 14)
 _LEAST_V: Final = 2.5
 _MEAN_S: Final = 1.0
 _FEWEST: Final = 20
-#: Half-width of the 95 % interval of a slope, in standard errors.
-_NORMAL: Final = 1.96
 #: Throttle and voltage are compared within blocks of this length [s].
 _BLOCK_S: Final = 5.0
 _TENTH: Final = 0.1
@@ -110,9 +109,9 @@ def _sag(record: Record, throttle: CleanSeries) -> Quantity | None:
     counted = max(level.size * (1.0 - alike) / (1.0 + alike), 4.0)
     error = _TENTH * float(np.sqrt(left.var() * level.size / counted / power))
     drop = -_TENTH * slope
-    if not drop > _NORMAL * error:
+    if not drop > NORMAL_95 * error:
         return None
-    return Quantity(drop, "V", (drop - _NORMAL * error, drop + _NORMAL * error))
+    return Quantity(drop, "V", (drop - NORMAL_95 * error, drop + NORMAL_95 * error))
 
 
 def _sentence(start: float, lowest: float, n_cells: int, level: Level, sag: Quantity | None) -> str:

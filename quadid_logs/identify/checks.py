@@ -11,9 +11,10 @@ from quadid_logs.data.model import ChangeCheck, FormulationCheck
 from quadid_logs.identify.actuator_model import ActuatorModel
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.fit import PooledFit, Regression, fit_pooled
-from quadid_logs.identify.inference import clusters_of
+from quadid_logs.identify.inference import Estimate, clusters_of
 from quadid_logs.identify.structures import Structure
 from quadid_logs.maths.least_squares import column_scale, solve_least_squares
+from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.maths.structural_change import largest_change
 from quadid_logs.vocabulary import TORQUE_SYMBOLS
 
@@ -68,6 +69,28 @@ def check_change(
                 change.statistic,
             )
     return ChangeCheck(time_s=found[0], before=found[1], after=found[2], statistic=found[3])
+
+
+def with_change(structure: Structure, estimate: Estimate, change: ChangeCheck) -> Estimate:
+    """Widen the intervals of the on-axis effectiveness to what it was before and after a change that is seen.
+
+    Parameters
+    ----------
+    structure : Structure
+    estimate : Estimate
+    change : ChangeCheck
+
+    Returns
+    -------
+    Estimate
+    """
+    low, high = estimate.low.copy(), estimate.high.copy()
+    for axis in np.flatnonzero(change.seen).tolist():
+        place = axis, len(structure.terms) + axis
+        first, last = sorted((change.before[axis], change.after[axis]))
+        half = NORMAL_95 * (last - first) / np.sqrt(change.statistic[axis])
+        low[place], high[place] = min(low[place], first - half), max(high[place], last + half)
+    return estimate._replace(low=low, high=high)
 
 
 def check_formulations(model: ActuatorModel, structure: Structure, fit: PooledFit) -> FormulationCheck:

@@ -19,6 +19,7 @@ from quadid_logs.data.model import (
     Windows,
 )
 from quadid_logs.data.settings import IdentifySettings
+from quadid_logs.identify.checks import with_change
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.equation_by_equation import ActuatedFit
 from quadid_logs.identify.excitation import ColumnNoise, excited_axes
@@ -180,7 +181,8 @@ def _intervals(
 
 def _widened(structure: Structure, estimate: Estimate, found: ActuatedFit) -> Estimate:
     """Widen intervals by effects that may be there."""
-    return with_unseen_damping(structure, with_alternatives(structure, estimate, found.structural))
+    estimate = with_alternatives(structure, estimate, found.structural)
+    return with_unseen_damping(structure, with_change(structure, estimate, found.change))
 
 
 def _actuator(found: ActuatedFit, period_s: float) -> Actuator:

@@ -6,9 +6,8 @@ import math
 
 from quadid_logs.data.flight import InputDescription
 from quadid_logs.data.model import Parameter
+from quadid_logs.maths.normal import NORMAL_95
 
-#: Of a normal distribution lie 95 % within so many standard deviations.
-_NORMAL_95 = 1.959964
 _INPUTS = ("L", "M", "N")
 
 
@@ -30,7 +29,7 @@ def calibration_half_width(parameter: Parameter, given: InputDescription | None)
         return 0.0
     # Every row of B is divided by the same newton metres of its input.
     sigma = given.calibration.relative_sigma[_INPUTS.index(parameter.regressor)]
-    return _NORMAL_95 * abs(parameter.value) * (sigma if math.isfinite(sigma) else 0.0)
+    return NORMAL_95 * abs(parameter.value) * (sigma if math.isfinite(sigma) else 0.0)
 
 
 def flight_interval(parameter: Parameter, given: InputDescription | None) -> tuple[float, float]:

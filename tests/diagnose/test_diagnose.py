@@ -18,7 +18,7 @@ from quadid_logs.data.model import Identification
 from quadid_logs.data.settings import AlignSettings, Settings
 from quadid_logs.diagnose import diagnose
 from quadid_logs.identify import identify
-from quadid_logs.vocabulary import explained_words
+from quadid_logs.vocabulary import AXES, ON_AXIS, explained_words
 from tests.align.flights import align, flight_log, flown, motion, signal
 from tests.identify.vehicles import QUAD, fly, multisine
 
@@ -278,3 +278,19 @@ def test_the_sentence_of_an_axis_does_not_say_the_verdict_again(judged: Diagnosi
     for axis in judged.axes.values():
         assert axis.verdict == "usable"
         assert axis.sentence == "The model explains flight that it was not fitted to."
+
+
+def test_two_packs_eight_per_cent_apart_are_told_and_the_interval_holds_both() -> None:
+    """Half of the flight each: the mean of both is neither."""
+    fresh = fly(QUAD, multisine(25.0), feedback=8.0).segments[0]
+    used = fly(dataclasses.replace(QUAD, inertia=QUAD.inertia / 0.92), multisine(25.0), feedback=8.0)
+    later = dataclasses.replace(used.segments[0], time_s=used.segments[0].time_s + 25.0)
+    both = dataclasses.replace(used, segments=(fresh, later), sources=logged_at(400.0))
+    found = identify(both, Settings().identify)
+    assert {one.code for one in diagnose(flight_log(), both, found).findings} >= {"QL509"}
+    assert found.recommended is not None
+    for number, axis in enumerate(AXES):
+        low, high = found.recommended.entries[ON_AXIS[axis]].ci95
+        true = np.linalg.inv(QUAD.inertia)[number, number] * np.array([0.92, 1.0])
+        assert low < 1.01 * true[0]
+        assert 0.99 * true[1] < high

@@ -203,14 +203,14 @@ def test_an_effectiveness_that_depends_on_the_band_is_told(
 @pytest.mark.parametrize(
     ("relative", "statistic", "level"),
     [
-        (0.09, 99.0, None),
+        (0.09, 99.0, "info"),
         (0.12, 99.0, "warning"),
         (0.27, 99.0, "error"),
         (0.27, 15.0, None),
         (0.27, 17.0, "error"),
     ],
 )
-def test_a_change_in_flight_is_told_where_it_is_large_and_no_chance(
+def test_a_change_in_flight_is_told_where_it_is_no_chance_and_a_warning_where_it_is_large(
     good: Identification, relative: float, statistic: float, level: str | None
 ) -> None:
     """Relative to the mean of before and after."""
