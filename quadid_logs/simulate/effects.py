@@ -24,8 +24,9 @@ from quadid_logs.simulate.control import Arithmetic, Biquad, filter_rates
 #: Of two research vehicles that hover indoors, the acceleration that no torque explains falls with about this
 #: power of the frequency between 0.1 and 10 Hz: slow air most, propeller and frame at all frequencies.
 _DISTURBANCE_EXPONENT: Final = -0.4
-#: Where the disturbances begin and end [Hz], and between which limits their size is stated.
-_DISTURBANCE_HZ: Final = (0.05, 15.0)
+#: Where the disturbances begin, and about where they fall off, as the second power: air has no edge in its
+#: spectrum, which would pass for a line [Hz]. Between the last limits their size is stated.
+_DISTURBANCE_HZ: Final = (0.05, 30.0)
 DISTURBANCE_BAND_HZ: Final = (0.3, 5.0)
 #: A load on a string swings for some periods: drag of load and string.
 _SLING_DAMPING: Final = 0.05
@@ -132,8 +133,8 @@ def disturbance(
         return np.zeros((n_samples, 3))
     frequency_hz = np.fft.rfftfreq(n_samples, step_s)
     low, high = _DISTURBANCE_HZ
-    shape = np.clip(frequency_hz, low, high) ** _DISTURBANCE_EXPONENT
-    shape[(frequency_hz < low) | (frequency_hz > high)] = 0.0
+    shape = np.maximum(frequency_hz, low) ** _DISTURBANCE_EXPONENT / (1.0 + (frequency_hz / high) ** 2)
+    shape[frequency_hz < low] = 0.0
     stated = (frequency_hz >= DISTURBANCE_BAND_HZ[0]) & (frequency_hz <= DISTURBANCE_BAND_HZ[1])
     # White noise of variance 1 has the variance 2 / n at each frequency of the one-sided spectrum.
     shape /= math.sqrt(2.0 / n_samples * float(np.sum(shape[stated] ** 2)))

@@ -77,11 +77,14 @@ def test_disturbances_have_the_stated_size_between_0_3_and_5_hz():
 
 
 def test_slow_disturbances_are_the_largest():
-    """Their density falls by the power 0.4 of the frequency, and ends at 15 Hz."""
+    """Their density falls by the power 0.4 of the frequency, and faster from some tens of hertz, without an edge."""
     torque = disturbance(ALL, np.eye(3), 400_000, PERIOD_S, np.random.default_rng(1))
     slow, fast = (band_rms(torque, f, 2.0 * f) / math.sqrt(f) for f in (0.1, 5.0))
     np.testing.assert_allclose(slow / fast, 50.0**0.4, rtol=0.15)
-    assert band_rms(torque, 15.1, 200.0).max() < 1e-9
+    density = [band_rms(torque, f, 1.1 * f).mean() / math.sqrt(f) for f in np.geomspace(10.0, 150.0, 16)]
+    steps = np.diff(np.log(density)) / np.log(15.0) * 15.0
+    assert -2.9 < steps[-1] < -1.9
+    assert (np.abs(np.diff(steps)) < 1.0).all()
 
 
 def test_disturbances_turn_the_vehicle_beside_its_torque():
