@@ -206,7 +206,9 @@ class TorqueSeries:
 
     def possible(self) -> TorqueSeries:
         """Drop the samples that no multirotor can have, as cleaning does with what was logged."""
-        good = np.asarray((np.abs(self.series.values) < _IMPOSSIBLE).all(axis=1), dtype=np.bool_)
+        good = np.ones(self.series.n_samples, dtype=np.bool_)
+        for column in self.series.stored.T:
+            good &= np.abs(column) < _IMPOSSIBLE
         if good.all():
             return self
         lost = int(np.count_nonzero(~good))

@@ -480,7 +480,7 @@ class _Search:
         return with_lag_on_rotors(self._design, self._described, rotors)
 
     def _torque_at(self, *place: float) -> FloatArray:
-        """Return the same of a place that is asked for again."""
+        """Return the same, kept for a place that comes again."""
         return self._torques.of(place, self._torque)
 
     def _torque(self, *place: float) -> FloatArray:
