@@ -1,25 +1,36 @@
-"""Analyses of corpus logs with default settings, made once for all test processes."""
+"""Analyses with default settings, made once for all test processes."""
 
 from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable
+import pickle
 from pathlib import Path
+from typing import Protocol
 
 from quadid_logs import pipeline
 from quadid_logs.data.result import Result
+from quadid_logs.data.vehicle import Vehicle
 from tests.kept import Shelf
 
-Analyzed = Callable[[Path], Result]
+
+class Analyzed(Protocol):
+    """`analyze` by default settings."""
+
+    def __call__(self, path: Path, vehicle: Vehicle | None = None) -> Result:
+        """Analyze a log of this vehicle."""
 
 
 def shared_analyses(shelf: Shelf) -> Analyzed:
-    """Return `analyze` by default settings, which keeps its results by the log's content and place."""
+    """Return `analyze` by default settings, which keeps its results by the log's content and place.
 
-    def analyzed(path: Path) -> Result:
+    A log in the working folder, named without it, is the same wherever that lies.
+    """
+
+    def analyzed(path: Path, vehicle: Vehicle | None = None) -> Result:
         with path.open("rb") as file:
             content = hashlib.file_digest(file, "sha256").digest()
-        return shelf.get(os.fsencode(path) + content, lambda: pipeline.analyze(path))
+        given = b"" if vehicle is None else pickle.dumps(vehicle)
+        return shelf.get(os.fsencode(path) + content + given, lambda: pipeline.analyze(path, vehicle=vehicle))
 
     return analyzed

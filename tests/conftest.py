@@ -168,11 +168,17 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
 
 
 @pytest.fixture(scope="session")
-def analyzed(corpus: Path, shelves: dict[str, Shelf]) -> Analyzed:
-    """Return `analyze` for corpus logs, which makes each analysis once for all test processes."""
+def analyzed_once(shelves: dict[str, Shelf]) -> Analyzed:
+    """Return `analyze`, which makes each analysis once for all test processes, for logs that tests write."""
     from tests.analyses import shared_analyses
 
     return shared_analyses(shelves["analyses"])
+
+
+@pytest.fixture(scope="session")
+def analyzed(corpus: Path, analyzed_once: Analyzed) -> Analyzed:
+    """Return the same for logs of the corpus."""
+    return analyzed_once
 
 
 @pytest.fixture(scope="session", autouse=True)

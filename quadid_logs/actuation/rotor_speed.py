@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
@@ -85,9 +86,10 @@ def from_rotor_speed(log: CleanLog, airframe: Airframe, reference: MotorSeries |
     up = np.asarray(log.flown(signal.time_s, np.nan_to_num(speed).mean(axis=1)) & believable, np.bool_)
     if np.count_nonzero(up) < _FEW_ROWS or np.ptp(speed[up]) < _LEAST_SPREAD * speed[up].mean():
         return RotorSpeed(verdict=f"{signal.source}: zero or constant in flight, not used")
-    target = np.sqrt(np.clip(np.nan_to_num(reference.thrust), 0.0, None))
-    match = _match(speed[up], target, signal.time_s[up], reference)
-    if _is_computed(speed[up], signal.time_s[up], reference, match.likeness):
+    some = np.flatnonzero(up)
+    some = some[_some(some)]
+    match = _match(speed[some], _commanded_speed, signal.time_s[some], reference)
+    if _is_computed(speed[some], signal.time_s[some], reference, match.likeness):
         return RotorSpeed(verdict=f"{signal.source}: computed from the command, not measured; not used")
     if match.likeness < _UNLIKE:
         return RotorSpeed(
@@ -107,7 +109,7 @@ def from_rotor_speed(log: CleanLog, airframe: Airframe, reference: MotorSeries |
     )
     return RotorSpeed(
         verdict=f"{signal.source}: follows the commanded thrust (correlation {match.likeness:.3f}){use}",
-        series=_of_speed(signal, speed, up, airframe, _Commanded.of(reference, target, match)),
+        series=_of_speed(signal, speed, up, airframe, _Commanded.of(reference, match)),
         fast=fast,
     )
 
@@ -120,18 +122,26 @@ class _Commanded(NamedTuple):
     age_s: float
 
     @classmethod
-    def of(cls, series: MotorSeries, target: FloatArray, match: _Match) -> _Commanded:
+    def of(cls, series: MotorSeries, match: _Match) -> _Commanded:
         """Let the speeds that are commanded lag as they were found to."""
-        return cls(series, _lagged(target, series.base.period_s, match.lag_s) ** 2, match.age_s)
+        thrust = np.empty(series.thrust.shape)
+        for result, column in zip(thrust.T, series.thrust.T, strict=True):
+            result[:] = _lagged(_commanded_speed(column), series.base.period_s, match.lag_s) ** 2
+        return cls(series, thrust, match.age_s)
+
+
+def _commanded_speed(thrust: FloatArray) -> FloatArray:
+    """Return the speeds that go with thrust."""
+    return np.asarray(np.sqrt(np.clip(np.nan_to_num(thrust), 0.0, None)))
 
 
 def _of_speed(
     signal: CleanSeries, speed: FloatArray, flown: BoolArray, airframe: Airframe, commanded: _Commanded
 ) -> MotorSeries:
     """Return the series of the squares of speeds (n_samples, n_rotors), on the scale of the commands."""
-    reference, square = commanded.series, speed**2
+    reference, thrust = commanded.series, speed**2
     expected = commanded.thrust[_row(signal.time_s[flown] - commanded.age_s, reference)]
-    thrust = float(expected.mean() / square[flown].mean()) * square
+    thrust *= float(expected.mean() / thrust[flown].mean())
     per_thrust = airframe.command_per_thrust
     # By how much the reference's thrust was raised against battery and air.
     gain = _slope(reference.command[reference.flown], reference.thrust[reference.flown] @ per_thrust.T)
@@ -140,11 +150,13 @@ def _of_speed(
     where = mean_while_moved(*moved, reference.base.period_s)
     slope = slope_at(expected.ravel(), thrust[flown].ravel(), where)
     gain *= slope if slope > 0.0 else 1.0
+    del expected
+    actuator = np.clip(thrust, 0.0, 1.0)
     return MotorSeries(
         base=replace(signal, time_s=signal.time_s - commanded.age_s),
         thrust=thrust,
         command_thrust=thrust / gain,
-        actuator=np.sqrt(np.clip(thrust, 0.0, 1.0)),
+        actuator=np.sqrt(actuator, out=actuator),
         command=thrust @ per_thrust.T / gain,
         saturated=None,
         flown=flown,
@@ -154,28 +166,38 @@ def _of_speed(
     )
 
 
-def _match(measured: FloatArray, target: FloatArray, time_s: FloatArray, reference: MotorSeries) -> _Match:
-    """Find the age of telemetry and the lag with which targets, on the reference's rows, fit best."""
-    few = _some(time_s)
-
-    def match(lag_s: float, lagged: FloatArray, age_s: float) -> _Match:
-        row = _row(time_s[few] - age_s, reference)
-        return _Match(age_s, lag_s, _correlation(measured[few], lagged[row]))
-
+def _match(
+    measured: FloatArray,
+    target: Callable[[FloatArray], FloatArray],
+    time_s: FloatArray,
+    reference: MotorSeries,
+) -> _Match:
+    """Find the age of telemetry and the lag with which targets, made of the reference's thrust, fit best."""
     best = _Match(0.0, 0.0, -1.0)
     for lags_s, ages_s in ((_LAGS_S, _AGES_S), ((0.0,), _FINER_S), (_FINER_S, _FINER_S)):
         tried_s = sorted({max(best.lag_s + lag_s, 0.0) for lag_s in lags_s})
         around_s = sorted({max(best.age_s + age_s, 0.0) for age_s in ages_s})
-        # One lag after the other: each is as large as the log.
-        lagging = ((lag_s, _lagged(target, reference.base.period_s, lag_s)) for lag_s in tried_s)
-        found = (match(lag_s, lagged, age_s) for lag_s, lagged in lagging for age_s in around_s)
-        best = max((best, *found), key=lambda one: one.likeness)
+        rows = np.stack([_row(time_s - age_s, reference) for age_s in around_s])
+        for lag_s in tried_s:
+            # One rotor after the other: each is as long as the log, and few of its rows are looked at.
+            lagged = np.stack(
+                [
+                    _lagged(target(column), reference.base.period_s, lag_s)[rows]
+                    for column in reference.thrust.T
+                ],
+                axis=-1,
+            )
+            found = (
+                _Match(age_s, lag_s, _correlation(measured, of_age))
+                for age_s, of_age in zip(around_s, lagged, strict=True)
+            )
+            best = max((best, *found), key=lambda one: one.likeness)
     return best
 
 
-def _some(time_s: FloatArray) -> slice:
-    """Return as many rows as tell an age and a lag."""
-    return slice(None, None, max(1, len(time_s) // _ENOUGH_ROWS))
+def _some(rows: IntArray) -> slice:
+    """Choose as many rows as tell an age and a lag."""
+    return slice(None, None, max(1, len(rows) // _ENOUGH_ROWS))
 
 
 def _lagged(target: FloatArray, period_s: float, lag_s: float) -> FloatArray:
@@ -193,14 +215,13 @@ def _is_computed(speed: FloatArray, time_s: FloatArray, reference: MotorSeries, 
 
     A rotor's speed lags; the root of a thrust that lags by itself is some simulator's.
     """
-    few = _some(time_s)
-    rows = [_row(time_s[few] - age_s, reference) for age_s in (*_AGES_S, *_FINER_S[-3:])]
+    rows = [_row(time_s - age_s, reference) for age_s in (*_AGES_S, *_FINER_S[-3:])]
     at_once = any(
-        _correlation(speed[few], reference.actuator[row]) > _COMPUTED
-        or _correlation(speed[few] ** 2, reference.thrust[row]) > _COMPUTED
+        _correlation(speed, reference.actuator[row]) > _COMPUTED
+        or _correlation(speed**2, reference.thrust[row]) > _COMPUTED
         for row in rows
     )
-    lagging = _match(speed**2, np.nan_to_num(reference.thrust), time_s, reference).likeness
+    lagging = _match(speed**2, np.nan_to_num, time_s, reference).likeness
     return at_once or lagging > max(_COMPUTED, likeness)
 
 

@@ -122,8 +122,10 @@ def _until_it_rests(
     if rests is None:
         return powered
     aloft = powered.copy()
+    # At once, not for each run: the means are of sums over the whole log.
+    stuck = rests & _at_full(series, grid)
     for first, after in _runs(powered):
-        held = np.flatnonzero(rests[first:after] & _at_full(series, grid[first:after]))
+        held = np.flatnonzero(stuck[first:after])
         if held.size:
             aloft[first + held[0] : after] = False
     for first, after in _runs(stated & ~aloft):

@@ -12,6 +12,7 @@ from quadid_logs.align.clock import EVENTS, JUMP_S, OUTLIER_S, Clock
 from quadid_logs.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from quadid_logs.data.log import NO_GYRO_FILTER, FlightLog, GyroFilter, Rows, Signal
 from quadid_logs.data.torque import AssumedExpo
+from quadid_logs.maths.intervals import inside
 from quadid_logs.maths.resampling import typical_period
 
 #: In SI units nothing that a multirotor logs comes near this: such a number is damage, and its
@@ -205,7 +206,9 @@ class TorqueSeries:
 
     def possible(self) -> TorqueSeries:
         """Drop the samples that no multirotor can have, as cleaning does with what was logged."""
-        good = np.asarray((np.abs(self.series.values) < _IMPOSSIBLE).all(axis=1), dtype=np.bool_)
+        good = np.ones(self.series.n_samples, dtype=np.bool_)
+        for column in self.series.stored.T:
+            good &= np.abs(column) < _IMPOSSIBLE
         if good.all():
             return self
         lost = int(np.count_nonzero(~good))
@@ -290,10 +293,7 @@ class CleanLog:
         ndarray of bool, shape (n,)
             In a flight, and at more than half of the throttle that is typical there.
         """
-        up = np.zeros(time_s.shape, dtype=np.bool_)
-        for start_s, end_s in self.flights:
-            up |= (time_s >= start_s) & (time_s <= end_s)
-        up &= np.isfinite(throttle)
+        up = inside(time_s, self.flights) & np.isfinite(throttle)
         if up.any():
             up &= throttle > _FLOWN_THROTTLE * float(np.median(throttle[up]))
         return up

@@ -9,6 +9,7 @@ import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.log import FlightLog, Signal
+from quadid_logs.maths.intervals import inside
 
 Interval = tuple[float, float]
 
@@ -57,17 +58,8 @@ def possible(*values: FloatArray) -> BoolArray:
 
 
 def within(time_s: FloatArray, intervals: Sequence[Interval]) -> BoolArray:
-    """Mark the times that lie in one of the intervals, ends included; all where there is none.
-
-    A time lies in as many intervals as have begun by then and not ended before. Counted so, memory goes with
-    the times and not with times by intervals: a log may hold thousands of flights.
-    """
-    inside = np.isfinite(time_s)
-    if intervals:
-        starts, ends = (np.sort(bound) for bound in np.transpose(intervals))
-        begun = np.searchsorted(starts, time_s, side="right")
-        inside &= begun > np.searchsorted(ends, time_s, side="left")
-    return np.asarray(inside, dtype=np.bool_)
+    """Mark the times that lie in one of the intervals, ends included; all where there is none."""
+    return inside(time_s, intervals) if intervals else np.asarray(np.isfinite(time_s), dtype=np.bool_)
 
 
 def in_step(log: FlightLog, name: str, with_: Signal) -> Signal | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from quadid_logs.data.diagnosis import Finding, Level
 from quadid_logs.data.flight import FlightData, GyroCheck, Overview
 from quadid_logs.diagnose.findings import finding, rounded
 from quadid_logs.identify.torque_products import MAX_DELAY_S
+from quadid_logs.maths.intervals import inside
 from quadid_logs.vocabulary import AXES
 
 #: Attitude at 10 Hz and gaps leave 1.5 % on flights of known truth, rates smoothed over 0.2 s up to 4 %.
@@ -75,12 +76,9 @@ def _stuck(data: FlightData, attitude: Overview) -> Iterator[Finding]:
         yield finding("QL310", "warning", evidence, axes=axes, title=title)
 
 
-def _in_flight(series: Overview, flights: Iterable[tuple[float, float]]) -> FloatArray:
+def _in_flight(series: Overview, flights: Sequence[tuple[float, float]]) -> FloatArray:
     """Return the samples (n, 3) that lie in a flight."""
-    inside = np.zeros(series.time_s.shape, dtype=np.bool_)
-    for start_s, end_s in flights:
-        inside |= (series.time_s >= start_s) & (series.time_s <= end_s)
-    return series.values[inside]
+    return np.asarray(series.stored[inside(series.time_s, flights)], dtype=np.float64)
 
 
 def _scales(check: GyroCheck) -> Iterator[Finding]:

@@ -175,11 +175,11 @@ def _in_windows(series: CleanSeries | None, spectra: Periodograms) -> FloatArray
         return None
     half_s = 0.5 / float(spectra.frequency_hz[1])
     first, after = (np.searchsorted(series.time_s, spectra.time_s + shift) for shift in (-half_s, half_s))
-    medians = np.full((spectra.time_s.size, series.values.shape[1]), np.nan)
+    medians = np.full((spectra.time_s.size, series.n_columns), np.nan)
     for window, (begin, end) in enumerate(zip(first.tolist(), after.tolist(), strict=True)):
         if end > begin:
             step = max(1, (end - begin) // _MOST_PER_WINDOW)
-            medians[window] = np.median(series.values[begin:end:step], axis=0)
+            medians[window] = np.median(series.of_rows(slice(begin, end, step)), axis=0)
     return medians
 
 

@@ -91,7 +91,7 @@ def _lowest_rotor_hz(series: CleanSeries | None, intervals: Sequence[Interval]) 
     """Return what 95 % of the rotors' speeds are above [1/s], infinite where they are not logged."""
     if series is None or not intervals:
         return float("inf")
-    speeds = np.concatenate([series.values[series.within(*one)] for one in intervals])
+    speeds = np.concatenate([series.of_rows(series.within(*one)) for one in intervals])
     speeds = speeds[np.isfinite(speeds) & (speeds > 0.0)]
     return float(np.percentile(speeds, 5.0)) / (2.0 * np.pi) if speeds.size else float("inf")
 

@@ -92,7 +92,7 @@ def _on_grid(series: CleanSeries, grid: FloatArray) -> Iterator[FloatArray]:
     """Yield the columns on the grid; averages over its period where the series is much faster."""
     margin_s = float(grid[1] - grid[0]) if grid.size > 1 else 0.0
     near = series.within(float(grid[0]) - margin_s, float(grid[-1]) + margin_s)
-    time_s, values = series.time_s[near], series.values[near]
+    time_s, values = series.time_s[near], series.of_rows(near)
     ratio = margin_s / series.period_s
     for column in values.T:
         if ratio > 1.5:
@@ -124,10 +124,10 @@ def in_flight(series: CleanSeries, intervals: Sequence[Interval], most: int = MO
     step = max(1, -(-sum(one.stop - one.start for one in slices) // most))
     slices = [slice(one.start, one.stop, step) for one in slices]
     if not slices:
-        return Record(np.zeros(0), np.zeros((0, series.values.shape[1])))
+        return Record(np.zeros(0), np.zeros((0, series.n_columns)))
     return Record(
         np.concatenate([series.time_s[one] for one in slices]),
-        np.concatenate([series.values[one] for one in slices]),
+        np.concatenate([series.of_rows(one) for one in slices]),
     )
 
 

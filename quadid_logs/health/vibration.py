@@ -121,10 +121,10 @@ def _shaking(series: CleanSeries, intervals: Sequence[Interval]) -> Record | Non
 def _clips(counts: Sequence[CleanSeries], intervals: Sequence[Interval]) -> Quantity | None:
     """Return how many samples were clipped in flight, of the sensor with most."""
     found = [
-        float(_rise(one.values[one.within(*interval)]).max())
+        float(_rise(values).max())
         for one in counts
         for interval in intervals
-        if one.values[one.within(*interval)].shape[0] >= 2
+        if len(values := one.of_rows(one.within(*interval))) >= 2
     ]
     return Quantity(max(found), "1", normal=(0.0, _MOST_CLIPS)) if found else None
 

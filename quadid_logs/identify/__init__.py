@@ -13,7 +13,7 @@ from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import Identification, Model, Response, SpectralFit
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.errors import SettingsError
-from quadid_logs.identify.design import Design, build_design, smooth_segment
+from quadid_logs.identify.design import Design, build_design
 from quadid_logs.identify.equation_by_equation import INFORMATIVE_R2
 from quadid_logs.identify.excitation import (
     ColumnNoise,
@@ -299,9 +299,6 @@ def _fit_all(
     """
     smoothing_hz = design.smoothing_hz
     noise = ColumnNoise(noise_density(data), design.columns, _NOISE_BANDWIDTH * smoothing_hz)
-    smooth = [
-        smooth_segment(segment, data.sample_period_s, smoothing_hz, structures) for segment in data.segments
-    ]
     first, known, models = None, yaw, []
     for each in structures:
         structure = each.known(design.torque.symbols)
@@ -310,7 +307,7 @@ def _fit_all(
         if not {*structure.regressors}.difference(structure.inputs) <= design.columns.keys():
             continue
         if structure.estimator == "as published":
-            models.append(fit_as_published(structure, data, design, smooth, settings, noise))
+            models.append(fit_as_published(structure, data, design, settings, noise))
             continue
         if structure.estimator == "single rigid body":
             found = None if first is None else fit_single_rigid_body(structure, data, first)

@@ -6,10 +6,9 @@ needs a torque of its own, and to find the two in turn takes many rounds.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
-from functools import lru_cache
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -26,6 +25,7 @@ from quadid_logs.identify.torque_errors import battery_errors, expo_errors, grid
 from quadid_logs.identify.torque_products import MAX_DELAY_S, MAX_LAG_S
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS
 
+_T = TypeVar("_T")
 #: Below [s], the lag of a rotor moves no torque by as much as can be seen.
 _LEAST_LAG_S = 0.002
 #: A lag of small rotors [s].
@@ -284,6 +284,26 @@ class _Scores(NamedTuple):
         return bool(abs(log_asymmetry) * self.information > _FAR * np.linalg.norm(self.by_cluster))
 
 
+class _Latest(Generic[_T]):
+    """The latest results of a method of its owner.
+
+    Not `functools.lru_cache`: that of a bound method refers back to its owner, and so all that a search holds
+    would stay in memory until the interpreter looks for cycles.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._kept: dict[tuple[float, ...], _T] = {}
+
+    def of(self, place: tuple[float, ...], make: Callable[..., _T]) -> _T:
+        """Return what was made of a place, or make it."""
+        if place not in self._kept and len(self._kept) == self._most:
+            del self._kept[next(iter(self._kept))]
+        found = self._kept.pop(place) if place in self._kept else make(*place)
+        self._kept[place] = found
+        return found
+
+
 class _Search:
     """Squared errors of each axis over lag, delay and asymmetry, all else solved for (variable projection).
 
@@ -330,8 +350,8 @@ class _Search:
             left = _outside(basis, explained[:, -1:])[:, 0]
             self._axes.append(_Axis(basis, left, inputs, rows))
         # A search asks for residuals and derivatives at the same point, and a delay moves no rotor.
-        self._torque_at = lru_cache(maxsize=2)(self._torque)
-        self._design_with = lru_cache(maxsize=3)(self._design_at)
+        self._torques: _Latest[FloatArray] = _Latest(2)
+        self._designs: _Latest[Design] = _Latest(3)
 
     def jackknifed(self, x: FloatArray, *, earliest_s: float = 0.0) -> FloatArray:
         """Return the point near that of least error where no instrument counts for what it follows by chance.
@@ -459,13 +479,17 @@ class _Search:
         rotors = Rotors.of(max(lag_s, _LEAST_LAG_S), log_asymmetry)
         return with_lag_on_rotors(self._design, self._described, rotors)
 
+    def _torque_at(self, *place: float) -> FloatArray:
+        """Return the same, kept for a place that comes again."""
+        return self._torques.of(place, self._torque)
+
     def _torque(self, *place: float) -> FloatArray:
         """Return the torque on the training rows, as far as it follows from the instruments."""
         return self.project.coordinates(self._behind(*place))
 
     def _behind(self, lag_s: float, delay_s: float, log_asymmetry: float) -> FloatArray:
         """Return the torque on the training rows."""
-        design = self._design_with(lag_s, log_asymmetry)
+        design = self._designs.of((lag_s, log_asymmetry), self._design_at)
         return design.torque.behind(lag_s, delay_s, self._inputs)[self._train]
 
     def _torque_on_rows(self, x: FloatArray) -> FloatArray:

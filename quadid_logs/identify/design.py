@@ -273,9 +273,25 @@ def _all_terms(structures: Iterable[Structure]) -> tuple[Term, ...]:
     return tuple({term.symbol: term for term in wanted}.values())
 
 
+def n_smoothed(segment: Segment, period_s: float, smoothing_hz: float) -> int:
+    """Return how many rows `smooth_segment` leaves of a segment.
+
+    Parameters
+    ----------
+    segment : Segment
+    period_s, smoothing_hz : float
+        Of its samples; cut-off of the Gaussian.
+
+    Returns
+    -------
+    int
+    """
+    return RowGrid.of(segment.n_samples, period_s, smoothing_hz).n_rows
+
+
 def smooth_segment(
-    segment: Segment, period_s: float, smoothing_hz: float, structures: Iterable[Structure] = STRUCTURES
-) -> tuple[FloatArray, dict[str, FloatArray]]:
+    segment: Segment, period_s: float, smoothing_hz: float, names: Sequence[str], terms: Sequence[Term]
+) -> tuple[FloatArray, FloatArray]:
     """Return times and smoothed columns of one segment at its full rate, torque as logged.
 
     This is what the paper's windows are cut from. The filter's reach is
@@ -286,20 +302,32 @@ def smooth_segment(
     segment : Segment
     period_s, smoothing_hz : float
         Of its samples; cut-off of the Gaussian.
-    structures : iterable of Structure
-        Whose terms are wanted.
+    names : sequence of str
+        Symbols of the columns: of terms, torques, and derivatives of rates and angles.
+    terms : sequence of Term
+        Those of the columns, beside rates, angles and torques.
 
     Returns
     -------
     time_s : ndarray, shape (n_rows,)
-    columns : dict of str to ndarray, shape (n_rows,)
+    columns : ndarray, shape (n_rows, n_names)
+        Without rows where the segment lacks one of them.
     """
     grid = RowGrid.of(segment.n_samples, period_s, smoothing_hz)
-    if not grid.n_rows:
-        return np.zeros(0), {}
-    columns = _smooth_columns(segment, period_s, grid, _all_terms(structures))
-    columns |= dict(zip(TORQUE_SYMBOLS, grid.lay(grid.spectrum_of(segment.torque)).T, strict=True))
-    return segment.time_s[grid.rows], columns
+    known = {term.symbol: term for term in (*RATE_TERMS, *ANGLES, *terms)}
+    torques = dict(zip(TORQUE_SYMBOLS, segment.torque.T, strict=True))
+    found = np.ones((grid.n_rows, len(names)))
+    # One after the other: each is as long as the flight, and so is all that it is made by.
+    for result, name in zip(found.T, names, strict=True):
+        if name == TRIM.symbol:
+            continue
+        symbol = name.removesuffix("_dot")
+        raw = torques[symbol] if symbol in torques else column_of(known[symbol], segment, period_s)
+        if raw is None:
+            return np.zeros(0), np.zeros((0, len(names)))
+        spectrum = grid.spectrum_of(raw[:, np.newaxis])
+        result[:] = grid.lay(spectrum, None if symbol == name else grid.s)[:, 0]
+    return segment.time_s[grid.rows], found
 
 
 def _coarser_grid(n_samples: int, period_s: float, smoothing_hz: float) -> RowGrid:

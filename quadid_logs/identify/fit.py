@@ -290,7 +290,7 @@ def _uncertainty(
         Equation(regression.explained[:, columns], residual[:, row], number[row, columns].astype(np.int64))
         for row, columns in enumerate(used)
     ]
-    jacobians = [(regression.Z[:, columns], regression.explained[:, columns]) for columns in used]
+    jacobians = ((regression.Z[:, columns], regression.explained[:, columns]) for columns in used)
     feedback = feedback_left(design, jacobians, regression.project.n_instruments)
     n_used = int(np.count_nonzero(used))
     return infer(equations, weight, clusters_of(design), effects, n_used, feedback=feedback)

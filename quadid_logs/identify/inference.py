@@ -7,7 +7,7 @@ sensors cannot tell and what is not known of a newton metre.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Final, NamedTuple
@@ -228,14 +228,14 @@ def _change_by_feedback(
 
 
 def feedback_left(
-    design: Design, explained: Sequence[tuple[FloatArray, FloatArray]], n: int
+    design: Design, explained: Iterable[tuple[FloatArray, FloatArray]], n: int
 ) -> Feedback | None:
     """Return what feedback still does to an estimate with so many instruments; None without any.
 
     Parameters
     ----------
     design : Design
-    explained : sequence of (ndarray, ndarray), each of shape (n_train, n_own)
+    explained : iterable of (ndarray, ndarray), each of shape (n_train, n_own)
         The Jacobian of each equation, and what the instruments make of it.
     n : int
         Number of instruments.

@@ -10,14 +10,13 @@ from quadid_logs.identify.excitation import ColumnNoise
 from quadid_logs.identify.fit import fit_pooled
 from quadid_logs.identify.model import build_model
 from quadid_logs.identify.structures import Structure
-from quadid_logs.identify.windows import Smooth, windows_at_full_rate
+from quadid_logs.identify.windows import windows_at_full_rate
 
 
 def fit_as_published(
     structure: Structure,
     data: FlightData,
     design: Design,
-    smooth: Smooth,
     settings: IdentifySettings,
     noise: ColumnNoise,
 ) -> Model:
@@ -29,8 +28,6 @@ def fit_as_published(
     data : FlightData
     design : Design
         Its rows, not high-passed.
-    smooth : sequence of (time_s, columns)
-        Its segments at their full rate, as `smooth_segment` returns them.
     settings : IdentifySettings
         ``window``, ``stride``.
     noise : ColumnNoise
@@ -39,6 +36,8 @@ def fit_as_published(
     -------
     Model
     """
-    windows = windows_at_full_rate(structure, smooth, settings, noise.of(structure.all_terms))
+    windows = windows_at_full_rate(
+        structure, data, design.smoothing_hz, settings, noise.of(structure.all_terms)
+    )
     fit = fit_pooled(design, structure, None)
     return build_model(data, design, structure, fit, torque=design.torque.as_logged(), windows=windows)

@@ -25,6 +25,8 @@ NARROWEST_BAND: Final = 4.0
 SAMPLES_PER_CYCLE: Final = 8.0
 #: Windows of the averaged spectra: long enough to tell half a hertz apart, short enough for many of them.
 _WINDOW_S = 4.0
+#: Of a long flight there are hundreds, and of their lines one in ten counts.
+_WINDOWS_AT_ONCE = 32
 #: Third octaves from half a hertz, the resolution of a window, to 32 Hz, beyond any motion of a vehicle.
 _EDGES_HZ: Final = 0.5 * 2.0 ** (np.arange(19) / 3.0)
 #: Above this fraction of the sample rate, the response is that of what happens between the samples.
@@ -259,18 +261,17 @@ def responses(data: FlightData, *, by_setpoints: Collection[int]) -> tuple[Respo
     J. S. Bendat and A. G. Piersol, *Random Data*, section 9: the variance of a
     response is that of what it leaves over that of its input, per independent line.
     """
-    lines = _Lines.of(data)
-    if lines is None:
-        return ()
     # Lines beyond the last third octave that the samples resolve stay out of every one.
     n_edges = int(np.searchsorted(_EDGES_HZ, _MOST_OF_RATE / data.sample_period_s, side="right"))
-    below = lines.frequency_hz < (_EDGES_HZ[n_edges - 1] if n_edges else 0.0)
+    lines = _Lines.of(data, below_hz=float(_EDGES_HZ[n_edges - 1]) if n_edges else 0.0)
+    if lines is None:
+        return ()
     reference = lines.reference
     driven_by = (reference if reference is not None and k in by_setpoints else lines.torque for k in range(3))
     return tuple(
         _response(
-            lines.frequency_hz[below],
-            *(each[:, below, k] for each in (driver, lines.torque, lines.acceleration)),
+            lines.frequency_hz,
+            *(each[:, :, k] for each in (driver, lines.torque, lines.acceleration)),
         )
         for k, driver in enumerate(driven_by)
     )
@@ -309,8 +310,8 @@ class _Lines(NamedTuple):
     reference: ComplexArray | None
 
     @classmethod
-    def of(cls, data: FlightData) -> _Lines | None:
-        """Return the lines of all segments; None where none is as long as a window."""
+    def of(cls, data: FlightData, below_hz: float) -> _Lines | None:
+        """Return the lines of all segments below a frequency; None where none is as long as a window."""
         n_samples = round(_WINDOW_S / data.sample_period_s)
         windows = [
             segment.rows(slice(first, first + n_samples))
@@ -320,12 +321,18 @@ class _Lines(NamedTuple):
         if not windows:
             return None
         s = angular_frequency(n_samples, data.sample_period_s)
+        s = s[s.imag / (2.0 * np.pi) < below_hz]
         gyro = gyro_response(s, *data.gyro_filter)[:, np.newaxis]
-        reference = [each.reference[:, :3] for each in windows if each.reference is not None]
+        references = [each.reference[:, :3] for each in windows if each.reference is not None]
         return cls(
             frequency_hz=s.imag / (2.0 * np.pi),
-            torque=tapered_spectra(np.stack([each.torque for each in windows])) * gyro,
-            acceleration=tapered_spectra(np.stack([each.body_rate_rad_s for each in windows]))
-            * s[:, np.newaxis],
-            reference=tapered_spectra(np.stack(reference)) if len(reference) == len(windows) else None,
+            torque=_first_lines([each.torque for each in windows], s.size) * gyro,
+            acceleration=_first_lines([each.body_rate_rad_s for each in windows], s.size) * s[:, np.newaxis],
+            reference=_first_lines(references, s.size) if len(references) == len(windows) else None,
         )
+
+
+def _first_lines(windows: Sequence[FloatArray], n_lines: int) -> ComplexArray:
+    """Return the first spectral lines of windows, so many windows at once as memory stays flat with."""
+    parts = (windows[first : first + _WINDOWS_AT_ONCE] for first in range(0, len(windows), _WINDOWS_AT_ONCE))
+    return np.concatenate([tapered_spectra(np.stack(part))[:, :n_lines] for part in parts])

@@ -333,7 +333,7 @@ def _as_fit(body: _Body, x: FloatArray, free: BoolArray, rows: _Rows, n_columns:
     ]
     # What is typical of vehicles is no observation of this one; what is known of its gyro is.
     prior = np.where(body.of_vehicle, 0.0, 1.0 / body.prior()[1] ** 2)[free]
-    jacobians = [(rows.Z @ slopes_measured[row], equations[row].jacobian) for row in range(3)]
+    jacobians = ((rows.Z @ slopes_measured[row], equations[row].jacobian) for row in range(3))
     feedback = feedback_left(rows.design, jacobians, rows.project.n_instruments)
     found = infer(equations, weight, clusters, effects, n_free, prior, feedback)
     variance = np.einsum("rcp,pq,rcq->rc", slopes, found.covariance, slopes)

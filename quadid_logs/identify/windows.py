@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from quadid_logs.arrays import AnyArray, FloatArray
+from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import Windows
 from quadid_logs.data.settings import IdentifySettings
-from quadid_logs.identify.design import Design
+from quadid_logs.identify.design import Design, n_smoothed, smooth_segment
 from quadid_logs.identify.structures import Structure
-from quadid_logs.maths.sliding_windows import WindowSolution, solve_windows, stack_windows
+from quadid_logs.maths.sliding_windows import solve_windows, stack_windows
 
 #: Windows solved at once: 20 000 of 9x9 are 13 MB, so memory stays flat for any log.
 _BATCH = 20_000
@@ -23,9 +24,6 @@ _MOST_OF_THEM = 0.5
 #: The spread of a hundred thousand windows (four minutes at 400 Hz) is known
 #: to some thousandths; more only cost time.
 _MOST_WINDOWS = 100_000
-
-Smooth = Sequence[tuple[FloatArray, dict[str, FloatArray]]]
-"""Times and columns of every segment at its full rate, as `smooth_segment` returns them."""
 
 
 class Chunk(NamedTuple):
@@ -74,15 +72,21 @@ def windows_on_rows(
 
 
 def windows_at_full_rate(
-    structure: Structure, smooth: Smooth, settings: IdentifySettings, noise: FloatArray
+    structure: Structure,
+    data: FlightData,
+    smoothing_hz: float,
+    settings: IdentifySettings,
+    noise: FloatArray,
 ) -> Windows | None:
     """Solve the paper's windows: consecutive samples, every k (of very long flights, every so many).
 
     Parameters
     ----------
     structure : Structure
-    smooth : sequence of (time_s, columns)
-        Of every segment, as `smooth_segment` returns them.
+    data : FlightData
+        Its segments are smoothed one after the other, and only as far as this structure needs it.
+    smoothing_hz : float
+        Cut-off of the Gaussian [Hz].
     settings : IdentifySettings
         ``window``, ``stride``.
     noise : ndarray, shape (n_columns,)
@@ -93,16 +97,16 @@ def windows_at_full_rate(
     Windows, or None if all segments are shorter than one window.
     """
     width = settings.window or structure.width
-    stride = settings.stride or max(1, int(np.ceil(sum(time_s.size for time_s, _ in smooth) / _MOST_WINDOWS)))
-    chunks = (
-        Chunk(
-            np.column_stack([columns[name] for name in structure.columns]),
-            np.column_stack([columns[name] for name in structure.targets]),
-            time_s,
-        )
-        for time_s, columns in smooth
-        if time_s.size >= max(width, 2)
+    lengths = [n_smoothed(each, data.sample_period_s, smoothing_hz) for each in data.segments]
+    stride = settings.stride or max(1, int(np.ceil(sum(lengths) / _MOST_WINDOWS)))
+    n_columns = len(structure.columns)
+    names = (*structure.columns, *structure.targets)
+    smooth = (
+        smooth_segment(each, data.sample_period_s, smoothing_hz, names, structure.terms)
+        for each, length in zip(data.segments, lengths, strict=True)
+        if length >= max(width, 2)
     )
+    chunks = (Chunk(columns[:, :n_columns], columns[:, n_columns:], time_s) for time_s, columns in smooth)
     return solve_chunks(chunks, width=width, stride=stride, noise=noise)
 
 
@@ -121,38 +125,52 @@ def solve_chunks(chunks: Iterable[Chunk], *, width: int, stride: int, noise: Flo
     -------
     Windows, or None if all chunks are shorter than one window.
     """
-    solved = (_solve_chunk(chunk, width, stride, noise) for chunk in chunks)
-    return _join([part for part in solved if part is not None])
+    solved = [part for chunk in chunks for part in _solved(chunk, width, stride, noise)]
+    if not solved:
+        return None
+    weakest = max(solved, key=lambda part: part.n_in_chunk).weakest
+    columns = [part.columns for part in solved]
+    period_s = solved[0].period_s
+    del solved
+    # What is put together is taken out of the parts: of many windows there is no room for both.
+    together = {name: np.concatenate([part.pop(name) for part in columns]) for name in [*columns[0]]}
+    return Windows(**together, weakest=weakest, width=width, stride=stride, period_s=period_s)
 
 
-def _solve_chunk(chunk: Chunk, width: int, stride: int, noise: FloatArray) -> Windows | None:
-    """Solve the windows of one chunk; None if it is shorter than one."""
+class _Part(NamedTuple):
+    """Some windows of a chunk: what `Windows` has of each, by name, and what they have in common."""
+
+    columns: dict[str, AnyArray]
+    weakest: FloatArray
+    n_in_chunk: int
+    period_s: float
+
+
+def _solved(chunk: Chunk, width: int, stride: int, noise: FloatArray) -> Iterator[_Part]:
+    """Yield the windows of one chunk, so many at once as memory stays flat with; none if it is shorter."""
     columns, targets, time_s = chunk
     H = stack_windows(columns, width=width, stride=stride)
     if H.shape[0] == 0:
-        return None
+        return
     Y = stack_windows(targets, width=width, stride=stride)
-    batches = [
-        solve_windows(H[first : first + _BATCH], Y[first : first + _BATCH])
-        for first in range(0, H.shape[0], _BATCH)
-    ]
-    solution = WindowSolution(*(np.concatenate(part) for part in zip(*batches, strict=True)))
-    noise_floor = _noise_floor(solution.column_rms, noise)
-    full_rank = solution.rank == columns.shape[1]
-    return Windows(
-        time_s=time_s[: H.shape[0] * stride : stride] + 0.5 * (width - 1) * (time_s[1] - time_s[0]),
-        coefficients=solution.coefficients,
-        condition_number=solution.condition_number,
-        rank=solution.rank,
-        residual_rms=solution.residual_rms,
-        singular_values=solution.singular_values,
-        noise_floor=noise_floor,
-        used=full_rank & (solution.singular_values[:, -1] > noise_floor),
-        weakest=_weakest(H),
-        width=width,
-        stride=stride,
-        period_s=float(time_s[1] - time_s[0]),
-    )
+    weakest, period_s = _weakest(H), float(time_s[1] - time_s[0])
+    middle_s = time_s[: H.shape[0] * stride : stride] + 0.5 * (width - 1) * (time_s[1] - time_s[0])
+    for first in range(0, H.shape[0], _BATCH):
+        part = slice(first, first + _BATCH)
+        solution = solve_windows(H[part], Y[part])
+        noise_floor = _noise_floor(solution.column_rms, noise)
+        full_rank = solution.rank == columns.shape[1]
+        found = {
+            "coefficients": solution.coefficients,
+            "singular_values": solution.singular_values,
+            "residual_rms": solution.residual_rms,
+            "condition_number": solution.condition_number,
+            "rank": solution.rank,
+            "time_s": middle_s[part],
+            "noise_floor": noise_floor,
+            "used": full_rank & (solution.singular_values[:, -1] > noise_floor),
+        }
+        yield _Part(found, weakest, H.shape[0], period_s)
 
 
 def _weakest(H: FloatArray) -> FloatArray:
@@ -165,35 +183,6 @@ def _weakest(H: FloatArray) -> FloatArray:
         scaled = np.divide(part, length, out=np.zeros_like(part), where=length > 0.0).reshape(-1, n_columns)
         squares += scaled.T @ scaled
     return np.asarray(np.linalg.eigh(squares)[1][:, 0], dtype=np.float64)
-
-
-def _join(parts: list[Windows]) -> Windows | None:
-    """Put the windows of several chunks one after the other."""
-    if not parts:
-        return None
-
-    def together(name: str) -> AnyArray:
-        return np.concatenate([getattr(part, name) for part in parts])
-
-    return Windows(
-        **{
-            name: together(name)
-            for name in (
-                "time_s",
-                "coefficients",
-                "condition_number",
-                "rank",
-                "residual_rms",
-                "singular_values",
-                "noise_floor",
-                "used",
-            )
-        },
-        weakest=max(parts, key=lambda part: part.time_s.size).weakest,
-        width=parts[0].width,
-        stride=parts[0].stride,
-        period_s=parts[0].period_s,
-    )
 
 
 def _noise_floor(column_rms: FloatArray, noise: FloatArray) -> FloatArray:

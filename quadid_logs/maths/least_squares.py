@@ -12,6 +12,8 @@ from quadid_logs.errors import ShapeError
 
 #: Keeps a cluster that alone carries a parameter from dividing by zero: its interval is huge all the same.
 _SINGULAR = 1e-9
+#: Each has three matrices of all parameters: a long flight has thousands of clusters.
+_CLUSTERS_AT_ONCE = 256
 
 
 class LeastSquares(NamedTuple):
@@ -146,13 +148,22 @@ def clustered_covariance(
     prior = np.zeros(n_parameters) if prior_precision is None else prior_precision / scale**2
     bread = _inverse_information(equations, scale, prior)
     scores, information = _by_cluster(equations, clusters, scale)
-    # Without a cluster, the fit would have left (I - H)^-1 of that cluster's residual.
-    left_out = np.eye(n_parameters) - information @ bread
-    jackknifed = np.linalg.solve(left_out + _SINGULAR * np.eye(n_parameters), scores[..., np.newaxis])[..., 0]
+    jackknifed = _jackknifed(scores, information, bread)
     small_sample = (len(scores) - 1) / len(scores)
     # The prior is one more observation of its parameter, as uncertain as it says.
     covariance = bread @ (small_sample * jackknifed.T @ jackknifed + np.diag(prior)) @ bread
     return np.asarray(covariance / np.outer(scale, scale), dtype=np.float64)
+
+
+def _jackknifed(scores: FloatArray, information: FloatArray, bread: FloatArray) -> FloatArray:
+    """Return the scores that a fit without their own cluster would leave; shape of `scores`."""
+    identity, found = np.eye(len(bread)), np.empty_like(scores)
+    for first in range(0, len(scores), _CLUSTERS_AT_ONCE):
+        part = slice(first, first + _CLUSTERS_AT_ONCE)
+        # Without a cluster, the fit would have left (I - H)^-1 of that cluster's residual.
+        left_out = identity - information[part] @ bread + _SINGULAR * identity
+        found[part] = np.linalg.solve(left_out, scores[part, :, np.newaxis])[..., 0]
+    return found
 
 
 def _parameter_scale(equations: Sequence[Equation], n_parameters: int) -> FloatArray:

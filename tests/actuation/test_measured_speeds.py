@@ -22,6 +22,7 @@ from quadid_logs.load import load, prepare
 from quadid_logs.simulate import find_scenario, fly, plan_flights
 from quadid_logs.simulate.logger import Logging, log_flights
 from quadid_logs.simulate.truth import flight_truth
+from tests.analyses import Analyzed
 
 SAMPLES = Path(__file__).parents[2] / "sample_logs"
 RATE_HZ, AGE_S, NOISE_RAD_S = 200.0, 0.012, 8.0
@@ -211,15 +212,16 @@ def test_a_log_with_one_source_is_not_fitted_twice(monkeypatch: pytest.MonkeyPat
     assert prepare(flown(16)[0]).torque is not None
 
 
-def test_speeds_that_a_simulator_made_up_give_way_to_the_motor_commands(corpus: Path) -> None:
+def test_speeds_that_a_simulator_made_up_give_way_to_the_motor_commands(
+    corpus: Path, analyzed: Analyzed
+) -> None:
     """12 to 17 % low and usable, with a lag of nothing in the place of 48 ms."""
     path = corpus / "firmware" / "px4_sih_hex_esc.ulg"
     truth = np.diag(json.loads(path.with_suffix(".truth.json").read_text())["B_rad_s2_per_torque_setpoint"])
-    prepared = load(path)
-    data = cut(prepared, AlignSettings())
-    (said,) = (each for each in find_in_torque(prepared.log, data, Identification()) if each.code == "QL312")
+    result = analyzed(path)
+    (said,) = (each for each in result.diagnosis.findings if each.code == "QL312")
     assert set(said.axes) == {"roll", "pitch", "yaw"}
-    model = identify(data, IdentifySettings()).recommended
+    model = result.identification.recommended
     assert model is not None
     assert model.actuator is not None
     np.testing.assert_allclose(np.diag(model.B), truth, rtol=0.01)

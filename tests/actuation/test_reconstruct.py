@@ -18,9 +18,9 @@ from quadid_logs.data.log import FlightLog
 from quadid_logs.data.settings import AlignSettings
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.load import load, prepare, read_log
-from quadid_logs.pipeline import analyze
 from quadid_logs.simulate import simulate
 from tests.actuation.logs import PARAMETERS, ardupilot_log, signal
+from tests.analyses import Analyzed
 from tests.marks import thorough_but
 
 ARDUPILOT = [
@@ -99,12 +99,14 @@ def test_px4_motors_return_the_set_point_where_nothing_is_limited(corpus: Path, 
         ["ac47_quadx_doublets", *TOLD], [name for name in ARDUPILOT if name != "ac47_quadx_multisine"]
     ),
 )
-def test_mass_and_arm_alone_give_the_inertia_of_roll_and_pitch(corpus: Path, name: str) -> None:
+def test_mass_and_arm_alone_give_the_inertia_of_roll_and_pitch(
+    corpus: Path, analyzed: Analyzed, name: str
+) -> None:
     """Ixx and Iyy within 3 %; what the flight or the file does not tell stays empty."""
     path = corpus / "firmware" / f"{name}.BIN"
     truth = truth_of(path)
     vehicle = Vehicle(mass_kg=truth["mass_kg"], arm_length_m=truth["arm_m_per_motor"])
-    model = analyze(path, vehicle=vehicle).identification.recommended
+    model = analyzed(path, vehicle).identification.recommended
     told = TOLD.get(name, 2)
     assert model is not None
     if told == 0:
@@ -116,7 +118,7 @@ def test_mass_and_arm_alone_give_the_inertia_of_roll_and_pitch(corpus: Path, nam
     assert np.isnan(found[told:]).all()
 
 
-def test_the_torque_ratio_adds_the_inertia_of_yaw(corpus: Path) -> None:
+def test_the_torque_ratio_adds_the_inertia_of_yaw(corpus: Path, analyzed: Analyzed) -> None:
     """Ixx and Iyy within 3 %, Izz within 8 %, and the truth of every axis inside its interval."""
     path = corpus / "firmware" / "ac47_quadx_multisine.BIN"
     truth = truth_of(path)
@@ -125,7 +127,7 @@ def test_the_torque_ratio_adds_the_inertia_of_yaw(corpus: Path) -> None:
         arm_length_m=truth["arm_m_per_motor"],
         torque_to_thrust_m=truth["yaw_torque_coeff_m"],
     )
-    result = analyze(path, vehicle=vehicle)
+    result = analyzed(path, vehicle)
     assert result.data.input is not None
     assert result.data.input.unit == "N m"
     inertia = result.identification.models[0].inertia
@@ -135,7 +137,7 @@ def test_the_torque_ratio_adds_the_inertia_of_yaw(corpus: Path) -> None:
     assert (np.diag(inertia.ci95_high) > moments(truth)).all()
 
 
-def test_px4_needs_no_more_than_mass_arm_and_ratio(corpus: Path) -> None:
+def test_px4_needs_no_more_than_mass_arm_and_ratio(corpus: Path, analyzed: Analyzed) -> None:
     """All three moments of the simulated PX4 quad within 3 % (8 % for yaw)."""
     path = corpus / "firmware" / "px4_quad_multisine.ulg"
     truth = truth_of(path)
@@ -144,7 +146,7 @@ def test_px4_needs_no_more_than_mass_arm_and_ratio(corpus: Path) -> None:
         arm_length_m=math.hypot(truth["arm_roll_m"], truth["arm_pitch_m"]),
         torque_to_thrust_m=truth["yaw_torque_max_n_m"] / truth["thrust_max_n"],
     )
-    inertia = analyze(path, vehicle=vehicle).identification.models[0].inertia
+    inertia = analyzed(path, vehicle).identification.models[0].inertia
     assert inertia is not None
     assert (np.abs(np.diag(inertia.matrix) / moments(truth) - 1.0) < [0.03, 0.03, 0.08]).all()
 

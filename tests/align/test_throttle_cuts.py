@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from quadid_logs.align import flights
+from quadid_logs.align.series import CleanSeries
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.settings import AlignSettings
 
@@ -93,3 +95,30 @@ def test_a_flown_freestyle_log_is_one_flight(corpus: Path) -> None:
 
     (flight,) = load(corpus / "blackbox" / "bf431-freestyle.bbl").flights
     assert flight == pytest.approx((43.0, 175.0), abs=1.0)
+
+
+def test_the_log_is_summed_up_as_often_for_many_throttle_cuts_as_for_few(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A flight with hundreds of them took most of its analysis there: each was a sum over the whole log."""
+    summed, mean_after = [], flights._mean_after
+
+    def counted(series: CleanSeries, start_s: np.ndarray, length_s: float) -> np.ndarray:
+        summed.append(series.name)
+        return mean_after(series, start_s, length_s)
+
+    monkeypatch.setattr(flights, "_mean_after", counted)
+
+    def n_sums(n_cuts: int) -> int:
+        summed.clear()
+        up = FLOWN & (np.sin(np.pi * n_cuts * TIME_S / TIME_S[-1]) ** 2 > 0.1)
+        log = flight_log(
+            signal("body_rate", TIME_S, motion(TIME_S)),
+            signal("throttle", TIME_S, np.where(up, 0.4, 0.0)[:, np.newaxis]),
+            signal("motor_thrust", TIME_S, np.where(up, 0.4, 0.0)[:, np.newaxis] * np.ones(4)),
+            signal("specific_force", TIME_S, np.tile([0.0, 0.0, -STANDARD_GRAVITY], (TIME_S.size, 1))),
+        )
+        align(log, AlignSettings())
+        return len(summed)
+
+    assert n_sums(30) == n_sums(3) > 0

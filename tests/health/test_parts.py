@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import tracemalloc
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from quadid_logs.data.torque import TorqueModel
 from quadid_logs.health.battery import find_battery
 from quadid_logs.health.motors import find_motors
+from quadid_logs.health.oscillation import _lowest_rotor_hz
+from quadid_logs.health.records import in_flight
 from quadid_logs.health.vibration import find_vibration
 from tests.health.flights import coloured, grid, series
 
@@ -157,3 +162,18 @@ def test_the_sag_is_told_from_the_discharge() -> None:
     assert found.sag_v.value == pytest.approx(0.3, abs=0.02)
     assert found.sag_v.ci95 is not None
     assert found.sag_v.ci95[0] <= 0.3 <= found.sag_v.ci95[1]
+
+
+def test_many_short_flights_are_looked_at_without_a_copy_of_the_log_for_each() -> None:
+    """Speeds in single precision became a log in double precision a flight: 1.3 GB of one of 40 MB."""
+    t = grid(1000.0)
+    speeds = series("rotor_speed", t, np.full((t.size, 4), 600.0))
+    speeds = replace(speeds, stored=speeds.stored.astype(np.float32))
+    flights = [(10.0 + 0.5 * number, 10.3 + 0.5 * number) for number in range(100)]
+    tracemalloc.start()
+    lowest_hz, record = _lowest_rotor_hz(speeds, flights), in_flight(speeds, flights)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert lowest_hz == pytest.approx(600.0 / (2.0 * np.pi))
+    assert record.values.dtype == np.float64
+    assert peak < 8 * speeds.values.nbytes

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import gc
+import weakref
 from collections.abc import Callable
 from functools import cache
 from typing import Any, cast
@@ -173,3 +175,16 @@ def test_a_flight_that_moves_one_axis_finds_its_lag_and_its_effectiveness(
     assert model.actuator.lag_s == pytest.approx(truth["actuator"]["lag_s"], rel=0.1)
     assert model.actuator.delay_s < 0.01
     assert model.B[0, 0] == pytest.approx(truth["models"]["damped"]["B"][0][0], rel=0.03)
+
+
+def test_a_search_that_is_done_leaves_nothing_in_memory() -> None:
+    """Ten minutes of flight are 130 MB in it, which a cycle of references would keep."""
+    done = search(DAMPED, (0,))
+    done.least(START)
+    remembered = weakref.ref(done)
+    gc.disable()
+    try:
+        del done
+        assert remembered() is None
+    finally:
+        gc.enable()

@@ -72,9 +72,14 @@ class Rotors(NamedTuple):
 
     def thrust(self, output: FloatArray, expo: float | None = None) -> FloatArray:
         """Return thrust as a fraction of that at full output, by this or another expo; shape of `output`."""
-        y = np.clip(output * self.supply, 0.0, None)
         e = self.expo if expo is None else expo
-        return np.asarray(np.clip((1.0 - e) * y + e * y**2, 0.0, None) * self.drift)
+        supply, drift = (np.broadcast_to(each, output.shape) for each in (self.supply, self.drift))
+        found = np.empty(output.shape)
+        # Rotor by rotor: what is needed on the way is as long as the log.
+        for result, *of_rotor in zip(found.T, output.T, supply.T, drift.T, strict=True):
+            y = np.clip(of_rotor[0] * of_rotor[1], 0.0, None)
+            result[:] = np.clip((1.0 - e) * y + e * y**2, 0.0, None) * of_rotor[2]
+        return found
 
 
 def full_output(fraction: FloatArray, settings: Mapping[str, float]) -> FloatArray:
@@ -143,7 +148,10 @@ def behind_lag(thrust: FloatArray, period_s: float, lag_s: float) -> FloatArray:
     -------
     ndarray, shape (n_samples, n_rotors)
     """
-    return np.asarray(lag(np.sqrt(thrust), period_s, lag_s) ** 2)
+    found = np.empty(thrust.shape)
+    for result, column in zip(found.T, thrust.T, strict=True):
+        result[:] = lag(np.sqrt(column), period_s, lag_s) ** 2
+    return found
 
 
 def _supply(log: CleanLog, motors: CleanSeries, flown: BoolArray) -> FloatArray:
@@ -188,9 +196,12 @@ def _fitted(
     x = np.array([COMMON_EXPO, COMMON_LAG_S])
     for _ in range(_ROUNDS):
         now = left(x)
-        slopes = [(left(x + step * np.eye(2)[k]) - now) / step for k, step in enumerate(_STEPS_OF)]
-        change = np.linalg.lstsq(np.column_stack(slopes), -now, rcond=None)[0]
+        slopes = np.empty((now.size, x.size))
+        for number, step in enumerate(_STEPS_OF):
+            slopes[:, number] = (left(x + step * np.eye(2)[number]) - now) / step
+        change = np.linalg.lstsq(slopes, -now, rcond=None)[0]
         x, last = np.clip(x + change, *_RANGE), x
+        del now, slopes
         if (np.abs(x - last) < _STEPS_OF).all():
             break
     whole = float(np.sum((target - target.mean(axis=0)) ** 2))
@@ -207,4 +218,4 @@ def _drift(square: FloatArray, answered: FloatArray, flown: BoolArray, width: in
     measured, expected = (moving_mean(each, width, beyond="edge") for each in (square, answered))
     ratio = measured / np.maximum(expected, 1e-9)
     ratio /= ratio[flown].mean()
-    return np.asarray(np.clip(ratio, *_BELIEVED))
+    return np.asarray(np.clip(ratio, *_BELIEVED, out=ratio))

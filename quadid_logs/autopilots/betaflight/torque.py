@@ -71,8 +71,8 @@ def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
     rotors = find_rotors(log, motors, output, flown)
     highest = _highest(log, motors)
     at_stop = _at_stop(motors, highest)
-    of_range = np.clip(motors.values / highest, 0.0, 1.0)
-    mixed = unmixed(of_range, throttle.at(motors.time_s), airframe, log.log)
+    # What is as long as the log is let go of as soon as it has served.
+    mixed = unmixed(np.clip(motors.values / highest, 0.0, 1.0), throttle.at(motors.time_s), airframe, log.log)
     scale = _scale(rotors, output, (commanded, mixed), flown & ~at_stop, airframe, motors.period_s)
     if scale is None:
         return Rebuilt(remarks=("The outputs do not follow the PID sums, so the torque is as commanded.",))
