@@ -20,6 +20,7 @@ from quadid_logs.cli.query import query
 from quadid_logs.cli.repeat import repeat
 from quadid_logs.cli.serve import serve
 from quadid_logs.cli.simulate import simulate
+from quadid_logs.cli.swing import swing
 from quadid_logs.cli.tune import tune
 from quadid_logs.version import __version__
 
@@ -42,6 +43,7 @@ def make_app() -> typer.Typer:
         tune,
         compare,
         repeat,
+        swing,
         plan,
         info,
         export,

@@ -663,7 +663,7 @@ class SpectralFit:
         The model's equation of this axis is this one.
     planned : bool
         What was commanded is a planned trajectory. The torque of its controller follows the motion, and
-        explains it well without telling the effectiveness.
+        explains it well whatever the effectiveness is.
     """
 
     mean: FloatArray
