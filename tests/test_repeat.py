@@ -91,6 +91,14 @@ def test_flights_that_all_differ_have_no_outlier() -> None:
     assert not roll_of(found).outliers
 
 
+def test_where_two_flights_could_each_be_the_outlier_neither_is_named() -> None:
+    """440 and 480 with ± 4, and between them one that agrees with both."""
+    alike = flights([440.0, 460.0, 480.0], 4.0)
+    found = repeat([alike[0], with_roll(alike[1], 460.0, 40.0), alike[2]])
+    assert found.verdict == "differ"
+    assert roll_of(found).outliers == ()
+
+
 def test_flights_of_one_vehicle_are_seldom_called_different() -> None:
     """At most 5 % of families of six flights whose intervals are right, and whose vehicle is one."""
     random = np.random.default_rng(4)
@@ -183,8 +191,9 @@ def test_a_log_of_another_vehicle_is_named_by_what_it_says() -> None:
 
 
 def test_what_a_log_does_not_say_makes_no_other_vehicle() -> None:
-    logs = [replace(flown(place).log, hardware_id=text) for place, text in enumerate(("A1", "", "A1"))]
-    assert strangers(logs) == {}
+    said = ("A1", "", "A1", "B2")
+    logs = [replace(flown(place).log, hardware_id=text) for place, text in enumerate(said)]
+    assert set(strangers(logs)) == {3}
 
 
 def test_what_another_throttle_makes_of_yaw_is_no_difference() -> None:
