@@ -12,6 +12,8 @@ from mkdocs.structure.pages import Page
 EXAMPLES = {
     "analyze": ("quadid-log analyze flight.bin", "tutorials/ardupilot.md"),
     "compare": ("quadid-log compare before.bin after.bin", "tutorials/ardupilot.md"),
+    "repeat": ("quadid-log repeat one.bin two.bin three.bin -o repeat", "repeat.md"),
+    "swing": ("quadid-log swing swing.bin --mass 1.6 --length 0.9 --distance 0.4", "swing.md"),
     "plan": ("quadid-log plan --autopilot ardupilot -o plan", "tutorials/ardupilot.md"),
     "tune": ("quadid-log tune flight.bin -o tune", "tune.md"),
     "serve": ("quadid-log serve --open", "serve.md"),

@@ -65,7 +65,7 @@ _HOMES = {
     "write_report": "quadid_logs.report",
 }
 #: Modules that are called as the function of the same name (`quadid_logs.callable_module`).
-_VERBS = ("compare", "fleet", "plan", "simulate")
+_VERBS = ("compare", "fleet", "plan", "repeat", "simulate", "swing")
 
 __all__ = [
     "TERMS",
@@ -94,9 +94,11 @@ __all__ = [
     "plotly_figures",
     "read_log",
     "read_vehicle",
+    "repeat",
     "result_dict",
     "show",
     "simulate",
+    "swing",
     "tune",
     "write_report",
 ]

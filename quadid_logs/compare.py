@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -158,7 +158,7 @@ def compare(before: Result, after: Result) -> Comparison:
     if first is not None and second is not None and len(reasons) < len(AXES):
         parameters = _parameters(first, second, reasons)
         change = _throttle_change(before, after)
-        powers = _throttle_powers(both)
+        powers = throttle_powers(both)
         found = [*(_at_throttle(each, change, powers) for each in parameters), *_actuators(first, second)]
     widening = _widening(len(found))
     quantities = tuple(_with_margin(quantity, widening) for quantity in found)
@@ -290,9 +290,19 @@ def mean_throttle(result: Result) -> float:
     return sum(float(values.sum()) for values in throttle) / sum(values.size for values in throttle)
 
 
-def _throttle_powers(both: tuple[Result, Result]) -> Mapping[str, float]:
-    """Return by axis with which power of the throttle the effectiveness may grow."""
-    expos = [result.data.input.expo for result in both if result.data.input is not None]
+def throttle_powers(results: Sequence[Result]) -> Mapping[str, float]:
+    """Return with which power of the throttle the effectiveness may grow.
+
+    Parameters
+    ----------
+    results : sequence of Result
+
+    Returns
+    -------
+    mapping of str to float
+        By axis.
+    """
+    expos = [result.data.input.expo for result in results if result.data.input is not None]
     is_curved = any(expo is not None and expo.held is HeldScale.COMMAND for expo in expos)
     thrust = _THRUST_POWER if is_curved else 0.0
     return {"roll": thrust, "pitch": thrust, "yaw": _YAW_POWER}

@@ -15,6 +15,7 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.data.vehicle import Rotor, Vehicle
 from quadid_logs.errors import VehicleFileError
 from quadid_logs.untrusted import printable
+from quadid_logs.vocabulary import AXES
 
 #: What no multirotor exceeds: beyond it, and often far below, the unit is another one.
 _LARGEST = {
@@ -41,8 +42,8 @@ def read_vehicle(path: Path) -> Vehicle:
         ``[[rotor]]`` tables (``position_m = [x, y, z]`` in FRD [m], ``spin =
         "ccw"`` or ``"cw"`` seen from above), ``max_thrust_n`` or
         ``thrust_curve`` ([[command, thrust in N], ...]), both per rotor,
-        ``torque_to_thrust_m``, and ``inertia_kg_m2`` (three moments or a
-        symmetric 3 by 3 tensor).
+        ``torque_to_thrust_m``, and ``inertia_kg_m2`` (three moments, ``nan``
+        for one that is not known, or a symmetric 3 by 3 tensor).
 
     Returns
     -------
@@ -191,9 +192,25 @@ def _thrust_curve(path: Path, value: Any) -> FloatArray:
 
 def _inertia(path: Path, value: Any) -> FloatArray:
     """Return the tensor (3, 3): symmetric and positive definite."""
-    hint = "Give [Ixx, Iyy, Izz] or a symmetric 3 by 3 tensor, in kg m^2."
-    given = _array(path, "inertia_kg_m2", value, ((3,), (3, 3)), hint)
+    hint = "Give [Ixx, Iyy, Izz] or a symmetric 3 by 3 tensor, in kg m^2; nan for a moment that is not known."
+    unknown = _unknown_moments(value)
+    moments = (
+        [1.0 if is_unknown else each for is_unknown, each in zip(unknown, value, strict=True)]
+        if unknown
+        else value
+    )
+    given = _array(path, "inertia_kg_m2", moments, ((3,), (3, 3)), hint)
     tensor = np.diag(given) if given.ndim == 1 else given
     if not np.allclose(tensor, tensor.T, rtol=1e-9, atol=0.0) or (np.linalg.eigvalsh(tensor) <= 0.0).any():
         raise _wrong(path, "inertia_kg_m2 is not symmetric and positive definite", hint)
-    return np.asarray(tensor, dtype=np.float64)
+    tensor = np.array(tensor, dtype=np.float64)
+    tensor[np.flatnonzero(unknown), np.flatnonzero(unknown)] = np.nan
+    return tensor
+
+
+def _unknown_moments(value: Any) -> list[bool]:
+    """Say which of three moments are nan; nothing where none is, or all are."""
+    unknown = (
+        [isinstance(each, float) and math.isnan(each) for each in value] if isinstance(value, list) else []
+    )
+    return unknown if len(unknown) == len(AXES) and any(unknown) and not all(unknown) else []

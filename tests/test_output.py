@@ -136,6 +136,7 @@ def test_every_verb_with_an_output_refuses_a_link(tmp_path, capsys):
     for command in (
         ["plan", "--autopilot", "px4", "-o", str(link)],
         ["compare", sample, sample, "-o", str(link)],
+        ["repeat", sample, sample, "-o", str(link)],
         ["paper", "-o", str(link)],
         ["simulate", "hover", "-o", str(log), "--force"],
     ):

@@ -179,9 +179,12 @@ def cut(prepared: Prepared, settings: AlignSettings) -> FlightData:
     period_s = _period_s(torque, settings)
     segments = _segments(series, torque, intervals, period_s) if _may_be_multirotor(log) else ()
     modes = _on_clock(log.modes, clock)
-    segments = tuple(
-        replace(each, command=command_of(each, modes, prepared.angle_gains)) for each in segments
-    )
+    if "reference_rate" in series:
+        segments = tuple(replace(each, command=each.reference, planned=True) for each in segments)
+    else:
+        segments = tuple(
+            replace(each, command=command_of(each, modes, prepared.angle_gains)) for each in segments
+        )
     return FlightData(
         sample_period_s=period_s,
         segments=segments,

@@ -17,8 +17,10 @@ from quadid_logs.cli.info import info
 from quadid_logs.cli.paper import paper
 from quadid_logs.cli.plan import plan
 from quadid_logs.cli.query import query
+from quadid_logs.cli.repeat import repeat
 from quadid_logs.cli.serve import serve
 from quadid_logs.cli.simulate import simulate
+from quadid_logs.cli.swing import swing
 from quadid_logs.cli.tune import tune
 from quadid_logs.version import __version__
 
@@ -40,6 +42,8 @@ def make_app() -> typer.Typer:
         analyze,
         tune,
         compare,
+        repeat,
+        swing,
         plan,
         info,
         export,

@@ -79,7 +79,10 @@ class Segment:
         The reference without what the vehicle's own motion makes of it: where an angle controller flew, its
         gain times the angle is put back, which leaves that gain times the commanded angle [rad/s]. NaN in
         flight modes whose set-points answer the motion in ways that the log does not tell; None without
-        set-points, or where no flight mode is known.
+        set-points, or where no flight mode is known. Of a planned trajectory the rates that follow from it.
+    planned : bool
+        The command is a planned trajectory's: few and gentle, and below a hertz it goes with the speed
+        through the air.
     saturated : ndarray of bool, shape (n_samples,)
         The torque could not be achieved, or was clipped.
     flight : int
@@ -94,6 +97,7 @@ class Segment:
     saturated: BoolArray
     reference: FloatArray | None = None
     command: FloatArray | None = None
+    planned: bool = False
     rotor_thrust: FloatArray | None = None
     thrust_by_expo: FloatArray | None = None
     flight: int = 0

@@ -671,6 +671,9 @@ class SpectralFit:
         Of the 95 % interval of the effectiveness, the gyro's scale included.
     used : bool
         The model's equation of this axis is this one.
+    planned : bool
+        What was commanded is a planned trajectory. The torque of its controller follows the motion, and
+        explains it well whatever the effectiveness is.
     """
 
     mean: FloatArray
@@ -681,6 +684,7 @@ class SpectralFit:
     n_blocks: int
     half_width: float
     used: bool = False
+    planned: bool = False
 
     @property
     def gain(self) -> float:

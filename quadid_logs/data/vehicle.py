@@ -19,8 +19,8 @@ class Rotor:
 class Vehicle:
     """Values given here win over the log's parameters; None means not given.
 
-    ``inertia_kg_m2`` (3, 3) is only ever compared with, never used in a fit. ``path`` is the file that it
-    was read from, "" for none.
+    ``inertia_kg_m2`` (3, 3), NaN for what nobody measured, is only ever compared with, never used in a fit.
+    ``path`` is the file that it was read from, "" for none.
 
     Examples
     --------

@@ -417,6 +417,11 @@ def _told_by_spectra(axis: _Axis) -> Finding | None:
         "segments": fit.n_blocks,
     }
     title = f"The air moved {axis.name} as well: its effectiveness comes from the answers to commands alone"
+    if fit.planned:
+        title = (
+            f"The controller of {axis.name} answers its motion: the effectiveness comes from the planned "
+            "trajectory alone"
+        )
     return axis.finding("QL535", "warning", _evidence(axis) | evidence, title)
 
 

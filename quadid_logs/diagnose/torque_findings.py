@@ -213,13 +213,17 @@ def find_in_given_inertia(
         return
     evidence: dict[str, object] = {}
     for axis, moment in zip(AXES, np.diagonal(vehicle.inertia_kg_m2), strict=True):
+        if np.isnan(moment):
+            continue
         on_axis = model.entries[ON_AXIS[axis]]
         low, high = on_axis.ci95
         evidence[f"{axis}_real_over_commanded"] = rounded(on_axis.value * moment, 3)
         evidence[f"{axis}_ci95"] = [rounded(low * moment, 3), rounded(high * moment, 3)]
         evidence[f"{axis}_identified"] = on_axis.identifiable
     title = "Real torque over commanded, by the inertia given: " + ", ".join(
-        f"{axis} {evidence[f'{axis}_real_over_commanded']}" for axis in AXES
+        f"{axis} {evidence[f'{axis}_real_over_commanded']}"
+        for axis in AXES
+        if f"{axis}_real_over_commanded" in evidence
     )
     yield finding("QL515", "info", evidence, title=title)
 

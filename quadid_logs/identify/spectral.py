@@ -18,6 +18,7 @@ describe widens the intervals.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Final, NamedTuple
 
@@ -36,6 +37,13 @@ from quadid_logs.maths.normal import NORMAL_95
 #: Of a block: twice the time in which a rate loop of half a hertz forgets, and a flight of half a minute has
 #: fourteen [s].
 _BLOCK_S = 4.0
+#: Of a planned trajectory, whose flights last for some seconds: a flight of six seconds has three.
+_PLANNED_BLOCK_S = 3.0
+#: A planned trajectory commands speeds too, and below some frequency the moments of speed through the air
+#: (and of the trim that it needs) are what the torque holds against. Where that begins the flight tells,
+#: in half octaves: below, the response may be anything up to three times what the torque makes.
+_CORNERS_HZ: Final = (0.0, 0.7, 1.0, 1.4, 2.0, 2.8)
+_FREE = 3.0
 #: Beyond, blades, frame and filters move a gyro, and not the torque of rotors with a lag of some ten ms.
 _HIGHEST_HZ = 30.0
 #: Six samples a cycle: with fewer, what the torque does between two samples is a guess.
@@ -131,9 +139,24 @@ def fit_by_spectra(data: FlightData) -> tuple[SpectralFit, ...]:
     axes = [number for number in range(_AXES) if _moves(spectra, number)]
     if spectra.frequency_hz.size < 2 * _SHARED_LINES or not _has_size(command) or not axes:
         return ()
-    moved = command[:, :, np.abs(command).max(axis=(0, 1)) > _SMALLEST]
-    told = _told_by_others(moved, spectra.values[:, :, _AXES : 2 * _AXES], spectra.run)
-    return _fit([_Axis(spectra, number, told[:, :, number], data.gyro_filter) for number in axes])
+    torque = spectra.values[:, :, _AXES : 2 * _AXES]
+    if _is_planned(data):
+        # One instrument an axis, as it is: a first stage of so weak ones would be noise of its own.
+        axes = [number for number in axes if _has_size(command[:, :, number])]
+        told = command[:, :, :_AXES]
+    else:
+        moved = command[:, :, np.abs(command).max(axis=(0, 1)) > _SMALLEST]
+        told = _told_by_others(moved, torque, spectra.run)
+    if not axes:
+        return ()
+    corners_hz = _CORNERS_HZ if _is_planned(data) else _CORNERS_HZ[:1]
+    return _fit([_Axis(spectra, number, told[:, :, number], data.gyro_filter, corners_hz) for number in axes])
+
+
+def _is_planned(data: FlightData) -> bool:
+    """Say whether planned trajectories are what was commanded, in every segment that tells."""
+    told = [segment.planned for segment in data.segments if segment.command is not None]
+    return bool(told) and all(told)
 
 
 def _moves(spectra: BlockSpectra, number: int) -> bool:
@@ -159,14 +182,20 @@ def _spectra(data: FlightData) -> BlockSpectra | None:
     if len({record.shape[1] for record in records}) != 1:
         return None
     highest_hz = min(_HIGHEST_HZ, _OF_SAMPLE_RATE / data.sample_period_s)
-    return block_spectra(records, starts, data.sample_period_s, length_s=_BLOCK_S, highest_hz=highest_hz)
+    length_s = _PLANNED_BLOCK_S if _is_planned(data) else _BLOCK_S
+    return block_spectra(records, starts, data.sample_period_s, length_s=length_s, highest_hz=highest_hz)
 
 
 class _Axis:
     """One axis: what is summed over blocks once, and what changes with the weights."""
 
     def __init__(
-        self, spectra: BlockSpectra, number: int, told: ComplexArray, gyro_filter: GyroFilter
+        self,
+        spectra: BlockSpectra,
+        number: int,
+        told: ComplexArray,
+        gyro_filter: GyroFilter,
+        corners_hz: Sequence[float],
     ) -> None:
         self.number, self.told, self.run = number, told, spectra.run
         self.s = np.asarray(2j * np.pi * spectra.frequency_hz, dtype=np.complex128)
@@ -184,8 +213,10 @@ class _Axis:
         self.prior = np.array([-0.5 * half, 0.0, 0.0, 0.0])
         self.spread = np.array([max(half, 1.0) / 2.0, _GYROSCOPIC_SPREAD, _CROSS_SPREAD, _CROSS_SPREAD])
         self.edges = _band_edges(spectra.frequency_hz)
-        centre = np.log([band.mean() for band in np.split(spectra.frequency_hz, self.edges[1:-1])])
+        self.centre_hz = np.array([band.mean() for band in np.split(spectra.frequency_hz, self.edges[1:-1])])
+        centre = np.log(self.centre_hz)
         self.alike = np.exp(-np.abs(centre[:, np.newaxis] - centre) / _OCTAVE)
+        self.corners_hz, self.corner_hz = corners_hz, corners_hz[len(corners_hz) // 2]
 
     def summed(self, lines: ComplexArray) -> ComplexArray:
         """Return the sums of lines (..., n_lines) by band."""
@@ -194,6 +225,18 @@ class _Axis:
     def power(self, lines: ComplexArray) -> FloatArray:
         """Return the sums of squared lines (..., n_lines) by band."""
         return np.asarray(np.add.reduceat(np.abs(lines) ** 2, self.edges[:-1], axis=-1), dtype=np.float64)
+
+    def commanded(self) -> float:
+        """Return the power of the commanded torque over that of all of it."""
+        told = self.told
+        if len(self.corners_hz) > 1:
+            # A trajectory is no torque yet: what of the torque goes with it, band by band.
+            power = self.power(told).sum(axis=0)
+            both = np.abs(self.summed((told.conj() * self.torque).sum(axis=0)))
+            size = float(np.sum(both[power > 0.0] ** 2 / power[power > 0.0]))
+        else:
+            size = float(np.sum(np.abs(told) ** 2))
+        return _ratio(size, float(np.sum(np.abs(self.torque) ** 2)))
 
     def response(self, actuator: _Actuator) -> tuple[ComplexArray, ComplexArray]:
         """Return what actuator and gyro make of torque and of the torque under the window's slope."""
@@ -240,12 +283,29 @@ class _Axis:
     def depart(self, variance: float) -> None:
         """Set the whitening for a departure of this relative variance."""
         covariance = np.diag(0.5 * self.noise + 1e-12 * max(float(self.size.max()) ** 2, _TINY))
-        covariance = covariance + variance * np.outer(self.size, self.size) * self.alike
+        free = self.centre_hz < self.corner_hz
+        size = np.where(free, 0.0, self.size)
+        covariance = covariance + variance * np.outer(size, size) * self.alike
+        covariance = covariance + np.diag(np.where(free, _FREE * self.size, 0.0) ** 2)
         scale = 1.0 / np.sqrt(np.diag(covariance))
         triangle = np.linalg.cholesky(covariance * np.outer(scale, scale))
         self.whitening = np.linalg.inv(triangle) * scale
         self.log_size = float(2.0 * np.log(np.diag(triangle)).sum() - 2.0 * np.log(scale).sum())
         self.variance = variance
+
+    def raise_corner(self) -> bool:
+        """Set the next corner that frees more bands, with the whitening for it; say whether there is one."""
+        n_free = np.count_nonzero(self.centre_hz < self.corner_hz)
+        freed = [int(np.count_nonzero(self.centre_hz < each)) for each in self.corners_hz]
+        higher = [
+            each for each, n in zip(self.corners_hz, freed, strict=True) if n_free < n < self.centre_hz.size
+        ]
+        if not higher:
+            return False
+        self.corner_hz = min(higher)
+        self.depart(self.variance)
+        self.prepare()
+        return True
 
     def white(self, moments: ComplexArray) -> FloatArray:
         """Return moments in standard deviations, real parts along and imaginary ones across the model's."""
@@ -370,19 +430,43 @@ def _fit(axes: Sequence[_Axis]) -> tuple[SpectralFit, ...]:
             axis.weigh(theta, actuator)
             axis.depart(_likely_variance(axis, axis.left(theta, actuator)))
             axis.prepare()
-    return _described(axes, actuator)
+    fits = _described(axes, actuator)
+    raised = [axis.raise_corner() for axis in axes]
+    if not any(raised):
+        return fits
+    above = _described(axes, _refined(axes, actuator))
+    return tuple(_with_difference(one, other) for one, other in zip(fits, above, strict=True))
+
+
+def _with_difference(fit: SpectralFit, other: SpectralFit) -> SpectralFit:
+    """Return an estimate whose intervals hold what the choice of the corner makes: that of the next one."""
+    if not np.isfinite(other.half_width):
+        return fit
+    difference = other.mean - fit.mean
+    return replace(
+        fit,
+        covariance=fit.covariance + np.outer(difference, difference) / NORMAL_95**2,
+        half_width=float(np.hypot(fit.half_width, difference[0])),
+    )
 
 
 def _likely_variance(axis: _Axis, left: ComplexArray) -> float:
-    """Return the mean variance of the departure, each by how likely what an equation leaves makes it."""
-    likely = np.empty(_DEPARTURES.size)
-    for number, departure in enumerate(_DEPARTURES.tolist()):
-        axis.depart(departure**2)
-        white = axis.white(left)
-        likely[number] = -0.5 * float(white @ white) - axis.log_size
-        likely[number] -= np.log1p((departure / _TYPICAL_DEPARTURE) ** 2)
+    """Return the mean variance of the departure, each by how likely what an equation leaves makes it.
+
+    The corner of the axis becomes the likeliest one.
+    """
+    likely = np.empty((len(axis.corners_hz), _DEPARTURES.size))
+    for row, corner_hz in enumerate(axis.corners_hz):
+        axis.corner_hz = corner_hz
+        for number, departure in enumerate(_DEPARTURES.tolist()):
+            axis.depart(departure**2)
+            white = axis.white(left)
+            likely[row, number] = -0.5 * float(white @ white) - axis.log_size
+            likely[row, number] -= np.log1p((departure / _TYPICAL_DEPARTURE) ** 2)
     weight = np.exp(likely - likely.max())
-    return float(weight @ _DEPARTURES**2 / weight.sum())
+    best = int(weight.sum(axis=1).argmax())
+    axis.corner_hz = axis.corners_hz[best]
+    return float(weight[best] @ _DEPARTURES**2 / weight[best].sum())
 
 
 def _left(axes: Sequence[_Axis], actuator: _Actuator) -> FloatArray:
@@ -471,16 +555,18 @@ def _one(
     if axis.number == _YAW:
         slopes[4, 2], slopes[4, 3] = gain * _LEAD_SPREAD_S, lead_s
     own = np.array([0, 1, 2, first, first + 1])
-    left = axis.left(theta, actuator)
-    size = float(np.sum(np.abs(axis.of_commanded(actuator) * gain) ** 2))
+    above = axis.centre_hz >= axis.corner_hz
+    left = axis.left(theta, actuator)[above]
+    size = float(np.sum(np.abs(axis.of_commanded(actuator)[above] * gain) ** 2))
     spread = _few_blocks(axis.run.size) ** 2 * slopes @ covariance[np.ix_(own, own)] @ slopes.T
     return SpectralFit(
         mean=np.array([gain, theta[1], lag_s, delay_s, gain * lead_s]),
         covariance=spread,
         departure=float(np.sqrt(axis.variance)),
-        commanded=_ratio(float(np.sum(np.abs(axis.told) ** 2)), float(np.sum(np.abs(axis.torque) ** 2))),
+        commanded=axis.commanded(),
         r2_commanded=1.0 - _ratio(float(np.sum(np.abs(left) ** 2)), size),
         n_blocks=int(axis.run.size),
+        planned=len(axis.corners_hz) > 1,
         half_width=float(np.hypot(NORMAL_95 * np.sqrt(spread[0, 0]), GYRO_SYSTEMATIC * gain)),
     )
 

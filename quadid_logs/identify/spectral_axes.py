@@ -47,7 +47,7 @@ def spoiled_by_air(model: Model, fits: Sequence[SpectralFit]) -> tuple[int, ...]
     return tuple(
         axis
         for axis, fit in enumerate(fits)
-        if fit.is_sound and not r2.get(ACCELERATION_SYMBOLS[axis], -np.inf) >= _EXPLAINED_R2
+        if fit.is_sound and (fit.planned or not r2.get(ACCELERATION_SYMBOLS[axis], -np.inf) >= _EXPLAINED_R2)
     )
 
 

@@ -51,7 +51,7 @@ def _distance(identified: FloatArray, item: PublishedVehicle) -> float:
 def _agreement(inertia: Inertia, given: FloatArray) -> str:
     """Say about which axes the given moments lie within the identified intervals."""
     low, high = np.diagonal(inertia.ci95_low), np.diagonal(inertia.ci95_high)
-    known = np.isfinite(low) & np.isfinite(high)
+    known = np.isfinite(low) & np.isfinite(high) & np.isfinite(given)
     inside = known & (low <= given) & (given <= high)
     texts = []
     for words, chosen in (("within the interval", inside), ("outside the interval", known & ~inside)):

@@ -276,6 +276,7 @@ def _spectral(identification: Identification) -> dict[str, Any]:
             "segments": fit.n_blocks,
             "sound": fit.is_sound,
             "used": fit.used,
+            "planned": fit.planned,
         }
         for axis, fit in zip(AXES, identification.spectral, strict=False)
     }

@@ -189,6 +189,10 @@ def adapted(airframe: SimulatedAirframe, vehicle: Vehicle) -> SimulatedAirframe:
     changes |= _rotor_changes(airframe, vehicle)
     changed = dataclasses.replace(airframe, **changes)  # type: ignore[arg-type]
     if vehicle.inertia_kg_m2 is not None:
+        if not np.isfinite(vehicle.inertia_kg_m2).all():
+            raise SimulationError(
+                "The vehicle's moments of inertia are not all known.", hint="Give all three."
+            )
         inertia = np.asarray(vehicle.inertia_kg_m2, dtype=np.float64)
     else:
         reach = _reach(changed) / _reach(airframe)

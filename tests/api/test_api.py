@@ -226,7 +226,7 @@ def test_an_analysis_shows_itself_in_a_notebook_and_a_hostile_log_stays_text() -
     assert "\x1b" not in repr(hostile)
 
 
-@pytest.mark.parametrize("verb", ["compare", "fleet", "plan", "simulate"])
+@pytest.mark.parametrize("verb", ["compare", "fleet", "plan", "repeat", "simulate", "swing"])
 def test_a_verb_is_called_and_is_a_module_as_well(verb: str) -> None:
     """Whatever was imported before: the package's attribute is the module, and the module is callable."""
     module = importlib.import_module(f"quadid_logs.{verb}")

@@ -225,7 +225,7 @@ def test_a_folder_is_sent_to_fleet(pipeline: FakePipeline, capsys: pytest.Captur
     assert "quadid-log fleet" in one_clear_line(capsys.readouterr().err)
 
 
-@pytest.mark.parametrize("verb", ["analyze", "compare", "export"])
+@pytest.mark.parametrize("verb", ["analyze", "compare", "export", "repeat"])
 def test_a_place_that_cannot_be_written_is_found_before_the_work(
     verb: str, pipeline: FakePipeline, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -234,6 +234,7 @@ def test_a_place_that_cannot_be_written_is_found_before_the_work(
         "analyze": ["usable.bin", "-o", "/proc/out"],
         "compare": ["usable.bin", "usable.bin", "-o", "/proc/out"],
         "export": ["usable.bin", "-o", "/proc/out/model.mat", "--model"],
+        "repeat": ["usable.bin", "usable.bin", "-o", "/proc/out"],
     }
     assert main([verb, *where[verb]]) == 2
     assert "cannot be written to" in one_clear_line(capsys.readouterr().err)

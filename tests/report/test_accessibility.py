@@ -12,16 +12,19 @@ import pytest
 
 from quadid_logs.compare import compare
 from quadid_logs.figures import figures_of
+from quadid_logs.repeat import repeat
 from quadid_logs.report.comparison_page import comparison_page
 from quadid_logs.report.html import render_html
 from quadid_logs.report.index import index_page, index_row
 from quadid_logs.report.markdown_page import markdown_page
 from quadid_logs.report.provenance import provenance_of
+from quadid_logs.report.repetition_page import repetition_page
 from quadid_logs.report.view import view_of
 from tests import chromium
 from tests.report.test_browser import SCROLL
 from tests.synthetic_results import hostile_result, refused_result, usable_result
 from tests.synthetic_tuning import synthetic_tune_page
+from tests.test_repeat import flights
 
 pytestmark = [
     pytest.mark.browser,
@@ -69,6 +72,7 @@ def pages() -> dict[str, str]:
         **texts,
         "index": index_page([index_row(result, name) for name, result in results.items()]),
         "compare": comparison_page(*[results["usable"]] * 2, compare(*[results["usable"]] * 2)),
+        "repeat": repetition_page(repeat(flights([430.0, 440.0, 470.0]))),
         "tune": synthetic_tune_page(),
         "document": markdown_page("# Plan\n\n## Set\n\n- this\n\n| | a |\n|---|---|\n| b | 1 |"),
     }

@@ -1,0 +1,110 @@
+"""``quadid-log repeat``: whether several flights of one vehicle agree, and which one does not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from quadid_logs.cli.failure import say
+from quadid_logs.cli.logs import check_log, expanded
+from quadid_logs.cli.progress import Progress, parts
+from quadid_logs.errors import SettingsError
+from quadid_logs.output import check_folder_free, new_folder, write_together
+from quadid_logs.untrusted import printable
+
+if TYPE_CHECKING:
+    from quadid_logs.repeat import Repeatability
+
+_JSON, _PAGE = "repeat.json", "repeat.html"
+_PNG = {"funnel": "repeat-funnel.png", "flights": "repeat-flights.png"}
+_FILES = (_JSON, _PAGE, *_PNG.values())
+#: Contract with scripts: see `repeat`.
+_EXIT_CODES = {"agree": 0, "differ": 1, "not comparable": 3}
+
+
+def repeat(
+    logs: Annotated[
+        list[Path], typer.Argument(metavar="LOG...", help="Flights of one vehicle in one state, two or more.")
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="DIR", help=f"Folder for {_PAGE}, {_JSON} and PNG."),
+    ] = None,
+    vehicle: Annotated[
+        Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="The vehicle of all flights.")
+    ] = None,
+    band: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            "--band", metavar="LOW HIGH", help="Fit all from LOW to HIGH [Hz]; without it each log decides."
+        ),
+    ] = None,
+    system: Annotated[
+        int, typer.Option("--system", metavar="ID", help="MAVLink system of all logs; 0 chooses.")
+    ] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run.")] = False,
+) -> int:
+    """Tell whether several flights of one vehicle agree, by how much they differ, and which is the outlier.
+
+    Each flight is analyzed by itself, and predicted from the others.
+
+    Exit code 0: compared on every axis, they agree. 1: two flights differ, or a log is of another vehicle.
+    2: a log could not be read, or the options make no sense. 3: no difference seen, but on an axis fewer than
+    two flights tell the effectiveness.
+    """
+    from quadid_logs.data.settings import IdentifySettings, Settings, in_band
+    from quadid_logs.pipeline import analyze
+    from quadid_logs.repeat import repeat as repeat_results
+    from quadid_logs.report.repetition import repetition_lines, repetition_text
+    from quadid_logs.vehicle_file import read_vehicle
+
+    logs = list(expanded(logs))
+    if len(logs) < 2:
+        raise SettingsError("One flight repeats nothing.", hint="Name two logs or more of one vehicle.")
+    if output is not None:
+        check_folder_free(output, _FILES, force=force)
+    described = None if vehicle is None else read_vehicle(vehicle)
+    settings = Settings(system=system, identify=in_band(band, IdentifySettings()))
+    for log in logs:
+        check_log(log)
+    results = []
+    for log, part in zip(logs, parts(logs), strict=True):
+        with Progress(log.name, part=part) as progress:
+            results.append(analyze(log, settings, vehicle=described, progress=progress))
+    found = repeat_results(results)
+    text = repetition_text(found)
+    written = "" if output is None else _write(output, found, text)
+    if as_json:
+        say(text.rstrip("\n"))
+    else:
+        for line in repetition_lines(found):
+            say(line)
+        if written:
+            say(f"  written: {written}")
+    return _EXIT_CODES[found.verdict]
+
+
+def _write(folder: Path, found: Repeatability, text: str) -> str:
+    """Write page and JSON and, where flights tell something, the figures; return what was written."""
+    import io
+
+    from quadid_logs.figures import Figure
+    from quadid_logs.figures.png import write_png
+    from quadid_logs.figures.repetition_chart import repetition_figures
+    from quadid_logs.report.repetition_page import repetition_page
+
+    figures = [each for each in repetition_figures(found) if isinstance(each, Figure)]
+    files = {_PAGE: repetition_page(found, figures).encode(), _JSON: text.encode("ascii")}
+    for figure in figures:
+        drawn = io.BytesIO()
+        write_png(figure, drawn)
+        files[_PNG[figure.key]] = drawn.getvalue()
+    with new_folder(folder):
+        write_together(folder, files)
+    for name in set(_FILES) - files.keys():
+        # That of an earlier run would contradict the JSON beside it.
+        (folder / name).unlink(missing_ok=True)
+    return ", ".join(printable(folder / name) for name in files)

@@ -1,0 +1,115 @@
+"""``quadid-log swing``: the moment of inertia of a vehicle that swings on two strings, by its gyro."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from quadid_logs.cli.failure import say
+from quadid_logs.cli.logs import check_log
+from quadid_logs.cli.progress import Progress
+from quadid_logs.errors import SettingsError
+
+if TYPE_CHECKING:
+    from quadid_logs.data.vehicle import Vehicle
+
+
+def swing(
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="Log of the gyro while the vehicle swings.")],
+    length_m: Annotated[float, typer.Option("--length", metavar="M", help="Length of each string [m].")],
+    distance_m: Annotated[
+        float, typer.Option("--distance", metavar="M", help="Distance of the two strings [m].")
+    ],
+    mass_kg: Annotated[
+        float | None,
+        typer.Option("--mass", metavar="KG", help="Mass with battery [kg] [default: the vehicle file's]."),
+    ] = None,
+    axis: Annotated[
+        str,
+        typer.Option(
+            "--axis",
+            metavar="AXIS",
+            help="roll, pitch or yaw: what hangs vertically [default: what turns most].",
+        ),
+    ] = "",
+    span_m: Annotated[
+        float,
+        typer.Option(
+            "--span",
+            metavar="M",
+            help="Largest dimension across that axis [m]: for the air that swings along.",
+        ),
+    ] = 0.0,
+    length_error_m: Annotated[
+        float, typer.Option("--length-error", metavar="M", help="How wrong --length may be (95 %) [m].")
+    ] = 0.001,
+    distance_error_m: Annotated[
+        float, typer.Option("--distance-error", metavar="M", help="How wrong --distance may be (95 %) [m].")
+    ] = 0.001,
+    mass_error_kg: Annotated[
+        float | None,
+        typer.Option("--mass-error", metavar="KG", help="How wrong --mass may be (95 %) [default: 0.5 %]."),
+    ] = None,
+    vehicle: Annotated[
+        Path | None,
+        typer.Option(
+            "--vehicle", metavar="FILE.toml", help="For the mass, and the moments of the other axes."
+        ),
+    ] = None,
+    system: Annotated[
+        int, typer.Option("--system", metavar="ID", help="MAVLink system of the log; 0 chooses.")
+    ] = 0,
+    log_number: Annotated[
+        int,
+        typer.Option("--log", metavar="N", help="Which log of a file that holds several; info lists them."),
+    ] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> int:
+    """Measure a moment of inertia: let the vehicle swing on two strings and read its own gyro.
+
+    Hang it by two parallel strings of one length, left and right of its centre of mass, so that the axis to
+    measure is vertical. Turn it by 10 degrees, let go, and log the gyro for a minute.
+
+    Exit code 0: measured. 2: the log could not be read, nothing swings in it, or the options make no sense.
+    """
+    import math
+
+    from quadid_logs.load import read_log
+    from quadid_logs.report.swing import swing_lines, swing_text
+    from quadid_logs.swing import Bifilar
+    from quadid_logs.swing import swing as measure
+    from quadid_logs.vehicle_file import read_vehicle
+
+    known = None if vehicle is None else read_vehicle(vehicle)
+    hung = Bifilar(
+        mass_kg=_mass(mass_kg, known),
+        length_m=length_m,
+        distance_m=distance_m,
+        mass_half_width_kg=math.nan if mass_error_kg is None else mass_error_kg,
+        length_half_width_m=length_error_m,
+        distance_half_width_m=distance_error_m,
+        span_m=span_m,
+    )
+    check_log(log)
+    with Progress(log.name) as progress:
+        progress("read")
+        content = read_log(log, system=system, number=log_number)
+        progress("fit")
+        found = measure(content, hung, axis)
+    if as_json:
+        say(swing_text(content.path, hung, found).rstrip("\n"))
+        return 0
+    for line in swing_lines(content.path, found, known):
+        say(line)
+    return 0
+
+
+def _mass(mass_kg: float | None, vehicle: Vehicle | None) -> float:
+    """Return the mass that was given, or that of the vehicle file."""
+    if mass_kg is None and vehicle is not None:
+        mass_kg = vehicle.mass_kg
+    if mass_kg is None:
+        raise SettingsError("The mass is not known.", hint="Give --mass in kg, or mass_kg in --vehicle.")
+    return mass_kg

@@ -1,0 +1,511 @@
+"""Results of several flights -> Repeatability: whether flights of one vehicle in one state agree."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Any, Literal
+
+import numpy as np
+
+from quadid_logs.align.pool import copies
+from quadid_logs.arrays import FloatArray
+from quadid_logs.callable_module import call_as
+from quadid_logs.compare import mean_throttle, throttle_powers
+from quadid_logs.control.next_flight import DAMPING_SPREAD, TIME_SPREAD_S
+from quadid_logs.data.log import FlightLog
+from quadid_logs.data.model import Model, Parameter
+from quadid_logs.data.result import Result
+from quadid_logs.diagnose.advice import next_steps
+from quadid_logs.errors import SettingsError
+from quadid_logs.maths.holm import holm, two_sided
+from quadid_logs.maths.normal import NORMAL_95
+from quadid_logs.maths.random_effect import RandomEffectMean, random_effect, random_effect_mean
+from quadid_logs.sentences import continued
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS, RATE_SYMBOLS, term_words
+
+Agreement = Literal["agree", "differ", "not comparable"]
+Kind = Literal["effectiveness", "damping", "lag", "delay"]
+
+#: Of flights that are alike, this fraction is called different by chance, over all pairs and quantities.
+_FALSE_ALARMS = 0.05
+#: Of two flights that differ, nothing tells which one is the outlier.
+_FEWEST_OTHERS = 2
+#: From here on an interval of the effectiveness reaches zero, and its value has no sign.
+_WIDEST = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlightEstimate:
+    """What one flight tells of a quantity.
+
+    ``flight`` is its place among the logs, ``half_width`` half of its own 95 % interval, ``allowed`` the same
+    with what is known to differ between flights of one vehicle: air, and another throttle.
+    ``predicted`` is what the other flights say of it, with half of the 95 % interval, this flight's own error
+    and the difference between flights in it; NaN and infinite where fewer than two others tell it.
+    """
+
+    flight: int
+    value: float
+    half_width: float
+    allowed: float
+    predicted: float = math.nan
+    predicted_half_width: float = math.inf
+
+    @property
+    def held(self) -> bool | None:
+        """Whether the interval from the other flights holds this one; None where there is none."""
+        if not math.isfinite(self.predicted_half_width):
+            return None
+        return abs(self.value - self.predicted) <= self.predicted_half_width
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pair:
+    """Two flights: difference over its standard deviation, and p-value by Holm over all pairs."""
+
+    flights: tuple[int, int]
+    z: float
+    p_value: float
+
+    @property
+    def differs(self) -> bool:
+        """Whether the difference is more than chance."""
+        return self.p_value < _FALSE_ALARMS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outlier:
+    """A flight that differs from the others, which agree among themselves.
+
+    ``difference`` is in the unit of the quantity; the p-value is by Holm over all flights and quantities.
+    """
+
+    flight: int
+    difference: float
+    p_value: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RepeatedQuantity:
+    """One number of the model over all flights that tell it.
+
+    Attributes
+    ----------
+    name, kind, axis, unit, words : str
+        ``axis`` is "" for lag and delay, which belong to all.
+    estimates : tuple of FlightEstimate
+    mean : RandomEffectMean
+        With the standard deviation between flights.
+    p_value : float
+        Of all flights being of one value, by Cochran's test.
+    pairs : tuple of Pair
+    outliers : tuple of Outlier
+    """
+
+    name: str
+    kind: Kind
+    axis: str
+    unit: str
+    words: str
+    estimates: tuple[FlightEstimate, ...]
+    mean: RandomEffectMean
+    p_value: float
+    pairs: tuple[Pair, ...] = ()
+    outliers: tuple[Outlier, ...] = ()
+
+    @property
+    def differs(self) -> bool:
+        """Whether two flights, or one and the others, differ by more than chance."""
+        return bool(self.outliers) or any(pair.differs for pair in self.pairs)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Repeatability:
+    """Whether flights agree.
+
+    Attributes
+    ----------
+    flights : tuple of str
+        Paths of the logs, in the order in which they were given.
+    structure : str
+        The structure that all values come from, "" where there is none.
+    quantities : tuple of RepeatedQuantity
+        Those that two flights or more tell.
+    axes : mapping of str to Agreement
+    reasons : tuple of mapping of str to str
+        Of each flight, by axis: why it tells nothing of it.
+    strangers : mapping of int to str
+        Flights whose logs say that they are of another vehicle, and what says so.
+    advice : tuple of str
+        What to set or fly so that more flights tell.
+    """
+
+    flights: tuple[str, ...]
+    structure: str
+    quantities: tuple[RepeatedQuantity, ...]
+    axes: Mapping[str, Agreement]
+    reasons: tuple[Mapping[str, str], ...]
+    strangers: Mapping[int, str]
+    advice: tuple[str, ...]
+
+    @property
+    def verdict(self) -> Agreement:
+        """Say "differ" if anything does, "agree" if every axis was compared and none does."""
+        if self.strangers or any(quantity.differs for quantity in self.quantities):
+            return "differ"
+        return "agree" if set(self.axes.values()) == {"agree"} else "not comparable"
+
+    @property
+    def left_out(self) -> tuple[int, int]:
+        """Return how many predictions from the other flights held the one left out, and of how many."""
+        held = [one.held for each in self.quantities for one in each.estimates if one.held is not None]
+        return sum(held), len(held)
+
+
+def repeat(results: Sequence[Result]) -> Repeatability:
+    """Ask whether several flights of one vehicle in one state agree.
+
+    Parameters
+    ----------
+    results : sequence of Result
+        Two or more. A flight that is given twice counts once.
+
+    Returns
+    -------
+    Repeatability
+
+    Raises
+    ------
+    SettingsError
+        If there are fewer than two results, or their torque is not the same quantity.
+
+    Notes
+    -----
+    A pair differs if the difference of its two values, over the root sum square of their standard deviations,
+    is more than chance makes of the largest of all pairs and quantities (Holm). A flight is an outlier if it
+    differs so from the mean of the others, the spread among these allowed for, while no two of them differ.
+    Each flight is predicted from the others: their mean, the standard deviation between them, and the
+    flight's own error (`quadid_logs.maths.random_effect.random_effect_mean`). Damping, lag and delay are
+    allowed what they are known to differ by between flights of one vehicle, and the effectiveness what
+    another mean throttle can make of it, as in `quadid_logs.compare`.
+
+    Examples
+    --------
+    >>> import quadid_logs
+    >>> r = quadid_logs.analyze("sample_logs/sysid-quad-x.bin")
+    >>> quadid_logs.repeat([r, r]).verdict
+    'not comparable'
+    """
+    _check(results)
+    structure = _common_structure(results)
+    same = copies([result.data for result in results])
+    reasons = tuple(
+        dict.fromkeys(AXES, f"it holds the same flight as log {same[place] + 1}")
+        if place in same
+        else _reasons(result, structure)
+        for place, result in enumerate(results)
+    )
+    found = [each for each in _quantities(results, structure, reasons) if len(each.estimates) > 1]
+    quantities = tuple(_tested(found))
+    return Repeatability(
+        flights=tuple(result.log.path for result in results),
+        structure=structure if quantities else "",
+        quantities=quantities,
+        axes={axis: _agreement(quantities, axis) for axis in AXES},
+        reasons=reasons,
+        strangers=strangers([result.log for result in results]),
+        advice=_advice(results, reasons),
+    )
+
+
+def _check(results: Sequence[Result]) -> None:
+    """Refuse what cannot be held against each other."""
+    if len(results) < 2:
+        raise SettingsError("One flight repeats nothing.", hint="Name two logs or more of one vehicle.")
+    kinds = {(result.data.input.unit, result.log.autopilot) for result in results if result.data.input}
+    units = {unit for unit, _autopilot in kinds}
+    if len(units) > 1:
+        raise SettingsError(
+            "The torque of the logs is not the same quantity: N m in one, a normalised command in the other.",
+            hint="Describe the vehicle with --vehicle, or compare logs of one kind.",
+        )
+    if units == {"1"} and len(kinds) > 1:
+        raise SettingsError(
+            "Each autopilot has its own unit of command.", hint="Describe the vehicle with --vehicle."
+        )
+
+
+def _common_structure(results: Sequence[Result]) -> str:
+    """Return the structure that is recommended most often, the first one where several are."""
+    recommended = [result.identification.recommended for result in results]
+    names = Counter(model.structure for model in recommended if model is not None)
+    return names.most_common(1)[0][0] if names else ""
+
+
+def _model(result: Result, structure: str) -> Model | None:
+    return next((each for each in result.identification.models if each.structure == structure), None)
+
+
+def _reasons(result: Result, structure: str) -> Mapping[str, str]:
+    """Return by axis why a flight does not tell its effectiveness."""
+    return {axis: reason for axis in AXES if (reason := _why_unknown(result, structure, axis))}
+
+
+def _why_unknown(result: Result, structure: str, axis: str) -> str:
+    """Say why a flight does not tell the effectiveness of an axis, "" if it does.
+
+    An interval may be as wide as it likes below one value: it counts for as little.
+    """
+    verdict, model = result.diagnosis.axes.get(axis), _model(result, structure)
+    if verdict is None or verdict.verdict == "refused" or model is None:
+        return continued(verdict.sentence if verdict else "there is no verdict").removesuffix(".")
+    gain = model.entries.get(ON_AXIS[axis])
+    if gain is None:
+        return "it was not fitted"
+    return "" if _half_width(gain.ci95) < _WIDEST * abs(gain.value) else "its interval is too wide"
+
+
+def _half_width(ci95: tuple[float, float]) -> float:
+    return 0.5 * (ci95[1] - ci95[0])
+
+
+def _quantities(
+    results: Sequence[Result], structure: str, reasons: Sequence[Mapping[str, str]]
+) -> Iterator[RepeatedQuantity]:
+    """Yield what the flights tell: effectiveness and damping by axis, lag and delay."""
+    models = [_model(result, structure) for result in results]
+    ratio = _throttle_ratios(results)
+    for axis, power in throttle_powers(results).items():
+        trusted = [None if axis in why else model for why, model in zip(reasons, models, strict=True)]
+        yield _effectiveness(axis, trusted, np.maximum(ratio, 1.0 / ratio) ** power - 1.0)
+        yield _damping(axis, trusted)
+    # Where no axis of a flight is to be trusted, its actuator is not either.
+    trusted = [None if len(why) == len(AXES) else model for why, model in zip(reasons, models, strict=True)]
+    yield from _actuators(trusted)
+
+
+def _effectiveness(axis: str, models: Sequence[Model | None], by_throttle: FloatArray) -> RepeatedQuantity:
+    """Return the on-axis effectiveness; ``by_throttle`` is what the throttle alone may make of each, of 1."""
+    told = _told(models, ON_AXIS[axis])
+    estimates = [
+        _estimate(flight, each.value, each.ci95, alike=abs(each.value) * float(by_throttle[flight]))
+        for flight, each in told.items()
+    ]
+    return _quantity("effectiveness", axis, *_words(told), estimates)
+
+
+def _damping(axis: str, models: Sequence[Model | None]) -> RepeatedQuantity:
+    """Return the damping of an axis where it is identified."""
+    target, _torque = ON_AXIS[axis]
+    told = _told(models, (target, RATE_SYMBOLS[ACCELERATION_SYMBOLS.index(target)]))
+    told = {flight: each for flight, each in told.items() if each.identifiable}
+    size = float(np.median([abs(each.value) for each in told.values()])) if told else 0.0
+    estimates = [
+        _estimate(flight, each.value, each.ci95, spread=DAMPING_SPREAD * size)
+        for flight, each in told.items()
+    ]
+    return _quantity("damping", axis, *_words(told), estimates)
+
+
+def _told(models: Sequence[Model | None], entry: tuple[str, str]) -> dict[int, Parameter]:
+    """Return an entry of the models by flight, of those that have it with an interval."""
+    found = {}
+    for flight, model in enumerate(models):
+        each = None if model is None else model.entries.get(entry)
+        if each is not None and math.isfinite(_half_width(each.ci95)):
+            found[flight] = each
+    return found
+
+
+def _words(told: Mapping[int, Parameter]) -> tuple[str, str, str]:
+    """Return name, unit and words of an entry; nothing where no flight has it."""
+    return next(
+        ((each.name, each.unit, term_words(each.target, each.regressor)) for each in told.values()), ("",) * 3
+    )
+
+
+def _actuators(models: Sequence[Model | None]) -> Iterator[RepeatedQuantity]:
+    """Yield lag and delay."""
+    actuators = {
+        flight: model.actuator
+        for flight, model in enumerate(models)
+        if model is not None and model.actuator is not None
+    }
+    kinds: tuple[Literal["lag", "delay"], ...] = ("lag", "delay")
+    for kind in kinds:
+        estimates = []
+        for flight, each in actuators.items():
+            value, ci95 = (
+                (each.lag_s, each.lag_ci95_s) if kind == "lag" else (each.delay_s, each.delay_ci95_s)
+            )
+            if math.isfinite(value) and math.isfinite(_half_width(ci95)):
+                in_ms = (1e3 * ci95[0], 1e3 * ci95[1])
+                estimates.append(_estimate(flight, 1e3 * value, in_ms, spread=1e3 * TIME_SPREAD_S))
+        yield _quantity(kind, "", kind, "ms", f"{kind} of the actuators", estimates)
+
+
+def _estimate(
+    flight: int, value: float, ci95: tuple[float, float], *, spread: float = 0.0, alike: float = 0.0
+) -> FlightEstimate:
+    """Return what a flight tells; ``spread`` is that of a difference of two, ``alike`` shifts it one way."""
+    own = _half_width(ci95)
+    return FlightEstimate(
+        flight=flight, value=value, half_width=own, allowed=math.hypot(own, spread / math.sqrt(2.0)) + alike
+    )
+
+
+def _throttle_ratios(results: Sequence[Result]) -> FloatArray:
+    """Return the mean throttle of each flight over that of the middle one; 1 where it is not told."""
+    means = np.array([mean_throttle(result) for result in results])
+    told = means > 0.0
+    return np.where(told, means / np.median(means[told]), 1.0) if told.any() else np.ones(means.size)
+
+
+def _quantity(
+    kind: Kind, axis: str, name: str, unit: str, words: str, estimates: Sequence[FlightEstimate]
+) -> RepeatedQuantity:
+    """Return a quantity with its mean, and each flight predicted from the others."""
+    value = np.array([each.value for each in estimates])
+    allowed = np.array([each.allowed for each in estimates])
+    predicted = []
+    for place, each in enumerate(estimates):
+        others = random_effect_mean(np.delete(value, place), np.delete(allowed, place))
+        if len(estimates) > _FEWEST_OTHERS:
+            half_width = math.hypot(others.next_half_width, each.allowed)
+            each = replace(each, predicted=others.value, predicted_half_width=half_width)
+        predicted.append(each)
+    return RepeatedQuantity(
+        name=name,
+        kind=kind,
+        axis=axis,
+        unit=unit,
+        words=words,
+        estimates=tuple(predicted),
+        mean=random_effect_mean(value, allowed),
+        p_value=random_effect(value, allowed).p_value,
+    )
+
+
+def _tested(quantities: Sequence[RepeatedQuantity]) -> Iterator[RepeatedQuantity]:
+    """Yield quantities with their pairs and outliers, corrected for all that is looked at."""
+    pairs = [_pair_z(each.estimates) for each in quantities]
+    adjusted = _adjusted(pairs)
+    told_pairs = [
+        tuple(
+            Pair(flights=flights, z=z, p_value=p)
+            for (flights, z), p in zip(each.items(), p_values, strict=True)
+        )
+        for each, p_values in zip(pairs, adjusted, strict=True)
+    ]
+    outliers = [_outlier_z(each.estimates) for each in quantities]
+    adjusted = _adjusted(outliers)
+    for quantity, own_pairs, found, p_values in zip(quantities, told_pairs, outliers, adjusted, strict=True):
+        told = tuple(
+            Outlier(flight=flight, difference=_from_others(quantity.estimates, flight)[0], p_value=p)
+            for (flight, _z), p in zip(found.items(), p_values, strict=True)
+            if p < _FALSE_ALARMS and not any(pair.differs for pair in own_pairs if flight not in pair.flights)
+        )
+        # Of two that each leave the others in agreement, neither is the one: nothing tells which.
+        yield replace(quantity, pairs=own_pairs, outliers=told if len(told) == 1 else ())
+
+
+def _adjusted(families: Sequence[Mapping[Any, float]]) -> list[list[float]]:
+    """Return the p-values of z-values, corrected over all families together."""
+    z = np.array([value for each in families for value in each.values()])
+    adjusted = iter(holm(two_sided(z)).tolist())
+    return [[next(adjusted) for _ in each] for each in families]
+
+
+def _pair_z(estimates: Sequence[FlightEstimate]) -> dict[tuple[int, int], float]:
+    """Return the difference of each pair over its standard deviation."""
+    return {
+        (one.flight, two.flight): NORMAL_95 * (two.value - one.value) / math.hypot(one.allowed, two.allowed)
+        for one, two in combinations(estimates, 2)
+    }
+
+
+def _outlier_z(estimates: Sequence[FlightEstimate]) -> dict[int, float]:
+    """Return by flight its difference from the mean of the others over its standard deviation."""
+    if len(estimates) <= _FEWEST_OTHERS:
+        return {}
+    found = {}
+    for each in estimates:
+        difference, half_width = _from_others(estimates, each.flight)
+        found[each.flight] = NORMAL_95 * difference / half_width
+    return found
+
+
+def _from_others(estimates: Sequence[FlightEstimate], flight: int) -> tuple[float, float]:
+    """Return how far a flight is from the mean of the others, with half of the 95 % interval around zero."""
+    (own,) = (each for each in estimates if each.flight == flight)
+    value = np.array([each.value for each in estimates if each is not own])
+    variance = np.array([each.allowed**2 for each in estimates if each is not own])
+    sd = random_effect(value, np.sqrt(variance)).sd
+    weight = 1.0 / (variance + (NORMAL_95 * sd) ** 2)
+    squared = own.allowed**2 + (NORMAL_95 * sd) ** 2 + 1.0 / float(weight.sum())
+    return own.value - float(np.average(value, weights=weight)), math.sqrt(squared)
+
+
+def _agreement(quantities: Sequence[RepeatedQuantity], axis: str) -> Agreement:
+    """Say of an axis whether the flights agree; it takes two that tell its effectiveness."""
+    own = [each for each in quantities if each.axis == axis]
+    if not any(each.kind == "effectiveness" for each in own):
+        return "not comparable"
+    return "differ" if any(each.differs for each in own) else "agree"
+
+
+def strangers(logs: Sequence[FlightLog]) -> dict[int, str]:
+    """Tell which logs say that they are of another vehicle than most.
+
+    Parameters
+    ----------
+    logs : sequence of FlightLog
+
+    Returns
+    -------
+    dict of int to str
+        By place what says so. What a log does not tell makes no other vehicle of it; a name or a frame that
+        is shown as it stands in the log: untrusted text.
+    """
+    found: dict[int, list[str]] = {}
+    for words, tell in _IDENTITY:
+        told = [tell(log).strip() for log in logs]
+        known = Counter(each for each in told if each)
+        if len(known) < 2:
+            continue
+        most = known.most_common(1)[0][0]
+        for place, each in enumerate(told):
+            if each and each != most:
+                found.setdefault(place, []).append(f"{words} {each} instead of {most}")
+    return {place: ", ".join(found[place]) for place in sorted(found)}
+
+
+def _vehicle_type(log: FlightLog) -> str:
+    return "" if log.vehicle_type == "unknown" else log.vehicle_type
+
+
+#: What tells vehicles from each other. The firmware does not: it is updated.
+_IDENTITY: tuple[tuple[str, Callable[[FlightLog], str]], ...] = (
+    ("autopilot", lambda log: log.autopilot),
+    ("hardware id", lambda log: log.hardware_id),
+    ("name", lambda log: "" if log.systems else log.vehicle_name),
+    ("type", _vehicle_type),
+    ("frame", lambda log: log.frame),
+)
+
+
+def _advice(results: Sequence[Result], reasons: Sequence[Mapping[str, str]]) -> tuple[str, ...]:
+    """Return what the errors of flights that do not tell every axis advise, each once."""
+    return next_steps(
+        (result.log, finding)
+        for result, why in zip(results, reasons, strict=True)
+        for finding in result.diagnosis.findings
+        if finding.level == "error" and why
+    )
+
+
+call_as(__name__, repeat)

@@ -1,0 +1,306 @@
+"""Whether several flights agree, in words and as JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import PurePath
+from typing import Any, Final
+
+from quadid_logs.counting import counted
+from quadid_logs.repeat import FlightEstimate, Repeatability, RepeatedQuantity
+from quadid_logs.report.json import strict_text
+from quadid_logs.report.numbers import number, plus_minus
+from quadid_logs.report.words import pretty_unit
+from quadid_logs.sentences import listed
+from quadid_logs.untrusted import printable
+
+#: Which quantities are told in one line each; the others are in the table and in the JSON.
+_FIRST: Final = "effectiveness"
+
+
+def name_of(found: Repeatability, flight: int) -> str:
+    """Return what a flight is called: the name of its log.
+
+    Parameters
+    ----------
+    found : Repeatability
+    flight : int
+        Its place among the logs.
+
+    Returns
+    -------
+    str
+    """
+    return printable(PurePath(found.flights[flight]).name, 60)
+
+
+def headline(found: Repeatability) -> str:
+    """Return the outcome in words, without a full stop.
+
+    Parameters
+    ----------
+    found : Repeatability
+
+    Returns
+    -------
+    str
+    """
+    flights = counted(len(found.flights), "flight")
+    if found.strangers:
+        return f"these are not flights of one vehicle: {'; '.join(_stranger_sentences(found))}"
+    outliers = [_outlier_sentence(found, each) for each in found.quantities if each.outliers]
+    if outliers:
+        return "; ".join(outliers)
+    differing = [each for each in found.quantities if each.differs]
+    if differing:
+        worst = "; ".join(_differ_sentence(found, each) for each in differing)
+        return f"the flights differ, and no single one is the outlier: {worst}"
+    told = [each for each in found.quantities if each.kind == _FIRST]
+    if not told:
+        return f"fewer than two of {flights} tell the effectiveness of an axis"
+    values = listed([f"{each.axis} {mean_words(each)}" for each in told])
+    n = max(len(each.estimates) for each in told)
+    of = "" if n == len(found.flights) else f" of {len(found.flights)}"
+    return f"{n}{of} flights agree: {values}; no flight is an outlier"
+
+
+def mean_words(quantity: RepeatedQuantity) -> str:
+    """Return the mean of all flights with its interval.
+
+    Parameters
+    ----------
+    quantity : RepeatedQuantity
+
+    Returns
+    -------
+    str
+    """
+    return f"{plus_minus(quantity.mean.value, quantity.mean.half_width)} {pretty_unit(quantity.unit)}"
+
+
+def between_words(quantity: RepeatedQuantity) -> str:
+    """Return how far flights differ beyond their own errors, as a standard deviation with its interval.
+
+    Parameters
+    ----------
+    quantity : RepeatedQuantity
+
+    Returns
+    -------
+    str
+        In per cent of the mean; in the unit of lag and delay.
+    """
+    mean = quantity.mean
+    is_relative = bool(quantity.axis) and mean.value != 0.0
+    scale, unit = (100.0 / abs(mean.value), "%") if is_relative else (1.0, pretty_unit(quantity.unit))
+    sd, low, high = (scale * each for each in (mean.sd, *mean.sd_ci95))
+    return f"{number(sd, 2)} {unit} ({number(low, 2)} to {number(high, 2)})"
+
+
+def repetition_lines(found: Repeatability) -> tuple[str, ...]:
+    """Return the outcome as lines for people.
+
+    Parameters
+    ----------
+    found : Repeatability
+
+    Returns
+    -------
+    tuple of str
+        Lines without control characters, whatever the logs hold.
+    """
+    lines = [headline(found)]
+    for axis, outcome in found.axes.items():
+        lines.append(f"  {axis:<5}  {outcome}{_why_not(found, axis)}")
+        lines += [f"{'':9}{text}" for each in _own(found, axis) for text in _quantity_lines(found, each)]
+    if shared := _own(found, ""):
+        lines += [
+            "  actuators",
+            *(f"{'':9}{text}" for each in shared for text in _quantity_lines(found, each)),
+        ]
+    return (*lines, *(f"  next: {printable(text, 800)}" for text in found.advice))
+
+
+def held_words(quantity: RepeatedQuantity) -> str:
+    """Say how many flights lie where the others predict them, "" where too few tell.
+
+    Parameters
+    ----------
+    quantity : RepeatedQuantity
+
+    Returns
+    -------
+    str
+    """
+    held = [each.held for each in quantity.estimates if each.held is not None]
+    return f"the others predict {sum(held)} of {counted(len(held), 'flight')}" if held else ""
+
+
+def unknown_words(found: Repeatability, flight: int) -> str:
+    """Say why a flight does not tell its axes, "" where it tells all.
+
+    Parameters
+    ----------
+    found : Repeatability
+    flight : int
+
+    Returns
+    -------
+    str
+    """
+    reasons = found.reasons[flight]
+    if len(set(reasons.values())) == 1 and len(reasons) == len(found.axes):
+        return printable(next(iter(reasons.values())), 300)
+    return printable("; ".join(f"{axis}: {reason}" for axis, reason in reasons.items()), 400)
+
+
+def _own(found: Repeatability, axis: str) -> list[RepeatedQuantity]:
+    return [each for each in found.quantities if each.axis == axis]
+
+
+def _why_not(found: Repeatability, axis: str) -> str:
+    """Say why an axis was not compared."""
+    if found.axes[axis] != "not comparable":
+        return ""
+    known = [place for place, each in enumerate(found.reasons) if axis not in each]
+    which = f"only {name_of(found, known[0])} tells it" if known else "no flight tells it"
+    first = next(((place, each[axis]) for place, each in enumerate(found.reasons) if axis in each), None)
+    why = "" if first is None else f" ({name_of(found, first[0])}: {printable(first[1], 300)})"
+    return f": {which}{why}"
+
+
+def _quantity_lines(found: Repeatability, quantity: RepeatedQuantity) -> Iterator[str]:
+    """Yield the mean of a quantity, and what each flight tells of an effectiveness."""
+    parts = [
+        f"{printable(quantity.words, 60)} {mean_words(quantity)}",
+        f"between flights {between_words(quantity)}",
+    ]
+    parts += filter(None, [held_words(quantity)])
+    yield "; ".join(parts)
+    if quantity.kind != _FIRST and not quantity.differs:
+        return
+    for each in quantity.estimates:
+        value = plus_minus(each.value, each.half_width)
+        yield f"  {name_of(found, each.flight)}: {value}{mark(quantity, each)}"
+
+
+def mark(quantity: RepeatedQuantity, each: FlightEstimate) -> str:
+    """Return what is to be said of one flight: an outlier, or not where the others predict it.
+
+    Parameters
+    ----------
+    quantity : RepeatedQuantity
+    each : FlightEstimate
+
+    Returns
+    -------
+    str
+        Begins with a comma, or is empty.
+    """
+    if any(one.flight == each.flight for one in quantity.outliers):
+        return ", outlier"
+    if each.held is False:
+        return f", predicted {plus_minus(each.predicted, each.predicted_half_width)}"
+    return ""
+
+
+def _stranger_sentences(found: Repeatability) -> Iterator[str]:
+    for flight, why in found.strangers.items():
+        yield f"{name_of(found, flight)} has {printable(why, 200)}"
+
+
+def _outlier_sentence(found: Repeatability, quantity: RepeatedQuantity) -> str:
+    """Name the flight that differs from the others, and by how much."""
+    (one,) = quantity.outliers
+    (own,) = (each for each in quantity.estimates if each.flight == one.flight)
+    others = own.value - one.difference
+    if quantity.axis and others:
+        size = f"{number(100.0 * abs(one.difference / others), 2)} %"
+    else:
+        size = f"{number(abs(one.difference), 2)} {pretty_unit(quantity.unit)}"
+    which = f"{quantity.axis} {quantity.kind}" if quantity.axis else quantity.words
+    more = "more" if abs(own.value) > abs(others) else "less"
+    return f"{name_of(found, one.flight)} is the outlier: {size} {more} {which} than the others"
+
+
+def _differ_sentence(found: Repeatability, quantity: RepeatedQuantity) -> str:
+    """Name the two flights that differ most."""
+    pair = max(quantity.pairs, key=lambda each: abs(each.z))
+    one, two = (each for each in quantity.estimates if each.flight in pair.flights)
+    which = f"{quantity.axis} {quantity.kind}" if quantity.axis else quantity.words
+    values = (plus_minus(each.value, each.half_width) for each in (one, two))
+    names = (name_of(found, each.flight) for each in (one, two))
+    pairs = " and ".join(f"{value} in {name}" for value, name in zip(values, names, strict=True))
+    return f"{which} is {pairs} ({pretty_unit(quantity.unit)})"
+
+
+def repetition_text(found: Repeatability) -> str:
+    """Return the outcome as strict JSON in ASCII.
+
+    Parameters
+    ----------
+    found : Repeatability
+
+    Returns
+    -------
+    str
+        What is not known is null.
+    """
+    held, n_left_out = found.left_out
+    content: dict[str, Any] = {
+        "schema_version": "1.0",
+        "verdict": found.verdict,
+        "sentence": headline(found),
+        "structure": found.structure,
+        "flights": [
+            {
+                "path": path,
+                "reasons": dict(found.reasons[place]),
+                "other_vehicle": found.strangers.get(place),
+            }
+            for place, path in enumerate(found.flights)
+        ],
+        "axes": dict(found.axes),
+        "left_out": {"held": held, "of": n_left_out},
+        "quantities": [_quantity_dict(each) for each in found.quantities],
+        "advice": found.advice,
+    }
+    return strict_text(content)
+
+
+def _quantity_dict(quantity: RepeatedQuantity) -> dict[str, Any]:
+    mean = quantity.mean
+    return {
+        "name": quantity.name,
+        "kind": quantity.kind,
+        "axis": quantity.axis,
+        "unit": quantity.unit,
+        "mean": {"value": mean.value, "ci95": (mean.value - mean.half_width, mean.value + mean.half_width)},
+        "between_flights": {"sd": mean.sd, "ci95": mean.sd_ci95, "p_value": quantity.p_value},
+        "differs": quantity.differs,
+        "estimates": [
+            {
+                "flight": each.flight,
+                "value": each.value,
+                "half_width": each.half_width,
+                "allowed_half_width": each.allowed,
+                "left_out": None
+                if each.held is None or not math.isfinite(each.predicted)
+                else {
+                    "predicted": each.predicted,
+                    "half_width": each.predicted_half_width,
+                    "held": each.held,
+                },
+            }
+            for each in quantity.estimates
+        ],
+        "pairs": [
+            {"flights": each.flights, "z": each.z, "p_value": each.p_value, "differs": each.differs}
+            for each in quantity.pairs
+        ],
+        "outliers": [
+            {"flight": each.flight, "difference": each.difference, "p_value": each.p_value}
+            for each in quantity.outliers
+        ],
+    }
