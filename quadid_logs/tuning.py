@@ -13,12 +13,15 @@ from quadid_logs.autopilots import named
 from quadid_logs.control.autotune import forecast
 from quadid_logs.control.command_units import per_command
 from quadid_logs.control.guard import Case
+from quadid_logs.control.loop import on_angle, on_rate
+from quadid_logs.control.margins import grid_hz
 from quadid_logs.control.next_flight import of_next_flight
 from quadid_logs.control.recommend import tune_axis
 from quadid_logs.control.room import leads_back
+from quadid_logs.control.scaled_loop import scaled_loops
 from quadid_logs.control.what_if import what_if
 from quadid_logs.data.autotune import AutotuneForecast
-from quadid_logs.data.closed_loop import AxisLoop, Estimated
+from quadid_logs.data.closed_loop import AxisLoop, Estimated, LoopMargins
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.log import FlightLog
@@ -28,6 +31,7 @@ from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD, AxisTuning, Limits, Tunable, Tuning
 from quadid_logs.data.what_if import WhatIf
 from quadid_logs.diagnose.findings import finding
+from quadid_logs.maths.band import ComplexArray
 from quadid_logs.vocabulary import AXES, MULTIROTOR
 
 #: Two gains are the same, as they are typed in and held in single precision.
@@ -176,6 +180,102 @@ def flown_parameters(log: FlightLog, data: FlightData) -> Mapping[str, float]:
         return log.parameters
     first = int(np.argmax(rates[0].time_s >= data.segments[0].start_s))
     return log.parameters_at(int(rates[0].position[first]))
+
+
+def shaping_gains(result: Result, axis: str) -> dict[str, float]:
+    """Return the parameters that shape the loop of an axis, as they flew.
+
+    Parameters
+    ----------
+    result : Result
+    axis : str
+
+    Returns
+    -------
+    dict of str to float
+        Gains and filters by parameter; empty where the controller is not known.
+    """
+    parameters = flown_parameters(result.log, result.data)
+    tunable = named(result.log.autopilot).tunable(parameters)
+    controllers = None if result.closed_loop is None else result.closed_loop.controllers
+    controller = None if controllers is None else controllers.axes.get(axis)
+    if tunable is None or controller is None or axis not in tunable.axes:
+        return {}
+    names = dict.fromkeys((*controller.gains, *tunable.axes[axis].scaled))
+    return {name: parameters[name] for name in names if math.isfinite(parameters.get(name, math.nan))}
+
+
+def margins_with(result: Result, axis: str, changes: Mapping[str, float]) -> LoopMargins | None:
+    """Return the margins that the vehicle of a flight has with other parameters.
+
+    Parameters
+    ----------
+    result : Result
+    axis : str
+    changes : mapping of str to float
+        By parameter.
+
+    Returns
+    -------
+    LoopMargins or None
+        None where the loop of the axis is not known.
+    """
+    loop = None if result.closed_loop is None else result.closed_loop.axes.get(axis)
+    parameters = flown_parameters(result.log, result.data)
+    controller = _rebuilt(result.log, parameters, axis, changes)
+    if loop is None or loop.plants is None or controller is None:
+        return None
+    return scaled_loops(controller, loop.plants, loop.known_hz).margins()
+
+
+def same_gain(one: float, other: float) -> bool:
+    """Return whether two values of a parameter are one, as they are typed in and held in single precision.
+
+    Parameters
+    ----------
+    one, other : float
+
+    Returns
+    -------
+    bool
+    """
+    return math.isclose(one, other, rel_tol=_SAME_GAIN)
+
+
+def same_law(result: Result, axis: str, others: Mapping[str, float]) -> bool:
+    """Return whether the controller that flew is the one that some parameters make.
+
+    Parameters
+    ----------
+    result : Result
+    axis : str
+    others : mapping of str to float
+        By parameter.
+
+    Returns
+    -------
+    bool
+        Where no controller can be made of them: whether the parameters are the same.
+    """
+    parameters = flown_parameters(result.log, result.data)
+    if all(same_gain(parameters.get(name, math.nan), value) for name, value in others.items()):
+        return True
+    both = [_rebuilt(result.log, parameters, axis, changes) for changes in ({}, others)]
+    paths = [_responses(one) for one in both if one is not None]
+    return (
+        len(paths) == len(both)
+        and paths[0].shape == paths[1].shape
+        and bool(np.all(np.abs(paths[0] - paths[1]) <= _SAME_GAIN * np.abs(paths[0])))
+    )
+
+
+def _responses(controller: AxisController) -> ComplexArray:
+    """Return the paths of a controller that close its loops, over frequency."""
+    frequency_hz = grid_hz(controller.period_s)
+    paths = [on_rate(controller, frequency_hz)]
+    if controller.angle_gain_per_s is not None:
+        paths.append(on_angle(controller, frequency_hz))
+    return np.stack(paths)
 
 
 def _obstacle(log: FlightLog, tunable: Tunable | None) -> str:

@@ -65,9 +65,9 @@ def tune(
 ) -> int:
     """Recommend the gains of the next flight, with the margins that they promise, or say why not.
 
-    Writes into DIR/<log>: tune.html, tune.json, and, where a gain changes, a parameter file with the next
-    gains and one with those that flew, which is never replaced. Exit code 0: gains to load, or to keep. 1: no
-    advice on at least one axis. 2: the log could not be read.
+    Writes into DIR/<log>: tune.html, tune.json, promise.json for `check`, and, where a gain changes, a
+    parameter file with the next gains and one with those that flew, which is never replaced. Exit code 0:
+    gains to load, or to keep. 1: no advice on at least one axis. 2: the log could not be read.
     """
     from quadid_logs.data.settings import Settings
     from quadid_logs.pipeline import analyze
@@ -124,13 +124,18 @@ def _write(
     grids: Mapping[str, WhatIf],
 ) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
     """Write page, JSON and parameter files; return the JSON, what was written, and what was removed."""
+    from quadid_logs.promise import promise_of
     from quadid_logs.report.gain_files import gain_files
+    from quadid_logs.report.promise_file import PROMISE_FILE, promise_text
     from quadid_logs.report.tune_card import flight_files
     from quadid_logs.report.tune_folder import JSON_FILE, write_tuning
     from quadid_logs.report.tune_page import PAGE_FILE, tune_page
     from quadid_logs.report.tuning_json import tuning_text
 
     texts = {**gain_files(result, tuning), **flight_files(result, tuning)}
+    promised = promise_of(result, tuning, provenance.log_sha256)
+    if promised is not None:
+        texts[PROMISE_FILE] = promise_text(promised, provenance)
     files = {name: text.encode() for name, text in texts.items()}
     files[PAGE_FILE] = tune_page(result, tuning, provenance, forecasts, grids).encode()
     names = tuple(sorted((*files, JSON_FILE)))
