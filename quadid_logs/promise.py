@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import PurePath
 from typing import Final
 
+from quadid_logs.autopilots import named
 from quadid_logs.compare import COUPLING_SPREAD, by_throttle, mean_throttle, throttle_powers, why_unknown
 from quadid_logs.control.command_units import per_command
 from quadid_logs.control.next_flight import EFFECTIVENESS_SPREAD, TIME_SPREAD_S
@@ -183,6 +184,36 @@ def check(promise: Promise, after: Result, log_sha256: str = "") -> Check:
         vehicle=vehicle,
         n_cells=n_cells,
     )
+
+
+def checked(before: Result, after: Result) -> Mapping[str, AxisCheck]:
+    """Hold what a flight promised of its successor against that.
+
+    Parameters
+    ----------
+    before, after : Result
+
+    Returns
+    -------
+    mapping of str to AxisCheck
+        By axis that flew with the recommended gains, where these are others than before.
+    """
+    flown = [flown_parameters(one.log, one.data) for one in (before, after)]
+    tunable = named(before.log.autopilot).tunable(flown[0])
+    if tunable is None or all(
+        flown[0].get(name) == flown[1].get(name) for one in tunable.axes.values() for name in one.scaled
+    ):
+        return {}
+    promise = promise_of(before, tuning_of(before))
+    if promise is None:
+        return {}
+    changed = {
+        axis
+        for axis, one in promise.axes.items()
+        if any(gain.back != gain.next for gain in one.gains.values())
+    }
+    found = check(promise, after).axes
+    return {axis: one for axis, one in found.items() if axis in changed and one.obstacle is None}
 
 
 def _obstacle(promise: Promise, after: Result, log_sha256: str) -> Obstacle | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -17,11 +17,10 @@ from quadid_logs.control.loop import on_angle, on_rate
 from quadid_logs.control.margins import grid_hz
 from quadid_logs.control.next_flight import of_next_flight
 from quadid_logs.control.recommend import tune_axis
-from quadid_logs.control.room import leads_back
 from quadid_logs.control.scaled_loop import scaled_loops
 from quadid_logs.control.what_if import what_if
 from quadid_logs.data.autotune import AutotuneForecast
-from quadid_logs.data.closed_loop import AxisLoop, Estimated, LoopMargins
+from quadid_logs.data.closed_loop import AxisLoop, LoopMargins
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.log import FlightLog
@@ -36,7 +35,6 @@ from quadid_logs.vocabulary import AXES, MULTIROTOR
 
 #: Two gains are the same, as they are typed in and held in single precision.
 _SAME_GAIN: Final = 1e-3
-_PROMISED: Final = ("gain_margin_db", "phase_margin_deg")
 
 
 def recommend(
@@ -318,65 +316,3 @@ def _rebuilt(
     """Return the controller of an axis with some parameters changed, as the autopilot would make it."""
     controllers = named(log.autopilot).controllers(log, {**parameters, **changes})
     return None if controllers is None else controllers.axes.get(axis)
-
-
-class Promise(NamedTuple):
-    """Whether the margins that were promised of an axis are those of the next flight.
-
-    ``figures`` holds by name what was promised and what was found of the whole loop; ``way_back`` says
-    whether the gains of the flight before leave more margin than those that were recommended.
-    """
-
-    axis: str
-    kept: bool
-    way_back: bool
-    figures: Mapping[str, tuple[Estimated, Estimated]]
-
-
-def promises(before: Result, after: Result, limits: Limits = GOOD) -> tuple[Promise, ...]:
-    """Hold what a flight promised of its successor against that.
-
-    Parameters
-    ----------
-    before, after : Result
-    limits : Limits
-        With which the gains were recommended.
-
-    Returns
-    -------
-    tuple of Promise
-        Of the axes that flew with the recommended gains, where these are others than before.
-    """
-    flown = [flown_parameters(one.log, one.data) for one in (before, after)]
-    tunable = named(before.log.autopilot).tunable(flown[0])
-    if tunable is None or before.log.autopilot != after.log.autopilot:
-        return ()
-    changed = [
-        axis
-        for axis, names in tunable.axes.items()
-        if any(flown[0].get(name) != flown[1].get(name) for name in names.scaled)
-    ]
-    if not changed:
-        return ()
-    recommended = (tuning_of(before) if limits == GOOD else recommend(before, limits, changed)).axes
-    kept = (_promise(axis, recommended[axis], flown[1], after, limits) for axis in changed)
-    return tuple(one for one in kept if one is not None)
-
-
-def _promise(
-    axis: str, found: AxisTuning, flown: Mapping[str, float], after: Result, limits: Limits
-) -> Promise | None:
-    """Compare one axis; None where other gains flew than were recommended, or nothing is known of it."""
-    loop = None if after.closed_loop is None else after.closed_loop.axes.get(axis)
-    followed = all(
-        math.isclose(flown.get(name, math.nan), change.next, rel_tol=_SAME_GAIN)
-        for name, change in found.changes.items()
-    )
-    if not (found.changes and followed and found.next and loop and loop.margins):
-        return None
-    pairs = [one.full or one.rate for one in (found.next, loop.margins)]
-    figures = {name: (getattr(pairs[0], name), getattr(pairs[1], name)) for name in _PROMISED}
-    known = {name: pair for name, pair in figures.items() if None not in pair}
-    kept = all(seen.ci95[1] >= promised.ci95[0] for promised, seen in known.values())
-    way_back = found.now is not None and leads_back(found.now, loop.margins, limits)
-    return Promise(axis, kept and pairs[1].stable, way_back, known)

@@ -144,7 +144,7 @@ def _vehicle_lines(found: Check) -> Iterator[str]:
         yield _change_words(one)
     kinds = {one.kind for one in changes}
     if kinds:
-        yield f"Another vehicle than promised: check {listed(sorted(_to_check(kinds)))}."
+        yield f"The vehicle is not the one promised: check {listed(sorted(_to_check(kinds)))}."
     cells = found.n_cells
     if 0 not in cells and cells[0] != cells[1]:
         yield f"The battery has {cells[1]} cells; the promise was made with {cells[0]}."
@@ -181,6 +181,8 @@ def _decision_lines(promise: Promise, after: Result, found: Check) -> Iterator[s
     """Yield what to do now."""
     again = f"`{on_log(after, 'tune')}`"
     match found.decision:
+        case Decision.KEEP if found.outcome is Outcome.BROKEN:
+            yield "keep: these gains suit the vehicle as it flew. Find what changed before you fly again."
         case Decision.KEEP:
             yield "keep: fly on with these gains."
         case Decision.GO_ON:
