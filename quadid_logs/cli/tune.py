@@ -11,6 +11,7 @@ import typer
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.logs import check_log
 from quadid_logs.cli.progress import Progress
+from quadid_logs.commands import NEXT_LOG, command, named
 from quadid_logs.errors import SettingsError
 from quadid_logs.untrusted import printable
 
@@ -147,6 +148,7 @@ def _write(
 def _show(
     result: Result, tuning: Tuning, folder: Path, written: tuple[str, ...], removed: tuple[str, ...]
 ) -> None:
+    from quadid_logs.report.promise_file import PROMISE_FILE
     from quadid_logs.report.tune_view import tune_view
 
     view = tune_view(result, tuning)
@@ -160,5 +162,7 @@ def _show(
             if line:
                 say(f"    {line}")
     say(f"  written: {', '.join(printable(folder / name) for name in written)}")
+    if PROMISE_FILE in written:
+        say(f"  after the next flight: `{command('check', NEXT_LOG, '--promise', named(str(folder)))}`")
     if removed:
         say(f"  removed, of an earlier run: {', '.join(printable(folder / name) for name in removed)}")
