@@ -14,6 +14,7 @@ EXAMPLES = {
     "compare": ("quadid-log compare before.bin after.bin", "tutorials/ardupilot.md"),
     "plan": ("quadid-log plan --autopilot ardupilot -o plan", "tutorials/ardupilot.md"),
     "tune": ("quadid-log tune flight.bin -o tune", "tune.md"),
+    "check": ("quadid-log check next.bin --promise tune/flight", "tune.md"),
     "serve": ("quadid-log serve --open", "serve.md"),
     "info": ("quadid-log info flight.bin", "gallery.md"),
     "export": ("quadid-log export flight.bin -o series.csv", "tutorials/ardupilot.md"),

@@ -183,6 +183,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--output", type=Path, default=ROOT / "build" / "promise", help="default build/promise"
     )
+    parser.add_argument("--publish", action="store_true", help="write docs/tuning/promise.md from all seeds")
     options = parser.parse_args(arguments)
     options.output.mkdir(parents=True, exist_ok=True)
     path = options.output / f"seed-{options.seed}.jsonl"
@@ -194,5 +195,9 @@ def main(arguments: list[str] | None = None) -> int:
                 break
             file.write(json.dumps(measure_promise(options.seed, number)) + "\n")
             file.flush()
-    print(summarise(read(path)))
+    vehicles = [one for each in sorted(options.output.glob("seed-*.jsonl")) for one in read(each)]
+    text = summarise(vehicles)
+    if options.publish:
+        (ROOT / "docs" / "tuning" / "promise.md").write_text(text, encoding="utf-8")
+    print(text)
     return 0

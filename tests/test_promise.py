@@ -181,6 +181,7 @@ def test_one_weak_motor_is_recognised_by_its_coupling(promise: Promise, followed
     found = check(promise, with_entry(followed, ("q_dot", "L"), 1.0, 0.05 * gain))
     assert {one.kind for one in found.vehicle_changes} == {QuantityKind.COUPLING}
     assert found.outcome is Outcome.BROKEN
+    assert any("find it before you fly again" in line for line in check_lines(promise, followed, found))
 
 
 @pytest.mark.parametrize(
@@ -272,6 +273,15 @@ _TAMPERED: list[Any] = []
 @pytest.fixture(autouse=True, scope="module")
 def _tampered(written: str, tmp_path_factory: pytest.TempPathFactory) -> None:
     _TAMPERED[:] = [written, tmp_path_factory.mktemp("tampered")]
+
+
+def test_a_promise_of_numbers_that_are_none_is_refused(written: str, tmp_path: Path) -> None:
+    """Python reads NaN in JSON, and nothing compares with it."""
+    content = json.loads(written)
+    content["vehicle"]["quantities"][0]["value"] = math.nan
+    (tmp_path / "promise.json").write_text(json.dumps(content))
+    with pytest.raises(PromiseFileError):
+        read_promise(tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -185,6 +185,9 @@ def _decision_lines(promise: Promise, after: Result, found: Check) -> Iterator[s
             yield "keep: these gains suit the vehicle as it flew. Find what changed before you fly again."
         case Decision.KEEP:
             yield "keep: fly on with these gains."
+        case Decision.GO_ON if found.vehicle_changes:
+            yield "go on only when you know what changed: find it before you fly again."
+            yield f"If you changed it on purpose, tune from this flight: {again}"
         case Decision.GO_ON:
             yield f"go on: tune from this flight and fly its next gains: {again}"
         case Decision.BACK:
