@@ -51,7 +51,7 @@ bench: $(INSTALLED)  ## Speed and memory against the reference readers; BENCH=--
 fuzz: $(INSTALLED)  ## Random damage against every reader and the whole analysis; FUZZ='--minutes 5'
 	$(BIN)/python fuzz/run.py $(FUZZ)
 
-study: $(INSTALLED)  ## Coverage of the intervals over simulated flights; STUDY='--flights 60' for a short look, STUDY='--tune' for tuning
+study: $(INSTALLED)  ## Coverage of the intervals over simulated flights; STUDY='--flights 60' for a short look, STUDY='--tune' for tuning, STUDY='--promise' for promises
 	$(BIN)/python study/run.py $(STUDY)
 
 mutations: $(INSTALLED)  ## Plausible mistakes, one at a time: which do the tests notice? MUTATIONS='--only intervals'

@@ -16,6 +16,7 @@ EXAMPLES = {
     "swing": ("quadid-log swing swing.bin --mass 1.6 --length 0.9 --distance 0.4", "swing.md"),
     "plan": ("quadid-log plan --autopilot ardupilot -o plan", "tutorials/ardupilot.md"),
     "tune": ("quadid-log tune flight.bin -o tune", "tune.md"),
+    "check": ("quadid-log check next.bin --promise tune/flight", "tune.md"),
     "serve": ("quadid-log serve --open", "serve.md"),
     "info": ("quadid-log info flight.bin", "gallery.md"),
     "export": ("quadid-log export flight.bin -o series.csv", "tutorials/ardupilot.md"),

@@ -177,7 +177,7 @@ def compare(before: Result, after: Result) -> Comparison:
 
 def _obstacle(both: tuple[Result, Result], axis: str) -> str:
     """Say why an axis cannot be compared, "" if it can."""
-    unknown = [_why_unknown(result, axis) for result in both]
+    unknown = [why_unknown(result, axis) for result in both]
     if all(unknown) and unknown[0] == unknown[1]:
         return f"in both flights {unknown[0]}"
     if any(unknown):
@@ -195,8 +195,19 @@ def _obstacle(both: tuple[Result, Result], axis: str) -> str:
     return ""
 
 
-def _why_unknown(result: Result, axis: str) -> str:
-    """Say why a flight does not tell the gain of an axis, "" if it does."""
+def why_unknown(result: Result, axis: str) -> str:
+    """Say why a flight does not tell the gain of an axis.
+
+    Parameters
+    ----------
+    result : Result
+    axis : str
+
+    Returns
+    -------
+    str
+        "" if it does.
+    """
     verdict = result.diagnosis.axes.get(axis)
     model = result.identification.recommended
     if verdict is None or verdict.verdict == "refused" or model is None:
@@ -291,16 +302,16 @@ def mean_throttle(result: Result) -> float:
 
 
 def throttle_powers(results: Sequence[Result]) -> Mapping[str, float]:
-    """Return with which power of the throttle the effectiveness may grow.
+    """Return by axis with which power of the throttle the effectiveness may grow.
 
     Parameters
     ----------
     results : sequence of Result
+        Flights of one vehicle.
 
     Returns
     -------
     mapping of str to float
-        By axis.
     """
     expos = [result.data.input.expo for result in results if result.data.input is not None]
     is_curved = any(expo is not None and expo.held is HeldScale.COMMAND for expo in expos)
@@ -313,7 +324,7 @@ def _at_throttle(quantity: Quantity, change: float, powers: Mapping[str, float])
     power = powers[quantity.axis] if quantity.is_on_axis else 0.0
     if not power:
         return quantity
-    spread = float(_by_throttle(quantity.before, 1.0 + change, power))
+    spread = float(by_throttle(quantity.before, 1.0 + change, power))
     return dataclasses.replace(quantity, throttle_change=change, throttle_spread=spread)
 
 
@@ -332,11 +343,25 @@ def yaw_by_throttle(effectiveness: FloatArray | float, ratio: FloatArray | float
     ndarray
         In the unit of `effectiveness`, not negative.
     """
-    return _by_throttle(effectiveness, ratio, _YAW_POWER)
+    return by_throttle(effectiveness, ratio, _YAW_POWER)
 
 
-def _by_throttle(value: FloatArray | float, ratio: FloatArray | float, power: float) -> FloatArray:
-    """Return what a ratio of throttles may make of a value that grows with a power of it, up or down."""
+def by_throttle(value: FloatArray | float, ratio: FloatArray | float, power: float) -> FloatArray:
+    """Return what a ratio of throttles may make of a value that grows with a power of it, up or down.
+
+    Parameters
+    ----------
+    value : ndarray or float
+        At one throttle.
+    ratio : ndarray or float
+        The other throttle, as a fraction of that one.
+    power : float
+
+    Returns
+    -------
+    ndarray
+        In the unit of ``value``, not negative.
+    """
     return np.asarray((np.maximum(ratio, np.divide(1.0, ratio)) ** power - 1.0) * np.abs(value))
 
 

@@ -10,6 +10,7 @@
     │   └── SeveralLogsError     several logs in one file, and none was chosen
     ├── SettingsError            a setting or option that makes no sense (also ValueError)
     ├── VehicleFileError         the vehicle TOML is malformed
+    ├── PromiseFileError         promise.json is malformed, or not there
     ├── OutputError              the result cannot be written (exists, read-only, disk full)
     ├── SimulationError          a scenario that cannot be flown
     └── ShapeError               arrays that do not fit together (also ValueError)
@@ -96,6 +97,10 @@ class SeveralLogsError(LogError):
 
 class SettingsError(QuadidError, ValueError):
     """An option or setting is out of range or contradicts another."""
+
+
+class PromiseFileError(QuadidError):
+    """The file of a promise cannot be used."""
 
 
 class VehicleFileError(QuadidError):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -13,12 +13,14 @@ from quadid_logs.autopilots import named
 from quadid_logs.control.autotune import forecast
 from quadid_logs.control.command_units import per_command
 from quadid_logs.control.guard import Case
+from quadid_logs.control.loop import on_angle, on_rate
+from quadid_logs.control.margins import grid_hz
 from quadid_logs.control.next_flight import of_next_flight
 from quadid_logs.control.recommend import tune_axis
-from quadid_logs.control.room import leads_back
+from quadid_logs.control.scaled_loop import scaled_loops
 from quadid_logs.control.what_if import what_if
 from quadid_logs.data.autotune import AutotuneForecast
-from quadid_logs.data.closed_loop import AxisLoop, Estimated
+from quadid_logs.data.closed_loop import AxisLoop, LoopMargins
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.log import FlightLog
@@ -28,11 +30,11 @@ from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD, AxisTuning, Limits, Tunable, Tuning
 from quadid_logs.data.what_if import WhatIf
 from quadid_logs.diagnose.findings import finding
+from quadid_logs.maths.band import ComplexArray
 from quadid_logs.vocabulary import AXES, MULTIROTOR
 
 #: Two gains are the same, as they are typed in and held in single precision.
 _SAME_GAIN: Final = 1e-3
-_PROMISED: Final = ("gain_margin_db", "phase_margin_deg")
 
 
 def recommend(
@@ -178,6 +180,102 @@ def flown_parameters(log: FlightLog, data: FlightData) -> Mapping[str, float]:
     return log.parameters_at(int(rates[0].position[first]))
 
 
+def shaping_gains(result: Result, axis: str) -> dict[str, float]:
+    """Return the parameters that shape the loop of an axis, as they flew.
+
+    Parameters
+    ----------
+    result : Result
+    axis : str
+
+    Returns
+    -------
+    dict of str to float
+        Gains and filters by parameter; empty where the controller is not known.
+    """
+    parameters = flown_parameters(result.log, result.data)
+    tunable = named(result.log.autopilot).tunable(parameters)
+    controllers = None if result.closed_loop is None else result.closed_loop.controllers
+    controller = None if controllers is None else controllers.axes.get(axis)
+    if tunable is None or controller is None or axis not in tunable.axes:
+        return {}
+    names = dict.fromkeys((*controller.gains, *tunable.axes[axis].scaled))
+    return {name: parameters[name] for name in names if math.isfinite(parameters.get(name, math.nan))}
+
+
+def margins_with(result: Result, axis: str, changes: Mapping[str, float]) -> LoopMargins | None:
+    """Return the margins that the vehicle of a flight has with other parameters.
+
+    Parameters
+    ----------
+    result : Result
+    axis : str
+    changes : mapping of str to float
+        By parameter.
+
+    Returns
+    -------
+    LoopMargins or None
+        None where the loop of the axis is not known.
+    """
+    loop = None if result.closed_loop is None else result.closed_loop.axes.get(axis)
+    parameters = flown_parameters(result.log, result.data)
+    controller = _rebuilt(result.log, parameters, axis, changes)
+    if loop is None or loop.plants is None or controller is None:
+        return None
+    return scaled_loops(controller, loop.plants, loop.known_hz).margins()
+
+
+def same_gain(one: float, other: float) -> bool:
+    """Return whether two values of a parameter are one, as they are typed in and held in single precision.
+
+    Parameters
+    ----------
+    one, other : float
+
+    Returns
+    -------
+    bool
+    """
+    return math.isclose(one, other, rel_tol=_SAME_GAIN)
+
+
+def same_law(result: Result, axis: str, others: Mapping[str, float]) -> bool:
+    """Return whether the controller that flew is the one that some parameters make.
+
+    Parameters
+    ----------
+    result : Result
+    axis : str
+    others : mapping of str to float
+        By parameter.
+
+    Returns
+    -------
+    bool
+        Where no controller can be made of them: whether the parameters are the same.
+    """
+    parameters = flown_parameters(result.log, result.data)
+    if all(same_gain(parameters.get(name, math.nan), value) for name, value in others.items()):
+        return True
+    both = [_rebuilt(result.log, parameters, axis, changes) for changes in ({}, others)]
+    paths = [_responses(one) for one in both if one is not None]
+    return (
+        len(paths) == len(both)
+        and paths[0].shape == paths[1].shape
+        and bool(np.all(np.abs(paths[0] - paths[1]) <= _SAME_GAIN * np.abs(paths[0])))
+    )
+
+
+def _responses(controller: AxisController) -> ComplexArray:
+    """Return the paths of a controller that close its loops, over frequency."""
+    frequency_hz = grid_hz(controller.period_s)
+    paths = [on_rate(controller, frequency_hz)]
+    if controller.angle_gain_per_s is not None:
+        paths.append(on_angle(controller, frequency_hz))
+    return np.stack(paths)
+
+
 def _obstacle(log: FlightLog, tunable: Tunable | None) -> str:
     """Name what no gains are given for."""
     if tunable is None:
@@ -218,65 +316,3 @@ def _rebuilt(
     """Return the controller of an axis with some parameters changed, as the autopilot would make it."""
     controllers = named(log.autopilot).controllers(log, {**parameters, **changes})
     return None if controllers is None else controllers.axes.get(axis)
-
-
-class Promise(NamedTuple):
-    """Whether the margins that were promised of an axis are those of the next flight.
-
-    ``figures`` holds by name what was promised and what was found of the whole loop; ``way_back`` says
-    whether the gains of the flight before leave more margin than those that were recommended.
-    """
-
-    axis: str
-    kept: bool
-    way_back: bool
-    figures: Mapping[str, tuple[Estimated, Estimated]]
-
-
-def promises(before: Result, after: Result, limits: Limits = GOOD) -> tuple[Promise, ...]:
-    """Hold what a flight promised of its successor against that.
-
-    Parameters
-    ----------
-    before, after : Result
-    limits : Limits
-        With which the gains were recommended.
-
-    Returns
-    -------
-    tuple of Promise
-        Of the axes that flew with the recommended gains, where these are others than before.
-    """
-    flown = [flown_parameters(one.log, one.data) for one in (before, after)]
-    tunable = named(before.log.autopilot).tunable(flown[0])
-    if tunable is None or before.log.autopilot != after.log.autopilot:
-        return ()
-    changed = [
-        axis
-        for axis, names in tunable.axes.items()
-        if any(flown[0].get(name) != flown[1].get(name) for name in names.scaled)
-    ]
-    if not changed:
-        return ()
-    recommended = (tuning_of(before) if limits == GOOD else recommend(before, limits, changed)).axes
-    kept = (_promise(axis, recommended[axis], flown[1], after, limits) for axis in changed)
-    return tuple(one for one in kept if one is not None)
-
-
-def _promise(
-    axis: str, found: AxisTuning, flown: Mapping[str, float], after: Result, limits: Limits
-) -> Promise | None:
-    """Compare one axis; None where other gains flew than were recommended, or nothing is known of it."""
-    loop = None if after.closed_loop is None else after.closed_loop.axes.get(axis)
-    followed = all(
-        math.isclose(flown.get(name, math.nan), change.next, rel_tol=_SAME_GAIN)
-        for name, change in found.changes.items()
-    )
-    if not (found.changes and followed and found.next and loop and loop.margins):
-        return None
-    pairs = [one.full or one.rate for one in (found.next, loop.margins)]
-    figures = {name: (getattr(pairs[0], name), getattr(pairs[1], name)) for name in _PROMISED}
-    known = {name: pair for name, pair in figures.items() if None not in pair}
-    kept = all(seen.ci95[1] >= promised.ci95[0] for promised, seen in known.values())
-    way_back = found.now is not None and leads_back(found.now, loop.margins, limits)
-    return Promise(axis, kept and pairs[1].stable, way_back, known)

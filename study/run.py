@@ -42,6 +42,10 @@ def main(arguments: list[str] | None = None) -> int:
         from study.tuning import main as tune
 
         return tune([one for one in given if one != "--tune"])
+    if "--promise" in given:
+        from study.promise import main as promise
+
+        return promise([one for one in given if one != "--promise"])
     options = _options(arguments)
     options.output.mkdir(parents=True, exist_ok=True)
     if options.margins:

@@ -21,9 +21,11 @@ from quadid_logs.control.recommend import filter_note
 from quadid_logs.control.scaled_loop import scaled_loops, spare
 from quadid_logs.data.closed_loop import Estimated, LoopMargins, Margins, Plant
 from quadid_logs.data.controller import AxisController, Replay
+from quadid_logs.data.promise import Decision, Held
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD, AxisTuning, GainChange, GainNames, Tuning
 from quadid_logs.diagnose.findings import finding
+from quadid_logs.promise import checked
 from quadid_logs.report.gain_files import gain_files
 from quadid_logs.report.provenance import Provenance
 from quadid_logs.report.step_picture import rise_words
@@ -31,7 +33,7 @@ from quadid_logs.report.tune_card import flight_files
 from quadid_logs.report.tune_page import tune_page
 from quadid_logs.report.tune_view import tune_view
 from quadid_logs.report.tuning_json import tuning_text
-from quadid_logs.tuning import autotune_forecasts, promises, recommend, tuning_of, what_if_grids
+from quadid_logs.tuning import autotune_forecasts, recommend, tuning_of, what_if_grids
 from quadid_logs.vocabulary import AXES
 from tests.analyses import Analyzed
 from tests.control.loop_flights import Vehicle
@@ -310,16 +312,23 @@ def followed(tuning: Tuning, factor: float = 1.0) -> Result:
 
 def test_a_comparison_tells_that_the_promise_was_kept(raised: Tuning) -> None:
     """The flight after has the margins that the flight before said it would have."""
-    (one,) = promises(flown("ardupilot"), followed(raised))
-    assert one.axis == "roll"
-    assert one.kept
+    (one,) = checked(flown("ardupilot"), followed(raised)).items()
+    assert one[0] == "roll"
+    assert one[1].held is Held.INSIDE
 
 
 def test_a_comparison_tells_that_the_promise_was_not_kept(raised: Tuning) -> None:
-    """The payload was left at home: the vehicle is twice as effective."""
-    (one,) = promises(flown("ardupilot"), followed(raised, 2.0))
-    assert not one.kept
-    assert one.way_back
+    """The payload was left at home: the vehicle is five times as effective, and near to oscillating."""
+    one = checked(flown("ardupilot"), followed(raised, 5.0))["roll"]
+    assert one.held is Held.WORSE
+    assert one.decision is Decision.BACK
+
+
+def test_a_broken_promise_sends_back_from_no_gains_that_keep_the_limits(raised: Tuning) -> None:
+    """Twice as effective: less margin than promised, and still enough of it."""
+    one = checked(flown("ardupilot"), followed(raised, 2.0))["roll"]
+    assert one.held is Held.WORSE
+    assert one.decision is Decision.KEEP
 
 
 def test_a_promise_of_lowered_gains_that_was_not_kept_does_not_send_back(lowered: Tuning) -> None:
@@ -328,15 +337,15 @@ def test_a_promise_of_lowered_gains_that_was_not_kept_does_not_send_back(lowered
     changed = lowered.axes["roll"].changes[ROLL[0]]
     after = detuned(5.0 * changed.next / changed.now * 1.6)
     parameters = {**after.log.parameters, **{name: one.next for name, one in lowered.changes.items()}}
-    (one,) = promises(before, replace(after, log=replace(after.log, parameters=parameters)))
-    assert not one.kept
-    assert not one.way_back
+    one = checked(before, replace(after, log=replace(after.log, parameters=parameters)))["roll"]
+    assert one.held is Held.WORSE
+    assert one.decision is not Decision.BACK
 
 
 def test_nothing_is_promised_of_gains_that_nobody_recommended() -> None:
     """The pilot chose others."""
-    assert promises(flown("ardupilot"), detuned(0.77)) == ()
-    assert promises(flown("ardupilot"), flown("ardupilot")) == ()
+    assert checked(flown("ardupilot"), detuned(0.77)) == {}
+    assert checked(flown("ardupilot"), flown("ardupilot")) == {}
 
 
 def test_the_page_escapes_what_a_log_says(raised: Tuning) -> None:

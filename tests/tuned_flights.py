@@ -6,6 +6,9 @@ from dataclasses import replace
 from functools import cache
 
 from quadid_logs.align import cut
+from quadid_logs.autopilots import named
+from quadid_logs.control.scaled_loop import scaled_loops
+from quadid_logs.data.controller import Replay
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
@@ -54,3 +57,22 @@ def with_parameters(result: Result, **values: float | None) -> Result:
     parameters = {**result.log.parameters, **values}
     kept = {name: value for name, value in parameters.items() if value is not None}
     return with_log(result, replace(result.log, parameters=kept))
+
+
+def as_flown(result: Result, **values: float) -> Result:
+    """Return the result of the same vehicle with other parameters, which replay as if they had flown."""
+    parameters = {**result.log.parameters, **values}
+    controllers = named(result.log.autopilot).controllers(result.log, parameters)
+    assert controllers is not None
+    assert result.closed_loop is not None
+    axes = {
+        axis: replace(
+            one,
+            margins=scaled_loops(controllers.axes[axis], one.plants, one.known_hz).margins(),
+            replay=Replay(relative_rms={}, agrees=True),
+        )
+        for axis, one in result.closed_loop.axes.items()
+        if one.plants is not None
+    }
+    loop = replace(result.closed_loop, controllers=controllers, axes=axes)
+    return replace(result, log=replace(result.log, parameters=parameters), closed_loop=loop)

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from quadid_logs.cli.analyze import analyze
+from quadid_logs.cli.check import check
 from quadid_logs.cli.compare import compare
 from quadid_logs.cli.explain import explain
 from quadid_logs.cli.export import export
@@ -41,6 +42,7 @@ def make_app() -> typer.Typer:
     for verb in (
         analyze,
         tune,
+        check,
         compare,
         repeat,
         swing,

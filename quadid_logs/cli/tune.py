@@ -11,6 +11,7 @@ import typer
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.logs import check_log
 from quadid_logs.cli.progress import Progress
+from quadid_logs.commands import NEXT_LOG, command, named
 from quadid_logs.errors import SettingsError
 from quadid_logs.untrusted import printable
 
@@ -65,9 +66,9 @@ def tune(
 ) -> int:
     """Recommend the gains of the next flight, with the margins that they promise, or say why not.
 
-    Writes into DIR/<log>: tune.html, tune.json, and, where a gain changes, a parameter file with the next
-    gains and one with those that flew, which is never replaced. Exit code 0: gains to load, or to keep. 1: no
-    advice on at least one axis. 2: the log could not be read.
+    Writes into DIR/<log>: tune.html, tune.json, promise.json for `check`, and, where a gain changes, a
+    parameter file with the next gains and one with those that flew, which is never replaced. Exit code 0:
+    gains to load, or to keep. 1: no advice on at least one axis. 2: the log could not be read.
     """
     from quadid_logs.data.settings import Settings
     from quadid_logs.pipeline import analyze
@@ -124,13 +125,18 @@ def _write(
     grids: Mapping[str, WhatIf],
 ) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
     """Write page, JSON and parameter files; return the JSON, what was written, and what was removed."""
+    from quadid_logs.promise import promise_of
     from quadid_logs.report.gain_files import gain_files
+    from quadid_logs.report.promise_file import PROMISE_FILE, promise_text
     from quadid_logs.report.tune_card import flight_files
     from quadid_logs.report.tune_folder import JSON_FILE, write_tuning
     from quadid_logs.report.tune_page import PAGE_FILE, tune_page
     from quadid_logs.report.tuning_json import tuning_text
 
     texts = {**gain_files(result, tuning), **flight_files(result, tuning)}
+    promised = promise_of(result, tuning, provenance.log_sha256)
+    if promised is not None:
+        texts[PROMISE_FILE] = promise_text(promised, provenance)
     files = {name: text.encode() for name, text in texts.items()}
     files[PAGE_FILE] = tune_page(result, tuning, provenance, forecasts, grids).encode()
     names = tuple(sorted((*files, JSON_FILE)))
@@ -142,6 +148,7 @@ def _write(
 def _show(
     result: Result, tuning: Tuning, folder: Path, written: tuple[str, ...], removed: tuple[str, ...]
 ) -> None:
+    from quadid_logs.report.promise_file import PROMISE_FILE
     from quadid_logs.report.tune_view import tune_view
 
     view = tune_view(result, tuning)
@@ -155,5 +162,7 @@ def _show(
             if line:
                 say(f"    {line}")
     say(f"  written: {', '.join(printable(folder / name) for name in written)}")
+    if PROMISE_FILE in written:
+        say(f"  after the next flight: `{command('check', NEXT_LOG, '--promise', named(str(folder)))}`")
     if removed:
         say(f"  removed, of an earlier run: {', '.join(printable(folder / name) for name in removed)}")

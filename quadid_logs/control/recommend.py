@@ -300,7 +300,8 @@ class _Search:
             out = tuple(self._out_of_reach(target))
             return AxisTuning(verdict="refused", reasons=out, now=(self._case.found or AxisLoop()).margins)
         gains = {name: GainChange(now, now, now) for name, now in self._now.items()}
-        step = _Step(1.0, self._loops.controller, self._margins_now())
+        # What the next flight may differ in widens what is promised of it, with kept gains too.
+        step = _Step(1.0, self._loops.controller, self._loops.margins())
         reasons = tuple(self._reasons("keep", target, step))
         return self._described("keep", reasons, Step(gains, step.controller, step.promised))
 

@@ -10,12 +10,13 @@ from typing import Any, Final
 from quadid_logs.compare import Comparison, Quantity
 from quadid_logs.control.room import outermost
 from quadid_logs.data.closed_loop import AxisLoop, Estimated
+from quadid_logs.data.promise import AxisCheck, Decision, Held
 from quadid_logs.data.result import Result
+from quadid_logs.promise import checked
 from quadid_logs.report.json import strict_text
 from quadid_logs.report.loop_json import margins_and_step
 from quadid_logs.report.numbers import estimate, number, resolved
 from quadid_logs.report.words import pretty_unit
-from quadid_logs.tuning import Promise, promises
 from quadid_logs.untrusted import printable
 
 #: What is said of a verdict.
@@ -74,7 +75,7 @@ def comparison_lines(before: Result, after: Result, comparison: Comparison) -> t
     if shared := _quantity_lines(comparison, ""):
         changed = any(each.changed for each in comparison.quantities if not each.axis)
         lines += [f"  actuators  {'changed' if changed else 'same'}", *shared]
-    lines += [f"  {_promise_sentence(one)}" for one in promises(before, after)]
+    lines += [f"  {_promise_sentence(axis, one)}" for axis, one in checked(before, after).items()]
     return (*lines, *(f"  next: {printable(text, 800)}" for text in comparison.advice))
 
 
@@ -171,16 +172,19 @@ def amount(quantity: Quantity, difference: float, towards: float = 1.0) -> str:
     return f"{resolved(math.copysign(1.0, towards) * percents[0], -percents[1], percents[1])} %{of}"
 
 
-def _promise_sentence(promise: Promise) -> str:
+def _promise_sentence(axis: str, found: AxisCheck) -> str:
     """Say of one axis that flew with the recommended gains whether it has the promised margins."""
     units = {"gain_margin_db": "dB", "phase_margin_deg": "degrees"}
     told = [
-        f"{estimate(seen.value, *seen.ci95)} {units[name]}, promised {estimate(said.value, *said.ci95)}"
-        for name, (said, seen) in promise.figures.items()
+        f"{estimate(seen.value, *seen.ci95)} {units[one.name]}, promised {estimate(said.value, *said.ci95)}"
+        for one in found.figures
+        if one.name in units
+        for said, seen in ((one.promised, one.measured),)
     ]
-    act = "load the gains that flew before" if promise.way_back else "tune again from the second flight"
-    kept = "kept" if promise.kept else f"not kept: {act}"
-    return f"promise of {promise.axis} {kept} ({'; '.join(told)})"
+    back = found.decision is Decision.BACK
+    act = "load the gains that flew before" if back else "tune again from the second flight"
+    kept = f"not kept: {act}" if found.held is Held.WORSE else "kept"
+    return f"promise of {axis} {kept} ({'; '.join(told)})"
 
 
 def comparison_text(before: Result, after: Result, comparison: Comparison) -> str:
@@ -218,15 +222,18 @@ def comparison_text(before: Result, after: Result, comparison: Comparison) -> st
         },
         "advice": comparison.advice,
         "promises": {
-            one.axis: {
-                "kept": one.kept,
-                "way_back": one.way_back,
+            axis: {
+                "kept": one.held is not Held.WORSE,
+                "way_back": one.decision is Decision.BACK,
                 "margins": {
-                    name: {"promised": said._asdict(), "found": seen._asdict()}
-                    for name, (said, seen) in one.figures.items()
+                    figure.name: {
+                        "promised": figure.promised._asdict(),
+                        "found": figure.measured._asdict(),
+                    }
+                    for figure in one.figures
                 },
             }
-            for one in promises(before, after)
+            for axis, one in checked(before, after).items()
         },
     }
     return strict_text(content)

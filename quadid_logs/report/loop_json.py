@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 from quadid_logs.control.command_units import in_degrees
 from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated, FrameModes, Margins, Prediction
 from quadid_logs.data.controller import CommandUnit, Replay
 
-_FIGURES = (
+#: Of `Margins`, each with its interval.
+MARGIN_FIGURES: Final = (
     "crossover_hz",
     "phase_margin_deg",
     "gain_margin_db",
@@ -160,7 +161,7 @@ def margins_dict(margins: Margins) -> dict[str, Any]:
         "stable": margins.stable,
         "stable_fraction": margins.stable_fraction,
         "extrapolated": margins.extrapolated,
-        **{name: _estimated(getattr(margins, name)) for name in _FIGURES},
+        **{name: _estimated(getattr(margins, name)) for name in MARGIN_FIGURES},
     }
 
 

@@ -12,6 +12,7 @@ from quadid_logs.output import check_folder_free, new_folder, write_together
 from quadid_logs.report.folder import folder_names
 from quadid_logs.report.gain_files import file_names, tunable_autopilots
 from quadid_logs.report.plan import CARD_FILE, plan_file_names
+from quadid_logs.report.promise_file import PROMISE_FILE
 from quadid_logs.report.tune_page import PAGE_FILE
 from quadid_logs.untrusted import printable
 
@@ -104,7 +105,7 @@ def write_tuning(folder: Path, files: Mapping[str, bytes]) -> tuple[str, ...]:
 
 def _possible_files() -> set[str]:
     """Return the names of all files that may be written."""
-    names = {PAGE_FILE, JSON_FILE, CARD_FILE, *_back_files()}
+    names = {PAGE_FILE, JSON_FILE, CARD_FILE, PROMISE_FILE, *_back_files()}
     names |= {file_names(autopilot)[0] for autopilot in tunable_autopilots()}
     for autopilot in plannable():
         planned = plan_file_names(autopilot)

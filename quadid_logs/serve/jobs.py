@@ -193,7 +193,9 @@ def _compare(job: Job, tell: Tell) -> Done:
 
 def _tune(job: Job, tell: Tell) -> Done:
     """Do what ``quadid-log tune`` does."""
+    from quadid_logs.promise import promise_of
     from quadid_logs.report.gain_files import gain_files
+    from quadid_logs.report.promise_file import PROMISE_FILE, promise_text
     from quadid_logs.report.provenance import Provenance
     from quadid_logs.report.tune_card import flight_files
     from quadid_logs.report.tune_page import tune_page
@@ -206,6 +208,9 @@ def _tune(job: Job, tell: Tell) -> Done:
     tuning = tuning_of(result)
     provenance = Provenance(version=__version__, command="", log_sha256=job.sha256[0])
     files = {**gain_files(result, tuning), **flight_files(result, tuning)}
+    promised = promise_of(result, tuning, job.sha256[0])
+    if promised is not None:
+        files[PROMISE_FILE] = promise_text(promised, provenance)
     files[PAGE_FILE] = tune_page(result, tuning, provenance)
     files["tune.json"] = tuning_text(result, tuning, provenance, tuple(sorted((*files, "tune.json"))))
     _write(job, files)

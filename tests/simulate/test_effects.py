@@ -77,7 +77,7 @@ def test_disturbances_have_the_stated_size_between_0_3_and_5_hz():
 
 
 def test_slow_disturbances_are_the_largest():
-    """Their density falls by the power 0.4 of the frequency; from some tens of hertz faster, without an edge."""
+    """By the power 0.4 of the frequency; from some tens of hertz faster, without an edge."""
     torque = disturbance(ALL, np.eye(3), 400_000, PERIOD_S, np.random.default_rng(1))
     slow, fast = (band_rms(torque, f, 2.0 * f) / math.sqrt(f) for f in (0.1, 5.0))
     np.testing.assert_allclose(slow / fast, 50.0**0.4, rtol=0.15)
