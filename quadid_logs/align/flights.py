@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,9 +14,6 @@ from quadid_logs.arrays import BoolArray, FloatArray
 _GROUND_MARGIN_S = 1.0
 #: Motors of a multirotor in the air never rest below this fraction of full throttle.
 _IDLE_THROTTLE = 0.05
-#: A vehicle that is carried by its rotors at the first or last sample of its log flew already, or still:
-#: there is no take-off to leave out. Arming says nothing of that.
-_STATED: Final = frozenset({"armed", "landed"})
 #: Two flights lie at least this far apart; a shorter dip of the evidence is a bounce.
 _MIN_PAUSE_S = 1.0
 #: From arming to leaving the ground takes this long: a shorter log shows nothing about a flight.
@@ -94,18 +91,12 @@ def find_flights(series: Mapping[str, CleanSeries], span: Interval) -> Flights:
         return Flights(flown, found.reason if flown or not found.intervals else _BENCH)
     aloft = _until_it_rests(series, grid, powered=aloft, stated=stated)
     intervals = _intervals(aloft, grid)
-    trimmed = tuple((a + _margin(series, a, span[0]), b - _margin(series, b, span[1])) for a, b in intervals)
+    trimmed = tuple((a + _GROUND_MARGIN_S, b - _GROUND_MARGIN_S) for a, b in intervals)
     lasting = tuple((a, b) for a, b in trimmed if b > a)
     if lasting and not {"armed", "landed"} & series.keys():
         lasting = _turning(series, lasting)
         return Flights(lasting, "" if lasting else _BENCH)
     return Flights(lasting, "" if lasting else _TOO_SHORT)
-
-
-def _margin(series: Mapping[str, CleanSeries], end_s: float, of_log_s: float) -> float:
-    """Return what to leave out beside one end of a flight [s]."""
-    flew_on = end_s == of_log_s and "thrust_n" in series and not _STATED & series.keys()
-    return 0.0 if flew_on else _GROUND_MARGIN_S
 
 
 def _grid(series: Mapping[str, CleanSeries], span: Interval) -> FloatArray:

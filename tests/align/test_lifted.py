@@ -50,25 +50,6 @@ def test_flight_is_where_thrust_carries_the_vehicle(name: str, hover: float, idl
     assert flight == pytest.approx((6.0, 49.0), abs=0.3)
 
 
-@pytest.mark.parametrize(
-    ("start_s", "end_s", "expected"),
-    [(-1.0, 61.0, (0.0, 59.99)), (-1.0, 50.0, (0.0, 49.0)), (5.0, 61.0, (6.0, 59.99))],
-)
-def test_a_log_that_begins_or_ends_in_flight_is_used_to_its_end(
-    start_s: float, end_s: float, expected: tuple[float, float]
-) -> None:
-    """Thrust that carries the vehicle at the first sample: the take-off was before it."""
-    (flight,) = table(thrust(start_s=start_s, end_s=end_s)).flights
-    assert flight == pytest.approx(expected, abs=0.3)
-
-
-def test_a_log_that_begins_armed_may_begin_on_the_ground() -> None:
-    """Arming and throttle say nothing of a take-off: its second is left out."""
-    carried = thrust(start_s=-1.0, end_s=61.0)
-    (flight,) = table(carried, armed=np.ones(TIME_S.size)).flights
-    assert flight == pytest.approx((1.0, 59.0), abs=0.3)
-
-
 def test_thrust_that_falls_away_in_a_manoeuvre_ends_no_flight() -> None:
     """A third of a second of free fall, and weight again."""
     dipped = np.where((TIME_S > 20.0) & (TIME_S < 20.3), 0.0, thrust())
