@@ -23,7 +23,7 @@ from quadid_logs.untrusted import portable_name, printable
 
 #: Where firmwares keep their logs: the name that the protocol reserves, then the folders of older versions.
 _FOLDERS: Final = ("@MAV_LOG", "/APM/LOGS", "/fs/microsd/log", "/log")
-_LOG = re.compile(r".*\.(?:bin|ulg|log|bbl|bfl|px4log|usd|txt)|log\d+", re.IGNORECASE)
+_LOG = re.compile(r".*\.(?:bin|ulg|\w*log|bbl|bfl|usd|txt)|log\d+", re.IGNORECASE)
 _NO_LOG = re.compile(r"lastlog\.txt|freespac.*|padding.*|readme.*", re.IGNORECASE)
 _DATE = re.compile(r"(\d{4})-(\d\d)-(\d\d)")
 #: How logs begin, for those that come without a name.

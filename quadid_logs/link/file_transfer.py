@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import BinaryIO, Final, NamedTuple
 
 from quadid_logs.errors import LinkError
-from quadid_logs.link.transfer import Piece, receive
+from quadid_logs.link.transfer import Chunk, receive
 from quadid_logs.link.vehicle import Vehicle
 
 _HEAD: Final = struct.Struct(
@@ -154,14 +154,14 @@ class FileTransfer:
         for begin, end in holes:
             self._send(_READ, offset=begin, size=min(_MOST_DATA, end - begin))
 
-    def piece(self, message: object) -> Piece | None:
+    def chunk(self, message: object) -> Chunk | None:
         """Return the bytes in a message: the source of a transfer."""
         answer = self._answer(message)
         if answer is None or answer.session != self._session or answer.request not in {_BURST, _READ}:
             return None
         if answer.error:
-            return Piece(_LARGEST + 1, b"", last=True)
-        return Piece(answer.offset, answer.data, answer.last)
+            return Chunk(_LARGEST + 1, b"", last=True)
+        return Chunk(answer.offset, answer.data, answer.last)
 
     def _open(self, path: str) -> Answer:
         """Open a file, after waiting for a session where another program holds the only one."""
@@ -199,6 +199,8 @@ class FileTransfer:
         self, opcode: int, data: bytes = b"", *, offset: int = 0, size: int = 0, count: bool = True
     ) -> None:
         self._sequence += count
+        # A long file's packets pass any number: what counts as late moves on with them.
+        self._base = max(self._base, self._sequence - _WINDOW // 4)
         head = _HEAD.pack(self._sequence & 0xFFFF, self._session, opcode, len(data) or size, 0, 0, offset)
         payload = (head + data[:_MOST_DATA]).ljust(_LENGTH, b"\0")
         self._vehicle.send("file_transfer_protocol", 0, *self._vehicle.target, payload)

@@ -6,11 +6,11 @@ import time
 from collections.abc import Callable
 from typing import Any, BinaryIO, Final
 
-from quadid_logs.link.transfer import Piece, receive
+from quadid_logs.link.transfer import Chunk, receive
 from quadid_logs.link.vehicle import Vehicle
 
-#: Asked for at a time: as much as arrives before a loss is noticed late [bytes].
-_CHUNK: Final = 512 * 90
+#: Requested at a time: as much as arrives before a loss is noticed late [bytes].
+_RANGE: Final = 512 * 90
 _MOST_DATA: Final = 90
 
 
@@ -70,7 +70,7 @@ class RequestedLog:
 
     def stream(self, offset: int) -> None:
         """Ask for what follows: the source of a transfer."""
-        self._end = min(offset + _CHUNK, self._size)
+        self._end = min(offset + _RANGE, self._size)
         self._ask(offset, self._end)
 
     def again(self, holes: list[tuple[int, int]]) -> None:
@@ -78,12 +78,12 @@ class RequestedLog:
         self._ask(*holes[0])
         del holes[1:]
 
-    def piece(self, message: Any) -> Piece | None:
+    def chunk(self, message: Any) -> Chunk | None:
         """Return the bytes in a message; they name no receiver, but their log and place."""
         if message.get_type() != "LOG_DATA" or message.id != self._number:
             return None
         data = bytes(message.data)[: min(message.count, _MOST_DATA)]
-        return Piece(message.ofs, data, message.ofs + len(data) >= self._end or not data)
+        return Chunk(message.ofs, data, message.ofs + len(data) >= self._end or not data)
 
     def _ask(self, begin: int, end: int) -> None:
         self._vehicle.send("log_request_data", *self._vehicle.target, self._number, begin, end - begin)

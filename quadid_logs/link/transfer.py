@@ -1,4 +1,4 @@
-"""Put a file together from pieces that arrive late, twice, or never."""
+"""Put a file together from chunks that arrive late, twice, or never."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any, BinaryIO, NamedTuple, Protocol
 from quadid_logs.errors import LinkError
 from quadid_logs.link.vehicle import Vehicle
 
-#: Pieces that wait for an earlier one; firmwares send bursts of at most 120 kB.
+#: Chunks that wait for an earlier one; firmwares send bursts of at most 120 kB.
 _MOST_AHEAD = 1 << 20
 #: Requests under way at once; firmwares queue five.
 _MOST_HOLES = 5
 
 
-class Piece(NamedTuple):
-    """Bytes from an offset of the file; `last` where the vehicle ends what was asked for."""
+class Chunk(NamedTuple):
+    """Bytes from an offset of the file; `last` where the vehicle ends what was requested."""
 
     offset: int
     data: bytes
@@ -24,7 +24,7 @@ class Piece(NamedTuple):
 
 
 class Source(Protocol):
-    """One log on the vehicle: how its bytes are asked for and recognised."""
+    """One log on the vehicle: how its bytes are requested and recognised."""
 
     def stream(self, offset: int) -> None:
         """Ask for all that follows `offset`."""
@@ -32,7 +32,7 @@ class Source(Protocol):
     def again(self, holes: list[tuple[int, int]]) -> None:
         """Ask again for ranges (begin, end) that got lost."""
 
-    def piece(self, message: Any) -> Piece | None:
+    def chunk(self, message: Any) -> Chunk | None:
         """Return the bytes in a message, None if it holds none of this log."""
 
 
@@ -70,10 +70,10 @@ def receive(
         answered_at = holes[-1][1] if holes else size
         until_s = time.monotonic() + vehicle.patience.answer_s
         while position < answered_at and (message := vehicle.next(until_s)) is not None:
-            piece = source.piece(message)
-            if piece is None:
+            chunk = source.chunk(message)
+            if chunk is None:
                 continue
-            start, data = max(piece.offset, position), piece.data[max(position - piece.offset, 0) :]
+            start, data = max(chunk.offset, position), chunk.data[max(position - chunk.offset, 0) :]
             if data and start - position <= _MOST_AHEAD:
                 ahead.setdefault(start, data[: size - start])
                 until_s = time.monotonic() + vehicle.patience.answer_s
@@ -83,7 +83,7 @@ def receive(
                 position += len(data)
             tell(position)
             # A repeated end of an earlier burst does not end this one.
-            if piece.last and not holes and piece.offset >= before:
+            if chunk.last and not holes and chunk.offset >= before:
                 break
         idle = 0 if position > before else idle + 1
         if idle >= vehicle.patience.tries:

@@ -26,19 +26,19 @@ class FakeVehicle:
 
     files: dict[str, bytes]
     armed: bool = False
-    armed_after: int = 10**9  # pieces
+    armed_after: int = 10**9  # chunks
     ftp: bool = True
     loss: float = 0.0
     reorder: float = 0.0
     duplicate: float = 0.0
-    silent_after: int = 10**9  # pieces
+    silent_after: int = 10**9  # chunks
     listed_sizes: dict[str, int] = field(default_factory=dict)
     raw_lines: list[bytes] = field(default_factory=list)
     wrong_checksum: bool = False
     no_session: int = 0
     noise: bytes = b""
     other_client: bool = False
-    pieces: int = 0
+    chunks: int = 0
     first_offset: int | None = None
 
     def __enter__(self) -> FakeVehicle:
@@ -70,7 +70,7 @@ class FakeVehicle:
         while not self._stop.is_set():
             if self._client and time.monotonic() - beat_s > 0.1:
                 beat_s = time.monotonic()
-                armed = 128 if self.armed or self.pieces >= self.armed_after else 0
+                armed = 128 if self.armed or self.chunks >= self.armed_after else 0
                 self._put(self._mav.heartbeat_encode(2, 3, armed, 0, 4))
             try:
                 data, self._client = self._socket.recvfrom(2048)
@@ -105,14 +105,14 @@ class FakeVehicle:
             data = list(self.files.values())[message.id - 1]
             end = min(message.ofs + message.count, len(data))
             for offset in range(message.ofs, end, 90):
-                piece = data[offset : min(offset + 90, end)]
-                self._piece(self._mav.log_data_encode(message.id, offset, len(piece), piece.ljust(90, b"\0")))
+                chunk = data[offset : min(offset + 90, end)]
+                self._chunk(self._mav.log_data_encode(message.id, offset, len(chunk), chunk.ljust(90, b"\0")))
 
-    def _piece(self, message: Any) -> None:
-        self.pieces += 1
-        if self.pieces <= self.silent_after:
+    def _chunk(self, message: Any) -> None:
+        self.chunks += 1
+        if self.chunks <= self.silent_after:
             self._put(message, lossy=True)
-        if self.pieces % 20 == 0:
+        if self.chunks % 20 == 0:
             time.sleep(0.001)
 
     def _serve_file(self, raw: bytes, system: int, component: int) -> None:
@@ -149,7 +149,7 @@ class FakeVehicle:
             crc = zlib.crc32(self.files[name], 0xFFFFFFFF) ^ 0xFFFFFFFF
             self._put(reply(struct.pack("<I", crc ^ self.wrong_checksum)), lossy=True)
         elif opcode == 5:
-            self._piece(reply(self._open[offset : offset + size], offset))
+            self._chunk(reply(self._open[offset : offset + size], offset))
         elif opcode == 15:
             self.first_offset = offset if self.first_offset is None else self.first_offset
             if offset >= len(self._open):
@@ -158,8 +158,8 @@ class FakeVehicle:
             for count, start in enumerate(starts, 1):
                 if self.other_client:
                     self._put(reply(b"\xff" * 239, start, count=count, to=(255, 190)))
-                piece = self._open[start : start + 239]
-                self._piece(reply(piece, start, last=int(count == len(starts)), count=count))
+                chunk = self._open[start : start + 239]
+                self._chunk(reply(chunk, start, last=int(count == len(starts)), count=count))
 
     def _listing(self, folder: str) -> list[bytes]:
         """Return the lines of a folder, of files right in it and folders one below."""

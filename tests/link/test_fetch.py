@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import os
 import random
+import select
+import socket
+import threading
+import tty
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -43,6 +47,48 @@ def test_a_bad_link_costs_no_byte(fault: str, tmp_path: Path) -> None:
         assert fetched(vehicle, tmp_path) == CONTENT
 
 
+def test_a_file_may_have_more_packets_than_a_sequence_counts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its packets must not be taken for late ones of an earlier file."""
+    monkeypatch.setattr("quadid_logs.link.file_transfer._WINDOW", 100)
+    with FakeVehicle({PATH: CONTENT}) as vehicle:
+        assert fetched(vehicle, tmp_path) == CONTENT
+
+
+def test_a_serial_line_serves_as_well(tmp_path: Path) -> None:
+    """A pseudo terminal, with the vehicle at its other end."""
+    pytest.importorskip("serial")
+    primary, secondary = os.openpty()
+    tty.setraw(secondary)
+    done = threading.Event()
+    with FakeVehicle({PATH: CONTENT}) as vehicle:
+        carrier = threading.Thread(target=carry, args=(primary, vehicle.address, done))
+        carrier.start()
+        try:
+            with Logs(os.ttyname(secondary), QUICK) as logs:
+                content = logs.fetch(logs.logs[-1], tmp_path).path.read_bytes()
+        finally:
+            done.set()
+            carrier.join()
+    os.close(primary)
+    os.close(secondary)
+    assert content == CONTENT
+
+
+def carry(line: int, address: str, done: threading.Event) -> None:
+    """Carry bytes between a line and a vehicle's socket until `done`."""
+    link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    link.connect(("127.0.0.1", int(address.rpartition(":")[2])))
+    with link:
+        while not done.is_set():
+            for ready in select.select([line, link], [], [], 0.05)[0]:
+                if ready is link:
+                    os.write(line, link.recv(2048))
+                else:
+                    link.send(os.read(line, 2048))
+
+
 def test_older_messages_serve_where_there_is_no_file_transfer(tmp_path: Path) -> None:
     """With losses; the ending follows from the content."""
     content = b"ULog\x01\x12\x35" + CONTENT
@@ -73,7 +119,7 @@ def test_an_armed_vehicle_is_left_alone(tmp_path: Path) -> None:
         pytest.raises(LinkError, match=r"armed.*disarm"),
     ):
         fetched(vehicle, tmp_path)
-    assert vehicle.pieces == 0
+    assert vehicle.chunks == 0
 
 
 def test_arming_ends_a_fetch(tmp_path: Path) -> None:
@@ -121,7 +167,7 @@ def test_a_log_that_the_disk_cannot_hold_is_refused_before_a_byte(
     vehicle = FakeVehicle({PATH: CONTENT}, listed_sizes={PATH: 4_000_000_000})
     with vehicle, pytest.raises(OutputError, match="no room for 4000 MB"):
         fetched(vehicle, tmp_path)
-    assert vehicle.pieces == 0
+    assert vehicle.chunks == 0
 
 
 def test_a_size_that_the_protocol_cannot_count_is_no_log() -> None:
@@ -173,7 +219,7 @@ def test_a_log_that_is_there_is_not_fetched_again(tmp_path: Path) -> None:
     (tmp_path / "00000007.BIN").write_bytes(CONTENT)
     with FakeVehicle({PATH: CONTENT}) as vehicle:
         fetched(vehicle, tmp_path)
-    assert vehicle.pieces == 0
+    assert vehicle.chunks == 0
 
 
 def test_noise_between_the_messages_is_passed_over(tmp_path: Path) -> None:
