@@ -1,4 +1,4 @@
-"""Fetch a log from a fake vehicle over a link that loses packets: is it complete, and how long does it take?
+"""Fetch a log from a fake vehicle over a link that loses packets, and compare it.
 
 The fake vehicle runs in the same process, so the rate is that of both ends together.
 """
