@@ -103,6 +103,8 @@ class Vehicle:
             self._link: Any = mavutil.mavlink_connection(
                 device, baud=baud, source_system=_SYSTEM, source_component=_COMPONENT, retries=1
             )
+        # Else pymavlink prints a line for each attempt to read from a socket that is closed.
+        self._link.handle_eof = self._link.handle_disconnect = self._closed
         self._beat_s = -_EVERY_S
         self._id: tuple[int, int] | None = None
         try:
@@ -179,6 +181,12 @@ class Vehicle:
                 "The vehicle is armed: a download loads its processor and its card.",
                 hint="Land, disarm, and run the command again.",
             )
+
+    def _closed(self) -> None:
+        raise LinkError(
+            f"The other end closed the link {self._address}.",
+            hint="Run the same command again: it goes on where it stopped.",
+        )
 
     def _wait_for_heartbeat(self) -> None:
         until_s = time.monotonic() + self.patience.heartbeat_s

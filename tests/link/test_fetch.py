@@ -76,6 +76,37 @@ def test_a_serial_line_serves_as_well(tmp_path: Path) -> None:
     assert content == CONTENT
 
 
+@pytest.mark.parametrize("stays", [True, False])
+def test_a_tcp_connection_serves_until_it_is_closed(
+    stays: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A closed one is said in one line, and nothing of it stands among the results."""
+    done = threading.Event()
+    with socket.create_server(("127.0.0.1", 0)) as server, FakeVehicle({PATH: CONTENT}) as vehicle:
+
+        def serve() -> None:
+            with server.accept()[0] as connection:
+                if stays:
+                    carry(connection.fileno(), vehicle.address, done)
+
+        carrier = threading.Thread(target=serve)
+        carrier.start()
+        try:
+            address = f"tcp:127.0.0.1:{server.getsockname()[1]}"
+            if stays:
+                with Logs(address, QUICK) as logs:
+                    path = logs.fetch(logs.logs[-1], tmp_path).path
+                done.set()
+                assert path.read_bytes() == CONTENT
+            else:
+                with pytest.raises(LinkError, match=r"closed|failed"):
+                    Logs(address, QUICK)
+        finally:
+            done.set()
+            carrier.join()
+    assert capsys.readouterr().out == ""
+
+
 def carry(line: int, address: str, done: threading.Event) -> None:
     """Carry bytes between a line and a vehicle's socket until `done`."""
     link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
