@@ -8,6 +8,7 @@
     │   ├── UnknownFormatError   the content is no flight log that we know
     │   ├── EmptyLogError        the right format, but nothing usable inside
     │   └── SeveralLogsError     several logs in one file, and none was chosen
+    ├── LinkError                the vehicle, or the way to it
     ├── SettingsError            a setting or option that makes no sense (also ValueError)
     ├── VehicleFileError         the vehicle TOML is malformed
     ├── PromiseFileError         promise.json is malformed, or not there
@@ -93,6 +94,10 @@ class SeveralLogsError(LogError):
     def longest(self) -> int:
         """Number of the log that is longest."""
         return max(self.durations_s, key=self.durations_s.__getitem__)
+
+
+class LinkError(QuadidError):
+    """The vehicle cannot be reached, refuses, or sent what cannot be true."""
 
 
 class SettingsError(QuadidError, ValueError):

@@ -44,14 +44,14 @@ def test_the_examples_hold(
 def test_the_script_in_the_readme_runs(
     analyze_once: Callable[..., Result], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Ten lines of a researcher: load, model, intervals, table, simulation, another flight, margins."""
+    """Nine lines of a researcher: load, model, intervals, table, simulation, another flight, margins."""
     (script,) = re.findall(r"```python\n(.*?)```", (REPOSITORY / "README.md").read_text(), re.DOTALL)
     monkeypatch.chdir(REPOSITORY)
     monkeypatch.setattr(pipeline, "analyze", analyze_once)
     names: dict[str, object] = {}
     exec(script, names)
-    assert {"r", "series", "rates", "scores", "margin", "system"} <= names.keys()
-    assert len(script.strip().splitlines()) == 10
+    assert {"r", "series", "rates", "scores", "margin"} <= names.keys()
+    assert len(script.strip().splitlines()) == 9
 
 
 @pytest.mark.parametrize("name", sorted({*quadid_logs.__all__} - {"__version__", "TERMS"}))

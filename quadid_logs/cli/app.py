@@ -12,6 +12,7 @@ from quadid_logs.cli.compare import compare
 from quadid_logs.cli.explain import explain
 from quadid_logs.cli.export import export
 from quadid_logs.cli.failure import say
+from quadid_logs.cli.fetch import fetch
 from quadid_logs.cli.fleet import fleet
 from quadid_logs.cli.fleet_report import fleet_report
 from quadid_logs.cli.info import info
@@ -47,6 +48,7 @@ def make_app() -> typer.Typer:
         repeat,
         swing,
         plan,
+        fetch,
         info,
         export,
         explain,

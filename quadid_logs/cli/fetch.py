@@ -1,0 +1,100 @@
+"""``quadid-log fetch``: logs from the vehicle, or from its card."""
+
+from __future__ import annotations
+
+import sys
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from quadid_logs.cli.failure import report_problem, say
+from quadid_logs.cli.progress import Progress
+from quadid_logs.cli.terminal import is_terminal
+from quadid_logs.errors import SettingsError
+from quadid_logs.untrusted import printable
+
+if TYPE_CHECKING:
+    from quadid_logs.link.fetch import Logs, RemoteLog
+
+
+def fetch(
+    context: typer.Context,
+    address: Annotated[
+        str,
+        typer.Argument(
+            metavar="ADDRESS",
+            help="Serial port (/dev/ttyACM0, COM3@115200), udp:14550, udpout:HOST:PORT, tcp:HOST:PORT, or "
+            "the folder of a mounted card.",
+        ),
+    ],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the logs.")
+    ] = Path("logs"),
+    as_list: Annotated[bool, typer.Option("--list", help="List the logs and fetch none.")] = False,
+    last: Annotated[
+        int, typer.Option("--last", metavar="N", min=0, help="Fetch the last N logs [default: 1].")
+    ] = 0,
+    every: Annotated[bool, typer.Option("--all", help="Fetch all logs.")] = False,
+    since: Annotated[
+        str, typer.Option("--since", metavar="YYYY-MM-DD", help="Fetch the logs of this day (UTC) and later.")
+    ] = "",
+    analyze: Annotated[
+        bool, typer.Option("--analyze", help="Analyze what was fetched, as the verb does.")
+    ] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace files of the same name.")] = False,
+) -> int:
+    """Fetch logs from a disarmed vehicle, or from its card; an interrupted fetch goes on where it stopped.
+
+    Exit code 0: fetched. 2: no vehicle, no log, or a file that did not arrive
+    whole. With --analyze, the exit code of analyze.
+    """
+    if sum((as_list, last > 0, every, bool(since))) > 1:
+        raise SettingsError("--list, --last, --all and --since exclude each other.", hint="Give one of them.")
+    day = _day(since)
+    from quadid_logs.link.fetch import Logs
+
+    with Logs(address) as logs:
+        if as_list:
+            for log in logs.logs:
+                made = "" if log.time is None else f"{log.time:%Y-%m-%d}"
+                say(f"{log.size / 1e6:9.2f} MB  {made:10}  {printable(log.name)}")
+            return 0
+        chosen = logs.logs if every else logs.logs[-(last or 1) :] if day is None else logs.since(day)
+        if not chosen:
+            report_problem(f"no log is of {since} or later.")
+            return 0
+        fetched = [_fetch(logs, log, output, force=force) for log in chosen]
+    if not analyze:
+        return 0
+    from quadid_logs.cli.analyze import analyze as run
+
+    return run(context, fetched, force=force)
+
+
+def _day(text: str) -> datetime | None:
+    """Return the day that an option names."""
+    try:
+        return datetime.strptime(text, "%Y-%m-%d").replace(tzinfo=UTC) if text else None
+    except ValueError:
+        raise SettingsError(f"{printable(text, 40)} is no day.", hint="Write it as 2026-05-31.") from None
+
+
+def _fetch(logs: Logs, log: RemoteLog, folder: Path, *, force: bool) -> Path:
+    """Fetch one log, say how far it is, and where it is."""
+    pause_s = 0.5 if is_terminal(sys.stderr) else 10.0
+    said_s = time.monotonic()
+    with Progress(log.name) as progress:
+        progress("fetching")
+
+        def tell(done: int) -> None:
+            nonlocal said_s
+            if time.monotonic() - said_s > pause_s:
+                said_s = time.monotonic()
+                progress(f"{done / 1e6:.1f} of {log.size / 1e6:.1f} MB")
+
+        fetched = logs.fetch(log, folder, force=force, tell=tell)
+    say(f"{printable(fetched.path)}{'  (checksum compared)' if fetched.checked else ''}")
+    return fetched.path
