@@ -170,6 +170,21 @@ def swing(log: FlightLog, hung: Bifilar, axis: str = "") -> Swing:
     ones the period follows from the energy (by quadrature, the rise and its speed in it). Amplitude and phase
     follow from damping by averaging: linear and quadratic in the rate (M. Jardin and E. Mueller, "Optimized
     measurements of UAV mass moment of inertia with a bifilar pendulum", AIAA 2007-6822).
+
+    Examples
+    --------
+    A log with the rates of one swing of 1.1 s, about the yaw axis:
+
+    >>> from dataclasses import replace
+    >>> from quadid_logs import read_log
+    >>> log = read_log("sample_logs/sysid-quad-x.bin")
+    >>> gyro = log.candidates("body_rate")[0]
+    >>> time_s = gyro.rows.time_s - gyro.rows.time_s[0]
+    >>> rate = np.exp(-time_s / 60.0) * np.sin(2.0 * np.pi / 1.1 * time_s)
+    >>> log = replace(log, signals={"body_rate": (replace(gyro, values=np.outer(rate, [0.0, 0.0, 0.5])),)})
+    >>> found = swing(log, Bifilar(mass_kg=1.6, length_m=0.9, distance_m=0.4))
+    >>> found.axis, round(found.moment_kg_m2, 3)
+    ('yaw', 0.021)
     """
     if axis and axis not in AXES:
         raise SettingsError(f"There is no axis {axis!r}.", hint=f"Give one of {', '.join(AXES)}.")
