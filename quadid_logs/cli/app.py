@@ -16,6 +16,7 @@ from quadid_logs.cli.fetch import fetch
 from quadid_logs.cli.fleet import fleet
 from quadid_logs.cli.fleet_report import fleet_report
 from quadid_logs.cli.info import info
+from quadid_logs.cli.mcp import mcp
 from quadid_logs.cli.paper import paper
 from quadid_logs.cli.plan import plan
 from quadid_logs.cli.query import query
@@ -58,6 +59,7 @@ def make_app() -> typer.Typer:
         fleet_report,
         query,
         serve,
+        mcp,
     ):
         # Given as such: what is made of the docstring is cut in mid-sentence.
         app.command(short_help=(verb.__doc__ or "").split("\n", 1)[0])(verb)

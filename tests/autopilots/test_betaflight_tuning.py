@@ -79,10 +79,10 @@ def test_a_curve_of_throttle_attenuation_is_named() -> None:
     assert "tpa_curve_type" in tunable({"tpa_curve_type": 1.0}).obstacle
 
 
-def test_the_next_gains_are_one_step_up(tuned: Tuning) -> None:
+def test_the_next_gains_are_one_step_up(sticks: Result) -> None:
     """All by the 30 % that a flight may change, but for rounding."""
-    changes = tuned.axes["roll"].changes
-    assert set(changes) == {"p_roll", "i_roll", "d_roll", "d_max_roll"}
+    changes = recommend(sticks, BEARABLE, ["pitch"]).axes["pitch"].changes
+    assert set(changes) == {"p_pitch", "i_pitch", "d_pitch", "d_max_pitch"}
     assert all(1.3 * one.now - 1.0 < one.next <= 1.3 * one.now + 1e-6 for one in changes.values())
     assert all(one.next.is_integer() and one.target.is_integer() for one in changes.values())
 

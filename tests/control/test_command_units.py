@@ -46,7 +46,7 @@ def calibrated() -> tuple[FlightData, Model]:
         structure="damped", recommended=True, states=(), regressors=(), targets=(), inputs=("L", "M", "N"),
         A=np.zeros((3, 3)), B=100.0 * np.eye(3),
         parameters=tuple(
-            entry(f"B{number}{number}", place, 100.0, 1.96 * 100.0 * sigma)
+            entry(f"B{number}{number}", place, 100.0, 1.959964 * 100.0 * sigma)
             for number, place in enumerate(ON_AXIS.values(), 1)
         ),
         windows=None, validation=Validation(held_out_s=0.0),
@@ -70,7 +70,7 @@ def test_the_calibration_does_not_widen_the_loops_intervals(calibrated: tuple[Fl
     assert model.posterior is not None
     assert np.sqrt(model.posterior.covariance[:, 0, 0]) == pytest.approx(0.02 * np.array([400, 300, 50]))
     low, high = model.parameters[0].ci95
-    assert high - low == pytest.approx(2 * 1.96 * 0.02 * 400.0)
+    assert high - low == pytest.approx(2 * 1.959964 * 0.02 * 400.0)
 
 
 def test_correlation_with_the_damping_is_kept(calibrated: tuple[FlightData, Model]) -> None:

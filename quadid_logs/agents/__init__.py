@@ -1,0 +1,1 @@
+"""Answers for language models: the verbs as tools of an MCP server, which read and write nothing else."""
