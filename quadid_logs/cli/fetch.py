@@ -34,9 +34,8 @@ def fetch(
         Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the logs.")
     ] = Path("logs"),
     as_list: Annotated[bool, typer.Option("--list", help="List the logs and fetch none.")] = False,
-    last: Annotated[
-        int, typer.Option("--last", metavar="N", min=0, help="Fetch the last N logs [default: 1].")
-    ] = 0,
+    last: Annotated[bool, typer.Option("--last", help="Fetch the last log, as without an option.")] = False,
+    number: Annotated[int, typer.Option("-n", metavar="N", min=1, help="Fetch the last N logs.")] = 1,
     every: Annotated[bool, typer.Option("--all", help="Fetch all logs.")] = False,
     since: Annotated[
         str, typer.Option("--since", metavar="YYYY-MM-DD", help="Fetch the logs of this day (UTC) and later.")
@@ -51,8 +50,10 @@ def fetch(
     Exit code 0: fetched. 2: no vehicle, no log, or a file that did not arrive
     whole. With --analyze, the exit code of analyze.
     """
-    if sum((as_list, last > 0, every, bool(since))) > 1:
-        raise SettingsError("--list, --last, --all and --since exclude each other.", hint="Give one of them.")
+    if sum((as_list, last or number > 1, every, bool(since))) > 1:
+        raise SettingsError(
+            "--list, --last (and -n), --all and --since exclude each other.", hint="Give one of them."
+        )
     day = _day(since)
     from quadid_logs.link.fetch import Logs
 
@@ -62,7 +63,7 @@ def fetch(
                 made = "" if log.time is None else f"{log.time:%Y-%m-%d}"
                 say(f"{log.size / 1e6:9.2f} MB  {made:10}  {printable(log.name)}")
             return 0
-        chosen = logs.logs if every else logs.logs[-(last or 1) :] if day is None else logs.since(day)
+        chosen = logs.logs if every else logs.logs[-number:] if day is None else logs.since(day)
         if not chosen:
             report_problem(f"no log is of {since} or later.")
             return 0

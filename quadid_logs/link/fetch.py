@@ -117,7 +117,7 @@ class Logs:
         """
         if all(log.time is None for log in self.logs):
             raise SettingsError(
-                "This vehicle's list of logs has no dates.", hint="Use --last N or --all instead of --since."
+                "This vehicle's list of logs has no dates.", hint="Use -n N or --all instead of --since."
             )
         return tuple(log for log in self.logs if log.time is not None and log.time >= day)
 

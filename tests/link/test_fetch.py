@@ -323,6 +323,26 @@ def test_the_verb_lists_and_fetches_by_date(
     assert [path.name for path in (tmp_path / "logs").iterdir()] == ["new.bin"]
 
 
+@pytest.mark.parametrize(
+    ("options", "names"),
+    [
+        ([], {"c.bin"}),
+        (["--last"], {"c.bin"}),
+        (["-n", "2"], {"b.bin", "c.bin"}),
+        (["--all"], {"a.bin", "b.bin", "c.bin"}),
+    ],
+)
+def test_the_last_logs_are_fetched(tmp_path: Path, options: list[str], names: set[str]) -> None:
+    """One without an option."""
+    card, folder = tmp_path / "card", tmp_path / "logs"
+    card.mkdir()
+    for number, name in enumerate(("a.bin", "b.bin", "c.bin")):
+        (card / name).write_bytes(CONTENT)
+        os.utime(card / name, (1_600_000_000 + number, 1_600_000_000 + number))
+    assert main(["fetch", str(card), "-o", str(folder), *options]) == 0
+    assert {path.name for path in folder.iterdir()} == names
+
+
 def test_options_that_exclude_each_other_end_with_2(capsys: pytest.CaptureFixture[str]) -> None:
     """Before any link is opened."""
     assert main(["fetch", "udp:14550", "--all", "--list"]) == 2
