@@ -6,7 +6,8 @@ import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from types import MappingProxyType
+from typing import Final, Literal
 
 import numpy as np
 
@@ -28,6 +29,8 @@ from quadid_logs.vocabulary import (
 )
 
 AxisChange = Literal["same", "changed", "not comparable"]
+#: Of the verb, for scripts.
+EXIT_CODES: Final[Mapping[AxisChange, int]] = MappingProxyType({"same": 0, "changed": 1, "not comparable": 3})
 
 #: Of two unchanged vehicles, this fraction is called changed by chance, over all quantities together.
 _FALSE_ALARMS = 0.05

@@ -157,12 +157,18 @@ def _loop(closed_loop: Mapping[str, Any] | None) -> Answer | None:
 
 def compare(before: Path, after: Path) -> Answer:
     """Return whether the vehicle changed, as ``quadid-log compare --json``."""
+    from quadid_logs.compare import EXIT_CODES
     from quadid_logs.compare import compare as compared
     from quadid_logs.pipeline import analyze as analyzed
     from quadid_logs.report.comparison import comparison_text
 
     first, second = analyzed(before), analyzed(after)
-    return dict(json.loads(comparison_text(first, second, compared(first, second))))
+    comparison = compared(first, second)
+    return {
+        "verdict": comparison.verdict,
+        "exit_code": EXIT_CODES[comparison.verdict],
+        **json.loads(comparison_text(first, second, comparison)),
+    }
 
 
 def explain(code: str) -> Answer:
@@ -188,7 +194,8 @@ def tune(log: Path) -> Answer:
     result = analyzed(log)
     tuning = tuning_of(result)
     content = json.loads(tuning_text(result, tuning, provenance_of(log), ()))
-    return {"exit_code": 1 if tuning.refused else 0, **content}
+    verdict = {axis: found.verdict for axis, found in tuning.axes.items()}
+    return {"verdict": verdict, "exit_code": 1 if tuning.refused else 0, **content}
 
 
 def plan(autopilot: str, axes: Sequence[str]) -> Answer:

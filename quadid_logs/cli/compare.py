@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 _JSON, _PAGE = "compare.json", "compare.html"
 _PNG, _LOOP_PNG = "compare.png", "compare-loop.png"
 _FILES = (_JSON, _PAGE, _PNG, _LOOP_PNG)
-#: Contract with scripts: see `compare`.
-_EXIT_CODES = {"same": 0, "changed": 1, "not comparable": 3}
 
 
 def compare(
@@ -62,6 +60,7 @@ def compare(
     Exit code 0: compared on every axis, no change. 1: changed. 2: a log could
     not be read. 3: no change seen, but an axis could not be compared.
     """
+    from quadid_logs.compare import EXIT_CODES
     from quadid_logs.compare import compare as compare_results
     from quadid_logs.data.settings import IdentifySettings, Settings, in_band
     from quadid_logs.pipeline import analyze
@@ -90,7 +89,7 @@ def compare(
             say(line)
         if written:
             say(f"  written: {written}")
-    return _EXIT_CODES[comparison.verdict]
+    return EXIT_CODES[comparison.verdict]
 
 
 def _figures(both: tuple[Result, Result], comparison: Comparison) -> Mapping[str, Figure | LeftOut]:

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from quadid_logs.agents.answers import Folders
+from quadid_logs.cli import main
 from quadid_logs.errors import SettingsError
 from tests.conftest import REPOSITORY
 
@@ -105,8 +106,31 @@ def test_tools_write_no_file(folder: Path) -> None:
     before = sorted(folder.parent.rglob("*"))
     for tool in ("info", "analyze", "tune"):
         assert ask(folder, tool, log="flight.tlog")["exit_code"] in (0, 1)
-    assert ask(folder, "compare", before="flight.tlog", after="flight.tlog")
+    ask(folder, "compare", before="flight.tlog", after="flight.tlog")
     assert sorted(folder.parent.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("tool", "arguments"),
+    [
+        ("tune", {"log": "sysid-quad-x.bin"}),
+        ("compare", {"before": "sysid-quad-x.bin", "after": "sysid-quad-x.bin"}),
+        ("plan", {"autopilot": "ardupilot", "axes": ["roll"]}),
+    ],
+)
+def test_every_answer_begins_with_verdict_or_exit_code(tool: str, arguments: dict[str, object]) -> None:
+    found = ask(SAMPLES, tool, **arguments)
+    assert next(iter(found)) in {"verdict", "exit_code"}
+    assert found["exit_code"] in {0, 1, 3}
+
+
+def test_a_store_is_asked_by_sql(tmp_path: Path) -> None:
+    pytest.importorskip("duckdb")
+    for name in ("default-logging.bin", "doublets.tlog"):
+        shutil.copy(SAMPLES / name, tmp_path)
+    assert main(["fleet", str(tmp_path), "-o", str(tmp_path / "store")]) in {0, 1, 3, 4}
+    found = ask(tmp_path, "query", store="store", sql="SELECT count(*) >= 2 FROM fleet")
+    assert found["rows"] == [[True]]
 
 
 def test_a_store_that_is_none_is_an_answer_and_no_failure(folder: Path) -> None:
