@@ -200,7 +200,7 @@ def swing(log: FlightLog, hung: Bifilar, axis: str = "") -> Swing:
         raise LogError(
             f"Nothing swings about {AXES[number]} for five periods in this log.",
             hint="Log the gyro while disarmed, turn the vehicle by 10 degrees, let go, and "
-            "wait for a minute; name the vertical axis with --axis.",
+            "wait for a minute, and for ten swings if they are slow; name the vertical axis with --axis.",
         )
     mean = random_effect_mean(
         np.array([each.moment_kg_m2 for each in runs]), np.array([each.half_width_kg_m2 for each in runs])
@@ -308,11 +308,14 @@ def _spans(time_s: FloatArray, rate: FloatArray, frequency_hz: float) -> Iterato
 
 
 def _envelope(rate: FloatArray, frequency_hz: float, step_s: float) -> FloatArray:
-    """Return the size of a swing at each sample: of rates near its frequency, without their phase."""
-    spectrum = np.fft.fft(rate - rate.mean())
-    frequency = np.fft.fftfreq(rate.size, step_s)
+    """Return the size of a swing at each sample: of rates near its frequency, without their phase.
+
+    The log is followed by its mirror image, so that its end does not meet the push at its start.
+    """
+    spectrum = np.fft.fft(np.concatenate([rate, rate[::-1]]) - rate.mean())
+    frequency = np.fft.fftfreq(2 * rate.size, step_s)
     kept = (frequency > frequency_hz / 1.5) & (frequency < frequency_hz * 1.5)
-    return np.asarray(np.abs(np.fft.ifft(2.0 * spectrum * kept)))
+    return np.asarray(np.abs(np.fft.ifft(2.0 * spectrum * kept))[: rate.size])
 
 
 def _fitted(

@@ -74,7 +74,7 @@ def test_the_damping_is_that_of_the_drag() -> None:
 def test_any_vehicle_on_any_strings_is_measured(
     moment: float, ratio: float, length: float, amplitude_deg: float, seed: int
 ) -> None:
-    """From 30 g to 20 kg; the radius of gyration is 0.3 to 3 times half the distance of the strings."""
+    """A minute, and twelve periods at least; the radius of gyration is 0.3 to 3 times half the distance."""
     distance = 0.3 * length
     hung = Hung(
         moment=moment,
@@ -84,8 +84,18 @@ def test_any_vehicle_on_any_strings_is_measured(
         linear=0.01 * moment,
         quadratic=0.01 * moment,
     )
-    found = swing(swing_log(swing_rate(hung, TIME_S, amplitude_deg), TIME_S, seed=seed), strings(hung))
+    period_s = 2.0 * math.pi * ratio * math.sqrt(length / 9.81)
+    time_s = np.arange(0.0, max(60.0, 12.0 * period_s), 0.01)
+    found = swing(swing_log(swing_rate(hung, time_s, amplitude_deg), time_s, seed=seed), strings(hung))
     assert found.moment_kg_m2 == pytest.approx(moment, rel=0.01)
+
+
+def test_a_slow_swing_that_was_logged_too_shortly_is_refused_with_what_to_log() -> None:
+    """Seven swings of 8.5 s: the push takes more than one of them."""
+    hung = Hung(moment=1.0, mass=1.0 / 0.9**2, length=2.0, distance=0.6)
+    with pytest.raises(LogError) as raised:
+        swing(swing_log(swing_rate(hung, TIME_S, 5.0), TIME_S), strings(hung))
+    assert "ten swings" in raised.value.hint
 
 
 def test_each_push_is_a_swing_of_its_own() -> None:
