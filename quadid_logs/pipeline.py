@@ -12,7 +12,7 @@ from quadid_logs.align.pool import copies, pool
 from quadid_logs.autopilots import named
 from quadid_logs.control.closed_loop import LoopPart, close_loop
 from quadid_logs.control.findings import find_in_loop
-from quadid_logs.control.replay import replay
+from quadid_logs.control.replay import replay, thinned_from
 from quadid_logs.data.closed_loop import ClosedLoop
 from quadid_logs.data.diagnosis import Diagnosis
 from quadid_logs.data.flight import FlightData
@@ -271,6 +271,11 @@ def _closed_loop(
     # The rows to replay are on the log's own clock, which is that of the flights unless it was reset.
     rows = {} if data.clock_resets else autopilot.replay_inputs(log, controllers, data.flight_segments)
     replays = replay(controllers, rows, log.parameter_changes)
+    period_s = thinned_from(replays)
+    if period_s is not None:
+        controllers = (
+            autopilot.controllers(log, flown_parameters(log, data), period_s=period_s) or controllers
+        )
     trusted = [axis for axis, verdict in diagnosis.axes.items() if verdict.verdict != "refused"]
     fitted = most_excited(data, settings.identify.most_samples)
     low_hz = model.band.low_hz[0] if model.band is not None else settings.identify.high_pass_hz

@@ -73,7 +73,7 @@ def recommend(
         return Tuning(axes=dict.fromkeys(axes, refused), limits=limits)
     cases = {axis: _case(result, axis, tunable, parameters) for axis in axes}
     tuned = {
-        axis: tune_axis(case, model, partial(_rebuilt, log, parameters, axis), limits, apart=apart)
+        axis: tune_axis(case, model, partial(_rebuilt, result, parameters, axis), limits, apart=apart)
         for axis, (case, model) in cases.items()
     }
     return Tuning(axes=tuned, limits=limits)
@@ -119,7 +119,7 @@ def autotune_forecasts(result: Result, tuning: Tuning) -> Mapping[str, AutotuneF
         case, _ = _case(result, axis, tunable, parameters)
         if case.controller is None or case.plants is None:
             continue
-        rebuild = partial(_rebuilt, log, parameters, axis)
+        rebuild = partial(_rebuilt, result, parameters, axis)
         found = forecast(procedure, case.controller, of_next_flight(case.plants), case.names, rebuild)
         if found is not None:
             told[axis] = found
@@ -154,7 +154,7 @@ def what_if_grids(result: Result, tuning: Tuning) -> Mapping[str, WhatIf]:
             {name: parameters.get(name, 0.0) for name in some}
             for some in ((names.proportional, names.integral, names.derivative), names.filters)
         )
-        rebuild = partial(_rebuilt, result.log, parameters, axis)
+        rebuild = partial(_rebuilt, result, parameters, axis)
         grid = what_if(gains, filters, case.controller, case.plants, rebuild, names.written)
         if grid is not None:
             grids[axis] = grid
@@ -220,7 +220,7 @@ def margins_with(result: Result, axis: str, changes: Mapping[str, float]) -> Loo
     """
     loop = None if result.closed_loop is None else result.closed_loop.axes.get(axis)
     parameters = flown_parameters(result.log, result.data)
-    controller = _rebuilt(result.log, parameters, axis, changes)
+    controller = _rebuilt(result, parameters, axis, changes)
     if loop is None or loop.plants is None or controller is None:
         return None
     return scaled_loops(controller, loop.plants, loop.known_hz).margins()
@@ -258,7 +258,7 @@ def same_law(result: Result, axis: str, others: Mapping[str, float]) -> bool:
     parameters = flown_parameters(result.log, result.data)
     if all(same_gain(parameters.get(name, math.nan), value) for name, value in others.items()):
         return True
-    both = [_rebuilt(result.log, parameters, axis, changes) for changes in ({}, others)]
+    both = [_rebuilt(result, parameters, axis, changes) for changes in ({}, others)]
     paths = [_responses(one) for one in both if one is not None]
     return (
         len(paths) == len(both)
@@ -311,8 +311,11 @@ def _case(
 
 
 def _rebuilt(
-    log: FlightLog, parameters: Mapping[str, float], axis: str, changes: Mapping[str, float]
+    result: Result, parameters: Mapping[str, float], axis: str, changes: Mapping[str, float]
 ) -> AxisController | None:
     """Return the controller of an axis with some parameters changed, as the autopilot would make it."""
-    controllers = named(log.autopilot).controllers(log, {**parameters, **changes})
+    log = result.log
+    flown = None if result.closed_loop is None else result.closed_loop.controllers.axes.get(axis)
+    period_s = None if flown is None else flown.period_s
+    controllers = named(log.autopilot).controllers(log, {**parameters, **changes}, period_s=period_s)
     return None if controllers is None else controllers.axes.get(axis)

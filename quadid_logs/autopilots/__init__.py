@@ -125,8 +125,17 @@ class Autopilot:
         """
         return None
 
-    def controllers(self, log: FlightLog, parameters: Mapping[str, float]) -> FlownControllers | None:  # noqa: ARG002
-        """Return the rate and angle controllers that these parameters make; None where they are not known."""
+    def controllers(
+        self,
+        log: FlightLog,  # noqa: ARG002
+        parameters: Mapping[str, float],  # noqa: ARG002
+        *,
+        period_s: float | None = None,  # noqa: ARG002
+    ) -> FlownControllers | None:
+        """Return the rate and angle controllers that these parameters make; None where they are not known.
+
+        ``period_s`` is that of the rate loop where it is known better than by the log's rows.
+        """
         return None
 
     def replay_inputs(

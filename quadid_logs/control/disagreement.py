@@ -83,6 +83,7 @@ def explain(result: Replay, axis: str, inputs: Mapping[str, ReplayInput]) -> Rep
         _slew,
         _notch,
         _missing,
+        _perhaps_thinned,
     ):
         found = attempt(given, part)
         if found is not None:
@@ -267,9 +268,18 @@ def _clock(given: ReplayInput, part: slice) -> _Explanation | None:
 
 
 def _thinned(given: ReplayInput, part: slice) -> _Explanation | None:  # noqa: ARG001
-    logged_hz = 1.0 / float(np.median(given.rows.step_s))
-    loop_hz = 1.0 / given.loop_period_s
-    if loop_hz <= THINNED * logged_hz:
+    return _of_loop(given, given.loop_period_s)
+
+
+def _perhaps_thinned(given: ReplayInput, part: slice) -> _Explanation | None:  # noqa: ARG001
+    """Take rows that no other cause explains for some of the loop's steps, where it may be that fast."""
+    return _of_loop(given, given.shortest_period_s)
+
+
+def _of_loop(given: ReplayInput, period_s: float) -> _Explanation | None:
+    logged_hz, loop_hz = 1.0 / float(np.median(given.rows.step_s)), 1.0 / period_s
+    # A period that is not known is NaN.
+    if not loop_hz > THINNED * logged_hz:
         return None
     return _Explanation(ReplayReason.NO_ROWS, numbers={"logged_hz": logged_hz, "in_file_hz": loop_hz})
 

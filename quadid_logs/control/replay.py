@@ -51,7 +51,54 @@ def replay(
     dict of str to Replay
         By axis of the controllers.
     """
-    return {axis: _replayed(axis, controllers.axes[axis].gains, inputs, changes) for axis in controllers.axes}
+    found = {
+        axis: _replayed(axis, controllers.axes[axis].gains, inputs, changes) for axis in controllers.axes
+    }
+    if not any(_exact(each, inputs[axis]) for axis, each in found.items() if axis in inputs):
+        return found
+    # What replays exactly on one axis was logged at each step: then no other was thinned.
+    return {
+        axis: replace(each, reason=ReplayReason.NOT_EXPLAINED)
+        if _perhaps_thinned(each, inputs.get(axis))
+        else each
+        for axis, each in found.items()
+    }
+
+
+def thinned_from(replays: Mapping[str, Replay]) -> float | None:
+    """Return the period of the loop [s] where the rows turned out to be some of its steps only.
+
+    Parameters
+    ----------
+    replays : mapping of str to Replay
+
+    Returns
+    -------
+    float or None
+        None where no axis says so.
+    """
+    rates_hz = [
+        each.numbers["in_file_hz"]
+        for each in replays.values()
+        if each.reason is ReplayReason.NO_ROWS and "in_file_hz" in each.numbers
+    ]
+    return 1.0 / max(rates_hz) if rates_hz else None
+
+
+def _exact(result: Replay, given: ReplayInput) -> bool:
+    """Tell whether the output is made anew so closely that no step of the loop can be missing."""
+    error = result.relative_rms.get("output")
+    return result.agrees and error is not None and error <= _EXACT * given.tolerance
+
+
+def _perhaps_thinned(result: Replay, given: ReplayInput | None) -> bool:
+    """Tell whether thinned rows are but the explanation that was left."""
+    return (
+        given is not None
+        and result.reason is ReplayReason.NO_ROWS
+        and bool(result.numbers)
+        and given.loop_period_s > THINNED * given.shortest_period_s
+    )
 
 
 def _replayed(

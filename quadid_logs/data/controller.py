@@ -311,6 +311,9 @@ class ReplayInput:
         would hide a wrong one.
     loop_period_s : float
         That the parameters promise [s]; NaN where they do not.
+    shortest_period_s : float
+        That the loop may have where its rows' period is taken for its own [s]: where nothing else explains a
+        difference, the rows may be some of its steps only. NaN where the parameters do not say.
     slew_limits : tuple of str
         Parameters that switch on a limiter whose factor on P and D these rows do not hold.
     filters : tuple of str
@@ -331,6 +334,7 @@ class ReplayInput:
     cutoffs: tuple[str, ...]
     tolerance: float
     loop_period_s: float = float("nan")
+    shortest_period_s: float = float("nan")
     slew_limits: tuple[str, ...] = ()
     filters: tuple[str, ...] = ()
     as_logged: tuple[Term, ...] = ()

@@ -11,7 +11,7 @@ import pytest
 
 from quadid_logs import read_log
 from quadid_logs.autopilots import named
-from quadid_logs.control.replay import replay
+from quadid_logs.control.replay import replay, thinned_from
 from quadid_logs.data.controller import RemarkKind, Replay, ReplayReason
 from quadid_logs.data.log import ControllerTerms, FlightLog, ParameterChange, Rows
 from quadid_logs.load import load
@@ -375,6 +375,51 @@ def test_px4s_wrong_gain_is_named() -> None:
     found = roll(Px4Flight().log(parameters={"MC_ROLLRATE_D": 0.006}))
     assert (found.reason, found.parameter) == (ReplayReason.GAIN_DIFFERS, "MC_ROLLRATE_D")
     assert found.numbers["flown"] == pytest.approx(0.003, rel=0.03)
+
+
+def every_second_step(log: FlightLog) -> FlightLog:
+    """Return a PX4 log that holds every second step of the loop, whose period the parameters tell."""
+    log = with_rows(replace(log, parameters=log.parameters | {"IMU_GYRO_RATEMAX": 500.0}), EVERY_SECOND)
+    return replace(
+        log,
+        signals={
+            name: tuple(
+                replace(one, rows=Rows(20.0 + 0.5 * (one.rows.time_s - 20.0), one.rows.position))
+                for one in sources
+            )
+            for name, sources in log.signals.items()
+        },
+    )
+
+
+EVERY_SECOND = np.arange(8000) % 2 == 0
+
+
+def test_rows_that_may_be_some_of_px4s_steps_only_are_no_other_controller() -> None:
+    """Logged at 250 Hz from a loop of 500 Hz: set-points and slopes of the steps between are missing."""
+    found = replayed(every_second_step(Px4Flight().log(derivative=False)))
+    assert found["roll"].reason is ReplayReason.NO_ROWS
+    assert thinned_from(found) == pytest.approx(1 / 500.0)
+
+
+def test_a_slow_px4_loop_whose_rows_replay_was_not_thinned() -> None:
+    """A loop waits for its gyro: at 250 Hz where the parameters allow 800."""
+    log = Px4Flight(parameters_={"IMU_GYRO_RATEMAX": 800.0}).log()
+    assert thinned_from(replayed(log)) is None
+
+
+def test_another_gain_is_named_where_px4s_loop_may_be_faster_than_its_rows() -> None:
+    found = roll(Px4Flight().log(parameters={"MC_ROLLRATE_D": 0.006, "IMU_GYRO_RATEMAX": 800.0}))
+    assert (found.reason, found.parameter) == (ReplayReason.GAIN_DIFFERS, "MC_ROLLRATE_D")
+
+
+def test_an_axis_that_replays_exactly_says_of_the_others_that_no_step_is_missing() -> None:
+    log = Px4Flight(parameters_={"IMU_GYRO_RATEMAX": 800.0}).log()
+    output = log.signals["torque_command"][0]
+    noise = 0.2 * np.random.default_rng(0).standard_normal(output.values.shape) * [1.0, 0.0, 0.0]
+    other = replace(output, values=output.values + noise)
+    found = replayed(replace(log, signals={**log.signals, "torque_command": (other,)}))
+    assert [found[axis].reason for axis in ("roll", "pitch")] == [ReplayReason.NOT_EXPLAINED, None]
 
 
 def test_px4s_filter_of_the_acceleration_is_named_where_it_was_not_logged() -> None:

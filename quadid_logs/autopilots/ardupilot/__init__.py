@@ -62,7 +62,13 @@ class ArduPilot(Autopilot):
 
         return angle_gains(mode, parameters)
 
-    def controllers(self, log: FlightLog, parameters: Mapping[str, float]) -> FlownControllers:
+    def controllers(
+        self,
+        log: FlightLog,
+        parameters: Mapping[str, float],
+        *,
+        period_s: float | None = None,  # noqa: ARG002
+    ) -> FlownControllers:
         """AC_PID and the angle loop of ATC_*."""
         from quadid_logs.autopilots.ardupilot.controller import controllers
 

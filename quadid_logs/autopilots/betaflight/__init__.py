@@ -30,7 +30,13 @@ class Betaflight(BlackboxFamily):
         title = "Betaflight Blackbox"
         return (LogFormat("blackbox", title, blackbox.is_mine, read, suffixes, read_numbered=read),)
 
-    def controllers(self, log: FlightLog, parameters: Mapping[str, float]) -> FlownControllers | None:
+    def controllers(
+        self,
+        log: FlightLog,
+        parameters: Mapping[str, float],
+        *,
+        period_s: float | None = None,  # noqa: ARG002
+    ) -> FlownControllers | None:
         """Take the header's settings, and what moves as it was on average."""
         from quadid_logs.autopilots.betaflight.controller import controllers
 

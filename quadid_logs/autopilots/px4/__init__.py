@@ -58,11 +58,13 @@ class Px4(Autopilot):
 
         return angle_gains(mode, parameters)
 
-    def controllers(self, log: FlightLog, parameters: Mapping[str, float]) -> FlownControllers:
+    def controllers(
+        self, log: FlightLog, parameters: Mapping[str, float], *, period_s: float | None = None
+    ) -> FlownControllers:
         """mc_rate_control and mc_att_control by MC_*."""
         from quadid_logs.autopilots.px4.controller import controllers
 
-        return controllers(log, parameters)
+        return controllers(log, parameters, period_s=period_s)
 
     def replay_inputs(
         self, log: FlightLog, controllers: FlownControllers, intervals: Sequence[tuple[float, float]]

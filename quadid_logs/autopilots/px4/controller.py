@@ -61,7 +61,9 @@ def angle_gains(mode: str, parameters: Mapping[str, float]) -> tuple[float, floa
     return gains_named(_ANGLE_GAINS, parameters) if mode in _STICK_MODES else None
 
 
-def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControllers:
+def controllers(
+    log: FlightLog, parameters: Mapping[str, float], *, period_s: float | None = None
+) -> FlownControllers:
     """Return the controllers that the parameters make.
 
     Parameters
@@ -70,6 +72,8 @@ def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControl
         Tells the firmware, and by its rows the loop's period.
     parameters : mapping of str to float
         Those that flew.
+    period_s : float or None
+        Of the loop, where the log's rows turned out to be some of its steps only.
 
     Returns
     -------
@@ -80,8 +84,8 @@ def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControl
     rate_control.cpp, MulticopterRateControl.cpp, AttitudeControl.cpp, VehicleAngularVelocity.cpp.
     """
     version_read, note = read_version(log.version, VERSIONS_READ)
-    measured_s = logged_loop_period_s(log)
-    period_s = measured_s or _parameter_period_s(parameters)
+    measured_s = logged_loop_period_s(log) if period_s is None else None
+    period_s = period_s or measured_s or parameter_period_s(parameters)
     remarks = [*_common_remarks(parameters)]
     if measured_s is None:
         values = {"IMU_GYRO_RATEMAX": 1.0 / period_s}
@@ -144,7 +148,7 @@ def _gyro_period_s(period_s: float, parameters: Mapping[str, float]) -> float:
     A loop that is slower than it may be waits for the gyro, and has its period. One at its limit has a
     faster gyro; nothing tells how much faster, and beyond some times it makes no difference.
     """
-    waits = period_s > _WAITING * _parameter_period_s(parameters)
+    waits = period_s > _WAITING * parameter_period_s(parameters)
     return period_s if waits else period_s / _FASTER
 
 
@@ -168,7 +172,8 @@ def _axis(parameters: Mapping[str, float], name: str, period_s: float, gyro_s: f
     )
 
 
-def _parameter_period_s(parameters: Mapping[str, float]) -> float:
+def parameter_period_s(parameters: Mapping[str, float]) -> float:
+    """Return the shortest period that the loop may have, by IMU_GYRO_RATEMAX [s]."""
     rate_hz = parameters.get("IMU_GYRO_RATEMAX", _DEFAULT_LOOP_HZ)
     return 1.0 / (rate_hz if 0.0 < rate_hz < math.inf else _DEFAULT_LOOP_HZ)
 

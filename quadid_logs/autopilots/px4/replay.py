@@ -10,7 +10,7 @@ import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.autopilots.loop_rows import Interval, longest_run, matched, possible, stood_still, within
-from quadid_logs.autopilots.px4.controller import AXIS_NAMES, rate_parameters
+from quadid_logs.autopilots.px4.controller import AXIS_NAMES, parameter_period_s, rate_parameters
 from quadid_logs.autopilots.px4.filters import cutoff_hz, derivative_filter, has_second_order_derivative
 from quadid_logs.data.controller import AxisRows, FlownControllers, ReplayedTerms, ReplayInput, Term
 from quadid_logs.data.log import FlightLog, Signal
@@ -65,6 +65,7 @@ def replay_inputs(
             cutoffs=("MC_YAW_TQ_CUTOFF",) if axis == "yaw" else ("IMU_DGYRO_CUTOFF",),
             tolerance=_TOLERANCE,
             loop_period_s=controllers.axes[axis].period_s,
+            shortest_period_s=parameter_period_s(parameters),
             filters=("IMU_GYRO_CUTOFF", "IMU_GYRO_NF", "IMU_DGYRO_CUTOFF", "MC_YAW_TQ_CUTOFF"),
         )
         for axis in controllers.axes
