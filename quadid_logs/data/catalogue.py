@@ -427,9 +427,10 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL523",
                 "Small torques have less effect",
-                "Below some torque the vehicle answers less than above: a dead zone, friction, or "
-                "coarse steps of the outputs. The effectiveness depends on the size of the manoeuvre; "
-                "the interval covers that beyond the dead zone.",
+                "Below some torque, or below some change of each rotor's command, the vehicle answers "
+                "less than above: a dead zone, friction, or coarse steps of the outputs. The "
+                "effectiveness depends on the size of the manoeuvre; the interval covers that beyond the "
+                "dead zone.",
                 "Fly larger manoeuvres, and look for a dead band in mixer, servos or speed controllers.",
             ),
             _entry(

@@ -335,7 +335,7 @@ class FormulationCheck:
 
 
 #: What one more column of an equation stands for.
-Effect = Literal["threshold", "limit", "tilt", "swing", "mode", "second lag", "asymmetry"]
+Effect = Literal["threshold", "rotor threshold", "limit", "tilt", "swing", "mode", "second lag", "asymmetry"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -353,6 +353,8 @@ class EffectCheck:
         Fraction of what the model leaves of the acceleration.
     shift : float
         By how much the on-axis effectiveness is larger with it, relative.
+    most : float
+        Upper end of the 95 % interval of that, where it is known; NaN otherwise.
     place : float
         Torque of a dead zone or a limit, frequency of a mode or a swing [Hz]; NaN of the others.
     """
@@ -363,6 +365,7 @@ class EffectCheck:
     explained: float
     shift: float
     place: float = float("nan")
+    most: float = float("nan")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

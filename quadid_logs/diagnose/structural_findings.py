@@ -79,6 +79,7 @@ _FLIGHTS_SEEN = 1e-4
 
 _CODES: Final[dict[Effect, str]] = {
     "threshold": "QL523",
+    "rotor threshold": "QL523",
     "limit": "QL524",
     "mode": "QL525",
     "tilt": "QL526",
@@ -89,10 +90,15 @@ _CODES: Final[dict[Effect, str]] = {
 #: What a loss of torque would be, after "if".
 _IF: Final[dict[Effect, str]] = {
     "threshold": "small torques had less effect",
+    "rotor threshold": "small changes of a rotor's command had less effect",
     "limit": "large torques had less effect",
 }
-#: Looked for at one frequency after the other, not at one torque.
-_OF_FREQUENCY: Final[frozenset[Effect]] = frozenset({"mode", "swing"})
+#: What it is that they are looked for at, where that is not a torque.
+_PLACES: Final[dict[Effect, str]] = {
+    "mode": "frequency_hz",
+    "swing": "frequency_hz",
+    "rotor threshold": "rotor_command",
+}
 #: What can pass for a wrong time of the torque.
 _OF_TIME: Final[frozenset[Effect]] = frozenset({"mode", "second lag", "asymmetry"})
 
@@ -315,7 +321,7 @@ def _evidence(check: StructuralCheck, effect: EffectCheck) -> dict[str, object]:
         "effectiveness_with_it": rounded(1.0 + effect.shift, 3),
     }
     if np.isfinite(effect.place):
-        evidence["frequency_hz" if effect.effect in _OF_FREQUENCY else "torque"] = rounded(effect.place, 3)
+        evidence[_PLACES.get(effect.effect, "torque")] = rounded(effect.place, 3)
     return evidence
 
 

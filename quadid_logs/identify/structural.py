@@ -45,8 +45,11 @@ _ON_ANOTHER_AXIS = 9.0
 #: chance on one axis in two hundred, at any of the dozen that are tried, and the price is width alone.
 _EFFECT_POSSIBLE = 12.0
 _POSSIBLY_EXPLAINS = 0.05
+#: Flights of one vehicle differ by as much, by battery and air: a dead zone of the rotors that moves no
+#: effectiveness by it is within its interval, and no matter.
+_FELT = 0.03
 #: Effects that are lost torque of some size, not another shape of the response.
-_OF_AMPLITUDE: Final = ("threshold", "limit")
+_OF_AMPLITUDE: Final = ("threshold", "rotor threshold", "limit")
 #: An effect that would shift the effectiveness by more leaves no number.
 LARGEST_SHIFT: Final = 0.5
 #: Beyond a limit, torque has no effect: in simulated flights 0.6 and more of its coefficient goes to the
@@ -93,12 +96,17 @@ class _Candidate(NamedTuple):
 
 
 class _Extended(NamedTuple):
-    """What an effect does to an equation; ``coefficient`` of its first column over the effectiveness."""
+    """What an effect does to an equation.
+
+    ``coefficient`` is that of its first column over the effectiveness, ``held`` that of the on-axis torque in
+    what the other columns hold of it.
+    """
 
     statistic: float
     explained: float
     shift: float
     coefficient: float
+    held: float
 
 
 class _EquationRows(NamedTuple):
@@ -160,7 +168,13 @@ class _EquationRows(NamedTuple):
         statistic = coefficient @ np.linalg.pinv(variance, hermitian=True) @ coefficient
         explains = 1.0 - (left @ left) / max(float(self.residual @ self.residual), np.finfo(float).tiny)
         shift = -(load @ coefficient)[self.own] / self.gain
-        return _Extended(float(statistic), float(explains), float(shift), float(coefficient[0] / self.gain))
+        return _Extended(
+            statistic=float(statistic),
+            explained=float(explains),
+            shift=float(shift),
+            coefficient=float(coefficient[0] / self.gain),
+            held=float(load[self.own, 0]),
+        )
 
 
 def check_structure(
@@ -192,7 +206,10 @@ def check_structure(
     persistence, spread = _variation(design, equations)
     flight_gain, flight_half_width = _by_flight(design, equations)
     return StructuralCheck(
-        effects=tuple(_effects(design, model, regression, equations)),
+        effects=(
+            *_effects(design, model, regression, equations),
+            *_of_rotors(design, model, equations, described),
+        ),
         timing=None if free is None else _timing(problem, free, fit),
         flight_gain=flight_gain,
         flight_half_width=flight_half_width,
@@ -231,7 +248,8 @@ def with_alternatives(structure: Structure, estimate: Estimate, check: Structura
         of_timing = 0.0 if check.timing is None else check.timing.shift[axis]
         seen, possible = _shifts(check, axis)
         own = check.own_timing[axis] if _spoils_timing(check, axis) else 0.0
-        factors = np.array([1.0, *(1.0 + of_timing) * (1.0 + seen), 1.0 + own])
+        lost = [1.0 + each.most for each in _rotor_losses(check, axis)]
+        factors = np.array([1.0, *(1.0 + of_timing) * (1.0 + seen), 1.0 + own, *lost])
         others = gain * (1.0 + possible)
         low[place] = min((low[place] * factors).min(), others.min())
         high[place] = max((high[place] * factors).max(), others.max())
@@ -286,6 +304,12 @@ def _shifts(check: StructuralCheck, axis: int) -> tuple[FloatArray, FloatArray]:
     return np.zeros(1), np.array([0.0, *shifts, *opposite])
 
 
+def _rotor_losses(check: StructuralCheck, axis: int) -> list[EffectCheck]:
+    """Return the dead zone of the rotors that an axis has, or may have."""
+    found = [each for each in check.effects if each.axis == axis and each.effect == "rotor threshold"]
+    return [each for each in found if each.statistic >= _EFFECT_POSSIBLE]
+
+
 def _spoils_timing(check: StructuralCheck, axis: int) -> bool:
     """Say whether an effect on another axis may have made the lag and the delay that all have in common."""
     return any(seen_effects(check, other) for other in range(3) if other != axis)
@@ -306,6 +330,10 @@ def evidence_needed(check: StructuralCheck, effect: EffectCheck) -> tuple[float,
     explained : float
         Fraction of the residual.
     """
+    if effect.effect == "rotor threshold":
+        # A shape that nothing else has: air explains no part of it.
+        felt = any(each.shift >= _FELT for each in check.effects if each.effect == "rotor threshold")
+        return (EFFECT_SEEN if felt else np.inf), 0.0
     if effect.effect not in _OF_AMPLITUDE:
         return EFFECT_SEEN, _EFFECT_EXPLAINS
     dead = effect.effect == "threshold"
@@ -381,6 +409,8 @@ def _is_possible(check: StructuralCheck, effect: EffectCheck) -> bool:
     A mode in the band is then any combination of gain and lag. The rotors of all axes are the same: a dead
     zone that may be on one may be on all.
     """
+    if effect.effect == "rotor threshold":
+        return effect.statistic >= _EFFECT_POSSIBLE
     if effect.effect == "mode" or abs(effect.shift) > LARGEST_SHIFT:
         return False
     same = [each for each in check.effects if each.effect == effect.effect == "threshold"]
@@ -515,6 +545,55 @@ def _thresholds(design: Design, model: ActuatorModel, regression: Regression) ->
         instrument = None if predicted is None else np.clip(predicted, -level, level)[..., np.newaxis]
         effect: Effect = "threshold" if number < len(_LEVELS) else "limit"
         yield _Candidate(effect, cut_off[..., np.newaxis], level, instrument)
+
+
+def _of_rotors(
+    design: Design,
+    model: ActuatorModel,
+    equations: dict[int, _EquationRows],
+    described: InputDescription | None,
+) -> tuple[EffectCheck, ...]:
+    """Return what a dead zone of each rotor does, which follows no command near the mean of all rotors.
+
+    Torques about several axes move a rotor by their sum, so that no level of one torque tells it. The level,
+    and how much is lost below it, are those of all axes together.
+    """
+    per_thrust = None if described is None else described.torque_per_thrust
+    thrusts = [chunk.rotor_thrust for chunk in design.chunks if chunk.rotor_thrust is not None]
+    if per_thrust is None or not equations or len(thrusts) < len(design.chunks):
+        return ()
+    apart = [each - each.mean(axis=1, keepdims=True) for each in thrusts]
+    best, most, place = {}, 0.0, np.nan
+    for level in np.quantile(np.abs(np.concatenate(apart)), _LEVELS):
+        lost = _behind(design, model, [np.clip(each, -level, level) @ per_thrust.T for each in apart])
+        found = {axis: each.extended(lost[:, [axis]], None) for axis, each in equations.items()}
+        there = {axis: each for axis, each in found.items() if each.coefficient < 0.0 < each.explained}
+        total = sum(each.statistic for each in there.values())
+        if total > most:
+            best, most, place = found, total, float(level)
+    there = {axis: each for axis, each in best.items() if each.coefficient < 0.0 < each.explained}
+    if not there:
+        return ()
+    # How much is lost of what is below the level: all of it if that is the dead zone's.
+    fraction = sum(each.statistic * -each.coefficient / (1.0 + each.shift) for each in there.values()) / most
+    largest = max(there.values(), key=lambda each: each.statistic)
+    return tuple(
+        EffectCheck(
+            axis=axis,
+            effect="rotor threshold",
+            statistic=float(most),
+            explained=largest.explained,
+            shift=_restored(fraction * each.held),
+            most=_restored(fraction * (1.0 + NORMAL_95 / np.sqrt(most)) * each.held),
+            place=place,
+        )
+        for axis, each in best.items()
+    )
+
+
+def _restored(lost: float) -> float:
+    """Return how much larger an effectiveness is of which a fraction was lost."""
+    return lost / (1.0 - lost) if lost < 1.0 else np.inf
 
 
 def _modes(design: Design, model: ActuatorModel) -> Iterator[_Candidate]:

@@ -535,10 +535,12 @@ def _mistaken(
     gain = 1.0 / battery.lift if controller.compensates_voltage else 1.0
     roll, pitch, yaw = controller.actuation.error(decision.achieved, time_s, ops)
     mixer = controller.mixer
-    thrusts = tuple(
-        ops.higher(ops.lower(thrust + gain * (r * roll + p * pitch + y * yaw), 1.0), 0.0)
+    moved = tuple(
+        thrust + gain * (r * roll + p * pitch + y * yaw)
         for thrust, r, p, y in zip(decision.thrust, mixer.roll, mixer.pitch, mixer.yaw, strict=True)
     )
+    followed = controller.actuation.followed(moved, ops)
+    thrusts = tuple(ops.higher(ops.lower(thrust, 1.0), 0.0) for thrust in followed)
     return decision._replace(
         targets=_speeds(_actuators(thrusts, controller, battery, ops), controller, battery)
     )

@@ -48,6 +48,9 @@ class Effects:
         the centre of mass it is hooked.
     dead_zone : float
         Torque command below which the rotors do nothing, taken off any larger one [1].
+    rotor_dead_zone : float
+        Of each rotor: by how much its command may differ from the mean of all before it follows, taken off
+        any larger difference [1].
     torque_limit : tuple of float
         Largest torque command about each axis that the rotors follow, which nothing in the log tells [1].
     gain_swing, gain_period_s : float
@@ -76,6 +79,7 @@ class Effects:
     sling_length_m: float = 1.0
     sling_hook_m: float = 0.05
     dead_zone: float = 0.0
+    rotor_dead_zone: float = 0.0
     torque_limit: tuple[float, float, float] = (1.0, 1.0, 1.0)
     gain_swing: float = 0.0
     gain_period_s: float = 5.0
@@ -107,6 +111,7 @@ FIELDS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
         "tilt stiffness": ("tilt_stiffness_1_s2",),
         "sling load": ("sling_load_fraction", "sling_length_m", "sling_hook_m"),
         "dead zone": ("dead_zone",),
+        "rotor dead zone": ("rotor_dead_zone",),
         "unlogged saturation": ("torque_limit",),
         "alternating gain": ("gain_swing", "gain_period_s"),
         "spin-down asymmetry": ("spin_down_ratio",),
@@ -210,11 +215,15 @@ class Actuation:
 
     def __init__(self, effects: Sequence[Effects]) -> None:
         self._dead = stacked([one.dead_zone for one in effects])
+        self._rotor_dead = stacked([one.rotor_dead_zone for one in effects])
         self._limit = vector([np.array(one.torque_limit) for one in effects])
         self._swing = stacked([one.gain_swing for one in effects])
         self._period_s = stacked([one.gain_period_s for one in effects])
         #: Whether there is anything to do.
-        self.present = any(one.dead_zone or one.gain_swing or min(one.torque_limit) < 1.0 for one in effects)
+        self.present = any(
+            one.dead_zone or one.rotor_dead_zone or one.gain_swing or min(one.torque_limit) < 1.0
+            for one in effects
+        )
 
     def error(self, torque: Triple, time_s: float, ops: Arithmetic) -> Triple:
         """Return what the rotors give beyond the torque command [1]."""
@@ -225,10 +234,19 @@ class Actuation:
             gain * self._passed(torque[2], self._limit[2], ops) - torque[2],
         )
 
+    def followed(self, thrusts: tuple[Component, ...], ops: Arithmetic) -> tuple[Component, ...]:
+        """Return what each rotor follows: of differences from the mean, those beyond its dead zone."""
+        mean = sum(thrusts[1:], thrusts[0]) / len(thrusts)
+        return tuple(mean + _beyond(each - mean, self._rotor_dead, ops) for each in thrusts)
+
     def _passed(self, command: Component, limit: Component, ops: Arithmetic) -> Component:
         """Take off the dead zone, and clip."""
-        moved = command - ops.higher(ops.lower(command, self._dead), -self._dead)
+        moved = _beyond(command, self._dead, ops)
         return ops.higher(ops.lower(moved, limit), -limit)
+
+
+def _beyond(command: Component, dead: Component, ops: Arithmetic) -> Component:
+    return command - ops.higher(ops.lower(command, dead), -dead)
 
 
 class FlexibleMode:

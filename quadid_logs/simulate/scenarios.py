@@ -125,6 +125,11 @@ _STRUCTURAL: Final = (
         Effects(dead_zone=0.02),
     ),
     (
+        "rotor-dead-zone",
+        "The good flight with rotors that ignore commands within 1 % of the mean of all rotors.",
+        Effects(rotor_dead_zone=0.01),
+    ),
+    (
         "hidden-saturation",
         "The good flight with motors that follow no more than a tenth of the full torque; nothing logs it.",
         Effects(torque_limit=(0.1, 0.1, 0.3)),

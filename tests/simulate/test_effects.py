@@ -33,6 +33,7 @@ ALL = Effects(
     tilt_stiffness_1_s2=4.0,
     sling_load_fraction=0.1,
     dead_zone=0.01,
+    rotor_dead_zone=0.005,
     torque_limit=(0.2, 0.25, 0.4),
     gain_swing=0.2,
     spin_down_ratio=2.0,
@@ -150,6 +151,13 @@ def test_a_dead_zone_is_taken_off_every_command(command, given):
     """On both sides, and nothing is left of a command that is smaller."""
     error = Actuation([Effects(dead_zone=0.02)]).error((command, 0.0, 0.0), 0.0, arithmetic(1))
     np.testing.assert_allclose(command + error[0], given, atol=1e-12)
+
+
+def test_a_rotor_follows_only_what_differs_enough_from_the_mean():
+    """The mean is followed at once."""
+    actuation = Actuation([Effects(rotor_dead_zone=0.02)])
+    followed = actuation.followed((0.51, 0.49, 0.55, 0.45), arithmetic(1))
+    np.testing.assert_allclose(followed, [0.5, 0.5, 0.53, 0.47], atol=1e-12)
 
 
 def test_each_axis_has_its_own_hidden_limit():

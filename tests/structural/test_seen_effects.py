@@ -171,7 +171,7 @@ def test_a_resonance_is_looked_for_in_any_phase() -> None:
 def test_a_resonance_that_leaves_more_than_there_was_is_none(explained: float, statistic: float) -> None:
     """By its statistic it hid the one beside it that explained half of the residual."""
     mode = _Candidate("mode", np.zeros((1, 3, 2)), np.full(3, 12.0))
-    found = _Extended(statistic=4000.0, explained=explained, shift=0.6, coefficient=0.1)
+    found = _Extended(statistic=4000.0, explained=explained, shift=0.6, coefficient=0.1, held=0.0)
     assert _checked(mode, ROLL, found).statistic == statistic
 
 
@@ -181,7 +181,7 @@ def test_where_only_peaks_are_a_torque_may_be_limited_and_not_dead(
 ) -> None:
     """A dead zone is below: of flown doublets one was found that all but the peaks would be in."""
     peaks = _Candidate("limit", np.zeros((1, 3, 1)), np.full(3, 0.2))
-    found = _Extended(statistic=300.0, explained=0.5, shift=-0.7, coefficient=coefficient)
+    found = _Extended(statistic=300.0, explained=0.5, shift=-0.7, coefficient=coefficient, held=0.0)
     assert _checked(peaks, ROLL, found).statistic == statistic
 
 
@@ -260,5 +260,5 @@ def test_beside_an_effect_that_is_seen_no_other_is_left_open() -> None:
 def test_a_tilt_that_leaves_more_than_there_was_keeps_its_statistic() -> None:
     """By what the instruments tell, the coefficient is beyond chance."""
     place = np.full(3, np.nan)
-    found = _Extended(statistic=40.0, explained=-0.006, shift=-0.04, coefficient=1.0)
+    found = _Extended(statistic=40.0, explained=-0.006, shift=-0.04, coefficient=1.0, held=0.0)
     assert _checked(_Candidate("tilt", np.zeros((1, 3, 1)), place), ROLL, found).statistic == 40.0

@@ -1,0 +1,94 @@
+"""Rotors that ignore small commands: the effectiveness comes out low, and the interval holds the truth."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+
+from quadid_logs.align import cut
+from quadid_logs.data.model import EffectCheck
+from quadid_logs.data.result import Result
+from quadid_logs.data.settings import Settings
+from quadid_logs.identify.structural import is_seen
+from quadid_logs.load import prepare
+from quadid_logs.pipeline import judge
+from quadid_logs.simulate import simulate
+from quadid_logs.vocabulary import AXES, ON_AXIS
+from tests.structural.test_seen_effects import ROLL, YAW, check, widened
+
+
+@functools.cache
+def flown(scenario: str, autopilot: str) -> tuple[dict, Result]:
+    """Fly half a minute, and analyze the log."""
+    flight = simulate(scenario, seed=3, duration_s=40.0, autopilot=autopilot)
+    prepared = prepare(flight.log)
+    data = cut(prepared, Settings().align)
+    return flight.truth, judge(prepared.log, data, Settings(), vehicle=None, timings_s={})
+
+
+def of_rotors(axis: int, **values: float) -> EffectCheck:
+    given = {"statistic": 100.0, "explained": 0.02, "shift": 0.2, "most": 0.25} | values
+    return EffectCheck(axis=axis, effect="rotor threshold", **given)
+
+
+@pytest.mark.parametrize("axis", AXES)
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_the_interval_holds_what_rotors_that_ignore_small_commands_hide(axis: str, autopilot: str) -> None:
+    """Per unit of command; it was low by 3 to 5 half widths, at an R2 of 0.98, and called usable."""
+    truth, result = flown("rotor-dead-zone", autopilot)
+    assert result.closed_loop is not None
+    effectiveness = result.closed_loop.axes[axis].effectiveness
+    assert effectiveness is not None
+    low, high = effectiveness.ci95
+    gain = float(np.diag(np.array(truth["models"]["damped"]["B"]))[AXES.index(axis)])
+    assert low <= gain <= high
+    assert result.diagnosis.axes[axis].verdict == "caution"
+    assert "QL523" in result.diagnosis.axes[axis].reasons
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_the_level_is_that_of_the_rotors(autopilot: str) -> None:
+    """Within the steps of the levels that are tried; a command of one is the full thrust of a rotor."""
+    model = flown("rotor-dead-zone", autopilot)[1].identification.recommended
+    assert model is not None
+    assert model.structural is not None
+    levels = {each.place for each in model.structural.effects if each.effect == "rotor threshold"}
+    assert len(levels) == 1
+
+
+def test_rotors_that_follow_all_commands_leave_the_interval_narrow() -> None:
+    """The clean flight stays usable, within 4 % on all axes."""
+    _, result = flown("sysid-quad-x", "ardupilot")
+    model = result.identification.recommended
+    assert model is not None
+    for axis in AXES:
+        entry = model.entries[ON_AXIS[axis]]
+        assert entry.ci95[1] - entry.ci95[0] < 0.1 * entry.value
+        assert result.diagnosis.axes[axis].verdict == "usable"
+
+
+def test_a_dead_zone_of_the_rotors_is_seen_however_rough_the_air() -> None:
+    """Gusts are most of what a model leaves; the shape is that of nothing else."""
+    effect = of_rotors(ROLL)
+    assert is_seen(check(effect), effect)
+
+
+def test_a_dead_zone_of_the_rotors_that_moves_nothing_is_no_finding() -> None:
+    """A per cent of the effectiveness is within what flights differ by, however clear it is."""
+    effect = of_rotors(ROLL, statistic=1000.0, shift=0.01, most=0.012)
+    assert not is_seen(check(effect), effect)
+
+
+@pytest.mark.parametrize("statistic", [14.0, 100.0])
+def test_the_interval_covers_how_large_a_dead_zone_of_the_rotors_may_be(statistic: float) -> None:
+    """Not only what the effectiveness most likely is with it."""
+    low, high = widened(of_rotors(YAW, statistic=statistic))
+    assert (low[YAW], high[YAW]) == pytest.approx((1.0, 1.25))
+
+
+def test_what_chance_makes_of_rotors_widens_nothing() -> None:
+    """One flight in two hundred has as much by chance."""
+    _, high = widened(of_rotors(YAW, statistic=8.0))
+    assert high[YAW] == 1.0
