@@ -58,6 +58,16 @@ def test_the_level_is_that_of_the_rotors(autopilot: str) -> None:
     assert len(levels) == 1
 
 
+def test_what_is_lost_at_most_is_more_than_what_is_likely() -> None:
+    """On each axis."""
+    model = flown("rotor-dead-zone", "ardupilot")[1].identification.recommended
+    assert model is not None
+    assert model.structural is not None
+    found = [each for each in model.structural.effects if each.effect == "rotor threshold"]
+    assert len(found) == 3
+    assert all(0.0 < each.shift < each.most < 1.5 * each.shift for each in found)
+
+
 def test_rotors_that_follow_all_commands_leave_the_interval_narrow() -> None:
     """The clean flight stays usable, within 4 % on all axes."""
     _, result = flown("sysid-quad-x", "ardupilot")
