@@ -73,7 +73,7 @@ samples: $(INSTALLED)  ## Write sample_logs/ anew with our own simulator
 check: lint types contracts test  ## All that must hold before a commit
 
 check-all: check  ## And the long studies, every log, and that the lists of mistakes fit the code
-	$(BIN)/python -m pytest -q -n auto --dist loadfile -m 'source_text or thorough'
+	HYPOTHESIS_PROFILE=random $(BIN)/python -m pytest -q -n auto --dist loadfile -m 'source_text or thorough or property'
 
 clean:  ## Remove what was generated
 	rm -rf $(VENV) demo site build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -12,6 +12,7 @@ from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import hypothesis
 import pytest
 
 from tests.kept import SHELVES, Shelf, clear_others, code_key
@@ -28,6 +29,11 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+
+# The same examples for the same code, so that what fails fails again; `make check-all` draws new ones.
+hypothesis.settings.register_profile("reproducible", derandomize=True)
+hypothesis.settings.register_profile("random", print_blob=True)
+hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "reproducible"))
 
 
 #: The test files that take longest, most first: what begins last decides when the suite ends.
@@ -88,13 +94,15 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark every test that reads the corpus, before `-m` chooses; sort the files, the long ones first."""
+    """Mark what reads the corpus or draws examples, before `-m` chooses; sort files, the long ones first."""
     n_tests = Counter(item.path for item in items)
     places = {REPOSITORY / "tests" / name: place for place, name in enumerate(LONGEST_FIRST)}
     items.sort(key=lambda item: (places.get(item.path, len(places)), -n_tests[item.path], str(item.path)))
     for item in items:
         if "corpus" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.corpus)
+        if getattr(getattr(item, "obj", None), "is_hypothesis_test", False):
+            item.add_marker(pytest.mark.property)
 
 
 @pytest.fixture(scope="session")
