@@ -399,6 +399,8 @@ class StructuralCheck:
     feedback : ndarray, shape (3,)
         How much larger the on-axis effectiveness may be because a controller answers what disturbs the
         vehicle, relative; where set-points are instruments, as far as they follow the attitude.
+    together : ndarray, shape (3,)
+        How much larger, relative, the on-axis effectiveness is with all effects that are seen together.
     instrumented : bool
         Set-points are instruments.
     strength : ndarray, shape (3,)
@@ -416,6 +418,7 @@ class StructuralCheck:
     feedback: FloatArray
     instrumented: bool = False
     own_timing: FloatArray = field(default_factory=lambda: np.zeros(3))
+    together: FloatArray = field(default_factory=lambda: np.zeros(3))
     strength: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
 
 

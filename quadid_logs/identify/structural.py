@@ -8,6 +8,7 @@ says whether it matters. Lag and delay follow it to first order, as does all els
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -80,6 +81,9 @@ _PERSISTENCE_S = 0.5
 #: Below, the lag of a rotor moves no torque by as much as can be seen [s].
 _LEAST_LAG_S = 0.002
 
+#: A third effect that is seen beside two others is rare, a fourth is none.
+_MOST_TOGETHER = 3
+
 _Response = Callable[[ComplexArray], ComplexArray]
 
 
@@ -109,6 +113,14 @@ class _Extended(NamedTuple):
     held: float
 
 
+class _Found(NamedTuple):
+    """An effect on one axis, its columns (n_train, n) and their instruments."""
+
+    check: EffectCheck
+    columns: FloatArray
+    also: FloatArray | None = None
+
+
 class _EquationRows(NamedTuple):
     """The training rows of one equation, with lag and delay to first order among its columns.
 
@@ -134,9 +146,7 @@ class _EquationRows(NamedTuple):
         used = np.flatnonzero(regression.used[axis])
         columns = np.column_stack([regression.Z[:, used], times])
         explained = np.column_stack([regression.explained[:, used], regression.project(times)])
-        size = np.linalg.norm(explained, axis=0)
-        size[size == 0.0] = 1.0
-        solve = np.linalg.pinv(explained / size, rcond=_SAME_COLUMN) / size[:, np.newaxis]
+        solve = _pseudo_inverse(explained)
         theta = solve @ regression.Y[:, axis]
         place = int(np.flatnonzero(used == own)[0])
         residual = regression.Y[:, axis] - columns @ theta
@@ -154,10 +164,7 @@ class _EquationRows(NamedTuple):
         By the theorem of Frisch, Waugh and Lovell only the part of them that the others do not hold counts.
         The variance is that of scores summed over clusters.
         """
-        explained = self.regression.project(extra)
-        if also is not None:
-            beyond = also - self.regression.project(also)
-            explained = explained + beyond @ np.linalg.lstsq(beyond, extra, rcond=_SAME_COLUMN)[0]
+        explained = self._instrumented(extra, also)
         load = self.solve @ explained
         alone = explained - self.explained @ load
         bread = np.linalg.pinv(alone.T @ alone, hermitian=True)
@@ -175,6 +182,38 @@ class _EquationRows(NamedTuple):
             coefficient=float(coefficient[0] / self.gain),
             held=float(load[self.own, 0]),
         )
+
+    def beside(self, found: _Found) -> _EquationRows:
+        """Return the equation with the columns of an effect among its own."""
+        columns = np.column_stack([self.columns, found.columns])
+        explained = np.column_stack([self.explained, self._instrumented(found.columns, found.also)])
+        solve = _pseudo_inverse(explained)
+        # What was left is fitted anew: all that it changes is added to what was there.
+        change = solve @ self.residual
+        return self._replace(
+            columns=columns,
+            explained=explained,
+            solve=solve,
+            residual=self.residual - columns @ change,
+            gain=self.gain + float(change[self.own]),
+        )
+
+    def _instrumented(self, extra: FloatArray, also: FloatArray | None) -> FloatArray:
+        """Return what the instruments, and `also` beside them, make of more columns."""
+        explained = self.regression.project(extra)
+        if also is None:
+            return explained
+        beyond = also - self.regression.project(also)
+        return np.asarray(explained + beyond @ np.linalg.lstsq(beyond, extra, rcond=_SAME_COLUMN)[0])
+
+
+_Look = Callable[[dict[int, _EquationRows]], list[_Found]]
+
+
+def _pseudo_inverse(columns: FloatArray) -> FloatArray:
+    size = np.linalg.norm(columns, axis=0)
+    size[size == 0.0] = 1.0
+    return np.asarray(np.linalg.pinv(columns / size, rcond=_SAME_COLUMN) / size[:, np.newaxis])
 
 
 def check_structure(
@@ -205,11 +244,16 @@ def check_structure(
     equations = _equations(design, structure, model, regression, axes)
     persistence, spread = _variation(design, equations)
     flight_gain, flight_half_width = _by_flight(design, equations)
-    return StructuralCheck(
-        effects=(
+
+    def look(equations: dict[int, _EquationRows]) -> list[_Found]:
+        return [
             *_effects(design, model, regression, equations),
             *_of_rotors(design, model, equations, described),
-        ),
+        ]
+
+    found = look(equations)
+    check = StructuralCheck(
+        effects=tuple(each.check for each in found),
         timing=None if free is None else _timing(problem, free, fit),
         flight_gain=flight_gain,
         flight_half_width=flight_half_width,
@@ -220,6 +264,35 @@ def check_structure(
         own_timing=_own_timing(structure, regression, equations),
         strength=_strength(design),
     )
+    return replace(check, together=_together(check, equations, found, look))
+
+
+def _together(
+    check: StructuralCheck, equations: dict[int, _EquationRows], found: list[_Found], look: _Look
+) -> FloatArray:
+    """Return how much larger the effectiveness is with all effects that are seen; shape (3,).
+
+    The one that explains most is fitted with the others, and what is left is looked through again: an effect
+    hides a smaller one, and two that come together move the effectiveness further than either.
+    """
+    extended = dict(equations)
+    for _ in range(_MOST_TOGETHER):
+        check = replace(check, effects=tuple(each.check for each in found))
+        columns = {(each.check.axis, each.check.effect): each for each in found}
+        chosen: dict[int, _Found] = {}
+        for axis in extended:
+            # Below a limit, the torque and the torque cut off are one: neither column alone is the vehicle's.
+            seen = [each for each in seen_effects(check, axis) if each.effect != "limit"]
+            if seen:
+                chosen[axis] = columns[axis, max(seen, key=_explained).effect]
+        if not chosen:
+            break
+        extended |= {axis: extended[axis].beside(each) for axis, each in chosen.items()}
+        found = look({axis: extended[axis] for axis in chosen})
+    together = np.zeros(3)
+    for axis, each in extended.items():
+        together[axis] = each.gain / equations[axis].gain - 1.0
+    return together
 
 
 def _strength(design: Design) -> FloatArray:
@@ -249,7 +322,9 @@ def with_alternatives(structure: Structure, estimate: Estimate, check: Structura
         seen, possible = _shifts(check, axis)
         own = check.own_timing[axis] if _spoils_timing(check, axis) else 0.0
         lost = [1.0 + each.most for each in _rotor_losses(check, axis)]
-        factors = np.array([1.0, *(1.0 + of_timing) * (1.0 + seen), 1.0 + own, *lost])
+        factors = np.array(
+            [1.0, *(1.0 + of_timing) * (1.0 + seen), 1.0 + own, *lost, 1.0 + check.together[axis]]
+        )
         others = gain * (1.0 + possible)
         low[place] = min((low[place] * factors).min(), others.min())
         high[place] = max((high[place] * factors).max(), others.max())
@@ -454,14 +529,14 @@ def _equations(
 
 def _effects(
     design: Design, model: ActuatorModel, regression: Regression, equations: dict[int, _EquationRows]
-) -> Iterator[EffectCheck]:
+) -> Iterator[_Found]:
     """Yield the likeliest level or frequency of each kind of effect, axis by axis.
 
     That is the one furthest beyond chance, of several limits that are clear the one that explains most.
     """
     if not equations:
         return
-    best: dict[tuple[int, Effect], EffectCheck] = {}
+    best: dict[tuple[int, Effect], _Found] = {}
     for candidate in _candidates(design, model, regression):
         for axis, equation in equations.items():
             if candidate.effect in ("tilt", "swing") and axis == 2:
@@ -471,8 +546,9 @@ def _effects(
             # The torque below a level has less effect (dead zone), or only that below it has any (limit).
             check = _checked(candidate, axis, found)
             effect = check.effect
-            if check.statistic > 0.0:
-                best[axis, effect] = max(best.get((axis, effect), check), check, key=_fits)
+            known = best.get((axis, effect))
+            if check.statistic > 0.0 and (known is None or _fits(check) > _fits(known.check)):
+                best[axis, effect] = _Found(check, candidate.columns[:, axis], also)
     yield from best.values()
 
 
@@ -552,7 +628,7 @@ def _of_rotors(
     model: ActuatorModel,
     equations: dict[int, _EquationRows],
     described: InputDescription | None,
-) -> tuple[EffectCheck, ...]:
+) -> tuple[_Found, ...]:
     """Return what a dead zone of each rotor does, which follows no command near the mean of all rotors.
 
     Torques about several axes move a rotor by their sum, so that no level of one torque tells it. The level,
@@ -563,21 +639,22 @@ def _of_rotors(
     if per_thrust is None or not equations or len(thrusts) < len(design.chunks):
         return ()
     apart = [each - each.mean(axis=1, keepdims=True) for each in thrusts]
-    best, most, place = {}, 0.0, np.nan
+    best: dict[int, _Extended] = {}
+    most, place, of_rotors = 0.0, np.nan, np.zeros((0, 3))
     for level in np.quantile(np.abs(np.concatenate(apart)), _LEVELS):
         lost = _behind(design, model, [np.clip(each, -level, level) @ per_thrust.T for each in apart])
         found = {axis: each.extended(lost[:, [axis]], None) for axis, each in equations.items()}
         there = {axis: each for axis, each in found.items() if each.coefficient < 0.0 < each.explained}
         total = sum(each.statistic for each in there.values())
         if total > most:
-            best, most, place = found, total, float(level)
+            best, most, place, of_rotors = found, total, float(level), lost
     there = {axis: each for axis, each in best.items() if each.coefficient < 0.0 < each.explained}
     if not there:
         return ()
     # How much is lost of what is below the level: all of it if that is the dead zone's.
     fraction = sum(each.statistic * -each.coefficient / (1.0 + each.shift) for each in there.values()) / most
     largest = max(there.values(), key=lambda each: each.statistic)
-    return tuple(
+    checks = (
         EffectCheck(
             axis=axis,
             effect="rotor threshold",
@@ -589,6 +666,7 @@ def _of_rotors(
         )
         for axis, each in best.items()
     )
+    return tuple(_Found(check, of_rotors[:, [check.axis]]) for check in checks)
 
 
 def _restored(lost: float) -> float:

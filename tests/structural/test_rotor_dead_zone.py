@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -11,10 +14,13 @@ from quadid_logs.align import cut
 from quadid_logs.data.model import EffectCheck
 from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
-from quadid_logs.identify.structural import is_seen
+from quadid_logs.identify.structural import _EquationRows, _Found, is_seen
 from quadid_logs.load import prepare
 from quadid_logs.pipeline import judge
-from quadid_logs.simulate import simulate
+from quadid_logs.simulate import SCENARIOS, fly, plan_flights, simulate
+from quadid_logs.simulate.effects import Effects
+from quadid_logs.simulate.logger import log_flights
+from quadid_logs.simulate.truth import flight_truth
 from quadid_logs.vocabulary import AXES, ON_AXIS
 from tests.structural.test_seen_effects import ROLL, YAW, check, widened
 
@@ -102,3 +108,42 @@ def test_what_chance_makes_of_rotors_widens_nothing() -> None:
     """One flight in two hundred has as much by chance."""
     _, high = widened(of_rotors(YAW, statistic=8.0))
     assert high[YAW] == 1.0
+
+
+def test_two_effects_that_come_together_move_the_effectiveness_further_than_either() -> None:
+    """A dead zone of each axis beside that of the rotors: 5 % low, and either alone explains half of that."""
+    effects = Effects(dead_zone=0.003, rotor_dead_zone=0.006)
+    scenario = replace(SCENARIOS["sysid-quad-x"], effects=effects)
+    (setup,) = plan_flights(scenario, seed=3, duration_s=30.0, rate_hz=400.0, autopilot="ardupilot")
+    record = fly(setup)
+    truth = flight_truth((record,), scenario="both", boot_s=0.0)
+    prepared = prepare(log_flights((record,), scenario.logging))
+    result = judge(prepared.log, cut(prepared, Settings().align), Settings(), vehicle=None, timings_s={})
+    model = result.identification.recommended
+    assert model is not None
+    gains = np.diag(np.array(truth["models"]["damped"]["B"]))
+    for axis, gain in zip(AXES, gains, strict=True):
+        low, high = model.entries[ON_AXIS[axis]].ci95
+        assert low <= gain <= high, axis
+
+
+def test_an_effect_among_the_columns_is_fitted_with_them() -> None:
+    """As by least squares over all columns."""
+    rng = np.random.default_rng(0)
+    columns, extra = rng.standard_normal((60, 3)), rng.standard_normal((60, 2))
+    target = rng.standard_normal(60)
+    theta = np.linalg.lstsq(columns, target, rcond=None)[0]
+    equation = _EquationRows(
+        regression=cast("Any", SimpleNamespace(project=lambda each: each)),
+        columns=columns,
+        explained=columns,
+        solve=np.linalg.pinv(columns),
+        residual=target - columns @ theta,
+        clusters=np.arange(60),
+        own=1,
+        gain=float(theta[1]),
+    )
+    found = equation.beside(_Found(of_rotors(ROLL), extra))
+    both = np.linalg.lstsq(np.column_stack([columns, extra]), target, rcond=None)[0]
+    assert found.gain == pytest.approx(both[1])
+    np.testing.assert_allclose(found.residual, target - np.column_stack([columns, extra]) @ both, atol=1e-12)
