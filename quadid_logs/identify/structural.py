@@ -46,9 +46,9 @@ _ON_ANOTHER_AXIS = 9.0
 #: chance on one axis in two hundred, at any of the dozen that are tried, and the price is width alone.
 _EFFECT_POSSIBLE = 12.0
 _POSSIBLY_EXPLAINS = 0.05
-#: Flights of one vehicle differ by as much, by battery and air: a dead zone of the rotors that moves no
-#: effectiveness by it is within its interval, and no matter.
-_FELT = 0.03
+#: All of a command is lost below a dead zone, and of the levels one is at most four times that. Where 163
+#: flights without a dead zone seemed to have one, none lost more than a twentieth: thrust that bends.
+_LEAST_OF_LEVEL = 0.25
 #: Effects that are lost torque of some size, not another shape of the response.
 _OF_AMPLITUDE: Final = ("threshold", "rotor threshold", "limit")
 #: An effect that would shift the effectiveness by more leaves no number.
@@ -407,8 +407,7 @@ def evidence_needed(check: StructuralCheck, effect: EffectCheck) -> tuple[float,
     """
     if effect.effect == "rotor threshold":
         # A shape that nothing else has: air explains no part of it.
-        felt = any(each.shift >= _FELT for each in check.effects if each.effect == "rotor threshold")
-        return (EFFECT_SEEN if felt else np.inf), 0.0
+        return EFFECT_SEEN, 0.0
     if effect.effect not in _OF_AMPLITUDE:
         return EFFECT_SEEN, _EFFECT_EXPLAINS
     dead = effect.effect == "threshold"
@@ -640,33 +639,48 @@ def _of_rotors(
         return ()
     apart = [each - each.mean(axis=1, keepdims=True) for each in thrusts]
     best: dict[int, _Extended] = {}
-    most, place, of_rotors = 0.0, np.nan, np.zeros((0, 3))
+    lost, place, of_rotors = _Lost(0.0, 0.0), np.nan, np.zeros((0, 3))
     for level in np.quantile(np.abs(np.concatenate(apart)), _LEVELS):
-        lost = _behind(design, model, [np.clip(each, -level, level) @ per_thrust.T for each in apart])
-        found = {axis: each.extended(lost[:, [axis]], None) for axis, each in equations.items()}
-        there = {axis: each for axis, each in found.items() if each.coefficient < 0.0 < each.explained}
-        total = sum(each.statistic for each in there.values())
-        if total > most:
-            best, most, place, of_rotors = found, total, float(level), lost
-    there = {axis: each for axis, each in best.items() if each.coefficient < 0.0 < each.explained}
-    if not there:
-        return ()
-    # How much is lost of what is below the level: all of it if that is the dead zone's.
-    fraction = sum(each.statistic * -each.coefficient / (1.0 + each.shift) for each in there.values()) / most
-    largest = max(there.values(), key=lambda each: each.statistic)
+        below = _behind(design, model, [np.clip(each, -level, level) @ per_thrust.T for each in apart])
+        found = {axis: each.extended(below[:, [axis]], None) for axis, each in equations.items()}
+        of_level = _Lost.of([each for each in found.values() if each.statistic > 0.0])
+        # By the instruments a coefficient may be beyond chance and yet leave more than there was: no effect.
+        explains = sum(each.explained for each in found.values()) > 0.0
+        if explains and of_level.fraction > _LEAST_OF_LEVEL and of_level.statistic > lost.statistic:
+            best, lost, place, of_rotors = found, of_level, float(level), below
+    explained = max((each.explained for each in best.values()), default=0.0)
+    most = lost.fraction * (1.0 + NORMAL_95 / np.sqrt(max(lost.statistic, 1.0)))
     checks = (
         EffectCheck(
             axis=axis,
             effect="rotor threshold",
-            statistic=float(most),
-            explained=largest.explained,
-            shift=_restored(fraction * each.held),
-            most=_restored(fraction * (1.0 + NORMAL_95 / np.sqrt(most)) * each.held),
+            statistic=lost.statistic,
+            explained=explained,
+            shift=_restored(lost.fraction * each.held),
+            most=_restored(most * each.held),
             place=place,
         )
         for axis, each in best.items()
     )
     return tuple(_Found(check, of_rotors[:, [check.axis]]) for check in checks)
+
+
+class _Lost(NamedTuple):
+    """The fraction that is lost of what is below a level, by all axes, and its square over its variance."""
+
+    fraction: float
+    statistic: float
+
+    @classmethod
+    def of(cls, found: Sequence[_Extended]) -> _Lost:
+        """Return the mean over axes, each by its variance."""
+        each = np.array([-one.coefficient / (1.0 + one.shift) for one in found])
+        information = np.array([one.statistic for one in found]) / each**2
+        total = float(information.sum())
+        if not 0.0 < total < np.inf:
+            return cls(0.0, 0.0)
+        fraction = float(information @ each) / total
+        return cls(fraction, fraction**2 * total)
 
 
 def _restored(lost: float) -> float:

@@ -14,7 +14,7 @@ from quadid_logs.align import cut
 from quadid_logs.data.model import EffectCheck
 from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
-from quadid_logs.identify.structural import _EquationRows, _Found, is_seen
+from quadid_logs.identify.structural import _EquationRows, _Extended, _Found, _Lost, is_seen
 from quadid_logs.load import prepare
 from quadid_logs.pipeline import judge
 from quadid_logs.simulate import SCENARIOS, fly, plan_flights, simulate
@@ -91,10 +91,17 @@ def test_a_dead_zone_of_the_rotors_is_seen_however_rough_the_air() -> None:
     assert is_seen(check(effect), effect)
 
 
-def test_a_dead_zone_of_the_rotors_that_moves_nothing_is_no_finding() -> None:
-    """A per cent of the effectiveness is within what flights differ by, however clear it is."""
-    effect = of_rotors(ROLL, statistic=1000.0, shift=0.01, most=0.012)
-    assert not is_seen(check(effect), effect)
+def test_thrust_that_bends_is_no_dead_zone() -> None:
+    """Little of the command is lost below any level, however clear it is: rotors do follow."""
+    bends = [_Extended(1000.0, 0.5, 0.01, coefficient=-0.05, held=0.3) for _ in range(3)]
+    assert _Lost.of(bends).fraction == pytest.approx(0.05 / 1.01)
+
+
+def test_axes_that_contradict_each_other_are_no_dead_zone() -> None:
+    """Yaw lost all below a level, and roll, which was better known, a tenth: they have the same rotors."""
+    yaw = _Extended(57.6, 0.14, 0.0, coefficient=-0.99, held=0.3)
+    roll = _Extended(6.3, 0.09, 0.0, coefficient=-0.1, held=0.3)
+    assert _Lost.of([yaw, roll]).fraction < 0.25
 
 
 @pytest.mark.parametrize("statistic", [14.0, 100.0])
