@@ -177,6 +177,8 @@ class Browser:
 
     def drop(self, files: list[Path], selector: str = "body") -> None:
         """Drag files from outside onto an element and let them go."""
+        # Before the page's scripts have run, nobody would catch them.
+        self.wait("document.readyState === 'complete'")
         x, y = self.place(selector)
         data = {"items": [], "files": [str(file) for file in files], "dragOperationsMask": 1}
         for kind in ("dragEnter", "dragOver", "drop"):
