@@ -16,6 +16,7 @@ from quadid_logs.cli.fetch import fetch
 from quadid_logs.cli.fleet import fleet
 from quadid_logs.cli.fleet_report import fleet_report
 from quadid_logs.cli.info import info
+from quadid_logs.cli.live import live
 from quadid_logs.cli.mcp import mcp
 from quadid_logs.cli.paper import paper
 from quadid_logs.cli.plan import plan
@@ -50,6 +51,7 @@ def make_app() -> typer.Typer:
         swing,
         plan,
         fetch,
+        live,
         info,
         export,
         explain,

@@ -84,6 +84,8 @@ class Vehicle:
     ----------
     address : str
     patience : Patience
+    may_fly : bool
+        Whether the vehicle may be armed.
 
     Raises
     ------
@@ -91,8 +93,11 @@ class Vehicle:
         If the link cannot be opened, or no autopilot is heard.
     """
 
-    def __init__(self, address: str, patience: Patience | None = None) -> None:
+    def __init__(self, address: str, patience: Patience | None = None, *, may_fly: bool = False) -> None:
         self.patience = patience or Patience()
+        self._may_fly = may_fly
+        #: As its last heartbeat says, which MAV_AUTOPILOT it is, and when that came [s, monotonic].
+        self.armed, self.autopilot, self.heard_s = False, _NO_AUTOPILOT, -1.0
         self._address = printable(address)
         device, baud = device_of(address)
         os.environ.setdefault("MAVLINK20", "1")
@@ -146,7 +151,8 @@ class Vehicle:
         Raises
         ------
         LinkError
-            If the link is gone, or the vehicle is armed: a download loads its processor and its card.
+            If the link is gone, or the vehicle is armed and must not be: a download loads its processor
+            and its card.
         """
         while time.monotonic() < until_s:
             message = self._next()
@@ -154,7 +160,9 @@ class Vehicle:
                 continue
             if message.get_type() == "HEARTBEAT":
                 self._note(message)
-            elif self._id == (message.get_srcSystem(), message.get_srcComponent()) and _for_us(message):
+            elif self._id == (message.get_srcSystem(), message.get_srcComponent()) and (
+                message.get_type() != "FILE_TRANSFER_PROTOCOL" or for_us(message)
+            ):
                 return message
         return None
 
@@ -176,7 +184,11 @@ class Vehicle:
         if heartbeat.type == _GROUND_STATION or heartbeat.autopilot == _NO_AUTOPILOT:
             return
         self._id = self._id or sender
-        if sender == self._id and heartbeat.base_mode & _ARMED:
+        if sender != self._id:
+            return
+        self.armed, self.autopilot = bool(heartbeat.base_mode & _ARMED), int(heartbeat.autopilot)
+        self.heard_s = time.monotonic()
+        if self.armed and not self._may_fly:
             raise LinkError(
                 "The vehicle is armed: a download loads its processor and its card.",
                 hint="Land, disarm, and run the command again.",
@@ -214,8 +226,6 @@ class Vehicle:
             ) from error
 
 
-def _for_us(message: Any) -> bool:
-    """Return whether a reply is ours: another ground station may fetch at the same time."""
-    if message.get_type() != "FILE_TRANSFER_PROTOCOL":
-        return True
+def for_us(message: Any) -> bool:
+    """Return whether a message is addressed to us: another ground station may be served at the same time."""
     return message.target_system in {0, _SYSTEM} and message.target_component in {0, _COMPONENT}
