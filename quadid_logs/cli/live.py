@@ -1,8 +1,9 @@
-"""``quadid-log live``: record the log that a vehicle streams, and analyze it after landing."""
+"""``quadid-log live``: record the log that a vehicle streams, with figures meanwhile and analysis after."""
 
 from __future__ import annotations
 
 import json
+import math
 import sys
 import threading
 import time
@@ -12,12 +13,18 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from quadid_logs.cli.failure import flush, report_problem, say
+from quadid_logs.cli.terminal import is_terminal
 from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
-    from quadid_logs.link.record import Recorder, RecordPatience, RecordState
+    from rich.live import Live
 
-_EVERY_S: Final = 1.0
+    from quadid_logs.link.record import Recorder, RecordPatience, RecordState
+    from quadid_logs.live import LiveEstimate, LiveFigures
+
+#: Updates; lines in a pipe where nothing is new to do, and where something is [s].
+_EVERY_S, _PAUSE_S, _NEWS_S = 1.0, 10.0, 2.0
+_PROVISIONAL: Final = "Provisional: the analysis after landing decides."
 #: How long the vehicle, and its stream, are waited for; None: as `RecordPatience` has it. Tests have less.
 _PATIENCE: RecordPatience | None = None
 
@@ -34,6 +41,12 @@ def live(
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the recorded log.")
     ] = Path("logs"),
+    target: Annotated[
+        float,
+        typer.Option(
+            "--target", metavar="PERCENT", min=1.0, max=50.0, help="Half width of the 95 % interval to reach."
+        ),
+    ] = 5.0,
     no_analyze: Annotated[
         bool, typer.Option("--no-analyze", help="Record only; analyze the log later.")
     ] = False,
@@ -42,7 +55,7 @@ def live(
     ] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace the report of an earlier run.")] = False,
 ) -> int:
-    """Record the log that a vehicle streams while it flies; after landing, analyze it.
+    """Record the log that a vehicle streams, show what the flight tells so far, and analyze it after landing.
 
     Start it before arming. It ends after disarming, or with Ctrl-C. Exit code:
     that of analyze; 2: no vehicle, or no log.
@@ -53,7 +66,7 @@ def live(
     teller = _Teller(as_json=as_json)
     with Vehicle(address, may_fly=True) as vehicle:
         recorder = Recorder(vehicle, output, _PATIENCE)
-        _record(recorder, teller)
+        _record(recorder, teller, 0.01 * target)
     state = recorder.state
     for sentence in state.losses.sentences():
         teller.event(sentence)
@@ -66,7 +79,7 @@ def live(
     return run(context, state.paths, force=force, quiet=as_json)
 
 
-def _record(recorder: Recorder, teller: _Teller) -> None:
+def _record(recorder: Recorder, teller: _Teller, target: float) -> None:
     """Record in a thread of its own, which no update of the view keeps waiting; Ctrl-C ends it."""
     done, failures = threading.Event(), []
 
@@ -79,7 +92,7 @@ def _record(recorder: Recorder, teller: _Teller) -> None:
     receiver = threading.Thread(target=receive)
     receiver.start()
     try:
-        _watch(recorder.state, receiver, teller)
+        _watch(recorder.state, receiver, teller, target)
     except KeyboardInterrupt:
         teller.event("Interrupted: the recording ends here.")
     finally:
@@ -89,24 +102,75 @@ def _record(recorder: Recorder, teller: _Teller) -> None:
         raise failures[0]
 
 
-def _watch(state: RecordState, receiver: threading.Thread, teller: _Teller) -> None:
-    """Say once a second how far the recording is."""
-    while receiver.is_alive():
-        receiver.join(_EVERY_S)
-        teller.progress(state)
+def _watch(state: RecordState, receiver: threading.Thread, teller: _Teller, target: float) -> None:
+    """Show once a second what the flight tells so far."""
+    view = _View(target)
+    with teller:
+        while receiver.is_alive():
+            receiver.join(_EVERY_S)
+            teller.show(state, view.figures(state, teller))
+
+
+class _View:
+    """The live figures of the file that is being written."""
+
+    def __init__(self, target: float) -> None:
+        self._target = target
+        self._path: Path | None = None
+        self._n_read = 0
+        self._flight: LiveEstimate | None = None
+        self._failed = False
+
+    def figures(self, state: RecordState, teller: _Teller) -> LiveFigures:
+        """Return the figures; what goes wrong with them ends them, and not the recording."""
+        from quadid_logs.live import LiveEstimate, LiveFigures
+
+        if state.path is None or self._failed:
+            return LiveFigures(target=self._target)
+        if state.path != self._path or self._flight is None:
+            self._path, self._n_read = state.path, 0
+            self._flight = LiveEstimate(self._target)
+        try:
+            with state.path.open("rb") as file:
+                file.seek(self._n_read)
+                content = file.read(max(state.n_bytes - self._n_read, 0))
+            self._n_read += len(content)
+            self._flight.append(content)
+            return self._flight.figures()
+        except Exception as error:  # noqa: BLE001 - any failure here must leave the recording alone
+            self._failed = True
+            teller.event(f"There are no live figures any more ({type(error).__name__}); recording goes on.")
+            return LiveFigures(target=self._target)
 
 
 class _Teller:
-    """Says what happens: lines for people on stderr, results on stdout, or all as JSON."""
+    """Says what happens: a block that is drawn anew or lines on stderr, results on stdout; or all as JSON."""
 
     def __init__(self, *, as_json: bool) -> None:
         self._as_json = as_json
-        self._said_s = -float("inf")
+        self._said_s, self._hint = -float("inf"), ""
+        self._block: Live | None = None
+
+    def __enter__(self) -> _Teller:
+        if not self._as_json and is_terminal(sys.stderr):
+            from rich.console import Console
+            from rich.live import Live
+
+            self._block = Live(console=Console(stderr=True, highlight=False), auto_refresh=False)
+            self._block.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._block is not None:
+            self._block.stop()
+            self._block = None
 
     def event(self, sentence: str) -> None:
         """Say that something happened."""
         if self._as_json:
             self._json(kind="event", sentence=printable(sentence, 400))
+        elif self._block is not None:
+            self._block.console.print(printable(sentence, 400), markup=False)
         else:
             report_problem(sentence)
 
@@ -117,16 +181,48 @@ class _Teller:
         else:
             say(printable(path))
 
-    def progress(self, state: RecordState) -> None:
-        """Say how much was recorded."""
-        now_s = time.monotonic()
+    def show(self, state: RecordState, figures: LiveFigures) -> None:
+        """Show the figures: at once on a terminal, in a pipe when there is something new to do."""
+        from quadid_logs.live import figure_block, figure_line
+
+        name = "" if state.path is None else printable(state.path.name, 80)
         if self._as_json:
-            self._json(kind="progress", bytes=state.n_bytes, armed=state.armed)
-        elif now_s - self._said_s > 10.0:
-            self._said_s = now_s
-            word = "armed" if state.armed else "disarmed"
-            sys.stderr.write(f"{state.n_bytes / 1e6:.1f} MB recorded, {word}\n")
+            self._json(kind="update", **_fields(state, figures))
+        elif self._block is not None:
+            from rich.text import Text
+
+            head = f"{name}  {state.n_bytes / 1e6:.1f} MB  {'armed' if state.armed else 'disarmed'}"
+            lines = map(printable, (head, *figure_block(figures), _PROVISIONAL))
+            self._block.update(Text("\n".join(lines)), refresh=True)
+        else:
+            now_s, due_s = time.monotonic(), _PAUSE_S if figures.hint == self._hint else _NEWS_S
+            if now_s - self._said_s >= due_s:
+                self._said_s, self._hint = now_s, figures.hint
+                sys.stderr.write(f"{printable(figure_line(figures), 400)}\n")
+                sys.stderr.flush()
 
     def _json(self, **fields: object) -> None:
-        say(json.dumps(fields))
+        say(json.dumps(fields, allow_nan=False))
         flush()
+
+
+def _fields(state: RecordState, figures: LiveFigures) -> dict[str, object]:
+    """Return an update as JSON has it: what is not known is null."""
+    return {
+        "bytes": state.n_bytes,
+        "armed": state.armed,
+        "flown_s": round(figures.flown_s, 2),
+        "axes": {
+            axis.axis: {
+                "effectiveness": axis.effectiveness if math.isfinite(axis.effectiveness) else None,
+                "half_width": axis.half_width if math.isfinite(axis.half_width) else None,
+                "more_s": axis.more_s if math.isfinite(axis.more_s) else None,
+            }
+            for axis in figures.axes
+        },
+        "unit": figures.unit,
+        "saturated": round(figures.saturated, 4),
+        "oscillation": figures.oscillation,
+        "hint": printable(figures.hint, 400),
+        "provisional": True,
+    }

@@ -698,11 +698,21 @@ class SpectralFit:
         return float(self.mean[0])
 
     @property
+    def follows_commands(self) -> bool:
+        """Whether it is a vehicle's response to commands, however wide its interval is."""
+        return bool(self.r2_commanded >= _LEAST_COMMANDED_R2)
+
+    @property
+    def is_described(self) -> bool:
+        """Whether one gain, lag, delay and damping describe the response."""
+        return bool(self.departure <= _MOST_DEPARTURE)
+
+    @property
     def is_sound(self) -> bool:
         """Whether the effectiveness is told: narrow, positive, and of a vehicle's response to commands."""
         return bool(
-            self.departure <= _MOST_DEPARTURE
-            and self.r2_commanded >= _LEAST_COMMANDED_R2
+            self.is_described
+            and self.follows_commands
             and 0.0 < self.half_width <= _MOST_HALF_WIDTH * self.gain
         )
 

@@ -36,7 +36,7 @@ from quadid_logs.maths.normal import NORMAL_95
 
 #: Of a block: twice the time in which a rate loop of half a hertz forgets, and a flight of half a minute has
 #: fourteen [s].
-_BLOCK_S = 4.0
+BLOCK_S: Final = 4.0
 #: Of a planned trajectory, whose flights last for some seconds: a flight of six seconds has three.
 _PLANNED_BLOCK_S = 3.0
 #: A planned trajectory commands speeds too, and below some frequency the moments of speed through the air
@@ -132,25 +132,54 @@ def fit_by_spectra(data: FlightData) -> tuple[SpectralFit, ...]:
         Roll, pitch, yaw; empty where nothing tells what was commanded, or it lasts for
         less than four blocks. An axis that was not commanded has a wide interval, or `SpectralFit.departure`.
     """
-    spectra = _spectra(data)
-    if spectra is None or len(spectra.run) < _FEWEST_BLOCKS:
+    spectra = flight_spectra(data)
+    return () if spectra is None else fit_spectra(spectra, data.gyro_filter, planned=_is_planned(data))
+
+
+def fit_spectra(
+    spectra: BlockSpectra,
+    gyro_filter: GyroFilter,
+    *,
+    planned: bool = False,
+    moved: Sequence[int] = range(_AXES),
+) -> tuple[SpectralFit, ...]:
+    """Estimate the equations of all axes from blocks, of a whole flight or of one that goes on.
+
+    Parameters
+    ----------
+    spectra : BlockSpectra
+        As of `flight_spectra`.
+    gyro_filter : GyroFilter
+        Of the flight.
+    planned : bool
+        What was commanded is a planned trajectory.
+    moved : sequence of int
+        Axes to estimate. On one at rest the controller turns the gyro's noise into torque, and the lag that
+        explains it would be taken for that of all axes.
+
+    Returns
+    -------
+    tuple of SpectralFit
+        As of `fit_by_spectra`.
+    """
+    if len(spectra.run) < _FEWEST_BLOCKS:
         return ()
     command = spectra.values[:, :, 3 * _AXES :]
-    axes = [number for number in range(_AXES) if _moves(spectra, number)]
+    axes = [number for number in moved if _moves(spectra, number)]
     if spectra.frequency_hz.size < 2 * _SHARED_LINES or not _has_size(command) or not axes:
         return ()
     torque = spectra.values[:, :, _AXES : 2 * _AXES]
-    if _is_planned(data):
+    if planned:
         # One instrument an axis, as it is: a first stage of so weak ones would be noise of its own.
         axes = [number for number in axes if _has_size(command[:, :, number])]
         told = command[:, :, :_AXES]
     else:
-        moved = command[:, :, np.abs(command).max(axis=(0, 1)) > _SMALLEST]
-        told = _told_by_others(moved, torque, spectra.run)
+        given = command[:, :, np.abs(command).max(axis=(0, 1)) > _SMALLEST]
+        told = _told_by_others(given, torque, spectra.run)
     if not axes:
         return ()
-    corners_hz = _CORNERS_HZ if _is_planned(data) else _CORNERS_HZ[:1]
-    return _fit([_Axis(spectra, number, told[:, :, number], data.gyro_filter, corners_hz) for number in axes])
+    corners_hz = _CORNERS_HZ if planned else _CORNERS_HZ[:1]
+    return _fit([_Axis(spectra, number, told[:, :, number], gyro_filter, corners_hz) for number in axes])
 
 
 def _is_planned(data: FlightData) -> bool:
@@ -164,8 +193,18 @@ def _moves(spectra: BlockSpectra, number: int) -> bool:
     return _has_size(spectra.values[:, :, _AXES + number]) and _has_size(spectra.derivative(number))
 
 
-def _spectra(data: FlightData) -> BlockSpectra | None:
-    """Return the spectra of rates, torques, products of rates, and commands, in that order."""
+def flight_spectra(data: FlightData) -> BlockSpectra | None:
+    """Return the spectra of rates, torques, products of rates, and commands, in that order.
+
+    Parameters
+    ----------
+    data : FlightData
+
+    Returns
+    -------
+    BlockSpectra or None
+        None where nothing tells what was commanded, or for less than a block.
+    """
     records, starts = [], []
     for segment in data.segments:
         if segment.command is None or segment.reference is None:
@@ -182,7 +221,7 @@ def _spectra(data: FlightData) -> BlockSpectra | None:
     if len({record.shape[1] for record in records}) != 1:
         return None
     highest_hz = min(_HIGHEST_HZ, _OF_SAMPLE_RATE / data.sample_period_s)
-    length_s = _PLANNED_BLOCK_S if _is_planned(data) else _BLOCK_S
+    length_s = _PLANNED_BLOCK_S if _is_planned(data) else BLOCK_S
     return block_spectra(records, starts, data.sample_period_s, length_s=length_s, highest_hz=highest_hz)
 
 

@@ -441,7 +441,7 @@ class _ByBlocks:
             is_new = now_s - self._data_s > 0.2 * self._patience.command_s
         if is_new:
             if number >= _MOST_KEPT:
-                # In the middle of a log that an earlier recording left on: end it. The next one begins with 0.
+                # In the middle of a log that an earlier recording left on: end it.
                 self._answer(_STOP_BLOCKS, _ACK)
                 return
             if self._stream is not None:

@@ -40,3 +40,34 @@ def test_the_result_is_that_of_the_log(autopilot: int, tmp_path: Path) -> None:
     same.write_bytes(expected)
     assert main(["analyze", str(same), "--no-report"]) == code == 0
     assert models(tmp_path / "quadid-report" / path.stem) == models(tmp_path / "quadid-report" / "same")
+
+
+def test_updates_are_lines_of_json_and_shrink(capsys: pytest.CaptureFixture[str]) -> None:
+    """At last every axis is known, and the pilot is told to land; what is unknown is null."""
+    original = FLIGHTS[BLOCKS].read_bytes()
+    with SocketLogger(FakeLogger(original, BLOCKS), frames_per_s=1000.0) as vehicle:
+        assert main(["live", vehicle.address, "--json", "--no-analyze", "--target", "10"]) == 0
+    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    updates = [line for line in lines if line["kind"] == "update"]
+    widths = [update["axes"]["roll"]["half_width"] for update in updates]
+    assert widths[0] is None
+    assert widths[-1] < 0.1
+    assert "land" in updates[-1]["hint"]
+    assert lines[-1]["kind"] == "recorded"
+    assert lines[-1]["bytes"] == len(whole_messages(original, BLOCKS))
+
+
+def test_figures_that_fail_leave_the_recording_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A flight is not flown twice for a mistake of ours."""
+
+    def fail(*_: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("quadid_logs.live.LiveEstimate.append", fail)
+    original = FLIGHTS[FRAMES].read_bytes()
+    with SocketLogger(FakeLogger(original, FRAMES)) as vehicle:
+        assert main(["live", vehicle.address, "--no-analyze"]) == 0
+    assert "recording goes on" in capsys.readouterr().err
+    assert next((tmp_path / "logs").iterdir()).read_bytes() == original

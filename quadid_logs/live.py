@@ -1,0 +1,452 @@
+"""What a flight shows while it is flown: control effectiveness with its interval, and what to fly next.
+
+Rows that have come since the last update become block spectra (`identify.spectral`). These blocks are
+all that is kept of the flight, so that an update costs the same after ten minutes as after one. The figures
+are provisional: the analysis of the whole log after landing decides.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from quadid_logs.align import Prepared, cut
+from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.containers.tail import LogTail
+from quadid_logs.data.flight import LEAST_FLIGHT_S, FlightData, Segment
+from quadid_logs.data.log import NO_GYRO_FILTER
+from quadid_logs.data.model import SpectralFit
+from quadid_logs.data.settings import AlignSettings
+from quadid_logs.errors import QuadidError
+from quadid_logs.health.oscillation import find_oscillation
+from quadid_logs.identify.excitation import MIN_RATE_RMS_DEG_S
+from quadid_logs.identify.spectral import BLOCK_S, fit_spectra, flight_spectra
+from quadid_logs.load import prepare, read_log
+from quadid_logs.maths.band import ComplexArray
+from quadid_logs.maths.block_spectra import BlockSpectra
+from quadid_logs.maths.normal import NORMAL_95
+from quadid_logs.numerals import number
+from quadid_logs.sentences import listed
+from quadid_logs.vocabulary import AXES
+
+#: Half width of the 95 % interval that a flight shall reach, unless another is wanted.
+TARGET: Final = 0.05
+#: What is read anew at each update: two blocks, and what is trimmed at both ends [s].
+_TAIL_S: Final = 12.0
+#: Rows are taken in parts of this length where many come at once [s].
+_STEP_S: Final = 4.0
+_PART: Final = 1 << 15
+#: Blocks overlap by half.
+_HOP_S: Final = 0.5 * BLOCK_S
+#: Five minutes; of a longer flight the blocks in which most was commanded are kept.
+_MOST_BLOCKS: Final = 150
+_MOST_COMMANDS: Final = 4
+#: More excitation than that is advised at a time, and less is not worth a word [s].
+_MOST_S, _LEAST_S = 30.0, 4.0
+#: Excitation for a first estimate: the fewest blocks that tell how they scatter, and one more [s].
+_FIRST_S: Final = 12.0
+#: After so much excitation of an axis more of it will not narrow its interval [s].
+_ENOUGH_S: Final = 60.0
+#: Mixers at their limits for more than this are said, as in the report (QL311's first level).
+_SATURATED: Final = 0.05
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LiveAxis:
+    """What is known of an axis.
+
+    Attributes
+    ----------
+    axis : str
+    effectiveness : float
+        [rad/s^2 per unit of torque], NaN where it is not known yet.
+    half_width : float
+        Of the 95 % interval, relative; infinite where nothing is known.
+    excited_s : float
+        For how long the axis was commanded, as far as it counts.
+    more_s : float
+        How much longer to excite it for the wanted interval; 0 once that is reached.
+    """
+
+    axis: str
+    effectiveness: float = float("nan")
+    half_width: float = float("inf")
+    excited_s: float = 0.0
+    more_s: float = _FIRST_S
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LiveFigures:
+    """What is known of a flight so far.
+
+    Attributes
+    ----------
+    flown_s : float
+        In the air, with rows to estimate from [s].
+    axes : tuple of LiveAxis
+        Roll, pitch, yaw.
+    saturated : float
+        Fraction of that time at the limits of the mixer.
+    oscillation : str
+        A sentence on the last seconds, "" where nothing oscillates.
+    missing : str
+        Why nothing can be estimated, "" where that is not so.
+    unit : str
+        Of the torque: "1" per unit of command, "N m" where the log calibrates it; the interval does not
+        hold what is unknown of that calibration.
+    target : float
+        The relative half width that is wanted.
+    """
+
+    flown_s: float = 0.0
+    axes: tuple[LiveAxis, ...] = tuple(LiveAxis(axis=axis) for axis in AXES)
+    saturated: float = 0.0
+    oscillation: str = ""
+    missing: str = "no log data yet"
+    unit: str = "1"
+    target: float = TARGET
+
+    @property
+    def is_enough(self) -> bool:
+        """Whether every axis has the interval that is wanted."""
+        return self.flown_s >= LEAST_FLIGHT_S and all(axis.more_s == 0.0 for axis in self.axes)
+
+    @property
+    def hint(self) -> str:
+        """What to do next, in a sentence."""
+        if self.missing:
+            return f"Waiting: {self.missing}."
+        if self.is_enough:
+            return f"All axes are known to {_percent(self.target)}: land."
+        if self.saturated > _SATURATED:
+            return "Move the sticks less: the motors are at their limits."
+        open_axes = [axis for axis in self.axes if 0.0 < axis.more_s < math.inf]
+        if not open_axes:
+            wide = listed([axis.axis for axis in self.axes if axis.more_s > 0.0])
+            return f"More flight will not narrow {wide} much: land, and read the report."
+        axis = max(open_axes, key=lambda one: (one.more_s, one.half_width))
+        return f"Fly {axis.axis} doublets for {axis.more_s:.0f} s more."
+
+
+class _Block(NamedTuple):
+    """A block: when it begins, its spectra, and by axis whether it moved, and what was commanded then."""
+
+    start_s: float
+    values: ComplexArray
+    by_slope: ComplexArray
+    moved: BoolArray
+    commanded: FloatArray
+
+
+@dataclass(slots=True, eq=False)
+class _Blocks:
+    """The blocks that one source of torque gave, in order of time."""
+
+    frequency_hz: FloatArray
+    blocks: list[_Block] = field(default_factory=list)
+
+    def add(self, spectra: BlockSpectra) -> None:
+        """Take the blocks of the rows that are new."""
+        if spectra.frequency_hz.size != self.frequency_hz.size:
+            return
+        missing = 9 + _MOST_COMMANDS - spectra.values.shape[2]
+        for start_s, *both in zip(spectra.start_s, spectra.values, spectra.by_slope, strict=True):
+            values, by_slope = (np.pad(each, ((0, 0), (0, max(missing, 0)))) for each in both)
+            rate, command = (np.sum(np.abs(values[:, k : k + 3]) ** 2, axis=0) for k in (0, 9))
+            # Parseval's theorem: lines are 1 / T apart, and stand for negative frequencies too.
+            rms_deg_s = np.degrees(np.sqrt(2.0 * rate) * (self.frequency_hz[1] - self.frequency_hz[0]))
+            moved = rms_deg_s >= MIN_RATE_RMS_DEG_S
+            self.blocks.append(_Block(float(start_s), values, by_slope, moved, command * moved))
+        while len(self.blocks) > _MOST_BLOCKS:
+            total = np.sum([block.commanded for block in self.blocks], axis=0)
+            weight = [float(np.sum(block.commanded / np.maximum(total, 1e-30))) for block in self.blocks]
+            del self.blocks[int(np.argmin(weight))]
+
+    def spectra(self) -> BlockSpectra:
+        """Return all of them; those that follow each other are a run."""
+        start_s = np.array([block.start_s for block in self.blocks])
+        breaks = np.abs(np.diff(start_s) - _HOP_S) > 0.25 * _HOP_S
+        return BlockSpectra(
+            frequency_hz=self.frequency_hz,
+            values=np.array([block.values for block in self.blocks]),
+            by_slope=np.array([block.by_slope for block in self.blocks]),
+            start_s=start_s,
+            run=np.concatenate([[0], np.cumsum(breaks)]),
+        )
+
+    def moved(self) -> list[int]:
+        """Return the axes that moved, by more than a hovering vehicle does."""
+        return np.flatnonzero(np.sum([block.moved for block in self.blocks], axis=0) > 1).tolist()
+
+    def excited_s(self) -> FloatArray:
+        """Return for how long each axis was commanded: the time over which the power is spread; (3,)."""
+        power = np.array([block.commanded for block in self.blocks])
+        whole = np.sum(power, axis=0)
+        spread = np.divide(whole**2, np.sum(power**2, axis=0), out=np.zeros(3), where=whole > 0.0)
+        return np.asarray(_HOP_S * spread, dtype=np.float64)
+
+
+class LiveEstimate:
+    """A flight that goes on: bytes of its log in, figures out.
+
+    Parameters
+    ----------
+    target : float
+        Relative half width of the 95 % interval that is wanted.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> flight = LiveEstimate()
+    >>> flight.append(Path("sample_logs/sysid-quad-x.bin").read_bytes())
+    >>> [axis.half_width < 0.1 for axis in flight.figures().axes]
+    [True, True, True]
+    """
+
+    def __init__(self, target: float = TARGET) -> None:
+        self._target = target
+        self._tail = LogTail(_TAIL_S)
+        self._taken_s = float("nan")
+        self._begin_s = -math.inf
+        self._counted_s = -math.inf
+        self._rate_hz = 0.0
+        self._by_source: dict[str, _Blocks] = {}
+        self._gyro_filter = NO_GYRO_FILTER
+        self._unit = "1"
+        self._flown_s = self._saturated_s = 0.0
+        self._oscillation, self._missing = "", "no log data yet"
+
+    def append(self, content: bytes) -> None:
+        """Take the next bytes of the log.
+
+        Parameters
+        ----------
+        content : bytes
+            Also where a message is not whole: its rest is to come.
+        """
+        for first in range(0, len(content), _PART):
+            self._tail.append(content[first : first + _PART])
+            if not abs(self._tail.end_s - self._taken_s) < _STEP_S:
+                self._take()
+
+    def figures(self) -> LiveFigures:
+        """Return what is known now."""
+        if self._tail.end_s != self._taken_s:
+            self._take()
+        best = max(self._by_source.values(), key=lambda one: len(one.blocks), default=None)
+        axes = LiveFigures().axes
+        if best is not None and best.blocks:
+            excited_s = best.excited_s()
+            fits = fit_spectra(best.spectra(), self._gyro_filter, moved=best.moved())
+            axes = tuple(
+                _axis(name, fits[place] if fits else None, float(excited_s[place]), self._target)
+                for place, name in enumerate(AXES)
+            )
+        return LiveFigures(
+            flown_s=self._flown_s,
+            axes=axes,
+            saturated=self._saturated_s / self._flown_s if self._flown_s else 0.0,
+            oscillation=self._oscillation,
+            missing=self._missing,
+            unit=self._unit,
+            target=self._target,
+        )
+
+    # Damaged numbers pass on as NaN or infinity, silently.
+    @np.errstate(over="ignore", invalid="ignore", divide="ignore")
+    def _take(self) -> None:
+        """Read the tail, and take the blocks that are new in it."""
+        self._taken_s = self._tail.end_s
+        if math.isnan(self._taken_s):
+            return
+        try:
+            prepared = _prepared(self._tail.content())
+            data = cut(prepared, AlignSettings(sample_rate_hz=self._rate_hz))
+        except QuadidError as error:
+            self._missing = str(error.args[0]).rstrip(".")
+            return
+        self._missing = _missing(data)
+        self._oscillation = _oscillation(prepared, data)
+        if not data.segments or data.input is None:
+            return
+        self._rate_hz = self._rate_hz or 1.0 / data.sample_period_s
+        self._gyro_filter, self._unit = data.gyro_filter, data.input.unit
+        self._count(data)
+        self._add_blocks(data, data.input.source)
+
+    def _count(self, data: FlightData) -> None:
+        """Count the new rows: in flight, and at the limits."""
+        for segment in data.segments:
+            if segment.end_s < self._counted_s - _TAIL_S:
+                self._counted_s = -math.inf  # the clock was set back
+            new = segment.time_s > self._counted_s
+            self._flown_s += data.sample_period_s * float(np.count_nonzero(new))
+            self._saturated_s += data.sample_period_s * float(np.count_nonzero(segment.saturated & new))
+            self._counted_s = max(self._counted_s, segment.end_s)
+
+    def _add_blocks(self, data: FlightData, source: str) -> None:
+        """Add the blocks that begin where the last one's second half did, or later."""
+        if data.segments[-1].end_s < self._begin_s - _TAIL_S:
+            self._begin_s = -math.inf
+        half_s = 0.5 * data.sample_period_s
+        parts = [
+            segment.rows(slice(int(np.searchsorted(segment.time_s, self._begin_s - half_s)), None))
+            for segment in data.segments
+            if not segment.planned
+        ]
+        parts = [part for part in parts if part.n_samples > 1]
+        spectra = flight_spectra(replace(data, segments=tuple(parts))) if parts else None
+        if spectra is None:
+            return
+        self._by_source.setdefault(source, _Blocks(spectra.frequency_hz)).add(spectra)
+        self._begin_s = float(spectra.start_s[-1]) + _HOP_S
+
+
+def _prepared(content: bytes) -> Prepared:
+    """Read a log that is in memory."""
+    with tempfile.TemporaryDirectory(prefix="quadid-live-") as folder:
+        path = Path(folder, "tail")
+        path.write_bytes(content)
+        return prepare(read_log(path))
+
+
+def _missing(data: FlightData) -> str:
+    """Say why nothing can be estimated from the last rows, "" where that is not so."""
+    if not data.flights:
+        return data.on_ground_reason or "the vehicle is not in the air"
+    if not data.segments:
+        if sum(end_s - start_s for start_s, end_s in data.flights) < _STEP_S:
+            return "the vehicle has just taken off"
+        return "body rates or torque are not logged, or too slowly"
+    if not any(_has_command(segment) for segment in data.segments):
+        return "this flight mode's set-points tell no commands: fly in a mode that the sticks command"
+    return ""
+
+
+def _has_command(segment: Segment) -> bool:
+    return segment.command is not None and bool(np.isfinite(segment.command).all(axis=1).any())
+
+
+def _oscillation(prepared: Prepared, data: FlightData) -> str:
+    """Say whether an axis oscillates in the last seconds, "" where none does."""
+    rate, asked = (prepared.series.get(name) for name in ("body_rate", "body_rate_setpoint"))
+    output = prepared.clean.first("torque_command")
+    if rate is None or asked is None or output is None or not data.flights:
+        return ""
+    found = find_oscillation(rate, asked, output, prepared.series.get("rotor_speed"), data.flights)
+    if found is None or not found.axes:
+        return ""
+    worst = found.axes[0]
+    folded = ", or vibrates faster than the log shows" if found.may_be_folded else ""
+    return f"{worst.axis.capitalize()} oscillates at {worst.line.frequency_hz:.1f} Hz{folded}."
+
+
+def _axis(name: str, fit: SpectralFit | None, excited_s: float, target: float) -> LiveAxis:
+    """Return what is known of an axis, and for how long to move it."""
+    # A response to anything but commands, as of a hover, is none of the vehicle's.
+    if fit is None or not fit.follows_commands or not 0.0 < fit.half_width < fit.gain:
+        return LiveAxis(
+            axis=name, excited_s=excited_s, more_s=math.inf if excited_s > _ENOUGH_S else _FIRST_S
+        )
+    half_width = fit.half_width / fit.gain
+    if not fit.is_described:
+        # What one lag does not describe may be the same at all frequencies: then it is the gain's.
+        half_width += NORMAL_95 * fit.departure
+    known = LiveAxis(axis=name, effectiveness=fit.gain, half_width=half_width, excited_s=excited_s)
+    if half_width <= target:
+        return replace(known, more_s=0.0)
+    if excited_s > _ENOUGH_S:
+        return replace(known, more_s=math.inf)
+    # The variance of the estimate falls with the time of excitation.
+    more_s = excited_s * ((half_width / target) ** 2 - 1.0)
+    return replace(known, more_s=min(max(more_s, _LEAST_S), _MOST_S))
+
+
+def _percent(half_width: float) -> str:
+    return f"±{number(100.0 * half_width, 2)} %"
+
+
+def axis_words(axis: LiveAxis) -> str:
+    """Return what is known of an axis, in a few words.
+
+    Parameters
+    ----------
+    axis : LiveAxis
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> axis_words(LiveAxis(axis="roll", effectiveness=198.2, half_width=0.062, more_s=0.0))
+    'roll 198 ±6.2 %'
+    >>> axis_words(LiveAxis(axis="yaw"))
+    'yaw not known yet'
+    """
+    if not axis.half_width < 1.0:
+        return f"{axis.axis} not known yet"
+    return f"{axis.axis} {number(axis.effectiveness, 3)} {_percent(axis.half_width)}"
+
+
+def notes(figures: LiveFigures) -> tuple[str, ...]:
+    """Return what to know besides the axes: saturation, oscillation.
+
+    Parameters
+    ----------
+    figures : LiveFigures
+
+    Returns
+    -------
+    tuple of str
+    """
+    saturated = figures.saturated > _SATURATED
+    limit = f"The motors were at their limits in {100.0 * figures.saturated:.0f} % of the flight."
+    return tuple(filter(None, (limit if saturated else "", figures.oscillation)))
+
+
+def figure_line(figures: LiveFigures) -> str:
+    """Return the figures in one line.
+
+    Parameters
+    ----------
+    figures : LiveFigures
+
+    Returns
+    -------
+    str
+    """
+    known = ", ".join(map(axis_words, figures.axes))
+    return " ".join([f"{figures.flown_s:.0f} s flown: {known}.", *notes(figures), figures.hint])
+
+
+def figure_block(figures: LiveFigures, width: int = 24) -> tuple[str, ...]:
+    """Return the figures as lines, each axis with a bar that is full once its interval is as wanted.
+
+    Parameters
+    ----------
+    figures : LiveFigures
+    width : int
+        Of a bar, in characters.
+
+    Returns
+    -------
+    tuple of str
+
+    Examples
+    --------
+    >>> print(figure_block(LiveFigures(missing=""), width=8)[1])
+    roll   ········  not known yet
+    """
+    lines = [f"{figures.flown_s:.0f} s flown"]
+    for axis in figures.axes:
+        filled = round(width * min(figures.target / axis.half_width, 1.0)) if axis.half_width < 1.0 else 0
+        bar = "█" * filled + "·" * (width - filled)
+        words = axis_words(axis).removeprefix(f"{axis.axis} ")
+        lines.append(f"{axis.axis:6} {bar}  {words}")
+    return (*lines, *notes(figures), figures.hint)
