@@ -32,6 +32,7 @@ from quadid_logs.maths.block_spectra import BlockSpectra
 from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.numerals import number
 from quadid_logs.sentences import listed
+from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES
 
 #: Half width of the 95 % interval that a flight shall reach, unless another is wanted.
@@ -268,7 +269,7 @@ class LiveEstimate:
             prepared = _prepared(self._tail.content())
             data = cut(prepared, AlignSettings(sample_rate_hz=self._rate_hz))
         except QuadidError as error:
-            self._missing = str(error.args[0]).rstrip(".")
+            self._missing = printable(error.args[0], 200).rstrip(".")
             return
         self._missing = _missing(data)
         self._oscillation = _oscillation(prepared, data)
@@ -318,7 +319,7 @@ def _prepared(content: bytes) -> Prepared:
 def _missing(data: FlightData) -> str:
     """Say why nothing can be estimated from the last rows, "" where that is not so."""
     if not data.flights:
-        return data.on_ground_reason or "the vehicle is not in the air"
+        return printable(data.on_ground_reason, 200) or "the vehicle is not in the air"
     if not data.segments:
         if sum(end_s - start_s for start_s, end_s in data.flights) < _STEP_S:
             return "the vehicle has just taken off"

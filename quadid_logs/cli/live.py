@@ -192,13 +192,13 @@ class _Teller:
             from rich.text import Text
 
             head = f"{name}  {state.n_bytes / 1e6:.1f} MB  {'armed' if state.armed else 'disarmed'}"
-            lines = map(printable, (head, *figure_block(figures), _PROVISIONAL))
-            self._block.update(Text("\n".join(lines)), refresh=True)
+            lines = "\n".join((head, *figure_block(figures), _PROVISIONAL))
+            self._block.update(Text(lines), refresh=True)
         else:
             now_s, due_s = time.monotonic(), _PAUSE_S if figures.hint == self._hint else _NEWS_S
             if now_s - self._said_s >= due_s:
                 self._said_s, self._hint = now_s, figures.hint
-                sys.stderr.write(f"{printable(figure_line(figures), 400)}\n")
+                sys.stderr.write(f"{figure_line(figures)}\n")
                 sys.stderr.flush()
 
     def _json(self, **fields: object) -> None:
@@ -223,6 +223,6 @@ def _fields(state: RecordState, figures: LiveFigures) -> dict[str, object]:
         "unit": figures.unit,
         "saturated": round(figures.saturated, 4),
         "oscillation": figures.oscillation,
-        "hint": printable(figures.hint, 400),
+        "hint": figures.hint,
         "provisional": True,
     }

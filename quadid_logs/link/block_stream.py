@@ -1,4 +1,4 @@
-"""A DataFlash log put together from remote log blocks (mavlink.io, ardupilotmega: REMOTE_LOG_DATA_BLOCK).
+"""A DataFlash log put together from remote log blocks (mavlink.io: REMOTE_LOG_DATA_BLOCK).
 
 A block has its place in the file, and stays with the vehicle until it is acknowledged, so that one that is
 missing can be requested again. What never comes leaves zeros, and the messages that reach into them are

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from typing import BinaryIO, Final
 
+from quadid_logs.containers.ulog_definitions import HEADER_MAGIC, HEADER_SIZE
 from quadid_logs.link.losses import Losses
 
-#: How a ULog begins (docs.px4.io, ULog file format), and how long that header is.
-_MAGIC: Final = b"ULog\x01\x12\x35"
-_HEADER: Final = 16
 #: Before each message: its size (16 bits) without these three bytes, and its type.
 _HEAD: Final = 3
 #: Frames carry at most so many bytes; `first` of a frame in which no message begins.
@@ -35,7 +33,7 @@ def begins_log(data: bytes, first: int) -> bool:
     -------
     bool
     """
-    return first == 0 and data.startswith(_MAGIC)
+    return first == 0 and data.startswith(HEADER_MAGIC)
 
 
 class ULogStream:
@@ -134,7 +132,7 @@ class ULogStream:
 
     def _write_whole(self) -> None:
         """Write the whole messages of what has begun."""
-        end = _HEADER if self._in_header and len(self._begun) >= _HEADER else 0
+        end = HEADER_SIZE if self._in_header and len(self._begun) >= HEADER_SIZE else 0
         self._in_header = self._in_header and not end
         if self._in_header:
             return

@@ -167,6 +167,8 @@ def settings_lines(plan: Plan) -> Iterator[str]:
         values = ", ".join(f"{name} = {digits(value)}" for name, value in plan.settings_of(axis))
         yield f"- for {axis}, when its turn comes: {values}"
         yield f"  ({_sweep_words(sweep)})"
+    if plan.advice.live_note:
+        yield f"- to watch the intervals in flight with `quadid-log live`: {plan.advice.live_note}"
     kept = plan.advice.gyro_filter_parameter
     yield f"- leave {kept} as you fly it: its delay is known from the log and allowed for"
 

@@ -272,3 +272,15 @@ def test_the_plan_as_json_holds_what_the_card_says(capsys: pytest.CaptureFixture
     assert gain["ci95"][0] < gain["value"] < gain["ci95"][1]
     low, high = content["expected"]["lag_s"]["ci95"]
     assert low <= content["expected"]["lag_s"]["value"] <= high
+
+
+def test_the_card_says_what_to_set_to_watch_the_flight(yaw_flight: Prediction) -> None:
+    """With the link that it takes; nothing for an autopilot that streams no log."""
+    cards = {
+        name: "\n".join(card_lines(make_plan(name, ["yaw"]), yaw_flight))
+        for name in ("ardupilot", "px4", "crazyflie")
+    }
+    assert "LOG_BACKEND_TYPE = 3" in cards["ardupilot"]
+    assert "SDLOG_BACKEND = 3" in cards["px4"]
+    assert all("kB/s" in card for card in (cards["ardupilot"], cards["px4"]))
+    assert "quadid-log live" not in cards["crazyflie"]

@@ -60,6 +60,10 @@ class ArduPilotAdvice(Advice):
         f"bit 0, ATTITUDE_FAST, added to the default; where yours is not {_DEFAULT_LOG_BITMASK}, do not load "
         "the file: add bit 0 to yours"
     )
+    live_note = (
+        "LOG_BACKEND_TYPE = 3 (card and MAVLink; restart the vehicle), and a link of about 130 kB/s, as USB "
+        "or Wi-Fi"
+    )
     gyro_filter_parameter = "INS_GYRO_FILTER"
     hover_mode = "Stabilize"
     parameter_suffix = ".param"

@@ -53,6 +53,8 @@ class Advice:
         By the name of a mask, the bits that it needs.
     logging_note, gyro_filter_parameter, hover_mode, parameter_suffix : str
         For the card and the parameter files of a planned flight.
+    live_note : str
+        What to set, and which link it takes, to receive the log in flight; "" where that cannot be.
     unknown_mask_note : str
         What to do with a file of `logging_settings` where other bits may be set on the vehicle.
     before_setting : str
@@ -68,6 +70,7 @@ class Advice:
     logging_settings: ClassVar[tuple[Setting, ...]] = ()
     logging_bits: ClassVar[Mapping[str, int]] = MappingProxyType({})
     logging_note: ClassVar[str] = ""
+    live_note: ClassVar[str] = ""
     unknown_mask_note: ClassVar[str] = ""
     before_setting: ClassVar[str] = ""
     gyro_filter_parameter: ClassVar[str] = "the gyro filter"

@@ -32,6 +32,10 @@ class Px4Advice(Advice):
         "bits 3 and 4, system identification and high rate, added to the default; where yours is not 1, do "
         "not load the file: add both bits to yours"
     )
+    live_note = (
+        "SDLOG_BACKEND = 3 (card and MAVLink, the default), and a link of about 180 kB/s, as USB or Wi-Fi; "
+        "with fewer topics some 50 kB/s (docs/live.md)"
+    )
     gyro_filter_parameter = "IMU_GYRO_CUTOFF"
     hover_mode = "Stabilized or Altitude mode"
     parameter_suffix = ".params"
