@@ -54,6 +54,7 @@ class FakeLogger:
     now_s: float = 100.0
     heard_s: float = 100.0
     target: tuple[int, int] = (1, 1)
+    step_s: float = STEP_S
     starts: int = 0
     stops: int = 0
 
@@ -101,7 +102,7 @@ class FakeLogger:
         while not self._out:
             if self.now_s >= until_s:
                 return None
-            self.now_s += STEP_S
+            self.now_s += self.step_s
             self._step()
         return self._arrived(self._out.popleft())
 
@@ -284,7 +285,7 @@ class SocketLogger:
                 beat = mav.heartbeat_encode(2, vehicle.autopilot, armed, 0, 4)
                 self._socket.sendto(beat.pack(mav), client)
             for _ in range(8):
-                vehicle.now_s += STEP_S
+                vehicle.now_s += vehicle.step_s
                 vehicle._step()
             while vehicle._out:
                 message = vehicle._out.popleft()

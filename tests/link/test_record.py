@@ -19,6 +19,10 @@ from quadid_logs.link.losses import Losses
 from quadid_logs.link.record import Recorder
 from quadid_logs.link.ulog_stream import ULogStream
 from quadid_logs.load import read_log
+from quadid_logs.pipeline import analyze
+from quadid_logs.simulate import simulate
+from quadid_logs.vocabulary import AXES, ON_AXIS
+from quadid_logs.writers import write_log
 from tests.link.fake_logger import BLOCKS, FRAMES, US, FakeLogger, dialect, ulog_messages, whole_messages
 
 BOTH = pytest.mark.parametrize("autopilot", [FRAMES, BLOCKS], ids=["frames", "blocks"])
@@ -29,6 +33,10 @@ LOGS = {
     FRAMES: (SAMPLES / "products-of-inertia.ulg").read_bytes(),
     BLOCKS: (SAMPLES / "sysid-quad-x.bin").read_bytes(),
 }
+
+
+#: What a poor Wi-Fi link does; outages each 0.9 s.
+ALL_FAULTS = {"loss": 0.05, "reorder": 0.01, "duplicate": 0.02, "outage_s": 0.044}
 
 
 def record(vehicle: FakeLogger, folder: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[list[bytes], Losses]:
@@ -63,9 +71,7 @@ def test_these_faults_cost_no_byte(
     assert found == whole_messages(LOGS[autopilot], autopilot)
 
 
-@pytest.mark.parametrize(
-    "fault", [{"loss": 0.05}, {"outage_s": 0.044}, {"outage_s": 3.0, "outage_every_s": 9}]
-)
+@pytest.mark.parametrize("fault", [{"loss": 0.05}, ALL_FAULTS, {"outage_s": 3.0, "outage_every_s": 9}])
 def test_blocks_that_get_lost_are_requested_again(
     fault: dict[str, float], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -88,6 +94,27 @@ def test_lost_frames_leave_whole_messages_and_a_mark(
     assert set(kept) - set(dropouts) <= set(sent)
     assert len(kept) > 0.85 * len(sent)
     assert 0.03 < losses.frames / (losses.arrived + losses.frames) < 0.07
+
+
+def test_a_flight_over_a_poor_link_is_still_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tenth of the frames is missing, in a thousand places: the truth lies inside the intervals."""
+    flight = simulate("doublets", autopilot="px4", rate_hz=250.0, duration_s=40.0)
+    path = tmp_path / "flight.ulg"
+    write_log(flight.log, path)
+    log = path.read_bytes()
+    # As fast as it was logged.
+    step_s = 249 * 40.0 / len(log)
+    vehicle = FakeLogger(log, FRAMES, step_s=step_s, **ALL_FAULTS)  # type: ignore[arg-type]
+    _, losses = record(vehicle, tmp_path / "logs", monkeypatch)
+    assert 0.05 < losses.frames / (losses.arrived + losses.frames) < 0.15
+    assert "The log marks where" in next(losses.sentences())
+    result = analyze(next((tmp_path / "logs").iterdir()))
+    truth = np.diag(flight.truth["models"]["damped"]["B"]) / np.diag(flight.truth["torque_n_m_per_command"])
+    assert result.diagnosis.usable
+    assert result.identification.recommended is not None
+    for axis, true in zip(AXES, truth, strict=True):
+        low, high = result.identification.recommended.entries[ON_AXIS[axis]].ci95
+        assert low < true < high
 
 
 def messages(log: bytes) -> list[bytes]:
