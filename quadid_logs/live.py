@@ -80,6 +80,10 @@ class LiveAxis:
     excited_s: float = 0.0
     more_s: float = _FIRST_S
 
+    def fraction(self, target: float) -> float:
+        """Return how much of the way to a wanted relative half width is done, 0 to 1."""
+        return min(target / self.half_width, 1.0) if self.half_width < 1.0 else 0.0
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveFigures:
@@ -118,6 +122,12 @@ class LiveFigures:
         return self.flown_s >= LEAST_FLIGHT_S and all(axis.more_s == 0.0 for axis in self.axes)
 
     @property
+    def next_axis(self) -> LiveAxis | None:
+        """The axis to move next: what is least known; None where moving none would help."""
+        open_axes = [axis for axis in self.axes if 0.0 < axis.more_s < math.inf]
+        return max(open_axes, key=lambda one: one.half_width, default=None)
+
+    @property
     def hint(self) -> str:
         """What to do next, in a sentence."""
         if self.missing:
@@ -126,11 +136,10 @@ class LiveFigures:
             return f"All axes are known to {_percent(self.target)}: land."
         if self.saturated > _SATURATED:
             return "Move the sticks less: the motors are at their limits."
-        open_axes = [axis for axis in self.axes if 0.0 < axis.more_s < math.inf]
-        if not open_axes:
+        axis = self.next_axis
+        if axis is None:
             wide = listed([axis.axis for axis in self.axes if axis.more_s > 0.0])
             return f"More flight will not narrow {wide} much: land, and read the report."
-        axis = max(open_axes, key=lambda one: (one.more_s, one.half_width))
         return f"Fly {axis.axis} doublets for {axis.more_s:.0f} s more."
 
 
@@ -396,7 +405,7 @@ def axis_words(axis: LiveAxis) -> str:
 
 
 def notes(figures: LiveFigures) -> tuple[str, ...]:
-    """Return what to know besides the axes: saturation, oscillation.
+    """Return what to know besides the axes: saturation, oscillation, calibration.
 
     Parameters
     ----------
@@ -408,7 +417,11 @@ def notes(figures: LiveFigures) -> tuple[str, ...]:
     """
     saturated = figures.saturated > _SATURATED
     limit = f"The motors were at their limits in {100.0 * figures.saturated:.0f} % of the flight."
-    return tuple(filter(None, (limit if saturated else "", figures.oscillation)))
+    scaled = figures.unit == "N m" and any(axis.half_width < 1.0 for axis in figures.axes)
+    calibration = "Per N m as the parameters say: what they are off is not in the intervals."
+    return tuple(
+        filter(None, (limit if saturated else "", figures.oscillation, calibration if scaled else ""))
+    )
 
 
 def figure_line(figures: LiveFigures) -> str:
@@ -446,7 +459,7 @@ def figure_block(figures: LiveFigures, width: int = 24) -> tuple[str, ...]:
     """
     lines = [f"{figures.flown_s:.0f} s flown"]
     for axis in figures.axes:
-        filled = round(width * min(figures.target / axis.half_width, 1.0)) if axis.half_width < 1.0 else 0
+        filled = round(width * axis.fraction(figures.target))
         bar = "█" * filled + "·" * (width - filled)
         words = axis_words(axis).removeprefix(f"{axis.axis} ")
         lines.append(f"{axis.axis:6} {bar}  {words}")

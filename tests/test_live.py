@@ -18,7 +18,7 @@ from quadid_logs.containers.tail import LogTail
 from quadid_logs.data.log import Signal
 from quadid_logs.data.settings import AlignSettings
 from quadid_logs.identify.spectral import fit_by_spectra
-from quadid_logs.live import LiveAxis, LiveEstimate, LiveFigures, figure_block, figure_line
+from quadid_logs.live import LiveAxis, LiveEstimate, LiveFigures, figure_block, figure_line, notes
 from quadid_logs.load import load
 from quadid_logs.simulate import simulate
 from quadid_logs.vocabulary import AXES
@@ -107,6 +107,22 @@ def test_the_axis_that_was_not_moved_is_next(folder: Path) -> None:
     figures = flown(scenario("single-axis", folder)[0], 12)[-1]
     assert figures.axes[0].half_width < 0.1
     assert figures.hint.startswith(("Fly pitch doublets", "Fly yaw doublets"))
+
+
+def test_what_is_least_known_is_moved_next() -> None:
+    """Not what needs longest: an axis that no one moved waits for none that narrows slowly."""
+    roll, pitch, yaw = LiveFigures().axes
+    slow = replace(roll, effectiveness=100.0, half_width=0.065, excited_s=40.0, more_s=28.0)
+    known = LiveFigures(flown_s=50.0, axes=(slow, pitch, yaw), missing="")
+    assert known.next_axis == pitch
+    assert known.hint.startswith("Fly pitch doublets")
+
+
+@pytest.mark.parametrize(("unit", "said"), [("N m", True), ("1", False)])
+def test_a_calibration_that_the_interval_does_not_hold_is_said(unit: str, said: bool) -> None:
+    """PX4's parameters say how many newton metres a command is, and may be wrong."""
+    axes = tuple(replace(axis, effectiveness=60.0, half_width=0.05) for axis in LiveFigures().axes)
+    assert any("N m" in note for note in notes(LiveFigures(axes=axes, unit=unit))) is said
 
 
 def test_saturation_is_said(folder: Path) -> None:

@@ -14,6 +14,7 @@ import typer
 
 from quadid_logs.cli.failure import flush, report_problem, say
 from quadid_logs.cli.terminal import is_terminal
+from quadid_logs.errors import QuadidError
 from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
@@ -27,6 +28,10 @@ _EVERY_S, _PAUSE_S, _NEWS_S = 1.0, 10.0, 2.0
 _PROVISIONAL: Final = "Provisional: the analysis after landing decides."
 #: How long the vehicle, and its stream, are waited for; None: as `RecordPatience` has it. Tests have less.
 _PATIENCE: RecordPatience | None = None
+#: For a browser, in the folder of the logs.
+_PAGE: Final = "live.html"
+#: The latest of what happened, on the page.
+_MOST_EVENTS: Final = 5
 
 
 def live(
@@ -53,6 +58,10 @@ def live(
     as_json: Annotated[
         bool, typer.Option("--json", help="Print a line of JSON for each update and event.")
     ] = False,
+    open_page: Annotated[
+        bool,
+        typer.Option("--open", help="Show the figures in the browser too, and the report after landing."),
+    ] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace the report of an earlier run.")] = False,
 ) -> int:
     """Record the log that a vehicle streams, show what the flight tells so far, and analyze it after landing.
@@ -63,20 +72,21 @@ def live(
     from quadid_logs.link.record import Recorder
     from quadid_logs.link.vehicle import Vehicle
 
-    teller = _Teller(as_json=as_json)
+    teller = _Teller(as_json=as_json, page=output / _PAGE if open_page else None)
     with Vehicle(address, may_fly=True) as vehicle:
         recorder = Recorder(vehicle, output, _PATIENCE)
         _record(recorder, teller, 0.01 * target)
     state = recorder.state
     for sentence in state.losses.sentences():
         teller.event(sentence)
+    teller.end(state)
     for path in state.paths:
         teller.recorded(path)
     if no_analyze:
         return 0
     from quadid_logs.cli.analyze import analyze as run
 
-    return run(context, state.paths, force=force, quiet=as_json)
+    return run(context, state.paths, force=force, quiet=as_json, open_report=open_page)
 
 
 def _record(recorder: Recorder, teller: _Teller, target: float) -> None:
@@ -146,8 +156,11 @@ class _View:
 class _Teller:
     """Says what happens: a block that is drawn anew or lines on stderr, results on stdout; or all as JSON."""
 
-    def __init__(self, *, as_json: bool) -> None:
+    def __init__(self, *, as_json: bool, page: Path | None = None) -> None:
         self._as_json = as_json
+        self._page, self._opened = page, False
+        self._events: list[str] = []
+        self._figures: LiveFigures | None = None
         self._said_s, self._hint = -float("inf"), ""
         self._block: Live | None = None
 
@@ -167,6 +180,7 @@ class _Teller:
 
     def event(self, sentence: str) -> None:
         """Say that something happened."""
+        self._events.append(sentence)
         if self._as_json:
             self._json(kind="event", sentence=printable(sentence, 400))
         elif self._block is not None:
@@ -185,14 +199,14 @@ class _Teller:
         """Show the figures: at once on a terminal, in a pipe when there is something new to do."""
         from quadid_logs.live import figure_block, figure_line
 
-        name = "" if state.path is None else printable(state.path.name, 80)
+        self._figures = figures
+        self._write_page(state, figures, flying=True)
         if self._as_json:
             self._json(kind="update", **_fields(state, figures))
         elif self._block is not None:
             from rich.text import Text
 
-            head = f"{name}  {state.n_bytes / 1e6:.1f} MB  {'armed' if state.armed else 'disarmed'}"
-            lines = "\n".join((head, *figure_block(figures), _PROVISIONAL))
+            lines = "\n".join((_recording(state), *figure_block(figures), _PROVISIONAL))
             self._block.update(Text(lines), refresh=True)
         else:
             now_s, due_s = time.monotonic(), _PAUSE_S if figures.hint == self._hint else _NEWS_S
@@ -201,9 +215,48 @@ class _Teller:
                 sys.stderr.write(f"{figure_line(figures)}\n")
                 sys.stderr.flush()
 
+    def end(self, state: RecordState) -> None:
+        """Leave a page that does not renew itself."""
+        if self._figures is not None:
+            self._write_page(state, self._figures, flying=False)
+
+    def _write_page(self, state: RecordState, figures: LiveFigures, *, flying: bool) -> None:
+        """Write the page, and open it the first time; a browser that fails leaves the recording alone."""
+        if self._page is None:
+            return
+        import webbrowser
+
+        from quadid_logs.output import make_folder, write_beside
+        from quadid_logs.report.live_page import live_page
+
+        content = live_page(
+            figures,
+            log=_recording(state),
+            clock=time.strftime("%H:%M:%S"),
+            sentences=self._events[-_MOST_EVENTS:],
+            flying=flying,
+        )
+        try:
+            make_folder(self._page.parent)
+            write_beside(self._page, content.encode())
+        except QuadidError as error:
+            self._page = None
+            self.event(f"There is no page any more: {error.args[0]}")
+            return
+        if not self._opened:
+            self._opened = True
+            if not webbrowser.open(self._page.resolve().as_uri()):
+                self.event(f"no browser could be opened; the page is {printable(self._page)}.")
+
     def _json(self, **fields: object) -> None:
         say(json.dumps(fields, allow_nan=False))
         flush()
+
+
+def _recording(state: RecordState) -> str:
+    """Say what is recorded, and whether the motors may turn."""
+    name = "no log yet" if state.path is None else printable(state.path.name, 80)
+    return f"{name}  {state.n_bytes / 1e6:.1f} MB  {'armed' if state.armed else 'disarmed'}"
 
 
 def _fields(state: RecordState, figures: LiveFigures) -> dict[str, object]:

@@ -9,6 +9,8 @@ import pytest
 
 from quadid_logs.cli import main
 from quadid_logs.link.record import RecordPatience
+from quadid_logs.live import LiveFigures
+from quadid_logs.report.live_page import live_page
 from tests.link.fake_logger import BLOCKS, FRAMES, FakeLogger, SocketLogger, whole_messages
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_logs"
@@ -71,3 +73,34 @@ def test_figures_that_fail_leave_the_recording_alone(
         assert main(["live", vehicle.address, "--no-analyze"]) == 0
     assert "recording goes on" in capsys.readouterr().err
     assert next((tmp_path / "logs").iterdir()).read_bytes() == original
+
+
+def test_the_page_shows_the_figures_and_stands_still_after_the_flight(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It renews itself without a script while the vehicle flies; it is opened once, and then the report."""
+    opened, pages = [], []
+
+    def open_page(address: str) -> bool:
+        opened.append(address)
+        pages.append((tmp_path / "logs" / "live.html").read_text())
+        return True
+
+    monkeypatch.setattr("webbrowser.open", open_page)
+    with SocketLogger(FakeLogger(FLIGHTS[BLOCKS].read_bytes(), BLOCKS), frames_per_s=2000.0) as vehicle:
+        main(["live", vehicle.address, "--open"])
+    assert [Path(address).name for address in opened] == ["live.html", "report.html"]
+    assert 'http-equiv="refresh"' in pages[0]
+    last = (tmp_path / "logs" / "live.html").read_text()
+    assert 'http-equiv="refresh"' not in last
+    assert "<script" not in last
+    assert "Ended at" in last
+
+
+def test_what_a_vehicle_says_is_text_on_the_page() -> None:
+    """A reason, an event, a name: nothing of them is markup."""
+    figures = LiveFigures(missing="<img src=x onerror=alert(1)>")
+    page = live_page(figures, log="<b>log</b>", clock="10:00:00", sentences=["<i>lost</i>"])
+    assert "<img" not in page
+    assert "<b>" not in page
+    assert "<i>" not in page
