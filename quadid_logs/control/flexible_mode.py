@@ -53,6 +53,9 @@ _FEWEST_LINES: Final = 16
 #: A model that is a fifth off leaves a 25th of what set-points and injected torques do: so much of it is
 #: hidden in the noise. Steady noise is above so many times its mean once in 20 000 lines.
 _LOUD: Final = 10.0
+#: The noise beside what the model leaves of set-points, where that is no louder: by a fixed point, each round
+#: at half the distance from it.
+_ROUNDS: Final = 3
 #: With a probability of less that there is none, a mode is seen: one log in some hundred has three axes
 #: without any of which one is taken for a line.
 _SEEN: Final = 0.001
@@ -70,11 +73,13 @@ _SEED = 3
 class _Noise(NamedTuple):
     """The spectrum of one axis over what its loop makes of white noise, one about each line's surroundings.
 
+    ``left`` is the most that the model leaves of set-points and injected torques, in the same unit;
     ``n_independent`` is the number of averages of each line that are independent of each other.
     """
 
     frequency_hz: FloatArray
     relative: FloatArray
+    left: FloatArray
     n_independent: FloatArray
 
 
@@ -183,13 +188,46 @@ def _noise(
     quiet = (driven <= _LOUD * middle) & (left <= _LOUD * middle / np.log(2.0))
     n_quiet = np.count_nonzero(quiet, axis=0)
     known = n_quiet >= _FEWEST_WINDOWS
-    power = np.sum(np.where(quiet, left, 0.0), axis=0) / np.maximum(n_quiet, 1) / np.abs(by_noise) ** 2
+    unexplained = _unexplained(frequency_hz, left, driven, middle)
+    power, driven_power = (
+        np.sum(np.where(quiet, each, 0.0), axis=0) / np.maximum(n_quiet, 1) / np.abs(by_noise) ** 2
+        for each in (left, driven)
+    )
     n_independent = INDEPENDENT * np.where(known, n_quiet, 0.0)
     if np.count_nonzero(known) < _FEWEST_LINES:
         return None
     mean = _surroundings(frequency_hz, power, n_independent)
+    for _ in range(_ROUNDS):
+        of_driven = np.minimum(unexplained * driven_power / mean, 1.0)
+        mean = _surroundings(frequency_hz, power / (1.0 + of_driven), n_independent)
     known &= np.isfinite(mean)
-    return _Noise(frequency_hz, np.where(known, power / mean, 1.0), np.where(known, n_independent, 0.0))
+    relative, of_driven = (
+        np.where(known, each / mean, other)
+        for each, other in ((power, 1.0), (unexplained * driven_power, 0.0))
+    )
+    return _Noise(frequency_hz, relative, of_driven, np.where(known, n_independent, 0.0))
+
+
+def _unexplained(
+    frequency_hz: FloatArray, left: FloatArray, driven: FloatArray, noise: FloatArray
+) -> FloatArray:
+    """Return which share of the driven power the model leaves, (n_lines,).
+
+    Notes
+    -----
+    Where a window is driven well above the noise, the share is seen. A gain that is a fraction e off leaves
+    e^2, a delay that is t off (2 pi f t)^2: both are fitted, and hold where nothing is driven as much.
+    """
+    from scipy.optimize import nnls
+
+    _, line = np.nonzero(loud := driven > _LOUD * noise)
+    if not line.size:
+        return np.zeros(frequency_hz.size)
+    share = (left - noise)[loud] / driven[loud]
+    of_gain_and_delay = np.column_stack([np.ones(frequency_hz.size), frequency_hz**2])
+    scale = of_gain_and_delay[-1]
+    fitted, _ = nnls(of_gain_and_delay[line] / scale, share)
+    return np.asarray(of_gain_and_delay @ (fitted / scale), dtype=np.float64)
 
 
 def _columns(segment: Segment, number: int) -> FloatArray:
@@ -208,12 +246,22 @@ def _surroundings(frequency_hz: FloatArray, power: FloatArray, n_independent: Fl
     known = np.flatnonzero(n_independent)
     # Wilson and Hilferty: the median of a chi-squared variable over its mean.
     mean = power[known] / (1.0 - 1.0 / (9.0 * n_independent[known])) ** 3
-    of_known = frequency_hz[known]
-    first, last = (np.searchsorted(of_known, frequency_hz * k).tolist() for k in (1 / _BESIDE, _BESIDE))
-    found = [
-        np.median(mean[a:b]) if b - a >= _FEWEST_LINES else np.inf for a, b in zip(first, last, strict=True)
-    ]
-    return np.asarray(np.maximum(np.array(found), np.finfo(float).tiny), dtype=np.float64)
+    log_hz, log_power = np.log(frequency_hz[known]), np.log(np.maximum(mean, np.finfo(float).tiny))
+    found = []
+    for at in np.log(frequency_hz).tolist():
+        a, b, first, last = np.searchsorted(log_hz, at + np.log(_BESIDE) * np.array([-1, 1, -2, 2])).tolist()
+        if b - a < _FEWEST_LINES:
+            found.append(np.inf)
+            continue
+        slope = _slope(log_hz[first:last], log_power[first:last])
+        found.append(float(np.median(log_power[a:b] - slope * (log_hz[a:b] - at))))
+    return np.exp(np.array(found))
+
+
+def _slope(x: FloatArray, y: FloatArray) -> float:
+    """Return the slope between the medians of both halves; it counts where one side alone has lines."""
+    half = x.size // 2
+    return float(np.median(y[half:]) - np.median(y[:half])) / float(np.mean(x[half:]) - np.mean(x[:half]))
 
 
 def _log_likelihood(
@@ -241,7 +289,7 @@ def _log_likelihood(
         found[place] = _explained(fine_hz[part] / natural_hz, loop[part], around, noise, slice(first, last))
     used = (noise.frequency_hz >= wanted.natural_hz[0]) & (noise.n_independent > 0.0)
     deviance = (
-        2.0 * float(np.sum((noise.n_independent * _deviance(noise.relative))[used])) - 2.0 * found.max()
+        2.0 * float(np.sum((noise.n_independent * _deviance(_over_none(noise)))[used])) - 2.0 * found.max()
     )
     of_chance = max(deviance / max(np.count_nonzero(used), 1), 1.0)
     return np.asarray(found.reshape(wanted.natural_hz.size, -1) / of_chance, dtype=np.float64)
@@ -249,6 +297,16 @@ def _log_likelihood(
 
 def _deviance(ratio: FloatArray) -> FloatArray:
     return np.asarray(ratio - 1.0 - np.log(np.maximum(ratio, np.finfo(float).tiny)))
+
+
+def _with_left(expected: FloatArray | float, seen: FloatArray, left: FloatArray) -> FloatArray:
+    """Return what is expected with as much left of set-points as fits best, of none to the most."""
+    return np.asarray(expected + np.clip(seen - expected, 0.0, left), dtype=np.float64)
+
+
+def _over_none(noise: _Noise) -> FloatArray:
+    """Return the spectrum over what is expected of a vehicle without modes."""
+    return noise.relative / _with_left(1.0, noise.relative, noise.left)
 
 
 def _explained(
@@ -267,10 +325,12 @@ def _explained(
     )
     through = np.abs(1.0 + loop) ** 2 / np.maximum(closes, np.finfo(float).tiny)
     by_noise, by_air = ((each @ taper).reshape(-1, taper.shape[1]) for each in (through, through * mode))
-    seen, gained = noise.relative[lines], []
+    seen, left, gained = noise.relative[lines], noise.left[lines], []
     for air in _OF_AIR:
         expected = max(1.0 - air, 0.0) * by_noise + air * by_air
-        better = _deviance(seen) - _deviance(seen / expected)
+        better = _deviance(seen / _with_left(1.0, seen, left)) - _deviance(
+            seen / _with_left(expected, seen, left)
+        )
         gained.append(better @ noise.n_independent[lines])
     return np.array(gained)
 
@@ -400,5 +460,5 @@ def _highest(noise: _Noise | None, natural_hz: float) -> tuple[float, float]:
     near = np.abs(np.log(noise.frequency_hz / natural_hz)) < np.log(_NEAR)
     if not near.any():
         return float("nan"), float("nan")
-    place = int(np.argmax(np.where(near, noise.relative, 0.0)))
+    place = int(np.argmax(np.where(near, _over_none(noise), 0.0)))
     return float(noise.frequency_hz[place]), float(noise.relative[place])

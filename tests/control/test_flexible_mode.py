@@ -8,10 +8,12 @@ from functools import cache
 import numpy as np
 import pytest
 
+from quadid_logs import analyze
 from quadid_logs.control.flexible_mode import frame_modes
-from quadid_logs.control.loop import gyro_filters, rate_loop
+from quadid_logs.control.loop import close, gyro_filters, rate_loop
 from quadid_logs.data.closed_loop import FrameModes, Modes, Plant
 from quadid_logs.data.flight import FlightData
+from quadid_logs.simulate import simulate
 from tests.control.loop_flights import PERIOD_S, Vehicle, flight
 
 VEHICLE = Vehicle(P=0.05, D=0.0008)
@@ -156,6 +158,45 @@ def test_a_flight_that_excites_a_band_hard_leaves_no_line_at_its_edge() -> None:
     swept = 0.3 * np.sin(2.0 * np.pi * (2.0 * time_s + 16.0 * time_s**2 / 120.0))
     moved = still.segments[0].body_rate_rad_s + swept[:, np.newaxis]
     assert not allowed(replace(still, segments=(replace(still.segments[0], body_rate_rad_s=moved),))).seen
+
+
+def test_what_the_model_leaves_of_doublets_is_no_mode() -> None:
+    """Their spectrum is a comb of lines every 4 Hz; the set-points reach the loop 2.5 ms later than is modelled."""
+    rigid = loop_of(30.0, 0.05, 0.0)
+    still = hover(rigid, 60.0)
+    segment = still.segments[0]
+    cycle_s = segment.time_s % 5.0
+    target = 1.2 * ((cycle_s < 0.25) * 1.0 - ((cycle_s >= 0.25) & (cycle_s < 0.5)))
+    every_hz = np.fft.rfftfreq(target.size, PERIOD_S)
+    follows = close(VEHICLE.controller, PLANT, np.maximum(every_hz, 0.5)).target_to_rate[0]
+    late = follows * np.exp(-2j * np.pi * every_hz * 0.0025)
+    followed = np.fft.irfft(np.fft.rfft(target) * late, target.size)
+    moved = replace(
+        segment,
+        body_rate_rad_s=segment.body_rate_rad_s + followed[:, np.newaxis],
+        reference=np.tile(target[:, np.newaxis], 3),
+    )
+    assert not allowed(replace(still, segments=(moved,))).seen
+
+
+def test_noise_that_falls_or_rises_towards_an_end_of_the_spectrum_is_no_mode() -> None:
+    """As where the loop runs twice as fast as its rows, and its filters fall less than the rows' own would."""
+    rigid = loop_of(30.0, 0.05, 0.0)
+    still = hover(rigid, 60.0)
+    segment = still.segments[0]
+    every_hz = np.fft.rfftfreq(segment.n_samples, PERIOD_S)
+    for power in (-2.0, 2.0):
+        tilt = np.maximum(every_hz / 40.0, 0.1) ** power
+        rate = np.fft.irfft(
+            np.fft.rfft(segment.body_rate_rad_s, axis=0) * tilt[:, np.newaxis], segment.n_samples, axis=0
+        )
+        assert not allowed(replace(still, segments=(replace(segment, body_rate_rad_s=rate),))).seen
+
+
+def test_rough_air_is_no_mode_of_the_frame() -> None:
+    """A stiff vehicle, logged at 125 Hz: what its loop leaves of the gusts falls with frequency."""
+    result = analyze(simulate("rough-air", seed=1, duration_s=50.0, rate_hz=125.0, autopilot="px4").log)
+    assert not any(loop.frame.seen for loop in result.closed_loop.axes.values() if loop.frame is not None)
 
 
 def test_modes_of_a_plant_are_cut_with_it() -> None:
