@@ -161,7 +161,7 @@ def test_a_flight_that_excites_a_band_hard_leaves_no_line_at_its_edge() -> None:
 
 
 def test_what_the_model_leaves_of_doublets_is_no_mode() -> None:
-    """Their spectrum is a comb of lines every 4 Hz; the set-points reach the loop 2.5 ms later than is modelled."""
+    """Their spectrum is a comb of lines every 4 Hz; here set-points reach the loop 2.5 ms late."""
     rigid = loop_of(30.0, 0.05, 0.0)
     still = hover(rigid, 60.0)
     segment = still.segments[0]
@@ -180,7 +180,7 @@ def test_what_the_model_leaves_of_doublets_is_no_mode() -> None:
 
 
 def test_noise_that_falls_or_rises_towards_an_end_of_the_spectrum_is_no_mode() -> None:
-    """As where the loop runs twice as fast as its rows, and its filters fall less than the rows' own would."""
+    """As where the loop runs twice as fast as its rows, and its filters fall less than theirs would."""
     rigid = loop_of(30.0, 0.05, 0.0)
     still = hover(rigid, 60.0)
     segment = still.segments[0]
