@@ -16,12 +16,13 @@ from quadid_logs.version import __version__
 if TYPE_CHECKING:
     from quadid_logs.api.analysis import Analysis, analyze, analyze_pooled
     from quadid_logs.api.model import FlightPrediction, IdentifiedModel
-    from quadid_logs.compare import compare
+    from quadid_logs.api.verbs import check, compare, plan, repeat, tune
     from quadid_logs.data.closed_loop import ClosedLoop
     from quadid_logs.data.flight import FlightData
     from quadid_logs.data.model import Model, Parameter
     from quadid_logs.data.result import Result
     from quadid_logs.data.settings import AlignSettings, IdentifySettings, Settings
+    from quadid_logs.data.tuning import Limits
     from quadid_logs.data.vehicle import Vehicle
     from quadid_logs.errors import QuadidError
     from quadid_logs.fleet import fleet
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
     from quadid_logs.identify.terms import RateTerm
     from quadid_logs.load import read_log
     from quadid_logs.notebook import matplotlib_figures, plotly_figures, show
-    from quadid_logs.pipeline import tune
-    from quadid_logs.plan import plan
     from quadid_logs.report import result_dict, write_report
     from quadid_logs.simulate import simulate
     from quadid_logs.vehicle_file import read_vehicle
@@ -44,6 +43,7 @@ _HOMES = {
     "FlightPrediction": "quadid_logs.api.model",
     "IdentifiedModel": "quadid_logs.api.model",
     "IdentifySettings": "quadid_logs.data.settings",
+    "Limits": "quadid_logs.data.tuning",
     "Model": "quadid_logs.data.model",
     "Parameter": "quadid_logs.data.model",
     "QuadidError": "quadid_logs.errors",
@@ -54,18 +54,22 @@ _HOMES = {
     "Vehicle": "quadid_logs.data.vehicle",
     "analyze": "quadid_logs.api.analysis",
     "analyze_pooled": "quadid_logs.api.analysis",
+    "check": "quadid_logs.api.verbs",
+    "compare": "quadid_logs.api.verbs",
     "matplotlib_figures": "quadid_logs.notebook",
     "own_structure": "quadid_logs.identify.structures",
+    "plan": "quadid_logs.api.verbs",
     "plotly_figures": "quadid_logs.notebook",
     "read_log": "quadid_logs.load",
     "read_vehicle": "quadid_logs.vehicle_file",
+    "repeat": "quadid_logs.api.verbs",
     "result_dict": "quadid_logs.report",
     "show": "quadid_logs.notebook",
-    "tune": "quadid_logs.pipeline",
+    "tune": "quadid_logs.api.verbs",
     "write_report": "quadid_logs.report",
 }
 #: Modules that are called as the function of the same name (`quadid_logs.callable_module`).
-_VERBS = ("compare", "fleet", "plan", "repeat", "simulate", "swing")
+_VERBS = ("fleet", "simulate", "swing")
 
 __all__ = [
     "TERMS",
@@ -76,6 +80,7 @@ __all__ = [
     "FlightPrediction",
     "IdentifiedModel",
     "IdentifySettings",
+    "Limits",
     "Model",
     "Parameter",
     "QuadidError",
@@ -86,6 +91,7 @@ __all__ = [
     "__version__",
     "analyze",
     "analyze_pooled",
+    "check",
     "compare",
     "fleet",
     "matplotlib_figures",

@@ -1,8 +1,8 @@
 """Modules that are called as the function they are named after.
 
-`quadid_logs.compare` is a module and a verb. Importing the module anywhere sets the package's attribute, so
+`quadid_logs.simulate` is a package and a verb. Importing it anywhere sets the attribute of `quadid_logs`, so
 the attribute cannot be the function; a module may have a class of its own [1]_, and that one can be called:
-``quadid_logs.compare(before, after)`` beside ``quadid_logs.compare.Comparison``.
+``quadid_logs.simulate("sysid-quad-x")`` beside ``quadid_logs.simulate.Simulation``.
 
 References
 ----------

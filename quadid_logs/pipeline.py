@@ -21,7 +21,6 @@ from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Identification
 from quadid_logs.data.result import PooledLog, Result
 from quadid_logs.data.settings import AlignSettings, Settings
-from quadid_logs.data.tuning import GOOD, Limits, Tuning
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.diagnose import diagnose, with_findings
 from quadid_logs.health import health_of
@@ -29,7 +28,7 @@ from quadid_logs.identify import identify
 from quadid_logs.identify.select import most_excited
 from quadid_logs.identify.structures import STRUCTURES, Structure
 from quadid_logs.load import prepare, read_log
-from quadid_logs.tuning import flown_parameters, recommend
+from quadid_logs.tuning import flown_parameters
 
 Progress = Callable[[str], None]
 
@@ -95,50 +94,6 @@ def analyze_pooled(
         As `quadid_logs.analyze_pooled`.
     """
     return _analyze(paths, settings or Settings(), vehicle, structure, progress)
-
-
-def tune(
-    path: str | Path,
-    limits: Limits = GOOD,
-    *,
-    apart: bool = False,
-    settings: Settings | None = None,
-    vehicle: Vehicle | None = None,
-    progress: Progress | None = None,
-) -> Tuning:
-    """Analyze a log and recommend the gains of the next flight, or say why not.
-
-    Parameters
-    ----------
-    path : str or Path
-    limits : Limits
-        That every promised margin keeps in 97.5 % of the vehicles that the flight allows.
-    apart : bool
-        P, I, D and the angle gain each by itself, not by one factor on P, I and D.
-    settings, vehicle, progress
-        As of `analyze`.
-
-    Returns
-    -------
-    Tuning
-
-    Raises
-    ------
-    LogError
-        If the file cannot be read as a flight log at all.
-    SettingsError
-        If the part of the log that was chosen holds no flight.
-
-    Examples
-    --------
-    >>> from quadid_logs import tune
-    >>> {axis: found.verdict for axis, found in tune("sample_logs/default-logging.bin").axes.items()}
-    {'roll': 'refused', 'pitch': 'refused', 'yaw': 'refused'}
-    """
-    result = analyze(path, settings, vehicle=vehicle, progress=progress)
-    if progress is not None:
-        progress("tune")
-    return recommend(result, limits, apart=apart)
 
 
 def _analyze(

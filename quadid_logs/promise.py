@@ -9,7 +9,7 @@ from pathlib import PurePath
 from typing import Final
 
 from quadid_logs.autopilots import named
-from quadid_logs.compare import COUPLING_SPREAD, by_throttle, mean_throttle, throttle_powers, why_unknown
+from quadid_logs.comparison import COUPLING_SPREAD, by_throttle, mean_throttle, throttle_powers, why_unknown
 from quadid_logs.control.command_units import per_command
 from quadid_logs.control.next_flight import EFFECTIVENESS_SPREAD, TIME_SPREAD_S
 from quadid_logs.control.room import Room, leads_back, room_of, whole

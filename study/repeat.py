@@ -33,7 +33,7 @@ from quadid_logs.errors import QuadidError  # noqa: E402
 from quadid_logs.maths.block_spectra import BlockSpectra, block_spectra  # noqa: E402
 from quadid_logs.maths.normal import NORMAL_95  # noqa: E402
 from quadid_logs.pipeline import analyze, analyze_pooled  # noqa: E402
-from quadid_logs.repeat import Repeatability, repeat  # noqa: E402
+from quadid_logs.repetition import Repeatability, repeat  # noqa: E402
 from quadid_logs.report.numbers import plus_minus  # noqa: E402
 from quadid_logs.vocabulary import ON_AXIS  # noqa: E402
 

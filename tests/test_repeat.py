@@ -10,7 +10,7 @@ import pytest
 
 from quadid_logs.data.result import Result
 from quadid_logs.errors import SettingsError
-from quadid_logs.repeat import Repeatability, RepeatedQuantity, repeat, strangers
+from quadid_logs.repetition import Repeatability, RepeatedQuantity, repeat, strangers
 from quadid_logs.report.repetition import headline, repetition_lines
 from tests.synthetic_results import refused_result, usable_result
 

@@ -157,8 +157,8 @@ def _loop(closed_loop: Mapping[str, Any] | None) -> Answer | None:
 
 def compare(before: Path, after: Path) -> Answer:
     """Return whether the vehicle changed, as ``quadid-log compare --json``."""
-    from quadid_logs.compare import EXIT_CODES
-    from quadid_logs.compare import compare as compared
+    from quadid_logs.comparison import EXIT_CODES
+    from quadid_logs.comparison import compare as compared
     from quadid_logs.pipeline import analyze as analyzed
     from quadid_logs.report.comparison import comparison_text
 
@@ -200,7 +200,7 @@ def tune(log: Path) -> Answer:
 
 def plan(autopilot: str, axes: Sequence[str]) -> Answer:
     """Return what to set and fly, and the intervals that a simulated flight of it gives."""
-    from quadid_logs.plan import make_plan, predict
+    from quadid_logs.planning import make_plan, predict
     from quadid_logs.report.plan import plan_text
 
     planned = make_plan(autopilot.lower(), tuple(axes), None)

@@ -16,10 +16,12 @@ from quadid_logs.autopilots.generic.table import from_columns
 from quadid_logs.data.closed_loop import ClosedLoop
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Model
+from quadid_logs.data.once import once
 from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
 from quadid_logs.data.vehicle import Vehicle
-from quadid_logs.errors import EmptyLogError
+from quadid_logs.errors import EmptyLogError, SettingsError
+from quadid_logs.figures import Figure, figures_of
 from quadid_logs.identify.structures import TERMS, Structure
 from quadid_logs.identify.terms import TORQUE_TERMS, Term
 from quadid_logs.report.series_file import aligned_table
@@ -27,6 +29,9 @@ from quadid_logs.simulate import Simulation
 
 if TYPE_CHECKING:
     import pandas as pd
+
+#: Drawn from seconds of arrays: once for each analysis.
+_figures_of = once(figures_of)
 
 LogLike = str | Path | FlightLog | Simulation | Mapping[str, Any] | Any
 """A path; a log or simulated flight in memory; columns by canonical name, as a mapping or a DataFrame."""
@@ -101,6 +106,11 @@ class Analysis(Result):
             )
         return self.closed_loop
 
+    @property
+    def figures(self) -> dict[str, Figure]:
+        """Every figure of the report by its key; each shows itself in a notebook."""
+        return {figure.key: figure for figure in _figures_of(self).shown}
+
     def to_pandas(self) -> pd.DataFrame:
         """Return the aligned series of all segments.
 
@@ -137,7 +147,7 @@ class Analysis(Result):
 
 
 def analyze(
-    log: LogLike,
+    log: LogLike | Result,
     settings: Settings | None = None,
     *,
     vehicle: Vehicle | None = None,
@@ -148,10 +158,11 @@ def analyze(
 
     Parameters
     ----------
-    log : str, Path, FlightLog, Simulation, mapping or pandas.DataFrame
+    log : str, Path, FlightLog, Simulation, mapping, pandas.DataFrame or Result
         The log, of any supported format; a flight of `simulate`; or columns by canonical name, each of shape
         (n_samples,): ``time_s`` [s], ``p_rad_s``, ``q_rad_s``, ``r_rad_s``, ``L_n_m`` or ``L_command``, and
-        what else the nomenclature names. The index of a DataFrame may be ``time_s``.
+        what else the nomenclature names. The index of a DataFrame may be ``time_s``. A result is returned as
+        it is, with the methods of an `Analysis`.
     settings : Settings, optional
     vehicle : Vehicle, optional
         What the user knows about the vehicle.
@@ -169,7 +180,8 @@ def analyze(
     LogError
         If the file cannot be read as a flight log at all.
     SettingsError
-        If the part of the log that was chosen holds no flight, or there is no such structure.
+        If the part of the log that was chosen holds no flight, there is no such structure, or a result comes
+        with settings, a vehicle or a structure.
 
     Examples
     --------
@@ -181,8 +193,15 @@ def analyze(
     >>> print(f"{gain.value:.0f} {gain.unit}, 95 %: {gain.ci95[0]:.0f} to {gain.ci95[1]:.0f}")
     198 rad/s^2, 95 %: 196 to 200
     """
+    if isinstance(log, Result):
+        if settings is not None or vehicle is not None or structure:
+            raise SettingsError(
+                "A result is analyzed already: settings, vehicle and structure cannot change it.",
+                hint="Give the log itself, by its path or as the .log of the result.",
+            )
+        return log if isinstance(log, Analysis) else _analysis(log, None)
     chosen, own = _settings(settings, structure)
-    result = pipeline.analyze(_log(log), chosen, vehicle=vehicle, structure=own, progress=progress)
+    result = pipeline.analyze(as_log(log), chosen, vehicle=vehicle, structure=own, progress=progress)
     return _analysis(result, own)
 
 
@@ -224,7 +243,7 @@ def analyze_pooled(
     ['sample_logs/sysid-quad-x.bin: 24 s', 'sample_logs/damaged.bin: 14 s']
     """
     chosen, own = _settings(settings, structure)
-    read = [_log(each) for each in logs]
+    read = [as_log(each) for each in logs]
     result = pipeline.analyze_pooled(read, chosen, vehicle=vehicle, structure=own, progress=progress)
     return _analysis(result, own)
 
@@ -244,8 +263,22 @@ def _settings(settings: Settings | None, structure: str | Structure) -> tuple[Se
     return replace(settings, identify=replace(settings.identify, structure=structure)), None
 
 
-def _log(log: LogLike) -> str | Path | FlightLog:
-    """Return what can be read, or has been."""
+def as_log(log: LogLike) -> str | Path | FlightLog:
+    """Return what can be read, or has been.
+
+    Parameters
+    ----------
+    log : str, Path, FlightLog, Simulation, mapping or pandas.DataFrame
+
+    Returns
+    -------
+    str, Path or FlightLog
+
+    Raises
+    ------
+    TypeError
+        If it is none of these.
+    """
     if isinstance(log, str | Path | FlightLog):
         return log
     if isinstance(log, Simulation):

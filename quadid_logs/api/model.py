@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import block_diag
 
 from quadid_logs.api.extra import data_frame, load
 from quadid_logs.arrays import FloatArray
+from quadid_logs.control.posterior import draw
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import FitSeries, Model, ThrustCurve, Validation
 from quadid_logs.data.result import Result
-from quadid_logs.errors import SettingsError
+from quadid_logs.errors import EmptyLogError, SettingsError
 from quadid_logs.identify.prediction import predict_flight
 from quadid_logs.identify.simulation import simulate_rates
 from quadid_logs.identify.terms import Term
@@ -138,44 +140,119 @@ class IdentifiedModel(Model):
         validation, series = predict_flight(self, self.terms, data, self.thrust_curve)
         return FlightPrediction(validation=validation, series=series)
 
-    def to_statespace(self, pade_order: int = _PADE_ORDER) -> control.StateSpace:
+    def to_statespace(
+        self, pade_order: int = _PADE_ORDER, *, delay_s: float | None = None
+    ) -> control.StateSpace:
         """Return the part of the model that is linear in the rates, behind lag and delay.
 
         What is left out is of second order about hover: products of rates, and trim. A lag or delay whose
-        interval holds zero is none; the delay becomes a Padé approximation.
+        interval holds zero is none; the delay becomes a Padé approximation, in front of the lag.
 
         Parameters
         ----------
         pade_order : int
-            Of the approximation; 0 leaves the delay out.
+            Order of the approximation; 0 leaves the delay out, for a tool that takes it as a number: the
+            identified one is ``model.actuator.delay_s``.
+        delay_s : float, optional
+            Delay [s] in place of the identified one.
 
         Returns
         -------
         control.StateSpace
-            Inputs L, M, N in `unit`, outputs p, q, r [rad/s].
+            Inputs L, M, N in `unit`, outputs p, q, r [rad/s]. States by name: p, q, r; ``L_lag``, ``M_lag``,
+            ``N_lag``, the torques behind the lag; ``L_delay1`` and so on, of the approximation.
 
         Raises
         ------
         SettingsError
-            If python-control is not installed.
+            If python-control is not installed, or the order or the delay is negative.
+
+        Examples
+        --------
+        >>> import quadid_logs
+        >>> system = quadid_logs.analyze("sample_logs/sysid-quad-x.bin").model.to_statespace(pade_order=0)
+        >>> system.state_labels
+        ['p', 'q', 'r', 'L_lag', 'M_lag', 'N_lag']
         """
         library = load("control")
-        A, B = rate_matrices(self)
-        rates = library.ss(A, B, np.eye(3), np.zeros((3, 3)))
-        lag_s, delay_s = linear_actuator(self)
-        channels = [self._channel(library, axis, lag_s, delay_s, pade_order) for axis in range(3)]
-        system = library.series(library.append(*channels), rates)
-        system.set_inputs(list(TORQUE_SYMBOLS))
-        system.set_outputs(list(RATE_SYMBOLS))
-        return system
+        lag_s, identified_s = linear_actuator(self)
+        wanted_s = identified_s if delay_s is None else delay_s
+        if pade_order < 0 or not 0.0 <= wanted_s < math.inf:
+            raise SettingsError(
+                f"There is no delay of {wanted_s:g} s in order {pade_order}.",
+                hint="Give pade_order and delay_s of 0 or more.",
+            )
+        system = _Linear(*rate_matrices(self), np.eye(3), np.zeros((3, 3)), RATE_SYMBOLS)
+        if lag_s > 0.0:
+            leads_s = (0.0, 0.0, self.yaw_reaction.lead_s if self.yaw_reaction else 0.0)
+            lags = [_lag(lag_s, lead_s, name) for lead_s, name in zip(leads_s, TORQUE_SYMBOLS, strict=True)]
+            system = _beside(lags).before(system)
+        if wanted_s > 0.0 and pade_order:
+            delay = library.tf2ss(library.tf(*library.pade(wanted_s, pade_order)))
+            system = _beside([_delay(delay, name) for name in TORQUE_SYMBOLS]).before(system)
+        *matrices, states = system
+        names = {"inputs": list(TORQUE_SYMBOLS), "outputs": list(RATE_SYMBOLS), "states": list(states)}
+        return library.ss(*matrices, **names, name="vehicle")
 
-    def _channel(self, library: Any, axis: int, lag_s: float, delay_s: float, pade_order: int) -> Any:
-        """Return lag, delay and, of yaw, the lead by the reaction of its rotors, as one system."""
-        lead_s = self.yaw_reaction.lead_s if axis == 2 and lag_s > 0.0 and self.yaw_reaction else 0.0
-        channel = library.tf([lead_s, 1.0], [lag_s, 1.0]) if lag_s > 0.0 else library.tf([1.0], [1.0])
-        if delay_s > 0.0 and pade_order:
-            channel = channel * library.tf(*library.pade(delay_s, pade_order))
-        return library.ss(channel)
+    def draws(self, axis: str, n_draws: int = 400, *, seed: int = 1) -> dict[str, FloatArray]:
+        """Draw vehicles that the flight allows, one axis: for a Monte Carlo study of a controller.
+
+        Parameters
+        ----------
+        axis : {"roll", "pitch", "yaw"}
+        n_draws : int
+        seed : int
+            Another seed, other vehicles.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (n_draws,)
+            ``effectiveness`` [rad/s^2 per unit of torque], ``damping`` [1/s, negative where it brakes],
+            ``lag_s``, ``delay_s`` and ``lead_s`` [s]: torque to rate is
+            effectiveness (1 + s lead) / (s - damping) / (1 + s lag) exp(-s delay). The delay contains the
+            zero-order hold of the controller's loop. The scale errors of gyro and calibration, which cancel
+            around a loop, are not drawn.
+
+        Raises
+        ------
+        EmptyLogError
+            If the flight tells too little of the axis.
+        SettingsError
+            If there is no such axis, or no vehicle is to be drawn.
+
+        Notes
+        -----
+        The five numbers are drawn together, from `Posterior`: by a normal distribution with their
+        covariance, cut where lag or delay would be negative.
+
+        Examples
+        --------
+        >>> import quadid_logs
+        >>> model = quadid_logs.analyze("sample_logs/sysid-quad-x.bin").model
+        >>> drawn = model.draws("roll", 1000)["effectiveness"]
+        >>> bool(model["roll", "L"].ci95[0] < drawn.mean() < model["roll", "L"].ci95[1])
+        True
+        """
+        if axis not in AXES:
+            raise SettingsError(f"There is no axis {axis!a}.", hint=f"Choose of {', '.join(AXES)}.")
+        if n_draws < 1 or seed < 0:
+            raise SettingsError("n_draws must be 1 or more, and seed 0 or more.")
+        plant = None
+        if self.posterior is not None:
+            plant = draw(self.posterior, AXES.index(axis), 0.0, n_draws, seed=seed)
+        if plant is None:
+            raise EmptyLogError(
+                f"The flight tells too little of {axis} to draw vehicles.", hint="See .diagnosis.findings."
+            )
+        # The first of them is the estimate itself.
+        drawn = plant.at(slice(1, None))
+        return {
+            "effectiveness": drawn.effectiveness,
+            "damping": drawn.damping,
+            "lag_s": drawn.lag_s,
+            "delay_s": drawn.delay_s,
+            "lead_s": np.asarray(drawn.lead_s),
+        }
 
     def to_pandas(self) -> pd.DataFrame:
         """Return every element of A and B with its interval.
@@ -208,6 +285,46 @@ class IdentifiedModel(Model):
             for each in self.parameters
         ]
         return data_frame({name: [row[name] for row in rows] for name in rows[0]}, index="name")
+
+
+class _Linear(NamedTuple):
+    """x' = A x + B u, y = C x + D u, with the names of the states."""
+
+    A: FloatArray
+    B: FloatArray
+    C: FloatArray
+    D: FloatArray
+    states: tuple[str, ...]
+
+    def before(self, other: _Linear) -> _Linear:
+        """Return this system in series with another one, whose states come first."""
+        none = np.zeros((len(self.states), len(other.states)))
+        return _Linear(
+            np.block([[other.A, other.B @ self.C], [none, self.A]]),
+            np.vstack([other.B @ self.D, self.B]),
+            np.hstack([other.C, other.D @ self.C]),
+            other.D @ self.D,
+            (*other.states, *self.states),
+        )
+
+
+def _beside(channels: Sequence[_Linear]) -> _Linear:
+    """Return systems that share nothing as one."""
+    A, B, C, D = (block_diag(*matrices) for matrices in zip(*(each[:4] for each in channels), strict=True))
+    return _Linear(A, B, C, D, tuple(name for channel in channels for name in channel.states))
+
+
+def _lag(lag_s: float, lead_s: float, torque: str) -> _Linear:
+    """Return (1 + s lead) / (1 + s lag), its state in the unit of the torque."""
+    through = lead_s / lag_s
+    A, B, C, D = (np.array([[value]]) for value in (-1.0 / lag_s, 1.0 / lag_s, 1.0 - through, through))
+    return _Linear(A, B, C, D, (f"{torque}_lag",))
+
+
+def _delay(approximation: Any, torque: str) -> _Linear:
+    """Return a Padé approximation with names."""
+    A, B, C, D = (np.asarray(getattr(approximation, name), dtype=np.float64) for name in "ABCD")
+    return _Linear(A, B, C, D, tuple(f"{torque}_delay{number}" for number in range(1, len(A) + 1)))
 
 
 def identified(model: Model, terms: Mapping[str, Term], result: Result) -> IdentifiedModel:

@@ -16,7 +16,7 @@ from quadid_logs.untrusted import printable
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from quadid_logs.compare import Comparison
+    from quadid_logs.comparison import Comparison
     from quadid_logs.data.result import Result
     from quadid_logs.figures import Figure, LeftOut
 
@@ -60,8 +60,8 @@ def compare(
     Exit code 0: compared on every axis, no change. 1: changed. 2: a log could
     not be read. 3: no change seen, but an axis could not be compared.
     """
-    from quadid_logs.compare import EXIT_CODES
-    from quadid_logs.compare import compare as compare_results
+    from quadid_logs.comparison import EXIT_CODES
+    from quadid_logs.comparison import compare as compare_results
     from quadid_logs.data.settings import IdentifySettings, Settings, in_band
     from quadid_logs.pipeline import analyze
     from quadid_logs.report.comparison import comparison_lines, comparison_text

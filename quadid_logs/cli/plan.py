@@ -59,7 +59,7 @@ def plan(
     Without -o the card is only printed.
     """
     from quadid_logs.load import read_log
-    from quadid_logs.plan import make_plan, parse_version, predict
+    from quadid_logs.planning import make_plan, parse_version, predict
     from quadid_logs.report.markdown_page import markdown_page
     from quadid_logs.report.plan import CARD_FILE, CARD_PAGE, card_lines, parameter_files, plan_text
     from quadid_logs.vehicle_file import read_vehicle

@@ -15,7 +15,7 @@ from quadid_logs.output import check_folder_free, new_folder, write_together
 from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
-    from quadid_logs.repeat import Repeatability
+    from quadid_logs.repetition import Repeatability
 
 _JSON, _PAGE = "repeat.json", "repeat.html"
 _PNG = {"funnel": "repeat-funnel.png", "flights": "repeat-flights.png"}
@@ -57,7 +57,7 @@ def repeat(
     """
     from quadid_logs.data.settings import IdentifySettings, Settings, in_band
     from quadid_logs.pipeline import analyze
-    from quadid_logs.repeat import repeat as repeat_results
+    from quadid_logs.repetition import repeat as repeat_results
     from quadid_logs.report.repetition import repetition_lines, repetition_text
     from quadid_logs.vehicle_file import read_vehicle
 

@@ -16,7 +16,9 @@ N_DRAWS: Final = 400
 _SEED = 1
 
 
-def draw(posterior: Posterior, axis: int, hold_s: float, n_draws: int = N_DRAWS) -> Plant | None:
+def draw(
+    posterior: Posterior, axis: int, hold_s: float, n_draws: int = N_DRAWS, *, seed: int = _SEED
+) -> Plant | None:
     """Return the estimate of one axis, then vehicles drawn around it.
 
     Parameters
@@ -26,6 +28,7 @@ def draw(posterior: Posterior, axis: int, hold_s: float, n_draws: int = N_DRAWS)
     hold_s : float
         Period of the control loop [s].
     n_draws : int
+    seed : int
 
     Returns
     -------
@@ -44,7 +47,7 @@ def draw(posterior: Posterior, axis: int, hold_s: float, n_draws: int = N_DRAWS)
     mean, covariance = posterior.mean[axis], posterior.covariance[axis]
     if not (np.isfinite(mean).all() and np.isfinite(covariance).all() and mean[0] > 0.0):
         return None
-    random = np.random.default_rng(_SEED)
+    random = np.random.default_rng(seed)
     variance, axes = np.linalg.eigh(covariance / _scale(covariance))
     root = axes * np.sqrt(np.maximum(variance, 0.0))
     drawn = mean + (random.standard_normal((n_draws, len(mean))) @ root.T) * np.sqrt(np.diag(covariance))

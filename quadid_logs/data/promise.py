@@ -210,7 +210,7 @@ class AxisCheck:
     decision: Decision = Decision.NO_ADVICE
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Check:
     """A promise held against the next flight.
 
@@ -237,3 +237,12 @@ class Check:
     def vehicle_changes(self) -> tuple[VehicleCheck, ...]:
         """The numbers of the vehicle that are not those of the flight of the promise."""
         return tuple(one for one in self.vehicle if one.differs)
+
+    def __repr__(self) -> str:
+        lines = [f"<Check: {self.outcome.value}, {self.decision.value}"]
+        lines += [
+            f"  {axis:<5}  {one.held.value}, {one.decision.value}"
+            + ("" if one.obstacle is None else f" ({one.obstacle.value})")
+            for axis, one in self.axes.items()
+        ]
+        return "\n".join(lines) + ">"

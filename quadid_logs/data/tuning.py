@@ -20,7 +20,14 @@ _LAST_DIGIT: Final = 1e-9
 
 
 class Limits(NamedTuple):
-    """What a loop keeps at least: gain [dB], phase [deg], and both at once as disk margin."""
+    """What a loop keeps at least: gain [dB], phase [deg], and both at once as disk margin.
+
+    Examples
+    --------
+    >>> import quadid_logs
+    >>> quadid_logs.Limits(gain_db=8.0, phase_deg=50.0, disk=0.8).gain_db
+    8.0
+    """
 
     gain_db: float
     phase_deg: float
@@ -124,7 +131,7 @@ class GainChange(NamedTuple):
     target: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class AxisTuning:
     """What is recommended for one axis.
 
@@ -176,8 +183,18 @@ class AxisTuning:
         ups = {change.next > change.now for change in self.changes.values()}
         return "reshape" if len(ups) > 1 else "raise" if True in ups else "lower"
 
+    @property
+    def summary(self) -> str:
+        """Verdict and, in one line, the gains that change, or the codes that say why none does."""
+        changes = ", ".join(f"{name} {one.now:g} -> {one.next:g}" for name, one in self.changes.items())
+        codes = " ".join(reason.code for reason in self.reasons) if self.verdict == "refused" else ""
+        return f"{self.verdict:<7}  {changes or codes}".rstrip()
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+    def __repr__(self) -> str:
+        return f"<AxisTuning: {' '.join(self.summary.split())}>"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Tuning:
     """What is recommended for a vehicle.
 
@@ -200,3 +217,10 @@ class Tuning:
     def changes(self) -> Mapping[str, GainChange]:
         """Every parameter that gets another value."""
         return {name: change for found in self.axes.values() for name, change in found.changes.items()}
+
+    def __repr__(self) -> str:
+        lines = [
+            f"<Tuning: gain margin {self.limits.gain_db:g} dB, phase margin {self.limits.phase_deg:g} deg"
+        ]
+        lines += [f"  {axis:<5}  {found.summary}" for axis, found in self.axes.items()]
+        return "\n".join(lines) + ">"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from quadid_logs.compare import Comparison, Quantity
+from quadid_logs.comparison import Comparison, Quantity
 from quadid_logs.figures.spec import Axis, Curve, Figure, LeftOut, Panel
 
 _TITLE = "Before and after"

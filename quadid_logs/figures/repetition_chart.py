@@ -8,7 +8,7 @@ import numpy as np
 
 from quadid_logs.figures.spec import Axis, Curve, Figure, Label, LeftOut, Level, Panel, Ribbon
 from quadid_logs.maths.normal import NORMAL_95
-from quadid_logs.repeat import Repeatability, RepeatedQuantity
+from quadid_logs.repetition import Repeatability, RepeatedQuantity
 from quadid_logs.untrusted import printable
 
 _TITLE = "Flights of one vehicle"

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
-from typing import Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
 from quadid_logs.arrays import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Canvas
 
 Mark = Literal["line", "wide", "dashed", "thick", "points", "bars"]
 Along = Literal["x", "y"]
@@ -125,7 +130,7 @@ class Panel:
     heat: Heat | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Figure:
     """Panels in rows of ``columns``; ``caption`` tells a pilot how to read them.
 
@@ -142,6 +147,34 @@ class Figure:
     over_time: bool = False
     small: bool = False
     low: bool = False
+
+    def to_matplotlib(self) -> Canvas:
+        """Return an ordinary matplotlib figure, which pyplot does not know of."""
+        from quadid_logs.figures.png import draw
+
+        return draw(self)
+
+    def save(self, path: str | Path) -> None:
+        """Write it as PNG at print quality; a file that exists is overwritten.
+
+        Parameters
+        ----------
+        path : str or Path
+        """
+        from quadid_logs.figures.png import write_png
+
+        write_png(self, Path(path))
+
+    def __repr__(self) -> str:
+        return f"<Figure {self.key!a}: {self.title}>"
+
+    def _repr_png_(self) -> bytes:
+        """Return the picture that a notebook shows."""
+        from quadid_logs.figures.png import write_png
+
+        drawn = io.BytesIO()
+        write_png(self, drawn)
+        return drawn.getvalue()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
-from quadid_logs.compare import yaw_by_throttle
+from quadid_logs.comparison import yaw_by_throttle
 from quadid_logs.maths.normal import MEDIAN_DEVIATION, NORMAL_95
 
 #: Chance of any false alarm in a whole fleet: one in a hundred fleets.

@@ -25,7 +25,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
-from quadid_logs.compare import yaw_by_throttle
+from quadid_logs.comparison import yaw_by_throttle
 from quadid_logs.fleet.changes import (
     FALSE_ALARMS,
     MIN_RUN,

@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.compare import COUPLING_SPREAD
+from quadid_logs.comparison import COUPLING_SPREAD
 from quadid_logs.control.next_flight import DAMPING_SPREAD
 from quadid_logs.fleet.changes import (
     MIN_RUN,

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Any, Final, get_args
 
-from quadid_logs.compare import mean_throttle
+from quadid_logs.comparison import mean_throttle
 from quadid_logs.data.diagnosis import Verdict
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Model

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import PurePath
 from typing import Any, Final
 
-from quadid_logs.compare import Comparison, Quantity
+from quadid_logs.comparison import Comparison, Quantity
 from quadid_logs.control.room import outermost
 from quadid_logs.data.closed_loop import AxisLoop, Estimated
 from quadid_logs.data.promise import AxisCheck, Decision, Held

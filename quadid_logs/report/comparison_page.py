@@ -8,7 +8,7 @@ from pathlib import PurePath
 from types import MappingProxyType
 from typing import Final
 
-from quadid_logs.compare import Comparison, Quantity
+from quadid_logs.comparison import Comparison, Quantity
 from quadid_logs.data.result import Result
 from quadid_logs.figures import Figure
 from quadid_logs.report.cells import Cell, Table

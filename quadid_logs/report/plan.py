@@ -11,7 +11,7 @@ from quadid_logs.autopilots.generic.advice import digits
 from quadid_logs.commands import LOG, NEXT_LOG, command
 from quadid_logs.data.model import Parameter
 from quadid_logs.diagnose.advice import advice_for
-from quadid_logs.plan import Plan, Prediction
+from quadid_logs.planning import Plan, Prediction
 from quadid_logs.report.json import strict_text
 from quadid_logs.report.numbers import estimate, number
 from quadid_logs.report.words import pretty_unit

@@ -8,7 +8,7 @@ from pathlib import PurePath
 from typing import Any, Final
 
 from quadid_logs.counting import counted
-from quadid_logs.repeat import FlightEstimate, Repeatability, RepeatedQuantity
+from quadid_logs.repetition import FlightEstimate, Repeatability, RepeatedQuantity
 from quadid_logs.report.json import strict_text
 from quadid_logs.report.numbers import number, plus_minus
 from quadid_logs.report.words import pretty_unit

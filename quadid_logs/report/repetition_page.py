@@ -9,7 +9,7 @@ from typing import Final
 
 from quadid_logs.counting import counted
 from quadid_logs.figures import Figure
-from quadid_logs.repeat import FlightEstimate, Repeatability, RepeatedQuantity
+from quadid_logs.repetition import FlightEstimate, Repeatability, RepeatedQuantity
 from quadid_logs.report.cells import Cell, Table
 from quadid_logs.report.html import charts
 from quadid_logs.report.numbers import number, plus_minus

@@ -8,7 +8,7 @@ from quadid_logs.data.log import FlightLog
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import Tuning
 from quadid_logs.diagnose.advice import advice_for, plannable
-from quadid_logs.plan import Plan, make_plan
+from quadid_logs.planning import Plan, make_plan
 from quadid_logs.report.gain_files import file_names
 from quadid_logs.report.plan import CARD_FILE, parameter_files, settings_lines
 from quadid_logs.report.tune_view import tune_again, tune_view, way_back

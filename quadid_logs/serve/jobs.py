@@ -169,7 +169,7 @@ def _which_log(result: Result) -> str:
 
 def _compare(job: Job, tell: Tell) -> Done:
     """Do what ``quadid-log compare`` does."""
-    from quadid_logs.compare import compare
+    from quadid_logs.comparison import compare
     from quadid_logs.figures import Figure
     from quadid_logs.figures.comparison_chart import comparison_figure
     from quadid_logs.figures.loop_comparison import loop_comparison_figure
@@ -219,7 +219,7 @@ def _tune(job: Job, tell: Tell) -> Done:
 
 def _plan(job: Job, tell: Tell) -> Done:
     """Do what ``quadid-log plan`` does."""
-    from quadid_logs.plan import make_plan, parse_version, predict
+    from quadid_logs.planning import make_plan, parse_version, predict
     from quadid_logs.report.markdown_page import markdown_page
     from quadid_logs.report.plan import CARD_FILE, card_lines, parameter_files
 

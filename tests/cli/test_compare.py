@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from quadid_logs.cli import main
-from quadid_logs.compare import compare
+from quadid_logs.comparison import compare
 from quadid_logs.data.model import Model
 from quadid_logs.data.result import Result
 from quadid_logs.data.torque import AssumedExpo, HeldScale

@@ -11,7 +11,7 @@ import pytest
 
 from quadid_logs.cli import main
 from quadid_logs.data.vehicle import Vehicle
-from quadid_logs.plan import Prediction, make_plan, predict
+from quadid_logs.planning import Prediction, make_plan, predict
 from quadid_logs.report.plan import card_lines, parameter_files
 from quadid_logs.simulate.sweep import Sweep, sweep_wave
 
@@ -111,7 +111,7 @@ def test_a_plan_like_a_log_keeps_what_is_set_on_its_vehicle(
     yaw_flight: Prediction,
 ) -> None:
     """The sample's own mask is 176126; of another autopilot nothing can be kept."""
-    monkeypatch.setattr("quadid_logs.plan.predict", lambda *_a: yaw_flight)
+    monkeypatch.setattr("quadid_logs.planning.predict", lambda *_a: yaw_flight)
     like = ["--like", "sample_logs/default-logging.bin", "-o", str(tmp_path / "plan")]
     assert main(["plan", "--autopilot", "ardupilot", "--axis", "yaw", *like]) == 0
     assert "LOG_BITMASK 176126 -> 176127" in capsys.readouterr().out
@@ -224,7 +224,7 @@ def test_card_and_files_are_written_together(
     yaw_flight: Prediction,
 ) -> None:
     """What is printed is what is written, and a second run needs --force."""
-    monkeypatch.setattr("quadid_logs.plan.predict", lambda *_a: yaw_flight)
+    monkeypatch.setattr("quadid_logs.planning.predict", lambda *_a: yaw_flight)
     arguments = ["plan", "--autopilot", "ardupilot", "--axis", "yaw", "-o", str(tmp_path / "plan")]
     assert main(arguments) == 0
     printed = capsys.readouterr().out

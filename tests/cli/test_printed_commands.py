@@ -28,7 +28,7 @@ from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
 from quadid_logs.data.vehicle import Vehicle
-from quadid_logs.plan import make_plan, predict
+from quadid_logs.planning import make_plan, predict
 from quadid_logs.report.model_files import model_bytes, model_formats_of
 from quadid_logs.report.next_flight import next_steps
 from quadid_logs.vehicle_file import read_vehicle
@@ -156,7 +156,7 @@ def quick() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("quadid_logs.pipeline.analyze", once)
-        patch.setattr("quadid_logs.plan.predict", lambda *_a: card)
+        patch.setattr("quadid_logs.planning.predict", lambda *_a: card)
         patch.setattr("quadid_logs.tuning.autotune_forecasts", lambda *_a: {})
         patch.setattr("quadid_logs.tuning.what_if_grids", lambda *_a: {})
         # Figures print no command, and `--png all` draws thirty.

@@ -13,7 +13,7 @@ from quadid_logs.cli import main
 from quadid_logs.data.result import Result
 from quadid_logs.figures import Figure
 from quadid_logs.figures.repetition_chart import repetition_figures
-from quadid_logs.repeat import repeat
+from quadid_logs.repetition import repeat
 from quadid_logs.report.repetition_page import repetition_page
 from tests.synthetic_results import refused_result
 from tests.test_repeat import flights, flown

@@ -16,7 +16,7 @@ from quadid_logs.identify.design import Design, build_design
 from quadid_logs.identify.first_stage import FirstStage, first_stage, with_strong_instruments
 from quadid_logs.identify.instruments import from_attitude, held_by_attitude
 from quadid_logs.load import prepare
-from quadid_logs.plan import _airframe, _manoeuvre, make_plan
+from quadid_logs.planning import _airframe, _manoeuvre, make_plan
 from quadid_logs.simulate import Scenario, plan_flights
 from quadid_logs.simulate import fly as fly_setup
 from quadid_logs.simulate.effects import Effects

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from quadid_logs.compare import compare
+from quadid_logs.comparison import compare
 from quadid_logs.figures import figures_of
-from quadid_logs.repeat import repeat
+from quadid_logs.repetition import repeat
 from quadid_logs.report.comparison_page import comparison_page
 from quadid_logs.report.html import render_html
 from quadid_logs.report.index import index_page, index_row

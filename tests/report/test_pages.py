@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from quadid_logs.compare import Comparison, Quantity
+from quadid_logs.comparison import Comparison, Quantity
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD, AxisTuning, GainChange, Tuning

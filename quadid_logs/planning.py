@@ -13,7 +13,7 @@ import numpy as np
 
 from quadid_logs.align import cut
 from quadid_logs.arrays import FloatArray
-from quadid_logs.callable_module import call_as
+from quadid_logs.counting import counted
 from quadid_logs.data.diagnosis import Diagnosis
 from quadid_logs.data.model import Identification
 from quadid_logs.data.settings import Settings
@@ -41,7 +41,7 @@ _PAUSE_S = 6.0
 _DOUBLET_RAD_S, _DOUBLET_S, _DOUBLETS_PER_AXIS_S = 0.7, 0.4, 30.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Plan:
     """A flight to fly.
 
@@ -92,18 +92,29 @@ class Plan:
             self.axes, {axis: dataclasses.asdict(each) for axis, each in self.sweeps.items()}
         )
 
+    def __repr__(self) -> str:
+        version = "" if self.version is None else " " + ".".join(map(str, self.version))
+        flown = counted(len(self.sweeps), "sweep") if self.sweeps else "stick doublets"
+        return (
+            f"<Plan for {self.autopilot}{version}: {', '.join(self.axes)}, {self.duration_s:.0f} s, {flown}>"
+        )
+
     def predict(self, vehicle: Vehicle | None = None) -> Prediction:
-        """Return what a simulated flight of the plan gives; see `quadid_logs.plan.predict`."""
+        """Return what a simulated flight of the plan gives; see `quadid_logs.planning.predict`."""
         return predict(self, vehicle)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Prediction:
     """What came out of the simulated flight, and the vehicle that flew it."""
 
     vehicle: str
     identification: Identification
     diagnosis: Diagnosis
+
+    def __repr__(self) -> str:
+        axes = ", ".join(f"{axis} {found.verdict}" for axis, found in self.diagnosis.axes.items())
+        return f"<Prediction on {self.vehicle!a}: {axes}>"
 
 
 def make_plan(
@@ -159,38 +170,6 @@ def make_plan(
         duration_s=_AROUND_S + (flown_s or _DOUBLETS_PER_AXIS_S * len(chosen)),
         parameters=parameters,
     )
-
-
-def plan(autopilot: str, axes: Sequence[str] = (), *, firmware: str = "") -> Plan:
-    """Plan a flight that will give an answer: what to set, and what to fly.
-
-    Parameters
-    ----------
-    autopilot : str
-        One of `diagnose.advice.plannable`.
-    axes : sequence of str
-        Of roll, pitch, yaw; empty means all.
-    firmware : str
-        Its version, as "4.5"; "" for a recent one.
-
-    Returns
-    -------
-    Plan
-        Its `Plan.steps` say what to fly, its `Plan.predict` flies it in the simulator.
-
-    Raises
-    ------
-    SettingsError
-        If there is no such autopilot or axis, or the version is none.
-
-    Examples
-    --------
-    >>> import quadid_logs
-    >>> autopilot = quadid_logs.read_log("sample_logs/sysid-quad-x.bin").autopilot
-    >>> quadid_logs.plan(autopilot, ["roll"]).axes
-    ('roll',)
-    """
-    return make_plan(autopilot, axes, parse_version(firmware) if firmware else None)
 
 
 def parse_version(text: str) -> Version:
@@ -278,6 +257,3 @@ def _manoeuvre(plan: Plan, time_s: FloatArray, rng: np.random.Generator) -> Refe
     flown = doublets(time_s, rng, amplitude_rad_s=_DOUBLET_RAD_S, pulse_s=_DOUBLET_S)
     wanted = np.array([axis in plan.axes for axis in AXES])
     return dataclasses.replace(flown, rate_rad_s=flown.rate_rad_s * wanted)
-
-
-call_as(__name__, plan)

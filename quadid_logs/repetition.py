@@ -13,8 +13,7 @@ import numpy as np
 
 from quadid_logs.align.pool import copies
 from quadid_logs.arrays import FloatArray
-from quadid_logs.callable_module import call_as
-from quadid_logs.compare import mean_throttle, throttle_powers
+from quadid_logs.comparison import mean_throttle, throttle_powers
 from quadid_logs.control.next_flight import DAMPING_SPREAD, TIME_SPREAD_S
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Model, Parameter
@@ -123,7 +122,7 @@ class RepeatedQuantity:
         return bool(self.outliers) or any(pair.differs for pair in self.pairs)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Repeatability:
     """Whether flights agree.
 
@@ -165,6 +164,11 @@ class Repeatability:
         held = [one.held for each in self.quantities for one in each.estimates if one.held is not None]
         return sum(held), len(held)
 
+    def __repr__(self) -> str:
+        lines = [f"<Repeatability of {len(self.flights)} flights: {self.verdict}"]
+        lines += [f"  {axis:<5}  {found}" for axis, found in self.axes.items()]
+        return "\n".join(lines) + ">"
+
 
 def repeat(results: Sequence[Result]) -> Repeatability:
     """Ask whether several flights of one vehicle in one state agree.
@@ -191,7 +195,7 @@ def repeat(results: Sequence[Result]) -> Repeatability:
     Each flight is predicted from the others: their mean, the standard deviation between them, and the
     flight's own error (`quadid_logs.maths.random_effect.random_effect_mean`). Damping, lag and delay are
     allowed what they are known to differ by between flights of one vehicle, and the effectiveness what
-    another mean throttle can make of it, as in `quadid_logs.compare`.
+    another mean throttle can make of it, as in `quadid_logs.comparison.compare`.
 
     Examples
     --------
@@ -506,6 +510,3 @@ def _advice(results: Sequence[Result], reasons: Sequence[Mapping[str, str]]) -> 
         for finding in result.diagnosis.findings
         if finding.level == "error" and why
     )
-
-
-call_as(__name__, repeat)

@@ -12,7 +12,6 @@ from typing import Final, Literal
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.callable_module import call_as
 from quadid_logs.control.next_flight import DAMPING_SPREAD, TIME_SPREAD_S
 from quadid_logs.data.model import Model, Parameter
 from quadid_logs.data.result import Result
@@ -88,7 +87,7 @@ class Quantity:
         return abs(self.difference) > self.margin
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Comparison:
     """What changed between two flights.
 
@@ -116,6 +115,17 @@ class Comparison:
         if any(quantity.changed for quantity in self.quantities):
             return "changed"
         return "same" if set(self.axes.values()) == {"same"} else "not comparable"
+
+    def __repr__(self) -> str:
+        lines = [f"<Comparison: {self.verdict}"]
+        for axis, found in self.axes.items():
+            changed = [
+                f"{one.name} {one.before:.4g} -> {one.after:.4g} {one.unit}"
+                for one in self.quantities
+                if one.axis == axis and one.changed
+            ]
+            lines.append(f"  {axis:<5}  {'; '.join((found, *changed))}")
+        return "\n".join(lines) + ">"
 
 
 def compare(before: Result, after: Result) -> Comparison:
@@ -427,6 +437,3 @@ def _advice(both: tuple[Result, Result], reasons: Mapping[str, str]) -> tuple[st
         for finding in result.diagnosis.findings
         if finding.level == "error" and reasons
     )
-
-
-call_as(__name__, compare)

@@ -1,0 +1,275 @@
+"""The verbs for Python: each takes a path, a log or a table in memory, or a result of `analyze`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from quadid_logs import comparison, planning, promise, repetition, tuning
+from quadid_logs.api.analysis import LogLike, analyze, as_log
+from quadid_logs.autopilots import known
+from quadid_logs.data.log import FlightLog
+from quadid_logs.data.promise import Check, Promise
+from quadid_logs.data.result import Result
+from quadid_logs.data.settings import Settings
+from quadid_logs.data.tuning import GOOD, Limits, Tuning
+from quadid_logs.data.vehicle import Vehicle
+from quadid_logs.errors import SettingsError
+from quadid_logs.load import read_log
+from quadid_logs.pipeline import Progress
+from quadid_logs.report.promise_file import read_promise
+from quadid_logs.report.provenance import provenance_of
+
+
+def tune(
+    log: LogLike | Result,
+    limits: Limits = GOOD,
+    *,
+    apart: bool = False,
+    settings: Settings | None = None,
+    vehicle: Vehicle | None = None,
+    progress: Progress | None = None,
+) -> Tuning:
+    """Recommend the gains of the next flight, or say why not.
+
+    Parameters
+    ----------
+    log : str, Path, FlightLog, Simulation, mapping, pandas.DataFrame or Result
+        A flight with the gains that are set now, as `analyze` takes it.
+    limits : Limits
+        Every promised margin keeps these with 97.5 % confidence.
+    apart : bool
+        P, I, D and the angle gain each by itself, not by one factor on P, I and D.
+    settings : Settings, optional
+    vehicle : Vehicle, optional
+    progress : callable, optional
+        Called with the name of each stage as it begins.
+
+    Returns
+    -------
+    Tuning
+
+    Raises
+    ------
+    LogError
+        If the file cannot be read as a flight log at all.
+    SettingsError
+        If the part of the log that was chosen holds no flight, or settings are given with a result.
+
+    Examples
+    --------
+    >>> from quadid_logs import tune
+    >>> tune("sample_logs/default-logging.bin")
+    <Tuning: gain margin 6 dB, phase margin 45 deg
+      roll   refused  QL615 QL613
+      pitch  refused  QL615 QL613
+      yaw    refused  QL615 QL613>
+    """
+    result = analyze(log, settings, vehicle=vehicle, progress=progress)
+    if progress is not None:
+        progress("tune")
+    if limits == GOOD and not apart:
+        return tuning.tuning_of(result)
+    return tuning.recommend(result, limits, apart=apart)
+
+
+def compare(
+    before: LogLike | Result,
+    after: LogLike | Result,
+    settings: Settings | None = None,
+    *,
+    vehicle: Vehicle | None = None,
+) -> comparison.Comparison:
+    """Tell whether B, A or the lag changed by more than the two flights leave open.
+
+    Parameters
+    ----------
+    before, after : str, Path, FlightLog, Simulation, mapping, pandas.DataFrame or Result
+        Two flights, each as `analyze` takes it.
+    settings : Settings, optional
+        Of the flights that are not results yet.
+    vehicle : Vehicle, optional
+        Of the same flights.
+
+    Returns
+    -------
+    Comparison
+        `quadid_logs.comparison.compare` says how it decides.
+
+    Raises
+    ------
+    LogError
+        If a file cannot be read as a flight log at all.
+    SettingsError
+        If the part of a log that was chosen holds no flight.
+
+    Examples
+    --------
+    >>> import quadid_logs
+    >>> quadid_logs.compare("sample_logs/sysid-quad-x.bin", "sample_logs/sysid-quad-x.bin").verdict
+    'same'
+    """
+    first, second = (_analyzed(log, settings, vehicle) for log in (before, after))
+    return comparison.compare(first, second)
+
+
+def repeat(
+    logs: Sequence[LogLike | Result],
+    settings: Settings | None = None,
+    *,
+    vehicle: Vehicle | None = None,
+) -> repetition.Repeatability:
+    """Tell whether several flights of one vehicle agree, and which is the outlier.
+
+    Parameters
+    ----------
+    logs : sequence
+        Two or more, each as `analyze` takes it, or a result. A flight that is given twice counts once.
+    settings : Settings, optional
+        Of the flights that are not results yet.
+    vehicle : Vehicle, optional
+        Of the same flights.
+
+    Returns
+    -------
+    Repeatability
+        `quadid_logs.repetition.repeat` says how it decides.
+
+    Raises
+    ------
+    LogError
+        If a file cannot be read as a flight log at all.
+    SettingsError
+        If there are fewer than two flights, or their torque is not the same quantity.
+
+    Examples
+    --------
+    >>> import quadid_logs
+    >>> r = quadid_logs.analyze("sample_logs/sysid-quad-x.bin")
+    >>> quadid_logs.repeat([r, r]).verdict
+    'not comparable'
+    """
+    return repetition.repeat([_analyzed(log, settings, vehicle) for log in logs])
+
+
+def check(
+    log: LogLike | Result,
+    promised: Promise | LogLike | Result,
+    settings: Settings | None = None,
+    *,
+    vehicle: Vehicle | None = None,
+) -> Check:
+    """Tell whether a flight kept what `tune` promised of it: keep the gains, go on, or go back.
+
+    Parameters
+    ----------
+    log : str, Path, FlightLog, Simulation, mapping, pandas.DataFrame or Result
+        The flight with the recommended gains, as `analyze` takes it.
+    promised : Promise, str, Path or any flight
+        Path of a ``promise.json`` or of the folder that holds it; or the flight before, which is tuned with
+        the default limits.
+    settings : Settings, optional
+        Of the flights that are not results yet.
+    vehicle : Vehicle, optional
+        Of the same flights.
+
+    Returns
+    -------
+    Check
+        Its ``outcome`` says whether the promise was kept, its ``decision`` what to do.
+
+    Raises
+    ------
+    LogError
+        If a file cannot be read as a flight log at all.
+    PromiseFileError
+        If the promise cannot be read.
+    SettingsError
+        If the flight before promises nothing, as every axis of it is refused.
+
+    Examples
+    --------
+    >>> import quadid_logs
+    >>> quadid_logs.check("next.bin", "quadid-tune/flight").outcome.value  # doctest: +SKIP
+    'kept'
+    >>> quadid_logs.check("sample_logs/damaged.bin", "sample_logs/default-logging.bin")
+    Traceback (most recent call last):
+        ...
+    quadid_logs.errors.SettingsError: The flight before promises nothing. See what tune(...) says of it.
+    """
+    held = _promise(promised, settings, vehicle)
+    after = _analyzed(log, settings, vehicle)
+    return promise.check(held, after, provenance_of(after.log.path).log_sha256)
+
+
+def plan(autopilot: LogLike | Result, axes: Sequence[str] = (), *, firmware: str = "") -> planning.Plan:
+    """Plan a flight that will give an answer: what to set, and what to fly.
+
+    Parameters
+    ----------
+    autopilot : str, Path, FlightLog, Simulation or Result
+        Its name, as "px4"; or a flight of the vehicle: then what it logs already is kept, for its firmware.
+    axes : sequence of str
+        Of roll, pitch, yaw; empty means all.
+    firmware : str
+        Its version, as "4.5"; "" for that of the flight, or a recent one.
+
+    Returns
+    -------
+    Plan
+        Its `Plan.steps` say what to fly, its `Plan.predict` flies it in the simulator.
+
+    Raises
+    ------
+    LogError
+        If the file cannot be read as a flight log at all.
+    SettingsError
+        If there is no such autopilot or axis, or the version is none.
+
+    Examples
+    --------
+    >>> import quadid_logs
+    >>> quadid_logs.plan("sample_logs/sysid-quad-x.bin", ["roll"])
+    <Plan for ardupilot 4.5.7: roll, 58 s, 1 sweep>
+    """
+    version = planning.parse_version(firmware) if firmware else None
+    if isinstance(autopilot, str) and _is_name(autopilot):
+        return planning.make_plan(autopilot.lower(), axes, version)
+    log = _log_of(autopilot)
+    return planning.make_plan(log.autopilot, axes, version or log.version, log.parameters)
+
+
+def _is_name(text: str) -> bool:
+    """Return whether a text names an autopilot; the name of a log has an ending, or there is such a file."""
+    path = Path(text)
+    return text.lower() in {each.name for each in known()} or not (path.suffix or path.exists())
+
+
+def _log_of(log: LogLike | Result) -> FlightLog:
+    """Return the log behind anything that a verb takes."""
+    if isinstance(log, Result):
+        return log.log
+    found = as_log(log)
+    return found if isinstance(found, FlightLog) else read_log(found)
+
+
+def _analyzed(log: LogLike | Result, settings: Settings | None, vehicle: Vehicle | None) -> Result:
+    """Return a result as it is, and anything else analyzed."""
+    return log if isinstance(log, Result) else analyze(log, settings, vehicle=vehicle)
+
+
+def _promise(
+    promised: Promise | LogLike | Result, settings: Settings | None, vehicle: Vehicle | None
+) -> Promise:
+    """Return a promise, that of a file, or what a flight promises of the next one."""
+    if isinstance(promised, Promise):
+        return promised
+    if isinstance(promised, str | Path) and (
+        Path(promised).is_dir() or Path(promised).suffix.lower() == ".json"
+    ):
+        return read_promise(Path(promised))
+    before = _analyzed(promised, settings, vehicle)
+    found = promise.promise_of(before, tuning.tuning_of(before), provenance_of(before.log.path).log_sha256)
+    if found is None:
+        raise SettingsError("The flight before promises nothing.", hint="See what tune(...) says of it.")
+    return found
