@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -15,6 +14,18 @@ import typer
 from quadid_logs.cli.completion import structures
 from quadid_logs.cli.failure import exit_code_of, report_problem, say
 from quadid_logs.cli.logs import check_log, expanded
+from quadid_logs.cli.options import (
+    AxisNames,
+    Band,
+    EndS,
+    LogNumber,
+    StartS,
+    System,
+    VehicleFile,
+    axes_of,
+    settings_of,
+)
+from quadid_logs.cli.page import open_page
 from quadid_logs.cli.progress import Part, Progress, parts
 from quadid_logs.cli.terminal import is_terminal, show_result
 from quadid_logs.errors import SeveralLogsError
@@ -55,6 +66,7 @@ class _Wish:
     png: PngChoice
     files: bool
     one_line: bool
+    axes: tuple[str, ...]
     quiet: bool
     command: str
 
@@ -68,9 +80,7 @@ def analyze(
             "-o", "--output", metavar="DIR", help="Folder for the reports [default: quadid-report]."
         ),
     ] = None,
-    vehicle: Annotated[
-        Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="Mass, arms, thrust of the vehicle.")
-    ] = None,
+    vehicle: VehicleFile = None,
     structure: Annotated[
         str,
         typer.Option(
@@ -80,18 +90,8 @@ def analyze(
             autocompletion=structures,
         ),
     ] = "",
-    start_s: Annotated[
-        float | None,
-        typer.Option(
-            "--start-s",
-            metavar="S",
-            help="Leave out what is before, on the log's clock as info shows it [s].",
-        ),
-    ] = None,
-    end_s: Annotated[
-        float | None,
-        typer.Option("--end-s", metavar="S", help="Leave out what is after, on the same clock [s]."),
-    ] = None,
+    start_s: StartS = None,
+    end_s: EndS = None,
     sample_rate_hz: Annotated[
         float, typer.Option("--sample-rate-hz", metavar="HZ", help="Resample to this rate; 0 chooses.")
     ] = 0.0,
@@ -101,19 +101,10 @@ def analyze(
     stride: Annotated[
         int, typer.Option("--stride", metavar="N", help="Samples from window to window; 0 takes every one.")
     ] = 0,
-    band: Annotated[
-        tuple[float, float] | None,
-        typer.Option(
-            "--band", metavar="LOW HIGH", help="Fit from LOW to HIGH [Hz]; without it the log decides."
-        ),
-    ] = None,
-    system: Annotated[
-        int, typer.Option("--system", metavar="ID", help="MAVLink system to analyze; 0 chooses.")
-    ] = 0,
-    log_number: Annotated[
-        int,
-        typer.Option("--log", metavar="N", help="Which log of a file that holds several; info lists them."),
-    ] = 0,
+    band: Band = None,
+    system: System = 0,
+    log_number: LogNumber = 0,
+    axes: AxisNames = "",
     pool: Annotated[bool, typer.Option("--pool", help="Pool all logs into one model.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print result.json to stdout.")] = False,
@@ -135,24 +126,24 @@ def analyze(
 ) -> int:
     """Identify the rotational model of each log and write a report; several logs get an index page too.
 
-    Exit code 0: usable. 1: at least one axis must not be trusted. 2: a log
+    Exit code 0: usable. 1: at least one axis must not be trusted, of those that --axes names. 2: a log
     could not be read, or the options make no sense.
     """
-    from quadid_logs.data.settings import AlignSettings, IdentifySettings, Settings, in_band
     from quadid_logs.report import report_folders
     from quadid_logs.vehicle_file import read_vehicle
 
     logs = list(expanded(logs))
     wish = _Wish(
-        settings=Settings(
+        settings=settings_of(
+            start_s=start_s,
+            end_s=end_s,
+            sample_rate_hz=sample_rate_hz,
+            band=band,
+            structure=structure,
+            window=window,
+            stride=stride,
             system=system,
             log=log_number,
-            align=AlignSettings(
-                start_s=-math.inf if start_s is None else start_s,
-                end_s=math.inf if end_s is None else end_s,
-                sample_rate_hz=sample_rate_hz,
-            ),
-            identify=in_band(band, IdentifySettings(structure=structure, window=window, stride=stride)),
         ),
         vehicle=None if vehicle is None else read_vehicle(vehicle),
         force=force,
@@ -162,6 +153,7 @@ def analyze(
         # A script that takes the result from stdout and wants no report needs no folder either.
         files=not (as_json and no_report and output is None),
         one_line=len(logs) > 1 and not pool,
+        axes=axes_of(axes),
         quiet=quiet,
         command=str(context.obj or ""),
     )
@@ -170,7 +162,8 @@ def analyze(
     if pool and len(logs) > 1:
         pooled = parent / _POOLED_FOLDER
         code = exit_code_of(partial(_analyze_one, logs, pooled, parts(logs[:1])[0], wish, rows))
-        _open(pooled / _REPORT_FILE, wanted=open_report and bool(rows) and wish.files and wish.drawings)
+        if open_report and rows and wish.files and wish.drawings:
+            open_page(pooled / _REPORT_FILE)
         return code
     with_index = wish.one_line and wish.files and wish.drawings
     if with_index:
@@ -184,19 +177,9 @@ def analyze(
         _write_index(parent, [(log, rows.get(folder)) for log, folder in zip(logs, folders, strict=True)])
         if not (quiet or as_json):
             say(f"index: {printable(parent / INDEX_FILE)}")
-    page = parent / INDEX_FILE if with_index else folders[0] / _REPORT_FILE
-    _open(page, wanted=open_report and bool(rows) and wish.files and wish.drawings)
+    if open_report and rows and wish.files and wish.drawings:
+        open_page(parent / INDEX_FILE if with_index else folders[0] / _REPORT_FILE)
     return max(codes)
-
-
-def _open(page: Path, *, wanted: bool) -> None:
-    """Open a page that was just written in the browser; where there is none the path was printed."""
-    if not wanted:
-        return
-    import webbrowser
-
-    if not webbrowser.open(page.resolve().as_uri()):
-        report_problem(f"no browser could be opened; the report is {printable(page)}.")
 
 
 def _write_index(parent: Path, outcomes: list[tuple[Path, IndexRow | None]]) -> None:
@@ -236,9 +219,10 @@ def _analyze_one(logs: list[Path], folder: Path, part: Part, wish: _Wish, rows: 
     rows[folder] = index_row(result, folder.name)
     if wish.as_json or not wish.quiet:
         _say_result(result, folder, wish)
-    elif not result.diagnosis.usable:
+    is_refused = any(result.verdict.get(axis) == "refused" for axis in wish.axes)
+    if wish.quiet and not wish.as_json and is_refused:
         report_problem(one_line(result))
-    return 0 if result.diagnosis.usable else 1
+    return 1 if is_refused else 0
 
 
 def _result_of(logs: list[Path], wish: _Wish, progress: Progress) -> Result:

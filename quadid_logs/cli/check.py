@@ -7,8 +7,9 @@ from typing import Annotated
 
 import typer
 
-from quadid_logs.cli.failure import say
+from quadid_logs.cli.failure import report_problem, say
 from quadid_logs.cli.logs import check_log
+from quadid_logs.cli.options import Band, EndS, LogNumber, Quiet, StartS, System, VehicleFile, settings_of
 from quadid_logs.cli.progress import Progress
 
 #: Contract with scripts: see `check`.
@@ -25,17 +26,14 @@ def check(
             help="promise.json of the flight before, or the folder that holds it.",
         ),
     ],
-    vehicle: Annotated[
-        Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="Mass, arms, thrust of the vehicle.")
-    ] = None,
+    vehicle: VehicleFile = None,
+    start_s: StartS = None,
+    end_s: EndS = None,
+    band: Band = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON to stdout.")] = False,
-    system: Annotated[
-        int, typer.Option("--system", metavar="ID", help="MAVLink system to check; 0 chooses.")
-    ] = 0,
-    log_number: Annotated[
-        int,
-        typer.Option("--log", metavar="N", help="Which log of a file that holds several; info lists them."),
-    ] = 0,
+    system: System = 0,
+    log_number: LogNumber = 0,
+    quiet: Quiet = False,
 ) -> int:
     """Tell whether a flight kept what `tune` promised of it: keep the gains, go on, or go back.
 
@@ -43,7 +41,6 @@ def check(
     log or promise could not be read. 3: not comparable: another autopilot, frame or flight controller, or the
     log does not tell the margins.
     """
-    from quadid_logs.data.settings import Settings
     from quadid_logs.pipeline import analyze
     from quadid_logs.promise import check as check_promise
     from quadid_logs.report.check_view import check_lines, check_text
@@ -54,13 +51,19 @@ def check(
     promised = read_promise(promise)
     check_log(log)
     described = None if vehicle is None else read_vehicle(vehicle)
-    with Progress(log.name) as progress:
-        after = analyze(log, Settings(log=log_number, system=system), vehicle=described, progress=progress)
+    settings = settings_of(start_s=start_s, end_s=end_s, band=band, system=system, log=log_number)
+    with Progress(log.name, quiet=quiet) as progress:
+        after = analyze(log, settings, vehicle=described, progress=progress)
         progress("check")
         found = check_promise(promised, after, provenance_of(log).log_sha256)
+    code = _EXIT_CODES[found.outcome.value]
     if as_json:
         say(check_text(promised, after, found).rstrip("\n"))
-    else:
-        for line in check_lines(promised, after, found):
+        return code
+    lines = check_lines(promised, after, found)
+    if not quiet:
+        for line in lines:
             say(line)
-    return _EXIT_CODES[found.outcome.value]
+    elif code:
+        report_problem(lines[0])
+    return code

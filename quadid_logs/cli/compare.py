@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from quadid_logs.cli.failure import say
+from quadid_logs.cli.failure import report_problem, say
 from quadid_logs.cli.logs import check_log
+from quadid_logs.cli.options import Band, EndS, OpenPage, Quiet, StartS, System, settings_of
+from quadid_logs.cli.page import open_page
 from quadid_logs.cli.progress import Progress
 from quadid_logs.output import check_folder_free, new_folder, write_together
 from quadid_logs.untrusted import printable
@@ -35,23 +38,20 @@ def compare(
     vehicle: Annotated[
         Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="The vehicle of both flights.")
     ] = None,
-    band: Annotated[
-        tuple[float, float] | None,
-        typer.Option(
-            "--band", metavar="LOW HIGH", help="Fit both from LOW to HIGH [Hz]; without it each log decides."
-        ),
-    ] = None,
+    start_s: StartS = None,
+    end_s: EndS = None,
+    band: Band = None,
     log_numbers: Annotated[
         tuple[int, int],
         typer.Option(
             "--logs", metavar="N M", help="Which logs of files that hold several: of BEFORE, then of AFTER."
         ),
     ] = (0, 0),
-    system: Annotated[
-        int, typer.Option("--system", metavar="ID", help="MAVLink system of both logs; 0 chooses.")
-    ] = 0,
+    system: System = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run.")] = False,
+    open_report: OpenPage = False,
+    quiet: Quiet = False,
 ) -> int:
     """Tell whether B, A or the lag changed by more than the two flights leave open.
 
@@ -62,7 +62,6 @@ def compare(
     """
     from quadid_logs.comparison import EXIT_CODES
     from quadid_logs.comparison import compare as compare_results
-    from quadid_logs.data.settings import IdentifySettings, Settings, in_band
     from quadid_logs.pipeline import analyze
     from quadid_logs.report.comparison import comparison_lines, comparison_text
     from quadid_logs.vehicle_file import read_vehicle
@@ -70,26 +69,30 @@ def compare(
     if output is not None:
         check_folder_free(output, _FILES, force=force)
     described = None if vehicle is None else read_vehicle(vehicle)
-    identify = in_band(band, IdentifySettings())
+    settings = settings_of(start_s=start_s, end_s=end_s, band=band, system=system)
     results = []
     for log in (before, after):
         check_log(log)
     for log, number in zip((before, after), log_numbers, strict=True):
-        settings = Settings(log=number, system=system, identify=identify)
-        with Progress(log.name) as progress:
-            results.append(analyze(log, settings, vehicle=described, progress=progress))
+        with Progress(log.name, quiet=quiet) as progress:
+            of_log = replace(settings, log=number)
+            results.append(analyze(log, of_log, vehicle=described, progress=progress))
     first, second = results
     comparison = compare_results(first, second)
     text = comparison_text(first, second, comparison)
     written = "" if output is None else _write(output, (first, second), comparison, text)
+    code = EXIT_CODES[comparison.verdict]
+    lines = comparison_lines(first, second, comparison)
     if as_json:
         say(text.rstrip("\n"))
-    else:
-        for line in comparison_lines(first, second, comparison):
+    elif not quiet:
+        for line in (*lines, *([f"  written: {written}"] if written else ())):
             say(line)
-        if written:
-            say(f"  written: {written}")
-    return EXIT_CODES[comparison.verdict]
+    elif code:
+        report_problem(lines[0])
+    if output is not None and open_report:
+        open_page(output / _PAGE)
+    return code
 
 
 def _figures(both: tuple[Result, Result], comparison: Comparison) -> Mapping[str, Figure | LeftOut]:

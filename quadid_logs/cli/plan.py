@@ -10,6 +10,8 @@ import typer
 from quadid_logs.cli.completion import autopilots, axes
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.logs import check_log
+from quadid_logs.cli.options import OpenPage, Quiet
+from quadid_logs.cli.page import open_page
 from quadid_logs.cli.progress import Progress
 from quadid_logs.errors import SettingsError
 from quadid_logs.output import check_folder_free, new_folder, write_together
@@ -53,6 +55,8 @@ def plan(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier plan.")] = False,
+    open_report: OpenPage = False,
+    quiet: Quiet = False,
 ) -> int:
     """Say what to set and to fly to get an answer, and what a simulated flight of it gives.
 
@@ -78,17 +82,22 @@ def plan(
     if output is not None:
         check_folder_free(output, (CARD_FILE, CARD_PAGE, *files), force=force)
     described = None if vehicle is None else read_vehicle(vehicle)
-    with Progress("plan") as progress:
+    with Progress("plan", quiet=quiet) as progress:
         progress("flying it in the simulator")
         prediction = predict(planned, described)
     lines = card_lines(planned, prediction)
-    for line in [plan_text(planned, prediction).rstrip("\n")] if as_json else lines:
-        say(line)
+    if as_json:
+        say(plan_text(planned, prediction).rstrip("\n"))
+    elif not quiet:
+        for line in lines:
+            say(line)
     if output is not None:
         files[CARD_FILE] = ("\n".join(lines) + "\n").encode()
         files[CARD_PAGE] = markdown_page("\n".join(lines)).encode()
         with new_folder(output):
             write_together(output, files)
-        if not as_json:
+        if not (as_json or quiet):
             say(f"\nWrote {', '.join(sorted(files))} into {printable(output)}")
+        if open_report:
+            open_page(output / CARD_PAGE)
     return 0

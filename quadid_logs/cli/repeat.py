@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from quadid_logs.cli.failure import say
+from quadid_logs.cli.failure import report_problem, say
 from quadid_logs.cli.logs import check_log, expanded
+from quadid_logs.cli.options import Band, EndS, OpenPage, Quiet, StartS, System, settings_of
+from quadid_logs.cli.page import open_page
 from quadid_logs.cli.progress import Progress, parts
 from quadid_logs.errors import SettingsError
 from quadid_logs.output import check_folder_free, new_folder, write_together
@@ -35,17 +37,14 @@ def repeat(
     vehicle: Annotated[
         Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="The vehicle of all flights.")
     ] = None,
-    band: Annotated[
-        tuple[float, float] | None,
-        typer.Option(
-            "--band", metavar="LOW HIGH", help="Fit all from LOW to HIGH [Hz]; without it each log decides."
-        ),
-    ] = None,
-    system: Annotated[
-        int, typer.Option("--system", metavar="ID", help="MAVLink system of all logs; 0 chooses.")
-    ] = 0,
+    start_s: StartS = None,
+    end_s: EndS = None,
+    band: Band = None,
+    system: System = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run.")] = False,
+    open_report: OpenPage = False,
+    quiet: Quiet = False,
 ) -> int:
     """Tell whether several flights of one vehicle agree, by how much they differ, and which is the outlier.
 
@@ -55,7 +54,6 @@ def repeat(
     2: a log could not be read, or the options make no sense. 3: no difference seen, but on an axis fewer than
     two flights tell the effectiveness.
     """
-    from quadid_logs.data.settings import IdentifySettings, Settings, in_band
     from quadid_logs.pipeline import analyze
     from quadid_logs.repetition import repeat as repeat_results
     from quadid_logs.report.repetition import repetition_lines, repetition_text
@@ -67,24 +65,28 @@ def repeat(
     if output is not None:
         check_folder_free(output, _FILES, force=force)
     described = None if vehicle is None else read_vehicle(vehicle)
-    settings = Settings(system=system, identify=in_band(band, IdentifySettings()))
+    settings = settings_of(start_s=start_s, end_s=end_s, band=band, system=system)
     for log in logs:
         check_log(log)
     results = []
     for log, part in zip(logs, parts(logs), strict=True):
-        with Progress(log.name, part=part) as progress:
+        with Progress(log.name, quiet=quiet, part=part) as progress:
             results.append(analyze(log, settings, vehicle=described, progress=progress))
     found = repeat_results(results)
     text = repetition_text(found)
     written = "" if output is None else _write(output, found, text)
+    code = _EXIT_CODES[found.verdict]
+    lines = repetition_lines(found)
     if as_json:
         say(text.rstrip("\n"))
-    else:
-        for line in repetition_lines(found):
+    elif not quiet:
+        for line in (*lines, *([f"  written: {written}"] if written else ())):
             say(line)
-        if written:
-            say(f"  written: {written}")
-    return _EXIT_CODES[found.verdict]
+    elif code:
+        report_problem(lines[0])
+    if output is not None and open_report:
+        open_page(output / _PAGE)
+    return code
 
 
 def _write(folder: Path, found: Repeatability, text: str) -> str:

@@ -8,8 +8,20 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from quadid_logs.cli.failure import say
+from quadid_logs.cli.failure import report_problem, say
 from quadid_logs.cli.logs import check_log
+from quadid_logs.cli.options import (
+    Band,
+    EndS,
+    LogNumber,
+    OpenPage,
+    Quiet,
+    StartS,
+    System,
+    VehicleFile,
+    settings_of,
+)
+from quadid_logs.cli.page import open_page
 from quadid_logs.cli.progress import Progress
 from quadid_logs.commands import NEXT_LOG, command, named
 from quadid_logs.errors import SettingsError
@@ -40,9 +52,10 @@ def tune(
             help="Folder in which the log gets its own [default: quadid-tune].",
         ),
     ] = None,
-    vehicle: Annotated[
-        Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="Mass, arms, thrust of the vehicle.")
-    ] = None,
+    vehicle: VehicleFile = None,
+    start_s: StartS = None,
+    end_s: EndS = None,
+    band: Band = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON to stdout.")] = False,
     force: Annotated[
         bool, typer.Option("--force", help="Replace the files of an earlier run on this log.")
@@ -56,13 +69,10 @@ def tune(
     apart: Annotated[
         bool, typer.Option("--apart", help="P, I, D and angle gain each by itself, not by one factor.")
     ] = False,
-    system: Annotated[
-        int, typer.Option("--system", metavar="ID", help="MAVLink system to tune; 0 chooses.")
-    ] = 0,
-    log_number: Annotated[
-        int,
-        typer.Option("--log", metavar="N", help="Which log of a file that holds several; info lists them."),
-    ] = 0,
+    system: System = 0,
+    log_number: LogNumber = 0,
+    open_report: OpenPage = False,
+    quiet: Quiet = False,
 ) -> int:
     """Recommend the gains of the next flight, with the margins that they promise, or say why not.
 
@@ -70,10 +80,11 @@ def tune(
     parameter file with the next gains and one with those that flew, which is never replaced. Exit code 0:
     gains to load, or to keep. 1: no advice on at least one axis. 2: the log could not be read.
     """
-    from quadid_logs.data.settings import Settings
     from quadid_logs.pipeline import analyze
     from quadid_logs.report.provenance import provenance_of
     from quadid_logs.report.tune_folder import check_tune_folder, tune_folder
+    from quadid_logs.report.tune_page import PAGE_FILE
+    from quadid_logs.sentences import listed
     from quadid_logs.tuning import autotune_forecasts, recommend, what_if_grids
     from quadid_logs.vehicle_file import read_vehicle
 
@@ -83,8 +94,9 @@ def tune(
     folder = tune_folder(output or _DEFAULT_FOLDER, log, provenance.log_sha256, log_number)
     check_tune_folder(folder, force=force)
     described = None if vehicle is None else read_vehicle(vehicle)
-    with Progress(log.name) as progress:
-        result = analyze(log, Settings(log=log_number, system=system), vehicle=described, progress=progress)
+    settings = settings_of(start_s=start_s, end_s=end_s, band=band, system=system, log=log_number)
+    with Progress(log.name, quiet=quiet) as progress:
+        result = analyze(log, settings, vehicle=described, progress=progress)
         progress("tune")
         tuning = recommend(result, limits, apart=apart)
         forecasts = autotune_forecasts(result, tuning)
@@ -92,8 +104,12 @@ def tune(
     text, written, removed = _write(result, tuning, provenance, folder, forecasts, grids)
     if as_json:
         say(text.rstrip("\n"))
-    else:
+    elif not quiet:
         _show(result, tuning, folder, written, removed)
+    elif tuning.refused:
+        report_problem(f"{printable(log.name)}: no advice on {listed(tuning.refused)}")
+    if open_report:
+        open_page(folder / PAGE_FILE)
     return 1 if tuning.refused else 0
 
 

@@ -44,7 +44,9 @@ def plannable() -> tuple[str, ...]:
         sorted(
             autopilot.name
             for autopilot in known()
-            if autopilot.advice.logging_settings or autopilot.advice.whole_files(AXES)
+            if autopilot.advice.plans_by_hand
+            or autopilot.advice.logging_settings
+            or autopilot.advice.whole_files(AXES)
         )
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tempfile
 import time
 from collections.abc import Iterable, Iterator
@@ -9,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from itertools import count
 from pathlib import Path, PurePath
-from typing import Literal
+from typing import Final, Literal
 
 from quadid_logs.data.result import Result
 from quadid_logs.errors import OutputError
@@ -24,12 +25,17 @@ from quadid_logs.vocabulary import AXES
 RESULT_FILE, REPORT_FILE = "result.json", "report.html"
 #: Beside the folders of several logs.
 INDEX_FILE = "index.html"
+#: A result.json has one or two.
+_MOST_BYTES: Final = 50_000_000
 #: Which figures are also written as PNG: the summary and those of the first chapter, every one, or none.
 PngChoice = Literal["first", "all", "none"]
 
 
 def report_folders(logs: Iterable[PurePath], parent: Path, number: int = 0) -> tuple[Path, ...]:
     """Return one folder per log, named after its stem; no two logs get the same, none the index page's.
+
+    A folder that holds the result of a log with another ending is not taken either: telemetry and card of
+    one flight have one stem.
 
     Parameters
     ----------
@@ -52,10 +58,26 @@ def report_folders(logs: Iterable[PurePath], parent: Path, number: int = 0) -> t
     taken = {INDEX_FILE}
     folders = []
     for log in logs:
-        name = next(name for name in folder_names(log, number) if name.lower() not in taken)
+        name = next(
+            name
+            for name in folder_names(log, number)
+            if name.lower() not in taken and not _is_of_another(parent / name, log)
+        )
         taken.add(name.lower())
         folders.append(parent / name)
     return tuple(folders)
+
+
+def _is_of_another(folder: Path, log: PurePath) -> bool:
+    """Return whether a folder holds the result of a log with another ending; unknown where it is not ours."""
+    file = folder / RESULT_FILE
+    try:
+        if not file.is_file() or file.stat().st_size > _MOST_BYTES:
+            return False
+        path = json.loads(file.read_bytes())["log"]["path"]
+        return PurePath(path).suffix.lower() != log.suffix.lower()
+    except (OSError, ValueError, LookupError, TypeError, RecursionError):
+        return False
 
 
 def folder_names(log: PurePath, number: int = 0) -> Iterator[str]:

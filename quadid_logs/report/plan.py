@@ -162,6 +162,8 @@ def settings_lines(plan: Plan) -> Iterator[str]:
     """Yield what to set and why."""
     for note in plan.advice.version_notes(plan.version):
         yield f"- {note}"
+    if plan.advice.before_setting:
+        yield f"- {plan.advice.before_setting}"
     yield from logging_lines(plan)
     for axis, sweep in plan.sweeps.items():
         values = ", ".join(f"{name} = {digits(value)}" for name, value in plan.settings_of(axis))

@@ -12,7 +12,7 @@ import pytest
 from quadid_logs.cli import main
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.planning import Prediction, make_plan, predict
-from quadid_logs.report.plan import card_lines, parameter_files
+from quadid_logs.report.plan import card_lines, parameter_files, settings_lines
 from quadid_logs.simulate.sweep import Sweep, sweep_wave
 
 #: ArduCopter, mode_systemid.cpp: the ranges of its parameters; the mixer takes a fraction of 1.
@@ -217,6 +217,30 @@ def test_stick_doublets_are_planned_where_there_is_no_sweep() -> None:
     assert "doublets" in "\n".join(card_lines(plan, prediction))
 
 
+def test_a_betaflight_plan_is_flown_by_stick_or_chirp_and_gives_every_axis(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What to type in, after what keeps the settings; the simulated flight of it is usable."""
+    folder = tmp_path / "plan"
+    assert main(["plan", "--autopilot", "betaflight", "--firmware", "4.5", "-o", str(folder), "-q"]) == 0
+    assert capsys.readouterr().out == ""
+    card = (folder / "plan.md").read_text()
+    assert card.index("diff all") < card.index("blackbox_sample_rate = 1/4") < card.index("CHIRP")
+    assert [axis for axis in ("roll", "pitch", "yaw") if f"- {axis}: usable, effectiveness" in card] == [
+        "roll",
+        "pitch",
+        "yaw",
+    ]
+    assert {path.name for path in folder.iterdir()} == {"plan.md", "plan.html"}
+
+
+def test_a_plan_for_an_old_betaflight_sets_what_it_has() -> None:
+    """blackbox_p_ratio before 4.3."""
+    card = "\n".join(settings_lines(make_plan("betaflight", ["roll"], (4, 2))))
+    assert "blackbox_p_ratio = 32" in card
+    assert "blackbox_sample_rate" not in card
+
+
 def test_card_and_files_are_written_together(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -243,7 +267,7 @@ def test_card_and_files_are_written_together(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--autopilot", "betaflight"], "ardupilot, crazyflie, px4"),
+        (["--autopilot", "inav"], "ardupilot, betaflight, crazyflie, px4"),
         (["--autopilot", "px4", "--axis", "heave"], "roll, pitch, yaw"),
         (["--autopilot", "ardupilot", "--firmware", "four"], "4.5.7"),
         ([], "--autopilot"),

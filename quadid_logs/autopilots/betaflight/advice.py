@@ -54,6 +54,7 @@ class BetaflightAdvice(Advice):
     excitation_parameters = SWEEP_SETTINGS
     gyro_filter_parameter = "gyro_lpf1_static_hz"
     hover_mode = "Angle or Acro mode"
+    plans_by_hand = True
     parameter_suffix = ".txt"
     before_setting = (
         "first run `diff all` on the command line and keep what it prints: pasted again, it brings every "
@@ -96,6 +97,17 @@ class BetaflightAdvice(Advice):
             "chirp_time_seconds (each time it is switched on it moves the next axis), with debug_mode = "
             f"CHIRP; a build without CHIRP: {super().excitation(axes, version)}"
         )
+
+    def steps(self, axes: Sequence[str], sweeps: Mapping[str, Mapping[str, float]]) -> tuple[str, ...]:
+        """Doublets by stick, or the chirp mode: whether a build has it, nothing tells before the flight."""
+        *flown, land = super().steps(axes, sweeps)
+        since = ".".join(map(str, _CHIRP_SINCE))
+        chirp = (
+            f"A build with CHIRP ({since} or later) can do it by itself: in place of the doublets switch on "
+            "that mode three times, each for chirp_time_seconds, with debug_mode = CHIRP. Each time it moves "
+            "the next axis."
+        )
+        return (*flown, chirp, land)
 
     def parameter_text(
         self,

@@ -48,7 +48,10 @@ class Advice:
         Parameters that describe an excitation run, as evidence.
     logging_settings : tuple of (name, value)
         Bits of masks: what makes it log rates and torque fast enough where the masks of the vehicle are
-        not known; empty where no flight can be planned.
+        not known; empty where nothing of that kind is set.
+    plans_by_hand : bool
+        A flight can be planned though it needs no file: what to log is typed in, as `logging` says. With
+        `logging_settings` or `whole_files` it can be planned anyway.
     logging_bits : mapping of str to int
         By the name of a mask, the bits that it needs.
     logging_note, gyro_filter_parameter, hover_mode, parameter_suffix : str
@@ -68,6 +71,7 @@ class Advice:
     remedies: ClassVar[Mapping[str, str]] = _NOTHING
     excitation_parameters: ClassVar[tuple[str, ...]] = ()
     logging_settings: ClassVar[tuple[Setting, ...]] = ()
+    plans_by_hand: ClassVar[bool] = False
     logging_bits: ClassVar[Mapping[str, int]] = MappingProxyType({})
     logging_note: ClassVar[str] = ""
     live_note: ClassVar[str] = ""

@@ -1,0 +1,104 @@
+"""Options that several verbs take: spelt, described and read in one place."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from quadid_logs.cli.completion import axes
+from quadid_logs.errors import SettingsError
+from quadid_logs.untrusted import printable
+from quadid_logs.vocabulary import AXES
+
+if TYPE_CHECKING:
+    from quadid_logs.data.settings import Settings
+
+StartS = Annotated[
+    float | None,
+    typer.Option(
+        "--start-s", metavar="S", help="Leave out what is before, on the log's clock as info shows it [s]."
+    ),
+]
+EndS = Annotated[
+    float | None,
+    typer.Option("--end-s", metavar="S", help="Leave out what is after, on the same clock [s]."),
+]
+Band = Annotated[
+    tuple[float, float] | None,
+    typer.Option(
+        "--band", metavar="LOW HIGH", help="Fit from LOW to HIGH [Hz]; without it each log decides."
+    ),
+]
+System = Annotated[
+    int, typer.Option("--system", metavar="ID", help="MAVLink system of the log to read; 0 chooses.")
+]
+LogNumber = Annotated[
+    int, typer.Option("--log", metavar="N", help="Which log of a file that holds several; info lists them.")
+]
+VehicleFile = Annotated[
+    Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="Mass, arms, thrust of the vehicle.")
+]
+AxisNames = Annotated[
+    str,
+    typer.Option(
+        "--axes",
+        metavar="AXIS,...",
+        help="Axes that the flight is for, as roll,pitch: the exit code is theirs [default: all].",
+        autocompletion=axes,
+    ),
+]
+OpenPage = Annotated[bool, typer.Option("--open", help="Open the page that is written in the browser.")]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print problems only.")]
+
+
+def settings_of(
+    *,
+    start_s: float | None = None,
+    end_s: float | None = None,
+    sample_rate_hz: float = 0.0,
+    band: tuple[float, float] | None = None,
+    structure: str = "",
+    window: int = 0,
+    stride: int = 0,
+    system: int = 0,
+    log: int = 0,
+) -> Settings:
+    """Return the settings that the options ask for; those that are left out have their defaults.
+
+    Raises
+    ------
+    SettingsError
+        If one is out of its range.
+    """
+    from quadid_logs.data.settings import AlignSettings, IdentifySettings, Settings, in_band
+
+    return Settings(
+        system=system,
+        log=log,
+        align=AlignSettings(
+            start_s=-math.inf if start_s is None else start_s,
+            end_s=math.inf if end_s is None else end_s,
+            sample_rate_hz=sample_rate_hz,
+        ),
+        identify=in_band(band, IdentifySettings(structure=structure, window=window, stride=stride)),
+    )
+
+
+def axes_of(text: str) -> tuple[str, ...]:
+    """Return the axes that a text names between commas, all where it names none.
+
+    Raises
+    ------
+    SettingsError
+        If one is no axis.
+    """
+    names = [name.strip().lower() for name in text.split(",")] if text.strip() else list(AXES)
+    for name in names:
+        if name not in AXES:
+            raise SettingsError(
+                f"There is no axis {printable(name, 40)!r}.", hint="Give some of roll,pitch,yaw."
+            )
+    return tuple(axis for axis in AXES if axis in names)

@@ -1,0 +1,16 @@
+"""Show a page that was just written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from quadid_logs.cli.failure import report_problem
+from quadid_logs.untrusted import printable
+
+
+def open_page(page: Path) -> None:
+    """Open a page in the browser; where there is none its path is said."""
+    import webbrowser
+
+    if not webbrowser.open(page.resolve().as_uri()):
+        report_problem(f"no browser could be opened; the page is {printable(page)}.")
