@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def load(name: str) -> Any:
-    """Import a library of the extra ``python``.
+    """Import a library that a system's own packaging may have left out.
 
     Parameters
     ----------
@@ -26,9 +26,7 @@ def load(name: str) -> Any:
     SettingsError
         If it is not installed.
     """
-    return extra.load(
-        name, "Install it with: pip install pandas control (or quadid-logs with its extra [python])"
-    )
+    return extra.load(name, "Install it with: pip install pandas control")
 
 
 def data_frame(columns: dict[str, Any], index: str = "") -> pd.DataFrame:

@@ -309,7 +309,7 @@ class _Linear(NamedTuple):
 
 
 def _beside(channels: Sequence[_Linear]) -> _Linear:
-    """Return systems that share nothing as one."""
+    """Return separate systems as one, block by block."""
     A, B, C, D = (block_diag(*matrices) for matrices in zip(*(each[:4] for each in channels), strict=True))
     return _Linear(A, B, C, D, tuple(name for channel in channels for name in channel.states))
 
