@@ -15,6 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from quadid_logs.callable_module import call_as
+from quadid_logs.data.log import FlightLog
+from quadid_logs.data.result import Result
+from quadid_logs.errors import SettingsError
 
 if TYPE_CHECKING:
     from quadid_logs.fleet.options import Options
@@ -22,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def fleet(
-    logs: Sequence[str | Path],
+    logs: str | Path | FlightLog | Result | Sequence[str | Path | FlightLog | Result],
     store: str | Path,
     *,
     structure: str = "damped",
@@ -35,8 +38,9 @@ def fleet(
 
     Parameters
     ----------
-    logs : sequence of str or Path
-        Files, folders, patterns, URLs; none to open a store that exists.
+    logs : str, Path, FlightLog or Result, or a sequence of these
+        Files, folders, patterns, URLs; a log or a result stands for the file that it was read from. An empty
+        sequence opens a store that exists.
     store : str or Path
         Folder of the store.
     structure : str
@@ -58,7 +62,7 @@ def fleet(
     ------
     OutputError, SettingsError
         If the store cannot be written, or was made otherwise; if the scheduler does not answer or a library
-        is missing.
+        is missing; if a log was read from no file.
 
     Examples
     --------
@@ -72,10 +76,21 @@ def fleet(
     from quadid_logs.fleet.run import run_fleet
     from quadid_logs.fleet.stored import StoredFleet
 
-    if logs:
-        options, files = _options(structure, vehicle), find_logs([str(place) for place in logs])
+    several = [logs] if isinstance(logs, str | Path | FlightLog | Result) else list(logs)
+    if several:
+        options, files = _options(structure, vehicle), find_logs([_place(each) for each in several])
         run_fleet(files, Path(store), options, Cluster(scheduler=scheduler, workers=workers), resume=resume)
     return StoredFleet(Path(store))
+
+
+def _place(log: str | Path | FlightLog | Result) -> str:
+    """Return what names a log: its workers, which may be on other machines, read it by themselves."""
+    if isinstance(log, str | Path):
+        return str(log)
+    path = log.log.path if isinstance(log, Result) else log.path
+    if not Path(path).is_file():
+        raise SettingsError("A fleet is made of files: this log was read from none.", hint="Write it first.")
+    return path
 
 
 def _options(structure: str, vehicle: str | Path) -> Options:

@@ -74,6 +74,14 @@ def test_a_path_a_log_in_memory_and_a_result_compare_alike(analysis: quadid_logs
         assert all(one.difference == 0.0 for one in found.quantities)
 
 
+def test_settings_are_those_of_the_flights_that_are_no_results_yet(analysis: quadid_logs.Analysis) -> None:
+    """A part of the log that holds no flight is refused, where there is a log to take it from."""
+    part = quadid_logs.Settings(align=quadid_logs.AlignSettings(start_s=5000.0))
+    assert quadid_logs.compare(analysis, analysis, part).verdict == "same"
+    with pytest.raises(SettingsError, match="the log runs from"):
+        quadid_logs.compare(analysis, SAMPLE, part)
+
+
 def test_a_table_compares_with_a_table(analysis: quadid_logs.Analysis) -> None:
     """Of one flight: no quantity differs."""
     frame = analysis.to_pandas()
@@ -256,3 +264,25 @@ def test_no_vehicle_is_drawn_of_an_axis_that_is_none_or_not_known(analysis: quad
         analysis.model.draws("heave")
     with pytest.raises(EmptyLogError, match="too little"):
         replace(analysis.model, posterior=None).draws("roll")
+
+
+def test_a_fleet_takes_a_result_by_its_file(
+    analysis: quadid_logs.Analysis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Alone or among paths: workers read it by themselves."""
+    from quadid_logs.fleet import run
+
+    asked: list[list[str]] = []
+    monkeypatch.setattr("quadid_logs.fleet.log_files.find_logs", lambda places: asked.append(places) or [])
+    monkeypatch.setattr(run, "run_fleet", lambda *_given, **_named: None)
+    monkeypatch.setattr("quadid_logs.fleet.stored.StoredFleet", lambda store: store)
+    quadid_logs.fleet(analysis, tmp_path)
+    quadid_logs.fleet([str(SAMPLE), analysis.log], tmp_path)
+    quadid_logs.fleet(SAMPLE, tmp_path)
+    assert asked == [[str(SAMPLE)], [str(SAMPLE), str(SAMPLE)], [str(SAMPLE)]]
+
+
+def test_a_fleet_cannot_read_what_is_in_memory_only(tmp_path: Path) -> None:
+    """With what to do."""
+    with pytest.raises(SettingsError, match="read from none"):
+        quadid_logs.fleet(flown("ardupilot"), tmp_path)
