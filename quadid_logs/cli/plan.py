@@ -65,7 +65,14 @@ def plan(
     from quadid_logs.load import read_log
     from quadid_logs.planning import make_plan, parse_version, predict
     from quadid_logs.report.markdown_page import markdown_page
-    from quadid_logs.report.plan import CARD_FILE, CARD_PAGE, card_lines, parameter_files, plan_text
+    from quadid_logs.report.plan import (
+        CARD_FILE,
+        CARD_PAGE,
+        card_lines,
+        live_files,
+        parameter_files,
+        plan_text,
+    )
     from quadid_logs.vehicle_file import read_vehicle
 
     version = None if firmware is None else parse_version(firmware)
@@ -78,7 +85,8 @@ def plan(
                 f"{printable(like)} is a log of {flown.autopilot}.", hint="Give a log of the same autopilot."
             )
         planned = make_plan(planned.autopilot, planned.axes, version or flown.version, flown.parameters)
-    files = {name: text.encode() for name, text in parameter_files(planned).items()}
+    texts = parameter_files(planned) | live_files(planned)
+    files = {name: text.encode() for name, text in texts.items()}
     if output is not None:
         check_folder_free(output, (CARD_FILE, CARD_PAGE, *files), force=force)
     described = None if vehicle is None else read_vehicle(vehicle)

@@ -56,6 +56,8 @@ LARGEST_SHIFT: Final = 0.5
 #: Beyond a limit, torque has no effect: in simulated flights 0.6 and more of its coefficient goes to the
 #: torque that is cut off there. A curve that bends (0.1 to 0.3, firmware without a limit) is none.
 _LEAST_LOST = 0.5
+#: An effect that explains as much of the rate as the torque is the torque by another name.
+_OF_THE_TORQUE = 1.0
 #: Where a dead zone or a limit is looked for, as quantiles of the torque's size.
 _LEVELS: Final = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.96)
 #: Where a limit only: of steps with pauses between, the first peaks alone reach it.
@@ -282,7 +284,12 @@ def _together(
         chosen: dict[int, _Found] = {}
         for axis in extended:
             # Below a limit, the torque and the torque cut off are one: neither column alone is the vehicle's.
-            seen = [each for each in seen_effects(check, axis) if each.effect != "limit"]
+            # So are the torque and what rotors lose of it where most of it is below their level.
+            seen = [
+                each
+                for each in seen_effects(check, axis)
+                if each.effect != "limit" and abs(each.shift) < _OF_THE_TORQUE
+            ]
             if seen:
                 chosen[axis] = columns[axis, max(seen, key=_explained).effect]
         if not chosen:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import io
+import math
 import os
 import re
 import shutil
@@ -30,6 +32,7 @@ _DATE = re.compile(r"(\d{4})-(\d\d)-(\d\d)")
 _ENDINGS: Final = ((b"\xa3\x95", ".bin"), (b"ULog", ".ulg"))
 _DEEPEST, _MOST_FILES, _BLOCK = 4, 10_000, 1 << 20
 _LONGEST_NAME: Final = 120
+_LAST_LOG, _LONGEST_NUMBER = "LASTLOG.TXT", 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -226,13 +229,35 @@ class Logs:
             if self._files.silent:
                 break
             if logs:
-                yield from sorted(logs, key=lambda log: _by_number(log.name))
+                last = _last_number(self._files, folder)
+                yield from sorted(logs, key=lambda log: (_number(log.name) <= last, _by_number(log.name)))
                 return
         self._files = None
         for number, (size, time_s) in requested_logs(self._vehicle).items():
             time = datetime.fromtimestamp(time_s, UTC) if time_s else None
             stamp = "" if time is None else f"-{time:%Y-%m-%d-%H%M%S}"
             yield RemoteLog(path=str(number), name=f"log{number}{stamp}", size=size, time=time)
+
+
+def _last_number(files: FileTransfer, folder: str) -> float:
+    """Return the number of the last log: ArduPilot begins again at 1 after LOG_MAX_FILES; infinity elsewhere.
+
+    Its file beside the logs says it (AP_Logger_File.cpp, `write_lastlog_file`).
+    """
+    for entry in files.listing(folder) or ():
+        if entry.name.upper() == _LAST_LOG and 0 < entry.size <= _LONGEST_NUMBER:
+            content = io.BytesIO()
+            with contextlib.suppress(LinkError):
+                files.read(f"{folder}/{entry.name}", content, entry.size)
+            text = content.getvalue().strip()
+            return float(text) if text.isdigit() else math.inf
+    return math.inf
+
+
+def _number(name: str) -> float:
+    """Return the number that begins a log's name, infinity where none does."""
+    found = re.match(r"[0-9]{1,18}", name)
+    return math.inf if found is None else float(found[0])
 
 
 def _in_folder(files: FileTransfer, folder: str, below: str = "") -> Iterator[RemoteLog]:

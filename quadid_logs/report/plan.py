@@ -82,6 +82,20 @@ def parameter_files(plan: Plan) -> dict[str, str]:
     return files | advice.whole_files(plan.axes)
 
 
+def live_files(plan: Plan) -> dict[str, str]:
+    """Return the text of each file, by its name, that makes the vehicle stream its log for `quadid-log live`.
+
+    Parameters
+    ----------
+    plan : Plan
+
+    Returns
+    -------
+    dict of str to str
+    """
+    return plan.advice.live_files(plan.parameters)
+
+
 def card_lines(plan: Plan, prediction: Prediction) -> tuple[str, ...]:
     """Return the manoeuvre card as Markdown that reads well as plain text.
 

@@ -221,7 +221,7 @@ def _plan(job: Job, tell: Tell) -> Done:
     """Do what ``quadid-log plan`` does."""
     from quadid_logs.planning import make_plan, parse_version, predict
     from quadid_logs.report.markdown_page import markdown_page
-    from quadid_logs.report.plan import CARD_FILE, card_lines, parameter_files
+    from quadid_logs.report.plan import CARD_FILE, card_lines, live_files, parameter_files
 
     firmware = str(job.options.get("firmware") or "")
     planned = make_plan(
@@ -232,7 +232,8 @@ def _plan(job: Job, tell: Tell) -> Done:
     tell("flying it in the simulator", None)
     lines = card_lines(planned, predict(planned))
     card = "\n".join(lines) + "\n"
-    _write(job, {**parameter_files(planned), CARD_FILE: card, PAGE_FILE: markdown_page(card)})
+    files = parameter_files(planned) | live_files(planned)
+    _write(job, {**files, CARD_FILE: card, PAGE_FILE: markdown_page(card)})
     return Done(summary={"headline": printable(lines[0].lstrip("# "))})
 
 

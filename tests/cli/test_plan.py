@@ -12,7 +12,7 @@ import pytest
 from quadid_logs.cli import main
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.planning import Prediction, make_plan, predict
-from quadid_logs.report.plan import card_lines, parameter_files, settings_lines
+from quadid_logs.report.plan import card_lines, live_files, parameter_files, settings_lines
 from quadid_logs.simulate.sweep import Sweep, sweep_wave
 
 #: ArduCopter, mode_systemid.cpp: the ranges of its parameters; the mixer takes a fraction of 1.
@@ -259,6 +259,8 @@ def test_card_and_files_are_written_together(
         "logging.param",
         "sweep-yaw.param",
         "sweep-off.param",
+        "live.param",
+        "live-back.param",
     }
     assert main(arguments) == 2
     assert "--force" in capsys.readouterr().err
@@ -296,6 +298,17 @@ def test_the_plan_as_json_holds_what_the_card_says(capsys: pytest.CaptureFixture
     assert gain["ci95"][0] < gain["value"] < gain["ci95"][1]
     low, high = content["expected"]["lag_s"]["ci95"]
     assert low <= content["expected"]["lag_s"]["value"] <= high
+
+
+def test_the_plan_writes_what_makes_the_vehicle_stream_its_log(tmp_path: Path) -> None:
+    """ArduPilot's bitmask with a way back to what flew; PX4's list of topics, each as its logger reads it."""
+    made = make_plan("ardupilot", [], None, {"LOG_BACKEND_TYPE": 4.0})
+    files = {name: written(text) for name, text in live_files(made).items()}
+    assert files == {"live.param": {"LOG_BACKEND_TYPE": "7"}, "live-back.param": {"LOG_BACKEND_TYPE": "4"}}
+    assert main(["plan", "--autopilot", "px4", "-o", str(tmp_path / "plan")]) == 0
+    topics = [line.split() for line in (tmp_path / "plan" / "logger_topics.txt").read_text().splitlines()]
+    assert ["vehicle_rates_setpoint", "4"] in topics
+    assert all(len(line) == 1 or line[1].isdecimal() for line in topics)
 
 
 def test_the_card_says_what_to_set_to_watch_the_flight(yaw_flight: Prediction) -> None:

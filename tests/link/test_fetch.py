@@ -266,6 +266,44 @@ def test_the_last_log_is_the_one_of_the_highest_number() -> None:
         assert [log.name for log in logs.logs] == ["2.BIN", "9.BIN", "10.BIN"]
 
 
+def test_after_the_numbers_began_again_the_last_log_is_the_one_that_the_vehicle_names() -> None:
+    """ArduPilot keeps LOG_MAX_FILES logs: then 1 replaces the oldest, and 3 is newer than 500."""
+    paths = {f"/APM/LOGS/{number:08}.BIN": b"x" for number in (1, 2, 3, 499, 500)}
+    with (
+        FakeVehicle({**paths, "/APM/LOGS/LASTLOG.TXT": b"3\r\n"}) as vehicle,
+        Logs(vehicle.address, QUICK) as logs,
+    ):
+        assert [int(log.name.removesuffix(".BIN")) for log in logs.logs] == [499, 500, 1, 2, 3]
+
+
+@pytest.mark.parametrize("content", [b"three", b"\xff" * 12, b"-1", b"9" * 20])
+def test_a_name_of_the_last_log_that_is_none_changes_nothing(content: bytes) -> None:
+    """Whatever stands in that file."""
+    paths = {f"/APM/LOGS/{number}.BIN": b"x" for number in (9, 10)}
+    with (
+        FakeVehicle({**paths, "/APM/LOGS/LASTLOG.TXT": content}) as vehicle,
+        Logs(vehicle.address, QUICK) as logs,
+    ):
+        assert [log.name for log in logs.logs] == ["9.BIN", "10.BIN"]
+
+
+def test_a_log_that_fails_does_not_keep_the_others(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A file of the second one's name is there, with other content: it stays, and the exit code is 2."""
+    card, folder = tmp_path / "card", tmp_path / "logs"
+    card.mkdir()
+    folder.mkdir()
+    for number, name in enumerate(("a.bin", "b.bin", "c.bin")):
+        (card / name).write_bytes(CONTENT)
+        os.utime(card / name, (1_600_000_000 + number, 1_600_000_000 + number))
+    (folder / "b.bin").write_bytes(b"mine")
+    assert main(["fetch", str(card), "-o", str(folder), "--all"]) == 2
+    assert (folder / "a.bin").read_bytes() == (folder / "c.bin").read_bytes() == CONTENT
+    assert (folder / "b.bin").read_bytes() == b"mine"
+    assert "b.bin" in capsys.readouterr().err
+
+
 def test_nobody_at_the_address_is_said() -> None:
     """With what to check."""
     with pytest.raises(LinkError, match=r"No autopilot answers.*baud"):

@@ -10,6 +10,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from quadid_logs import analyze
 from quadid_logs.align import cut
 from quadid_logs.data.model import EffectCheck
 from quadid_logs.data.result import Result
@@ -132,6 +133,13 @@ def test_two_effects_that_come_together_move_the_effectiveness_further_than_eith
     for axis, gain in zip(AXES, gains, strict=True):
         low, high = model.entries[ON_AXIS[axis]].ci95
         assert low <= gain <= high, axis
+
+
+def test_what_rotors_lose_of_nearly_all_torque_is_no_second_effect() -> None:
+    """A vehicle without a dead zone, logged at half its loop's rate: pitch was told as 50 to 1260."""
+    flight = simulate("doublets", duration_s=60.0, rate_hz=250.0, autopilot="px4")
+    pitch = analyze(flight.log).identification.recommended.entries[ON_AXIS["pitch"]]
+    assert pitch.ci95[1] < 1.5 * pitch.value
 
 
 def test_an_effect_among_the_columns_is_fitted_with_them() -> None:

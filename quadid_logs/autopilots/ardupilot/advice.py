@@ -40,6 +40,8 @@ _SID_PARAMETERS: Final[Mapping[str, str]] = MappingProxyType(
         "fade_out_s": "SID_T_FADE_OUT",
     }
 )
+#: Bits of LOG_BACKEND_TYPE (AP_Logger.cpp, `var_info`).
+_BACKEND, _CARD, _MAVLINK = "LOG_BACKEND_TYPE", 1, 2
 
 
 class ArduPilotAdvice(Advice):
@@ -61,8 +63,8 @@ class ArduPilotAdvice(Advice):
         "the file: add bit 0 to yours"
     )
     live_note = (
-        "LOG_BACKEND_TYPE = 3 (card and MAVLink; restart the vehicle), and a link of about 130 kB/s, as USB "
-        "or Wi-Fi"
+        "LOG_BACKEND_TYPE = 3 (card and MAVLink; live.param; restart the vehicle; live-back.param is the way "
+        "back), and a link of about 130 kB/s, as USB or Wi-Fi"
     )
     gyro_filter_parameter = "INS_GYRO_FILTER"
     hover_mode = "Stabilize"
@@ -95,6 +97,20 @@ class ArduPilotAdvice(Advice):
             "adds bit 0, ATTITUDE_FAST" if known else "the default and bit 0, ATTITUDE_FAST: keep other bits"
         )
         return f"Set LOG_BITMASK to {mask | _ATTITUDE_FAST} ({what}), {aim}"
+
+    def live_files(self, parameters: Mapping[str, float]) -> dict[str, str]:
+        """Return LOG_BACKEND_TYPE with the card and MAVLink; see `Advice.live_files`."""
+        flown = whole_number(parameters.get(_BACKEND), _CARD)
+        return {
+            f"live{self.parameter_suffix}": self.parameter_text(
+                "Log to the card and to MAVLink, for quadid-log live; restart afterwards",
+                ((_BACKEND, float(flown | _CARD | _MAVLINK)),),
+            ),
+            f"live-back{self.parameter_suffix}": self.parameter_text(
+                "Log as before, or to the card alone where the vehicle's own was not known",
+                ((_BACKEND, float(flown)),),
+            ),
+        }
 
     def excitation(self, axes: Sequence[str], version: Version | None) -> str:
         """Add what System ID mode does by itself, where the firmware has it."""

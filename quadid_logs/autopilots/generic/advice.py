@@ -213,6 +213,20 @@ class Advice:
         """
         return {}
 
+    def live_files(self, parameters: Mapping[str, float]) -> dict[str, str]:  # noqa: ARG002
+        """Return files by name that make the vehicle stream its log, and the way back.
+
+        Parameters
+        ----------
+        parameters : mapping of str to float
+            Of a log of the vehicle.
+
+        Returns
+        -------
+        dict of str to str
+        """
+        return {}
+
     def version_notes(self, version: Version | None) -> tuple[str, ...]:  # noqa: ARG002
         """Return what a firmware of this version cannot do of what a plan asks for."""
         return ()

@@ -13,6 +13,19 @@ from quadid_logs.data.log import whole_number
 _PROFILE: Final = 1 | 8 | 16
 #: Before, SDLOG_PROFILE was no bitmask or did not exist.
 _BITMASK_SINCE: Final[Version] = (1, 8)
+#: Topics of a log for `quadid-log live`, with the shortest interval [ms]
+#: (src/modules/logger/logged_topics.cpp, `add_topics_from_file`).
+_LIVE_TOPICS: Final = (
+    "vehicle_angular_velocity 4",
+    "vehicle_rates_setpoint 4",
+    "vehicle_torque_setpoint 4",
+    "vehicle_thrust_setpoint 4",
+    "actuator_motors 4",
+    "vehicle_attitude 10",
+    "vehicle_status",
+    "vehicle_land_detected",
+    "battery_status 200",
+)
 
 
 class Px4Advice(Advice):
@@ -34,11 +47,16 @@ class Px4Advice(Advice):
     )
     live_note = (
         "SDLOG_BACKEND = 3 (card and MAVLink, the default), and a link of about 180 kB/s, as USB or Wi-Fi; "
-        "with fewer topics some 50 kB/s (docs/live.md)"
+        "some 50 kB/s are enough with logger_topics.txt in etc/logging on the card, which replaces the "
+        "profile until you remove it"
     )
     gyro_filter_parameter = "IMU_GYRO_CUTOFF"
     hover_mode = "Stabilized or Altitude mode"
     parameter_suffix = ".params"
+
+    def live_files(self, parameters: Mapping[str, float]) -> dict[str, str]:  # noqa: ARG002
+        """Return the topics that an estimate needs; see `Advice.live_files`."""
+        return {"logger_topics.txt": "".join(f"{topic}\n" for topic in _LIVE_TOPICS)}
 
     def _logging(self, log_format: str, parameters: Mapping[str, float], version: Version | None) -> str:
         """Say what to do about SDLOG_PROFILE; the old logger's files are of DataFlash's framing."""
