@@ -211,12 +211,12 @@ def _noise(
 def _unexplained(
     frequency_hz: FloatArray, left: FloatArray, driven: FloatArray, noise: FloatArray
 ) -> FloatArray:
-    """Return which share of the driven power the model leaves, (n_lines,).
+    """Return which fraction of the driven power the model leaves, (n_lines,).
 
     Notes
     -----
-    Where a window is driven well above the noise, the share is seen. A gain that is a fraction e off leaves
-    e^2, a delay that is t off (2 pi f t)^2: both are fitted, and hold where nothing is driven as much.
+    Where a window is driven well above the noise, it is seen. A gain that is off by a fraction e leaves
+    e^2, a delay that is off by t (2 pi f t)^2: both are fitted, and hold where nothing is driven as much.
     """
     from scipy.optimize import nnls
 

@@ -184,7 +184,7 @@ def settings_lines(plan: Plan) -> Iterator[str]:
         yield f"- for {axis}, when its turn comes: {values}"
         yield f"  ({_sweep_words(sweep)})"
     if plan.advice.live_note:
-        yield f"- to watch the intervals in flight with `quadid-log live`: {plan.advice.live_note}"
+        yield f"- to watch the intervals in flight with `quadid-log live ADDRESS`: {plan.advice.live_note}"
     kept = plan.advice.gyro_filter_parameter
     yield f"- leave {kept} as you fly it: its delay is known from the log and allowed for"
 

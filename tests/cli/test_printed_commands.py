@@ -39,8 +39,8 @@ FLIGHTS = """it's "my" flights"""
 VEHICLE = "mass_kg = 1.5\narm_length_m = 0.225\ntorque_to_thrust_m = 0.02\n"
 #: Exit codes of a command that did what it says: `compare` may find flights not comparable.
 DONE = {0, 1, 3}
-#: They do not end, or take many logs: their options are parsed.
-PARSED_ONLY = {"fleet", "fleet-report", "query", "serve"}
+#: They do not end, want a vehicle, or take many logs: their options are parsed.
+PARSED_ONLY = {"fleet", "fleet-report", "live", "query", "serve"}
 
 
 class Log(NamedTuple):
