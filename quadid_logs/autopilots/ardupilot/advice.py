@@ -103,7 +103,7 @@ class ArduPilotAdvice(Advice):
         flown = whole_number(parameters.get(_BACKEND), _CARD)
         return {
             f"live{self.parameter_suffix}": self.parameter_text(
-                "Log to the card and to MAVLink, for quadid-log live; restart afterwards",
+                "Log to the card and to MAVLink, to watch the flight; restart afterwards",
                 ((_BACKEND, float(flown | _CARD | _MAVLINK)),),
             ),
             f"live-back{self.parameter_suffix}": self.parameter_text(
