@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
-from quadid_logs.data.controller import DiscreteFilter
-from quadid_logs.data.log import GyroFilter, Notch
+from quadid_logs.data.controller import DiscreteFilter, Filter, MeanFilter
+from quadid_logs.data.log import GyroFilter, Notch, Places
 
 
 def unit(period_s: float) -> DiscreteFilter:
@@ -102,7 +103,7 @@ def notch(wanted: Notch, period_s: float) -> DiscreteFilter:
     )
 
 
-def gyro_filters(known: GyroFilter, period_s: float) -> tuple[DiscreteFilter, ...]:
+def gyro_filters(known: GyroFilter, period_s: float) -> tuple[Filter, ...]:
     """Return the filters between a gyro and the controller.
 
     Parameters
@@ -113,11 +114,21 @@ def gyro_filters(known: GyroFilter, period_s: float) -> tuple[DiscreteFilter, ..
 
     Returns
     -------
-    tuple of DiscreteFilter
+    tuple of DiscreteFilter or MeanFilter
     """
-    notches = [notch(one, period_s) for one in known.notches if one.frequency_hz * period_s < 0.5]
+    tracked = [moving(instants, period_s) for instants in known.tracked]
     low_pass = [butterworth(known.low_pass_hz, period_s)] if known.low_pass_hz > 0.0 else []
-    return (*notches, *low_pass)
+    return (*standing(known.notches, period_s), *tracked, *low_pass)
+
+
+def standing(notches: Iterable[Notch], period_s: float) -> tuple[DiscreteFilter, ...]:
+    """Return notches that do not move; one above half of the sample rate is none."""
+    return tuple(notch(one, period_s) for one in notches if one.frequency_hz * period_s < 0.5)
+
+
+def moving(instants: Places, period_s: float) -> MeanFilter:
+    """Return notches that moved."""
+    return MeanFilter(tuple(standing(each, period_s) for each in instants))
 
 
 def _of(numerator: tuple[float, ...], denominator: tuple[float, ...], period_s: float) -> DiscreteFilter:

@@ -13,7 +13,7 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.closed_loop import Plant
-from quadid_logs.data.controller import AxisController
+from quadid_logs.data.controller import AxisController, in_series
 from quadid_logs.maths.band import ComplexArray, delay_response
 
 #: A pole this near to one in z is at zero frequency: rounding leaves 1e-16, the slowest filter 1e-5.
@@ -152,10 +152,7 @@ def gyro_filters(controller: AxisController, frequency_hz: FloatArray) -> Comple
     -------
     ndarray of complex, shape (n_frequencies,)
     """
-    response = np.ones(frequency_hz.shape, dtype=np.complex128)
-    for each in controller.gyro:
-        response = response * each.response(frequency_hz)
-    return response
+    return in_series(controller.gyro, frequency_hz)
 
 
 def integrators(controller: AxisController) -> int:

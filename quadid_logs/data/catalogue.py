@@ -668,8 +668,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL620",
                 "The phase of a notch is not known",
-                "A notch follows something that the parameters do not tell. It takes phase away that is "
-                "missing in the margins.",
+                "A notch follows something that neither the parameters nor the log tell. It takes phase away "
+                "that is missing in the margins.",
                 "Log what it follows, or set it to a fixed frequency for the flight from which gains are "
                 "tuned.",
             ),

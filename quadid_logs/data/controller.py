@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import Any, Final, Literal, NamedTuple
+from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,6 +93,45 @@ class DiscreteFilter:
         return self.period_s
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class MeanFilter:
+    """Filters that moved in flight, by their mean response: none moves far within its own memory.
+
+    Attributes
+    ----------
+    instants : tuple of tuple of DiscreteFilter
+        Those in series at each instant, of which each counts alike.
+    """
+
+    instants: tuple[tuple[DiscreteFilter, ...], ...]
+
+    def response(self, frequency_hz: FloatArray) -> NDArray[np.complex128]:
+        """Return the mean of the frequency responses; see `DiscreteFilter.response`."""
+        return np.asarray(np.mean([in_series(each, frequency_hz) for each in self.instants], axis=0))
+
+
+#: What answers a frequency.
+Filter: TypeAlias = DiscreteFilter | MeanFilter
+
+
+def in_series(filters: Iterable[Filter], frequency_hz: FloatArray) -> NDArray[np.complex128]:
+    """Return the response of filters one behind the other.
+
+    Parameters
+    ----------
+    filters : iterable of DiscreteFilter or MeanFilter
+    frequency_hz : ndarray, any shape
+
+    Returns
+    -------
+    ndarray of complex, same shape
+    """
+    response = np.ones(np.shape(frequency_hz), dtype=np.complex128)
+    for each in filters:
+        response = response * each.response(frequency_hz)
+    return response
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AxisController:
     """The linear part of one axis' controller: what acts while nothing saturates.
@@ -112,7 +151,7 @@ class AxisController:
         Acts on the measured rate alone, and is subtracted; its period may be that of the gyro.
     feed_forward : DiscreteFilter or None
         From the filtered target to the command.
-    gyro : tuple of DiscreteFilter
+    gyro : tuple of DiscreteFilter or MeanFilter
         Between gyro and controller, at the gyro's period.
     command : DiscreteFilter or None
         Behind the sum.
@@ -131,7 +170,7 @@ class AxisController:
     target: DiscreteFilter
     rate: DiscreteFilter | None = None
     feed_forward: DiscreteFilter | None = None
-    gyro: tuple[DiscreteFilter, ...] = ()
+    gyro: tuple[Filter, ...] = ()
     command: DiscreteFilter | None = None
     angle_gain_per_s: float | None = None
     angle_delay_steps: int = 1

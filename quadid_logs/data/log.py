@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeAlias
 
 from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.data.torque import TorqueModel
@@ -91,15 +91,20 @@ class Notch(NamedTuple):
     depth: float
 
 
+#: Where notches that move together stood at instants of a flight, of which each counts alike.
+Places: TypeAlias = tuple[tuple[Notch, ...], ...]
+
+
 class GyroFilter(NamedTuple):
     """The filters that the autopilot's parameters put between the gyro and the logged body rates.
 
     ``low_pass_hz`` is the cut-off of a low-pass of second order, NaN where there is
-    none or it is not known.
+    none or it is not known. Each of ``tracked`` is a group of notches that moved in flight.
     """
 
     low_pass_hz: float = float("nan")
     notches: tuple[Notch, ...] = ()
+    tracked: tuple[Places, ...] = ()
 
 
 #: Where nothing is known of the filters.
@@ -329,6 +334,9 @@ class FlightLog:
         UTC [s since 1970] minus the log's clock, NaN where no receiver told the date.
     remarks : tuple of str
         What the reader had to decide or assume, in plain words.
+    followed : mapping of str to ndarray, shape (n_instants, n_columns)
+        What the notches of an autopilot may follow, by the autopilot's own names, at instants of the flight
+        of which each counts alike.
     torque : TorqueModel, optional
         How torque follows from the logged outputs; None where nobody looked.
     """
@@ -358,6 +366,7 @@ class FlightLog:
     has_time: bool = True
     utc_offset_s: float = float("nan")
     remarks: tuple[str, ...] = ()
+    followed: Mapping[str, FloatArray] = field(default_factory=dict)
     torque: TorqueModel | None = None
 
     @property

@@ -197,11 +197,17 @@ def _step_panel(axis: str, steps: AxisSteps) -> Panel:
 
 def _filter_words(known: GyroFilter) -> str:
     """Name the filters, "" where none is known."""
-    low_pass_hz, notches = known
+    low_pass_hz, notches = known.low_pass_hz, known.notches
     parts = [f"low-pass of {low_pass_hz:.3g} Hz"] if np.isfinite(low_pass_hz) else []
     parts += [f"notch at {notch.frequency_hz:.3g} Hz" for notch in notches[:_MOST_NOTCHES]]
     if len(notches) > _MOST_NOTCHES:
         parts.append(f"{len(notches) - _MOST_NOTCHES} more notches")
+    for group in known.tracked:
+        lowest_hz = [min(notch.frequency_hz for notch in notches) for notches in group if notches]
+        if lowest_hz:
+            parts.append(
+                f"notches that moved, the lowest from {min(lowest_hz):.3g} to {max(lowest_hz):.3g} Hz"
+            )
     return ", ".join(parts)
 
 

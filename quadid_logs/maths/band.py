@@ -156,7 +156,10 @@ def notch_response(s: ComplexArray, frequency_hz: float, inverse_q: float, depth
 
 
 def gyro_response(
-    s: ComplexArray, low_pass_hz: float, notches: Sequence[tuple[float, float, float]]
+    s: ComplexArray,
+    low_pass_hz: float,
+    notches: Sequence[tuple[float, float, float]],
+    tracked: Sequence[Sequence[Sequence[tuple[float, float, float]]]] = (),
 ) -> ComplexArray:
     """Return the product of a gyro's known filters, 1 without any.
 
@@ -168,12 +171,23 @@ def gyro_response(
         Cut-off of the second-order Butterworth low-pass, NaN for none.
     notches : sequence of (frequency_hz, inverse_q, depth)
         As of `notch_response`.
+    tracked : sequence of sequences of notches
+        Groups of notches that moved: those of each instant. The mean response over the instants counts,
+        which is right for notches that move slowly against their own memory.
 
     Returns
     -------
     ndarray of complex, shape (n_bins,)
     """
     response = butterworth_response(s, low_pass_hz) if np.isfinite(low_pass_hz) else np.ones_like(s)
+    response = response * _in_series(s, notches)
+    for instants in tracked:
+        response = response * np.mean([_in_series(s, each) for each in instants], axis=0)
+    return response
+
+
+def _in_series(s: ComplexArray, notches: Sequence[tuple[float, float, float]]) -> ComplexArray:
+    response = np.ones_like(s)
     for notch in notches:
         response = response * notch_response(s, *notch)
     return response

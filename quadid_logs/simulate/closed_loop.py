@@ -24,6 +24,7 @@ from quadid_logs.simulate.control import (
     Mixer,
     RateLaw,
     RateMemory,
+    TrackingNotch,
     altitude_throttle,
     arithmetic,
     butterworth,
@@ -85,6 +86,8 @@ class Tuning:
         Filter of D.
     slew_limit : float
         ArduPilot's limit on how fast P + D may move [1/s], 0 for none.
+    notch : TrackingNotch or None
+        ArduPilot's, in the gyro's path.
     """
 
     gain: float = 1.0
@@ -95,6 +98,7 @@ class Tuning:
     error_hz: float = 0.0
     derivative_hz: float = 25.0
     slew_limit: float = 0.0
+    notch: TrackingNotch | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -354,7 +358,7 @@ def _periods(setups: tuple[Setup, ...], *, full: bool) -> Iterator[tuple[Compone
     for k, (active, plan, noise, wind, disturbed) in enumerate(_inputs(setups)):
         if k % battery_period == 0:
             battery.update(state.wrench.thrust, ops)
-        raw, filtered = gyro.read(state.rate, noise)
+        raw, filtered = gyro.read(state.rate, noise, state.speeds)
         if active:
             lift = plan.height - state.height
             height_integral = ops.higher(ops.lower(height_integral + 0.5 * body.step_s * lift, 2.0), -2.0)
@@ -461,8 +465,10 @@ class _Gyro:
         self._mode = FlexibleMode([s.effects for s in setups], first.loop_hz)
         zero = 0.0 * self._quantum
         self._memory = ((zero, zero, zero), (zero, zero, zero))
+        self._loop_hz, self._notch = first.loop_hz, first.tuning.notch
+        self._notched = [self._memory] * (0 if self._notch is None else self._notch.n_harmonics)
 
-    def read(self, rate: Triple, noise: Triple) -> tuple[Triple, Triple]:
+    def read(self, rate: Triple, noise: Triple, speeds: tuple[Component, ...]) -> tuple[Triple, Triple]:
         """Return the sample and what the filter makes of it."""
         quantum, bias, scale = self._quantum, self._bias, self._scale
         (pq, pr, qp, qr, rp, rq), (p, q, r) = self._cross, self._mode.seen(rate)
@@ -471,7 +477,13 @@ class _Gyro:
             ((scale[1] * q + qp * p + qr * r + bias[1] + noise[1]) / quantum + 0.5) // 1.0 * quantum,
             ((scale[2] * r + rp * p + rq * q + bias[2] + noise[2]) / quantum + 0.5) // 1.0 * quantum,
         )
-        filtered, self._memory = filter_rates(sample, self._memory, self._biquad)
+        filtered = sample
+        if self._notch is not None:
+            speed_hz = sum(speeds) / (2.0 * math.pi * len(speeds))
+            for place, memory in enumerate(self._notched):
+                biquad = self._notch.biquad(place + 1, speed_hz, self._loop_hz)
+                filtered, self._notched[place] = filter_rates(filtered, memory, biquad)
+        filtered, self._memory = filter_rates(filtered, self._memory, self._biquad)
         return sample, filtered
 
 

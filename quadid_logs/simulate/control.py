@@ -33,13 +33,13 @@ def arithmetic(n_flights: int) -> Arithmetic:
 
 
 class Biquad(NamedTuple):
-    """Coefficients of the second-order Butterworth low-pass of both autopilots' gyros."""
+    """Coefficients of a filter of second order in the gyro's path; of many flights each an array."""
 
-    b0: float
-    b1: float
-    b2: float
-    a1: float
-    a2: float
+    b0: Component
+    b1: Component
+    b2: Component
+    a1: Component
+    a2: Component
 
 
 def butterworth(cutoff_hz: float, sample_rate_hz: float) -> Biquad:
@@ -54,6 +54,33 @@ def butterworth(cutoff_hz: float, sample_rate_hz: float) -> Biquad:
         a1=2.0 * (ohm * ohm - 1.0) / c,
         a2=(1.0 - 2.0 * math.cos(math.pi / 4.0) * ohm + ohm * ohm) / c,
     )
+
+
+class TrackingNotch(NamedTuple):
+    """ArduPilot's harmonic notch that follows the mean speed of the rotors (INS_HNTCH_MODE 3).
+
+    ``lowest_hz`` is INS_HNTCH_FREQ, for which the width is told; ``n_harmonics`` of the speed have a notch.
+    """
+
+    lowest_hz: float
+    width_hz: float
+    depth_db: float = 40.0
+    n_harmonics: int = 1
+
+    def biquad(self, harmonic: int, speed_hz: Component, sample_rate_hz: float) -> Biquad:
+        """Return the filter at one harmonic of a speed (NotchFilter.cpp)."""
+        octaves = 2.0 * math.log2(self.lowest_hz / (self.lowest_hz - 0.5 * self.width_hz))
+        quality = math.sqrt(2.0**octaves) / (2.0**octaves - 1.0)
+        omega = 2.0 * math.pi * harmonic * np.maximum(speed_hz, self.lowest_hz) / sample_rate_hz
+        alpha, passed = 0.5 * np.sin(omega) / quality, 10.0 ** (-self.depth_db / 20.0)
+        middle = -2.0 * np.cos(omega) / (1.0 + alpha)
+        return Biquad(
+            b0=(1.0 + alpha * passed) / (1.0 + alpha),
+            b1=middle,
+            b2=(1.0 - alpha * passed) / (1.0 + alpha),
+            a1=middle,
+            a2=(1.0 - alpha) / (1.0 + alpha),
+        )
 
 
 def filter_rates(

@@ -10,7 +10,7 @@ import numpy as np
 from quadid_logs.autopilots.ardupilot.frames import FRAME_CLASSES, FRAME_TYPES
 from quadid_logs.errors import SimulationError
 from quadid_logs.simulate.closed_loop import SPIN_MAX, SPIN_MIN, Setup, Tuning, final_gains
-from quadid_logs.simulate.control import Gains
+from quadid_logs.simulate.control import Gains, TrackingNotch
 from quadid_logs.simulate.outputs import CELL_WARNING_V
 
 _PWM_MIN: Final = 1000.0
@@ -267,7 +267,6 @@ def _ardupilot(setup: Setup, rate_hz: float) -> dict[str, float]:
         "ATC_THR_MIX_MAX": 0.5,
         "INS_GYRO_FILTER": setup.gyro_filter_hz,
         "INS_ACCEL_FILTER": 20,
-        "INS_HNTCH_ENABLE": 0,
         "SCHED_LOOP_RATE": setup.loop_hz,
         "LOG_BITMASK": default
         if rate_hz <= ARDUPILOT.default_rate_hz
@@ -276,12 +275,28 @@ def _ardupilot(setup: Setup, rate_hz: float) -> dict[str, float]:
         "LOG_FILE_DSRMROT": 0,
         "SYSID_THISMAV": 1,
     }
+    values |= _ardupilot_notch(setup.tuning.notch)
     for motor in range(airframe.n_rotors):
         values[f"SERVO{motor + 1}_FUNCTION"] = 33 + motor if motor < 8 else 82 + motor - 8
     torque = np.any(setup.reference.torque, axis=0)
     if torque.any():
         values["SID_AXIS"] = 10 + int(np.argmax(torque))
     return values | _ardupilot_gains(final_gains(setup), setup.tuning)
+
+
+def _ardupilot_notch(notch: TrackingNotch | None) -> dict[str, float]:
+    """INS_HNTCH_*: what follows the rotors' speed, by the ESCs' telemetry."""
+    if notch is None:
+        return {"INS_HNTCH_ENABLE": 0}
+    return {
+        "INS_HNTCH_ENABLE": 1,
+        "INS_HNTCH_MODE": 3,
+        "INS_HNTCH_REF": 1,
+        "INS_HNTCH_FREQ": notch.lowest_hz,
+        "INS_HNTCH_BW": notch.width_hz,
+        "INS_HNTCH_ATT": notch.depth_db,
+        "INS_HNTCH_HMNCS": 2**notch.n_harmonics - 1,
+    }
 
 
 def _ardupilot_gains(gains: Gains, tuning: Tuning) -> dict[str, float]:

@@ -8,11 +8,18 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.autopilots.ardupilot.filters import follows_unknown, parameter_filter
+from quadid_logs.arrays import FloatArray
+from quadid_logs.autopilots.ardupilot.filters import follows_unknown, gyro_period_s, parameter_filter
 from quadid_logs.autopilots.discrete import derivative, first_order, gain, gyro_filters, integrator
 from quadid_logs.autopilots.modes import gains_named
 from quadid_logs.autopilots.versions import by_short_names, finite, read_version
-from quadid_logs.data.controller import AxisController, ControllerRemark, FlownControllers, RemarkKind
+from quadid_logs.data.controller import (
+    AxisController,
+    ControllerRemark,
+    Filter,
+    FlownControllers,
+    RemarkKind,
+)
 from quadid_logs.data.log import FlightLog, whole_number
 from quadid_logs.vocabulary import AXES
 
@@ -26,10 +33,7 @@ _NEEDED: Final = ("P", "I", "D", "FLTT", "FLTE", "FLTD")
 _OPTIONAL: Final = {"FF": 0.0, "D_FF": 0.0, "IMAX": math.inf, "SMAX": 0.0, "PDMX": 0.0}
 #: AC_PID: notches on target and error by number of a filter, 0 none.
 _NOTCHES: Final = ("NTF", "NEF")
-_KILOHERTZ: Final = 1000.0
 _DEFAULT_LOOP_HZ: Final = 400.0
-#: AP_InertialSensor: INS_GYRO_RATE n means 2^n kHz, up to 8 kHz.
-_FASTEST: Final = 3
 #: A rate thread that waits longer than so many of its periods stood still.
 _LONGEST_STEP: Final = 20.0
 #: Modes in which sticks, and nothing that answers position or speed, command attitude or rates.
@@ -86,12 +90,13 @@ def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControl
     version_read, note = read_version(log.version, VERSIONS_READ)
     axes: dict[str, AxisController] = {}
     period_s = flown_period_s(log, parameters)
-    remarks = list(_common_remarks(parameters))
+    gyro = gyro_filters(parameter_filter(parameters, log.followed, log.version), gyro_period_s(parameters))
+    remarks = list(_common_remarks(parameters, log.followed))
     for axis, name in AXIS_NAMES.items():
         refused = list(_refusals(parameters, axis, f"ATC_RAT_{name}_"))
         remarks += refused
         if not refused:
-            axes[axis] = _axis(parameters, name, period_s)
+            axes[axis] = _axis(parameters, name, period_s, gyro)
             remarks += _axis_remarks(parameters, axis, name)
     return FlownControllers(
         name="AC_PID",
@@ -101,12 +106,6 @@ def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControl
         axes=axes,
         remarks=tuple(remarks),
     )
-
-
-def gyro_period_s(parameters: Mapping[str, float]) -> float:
-    """Return the period of the gyro's samples that are filtered, by INS_GYRO_RATE [s]."""
-    doublings = min(max(whole_number(parameters.get("INS_GYRO_RATE")), 0), _FASTEST)
-    return 1.0 / (_KILOHERTZ * 2.0**doublings)
 
 
 def loop_period_s(parameters: Mapping[str, float]) -> float:
@@ -159,7 +158,9 @@ def pid_parameters(parameters: Mapping[str, float], name: str) -> dict[str, floa
     return by_short_names(parameters, f"ATC_RAT_{name}_", _NEEDED, _OPTIONAL)
 
 
-def _axis(parameters: Mapping[str, float], name: str, period_s: float) -> AxisController:
+def _axis(
+    parameters: Mapping[str, float], name: str, period_s: float, gyro: tuple[Filter, ...]
+) -> AxisController:
     pid = pid_parameters(parameters, name)
     slope = derivative(period_s)
     terms = (
@@ -175,7 +176,7 @@ def _axis(parameters: Mapping[str, float], name: str, period_s: float) -> AxisCo
         error=terms * first_order(pid["FLTE"], period_s),
         target=first_order(pid["FLTT"], period_s),
         feed_forward=feed_forward if pid["FF"] or pid["D_FF"] else None,
-        gyro=gyro_filters(parameter_filter(parameters), gyro_period_s(parameters)),
+        gyro=gyro,
         angle_gain_per_s=angle,
         gains=names | ({} if angle is None else {f"ATC_ANG_{name}_P": angle}),
     )
@@ -194,9 +195,11 @@ def _refusals(parameters: Mapping[str, float], axis: str, prefix: str) -> Iterat
         yield ControllerRemark(kind=RemarkKind.NOT_MODELLED, axis=axis, values=used)
 
 
-def _common_remarks(parameters: Mapping[str, float]) -> Iterator[ControllerRemark]:
+def _common_remarks(
+    parameters: Mapping[str, float], followed: Mapping[str, FloatArray]
+) -> Iterator[ControllerRemark]:
     """Yield what concerns all axes."""
-    notches = follows_unknown(parameters)
+    notches = follows_unknown(parameters, followed)
     if notches:
         yield ControllerRemark(kind=RemarkKind.NOTCH_UNKNOWN, values=notches)
     boost = parameters.get("ATC_THR_G_BOOST", 0.0)

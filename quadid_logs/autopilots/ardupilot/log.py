@@ -11,6 +11,8 @@ import numpy as np
 
 from quadid_logs.autopilots.ardupilot.clock import LogClock, own_time
 from quadid_logs.autopilots.ardupilot.filters import parameter_filter
+from quadid_logs.autopilots.ardupilot.followed import LABELS as FOLLOWED_LABELS
+from quadid_logs.autopilots.ardupilot.followed import MESSAGES, followed
 from quadid_logs.autopilots.ardupilot.identity import VehicleIdentity, identify_vehicle, mode_name
 from quadid_logs.autopilots.ardupilot.signals import (
     LABELS,
@@ -108,8 +110,8 @@ def flight_log(source: MessageSource, *, log_format: str, preamble: tuple[str, .
         Signals in SI units and body axes FRD. Rows stand in file order; times
         are as logged, NaN where the log has none.
     """
-    wanted = messages_to_read(source.counts) | _DESCRIPTIONS | _PIDS | {SCALE_MESSAGE}
-    tables = source.read_messages(wanted, LABELS | _LABELS | TERM_LABELS)
+    wanted = messages_to_read(source.counts) | _DESCRIPTIONS | _PIDS | MESSAGES | {SCALE_MESSAGE}
+    tables = source.read_messages(wanted, LABELS | _LABELS | TERM_LABELS | FOLLOWED_LABELS)
     clock = LogClock(tables.values())
     parameters = tables["PARM"].named_values("Name", "Value") if "PARM" in tables else {}
     texts = _texts(tables.get("MSG"), clock)
@@ -120,6 +122,10 @@ def flight_log(source: MessageSource, *, log_format: str, preamble: tuple[str, .
         tables = {name: table for name, table in tables.items() if name not in _PIDS}
     messages = Messages(tables, clock, identity.version)
     attitude_hz = _attitude_rate_hz(parameters)
+    movers = build_signals(
+        [one for one in SOURCES if one.signal in ("throttle", "rotor_speed")], messages.parts
+    )
+    seen = followed(tables, movers)
     return FlightLog(
         path=source.path,
         format=log_format,
@@ -128,7 +134,7 @@ def flight_log(source: MessageSource, *, log_format: str, preamble: tuple[str, .
         signals=build_signals(
             SOURCES,
             messages.parts,
-            gyro_filter=parameter_filter(parameters),
+            gyro_filter=parameter_filter(parameters, seen, identity.version),
             nominal_rate_hz={"RATE": attitude_hz, "ANG": attitude_hz},
         ),
         firmware=identity.firmware,
@@ -138,6 +144,7 @@ def flight_log(source: MessageSource, *, log_format: str, preamble: tuple[str, .
         parameters=parameters,
         parameter_changes=_parameter_changes(tables.get("PARM"), clock),
         controller_terms=controller_terms(pids, clock),
+        followed=seen,
         modes=_modes(tables.get("MODE"), clock, identity.vehicle_type),
         texts=texts,
         lost=source.lost,
