@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from quadid_logs.data.controller import DiscreteFilter, Filter, MeanFilter
+import numpy as np
+
+from quadid_logs.data.controller import DiscreteFilter, Filter, FilterPlace, MeanFilter, NamedFilter
 from quadid_logs.data.log import GyroFilter, Notch, Places
 
 
@@ -129,6 +131,34 @@ def standing(notches: Iterable[Notch], period_s: float) -> tuple[DiscreteFilter,
 def moving(instants: Places, period_s: float) -> MeanFilter:
     """Return notches that moved."""
     return MeanFilter(tuple(standing(each, period_s) for each in instants))
+
+
+def notches_named(name: str, places: Places, period_s: float) -> NamedFilter:
+    """Return a group of notches of the gyro by its name.
+
+    Parameters
+    ----------
+    name : str
+    places : Places
+        One instant for notches that did not move.
+    period_s : float
+        Of the gyro [s].
+
+    Returns
+    -------
+    NamedFilter
+    """
+    lowest_hz = np.array([min((one.frequency_hz for one in each), default=math.nan) for each in places])
+    known = lowest_hz[np.isfinite(lowest_hz)]
+    middle_hz = float(np.median(known)) if known.size else math.nan
+    speed = np.where(np.isfinite(lowest_hz), lowest_hz / middle_hz, 1.0)
+    return NamedFilter(
+        name=name,
+        place=FilterPlace.GYRO,
+        filter=moving(places, period_s),
+        speed=tuple(speed.tolist()) if len(places) > 1 else (),
+        centre_hz=(float(known.min()), middle_hz, float(known.max())) if known.size else (),
+    )
 
 
 def _of(numerator: tuple[float, ...], denominator: tuple[float, ...], period_s: float) -> DiscreteFilter:

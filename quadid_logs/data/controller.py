@@ -132,6 +132,42 @@ def in_series(filters: Iterable[Filter], frequency_hz: FloatArray) -> NDArray[np
     return response
 
 
+class FilterPlace(Enum):
+    """Where a filter stands in the rate loop."""
+
+    GYRO = "gyro"
+    ERROR = "rate error"
+    PART = "part of the controller"
+    """It filters P or D alone."""
+    COMMAND = "command"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NamedFilter:
+    """One filter of the rate loop, by the vendor's parameters.
+
+    Attributes
+    ----------
+    name : str
+        Parameter, or how the names of its parameters begin.
+    place : FilterPlace
+    filter : DiscreteFilter or MeanFilter
+    part : DiscreteFilter or None
+        Of a filter on P or D alone: what that part would be without this filter.
+    speed : tuple of float
+        Of a filter that moved: where it stood at each instant, over the median.
+    centre_hz : tuple of float
+        Of notches: lowest, median and highest centre of the lowest; empty for other filters.
+    """
+
+    name: str
+    place: FilterPlace
+    filter: Filter
+    part: DiscreteFilter | None = None
+    speed: tuple[float, ...] = ()
+    centre_hz: tuple[float, ...] = ()
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AxisController:
     """The linear part of one axis' controller: what acts while nothing saturates.
@@ -161,6 +197,8 @@ class AxisController:
         Loops from the angle's measurement to the use of the set-point made of it.
     gains : mapping of str to float
         The vendor's parameters that made all this.
+    filters : tuple of NamedFilter
+        Each filter that acts on the measured rate, for people: they are part of the above.
     predictable : bool
         Set-points alone tell what the controller does; not where moving sticks change it.
     """
@@ -175,6 +213,7 @@ class AxisController:
     angle_gain_per_s: float | None = None
     angle_delay_steps: int = 1
     gains: Mapping[str, float] = field(default_factory=dict)
+    filters: tuple[NamedFilter, ...] = ()
     predictable: bool = True
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
+from quadid_logs.control.filters import lines_of
 from quadid_logs.data.diagnosis import Diagnosis, Finding
 from quadid_logs.data.flight import FlightData, GyroCheck, InputDescription, SourceChoice
 from quadid_logs.data.log import FlightLog
@@ -100,7 +101,9 @@ def _content(result: Result, provenance: Provenance | None) -> dict[str, Any]:
         "models": [_model(model, result.data.input) for model in result.identification.models],
         "axes": {name: _verdict(result.diagnosis, name) for name in result.diagnosis.axes},
         "findings": [finding_dict(finding) for finding in result.diagnosis.findings],
-        "closed_loop": None if result.closed_loop is None else closed_loop_dict(result.closed_loop),
+        "closed_loop": None
+        if result.closed_loop is None
+        else closed_loop_dict(result.closed_loop, lines_of(result.health)),
         "excitation": {item.axis: _excitation(item) for item in result.identification.excitation},
         "health": None if result.health is None else health_dict(result.health),
         "thrust_curve": _thrust_curve(result.identification.thrust_curve),

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from quadid_logs.control.command_units import in_degrees
+from quadid_logs.control.filters import filter_costs, rate_crossover
 from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated, FrameModes, Margins, Prediction
 from quadid_logs.data.controller import CommandUnit, Replay
+from quadid_logs.data.health import Line
 
 #: Of `Margins`, each with its interval.
 MARGIN_FIGURES: Final = (
@@ -21,12 +24,14 @@ MARGIN_FIGURES: Final = (
 )
 
 
-def closed_loop_dict(loop: ClosedLoop) -> dict[str, Any]:
+def closed_loop_dict(loop: ClosedLoop, lines: Mapping[str, Sequence[Line]]) -> dict[str, Any]:
     """Return ``closed_loop``: what is known of the controllers, and of the loop of each axis.
 
     Parameters
     ----------
     loop : ClosedLoop
+    lines : mapping of str to sequence of Line
+        Of the gyro's spectrum, by axis.
 
     Returns
     -------
@@ -48,10 +53,28 @@ def closed_loop_dict(loop: ClosedLoop) -> dict[str, Any]:
                 "gains": controllers.axes[axis].gains,
                 "control_gain": _control_gain(found.effectiveness, controllers.command_unit),
                 **_axis(found),
+                "filters": _filters(loop, axis, lines.get(axis, ())),
             }
             for axis, found in loop.axes.items()
         },
     }
+
+
+def _filters(loop: ClosedLoop, axis: str, lines: Sequence[Line]) -> list[dict[str, Any]]:
+    """Return ``filters``: the phase that each costs at the crossover, and its gain at each line."""
+    return [
+        {
+            "name": cost.name or None,
+            "place": cost.place.value,
+            "centre_hz": cost.centre_hz or None,
+            "phase_cost_deg": _estimated(cost.phase_deg),
+            "at_lines": [
+                {"frequency_hz": line.frequency_hz, "source": line.source.value, "gain_db": gain_db}
+                for line, gain_db in zip(lines, cost.at_lines_db, strict=True)
+            ],
+        }
+        for cost in filter_costs(loop.controllers.axes[axis], rate_crossover(loop.axes[axis]), lines)
+    ]
 
 
 def _control_gain(found: Estimated | None, unit: CommandUnit | None) -> dict[str, Any] | None:

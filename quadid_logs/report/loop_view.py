@@ -11,6 +11,7 @@ from quadid_logs.control.room import outermost
 from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated, Margins
 from quadid_logs.data.result import Result
 from quadid_logs.report.cells import Cell, Table
+from quadid_logs.report.filter_table import filter_tables
 from quadid_logs.report.numbers import interval, number, resolved
 from quadid_logs.untrusted import printable
 
@@ -21,11 +22,12 @@ _CONTRADICTED = "the measured response contradicts the model, so that no margin 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoopView:
-    """The chapter's sentences, by axis, and its table; ``intro`` says which controller closes the loop."""
+    """The chapter's sentences, by axis, and its tables; ``intro`` says which controller closes the loop."""
 
     intro: str
     sentences: tuple[str, ...]
     margins: Table | None
+    filters: tuple[Table, ...] = ()
 
 
 def loop_view(result: Result) -> LoopView:
@@ -49,6 +51,7 @@ def loop_view(result: Result) -> LoopView:
         intro=_intro(loop),
         sentences=(*(_sentence(axis, found) for axis, found in loop.axes.items()), *_own_units(loop)),
         margins=_table(loop),
+        filters=filter_tables(result),
     )
 
 

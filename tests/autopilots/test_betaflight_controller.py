@@ -326,7 +326,7 @@ def test_the_gain_per_unit_of_the_pid_sum_is_that_of_the_true_vehicle(
     """B in deg/s^2 per thousandth, as an ADRC would be told it."""
     loop = analyzed(corpus / "firmware" / STICKS).closed_loop
     assert loop is not None
-    told = closed_loop_dict(loop)["axes"]["roll"]["control_gain"]["deg_s2_per_own_unit"]
+    told = closed_loop_dict(loop, {})["axes"]["roll"]["control_gain"]["deg_s2_per_own_unit"]
     true = true_plant(corpus, STICKS, "roll").effectiveness[0] * PER_RADIAN
     assert told["unit"] == "unit of the PID sum"
     assert told["ci95"][0] < true < told["ci95"][1]

@@ -13,6 +13,7 @@ import pytest
 from quadid_logs.align import cut
 from quadid_logs.autopilots.discrete import moving
 from quadid_logs.control.closed_loop import close
+from quadid_logs.control.filters import filter_costs, rate_crossover
 from quadid_logs.control.margins import fine_grid_hz, phase_margin
 from quadid_logs.data.controller import DiscreteFilter, MeanFilter
 from quadid_logs.data.log import FlightLog, Notch
@@ -57,17 +58,22 @@ def speeds_hz(record: Record) -> np.ndarray:
     return np.asarray(record.channels["rotor_speed"][rows].mean(axis=1) / (2.0 * np.pi))
 
 
-def true_loop_deg(result: Result, record: Record, axis: int, *, notched: bool = True) -> float:
-    """Return the phase margin of the loop that the simulator flew."""
-    setup = record.setups[0]
+def true_notch(record: Record) -> MeanFilter:
+    """Return the notch at every speed of the manoeuvre."""
     biquads = [NOTCH.biquad(1, float(speed), LOOP_HZ) for speed in speeds_hz(record)]
     each = tuple(
         (DiscreteFilter(np.array([b.b0, b.b1, b.b2]), np.array([1.0, b.a1, b.a2]), 1.0 / LOOP_HZ),)
         for b in biquads
     )
+    return MeanFilter(each)
+
+
+def true_loop_deg(result: Result, record: Record, axis: int, *, notched: bool = True) -> float:
+    """Return the phase margin of the loop that the simulator flew."""
+    setup = record.setups[0]
     controller = true_controller(setup, axis)
     if notched:
-        controller = replace(controller, gyro=(MeanFilter(each), *controller.gyro))
+        controller = replace(controller, gyro=(true_notch(record), *controller.gyro))
     frequency_hz = fine_grid_hz(controller.period_s)
     loop = close(
         controller, true_plant(setup, flight_truth((record,), scenario="", boot_s=0.0), axis), frequency_hz
@@ -119,6 +125,20 @@ def test_the_phase_margin_with_a_tracked_notch_is_the_true_loops(number: int) ->
     assert margins.rate.phase_margin_deg.value == pytest.approx(true_deg, abs=1.0)
     low, high = margins.rate.phase_margin_deg.ci95
     assert low <= true_deg <= high
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_the_cost_of_the_notch_is_that_in_the_true_loop(number: int) -> None:
+    record, _, result = flown()
+    assert result.closed_loop is not None
+    axis = ("roll", "pitch", "yaw")[number]
+    crossover_hz = rate_crossover(result.closed_loop.axes[axis])
+    assert crossover_hz is not None
+    costs = filter_costs(result.closed_loop.controllers.axes[axis], crossover_hz)
+    (cost,) = [one for one in costs if one.name == "INS_HNTCH"]
+    assert cost.phase_deg is not None
+    true = true_notch(record).response(np.array([crossover_hz.value]))
+    assert cost.phase_deg.value == pytest.approx(-float(np.degrees(np.angle(true[0]))), abs=0.2)
 
 
 def test_without_its_notch_the_true_loop_would_have_degrees_more() -> None:

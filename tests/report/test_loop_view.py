@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from quadid_logs.autopilots.discrete import butterworth, notches_named
 from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated, LoopMargins, Margins
-from quadid_logs.data.controller import Replay, ReplayReason
+from quadid_logs.data.controller import FilterPlace, NamedFilter, Replay, ReplayReason
+from quadid_logs.data.health import Health, Line, Noise
+from quadid_logs.data.log import Notch
 from quadid_logs.data.result import Result
 from quadid_logs.report.loop_json import closed_loop_dict
 from quadid_logs.report.loop_view import loop_view
@@ -122,8 +126,63 @@ def test_without_a_model_or_a_controller_the_chapter_says_why(usable: Result) ->
 def test_the_contract_has_every_figure_of_a_margin(usable: Result) -> None:
     """A figure that a loop does not have is null."""
     assert usable.closed_loop is not None
-    rate = closed_loop_dict(usable.closed_loop)["axes"]["roll"]["margins"]["rate"]
+    rate = closed_loop_dict(usable.closed_loop, {})["axes"]["roll"]["margins"]["rate"]
     assert rate["gain_margin_down_db"] is None
     assert set(rate["phase_margin_deg"]) == {"value", "ci95"}
     needed = {"stable", "extrapolated", "crossover_hz", "delay_margin_s", "disk_margin", "peak_sensitivity"}
     assert needed <= set(rate)
+
+
+def with_filters(result: Result, *filters: NamedFilter) -> Result:
+    """Return the result with these filters about roll, and nothing known of the other axes."""
+    assert result.closed_loop is not None
+    loop = with_loop(result, AxisLoop(margins=LoopMargins(rate=POOR, full=None))).closed_loop
+    assert loop is not None
+    roll = replace(loop.controllers.axes["roll"], filters=filters)
+    controllers = replace(loop.controllers, axes={"roll": roll})
+    return replace(result, closed_loop=replace(loop, controllers=controllers))
+
+
+LOW_PASS = NamedFilter(name="INS_GYRO_FILTER", place=FilterPlace.GYRO, filter=butterworth(40.0, 1e-3))
+MOVED = notches_named("INS_HNTCH", tuple((Notch(hz, 0.5, 0.01),) for hz in (90.0, 100.0, 130.0)), 1e-3)
+
+
+def test_every_filter_has_its_row_and_the_gyros_path_one_more(usable: Result) -> None:
+    (table,) = loop_view(with_filters(usable, MOVED, LOW_PASS)).filters
+    assert [row[0].text for row in table.rows] == ["INS_HNTCH", "INS_GYRO_FILTER", "all of the gyro's path"]
+
+
+def test_a_notch_that_moved_says_where_it_stood(usable: Result) -> None:
+    (table,) = loop_view(with_filters(usable, MOVED)).filters
+    assert table.rows[0][0].detail == "100 Hz, from 90 to 130"
+
+
+def test_every_line_of_the_gyro_has_its_column(usable: Result) -> None:
+    lines = tuple(
+        Line(frequency_hz=hz, height_db=9.0, p_value=0.0, share=1.0, rms=1.0) for hz in (130.0, 40.0)
+    )
+    noise = Noise(
+        sentence="", after=None, before=None, lines={"roll": lines}, over_time=None, over_throttle=None,
+        rotor_hz=np.zeros(0), may_be_folded=False,
+    )  # fmt: skip
+    (table,) = loop_view(replace(with_filters(usable, LOW_PASS), health=Health(noise=noise))).filters
+    assert table.head[3:] == ("line at 40 Hz [dB]", "line at 130 Hz [dB]")
+    # tan(0.13 pi) over tan(0.04 pi) is 3.42, and one over its square -21.4 dB.
+    assert [cell.text for cell in table.rows[0][3:]] == ["−3.0", "−21.4"]
+
+
+def test_a_contradicted_loop_tells_no_phase_of_its_filters(usable: Result) -> None:
+    told = with_filters(usable, LOW_PASS)
+    assert told.closed_loop is not None
+    axes = {axis: replace(one, contradicted=True) for axis, one in told.closed_loop.axes.items()}
+    (table,) = loop_view(replace(told, closed_loop=replace(told.closed_loop, axes=axes))).filters
+    assert table.rows[0][2].text == "–"
+
+
+def test_the_contract_has_the_cost_of_each_filter(usable: Result) -> None:
+    loop = with_filters(usable, LOW_PASS).closed_loop
+    assert loop is not None
+    (told,) = closed_loop_dict(loop, {})["axes"]["roll"]["filters"]
+    assert (told["name"], told["place"]) == ("INS_GYRO_FILTER", "gyro")
+    # Two poles at 40 Hz, at 20.3 Hz: atan(1.414 x / (1 - x^2)) = 44 degrees.
+    assert told["phase_cost_deg"]["value"] == pytest.approx(44.0, abs=0.5)

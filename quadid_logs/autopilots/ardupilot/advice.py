@@ -52,8 +52,8 @@ class ArduPilotAdvice(Advice):
             "QL104": "Update the firmware to 4.0 or later, which stamps its rows and logs the rate "
             "controller's output. 8-bit APM boards stay at 3.2, which does not log it.",
             "QL307": "Log RATE, RCOU and MOTB with a current firmware to get the torque that was achieved.",
-            "QL620": "Log what the notch of INS_HNTCH_MODE (INS_HNTC2_MODE) follows: ESC for 3, RPM for 2 and "
-            "5, FTN1 for 4 (FTN2 with several sources); or fly once with mode 1, the throttle.",
+            "QL620": "Log what the notch of INS_HNTCH_MODE (INS_HNTC2_MODE) follows: ESC for 3, RPM for 2 "
+            "and 5, FTN1 for 4 (FTN2 with several sources); or fly once with mode 1, the throttle.",
             "QL310": "Check AHRS_ORIENTATION, and in the PM messages whether the main loop keeps up.",
         }
     )

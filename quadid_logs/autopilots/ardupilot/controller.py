@@ -4,20 +4,37 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.autopilots.ardupilot.filters import follows_unknown, gyro_period_s, parameter_filter
-from quadid_logs.autopilots.discrete import derivative, first_order, gain, gyro_filters, integrator
+from quadid_logs.autopilots.ardupilot.filters import (
+    follows_unknown,
+    gyro_period_s,
+    notch_sets,
+    parameter_filter,
+)
+from quadid_logs.autopilots.discrete import (
+    butterworth,
+    derivative,
+    first_order,
+    gain,
+    gyro_filters,
+    integrator,
+    notches_named,
+)
+from quadid_logs.autopilots.filters import gyro_filter
 from quadid_logs.autopilots.modes import gains_named
 from quadid_logs.autopilots.versions import by_short_names, finite, read_version
 from quadid_logs.data.controller import (
     AxisController,
     ControllerRemark,
     Filter,
+    FilterPlace,
     FlownControllers,
+    NamedFilter,
     RemarkKind,
 )
 from quadid_logs.data.log import FlightLog, whole_number
@@ -91,12 +108,16 @@ def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControl
     axes: dict[str, AxisController] = {}
     period_s = flown_period_s(log, parameters)
     gyro = gyro_filters(parameter_filter(parameters, log.followed, log.version), gyro_period_s(parameters))
+    named_gyro = tuple(_named_gyro_filters(log, parameters))
     remarks = list(_common_remarks(parameters, log.followed))
     for axis, name in AXIS_NAMES.items():
         refused = list(_refusals(parameters, axis, f"ATC_RAT_{name}_"))
         remarks += refused
         if not refused:
-            axes[axis] = _axis(parameters, name, period_s, gyro)
+            axes[axis] = replace(
+                _axis(parameters, name, period_s, gyro),
+                filters=(*named_gyro, *_named_filters(parameters, name, period_s)),
+            )
             remarks += _axis_remarks(parameters, axis, name)
     return FlownControllers(
         name="AC_PID",
@@ -180,6 +201,30 @@ def _axis(
         angle_gain_per_s=angle,
         gains=names | ({} if angle is None else {f"ATC_ANG_{name}_P": angle}),
     )
+
+
+def _named_gyro_filters(log: FlightLog, parameters: Mapping[str, float]) -> Iterator[NamedFilter]:
+    """Yield the filters of the gyro by their parameters."""
+    period_s = gyro_period_s(parameters)
+    for name, places in notch_sets(parameters, log.followed, log.version).items():
+        for felt in gyro_filter(math.nan, (), [places]).tracked:
+            yield notches_named(name, felt, period_s)
+    low_pass_hz = parameter_filter(parameters).low_pass_hz
+    if low_pass_hz > 0.0:
+        yield NamedFilter(
+            name="INS_GYRO_FILTER", place=FilterPlace.GYRO, filter=butterworth(low_pass_hz, period_s)
+        )
+
+
+def _named_filters(parameters: Mapping[str, float], name: str, period_s: float) -> Iterator[NamedFilter]:
+    """Yield the filters of an axis' PID that the measured rate passes, by their parameters."""
+    pid = pid_parameters(parameters, name)
+    of_error, of_slope = (first_order(pid[short], period_s) for short in ("FLTE", "FLTD"))
+    if pid["FLTE"] > 0.0:
+        yield NamedFilter(name=f"ATC_RAT_{name}_FLTE", place=FilterPlace.ERROR, filter=of_error)
+    if pid["FLTD"] > 0.0 and pid["D"] != 0.0:
+        bare = (derivative(period_s) * of_error).scaled(pid["D"])
+        yield NamedFilter(name=f"ATC_RAT_{name}_FLTD", place=FilterPlace.PART, filter=of_slope, part=bare)
 
 
 def _refusals(parameters: Mapping[str, float], axis: str, prefix: str) -> Iterator[ControllerRemark]:

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from functools import reduce
+from operator import mul
 from typing import Final
 
 import numpy as np
@@ -20,26 +22,30 @@ from quadid_logs.autopilots.betaflight.filters import (
     has_dynamic_notches,
     has_rpm_notches,
     loop_filters,
+    named_gyro_filters,
 )
 from quadid_logs.autopilots.betaflight.flown import Flown, flown
 from quadid_logs.autopilots.betaflight.law import (
     attenuates_p,
     attenuation,
     d_filter,
+    d_filters,
     loop_period_s,
     p_filter,
     rate_gains,
 )
 from quadid_logs.autopilots.betaflight.replay import d_parts
 from quadid_logs.autopilots.betaflight.signals import PID_SCALE
-from quadid_logs.autopilots.discrete import integrator, unit
+from quadid_logs.autopilots.discrete import derivative, gain, integrator, unit
 from quadid_logs.autopilots.versions import finite, read_version
 from quadid_logs.data.controller import (
     AxisController,
     CommandUnit,
     ControllerRemark,
     DiscreteFilter,
+    FilterPlace,
     FlownControllers,
+    NamedFilter,
     RemarkKind,
 )
 from quadid_logs.data.log import FlightLog
@@ -142,9 +148,39 @@ def _axis(log: FlightLog, parameters: Mapping[str, float], axis: str) -> AxisCon
         target=unit(period_s),
         rate=d_filter(parameters, mean.throttle, period_s).scaled(of_d) if of_d else None,
         gyro=_gyro(log, parameters, mean, period_s),
+        filters=tuple(_named_filters(log, parameters, axis, mean)),
         predictable=False,
         gains=_named(parameters, axis),
     )
+
+
+def _named_filters(
+    log: FlightLog, parameters: Mapping[str, float], axis: str, mean: Flown
+) -> Iterator[NamedFilter]:
+    """Yield the filters that the measured rate passes, by their settings."""
+    loop_s = loop_period_s(parameters)
+    periods_s = (1e-6 * log.parameters.get("looptime", 1e6 * loop_s), loop_s)
+    yield from named_gyro_filters(parameters, mean.rotors_hz, mean.throttle, periods_s)
+    known = loop_filters(parameters, mean.rotors_hz, mean.throttle, periods_s)
+    for late in _gyro(log, parameters, mean, loop_s)[len(known) :]:
+        name = "dynamic notches" if has_dynamic_notches(parameters) else "further delay"
+        yield NamedFilter(name=name, place=FilterPlace.GYRO, filter=late)
+    gains = rate_gains(parameters, axis, log.version)
+    factor = float(attenuation(parameters, mean.throttle))
+    of_d = gains.between(d_parts(log)[axis]) * factor
+    slope = derivative(loop_s).scaled(of_d)
+    of_slope = d_filters(parameters, mean.throttle, loop_s) if of_d else {}
+    for name, one in of_slope.items():
+        others = (other for each, other in of_slope.items() if each != name)
+        yield NamedFilter(name=name, place=FilterPlace.PART, filter=one, part=reduce(mul, others, slope))
+    of_p = gains.proportional * (factor if attenuates_p(parameters) else 1.0)
+    if axis == "yaw" and (finite(parameters.get("yaw_lowpass_hz")) or 0.0) > 0.0:
+        yield NamedFilter(
+            name="yaw_lowpass_hz",
+            place=FilterPlace.PART,
+            filter=p_filter(parameters, axis, loop_s),
+            part=gain(of_p, loop_s),
+        )
 
 
 def _gyro(

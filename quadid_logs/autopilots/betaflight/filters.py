@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from functools import reduce
+from operator import mul
 from typing import NamedTuple
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.autopilots.discrete import butterworth, first_order, notch
+from quadid_logs.autopilots.discrete import butterworth, first_order, notches_named, standing
 from quadid_logs.autopilots.filters import gyro_filter
-from quadid_logs.data.controller import DiscreteFilter
+from quadid_logs.data.controller import DiscreteFilter, FilterPlace, NamedFilter
 from quadid_logs.data.log import GyroFilter, Notch, whole_number
 
 #: `gyro_lpf1_type`: one pole, a Butterworth of second order, two and three poles that are 3 dB down together.
@@ -187,14 +189,37 @@ def loop_filters(
     -----
     Betaflight: ``gyro_filter_impl.c``, ``rpm_filter.c``.
     """
-    gyro_s, loop_s = periods_s
     found = [
         each
         for names in GYRO_LOW_PASSES
-        for each in low_pass(settings, names, throttle, gyro_s if "2" in names.kind else loop_s)
+        for each in low_pass(settings, names, throttle, _period_s(names, periods_s))
     ]
     known = gyro_filter(math.nan, [*_static(settings), *_rpm(settings, rotors_hz)]).notches
-    return (*found, *(notch(one, loop_s) for one in known if one.frequency_hz * loop_s < 0.5))
+    return (*found, *standing(known, periods_s[1]))
+
+
+def _period_s(names: LowPassNames, periods_s: tuple[float, float]) -> float:
+    """Return the period of a low-pass, of those of gyro and loop: the second one runs with the gyro."""
+    return periods_s[0] if "2" in names.kind else periods_s[1]
+
+
+def named_gyro_filters(
+    settings: Mapping[str, float],
+    rotors_hz: Sequence[float],
+    throttle: float,
+    periods_s: tuple[float, float],
+) -> Iterator[NamedFilter]:
+    """Yield the filters of `loop_filters` by their settings; parameters as there."""
+    for names in GYRO_LOW_PASSES:
+        chain = low_pass(settings, names, throttle, _period_s(names, periods_s))
+        if chain:
+            yield NamedFilter(name=names.static, place=FilterPlace.GYRO, filter=reduce(mul, chain))
+    for name, notches in (
+        ("gyro_notch", tuple(_static(settings))),
+        ("rpm_filter_harmonics", tuple(_rpm(settings, rotors_hz))),
+    ):
+        for places in gyro_filter(math.nan, (), [(notches,)]).tracked:
+            yield notches_named(name, places, periods_s[1])
 
 
 def has_dynamic_notches(settings: Mapping[str, float]) -> bool:

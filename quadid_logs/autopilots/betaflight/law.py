@@ -155,11 +155,16 @@ def d_filter(settings: Mapping[str, float], throttle: float, loop_s: float) -> D
     -------
     DiscreteFilter
     """
+    return reduce(mul, d_filters(settings, throttle, loop_s).values(), derivative(loop_s))
+
+
+def d_filters(settings: Mapping[str, float], throttle: float, loop_s: float) -> dict[str, DiscreteFilter]:
+    """Return the filters on D's slope by their settings; parameters as of `d_filter`."""
     notches = static_notch(settings, "dterm_notch_hz", "dterm_notch_cutoff")
-    chain = [notch(one, loop_s) for one in notches if one.frequency_hz * loop_s < 0.5]
+    found = {"dterm_notch_hz": [notch(one, loop_s) for one in notches if one.frequency_hz * loop_s < 0.5]}
     for names in D_LOW_PASSES:
-        chain += low_pass(settings, names, throttle, loop_s)
-    return reduce(mul, chain, derivative(loop_s))
+        found[names.static] = [*low_pass(settings, names, throttle, loop_s)]
+    return {name: reduce(mul, chain) for name, chain in found.items() if chain}
 
 
 def loop_period_us(settings: Mapping[str, float]) -> float:

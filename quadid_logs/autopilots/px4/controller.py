@@ -8,11 +8,27 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.autopilots.discrete import derivative, first_order, gain, gyro_filters, integrator, unit
+from quadid_logs.autopilots.discrete import (
+    butterworth,
+    derivative,
+    first_order,
+    gain,
+    gyro_filters,
+    integrator,
+    notches_named,
+    unit,
+)
 from quadid_logs.autopilots.modes import gains_named
-from quadid_logs.autopilots.px4.filters import derivative_filter, parameter_filter
+from quadid_logs.autopilots.px4.filters import cutoff_hz, derivative_filter, notches_by_name, parameter_filter
 from quadid_logs.autopilots.versions import by_short_names, finite, read_version
-from quadid_logs.data.controller import AxisController, ControllerRemark, FlownControllers, RemarkKind
+from quadid_logs.data.controller import (
+    AxisController,
+    ControllerRemark,
+    FilterPlace,
+    FlownControllers,
+    NamedFilter,
+    RemarkKind,
+)
 from quadid_logs.data.log import FlightLog
 from quadid_logs.vocabulary import AXES
 
@@ -167,9 +183,38 @@ def _axis(parameters: Mapping[str, float], name: str, period_s: float, gyro_s: f
         feed_forward=gain(pid["FF"], period_s) if pid["FF"] else None,
         gyro=gyro_filters(parameter_filter(parameters), gyro_s),
         command=first_order(torque_hz, period_s) if torque_hz > 0.0 else None,
+        filters=tuple(_named_filters(parameters, pid, torque_hz, (period_s, gyro_s))),
         angle_gain_per_s=angle,
         gains=names | ({} if angle is None else {f"MC_{name}_P": angle}),
     )
+
+
+def _named_filters(
+    parameters: Mapping[str, float],
+    pid: Mapping[str, float],
+    torque_hz: float,
+    periods_s: tuple[float, float],
+) -> Iterator[NamedFilter]:
+    """Yield the filters that the measured rate passes, by their parameters; periods of loop and gyro."""
+    period_s, gyro_s = periods_s
+    for name, one in notches_by_name(parameters).items():
+        yield notches_named(name, ((one,),), gyro_s)
+    low_pass_hz = parameter_filter(parameters).low_pass_hz
+    if low_pass_hz > 0.0:
+        yield NamedFilter(
+            name="IMU_GYRO_CUTOFF", place=FilterPlace.GYRO, filter=butterworth(low_pass_hz, gyro_s)
+        )
+    if pid["D"] and cutoff_hz(parameters) > 0.0:
+        yield NamedFilter(
+            name="IMU_DGYRO_CUTOFF",
+            place=FilterPlace.PART,
+            filter=derivative_filter(parameters, gyro_s),
+            part=derivative(gyro_s).scaled(pid["K"] * pid["D"]),
+        )
+    if torque_hz > 0.0:
+        yield NamedFilter(
+            name="MC_YAW_TQ_CUTOFF", place=FilterPlace.COMMAND, filter=first_order(torque_hz, period_s)
+        )
 
 
 def parameter_period_s(parameters: Mapping[str, float]) -> float:

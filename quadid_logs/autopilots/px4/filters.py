@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Final
 
 from quadid_logs.autopilots.discrete import butterworth, first_order
@@ -29,7 +29,7 @@ def parameter_filter(parameters: Mapping[str, float]) -> GyroFilter:
     -----
     PX4: VehicleAngularVelocity.cpp, NotchFilter.hpp.
     """
-    return gyro_filter(parameters.get("IMU_GYRO_CUTOFF", math.nan), _notches(parameters))
+    return gyro_filter(parameters.get("IMU_GYRO_CUTOFF", math.nan), notches_by_name(parameters).values())
 
 
 def derivative_filter(parameters: Mapping[str, float], period_s: float) -> DiscreteFilter:
@@ -65,12 +65,17 @@ def has_second_order_derivative(parameters: Mapping[str, float]) -> bool:
     return "IMU_GYRO_NF_FREQ" in parameters and "IMU_GYRO_NF0_FRQ" not in parameters
 
 
-def _notches(parameters: Mapping[str, float]) -> Iterator[Notch]:
-    for frequency, width in (
-        ("IMU_GYRO_NF0_FRQ", "IMU_GYRO_NF0_BW"),
-        ("IMU_GYRO_NF1_FRQ", "IMU_GYRO_NF1_BW"),
-        ("IMU_GYRO_NF_FREQ", "IMU_GYRO_NF_BW"),
+def notches_by_name(parameters: Mapping[str, float]) -> dict[str, Notch]:
+    """Return the notches by how their parameters' names begin; a width that makes none is left out."""
+    found = {}
+    for name, frequency in (
+        ("IMU_GYRO_NF0", "IMU_GYRO_NF0_FRQ"),
+        ("IMU_GYRO_NF1", "IMU_GYRO_NF1_FRQ"),
+        ("IMU_GYRO_NF", "IMU_GYRO_NF_FREQ"),
     ):
-        frequency_hz, width_hz = parameters.get(frequency, 0.0), parameters.get(width, math.nan)
+        frequency_hz, width_hz = parameters.get(frequency, 0.0), parameters.get(f"{name}_BW", math.nan)
         if 0.0 < width_hz < 2.0 * frequency_hz:
-            yield Notch(float(frequency_hz), float(width_hz / frequency_hz), 0.0)
+            notch = Notch(float(frequency_hz), float(width_hz / frequency_hz), 0.0)
+            if gyro_filter(math.nan, [notch]).notches:
+                found[name] = notch
+    return found

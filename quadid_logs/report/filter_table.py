@@ -1,0 +1,104 @@
+"""The filters of each axis as a table: what each costs in phase, and what it takes away at each line."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import MappingProxyType
+from typing import Final
+
+from quadid_logs.control.filters import FilterCost, filter_costs, lines_of, rate_crossover
+from quadid_logs.data.closed_loop import Estimated
+from quadid_logs.data.controller import FilterPlace
+from quadid_logs.data.health import Line, LineSource
+from quadid_logs.data.result import Result
+from quadid_logs.report.cells import Cell, Table
+from quadid_logs.report.numbers import interval, number, resolved
+
+#: Columns of lines, the highest first: more do not fit a page.
+_MOST_LINES: Final = 5
+_PLACES: Final = MappingProxyType(
+    {
+        FilterPlace.GYRO: "gyro",
+        FilterPlace.ERROR: "rate error",
+        FilterPlace.PART: "P or D alone",
+        FilterPlace.COMMAND: "command",
+    }
+)
+
+
+def filter_tables(result: Result) -> tuple[Table, ...]:
+    """Return a table of the filters for each axis whose controller is known.
+
+    Parameters
+    ----------
+    result : Result
+
+    Returns
+    -------
+    tuple of Table
+    """
+    loop, every_line = result.closed_loop, lines_of(result.health)
+    if loop is None:
+        return ()
+    tables = []
+    for axis, found in loop.axes.items():
+        controller, crossover_hz = loop.controllers.axes[axis], rate_crossover(found)
+        if controller.filters:
+            strongest = sorted(every_line.get(axis, ()), key=lambda line: -line.height_db)[:_MOST_LINES]
+            lines = sorted(strongest, key=lambda line: line.frequency_hz)
+            costs = filter_costs(controller, crossover_hz, lines)
+            tables.append(_table(axis, costs, crossover_hz, lines))
+    return tuple(tables)
+
+
+def _table(
+    axis: str, costs: Sequence[FilterCost], crossover_hz: Estimated | None, lines: Sequence[Line]
+) -> Table:
+    at = "" if crossover_hz is None else f" at {number(crossover_hz.value, 3)} Hz"
+    return Table(
+        caption=f"Filters, {axis}",
+        head=("filter", "of", f"phase lost{at} [deg]", *(f"{_line_words(line)} [dB]" for line in lines)),
+        rows=tuple(_row(cost) for cost in costs),
+        note=_note(costs, crossover_hz, lines),
+    )
+
+
+def _line_words(line: Line) -> str:
+    rotor = f", {line.harmonic} x rotor" if line.source is LineSource.ROTOR and line.harmonic else ""
+    return f"line at {number(line.frequency_hz, 3)} Hz{rotor}"
+
+
+def _row(cost: FilterCost) -> tuple[Cell, ...]:
+    phase = cost.phase_deg
+    lost = Cell(text="–") if phase is None else Cell(text=_degrees(phase), detail=interval(*phase.ci95))
+    gains = (Cell(text=f"{gain_db:.1f}".replace("-", "−")) for gain_db in cost.at_lines_db)
+    name = cost.name or "all of the gyro's path"
+    return (Cell(text=name, detail=_centre(cost)), Cell(text=_PLACES[cost.place]), lost, *gains)
+
+
+def _degrees(phase: Estimated) -> str:
+    return resolved(phase.value, *phase.ci95)
+
+
+def _centre(cost: FilterCost) -> str:
+    """Say where a notch stood."""
+    if not cost.centre_hz:
+        return ""
+    low, middle, high = (number(each, 3) for each in cost.centre_hz)
+    return f"{middle} Hz" if low == high else f"{middle} Hz, from {low} to {high}"
+
+
+def _note(costs: Sequence[FilterCost], crossover_hz: Estimated | None, lines: Sequence[Line]) -> str:
+    """Say how the table is to be read."""
+    if crossover_hz is None:
+        parts = ["No crossover is known for this axis, so that no phase is told."]
+    else:
+        parts = ["Phase lost at the crossover of the rate loop; small: over the crossover's 95 % interval."]
+    if lines:
+        parts.append("Gain at the lines of the gyro's spectrum; of a filter on P or D, on that part alone.")
+        if any(len(set(cost.centre_hz)) > 1 for cost in costs):
+            parts.append(
+                "A line of the rotors is taken to move as a notch that follows them; at another line such a "
+                "notch counts by its mean power."
+            )
+    return " ".join(parts)
