@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from functools import lru_cache
 
 import numpy as np
 
@@ -128,8 +129,9 @@ def standing(notches: Iterable[Notch], period_s: float) -> tuple[DiscreteFilter,
     return tuple(notch(one, period_s) for one in notches if one.frequency_hz * period_s < 0.5)
 
 
+@lru_cache(maxsize=8)
 def moving(instants: Places, period_s: float) -> MeanFilter:
-    """Return notches that moved."""
+    """Return notches that moved; of the same ones the same filter, which remembers its response."""
     return MeanFilter(tuple(standing(each, period_s) for each in instants))
 
 

@@ -18,6 +18,8 @@ VersionRead = Literal["read", "nearest", "unknown"]
 Term = Literal["P", "I", "D", "FF", "output"]
 #: The slowest filter of default parameters, 2.5 Hz, has forgotten its start to 1e-7 by then [s].
 SETTLING_S: Final = 1.0
+#: Sets of frequencies of which a filter that moved remembers its response: a search uses some four.
+_MOST_KNOWN: Final = 8
 TERMS: Final[tuple[Term, ...]] = ("P", "I", "D", "FF", "output")
 
 
@@ -104,10 +106,20 @@ class MeanFilter:
     """
 
     instants: tuple[tuple[DiscreteFilter, ...], ...]
+    _known: dict[bytes, NDArray[np.complex128]] = field(default_factory=dict, init=False, repr=False)
 
     def response(self, frequency_hz: FloatArray) -> NDArray[np.complex128]:
         """Return the mean of the frequency responses; see `DiscreteFilter.response`."""
-        return np.asarray(np.mean([in_series(each, frequency_hz) for each in self.instants], axis=0))
+        # A search for gains asks hundreds of times at the same frequencies, of hundreds of notches.
+        asked = np.asarray(frequency_hz, dtype=np.float64)
+        key = bytes(str(asked.shape), "ascii") + asked.tobytes()
+        if key not in self._known:
+            if len(self._known) >= _MOST_KNOWN:
+                self._known.clear()
+            found = np.array(np.mean([in_series(each, asked) for each in self.instants], axis=0))
+            found.flags.writeable = False
+            self._known[key] = found
+        return self._known[key]
 
 
 #: What answers a frequency.

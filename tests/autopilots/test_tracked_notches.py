@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quadid_logs.autopilots.ardupilot.filters import follows_unknown, notch_sets, parameter_filter
-from quadid_logs.autopilots.ardupilot.followed import followed, instants
+from quadid_logs.autopilots.ardupilot.followed import followed
+from quadid_logs.autopilots.instants import instants
 from quadid_logs.containers.message_table import MessageTable
 from quadid_logs.data.log import Places
 

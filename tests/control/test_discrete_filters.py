@@ -182,3 +182,12 @@ def test_the_px4_d_filter_is_of_second_order_where_the_firmware_knows_one_notch_
     passed = [np.abs(each.response(frequency_hz)) / slope for each in (older, newer)]
     assert passed[0] == pytest.approx([1.0, 1.0 / np.sqrt(17.0)], rel=0.02)
     assert passed[1] == pytest.approx([1.0, 1.0 / np.sqrt(5.0)], rel=0.03)
+
+
+def test_a_filter_that_moved_answers_each_shape_and_set_of_frequencies_anew() -> None:
+    """What it remembers is of exactly these frequencies."""
+    places = ((Notch(60.0, 0.5, 0.0),), (Notch(90.0, 0.5, 0.0),))
+    kept = discrete.moving(places, 1e-3)
+    for frequency_hz in (np.array([10.0, 20.0]), np.array([[10.0], [20.0]]), np.array(30.0)):
+        expected = sum(discrete.notch(one, 1e-3).response(frequency_hz) for (one,) in places) / 2.0
+        np.testing.assert_allclose(kept.response(frequency_hz), expected, rtol=1e-12)

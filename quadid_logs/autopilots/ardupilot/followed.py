@@ -9,13 +9,10 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.autopilots.instants import instants
 from quadid_logs.containers.message_table import MessageTable
 from quadid_logs.data.log import Signal
 
-#: Instants by which a flight stands.
-_N_INSTANTS: Final = 9
-#: Of the speed that is exceeded in a tenth of the rows: slower rotors have less than a quarter of its thrust.
-_IN_FLIGHT: Final = 0.5
 #: Peaks that AP_GyroFFT follows.
 _MOST_PEAKS: Final = 3
 
@@ -73,31 +70,6 @@ def followed(
             found[name] = logged
     taken = {name: instants(values) for name, values in found.items()}
     return {name: values for name, values in taken.items() if values.size}
-
-
-def instants(values: FloatArray) -> FloatArray:
-    """Return rows of a flight that stand for all of it.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n_rows, n_columns)
-        What is not finite counts as zero.
-
-    Returns
-    -------
-    ndarray, shape (n_instants, n_columns)
-        By their mean from low to high, each for as many rows; none where all is zero. Columns that are
-        always zero are left out.
-    """
-    values = np.where(np.isfinite(values), values, 0.0).astype(np.float64)
-    values = values[:, (values > 0.0).any(axis=0)]
-    if not values.size:
-        return np.zeros((0, 0))
-    mean = values.mean(axis=1)
-    flying = np.flatnonzero(mean >= _IN_FLIGHT * np.quantile(mean, 0.9))
-    order = flying[np.argsort(mean[flying], kind="stable")]
-    places = (np.arange(_N_INSTANTS) + 0.5) / _N_INSTANTS * order.size
-    return values[order[places.astype(np.int64)]]
 
 
 def _columns(table: MessageTable, labels: tuple[str, ...], rows: BoolArray | None = None) -> FloatArray:

@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from quadid_logs.arrays import FloatArray
 from quadid_logs.autopilots.discrete import (
     butterworth,
     derivative,
@@ -19,7 +20,14 @@ from quadid_logs.autopilots.discrete import (
     unit,
 )
 from quadid_logs.autopilots.modes import gains_named
-from quadid_logs.autopilots.px4.filters import cutoff_hz, derivative_filter, notches_by_name, parameter_filter
+from quadid_logs.autopilots.px4.filters import (
+    cutoff_hz,
+    derivative_filter,
+    follows_unknown,
+    notches_by_name,
+    parameter_filter,
+    rotor_notches,
+)
 from quadid_logs.autopilots.versions import by_short_names, finite, read_version
 from quadid_logs.data.controller import (
     AxisController,
@@ -102,7 +110,7 @@ def controllers(
     version_read, note = read_version(log.version, VERSIONS_READ)
     measured_s = logged_loop_period_s(log) if period_s is None else None
     period_s = period_s or measured_s or parameter_period_s(parameters)
-    remarks = [*_common_remarks(parameters)]
+    remarks = [*_common_remarks(parameters, log.followed)]
     if measured_s is None:
         values = {"IMU_GYRO_RATEMAX": 1.0 / period_s}
         remarks.append(ControllerRemark(kind=RemarkKind.PERIOD_ASSUMED, values=values))
@@ -118,7 +126,7 @@ def controllers(
             values = dict.fromkeys(missing, math.nan)
             remarks.append(ControllerRemark(kind=RemarkKind.MISSING_PARAMETER, axis=axis, values=values))
         else:
-            axes[axis] = _axis(parameters, name, period_s, gyro_s)
+            axes[axis] = _axis(parameters, name, (period_s, gyro_s), log.followed)
     return FlownControllers(
         name="mc_rate_control",
         firmware=log.firmware,
@@ -168,7 +176,14 @@ def _gyro_period_s(period_s: float, parameters: Mapping[str, float]) -> float:
     return period_s if waits else period_s / _FASTER
 
 
-def _axis(parameters: Mapping[str, float], name: str, period_s: float, gyro_s: float) -> AxisController:
+def _axis(
+    parameters: Mapping[str, float],
+    name: str,
+    periods_s: tuple[float, float],
+    followed: Mapping[str, FloatArray],
+) -> AxisController:
+    """Return one axis; the periods are those of loop and gyro."""
+    period_s, gyro_s = periods_s
     pid = rate_parameters(parameters, name)
     error = gain(pid["P"], period_s) + integrator(period_s, late=True).scaled(pid["I"])
     slope = derivative(gyro_s) * derivative_filter(parameters, gyro_s)
@@ -181,9 +196,12 @@ def _axis(parameters: Mapping[str, float], name: str, period_s: float, gyro_s: f
         target=unit(period_s),
         rate=slope.scaled(pid["K"] * pid["D"]) if pid["D"] else None,
         feed_forward=gain(pid["FF"], period_s) if pid["FF"] else None,
-        gyro=gyro_filters(parameter_filter(parameters), gyro_s),
+        gyro=gyro_filters(parameter_filter(parameters, followed), gyro_s),
         command=first_order(torque_hz, period_s) if torque_hz > 0.0 else None,
-        filters=tuple(_named_filters(parameters, pid, torque_hz, (period_s, gyro_s))),
+        filters=(
+            *(notches_named("IMU_GYRO_DNF", one, gyro_s) for one in rotor_notches(parameters, followed)),
+            *_named_filters(parameters, pid, torque_hz, periods_s),
+        ),
         angle_gain_per_s=angle,
         gains=names | ({} if angle is None else {f"MC_{name}_P": angle}),
     )
@@ -223,12 +241,13 @@ def parameter_period_s(parameters: Mapping[str, float]) -> float:
     return 1.0 / (rate_hz if 0.0 < rate_hz < math.inf else _DEFAULT_LOOP_HZ)
 
 
-def _common_remarks(parameters: Mapping[str, float]) -> Iterator[ControllerRemark]:
+def _common_remarks(
+    parameters: Mapping[str, float], followed: Mapping[str, FloatArray]
+) -> Iterator[ControllerRemark]:
     """Yield what concerns all axes."""
-    for kind, name in (
-        (RemarkKind.NOTCH_UNKNOWN, "IMU_GYRO_DNF_EN"),
-        (RemarkKind.VARIABLE_GAIN, "MC_BAT_SCALE_EN"),
-    ):
-        value = parameters.get(name, 0.0)
-        if value > 0.0:
-            yield ControllerRemark(kind=kind, values={name: value})
+    if follows_unknown(parameters, followed):
+        values = {"IMU_GYRO_DNF_EN": parameters["IMU_GYRO_DNF_EN"]}
+        yield ControllerRemark(kind=RemarkKind.NOTCH_UNKNOWN, values=values)
+    scaled = parameters.get("MC_BAT_SCALE_EN", 0.0)
+    if scaled > 0.0:
+        yield ControllerRemark(kind=RemarkKind.VARIABLE_GAIN, values={"MC_BAT_SCALE_EN": scaled})

@@ -8,8 +8,10 @@ from typing import Final
 
 import numpy as np
 
+from quadid_logs.arrays import FloatArray
+from quadid_logs.autopilots.instants import instants
 from quadid_logs.autopilots.modes import mode_changes
-from quadid_logs.autopilots.px4.filters import parameter_filter
+from quadid_logs.autopilots.px4.filters import ROTORS, parameter_filter
 from quadid_logs.autopilots.px4.identity import (
     describe_frame,
     firmware_words,
@@ -23,7 +25,7 @@ from quadid_logs.autopilots.utc import utc_offset_s
 from quadid_logs.containers.content import time_before
 from quadid_logs.containers.ulog import UlogContent, read_content
 from quadid_logs.counting import counted
-from quadid_logs.data.log import FlightLog, LogText, ModeChange, ParameterChange
+from quadid_logs.data.log import FlightLog, LogText, ModeChange, ParameterChange, Signal
 from quadid_logs.errors import EmptyLogError
 
 #: Receivers, with the time of day; the second since 1.14.
@@ -56,12 +58,14 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
             hint="The file was cut off or its definitions are damaged; copy it from the SD card again.",
         )
     known = content.definitions
+    found, seen = _signals(content)
     return FlightLog(
         path=str(path),
         format="ulog",
         autopilot="px4" if known.information.get("sys_name", "PX4") == "PX4" else "other",
         n_bytes=content.n_bytes,
-        signals=signals(content.topics, parameter_filter(known.parameters)),
+        signals=found,
+        followed=seen,
         firmware=firmware_words(known.information),
         vehicle_type=vehicle_type(known.parameters, _last_status(content)),
         frame=describe_frame(known.parameters),
@@ -81,6 +85,19 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
         utc_offset_s=_utc_offset_s(content),
         remarks=_remarks(content, system),
     )
+
+
+def _signals(content: UlogContent) -> tuple[dict[str, tuple[Signal, ...]], dict[str, FloatArray]]:
+    """Return the signals, and what the notches of the gyro may follow."""
+    parameters = content.definitions.parameters
+    known = parameter_filter(parameters)
+    found = signals(content.topics, known)
+    speed = next(iter(found.get("rotor_speed", ())), None)
+    rows = np.zeros((0, 0)) if speed is None else instants(speed.values / (2.0 * math.pi))
+    seen = {ROTORS: rows} if rows.size else {}
+    tracked = parameter_filter(parameters, seen)
+    # Only a log whose notches moved is gone through once more.
+    return (found if tracked == known else signals(content.topics, tracked)), seen
 
 
 def _utc_offset_s(content: UlogContent) -> float:
