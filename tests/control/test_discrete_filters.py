@@ -188,6 +188,7 @@ def test_a_filter_that_moved_answers_each_shape_and_set_of_frequencies_anew() ->
     """What it remembers is of exactly these frequencies."""
     places = ((Notch(60.0, 0.5, 0.0),), (Notch(90.0, 0.5, 0.0),))
     kept = discrete.moving(places, 1e-3)
-    for frequency_hz in (np.array([10.0, 20.0]), np.array([[10.0], [20.0]]), np.array(30.0)):
+    asked = (np.array([10.0, 20.0]), np.array([[10.0], [20.0]]), np.array(30.0), np.array([10.0, 30.0]))
+    for frequency_hz in asked:
         expected = sum(discrete.notch(one, 1e-3).response(frequency_hz) for (one,) in places) / 2.0
         np.testing.assert_allclose(kept.response(frequency_hz), expected, rtol=1e-12)
