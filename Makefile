@@ -4,13 +4,15 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 INSTALLED_DOCS := $(VENV)/.installed-docs
+INSTALLED_BENCH := $(VENV)/.installed-bench
 BENCH ?= --output benchmarks/results.md
+METHODS ?= --output docs/benchmark
 FUZZ ?= --count 50000
 STUDY ?= --flights 300
 MUTATIONS ?= --workers 2
 CONSOLE ?= yes
 
-.PHONY: help demo test lint types contracts bench fuzz study mutations fleet docs package samples check check-all clean
+.PHONY: help demo test lint types contracts bench methods fuzz study mutations fleet docs package samples check check-all clean
 
 help:  ## List the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/'
@@ -25,6 +27,11 @@ $(INSTALLED): pyproject.toml
 $(INSTALLED_DOCS): pyproject.toml
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --editable '.[docs]'
+	@touch $@
+
+$(INSTALLED_BENCH): pyproject.toml
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --editable '.[bench,parquet]'
 	@touch $@
 
 demo: $(INSTALLED)  ## Simulate a flight, analyze it, say where the report is
@@ -47,6 +54,9 @@ contracts: $(INSTALLED)  ## Import contracts
 
 bench: $(INSTALLED)  ## Speed and memory against the reference readers; BENCH=--short for a quick look
 	$(BIN)/python benchmarks/run.py $(BENCH)
+
+methods: $(INSTALLED_BENCH)  ## Every method on every data set, and the benchmark page's tables; METHODS='--export DIR' writes the data sets
+	$(BIN)/python -m benchmarks.methods $(METHODS)
 
 fuzz: $(INSTALLED)  ## Random damage against every reader and the whole analysis; FUZZ='--minutes 5'
 	$(BIN)/python fuzz/run.py $(FUZZ)

@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import importlib.metadata
 import importlib.util
-import json
 import math
 import os
 import platform
@@ -21,9 +20,9 @@ import sys
 import time
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[_variable] = "1"
@@ -33,16 +32,13 @@ import numpy as np  # noqa: E402
 
 from benchmarks.estimators import ESTIMATORS  # noqa: E402
 from benchmarks.logs import corpus_folder  # noqa: E402
-from quadid_logs.align import cut  # noqa: E402
+from benchmarks.methods import data_sets  # noqa: E402
 from quadid_logs.arrays import FloatArray  # noqa: E402
 from quadid_logs.data.flight import FlightData  # noqa: E402
-from quadid_logs.data.log import FlightLog  # noqa: E402
 from quadid_logs.data.model import Model  # noqa: E402
 from quadid_logs.data.settings import Settings  # noqa: E402
 from quadid_logs.diagnose import diagnose  # noqa: E402
 from quadid_logs.identify import identify  # noqa: E402
-from quadid_logs.load import prepare, read_log  # noqa: E402
-from quadid_logs.simulate import simulate  # noqa: E402
 from quadid_logs.vocabulary import (  # noqa: E402
     ACCELERATION_SYMBOLS,
     AXES,
@@ -50,24 +46,7 @@ from quadid_logs.vocabulary import (  # noqa: E402
     TORQUE_SYMBOLS,
 )
 
-#: (scenario, autopilot, rate [Hz]) of our own simulator.
-SIMULATED: Final = (
-    ("sysid-quad-x", "ardupilot", 400.0),
-    ("sysid-quad-x", "px4", 250.0),
-    ("doublets", "px4", 250.0),
-    ("steps-3211", "ardupilot", 400.0),
-    ("pilot-sticks", "ardupilot", 400.0),
-    ("products-of-inertia", "ardupilot", 400.0),
-    ("slow-motors", "ardupilot", 400.0),
-    ("noisy-gyro", "ardupilot", 400.0),
-    ("wind", "px4", 250.0),
-    ("hexa-x", "ardupilot", 400.0),
-    ("octa-coax", "ardupilot", 400.0),
-    ("sysid-quad-x", "ardupilot", 100.0),
-)
 PACKAGES: Final = ("pysindy", "nfoursid", "sysidentpy")
-#: Where the noise of a package is about its own future, not about this flight.
-_SEED: Final = 7
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -113,67 +92,21 @@ def main() -> int:
 
 
 def _cases(*, short: bool) -> Iterator[Case]:
-    """Yield the logs of the corpus that state a truth, then the simulated flights."""
-    folder = corpus_folder()
-    for path in sorted((folder / "firmware").glob("*.truth.json")) if not short else []:
-        stem = path.name.removesuffix(".truth.json")
-        files = (path.with_name(stem + suffix) for suffix in (".BIN", ".ulg"))
-        log = next((file for file in files if file.is_file()), None)
-        if log is None:
+    """Yield the flights whose effectiveness and damping are known, with our verdicts."""
+    for source in data_sets.sources(corpus_folder(), short=short):
+        flight = data_sets.load(source) if source.kind != "flown" else None
+        if flight is None or flight.truth is None or np.isnan(flight.truth.damping).any():
             continue
-        truth = json.loads(path.read_text())
-        yield from _case(log.name, read_log(log), _firmware_truth(truth), _firmware_damping(truth))
-    for scenario, autopilot, rate_hz in SIMULATED[: 2 if short else None]:
-        flight = simulate(scenario, seed=_SEED, autopilot=autopilot, rate_hz=rate_hz)
-        # PX4's placeholder: the torque stays on the scale of the command.
-        parameters = {
-            name: 6.5 if name.startswith("CA_ROTOR") and name.endswith("_CT") else value
-            for name, value in flight.log.parameters.items()
-        }
-        model = flight.truth["models"]["damped"]
-        rates = [model["regressors"].index(name) for name in RATE_SYMBOLS]
-        yield from _case(
-            f"{scenario}, {autopilot}, {rate_hz:g} Hz",
-            replace(flight.log, parameters=parameters),
-            np.diag(np.array(model["B"])),
-            np.diag(np.array(model["A"])[:, rates]),
+        identification = identify(flight.data, Settings().identify)
+        diagnosis = diagnose(flight.log, flight.data, identification)
+        yield Case(
+            name=source.name,
+            data=flight.data,
+            truth=flight.truth.effectiveness,
+            damping=flight.truth.damping,
+            verdicts=tuple(diagnosis.axes[axis].verdict for axis in AXES),
+            found=identification.recommended,
         )
-
-
-def _firmware_truth(truth: dict[str, Any]) -> FloatArray:
-    """Return B11, B22, B33 at the mean throttle of the manoeuvre; at hover where only that is stated."""
-    if "B_rad_s2_per_torque_setpoint" in truth:
-        rows = truth["B_rad_s2_per_torque_setpoint"]
-    elif "at_segment_mean" in truth:
-        rows = truth["at_segment_mean"]["B_rad_s2_per_unit"]
-    else:
-        rows = truth["at_hover"]["B_rad_s2_per_unit"]["M"]
-    return np.array([rows[axis][axis] for axis in range(3)])
-
-
-def _firmware_damping(truth: dict[str, Any]) -> FloatArray:
-    """Return the damping about each axis [1/s], taken as `_firmware_truth` is."""
-    rows = (truth.get("at_segment_mean") or truth.get("at_hover") or truth)["A_1_s"]
-    return np.array([rows[axis][axis] for axis in range(3)])
-
-
-def _case(name: str, log: FlightLog, truth: FloatArray, damping: FloatArray) -> Iterator[Case]:
-    """Align a log and ask for our verdicts; yield nothing if there is no flight in it."""
-    settings = Settings()
-    prepared = prepare(log)
-    log, data = prepared.log, cut(prepared, settings.align)
-    if not data.segments or data.input is None:
-        return
-    identification = identify(data, settings.identify)
-    diagnosis = diagnose(log, data, identification)
-    yield Case(
-        name=name,
-        data=data,
-        truth=truth,
-        damping=damping,
-        verdicts=tuple(diagnosis.axes[axis].verdict for axis in AXES),
-        found=identification.recommended,
-    )
 
 
 def _measure(case: Case, methods: list[str]) -> Row:

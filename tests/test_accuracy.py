@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks import accuracy, estimators
+from benchmarks.methods import data_sets
 from quadid_logs.align import cut
 from quadid_logs.data.settings import AlignSettings
 from quadid_logs.load import prepare
@@ -60,11 +61,14 @@ def test_each_package_gives_three_gains_of_the_right_size(flight, name):
             }
         },
         {"at_hover": {"B_rad_s2_per_unit": {"M": [[1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 3.0]]}}},
+        {"linear_model": {"B_roll_pitch_yaw_ls_flight": [1.0, 2.0, 3.0]}},
     ],
 )
 def test_every_layout_of_a_firmware_truth_is_read(truth):
-    """PX4's, ArduPilot's at the mean throttle, ArduPilot's at hover."""
-    np.testing.assert_array_equal(accuracy._firmware_truth(truth), [1.0, 2.0, 3.0])
+    """PX4's, ArduPilot's at the mean throttle, ArduPilot's at hover, Betaflight's."""
+    known = data_sets.firmware_truth(truth)
+    assert known is not None
+    np.testing.assert_array_equal(known.effectiveness, [1.0, 2.0, 3.0])
 
 
 def test_a_missing_package_is_named_and_left_out(monkeypatch, tmp_path, capsys):
@@ -75,7 +79,7 @@ def test_a_missing_package_is_named_and_left_out(monkeypatch, tmp_path, capsys):
         "find_spec",
         lambda name, *rest: None if name in accuracy.PACKAGES else find_spec(name, *rest),
     )
-    monkeypatch.setattr(accuracy, "SIMULATED", (("sysid-quad-x", "ardupilot", 100.0),))
+    monkeypatch.setattr(data_sets, "SIMULATED", (("sysid-quad-x", "ardupilot", 100.0),))
     monkeypatch.setattr(sys, "argv", ["accuracy.py", "--short", "--output", str(tmp_path / "table.md")])
     assert accuracy.main() == 0
     table = (tmp_path / "table.md").read_text()
