@@ -98,8 +98,9 @@ def _measure_all(chosen: Sequence[Source], processes: int) -> Iterable[Measured]
     if processes < 2:
         yield from map(measure, chosen)
         return
-    # Spawned, not forked: forking a process that has started numpy's threads may hang.
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn"), max_tasks_per_child=40) as pool:
+    # Spawned, not forked: forking a process that has started numpy's threads may hang. Workers are not
+    # replaced after some tasks: that deadlocks (CPython issue 115634).
+    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
         yield from pool.map(measure, chosen)
 
 

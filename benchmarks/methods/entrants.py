@@ -116,8 +116,8 @@ ENTRANTS: Final = (
     ),
     Entrant(
         name="output error",
-        description="Maximum likelihood of the rate simulated over segments of 4 s (Maine and Iliff 1986), the "
-        "method of SIDPAC and aeroid, as a formula: gain, damping, lag, delay, trim; interval by "
+        description="Maximum likelihood of the rate simulated over segments of 4 s (Maine and Iliff 1986), "
+        "the method of SIDPAC and aeroid, as a formula: gain, damping, lag, delay, trim; interval by "
         "Morelli and Klein.",
         tuned_on=_NONE,
         run=_of_series(regressions.output_error),
