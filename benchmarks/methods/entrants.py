@@ -119,7 +119,7 @@ ENTRANTS: Final = (
         description="Maximum likelihood of the rate simulated over segments of 4 s (Maine and Iliff 1986), "
         "the method of SIDPAC and aeroid, as a formula: gain, damping, lag, delay, trim; interval by "
         "Morelli and Klein.",
-        tuned_on=_NONE,
+        tuned_on="six of these flights: that the model needs a delay",
         run=_of_series(regressions.output_error),
     ),
     Entrant(
