@@ -158,7 +158,8 @@ def walked(autopilot: str) -> tuple[Case, ...]:
         factors = {axis: factors_of[(first + place) % len(factors_of)] for place, axis in enumerate(AXES)}
         result = with_gains(autopilot, factors)
         found += cases_of(autopilot, result, tuning_of(result))
-    at_target = with_gains(autopilot, {one.axis: to_target(one) for one in found if one.found.changes})
+    common = [one for one in found if scaled_gain(one) is not None]
+    at_target = with_gains(autopilot, {one.axis: to_target(one) for one in common})
     found += cases_of(autopilot, at_target, tuning_of(at_target))
     contradicted = with_gains(autopilot, {}, contradicted=True)
     found += cases_of(autopilot, contradicted, tuning_of(contradicted))
@@ -167,9 +168,15 @@ def walked(autopilot: str) -> tuple[Case, ...]:
     return tuple(found)
 
 
-def to_target(case: Case) -> float:
-    """Return by what the common gain of a flight is multiplied to be at its target."""
+def scaled_gain(case: Case) -> str | None:
+    """Return a gain that changes by the common factor of an axis, None where each gain has its own."""
     names = named(case.autopilot).tunable(case.result.log.parameters)
     assert names is not None
-    first = next(name for name in names.axes[case.axis].scaled if name in case.found.changes)
+    return next((name for name in names.axes[case.axis].scaled if name in case.found.changes), None)
+
+
+def to_target(case: Case) -> float:
+    """Return by what the common gain of a flight is multiplied to be at its target."""
+    first = scaled_gain(case)
+    assert first is not None
     return case.found.gains[first].target / as_logged(case.autopilot).log.parameters[first]
