@@ -208,7 +208,7 @@ def plan(autopilot: LogLike | Result, axes: Sequence[str] = (), *, firmware: str
     Parameters
     ----------
     autopilot : str, Path, FlightLog, Simulation or Result
-        Its name, as "px4"; or a flight of the vehicle: then what it logs already is kept, for its firmware.
+        The autopilot's name; or a flight of the vehicle: then what it logs already is kept, for its firmware.
     axes : sequence of str
         Of roll, pitch, yaw; empty means all.
     firmware : str
@@ -229,8 +229,9 @@ def plan(autopilot: LogLike | Result, axes: Sequence[str] = (), *, firmware: str
     Examples
     --------
     >>> import quadid_logs
-    >>> quadid_logs.plan("sample_logs/sysid-quad-x.bin", ["roll"])
-    <Plan for ardupilot 4.5.7: roll, 58 s, 1 sweep>
+    >>> planned = quadid_logs.plan("sample_logs/sysid-quad-x.bin", ["roll"])
+    >>> planned.axes
+    ('roll',)
     """
     version = planning.parse_version(firmware) if firmware else None
     if isinstance(autopilot, str) and _is_name(autopilot):

@@ -240,9 +240,10 @@ class Logs:
 
 
 def _last_number(files: FileTransfer, folder: str) -> float:
-    """Return the number of the last log: ArduPilot begins again at 1 after LOG_MAX_FILES; infinity elsewhere.
+    """Return the number of the last log, infinity where no file beside the logs says it.
 
-    Its file beside the logs says it (AP_Logger_File.cpp, `write_lastlog_file`).
+    Some firmwares begin again at 1 after so many logs, and keep the last number (AP_Logger_File.cpp,
+    `write_lastlog_file`).
     """
     for entry in files.listing(folder) or ():
         if entry.name.upper() == _LAST_LOG and 0 < entry.size <= _LONGEST_NUMBER:

@@ -15,7 +15,7 @@ from quadid_logs.untrusted import printable
 class AxisBar:
     """One axis: what is known of it, and how far its interval is from the one that is wanted."""
 
-    name: str
+    axis: str
     words: str
     fraction: float
     is_enough: bool
@@ -50,7 +50,7 @@ def live_page(
             hint=printable(figures.hint, 400),
             axes=[
                 AxisBar(
-                    name=axis.axis,
+                    axis=axis.axis,
                     words=axis_words(axis).removeprefix(f"{axis.axis} "),
                     fraction=axis.fraction(figures.target),
                     is_enough=axis.more_s == 0.0,
