@@ -38,7 +38,7 @@ _SAME_GAIN: Final = 1e-3
 
 
 def recommend(
-    result: Result, limits: Limits = GOOD, axes: Sequence[str] = AXES, *, apart: bool = False
+    result: Result, limits: Limits = GOOD, axes: Sequence[str] = AXES, *, apart: bool = True
 ) -> Tuning:
     """Recommend the gains of the next flight, axis by axis, or say why not.
 
@@ -51,7 +51,8 @@ def recommend(
     axes : sequence of str
         Of roll, pitch and yaw.
     apart : bool
-        P, I, D and the angle gain each by itself, not by one factor on P, I and D.
+        P, I, D and the angle gain each by itself where that rejects gusts better, not by one factor on P, I
+        and D alone.
 
     Returns
     -------

@@ -26,13 +26,13 @@ from quadid_logs.simulate.truth import flight_truth
 from quadid_logs.tuning import recommend
 from quadid_logs.vocabulary import AXES
 from study.tuning import (
-    _analyzed,
-    _changed,
-    _flyable,
-    _of_each_gain,
-    _setup,
-    _true_margins,
+    analyzed,
+    changed,
     draw_vehicle,
+    flyable,
+    of_each_gain,
+    setup_of,
+    true_margins,
 )
 
 
@@ -82,8 +82,8 @@ def measure_promise(seed: int, number: int) -> dict[str, Any]:
     """
     scenario, autopilot, settings = draw_vehicle(seed, number)
     rng = np.random.default_rng([seed, number, *b"detuning"])
-    factors = _of_each_gain(_flyable(scenario, autopilot, rng))
-    first = _analyzed(fly(_setup(scenario, autopilot, factors, 1000 * seed + 10 * number)), scenario)
+    factors = of_each_gain(flyable(scenario, autopilot, rng))
+    first = analyzed(fly(setup_of(scenario, autopilot, factors, 1000 * seed + 10 * number)), scenario)
     tuning = recommend(first)
     promise = promise_of(first, tuning)
     told: dict[str, Any] = {"number": number, "seed": seed, **settings, "cases": {}}
@@ -91,11 +91,11 @@ def measure_promise(seed: int, number: int) -> dict[str, Any]:
         return told
     if tuning.changes:
         told["cases"][_NOT_LOADED] = _described(check(promise, first))
-    following = factors * _changed(tuning, first)
+    following = factors * changed(tuning, first)
     for count, (name, change) in enumerate(CASES.items(), start=1):
-        setup = change(_setup(scenario, autopilot, following, 1000 * seed + 10 * number + count))
+        setup = change(setup_of(scenario, autopilot, following, 1000 * seed + 10 * number + count))
         record = fly(setup)
-        result = _analyzed(record, scenario)
+        result = analyzed(record, scenario)
         told["cases"][name] = _described(check(promise, result))
         if change is _same:
             truth = flight_truth((record,), scenario="", boot_s=0.0)
@@ -110,7 +110,7 @@ def _figures(promise: Promise, record: Record, truth: dict[str, Any]) -> list[di
         promised = promise.axes[axis].margins
         if promised is None:
             continue
-        true = _true_margins(record.setups[0], truth, place)
+        true = true_margins(record.setups[0], truth, place)
         both = (promised.full, true.full) if promised.full and true.full else (promised.rate, true.rate)
         for name in FIGURES:
             said, really = (getattr(one, name) for one in both)

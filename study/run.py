@@ -42,6 +42,10 @@ def main(arguments: list[str] | None = None) -> int:
         from study.tuning import main as tune
 
         return tune([one for one in given if one != "--tune"])
+    if "--optimum" in given:
+        from study.optimum import main as optimum
+
+        return optimum([one for one in given if one != "--optimum"])
     if "--promise" in given:
         from study.promise import main as promise
 

@@ -13,7 +13,7 @@ import json
 import multiprocessing
 import sys
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -112,21 +112,21 @@ def measure_tuning(seed: int, number: int) -> dict[str, Any]:
     """
     scenario, autopilot, settings = draw_vehicle(seed, number)
     rng = np.random.default_rng([seed, number, *b"detuning"])
-    factors = _of_each_gain(_flyable(scenario, autopilot, rng))
+    factors = of_each_gain(flyable(scenario, autopilot, rng))
     flights: list[dict[str, Any]] = []
     for count in range(_MOST_FLIGHTS):
-        setup = _setup(scenario, autopilot, factors, 1000 * seed + 10 * number + count)
+        setup = setup_of(scenario, autopilot, factors, 1000 * seed + 10 * number + count)
         record = fly(setup)
-        result = _analyzed(record, scenario)
+        result = analyzed(record, scenario)
         tuning = recommend(result)
         flights.append({"factors": factors.tolist(), **_described(record, result, tuning)})
         if not tuning.changes:
             break
-        factors = factors * _changed(tuning, result)
+        factors = factors * changed(tuning, result)
     return {"number": number, "seed": seed, **settings, "flights": flights}
 
 
-def _changed(tuning: Tuning, result: Result) -> FloatArray:
+def changed(tuning: Tuning, result: Result) -> FloatArray:
     """Return the factors that a file puts on P, I, D and the angle gain of each axis, shape (4, 3)."""
     tunable = named(result.log.autopilot).tunable(result.log.parameters)
     assert tunable is not None
@@ -141,15 +141,15 @@ def _ratios(found: AxisTuning, names: GainNames) -> FloatArray:
     return np.array([*(common * ratios.get(name, 1.0) for name in own), ratios.get(names.angle, 1.0)])
 
 
-def _flyable(scenario: Scenario, autopilot: str, rng: np.random.Generator) -> tuple[float, ...]:
+def flyable(scenario: Scenario, autopilot: str, rng: np.random.Generator) -> tuple[float, ...]:
     """Return factors on P, I and D with which a pilot would take off, axis by axis."""
     found = []
     for axis in range(3):
         while True:
             factor = log_uniform(rng, *_DETUNING)
             factors = tuple(factor if one == axis else 1.0 for one in range(3))
-            setup = _setup(scenario, autopilot, _of_each_gain(factors), 0)
-            margins = _true_margins(setup, _resting_truth(setup), axis)
+            setup = setup_of(scenario, autopilot, of_each_gain(factors), 0)
+            margins = true_margins(setup, resting_truth(setup), axis)
             gain = (margins.full or margins.rate).gain_margin_db
             if margins.rate.stable and (gain is None or gain.value >= _LEAST_DB):
                 found.append(factor)
@@ -157,25 +157,27 @@ def _flyable(scenario: Scenario, autopilot: str, rng: np.random.Generator) -> tu
     return tuple(found)
 
 
-def _of_each_gain(factors: tuple[float, ...]) -> FloatArray:
+def of_each_gain(factors: tuple[float, ...]) -> FloatArray:
     """Return the factors of P, I, D and the angle gain, shape (4, 3); the angle gain is not detuned."""
     return np.vstack([np.tile(factors, (3, 1)), np.ones(3)])
 
 
-def _setup(scenario: Scenario, autopilot: str, factors: FloatArray, seed: int) -> Setup:
+def setup_of(scenario: Scenario, autopilot: str, factors: FloatArray, seed: int) -> Setup:
+    """Return a flight with factors on P, I, D and the angle gain of each axis, shape (4, 3)."""
     single = tuple((roll, pitch, yaw) for roll, pitch, yaw in factors.tolist())
     tuned = dataclasses.replace(scenario, tuning=Gains(single_gain=single))
     (setup,) = plan_flights(tuned, seed=seed, duration_s=_DURATION_S, rate_hz=_RATE_HZ, autopilot=autopilot)
     return setup
 
 
-def _analyzed(record: Record, scenario: Scenario) -> Result:
+def analyzed(record: Record, scenario: Scenario) -> Result:
+    """Return the analysis of a flight's log."""
     prepared = prepare(log_flights((record,), scenario.logging))
     settings = Settings()
     return judge(prepared.log, cut(prepared, settings.align), settings, vehicle=None, timings_s={})
 
 
-def _resting_truth(setup: Setup) -> dict[str, Any]:
+def resting_truth(setup: Setup) -> dict[str, Any]:
     """Tell the vehicle before it has flown: at hover, with a full battery."""
     from quadid_logs.simulate.closed_loop import torque_gain
     from quadid_logs.simulate.truth import actuator_truth, model_truth
@@ -184,7 +186,8 @@ def _resting_truth(setup: Setup) -> dict[str, Any]:
     return {"models": model, "actuator": actuator_truth(setup)}
 
 
-def _true_margins(setup: Setup, truth: dict[str, Any], axis: int) -> LoopMargins:
+def true_margins(setup: Setup, truth: dict[str, Any], axis: int) -> LoopMargins:
+    """Return the margins of the loop that flew."""
     return scaled_loops(true_controller(setup, axis), true_plant(setup, truth, axis), np.inf).margins()
 
 
@@ -198,16 +201,16 @@ def _described(record: Record, result: Result, tuning: Tuning) -> dict[str, Any]
             "verdict": found.verdict,
             "reasons": [one.code for one in found.reasons],
             "codes": list(result.diagnosis.axes[axis].reasons),
-            "true": _margins(_true_margins(setup, truth, number)),
-            "now": _margins(found.now),
-            "next": _margins(found.next) if found.verdict == "change" else None,
+            "true": figures(true_margins(setup, truth, number)),
+            "now": figures(found.now),
+            "next": figures(found.next) if found.verdict == "change" else None,
             "attitude_error": found.attitude_error if np.isfinite(found.attitude_error) else None,
         }
     fastest = float(np.abs(record.channels["rate"]).max())
     return {"axes": axes, "fastest_rad_s": fastest, "ran_away": fastest > _RUNAWAY_RAD_S}
 
 
-def _margins(margins: LoopMargins | None) -> dict[str, Any] | None:
+def figures(margins: LoopMargins | None) -> dict[str, Any] | None:
     """Return the figures of the whole loop, each as [value, low, high]."""
     if margins is None:
         return None
@@ -263,13 +266,21 @@ def read(path: Path) -> list[dict[str, Any]]:
     return sorted((json.loads(line) for line in lines), key=lambda one: int(one["number"]))
 
 
-def fly_missing(path: Path, seed: int, n_vehicles: int, n_processes: int) -> None:
+def fly_missing(
+    path: Path,
+    seed: int,
+    n_vehicles: int,
+    n_processes: int,
+    measured: Callable[[int, int], dict[str, Any]] = measure_tuning,
+) -> None:
     """Append one line per vehicle that is not in the file yet.
 
     Parameters
     ----------
     path : Path
     seed, n_vehicles, n_processes : int
+    measured : callable
+        Of seed and number.
     """
     known = read(path)
     done = {one["number"] for one in known}
@@ -277,20 +288,18 @@ def fly_missing(path: Path, seed: int, n_vehicles: int, n_processes: int) -> Non
     path.write_text("".join(f"{json.dumps(one)}\n" for one in known), encoding="utf-8")
     context = multiprocessing.get_context("spawn")
     with context.Pool(n_processes) as pool, path.open("a", encoding="utf-8") as file:
-        for count, vehicle in enumerate(_measured(pool, missing), start=1):
+        for count, vehicle in enumerate(
+            pool.imap_unordered(partial(_measure_one, measured), missing), start=1
+        ):
             file.write(json.dumps(vehicle) + "\n")
             file.flush()
             print(f"{count} of {len(missing)} vehicles", file=sys.stderr, flush=True)
 
 
-def _measured(pool: Any, missing: list[tuple[int, int]]) -> Iterator[dict[str, Any]]:
-    yield from pool.imap_unordered(_measure_one, missing)
-
-
-def _measure_one(task: tuple[int, int]) -> dict[str, Any]:
+def _measure_one(measured: Callable[[int, int], dict[str, Any]], task: tuple[int, int]) -> dict[str, Any]:
     """Measure one vehicle; whatever goes wrong is its result, for the others must go on."""
     seed, number = task
     try:
-        return measure_tuning(seed, number)
+        return measured(seed, number)
     except Exception:  # noqa: BLE001 - the study reports it and fails at its end
         return {"number": number, "seed": seed, "error": traceback.format_exc()}

@@ -108,11 +108,16 @@ def as_logged(autopilot: str) -> Result:
 
 
 def with_gains(
-    autopilot: str, factors: Mapping[str, float], *, integral: float = 1.0, **loop: object
+    autopilot: str,
+    factors: Mapping[str, float],
+    *,
+    integral: float = 1.0,
+    values: Mapping[str, float] | None = None,
+    **loop: object,
 ) -> Result:
     """Return the flight of the same vehicle with other gains, which replay as if they had flown.
 
-    ``factors`` are on all gains of an axis, ``integral`` is on I beside the others.
+    ``factors`` are on all gains of an axis, ``integral`` is on I beside the others; ``values`` stand instead.
     """
     now = as_logged(autopilot)
     model, tunable = now.identification.recommended, named(autopilot).tunable(now.log.parameters)
@@ -123,6 +128,7 @@ def with_gains(
         names = tunable.axes[axis]
         parameters |= {name: names.written(factor * parameters[name]) for name in names.scaled}
         parameters[names.integral] *= integral
+    parameters |= values or {}
     log = replace(now.log, parameters=parameters)
     controllers = named(autopilot).controllers(log, parameters)
     assert controllers is not None
@@ -158,25 +164,11 @@ def walked(autopilot: str) -> tuple[Case, ...]:
         factors = {axis: factors_of[(first + place) % len(factors_of)] for place, axis in enumerate(AXES)}
         result = with_gains(autopilot, factors)
         found += cases_of(autopilot, result, tuning_of(result))
-    common = [one for one in found if scaled_gain(one) is not None]
-    at_target = with_gains(autopilot, {one.axis: to_target(one) for one in common})
+    targets = {name: one.target for each in found[-len(AXES) :] for name, one in each.found.gains.items()}
+    at_target = with_gains(autopilot, {}, values=targets)
     found += cases_of(autopilot, at_target, tuning_of(at_target))
     contradicted = with_gains(autopilot, {}, contradicted=True)
     found += cases_of(autopilot, contradicted, tuning_of(contradicted))
     uneven = with_gains(autopilot, {"roll": 1.0}, integral=5.0)
     found += cases_of(autopilot, uneven, recommend(uneven, GOOD, ["roll"]))
     return tuple(found)
-
-
-def scaled_gain(case: Case) -> str | None:
-    """Return a gain that changes by the common factor of an axis, None where each gain has its own."""
-    names = named(case.autopilot).tunable(case.result.log.parameters)
-    assert names is not None
-    return next((name for name in names.axes[case.axis].scaled if name in case.found.changes), None)
-
-
-def to_target(case: Case) -> float:
-    """Return by what the common gain of a flight is multiplied to be at its target."""
-    first = scaled_gain(case)
-    assert first is not None
-    return case.found.gains[first].target / as_logged(case.autopilot).log.parameters[first]

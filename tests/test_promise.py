@@ -150,9 +150,9 @@ def test_another_filter_is_another_loop(promise: Promise, followed: Result) -> N
 
 
 def test_gains_that_are_written_as_another_product_are_those_promised() -> None:
-    """PX4 multiplies P, I and D by K: 1.3 times K is 1.3 times all three."""
+    """PX4 multiplies P, I and D by K: twice K is twice all three."""
     before = flown("px4")
-    advice = recommend(before, GOOD, ["roll"])
+    advice = recommend(before, GOOD, ["roll"], apart=False)
     promised = promise_of(before, advice)
     assert promised is not None
     factor = advice.changes["MC_ROLLRATE_K"].next

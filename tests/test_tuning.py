@@ -15,6 +15,7 @@ import quadid_logs.control.recommend as recommending
 from quadid_logs.autopilots import named
 from quadid_logs.cli import main
 from quadid_logs.control.guard import Case
+from quadid_logs.control.loop import close, on_angle, on_rate
 from quadid_logs.control.next_flight import of_next_flight
 from quadid_logs.control.posterior import draw
 from quadid_logs.control.recommend import filter_note
@@ -47,10 +48,11 @@ LOUD = 0.1 * np.random.default_rng(1).standard_normal((10_000, 3))
 NOWHERE = Provenance(version="0", command="", log_sha256="")
 
 
-def detuned(factor: float) -> Result:
+def detuned(factor: float, **gains: float) -> Result:
     """The same vehicle with other gains of roll, which replay as if they had flown."""
     now = flown("ardupilot")
-    parameters = {**now.log.parameters, **{name: factor * now.log.parameters[name] for name in ROLL}}
+    gains = {**now.log.parameters, **gains}
+    parameters = {**gains, **{name: factor * gains[name] for name in ROLL}}
     controllers = named("ardupilot").controllers(now.log, parameters)
     assert controllers is not None
     assert now.closed_loop is not None
@@ -76,20 +78,25 @@ def plants_of(result: Result) -> Plant:
 @pytest.fixture(scope="module")
 def raised() -> Tuning:
     """Gains that are low for the vehicle."""
-    return recommend(flown("ardupilot"), GOOD, ["roll"])
+    return together(flown("ardupilot"))
 
 
 @pytest.fixture(scope="module")
 def lowered() -> Tuning:
     """Gains that are far too high."""
-    return recommend(detuned(5.0), GOOD, ["roll"])
+    return together(detuned(5.0))
 
 
 @pytest.fixture(scope="module")
 def kept() -> Tuning:
     """Gains at their target."""
-    target = recommend(flown("ardupilot"), GOOD, ["roll"]).axes["roll"].gains[ROLL[0]].target
-    return recommend(detuned(target / flown("ardupilot").log.parameters[ROLL[0]]), GOOD, ["roll"])
+    target = together(flown("ardupilot")).axes["roll"].gains[ROLL[0]].target
+    return together(detuned(target / flown("ardupilot").log.parameters[ROLL[0]]))
+
+
+def together(result: Result) -> Tuning:
+    """One factor on P, I and D of roll."""
+    return recommend(result, GOOD, ["roll"], apart=False)
 
 
 def test_low_gains_are_raised_and_reject_gusts_better(raised: Tuning) -> None:
@@ -117,7 +124,8 @@ def bending(factor: float, *, seen: bool) -> Result:
     modes = loop.frame.modes._replace(
         natural_hz=np.full(number.size, 20.0),
         damping_ratio=np.full(number.size, 0.02),
-        gain=np.where(number % 10 == 1, 0.3, 0.0),
+        # A mode that is seen is one of the estimate, too.
+        gain=np.where((number % 10 == 1) | (seen & (number == 0)), 0.3, 0.0),
     )
     frame, plants = replace(loop.frame, modes=modes, seen=seen), plants_of(result)._replace(modes=modes)
     roll = replace(loop, frame=frame, plants=plants)
@@ -127,8 +135,8 @@ def bending(factor: float, *, seen: bool) -> Result:
 def test_a_frame_that_is_seen_to_bend_lowers_gains_and_one_that_only_may_bend_does_not(kept: Tuning) -> None:
     """Most slow logs rule no bending out: their pilots were told to lower gains with room to spare."""
     factor = kept.axes["roll"].gains[ROLL[0]].now / flown("ardupilot").log.parameters[ROLL[0]]
-    seen = recommend(bending(factor, seen=True), GOOD, ["roll"]).axes["roll"]
-    possible = recommend(bending(factor, seen=False), GOOD, ["roll"]).axes["roll"]
+    seen = together(bending(factor, seen=True)).axes["roll"]
+    possible = together(bending(factor, seen=False)).axes["roll"]
     assert seen.direction == "lower"
     assert possible.direction == "keep"
     assert possible.reasons[0].code == "QL645"
@@ -136,13 +144,13 @@ def test_a_frame_that_is_seen_to_bend_lowers_gains_and_one_that_only_may_bend_do
 
 def test_gains_that_are_too_high_are_lowered_though_the_frame_may_bend() -> None:
     """By what the flight shows; then as far as the vehicles that bend need, too."""
-    possible = recommend(bending(5.0, seen=False), GOOD, ["roll"]).axes["roll"]
+    possible = together(bending(5.0, seen=False)).axes["roll"]
     assert possible.direction == "lower"
 
 
 def test_low_gains_that_lack_phase_are_raised_towards_the_limits() -> None:
     """One step does not reach them, and keeping such gains would be called right."""
-    found = recommend(detuned(0.4), GOOD, ["roll"]).axes["roll"]
+    found = together(detuned(0.4)).axes["roll"]
     assert found.verdict == "change"
     assert found.reasons[0].code == "QL660"
     assert found.now is not None
@@ -167,8 +175,8 @@ def test_gains_that_anything_holds_below_the_limits_are_not_called_right(
     """Held five per cent above what flew is as little as held at it: what holds them is named."""
     held = recommending.Found(factor, reached=False, held_by="QL637")
     monkeypatch.setattr(recommending._Search, "target", lambda _: held)
-    monkeypatch.setattr(recommending._Search, "apart", lambda _: None)
-    found = recommend(detuned(0.4), GOOD, ["roll"]).axes["roll"]
+    monkeypatch.setattr(recommending._Search, "apart", lambda _, common: None)  # noqa: ARG005
+    found = together(detuned(0.4)).axes["roll"]
     assert found.direction == "refuse"
     assert codes_of(found)[:2] == ["QL624", "QL637"]
 
@@ -192,7 +200,7 @@ def test_a_flight_changes_gains_by_one_step(raised: Tuning, lowered: Tuning) -> 
     """A model that is wrong does no more harm than that."""
     ratios = [one.next / one.now for each in (raised, lowered) for one in each.changes.values()]
     assert min(ratios) >= 0.5 * 0.999
-    assert max(ratios) <= 1.3 * 1.001
+    assert max(ratios) <= 2.0 * 1.001
 
 
 def test_gains_at_their_target_are_kept(kept: Tuning) -> None:
@@ -239,15 +247,82 @@ def apart() -> AxisTuning:
     return recommend(flown("ardupilot"), GOOD, ["roll"], apart=True).axes["roll"]
 
 
-def test_gains_apart_go_one_step_each_and_keep_the_limits(apart: AxisTuning) -> None:
-    """The angle gain, too, and the worst vehicle counts."""
+def test_gains_apart_keep_the_limits_in_the_worst_vehicle(apart: AxisTuning) -> None:
+    """The angle gain is one of them."""
     assert apart.reasons[0].code == "QL641"
     assert set(apart.changes) <= {*ROLL, "ATC_ANG_RLL_P"}
-    ratios = [one.next / one.now for one in apart.changes.values()]
-    assert min(ratios) >= 0.5 * 0.999
-    assert max(ratios) <= 1.3 * 1.001
     assert apart.next is not None
     assert spare(apart.next, GOOD) >= 1.0
+
+
+def test_a_flight_answers_no_more_than_twice_as_much_from_the_crossover_up(apart: AxisTuning) -> None:
+    """A vehicle whose gain is twice what was told would just be stable."""
+    result = flown("ardupilot")
+    following = {name: one.next for name, one in apart.changes.items()}
+    answers = []
+    for changes in ({}, following):
+        controllers = named("ardupilot").controllers(result.log, {**result.log.parameters, **changes})
+        assert controllers is not None
+        assert apart.now is not None
+        assert apart.now.rate.crossover_hz is not None
+        roll = controllers.axes["roll"]
+        frequency_hz = np.geomspace(apart.now.rate.crossover_hz.value, 0.49 / roll.period_s, 200)
+        answers.append(np.abs(on_rate(roll, frequency_hz) + on_angle(roll, frequency_hz)))
+    assert np.max(answers[1] / answers[0]) <= 2.0 * 1.01
+
+
+def test_the_attitude_follows_as_fast_as_it_did(apart: AxisTuning) -> None:
+    """Gusts alone are rejected best by a vehicle that does not listen to its pilot."""
+    result = flown("ardupilot")
+    following = {name: one.next for name, one in apart.changes.items()}
+    bandwidths = []
+    for changes in ({}, following):
+        controllers = named("ardupilot").controllers(result.log, {**result.log.parameters, **changes})
+        assert controllers is not None
+        roll = controllers.axes["roll"]
+        frequency_hz = np.geomspace(0.1, 50.0, 2000)
+        loop = close(roll, plants_of(result).at(slice(0, 1)), frequency_hz)
+        assert loop.full is not None
+        follows = np.abs((loop.full - loop.rate) / (1.0 + loop.full))[0]
+        bandwidths.append(frequency_hz[np.argmax(follows < 0.5**0.5)])
+    assert bandwidths[1] >= 0.99 * bandwidths[0]
+
+
+def test_gains_one_by_one_reject_gusts_better_than_one_factor(raised: Tuning, apart: AxisTuning) -> None:
+    """Or one factor is recommended."""
+    errors = [
+        wind_rad(result := flown("ardupilot"), {name: one.target for name, one in found.gains.items()})
+        / wind_rad(result, {})
+        for found in (apart, raised.axes["roll"])
+    ]
+    assert errors[0] < errors[1]
+
+
+def wind_rad(result: Result, changes: dict[str, float]) -> float:
+    """What gusts of one density make of the attitude, in no unit."""
+    controllers = named("ardupilot").controllers(result.log, {**result.log.parameters, **changes})
+    assert controllers is not None
+    frequency_hz, plant = np.geomspace(0.05, 15.0, 2000), plants_of(result).at(slice(0, 1))
+    loop, s = close(controllers.axes["roll"], plant, frequency_hz), 2j * np.pi * frequency_hz
+    assert loop.full is not None
+    gain = np.abs(1.0 / (s * (s - plant.damping[0]) * (1.0 + loop.full[0]))) ** 2
+    return float(np.sqrt(np.trapezoid(gain, frequency_hz)))
+
+
+@pytest.mark.parametrize("apart", [True, False])
+def test_uncertainty_lowers_no_gains(apart: bool) -> None:
+    """The loop keeps its limits as told; of vehicles that the flight allows too, some would not."""
+    result = detuned(1.0)
+    assert result.closed_loop is not None
+    loop = result.closed_loop.axes["roll"]
+    assert loop.plants is not None
+    random = 5.0 ** np.random.default_rng(3).uniform(-1.0, 1.0, loop.plants.effectiveness.size)
+    random[0] = 1.0
+    plants = loop.plants._replace(effectiveness=loop.plants.effectiveness * random, modes=None)
+    loose = replace(result.closed_loop, axes={"roll": replace(loop, plants=plants)})
+    found = recommend(replace(result, closed_loop=loose), GOOD, ["roll"], apart=apart).axes["roll"]
+    assert found.direction in {"keep", "refuse"}
+    assert {"QL646", "QL618"} & set(codes_of(found))
 
 
 def test_gains_apart_reject_gusts_better(apart: AxisTuning) -> None:
@@ -255,10 +330,13 @@ def test_gains_apart_reject_gusts_better(apart: AxisTuning) -> None:
     assert apart.attitude_error < 0.95
 
 
-def test_an_integral_gain_keeps_what_trims_the_vehicle(apart: AxisTuning) -> None:
-    """No spectrum of gusts shows a load off centre."""
-    factor = {name: one.target / one.now for name, one in apart.gains.items()}
-    assert factor["ATC_RAT_RLL_I"] >= 0.499 * factor["ATC_RAT_RLL_P"]
+def test_an_integral_gain_keeps_what_trims_the_vehicle() -> None:
+    """No spectrum of gusts shows a load off centre: without it, a quarter of I would reject gusts as well."""
+    found = recommend(flown("px4"), GOOD, ["roll"]).axes["roll"]
+    factor = {name: one.target / one.now for name, one in found.gains.items()}
+    assert found.reasons[0].code == "QL641"
+    assert factor["MC_ROLLRATE_P"] > 1.0
+    assert factor["MC_ROLLRATE_I"] > 0.95
 
 
 def test_mavproxy_loads_the_next_gains(raised: Tuning, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
@@ -291,10 +369,10 @@ def test_qgroundcontrol_loads_the_next_gains() -> None:
     """Vehicle, component, name, value and the type of single precision, between tabs."""
     result = flown("px4")
     result = replace(result, log=replace(result.log, parameters={**result.log.parameters, "MAV_SYS_ID": 7.0}))
-    tuning = recommend(result, GOOD, ["roll"])
+    tuning = together(result)
     lines = gain_files(result, tuning)["next.params"].splitlines()
     columns = [line.split("\t") for line in lines if not line.startswith("#")]
-    assert columns == [["7", "1", "MC_ROLLRATE_K", "1.3", "9"]]
+    assert columns == [["7", "1", "MC_ROLLRATE_K", "2", "9"]]
 
 
 def test_a_kept_vehicle_gets_no_file(kept: Tuning) -> None:
@@ -302,40 +380,48 @@ def test_a_kept_vehicle_gets_no_file(kept: Tuning) -> None:
     assert gain_files(detuned(1.0), kept) == {}
 
 
+@pytest.fixture(scope="module")
+def advised() -> Tuning:
+    """What is recommended for gains that are low for the vehicle."""
+    return tuning_of(flown("ardupilot"))
+
+
 def followed(tuning: Tuning, factor: float = 1.0) -> Result:
     """The next flight, with the recommended gains, on a vehicle so many times as effective."""
-    change = tuning.axes["roll"].gains[ROLL[0]]
-    result = detuned(factor * change.next / change.now)
+    following = {name: one.next for name, one in tuning.axes["roll"].changes.items()}
+    result = detuned(factor, **following)
     parameters = {**result.log.parameters, **{name: one.next for name, one in tuning.changes.items()}}
     return replace(result, log=replace(result.log, parameters=parameters))
 
 
-def test_a_comparison_tells_that_the_promise_was_kept(raised: Tuning) -> None:
+def test_a_comparison_tells_that_the_promise_was_kept(advised: Tuning) -> None:
     """The flight after has the margins that the flight before said it would have."""
-    (one,) = checked(flown("ardupilot"), followed(raised)).items()
+    (one,) = checked(flown("ardupilot"), followed(advised)).items()
     assert one[0] == "roll"
     assert one[1].held is Held.INSIDE
 
 
-def test_a_comparison_tells_that_the_promise_was_not_kept(raised: Tuning) -> None:
+def test_a_comparison_tells_that_the_promise_was_not_kept(advised: Tuning) -> None:
     """The payload was left at home: the vehicle is five times as effective, and near to oscillating."""
-    one = checked(flown("ardupilot"), followed(raised, 5.0))["roll"]
+    one = checked(flown("ardupilot"), followed(advised, 5.0))["roll"]
     assert one.held is Held.WORSE
     assert one.decision is Decision.BACK
 
 
-def test_a_broken_promise_sends_back_from_no_gains_that_keep_the_limits(raised: Tuning) -> None:
+def test_a_broken_promise_sends_back_from_no_gains_that_keep_the_limits(advised: Tuning) -> None:
     """Twice as effective: less margin than promised, and still enough of it."""
-    one = checked(flown("ardupilot"), followed(raised, 2.0))["roll"]
+    one = checked(flown("ardupilot"), followed(advised, 2.0))["roll"]
     assert one.held is Held.WORSE
     assert one.decision is Decision.KEEP
 
 
-def test_a_promise_of_lowered_gains_that_was_not_kept_does_not_send_back(lowered: Tuning) -> None:
+def test_a_promise_of_lowered_gains_that_was_not_kept_does_not_send_back() -> None:
     """More effective than it was, and still further from oscillating than before."""
     before = detuned(5.0)
-    changed = lowered.axes["roll"].changes[ROLL[0]]
-    after = detuned(5.0 * changed.next / changed.now * 1.6)
+    lowered = tuning_of(before)
+    following = {name: one.next for name, one in lowered.axes["roll"].changes.items()}
+    assert following[ROLL[0]] < before.log.parameters[ROLL[0]]
+    after = detuned(1.6, **following)
     parameters = {**after.log.parameters, **{name: one.next for name, one in lowered.changes.items()}}
     one = checked(before, replace(after, log=replace(after.log, parameters=parameters)))["roll"]
     assert one.held is Held.WORSE
@@ -360,7 +446,7 @@ def test_the_page_escapes_what_a_log_says(raised: Tuning) -> None:
 def test_the_page_says_what_changes_and_by_which_sign_to_land(raised: Tuning) -> None:
     """What a pilot looks for first."""
     page = tune_page(flown("ardupilot"), raised, NOWHERE)
-    assert "Roll: raise the gains to 130 %" in page
+    assert "Roll: raise the gains to 200 %" in page
     assert "Land if roll shakes or the motors buzz (near " in page
     assert "Then load back.param." in page
 
@@ -445,8 +531,8 @@ def test_lowered_gains_are_not_sent_back_into_the_loop_that_was_close_to_oscilla
 
 def test_a_step_that_does_not_reach_the_limits_says_so_and_how_many_flights_are_missing() -> None:
     """It promises less than is to be kept, and keeps no margins yet."""
-    result = detuned(0.4)
-    tuning = recommend(result, GOOD, ["roll"])
+    result = detuned(0.2)
+    tuning = together(result)
     (axis,) = tune_view(result, tuning).axes
     n_flights = tuning.axes["roll"].flights_to_limits
     assert n_flights > 1
@@ -461,17 +547,17 @@ def test_a_step_that_does_not_reach_the_limits_says_so_and_how_many_flights_are_
 def test_gains_that_come_nearer_to_the_limits_and_end_below_them_promise_no_arrival() -> None:
     """No number of flights leads where one factor does not."""
     result = detuned(0.4)
-    found = recommend(result, GOOD, ["roll"]).axes["roll"]
+    found = together(result).axes["roll"]
     short = replace(found, reasons=(*found.reasons, finding("QL638", "info", {}, axes=("roll",))))
     (axis,) = tune_view(result, Tuning(axes={"roll": short}, limits=GOOD)).axes
     assert "do not reach it" in axis.sentence
     assert "Not there yet" not in axis.sentence
 
 
-@pytest.mark.parametrize("factor", thorough_but([3.0, 3.6], [3.0, 3.2, 3.4, 3.6, 3.8, 4.0]))
+@pytest.mark.parametrize("factor", thorough_but([3.6, 4.0], [3.6, 3.8, 4.0, 4.2]))
 def test_a_last_step_down_keeps_the_limits_in_all_vehicles_that_the_flight_allows(factor: float) -> None:
     """The search looks at some of them; what it promises holds for all."""
-    found = recommend(detuned(factor), GOOD, ["roll"]).axes["roll"]
+    found = together(detuned(factor)).axes["roll"]
     assert found.direction == "lower"
     assert found.more_flights == 0
     assert found.next is not None

@@ -109,9 +109,9 @@ def found_mode(result: Result, axes: tuple[str, ...] = ()) -> Result:
     return replace(result, diagnosis=diagnosis)
 
 
-def judged(verdict: Any) -> Callable[[Result], Result]:
+def judged(verdict: Any, code: str = "QL503") -> Callable[[Result], Result]:
     def change(result: Result) -> Result:
-        one = AxisVerdict(verdict=verdict, reasons=("QL503",), sentence="")
+        one = AxisVerdict(verdict=verdict, reasons=(code,), sentence="")
         axes = dict.fromkeys(result.diagnosis.axes, one)
         return replace(result, diagnosis=replace(result.diagnosis, axes=axes))
 
@@ -189,12 +189,12 @@ SABOTAGES: dict[str, tuple[str, Callable[[Result], Result]]] = {
     "a log too slow to replay": ("QL613", slow),
     "a clock that was reset": ("QL613", clock_reset),
     "a contradicted response": ("QL614", on_loop(contradicted=True)),
-    "a model to be used with caution": ("QL615", judged("caution")),
+    "a model that something contradicts": ("QL615", judged("caution", "QL602")),
     "a refused model": ("QL615", judged("refused")),
     "a slew limiter that nobody logged": ("QL616", unlogged_limiter),
     "a slew limiter that acted": ("QL616", limiting),
     "motors at their limits": ("QL617", saturated),
-    "a posterior too wide in effectiveness": ("QL618", on_posterior(0, 40.0)),
+    "a posterior too wide in effectiveness": ("QL618", on_posterior(0, 400.0)),
     "a lag that is hardly known": ("QL618", on_posterior(2, 0.02)),
     "a payload that swings": ("QL619", found_mode),
     "a payload that swings about another axis": ("QL619", partial(found_mode, axes=("pitch",))),
@@ -233,6 +233,18 @@ def test_a_refused_model_is_named_with_its_reason() -> None:
     found = recommend(judged("refused")(flown("ardupilot")), GOOD, ["roll"]).axes["roll"]
     title = next(one.title for one in found.reasons if one.code == "QL615")
     assert title.startswith("The model of this axis is refused: ")
+
+
+def test_a_caution_that_only_widens_intervals_is_no_refusal() -> None:
+    """The response around the crossover decides about gains, and it is measured."""
+    cautious = judged("caution", "QL503")(flown("ardupilot"))
+    assert recommend(cautious, GOOD, ["roll"]).axes["roll"].verdict == "change"
+
+
+def test_a_caution_above_whose_band_nothing_was_measured_is_refused() -> None:
+    """Then nothing but the model in question tells of the crossover."""
+    cautious = judged("caution", "QL503")(on_loop(known_hz=0.5)(flown("ardupilot")))
+    assert "QL615" in [one.code for one in recommend(cautious, GOOD, ["roll"]).axes["roll"].reasons]
 
 
 def test_the_flight_itself_is_not_refused() -> None:

@@ -25,7 +25,7 @@ def tune(
     log: LogLike | Result,
     limits: Limits = GOOD,
     *,
-    apart: bool = False,
+    apart: bool = True,
     settings: Settings | None = None,
     vehicle: Vehicle | None = None,
     progress: Progress | None = None,
@@ -39,7 +39,8 @@ def tune(
     limits : Limits
         Every promised margin keeps these with 97.5 % confidence.
     apart : bool
-        P, I, D and the angle gain each by itself, not by one factor on P, I and D.
+        P, I, D and the angle gain each by itself where that rejects gusts better, not by one factor on P, I
+        and D alone.
     settings : Settings, optional
     vehicle : Vehicle, optional
     progress : callable, optional
@@ -63,12 +64,12 @@ def tune(
     <Tuning: gain margin 6 dB, phase margin 45 deg
       roll   refused  QL615 QL613
       pitch  refused  QL615 QL613
-      yaw    refused  QL615 QL613>
+      yaw    refused  QL613>
     """
     result = analyze(log, settings, vehicle=vehicle, progress=progress)
     if progress is not None:
         progress("tune")
-    if limits == GOOD and not apart:
+    if limits == GOOD and apart:
         return tuning.tuning_of(result)
     return tuning.recommend(result, limits, apart=apart)
 

@@ -67,8 +67,9 @@ def tune(
         float, typer.Option("--phase-margin-deg", metavar="X", help="Phase margin to be kept [deg].")
     ] = 45.0,
     apart: Annotated[
-        bool, typer.Option("--apart", help="P, I, D and angle gain each by itself, not by one factor.")
-    ] = False,
+        bool,
+        typer.Option("--apart/--together", help="P, I, D and angle gain each by itself, or by one factor."),
+    ] = True,
     system: System = 0,
     log_number: LogNumber = 0,
     open_report: OpenPage = False,

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.control.loop import rate_loop
+from quadid_logs.data.catalogue import CAVEATS
 from quadid_logs.data.closed_loop import AxisLoop, Plant
 from quadid_logs.data.controller import AxisController, FlownControllers, RemarkKind, ReplayReason
 from quadid_logs.data.diagnosis import Diagnosis, Finding, Verdict
@@ -18,17 +18,11 @@ from quadid_logs.data.log import FlightLog
 from quadid_logs.data.tuning import GainNames
 from quadid_logs.diagnose.advice import advice_for, next_steps, to_a_usable_axis
 from quadid_logs.diagnose.findings import finding, rounded
-from quadid_logs.maths.normal import NORMAL_95
 
 #: With P and D scaled down in more of the rows, the gains of the parameters are not those that flew.
 _RARELY: Final = 0.05
 #: A vehicle that is at its limits in more of the samples needs less from its pilot, not other gains.
 MOST_SATURATED: Final = 0.10
-#: Of the effectiveness: as much as the gains may be raised by in a flight would be lost in it.
-_LOOSE_EFFECTIVENESS: Final = 0.20
-#: Of the phase at the crossover, half of the 95 % interval [deg]: a third of the phase margin that is to be
-#: kept would be unknown.
-_LOOSE_PHASE_DEG: Final = 15.0
 _VERDICTS: Final[Mapping[Verdict, str]] = MappingProxyType(
     {
         "refused": "The model of this axis is refused",
@@ -90,7 +84,7 @@ def obstacles(case: Case) -> Iterator[Finding]:
     """
     if case.n_pooled:
         yield _refusal("QL623", case, {"logs": case.n_pooled})
-    for check in (_verdict, _controller, _version, _changed, _replay, _limits, _mode, _loop, _loose):
+    for check in (_verdict, _controller, _version, _changed, _replay, _limits, _mode, _loop):
         yield from check(case)
 
 
@@ -101,9 +95,9 @@ def _refusal(
 
 
 def _verdict(case: Case) -> Iterator[Finding]:
-    """Yield that the analysis does not call the axis usable."""
+    """Yield that the analysis does not call the axis usable, and why its loop is not known all the same."""
     verdict = case.diagnosis.axes.get(case.axis)
-    if verdict is None or verdict.verdict != "usable":
+    if verdict is None or not (verdict.verdict == "usable" or has_only_caveats(case)):
         told: dict[str, object] = {}
         title = ""
         if verdict is not None:
@@ -112,6 +106,27 @@ def _verdict(case: Case) -> Iterator[Finding]:
             title = f"{_VERDICTS[verdict.verdict]}: {verdict.sentence.rstrip('.')} [{codes}]"
         steps = next_steps((case.log, one) for one in to_a_usable_axis(case.diagnosis, case.axis))
         yield _refusal("QL615", case, told, title, advice=" ".join(steps))
+
+
+def has_only_caveats(case: Case) -> bool:
+    """Tell whether an axis is to be used with caution for caveats alone that its loop's intervals hold.
+
+    Parameters
+    ----------
+    case : Case
+
+    Returns
+    -------
+    bool
+        What decides about gains is the response around the crossover: that is known there, and nothing
+        contradicts it.
+    """
+    verdict, found = case.diagnosis.axes.get(case.axis), case.found
+    if verdict is None or found is None or found.margins is None or found.contradicted:
+        return False
+    crossover_hz = found.margins.rate.crossover_hz
+    known = crossover_hz is not None and crossover_hz.value <= found.known_hz
+    return verdict.verdict == "caution" and known and set(verdict.reasons) <= CAVEATS
 
 
 def _controller(case: Case) -> Iterator[Finding]:
@@ -207,19 +222,3 @@ def _loop(case: Case) -> Iterator[Finding]:
 def _is_refused(case: Case) -> bool:
     verdict = case.diagnosis.axes.get(case.axis)
     return verdict is not None and verdict.verdict == "refused"
-
-
-def _loose(case: Case) -> Iterator[Finding]:
-    """Yield that effectiveness or phase of the vehicle are known too loosely."""
-    margins = None if case.found is None else case.found.margins
-    if margins is None or case.plants is None or margins.rate.crossover_hz is None:
-        return
-    relative = NORMAL_95 * float(np.std(case.plants.effectiveness[1:])) / case.plants.effectiveness[0]
-    controller, crossover_hz = case.controller, margins.rate.crossover_hz.value
-    if controller is None:
-        return
-    loop = rate_loop(controller, case.plants, np.array([crossover_hz]))[:, 0]
-    half_deg = NORMAL_95 * float(np.degrees(np.std(np.angle(loop[1:] / loop[0]))))
-    if relative > _LOOSE_EFFECTIVENESS or half_deg > _LOOSE_PHASE_DEG:
-        told = {"effectiveness_percent": rounded(100.0 * relative, 3), "phase_deg": rounded(half_deg, 3)}
-        yield _refusal("QL618", case, told)

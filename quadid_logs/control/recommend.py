@@ -1,7 +1,8 @@
-"""The next gains of one axis: the largest common factor of P, I and D that keeps the margins.
+"""The next gains of one axis: those that reject gusts best and keep the margins, each gain by itself.
 
-The worst of the vehicles that the flight allows decides, not the estimate. A flight changes gains by one
-step, and what is promised of it is computed from the values that stand in the file.
+The worst of the vehicles that the flight allows decides what is changed, not the estimate; uncertainty alone
+lowers nothing. One common factor of P, I and D stands where the gains one by one are not clearly better. A
+flight changes gains by one step; what is promised of it is computed from the values that stand in the file.
 """
 
 from __future__ import annotations
@@ -13,9 +14,10 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.control.guard import Case, obstacles
+from quadid_logs.control.loop import rate_loop
 from quadid_logs.control.next_flight import of_next_flight
 from quadid_logs.control.scaled_loop import ScaledLoops, scaled_loops, spare
-from quadid_logs.control.separate_gains import Rebuild, SeparateGains, Step
+from quadid_logs.control.separate_gains import Disturbed, Rebuild, Step, separate_gains
 from quadid_logs.control.step import step_of
 from quadid_logs.control.torque_noise import (
     Noise,
@@ -29,17 +31,23 @@ from quadid_logs.data.closed_loop import AxisLoop, LoopMargins, Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.model import Model
-from quadid_logs.data.tuning import AxisTuning, GainChange, Limits
+from quadid_logs.data.tuning import GOOD, POOR, AxisTuning, GainChange, Limits
 from quadid_logs.diagnose import remedied
 from quadid_logs.diagnose.findings import finding, rounded
+from quadid_logs.maths.normal import NORMAL_95
 
-#: In one flight gains rise by no more than this (2.3 dB: less than half of the gain margin to be kept), and
-#: fall by no more than this.
-MOST_UP: Final = 1.3
+#: In one flight gains rise by no more than the gain margin that is to be kept: 6 dB. Were the vehicle's own
+#: gain so much higher than is told, the next flight would just be stable. They fall by no more than half.
+MOST_UP: Final = 2.0
 MOST_DOWN: Final = 0.5
 #: Within these nothing is gained: effectiveness is not the same within some per cent from flight to flight,
 #: and less than a decibel of rejection is no reason to change what flies.
 _SAME: Final = (0.95, 1.10)
+#: Of the limits, what a loop that is close to instability does not keep any more.
+_POOR: Final = min(POOR.gain_db / GOOD.gain_db, POOR.phase_deg / GOOD.phase_deg)
+#: What margins may cost where no common factor reaches them: so many times the attitude error of gusts, or as
+#: slow an attitude, or as little left of the integral.
+_MOST_COST: Final = 4.0
 #: Factors that are searched, and how far apart the first look at them is.
 _SEARCHED: Final = (0.1, 10.0)
 _COARSE: Final = 1.25
@@ -88,8 +96,8 @@ def tune_axis(
         The axis' controller with some parameters changed.
     limits : Limits
     apart : bool
-        P, I, D and the angle gain each by itself, not by one factor on P, I and D. Where no common factor
-        keeps the limits, this is tried, too.
+        P, I, D and the angle gain each by itself where that rejects gusts better, not by one factor on P, I
+        and D alone. Where no common factor keeps the limits, this is tried in any case.
 
     Returns
     -------
@@ -108,16 +116,33 @@ def _tuned(case: Case, model: Model | None, rebuild: Rebuild, limits: Limits, *,
         return AxisTuning(verdict="refused", reasons=refused, now=margins)
     following = of_next_flight(plants)
     search = _Search(case, scaled_loops(controller, following, found.known_hz), model, rebuild, limits)
-    target = search.target()
     possible = following.modes is not None and (found.frame is None or not found.frame.seen)
-    if possible and (target.factor < _SAME[0] or not target.reached):
+    plain = search
+    if possible:
         # What the flight only leaves possible holds gains, as noise does, and is no reason to lower them.
         without = scaled_loops(controller, following._replace(modes=None), found.known_hz)
-        held = _Search(case, without, model, rebuild, limits).held()
-        if held is not None:
-            return replace(held, reasons=(_found("QL645", case, {}), *held.reasons))
-    separate = search.apart() if apart or not target.reached else None
-    return search.tuning(target) if separate is None else separate
+        plain = _Search(case, without, model, rebuild, limits)
+    return _decided(search, plain, apart=apart)
+
+
+def _decided(search: _Search, plain: _Search, *, apart: bool) -> AxisTuning:
+    """Change what the flight supports, and keep what it does not contradict.
+
+    ``plain`` searches without the modes of the frame that the log merely cannot rule out.
+    """
+    target = search.target()
+    separate = search.apart(target) if apart or not target.reached else None
+    if separate is not None:
+        return separate
+    if target.reached and target.factor > _SAME[1]:
+        return search.tuning(target)
+    if plain.is_kept_as_told():
+        return plain.stay(target, held=plain is not search and not search.is_kept())
+    if plain is search:
+        return search.tuning(target)
+    target = plain.target()
+    separate = plain.apart(target) if apart or not target.reached else None
+    return plain.tuning(target) if separate is None else separate
 
 
 class _Search:
@@ -130,18 +155,45 @@ class _Search:
         self._case, self._loops, self._rebuild, self._limits = case, loops, rebuild, limits
         self._few = loops.first(_FEW_DRAWS)
         self._flown_spare = spare(loops.margins(), limits)
+        self._told_spare = spare(loops.first(1)._replace(known_hz=np.inf).margins(), limits)
         self._now = {name: case.parameters[name] for name in case.names.scaled}
         self._torque = torque_spectrum(case.data, number)
         self._gusts = residual_spectrum(model.fit, number)
         low_hz = 0.3 if model.band is None else float(model.band.low_hz[0])
         self._gust_band_hz = (low_hz, model.smoothing_hz)
 
-    def held(self) -> AxisTuning | None:
-        """Return that the flown gains stay, None where they have to go down or reach no limits."""
-        target = self.target()
-        if not target.reached or target.factor < _SAME[0] or self._flown_spare < _SAME[0]:
-            return None
-        return self._keep(Found(1.0, reached=True))
+    def is_kept(self) -> bool:
+        """Tell whether the worst of the vehicles that the next flight allows keeps the limits as flown."""
+        return self._flown_spare >= _SAME[0]
+
+    def is_kept_as_told(self) -> bool:
+        """Tell whether the flown gains keep the limits, uncertainty aside."""
+        return self._told_spare >= _SAME[0]
+
+    def stay(self, target: Found, *, held: bool) -> AxisTuning:
+        """Return that the flown gains stay; a change takes evidence, and uncertainty lowers nothing.
+
+        ``held`` tells that a frame that may bend is what holds them.
+        """
+        kept = self._keep(Found(1.0, reached=True, held_by=target.held_by))
+        if self.is_kept():
+            return replace(kept, reasons=(_found("QL645", self._case, {}), *kept.reasons)) if held else kept
+        if self._flown_spare >= _POOR:
+            return replace(kept, reasons=(_found("QL646", self._case, self._spread()), *kept.reasons[1:]))
+        loose = _found("QL618", self._case, self._spread(), "warning")
+        return AxisTuning(verdict="refused", reasons=(loose,), now=self._margins_now())
+
+    def _spread(self) -> dict[str, object]:
+        """Return half of the 95 % intervals of effectiveness and of the phase at the crossover."""
+        plants = self._loops.plants
+        relative = NORMAL_95 * float(np.std(plants.effectiveness[1:]) / plants.effectiveness[0])
+        told: dict[str, object] = {"effectiveness_percent": rounded(100.0 * relative, 3)}
+        crossover_hz = self._crossover_hz()
+        if np.isfinite(crossover_hz):
+            loop = rate_loop(self._loops.controller, plants, np.array([crossover_hz]))[:, 0]
+            half_deg = NORMAL_95 * float(np.degrees(np.std(np.angle(loop[1:] / loop[0]))))
+            told["phase_deg"] = rounded(half_deg, 3)
+        return told
 
     def target(self) -> Found:
         """Return the factor that the vehicle bears, whatever it flies with now."""
@@ -197,11 +249,16 @@ class _Search:
         return None if controller is None else self._noise_of(controller)
 
     def _noise_of(self, controller: AxisController) -> Noise | None:
-        crossover = self._margins_now().rate.crossover_hz
-        if self._torque is None or crossover is None:
+        crossover_hz = self._crossover_hz()
+        if self._torque is None or not np.isfinite(crossover_hz):
             return None
         both = (self._loops.controller, controller)
-        return torque_noise(self._torque, both, self._estimate(), crossover.value)
+        return torque_noise(self._torque, both, self._estimate(), crossover_hz)
+
+    def _crossover_hz(self) -> float:
+        """Return where the flown rate loop crosses over, NaN for nowhere."""
+        crossover = self._margins_now().rate.crossover_hz
+        return float("nan") if crossover is None else crossover.value
 
     def _margins_now(self) -> LoopMargins:
         margins = (self._case.found or AxisLoop()).margins
@@ -249,7 +306,7 @@ class _Search:
             for name, now in self._now.items()
         }
         reasons = tuple(self._reasons("change", target, step))
-        further = Step(gains, step.controller, step.promised)
+        further = Step(gains, step.controller, step.promised, _flights_after(gains))
         return self._described("change", reasons, further, self._flights_to_limits(step, target))
 
     def _flights_to_limits(self, step: _Step, target: Found) -> int:
@@ -262,14 +319,28 @@ class _Search:
             missing = self._score(factor) < 1.0
         return n_flights
 
-    def apart(self) -> AxisTuning | None:
-        """Return the step towards the best gains, each by itself; None where that is none."""
-        search = SeparateGains(self._case, self._loops, self._rebuild, self._limits, self._cost)
-        target = search.target()
+    def apart(self, common: Found) -> AxisTuning | None:
+        """Return the step towards the best gains, each by itself; None where one factor does as well."""
+        if self._saturated() > _NEAR_LIMITS:
+            return None
+        disturbed = Disturbed(self._gusts, self._gust_band_hz, self._torque, self._crossover_hz(), MOST_NOISE)
+        search = separate_gains(self._case, self._loops, self._rebuild, self._limits, disturbed)
+        if search is None:
+            return None
+        target = search.target(common.factor)
         low, high = _SAME
         if all(low <= factor <= high for factor in target.values()) or not search.keeps(target):
             return None
-        step = search.step(target, (MOST_DOWN, MOST_UP))
+        # Margins are worth much, and not everything: beyond, one factor comes as near to them as it can.
+        others = search.common(common.factor) if common.reached else _MOST_COST * _SAME[1]
+        if self.is_kept_as_told():
+            # No gain is changed for less, nor for what is not seen in the worst of the vehicles.
+            others = min(others, 1.0)
+            if search.worst_error(target) >= 1.0:
+                return None
+        if others < _SAME[1] * search.cost(target):
+            return None
+        step = search.step(target, MOST_UP)
         if step is None:
             return None
         factors = {name: rounded(factor, 3) for name, factor in target.items()}
@@ -283,16 +354,6 @@ class _Search:
             reasons.extend(filter_note(self._case, self._rebuild, self._loops))
         return self._described("change", tuple(reasons), step)
 
-    def _cost(self, controller: AxisController) -> tuple[float, float]:
-        """Return the attitude error of gusts, relative, and the command's noise beyond what is bearable."""
-        error = self._error(self._gusts, controller)
-        noise = self._noise_of(controller)
-        if noise is None:
-            # Unknown: nothing may be louder than it was.
-            return (error if np.isfinite(error) else 1.0), 0.0
-        allowed = max(MOST_NOISE, noise.now)
-        return (error if np.isfinite(error) else 1.0), max(noise.next / allowed - 1.0, 0.0)
-
     def _keep(self, target: Found) -> AxisTuning:
         """Return that the flown gains are right, or that no others keep the limits either."""
         low, high = _SAME
@@ -303,7 +364,7 @@ class _Search:
         # What the next flight may differ in widens what is promised of it, with kept gains too.
         step = _Step(1.0, self._loops.controller, self._loops.margins())
         reasons = tuple(self._reasons("keep", target, step))
-        return self._described("keep", reasons, Step(gains, step.controller, step.promised))
+        return self._described("keep", reasons, Step(gains, step.controller, step.promised, 0))
 
     def _step(self, target: Found) -> _Step | None:
         """Return the change for the next flight; what reaches the limits keeps them in all drawn vehicles."""
@@ -345,8 +406,8 @@ class _Search:
             attitude_error=self._error(self._gusts, controller),
             torque_noise=nothing if noise is None else noise.now,
             torque_noise_next=nothing if noise is None else noise.next,
-            more_flights=_flights_after(step.gains),
-            flights_to_limits=_flights_after(step.gains) if to_limits is None else to_limits,
+            more_flights=step.more_flights,
+            flights_to_limits=step.more_flights if to_limits is None else to_limits,
         )
 
     def _error(self, gusts: Spectrum | None, controller: AxisController) -> float:

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.control.loop import integrators, on_angle, on_rate
-from quadid_logs.control.margins import fine_grid_hz, grid_hz, margins_of
+from quadid_logs.control.margins import LoopFigures, fine_grid_hz, grid_hz, margins_of
 from quadid_logs.data.closed_loop import Estimated, LoopMargins, Margins, Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.tuning import Limits
 from quadid_logs.maths.band import ComplexArray
+
+#: A limit of nothing is always kept.
+_NOTHING: Final = 1e-9
 
 
 class ScaledLoops(NamedTuple):
@@ -107,17 +110,37 @@ def spare(margins: LoopMargins, limits: Limits) -> float:
     float
         1 where the lower end of an interval is just at its limit, 0 where a loop may be unstable.
     """
-    return min(_spare(one, limits) for one in (margins.rate, margins.full) if one is not None)
+    return float(np.min(each_spare(margins, limits)))
 
 
-def _spare(margins: Margins, limits: Limits) -> float:
+def each_spare(margins: LoopMargins, limits: Limits) -> FloatArray:
+    """Return how much of each limit the worst vehicles keep.
+
+    Parameters
+    ----------
+    margins : LoopMargins
+    limits : Limits
+
+    Returns
+    -------
+    ndarray, shape (4,) or (8,)
+        Gain up, gain down, phase, disk of the rate loop and, where it is known, of the whole one; zero where
+        a loop is unstable, infinite where it does not have the figure.
+    """
+    loops = [one for one in (margins.rate, margins.full) if one is not None]
+    return np.concatenate([_spare(one, limits) for one in loops])
+
+
+def _spare(margins: Margins, limits: Limits) -> FloatArray:
     if not margins.stable:
-        return 0.0
-    return min(
-        _ratio(margins.gain_margin_db, limits.gain_db),
-        _ratio(margins.gain_margin_down_db, limits.gain_db),
-        _ratio(margins.phase_margin_deg, limits.phase_deg),
-        _ratio(margins.disk_margin, limits.disk),
+        return np.zeros(4)
+    return np.array(
+        [
+            _ratio(margins.gain_margin_db, limits.gain_db),
+            _ratio(margins.gain_margin_down_db, limits.gain_db),
+            _ratio(margins.phase_margin_deg, limits.phase_deg),
+            _ratio(margins.disk_margin, limits.disk),
+        ]
     )
 
 
@@ -126,3 +149,30 @@ def _ratio(figure: Estimated | None, limit: float) -> float:
     if figure is None or limit <= 0.0:
         return np.inf
     return max(figure.ci95[0], 0.0) / limit
+
+
+def spare_of(figures: LoopFigures, limits: Limits) -> FloatArray:
+    """Return how much of each limit a single loop keeps: `spare` without an interval.
+
+    Parameters
+    ----------
+    figures : LoopFigures
+        Of one loop.
+    limits : Limits
+
+    Returns
+    -------
+    ndarray, shape (4,)
+        Gain up, gain down, phase, disk; infinite where the loop does not have the figure, below zero by how
+        much an unstable one is beyond minus one.
+    """
+    told = np.array(
+        [
+            20.0 * np.log10(figures.gain_margin[0]) / max(limits.gain_db, _NOTHING),
+            20.0 * np.log10(figures.gain_margin_down[0]) / max(limits.gain_db, _NOTHING),
+            np.degrees(figures.phase_margin_rad[0]) / max(limits.phase_deg, _NOTHING),
+            figures.disk_margin[0] / max(limits.disk, _NOTHING),
+        ]
+    )
+    told = np.where(np.isnan(told), np.inf, told)
+    return told if figures.stable[0] else np.minimum(told, 0.0)

@@ -2,49 +2,116 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Final, NamedTuple
 
 import numpy as np
 
+from quadid_logs.arrays import FloatArray
+from quadid_logs.control.attitude import Attitude, attitude_of
+from quadid_logs.control.gain_paths import GainPaths, gain_paths
 from quadid_logs.control.guard import Case
-from quadid_logs.control.scaled_loop import ScaledLoops, scaled_loops, spare
-from quadid_logs.data.closed_loop import LoopMargins
+from quadid_logs.control.loop import integrators, on_angle, on_rate
+from quadid_logs.control.margins import figures_of, unmodelled
+from quadid_logs.control.scaled_loop import ScaledLoops, each_spare, scaled_loops, spare, spare_of
+from quadid_logs.control.torque_noise import Gusts, Spectrum, gusts_of, lowest_noise_hz, noise_band
+from quadid_logs.data.closed_loop import LoopMargins, Plant
 from quadid_logs.data.controller import AxisController
-from quadid_logs.data.tuning import GainChange, Limits
+from quadid_logs.data.tuning import GainChange, GainNames, Limits
+from quadid_logs.maths.band import ComplexArray
 
 #: The controller of one axis with some parameters changed, None where they make none.
 Rebuild = Callable[[Mapping[str, float]], AxisController | None]
-#: What a controller costs where it keeps the limits: the attitude error of gusts over that of the flown one,
-#: and by how much the command's noise is beyond what is bearable.
-Cost = Callable[[AxisController], tuple[float, float]]
 
-#: Steps of the search, one gain at a time, each until none helps.
-_STEPS: Final = (1.5, 1.2, 1.07)
-_MOST_SWEEPS: Final = 8
-#: Less is no improvement.
-_IMPROVEMENT: Final = 1e-3
 #: Gains are searched within these factors of the flown ones.
 _BOUNDS: Final = (0.25, 4.0)
-#: Of the flown I over P at least this is left: a load off centre and a bent arm are in no spectrum of gusts.
-_LEAST_INTEGRAL: Final = 0.5
-#: A missing tenth of a margin weighs more than any rejection of gusts.
-_PENALTY: Final = 100.0
-_HALVINGS: Final = 5
+#: What a disturbance of the attitude may be raised by at most [dB] (ADS-33E practice, `attitude_of`).
+_MOST_PEAK_DB: Final = 5.0
+#: A missing hundredth of a limit weighs more than any rejection of gusts that it could be paid with.
+_PENALTY: Final = 30.0
+#: The search ends where the error changes by less than this part, or after so many steps; it changes gains by
+#: so much to see what that does, as logarithms.
+_TOLERANCE: Final = 1e-3
+_MOST_STEPS: Final = 40
+_DIFFERENCE: Final = 1e-3
+#: What the worst vehicle keeps of the estimate's margins is told again with the gains that were found.
+_ROUNDS: Final = 4
+_HALVINGS: Final = 6
+#: Vehicles that a change of gains is to be better for, and how many of them.
+_FEW_DRAWS: Final = 81
+_WORST: Final = 0.975
+#: Factors on P, I and D that a search from gains that lack margin begins at, too.
+_OTHER_STARTS: Final = (0.5, 2.0, 4.0)
+#: Of the way to gains that some vehicles do not bear, what is tried.
+_PARTS: Final = (1.0, 0.85, 0.7, 0.5, 0.35)
+#: Less than a hundredth of a gain is no change that a flight would show.
+_UNCHANGED: Final = 0.01
 #: The search ends this near to the limits.
 _ROUNDING: Final = 0.005
 
 
 class Step(NamedTuple):
-    """Gains for the next flight, the controller that they make, and the margins that it promises."""
+    """Gains for the next flight, the controller that they make, the margins that it promises.
+
+    ``more_flights`` lie between it and the gains that would be kept.
+    """
 
     gains: Mapping[str, GainChange]
     controller: AxisController
     promised: LoopMargins
+    more_flights: int
 
 
-class SeparateGains:
-    """The search for the gains of one axis.
+class _Loop(NamedTuple):
+    """Loops of the estimate over frequency: see `quadid_logs.control.attitude.attitude_of`."""
+
+    rate: ComplexArray
+    full: ComplexArray | None
+    to_rate: ComplexArray
+
+    @property
+    def whole(self) -> ComplexArray:
+        """With all that closes it."""
+        return self.rate if self.full is None else self.full
+
+
+class Disturbed(NamedTuple):
+    """What disturbs an axis as it flew: the acceleration of gusts and where it is known, and the command.
+
+    ``most_noise`` is the standard deviation of the command that noise may make.
+    """
+
+    gusts: Spectrum | None
+    gust_band_hz: tuple[float, float]
+    command: Spectrum | None
+    crossover_hz: float
+    most_noise: float
+
+
+class _Varied(NamedTuple):
+    """The gains of an axis as they flew: those that are varied, and the other end of a range of D with it."""
+
+    names: GainNames
+    now: Mapping[str, float]
+    with_d: Mapping[str, float]
+
+    def values(self, factors: Mapping[str, float], *, exact: bool = False) -> dict[str, float]:
+        """Return gains by parameter, as they stand in a file or not rounded to that."""
+        written = float if exact else self.names.written
+        of_d = factors.get(self.names.derivative, 1.0)
+        pairs = {name: (factor, self.now[name]) for name, factor in factors.items()}
+        pairs |= {name: (of_d, value) for name, value in self.with_d.items()}
+        # What stays is not rounded, either.
+        return {
+            name: now if factor == 1.0 else written(factor * now) for name, (factor, now) in pairs.items()
+        }
+
+
+def separate_gains(
+    case: Case, loops: ScaledLoops, rebuild: Rebuild, limits: Limits, disturbed: Disturbed
+) -> SeparateGains | None:
+    """Return the search for the gains of one axis, each by itself.
 
     Parameters
     ----------
@@ -53,57 +120,205 @@ class SeparateGains:
         With the gains that flew, around the vehicles that the next flight allows.
     rebuild : callable
     limits : Limits
-    cost : callable
-    """
+    disturbed : Disturbed
 
-    def __init__(self, case: Case, loops: ScaledLoops, rebuild: Rebuild, limits: Limits, cost: Cost) -> None:
-        names = case.names
-        varied = (names.proportional, names.integral, names.derivative, names.angle)
-        flown = {name: case.parameters.get(name, 0.0) for name in varied}
-        self._now = {name: value for name, value in flown.items() if np.isfinite(value) and value > 0.0}
-        self._names, self._loops, self._rebuild, self._limits = names, loops, rebuild, limits
-        self._cost = cost
-        self._estimate = loops.plants.at(slice(0, 1))
-        alone = spare(loops.first(1).margins(), limits)
+    Returns
+    -------
+    SeparateGains or None
+        None where there is no gain to vary, or the controller is no sum over its gains.
+    """
+    varied = _varied(case)
+    paths = _taken_apart(varied, loops, rebuild)
+    return None if paths is None else SeparateGains(varied, paths, loops, rebuild, limits, disturbed)
+
+
+def _varied(case: Case) -> _Varied:
+    names = case.names
+    own = (names.proportional, names.integral, names.derivative)
+    flown = {name: case.parameters.get(name, 0.0) for name in (*own, names.angle)}
+    now = {name: value for name, value in flown.items() if np.isfinite(value) and value > 0.0}
+    ends = names.scaled if names.derivative in names.scaled else ()
+    return _Varied(names, now, {name: case.parameters[name] for name in ends if name not in own})
+
+
+def _taken_apart(varied: _Varied, loops: ScaledLoops, rebuild: Rebuild) -> GainPaths | None:
+    """Return the controller's answers by gains, None where they are no sums over them."""
+    if not varied.now:
+        return None
+    own = [name for name in varied.now if name != varied.names.angle]
+    doubled = {name: rebuild(varied.values({name: 2.0}, exact=True)) for name in own}
+    all_of_them = dict.fromkeys(varied.now, 2.0)
+    both = (all_of_them, rebuild(varied.values(all_of_them, exact=True)))
+    angle = varied.names.angle if varied.names.angle in varied.now else ""
+    return gain_paths(doubled, loops.controller, both, angle, loops.frequency_hz)
+
+
+class SeparateGains:
+    """The search for the gains of one axis: see `separate_gains`."""
+
+    def __init__(
+        self,
+        varied: _Varied,
+        paths: GainPaths,
+        loops: ScaledLoops,
+        rebuild: Rebuild,
+        limits: Limits,
+        disturbed: Disturbed,
+    ) -> None:
+        self._varied, self._names, self._now = varied, varied.names, varied.now
+        self._paths, self._loops, self._rebuild, self._limits = paths, loops, rebuild, limits
+        self._few = loops.first(_FEW_DRAWS)
+        estimate = loops.plants.at(slice(0, 1))
+        self._body = estimate.response(loops.frequency_hz, loops.controller.period_s)[0]
+        self._runs_away = estimate.damping > 0.0
+        self._highest = _BOUNDS[1]
+        self._noise = _Noise(disturbed, loops)
+        self._gusts = _gusts(disturbed, estimate, loops.frequency_hz)
         self._flown_spare = spare(loops.margins(), limits)
         # The worst vehicle keeps this much of what the estimate does, with other gains about as much.
-        self._reserve = self._flown_spare / alone if alone > 0.0 else 1.0
+        self._reserve = _part(
+            each_spare(loops.margins(), limits), each_spare(loops.first(1).margins(), limits)
+        )
+        # No pilot wants a vehicle that follows more slowly, as gusts alone would have it.
+        self._flown_hz = self._attitude(self._at(dict.fromkeys(self._now, 1.0))).bandwidth_hz
 
-    def target(self) -> dict[str, float]:
-        """Return by parameter the factor at which gusts are rejected best, the limits being kept."""
-        factors = dict.fromkeys(self._now, 1.0)
-        best = self._value(factors)
-        for step in _STEPS:
-            for _ in range(_MOST_SWEEPS):
-                before = best
-                for name in factors:
-                    for change in (step, 1.0 / step):
-                        tried = {**factors, name: factors[name] * change}
-                        value = self._value(tried)
-                        if value < best * (1.0 - _IMPROVEMENT):
-                            factors, best = tried, value
-                if best >= before * (1.0 - _IMPROVEMENT):
-                    break
-        return factors
+    def target(self, common: float) -> dict[str, float]:
+        """Return by parameter the factor at which gusts are rejected best, the limits being kept.
+
+        Parameters
+        ----------
+        common : float
+            The best factor on P, I and D together.
+
+        Returns
+        -------
+        dict of str to float
+        """
+        self._highest = max(self._highest, common)
+        begin = [self._begin(factor) for factor in (1.0, common)]
+        if self._flown_spare < 1.0:
+            # Gains that lack margin may lie far from those that do not.
+            begin += [self._begin(factor) for factor in _OTHER_STARTS]
+        tried: list[dict[str, float]] = []
+        for _ in range(_ROUNDS):
+            found = self._search(begin)
+            tried.append(found)
+            worst = self._worst_spare(found)
+            if np.min(worst) >= 1.0 - _ROUNDING:
+                break
+            self._reserve = np.minimum(self._reserve, _part(worst, self._spare(self._at(found))))
+            begin = [begin[1], found]
+        kept = [one for found in tried if (one := self._up_to_the_limits(found)) is not None]
+        return min(kept, key=self.cost) if kept else tried[-1]
+
+    def _up_to_the_limits(self, target: Mapping[str, float]) -> dict[str, float] | None:
+        """Return how far some vehicles bear the way from the flown gains to a target, None for nowhere."""
+        for part in _PARTS:
+            factors = {name: float(factor**part) for name, factor in target.items()}
+            if self.keeps(factors):
+                return factors
+        return None
+
+    def _begin(self, factor: float) -> dict[str, float]:
+        """Return a factor on P, I and D as far as each may go."""
+        own = {name: 1.0 if name == self._names.angle else factor for name in self._now}
+        return {name: float(np.clip(one, _BOUNDS[0], self._most(name))) for name, one in own.items()}
+
+    def _most(self, name: str) -> float:
+        """Return the largest factor on a gain that is searched, or that the firmware documents."""
+        documented = self._names.highest.get(name, np.inf) / self._now[name]
+        return min(self._highest, max(documented, 1.0))
+
+    def _search(self, begins: list[dict[str, float]]) -> dict[str, float]:
+        """Search from some factors for the least attitude error; return the best of ends and beginnings."""
+        from scipy.optimize import NonlinearConstraint, minimize
+
+        names = list(begins[0])
+        bounds = [(math.log(_BOUNDS[0]), math.log(self._most(name))) for name in names]
+
+        def factors(logs: FloatArray) -> dict[str, float]:
+            return dict(zip(names, np.exp(logs).tolist(), strict=True))
+
+        known: dict[bytes, tuple[float, FloatArray]] = {}
+
+        def told(logs: FloatArray) -> tuple[float, FloatArray]:
+            key = logs.tobytes()
+            if key not in known:
+                known[key] = self._told(factors(logs))
+            return known[key]
+
+        def cost(logs: FloatArray) -> float:
+            return told(logs)[0]
+
+        def kept(logs: FloatArray) -> FloatArray:
+            return told(logs)[1]
+
+        found = list(begins)
+        for begin in begins:
+            end = minimize(
+                cost,
+                [math.log(begin[name]) for name in names],
+                method="SLSQP",
+                bounds=bounds,
+                constraints=NonlinearConstraint(kept, 0.0, np.inf),
+                options={"maxiter": _MOST_STEPS, "ftol": _TOLERANCE, "eps": _DIFFERENCE},
+            )
+            found.append(factors(end.x))
+        return min(found, key=self._value)
 
     def _value(self, factors: Mapping[str, float]) -> float:
-        if not all(self._allowed(name, factor) for name, factor in factors.items()):
-            return np.inf
+        """Return what is to be small, and what is missing of the limits."""
+        error, kept = self._told(factors)
+        return error + _PENALTY * float(np.sum(np.maximum(-kept, 0.0)))
+
+    def _told(self, factors: Mapping[str, float]) -> tuple[float, FloatArray]:
+        """Return what is to be small, a logarithm, and how much is kept of each limit beyond it.
+
+        That is the attitude error of gusts, times how much more slowly the attitude follows its set-point,
+        times how much less the integral holds.
+        """
+        loop = self._at(factors)
+        attitude = self._attitude(loop)
+        kept = [
+            *(self._reserve * self._spare(loop) - 1.0),
+            1.0 - max(attitude.peak_db, 0.0) / _MOST_PEAK_DB,
+            -self._noise.beyond(loop),
+        ]
+        slower = max(self._flown_hz / attitude.bandwidth_hz, 1.0)
+        # A load off centre and a bent arm are in no spectrum of gusts: the integral falls with P.
         integral, proportional = (
             factors.get(name, 1.0) for name in (self._names.integral, self._names.proportional)
         )
-        if integral < _LEAST_INTEGRAL * proportional:
-            return np.inf
-        controller = self._rebuild(self._values(factors))
-        if controller is None:
-            return np.inf
-        error, noise = self._cost(controller)
-        return error + _PENALTY * (self._missing(controller) + noise)
+        weaker = max(min(proportional, 1.0) / integral, 1.0)
+        error_rad = self._gusts.attitude_rad(loop.whole)
+        return float(np.log(slower * weaker * error_rad)), np.minimum(kept, 1.0)
 
-    def _missing(self, controller: AxisController) -> float:
-        """Return how much of the limits the worst vehicle is expected to miss."""
-        loops = scaled_loops(controller, self._estimate, self._loops.known_hz)
-        return max(1.0 - self._reserve * spare(loops.margins(), self._limits), 0.0)
+    def _at(self, factors: Mapping[str, float]) -> _Loop:
+        """Return the loops of the estimate with other gains."""
+        back, by_angle, forward = self._body * self._paths.at(factors)
+        return _Loop(back, back + by_angle if self._loops.angle is not None else None, forward)
+
+    def _attitude(self, loop: _Loop) -> Attitude:
+        return attitude_of(self._loops.frequency_hz, loop.rate, loop.full, loop.to_rate)
+
+    def _spare(self, loop: _Loop) -> FloatArray:
+        """Return how much of each limit the estimate keeps, with dynamics that nobody measured."""
+        loops = self._loops
+        later = unmodelled(loops.frequency_hz, loops.known_hz)
+        n = integrators(loops.controller)
+        both = [(loop.rate, n)] if loop.full is None else [(loop.rate, n), (loop.full, n + 1)]
+        figures = [
+            figures_of(loops.frequency_hz, (one * later)[np.newaxis], n, self._runs_away) for one, n in both
+        ]
+        return np.concatenate([spare_of(one, self._limits) for one in figures])
+
+    def _worst_spare(self, factors: Mapping[str, float]) -> FloatArray:
+        """Return how much of each limit the worst of some vehicles keeps, with the gains of a file."""
+        controller = self._rebuild(self._varied.values(factors))
+        if controller is None:
+            return np.zeros(1)
+        few = scaled_loops(controller, self._few.plants, self._few.known_hz)
+        return each_spare(few.margins(), self._limits)
 
     def keeps(self, target: Mapping[str, float]) -> bool:
         """Tell whether the limits are kept at a target: without that, no step towards it is worth a flight.
@@ -117,26 +332,66 @@ class SeparateGains:
         -------
         bool
         """
-        controller = self._rebuild(self._values(target))
-        return controller is not None and self._missing(controller) <= _ROUNDING
+        return bool(np.min(self._worst_spare(target)) >= 1.0 - 2.0 * _ROUNDING)
 
-    def _allowed(self, name: str, factor: float) -> bool:
-        low, high = _BOUNDS
-        highest = self._names.highest.get(name, np.inf)
-        return low <= factor <= high and (factor <= 1.0 or factor * self._now[name] <= highest)
+    def cost(self, factors: Mapping[str, float]) -> float:
+        """Return what is to be small with other gains, over that of the flown ones.
 
-    def _values(self, factors: Mapping[str, float]) -> dict[str, float]:
-        return {name: self._names.written(factor * self._now[name]) for name, factor in factors.items()}
+        Parameters
+        ----------
+        factors : mapping of str to float
 
-    def step(self, target: Mapping[str, float], bounds: tuple[float, float]) -> Step | None:
+        Returns
+        -------
+        float
+            The attitude error of gusts, times how much more slowly the attitude follows, times how much less
+            the integral holds.
+        """
+        flown = self._told(dict.fromkeys(self._now, 1.0))[0]
+        return float(np.exp(self._told(factors)[0] - flown))
+
+    def worst_error(self, factors: Mapping[str, float]) -> float:
+        """Return the attitude error of gusts over that of the flown gains, in 97.5 % of the vehicles.
+
+        Parameters
+        ----------
+        factors : mapping of str to float
+
+        Returns
+        -------
+        float
+        """
+        frequency_hz = self._loops.frequency_hz
+        bodies = self._few.plants.response(frequency_hz, self._loops.controller.period_s)
+        sizes = []
+        for each in (dict.fromkeys(self._now, 1.0), factors):
+            back, by_angle, _ = self._paths.at(each)
+            loop = bodies * (back + by_angle)
+            sizes.append(np.sum(self._gusts.power / np.abs(1.0 + loop) ** 2, axis=1))
+        return float(np.sqrt(np.quantile(sizes[1] / sizes[0], _WORST)))
+
+    def common(self, factor: float) -> float:
+        """Return the `cost` of one factor on P, I and D.
+
+        Parameters
+        ----------
+        factor : float
+
+        Returns
+        -------
+        float
+        """
+        return self.cost({name: 1.0 if name == self._names.angle else factor for name in self._now})
+
+    def step(self, target: Mapping[str, float], most_up: float) -> Step | None:
         """Return the gains of the next flight on the way to a target.
 
         Parameters
         ----------
         target : mapping of str to float
             Factors.
-        bounds : tuple of float
-            Of the factors in one flight.
+        most_up : float
+            By which the controller's gain may rise in one flight, from the crossover up.
 
         Returns
         -------
@@ -144,27 +399,91 @@ class SeparateGains:
             All gains go the same part of their way, and no vehicle of those that the next flight allows has
             less margin than is to be kept, or than it had. None where there is no such way.
         """
-        logs = np.log(list(target.values()))
-        low, high = np.log(bounds)
-        if not logs.size or not logs.any():
+        if all(factor == 1.0 for factor in target.values()):
             return None
-        part = min(1.0, low / min(logs.min(), low), high / max(logs.max(), high))
-        for _ in range(_HALVINGS):
-            factors = {name: float(factor**part) for name, factor in target.items()}
-            controller = self._rebuild(self._values(factors))
-            if controller is None:
-                return None
-            promised = scaled_loops(controller, self._loops.plants, self._loops.known_hz).margins()
-            if spare(promised, self._limits) >= min(1.0, self._flown_spare):
-                return Step(self._changes(factors, target), controller, promised)
-            part *= 0.5
-        return None
+        found = self._part_of_the_way(target, 1.0, most_up)
+        low, high = 0.0, 1.0
+        for _ in range(0 if found is not None else _HALVINGS):
+            middle = 0.5 * (low + high)
+            tried = self._part_of_the_way(target, middle, most_up)
+            low, high, found = (low, middle, found) if tried is None else (middle, high, tried)
+        return found
+
+    def _part_of_the_way(self, target: Mapping[str, float], part: float, most_up: float) -> Step | None:
+        """Return the gains at a part of the way to a target, None where they must not be flown."""
+        factors = {name: float(factor**part) for name, factor in target.items()}
+        factors = {name: 1.0 if abs(one - 1.0) < _UNCHANGED else one for name, one in factors.items()}
+        controller = self._rebuild(self._varied.values(factors))
+        if controller is None or self._rise(controller) > most_up:
+            return None
+        promised = scaled_loops(controller, self._loops.plants, self._loops.known_hz).margins()
+        if spare(promised, self._limits) < min(1.0 - 2.0 * _ROUNDING, self._flown_spare):
+            return None
+        # Each flight goes as far as this one.
+        more_flights = math.ceil((1.0 - part) / part - _ROUNDING)
+        return Step(self._changes(factors, target), controller, promised, more_flights)
+
+    def _rise(self, controller: AxisController) -> float:
+        """Return by how much more the controller answers from the flown crossover up."""
+        crossover = self._loops.first(1).margins().rate.crossover_hz
+        lowest_hz = 0.0 if crossover is None else crossover.value
+        frequency_hz = self._loops.frequency_hz[self._loops.frequency_hz >= lowest_hz]
+        before, after = (_answer(one, frequency_hz) for one in (self._loops.controller, controller))
+        return float(np.max(after / before))
 
     def _changes(self, factors: Mapping[str, float], target: Mapping[str, float]) -> dict[str, GainChange]:
-        following, wanted = self._values(factors), self._values(target)
+        following, wanted = self._varied.values(factors), self._varied.values(target)
         return {
-            name: GainChange(now, now, now)
-            if factors[name] == 1.0
-            else GainChange(now, following[name], wanted[name])
-            for name, now in self._now.items()
+            name: GainChange(now, following[name], wanted[name])
+            for name, now in {**self._now, **self._varied.with_d}.items()
         }
+
+
+class _Noise:
+    """Noise of the command with other gains, from what the log shows of it with those that flew."""
+
+    def __init__(self, disturbed: Disturbed, loops: ScaledLoops) -> None:
+        flown = loops.first(1)
+        parts = [part[0] for part in (flown.rate, flown.angle, flown.fixed) if part is not None]
+        whole = np.sum(parts, axis=0)
+        self._flown = flown.rate[0] / (1.0 + whole)
+        self._frequency_hz = loops.frequency_hz
+        self._command, self._band = disturbed.command, None
+        if self._command is not None and np.isfinite(disturbed.crossover_hz):
+            self._band = noise_band(self._command, disturbed.crossover_hz)
+        self._above = self._frequency_hz >= lowest_noise_hz(disturbed.crossover_hz)
+        self._most = disturbed.most_noise
+
+    def beyond(self, loop: _Loop) -> float:
+        """Return by how much the command is noisier than it may be; where that is unknown, than it was."""
+        ratio = np.abs(loop.rate / (1.0 + loop.whole) / self._flown)
+        if self._command is None or self._band is None:
+            return float(np.max(ratio[self._above], initial=0.0)) - 1.0
+        gain = np.interp(self._command.frequency_hz, self._frequency_hz, ratio**2)
+        now = self._command.deviation(np.ones_like(gain), self._band)
+        return self._command.deviation(gain, self._band) / max(self._most, now) - 1.0
+
+
+def _gusts(disturbed: Disturbed, estimate: Plant, frequency_hz: FloatArray) -> Gusts:
+    """Return what gusts make of the attitude; of gusts that the log tells nothing of, alike everywhere."""
+    found = None
+    if disturbed.gusts is not None:
+        found = gusts_of(disturbed.gusts, estimate, disturbed.gust_band_hz, frequency_hz)
+    if found is not None:
+        return found
+    flat = Spectrum(frequency_hz, np.ones(frequency_hz.shape))
+    return gusts_of(flat, estimate, (0.0, np.inf), frequency_hz) or Gusts(frequency_hz, np.ones(0))
+
+
+def _answer(controller: AxisController, frequency_hz: FloatArray) -> FloatArray:
+    """Return the size of the command's answer to the vehicle's rate, by all paths."""
+    back = on_rate(controller, frequency_hz)
+    if controller.angle_gain_per_s is not None:
+        back = back + on_angle(controller, frequency_hz)
+    return np.abs(back)
+
+
+def _part(worst: FloatArray, alone: FloatArray) -> FloatArray:
+    """Return how much of each of the estimate's margins the worst vehicle keeps; all where none is told."""
+    known = (worst > 0.0) & (alone > 0.0) & np.isfinite(worst) & np.isfinite(alone)
+    return np.where(known, np.divide(worst, alone, out=np.ones(known.shape), where=known), 1.0)

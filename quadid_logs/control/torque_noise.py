@@ -123,12 +123,45 @@ def torque_noise(
     Noise n of the gyro comes back as the command u = -C n / (1 + L): with other gains the measured spectrum
     is multiplied by what that changes by, and no spectrum of the gyro itself is needed.
     """
-    band = spectrum.frequency_hz >= max(_ABOVE * crossover_hz, _ABOVE_FLIGHT_HZ)
-    if np.count_nonzero(band) < _FEWEST:
+    band = noise_band(spectrum, crossover_hz)
+    if band is None:
         return None
     before, after = (_noise_gain(one, plant, spectrum.frequency_hz) for one in controllers)
     ratio = np.abs(after / before) ** 2
     return Noise(spectrum.deviation(np.ones_like(ratio), band), spectrum.deviation(ratio, band))
+
+
+def noise_band(spectrum: Spectrum, crossover_hz: float) -> BoolArray | None:
+    """Return where a command shows the gyro's noise; None where the log ends below that.
+
+    Parameters
+    ----------
+    spectrum : Spectrum
+        Of the command that flew.
+    crossover_hz : float
+        Of the loop that flew.
+
+    Returns
+    -------
+    ndarray of bool, shape (n_frequencies,) or None
+    """
+    band = spectrum.frequency_hz >= lowest_noise_hz(crossover_hz)
+    return None if np.count_nonzero(band) < _FEWEST else band
+
+
+def lowest_noise_hz(crossover_hz: float) -> float:
+    """Return from where on a command shows noise, and not pilot and gusts [Hz].
+
+    Parameters
+    ----------
+    crossover_hz : float
+        NaN for none.
+
+    Returns
+    -------
+    float
+    """
+    return _ABOVE_FLIGHT_HZ if np.isnan(crossover_hz) else max(_ABOVE * crossover_hz, _ABOVE_FLIGHT_HZ)
 
 
 def _noise_gain(controller: AxisController, plant: Plant, frequency_hz: FloatArray) -> ComplexArray:
@@ -162,18 +195,61 @@ def attitude_error(
     float
         Ratio of standard deviations, below 1 where the other one rejects more; NaN where nothing is known.
     """
+    _, high_hz = band_hz
+    if not high_hz > _SLOWEST_GUST_HZ:
+        return float("nan")
+    gusts = gusts_of(spectrum, plant, band_hz, np.geomspace(_SLOWEST_GUST_HZ, high_hz, _N_GUSTS))
+    if gusts is None:
+        return float("nan")
+    sizes = []
+    for controller in controllers:
+        loop = close(controller, plant, gusts.frequency_hz)
+        sizes.append(gusts.attitude_rad((loop.rate if loop.full is None else loop.full)[0]))
+    return sizes[1] / sizes[0] if sizes[0] > 0.0 else float("nan")
+
+
+class Gusts(NamedTuple):
+    """What gusts make of the attitude: power over ``frequency_hz`` without a loop, both (n_frequencies,)."""
+
+    frequency_hz: FloatArray
+    power: FloatArray
+
+    def attitude_rad(self, whole: ComplexArray) -> float:
+        """Return the standard deviation of the attitude around an open loop (n_frequencies,)."""
+        return float(np.sqrt(np.sum(self.power / np.abs(1.0 + whole) ** 2)))
+
+
+def gusts_of(
+    spectrum: Spectrum, plant: Plant, band_hz: tuple[float, float], frequency_hz: FloatArray
+) -> Gusts | None:
+    """Return what gusts make of the attitude without a loop.
+
+    Parameters
+    ----------
+    spectrum : Spectrum
+        Of the angular acceleration that disturbs the vehicle.
+    plant : Plant
+        The estimate alone.
+    band_hz : tuple of float
+        Where the spectrum is known; gusts go on below it.
+    frequency_hz : ndarray, shape (n_frequencies,)
+        Rising.
+
+    Returns
+    -------
+    Gusts or None
+        None where nothing is known.
+    """
     low_hz, high_hz = band_hz
     known = (spectrum.frequency_hz >= low_hz) & (spectrum.frequency_hz <= high_hz)
-    if not known.any() or not high_hz > _SLOWEST_GUST_HZ:
-        return float("nan")
-    frequency_hz = np.geomspace(_SLOWEST_GUST_HZ, high_hz, _N_GUSTS)
+    if not known.any():
+        return None
     # Below what is known, as strong as at its edge: gusts have no less power there.
     density = np.interp(frequency_hz, spectrum.frequency_hz[known], spectrum.density[known])
     s = 2j * np.pi * frequency_hz
-    sizes = []
-    for controller in controllers:
-        loop = close(controller, plant, frequency_hz)
-        whole = (loop.rate if loop.full is None else loop.full)[0]
-        gain = np.abs(1.0 / (s * (s - plant.damping[0]) * (1.0 + whole))) ** 2
-        sizes.append(float(np.sqrt(np.trapezoid(density * gain, frequency_hz))))
-    return sizes[1] / sizes[0] if sizes[0] > 0.0 else float("nan")
+    inside = (frequency_hz >= _SLOWEST_GUST_HZ) & (frequency_hz <= high_hz)
+    power = np.where(inside, density / np.abs(s * (s - plant.damping[0])) ** 2, 0.0)
+    # The trapezoidal rule, as weights.
+    width = np.diff(frequency_hz)
+    weight = 0.5 * (np.append(width, 0.0) + np.insert(width, 0, 0.0))
+    return Gusts(frequency_hz, power * weight)

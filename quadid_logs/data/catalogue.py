@@ -43,6 +43,12 @@ _ENOUGH: Final = (
 )
 _FLY: Final = frozenset({"QL403", "QL404", "QL503", "QL504", "QL505", "QL511", "QL516", "QL535"})
 
+#: What makes an axis uncertain and its interval wide, and does not say that anything contradicts it.
+CAVEATS: Final = frozenset(
+    {"QL304", "QL403", "QL404", "QL503", "QL504", "QL505", "QL511", "QL514", "QL523", "QL524", "QL531"}
+    | {"QL533", "QL534", "QL535"}
+)
+
 
 def _entry(code: str, title: str, meaning: str, advice: str) -> tuple[str, CatalogueEntry]:
     step: Step = "set" if code in _SET else "fly" if code in _FLY else "other"
@@ -654,8 +660,9 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL618",
                 "The vehicle is known too loosely",
-                "The intervals of effectiveness, lag and delay leave more open than a gain may be changed by "
-                "in a flight.",
+                "As told, the loop keeps its limits; in the worst of the vehicles that the intervals of "
+                "effectiveness, lag and delay allow, it is close to instability. Other gains may help or "
+                "harm.",
                 "Fly stronger manoeuvres for longer, in calm air, with fast logging.",
             ),
             _entry(
@@ -738,8 +745,9 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL633",
                 "One step at a time",
-                "The gains go on towards their target in further flights: by no more than a factor of 1.3 up "
-                "or 0.5 down in each.",
+                "The gains go on towards their target in further flights: from the crossover up, a "
+                "controller answers by no more than twice as much as in the flight before, and no margin "
+                "falls below what is to be kept.",
                 "Fly the file, and tune again from that flight.",
             ),
             _entry(
@@ -785,8 +793,9 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL641",
                 "P, I, D and the angle gain are changed each by itself",
-                "One factor on P, I and D does not keep the margins, or more was wanted: each gain "
-                "goes its own way to where gusts are rejected best and the margins are kept.",
+                "Each gain goes its own way to where gusts are rejected best: the margins are kept, noise "
+                "stays bearable, and the attitude follows its set-point no more slowly. One factor on P, I "
+                "and D would not do as well.",
                 "Load the file, hover first, and heed the warning beside these gains.",
             ),
             _entry(
@@ -819,6 +828,13 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The torque was logged too slowly to see what the gyro's noise makes of it: gains are not "
                 "raised.",
                 "Log the controller's output at the loop's rate.",
+            ),
+            _entry(
+                "QL646",
+                "The flight does not tell whether other gains would be better",
+                "As told, the loop keeps its limits, and in the worst of the vehicles that the next flight "
+                "allows it does not: the intervals are too wide to raise gains, and no reason to lower them.",
+                "Keep the gains. For narrower intervals fly the manoeuvre again, longer, in calmer air.",
             ),
             _entry(
                 "QL645",

@@ -136,16 +136,38 @@ def disturbance(
     """
     if not any(effects.disturbance_rad_s2):
         return np.zeros((n_samples, 3))
-    frequency_hz = np.fft.rfftfreq(n_samples, step_s)
-    low, high = _DISTURBANCE_HZ
-    shape = np.maximum(frequency_hz, low) ** _DISTURBANCE_EXPONENT / (1.0 + (frequency_hz / high) ** 2)
-    shape[frequency_hz < low] = 0.0
+    frequency_hz = np.asarray(np.fft.rfftfreq(n_samples, step_s), dtype=np.float64)
+    shape = _disturbance_shape(frequency_hz)
     stated = (frequency_hz >= DISTURBANCE_BAND_HZ[0]) & (frequency_hz <= DISTURBANCE_BAND_HZ[1])
     # White noise of variance 1 has the variance 2 / n at each frequency of the one-sided spectrum.
     shape /= math.sqrt(2.0 / n_samples * float(np.sum(shape[stated] ** 2)))
     spectrum = np.fft.rfft(rng.standard_normal((n_samples, 3)), axis=0) * shape[:, np.newaxis]
     acceleration = np.fft.irfft(spectrum, n_samples, axis=0) * np.array(effects.disturbance_rad_s2)
     return np.asarray(acceleration @ inertia_kg_m2.T, dtype=np.float64)
+
+
+def _disturbance_shape(frequency_hz: FloatArray) -> FloatArray:
+    """Return the amplitude of the disturbances over frequency, in no unit."""
+    low, high = _DISTURBANCE_HZ
+    shape = np.maximum(frequency_hz, low) ** _DISTURBANCE_EXPONENT / (1.0 + (frequency_hz / high) ** 2)
+    return np.where(frequency_hz < low, 0.0, shape)
+
+
+def disturbance_density(frequency_hz: FloatArray) -> FloatArray:
+    """Return the one-sided density [1/Hz] of disturbances of 1 rad/s^2, as `Effects` states their size.
+
+    Parameters
+    ----------
+    frequency_hz : ndarray
+
+    Returns
+    -------
+    ndarray
+        Times the square of `Effects.disturbance_rad_s2`: [(rad/s^2)^2 / Hz].
+    """
+    stated_hz = np.linspace(*DISTURBANCE_BAND_HZ, 2001)
+    power = float(np.trapezoid(_disturbance_shape(stated_hz) ** 2, stated_hz))
+    return np.asarray(_disturbance_shape(frequency_hz) ** 2 / power, dtype=np.float64)
 
 
 class External(NamedTuple):

@@ -55,10 +55,9 @@ def test_a_refusal_shows_the_steps_themselves_each_once(slow: Result) -> None:
 def test_a_refusal_names_every_reason(slow: Result) -> None:
     """The second was found in the third flight."""
     view, tuning = seen(slow), recommend(slow)
-    for axis in view.axes:
-        titles = [one.title for one in tuning.axes[axis.axis].reasons]
-        assert len(titles) == 2
-        assert all(title in axis.sentence for title in titles)
+    titles = {axis.axis: [one.title for one in tuning.axes[axis.axis].reasons] for axis in view.axes}
+    assert len(titles["roll"]) == len(titles["pitch"]) == 2
+    assert all(title in axis.sentence for axis in view.axes for title in titles[axis.axis])
 
 
 def test_the_steps_to_a_usable_model_are_those_of_the_analysis(slow: Result) -> None:

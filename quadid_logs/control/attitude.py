@@ -1,0 +1,74 @@
+"""How fast the attitude follows its set-point, and by how much a disturbance of it is raised at most."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.maths.band import ComplexArray
+
+#: Slower, only pilots and wind are [Hz].
+_LOWEST_HZ: Final = 0.05
+#: The bandwidth ends where 45 degrees are left to -180, or 3 dB are lost (ADS-33E-PRF 3.3.2.1, the lower).
+_PHASE_DEG: Final = -135.0
+_GAIN: Final = 0.5**0.5
+
+
+class Attitude(NamedTuple):
+    """Bandwidth of the answer to the set-point [Hz]; highest gain from a disturbance to what is left of it.
+
+    The latter is the disturbance rejection peak [dB]; minus infinity where no angle loop is known.
+    """
+
+    bandwidth_hz: float
+    peak_db: float
+
+
+def attitude_of(
+    frequency_hz: FloatArray, rate: ComplexArray, full: ComplexArray | None, to_rate: ComplexArray
+) -> Attitude:
+    """Return bandwidth and disturbance rejection peak of an attitude.
+
+    Parameters
+    ----------
+    frequency_hz : ndarray, shape (n_frequencies,)
+        Rising.
+    rate, full : ndarray of complex, shape (n_frequencies,)
+        Open loops, see `quadid_logs.control.loop.Loop`; full is None where no angle loop is known.
+    to_rate : ndarray of complex, shape (n_frequencies,)
+        The open answer of the rate to its set-point.
+
+    Returns
+    -------
+    Attitude
+        Of the rate's answer to its set-point where no angle loop is known.
+
+    Notes
+    -----
+    The attitude's answer to its set-point is A / (1 + L), A being what the angle loop adds to the whole loop
+    L: what a disturbance of the attitude leaves is (1 + L - A) / (1 + L) (Blanken et al., "Test Guide for
+    ADS-33E-PRF", disturbance rejection).
+    """
+    if full is None:
+        follows, peak_db = to_rate / (1.0 + rate), -np.inf
+    else:
+        whole = 1.0 + full
+        follows = (full - rate) / whole
+        peak_db = float(20.0 * np.log10(np.max(np.abs((1.0 + rate) / whole))))
+    looked_at = frequency_hz >= _LOWEST_HZ
+    some, follows = frequency_hz[looked_at], follows[looked_at]
+    late_hz = _first_below(some, np.degrees(np.unwrap(np.angle(follows))), _PHASE_DEG)
+    weak_hz = _first_below(some, np.log(np.abs(follows)), np.log(_GAIN))
+    return Attitude(min(late_hz, weak_hz), peak_db)
+
+
+def _first_below(frequency_hz: FloatArray, values: FloatArray, level: float) -> float:
+    """Return where values first fall below a level, between two frequencies; the last one for nowhere."""
+    below = values < level
+    if not below.any() or below[0]:
+        return float(frequency_hz[0 if below.any() else -1])
+    after = int(np.argmax(below))
+    place = (values[after - 1] - level) / (values[after - 1] - values[after])
+    return float(frequency_hz[after - 1] * (frequency_hz[after] / frequency_hz[after - 1]) ** place)

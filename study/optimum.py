@@ -1,0 +1,395 @@
+"""How far from the best gains a pilot ends: `python study/run.py --optimum`.
+
+Vehicles drawn at random are flown in air of three strengths and tuned from their logs, at most three times.
+The attitude error that the true gusts make around the true loop is held against that of the best gains: a
+search that knows the true vehicle, sees no log, and keeps the same limits of margins, noise and ranges.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import itertools
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.autopilots import named
+from quadid_logs.control.loop import close
+from quadid_logs.control.scaled_loop import scaled_loops, spare
+from quadid_logs.data.closed_loop import Plant
+from quadid_logs.data.controller import AxisController
+from quadid_logs.data.result import Result
+from quadid_logs.data.tuning import GOOD, Tuning
+from quadid_logs.simulate import fly
+from quadid_logs.simulate.closed_loop import Setup
+from quadid_logs.simulate.effects import disturbance_density
+from quadid_logs.simulate.wind import Wind
+from quadid_logs.tuning import recommend
+from quadid_logs.vocabulary import AXES
+from study.true_loop import true_controller, true_plant
+from study.tuning import (
+    analyzed,
+    changed,
+    draw_vehicle,
+    figures,
+    fly_missing,
+    flyable,
+    of_each_gain,
+    read,
+    resting_truth,
+    setup_of,
+)
+
+#: Strength of the gusts [rad/s^2]: calm, light wind, and nearly what a flown indoor quadrotor leaves.
+GUSTS: Final = (0.15, 0.5, 1.0)
+#: So many times a pilot changes gains.
+N_CHANGES: Final = 3
+#: Gusts that make an attitude error [Hz].
+_GUSTS_HZ: Final = (0.05, 60.0)
+_N_GUSTS: Final = 400
+#: Where the attitude's bandwidth is [Hz], and the most that a disturbance's effect may be raised by (DRP of
+#: ADS-33E practice, 5 dB).
+_ATTITUDE_HZ: Final = (0.05, 30.0)
+_MOST_PEAK_DB: Final = 5.0
+#: Of the command's range, what gyro noise may take at most, where it is above what a pilot commands [Hz].
+_MOST_NOISE: Final = 0.05
+_NOISE_ABOVE_HZ: Final = 15.0
+#: What an axis is to end within, of the best error: roll and pitch, and yaw.
+_ROLL: Final = 1.3
+_YAW: Final = 1.5
+#: Values in a file are rounded.
+_ROUNDING: Final = 0.02
+#: The best gains lie within these factors of the vehicle's suited ones.
+_FACTORS: Final = (0.02, 50.0)
+_PENALTY: Final = 30.0
+
+
+class Judge(NamedTuple):
+    """One true axis: its vehicle, its controllers, and the air that it flies in."""
+
+    setup: Setup
+    plant: Plant
+    axis: int
+    flown: FloatArray
+    highest: FloatArray
+    least_hz: float
+
+    def controller(self, factors: FloatArray) -> AxisController:
+        """Return the controller with factors on P, I, D and the angle gain, shape (4,)."""
+        single = np.ones((4, 3))
+        single[:, self.axis] = factors
+        rows = tuple((roll, pitch, yaw) for roll, pitch, yaw in single.tolist())
+        tuning = dataclasses.replace(self.setup.tuning, single_gain=rows)
+        return true_controller(dataclasses.replace(self.setup, tuning=tuning), self.axis)
+
+    def error_rad(self, controller: AxisController) -> float:
+        """Return the standard deviation of the attitude [rad] that the gusts make."""
+        frequency_hz = np.geomspace(*_GUSTS_HZ, _N_GUSTS)
+        s = 2j * np.pi * frequency_hz
+        loop = close(controller, self.plant, frequency_hz)
+        whole = (loop.rate if loop.full is None else loop.full)[0]
+        answer = np.abs(1.0 / (s * (s - self.plant.damping[0]) * (1.0 + whole))) ** 2
+        gusts = disturbance_density(frequency_hz) * self.setup.effects.disturbance_rad_s2[self.axis] ** 2
+        return float(np.sqrt(np.trapezoid(answer * gusts, frequency_hz)))
+
+    def noise(self, controller: AxisController) -> float:
+        """Return the standard deviation of the command that the gyro's noise makes, as part of its range."""
+        frequency_hz = np.linspace(_NOISE_ABOVE_HZ, 0.499 / controller.period_s, _N_GUSTS)
+        loop = close(controller, self.plant, frequency_hz)
+        whole = (loop.rate if loop.full is None else loop.full)[0]
+        vehicle = self.plant.response(frequency_hz, controller.period_s)[0]
+        gain = np.abs(loop.rate[0] / vehicle / (1.0 + whole)) ** 2
+        density = self.setup.noise.gyro_rad_s_per_rthz**2
+        return float(np.sqrt(np.trapezoid(gain * density, frequency_hz)))
+
+    def attitude(self, controller: AxisController) -> tuple[float, float]:
+        """Return the attitude's bandwidth [Hz] and the peak of what it makes of disturbances [dB] (ADS-33E).
+
+        Up to the bandwidth the attitude follows its set-point with 45 degrees to spare, and with 3 dB less.
+        """
+        frequency_hz = np.geomspace(*_ATTITUDE_HZ, _N_GUSTS)
+        loop = close(controller, self.plant, frequency_hz)
+        assert loop.full is not None
+        follows = ((loop.full - loop.rate) / (1.0 + loop.full))[0]
+        late = (np.degrees(np.unwrap(np.angle(follows))) < -135.0) | (np.abs(follows) < np.sqrt(0.5))
+        bandwidth_hz = float(frequency_hz[np.argmax(late)]) if late.any() else float(_ATTITUDE_HZ[1])
+        rejects = np.abs((1.0 + loop.rate) / (1.0 + loop.full))[0]
+        return bandwidth_hz, float(20.0 * np.log10(rejects.max()))
+
+    def spare(self, controller: AxisController) -> float:
+        """Return the worst of the true margins over its limit."""
+        return spare(scaled_loops(controller, self.plant, np.inf).margins(), GOOD)
+
+    def cost(self, factors: FloatArray, most_noise: float) -> float:
+        """Return the error, and what is missing of the limits."""
+        proportional, integral = factors[:2] / self.flown[:2]
+        # The integral gain holds what no spectrum shows, as a load off centre: it falls with P alone.
+        missing = max(min(proportional, 1.0) / integral - 1.0, 0.0)
+        missing += float(np.sum(np.maximum(factors / self.highest - 1.0, 0.0)))
+        controller = self.controller(factors)
+        missing += max(1.0 - self.spare(controller), 0.0)
+        missing += max(self.noise(controller) / most_noise - 1.0, 0.0)
+        bandwidth_hz, peak_db = self.attitude(controller)
+        missing += max(1.0 - bandwidth_hz / self.least_hz, 0.0) + max(peak_db / _MOST_PEAK_DB - 1.0, 0.0)
+        return float(np.log(self.error_rad(controller)) + _PENALTY * missing)
+
+
+def best_factors(judge: Judge, most_noise: float) -> FloatArray:
+    """Search P, I, D and the angle gain for the least attitude error; knows the true vehicle and no log.
+
+    Parameters
+    ----------
+    judge : Judge
+    most_noise : float
+        Of the command.
+
+    Returns
+    -------
+    ndarray, shape (4,)
+        Factors on the gains that suit the vehicle.
+    """
+    from scipy.optimize import differential_evolution
+
+    # A gain of none stays none.
+    varied = np.flatnonzero(_gains_of(judge.setup)[:, judge.axis] > 0.0)
+
+    def cost(logs: FloatArray) -> float:
+        factors = np.ones(4)
+        factors[varied] = np.exp(logs)
+        return judge.cost(factors, most_noise)
+
+    bounds = [tuple(np.log(_FACTORS))] * varied.size
+    found = differential_evolution(cost, bounds, seed=1, popsize=8, maxiter=30, tol=1e-4, polish=False)
+    from scipy.optimize import minimize
+
+    polished = minimize(cost, found.x, method="Nelder-Mead", options={"maxiter": 300, "xatol": 1e-3})
+    factors = np.ones(4)
+    factors[varied] = np.exp(polished.x)
+    return factors
+
+
+def _gains_of(setup: Setup) -> FloatArray:
+    """Return P, I, D and the angle gain that suit the vehicle, shape (4, 3)."""
+    from quadid_logs.simulate.closed_loop import final_gains
+
+    plain = dataclasses.replace(
+        setup, tuning=dataclasses.replace(setup.tuning, single_gain=((1.0,) * 3,) * 4)
+    )
+    gains = final_gains(plain)
+    each = (gains.proportional, gains.integral, gains.derivative, gains.attitude)
+    return np.array([[float(value) for value in one] for one in each])
+
+
+def measure_road(seed: int, number: int) -> dict[str, Any]:
+    """Fly and tune one vehicle in air of one strength, and hold every flight's gains against the best.
+
+    Parameters
+    ----------
+    seed, number : int
+        The air goes with the number: vehicle ``number // 3`` flies in all three.
+
+    Returns
+    -------
+    dict
+        Its settings, and one entry of ``flights`` for each flight, ready for JSON.
+    """
+    vehicle, air = divmod(number, len(GUSTS))
+    drawn, autopilot, settings = draw_vehicle(seed, vehicle)
+    gusts = GUSTS[air]
+    effects = dataclasses.replace(drawn.effects, disturbance_rad_s2=(gusts, gusts, 0.5 * gusts))
+    scenario = dataclasses.replace(drawn, wind=Wind(), effects=effects)
+    factors = of_each_gain(flyable(scenario, autopilot, np.random.default_rng([seed, vehicle, *b"detuning"])))
+    judges: list[Judge] = []
+    best: list[dict[str, Any]] = []
+    flights: list[dict[str, Any]] = []
+    for count in range(N_CHANGES + 1):
+        setup = setup_of(scenario, autopilot, factors, 1000 * seed + 10 * number + count)
+        if count < N_CHANGES:
+            result = analyzed(fly(setup), scenario)
+        if not judges:
+            judges = [_judge(setup, result.log.parameters, axis) for axis in range(3)]
+            best = [_best(one, factors[:, axis]) for axis, one in enumerate(judges)]
+        told: dict[str, Any] = {"factors": factors.tolist()}
+        told["axes"] = {
+            axis: _true(judges[place], factors[:, place], best[place]) for place, axis in enumerate(AXES)
+        }
+        flights.append(told)
+        if count == N_CHANGES:
+            break
+        tuning = recommend(result)
+        _recommended(told["axes"], result, tuning)
+        if not tuning.changes:
+            break
+        factors = factors * changed(tuning, result)
+    return {"number": number, "seed": seed, "gusts": gusts, **settings, "best": best, "flights": flights}
+
+
+def _judge(setup: Setup, parameters: Mapping[str, float], axis: int) -> Judge:
+    """Return what is true of one axis; the documented ranges of its gains as factors on the suited ones."""
+    tunable = named(setup.autopilot).tunable(parameters)
+    assert tunable is not None
+    names = tunable.axes[AXES[axis]]
+    flown = np.array(setup.tuning.single_gain)[:, axis]
+    single = (names.proportional, names.integral, names.derivative, names.angle)
+    ranges = np.array(
+        [
+            max(names.highest.get(name, np.inf) / parameters[name], 1.0) if parameters.get(name) else 1.0
+            for name in single
+        ]
+    )
+    judge = Judge(setup, true_plant(setup, resting_truth(setup), axis), axis, flown, flown * ranges, np.nan)
+    # Gusts alone would have the attitude follow its pilot slowly: not slower than with gains that suit it.
+    return judge._replace(least_hz=judge.attitude(judge.controller(np.ones(4)))[0])
+
+
+def _best(judge: Judge, flown: FloatArray) -> dict[str, Any]:
+    """Return the best factors and their error; noise may be what it is allowed to be, or what it was."""
+    most_noise = max(_MOST_NOISE, judge.noise(judge.controller(flown)))
+    factors = best_factors(judge, most_noise)
+    controller = judge.controller(factors)
+    return {
+        "factors": factors.tolist(),
+        "error_rad": judge.error_rad(controller),
+        "spare": judge.spare(controller),
+        "noise": judge.noise(controller),
+    }
+
+
+def _true(judge: Judge, factors: FloatArray, best: dict[str, Any]) -> dict[str, Any]:
+    """Return what is true of an axis with the gains of a flight."""
+    controller = judge.controller(factors)
+    return {
+        "over_best": judge.error_rad(controller) / best["error_rad"],
+        "spare": judge.spare(controller),
+        "noise": judge.noise(controller),
+        "factors": factors.tolist(),
+    }
+
+
+def _recommended(axes: dict[str, dict[str, Any]], result: Result, tuning: Tuning) -> None:
+    """Add what was recommended of each axis."""
+    for axis, found in tuning.axes.items():
+        axes[axis] |= {
+            "verdict": found.verdict,
+            "reasons": [one.code for one in found.reasons],
+            "codes": list(result.diagnosis.axes[axis].reasons),
+            "now": figures(found.now),
+            "next": figures(found.next),
+        }
+
+
+def summarise(roads: list[dict[str, Any]]) -> str:
+    """Return the tables of the study.
+
+    Parameters
+    ----------
+    roads : list of dict
+        As of `measure_road`.
+
+    Returns
+    -------
+    str
+        Markdown.
+    """
+    failed = [one for one in roads if "error" in one]
+    flown = [one for one in roads if "error" not in one]
+    vehicles = {(one["seed"], one["number"] // len(GUSTS)) for one in flown}
+    lines = [
+        f"{len(vehicles)} vehicles in air of {', '.join(f'{one:g}' for one in GUSTS)} rad/s², "
+        f"{len(flown)} roads of at most {N_CHANGES} changes, {len(failed)} failed. Axes whose motors are at "
+        "their limits (QL617), which is refused, are left out below.",
+        "",
+        "| axis, gusts | roads | error over that of the best gains: flown | after the last change, median "
+        "(9 of 10 below) | within 1.3 | within 1.5 |",
+        "|---|---|---|---|---|---|",
+    ]
+    for axis in AXES:
+        for gusts in (*GUSTS, None):
+            some = [
+                _ends(one, axis)
+                for one in flown
+                if gusts in {None, one["gusts"]} and not _at_limits(one, axis)
+            ]
+            if not some:
+                continue
+            first, last = (np.array([one[place] for one in some]) for place in (0, 1))
+            name = "all" if gusts is None else f"{gusts:g}"
+            lines.append(
+                f"| {axis}, {name} | {len(some)} | {np.median(first):.2f} | {np.median(last):.2f} "
+                f"({np.quantile(last, 0.9):.2f}) | {_percent(last <= _ROLL)} | {_percent(last <= _YAW)} |"
+            )
+    pairs = [pair for one in flown for axis in AXES for pair in _changes(one, axis)]
+    kept = [after >= min(1.0, before) - _ROUNDING for before, after in pairs]
+    least = min((after for _, after in pairs if after), default=float("nan"))
+    lines += [
+        "",
+        f"- Changes of gains: {len(pairs)}; the true loop kept its limits, or what it had of them, in "
+        f"{_percent(np.array(kept))}; unstable: {sum(after <= 0.0 for _, after in pairs)}; least part of the "
+        f"limits kept after a change: {least:.2f}.",
+    ]
+    codes = Counter(
+        " ".join([code, *(["(" + " ".join(told["codes"]) + ")"] if code == "QL615" else [])])
+        for one in flown
+        for flight in one["flights"]
+        for told in flight["axes"].values()
+        if told.get("verdict") == "refused"
+        for code in told["reasons"]
+    )
+    judged = sum(
+        "verdict" in flight["axes"][axis] for one in flown for axis in AXES for flight in one["flights"]
+    )
+    named_codes = ", ".join(f"{code} {count}" for code, count in codes.most_common(12))
+    lines.append(f"- Refused in {sum(codes.values())} of {judged} judgements: {named_codes}.")
+    return "\n".join(lines) + "\n"
+
+
+def _ends(road: dict[str, Any], axis: str) -> tuple[float, float]:
+    """Return the error over the best one in the first and in the last flight."""
+    each = [flight["axes"][axis]["over_best"] for flight in road["flights"]]
+    return each[0], each[-1]
+
+
+def _at_limits(road: dict[str, Any], axis: str) -> bool:
+    return "QL617" in road["flights"][0]["axes"][axis].get("reasons", [])
+
+
+def _changes(road: dict[str, Any], axis: str) -> Iterator[tuple[float, float]]:
+    """Yield what is kept of the limits before and after each change of gains."""
+    told = [flight["axes"][axis] for flight in road["flights"]]
+    for before, after in itertools.pairwise(told):
+        if before.get("verdict") == "change":
+            yield before["spare"], after["spare"]
+
+
+def _percent(which: FloatArray) -> str:
+    return f"{100.0 * float(np.mean(which)):.0f} %"
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Fly what is missing of the study, then print and write its tables."""
+    from study.run import ROOT
+
+    parser = argparse.ArgumentParser(description="Fly, tune, fly again, and hold the gains against the best.")
+    parser.add_argument(
+        "--vehicles", type=int, default=14, help="how many vehicles, each in three airs (default 14)"
+    )
+    parser.add_argument("--seed", type=int, default=1, help="another seed draws other vehicles (default 1)")
+    parser.add_argument("--processes", type=int, default=1, help="roads at the same time (default 1)")
+    parser.add_argument(
+        "--output", type=Path, default=ROOT / "build" / "optimum", help="default build/optimum"
+    )
+    parser.add_argument("--publish", action="store_true", help="write docs/tuning/optimum.md from all seeds")
+    options = parser.parse_args(arguments)
+    options.output.mkdir(parents=True, exist_ok=True)
+    path = options.output / f"seed-{options.seed}.jsonl"
+    fly_missing(path, options.seed, len(GUSTS) * options.vehicles, options.processes, measure_road)
+    text = summarise([one for each in sorted(options.output.glob("seed-*.jsonl")) for one in read(each)])
+    if options.publish:
+        (ROOT / "docs" / "tuning" / "optimum.md").write_text(text, encoding="utf-8")
+    print(text)
+    return 0
