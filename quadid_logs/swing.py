@@ -141,7 +141,9 @@ class Swing:
     rate_hz: float
 
 
-def swing(log: FlightLog, hung: Bifilar, axis: str = "") -> Swing:
+def swing(
+    log: FlightLog, hung: Bifilar, axis: str = "", *, start_s: float = -math.inf, end_s: float = math.inf
+) -> Swing:
     """Return the moment of inertia about the vertical axis of a vehicle that swings on two parallel strings.
 
     Parameters
@@ -151,6 +153,8 @@ def swing(log: FlightLog, hung: Bifilar, axis: str = "") -> Swing:
     hung : Bifilar
     axis : str
         "roll", "pitch" or "yaw": the body axis that is vertical; "" takes the one that turns most.
+    start_s, end_s : float
+        The part of the log to look at, on its clock [s].
 
     Returns
     -------
@@ -161,7 +165,7 @@ def swing(log: FlightLog, hung: Bifilar, axis: str = "") -> Swing:
     SettingsError
         If there is no such axis.
     LogError
-        If the log has no rates, or nothing swings in it.
+        If the log has no rates in that part, or nothing swings in it.
 
     Notes
     -----
@@ -189,6 +193,12 @@ def swing(log: FlightLog, hung: Bifilar, axis: str = "") -> Swing:
     if axis and axis not in AXES:
         raise SettingsError(f"There is no axis {axis!r}.", hint=f"Give one of {', '.join(AXES)}.")
     series = _rates(log)
+    series = series.take(series.within(start_s, end_s))
+    if series.n_samples < 2:
+        raise LogError(
+            "The chosen part of the log has no body rates.",
+            hint="Give --start-s and --end-s on the log's clock, as `quadid-log info LOG` shows it.",
+        )
     number = AXES.index(axis) if axis else _busiest(series)
     time_s, rate = _uniform(series, number)
     frequency_hz = _strongest_hz(time_s, rate)
