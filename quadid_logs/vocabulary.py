@@ -257,7 +257,5 @@ VEHICLE_TYPES: Final = (
     "unknown",
 )
 
-#: ``format`` in result.json; `FlightLog.dialect` tells variants with the same framing apart.
-#: Of what a person has put into columns.
+#: ``format`` in result.json of what a person has put into columns.
 TABLE_FORMAT: Final = "table"
-LOG_FORMATS: Final = ("dataflash", "dataflash-text", "ulog", "tlog", "blackbox", "usd", TABLE_FORMAT)
