@@ -243,6 +243,9 @@ def explained_words(r2: float) -> str:
     return f"only {100.0 * r2:.0f} %" if r2 >= 0.005 else "less than 1 %"
 
 
+#: Standard gravity (third General Conference on Weights and Measures, 1901; ISO 80000-3) [m/s^2].
+GRAVITY_M_S2: Final = 9.80665
+
 #: What a vehicle can be. Only a multirotor is analyzed.
 MULTIROTOR: Final = "multirotor"
 VEHICLE_TYPES: Final = (
