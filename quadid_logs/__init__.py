@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from quadid_logs.load import read_log
     from quadid_logs.notebook import matplotlib_figures, plotly_figures, show
     from quadid_logs.report import result_dict, write_report
+    from quadid_logs.report.schema import result_schema
     from quadid_logs.simulate import simulate
     from quadid_logs.vehicle_file import read_vehicle
 
@@ -64,6 +65,7 @@ _HOMES = {
     "read_vehicle": "quadid_logs.vehicle_file",
     "repeat": "quadid_logs.api.verbs",
     "result_dict": "quadid_logs.report",
+    "result_schema": "quadid_logs.report.schema",
     "show": "quadid_logs.notebook",
     "tune": "quadid_logs.api.verbs",
     "write_report": "quadid_logs.report",
@@ -102,6 +104,7 @@ __all__ = [
     "read_vehicle",
     "repeat",
     "result_dict",
+    "result_schema",
     "show",
     "simulate",
     "swing",

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from quadid_logs.data.result import Result
-from quadid_logs.errors import SettingsError
+from quadid_logs.extra import load
 from quadid_logs.figures import figures_of
 from quadid_logs.report.pages import environment
 from quadid_logs.report.provenance import provenance_of
@@ -104,11 +104,7 @@ def plotly_figures(result: Result) -> dict[str, Any]:
     """
     from quadid_logs.figures.interactive import interactive
 
-    try:
-        import plotly.graph_objects as go
-    except ImportError as error:
-        raise SettingsError("plotly is not installed.", hint="Install it with: pip install plotly") from error
-
+    go = load("plotly.graph_objects", "python")
     made = {}
     for figure in figures_of(result).shown:
         content = _coloured(interactive(figure))

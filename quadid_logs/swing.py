@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
@@ -17,10 +16,9 @@ from quadid_logs.data.log import FlightLog
 from quadid_logs.errors import LogError, SettingsError
 from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.maths.random_effect import random_effect_mean
-from quadid_logs.vocabulary import AXES
+from quadid_logs.vocabulary import AXES, GRAVITY_M_S2
 
-#: ISO 80000-3 [m/s^2]; on Earth's surface it differs by up to 0.27 % from that (9.780 to 9.832).
-GRAVITY: Final = 9.80665
+#: On Earth's surface gravity differs by up to this from the standard (9.780 to 9.832 m/s^2).
 _GRAVITY_HALF_WIDTH = 0.0027
 #: What a ruler and a kitchen scale leave open: half of the 95 % interval [m], and of the mass.
 _LENGTH_HALF_WIDTH_M = 0.001
@@ -141,7 +139,9 @@ class Swing:
     rate_hz: float
 
 
-def swing(log: FlightLog, hung: Bifilar, axis: str = "") -> Swing:
+def swing(
+    log: FlightLog, hung: Bifilar, axis: str = "", *, start_s: float = -math.inf, end_s: float = math.inf
+) -> Swing:
     """Return the moment of inertia about the vertical axis of a vehicle that swings on two parallel strings.
 
     Parameters
@@ -151,6 +151,8 @@ def swing(log: FlightLog, hung: Bifilar, axis: str = "") -> Swing:
     hung : Bifilar
     axis : str
         "roll", "pitch" or "yaw": the body axis that is vertical; "" takes the one that turns most.
+    start_s, end_s : float
+        The part of the log to look at, on its clock [s].
 
     Returns
     -------
@@ -161,7 +163,7 @@ def swing(log: FlightLog, hung: Bifilar, axis: str = "") -> Swing:
     SettingsError
         If there is no such axis.
     LogError
-        If the log has no rates, or nothing swings in it.
+        If the log has no rates in that part, or nothing swings in it.
 
     Notes
     -----
@@ -189,6 +191,12 @@ def swing(log: FlightLog, hung: Bifilar, axis: str = "") -> Swing:
     if axis and axis not in AXES:
         raise SettingsError(f"There is no axis {axis!r}.", hint=f"Give one of {', '.join(AXES)}.")
     series = _rates(log)
+    series = series.take(series.within(start_s, end_s))
+    if series.n_samples < 2:
+        raise LogError(
+            "The chosen part of the log has no body rates.",
+            hint="Give --start-s and --end-s on the log's clock, as `quadid-log info LOG` shows it.",
+        )
     number = AXES.index(axis) if axis else _busiest(series)
     time_s, rate = _uniform(series, number)
     frequency_hz = _strongest_hz(time_s, rate)
@@ -357,7 +365,7 @@ def _fitted(
     found = omega * math.exp(best.x[0])
     n_block = max(1, round(2.0 * math.pi / found / (since_s[1] - since_s[0])))
     relative = NORMAL_95 * _deviation(np.asarray(best.jac), best.fun, n_block)
-    moment = hung.mass_kg * GRAVITY * hung.distance_m**2 / (4.0 * hung.length_m * found**2)
+    moment = hung.mass_kg * GRAVITY_M_S2 * hung.distance_m**2 / (4.0 * hung.length_m * found**2)
     return Run(
         start_s=float(time_s[span[0]]),
         end_s=float(time_s[span[1] - 1]),
@@ -410,12 +418,12 @@ def _frequency_ratio(amplitude: FloatArray, omega: float, hung: Bifilar) -> Floa
     phase = (np.arange(24) + 0.5) * math.pi / 48.0
     theta = grid[:, np.newaxis] * np.sin(phase)
     d, h = hung.distance_m, hung.length_m
-    moment_over_mass = GRAVITY * d**2 / (4.0 * h * omega**2)
+    moment_over_mass = GRAVITY_M_S2 * d**2 / (4.0 * h * omega**2)
     # z(a) - z(theta) without cancellation: a difference of squares over the sum of the roots.
     roots = [np.sqrt(h**2 - d**2 * np.sin(0.5 * each) ** 2) for each in (theta, grid[:, np.newaxis])]
     risen = d**2 * (np.sin(0.5 * grid[:, np.newaxis]) ** 2 - np.sin(0.5 * theta) ** 2) / (roots[0] + roots[1])
     slope = d**2 * np.sin(theta) / (4.0 * roots[0])
-    speed = np.sqrt(2.0 * GRAVITY * risen / (moment_over_mass + slope**2))
+    speed = np.sqrt(2.0 * GRAVITY_M_S2 * risen / (moment_over_mass + slope**2))
     quarter_s = (grid[:, np.newaxis] * np.cos(phase) / speed).mean(axis=1) * 0.5 * math.pi
     ratio = 0.5 * math.pi / quarter_s / omega
     found = np.interp(amplitude**2, np.concatenate([[0.0], grid**2]), np.concatenate([[1.0], ratio]))

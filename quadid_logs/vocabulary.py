@@ -243,6 +243,9 @@ def explained_words(r2: float) -> str:
     return f"only {100.0 * r2:.0f} %" if r2 >= 0.005 else "less than 1 %"
 
 
+#: Standard gravity (third General Conference on Weights and Measures, 1901; ISO 80000-3) [m/s^2].
+GRAVITY_M_S2: Final = 9.80665
+
 #: What a vehicle can be. Only a multirotor is analyzed.
 MULTIROTOR: Final = "multirotor"
 VEHICLE_TYPES: Final = (
@@ -257,7 +260,5 @@ VEHICLE_TYPES: Final = (
     "unknown",
 )
 
-#: ``format`` in result.json; `FlightLog.dialect` tells variants with the same framing apart.
-#: Of what a person has put into columns.
+#: ``format`` in result.json of what a person has put into columns.
 TABLE_FORMAT: Final = "table"
-LOG_FORMATS: Final = ("dataflash", "dataflash-text", "ulog", "tlog", "blackbox", "usd", TABLE_FORMAT)

@@ -108,6 +108,21 @@ def test_each_push_is_a_swing_of_its_own() -> None:
     assert found.axis == "yaw"
 
 
+def test_only_the_swings_of_the_chosen_part_count(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The first of three pushes went wrong: the part after it holds two swings."""
+    time_s = np.arange(0.0, 120.0, 0.01)
+    path = tmp_path / "swing.bin"
+    write_log(swing_log(swing_rate(Hung(), time_s, 10.0, pushes_s=(0.0, 40.0, 80.0)), time_s), path)
+    asked = ["swing", str(path), "--mass", "1.6", "--length", "0.9", "--distance", "0.4", "--json"]
+    assert main(asked) == 0
+    runs = json.loads(capsys.readouterr().out)["swings"]
+    start_s = runs[1]["start_s"] - 1.0
+    assert main([*asked, "--start-s", str(start_s)]) == 0
+    assert len(json.loads(capsys.readouterr().out)["swings"]) == len(runs) - 1 == 2
+    assert main([*asked, "--start-s", "5000"]) == 2
+    assert "The chosen part of the log has no body rates" in capsys.readouterr().err
+
+
 def test_the_strings_are_most_of_the_interval(log: FlightLog) -> None:
     """A millimetre of 100 mm counts 2 %, as the distance is squared."""
     hung = Hung(distance=0.1, length=0.5)

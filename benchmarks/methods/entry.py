@@ -163,7 +163,7 @@ def _content(path: Path) -> Any:
 @cache
 def _validator() -> Any:
     """Return what holds a file against the schema."""
-    jsonschema = load("jsonschema", "Install it: pip install -e '.[bench]'.")
+    jsonschema = load("jsonschema", "bench")
     return jsonschema.Draft202012Validator(json.loads(SCHEMA.read_text(encoding="utf-8")))
 
 

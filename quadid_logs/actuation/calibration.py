@@ -17,6 +17,7 @@ from quadid_logs.data.torque import AssumedExpo, Calibration, HeldScale
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.maths.frames import torque_matrix
 from quadid_logs.maths.resampling import typical_period
+from quadid_logs.vocabulary import GRAVITY_M_S2
 
 #: One relative standard deviation of what a user measures or a parameter claims: a kitchen scale, a
 #: ruler from hub to hub, a thrust stand without the airframe below the rotor, a thrust parameter as set by
@@ -32,8 +33,7 @@ _FEW_BLOCKS: Final = 5
 _STEADIER: Final = 0.9
 #: Parameters that disagree with the hover by more than this are no calibration.
 _HOVER_RANGE: Final = (0.8, 1.25)
-#: Standard gravity [m/s^2], and the tilt (its cosine) beyond which no vertical balance is drawn.
-GRAVITY: Final = 9.80665
+#: The tilt (its cosine) beyond which no vertical balance is drawn.
 _LEAST_UPRIGHT: Final = 0.5
 
 ThrustOf = Callable[[MotorSeries], FloatArray]
@@ -323,7 +323,7 @@ def _rotor_force(log: CleanLog) -> _RotorForce | None:
         if attitude is None:
             return None
         upright = np.cos(attitude.values[:, 0]) * np.cos(attitude.values[:, 1])
-        force = np.nan_to_num(GRAVITY / np.where(upright > _LEAST_UPRIGHT, upright, np.nan))
+        force = np.nan_to_num(GRAVITY_M_S2 / np.where(upright > _LEAST_UPRIGHT, upright, np.nan))
         return _RotorForce(attitude.time_s, force)
     ax, ay, az = accelerometer.values.T
     force = -az

@@ -7,12 +7,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from quadid_logs import extra
 from quadid_logs.agents import answers
 from quadid_logs.agents.answers import Answer, Folders, told
+from quadid_logs.extra import load
 from quadid_logs.version import __version__
 
-_HINT = "Install it in the folder of quadid-logs' source with: pip install '.[mcp]'"
 _INSTRUCTIONS = (
     "Flight logs of multirotors into a rotational model with 95 % intervals, margins and next gains. "
     "Read `verdict` first: a refused axis has no number to quote. Every refusal has a code; `explain` tells "
@@ -37,8 +36,8 @@ def make_server(folders: Folders) -> Any:
     SettingsError
         If the protocol's library is not installed.
     """
-    module = extra.load("mcp.server", _HINT)
-    types = extra.load("mcp.types", _HINT)
+    module = load("mcp.server", "mcp")
+    types = load("mcp.types", "mcp")
     server = module.MCPServer(
         "quadid-logs", instructions=_INSTRUCTIONS, version=__version__, log_level="ERROR"
     )

@@ -10,12 +10,10 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import Segment
 from quadid_logs.data.log import ModeChange
 from quadid_logs.maths.recurrence import lag
+from quadid_logs.maths.rotations import TILT_MEMORY_S
 
 #: By flight mode, gains from angles of roll, pitch and yaw to rate set-points [1/s].
 AngleGains = Mapping[str, tuple[float, float, float]]
-#: Angles are integrated from rates. They fade in this time, far below the slowest motion that is looked at,
-#: so that the gyro's bias does not add up [s].
-_MEMORY_S = 15.0
 #: Firmwares allow angle gains of up to 12 1/s; a parameter far beyond is damaged.
 _MOST_GAIN_1_S = 100.0
 
@@ -44,7 +42,7 @@ def command_of(segment: Segment, modes: Sequence[ModeChange], gains: AngleGains)
     rate = segment.body_rate_rad_s
     # By trapezoids: half a sample of delay would leave a part of the angle in what is commanded.
     means = 0.5 * (rate + np.vstack([rate[:1], rate[:-1]]))
-    angles = _MEMORY_S * lag(np.vstack([np.zeros((1, 3)), means]), _period_s(segment), _MEMORY_S)
+    angles = TILT_MEMORY_S * lag(np.vstack([np.zeros((1, 3)), means]), _period_s(segment), TILT_MEMORY_S)
     command = segment.reference.copy()
     command[:, :3] += _gain_at(segment.time_s, modes, gains) * angles[1:]
     return command

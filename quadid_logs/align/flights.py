@@ -9,6 +9,7 @@ import numpy as np
 
 from quadid_logs.align.series import CleanSeries, Interval
 from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.vocabulary import GRAVITY_M_S2
 
 #: Take-off and touch-down push on the vehicle with forces that no model of free flight has.
 _GROUND_MARGIN_S = 1.0
@@ -30,8 +31,6 @@ _LIFTING, _LIFT_S = 0.5, 0.5
 #: Averages over a fifth of a second leave under a tenth of this of a gyro's noise on a bench; a vehicle
 #: that hovers by itself turns three times as much and more [deg/s rms].
 _STILL_DEG_S, _STILL_S = 0.3, 0.2
-#: ISO 80000-3 [m/s^2].
-_GRAVITY = 9.80665
 _TOO_SHORT = "the vehicle was never in the air for two seconds at a time"
 _BENCH = "the rotors ran, but the vehicle did not turn, as on a bench"
 
@@ -152,7 +151,7 @@ def _rests(series: Mapping[str, CleanSeries], grid: FloatArray) -> BoolArray | N
     variance = squares / n_cells - (total / n_cells) ** 2
     rests = ~(variance > np.radians(_STILL_DEG_S) ** 2).any(axis=1)
     if force is not None and force.n_samples:
-        carried = np.linalg.norm(_mean_after(force, grid, _MIN_PAUSE_S), axis=1) / _GRAVITY
+        carried = np.linalg.norm(_mean_after(force, grid, _MIN_PAUSE_S), axis=1) / GRAVITY_M_S2
         rests &= ~(np.abs(carried - 1.0) > _LIFTING)
     return np.asarray(rests, dtype=np.bool_)
 

@@ -162,12 +162,12 @@ class CleanSeries:
         """
         return np.asarray(np.searchsorted(self.time_s, time_s + _SAME_TIME_S, side="right") - 1, np.int64)
 
-    def take(self, samples: IntArray | BoolArray) -> CleanSeries:
+    def take(self, samples: slice | IntArray | BoolArray) -> CleanSeries:
         """Return chosen samples; the rate stays that of the whole.
 
         Parameters
         ----------
-        samples : ndarray of int or bool
+        samples : slice or ndarray of int or bool
             In order of time.
 
         Returns

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from quadid_logs import pipeline
-from quadid_logs.api.extra import data_frame
+from quadid_logs.api.frames import data_frame
 from quadid_logs.api.model import IdentifiedModel, identified
 from quadid_logs.autopilots.generic.table import from_columns
 from quadid_logs.data.closed_loop import ClosedLoop

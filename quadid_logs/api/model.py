@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
-from quadid_logs.api.extra import data_frame, load
+from quadid_logs.api.frames import data_frame
 from quadid_logs.arrays import FloatArray
 from quadid_logs.control.posterior import draw
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import FitSeries, Model, ThrustCurve, Validation
 from quadid_logs.data.result import Result
 from quadid_logs.errors import EmptyLogError, SettingsError
+from quadid_logs.extra import load
 from quadid_logs.identify.prediction import predict_flight
 from quadid_logs.identify.simulation import simulate_rates
 from quadid_logs.identify.terms import Term

@@ -2,7 +2,8 @@
 
 One folder per autopilot holds all that is known of it: how its logs look, what its messages and
 parameters mean, how it mixes, what to set and fly. The folder's ``AUTOPILOT`` is the way in, and nothing
-outside the folders knows a vendor's name. Importing this module imports no folder.
+outside the folders knows a vendor's name. Importing this module imports no folder. An installed package adds
+one by an entry point of the group `GROUP` that names its `Autopilot`, a running program by `register`.
 """
 
 from __future__ import annotations
@@ -10,10 +11,12 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
+from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple, Protocol
 
 from quadid_logs.data.log import FlightLog
+from quadid_logs.errors import SettingsError
 
 if TYPE_CHECKING:
     from quadid_logs.actuation.airframe import Airframe, Unknown
@@ -25,6 +28,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Autopilot", "LogFormat", "formats", "known", "named", "register"]
 
+#: Of the entry points by which installed packages add autopilots.
+GROUP: Final = "quadid_logs.autopilots"
 #: In the order in which their formats are asked; the last one answers for logs that name no autopilot.
 _FOLDERS: Final = ("px4", "ardupilot", "inav", "cleanflight", "betaflight", "crazyflie", "generic")
 
@@ -49,7 +54,7 @@ class LogFormat(NamedTuple):
     Attributes
     ----------
     name : str
-        As in `FlightLog.format`; one of `vocabulary.LOG_FORMATS`.
+        As in `FlightLog.format`: formats with the same framing have one name.
     title : str
         For people.
     is_mine : callable
@@ -178,9 +183,35 @@ def known() -> tuple[Autopilot, ...]:
     Returns
     -------
     tuple of Autopilot
-        Registered ones first.
+        Registered ones first, then those of installed packages.
+
+    Raises
+    ------
+    SettingsError
+        If the autopilot of an installed package cannot be loaded.
     """
-    return (*_registered, *_own())
+    return (*_registered, *_installed(), *_own())
+
+
+@cache
+def _installed() -> tuple[Autopilot, ...]:
+    """Return the autopilots that other packages bring along."""
+    return tuple(map(_loaded, sorted(metadata.entry_points(group=GROUP), key=lambda each: each.name)))
+
+
+def _loaded(entry: metadata.EntryPoint) -> Autopilot:
+    """Import an autopilot of another package, whatever that package does."""
+    package = entry.dist.name if entry.dist else entry.value
+    hint = f"Update or uninstall the package {package}."
+    try:
+        autopilot = entry.load()
+    except Exception as error:
+        raise SettingsError(
+            f"The autopilot {entry.name} of {package} cannot be loaded: {error}.", hint=hint
+        ) from error
+    if not isinstance(autopilot, Autopilot):
+        raise SettingsError(f"The entry point {entry.name} of {package} names no Autopilot.", hint=hint)
+    return autopilot
 
 
 @cache

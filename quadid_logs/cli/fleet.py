@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from quadid_logs.cli.failure import report_problem, say
+from quadid_logs.cli.options import Band
 from quadid_logs.cli.progress import span_words
 from quadid_logs.cli.terminal import is_terminal
 from quadid_logs.counting import counted
@@ -54,6 +55,7 @@ def fleet(
     structure: Annotated[
         str, typer.Option("--structure", metavar="NAME", help="Of all models: others do not compare.")
     ] = "damped",
+    band: Band = None,
     reports: Annotated[
         bool, typer.Option("--reports", help="Keep the report of every flight too (6 MB each).")
     ] = False,
@@ -90,6 +92,7 @@ def fleet(
         )
     options = Options(
         structure=structure,
+        band_hz=band,
         vehicle=None if vehicle is None else read_vehicle(vehicle),
         vehicle_file="" if vehicle is None else vehicle.read_text(encoding="utf-8"),
         rules=NamingRules(vehicle_from=vehicle_from, model_from=model_from),
@@ -97,7 +100,7 @@ def fleet(
         max_bytes=int(max_mb * 1e6),
         timeout_s=60.0 * timeout,
     )
-    _ = options.settings  # checks the structure's name before the work
+    _ = options.settings  # checks structure and band before the work
     progress = FleetProgress(quiet=quiet)
     tally = run_fleet(
         find_logs(places),

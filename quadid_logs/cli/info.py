@@ -10,6 +10,7 @@ import typer
 
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.logs import check_log
+from quadid_logs.cli.options import EndS, LogNumber, StartS, System, VehicleFile, settings_of
 from quadid_logs.cli.progress import Progress
 from quadid_logs.cli.terminal import wrapped
 from quadid_logs.errors import SeveralLogsError
@@ -17,28 +18,22 @@ from quadid_logs.errors import SeveralLogsError
 
 def info(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="Flight log, told by its content.")],
-    system: Annotated[
-        int, typer.Option("--system", metavar="ID", help="MAVLink system to look at; 0 chooses.")
-    ] = 0,
-    log_number: Annotated[
-        int,
-        typer.Option("--log", metavar="N", help="Which log of a file that holds several; info lists them."),
-    ] = 0,
-    vehicle: Annotated[
-        Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="Mass, arms, thrust of the vehicle.")
-    ] = None,
+    start_s: StartS = None,
+    end_s: EndS = None,
+    system: System = 0,
+    log_number: LogNumber = 0,
+    vehicle: VehicleFile = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> int:
     """Say what is in a log, at which true rates, and what is missing for analyze."""
-    from quadid_logs.align import cut
-    from quadid_logs.data.settings import Settings
+    from quadid_logs.align import check_part, cut
     from quadid_logs.health import health_of
     from quadid_logs.load import load
     from quadid_logs.report.inventory import inventory_lines, inventory_text
     from quadid_logs.vehicle_file import read_vehicle
 
     given = None if vehicle is None else read_vehicle(vehicle)
-    settings = Settings(system=system, log=log_number)
+    settings = settings_of(start_s=start_s, end_s=end_s, system=system, log=log_number)
     check_log(log)
     with Progress(log.name) as progress:
         progress("reading")
@@ -47,6 +42,7 @@ def info(
         except SeveralLogsError as several:
             return _say_logs(several, as_json=as_json)
         progress("aligning")
+        check_part([prepared], settings.align)
         content, data = prepared.log, cut(prepared, settings.align)
     if as_json:
         say(inventory_text(content, data, health_of(prepared, data)).rstrip("\n"))

@@ -52,7 +52,7 @@ def serve(
     It listens on this machine only, and nothing leaves it. Ctrl-C ends it;
     what is in the queue goes on at the next start.
     """
-    from quadid_logs.fleet.extra import load
+    from quadid_logs.extra import load
 
     for library in ("starlette", "uvicorn"):
         load(library, "serve")

@@ -9,6 +9,7 @@ import typer
 
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.logs import check_log
+from quadid_logs.cli.options import EndS, LogNumber, StartS, System, settings_of
 from quadid_logs.cli.progress import Progress
 from quadid_logs.errors import SettingsError
 
@@ -58,13 +59,10 @@ def swing(
             "--vehicle", metavar="FILE.toml", help="For the mass, and the moments of the other axes."
         ),
     ] = None,
-    system: Annotated[
-        int, typer.Option("--system", metavar="ID", help="MAVLink system of the log; 0 chooses.")
-    ] = 0,
-    log_number: Annotated[
-        int,
-        typer.Option("--log", metavar="N", help="Which log of a file that holds several; info lists them."),
-    ] = 0,
+    start_s: StartS = None,
+    end_s: EndS = None,
+    system: System = 0,
+    log_number: LogNumber = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> int:
     """Measure a moment of inertia: let the vehicle swing on two strings and read its own gyro.
@@ -92,12 +90,14 @@ def swing(
         distance_half_width_m=distance_error_m,
         span_m=span_m,
     )
+    settings = settings_of(start_s=start_s, end_s=end_s, system=system, log=log_number)
     check_log(log)
     with Progress(log.name) as progress:
         progress("read")
-        content = read_log(log, system=system, number=log_number)
+        content = read_log(log, system=settings.system, number=settings.log)
         progress("fit")
-        found = measure(content, hung, axis)
+        part = settings.align
+        found = measure(content, hung, axis, start_s=part.start_s, end_s=part.end_s)
     if as_json:
         say(swing_text(content.path, hung, found).rstrip("\n"))
         return 0

@@ -23,7 +23,7 @@ from quadid_logs.cli.options import (
 )
 from quadid_logs.cli.page import open_page
 from quadid_logs.cli.progress import Progress
-from quadid_logs.commands import NEXT_LOG, command, named
+from quadid_logs.commands import named
 from quadid_logs.errors import SettingsError
 from quadid_logs.untrusted import printable
 
@@ -165,6 +165,7 @@ def _write(
 def _show(
     result: Result, tuning: Tuning, folder: Path, written: tuple[str, ...], removed: tuple[str, ...]
 ) -> None:
+    from quadid_logs.report.commands import on_next_log
     from quadid_logs.report.promise_file import PROMISE_FILE
     from quadid_logs.report.tune_view import tune_view
 
@@ -180,6 +181,7 @@ def _show(
                 say(f"    {line}")
     say(f"  written: {', '.join(printable(folder / name) for name in written)}")
     if PROMISE_FILE in written:
-        say(f"  after the next flight: `{command('check', NEXT_LOG, '--promise', named(str(folder)))}`")
+        check = on_next_log(result, "check", "--promise", named(str(folder)))
+        say(f"  after the next flight: `{check}`")
     if removed:
         say(f"  removed, of an earlier run: {', '.join(printable(folder / name) for name in removed)}")

@@ -13,7 +13,8 @@ import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.containers.content import text_content
-from quadid_logs.errors import UnknownFormatError
+from quadid_logs.errors import SettingsError, UnknownFormatError
+from quadid_logs.extra import load
 
 _PARQUET: Final = b"PAR1"
 _BOM: Final = b"\xef\xbb\xbf"
@@ -186,13 +187,9 @@ def _as_utf8(content: bytes) -> bytes:
 def _read_parquet(path: str | Path, choose: Choose) -> Cells:
     """Read the chosen columns of a Parquet file."""
     try:
-        import pyarrow as pa
-        from pyarrow import parquet
-    except ImportError as error:
-        raise UnknownFormatError(
-            f"{path} is a Parquet file, and pyarrow, which reads them, is not installed.",
-            hint="Install it with: pip install pyarrow",
-        ) from error
+        pa, parquet = load("pyarrow", "parquet"), load("pyarrow.parquet", "parquet")
+    except SettingsError as missing:
+        raise UnknownFormatError(f"{path} is a Parquet file: {missing}", hint=missing.hint) from missing
     try:
         file = parquet.ParquetFile(path)
         names = [str(name) for name in file.schema_arrow.names]

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import FloatArray, IntArray
-from quadid_logs.control.frequency_response import MOST_OF_RATE, WINDOW_S
+from quadid_logs.control.frequency_response import MOST_OF_RATE
 from quadid_logs.control.loop import close, gyro_filters, rate_loop
 from quadid_logs.control.margins import fine_grid_hz
 from quadid_logs.data.closed_loop import FrameModes, Modes, Plant
@@ -21,6 +21,7 @@ from quadid_logs.data.controller import AxisController
 from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.maths.band import ComplexArray
 from quadid_logs.maths.instrument_response import INDEPENDENT, tapered_spectra
+from quadid_logs.maths.spectra import WINDOW_S
 
 #: Arms and soft mounts bend up to some tens of hertz; below the first, the harmonics that a manoeuvre makes
 #: are louder than noise, and the fitted band shows modes itself. Half an octave above that band, for a mode

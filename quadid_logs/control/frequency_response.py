@@ -19,9 +19,8 @@ from quadid_logs.data.model import Actuator
 from quadid_logs.identify.rotors import Rotors, equivalent_torque
 from quadid_logs.maths.band import ComplexArray, angular_frequency
 from quadid_logs.maths.instrument_response import gain_by_instrument, tapered_spectra
+from quadid_logs.maths.spectra import WINDOW_S
 
-#: Windows of the averaged spectra: long enough for the slowest crossover, short enough for many of them.
-WINDOW_S = 4.0
 #: From half a hertz, the resolution of a window, eight octaves to 128 Hz, above any crossover; in thirds.
 _LOWEST_HZ: Final = 0.5
 _OCTAVES: Final = 8

@@ -13,10 +13,8 @@ from quadid_logs.data.controller import AxisController
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import FitSeries
 from quadid_logs.maths.band import ComplexArray
-from quadid_logs.maths.spectra import averaged_spectra
+from quadid_logs.maths.spectra import WINDOW_S, averaged_spectra
 
-#: Long enough for a few periods of the slowest crossover, short enough to be averaged often [s].
-_WINDOW_S: Final = 4.0
 #: Fewer averages than this make no spectrum.
 _FEWEST: Final = 4
 #: Above the crossover by this, and above what pilots and gusts do to a vehicle [Hz], noise is left.
@@ -83,7 +81,7 @@ def residual_spectrum(fit: FitSeries | None, number: int) -> Spectrum | None:
 def _spectrum(columns: list[FloatArray], period_s: float) -> Spectrum | None:
     if not (np.isfinite(period_s) and period_s > 0.0):
         return None
-    n = max(round(_WINDOW_S / period_s), 2)
+    n = max(round(WINDOW_S / period_s), 2)
     found = averaged_spectra(((one, one) for one in columns), period_s=period_s, n_per_segment=n)
     if found.n_averages < _FEWEST:
         return None

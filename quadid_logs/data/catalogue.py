@@ -15,23 +15,23 @@ from typing import Final, Literal
 
 #: What its advice is: to be set before the next flight, the manoeuvre to fly, or anything else.
 Step = Literal["set", "fly", "other"]
+#: What it judges: the model of an axis, whose verdict it decides; the loop that the controller makes of the
+#: vehicle, where the model is as good as it was; or whether gains can be advised.
+Scope = Literal["model", "loop", "gains"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CatalogueEntry:
-    """A kind of finding: its title, what it means, and what to fly or set next."""
+    """A kind of finding: its title, what it means, what to fly or set next, and what it judges."""
 
     code: str
     title: str
     meaning: str
     advice: str
     step: Step
+    scope: Scope
 
 
-_SET: Final = frozenset(
-    {"QL102", "QL104", "QL301", "QL302", "QL303", "QL304", "QL305", "QL306", "QL307"}
-    | {"QL611", "QL613", "QL620", "QL621"}
-)
 #: The doublets that are advised turn a vehicle at 14 to 25 deg/s rms (yaw least): an axis that turns more
 #: lacks no excitation.
 WELL_EXCITED_DEG_S: Final = 20.0
@@ -41,7 +41,6 @@ _ENOUGH: Final = (
     f"Look at the evidence. Below {WELL_EXCITED_DEG_S:g} deg/s rms, fly stronger manoeuvres on this axis. "
     f"Above, larger manoeuvres would not help. {CALMER}"
 )
-_FLY: Final = frozenset({"QL403", "QL404", "QL503", "QL504", "QL505", "QL511", "QL516", "QL535"})
 
 #: What makes an axis uncertain and its interval wide, and does not say that anything contradicts it.
 CAVEATS: Final = frozenset(
@@ -50,9 +49,12 @@ CAVEATS: Final = frozenset(
 )
 
 
-def _entry(code: str, title: str, meaning: str, advice: str) -> tuple[str, CatalogueEntry]:
-    step: Step = "set" if code in _SET else "fly" if code in _FLY else "other"
-    return code, CatalogueEntry(code=code, title=title, meaning=meaning, advice=advice, step=step)
+def _entry(
+    code: str, title: str, meaning: str, advice: str, *, step: Step = "other", scope: Scope = "model"
+) -> tuple[str, CatalogueEntry]:
+    return code, CatalogueEntry(
+        code=code, title=title, meaning=meaning, advice=advice, step=step, scope=scope
+    )
 
 
 CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
@@ -71,6 +73,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The logger could not keep up and left messages out. The places show as gaps. Up to 50 ms "
                 "are filled by a straight line; longer ones split the flight.",
                 "Use a faster card, or log fewer message types.",
+                step="set",
             ),
             _entry(
                 "QL103",
@@ -84,6 +87,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The log has no time column",
                 "Its rows carry no time stamps (very old firmware), so no rate of change can be computed.",
                 "Update the autopilot's firmware; any release of the last ten years stamps its rows.",
+                step="set",
             ),
             _entry(
                 "QL105",
@@ -124,6 +128,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The log holds no body rates",
                 "Neither the rate controller's nor a gyro's angular rates were logged.",
                 "Switch the logging of rates and IMU on.",
+                step="set",
             ),
             _entry(
                 "QL302",
@@ -131,6 +136,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The log holds neither the torque that the autopilot commanded nor motor outputs that it "
                 "could be rebuilt from, so there is no input to identify a model from.",
                 "Log the rate controller's outputs.",
+                step="set",
             ),
             _entry(
                 "QL303",
@@ -138,6 +144,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Between two samples the torque and the rates change in ways that the log does not show. "
                 "Interpolating gives inertias that are wrong by factors, so no number is given.",
                 "Log rates and torque at 100 Hz or more.",
+                step="set",
             ),
             _entry(
                 "QL304",
@@ -145,6 +152,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The rate is enough for the control effectiveness, but lag and effectiveness are hard to "
                 "tell apart.",
                 "Log rates and torque at 200 Hz or more.",
+                step="set",
             ),
             _entry(
                 "QL305",
@@ -152,6 +160,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Many samples are missing between those that are there: on average the signal is much "
                 "slower than its typical period suggests.",
                 "Use a faster card, or log fewer message types.",
+                step="set",
             ),
             _entry(
                 "QL306",
@@ -159,6 +168,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The structure with angles (linear-9) needs roll, pitch and yaw; it is left out or rests "
                 "on interpolated angles. The other structures do not need them.",
                 "Log the attitude at the rate of the rates if you want linear-9.",
+                step="set",
             ),
             _entry(
                 "QL307",
@@ -169,6 +179,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "is not seen.",
                 "Log the rate controller's output, the motor outputs and the mixer's battery compensation "
                 "with a current firmware to get the torque that was achieved.",
+                step="set",
             ),
             _entry(
                 "QL308",
@@ -258,6 +269,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "What the axis did is mostly noise and gusts, not an answer to the torque. A number fitted "
                 "to that would look fine and be wrong.",
                 "Excite this axis: quick stick doublets for half a minute, or a system-ID chirp.",
+                step="fly",
             ),
             _entry(
                 "QL404",
@@ -265,6 +277,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The torque explains most, but not nearly all, of the motion: the axis was weakly excited "
                 "or something else than torque moved it.",
                 _ENOUGH,
+                step="fly",
             ),
             _entry(
                 "QL405",
@@ -305,12 +318,14 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Fitted to slower or faster motion the control effectiveness comes out differently. That "
                 "of a rigid body does not: noise, wind, or feedback from the controller is in the way.",
                 _ENOUGH,
+                step="fly",
             ),
             _entry(
                 "QL504",
                 "The model fails on flight that it was not fitted to",
                 "On held-out parts of the flight the model predicts the acceleration badly.",
                 f"Do not use this axis. {_ENOUGH}",
+                step="fly",
             ),
             _entry(
                 "QL505",
@@ -319,6 +334,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "the ends of the interval the number is given, as a caution: it tells the size, not more, "
                 "and comparisons, inertia and tuning leave it out. Beyond that there is no number.",
                 f"Fly longer. {_ENOUGH}",
+                step="fly",
             ),
             _entry(
                 "QL506",
@@ -359,6 +375,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "is biased even if the fit looks good. An axis that speeds itself up in the model is judged "
                 "only over the time for which its motion can be predicted.",
                 _ENOUGH,
+                step="fly",
             ),
             _entry(
                 "QL510",
@@ -402,6 +419,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "the log shows the controller's gains. A higher band or a longer hover would show the same, "
                 "with more confidence.",
                 "Fly manoeuvres on this axis, so that commands move the vehicle more than air and noise do.",
+                step="fly",
             ),
             _entry(
                 "QL520",
@@ -530,6 +548,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "the damping and the lag: from spectra of short segments of the flight, each frequency "
                 "weighted by what the air leaves of it. The interval holds what the air hides.",
                 "Fly in calmer air, or make larger and quicker manoeuvres, for a narrower interval.",
+                step="fly",
             ),
             _entry(
                 "QL512",
@@ -548,6 +567,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "a fuller battery or a little more delay can make it oscillate. Margins are lost by gains "
                 "that are too high, and by gains that are too low.",
                 "`quadid-log tune LOG` computes the next gains, or says why it cannot.",
+                scope="loop",
             ),
             _entry(
                 "QL602",
@@ -567,6 +587,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "fitted; the margins rest on what lies above.",
                 "Do not rely on the margins of this axis. A system-ID chirp up to twice the crossover shows "
                 "the loop itself.",
+                scope="loop",
             ),
             _entry(
                 "QL604",
@@ -575,6 +596,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "and torque. Nothing is said of its loop.",
                 "Keep the gains as they are during the flight, and log the controller's terms at the loop's "
                 "rate.",
+                scope="loop",
             ),
             _entry(
                 "QL605",
@@ -584,6 +606,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "delay of 5 ms. A frame that bends may add gain: they allow for the modes that the log does "
                 "not rule out.",
                 "Fly a system-ID chirp up to twice the crossover, or quicker manoeuvres.",
+                scope="loop",
             ),
             _entry(
                 "QL606",
@@ -591,6 +614,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The source of this firmware version was not read. The loop is closed with the law of the "
                 "nearest version that was.",
                 "Compare the release notes of the rate controller between the two versions.",
+                scope="loop",
             ),
             _entry(
                 "QL607",
@@ -599,6 +623,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "propeller. What bends adds gain to the loop. The gain margin and its interval allow for it.",
                 "Look for what bends or is loose, and stiffen it; or put a notch at that frequency. Do not "
                 "raise gains before.",
+                scope="loop",
             ),
             _entry(
                 "QL610",
@@ -606,6 +631,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Gains are recommended for multirotors with the rate controllers of the autopilots that are "
                 "read here. This is another autopilot, or a vehicle that also flies as something else.",
                 "Tune it by its own autopilot's instructions.",
+                scope="gains",
             ),
             _entry(
                 "QL611",
@@ -613,6 +639,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Parameters of the rate controller are missing in the log, are no numbers, or switch on what "
                 "is not modelled.",
                 "Log with all parameters (from arming on), and fly with the standard rate controller.",
+                step="set",
+                scope="gains",
             ),
             _entry(
                 "QL612",
@@ -620,6 +648,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Replayed from logged set-points and rates, the controller does not give the logged terms "
                 "and torque: gains for it would be gains for another one.",
                 "Read what differs under QL604, and fly once more with gains that stay as they are.",
+                scope="gains",
             ),
             _entry(
                 "QL613",
@@ -627,6 +656,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Set-points, rates and torque were logged too slowly to replay the controller. A gain is not "
                 "changed on trust.",
                 "Log rates, set-points and the controller's output at the loop's rate, and fly once more.",
+                step="set",
+                scope="gains",
             ),
             _entry(
                 "QL614",
@@ -634,6 +665,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Where the loop decides about its stability, the measured response is not that of the model "
                 "(QL603).",
                 "Fly a system-ID chirp up to twice the crossover and tune from that flight.",
+                scope="gains",
             ),
             _entry(
                 "QL615",
@@ -641,6 +673,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Gains follow from the model, and something puts it in question: the reasons are named by "
                 "their codes.",
                 "Take the next steps that `quadid-log analyze LOG` prints, and tune from the new flight.",
+                scope="gains",
             ),
             _entry(
                 "QL616",
@@ -649,6 +682,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "of the parameters are not those that flew.",
                 "Log the controller's terms, which show how often the limiter acted. Fly gently enough that "
                 "it stays out, and tune from that flight.",
+                scope="gains",
             ),
             _entry(
                 "QL617",
@@ -656,6 +690,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "In more than a tenth of the flight the motors could not do what was commanded. Other gains "
                 "do not change that, and the model of what they would do does not hold.",
                 "Fly gentler manoeuvres, or use a lighter vehicle or stronger motors.",
+                scope="gains",
             ),
             _entry(
                 "QL618",
@@ -664,6 +699,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "effectiveness, lag and delay allow, it is close to instability. Other gains may help or "
                 "harm.",
                 "Fly stronger manoeuvres for longer, in calm air, with fast logging.",
+                scope="gains",
             ),
             _entry(
                 "QL619",
@@ -671,6 +707,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "A flexible mode stands in what the model leaves (QL525): an arm, a damper or a payload. "
                 "Gains that suit the model may drive it.",
                 "Stiffen or fix it, or put a notch on it, and fly once more.",
+                scope="gains",
             ),
             _entry(
                 "QL620",
@@ -679,12 +716,16 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "that is missing in the margins.",
                 "Log what it follows, or set it to a fixed frequency for the flight from which gains are "
                 "tuned.",
+                step="set",
+                scope="gains",
             ),
             _entry(
                 "QL621",
                 "The firmware's version is not known",
                 "Nothing tells which version of the control law flew.",
                 "Log with the firmware's version, as every current firmware does.",
+                step="set",
+                scope="gains",
             ),
             _entry(
                 "QL622",
@@ -692,12 +733,14 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The vehicle no longer holds the gains that flew here: a step from them would be a step from "
                 "somewhere else.",
                 "Tune from a flight with the gains that are set now.",
+                scope="gains",
             ),
             _entry(
                 "QL623",
                 "Several logs are behind this model",
                 "They may be of several vehicles, or flown with several sets of gains.",
                 "Tune from one flight.",
+                scope="gains",
             ),
             _entry(
                 "QL624",
@@ -705,6 +748,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Neither higher nor lower gains keep what is to be kept: filters, angle loop or motors take "
                 "too much phase.",
                 "Keep the gains. Where a filter limits this axis, QL636 names it and its cut-off.",
+                scope="gains",
             ),
             _entry(
                 "QL625",
@@ -712,6 +756,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The loop of the flown gains around the model is not known, or unstable: one of the two is "
                 "not what flew.",
                 "Look at the findings about the loop.",
+                scope="gains",
             ),
             _entry(
                 "QL630",
@@ -719,6 +764,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "In the worst of the vehicles that the next flight allows, the flown gains have less margin "
                 "than is to be kept, and lower ones have more.",
                 "Load the file, hover first, and heed the warning beside these gains.",
+                scope="gains",
             ),
             _entry(
                 "QL631",
@@ -726,6 +772,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Even in the worst of the vehicles that the flight allows, there is more margin than is to "
                 "be kept.",
                 "Load the file, hover first, and heed the warning beside these gains.",
+                scope="gains",
             ),
             _entry(
                 "QL660",
@@ -733,6 +780,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The rate loop is so slow that the angle loop around it lacks phase: the flown gains have "
                 "less margin than is to be kept, and higher ones have more.",
                 "Load the file, hover first, and heed the warning beside these gains.",
+                scope="gains",
             ),
             _entry(
                 "QL632",
@@ -741,6 +789,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "range.",
                 "Reduce vibration: balance propellers, mount the autopilot softly, put notches on the "
                 "motors' speeds.",
+                scope="gains",
             ),
             _entry(
                 "QL633",
@@ -749,12 +798,14 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "controller answers by no more than twice as much as in the flight before, and no margin "
                 "falls below what is to be kept.",
                 "Fly the file, and tune again from that flight.",
+                scope="gains",
             ),
             _entry(
                 "QL634",
                 "The gains are right as they are",
                 "No change of more than some per cent would be worth a flight.",
                 "Keep the gains.",
+                scope="gains",
             ),
             _entry(
                 "QL635",
@@ -762,6 +813,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "In more than a twentieth of the flight the motors could not do what was commanded: higher "
                 "gains would only reach the limits sooner.",
                 "Fly gentler manoeuvres for tuning.",
+                scope="gains",
             ),
             _entry(
                 "QL636",
@@ -769,12 +821,14 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The delay of a low-pass takes most of the phase: with a higher cut-off the same gains "
                 "would keep more margin, at the price of more noise.",
                 "Raise the cut-off in small steps where vibration allows it, and tune again.",
+                scope="gains",
             ),
             _entry(
                 "QL637",
                 "The documented range holds the gains",
                 "The firmware documents no higher value of this parameter.",
                 "Keep the value, or read the firmware's documentation on it.",
+                scope="gains",
             ),
             _entry(
                 "QL638",
@@ -782,6 +836,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The recommended gains are nearer to the limits than the flown ones. Filters, angle loop or "
                 "motors take the rest.",
                 "Where a filter limits this axis, QL636 names it and its cut-off.",
+                scope="gains",
             ),
             _entry(
                 "QL639",
@@ -789,6 +844,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Above what the flight shows, the promised margins allow for a further delay of 5 ms, and "
                 "for modes of the frame that the log does not rule out.",
                 "Fly a system-ID chirp up to twice the crossover for a narrower promise.",
+                scope="gains",
             ),
             _entry(
                 "QL641",
@@ -797,6 +853,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "stays bearable, and the attitude follows its set-point no more slowly. One factor on P, I "
                 "and D would not do as well.",
                 "Load the file, hover first, and heed the warning beside these gains.",
+                scope="gains",
             ),
             _entry(
                 "QL643",
@@ -804,6 +861,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "In a self-levelling mode the angle loop takes phase from the rate loop. How this autopilot "
                 "makes rates from angles is not modelled: no gains are recommended from such a flight.",
                 "Fly the whole flight in a mode in which the sticks command rates, and tune from that.",
+                scope="gains",
             ),
             _entry(
                 "QL644",
@@ -812,6 +870,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "they hardly rise above their rounding: they speak neither for nor against the controller of "
                 "the parameters. A gain is not changed on trust.",
                 "Fly quick manoeuvres, and log with a higher resolution where the autopilot can.",
+                scope="gains",
             ),
             _entry(
                 "QL642",
@@ -821,6 +880,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "change them in ways that the log does not hold. Margins take their gains from the settings, "
                 "and are those of sticks that rest.",
                 "Nothing to do; for D, log at 1 kHz or more.",
+                scope="loop",
             ),
             _entry(
                 "QL640",
@@ -828,6 +888,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The torque was logged too slowly to see what the gyro's noise makes of it: gains are not "
                 "raised.",
                 "Log the controller's output at the loop's rate.",
+                scope="gains",
             ),
             _entry(
                 "QL646",
@@ -842,6 +903,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "A frame that bends above the fitted band would take gain margin. This log is too slow, too "
                 "short or too noisy to show it. That is no reason to lower the gains, nor to raise them.",
                 "Log rates and torque at 400 Hz or more, and fly for a minute.",
+                scope="gains",
             ),
         )
     )

@@ -303,7 +303,7 @@ class FlightLog:
     path : str
         As given by the user.
     format : str
-        One of `vocabulary.LOG_FORMATS`.
+        The name of one of the registered formats.
     dialect : str
         A variant of the format, "" for the ordinary one ("sdlog2").
     autopilot : str

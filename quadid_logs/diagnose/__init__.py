@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
+from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.data.diagnosis import AxisVerdict, Diagnosis, Finding
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.log import FlightLog
@@ -23,8 +24,6 @@ from quadid_logs.vocabulary import AXES
 __all__ = ["diagnose", "remedied", "with_findings"]
 
 _SEVERITY = {"error": 0, "warning": 1, "info": 2}
-#: They tell of the loop that the controller makes of the vehicle: the model is as good as it was.
-_NOT_OF_THE_MODEL = frozenset({"QL601", "QL603", "QL604", "QL605", "QL606", "QL607"})
 
 
 def diagnose(
@@ -123,7 +122,7 @@ def _verdict(axis: str, findings: list[Finding]) -> AxisVerdict:
     touching = [
         finding
         for finding in findings
-        if (not finding.axes or axis in finding.axes) and finding.code not in _NOT_OF_THE_MODEL
+        if (not finding.axes or axis in finding.axes) and CATALOGUE[finding.code].scope == "model"
     ]
     errors = [finding for finding in touching if finding.level == "error"]
     warnings = [finding for finding in touching if finding.level == "warning"]

@@ -39,8 +39,6 @@ _MOST_TOO_FAST = 0.01
 _MOST_UPSIDE_DOWN = 0.1
 #: Nor does one turn at so many rad/s rms; a manoeuvre of as many deg/s is hardly one [rad/s].
 _ACROBATICS_RAD_S = 5.0
-#: An error of the gyro of some hundredths of a rad/s, times this time [s], does not turn a vehicle over.
-_TILT_MEMORY_S = 15.0
 #: A sinusoid has hardly any, two that are a third apart 0.15, manoeuvres 0.3 to 0.9. Gain and phase at one
 #: frequency are two numbers; effectiveness, damping, lag and delay are four.
 _LEAST_BANDWIDTH = 0.15
@@ -166,10 +164,7 @@ def _rates(data: FlightData) -> Iterator[Finding]:
         return
     rates = np.concatenate([segment.body_rate_rad_s for segment in data.segments])
     too_fast = float(np.mean(np.abs(rates).max(axis=1) > _FASTEST_RAD_S))
-    tilt = [
-        tilt_from_rates(segment.body_rate_rad_s, data.sample_period_s, _TILT_MEMORY_S)
-        for segment in data.segments
-    ]
+    tilt = [tilt_from_rates(segment.body_rate_rad_s, data.sample_period_s) for segment in data.segments]
     upside_down = float(np.mean(np.abs(np.concatenate(tilt)[:, 0]) > 0.5 * np.pi))
     rms = np.std(rates, axis=0)
     judged = data.gyro_check is None and upside_down > _MOST_UPSIDE_DOWN

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from quadid_logs.actuation.calibration import GRAVITY, MASS_SIGMA
+from quadid_logs.actuation.calibration import MASS_SIGMA
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.flight import FlightData, InputDescription
 from quadid_logs.data.log import FlightLog
@@ -17,7 +17,7 @@ from quadid_logs.data.torque import Calibration, TorqueComparison, TorqueModel
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.diagnose.findings import finding, rounded
 from quadid_logs.maths.student import student_95
-from quadid_logs.vocabulary import AXES, ON_AXIS
+from quadid_logs.vocabulary import AXES, GRAVITY_M_S2, ON_AXIS
 
 #: Limited this often, effectiveness per command is lower than that per achieved torque by some percent.
 _OFTEN_LIMITED = 0.01
@@ -255,7 +255,7 @@ def find_in_weight(data: FlightData, vehicle: Vehicle | None) -> Iterator[Findin
         n_blocks = max(int((end_s - start_s) / _WEIGHT_BLOCK_S), 1)
         edges = np.searchsorted(thrust.time_s, np.linspace(start_s, end_s, n_blocks + 1))
         blocks += [float(lift[a:b].mean()) for a, b in pairwise(edges) if b > a]
-    ratio = np.array(blocks) / (vehicle.mass_kg * GRAVITY)
+    ratio = np.array(blocks) / (vehicle.mass_kg * GRAVITY_M_S2)
     ratio = ratio[np.isfinite(ratio)]
     if ratio.size < 2:
         return

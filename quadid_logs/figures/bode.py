@@ -16,12 +16,11 @@ from quadid_logs.figures.spec import Axis, Band, Curve, Figure, LeftOut, Level, 
 from quadid_logs.figures.time_series import torque_axis
 from quadid_logs.identify.select import most_excited
 from quadid_logs.maths.band import ComplexArray, delay_response, gyro_response, lag_response
-from quadid_logs.maths.spectra import Spectra, averaged_spectra
+from quadid_logs.maths.spectra import WINDOW_S, Spectra, averaged_spectra
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS
 
 _TITLE = "Response of angular acceleration to torque against frequency"
 _KEY = "response"
-_BLOCK_S = 4.0
 #: Above, a multirotor's body answers with less than the noise.
 _HIGHEST_HZ = 30.0
 #: Below this coherence, gain and phase of the log are mostly chance.
@@ -37,7 +36,7 @@ def frequency_response(result: Result) -> Figure | LeftOut:
     model = result.identification.recommended
     data = most_excited(result.data, result.settings.identify.most_samples)
     longest = max((segment.n_samples for segment in data.segments), default=0)
-    n_block = int(_BLOCK_S / data.sample_period_s) if data.segments else 0
+    n_block = int(WINDOW_S / data.sample_period_s) if data.segments else 0
     if model is None or not n_block or longest < 2 * n_block:
         reason = "No model was fitted." if model is None else "No segment was long enough for a spectrum."
         return LeftOut(key=_KEY, title=_TITLE, reason=reason)

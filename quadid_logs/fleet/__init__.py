@@ -29,6 +29,7 @@ def fleet(
     store: str | Path,
     *,
     structure: str = "damped",
+    band: tuple[float, float] | None = None,
     vehicle: str | Path = "",
     workers: int = 0,
     scheduler: str = "",
@@ -45,6 +46,8 @@ def fleet(
         Folder of the store.
     structure : str
         Of all models: others do not compare.
+    band : (low, high), optional
+        Fit every log from low to high [Hz]; without it each log decides.
     vehicle : str or Path
         Vehicle file with mass, arms and thrust of all vehicles, "" without.
     workers : int
@@ -78,7 +81,7 @@ def fleet(
 
     several = [logs] if isinstance(logs, str | Path | FlightLog | Result) else list(logs)
     if several:
-        options, files = _options(structure, vehicle), find_logs([_place(each) for each in several])
+        options, files = _options(structure, band, vehicle), find_logs([_place(each) for each in several])
         run_fleet(files, Path(store), options, Cluster(scheduler=scheduler, workers=workers), resume=resume)
     return StoredFleet(Path(store))
 
@@ -93,14 +96,15 @@ def _place(log: str | Path | FlightLog | Result) -> str:
     return path
 
 
-def _options(structure: str, vehicle: str | Path) -> Options:
-    """Return what holds for every log; a structure that there is none of is refused before the work."""
+def _options(structure: str, band: tuple[float, float] | None, vehicle: str | Path) -> Options:
+    """Return what holds for every log; what makes no sense is refused before the work."""
     from quadid_logs.fleet.options import Options
     from quadid_logs.vehicle_file import read_vehicle
 
     described = Path(vehicle) if vehicle else None
     options = Options(
         structure=structure,
+        band_hz=band,
         vehicle=read_vehicle(described) if described else None,
         vehicle_file=described.read_text(encoding="utf-8") if described else "",
     )

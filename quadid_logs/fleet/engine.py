@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from quadid_logs.errors import QuadidError, SettingsError
-from quadid_logs.fleet.extra import load
+from quadid_logs.extra import load
 from quadid_logs.fleet.rows import LOST
 from quadid_logs.fleet.tasks import Outcome, Task, failure
 from quadid_logs.untrusted import printable
@@ -91,12 +91,12 @@ def _local_or_given(cluster: Cluster) -> Iterator[str]:
     """Give the scheduler's address; a local cluster histories in this process, as long as the run."""
     if cluster.scheduler:
         # Where it goes away, the library shows its own attempts to come back as tracebacks.
-        with load("distributed.utils").silence_logging_cmgr(logging.CRITICAL):
+        with load("distributed.utils", "fleet").silence_logging_cmgr(logging.CRITICAL):
             yield cluster.scheduler
         return
     with (
-        load("dask").config.set(_LEAN),
-        load("distributed").LocalCluster(
+        load("dask", "fleet").config.set(_LEAN),
+        load("distributed", "fleet").LocalCluster(
             n_workers=1,
             threads_per_worker=cluster.workers or None,
             processes=False,  # the threads only wait: each has a process for the analysis
@@ -143,7 +143,7 @@ class _Dispatcher:
 
     def _connect(self, failure_type: type[QuadidError]) -> Any:  # the client's library has no types
         """Try until the scheduler answers."""
-        distributed = load("distributed")
+        distributed = load("distributed", "fleet")
         patience_s = PATIENCE_S if failure_type is _SchedulerAwayError else 0.0
         until = time.monotonic() + patience_s
         while True:
@@ -161,7 +161,7 @@ class _Dispatcher:
 
     def _stream(self, waiting: deque[Task], ahead: int) -> None:
         """Keep the workers busy until nothing waits and nothing is in flight."""
-        done = load("distributed").as_completed(loop=self._client.loop)
+        done = load("distributed", "fleet").as_completed(loop=self._client.loop)
         self._hand_out(waiting, done, ahead)
         for future in done:
             task = self._in_flight[future.key]
@@ -193,7 +193,7 @@ class _Dispatcher:
         try:
             failed: BaseException | None = future.exception() if future.status == "error" else None
             outcome: Outcome | None = None if failed else future.result()
-        except (load("distributed").CancelledError, OSError) as error:
+        except (load("distributed", "fleet").CancelledError, OSError) as error:
             raise _SchedulerGoneError from error
         if failed is not None:
             self._settle_error(task, failed)
@@ -206,7 +206,7 @@ class _Dispatcher:
 
         if isinstance(error, ProcessDiedError):
             self._put_on_retry_list(task, f"Analyzing it killed the process ({error})")
-        elif isinstance(error, load("distributed").KilledWorker):
+        elif isinstance(error, load("distributed", "fleet").KilledWorker):
             self._put_on_retry_list(task, "Its workers died")
         elif isinstance(error, QuadidError):
             raise error

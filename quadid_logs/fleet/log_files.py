@@ -18,7 +18,7 @@ from urllib.parse import unquote
 
 from quadid_logs.autopilots import formats
 from quadid_logs.errors import LogError, LogNotFoundError
-from quadid_logs.fleet.extra import load
+from quadid_logs.extra import load
 from quadid_logs.output import DOWNLOADS, beside_prefix
 from quadid_logs.untrusted import printable
 
@@ -212,7 +212,7 @@ def _full_address(address: str, place: str) -> str:
 
 def _file_system(url: str) -> tuple[Any, str]:
     """Return fsspec's file system and the path in it."""
-    core = load("fsspec.core")
+    core = load("fsspec.core", "fleet")
     try:
         files, path = core.url_to_fs(url)
     except Exception as error:  # noqa: BLE001 - what an address that makes no sense raises is up to each file system

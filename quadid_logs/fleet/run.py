@@ -8,8 +8,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from quadid_logs.extra import load
 from quadid_logs.fleet.engine import Cluster, Events, run
-from quadid_logs.fleet.extra import load
 from quadid_logs.fleet.log_files import LogFile
 from quadid_logs.fleet.options import Options
 from quadid_logs.fleet.rows import ANALYZED, LOST, UNREADABLE
@@ -86,7 +86,7 @@ def run_fleet(
         If the store cannot be written, or was made otherwise; if the scheduler does not answer.
     """
     for library in ("distributed", "fsspec", "pebble", "pyarrow"):
-        load(library)
+        load(library, "fleet")
     store = Store(folder, options, resume=resume)
     tally = Tally(n_logs=len(files))
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from quadid_logs.errors import SettingsError
-from quadid_logs.fleet.extra import load
+from quadid_logs.extra import load
 from quadid_logs.fleet.store import SetAside, read_table
 from quadid_logs.untrusted import printable
 
@@ -55,8 +55,8 @@ def ask(folder: Path, sql: str) -> Answer:
     SettingsError
         If the folder is no store, or the statement fails.
     """
-    duckdb = load("duckdb")
-    load("pytz")  # DuckDB makes times with a zone by it
+    duckdb = load("duckdb", "fleet")
+    load("pytz", "fleet")  # DuckDB makes times with a zone by it
     set_aside: list[SetAside] = []
     connection = duckdb.connect(":memory:")
     connection.register("fleet", read_table(folder, set_aside.append))

@@ -112,9 +112,11 @@ class Store:
                 self._database.executemany("INSERT INTO made_with VALUES (?, ?)", wanted.items())
             made = dict(self._database.execute("SELECT name, value FROM made_with"))
         for name, value in wanted.items():
-            if made.get(name) != value:
+            # What a store of an earlier version does not name was not given.
+            before = made.get(name, "")
+            if before != value:
                 raise SettingsError(
-                    f"The store was made with another {name}: {printable(made.get(name))!r}, not {value!r}.",
+                    f"The store was made with another {name}: {printable(before)!r}, not {value!r}.",
                     hint="Give the same options, or choose another -o.",
                 )
 

@@ -41,7 +41,7 @@ class StoredFleet(NamedTuple):
         SettingsError
             If the folder is no store, or pandas is not installed.
         """
-        from quadid_logs.fleet.extra import load
+        from quadid_logs.extra import load
         from quadid_logs.fleet.store import read_table
 
         load("pandas")

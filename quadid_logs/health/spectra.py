@@ -10,9 +10,8 @@ import numpy as np
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.health import Line
 from quadid_logs.health.records import Record
+from quadid_logs.maths.spectra import WINDOW_S
 
-#: Windows of this length part lines that lie half a hertz apart; in a short flight, half of it [s].
-_WINDOW_S: Final = 4.0
 #: Fewer windows than these have no mean of which anything is known.
 _FEWEST_WINDOWS: Final = 6
 #: Half-overlapping Hann windows count as this many independent ones each: 1 / (1 + 2 (1/6)^2), for the
@@ -66,7 +65,7 @@ def periodograms(found: Sequence[Record], period_s: float) -> Periodograms | Non
     Periodograms or None
         None where there are too few windows for a mean.
     """
-    for window_s in (_WINDOW_S, 0.5 * _WINDOW_S):
+    for window_s in (WINDOW_S, 0.5 * WINDOW_S):
         n = round(window_s / period_s) if period_s > 0.0 else 0
         n_windows = sum(max(0, (one.time_s.size - n) // max(n // 2, 1) + 1) for one in found if n >= 8)
         if n_windows >= _FEWEST_WINDOWS:

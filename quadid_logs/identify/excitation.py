@@ -14,16 +14,14 @@ from quadid_logs.identify.design import Design
 from quadid_logs.identify.terms import ANGLE_SYMBOLS, Term
 from quadid_logs.identify.torque_path import torque_path
 from quadid_logs.maths.band import gaussian_response
-from quadid_logs.maths.spectra import Spectra, averaged_spectra
+from quadid_logs.maths.spectra import WINDOW_S, Spectra, averaged_spectra
 from quadid_logs.vocabulary import AXES, RATE_SYMBOLS, TORQUE_SYMBOLS
 
-#: Resolution of the spectra: half a hertz separates the lines of common manoeuvres.
-_SPECTRUM_S = 4.0
 #: Above this fraction of the Nyquist frequency a multirotor's motion has died out
 #: and what is left is noise (and vibration, which counts as noise here).
 _NOISE_BAND = 0.6
 #: A window of that length makes of one frequency a line of so many hertz to either side.
-_LINE_HZ = 2.5 / _SPECTRUM_S
+_LINE_HZ = 2.5 / WINDOW_S
 #: Where what is common to torque and rate is noise, as fractions of the Nyquist frequency.
 _NOISE_FROM, _NOISE_TO = 0.3, 0.9
 #: A vehicle that hovers by itself turns at 1 to 2 deg/s rms; a manoeuvre must exceed that.
@@ -100,7 +98,7 @@ def _axis(
     spectra = averaged_spectra(
         ((segment.torque[:, axis], segment.body_rate_rad_s[:, axis]) for segment in data.segments),
         period_s=data.sample_period_s,
-        n_per_segment=min(int(_SPECTRUM_S / data.sample_period_s), longest),
+        n_per_segment=min(int(WINDOW_S / data.sample_period_s), longest),
     )
     return Excitation(
         axis=AXES[axis],
@@ -178,7 +176,7 @@ def noise_density(data: FlightData) -> dict[str, float]:
         pairs = [(column, column) for column in found if column is not None]
         if not pairs:
             continue
-        n_per_segment = min(int(_SPECTRUM_S / data.sample_period_s), max(len(first) for first, _ in pairs))
+        n_per_segment = min(int(WINDOW_S / data.sample_period_s), max(len(first) for first, _ in pairs))
         spectra = averaged_spectra(pairs, period_s=data.sample_period_s, n_per_segment=n_per_segment)
         upper = spectra.frequency_hz > _NOISE_BAND * spectra.frequency_hz[-1]
         density[name] = float(np.median(spectra.input_psd[upper])) if upper.any() else 0.0

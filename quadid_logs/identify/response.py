@@ -18,13 +18,12 @@ from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import Response
 from quadid_logs.maths.band import ComplexArray, angular_frequency, gyro_response
 from quadid_logs.maths.instrument_response import gain_by_instrument, tapered_spectra
+from quadid_logs.maths.spectra import WINDOW_S
 
 #: Two octaves tell a gain from a lag and a delay.
 NARROWEST_BAND: Final = 4.0
 #: At least eight samples per cycle at the cut-off, or the torque between samples is a guess.
 SAMPLES_PER_CYCLE: Final = 8.0
-#: Windows of the averaged spectra: long enough to tell half a hertz apart, short enough for many of them.
-_WINDOW_S = 4.0
 #: Of a long flight there are hundreds, and of their lines one in ten counts.
 _WINDOWS_AT_ONCE = 32
 #: Third octaves from half a hertz, the resolution of a window, to 32 Hz, beyond any motion of a vehicle.
@@ -312,7 +311,7 @@ class _Lines(NamedTuple):
     @classmethod
     def of(cls, data: FlightData, below_hz: float) -> _Lines | None:
         """Return the lines of all segments below a frequency; None where none is as long as a window."""
-        n_samples = round(_WINDOW_S / data.sample_period_s)
+        n_samples = round(WINDOW_S / data.sample_period_s)
         windows = [
             segment.rows(slice(first, first + n_samples))
             for segment in data.segments

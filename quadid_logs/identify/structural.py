@@ -71,8 +71,6 @@ _SWINGS_HZ: Final = (0.35, 0.45, 0.6, 0.8)
 _MODE_SAMPLES_PER_CYCLE = 8.0
 #: Damping ratio at which a mode is looked for: wider than any, so that the steps leave no gap.
 _MODE_DAMPING = 0.1
-#: Tilt integrated from rates fades in this time, far below the band that is fitted.
-_TILT_MEMORY_S = 15.0
 #: Relative singular value below which columns are one and the same.
 _SAME_COLUMN = 1e-7
 #: Without set-points the effectiveness of simulated flights in gusts is low by up to this many times the
@@ -741,7 +739,7 @@ def _resonance(frequency_hz: float) -> tuple[_Response, _Response]:
 def _tilt(chunk: Segment, period_s: float) -> FloatArray:
     """Return roll and pitch, and zeros for yaw; shape (n_samples, 3)."""
     tilt = (
-        tilt_from_rates(chunk.body_rate_rad_s, period_s, _TILT_MEMORY_S)
+        tilt_from_rates(chunk.body_rate_rad_s, period_s)
         if chunk.attitude_rad is None
         else chunk.attitude_rad[:, :2]
     )

@@ -16,7 +16,7 @@ from quadid_logs.data.flight import Segment
 from quadid_logs.maths.recurrence import linear_filter
 from quadid_logs.maths.rotational_dynamics import PRODUCTS
 from quadid_logs.maths.rotations import tilt_from_rates
-from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS, TORQUE_SYMBOLS
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, GRAVITY_M_S2, RATE_SYMBOLS, TORQUE_SYMBOLS
 
 #: Thrust is not quite what mixer and thrust curve say, and the torque between the rows of a slow log is
 #: interpolated: no effectiveness is known better than this fraction for that alone.
@@ -33,12 +33,9 @@ _MOST_GYROSCOPIC = 1.0
 #: it and less. One that no flight shows lies between none and this.
 MOST_DAMPING_1_S: Final = (5.0, 5.0, 1.0)
 _YAW = 2
-_GRAVITY_M_S2 = 9.81
 #: Drag over mass of multirotors is 0.1 to 0.3 1/s. Which value hardly matters:
 #: it shapes what is slower than 0.05 Hz.
 _DRAG_1_S = 0.2
-#: Tilt integrated from rates fades in three times the drag's five seconds: slower is high-passed anyway.
-_TILT_MEMORY_S = 15.0
 
 #: Maps M of rates M w (3, 3) to the matrix that does the same to a family of columns.
 Mixing = Callable[[FloatArray], FloatArray]
@@ -220,7 +217,7 @@ def column_of(
     if isinstance(term, AttitudeTerm) and segment.attitude_rad is not None:
         return term.of_attitude(segment.attitude_rad, period_s)
     if isinstance(term, TiltTerm):
-        tilt = tilt_from_rates(segment.body_rate_rad_s, period_s, _TILT_MEMORY_S)
+        tilt = tilt_from_rates(segment.body_rate_rad_s, period_s)
         return term.of_attitude(tilt, period_s)
     return None
 
@@ -318,7 +315,7 @@ def _air_speed(along: int) -> Callable[[FloatArray, float], FloatArray]:
 
     def speed(attitude_rad: FloatArray, period_s: float) -> FloatArray:
         phi, theta = attitude_rad[:, 0], attitude_rad[:, 1]
-        push = _GRAVITY_M_S2 * (np.sin(phi) * np.cos(theta) if along else -np.sin(theta))
+        push = GRAVITY_M_S2 * (np.sin(phi) * np.cos(theta) if along else -np.sin(theta))
         return linear_filter((period_s,), (1.0, -float(np.exp(-_DRAG_1_S * period_s))), push)
 
     return speed

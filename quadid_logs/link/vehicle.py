@@ -101,9 +101,9 @@ class Vehicle:
         self._address = printable(address)
         device, baud = device_of(address)
         os.environ.setdefault("MAVLINK20", "1")
-        mavutil = extra.load("pymavlink.mavutil", "Install it with: pip install pymavlink pyserial")
+        mavutil = extra.load("pymavlink.mavutil")
         if device.startswith(("/dev/", "COM")):
-            extra.load("serial", "Install it with: pip install pyserial")
+            extra.load("serial")
         with self._as_link_error():
             self._link: Any = mavutil.mavlink_connection(
                 device, baud=baud, source_system=_SYSTEM, source_component=_COMPONENT, retries=1

@@ -8,12 +8,16 @@ so that it works on floats (one flight) and on arrays (many flights) alike.
 from __future__ import annotations
 
 import math
-from typing import Any, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
 
+#: Angles that are integrated from rates fade in this time [s]: three times the five seconds in which drag
+#: stops a vehicle, or 0.011 Hz, a thirtieth of the slowest motion that is fitted. A gyro's bias of some
+#: hundredths of a rad/s, times this time, does not turn a vehicle over.
+TILT_MEMORY_S: Final = 15.0
 #: Steps of the integration [s]: no vehicle turns far enough in a fiftieth of a second to tell two axes apart.
 _TILT_STEP_S = 0.02
 
@@ -232,7 +236,9 @@ def quaternion_rate(
     )
 
 
-def tilt_from_rates(body_rate_rad_s: FloatArray, period_s: float, memory_s: float) -> FloatArray:
+def tilt_from_rates(
+    body_rate_rad_s: FloatArray, period_s: float, memory_s: float = TILT_MEMORY_S
+) -> FloatArray:
     """Return roll and pitch that body rates integrate to, fading towards level.
 
     The direction of gravity in body axes turns by g' = -w x g. What was long ago fades, so that neither

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
+
+#: Segments of averaged spectra [s]. The main lobe of a Hann window is four bins wide (F. Harris, Proceedings
+#: of the IEEE 66, 1978), so lines half a hertz apart are resolved, as those of common manoeuvres are; a
+#: segment holds two periods of the slowest crossover, and half a minute has fourteen, half overlapping.
+WINDOW_S: Final = 4.0
 
 
 class Spectra(NamedTuple):

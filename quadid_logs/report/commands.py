@@ -1,16 +1,39 @@
-"""What to run on a result's log: the log as it was named, with the options that chose what was read of it."""
+"""What to run on a result's log: the log as it was named, with the options of the analysis.
+
+A command without them gives another answer than the page that prints it.
+"""
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType
 from typing import Final
 
 from quadid_logs.commands import LOG, NEXT_LOG, PROGRAM, command, named, quoted
 from quadid_logs.data.result import Result
 
-#: In texts that know no log: advice of the catalogue and of the autopilots.
-_OPEN: Final = re.compile(rf"`{PROGRAM} (\w+) {LOG}`")
 _LIKE: Final = re.compile(rf"(?<=--like ){LOG}(?=`)")
+_PART: Final = ("--start-s", "--end-s")
+_OF_ANY_LOG: Final = ("--system", "--vehicle")
+_FIT: Final = (*_OF_ANY_LOG, "--band")
+#: The options of an analysis that each verb takes.
+_TAKES: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
+    {
+        "analyze": ("--log", *_FIT, *_PART, "--sample-rate-hz", "--structure", "--window", "--stride"),
+        "check": ("--log", *_FIT, *_PART),
+        # Its --start-s and --end-s cut both logs, and the next flight has another clock.
+        "compare": _FIT,
+        "export": ("--log", *_FIT, *_PART, "--sample-rate-hz"),
+        "info": ("--log", *_OF_ANY_LOG, *_PART),
+        "tune": ("--log", *_FIT, *_PART),
+    }
+)
+#: In texts that know no log: advice of the catalogue and of the autopilots.
+_OPEN: Final = re.compile(rf"`{PROGRAM} ({'|'.join(_TAKES)}) {LOG}`")
+#: They choose from one log, and mean nothing on the clock of the next one.
+_OF_THIS_LOG: Final = frozenset({"--log", *_PART})
 
 
 def on_log(result: Result, verb: str, *words: object) -> str:
@@ -20,7 +43,7 @@ def on_log(result: Result, verb: str, *words: object) -> str:
     ----------
     result : Result
     verb : str
-        One that takes --log, --system and --vehicle.
+        One of `_TAKES`.
     *words : object
         What else it is given.
 
@@ -28,8 +51,7 @@ def on_log(result: Result, verb: str, *words: object) -> str:
     -------
     str
     """
-    number = ("--log", result.settings.log) if result.settings.log else ()
-    return command(verb, named(result.log.path), *number, *_options(result), *words)
+    return command(verb, named(result.log.path), *_options(result, _TAKES[verb]), *words)
 
 
 def on_next_log(result: Result, verb: str, *words: object) -> str:
@@ -45,7 +67,8 @@ def on_next_log(result: Result, verb: str, *words: object) -> str:
     -------
     str
     """
-    return command(verb, NEXT_LOG, *_options(result), *words)
+    takes = tuple(name for name in _TAKES[verb] if name not in _OF_THIS_LOG)
+    return command(verb, NEXT_LOG, *_options(result, takes), *words)
 
 
 def with_next_log(result: Result) -> str:
@@ -60,7 +83,8 @@ def with_next_log(result: Result) -> str:
     str
     """
     number = ("--logs", result.settings.log, 0) if result.settings.log else ()
-    return command("compare", named(result.log.path), NEXT_LOG, *number, *_options(result))
+    options = _options(result, _TAKES["compare"])
+    return command("compare", named(result.log.path), NEXT_LOG, *number, *options)
 
 
 def filled(text: str, result: Result) -> str:
@@ -93,8 +117,40 @@ def like_log(text: str, path: str) -> str:
     return _LIKE.sub(lambda _match: quoted(named(path)), text)
 
 
-def _options(result: Result) -> tuple[object, ...]:
-    """Return what holds for every log of the vehicle."""
-    system = ("--system", result.settings.system) if result.settings.system else ()
+def _options(result: Result, takes: tuple[str, ...]) -> Iterator[object]:
+    """Yield those of some options that the analysis was made with, each with its values, in that order."""
+    values = _chosen(result)
+    for name in takes:
+        if name in values:
+            yield name
+            yield from values[name]
+
+
+def _chosen(result: Result) -> dict[str, tuple[object, ...]]:
+    """Return the options that the analysis was made with, by name, with their values."""
+    settings = result.settings
+    part, fit = settings.align, settings.identify
     described = "" if result.vehicle is None else result.vehicle.path
-    return (*system, *(("--vehicle", named(described)) if described else ()))
+    numbers = {
+        "--log": settings.log,
+        "--system": settings.system,
+        "--sample-rate-hz": _written(part.sample_rate_hz),
+        "--window": fit.window,
+        "--stride": fit.stride,
+    }
+    chosen: dict[str, tuple[object, ...]] = {name: (value,) for name, value in numbers.items() if value}
+    for name, time_s in zip(_PART, (part.start_s, part.end_s), strict=True):
+        if math.isfinite(time_s):
+            chosen[name] = (_written(time_s),)
+    if fit.smoothing_hz:
+        chosen["--band"] = (_written(fit.high_pass_hz), _written(fit.smoothing_hz))
+    if fit.structure:
+        chosen["--structure"] = (fit.structure,)
+    if described:
+        chosen["--vehicle"] = (named(described),)
+    return chosen
+
+
+def _written(value: float) -> float | int:
+    """Return a number whose text gives the same number back, without ".0"."""
+    return int(value) if float(value).is_integer() else float(value)

@@ -11,6 +11,7 @@ import numpy as np
 from quadid_logs.arrays import AnyArray, FloatArray
 from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.errors import EmptyLogError, OutputError, SettingsError
+from quadid_logs.extra import load
 from quadid_logs.output import beside_prefix, check_free, new_folder, remove_unfinished
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import SIGNALS
@@ -173,14 +174,7 @@ def _write(table: dict[str, AnyArray], path: Path) -> None:
     if path.suffix == ".csv":
         _write_csv(table, path)
         return
-    try:
-        import pyarrow
-        from pyarrow import parquet
-    except ImportError as error:
-        raise OutputError(
-            "pyarrow, which writes Parquet, is not installed.",
-            hint="Install it with: pip install pyarrow, or write .csv.",
-        ) from error
+    pyarrow, parquet = load("pyarrow", "parquet"), load("pyarrow.parquet", "parquet")
     parquet.write_table(pyarrow.table(table), path)
 
 

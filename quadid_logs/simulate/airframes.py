@@ -12,8 +12,7 @@ from quadid_logs.autopilots.ardupilot.frames import Frame, frame_geometry
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.errors import SimulationError
 from quadid_logs.maths.frames import torque_matrix
-
-GRAVITY_M_S2 = 9.80665
+from quadid_logs.vocabulary import GRAVITY_M_S2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

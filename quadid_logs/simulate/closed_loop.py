@@ -15,7 +15,7 @@ from quadid_logs.errors import SimulationError
 from quadid_logs.maths.frames import normalised_allocation
 from quadid_logs.maths.rotational_dynamics import Quadruple, Triple, inertia_terms
 from quadid_logs.maths.rotations import Component, body_rates, quaternion_from_euler
-from quadid_logs.simulate.airframes import GRAVITY_M_S2, SimulatedAirframe
+from quadid_logs.simulate.airframes import SimulatedAirframe
 from quadid_logs.simulate.components import stacked as _stacked
 from quadid_logs.simulate.components import vector as _vector
 from quadid_logs.simulate.control import (
@@ -42,6 +42,7 @@ from quadid_logs.simulate.manoeuvres import Reference
 from quadid_logs.simulate.outputs import OutputCurve, output_curve
 from quadid_logs.simulate.plant import Body, State, advance, at_rest
 from quadid_logs.simulate.wind import Wind, dryden_wind
+from quadid_logs.vocabulary import GRAVITY_M_S2
 
 SPIN_MIN: Final = 0.15
 SPIN_MAX: Final = 0.95

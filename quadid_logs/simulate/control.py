@@ -17,7 +17,7 @@ import numpy as np
 
 from quadid_logs.maths.rotational_dynamics import Quadruple, Triple
 from quadid_logs.maths.rotations import Component
-from quadid_logs.simulate.airframes import GRAVITY_M_S2
+from quadid_logs.vocabulary import GRAVITY_M_S2
 
 
 class Arithmetic(NamedTuple):

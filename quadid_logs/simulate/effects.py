@@ -17,9 +17,9 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.maths.rotational_dynamics import Quadruple, Triple
 from quadid_logs.maths.rotations import Component
-from quadid_logs.simulate.airframes import GRAVITY_M_S2
 from quadid_logs.simulate.components import stacked, vector
 from quadid_logs.simulate.control import Arithmetic, Biquad, filter_rates
+from quadid_logs.vocabulary import GRAVITY_M_S2
 
 #: Of two research vehicles that hover indoors, the acceleration that no torque explains falls with about this
 #: power of the frequency between 0.1 and 10 Hz: slow air most, propeller and frame at all frequencies.

@@ -23,7 +23,6 @@ from quadid_logs.data.log import (
     Signal,
 )
 from quadid_logs.maths.rotations import euler_from_quaternion, rotation_matrix
-from quadid_logs.simulate.airframes import GRAVITY_M_S2
 from quadid_logs.simulate.closed_loop import Record, Setup, before_change, change_s, generator
 from quadid_logs.simulate.control import thrust_of_throttle
 from quadid_logs.simulate.effects import with_outliers
@@ -38,7 +37,7 @@ from quadid_logs.simulate.vendors import (
     start_texts,
     vendor,
 )
-from quadid_logs.vocabulary import AXES, MULTIROTOR
+from quadid_logs.vocabulary import AXES, GRAVITY_M_S2, MULTIROTOR
 
 _BURST_S: Final = 0.1
 #: What the control loop sends to the motors: late in the log by `Effects.torque_late_s`.

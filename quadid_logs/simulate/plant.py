@@ -16,8 +16,8 @@ from quadid_logs.maths.rotational_dynamics import (
     step_rates,
 )
 from quadid_logs.maths.rotations import Component
-from quadid_logs.simulate.airframes import GRAVITY_M_S2
 from quadid_logs.simulate.effects import NOTHING, External
+from quadid_logs.vocabulary import GRAVITY_M_S2
 
 Rotors = tuple[Component, ...]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-_GRAVITY_M_S2: Final = 9.81
+from quadid_logs.vocabulary import GRAVITY_M_S2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,7 +27,7 @@ class PublishedVehicle:
 
         A normalised command of one moves half of the largest thrust on each side: m g l / Ixx.
         """
-        return self.mass_kg * _GRAVITY_M_S2 * self.lever_m / self.inertia_kg_m2[0]
+        return self.mass_kg * GRAVITY_M_S2 * self.lever_m / self.inertia_kg_m2[0]
 
 
 PUBLISHED: Final = (

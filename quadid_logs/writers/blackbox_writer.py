@@ -20,6 +20,7 @@ from quadid_logs.autopilots.betaflight.sticks import sticks_of
 from quadid_logs.data.log import FlightLog, Signal
 from quadid_logs.errors import OutputError
 from quadid_logs.maths.rotations import quaternion_from_euler
+from quadid_logs.vocabulary import GRAVITY_M_S2
 from quadid_logs.writers.log_series import microseconds
 
 #: Frames from one complete frame to the next: what a fault costs at most.
@@ -28,7 +29,6 @@ _MAGIC: Final = b"H Product:Blackbox flight data recorder by Nicholas Sherlock\n
 _LOG_END: Final = b"E\xffEnd of log\0"
 _LARGEST: Final = float(2**31 - 1)
 _DEGREES: Final = 180.0 / np.pi
-_GRAVITY: Final = 9.80665
 _RPM: Final = 30.0 / np.pi
 _VERSION: Final = re.compile(r"(\w+) v(.*)")
 _LIST: Final = re.compile(r"(.+)\[\d+\]")
@@ -158,7 +158,7 @@ def _columns(signal: Signal, log: FlightLog, spelling: _Spelling, *, first: bool
         low, high = spelling.throttle
         return {f"{STICK}[3]": low + (high - low) * values[:, 0]}
     if signal.name == "specific_force":
-        return _named("accSmooth", forward_left_up * settings.get("acc_1G", 2048.0) / _GRAVITY)
+        return _named("accSmooth", forward_left_up * settings.get("acc_1G", 2048.0) / GRAVITY_M_S2)
     if signal.name == "attitude" and spelling.euler:
         return _named("attitude", values * [1.0, -1.0, 1.0] * _DEGREES * 10.0)
     if signal.name == "attitude":

@@ -16,6 +16,7 @@ import numpy as np
 
 from quadid_logs.arrays import AnyArray, FloatArray
 from quadid_logs.data.log import FlightLog, Signal
+from quadid_logs.vocabulary import GRAVITY_M_S2
 from quadid_logs.writers.flight_modes import find_mode
 from quadid_logs.writers.log_series import (
     Stamps,
@@ -38,7 +39,6 @@ from quadid_logs.writers.ulog_topics import whole_parameter
 #: Host time of the log's zero: 2025-01-01 00:00 UTC [µs]. Fixed, so that the bytes are.
 HOST_EPOCH_US = 1_735_689_600_000_000
 HEARTBEAT_PERIOD_US = 1_000_000
-GRAVITY = 9.80665
 RPM = 30.0 / math.pi
 TEXT_BYTES = 50
 SYSTEM_ID, COMPONENT_ID = 1, 1
@@ -207,7 +207,7 @@ def _imu_rows(clock: WriteClock, rate: Signal | None, force: Signal | None) -> t
 
 def _thousandths(rows: FloatArray) -> list[list[int]]:
     """Turn m/s^2 and rad/s into mG and mrad/s."""
-    scale = np.repeat([1000.0 / GRAVITY, 1000.0], 3)
+    scale = np.repeat([1000.0 / GRAVITY_M_S2, 1000.0], 3)
     return list(fit(rows * scale, np.dtype(np.int16)).tolist())
 
 

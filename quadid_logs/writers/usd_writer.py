@@ -17,6 +17,7 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.log import FlightLog, Rows, Signal
+from quadid_logs.vocabulary import GRAVITY_M_S2
 from quadid_logs.writers.log_series import Stamps, WriteClock, first, held_at, write_clock
 from quadid_logs.writers.records import Column, Field, Records, write_merged
 
@@ -27,7 +28,6 @@ _STAMPS: Final = {1: ("<u4", 1000), 2: ("<u8", 1)}
 _FIXED: Final = (0xFFFF, "fixedFrequency")
 _DEGREE: Final = 180.0 / math.pi
 _COUNTS: Final = 65535.0
-_GRAVITY: Final = 9.80665
 _LETTERS: Final = {"<f4": "f", "<u2": "H"}
 _FLU, _YAW_LEFT, _SAME = (1.0, -1.0, -1.0), (1.0, 1.0, -1.0), (1.0, 1.0, 1.0)
 #: Variables of each signal, factor, sign by axis, type.
@@ -49,7 +49,7 @@ _LEE: Final[Mapping[str, _Written]] = {
     "thrust_n": ("ctrlLee.thrustSi", 1.0, (1.0,), "<f4"),
 }
 _SENSORS: Final[Mapping[str, _Written]] = {
-    "specific_force": ("acc.x acc.y acc.z", 1.0 / _GRAVITY, _FLU, "<f4"),
+    "specific_force": ("acc.x acc.y acc.z", 1.0 / GRAVITY_M_S2, _FLU, "<f4"),
     "battery_voltage": ("pm.vbat", 1.0, (1.0,), "<f4"),
     "rotor_speed": ("rpm.m1 rpm.m2 rpm.m3 rpm.m4", 30.0 / math.pi, (1.0,) * 4, "<u2"),
 }

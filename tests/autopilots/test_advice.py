@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from quadid_logs.autopilots import Autopilot, known
+from quadid_logs.autopilots import Autopilot, formats, known
 from quadid_logs.autopilots.ardupilot.advice import ADVICE as ARDUPILOT
 from quadid_logs.autopilots.betaflight.advice import ADVICE as BETAFLIGHT
 from quadid_logs.autopilots.px4.advice import ADVICE as PX4
 from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.data.log import FlightLog
-from quadid_logs.vocabulary import AXES, LOG_FORMATS
+from quadid_logs.vocabulary import AXES
 
 Version = tuple[int, ...] | None
 
@@ -179,7 +179,7 @@ def test_every_autopilot_answers_every_question(autopilot: Autopilot) -> None:
     """In whole sentences, whatever format and version."""
     advice = autopilot.advice
     for version in (None, (0,), (1, 20), (9, 9, 9)):
-        assert all(advice.logging(each, {}, version).endswith(".") for each in LOG_FORMATS)
+        assert all(advice.logging(each.name, {}, version).endswith(".") for each in formats())
         assert all(advice.excitation(AXES[:n], version).endswith(".") for n in (1, 2, 3))
         assert all(note.endswith(".") for note in advice.version_notes(version))
         assert set(advice.sweep_magnitudes(version)) in (set(), set(AXES))

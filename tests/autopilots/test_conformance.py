@@ -17,7 +17,7 @@ from quadid_logs.data.log import FlightLog, Signal
 from quadid_logs.errors import LogError
 from quadid_logs.load import read_log
 from quadid_logs.simulate import simulate
-from quadid_logs.vocabulary import LOG_FORMATS, SIGNALS, VEHICLE_TYPES
+from quadid_logs.vocabulary import SIGNALS, VEHICLE_TYPES
 from quadid_logs.writers import write_log
 from tests.containers import blackbox_maker as blackbox
 from tests.containers import dataflash_files as dataflash
@@ -121,7 +121,7 @@ def signals_of(log: FlightLog) -> Iterator[Signal]:
 
 def check_words(log: FlightLog) -> None:
     """Names are canonical, and each source says what it is and why it has its place."""
-    assert log.format in (*LOG_FORMATS, "toy")
+    assert log.format in {*(each.name for each in autopilots.formats()), "toy"}
     assert log.vehicle_type in VEHICLE_TYPES
     for name, sources in log.signals.items():
         assert all(signal.name == name and signal.source and signal.reason for signal in sources)

@@ -37,6 +37,9 @@ PAGES = {"--open"}
         ("export", ON_LOGS | ONE_LOG),
         ("compare", ON_LOGS | PAGES),
         ("repeat", ON_LOGS | PAGES),
+        ("info", {"--start-s", "--end-s", "--system", "--vehicle"} | ONE_LOG),
+        ("swing", {"--start-s", "--end-s", "--system", "--vehicle"} | ONE_LOG),
+        ("fleet", {"--band", "--vehicle", "--quiet"}),
         ("plan", {"--vehicle", "--quiet"} | PAGES),
     ],
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -41,6 +42,20 @@ def test_a_part_without_enough_flight_leaves_the_report_that_is_there(
     assert main(["analyze", str(LOG), "-o", str(tmp_path), "--force", *chosen]) == 2
     assert report.read_text() == "good"
     assert [path.name for path in report.parent.iterdir()] == ["report.html"]
+
+
+def test_info_tells_of_the_part_that_is_chosen(capsys: pytest.CaptureFixture[str]) -> None:
+    """What analyze would make of the same part."""
+    assert main(["info", str(LOG), "--json", "--start-s", "40", "--end-s", "55"]) == 0
+    segments = json.loads(capsys.readouterr().out)["data"]["segments"]
+    assert min(segment[0] for segment in segments) >= 40.0
+    assert max(segment[1] for segment in segments) <= 55.0
+
+
+def test_info_on_a_part_without_a_flight_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
+    """As with analyze."""
+    assert main(["info", str(LOG), "--start-s", "5000"]) == 2
+    assert "the log runs from 31.3 to 61.0 s" in capsys.readouterr().err
 
 
 def test_the_help_says_which_clock_is_meant(capsys: pytest.CaptureFixture[str]) -> None:

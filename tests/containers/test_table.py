@@ -198,7 +198,7 @@ def test_a_parquet_file_without_the_library_that_reads_it_is_one_clear_line(
     path = tmp_path / "flight.parquet"
     path.write_bytes(b"PAR1" + bytes(40))
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(UnknownFormatError, match="pip install pyarrow"):
+    with pytest.raises(UnknownFormatError, match=r"pip install '\.\[parquet\]'"):
         read_log(path)
 
 

@@ -69,6 +69,24 @@ def test_a_lost_log_is_not_known(store):
         assert again.known(LogFile(url="/moved.bin", n_bytes=12)) == ("a" * 64,)
 
 
+def test_models_of_another_band_do_not_go_into_a_store(store):
+    """Numbers of two bands do not compare; the settings of each analysis have the band."""
+    options = Options(band_hz=(1.0, 8.0))
+    fit = options.settings.identify
+    assert (fit.high_pass_hz, fit.smoothing_hz) == (1.0, 8.0)
+    with pytest.raises(SettingsError, match="another band: '', not '1 8'"):
+        Store(store.folder, options, resume=True)
+
+
+def test_a_store_from_before_there_was_a_band_goes_on(store):
+    """Its logs chose their own, as without --band."""
+    with sqlite3.connect(store.folder / DATABASE) as database:
+        database.execute("DELETE FROM made_with WHERE name = 'band'")
+    with Store(store.folder, Options(), resume=True) as again:
+        again.take(outcome("/a.bin"))
+    assert len(rows_of(store.folder)) == 1
+
+
 def test_another_version_does_the_work_again_and_replaces_its_rows(store, monkeypatch):
     """Numbers of two versions are not mixed, whatever the log is called now."""
     store.take(outcome("/a.bin"))

@@ -29,7 +29,7 @@ from quadid_logs.autopilots.sources import (
 )
 from quadid_logs.containers.blackbox import FrameTable
 from quadid_logs.containers.blackbox_header import Header
-from quadid_logs.vocabulary import AXES
+from quadid_logs.vocabulary import AXES, GRAVITY_M_S2
 
 _Part: TypeAlias = Part[FrameTable]
 _Row: TypeAlias = Source[Any]
@@ -37,7 +37,6 @@ _Row: TypeAlias = Source[Any]
 #: x forward, y left, z up to x forward, y right, z down.
 TO_FRD: Final = np.array([1.0, -1.0, -1.0])
 _DEGREE: Final = np.pi / 180.0
-_GRAVITY: Final = 9.80665
 #: A PID sum of 1000 is the whole range of the mixer (``mixer.c``, PID_MIXER_SCALING).
 PID_SCALE: Final = 1e-3
 #: The setting that limits the PID sum of an axis, and its default (``pid.h``, PIDSUM_LIMIT).
@@ -137,7 +136,7 @@ class Facts:
             rate=tenths,
             gyro=tenths * scale,
             # Without a sensor the header says 0.
-            acceleration=_GRAVITY / at_rest if at_rest > 0 else np.nan,
+            acceleration=GRAVITY_M_S2 / at_rest if at_rest > 0 else np.nan,
             voltage=_volts(header, settings),
             pid_sum_limits=(abs(roll), abs(pitch), abs(yaw)),
             lowest_output=low,

@@ -21,6 +21,7 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.autopilots.sources import RPM, Part, Source, attitude_columns, plain
 from quadid_logs.containers.usd import EventTable
 from quadid_logs.data.log import GyroFilter
+from quadid_logs.vocabulary import GRAVITY_M_S2
 
 EventPart = Part[EventTable]
 
@@ -29,8 +30,6 @@ GYRO_FILTER: Final = GyroFilter(low_pass_hz=80.0)
 _DEGREE: Final = math.pi / 180.0
 #: Commands and duty cycles are counts of 16 bits.
 _FULL: Final = 65535.0
-#: Earth's pull on the accelerometer's scale, ISO 80000-3 [m/s^2].
-_GRAVITY: Final = 9.80665
 _FORWARD_LEFT_UP: Final = np.array([1.0, -1.0, -1.0])
 _YAW_LEFT: Final = np.array([1.0, 1.0, -1.0])
 #: A step of 1 mm/s, as the log holds it, is 0.02 rad/s behind this smoothing, where a flown trajectory has
@@ -112,7 +111,7 @@ def _reference_rates(part: EventPart, source: Source[Any]) -> FloatArray | None:
     near = np.convolve(np.pad(np.append(pause, False), reach), np.ones(2 * reach + 1), mode="valid") > 0.5
     jerk[near] = 0.0
     forward, left, _ = jerk.T
-    return np.column_stack([-left, -forward, np.zeros(len(jerk))]) / _GRAVITY
+    return np.column_stack([-left, -forward, np.zeros(len(jerk))]) / GRAVITY_M_S2
 
 
 def _attitude(part: EventPart, source: Source[Any]) -> FloatArray | None:
@@ -224,7 +223,7 @@ SOURCES: Final[tuple[Source[EventPart], ...]] = (
     Source("rotor_speed", ANY_EVENT, _of("motor", "m1_rpm m2_rpm m3_rpm m4_rpm"),
            "speeds by the motors' controllers", scale=RPM),
     Source("specific_force", ANY_EVENT, _of("acc", "x y z"), "accelerometer behind its filter", _flu,
-           _GRAVITY),
+           GRAVITY_M_S2),
     Source("battery_voltage", ANY_EVENT, _of("pm", "vbat"), "voltage of the battery"),
     Source("battery_voltage", ANY_EVENT, _of("pm", "vbatMV"), "voltage of the battery in mV", scale=1e-3),
     Source("armed", ANY_EVENT, _of("supervisor", "info"), "the supervisor's state", _bit(_IS_ARMED)),

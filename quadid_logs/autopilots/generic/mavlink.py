@@ -34,12 +34,13 @@ from quadid_logs.containers.mavlink_dialect import enum_names
 from quadid_logs.containers.tlog import MessageRows, TlogContent, read_content
 from quadid_logs.data.log import FlightLog, LoggedSystem, LogText, ModeChange, Rows, Signal
 from quadid_logs.sentences import some
+from quadid_logs.vocabulary import GRAVITY_M_S2
 
 #: MAV_AUTOPILOT.
 _ARDUPILOT: Final = 3
 _PX4: Final = 12
 _NAMES: Final = {_ARDUPILOT: "ardupilot", _PX4: "px4"}
-_MILLI_G: Final = 9.80665e-3
+_MILLI_G: Final = GRAVITY_M_S2 / 1000.0
 _ARMED: Final = 128
 _NOT_MEASURED: Final = 65_535.0
 _ON_GROUND: Final = 1

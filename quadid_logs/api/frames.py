@@ -1,32 +1,13 @@
-"""Libraries that only some methods need, with one clear line where they are missing."""
+"""Columns as a table of pandas."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from quadid_logs import extra
+from quadid_logs.extra import load
 
 if TYPE_CHECKING:
     import pandas as pd
-
-
-def load(name: str) -> Any:
-    """Import a library that a system's own packaging may have left out.
-
-    Parameters
-    ----------
-    name : str
-
-    Returns
-    -------
-    module
-
-    Raises
-    ------
-    SettingsError
-        If it is not installed.
-    """
-    return extra.load(name, "Install it with: pip install pandas control")
 
 
 def data_frame(columns: dict[str, Any], index: str = "") -> pd.DataFrame:
