@@ -60,6 +60,11 @@ _MOST_BACK_OFF: Final = 15
 _BETTER: Final = 1.1
 #: Standard deviation of the command that gyro noise may make, of its full range: motors stay cool.
 MOST_NOISE: Final = 0.05
+#: Why gains are changed each by itself.
+_BETTER_TITLE: Final = (
+    "Change these gains each by itself: gusts are rejected better, and margins stay above the limits"
+)
+_LACKING_TITLE: Final = "Change these gains each by itself: they leave too little margin"
 #: With more of the samples at the mixer's limits, higher gains would only reach them sooner.
 _NEAR_LIMITS: Final = 0.05
 #: Twice the cut-off halves a filter's delay: so it takes a third of the phase margin that is to be kept.
@@ -344,9 +349,10 @@ class _Search:
         if step is None:
             return None
         factors = {name: rounded(factor, 3) for name, factor in target.items()}
-        told = _found("QL641", self._case, {"target_factors": factors})
-        if not self._case.names.angle:
-            told = replace(told, title="P, I and D are changed each by itself")
+        told = replace(
+            _found("QL641", self._case, {"target_factors": factors}),
+            title=_BETTER_TITLE if self.is_kept_as_told() else _LACKING_TITLE,
+        )
         reasons = [told]
         if any(one.next != one.target for one in step.gains.values()):
             reasons.append(_found("QL633", self._case, {}))
