@@ -80,11 +80,18 @@ def test_a_curve_of_throttle_attenuation_is_named() -> None:
 
 
 def test_the_next_gains_are_one_step_up(sticks: Result) -> None:
-    """All by the 30 % that a flight may change, but for rounding."""
-    changes = recommend(sticks, BEARABLE, ["pitch"]).axes["pitch"].changes
+    """All by the factor of two that a flight may change, but for rounding."""
+    changes = recommend(sticks, BEARABLE, ["pitch"], apart=False).axes["pitch"].changes
     assert set(changes) == {"p_pitch", "i_pitch", "d_pitch", "d_max_pitch"}
-    assert all(1.3 * one.now - 1.0 < one.next <= 1.3 * one.now + 1e-6 for one in changes.values())
+    assert all(2.0 * one.now - 1.0 <= one.next <= 2.0 * one.now for one in changes.values())
     assert all(one.next.is_integer() and one.target.is_integer() for one in changes.values())
+
+
+def test_both_ends_of_the_range_of_d_go_together(tuned: Tuning) -> None:
+    """Each gain goes its own way, and D is one of them."""
+    d, highest = (tuned.axes["roll"].gains[name] for name in ("d_roll", "d_max_roll"))
+    assert tuned.axes["roll"].reasons[0].code == "QL641"
+    assert highest.next / highest.now == pytest.approx(d.next / d.now, abs=1.0 / d.now)
 
 
 def test_the_promise_holds_for_the_true_vehicle(corpus: Path, sticks: Result, tuned: Tuning) -> None:

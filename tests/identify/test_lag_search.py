@@ -69,7 +69,8 @@ def test_a_search_that_ends_with_more_error_than_it_began_with_returns_its_start
     monkeypatch.setattr(_Search, "_solve", lambda *_: np.array([0.2, 0.06]))
     found, loss = made.least(START)
     np.testing.assert_array_equal(found, START)
-    assert loss == made._loss(START)
+    # The same sum, added up in another order on some processors.
+    assert loss == pytest.approx(made._loss(START), rel=1e-12)
 
 
 @pytest.mark.parametrize("ended", [(0.03, 0.06), (0.25, 0.005)])
