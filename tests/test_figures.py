@@ -15,11 +15,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from quadid_logs import figures
 from quadid_logs.data.flight import Segment
 from quadid_logs.data.log import NO_GYRO_FILTER, GyroFilter, ModeChange, Notch
 from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings, in_band
-from quadid_logs.figures import FIGURE_KEYS, figures_of
+from quadid_logs.figures import FIGURE_KEYS, REGISTERED, figures_of
 from quadid_logs.figures.bode import frequency_response, model_response
 from quadid_logs.figures.closed_loop import loop_figures
 from quadid_logs.figures.end_labels import labelled, names_at_ends
@@ -62,6 +63,21 @@ def test_a_good_flight_shows_every_figure(usable: Result) -> None:
     assert {"singular", "structures", "lag", "held-out", "fit", "simulation", "residuals", "horizon"} <= {
         *keys
     }
+
+
+def test_figures_come_in_the_order_of_the_page(usable: Result) -> None:
+    """Each function's together, where its first one stands."""
+    keys = [figure.key for figure in figures_of(usable).shown]
+    first = [row.keys[0] for row in REGISTERED if row.keys[0] in keys and row.chapter != "loop-detail"]
+    wanted = [key for key in first if key != "residuals"]
+    assert [key for key in keys if key in wanted] == wanted
+
+
+def test_every_figure_is_registered_by_the_function_that_makes_it(usable: Result) -> None:
+    """A key without a row would be drawn on no page."""
+    for maker in {row.maker for row in REGISTERED}:
+        keys = {key for row in REGISTERED if row.maker == maker for key in row.keys}
+        assert {figure.key for figure in figures._made(maker, usable)} <= keys
 
 
 def test_a_figure_with_nothing_to_show_is_left_out_with_a_reason() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, NamedTuple
@@ -11,35 +12,67 @@ from quadid_logs.data.settings import STRUCTURES
 from quadid_logs.figures.spec import Figure, LeftOut
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
 __all__ = ["CHAPTERS", "FIGURE_KEYS", "FIRST_CHAPTER", "Figure", "Figures", "LeftOut", "figures_of"]
 
-#: Of what any log shows, in the order of the page.
-HEALTH_KEYS: Final = (
-    "tracking",
-    "attitude-tracking",
-    "step-response",
-    "gyro-spectrum",
-    "spectrogram",
-    "motors",
-    "vibration",
-    "battery",
+
+class Registered(NamedTuple):
+    """Figures of one chapter of the report, and the function of this package that makes them of a result.
+
+    It returns a figure or several, or what it leaves out; a function may stand in several rows.
+    """
+
+    chapter: str
+    keys: tuple[str, ...]
+    maker: str
+
+
+#: Every figure of a report, in its order.
+REGISTERED: Final = (
+    Registered("verdict", ("evidence",), "evidence:evidence_figure"),
+    Registered(
+        "shows",
+        (
+            "tracking",
+            "attitude-tracking",
+            "step-response",
+            "gyro-spectrum",
+            "spectrogram",
+            "motors",
+            "vibration",
+            "battery",
+        ),
+        "health:health_figures",
+    ),
+    Registered("model", ("response",), "bode:frequency_response"),
+    Registered("loop", ("loop-tracking", "loop-step"), "closed_loop:loop_figures"),
+    Registered("loop-detail", ("loop-bode", "loop-nyquist"), "closed_loop:loop_figures"),
+    Registered("flight", ("flight",), "time_series:flight_overview"),
+    Registered("flight", ("aligned",), "time_series:aligned_series"),
+    Registered("flight", ("gyro",), "gyro_scatter:gyro_against_attitude"),
+    Registered("flight", ("airframe",), "rotor_layout:airframe_from_above"),
+    Registered("excitation", ("excitation",), "excitation_spectra:excitation_spectra"),
+    Registered(
+        "windows",
+        (*(f"condition-{structure}" for structure in STRUCTURES), "over-time", "singular"),
+        "window_estimates:window_figures",
+    ),
+    Registered("fit", ("lag",), "model_fit:lag_profile"),
+    Registered("fit", ("held-out", "fit", "simulation"), "model_fit:fit_figures"),
+    Registered("fit", ("horizon",), "model_fit:horizon_error"),
+    Registered("fit", ("residuals",), "model_fit:fit_figures"),
+    Registered("structures", ("structures",), "model_fit:structure_comparison"),
 )
+
+
+def _keys_of(chapter: str) -> tuple[str, ...]:
+    return tuple(key for row in REGISTERED if row.chapter == chapter for key in row.keys)
+
+
 #: The chapters of the report that hold figures, in its order, each with the keys of its figures.
 CHAPTERS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
-    {
-        "verdict": ("evidence",),
-        "shows": HEALTH_KEYS,
-        "model": ("response",),
-        "loop": ("loop-tracking", "loop-step"),
-        "loop-detail": ("loop-bode", "loop-nyquist"),
-        "flight": ("flight", "aligned", "gyro", "airframe"),
-        "excitation": ("excitation",),
-        "windows": (*(f"condition-{structure}" for structure in STRUCTURES), "over-time", "singular"),
-        "fit": ("lag", "held-out", "fit", "simulation", "horizon", "residuals"),
-        "structures": ("structures",),
-    }
+    {row.chapter: _keys_of(row.chapter) for row in REGISTERED}
 )
 #: The keys of the figures that a report is drawn with unless every one is wanted.
 FIRST_CHAPTER: Final = CHAPTERS["flight"]
@@ -48,7 +81,7 @@ FIGURE_KEYS: Final = ("summary", *(key for keys in CHAPTERS.values() for key in 
 
 
 class Figures(NamedTuple):
-    """The figures of a result, in the order of the report, the loop last; those with nothing to show."""
+    """The figures of a result, in the order of the report, and those with nothing to show."""
 
     shown: tuple[Figure, ...]
     left_out: tuple[LeftOut, ...]
@@ -66,37 +99,20 @@ def figures_of(result: Result) -> Figures:
     Figures
         Series thinned for display without losing peaks, angles in degrees.
     """
-    from quadid_logs.figures.bode import frequency_response
-    from quadid_logs.figures.closed_loop import loop_figures
-    from quadid_logs.figures.evidence import evidence_figure
-    from quadid_logs.figures.excitation_spectra import excitation_spectra
-    from quadid_logs.figures.gyro_scatter import gyro_against_attitude
-    from quadid_logs.figures.health import health_figures
-    from quadid_logs.figures.model_fit import fit_figures, horizon_error, lag_profile, structure_comparison
-    from quadid_logs.figures.rotor_layout import airframe_from_above
-    from quadid_logs.figures.time_series import aligned_series, flight_overview
-    from quadid_logs.figures.window_estimates import window_figures
-
     everything = [
-        evidence_figure(result),
-        *health_figures(result),
-        flight_overview(result),
-        aligned_series(result),
-        gyro_against_attitude(result),
-        airframe_from_above(result),
-        excitation_spectra(result),
-        *window_figures(result),
-        structure_comparison(result),
-        lag_profile(result),
-        *fit_figures(result),
-        frequency_response(result),
-        horizon_error(result),
-        *loop_figures(result),
+        figure for maker in dict.fromkeys(row.maker for row in REGISTERED) for figure in _made(maker, result)
     ]
     return Figures(
         shown=tuple(_marked(item, result) for item in everything if isinstance(item, Figure)),
         left_out=tuple(item for item in everything if isinstance(item, LeftOut)),
     )
+
+
+def _made(maker: str, result: Result) -> Sequence[Figure | LeftOut]:
+    """Return the figures of one function, which is imported when it is needed."""
+    module, _, function = maker.partition(":")
+    made = getattr(importlib.import_module(f"{__name__}.{module}"), function)(result)
+    return [made] if isinstance(made, Figure | LeftOut) else made
 
 
 def _marked(figure: Figure, result: Result) -> Figure:

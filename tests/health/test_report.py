@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from quadid_logs import result_dict
 from quadid_logs.data.health import Health
-from quadid_logs.figures import HEALTH_KEYS, figures_of
+from quadid_logs.figures import CHAPTERS, figures_of
 from quadid_logs.report.health_view import health_lines, health_view
 from tests.synthetic_results import refused_result, synthetic_health, usable_result
 
@@ -28,8 +28,8 @@ def test_every_chart_of_the_chapter_is_captioned_by_its_judgement() -> None:
     """In the order of the page; the spectrogram belongs to the spectrum's sentence."""
     result = replace(usable_result(6.0), health=synthetic_health("This is the judgement."))
     figures = {figure.key: figure for figure in figures_of(result).shown}
-    assert [key for key in HEALTH_KEYS if key in figures] == list(HEALTH_KEYS)
-    for key in set(HEALTH_KEYS) - {"spectrogram"}:
+    assert tuple(key for key in figures if key in CHAPTERS["shows"]) == CHAPTERS["shows"]
+    for key in set(CHAPTERS["shows"]) - {"spectrogram"}:
         assert figures[key].caption.startswith("This is the judgement.")
 
 
