@@ -82,9 +82,9 @@ def true_margins(scenario: Scenario, autopilot: str, factors: np.ndarray) -> lis
     -------
     list of LoopMargins
     """
-    setup = tuning._setup(scenario, autopilot, factors, 0)
-    truth = tuning._resting_truth(setup)
-    return [tuning._true_margins(setup, truth, axis) for axis in range(3)]
+    setup = tuning.setup_of(scenario, autopilot, factors, 0)
+    truth = tuning.resting_truth(setup)
+    return [tuning.true_margins(setup, truth, axis) for axis in range(3)]
 
 
 def gain_db(margins: LoopMargins) -> float:
@@ -117,10 +117,10 @@ def measure(seed: int, number: int, n_files: int) -> dict[str, Any]:
     scenario, autopilot, factors = draw(seed, number)
     effects, flights = scenario.effects, []
     for count in range(n_files):
-        setup = tuning._setup(scenario, autopilot, factors, 1000 * seed + 10 * number + count)
-        result = tuning._analyzed(fly(setup), scenario)
+        setup = tuning.setup_of(scenario, autopilot, factors, 1000 * seed + 10 * number + count)
+        result = tuning.analyzed(fly(setup), scenario)
         tuned = recommend(result)
-        following = factors * tuning._changed(tuned, result) if tuned.changes else factors
+        following = factors * tuning.changed(tuned, result) if tuned.changes else factors
         before, after = (true_margins(scenario, autopilot, each) for each in (factors, following))
         flights.append(
             {

@@ -48,10 +48,10 @@ def compare(seed: int, number: int) -> tuple[str, list[tuple[Estimated | None, E
     rotor = _ROTOR_KG_M2 * (frame.mass_kg / 1.5) ** 1.5 * (number % 2)
     still = dataclasses.replace(frame, rate_damping_n_m_s=damping, rotor_inertia_kg_m2=rotor)
     scenario = dataclasses.replace(scenario, airframe=lambda: still)
-    setup = tuning._setup(scenario, autopilot, np.ones((4, 3)), number)
+    setup = tuning.setup_of(scenario, autopilot, np.ones((4, 3)), number)
     record = fly(setup)
-    result = tuning._analyzed(record, scenario)
-    true = tuning._true_margins(setup, flight_truth((record,), scenario="", boot_s=0.0), _YAW).full
+    result = tuning.analyzed(record, scenario)
+    true = tuning.true_margins(setup, flight_truth((record,), scenario="", boot_s=0.0), _YAW).full
     loop = None if result.closed_loop is None else result.closed_loop.axes["yaw"].margins
     told = None if loop is None else loop.full or loop.rate
     pairs = [
