@@ -94,7 +94,14 @@ def pooled(result: Result) -> Result:
 
 def saturated(result: Result) -> Result:
     assert result.data.input is not None
-    given = replace(result.data.input, saturated_fraction=0.2)
+    given = replace(result.data.input, saturated_fraction=0.2, limited_fraction=(0.2, 0.2, 0.2))
+    return replace(result, data=replace(result.data, input=given))
+
+
+def yaw_at_its_limits(result: Result) -> Result:
+    """As any vehicle with little yaw authority is in a brisk manoeuvre."""
+    assert result.data.input is not None
+    given = replace(result.data.input, saturated_fraction=0.2, limited_fraction=(0.0, 0.0, 0.2))
     return replace(result, data=replace(result.data, input=given))
 
 
@@ -226,6 +233,14 @@ def test_a_sabotaged_flight_is_refused_by_name(name: str) -> None:
     assert found.verdict == "refused"
     assert code in [one.code for one in found.reasons]
     assert not found.gains
+
+
+@pytest.mark.parametrize("axis", ["roll", "pitch"])
+def test_yaw_at_its_limits_holds_no_other_axis(axis: str) -> None:
+    flight = flown("ardupilot")
+    assert recommend(yaw_at_its_limits(flight), GOOD, [axis]).axes[axis].gains == (
+        recommend(flight, GOOD, [axis]).axes[axis].gains
+    )
 
 
 def test_a_refused_model_is_named_with_its_reason() -> None:

@@ -419,6 +419,7 @@ def _input(prepared: Prepared, segments: tuple[Segment, ...]) -> InputDescriptio
         unit="N m" if series.name == "torque_n_m" else "1",
         source=series.source,
         saturated_fraction=n_saturated / n_samples if n_samples else 0.0,
+        limited_fraction=_limited_fraction(prepared.series.get("torque_saturation"), segments),
         achieved=series.achieved,
         calibration=Calibration() if model is None else model.calibration,
         torque_per_thrust=prepared.torque.torque_per_thrust,
@@ -426,6 +427,16 @@ def _input(prepared: Prepared, segments: tuple[Segment, ...]) -> InputDescriptio
         every_step=loop_hz > 0.0 and 1.0 / series.period_s >= _EVERY_STEP * loop_hz,
         grid=(step_of(series.values[:, 0]), step_of(series.values[:, 1]), step_of(series.values[:, 2])),
     )
+
+
+def _limited_fraction(marks: CleanSeries | None, segments: tuple[Segment, ...]) -> tuple[float, float, float]:
+    """Return the fraction of logged rows inside the segments in which each axis got less than was wanted."""
+    if marks is None or not segments:
+        return 0.0, 0.0, 0.0
+    rows = [marks.stored[marks.within(*each.time_s[[0, -1]].tolist())] > 0.5 for each in segments]
+    limited = np.concatenate(rows)
+    roll, pitch, yaw = limited.mean(axis=0).tolist() if limited.size else (0.0, 0.0, 0.0)
+    return roll, pitch, yaw
 
 
 def _overview(series: CleanSeries) -> Overview:

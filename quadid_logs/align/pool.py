@@ -108,9 +108,12 @@ def _joint_input(merged: FlightData, parts: Sequence[FlightData]) -> InputDescri
     expo = merged.input.expo
     n_samples = [each.n_samples for each in parts]
     saturated = [each.saturated_fraction for each in described]
+    limited = np.average([each.limited_fraction for each in described], axis=0, weights=n_samples)
+    roll, pitch, yaw = limited.tolist()
     return replace(
         merged.input,
         saturated_fraction=float(np.average(saturated, weights=n_samples)),
+        limited_fraction=(roll, pitch, yaw),
         achieved=all(each.achieved for each in described),
         every_step=all(each.every_step for each in described),
         grid=max(each.grid for each in described),

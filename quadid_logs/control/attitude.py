@@ -17,27 +17,28 @@ _GAIN: Final = 0.5**0.5
 
 
 class Attitude(NamedTuple):
-    """Bandwidth of the answer to the set-point [Hz]; highest gain from a disturbance to what is left of it.
+    """Bandwidths of answers to the set-point [Hz]; highest gain from a disturbance to what is left of it.
 
-    The latter is the disturbance rejection peak [dB]; minus infinity where no angle loop is known.
+    Both of shape (n_loops,). The latter is the disturbance rejection peak [dB]; minus infinity where no angle
+    loop is known.
     """
 
-    bandwidth_hz: float
-    peak_db: float
+    bandwidth_hz: FloatArray
+    peak_db: FloatArray
 
 
 def attitude_of(
     frequency_hz: FloatArray, rate: ComplexArray, full: ComplexArray | None, to_rate: ComplexArray
 ) -> Attitude:
-    """Return bandwidth and disturbance rejection peak of an attitude.
+    """Return bandwidth and disturbance rejection peak of attitudes.
 
     Parameters
     ----------
     frequency_hz : ndarray, shape (n_frequencies,)
         Rising.
-    rate, full : ndarray of complex, shape (n_frequencies,)
+    rate, full : ndarray of complex, shape (n_loops, n_frequencies)
         Open loops, see `quadid_logs.control.loop.Loop`; full is None where no angle loop is known.
-    to_rate : ndarray of complex, shape (n_frequencies,)
+    to_rate : ndarray of complex, shape (n_loops, n_frequencies)
         The open answer of the rate to its set-point.
 
     Returns
@@ -52,23 +53,27 @@ def attitude_of(
     ADS-33E-PRF", disturbance rejection).
     """
     if full is None:
-        follows, peak_db = to_rate / (1.0 + rate), -np.inf
+        follows, peak_db = to_rate / (1.0 + rate), np.full(len(rate), -np.inf)
     else:
         whole = 1.0 + full
         follows = (full - rate) / whole
-        peak_db = float(20.0 * np.log10(np.max(np.abs((1.0 + rate) / whole))))
+        peak_db = 20.0 * np.log10(np.max(np.abs((1.0 + rate) / whole), axis=1))
     looked_at = frequency_hz >= _LOWEST_HZ
-    some, follows = frequency_hz[looked_at], follows[looked_at]
+    some, follows = frequency_hz[looked_at], follows[:, looked_at]
     late_hz = _first_below(some, np.degrees(np.unwrap(np.angle(follows))), _PHASE_DEG)
     weak_hz = _first_below(some, np.log(np.abs(follows)), np.log(_GAIN))
-    return Attitude(min(late_hz, weak_hz), peak_db)
+    return Attitude(np.minimum(late_hz, weak_hz), np.asarray(peak_db, dtype=np.float64))
 
 
-def _first_below(frequency_hz: FloatArray, values: FloatArray, level: float) -> float:
-    """Return where values first fall below a level, between two frequencies; the last one for nowhere."""
+def _first_below(frequency_hz: FloatArray, values: FloatArray, level: float) -> FloatArray:
+    """Return where values first fall below a level, between two frequencies; the last one for nowhere.
+
+    Values are of shape (n_loops, n_frequencies).
+    """
     below = values < level
-    if not below.any() or below[0]:
-        return float(frequency_hz[0 if below.any() else -1])
-    after = int(np.argmax(below))
-    place = (values[after - 1] - level) / (values[after - 1] - values[after])
-    return float(frequency_hz[after - 1] * (frequency_hz[after] / frequency_hz[after - 1]) ** place)
+    after = np.maximum(np.argmax(below, axis=1), 1)
+    row = np.arange(len(values))
+    above, under = values[row, after - 1] - level, values[row, after] - level
+    place = np.clip(above / (above - under), 0.0, 1.0)
+    found_hz = frequency_hz[after - 1] * (frequency_hz[after] / frequency_hz[after - 1]) ** place
+    return np.where(below.any(axis=1), found_hz, frequency_hz[-1])

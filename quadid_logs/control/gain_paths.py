@@ -36,22 +36,22 @@ class GainPaths(NamedTuple):
     flown: ComplexArray
     added: ComplexArray
 
-    def at(self, factors: Mapping[str, float]) -> ComplexArray:
+    def at(self, factors: Mapping[str, float | FloatArray]) -> ComplexArray:
         """Return the answers with other gains.
 
         Parameters
         ----------
-        factors : mapping of str to float
+        factors : mapping of str to float or to ndarray, shape (n_sets,)
             On the flown gains.
 
         Returns
         -------
-        ndarray of complex, shape (3, n_frequencies)
+        ndarray of complex, shape (3, n_frequencies) or (n_sets, 3, n_frequencies)
             As `GainPaths.flown`.
         """
-        more = np.array([factors[name] - 1.0 for name in self.names])
-        found = self.flown + np.tensordot(more, self.added, axes=1)
-        found[1] *= factors.get(self.angle, 1.0)
+        more = np.array([np.asarray(factors[name]) - 1.0 for name in self.names])
+        found = self.flown + np.tensordot(more.T, self.added, axes=1)
+        found[..., 1, :] *= np.asarray(factors.get(self.angle, 1.0))[..., np.newaxis]
         return np.asarray(found, dtype=np.complex128)
 
 

@@ -18,6 +18,7 @@ from quadid_logs.data.log import FlightLog
 from quadid_logs.data.tuning import GainNames
 from quadid_logs.diagnose.advice import advice_for, next_steps, to_a_usable_axis
 from quadid_logs.diagnose.findings import finding, rounded
+from quadid_logs.vocabulary import AXES
 
 #: With P and D scaled down in more of the rows, the gains of the parameters are not those that flew.
 _RARELY: Final = 0.05
@@ -64,6 +65,12 @@ class Case:
     names: GainNames
     parameters: Mapping[str, float]
     n_pooled: int = 0
+
+    @property
+    def limited_fraction(self) -> float:
+        """Of the flight, in which this axis got less than was commanded."""
+        described = self.data.input
+        return 0.0 if described is None else described.limited_fraction[AXES.index(self.axis)]
 
     @property
     def controller(self) -> AxisController | None:
@@ -190,8 +197,8 @@ def _replay(case: Case) -> Iterator[Finding]:
 
 
 def _limits(case: Case) -> Iterator[Finding]:
-    """Yield that the vehicle was at its limits too often."""
-    fraction = 0.0 if case.data.input is None else case.data.input.saturated_fraction
+    """Yield that the axis was at the mixer's limits too often."""
+    fraction = case.limited_fraction
     if fraction > MOST_SATURATED:
         yield _refusal("QL617", case, {"fraction_at_limits": rounded(fraction)})
 

@@ -204,8 +204,7 @@ class _Search:
         """Return the factor that the vehicle bears, whatever it flies with now."""
         factors = np.geomspace(*_SEARCHED, round(np.log(_SEARCHED[1] / _SEARCHED[0]) / np.log(_COARSE)) + 1)
         # The worst vehicle bears no more than the estimate, which is quick to look at.
-        estimate = self._loops.first(1)
-        alone = [spare(estimate.margins(factor), self._limits) for factor in factors]
+        alone = self._loops.spare_alone(factors, self._limits)
         borne = (place for place in reversed(range(len(factors))) if alone[place] >= 1.0)
         last = next((place for place in borne if self._score(factors[place]) >= 1.0), None)
         if last is None:
@@ -228,7 +227,7 @@ class _Search:
             if value > 0.0 and name in self._case.names.highest
         ]
         allowed = {"QL637": max(min(highest, default=np.inf), 1.0)}
-        if self._saturated() > _NEAR_LIMITS:
+        if self._case.limited_fraction > _NEAR_LIMITS:
             allowed["QL635"] = 1.0
         if factor > 1.0:
             allowed |= self._by_noise(factor)
@@ -271,9 +270,6 @@ class _Search:
 
     def _estimate(self) -> Plant:
         return self._loops.plants.at(slice(0, 1))
-
-    def _saturated(self) -> float:
-        return 0.0 if self._case.data.input is None else self._case.data.input.saturated_fraction
 
     def _score(self, factor: float) -> float:
         return spare(self._few.margins(factor), self._limits)
@@ -326,7 +322,7 @@ class _Search:
 
     def apart(self, common: Found) -> AxisTuning | None:
         """Return the step towards the best gains, each by itself; None where one factor does as well."""
-        if self._saturated() > _NEAR_LIMITS:
+        if self._case.limited_fraction > _NEAR_LIMITS:
             return None
         disturbed = Disturbed(self._gusts, self._gust_band_hz, self._torque, self._crossover_hz(), MOST_NOISE)
         search = separate_gains(self._case, self._loops, self._rebuild, self._limits, disturbed)
@@ -384,7 +380,7 @@ class _Search:
             controller = self._controller(factor)
             if controller is None:
                 return None
-            promised = scaled_loops(controller, self._loops.plants, self._loops.known_hz).margins()
+            promised = self._loops.of(controller).margins()
             if spare(promised, self._limits) >= enough or factor == end:
                 return _Step(factor, controller, promised)
             found = _Step(factor, controller, promised)
@@ -449,7 +445,7 @@ class _Search:
     def _evidence(self, code: str) -> dict[str, object]:
         """Return the numbers behind a limit."""
         if code == "QL635":
-            return {"fraction_at_limits": rounded(self._saturated(), 3)}
+            return {"fraction_at_limits": rounded(self._case.limited_fraction, 3)}
         noise = self._noise(1.0)
         if code == "QL632" and noise is not None:
             return {"fraction_of_range": rounded(noise.now, 3), "fraction_accepted": MOST_NOISE}

@@ -9,7 +9,14 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.control.loop import integrators, on_angle, on_rate
-from quadid_logs.control.margins import LoopFigures, fine_grid_hz, grid_hz, margins_of
+from quadid_logs.control.margins import (
+    LoopFigures,
+    figures_of,
+    fine_grid_hz,
+    grid_hz,
+    margins_of,
+    unmodelled,
+)
 from quadid_logs.data.closed_loop import Estimated, LoopMargins, Margins, Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.tuning import Limits
@@ -24,13 +31,14 @@ class ScaledLoops(NamedTuple):
 
     ``rate`` is the rate loop, ``angle`` what the angle loop adds to it through P, I and D, ``fixed`` what it
     adds through the feed-forward; each (n_plants, n_frequencies), the last two None where no angle loop is
-    known.
+    known. ``body`` is the vehicles' own answer.
     """
 
     controller: AxisController
     plants: Plant
     known_hz: float
     frequency_hz: FloatArray
+    body: ComplexArray
     rate: ComplexArray
     angle: ComplexArray | None
     fixed: ComplexArray | None
@@ -55,6 +63,33 @@ class ScaledLoops(NamedTuple):
         n, runs_away = integrators(self.controller) + more_integrators, self.plants.damping > 0.0
         return margins_of(self.frequency_hz, loop, n, runs_away, self.known_hz)
 
+    def spare_alone(self, factors: FloatArray, limits: Limits) -> FloatArray:
+        """Return how much of the limits the estimate alone keeps, with P, I and D times some factors.
+
+        Parameters
+        ----------
+        factors : ndarray, shape (n_factors,)
+        limits : Limits
+
+        Returns
+        -------
+        ndarray, shape (n_factors,)
+            As of `spare`.
+        """
+        n, column = integrators(self.controller), factors[:, np.newaxis]
+        loops = [(column * self.rate[0], n)]
+        if self.angle is not None and self.fixed is not None:
+            loops.append((column * (self.rate[0] + self.angle[0]) + self.fixed[0], n + 1))
+        runs_away = np.repeat(self.plants.damping[:1] > 0.0, factors.size)
+        later = unmodelled(self.frequency_hz, self.known_hz)
+        figures = [
+            figures_of(self.frequency_hz, each, n_poles, runs_away)
+            for loop, n_poles in loops
+            for each in (loop, loop * later)
+        ]
+        told = np.concatenate([spare_of(one, limits) for one in figures], axis=1)
+        return np.maximum(np.min(told, axis=1), 0.0)
+
     def first(self, n_plants: int) -> ScaledLoops:
         """Return the loops around the first of the vehicles.
 
@@ -67,8 +102,23 @@ class ScaledLoops(NamedTuple):
         ScaledLoops
         """
         angle, fixed = (None if part is None else part[:n_plants] for part in (self.angle, self.fixed))
-        plants = self.plants.at(slice(0, n_plants))
-        return self._replace(plants=plants, rate=self.rate[:n_plants], angle=angle, fixed=fixed)
+        plants, body = self.plants.at(slice(0, n_plants)), self.body[:n_plants]
+        return self._replace(plants=plants, body=body, rate=self.rate[:n_plants], angle=angle, fixed=fixed)
+
+    def of(self, controller: AxisController) -> ScaledLoops:
+        """Return the loops of another controller around the same vehicles.
+
+        Parameters
+        ----------
+        controller : AxisController
+
+        Returns
+        -------
+        ScaledLoops
+        """
+        if controller.period_s != self.controller.period_s:
+            return scaled_loops(controller, self.plants, self.known_hz)
+        return _around(self.body, controller, self.plants, self.known_hz, self.frequency_hz)
 
 
 def scaled_loops(controller: AxisController, plants: Plant, known_hz: float) -> ScaledLoops:
@@ -88,13 +138,20 @@ def scaled_loops(controller: AxisController, plants: Plant, known_hz: float) -> 
     """
     frequency_hz = (grid_hz if plants.modes is None else fine_grid_hz)(controller.period_s)
     body = plants.response(frequency_hz, controller.period_s)
+    return _around(body, controller, plants, known_hz, frequency_hz)
+
+
+def _around(
+    body: ComplexArray, controller: AxisController, plants: Plant, known_hz: float, frequency_hz: FloatArray
+) -> ScaledLoops:
+    """Close the loops of a controller around the answers of vehicles."""
     rate = body * on_rate(controller, frequency_hz)
     if controller.angle_gain_per_s is None:
-        return ScaledLoops(controller, plants, known_hz, frequency_hz, rate, None, None)
+        return ScaledLoops(controller, plants, known_hz, frequency_hz, body, rate, None, None)
     # The feed-forward is on the path of the set-point alone, and no gain scales it.
     scaling = on_angle(replace(controller, feed_forward=None), frequency_hz)
     angle, fixed = body * scaling, body * (on_angle(controller, frequency_hz) - scaling)
-    return ScaledLoops(controller, plants, known_hz, frequency_hz, rate, angle, fixed)
+    return ScaledLoops(controller, plants, known_hz, frequency_hz, body, rate, angle, fixed)
 
 
 def spare(margins: LoopMargins, limits: Limits) -> float:
@@ -152,27 +209,27 @@ def _ratio(figure: Estimated | None, limit: float) -> float:
 
 
 def spare_of(figures: LoopFigures, limits: Limits) -> FloatArray:
-    """Return how much of each limit a single loop keeps: `spare` without an interval.
+    """Return how much of each limit loops keep, one by one: `spare` without an interval.
 
     Parameters
     ----------
     figures : LoopFigures
-        Of one loop.
     limits : Limits
 
     Returns
     -------
-    ndarray, shape (4,)
+    ndarray, shape (n_loops, 4)
         Gain up, gain down, phase, disk; infinite where the loop does not have the figure, below zero by how
         much an unstable one is beyond minus one.
     """
-    told = np.array(
+    told = np.stack(
         [
-            20.0 * np.log10(figures.gain_margin[0]) / max(limits.gain_db, _NOTHING),
-            20.0 * np.log10(figures.gain_margin_down[0]) / max(limits.gain_db, _NOTHING),
-            np.degrees(figures.phase_margin_rad[0]) / max(limits.phase_deg, _NOTHING),
-            figures.disk_margin[0] / max(limits.disk, _NOTHING),
-        ]
+            20.0 * np.log10(figures.gain_margin) / max(limits.gain_db, _NOTHING),
+            20.0 * np.log10(figures.gain_margin_down) / max(limits.gain_db, _NOTHING),
+            np.degrees(figures.phase_margin_rad) / max(limits.phase_deg, _NOTHING),
+            figures.disk_margin / max(limits.disk, _NOTHING),
+        ],
+        axis=1,
     )
     told = np.where(np.isnan(told), np.inf, told)
-    return told if figures.stable[0] else np.minimum(told, 0.0)
+    return np.where(figures.stable[:, np.newaxis], told, np.minimum(told, 0.0))

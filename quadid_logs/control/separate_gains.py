@@ -14,7 +14,7 @@ from quadid_logs.control.gain_paths import GainPaths, gain_paths
 from quadid_logs.control.guard import Case
 from quadid_logs.control.loop import integrators, on_angle, on_rate
 from quadid_logs.control.margins import figures_of, unmodelled
-from quadid_logs.control.scaled_loop import ScaledLoops, each_spare, scaled_loops, spare, spare_of
+from quadid_logs.control.scaled_loop import ScaledLoops, each_spare, spare, spare_of
 from quadid_logs.control.torque_noise import Gusts, Spectrum, gusts_of, lowest_noise_hz, noise_band
 from quadid_logs.data.closed_loop import LoopMargins, Plant
 from quadid_logs.data.controller import AxisController
@@ -64,7 +64,7 @@ class Step(NamedTuple):
 
 
 class _Loop(NamedTuple):
-    """Loops of the estimate over frequency: see `quadid_logs.control.attitude.attitude_of`."""
+    """Loops of the estimate over frequency, one for each set of gains; see `attitude_of`."""
 
     rate: ComplexArray
     full: ComplexArray | None
@@ -175,12 +175,17 @@ class SeparateGains:
         self._noise = _Noise(disturbed, loops)
         self._gusts = _gusts(disturbed, estimate, loops.frequency_hz)
         self._flown_spare = spare(loops.margins(), limits)
+        self._enough = min(1.0 - 2.0 * _ROUNDING, self._flown_spare)
+        crossover = loops.first(1).margins().rate.crossover_hz
+        self._crossover_hz = 0.0 if crossover is None else crossover.value
+        self._flown_answer = _answer(loops.controller, loops.frequency_hz)
         # The worst vehicle keeps this much of what the estimate does, with other gains about as much.
         self._reserve = _part(
             each_spare(loops.margins(), limits), each_spare(loops.first(1).margins(), limits)
         )
         # No pilot wants a vehicle that follows more slowly, as gusts alone would have it.
-        self._flown_hz = self._attitude(self._at(dict.fromkeys(self._now, 1.0))).bandwidth_hz
+        flown = self._at(_sets(dict.fromkeys(self._now, 1.0)))
+        self._flown_hz = float(self._attitude(flown).bandwidth_hz[0])
 
     def target(self, common: float) -> dict[str, float]:
         """Return by parameter the factor at which gusts are rejected best, the limits being kept.
@@ -206,7 +211,7 @@ class SeparateGains:
             worst = self._worst_spare(found)
             if np.min(worst) >= 1.0 - _ROUNDING:
                 break
-            self._reserve = np.minimum(self._reserve, _part(worst, self._spare(self._at(found))))
+            self._reserve = np.minimum(self._reserve, _part(worst, self._spare(self._at(_sets(found)))[0]))
             begin = [begin[1], found]
         kept = [one for found in tried if (one := self._up_to_the_limits(found)) is not None]
         return min(kept, key=self.cost) if kept else tried[-1]
@@ -239,86 +244,78 @@ class SeparateGains:
         def factors(logs: FloatArray) -> dict[str, float]:
             return dict(zip(names, np.exp(logs).tolist(), strict=True))
 
-        known: dict[bytes, tuple[float, FloatArray]] = {}
-
-        def told(logs: FloatArray) -> tuple[float, FloatArray]:
-            key = logs.tobytes()
-            if key not in known:
-                known[key] = self._told(factors(logs))
-            return known[key]
-
-        def cost(logs: FloatArray) -> float:
-            return told(logs)[0]
-
-        def kept(logs: FloatArray) -> FloatArray:
-            return told(logs)[1]
-
+        told = _Slopes(lambda logs: self._told(dict(zip(names, np.exp(logs).T, strict=True))))
         found = list(begins)
         for begin in begins:
             end = minimize(
-                cost,
+                told.cost,
                 [math.log(begin[name]) for name in names],
                 method="SLSQP",
+                jac=told.cost_slope,
                 bounds=bounds,
-                constraints=NonlinearConstraint(kept, 0.0, np.inf),
-                options={"maxiter": _MOST_STEPS, "ftol": _TOLERANCE, "eps": _DIFFERENCE},
+                constraints=NonlinearConstraint(told.kept, 0.0, np.inf, jac=told.kept_slope),
+                options={"maxiter": _MOST_STEPS, "ftol": _TOLERANCE},
             )
             found.append(factors(end.x))
         return min(found, key=self._value)
 
     def _value(self, factors: Mapping[str, float]) -> float:
         """Return what is to be small, and what is missing of the limits."""
-        error, kept = self._told(factors)
-        return error + _PENALTY * float(np.sum(np.maximum(-kept, 0.0)))
+        error, kept = self._told(_sets(factors))
+        return float(error[0] + _PENALTY * np.sum(np.maximum(-kept[0], 0.0)))
 
-    def _told(self, factors: Mapping[str, float]) -> tuple[float, FloatArray]:
+    def _told(self, factors: Mapping[str, FloatArray]) -> tuple[FloatArray, FloatArray]:
         """Return what is to be small, a logarithm, and how much is kept of each limit beyond it.
 
         That is the attitude error of gusts, times how much more slowly the attitude follows its set-point,
-        times how much less the integral holds.
+        times how much less the integral holds. For each of several sets of gains: (n_sets,), (n_sets,
+        n_limits).
         """
         loop = self._at(factors)
         attitude = self._attitude(loop)
-        kept = [
-            *(self._reserve * self._spare(loop) - 1.0),
-            1.0 - max(attitude.peak_db, 0.0) / _MOST_PEAK_DB,
-            -self._noise.beyond(loop),
-        ]
-        slower = max(self._flown_hz / attitude.bandwidth_hz, 1.0)
+        kept = np.column_stack(
+            [
+                self._reserve * self._spare(loop) - 1.0,
+                1.0 - np.maximum(attitude.peak_db, 0.0) / _MOST_PEAK_DB,
+                -self._noise.beyond(loop),
+            ]
+        )
+        slower = np.maximum(self._flown_hz / attitude.bandwidth_hz, 1.0)
         # A load off centre and a bent arm are in no spectrum of gusts: the integral falls with P.
         integral, proportional = (
             factors.get(name, 1.0) for name in (self._names.integral, self._names.proportional)
         )
-        weaker = max(min(proportional, 1.0) / integral, 1.0)
+        weaker = np.maximum(np.minimum(proportional, 1.0) / integral, 1.0)
         error_rad = self._gusts.attitude_rad(loop.whole)
-        return float(np.log(slower * weaker * error_rad)), np.minimum(kept, 1.0)
+        return np.log(slower * weaker * error_rad), np.minimum(kept, 1.0)
 
-    def _at(self, factors: Mapping[str, float]) -> _Loop:
+    def _at(self, factors: Mapping[str, FloatArray]) -> _Loop:
         """Return the loops of the estimate with other gains."""
-        back, by_angle, forward = self._body * self._paths.at(factors)
+        back, by_angle, forward = np.moveaxis(self._body * self._paths.at(factors), 1, 0)
         return _Loop(back, back + by_angle if self._loops.angle is not None else None, forward)
 
     def _attitude(self, loop: _Loop) -> Attitude:
         return attitude_of(self._loops.frequency_hz, loop.rate, loop.full, loop.to_rate)
 
     def _spare(self, loop: _Loop) -> FloatArray:
-        """Return how much of each limit the estimate keeps, with dynamics that nobody measured."""
+        """Return how much of each limit the estimate keeps, with dynamics that nobody measured.
+
+        Shape (n_sets, n_limits).
+        """
         loops = self._loops
         later = unmodelled(loops.frequency_hz, loops.known_hz)
         n = integrators(loops.controller)
         both = [(loop.rate, n)] if loop.full is None else [(loop.rate, n), (loop.full, n + 1)]
-        figures = [
-            figures_of(loops.frequency_hz, (one * later)[np.newaxis], n, self._runs_away) for one, n in both
-        ]
-        return np.concatenate([spare_of(one, self._limits) for one in figures])
+        runs_away = np.repeat(self._runs_away, len(loop.rate))
+        figures = [figures_of(loops.frequency_hz, one * later, n, runs_away) for one, n in both]
+        return np.concatenate([spare_of(one, self._limits) for one in figures], axis=1)
 
     def _worst_spare(self, factors: Mapping[str, float]) -> FloatArray:
         """Return how much of each limit the worst of some vehicles keeps, with the gains of a file."""
         controller = self._rebuild(self._varied.values(factors))
         if controller is None:
             return np.zeros(1)
-        few = scaled_loops(controller, self._few.plants, self._few.known_hz)
-        return each_spare(few.margins(), self._limits)
+        return each_spare(self._few.of(controller).margins(), self._limits)
 
     def keeps(self, target: Mapping[str, float]) -> bool:
         """Tell whether the limits are kept at a target: without that, no step towards it is worth a flight.
@@ -347,8 +344,9 @@ class SeparateGains:
             The attitude error of gusts, times how much more slowly the attitude follows, times how much less
             the integral holds.
         """
-        flown = self._told(dict.fromkeys(self._now, 1.0))[0]
-        return float(np.exp(self._told(factors)[0] - flown))
+        both = {name: np.array([1.0, factor]) for name, factor in factors.items()}
+        flown, other = self._told(both)[0]
+        return float(np.exp(other - flown))
 
     def worst_error(self, factors: Mapping[str, float]) -> float:
         """Return the attitude error of gusts over that of the flown gains, in 97.5 % of the vehicles.
@@ -361,14 +359,11 @@ class SeparateGains:
         -------
         float
         """
-        frequency_hz = self._loops.frequency_hz
-        bodies = self._few.plants.response(frequency_hz, self._loops.controller.period_s)
-        sizes = []
+        errors_rad = []
         for each in (dict.fromkeys(self._now, 1.0), factors):
             back, by_angle, _ = self._paths.at(each)
-            loop = bodies * (back + by_angle)
-            sizes.append(np.sum(self._gusts.power / np.abs(1.0 + loop) ** 2, axis=1))
-        return float(np.sqrt(np.quantile(sizes[1] / sizes[0], _WORST)))
+            errors_rad.append(self._gusts.attitude_rad(self._few.body * (back + by_angle)))
+        return float(np.quantile(errors_rad[1] / errors_rad[0], _WORST))
 
     def common(self, factor: float) -> float:
         """Return the `cost` of one factor on P, I and D.
@@ -401,35 +396,36 @@ class SeparateGains:
         """
         if all(factor == 1.0 for factor in target.values()):
             return None
-        found = self._part_of_the_way(target, 1.0, most_up)
-        low, high = 0.0, 1.0
-        for _ in range(0 if found is not None else _HALVINGS):
-            middle = 0.5 * (low + high)
-            tried = self._part_of_the_way(target, middle, most_up)
-            low, high, found = (low, middle, found) if tried is None else (middle, high, tried)
-        return found
-
-    def _part_of_the_way(self, target: Mapping[str, float], part: float, most_up: float) -> Step | None:
-        """Return the gains at a part of the way to a target, None where they must not be flown."""
-        factors = {name: float(factor**part) for name, factor in target.items()}
-        factors = {name: 1.0 if abs(one - 1.0) < _UNCHANGED else one for name, one in factors.items()}
+        furthest = _largest(lambda part: self._rise(self._towards(target, part)) <= most_up, 1.0)
+        part = _largest(lambda part: self._bears(self._towards(target, part)), furthest)
+        factors = self._towards(target, part)
         controller = self._rebuild(self._varied.values(factors))
-        if controller is None or self._rise(controller) > most_up:
+        if part == 0.0 or controller is None:
             return None
-        promised = scaled_loops(controller, self._loops.plants, self._loops.known_hz).margins()
-        if spare(promised, self._limits) < min(1.0 - 2.0 * _ROUNDING, self._flown_spare):
+        promised = self._loops.of(controller).margins()
+        # Some of the vehicles were quick to look at; all of them have the last word.
+        if spare(promised, self._limits) < self._enough:
             return None
         # Each flight goes as far as this one.
         more_flights = math.ceil((1.0 - part) / part - _ROUNDING)
         return Step(self._changes(factors, target), controller, promised, more_flights)
 
-    def _rise(self, controller: AxisController) -> float:
-        """Return by how much more the controller answers from the flown crossover up."""
-        crossover = self._loops.first(1).margins().rate.crossover_hz
-        lowest_hz = 0.0 if crossover is None else crossover.value
-        frequency_hz = self._loops.frequency_hz[self._loops.frequency_hz >= lowest_hz]
-        before, after = (_answer(one, frequency_hz) for one in (self._loops.controller, controller))
-        return float(np.max(after / before))
+    def _towards(self, target: Mapping[str, float], part: float) -> dict[str, float]:
+        """Return the factors at a part of the way to a target."""
+        factors = {name: float(factor**part) for name, factor in target.items()}
+        return {name: 1.0 if abs(one - 1.0) < _UNCHANGED else one for name, one in factors.items()}
+
+    def _bears(self, factors: Mapping[str, float]) -> bool:
+        return float(np.min(self._worst_spare(factors))) >= self._enough
+
+    def _rise(self, factors: Mapping[str, float]) -> float:
+        """Return by how much more the controller answers from the flown crossover up; infinite for none."""
+        controller = self._rebuild(self._varied.values(factors))
+        if controller is None:
+            return np.inf
+        above = self._loops.frequency_hz >= self._crossover_hz
+        after = _answer(controller, self._loops.frequency_hz[above])
+        return float(np.max(after / self._flown_answer[above]))
 
     def _changes(self, factors: Mapping[str, float], target: Mapping[str, float]) -> dict[str, GainChange]:
         following, wanted = self._varied.values(factors), self._varied.values(target)
@@ -443,25 +439,99 @@ class _Noise:
     """Noise of the command with other gains, from what the log shows of it with those that flew."""
 
     def __init__(self, disturbed: Disturbed, loops: ScaledLoops) -> None:
-        flown = loops.first(1)
-        parts = [part[0] for part in (flown.rate, flown.angle, flown.fixed) if part is not None]
+        parts = [part[0] for part in (loops.rate, loops.angle, loops.fixed) if part is not None]
         whole = np.sum(parts, axis=0)
-        self._flown = flown.rate[0] / (1.0 + whole)
+        self._flown = loops.rate[0] / (1.0 + whole)
         self._frequency_hz = loops.frequency_hz
-        self._command, self._band = disturbed.command, None
-        if self._command is not None and np.isfinite(disturbed.crossover_hz):
-            self._band = noise_band(self._command, disturbed.crossover_hz)
         self._above = self._frequency_hz >= lowest_noise_hz(disturbed.crossover_hz)
+        self._power = _power_over(self._frequency_hz, disturbed)
         self._most = disturbed.most_noise
 
-    def beyond(self, loop: _Loop) -> float:
-        """Return by how much the command is noisier than it may be; where that is unknown, than it was."""
+    def beyond(self, loop: _Loop) -> FloatArray:
+        """Return by how much the command is noisier than it may be; where that is unknown, than it was.
+
+        Shape (n_sets,).
+        """
         ratio = np.abs(loop.rate / (1.0 + loop.whole) / self._flown)
-        if self._command is None or self._band is None:
-            return float(np.max(ratio[self._above], initial=0.0)) - 1.0
-        gain = np.interp(self._command.frequency_hz, self._frequency_hz, ratio**2)
-        now = self._command.deviation(np.ones_like(gain), self._band)
-        return self._command.deviation(gain, self._band) / max(self._most, now) - 1.0
+        if self._power is None:
+            return np.asarray(np.max(ratio[:, self._above], axis=1, initial=0.0) - 1.0)
+        now = np.sqrt(np.sum(self._power))
+        return np.asarray(np.sqrt(ratio**2 @ self._power) / max(self._most, now) - 1.0)
+
+
+def _power_over(frequency_hz: FloatArray, disturbed: Disturbed) -> FloatArray | None:
+    """Return the noise's power in the command at each of some frequencies, None where it is not known.
+
+    What lies between two of them counts to both, by how near it is.
+    """
+    command = disturbed.command
+    if command is None or not np.isfinite(disturbed.crossover_hz):
+        return None
+    band = noise_band(command, disturbed.crossover_hz)
+    if band is None:
+        return None
+    at_hz, power = command.frequency_hz[band], command.density[band] * command.frequency_hz[1]
+    place = np.interp(at_hz, frequency_hz, np.arange(frequency_hz.size))
+    before = np.minimum(place.astype(np.int64), frequency_hz.size - 2)
+    found = np.zeros(frequency_hz.shape)
+    np.add.at(found, before, power * (1.0 - (place - before)))
+    np.add.at(found, before + 1, power * (place - before))
+    return found
+
+
+class _Slopes:
+    """What a search asks for, with slopes by differences: all gains are changed in one go."""
+
+    def __init__(self, told: Callable[[FloatArray], tuple[FloatArray, FloatArray]]) -> None:
+        self._told = told
+        self._known: dict[bytes, tuple[FloatArray, FloatArray]] = {}
+        self._slopes: dict[bytes, tuple[FloatArray, FloatArray]] = {}
+
+    def cost(self, logs: FloatArray) -> float:
+        """Return what is to be small at logarithms of factors (n_names,)."""
+        return float(self._at(logs)[0][0])
+
+    def kept(self, logs: FloatArray) -> FloatArray:
+        """Return what is to be above zero, (n_limits,)."""
+        return self._at(logs)[1][0]
+
+    def cost_slope(self, logs: FloatArray) -> FloatArray:
+        """Return how what is to be small changes with each logarithm, (n_names,)."""
+        return self._slope(logs)[0]
+
+    def kept_slope(self, logs: FloatArray) -> FloatArray:
+        """Return how what is to be above zero changes with each logarithm, (n_limits, n_names)."""
+        return self._slope(logs)[1]
+
+    def _at(self, logs: FloatArray) -> tuple[FloatArray, FloatArray]:
+        key = logs.tobytes()
+        if key not in self._known:
+            self._known[key] = self._told(logs[np.newaxis])
+        return self._known[key]
+
+    def _slope(self, logs: FloatArray) -> tuple[FloatArray, FloatArray]:
+        key = logs.tobytes()
+        if key not in self._slopes:
+            cost, kept = self._at(logs)
+            costs, all_kept = self._told(logs + _DIFFERENCE * np.eye(logs.size))
+            self._slopes[key] = ((costs - cost) / _DIFFERENCE, ((all_kept - kept) / _DIFFERENCE).T)
+        return self._slopes[key]
+
+
+def _largest(bears: Callable[[float], bool], highest: float) -> float:
+    """Return the largest part of a way that is borne, at most the highest; 0 where none is."""
+    if highest == 0.0 or bears(highest):
+        return highest
+    low, high = 0.0, highest
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if bears(middle) else (low, middle)
+    return low
+
+
+def _sets(factors: Mapping[str, float]) -> dict[str, FloatArray]:
+    """Return one set of factors as the first of several."""
+    return {name: np.array([factor]) for name, factor in factors.items()}
 
 
 def _gusts(disturbed: Disturbed, estimate: Plant, frequency_hz: FloatArray) -> Gusts:

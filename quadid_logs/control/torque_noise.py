@@ -202,7 +202,7 @@ def attitude_error(
     sizes = []
     for controller in controllers:
         loop = close(controller, plant, gusts.frequency_hz)
-        sizes.append(gusts.attitude_rad((loop.rate if loop.full is None else loop.full)[0]))
+        sizes.append(float(gusts.attitude_rad((loop.rate if loop.full is None else loop.full)[:1])[0]))
     return sizes[1] / sizes[0] if sizes[0] > 0.0 else float("nan")
 
 
@@ -212,9 +212,9 @@ class Gusts(NamedTuple):
     frequency_hz: FloatArray
     power: FloatArray
 
-    def attitude_rad(self, whole: ComplexArray) -> float:
-        """Return the standard deviation of the attitude around an open loop (n_frequencies,)."""
-        return float(np.sqrt(np.sum(self.power / np.abs(1.0 + whole) ** 2)))
+    def attitude_rad(self, whole: ComplexArray) -> FloatArray:
+        """Return the standard deviations of the attitude around open loops (n_loops, n_frequencies)."""
+        return np.asarray(np.sqrt(np.sum(self.power / np.abs(1.0 + whole) ** 2, axis=1)))
 
 
 def gusts_of(

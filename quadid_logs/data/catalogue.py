@@ -687,8 +687,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL617",
                 "The mixer was at its limits",
-                "In more than a tenth of the flight the motors could not do what was commanded. Other gains "
-                "do not change that, and the model of what they would do does not hold.",
+                "In more than a tenth of the flight this axis got less torque than was commanded. Other "
+                "gains do not change that, and the model of what they would do does not hold.",
                 "Fly gentler manoeuvres, or use a lighter vehicle or stronger motors.",
                 scope="gains",
             ),
@@ -810,8 +810,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL635",
                 "The mixer's limits hold the gains",
-                "In more than a twentieth of the flight the motors could not do what was commanded: higher "
-                "gains would only reach the limits sooner.",
+                "In more than a twentieth of the flight this axis got less torque than was commanded: "
+                "higher gains would only reach the limits sooner.",
                 "Fly gentler manoeuvres for tuning.",
                 scope="gains",
             ),

@@ -184,7 +184,8 @@ class InputDescription:
     """What L, M, N are in this log: kind is "torque_n_m" or "torque_command".
 
     ``achieved`` torque contains saturation, so that saturated samples may be
-    used; ``calibration`` is that of the log, for inertia and intervals;
+    used; ``saturated_fraction`` counts samples in which any axis got less than was commanded,
+    ``limited_fraction`` those of each axis; ``calibration`` is that of the log, for inertia and intervals;
     ``torque_per_thrust`` (3, n_rotors) is L, M, N per unit of
     `Segment.rotor_thrust`, None where the rotors are not known.
     ``expo``: that of the thrust curve by which the torque was rebuilt, None where none was assumed.
@@ -197,6 +198,7 @@ class InputDescription:
     unit: str
     source: str
     saturated_fraction: float = 0.0
+    limited_fraction: tuple[float, float, float] = (0.0, 0.0, 0.0)
     achieved: bool = False
     calibration: Calibration = field(default_factory=Calibration)
     torque_per_thrust: FloatArray | None = None

@@ -62,6 +62,14 @@ def test_saturation_is_that_of_all_samples() -> None:
     assert found.saturated_fraction == pytest.approx(expected)
 
 
+def test_limits_of_an_axis_are_those_of_all_samples() -> None:
+    limited, free = part(SHORT, limited_fraction=(0.0, 0.0, 0.1)), part(LONG)
+    found = pool([limited, free]).input
+    assert found is not None
+    expected = 0.1 * limited.n_samples / (limited.n_samples + free.n_samples)
+    assert found.limited_fraction == pytest.approx((0.0, 0.0, expected))
+
+
 @pytest.mark.parametrize("name", ["achieved", "every_step"])
 def test_what_is_true_of_one_log_only_is_not_said_of_all(name: str) -> None:
     """Torque as achieved, each step of the loop."""

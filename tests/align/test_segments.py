@@ -97,6 +97,15 @@ def test_saturation_of_any_axis_marks_the_grid_points_up_to_a_period_away(axis: 
     assert data.input.saturated_fraction == pytest.approx(np.mean(found))
 
 
+def test_limits_are_told_apart_by_axis() -> None:
+    """Yaw at its limits says nothing of roll."""
+    limited = np.zeros((STAMPS.size, 3))
+    limited[::4, 2] = 1.0
+    found = marked(limited, AlignSettings(sample_rate_hz=50.0)).input
+    assert found is not None
+    assert found.limited_fraction == pytest.approx((0.0, 0.0, 0.25), abs=0.005)
+
+
 def test_a_chirp_is_zero_outside_the_time_for_which_it_ran() -> None:
     """Its message ends with the manoeuvre, at a value of its own."""
     running = np.arange(20.0, 30.0, PERIOD_S)
