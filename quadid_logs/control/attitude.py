@@ -76,4 +76,4 @@ def _first_below(frequency_hz: FloatArray, values: FloatArray, level: float) -> 
     above, under = values[row, after - 1] - level, values[row, after] - level
     place = np.clip(above / (above - under), 0.0, 1.0)
     found_hz = frequency_hz[after - 1] * (frequency_hz[after] / frequency_hz[after - 1]) ** place
-    return np.where(below.any(axis=1), found_hz, frequency_hz[-1])
+    return np.asarray(np.where(below.any(axis=1), found_hz, frequency_hz[-1]))

@@ -88,7 +88,7 @@ class ScaledLoops(NamedTuple):
             for each in (loop, loop * later)
         ]
         told = np.concatenate([spare_of(one, limits) for one in figures], axis=1)
-        return np.maximum(np.min(told, axis=1), 0.0)
+        return np.asarray(np.maximum(np.min(told, axis=1), 0.0))
 
     def first(self, n_plants: int) -> ScaledLoops:
         """Return the loops around the first of the vehicles.

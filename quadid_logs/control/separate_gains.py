@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray
+from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.control.attitude import Attitude, attitude_of
 from quadid_logs.control.gain_paths import GainPaths, gain_paths
 from quadid_logs.control.guard import Case
-from quadid_logs.control.loop import integrators, on_angle, on_rate
+from quadid_logs.control.loop import integrators
 from quadid_logs.control.margins import figures_of, unmodelled
 from quadid_logs.control.scaled_loop import ScaledLoops, each_spare, spare, spare_of
 from quadid_logs.control.torque_noise import Gusts, Spectrum, gusts_of, lowest_noise_hz, noise_band
@@ -35,9 +35,12 @@ _PENALTY: Final = 30.0
 _TOLERANCE: Final = 1e-3
 _MOST_STEPS: Final = 40
 _DIFFERENCE: Final = 1e-3
-#: What the worst vehicle keeps of the estimate's margins is told again with the gains that were found.
-_ROUNDS: Final = 4
+#: Vehicles that turn out to decide are added so many times.
+_ROUNDS: Final = 6
+_DECISIVE: Final = 4
 _HALVINGS: Final = 6
+#: Of each gain, so many are tried to begin with.
+_GRID: Final = 4
 #: Vehicles that a change of gains is to be better for, and how many of them.
 _FEW_DRAWS: Final = 81
 _WORST: Final = 0.975
@@ -47,6 +50,8 @@ _OTHER_STARTS: Final = (0.5, 2.0, 4.0)
 _PARTS: Final = (1.0, 0.85, 0.7, 0.5, 0.35)
 #: Less than a hundredth of a gain is no change that a flight would show.
 _UNCHANGED: Final = 0.01
+#: Gains this near to the target are at it.
+_SAME: Final = 0.05
 #: The search ends this near to the limits.
 _ROUNDING: Final = 0.005
 
@@ -168,24 +173,23 @@ class SeparateGains:
         self._varied, self._names, self._now = varied, varied.names, varied.now
         self._paths, self._loops, self._rebuild, self._limits = paths, loops, rebuild, limits
         self._few = loops.first(_FEW_DRAWS)
-        estimate = loops.plants.at(slice(0, 1))
-        self._body = estimate.response(loops.frequency_hz, loops.controller.period_s)[0]
-        self._runs_away = estimate.damping > 0.0
+        # Each of them also with dynamics that nobody measured; a mode of the frame may bear those better.
+        later = unmodelled(loops.frequency_hz, loops.known_hz)
+        self._bodies = np.stack([self._few.body, self._few.body * later])
+        #: Of these, (2, n_plants): the estimate and those that are the worst in what limits the gains.
+        self._decisive = np.zeros(self._bodies.shape[:2], dtype=np.bool_)
+        self._decisive[1, 0] = True
         self._highest = _BOUNDS[1]
         self._noise = _Noise(disturbed, loops)
-        self._gusts = _gusts(disturbed, estimate, loops.frequency_hz)
+        self._gusts = _gusts(disturbed, loops.plants.at(slice(0, 1)), loops.frequency_hz)
         self._flown_spare = spare(loops.margins(), limits)
         self._enough = min(1.0 - 2.0 * _ROUNDING, self._flown_spare)
         crossover = loops.first(1).margins().rate.crossover_hz
-        self._crossover_hz = 0.0 if crossover is None else crossover.value
-        self._flown_answer = _answer(loops.controller, loops.frequency_hz)
-        # The worst vehicle keeps this much of what the estimate does, with other gains about as much.
-        self._reserve = _part(
-            each_spare(loops.margins(), limits), each_spare(loops.first(1).margins(), limits)
-        )
+        self._above = loops.frequency_hz >= (0.0 if crossover is None else crossover.value)
+        self._flown = dict.fromkeys(self._now, 1.0)
+        self._flown_answer = self._answer(_sets(self._flown))[0]
         # No pilot wants a vehicle that follows more slowly, as gusts alone would have it.
-        flown = self._at(_sets(dict.fromkeys(self._now, 1.0)))
-        self._flown_hz = float(self._attitude(flown).bandwidth_hz[0])
+        self._flown_hz = float(self._attitude(self._at(_sets(self._flown))).bandwidth_hz[0])
 
     def target(self, common: float) -> dict[str, float]:
         """Return by parameter the factor at which gusts are rejected best, the limits being kept.
@@ -204,23 +208,45 @@ class SeparateGains:
         if self._flown_spare < 1.0:
             # Gains that lack margin may lie far from those that do not.
             begin += [self._begin(factor) for factor in _OTHER_STARTS]
+        self._add_decisive(begin[1])
+        return self._searched([*begin, self._best_of_a_grid()])
+
+    def _searched(self, begin: list[dict[str, float]], most_up: float = np.inf) -> dict[str, float]:
+        """Search until the vehicles that decide are known; return the best factors that all of them bear."""
         tried: list[dict[str, float]] = []
         for _ in range(_ROUNDS):
-            found = self._search(begin)
-            tried.append(found)
-            worst = self._worst_spare(found)
-            if np.min(worst) >= 1.0 - _ROUNDING:
+            tried.append(self._search(begin, most_up))
+            if np.min(self._worst_spare(tried[-1])) >= 1.0 - _ROUNDING or not self._add_decisive(tried[-1]):
                 break
-            self._reserve = np.minimum(self._reserve, _part(worst, self._spare(self._at(_sets(found)))[0]))
-            begin = [begin[1], found]
+            begin = [begin[1], tried[-1]]
         kept = [one for found in tried if (one := self._up_to_the_limits(found)) is not None]
         return min(kept, key=self.cost) if kept else tried[-1]
+
+    def _add_decisive(self, factors: Mapping[str, float]) -> bool:
+        """Add the vehicles that lack most with some gains, for each limit; tell whether any is new."""
+        every = np.ones(self._decisive.shape, dtype=np.bool_)
+        kept = self._spare(self._paths.at(_sets(factors)), every).reshape(*every.shape, -1)
+        rank = round((1.0 - _WORST) * (every.shape[1] - 1))
+        worst = np.argsort(kept, axis=1, kind="stable")[:, rank : rank + _DECISIVE]
+        lacking = np.take_along_axis(kept, worst, axis=1) < 1.0
+        lacking[:, 0] = True
+        before = np.count_nonzero(self._decisive)
+        for late, numbers, lack in zip((0, 1), worst, lacking, strict=True):
+            self._decisive[late, numbers[lack]] = True
+        return bool(np.count_nonzero(self._decisive) > before)
+
+    def _best_of_a_grid(self) -> dict[str, float]:
+        """Return the best of factors far apart: a search ends where it is best nearby."""
+        names = list(self._now)
+        each = [np.geomspace(_BOUNDS[0], self._most(name), _GRID) for name in names]
+        points = np.stack(np.meshgrid(*each, indexing="ij"), axis=-1).reshape(-1, len(names))
+        values = self._values(dict(zip(names, points.T, strict=True)))
+        return dict(zip(names, points[int(np.argmin(values))].tolist(), strict=True))
 
     def _up_to_the_limits(self, target: Mapping[str, float]) -> dict[str, float] | None:
         """Return how far some vehicles bear the way from the flown gains to a target, None for nowhere."""
         for part in _PARTS:
-            factors = {name: float(factor**part) for name, factor in target.items()}
-            if self.keeps(factors):
+            if self.keeps(factors := _towards(target, part)):
                 return factors
         return None
 
@@ -234,7 +260,7 @@ class SeparateGains:
         documented = self._names.highest.get(name, np.inf) / self._now[name]
         return min(self._highest, max(documented, 1.0))
 
-    def _search(self, begins: list[dict[str, float]]) -> dict[str, float]:
+    def _search(self, begins: list[dict[str, float]], most_up: float) -> dict[str, float]:
         """Search from some factors for the least attitude error; return the best of ends and beginnings."""
         from scipy.optimize import NonlinearConstraint, minimize
 
@@ -244,7 +270,7 @@ class SeparateGains:
         def factors(logs: FloatArray) -> dict[str, float]:
             return dict(zip(names, np.exp(logs).tolist(), strict=True))
 
-        told = _Slopes(lambda logs: self._told(dict(zip(names, np.exp(logs).T, strict=True))))
+        told = _Slopes(lambda logs: self._told(dict(zip(names, np.exp(logs).T, strict=True)), most_up))
         found = list(begins)
         for begin in begins:
             end = minimize(
@@ -257,29 +283,33 @@ class SeparateGains:
                 options={"maxiter": _MOST_STEPS, "ftol": _TOLERANCE},
             )
             found.append(factors(end.x))
-        return min(found, key=self._value)
+        each = {name: np.array([one[name] for one in found]) for name in names}
+        return found[int(np.argmin(self._values(each, most_up)))]
 
-    def _value(self, factors: Mapping[str, float]) -> float:
-        """Return what is to be small, and what is missing of the limits."""
-        error, kept = self._told(_sets(factors))
-        return float(error[0] + _PENALTY * np.sum(np.maximum(-kept[0], 0.0)))
+    def _values(self, factors: Mapping[str, FloatArray], most_up: float = np.inf) -> FloatArray:
+        """Return what is to be small, and what is missing of the limits, for each set of gains."""
+        error, kept = self._told(factors, most_up)
+        return np.asarray(error + _PENALTY * np.sum(np.maximum(-kept, 0.0), axis=1))
 
-    def _told(self, factors: Mapping[str, FloatArray]) -> tuple[FloatArray, FloatArray]:
+    def _told(
+        self, factors: Mapping[str, FloatArray], most_up: float = np.inf
+    ) -> tuple[FloatArray, FloatArray]:
         """Return what is to be small, a logarithm, and how much is kept of each limit beyond it.
 
         That is the attitude error of gusts, times how much more slowly the attitude follows its set-point,
         times how much less the integral holds. For each of several sets of gains: (n_sets,), (n_sets,
         n_limits).
         """
-        loop = self._at(factors)
+        answers = self._paths.at(factors)
+        loop = self._loop(answers)
         attitude = self._attitude(loop)
-        kept = np.column_stack(
-            [
-                self._reserve * self._spare(loop) - 1.0,
-                1.0 - np.maximum(attitude.peak_db, 0.0) / _MOST_PEAK_DB,
-                -self._noise.beyond(loop),
-            ]
-        )
+        kept = [
+            self._spare(answers, self._decisive).reshape(len(answers), -1) - 1.0,
+            1.0 - np.maximum(attitude.peak_db, 0.0)[:, np.newaxis] / _MOST_PEAK_DB,
+            -self._noise.beyond(loop)[:, np.newaxis],
+        ]
+        if np.isfinite(most_up):
+            kept.append(np.log(most_up / self._rises(factors))[:, np.newaxis])
         slower = np.maximum(self._flown_hz / attitude.bandwidth_hz, 1.0)
         # A load off centre and a bent arm are in no spectrum of gusts: the integral falls with P.
         integral, proportional = (
@@ -287,28 +317,47 @@ class SeparateGains:
         )
         weaker = np.maximum(np.minimum(proportional, 1.0) / integral, 1.0)
         error_rad = self._gusts.attitude_rad(loop.whole)
-        return np.log(slower * weaker * error_rad), np.minimum(kept, 1.0)
+        return np.log(slower * weaker * error_rad), np.minimum(np.concatenate(kept, axis=1), 1.0)
 
     def _at(self, factors: Mapping[str, FloatArray]) -> _Loop:
         """Return the loops of the estimate with other gains."""
-        back, by_angle, forward = np.moveaxis(self._body * self._paths.at(factors), 1, 0)
+        return self._loop(self._paths.at(factors))
+
+    def _loop(self, answers: ComplexArray) -> _Loop:
+        """Return the loops of the estimate behind a controller's answers (n_sets, 3, n_frequencies)."""
+        back, by_angle, forward = np.moveaxis(self._few.body[0] * answers, 1, 0)
         return _Loop(back, back + by_angle if self._loops.angle is not None else None, forward)
+
+    def _answer(self, factors: Mapping[str, FloatArray]) -> FloatArray:
+        """Return the size of the command's answer to the rate from the crossover up, by all paths."""
+        back, by_angle, _ = np.moveaxis(self._paths.at(factors)[..., self._above], 1, 0)
+        return np.asarray(np.abs(back + by_angle))
+
+    def _rises(self, factors: Mapping[str, FloatArray]) -> FloatArray:
+        """Return by how much more the controller answers than as flown, from the crossover up; (n_sets,)."""
+        return np.asarray(np.max(self._answer(factors) / self._flown_answer, axis=1))
 
     def _attitude(self, loop: _Loop) -> Attitude:
         return attitude_of(self._loops.frequency_hz, loop.rate, loop.full, loop.to_rate)
 
-    def _spare(self, loop: _Loop) -> FloatArray:
-        """Return how much of each limit the estimate keeps, with dynamics that nobody measured.
+    def _spare(self, answers: ComplexArray, which: BoolArray) -> FloatArray:
+        """Return how much of each limit some vehicles keep.
 
-        Shape (n_sets, n_limits).
+        Shape (n_sets, n_vehicles, n_limits), for answers of a controller (n_sets, 3, n_frequencies) and
+        vehicles that are marked in (2, n_plants).
         """
-        loops = self._loops
-        later = unmodelled(loops.frequency_hz, loops.known_hz)
+        loops, body = self._few, self._bodies[which]
+        back, by_angle, _ = np.moveaxis(answers, 1, 0)[:, :, np.newaxis]
         n = integrators(loops.controller)
-        both = [(loop.rate, n)] if loop.full is None else [(loop.rate, n), (loop.full, n + 1)]
-        runs_away = np.repeat(self._runs_away, len(loop.rate))
-        figures = [figures_of(loops.frequency_hz, one * later, n, runs_away) for one, n in both]
-        return np.concatenate([spare_of(one, self._limits) for one in figures], axis=1)
+        both = [(back, n)] if loops.angle is None else [(back, n), (back + by_angle, n + 1)]
+        damping = np.broadcast_to(loops.plants.damping, which.shape)[which]
+        told = []
+        for one, n_poles in both:
+            each = (body * one).reshape(-1, loops.frequency_hz.size)
+            runs_away = np.tile(damping > 0.0, len(answers))
+            figures = figures_of(loops.frequency_hz, each, n_poles, runs_away)
+            told.append(spare_of(figures, self._limits).reshape(len(answers), len(body), -1))
+        return np.concatenate(told, axis=2)
 
     def _worst_spare(self, factors: Mapping[str, float]) -> FloatArray:
         """Return how much of each limit the worst of some vehicles keeps, with the gains of a file."""
@@ -396,36 +445,39 @@ class SeparateGains:
         """
         if all(factor == 1.0 for factor in target.values()):
             return None
-        furthest = _largest(lambda part: self._rise(self._towards(target, part)) <= most_up, 1.0)
-        part = _largest(lambda part: self._bears(self._towards(target, part)), furthest)
-        factors = self._towards(target, part)
+        best = dict(target)
+        if self._rises(_sets(target))[0] > most_up:
+            part = _largest(lambda part: self._rises(_sets(_towards(target, part)))[0] <= most_up, 1.0)
+            near = _towards(target, part)
+            best = self._searched([near, self._flown], most_up)
+        part = _largest(lambda part: self._bears(_towards(best, part)), 1.0)
+        factors = {
+            name: 1.0 if abs(one - 1.0) < _UNCHANGED else one for name, one in _towards(best, part).items()
+        }
         controller = self._rebuild(self._varied.values(factors))
         if part == 0.0 or controller is None:
             return None
         promised = self._loops.of(controller).margins()
-        # Some of the vehicles were quick to look at; all of them have the last word.
-        if spare(promised, self._limits) < self._enough:
-            return None
-        # Each flight goes as far as this one.
-        more_flights = math.ceil((1.0 - part) / part - _ROUNDING)
-        return Step(self._changes(factors, target), controller, promised, more_flights)
+        return Step(
+            self._changes(factors, target), controller, promised, self._more_flights(factors, target, most_up)
+        )
 
-    def _towards(self, target: Mapping[str, float], part: float) -> dict[str, float]:
-        """Return the factors at a part of the way to a target."""
-        factors = {name: float(factor**part) for name, factor in target.items()}
-        return {name: 1.0 if abs(one - 1.0) < _UNCHANGED else one for name, one in factors.items()}
+    def _more_flights(self, factors: Mapping[str, float], target: Mapping[str, float], most_up: float) -> int:
+        """Return how many flights lie between some gains and the target."""
+        if all(abs(target[name] / factor - 1.0) < _SAME for name, factor in factors.items()):
+            return 0
+        now, then = (self._answer(_sets(one))[0] for one in (factors, target))
+        return max(math.ceil(math.log(float(np.max(then / now))) / math.log(most_up) - _ROUNDING), 1)
 
     def _bears(self, factors: Mapping[str, float]) -> bool:
-        return float(np.min(self._worst_spare(factors))) >= self._enough
-
-    def _rise(self, factors: Mapping[str, float]) -> float:
-        """Return by how much more the controller answers from the flown crossover up; infinite for none."""
+        """Tell whether all vehicles keep enough; some of them are quick to look at."""
+        if float(np.min(self._worst_spare(factors))) < self._enough:
+            return False
         controller = self._rebuild(self._varied.values(factors))
-        if controller is None:
-            return np.inf
-        above = self._loops.frequency_hz >= self._crossover_hz
-        after = _answer(controller, self._loops.frequency_hz[above])
-        return float(np.max(after / self._flown_answer[above]))
+        return (
+            controller is not None
+            and spare(self._loops.of(controller).margins(), self._limits) >= self._enough
+        )
 
     def _changes(self, factors: Mapping[str, float], target: Mapping[str, float]) -> dict[str, GainChange]:
         following, wanted = self._varied.values(factors), self._varied.values(target)
@@ -493,7 +545,7 @@ class _Slopes:
 
     def kept(self, logs: FloatArray) -> FloatArray:
         """Return what is to be above zero, (n_limits,)."""
-        return self._at(logs)[1][0]
+        return np.asarray(self._at(logs)[1][0])
 
     def cost_slope(self, logs: FloatArray) -> FloatArray:
         """Return how what is to be small changes with each logarithm, (n_names,)."""
@@ -529,6 +581,11 @@ def _largest(bears: Callable[[float], bool], highest: float) -> float:
     return low
 
 
+def _towards(target: Mapping[str, float], part: float) -> dict[str, float]:
+    """Return the factors at a part of the way to a target."""
+    return {name: float(factor**part) for name, factor in target.items()}
+
+
 def _sets(factors: Mapping[str, float]) -> dict[str, FloatArray]:
     """Return one set of factors as the first of several."""
     return {name: np.array([factor]) for name, factor in factors.items()}
@@ -543,17 +600,3 @@ def _gusts(disturbed: Disturbed, estimate: Plant, frequency_hz: FloatArray) -> G
         return found
     flat = Spectrum(frequency_hz, np.ones(frequency_hz.shape))
     return gusts_of(flat, estimate, (0.0, np.inf), frequency_hz) or Gusts(frequency_hz, np.ones(0))
-
-
-def _answer(controller: AxisController, frequency_hz: FloatArray) -> FloatArray:
-    """Return the size of the command's answer to the vehicle's rate, by all paths."""
-    back = on_rate(controller, frequency_hz)
-    if controller.angle_gain_per_s is not None:
-        back = back + on_angle(controller, frequency_hz)
-    return np.abs(back)
-
-
-def _part(worst: FloatArray, alone: FloatArray) -> FloatArray:
-    """Return how much of each of the estimate's margins the worst vehicle keeps; all where none is told."""
-    known = (worst > 0.0) & (alone > 0.0) & np.isfinite(worst) & np.isfinite(alone)
-    return np.where(known, np.divide(worst, alone, out=np.ones(known.shape), where=known), 1.0)
