@@ -7,7 +7,7 @@ flight changes gains by one step; what is promised of it is computed from the va
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import Final, NamedTuple
 
@@ -122,18 +122,21 @@ def _tuned(case: Case, model: Model | None, rebuild: Rebuild, limits: Limits, *,
     following = of_next_flight(plants)
     search = _Search(case, scaled_loops(controller, following, found.known_hz), model, rebuild, limits)
     possible = following.modes is not None and (found.frame is None or not found.frame.seen)
-    plain = search
-    if possible:
+
+    def without_modes() -> _Search:
+        if not possible:
+            return search
         # What the flight only leaves possible holds gains, as noise does, and is no reason to lower them.
         without = scaled_loops(controller, following._replace(modes=None), found.known_hz)
-        plain = _Search(case, without, model, rebuild, limits)
-    return _decided(search, plain, apart=apart)
+        return _Search(case, without, model, rebuild, limits)
+
+    return _decided(search, without_modes, apart=apart)
 
 
-def _decided(search: _Search, plain: _Search, *, apart: bool) -> AxisTuning:
+def _decided(search: _Search, without_modes: Callable[[], _Search], *, apart: bool) -> AxisTuning:
     """Change what the flight supports, and keep what it does not contradict.
 
-    ``plain`` searches without the modes of the frame that the log merely cannot rule out.
+    ``without_modes`` searches without the modes of the frame that the log merely cannot rule out.
     """
     target = search.target()
     separate = search.apart(target) if apart or not target.reached else None
@@ -141,6 +144,7 @@ def _decided(search: _Search, plain: _Search, *, apart: bool) -> AxisTuning:
         return separate
     if target.reached and target.factor > _SAME[1]:
         return search.tuning(target)
+    plain = without_modes()
     if plain.is_kept_as_told():
         return plain.stay(target, held=plain is not search and not search.is_kept())
     if plain is search:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -33,19 +33,17 @@ _PENALTY: Final = 30.0
 #: The search ends where the error changes by less than this part, or after so many steps; it changes gains by
 #: so much to see what that does, as logarithms.
 _TOLERANCE: Final = 1e-3
-_MOST_STEPS: Final = 40
+_MOST_STEPS: Final = 20
 _DIFFERENCE: Final = 1e-3
 #: Vehicles that turn out to decide are added so many times.
 _ROUNDS: Final = 6
 _DECISIVE: Final = 4
 _HALVINGS: Final = 6
 #: Of each gain, so many are tried to begin with.
-_GRID: Final = 4
+_GRID: Final = 3
 #: Vehicles that a change of gains is to be better for, and how many of them.
 _FEW_DRAWS: Final = 81
 _WORST: Final = 0.975
-#: Factors on P, I and D that a search from gains that lack margin begins at, too.
-_OTHER_STARTS: Final = (0.5, 2.0, 4.0)
 #: Of the way to gains that some vehicles do not bear, what is tried.
 _PARTS: Final = (1.0, 0.85, 0.7, 0.5, 0.35)
 #: Less than a hundredth of a gain is no change that a flight would show.
@@ -182,9 +180,9 @@ class SeparateGains:
         self._highest = _BOUNDS[1]
         self._noise = _Noise(disturbed, loops)
         self._gusts = _gusts(disturbed, loops.plants.at(slice(0, 1)), loops.frequency_hz)
-        self._flown_spare = spare(loops.margins(), limits)
-        self._enough = min(1.0 - 2.0 * _ROUNDING, self._flown_spare)
-        crossover = loops.first(1).margins().rate.crossover_hz
+        flown = loops.margins()
+        self._enough = min(1.0 - 2.0 * _ROUNDING, spare(flown, limits))
+        crossover = flown.rate.crossover_hz
         self._above = loops.frequency_hz >= (0.0 if crossover is None else crossover.value)
         self._flown = dict.fromkeys(self._now, 1.0)
         self._flown_answer = self._answer(_sets(self._flown))[0]
@@ -204,12 +202,9 @@ class SeparateGains:
         dict of str to float
         """
         self._highest = max(self._highest, common)
-        begin = [self._begin(factor) for factor in (1.0, common)]
-        if self._flown_spare < 1.0:
-            # Gains that lack margin may lie far from those that do not.
-            begin += [self._begin(factor) for factor in _OTHER_STARTS]
-        self._add_decisive(begin[1])
-        return self._searched([*begin, self._best_of_a_grid()])
+        begin = self._begin(common)
+        self._add_decisive(begin)
+        return self._searched([begin, self._best_of_a_grid()])
 
     def _searched(self, begin: list[dict[str, float]], most_up: float = np.inf) -> dict[str, float]:
         """Search until the vehicles that decide are known; return the best factors that all of them bear."""
@@ -218,15 +213,15 @@ class SeparateGains:
             tried.append(self._search(begin, most_up))
             if np.min(self._worst_spare(tried[-1])) >= 1.0 - _ROUNDING or not self._add_decisive(tried[-1]):
                 break
-            begin = [begin[1], tried[-1]]
-        kept = [one for found in tried if (one := self._up_to_the_limits(found)) is not None]
-        return min(kept, key=self.cost) if kept else tried[-1]
+            begin = [tried[-1]]
+        ends = (self._up_to_the_limits(found) for found in (*tried, self._flown))
+        return min((one for one in ends if one is not None), key=self.cost, default=tried[-1])
 
     def _add_decisive(self, factors: Mapping[str, float]) -> bool:
         """Add the vehicles that lack most with some gains, for each limit; tell whether any is new."""
-        every = np.ones(self._decisive.shape, dtype=np.bool_)
-        kept = self._spare(self._paths.at(_sets(factors)), every).reshape(*every.shape, -1)
-        rank = round((1.0 - _WORST) * (every.shape[1] - 1))
+        every = np.ones_like(self._decisive)
+        kept = self._spare(self._paths.at(_sets(factors)), every).reshape(2, len(self._few.body), -1)
+        rank = round((1.0 - _WORST) * (kept.shape[1] - 1))
         worst = np.argsort(kept, axis=1, kind="stable")[:, rank : rank + _DECISIVE]
         lacking = np.take_along_axis(kept, worst, axis=1) < 1.0
         lacking[:, 0] = True
@@ -449,18 +444,30 @@ class SeparateGains:
         if self._rises(_sets(target))[0] > most_up:
             part = _largest(lambda part: self._rises(_sets(_towards(target, part)))[0] <= most_up, 1.0)
             near = _towards(target, part)
-            best = self._searched([near, self._flown], most_up)
-        part = _largest(lambda part: self._bears(_towards(best, part)), 1.0)
-        factors = {
-            name: 1.0 if abs(one - 1.0) < _UNCHANGED else one for name, one in _towards(best, part).items()
-        }
-        controller = self._rebuild(self._varied.values(factors))
-        if part == 0.0 or controller is None:
+            best = self._searched([near], most_up)
+        found = self._promised(best)
+        low, high = 0.0, 1.0
+        for _ in range(0 if found is not None else _HALVINGS):
+            middle = 0.5 * (low + high)
+            tried = self._promised(_towards(best, middle))
+            low, high, found = (low, middle, found) if tried is None else (middle, high, tried)
+        if found is None:
+            return None
+        factors, controller, promised = found
+        more_flights = self._more_flights(factors, target, most_up)
+        return Step(self._changes(factors, target), controller, promised, more_flights)
+
+    def _promised(
+        self, factors: Mapping[str, float]
+    ) -> tuple[dict[str, float], AxisController, LoopMargins] | None:
+        """Return gains with what they promise, None where some vehicles keep too little."""
+        changed = {name: 1.0 if abs(one - 1.0) < _UNCHANGED else one for name, one in factors.items()}
+        controller = self._rebuild(self._varied.values(changed))
+        # Some of the vehicles are quick to look at; all of them have the last word.
+        if controller is None or spare(self._few.of(controller).margins(), self._limits) < self._enough:
             return None
         promised = self._loops.of(controller).margins()
-        return Step(
-            self._changes(factors, target), controller, promised, self._more_flights(factors, target, most_up)
-        )
+        return None if spare(promised, self._limits) < self._enough else (changed, controller, promised)
 
     def _more_flights(self, factors: Mapping[str, float], target: Mapping[str, float], most_up: float) -> int:
         """Return how many flights lie between some gains and the target."""
@@ -468,16 +475,6 @@ class SeparateGains:
             return 0
         now, then = (self._answer(_sets(one))[0] for one in (factors, target))
         return max(math.ceil(math.log(float(np.max(then / now))) / math.log(most_up) - _ROUNDING), 1)
-
-    def _bears(self, factors: Mapping[str, float]) -> bool:
-        """Tell whether all vehicles keep enough; some of them are quick to look at."""
-        if float(np.min(self._worst_spare(factors))) < self._enough:
-            return False
-        controller = self._rebuild(self._varied.values(factors))
-        return (
-            controller is not None
-            and spare(self._loops.of(controller).margins(), self._limits) >= self._enough
-        )
 
     def _changes(self, factors: Mapping[str, float], target: Mapping[str, float]) -> dict[str, GainChange]:
         following, wanted = self._varied.values(factors), self._varied.values(target)
