@@ -204,13 +204,19 @@ class SeparateGains:
         self._highest = max(self._highest, common)
         begin = self._begin(common)
         self._add_decisive(begin)
-        return self._searched([begin, self._best_of_a_grid()])
+        bounds = {name: (_BOUNDS[0], self._most(name)) for name in self._now}
+        return self._searched([begin, self._best_of_a_grid()], bounds)
 
-    def _searched(self, begin: list[dict[str, float]], most_up: float = np.inf) -> dict[str, float]:
+    def _searched(
+        self,
+        begin: list[dict[str, float]],
+        bounds: Mapping[str, tuple[float, float]],
+        most_up: float = np.inf,
+    ) -> dict[str, float]:
         """Search until the vehicles that decide are known; return the best factors that all of them bear."""
         tried: list[dict[str, float]] = []
         for _ in range(_ROUNDS):
-            tried.append(self._search(begin, most_up))
+            tried.append(self._search(begin, bounds, most_up))
             if np.min(self._worst_spare(tried[-1])) >= 1.0 - _ROUNDING or not self._add_decisive(tried[-1]):
                 break
             begin = [tried[-1]]
@@ -255,12 +261,13 @@ class SeparateGains:
         documented = self._names.highest.get(name, np.inf) / self._now[name]
         return min(self._highest, max(documented, 1.0))
 
-    def _search(self, begins: list[dict[str, float]], most_up: float) -> dict[str, float]:
+    def _search(
+        self, begins: list[dict[str, float]], bounds: Mapping[str, tuple[float, float]], most_up: float
+    ) -> dict[str, float]:
         """Search from some factors for the least attitude error; return the best of ends and beginnings."""
         from scipy.optimize import NonlinearConstraint, minimize
 
         names = list(begins[0])
-        bounds = [(math.log(_BOUNDS[0]), math.log(self._most(name))) for name in names]
 
         def factors(logs: FloatArray) -> dict[str, float]:
             return dict(zip(names, np.exp(logs).tolist(), strict=True))
@@ -273,7 +280,7 @@ class SeparateGains:
                 [math.log(begin[name]) for name in names],
                 method="SLSQP",
                 jac=told.cost_slope,
-                bounds=bounds,
+                bounds=np.log([bounds[name] for name in names]),
                 constraints=NonlinearConstraint(told.kept, 0.0, np.inf, jac=told.kept_slope),
                 options={"maxiter": _MOST_STEPS, "ftol": _TOLERANCE},
             )
@@ -435,8 +442,9 @@ class SeparateGains:
         Returns
         -------
         Step or None
-            All gains go the same part of their way, and no vehicle of those that the next flight allows has
-            less margin than is to be kept, or than it had. None where there is no such way.
+            Each gain lies between the flown one and its target: those of them that reject gusts best. No
+            vehicle of those that the next flight allows has less margin than is to be kept, or than it had.
+            None where there are no such gains.
         """
         if all(factor == 1.0 for factor in target.values()):
             return None
@@ -444,7 +452,9 @@ class SeparateGains:
         if self._rises(_sets(target))[0] > most_up:
             part = _largest(lambda part: self._rises(_sets(_towards(target, part)))[0] <= most_up, 1.0)
             near = _towards(target, part)
-            best = self._searched([near], most_up)
+            # No gain goes beyond its target, to come back later.
+            bounds = {name: (min(1.0, factor), max(1.0, factor)) for name, factor in target.items()}
+            best = self._searched([near], bounds, most_up)
         found = self._promised(best)
         low, high = 0.0, 1.0
         for _ in range(0 if found is not None else _HALVINGS):
