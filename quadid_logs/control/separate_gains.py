@@ -23,6 +23,8 @@ from quadid_logs.maths.band import ComplexArray
 
 #: The controller of one axis with some parameters changed, None where they make none.
 Rebuild = Callable[[Mapping[str, float]], AxisController | None]
+#: Least and largest factor on each gain.
+_Bounds = Mapping[str, tuple[float, float]]
 
 #: Gains are searched within these factors of the flown ones.
 _BOUNDS: Final = (0.25, 4.0)
@@ -210,7 +212,7 @@ class SeparateGains:
     def _searched(
         self,
         begin: list[dict[str, float]],
-        bounds: Mapping[str, tuple[float, float]],
+        bounds: _Bounds,
         most_up: float = np.inf,
     ) -> dict[str, float]:
         """Search until the vehicles that decide are known; return the best factors that all of them bear."""
@@ -261,9 +263,7 @@ class SeparateGains:
         documented = self._names.highest.get(name, np.inf) / self._now[name]
         return min(self._highest, max(documented, 1.0))
 
-    def _search(
-        self, begins: list[dict[str, float]], bounds: Mapping[str, tuple[float, float]], most_up: float
-    ) -> dict[str, float]:
+    def _search(self, begins: list[dict[str, float]], bounds: _Bounds, most_up: float) -> dict[str, float]:
         """Search from some factors for the least attitude error; return the best of ends and beginnings."""
         from scipy.optimize import NonlinearConstraint, minimize
 
@@ -280,7 +280,7 @@ class SeparateGains:
                 [math.log(begin[name]) for name in names],
                 method="SLSQP",
                 jac=told.cost_slope,
-                bounds=np.log([bounds[name] for name in names]),
+                bounds=[(math.log(low), math.log(high)) for low, high in map(bounds.__getitem__, names)],
                 constraints=NonlinearConstraint(told.kept, 0.0, np.inf, jac=told.kept_slope),
                 options={"maxiter": _MOST_STEPS, "ftol": _TOLERANCE},
             )
