@@ -326,6 +326,23 @@ def test_uncertainty_lowers_no_gains(apart: bool) -> None:
     assert {"QL646", "QL618"} & set(codes_of(found))
 
 
+def test_gains_that_only_uncertainty_keeps_are_not_called_right() -> None:
+    """The effectiveness is known to a factor of two: known better, this vehicle would bear more."""
+    result = detuned(1.5)
+    assert result.closed_loop is not None
+    loop = result.closed_loop.axes["roll"]
+    assert loop.plants is not None
+    random = 2.0 ** np.random.default_rng(3).uniform(-1.0, 1.0, loop.plants.effectiveness.size)
+    random[0] = 1.0
+    plants = loop.plants._replace(effectiveness=loop.plants.effectiveness * random, modes=None)
+    loose = replace(result.closed_loop, axes={"roll": replace(loop, plants=plants)})
+    found = recommend(replace(result, closed_loop=loose), GOOD, ["roll"]).axes["roll"]
+    assert found.verdict == "keep"
+    assert found.reasons[0].code == "QL647"
+    known = recommend(result, GOOD, ["roll"]).axes["roll"]
+    assert known.attitude_error < 0.75
+
+
 def test_gains_apart_reject_gusts_better(apart: AxisTuning) -> None:
     """That is what they are searched for."""
     assert apart.attitude_error < 0.95

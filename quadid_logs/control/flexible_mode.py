@@ -291,7 +291,7 @@ class _Halves:
 
 
 def _median(values: FloatArray) -> float:
-    """Return the median: `numpy.median` takes ten times as long, and thousands are asked for."""
+    """Return the median: `numpy.median` takes ten times as long, and thousands are needed."""
     n, middle = values.size, values.size // 2
     ordered = np.partition(values, middle)
     high = float(ordered[middle])

@@ -17,7 +17,7 @@ from quadid_logs.control.guard import Case, obstacles
 from quadid_logs.control.loop import rate_loop
 from quadid_logs.control.next_flight import of_next_flight
 from quadid_logs.control.scaled_loop import ScaledLoops, scaled_loops, spare
-from quadid_logs.control.separate_gains import Disturbed, Rebuild, Step, separate_gains
+from quadid_logs.control.separate_gains import Disturbed, Rebuild, SeparateGains, Step, separate_gains
 from quadid_logs.control.step import step_of
 from quadid_logs.control.torque_noise import (
     Noise,
@@ -43,6 +43,8 @@ MOST_DOWN: Final = 0.5
 #: Within these nothing is gained: effectiveness is not the same within some per cent from flight to flight,
 #: and less than a decibel of rejection is no reason to change what flies.
 _SAME: Final = (0.95, 1.10)
+#: Gains this near to the best are right as they are: attitude error in gusts over that of the best.
+_NEAR_BEST: Final = 1.3
 #: Of the limits, what a loop that is close to instability does not keep any more.
 _POOR: Final = min(POOR.gain_db / GOOD.gain_db, POOR.phase_deg / GOOD.phase_deg)
 #: What margins may cost where no common factor reaches them: so many times the attitude error of gusts, or as
@@ -120,7 +122,8 @@ def _tuned(case: Case, model: Model | None, rebuild: Rebuild, limits: Limits, *,
         margins = None if found is None else found.margins
         return AxisTuning(verdict="refused", reasons=refused, now=margins)
     following = of_next_flight(plants)
-    search = _Search(case, scaled_loops(controller, following, found.known_hz), model, rebuild, limits)
+    loops = scaled_loops(controller, following, found.known_hz)
+    search = _Search(case, loops, model, rebuild, limits, apart=apart)
     possible = following.modes is not None and (found.frame is None or not found.frame.seen)
 
     def without_modes() -> _Search:
@@ -128,7 +131,7 @@ def _tuned(case: Case, model: Model | None, rebuild: Rebuild, limits: Limits, *,
             return search
         # What the flight only leaves possible holds gains, as noise does, and is no reason to lower them.
         without = scaled_loops(controller, following._replace(modes=None), found.known_hz)
-        return _Search(case, without, model, rebuild, limits)
+        return _Search(case, without, model, rebuild, limits, apart=apart)
 
     return _decided(search, without_modes, apart=apart)
 
@@ -158,8 +161,16 @@ class _Search:
     """The search for the factor of one axis."""
 
     def __init__(
-        self, case: Case, loops: ScaledLoops, model: Model, rebuild: Rebuild, limits: Limits
+        self,
+        case: Case,
+        loops: ScaledLoops,
+        model: Model,
+        rebuild: Rebuild,
+        limits: Limits,
+        *,
+        apart: bool,
     ) -> None:
+        self._apart = apart
         number = ("roll", "pitch", "yaw").index(case.axis)
         self._case, self._loops, self._rebuild, self._limits = case, loops, rebuild, limits
         self._few = loops.first(_FEW_DRAWS)
@@ -326,10 +337,7 @@ class _Search:
 
     def apart(self, common: Found) -> AxisTuning | None:
         """Return the step towards the best gains, each by itself; None where one factor does as well."""
-        if self._case.limited_fraction > _NEAR_LIMITS:
-            return None
-        disturbed = Disturbed(self._gusts, self._gust_band_hz, self._torque, self._crossover_hz(), MOST_NOISE)
-        search = separate_gains(self._case, self._loops, self._rebuild, self._limits, disturbed)
+        search = self._separate()
         if search is None:
             return None
         target = search.target(common.factor)
@@ -359,6 +367,27 @@ class _Search:
         if spare(step.promised, self._limits) < 1.0:
             reasons.extend(filter_note(self._case, self._rebuild, self._loops))
         return self._described("change", tuple(reasons), step)
+
+    def _separate(self) -> SeparateGains | None:
+        """Return the search for gains one by one; None where there is none, or the mixer holds all gains."""
+        if self._case.limited_fraction > _NEAR_LIMITS:
+            return None
+        disturbed = Disturbed(self._gusts, self._gust_band_hz, self._torque, self._crossover_hz(), MOST_NOISE)
+        return separate_gains(self._case, self._loops, self._rebuild, self._limits, disturbed)
+
+    def _why_kept(self, target: Found) -> Finding:
+        """Return that the gains are right, or that better ones are in reach of a vehicle known better."""
+        factor = {"target_factor": rounded(target.factor, 3)}
+        search = self._separate() if self._apart else None
+        if search is None or (error := search.in_reach(target.factor)) > 1.0 / _NEAR_BEST:
+            return _found("QL634", self._case, factor)
+        percent, known_to_hz = round(100.0 * (1.0 - error)), rounded(self._loops.known_hz, 3)
+        told = {**factor, "less_attitude_error_percent": percent, "known_to_hz": known_to_hz}
+        title = (
+            f"Keep these gains: others would leave {percent} % less attitude error if the vehicle were "
+            "exactly as told, and this flight does not show that they keep the margins"
+        )
+        return finding("QL647", "info", told, axes=(self._case.axis,), title=title)
 
     def _keep(self, target: Found) -> AxisTuning:
         """Return that the flown gains are right, or that no others keep the limits either."""
@@ -427,7 +456,7 @@ class _Search:
         factor, promised = step.factor, step.promised
         case, told = self._case, {"factor": rounded(factor, 3), "target_factor": rounded(target.factor, 3)}
         if verdict == "keep":
-            yield _found("QL634", case, {"target_factor": rounded(target.factor, 3)})
+            yield self._why_kept(target)
         elif factor < 1.0:
             yield _found("QL630", case, told)
         elif self._flown_spare < _SAME[0]:

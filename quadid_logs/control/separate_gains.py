@@ -399,6 +399,27 @@ class SeparateGains:
         flown, other = self._told(both)[0]
         return float(np.exp(other - flown))
 
+    def in_reach(self, common: float) -> float:
+        """Return the `cost` of the best gains if the vehicle were known to be the estimate.
+
+        Parameters
+        ----------
+        common : float
+            A factor on P, I and D to begin at.
+
+        Returns
+        -------
+        float
+        """
+        decisive = self._decisive
+        self._decisive = np.zeros_like(decisive)
+        self._decisive[0, 0] = True
+        begin = [self._begin(common), self._best_of_a_grid()]
+        found = self._search(begin, {name: (_BOUNDS[0], self._most(name)) for name in self._now}, np.inf)
+        told = self.cost(found)
+        self._decisive = decisive
+        return told
+
     def worst_error(self, factors: Mapping[str, float]) -> float:
         """Return the attitude error of gusts over that of the flown gains, in 97.5 % of the vehicles.
 
