@@ -59,6 +59,9 @@ def fleet(
     reports: Annotated[
         bool, typer.Option("--reports", help="Keep the report of every flight too (6 MB each).")
     ] = False,
+    margins: Annotated[
+        bool, typer.Option("--margins", help="Stability margins and flown gains in every row too (slower).")
+    ] = False,
     max_mb: Annotated[
         float, typer.Option("--max-mb", metavar="MB", help="Largest file that is downloaded.")
     ] = 4000.0,
@@ -97,6 +100,7 @@ def fleet(
         vehicle_file="" if vehicle is None else vehicle.read_text(encoding="utf-8"),
         rules=NamingRules(vehicle_from=vehicle_from, model_from=model_from),
         reports=reports,
+        margins=margins,
         max_bytes=int(max_mb * 1e6),
         timeout_s=60.0 * timeout,
     )

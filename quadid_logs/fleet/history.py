@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from itertools import groupby
 from operator import itemgetter
@@ -48,7 +48,7 @@ _LAG_SYSTEMATIC_S: Final = 0.003
 _COLUMNS: Final = (
     "vehicle", "vehicle_from", "model", "status", "error", "url", "sha256", "autopilot", "frame", "firmware",
     "hardware_id", "flight", "n_flights", "axis", "verdict", "reasons", "structure", "input_unit", "started",
-    "started_from", "duration_s", "throttle",
+    "started_from", "duration_s", "throttle", "gain_margin_db", "phase_margin_deg",
     *(f"{name}{end}" for name in ("gain", "from_l", "from_m", "from_n", "damping", "lag_s")
       for end in ("", "_low", "_high")),
 )  # fmt: skip
@@ -56,7 +56,7 @@ _COLUMNS: Final = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Flight:
-    """One flight of a vehicle; ``verdicts`` and ``reasons`` by axis."""
+    """One flight of a vehicle; ``verdicts``, ``reasons`` and ``margins`` [dB, degrees] by axis."""
 
     url: str
     sha256: str
@@ -67,6 +67,7 @@ class Flight:
     duration_s: float
     verdicts: Mapping[str, str]
     reasons: Mapping[str, tuple[str, ...]]
+    margins: Mapping[str, tuple[float | None, float | None]] = field(default_factory=dict)
 
     @property
     def is_dated(self) -> bool:
@@ -320,6 +321,11 @@ def _flight(rows: Mapping[str, dict[str, Any]]) -> Flight:
         duration_s=row["duration_s"],
         verdicts={axis: one["verdict"] for axis, one in rows.items()},
         reasons={axis: tuple(one["reasons"] or ()) for axis, one in rows.items()},
+        margins={
+            axis: pair
+            for axis, one in rows.items()
+            if (pair := (one["gain_margin_db"], one["phase_margin_deg"])) != (None, None)
+        },
     )
 
 

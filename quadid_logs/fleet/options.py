@@ -17,9 +17,10 @@ class Options:
     ``structure`` is one for all, because numbers of different structures
     cannot be compared; ``band_hz`` is a band for all [Hz], None lets each log
     decide. ``vehicle_file`` is the text of the vehicle file that `vehicle` was
-    read from. A file above ``max_bytes`` is not fetched, and a log
-    that takes longer than ``timeout_s`` is given up. A log of 1 GB takes half a
-    minute; the limit leaves room for 4 GB, slow machines and slow networks.
+    read from. With ``margins``, rows hold those of each loop. A file above
+    ``max_bytes`` is not fetched, and a log that takes longer than ``timeout_s``
+    is given up. A log of 1 GB takes half a minute; the limit leaves room for
+    4 GB, slow machines and slow networks.
     """
 
     structure: str = "damped"
@@ -28,6 +29,7 @@ class Options:
     vehicle_file: str = ""
     rules: NamingRules = field(default_factory=NamingRules)
     reports: bool = False
+    margins: bool = False
     max_bytes: int = 4_000_000_000
     timeout_s: float = 1800.0
 
@@ -46,4 +48,5 @@ class Options:
             else "",
             "vehicle_from": self.rules.vehicle_from,
             "model_from": self.rules.model_from,
+            "margins": "yes" if self.margins else "",
         }

@@ -12,6 +12,7 @@ from typing import Any, Final
 from urllib.parse import quote
 
 from quadid_logs.commands import command, named
+from quadid_logs.data.tuning import GOOD
 from quadid_logs.fleet.changes import MIN_RUN, ChangePoint, OpenChange, OutlierTest, Shift
 from quadid_logs.fleet.coverage import coverage_words
 from quadid_logs.fleet.disagreement import Scatter
@@ -78,6 +79,7 @@ class _VehicleRow:
     verdicts: tuple[tuple[str, int], ...]
     gains: tuple[tuple[str, Sparkline | None], ...]
     dampings: tuple[tuple[str, Sparkline | None], ...]
+    margins: tuple[tuple[str, bool], ...]
     changes: tuple[_Story, ...]
     open_change: _Story | None
     scatter: _Story | None
@@ -126,6 +128,7 @@ def fleet_page(fleet: Fleet, store: Path, page_folder: Path) -> str:
         .get_template("fleet.html")
         .render(
             rows=rows,
+            with_margins=any(row.margins for row in rows),
             noticed=[row for row in rows if row.is_noticed],
             coverage=coverage_words(fleet.coverage),
             all_clear=_all_clear(fleet),
@@ -236,6 +239,7 @@ def _vehicle_row(number: int, history: VehicleHistory, links: Mapping[str, str])
         verdicts=tuple((verdict, counts[verdict]) for verdict in _VERDICTS if counts[verdict]),
         gains=_lines(history, "gain", changes),
         dampings=_lines(history, "damping", changes),
+        margins=tuple(_margins(history)),
         changes=tuple(_change_story(change, history) for change in history.changes),
         open_change=_open_story(history.open_change, history) if history.open_change else None,
         scatter=_scatter_story(history) if history.scatter else None,
@@ -274,6 +278,18 @@ def _lines(
         (axis, None if one is None else sparkline(one, f"{axis} {_DRAWN[name]}", changes))
         for axis, one in series
     )
+
+
+def _margins(history: VehicleHistory) -> Iterator[tuple[str, bool]]:
+    """Yield the margins of each axis in the last flight that tells them, and whether they are too small."""
+    for axis in AXES:
+        flights = (flight.margins.get(axis) for flight in reversed(history.flights))
+        told = next((one for one in flights if one is not None), None)
+        if told is not None:
+            limits = ((told[0], GOOD.gain_db, "dB"), (told[1], GOOD.phase_deg, "degrees"))
+            known = [(value, limit, unit) for value, limit, unit in limits if value is not None]
+            words = " and ".join(f"{value:.3g} {unit}" for value, _, unit in known)
+            yield f"{axis} {words}", any(value < limit for value, limit, _ in known)
 
 
 def _dates(flights: Sequence[Flight]) -> str:

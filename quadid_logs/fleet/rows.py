@@ -15,6 +15,7 @@ from quadid_logs.data.model import Model
 from quadid_logs.data.result import Result
 from quadid_logs.fleet.log_files import LogFile
 from quadid_logs.fleet.naming import Identity, NamingRules, clock_zero, identify_unread, identify_vehicle
+from quadid_logs.tuning import shaping_gains
 from quadid_logs.untrusted import printable
 from quadid_logs.version import __version__
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS, TORQUE_SYMBOLS
@@ -29,20 +30,27 @@ ANALYZED, UNREADABLE, LOST = "analyzed", "unreadable", "lost"
 #: Estimated quantities: value, and low and high end of the 95 % interval. Null where the flight does
 #: not identify them. `gain` is the on-axis control effectiveness, `from_l` to `from_n` the whole row of B.
 QUANTITIES: Final = ("gain", "from_l", "from_m", "from_n", "damping", "trim", "lag_s", "delay_s")
+#: Of the whole loop as it flew, with intervals likewise: of runs with margins alone. Zero where the loop of
+#: the estimate is unstable, null where it is not known or does not have the figure.
+MARGINS: Final = ("gain_margin_db", "phase_margin_deg", "disk_margin")
 _TEXTS: Final = (
     "vehicle", "vehicle_from", "model", "status", "error", "url", "sha256", "version",
     "format", "autopilot", "firmware", "vehicle_type", "frame", "hardware_id", "started_from",
-    "axis", "verdict", "sentence", "structure", "input_unit",
+    "axis", "verdict", "sentence", "structure", "input_unit", "gains",
 )  # fmt: skip
 _NUMBERS: Final = (
-    "start_s", "duration_s", "analyzed_s", "throttle", "condition_number", "r2", "run_s",
-    *(f"{name}{end}" for name in QUANTITIES for end in ("", "_low", "_high")),
+    "start_s", "duration_s", "analyzed_s", "throttle", "condition_number", "r2", "run_s", "limited_fraction",
+    *(f"{name}{end}" for name in (*QUANTITIES, *MARGINS) for end in ("", "_low", "_high")),
 )  # fmt: skip
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
+#: Columns that a store of the format before this one lacks.
+ADDED: Final = frozenset(
+    {"gains", "limited_fraction", *(f"{name}{end}" for name in MARGINS for end in ("", "_low", "_high"))}
+)
 #: Columns that differ between two runs over the same files.
 RUN_COLUMNS: Final = ("run_s",)
 #: The columns of the store in order, with SQLite's types: ``started`` is UTC in ISO 8601, ``reasons`` a
-#: JSON list, everything else SI.
+#: JSON list, ``gains`` a JSON object of parameters, everything else SI, or as its name says.
 COLUMNS: Final[Mapping[str, str]] = {
     **dict.fromkeys(_TEXTS, "TEXT"),
     **dict.fromkeys(("n_bytes", "flight", "n_flights"), "INTEGER"),
@@ -220,7 +228,7 @@ def judged_as(rows: Sequence[Mapping[str, Any]], told: Sequence[Mapping[str, Any
     -------
     list of dict
     """
-    nothing = {f"{name}{end}": None for name in QUANTITIES for end in ("", "_low", "_high")}
+    nothing = {f"{name}{end}": None for name in (*QUANTITIES, *MARGINS) for end in ("", "_low", "_high")}
     return [
         {
             **row,
@@ -275,16 +283,33 @@ def _axis_part(result: Result, number: int) -> dict[str, Any]:
         "reasons": list(verdict.reasons),
         "sentence": printable(verdict.sentence, 400),
         "analyzed_s": sum(segment.end_s - segment.start_s for segment in result.data.segments),
+        **_loop_part(result, axis),
     }
     if model is None or result.data.input is None:
         return found
     return found | {
         "structure": model.structure,
         "input_unit": result.data.input.unit,
+        "limited_fraction": result.data.input.limited_fraction[number],
         "condition_number": _finite(model.condition_number),
         "r2": _finite(model.validation.r2_acceleration.get(ACCELERATION_SYMBOLS[number], math.nan)),
         **dict(_quantities(model, number)),
     }
+
+
+def _loop_part(result: Result, axis: str) -> dict[str, Any]:
+    """Return the gains and filters that flew, and the margins of the whole loop, as far as they are known."""
+    gains = shaping_gains(result, axis)
+    loop = None if result.closed_loop is None else result.closed_loop.axes.get(axis)
+    found = {"gains": json.dumps(gains)} if gains else {}
+    if loop is None or loop.margins is None:
+        return found
+    margins = loop.margins.full or loop.margins.rate
+    if not margins.stable:
+        return found | {f"{name}{end}": 0.0 for name in MARGINS for end in ("", "_low", "_high")}
+    figures = {name: getattr(margins, name) for name in MARGINS}
+    told = [_three(name, *one) for name, one in figures.items() if one is not None]
+    return found | dict(pair for pairs in told for pair in pairs)
 
 
 def _quantities(model: Model, number: int) -> Iterator[tuple[str, float | None]]:

@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 from quadid_logs.errors import OutputError, SettingsError
 from quadid_logs.fleet.log_files import LogFile
 from quadid_logs.fleet.options import Options
-from quadid_logs.fleet.rows import ANALYZED, COLUMNS, LOST, ForeignRowError, decode, schema
+from quadid_logs.fleet.rows import ADDED, ANALYZED, COLUMNS, LOST, ForeignRowError, decode, schema
 from quadid_logs.fleet.tasks import Outcome
 from quadid_logs.output import check_no_link, make_folder, new_folder, write_together
 from quadid_logs.untrusted import printable
@@ -42,13 +42,15 @@ if TYPE_CHECKING:
 
 DATABASE: Final = "fleet.sqlite"
 REPORTS: Final = "reports"
-_FORMAT: Final = "3"
+_FORMAT: Final = "4"
+#: Stores of this format lack columns, which are added: what was not asked for then is null.
+_EARLIER: Final = "3"
 _TABLES: Final = (
     "CREATE TABLE made_with (name TEXT PRIMARY KEY, value TEXT)",
     f"CREATE TABLE fleet ({', '.join(f'{name} {kind}' for name, kind in COLUMNS.items())})",
     *(f"CREATE INDEX fleet_{name} ON fleet ({name})" for name in ("sha256", "url", "n_bytes")),
 )
-_INSERT: Final = f"INSERT INTO fleet VALUES ({', '.join('?' * len(COLUMNS))})"  # noqa: S608 - no values in it
+_INSERT: Final = f"INSERT INTO fleet ({', '.join(COLUMNS)}) VALUES ({', '.join('?' * len(COLUMNS))})"  # noqa: S608 - no values in it
 #: A log is known by its content, or by its place where the content was never seen.
 _REMOVE: Final = "DELETE FROM fleet WHERE (sha256 = ? AND sha256 <> '') OR (sha256 = '' AND url = ?)"
 #: How long another run's transaction is waited for [s]; it takes milliseconds.
@@ -111,6 +113,11 @@ class Store:
                     self._database.execute(table)
                 self._database.executemany("INSERT INTO made_with VALUES (?, ?)", wanted.items())
             made = dict(self._database.execute("SELECT name, value FROM made_with"))
+            if made.get("format") == _EARLIER:
+                for name in sorted(ADDED - _columns(self._database)):
+                    self._database.execute(f"ALTER TABLE fleet ADD COLUMN {name} {COLUMNS[name]}")
+                self._database.execute("UPDATE made_with SET value = ? WHERE name = 'format'", (_FORMAT,))
+                made["format"] = _FORMAT
         for name, value in wanted.items():
             # What a store of an earlier version does not name was not given.
             before = made.get(name, "")
@@ -302,8 +309,10 @@ def read_rows(
 def _checked_rows(folder: Path, set_aside: Callable[[SetAside], None]) -> Iterator[dict[str, Any]]:
     """Yield all rows, decoded, but those that are not ours."""
     with _reading(folder) as database:
+        there = _columns(database)
+        wanted = ", ".join(f"NULL AS {name}" if name in ADDED - there else name for name in COLUMNS)
         for values in database.execute(
-            f"SELECT {', '.join(COLUMNS)} FROM fleet ORDER BY vehicle, sha256, rowid"  # noqa: S608 - our own names
+            f"SELECT {wanted} FROM fleet ORDER BY vehicle, sha256, rowid"  # noqa: S608 - our own names
         ):
             row = dict(zip(COLUMNS, values, strict=True))
             try:
@@ -358,6 +367,11 @@ def read_table(folder: Path, set_aside: Callable[[SetAside], None] = _ignore) ->
     while part := list(islice(rows, _BATCH)):
         batches.append(pa.RecordBatch.from_pylist(part, fields))
     return pa.Table.from_batches(batches, fields)
+
+
+def _columns(database: sqlite3.Connection) -> frozenset[str]:
+    """Return which columns a store has; an earlier version has fewer."""
+    return frozenset(name for (name,) in database.execute("SELECT name FROM pragma_table_info('fleet')"))
 
 
 def _text(content: bytes) -> str:
