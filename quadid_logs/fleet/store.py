@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 DATABASE: Final = "fleet.sqlite"
 REPORTS: Final = "reports"
 _FORMAT: Final = "4"
-#: Stores of this format lack columns, which are added: what was not asked for then is null.
+#: Stores of this format lack columns, which are added: what was not stored then is null.
 _EARLIER: Final = "3"
 _TABLES: Final = (
     "CREATE TABLE made_with (name TEXT PRIMARY KEY, value TEXT)",

@@ -112,7 +112,7 @@ def _memory_words() -> str:
 def _analyze(task: Task, path: Path, sha256: str) -> Outcome:
     """Analyze a log; what fails for its content will fail again."""
     try:
-        # Rows hold the verdicts alone of the loop if margins are not asked for; a page shows all of it.
+        # Rows hold the verdicts alone of the loop without --margins; a page shows all of it.
         loop: LoopPart = "whole" if task.options.reports or task.options.margins else "verdict"
         results = tuple(analyze_flights(path, task.options.settings, task.options.vehicle, loop))
     except QuadidError as error:
