@@ -286,9 +286,9 @@ def _margins(history: VehicleHistory) -> Iterator[tuple[str, bool]]:
         flights = (flight.margins.get(axis) for flight in reversed(history.flights))
         told = next((one for one in flights if one is not None), None)
         if told is not None:
-            limits = ((told[0], GOOD.gain_db, "dB"), (told[1], GOOD.phase_deg, "degrees"))
-            known = [(value, limit, unit) for value, limit, unit in limits if value is not None]
-            words = " and ".join(f"{value:.3g} {unit}" for value, _, unit in known)
+            limits = ((told[0], GOOD.gain_db, "{:.3g} dB"), (told[1], GOOD.phase_deg, "{:.0f}°"))
+            known = [(value, limit, form) for value, limit, form in limits if value is not None]
+            words = ", ".join(form.format(value) for value, _, form in known)
             yield f"{axis} {words}", any(value < limit for value, limit, _ in known)
 
 

@@ -98,5 +98,5 @@ def test_the_page_marks_small_margins(tmp_path):
     page = tmp_path / "page.html"
     assert main(["fleet-report", str(folder), "-o", str(page)]) in {0, 1}
     text = page.read_text()
-    assert "pitch 4.2 dB and 50 degrees" in text
+    assert "pitch 4.2 dB, 50°" in text
     assert text.count(">small<") == 1
