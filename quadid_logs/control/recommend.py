@@ -385,7 +385,7 @@ class _Search:
         told = {**factor, "less_attitude_error_percent": percent, "known_to_hz": known_to_hz}
         title = (
             f"Keep these gains: others would leave {percent} % less attitude error if the vehicle were "
-            "exactly as told, and this flight does not show that they keep the margins"
+            "exactly as told; whether their margins would be enough, this flight does not show"
         )
         return finding("QL647", "info", told, axes=(self._case.axis,), title=title)
 

@@ -43,6 +43,9 @@ _DECISIVE: Final = 4
 _HALVINGS: Final = 6
 #: Of each gain, so many are tried to begin with.
 _GRID: Final = 3
+_STARTS: Final = 2
+#: Where none keep the limits, the search goes on in so many steps.
+_MOST_TRIALS: Final = 100
 #: Vehicles that a change of gains is to be better for, and how many of them.
 _FEW_DRAWS: Final = 81
 _WORST: Final = 0.975
@@ -207,21 +210,22 @@ class SeparateGains:
         begin = self._begin(common)
         self._add_decisive(begin)
         bounds = {name: (_BOUNDS[0], self._most(name)) for name in self._now}
-        return self._searched([begin, self._best_of_a_grid()], bounds)
+        return self._searched(begin, bounds)
 
     def _searched(
         self,
-        begin: list[dict[str, float]],
+        begin: dict[str, float],
         bounds: _Bounds,
         most_up: float = np.inf,
     ) -> dict[str, float]:
         """Search until the vehicles that decide are known; return the best factors that all of them bear."""
         tried: list[dict[str, float]] = []
+        begins = [begin, *self._best_of_a_grid(bounds, most_up)]
         for _ in range(_ROUNDS):
-            tried.append(self._search(begin, bounds, most_up))
+            tried.append(self._search(begins, bounds, most_up))
             if np.min(self._worst_spare(tried[-1])) >= 1.0 - _ROUNDING or not self._add_decisive(tried[-1]):
                 break
-            begin = [tried[-1]]
+            begins = [tried[-1]]
         ends = (self._up_to_the_limits(found) for found in (*tried, self._flown))
         return min((one for one in ends if one is not None), key=self.cost, default=tried[-1])
 
@@ -238,13 +242,14 @@ class SeparateGains:
             self._decisive[late, numbers[lack]] = True
         return bool(np.count_nonzero(self._decisive) > before)
 
-    def _best_of_a_grid(self) -> dict[str, float]:
+    def _best_of_a_grid(self, bounds: _Bounds, most_up: float) -> list[dict[str, float]]:
         """Return the best of factors far apart: a search ends where it is best nearby."""
-        names = list(self._now)
-        each = [np.geomspace(_BOUNDS[0], self._most(name), _GRID) for name in names]
+        names = list(bounds)
+        each = [np.unique(np.geomspace(low, high, _GRID)) for low, high in bounds.values()]
         points = np.stack(np.meshgrid(*each, indexing="ij"), axis=-1).reshape(-1, len(names))
-        values = self._values(dict(zip(names, points.T, strict=True)))
-        return dict(zip(names, points[int(np.argmin(values))].tolist(), strict=True))
+        values = self._values(dict(zip(names, points.T, strict=True)), most_up)
+        best = points[np.argsort(values, kind="stable")[:_STARTS]]
+        return [dict(zip(names, one, strict=True)) for one in best.tolist()]
 
     def _up_to_the_limits(self, target: Mapping[str, float]) -> dict[str, float] | None:
         """Return how far some vehicles bear the way from the flown gains to a target, None for nowhere."""
@@ -268,9 +273,13 @@ class SeparateGains:
         from scipy.optimize import NonlinearConstraint, minimize
 
         names = list(begins[0])
+        limits = [(math.log(low), math.log(high)) for low, high in map(bounds.__getitem__, names)]
 
         def factors(logs: FloatArray) -> dict[str, float]:
             return dict(zip(names, np.exp(logs).tolist(), strict=True))
+
+        def value(logs: FloatArray) -> float:
+            return float(self._values(_sets(factors(logs)), most_up)[0])
 
         told = _Slopes(lambda logs: self._told(dict(zip(names, np.exp(logs).T, strict=True)), most_up))
         found = list(begins)
@@ -280,13 +289,24 @@ class SeparateGains:
                 [math.log(begin[name]) for name in names],
                 method="SLSQP",
                 jac=told.cost_slope,
-                bounds=[(math.log(low), math.log(high)) for low, high in map(bounds.__getitem__, names)],
+                bounds=limits,
                 constraints=NonlinearConstraint(told.kept, 0.0, np.inf, jac=told.kept_slope),
                 options={"maxiter": _MOST_STEPS, "ftol": _TOLERANCE},
             )
             found.append(factors(end.x))
         each = {name: np.array([one[name] for one in found]) for name in names}
-        return found[int(np.argmin(self._values(each, most_up)))]
+        best = found[int(np.argmin(self._values(each, most_up)))]
+        if np.min(self._told(_sets(best), most_up)[1]) >= -_ROUNDING:
+            return best
+        # No gains keep all limits: as near to them as it gets, and that has corners.
+        end = minimize(
+            value,
+            [math.log(best[name]) for name in names],
+            method="Nelder-Mead",
+            bounds=limits,
+            options={"maxiter": _MOST_TRIALS, "xatol": _UNCHANGED, "fatol": _UNCHANGED},
+        )
+        return factors(end.x)
 
     def _values(self, factors: Mapping[str, FloatArray], most_up: float = np.inf) -> FloatArray:
         """Return what is to be small, and what is missing of the limits, for each set of gains."""
@@ -414,8 +434,9 @@ class SeparateGains:
         decisive = self._decisive
         self._decisive = np.zeros_like(decisive)
         self._decisive[0, 0] = True
-        begin = [self._begin(common), self._best_of_a_grid()]
-        found = self._search(begin, {name: (_BOUNDS[0], self._most(name)) for name in self._now}, np.inf)
+        bounds = {name: (_BOUNDS[0], self._most(name)) for name in self._now}
+        begins = [self._begin(common), *self._best_of_a_grid(bounds, np.inf)]
+        found = self._search(begins, bounds, np.inf)
         told = self.cost(found)
         self._decisive = decisive
         return told
@@ -475,7 +496,7 @@ class SeparateGains:
             near = _towards(target, part)
             # No gain goes beyond its target, to come back later.
             bounds = {name: (min(1.0, factor), max(1.0, factor)) for name, factor in target.items()}
-            best = self._searched([near], bounds, most_up)
+            best = self._searched(near, bounds, most_up)
         found = self._promised(best)
         low, high = 0.0, 1.0
         for _ in range(0 if found is not None else _HALVINGS):
