@@ -29,7 +29,7 @@ from quadid_logs.identify.response import SAMPLES_PER_CYCLE, Band, fitted_band, 
 from quadid_logs.identify.rigid_body import fit_single_rigid_body
 from quadid_logs.identify.select import most_excited
 from quadid_logs.identify.slow_yaw import fit_slow_yaw
-from quadid_logs.identify.spectral import fit_by_spectra
+from quadid_logs.identify.spectral_effects import fit_by_spectra
 from quadid_logs.identify.spectral_axes import spoiled_by_air, with_spectral_axes
 from quadid_logs.identify.splice import with_axis_of
 from quadid_logs.identify.structures import RIGID_BODY, STRUCTURES, Structure

@@ -25,7 +25,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import FloatArray, IntArray
-from quadid_logs.data.flight import FlightData
+from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.data.log import GyroFilter
 from quadid_logs.data.model import SpectralFit
 from quadid_logs.identify.systematic import GYRO_SYSTEMATIC
@@ -57,11 +57,12 @@ _MOST_LEVERAGE = 0.8
 #: Of first-stage directions, against the strongest: rounding and more.
 _RIDGE = 1e-3
 #: Time constants of motors with propellers of 3 to 30 inches are 10 to 150 ms: one standard deviation of
-#: their logarithm is 0.7 around 35 ms. Outputs reach the motors 1 to 30 ms after they were logged.
+#: their logarithm is 0.7 around 35 ms. Outputs reach the motors 1 to 30 ms after they were logged, before
+#: that only where the log stamps them late.
 _LAG_S, _LAG_SPREAD = 0.035, 0.7
-_DELAY_S, _DELAY_SPREAD = 0.006, 0.9
+_DELAY_S, _DELAY_SPREAD_S = 0.008, 0.008
 _LAGS_S: Final = np.geomspace(0.002, 0.15, 10)
-_DELAYS_S: Final = (0.001, 0.004, 0.012, 0.03)
+_DELAYS_S: Final = (-0.02, -0.004, 0.004, 0.012, 0.03)
 _LEADS_S: Final = (0.0, 0.1, 0.2)
 #: Rotors that accelerate turn yaw ahead of their drag by 0 to 0.3 s.
 _LEAD_SPREAD_S = 0.15
@@ -86,14 +87,14 @@ _YAW: Final = 2
 _TINY = float(np.finfo(np.float64).tiny)
 
 
-class _Actuator(NamedTuple):
+class SharedActuator(NamedTuple):
     """Lag and delay [s] that all axes share, and the lead of yaw [s]."""
 
     lag_s: float
     delay_s: float
     lead_s: float
 
-    def on(self, axis: int) -> _Actuator:
+    def on(self, axis: int) -> SharedActuator:
         """Return what an axis has of it."""
         return self if axis == _YAW else self._replace(lead_s=0.0)
 
@@ -103,37 +104,40 @@ class _Actuator(NamedTuple):
         return np.array(
             [
                 np.log(self.lag_s / _LAG_S) / _LAG_SPREAD,
-                np.log(self.delay_s / _DELAY_S) / _DELAY_SPREAD,
+                (self.delay_s - _DELAY_S) / _DELAY_SPREAD_S,
                 self.lead_s / _LEAD_SPREAD_S,
             ]
         )
 
     @classmethod
-    def at(cls, coordinates: FloatArray) -> _Actuator:
+    def at(cls, coordinates: FloatArray) -> SharedActuator:
         """Return the actuator at coordinates; never beyond five standard deviations."""
         lag, delay, lead = np.clip(coordinates, -5.0, 5.0).tolist()
         return cls(
             _LAG_S * float(np.exp(_LAG_SPREAD * lag)),
-            _DELAY_S * float(np.exp(_DELAY_SPREAD * delay)),
+            _DELAY_S + _DELAY_SPREAD_S * delay,
             _LEAD_SPREAD_S * lead,
         )
 
 
-def fit_by_spectra(data: FlightData) -> tuple[SpectralFit, ...]:
-    """Estimate the equations of all axes from what was commanded of them.
+class SpectralSolution(NamedTuple):
+    """The estimates of all axes, and what they were made from.
 
-    Parameters
+    Attributes
     ----------
-    data : FlightData
-
-    Returns
-    -------
-    tuple of SpectralFit
-        Roll, pitch, yaw; empty where nothing tells what was commanded, or it lasts for
-        less than four blocks. An axis that was not commanded has a wide interval, or `SpectralFit.departure`.
+    fits : tuple of SpectralFit
+        Roll, pitch, yaw.
+    axes : list of AxisMoments
+        Of the axes that could be estimated, weighted by the noise that these estimates leave.
+    actuator : SharedActuator
+    told : ndarray of complex, shape (n_blocks, n_lines, 3)
+        The torques that follow from what was commanded.
     """
-    spectra = flight_spectra(data)
-    return () if spectra is None else fit_spectra(spectra, data.gyro_filter, planned=_is_planned(data))
+
+    fits: tuple[SpectralFit, ...]
+    axes: list[AxisMoments]
+    actuator: SharedActuator
+    told: ComplexArray
 
 
 def fit_spectra(
@@ -160,14 +164,41 @@ def fit_spectra(
     Returns
     -------
     tuple of SpectralFit
-        As of `fit_by_spectra`.
+        Roll, pitch, yaw; empty for less than four blocks, or where nothing was commanded. An axis
+        that was not commanded has a wide interval, or `SpectralFit.departure`.
+    """
+    solution = solve_spectra(spectra, gyro_filter, planned=planned, moved=moved)
+    return () if solution is None else solution.fits
+
+
+def solve_spectra(
+    spectra: BlockSpectra,
+    gyro_filter: GyroFilter,
+    *,
+    planned: bool = False,
+    moved: Sequence[int] = range(_AXES),
+) -> SpectralSolution | None:
+    """Estimate as `fit_spectra` does, and keep what the estimates were made from.
+
+    Parameters
+    ----------
+    spectra : BlockSpectra
+    gyro_filter : GyroFilter
+    planned : bool
+    moved : sequence of int
+        As of `fit_spectra`.
+
+    Returns
+    -------
+    SpectralSolution or None
+        None where `fit_spectra` has no estimate.
     """
     if len(spectra.run) < _FEWEST_BLOCKS:
-        return ()
+        return None
     command = spectra.values[:, :, 3 * _AXES :]
     axes = [number for number in moved if _moves(spectra, number)]
     if spectra.frequency_hz.size < 2 * _SHARED_LINES or not _has_size(command) or not axes:
-        return ()
+        return None
     torque = spectra.values[:, :, _AXES : 2 * _AXES]
     if planned:
         # One instrument an axis, as it is: a first stage of so weak ones would be noise of its own.
@@ -177,13 +208,24 @@ def fit_spectra(
         given = command[:, :, np.abs(command).max(axis=(0, 1)) > _SMALLEST]
         told = _told_by_others(given, torque, spectra.run)
     if not axes:
-        return ()
+        return None
     corners_hz = _CORNERS_HZ if planned else _CORNERS_HZ[:1]
-    return _fit([_Axis(spectra, number, told[:, :, number], gyro_filter, corners_hz) for number in axes])
+    moments = [AxisMoments(spectra, number, told[:, :, number], gyro_filter, corners_hz) for number in axes]
+    fits, actuator = _fit(moments)
+    return SpectralSolution(fits, moments, actuator, told)
 
 
-def _is_planned(data: FlightData) -> bool:
-    """Say whether planned trajectories are what was commanded, in every segment that tells."""
+def is_planned(data: FlightData) -> bool:
+    """Say whether planned trajectories are what was commanded, in every segment that tells.
+
+    Parameters
+    ----------
+    data : FlightData
+
+    Returns
+    -------
+    bool
+    """
     told = [segment.planned for segment in data.segments if segment.command is not None]
     return bool(told) and all(told)
 
@@ -191,6 +233,42 @@ def _is_planned(data: FlightData) -> bool:
 def _moves(spectra: BlockSpectra, number: int) -> bool:
     """Say whether an axis has torque and motion."""
     return _has_size(spectra.values[:, :, _AXES + number]) and _has_size(spectra.derivative(number))
+
+
+class CommandRecord(NamedTuple):
+    """A part of the flight of which everything is known that the spectra need, without gaps."""
+
+    segment: Segment
+    columns: FloatArray
+
+
+def command_records(data: FlightData) -> list[CommandRecord]:
+    """Return the parts of the flight in which it is known what was commanded.
+
+    Parameters
+    ----------
+    data : FlightData
+
+    Returns
+    -------
+    list of CommandRecord
+        Columns are those of `flight_spectra`; none where the parts differ in what was commanded.
+    """
+    records = []
+    for segment in data.segments:
+        if segment.command is None or segment.reference is None:
+            continue
+        p, q, r = segment.body_rate_rad_s.T
+        columns = np.column_stack(
+            [segment.body_rate_rad_s, segment.torque, q * r, r * p, p * q, segment.command]
+        )
+        known = np.isfinite(columns).all(axis=1)
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]])))
+        records += [
+            CommandRecord(segment.rows(slice(first, after)), columns[first:after])
+            for first, after in edges.reshape(-1, 2).tolist()
+        ]
+    return records if len({record.columns.shape[1] for record in records}) == 1 else []
 
 
 def flight_spectra(data: FlightData) -> BlockSpectra | None:
@@ -205,27 +283,33 @@ def flight_spectra(data: FlightData) -> BlockSpectra | None:
     BlockSpectra or None
         None where nothing tells what was commanded, or for less than a block.
     """
-    records, starts = [], []
-    for segment in data.segments:
-        if segment.command is None or segment.reference is None:
-            continue
-        p, q, r = segment.body_rate_rad_s.T
-        columns = np.column_stack(
-            [segment.body_rate_rad_s, segment.torque, q * r, r * p, p * q, segment.command]
-        )
-        known = np.isfinite(columns).all(axis=1)
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]])))
-        for first, after in edges.reshape(-1, 2).tolist():
-            records.append(columns[first:after])
-            starts.append(float(segment.time_s[first]))
-    if len({record.shape[1] for record in records}) != 1:
-        return None
+    records = command_records(data)
+    return spectra_of([record.columns for record in records], records, data)
+
+
+def spectra_of(
+    columns: list[FloatArray], records: Sequence[CommandRecord], data: FlightData
+) -> BlockSpectra | None:
+    """Return the spectra of some columns of each record, in the blocks of `flight_spectra`.
+
+    Parameters
+    ----------
+    columns : list of ndarray, each of shape (n_samples, n_columns)
+    records : sequence of CommandRecord
+    data : FlightData
+
+    Returns
+    -------
+    BlockSpectra or None
+        None for less than a block.
+    """
+    starts = [float(record.segment.time_s[0]) for record in records]
     highest_hz = min(_HIGHEST_HZ, _OF_SAMPLE_RATE / data.sample_period_s)
-    length_s = _PLANNED_BLOCK_S if _is_planned(data) else BLOCK_S
-    return block_spectra(records, starts, data.sample_period_s, length_s=length_s, highest_hz=highest_hz)
+    length_s = _PLANNED_BLOCK_S if is_planned(data) else BLOCK_S
+    return block_spectra(columns, starts, data.sample_period_s, length_s=length_s, highest_hz=highest_hz)
 
 
-class _Axis:
+class AxisMoments:
     """One axis: what is summed over blocks once, and what changes with the weights."""
 
     def __init__(
@@ -277,7 +361,7 @@ class _Axis:
             size = float(np.sum(np.abs(told) ** 2))
         return _ratio(size, float(np.sum(np.abs(self.torque) ** 2)))
 
-    def response(self, actuator: _Actuator) -> tuple[ComplexArray, ComplexArray]:
+    def response(self, actuator: SharedActuator) -> tuple[ComplexArray, ComplexArray]:
         """Return what actuator and gyro make of torque and of the torque under the window's slope."""
         s, (lag, delay, lead) = self.s, actuator.on(self.number)
         response = self.gyro * np.exp(-s * delay) * (1.0 + s * lead) / (1.0 + s * lag)
@@ -285,7 +369,7 @@ class _Axis:
         slope = response * (lead / (1.0 + s * lead) - lag / (1.0 + s * lag) - delay)
         return response, -slope
 
-    def instrument_behind(self, actuator: _Actuator) -> None:
+    def instrument_behind(self, actuator: SharedActuator) -> None:
         """Take the torque that was commanded behind an actuator for the instrument."""
         self.instrument = self.told * self.response(actuator._replace(lead_s=0.0))[0]
         weight = self.instrument.conj()
@@ -293,27 +377,29 @@ class _Axis:
         self.of_acceleration = self.summed((weight * self.acceleration).sum(axis=0))
         self.of_regressors = [self.summed((weight * each).sum(axis=0)) for each in self.regressors]
 
-    def of_commanded(self, actuator: _Actuator) -> ComplexArray:
+    def of_commanded(self, actuator: SharedActuator) -> ComplexArray:
         """Return the moments of the torque behind an actuator, shape (n_bands,)."""
         response, slope = self.response(actuator)
         return self.summed(response * self.of_torque + slope * self.of_slope)
 
-    def left(self, theta: FloatArray, actuator: _Actuator) -> ComplexArray:
+    def left(self, theta: FloatArray, actuator: SharedActuator) -> ComplexArray:
         """Return the moments of what an equation [B, A, c, o, o] leaves."""
         return np.asarray(self._by_torque(theta) - theta[0] * self.of_commanded(actuator))
+
+    def error(self, theta: FloatArray, actuator: SharedActuator) -> ComplexArray:
+        """Return what an equation leaves of the acceleration, shape (n_blocks, n_lines)."""
+        response, slope = self.response(actuator)
+        of_torque = response * self.torque + slope * self.by_slope
+        return self.acceleration - theta[0] * of_torque - _weighted(theta[1:], self.regressors)
 
     def _by_torque(self, theta: FloatArray) -> ComplexArray:
         """Return the moments of the acceleration that an equation leaves to the torque."""
         return np.asarray(self.of_acceleration - _weighted(theta[1:], self.of_regressors))
 
-    def weigh(self, theta: FloatArray | None, actuator: _Actuator) -> None:
+    def weigh(self, theta: FloatArray | None, actuator: SharedActuator) -> None:
         """Set the noise of the moments by what an equation leaves; by the acceleration itself without one."""
-        error = self.acceleration
-        if theta is not None:
-            response, slope = self.response(actuator)
-            error = error - theta[0] * (response * self.torque + slope * self.by_slope)
-            error = error - _weighted(theta[1:], self.regressors)
-        self.noise = _moment_noise(self, error)
+        error = self.acceleration if theta is None else self.error(theta, actuator)
+        self.noise = moment_noise(self, self.instrument, error)
         self.size = np.abs(self.of_acceleration if theta is None else self._by_torque(theta))
         turn = self.of_commanded(actuator)
         self.turn = np.exp(-1j * np.angle(turn if theta is None else theta[0] * turn))
@@ -351,7 +437,7 @@ class _Axis:
         turned = self.whitening @ (moments * self.turn)
         return np.concatenate([turned.real, turned.imag])
 
-    def white_commanded(self, actuator: _Actuator) -> FloatArray:
+    def white_commanded(self, actuator: SharedActuator) -> FloatArray:
         """Return the moments of the torque behind an actuator in standard deviations."""
         return self.white(self.of_commanded(actuator))
 
@@ -361,12 +447,12 @@ class _Axis:
         self._columns = np.column_stack([self.white(each) for each in self.of_regressors])
         self._priors = np.column_stack([np.zeros(4), np.diag(1.0 / self.spread)])
 
-    def system(self, actuator: _Actuator) -> tuple[FloatArray, FloatArray]:
+    def system(self, actuator: SharedActuator) -> tuple[FloatArray, FloatArray]:
         """Return the linear equations for [B, A, c, o, o], their priors below."""
         columns = np.column_stack([self.white_commanded(actuator), self._columns])
         return np.vstack([columns, self._priors]), self._targets
 
-    def solved(self, actuator: _Actuator) -> tuple[FloatArray, FloatArray]:
+    def solved(self, actuator: SharedActuator) -> tuple[FloatArray, FloatArray]:
         """Return [B, A, c, o, o] and what they leave of the whitened system."""
         columns, targets = self.system(actuator)
         theta = np.linalg.lstsq(columns, targets, rcond=None)[0]
@@ -429,14 +515,26 @@ def _band_edges(frequency_hz: FloatArray) -> IntArray:
     return np.array(edges)
 
 
-def _moment_noise(axis: _Axis, error: ComplexArray) -> FloatArray:
-    """Return the variance of each complex moment that an error makes, shape (n_bands,).
+def moment_noise(axis: AxisMoments, instrument: ComplexArray, error: ComplexArray) -> FloatArray:
+    """Return the variance of each complex moment that an error makes.
+
+    Parameters
+    ----------
+    axis : AxisMoments
+    instrument, error : ndarray of complex, shape (n_blocks, n_lines)
+
+    Returns
+    -------
+    ndarray, shape (n_bands,)
+
+    Notes
+    -----
 
     What all blocks have in common is no noise. The variance by blocks, over that of an error which is equally
     strong throughout, is smoothed over five bands: it is known from few blocks.
     """
-    moments = axis.summed(axis.instrument.conj() * error)
-    power = axis.power(axis.instrument)
+    moments = axis.summed(instrument.conj() * error)
+    power = axis.power(instrument)
     whole = np.maximum(power.sum(axis=0), _TINY)
     moments = moments - moments.sum(axis=0) * power / whole
     follows = (axis.run[1:] == axis.run[:-1])[:, np.newaxis]
@@ -451,9 +549,9 @@ def _moment_noise(axis: _Axis, error: ComplexArray) -> FloatArray:
     return np.asarray(smooth * even)
 
 
-def _fit(axes: Sequence[_Axis]) -> tuple[SpectralFit, ...]:
+def _fit(axes: Sequence[AxisMoments]) -> tuple[tuple[SpectralFit, ...], SharedActuator]:
     """Iterate between the equations and the noise that they leave."""
-    actuator = _Actuator(_LAG_S, _DELAY_S, 0.0)
+    actuator = SharedActuator(_LAG_S, _DELAY_S, 0.0)
     for axis in axes:
         axis.instrument_behind(actuator)
         axis.weigh(None, actuator)
@@ -472,9 +570,9 @@ def _fit(axes: Sequence[_Axis]) -> tuple[SpectralFit, ...]:
     fits = _described(axes, actuator)
     raised = [axis.raise_corner() for axis in axes]
     if not any(raised):
-        return fits
+        return fits, actuator
     above = _described(axes, _refined(axes, actuator))
-    return tuple(_with_difference(one, other) for one, other in zip(fits, above, strict=True))
+    return tuple(_with_difference(one, other) for one, other in zip(fits, above, strict=True)), actuator
 
 
 def _with_difference(fit: SpectralFit, other: SpectralFit) -> SpectralFit:
@@ -489,7 +587,7 @@ def _with_difference(fit: SpectralFit, other: SpectralFit) -> SpectralFit:
     )
 
 
-def _likely_variance(axis: _Axis, left: ComplexArray) -> float:
+def _likely_variance(axis: AxisMoments, left: ComplexArray) -> float:
     """Return the mean variance of the departure, each by how likely what an equation leaves makes it.
 
     The corner of the axis becomes the likeliest one.
@@ -508,44 +606,55 @@ def _likely_variance(axis: _Axis, left: ComplexArray) -> float:
     return float(weight[best] @ _DEPARTURES**2 / weight[best].sum())
 
 
-def _left(axes: Sequence[_Axis], actuator: _Actuator) -> FloatArray:
+def _left(axes: Sequence[AxisMoments], actuator: SharedActuator) -> FloatArray:
     """Return what an actuator leaves, everything linear solved for; its prior first."""
     return np.concatenate([actuator.coordinates, *(axis.solved(actuator)[1] for axis in axes)])
 
 
-def _cost(axes: Sequence[_Axis], actuator: _Actuator) -> float:
+def _cost(axes: Sequence[AxisMoments], actuator: SharedActuator) -> float:
     """Return the sum of squares that an actuator leaves, its prior among them."""
     left = _left(axes, actuator)
     return float(left @ left)
 
 
-def _slopes(function: Callable[[_Actuator], FloatArray], actuator: _Actuator) -> FloatArray:
-    """Return the derivatives of a function by the coordinates of an actuator, in columns."""
+def by_coordinates(function: Callable[[SharedActuator], FloatArray], actuator: SharedActuator) -> FloatArray:
+    """Return the derivatives of a function by the coordinates of an actuator, in columns.
+
+    Parameters
+    ----------
+    function : callable
+        Of an actuator, with an array of shape (n,).
+    actuator : SharedActuator
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+    """
     place, step = actuator.coordinates, 1e-4
 
     def slope(along: FloatArray) -> FloatArray:
-        ahead, behind = (function(_Actuator.at(place + sign * step * along)) for sign in (1, -1))
+        ahead, behind = (function(SharedActuator.at(place + sign * step * along)) for sign in (1, -1))
         return (ahead - behind) / (2.0 * step)
 
     return np.column_stack([slope(along) for along in np.eye(place.size)])
 
 
-def _coarsely(axes: Sequence[_Axis]) -> _Actuator:
+def _coarsely(axes: Sequence[AxisMoments]) -> SharedActuator:
     """Return the best actuator of a grid."""
     tried = [
-        _Actuator(float(lag), delay, lead) for lag in _LAGS_S for delay in _DELAYS_S for lead in _LEADS_S
+        SharedActuator(float(lag), delay, lead) for lag in _LAGS_S for delay in _DELAYS_S for lead in _LEADS_S
     ]
     return min(tried, key=lambda actuator: _cost(axes, actuator))
 
 
-def _refined(axes: Sequence[_Axis], actuator: _Actuator) -> _Actuator:
+def _refined(axes: Sequence[AxisMoments], actuator: SharedActuator) -> SharedActuator:
     """Bring the actuator to its least cost (Levenberg and Marquardt, everything linear solved for)."""
     cost, damping = _cost(axes, actuator), 1e-3
     for _ in range(20):
-        slopes = _slopes(partial(_left, axes), actuator)
+        slopes = by_coordinates(partial(_left, axes), actuator)
         normal, gradient = slopes.T @ slopes, slopes.T @ _left(axes, actuator)
         step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
-        trial = _Actuator.at(actuator.coordinates + step)
+        trial = SharedActuator.at(actuator.coordinates + step)
         new = _cost(axes, trial)
         if new < cost:
             small = cost - new < 1e-4
@@ -559,7 +668,7 @@ def _refined(axes: Sequence[_Axis], actuator: _Actuator) -> _Actuator:
     return actuator
 
 
-def _described(axes: Sequence[_Axis], actuator: _Actuator) -> tuple[SpectralFit, ...]:
+def _described(axes: Sequence[AxisMoments], actuator: SharedActuator) -> tuple[SpectralFit, ...]:
     """Return the estimates with their joint covariance."""
     thetas = [axis.solved(actuator)[0] for axis in axes]
     n_linear = thetas[0].size
@@ -567,7 +676,7 @@ def _described(axes: Sequence[_Axis], actuator: _Actuator) -> tuple[SpectralFit,
     whole[:3, :3] = np.eye(3)
     for number, (axis, theta) in enumerate(zip(axes, thetas, strict=True)):
         columns = axis.system(actuator)[0]
-        slopes = theta[0] * _slopes(axis.white_commanded, actuator)
+        slopes = theta[0] * by_coordinates(axis.white_commanded, actuator)
         # The priors of what is linear do not move with the actuator.
         slopes = np.vstack([slopes, np.zeros((len(columns) - len(slopes), 3))])
         own = np.r_[0:3, 3 + n_linear * number : 3 + n_linear * (number + 1)]
@@ -582,22 +691,17 @@ def _described(axes: Sequence[_Axis], actuator: _Actuator) -> tuple[SpectralFit,
 
 
 def _one(
-    axis: _Axis, theta: FloatArray, actuator: _Actuator, covariance: FloatArray, first: int
+    axis: AxisMoments, theta: FloatArray, actuator: SharedActuator, covariance: FloatArray, first: int
 ) -> SpectralFit:
     """Return the estimate of one axis; ``first`` is the place of its effectiveness in the covariance."""
     lag_s, delay_s, lead_s = actuator.on(axis.number)
     gain = float(theta[0])
-    # Effectiveness, damping, lag, delay, reaction by [lag, delay, lead] as searched for, and [B, A].
-    slopes = np.zeros((5, 5))
-    slopes[0, 3] = slopes[1, 4] = 1.0
-    slopes[2, 0], slopes[3, 1] = _LAG_SPREAD * lag_s, _DELAY_SPREAD * delay_s
-    if axis.number == _YAW:
-        slopes[4, 2], slopes[4, 3] = gain * _LEAD_SPREAD_S, lead_s
+    slopes = figures_by_coordinates(axis.number, gain, actuator)
     own = np.array([0, 1, 2, first, first + 1])
     above = axis.centre_hz >= axis.corner_hz
     left = axis.left(theta, actuator)[above]
     size = float(np.sum(np.abs(axis.of_commanded(actuator)[above] * gain) ** 2))
-    spread = _few_blocks(axis.run.size) ** 2 * slopes @ covariance[np.ix_(own, own)] @ slopes.T
+    spread = few_blocks(axis.run.size) ** 2 * slopes @ covariance[np.ix_(own, own)] @ slopes.T
     return SpectralFit(
         mean=np.array([gain, theta[1], lag_s, delay_s, gain * lead_s]),
         covariance=spread,
@@ -610,9 +714,42 @@ def _one(
     )
 
 
-def _few_blocks(n_blocks: int) -> float:
+def figures_by_coordinates(axis: int, gain: float, actuator: SharedActuator) -> FloatArray:
+    """Return the derivatives of the five figures of `SpectralFit` by what is solved for.
+
+    Parameters
+    ----------
+    axis : int
+    gain : float
+        Effectiveness of the axis.
+    actuator : SharedActuator
+
+    Returns
+    -------
+    ndarray, shape (5, 5)
+        Effectiveness, damping, lag, delay, reaction by the coordinates of the actuator, and [B, A].
+    """
+    slopes = np.zeros((5, 5))
+    slopes[0, 3] = slopes[1, 4] = 1.0
+    slopes[2, 0], slopes[3, 1] = _LAG_SPREAD * actuator.lag_s, _DELAY_SPREAD_S
+    if axis == _YAW:
+        slopes[4, 2], slopes[4, 3] = gain * _LEAD_SPREAD_S, actuator.lead_s
+    return slopes
+
+
+def few_blocks(n_blocks: int) -> float:
     """Return how much wider an interval is because its noise is known from so many half-overlapping blocks.
 
+    Parameters
+    ----------
+    n_blocks : int
+
+    Returns
+    -------
+    float
+
+    Notes
+    -----
     The 97.5 % point of Student's t over that of a normal distribution (Cornish and Fisher's first terms).
     """
     freedom = max(0.5 * n_blocks, 2.0)
