@@ -17,7 +17,7 @@ from quadid_logs.align import cut
 from quadid_logs.containers.tail import LogTail
 from quadid_logs.data.log import Signal
 from quadid_logs.data.settings import AlignSettings
-from quadid_logs.identify.spectral import fit_by_spectra
+from quadid_logs.identify.spectral_effects import fit_by_spectra
 from quadid_logs.live import LiveAxis, LiveEstimate, LiveFigures, figure_block, figure_line, notes
 from quadid_logs.load import load
 from quadid_logs.simulate import simulate

@@ -680,6 +680,10 @@ class SpectralFit:
     planned : bool
         What was commanded is a planned trajectory. The torque of its controller follows the motion, and
         explains it well whatever the effectiveness is.
+    effects : tuple of Effect
+        What the flight shows beside a linear response, of which the estimate knows.
+    shift : float
+        How much larger, relative, the effectiveness is with them than without.
     """
 
     mean: FloatArray
@@ -691,6 +695,8 @@ class SpectralFit:
     half_width: float
     used: bool = False
     planned: bool = False
+    effects: tuple[Effect, ...] = ()
+    shift: float = 0.0
 
     @property
     def gain(self) -> float:

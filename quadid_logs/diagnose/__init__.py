@@ -130,7 +130,12 @@ def _verdict(axis: str, findings: list[Finding]) -> AxisVerdict:
         return AxisVerdict(verdict="refused", reasons=_codes(errors), sentence=f"{errors[0].title}.")
     if warnings:
         return AxisVerdict(verdict="caution", reasons=_codes(warnings), sentence=f"{warnings[0].title}.")
-    sentence = "The model explains flight that it was not fitted to."
+    by_commands = next((each for each in touching if each.code == "QL535"), None)
+    sentence = (
+        "The model explains flight that it was not fitted to."
+        if by_commands is None
+        else f"{by_commands.title}."
+    )
     return AxisVerdict(verdict="usable", reasons=(), sentence=sentence)
 
 

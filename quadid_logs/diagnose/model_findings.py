@@ -422,7 +422,7 @@ def _told_by_spectra(axis: _Axis) -> Finding | None:
             f"The controller of {axis.name} answers its motion: the effectiveness comes from the planned "
             "trajectory alone"
         )
-    return axis.finding("QL535", "warning", _evidence(axis) | evidence, title)
+    return axis.finding("QL535", "warning" if fit.planned else "info", _evidence(axis) | evidence, title)
 
 
 _FATAL = (
@@ -450,7 +450,7 @@ _SLOW_OTHERS = (_from_slow_log, _depends_on_the_band, _interval_too_narrow, _wid
 
 #: Rough air hides how well an axis follows its torque, and does not touch how it answers its commands.
 _SPECTRAL_FATAL = (_poorly_excited, _wrong_sign, _too_wide)
-_SPECTRAL_OTHERS = (_told_by_spectra, _wide)
+_SPECTRAL_OTHERS = (_told_by_spectra, _changes_in_flight, _wide)
 
 
 def _actuator(model: Model) -> Iterator[Finding]:

@@ -15,15 +15,18 @@ from quadid_logs.data.model import (
     Excitation,
     Identification,
     Model,
+    SpectralFit,
     StructuralCheck,
     TorquePath,
 )
 from quadid_logs.diagnose.findings import finding, rounded
 from quadid_logs.identify.parameters import is_explained
+from quadid_logs.identify.spectral_effects import AVERAGED
 from quadid_logs.identify.structural import (
+    LARGE_SHIFT,
     LARGEST_SHIFT,
     evidence_needed,
-    is_seen,
+    is_late,
     possible_losses,
     seen_effects,
 )
@@ -67,9 +70,6 @@ _COMMAND_IS_RATE = (0.5, 2.0)
 _PERSISTS, _ALL_PERSIST = 4.0, 3.5
 #: Effectiveness is not known better than to some per cent in practice: less is no matter.
 _VARIES = 0.05
-#: An effectiveness that a dead zone or a limit may change by more than this is no number to rely on without
-#: another flight: of 254 usable axes of simulated flights four had that, three of them 14 to 24 % off.
-_LARGE_SHIFT = 0.1
 #: Flights of one vehicle differ by battery and air density.
 _FLIGHTS_DIFFER = 0.03
 #: Probability by chance at which flights are not of one effectiveness.
@@ -97,8 +97,6 @@ _PLACES: Final[dict[Effect, str]] = {
     "swing": "frequency_hz",
     "rotor threshold": "rotor_command",
 }
-#: What can pass for a wrong time of the torque.
-_OF_TIME: Final[frozenset[Effect]] = frozenset({"mode", "second lag", "asymmetry"})
 
 
 def find_in_structure(data: FlightData, identification: Identification) -> Iterator[Finding]:
@@ -132,6 +130,7 @@ def find_in_structure(data: FlightData, identification: Identification) -> Itera
             yield _computed(identification.excitation[number], AXES[number])
         else:
             yield from _axis(identification, model, number, AXES[number])
+    yield from _by_spectra(identification.spectral)
     if model.structural is not None and not computed:
         yield from _whole_model(model.structural, data.sample_period_s)
     if any(segment.reference is None for segment in data.segments):
@@ -199,7 +198,8 @@ def _axis(identification: Identification, model: Model, number: int, axis: str) 
         title = f"The {axis} torque holds little more than one frequency"
         yield finding("QL420", "error", evidence, axes=(axis,), title=title)
     elif model.structural is not None:
-        yield from _effects(model.structural, number, axis)
+        told = [fit for fit in identification.spectral[number : number + 1] if fit.used]
+        yield from _effects(model.structural, number, axis, averaged=bool(told))
 
 
 def _computed_from_rates(excitation: Sequence[Excitation]) -> tuple[int, ...]:
@@ -267,15 +267,28 @@ def _commanded_rates(model: Model, numbers: Sequence[int], *, may_be_rate: bool)
         yield finding("QL521", "error", evidence, axes=tuple(evidence))
 
 
-def _effects(check: StructuralCheck, number: int, axis: str) -> Iterator[Finding]:
-    """Name the effect that explains most of what the model leaves, and an effectiveness that varies."""
-    seen = seen_effects(check, number)
+def _by_spectra(fits: Sequence[SpectralFit]) -> Iterator[Finding]:
+    """Name the effects of which an effectiveness that comes from answers to commands knows."""
+    for axis, fit in zip(AXES, fits, strict=False):
+        large: Level = "error" if abs(fit.shift) > LARGEST_SHIFT else "warning"
+        for effect in fit.effects if fit.used else ():
+            evidence = {"effect": effect, "effectiveness_with_it": rounded(1.0 + fit.shift, 3)}
+            level = large if abs(fit.shift) > LARGE_SHIFT else "info"
+            yield finding(_CODES[effect], level, evidence, axes=(axis,))
+
+
+def _effects(check: StructuralCheck, number: int, axis: str, *, averaged: bool) -> Iterator[Finding]:
+    """Name the effect that explains most of what the model leaves, and an effectiveness that varies.
+
+    ``averaged``: the effectiveness is that of `identify.spectral_effects`, which judge those that they know.
+    """
+    seen = [each for each in seen_effects(check, number) if not (averaged and each.effect in AVERAGED)]
     if seen:
         # A mode looks like a second lag, a tilt like a mode: the best explanation is enough.
         yield _effect(check, max(seen, key=lambda each: each.explained), axis)
         return
     possible = max(possible_losses(check, number), key=lambda each: abs(each.shift), default=None)
-    if possible is not None and abs(possible.shift) > _LARGE_SHIFT:
+    if possible is not None and abs(possible.shift) > LARGE_SHIFT and not averaged:
         yield finding(
             "QL533", "warning", _evidence(check, possible), axes=(axis,), title=_left_open(possible, axis)
         )
@@ -324,16 +337,12 @@ def _whole_model(check: StructuralCheck, period_s: float) -> Iterator[Finding]:
     """Judge what all axes have in common: the clock, and the flights."""
     timing = check.timing
     if timing is not None:
-        # A stamp may be that of the step's begin or end: nothing within a sample is early or late.
-        late = timing.delay_s + timing.half_width_s < -period_s
-        # What bends beside the gyro shows what has yet to come.
-        late = late and not any(is_seen(check, each) and each.effect in _OF_TIME for each in check.effects)
         evidence: dict[str, object] = {
             "delay_ms": rounded(1e3 * timing.delay_s, 3),
             "ci95_half_width_ms": rounded(1e3 * timing.half_width_s, 2),
             "effectiveness_with_it": [rounded(1.0 + each, 3) for each in timing.shift],
         }
-        if late:
+        if is_late(check, period_s):
             yield finding("QL522", "warning", evidence)
         else:
             yield finding("QL507", "info", evidence, title="The delay lies at its least, zero")

@@ -29,8 +29,9 @@ from quadid_logs.identify.response import SAMPLES_PER_CYCLE, Band, fitted_band, 
 from quadid_logs.identify.rigid_body import fit_single_rigid_body
 from quadid_logs.identify.select import most_excited
 from quadid_logs.identify.slow_yaw import fit_slow_yaw
-from quadid_logs.identify.spectral_effects import fit_by_spectra
-from quadid_logs.identify.spectral_axes import spoiled_by_air, with_spectral_axes
+from quadid_logs.identify.spectral import solve_flight
+from quadid_logs.identify.spectral_axes import doubtful_axes, with_spectral_axes
+from quadid_logs.identify.spectral_effects import average_over_effects
 from quadid_logs.identify.splice import with_axis_of
 from quadid_logs.identify.structures import RIGID_BODY, STRUCTURES, Structure
 from quadid_logs.identify.terms import GYROSCOPIC, YAW_REACTION
@@ -116,15 +117,25 @@ def identify(
             again = _fit_in(other, data, design, structures, settings, raised=raised)
             models = again if _is_better(again, models, asked, raised=raised) else models
     wanted = recommended or settings.structure
-    fits = fit_by_spectra(data)
-    spoiled = spoiled_by_air(models[0], fits) if wanted in ("", models[0].structure) else ()
+    fits, told_again = _told_by_spectra(data, models[0])
+    told_again = told_again if wanted in ("", models[0].structure) else ()
     identified = _identified(data, _recommend(models, wanted), design)
-    if spoiled:
+    if told_again:
         identified = _with_spectral(
-            identified, models[0].structure, fits, spoiled, data, design, structures, settings
+            identified, models[0].structure, fits, told_again, data, design, structures, settings
         )
-    fits = tuple(replace(each, used=axis in spoiled) for axis, each in enumerate(fits))
+    fits = tuple(replace(each, used=axis in told_again) for axis, each in enumerate(fits))
     return replace(identified, responses=found, thrust_curve=curve, spectral=fits)
+
+
+def _told_by_spectra(data: FlightData, model: Model) -> tuple[tuple[SpectralFit, ...], tuple[int, ...]]:
+    """Return what answers to commands tell of each axis, and the axes whose fit in time they replace."""
+    solution = solve_flight(data)
+    if solution is None:
+        return (), ()
+    doubtful = range(len(solution.fits)) if solution.planned else doubtful_axes(model, data.sample_period_s)
+    fits = average_over_effects(solution, data) if doubtful else solution.fits
+    return fits, tuple(axis for axis in doubtful if fits[axis].is_sound)
 
 
 def _with_spectral(

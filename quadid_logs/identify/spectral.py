@@ -132,12 +132,33 @@ class SpectralSolution(NamedTuple):
     actuator : SharedActuator
     told : ndarray of complex, shape (n_blocks, n_lines, 3)
         The torques that follow from what was commanded.
+    spectra : BlockSpectra
+    planned : bool
+        What was commanded is a planned trajectory.
     """
 
     fits: tuple[SpectralFit, ...]
     axes: list[AxisMoments]
     actuator: SharedActuator
     told: ComplexArray
+    spectra: BlockSpectra
+    planned: bool
+
+
+def solve_flight(data: FlightData) -> SpectralSolution | None:
+    """Estimate the equations of all axes from what was commanded of them in a flight.
+
+    Parameters
+    ----------
+    data : FlightData
+
+    Returns
+    -------
+    SpectralSolution or None
+        None where nothing tells what was commanded, or it lasts for less than four blocks.
+    """
+    spectra = flight_spectra(data)
+    return None if spectra is None else solve_spectra(spectra, data.gyro_filter, planned=is_planned(data))
 
 
 def fit_spectra(
@@ -211,8 +232,8 @@ def solve_spectra(
         return None
     corners_hz = _CORNERS_HZ if planned else _CORNERS_HZ[:1]
     moments = [AxisMoments(spectra, number, told[:, :, number], gyro_filter, corners_hz) for number in axes]
-    fits, actuator = _fit(moments)
-    return SpectralSolution(fits, moments, actuator, told)
+    fits, actuator = fit_axes(moments)
+    return SpectralSolution(fits, moments, actuator, told, spectra, planned)
 
 
 def is_planned(data: FlightData) -> bool:
@@ -326,7 +347,7 @@ class AxisMoments:
         self.torque, self.by_slope = (
             each[:, :, _AXES + number] for each in (spectra.values, spectra.by_slope)
         )
-        self.acceleration = spectra.derivative(number)
+        self.acceleration = self.logged = spectra.derivative(number)
         self.regressors = [
             spectra.values[:, :, number],
             spectra.values[:, :, 2 * _AXES + number],
@@ -340,6 +361,10 @@ class AxisMoments:
         centre = np.log(self.centre_hz)
         self.alike = np.exp(-np.abs(centre[:, np.newaxis] - centre) / _OCTAVE)
         self.corners_hz, self.corner_hz = corners_hz, corners_hz[len(corners_hz) // 2]
+
+    def take_out(self, acceleration: ComplexArray) -> None:
+        """Leave an acceleration (n_blocks, n_lines) that no equation has out of what was logged."""
+        self.acceleration = self.logged - acceleration
 
     def summed(self, lines: ComplexArray) -> ComplexArray:
         """Return the sums of lines (..., n_lines) by band."""
@@ -390,7 +415,8 @@ class AxisMoments:
         """Return what an equation leaves of the acceleration, shape (n_blocks, n_lines)."""
         response, slope = self.response(actuator)
         of_torque = response * self.torque + slope * self.by_slope
-        return self.acceleration - theta[0] * of_torque - _weighted(theta[1:], self.regressors)
+        left = self.acceleration - theta[0] * of_torque - _weighted(theta[1:], self.regressors)
+        return np.asarray(left, dtype=np.complex128)
 
     def _by_torque(self, theta: FloatArray) -> ComplexArray:
         """Return the moments of the acceleration that an equation leaves to the torque."""
@@ -529,7 +555,6 @@ def moment_noise(axis: AxisMoments, instrument: ComplexArray, error: ComplexArra
 
     Notes
     -----
-
     What all blocks have in common is no noise. The variance by blocks, over that of an error which is equally
     strong throughout, is smoothed over five bands: it is known from few blocks.
     """
@@ -549,8 +574,19 @@ def moment_noise(axis: AxisMoments, instrument: ComplexArray, error: ComplexArra
     return np.asarray(smooth * even)
 
 
-def _fit(axes: Sequence[AxisMoments]) -> tuple[tuple[SpectralFit, ...], SharedActuator]:
-    """Iterate between the equations and the noise that they leave."""
+def fit_axes(axes: Sequence[AxisMoments]) -> tuple[tuple[SpectralFit, ...], SharedActuator]:
+    """Iterate between the equations and the noise that they leave.
+
+    Parameters
+    ----------
+    axes : sequence of AxisMoments
+
+    Returns
+    -------
+    fits : tuple of SpectralFit
+        Roll, pitch, yaw; those of other axes hold nothing.
+    actuator : SharedActuator
+    """
     actuator = SharedActuator(_LAG_S, _DELAY_S, 0.0)
     for axis in axes:
         axis.instrument_behind(actuator)

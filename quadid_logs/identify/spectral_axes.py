@@ -12,15 +12,15 @@ from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import Actuator, Model, Parameter, Posterior, SpectralFit
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify.design import Design
-from quadid_logs.identify.inference import Estimate, intervals
+from quadid_logs.identify.inference import intervals
 from quadid_logs.identify.parameters import MAX_RELATIVE_CI
 from quadid_logs.identify.splice import with_axis_of
-from quadid_logs.identify.structural import with_alternatives
+from quadid_logs.identify.structural import LARGE_SHIFT, is_late, possible_losses, seen_effects
 from quadid_logs.identify.structures import Structure
 from quadid_logs.identify.terms import YAW_REACTION
 from quadid_logs.identify.validate import validate
 from quadid_logs.maths.normal import NORMAL_95
-from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS, TORQUE_SYMBOLS
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS, TORQUE_SYMBOLS
 
 #: Where a fit in time explains nine tenths of flight that it was not fitted to, air has spoiled nothing.
 _EXPLAINED_R2 = 0.9
@@ -28,27 +28,31 @@ _NOT_TOLD = "answers to commands tell effectiveness and damping alone"
 _YAW = 2
 
 
-def spoiled_by_air(model: Model, fits: Sequence[SpectralFit]) -> tuple[int, ...]:
-    """Return the axes that spectra tell, and the fit in time tells badly.
+def doubtful_axes(model: Model, period_s: float) -> tuple[int, ...]:
+    """Return the axes of which air, an effect, or a torque from another time may have spoiled a fit in time.
 
     Parameters
     ----------
     model : Model
         Fitted in time, equation by equation.
-    fits : sequence of SpectralFit
-        Of roll, pitch, yaw; or none.
+    period_s : float
+        Between samples.
 
     Returns
     -------
     tuple of int
         0 roll, 1 pitch, 2 yaw.
     """
-    r2 = model.validation.r2_acceleration
-    return tuple(
-        axis
-        for axis, fit in enumerate(fits)
-        if fit.is_sound and (fit.planned or not r2.get(ACCELERATION_SYMBOLS[axis], -np.inf) >= _EXPLAINED_R2)
-    )
+    return tuple(axis for axis in range(len(AXES)) if _is_doubtful(model, axis, period_s))
+
+
+def _is_doubtful(model: Model, axis: int, period_s: float) -> bool:
+    r2 = model.validation.r2_acceleration.get(ACCELERATION_SYMBOLS[axis], -np.inf)
+    check = model.structural
+    if check is None or not r2 >= _EXPLAINED_R2 or is_late(check, period_s):
+        return True
+    large = any(abs(each.shift) > LARGE_SHIFT for each in possible_losses(check, axis))
+    return large or bool(seen_effects(check, axis))
 
 
 def with_spectral_axes(
@@ -109,11 +113,6 @@ def _of_axis(
         column = structure.columns.index(symbol)
         theta[axis, column], half[axis, column], kept[axis, column] = value, width, True
     estimate = intervals(structure, theta, half, kept, knows_gyro=False, band=None, given=data.input)
-    if model.structural is not None:
-        # Commands of one size tell no dead zone and no limit: what the fit in time sees of them widens this.
-        estimate = with_alternatives(
-            structure, estimate, replace(model.structural, feedback=np.zeros_like(model.structural.feedback))
-        )
     parameters = tuple(
         _parameter(old, *(float(each[row, column]) for each in (theta, estimate.low, estimate.high)))
         if row == axis
@@ -139,15 +138,8 @@ def _of_axis(
         parameters=parameters,
         validation=validation,
         fit=series,
-        posterior=_posterior(model.posterior, fit, axis, _widening(estimate, structure, fit, axis)),
+        posterior=_posterior(model.posterior, fit, axis),
     )
-
-
-def _widening(estimate: Estimate, structure: Structure, fit: SpectralFit, axis: int) -> float:
-    """Return how much wider the interval of the effectiveness is than the spectra alone make it."""
-    column = structure.columns.index(TORQUE_SYMBOLS[axis])
-    half = 0.5 * float(estimate.high[axis, column] - estimate.low[axis, column])
-    return max(half / fit.half_width, 1.0)
 
 
 def _told(structure: Structure, fit: SpectralFit, axis: int) -> list[tuple[float, float, str]]:
@@ -187,13 +179,12 @@ def _with_trim(
     return with_trim
 
 
-def _posterior(posterior: Posterior | None, fit: SpectralFit, axis: int, wider: float) -> Posterior | None:
-    """Return what is known of each axis, with one from the spectra, its effectiveness so much wider."""
+def _posterior(posterior: Posterior | None, fit: SpectralFit, axis: int) -> Posterior | None:
+    """Return what is known of each axis, with one from the spectra."""
     if posterior is None:
         return None
     mean, covariance = posterior.mean.copy(), posterior.covariance.copy()
     mean[axis], covariance[axis] = fit.mean, fit.covariance
-    covariance[axis, 0, 0] *= wider**2
     return replace(posterior, mean=mean, covariance=covariance, only_brakes=(False, False, False))
 
 

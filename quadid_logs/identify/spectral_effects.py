@@ -1,12 +1,12 @@
-"""Effectiveness by block spectra, averaged over effects that rotors and logs may have beside a linear response.
+"""Effectiveness by block spectra, averaged over what rotors and logs may do beside a linear response.
 
 A dead zone, a limit, rotors that slow down later than they speed up, a moment of the tilt: each adds one
 column to the equations of `identify.spectral`, with a coefficient between none and what physics allows. What
 is not linear has an instrument of its own: the same function of the torque that was commanded, without what
-the torque itself holds of it. How likely the flight makes each follows from its marginal likelihood, and the
-estimate is the mean over all (Bayesian model averaging: Hoeting, Madigan, Raftery and Volinsky, Statistical
-Science 14, 1999): an effect that the flight shows is taken out, one that it shows the absence of costs nothing,
-and one that it cannot tell widens the interval by what it might be.
+the torque itself holds of it. How likely each is follows from its marginal likelihood (Bayesian model
+averaging: Hoeting, Madigan, Raftery and Volinsky, Statistical Science 14, 1999): an effect that the flight
+shows is taken out, one that it rules out costs nothing, and one that it leaves open widens the interval by
+what it might be.
 """
 
 from __future__ import annotations
@@ -14,13 +14,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import Final, Literal, NamedTuple
+from functools import partial
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray, IntArray
-from quadid_logs.data.flight import FlightData
-from quadid_logs.data.model import SpectralFit
+from quadid_logs.data.flight import FlightData, InputDescription
+from quadid_logs.data.model import Effect, SpectralFit
 from quadid_logs.identify.spectral import (
     AxisMoments,
     CommandRecord,
@@ -30,9 +31,9 @@ from quadid_logs.identify.spectral import (
     command_records,
     few_blocks,
     figures_by_coordinates,
-    is_planned,
+    fit_axes,
     moment_noise,
-    solve_spectra,
+    solve_flight,
     spectra_of,
 )
 from quadid_logs.identify.systematic import GYRO_SYSTEMATIC
@@ -42,17 +43,20 @@ from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.maths.recurrence import lag
 from quadid_logs.maths.rotations import tilt_from_rates
 
-_Kind = Literal["dead zone", "dead zone of rotors", "limit", "slow spin-down", "tilt"]
+#: The effects that are averaged over.
+AVERAGED: Final[frozenset[Effect]] = frozenset({"threshold", "rotor threshold", "limit", "asymmetry", "tilt"})
 #: Before a log is seen: none of the effects is as likely as one of them, and each kind as likely as another.
 _NO_EFFECT = 0.5
 #: Where dead zones and limits are looked for, as quantiles of the torque's size.
 _DEAD_ZONES: Final = (0.1, 0.2, 0.35, 0.5, 0.65)
 _LIMITS: Final = (0.8, 0.9, 0.96)
-#: Standard deviations of the coefficients. From nothing to all of the torque is lost below a dead zone or beyond
-#: a limit; as much of what rotors lack is lacking where they slow down twice as slowly as they speed up.
+#: Standard deviations of the coefficients. From nothing to all of the torque is lost below a dead zone or
+#: beyond a limit; rotors that slow down twice as slowly as they speed up lack a third as much again.
 _LOST = 0.5
-#: A moment of the tilt swings a vehicle at up to 0.4 Hz: drag above or below the centre of mass, loads [1/s^2].
+#: Drag beside the centre of mass, and loads, swing a tilted vehicle at some 0.4 Hz [1/s^2].
 _TILT_1_S2 = (2.0 * np.pi * 0.4) ** 2
+#: An effect that is at least so likely is taken out; what is less likely widens the interval.
+_SHOWN = 0.95
 #: More than three effects at once are not told from each other.
 _MOST_TOGETHER = 3
 _AXES: Final = 3
@@ -62,12 +66,13 @@ _TINY = float(np.finfo(np.float64).tiny)
 class _Column(NamedTuple):
     """What one effect adds to the equations of some axes, at one level.
 
-    ``values``, ``by_slope`` of shape (n_blocks, n_lines, 3), as of `BlockSpectra`; ``told``: the same function
-    of the commanded torque, None where it is linear. ``of_torque``: it is taken from the torque, and acts
-    through the rotors; else it is an acceleration by itself. ``spread``: standard deviation of its coefficient.
+    ``values``, ``by_slope`` of shape (n_blocks, n_lines, 3), as of `BlockSpectra`; ``told``: the same
+    function of the commanded torque, None where it is linear. ``of_torque``: it is taken from the torque, and
+    acts through the rotors; else it is an acceleration by itself. ``spread``: standard deviation of its
+    coefficient before the flight is seen; ``weight``: of this level among those of its kind.
     """
 
-    kind: _Kind
+    kind: Effect
     axes: tuple[int, ...]
     values: ComplexArray
     by_slope: ComplexArray
@@ -97,41 +102,45 @@ def fit_by_spectra(data: FlightData) -> tuple[SpectralFit, ...]:
     Returns
     -------
     tuple of SpectralFit
-        Roll, pitch, yaw, as of `identify.spectral.fit_spectra`, averaged over effects unless a planned
-        trajectory is what was commanded: those are too gentle to show any.
+        Roll, pitch, yaw, as of `average_over_effects`; empty where nothing tells what was commanded, or
+        it lasts for less than four blocks.
     """
+    solution = solve_flight(data)
+    return () if solution is None else average_over_effects(solution, data)
+
+
+def average_over_effects(solution: SpectralSolution, data: FlightData) -> tuple[SpectralFit, ...]:
+    """Return the estimates of a flight with the effects that it shows, averaged over one more of each.
+
+    Parameters
+    ----------
+    solution : SpectralSolution
+        Of the flight; its axes are left as the effects make them.
+    data : FlightData
+
+    Returns
+    -------
+    tuple of SpectralFit
+        Roll, pitch, yaw. Planned trajectories are too gentle to show any effect: as they are.
+    """
+    if solution.planned:
+        return solution.fits
     records = command_records(data)
-    spectra = spectra_of([record.columns for record in records], records, data)
-    if spectra is None:
-        return ()
-    planned = is_planned(data)
-    solution = solve_spectra(spectra, data.gyro_filter, planned=planned)
-    if solution is None or planned:
-        return () if solution is None else solution.fits
-    return _averaged(solution, [*_columns(solution, spectra, records, data)])
-
-
-def _averaged(solution: SpectralSolution, columns: Sequence[_Column]) -> tuple[SpectralFit, ...]:
-    """Return the estimates with the effects that the flight shows, averaged over one more of each."""
+    columns = [*_columns(solution, records, data)]
     equations = _Equations(solution)
-    shown: list[_Column] = []
-    found = [equations.with_one_more(shown, column) for column in columns]
-    while len(shown) < _MOST_TOGETHER:
-        best = _likeliest(found)
-        if best is None:
-            break
-        shown.append(best)
-        found = [equations.with_one_more(shown, column) for column in columns if not _is_shown(column, shown)]
-    fits = list(solution.fits)
-    shift = equations.shift(shown)
-    for place, axis in enumerate(solution.axes):
+    found = [equations.with_one_more(column) for column in columns]
+    while (best := _likeliest(found)) is not None:
+        equations = equations.beside(best)
+        found = [equations.with_one_more(each) for each in columns if equations.allows(each)]
+    fits = list(equations.fits)
+    for place, axis in enumerate(equations.axes):
         own = [each for each in found if axis.number in each.column.axes]
-        fits[axis.number] = equations.fit_of(place, solution.fits[axis.number], shift, own)
+        fit = equations.fit_of(place, own)
+        shown = dict.fromkeys(each.kind for each in equations.shown if axis.number in each.axes)
+        without = solution.fits[axis.number].gain
+        shift = fit.gain / without - 1.0 if shown and without else 0.0
+        fits[axis.number] = replace(fit, effects=tuple(shown), shift=shift)
     return tuple(fits)
-
-
-def _is_shown(column: _Column, shown: Sequence[_Column]) -> bool:
-    return any(each.kind == column.kind and set(each.axes) & set(column.axes) for each in shown)
 
 
 def _probabilities(found: Sequence[_Posterior]) -> FloatArray:
@@ -144,8 +153,8 @@ def _probabilities(found: Sequence[_Posterior]) -> FloatArray:
 
 
 def _likeliest(found: Sequence[_Posterior]) -> _Column | None:
-    """Return the likeliest level of the effect that is more likely than not, if there is one."""
-    best, chance = None, 0.5
+    """Return the likeliest level of the likeliest effect that the flight shows, if it shows one."""
+    best, chance = None, _SHOWN
     for axis in range(_AXES):
         own = [each for each in found if axis in each.column.axes]
         likely = _probabilities(own)
@@ -158,10 +167,16 @@ def _likeliest(found: Sequence[_Posterior]) -> _Column | None:
 
 
 class _Equations:
-    """The moments of all axes around an estimate, to first order, with the columns of effects beside them."""
+    """The moments of all axes around an estimate, to first order, with the columns of effects beside them.
 
-    def __init__(self, solution: SpectralSolution) -> None:
-        self.axes, self.actuator = solution.axes, solution.actuator
+    ``shown`` are the effects that the flight shows, ``taken`` their coefficients: the estimate knows of them.
+    """
+
+    def __init__(
+        self, solution: SpectralSolution, shown: Sequence[_Column] = (), taken: Sequence[float] = ()
+    ) -> None:
+        self.solution, self.shown, self.taken = solution, shown, taken
+        self.axes, self.actuator, self.fits = solution.axes, solution.actuator, solution.fits
         solved = [axis.solved(solution.actuator) for axis in self.axes]
         self.theta = [theta for theta, _ in solved]
         self.left = [left for _, left in solved]
@@ -170,6 +185,7 @@ class _Equations:
         ]
         self.n_known = _AXES + sum(theta.size for theta in self.theta)
         self.known = [self._known(place) for place in range(len(self.axes))]
+        self.base = self._normal(shown)
 
     def _known(self, place: int) -> FloatArray:
         """Return the rows of an axis without effects: slopes by the actuator, then its linear columns."""
@@ -179,22 +195,28 @@ class _Equations:
         slopes = np.vstack([slopes, np.zeros((len(columns) - len(slopes), _AXES))])
         return np.column_stack([slopes, columns])
 
+    def allows(self, column: _Column) -> bool:
+        """Say whether an effect may be tried beside those that are shown."""
+        together = (sum(axis in each.axes for each in self.shown) for axis in column.axes)
+        return not any(each is column for each in self.shown) and max(together) < _MOST_TOGETHER
+
     def own(self, place: int) -> IntArray:
         """Return where the unknowns of an axis are: the actuator's, then its own."""
         n_linear = self.theta[place].size
         first = _AXES + n_linear * place
-        return np.r_[0:_AXES, first : first + n_linear]
+        return np.concatenate([np.arange(_AXES), np.arange(first, first + n_linear)])
 
-    def with_one_more(self, shown: Sequence[_Column], column: _Column) -> _Posterior:
+    def with_one_more(self, column: _Column) -> _Posterior:
         """Return what one more effect does beside those that are shown."""
-        normal, right = self._normal([*shown, column], n_certain=len(shown))
+        normal, right = self._with(column)
         covariance = np.linalg.pinv(normal[:-1, :-1], hermitian=True)
         moved = -covariance @ normal[:-1, -1]
         information = float(normal[-1, -1] + normal[-1, :-1] @ moved)
         prior = column.spread**2 * self._scale(column)
         if not information > _TINY / prior:
             return _Posterior(column, 0.0, 0.0, prior, moved[: self.n_known])
-        value, variance = float(right[-1] + right[:-1] @ moved) / information, 1.0 / information
+        value = float(right[-1] + right[:-1] @ moved) / information
+        variance = few_blocks(self.axes[0].run.size) ** 2 / information
         mean, left = value * prior / (prior + variance), prior * variance / (prior + variance)
         log_ratio = 0.5 * (value * mean / variance + np.log(left / prior))
         if column.of_torque:
@@ -203,30 +225,35 @@ class _Equations:
             log_ratio += np.log(2.0 * above)
         return _Posterior(column, float(log_ratio), mean, left, moved[: self.n_known])
 
-    def shift(self, shown: Sequence[_Column]) -> tuple[FloatArray, FloatArray]:
-        """Return by how much effects that are shown move the estimates, and the covariance then."""
-        normal, right = self._normal(shown, n_certain=len(shown))
-        covariance = np.linalg.pinv(normal, hermitian=True)
-        return (covariance @ right)[: self.n_known], covariance[: self.n_known, : self.n_known]
+    def beside(self, column: _Column) -> _Equations:
+        """Return the equations around the estimate that knows of one more effect: fitted without it."""
+        shown = [*self.shown, column]
+        normal, right = self._normal(shown)
+        found = (np.linalg.pinv(normal, hermitian=True) @ right)[self.n_known :]
+        taken = np.add(found, [*self.taken, 0.0]).tolist()
+        for place, axis in enumerate(self.axes):
+            effects = [
+                value * self._acting(place, each)
+                for value, each in zip(taken, shown, strict=True)
+                if axis.number in each.axes
+            ]
+            if effects:
+                axis.take_out(np.sum(effects, axis=0))
+        fits, actuator = fit_axes(self.axes)
+        return _Equations(self.solution._replace(fits=fits, actuator=actuator), shown, taken)
 
-    def fit_of(
-        self,
-        place: int,
-        fit: SpectralFit,
-        shift: tuple[FloatArray, FloatArray],
-        found: Sequence[_Posterior],
-    ) -> SpectralFit:
-        """Return the estimate of an axis with the effects that are shown, and what one more may be."""
+    def fit_of(self, place: int, found: Sequence[_Posterior]) -> SpectralFit:
+        """Return the estimate of an axis with what effects that are shown, and one more, may still be."""
         axis, own = self.axes[place], self.own(place)[: _AXES + 2]
-        moved, covariance = shift[0][own], shift[1][np.ix_(own, own)]
+        covariance = np.linalg.pinv(self.base[0], hermitian=True)[np.ix_(own, own)]
         for likely, each in zip(_probabilities(found), found, strict=True):
             by_effect = np.outer(each.moved[own], each.moved[own])
             covariance = covariance + likely * (each.mean**2 + each.variance) * by_effect
-        gain = float(self.theta[place][0] + moved[_AXES])
+        fit, gain = self.fits[axis.number], float(self.theta[place][0])
         slopes = figures_by_coordinates(axis.number, gain, self.actuator)
         spread = few_blocks(axis.run.size) ** 2 * slopes @ covariance @ slopes.T
         half_width = float(np.hypot(NORMAL_95 * np.sqrt(spread[0, 0]), GYRO_SYSTEMATIC * gain))
-        return replace(fit, mean=fit.mean + slopes @ moved, covariance=spread, half_width=half_width)
+        return replace(fit, covariance=spread, half_width=half_width)
 
     def _scale(self, column: _Column) -> float:
         """Return the square of what one unit of a coefficient is: of lost torque, the mean effectiveness."""
@@ -237,22 +264,41 @@ class _Equations:
         ]
         return float(np.mean(np.square(gains))) if column.of_torque and len(column.axes) == 1 else 1.0
 
-    def _normal(self, columns: Sequence[_Column], *, n_certain: int) -> tuple[FloatArray, FloatArray]:
-        """Return the normal equations with some effects, the first of them with priors of their size."""
+    def _normal(self, columns: Sequence[_Column]) -> tuple[FloatArray, FloatArray]:
+        """Return the normal equations with effects and the priors of their size."""
         n = self.n_known + len(columns)
         normal, right = np.zeros((n, n)), np.zeros(n)
         normal[:_AXES, :_AXES], right[:_AXES] = np.eye(_AXES), -self.actuator.coordinates
-        for place, axis in enumerate(self.axes):
-            own = [number for number, column in enumerate(columns) if axis.number in column.axes]
-            where = np.concatenate([self.own(place), [self.n_known + number for number in own]]).astype(int)
-            rows, left = self._rows(place, [columns[number] for number in own])
-            normal[np.ix_(where, where)] += rows.T @ rows
-            right[where] += rows.T @ left
-        for number, column in enumerate(columns[:n_certain]):
-            normal[self.n_known + number, self.n_known + number] += 1.0 / (
-                column.spread**2 * self._scale(column)
-            )
+        for place in range(len(self.axes)):
+            self._add(normal, right, place, columns, 1.0)
+        taken = [*self.taken, *[0.0] * (len(columns) - len(self.taken))]
+        for number, column in enumerate(columns):
+            information = 1.0 / (column.spread**2 * self._scale(column))
+            normal[self.n_known + number, self.n_known + number] += information
+            right[self.n_known + number] -= information * taken[number]
         return normal, right
+
+    def _with(self, column: _Column) -> tuple[FloatArray, FloatArray]:
+        """Return the normal equations with one more effect, whose size is free."""
+        columns, n = [*self.shown, column], self.n_known + len(self.shown)
+        normal, right = np.zeros((n + 1, n + 1)), np.zeros(n + 1)
+        normal[:n, :n], right[:n] = self.base
+        for place, axis in enumerate(self.axes):
+            if axis.number in column.axes:
+                self._add(normal, right, place, self.shown, -1.0)
+                self._add(normal, right, place, columns, 1.0)
+        return normal, right
+
+    def _add(
+        self, normal: FloatArray, right: FloatArray, place: int, columns: Sequence[_Column], sign: float
+    ) -> None:
+        """Add the equations of an axis with effects, or take them away."""
+        axis = self.axes[place].number
+        own = [number for number, column in enumerate(columns) if axis in column.axes]
+        where = np.concatenate([self.own(place), [self.n_known + number for number in own]]).astype(int)
+        rows, left = self._rows(place, [columns[number] for number in own])
+        normal[np.ix_(where, where)] += sign * rows.T @ rows
+        right[where] += sign * rows.T @ left
 
     def _rows(self, place: int, columns: Sequence[_Column]) -> tuple[FloatArray, FloatArray]:
         """Return the equations of an axis with effects, and what is left of them.
@@ -261,11 +307,7 @@ class _Equations:
         moments of everything.
         """
         axis, known = self.axes[place], self.known[place]
-        unit = [float(self.theta[place][0]) if len(column.axes) > 1 else 1.0 for column in columns]
-        effects = [
-            scale * _acting(axis, column, self.actuator)
-            for scale, column in zip(unit, columns, strict=True)
-        ]
+        effects = [self._acting(place, column) for column in columns]
         of_effects = np.zeros((len(known), len(effects)))
         for number, effect in enumerate(effects):
             white = axis.white(axis.summed((axis.instrument.conj() * effect).sum(axis=0)))
@@ -281,10 +323,23 @@ class _Equations:
                 left.append(rest)
         return np.vstack(rows), np.concatenate(left)
 
+    def _acting(self, place: int, column: _Column) -> ComplexArray:
+        """Return the acceleration that one unit of an effect makes of an axis, shape (n_blocks, n_lines).
+
+        A unit of lost torque is of effectiveness, of what rotors of all axes lose a fraction of it.
+        """
+        axis = self.axes[place]
+        values, by_slope = (each[:, :, axis.number] for each in (column.values, column.by_slope))
+        if not column.of_torque:
+            return np.asarray(axis.gyro * values)
+        response, slope = axis.response(self.actuator)
+        unit = float(self.theta[place][0]) if len(column.axes) > 1 else 1.0
+        return np.asarray(-unit * (response * values + slope * by_slope))
+
     def _own_moments(
         self, place: int, instrument: ComplexArray, effects: Sequence[ComplexArray]
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the moments of an instrument that is none of the commanded torque's, in standard deviations."""
+        """Return the moments of an effect's own instrument, in standard deviations."""
         axis, theta, weight = self.axes[place], self.theta[place], instrument.conj()
 
         def moments(lines: ComplexArray) -> ComplexArray:
@@ -317,15 +372,6 @@ def _positive(mean: float, variance: float) -> tuple[float, float, float]:
     return mean + deviation * density, variance * max(1.0 - density * (density + at), 1e-6), above
 
 
-def _acting(axis: AxisMoments, column: _Column, actuator: SharedActuator) -> ComplexArray:
-    """Return the acceleration that one unit of an effect makes of an axis, shape (n_blocks, n_lines)."""
-    values, by_slope = (each[:, :, axis.number] for each in (column.values, column.by_slope))
-    if not column.of_torque:
-        return axis.gyro * values
-    response, slope = axis.response(actuator)
-    return -(response * values + slope * by_slope)
-
-
 def _without(axis: AxisMoments, told: ComplexArray, others: Sequence[ComplexArray]) -> ComplexArray:
     """Return an instrument without what other instruments hold of it, band by band."""
     widths = np.diff(axis.edges)
@@ -337,50 +383,74 @@ def _without(axis: AxisMoments, told: ComplexArray, others: Sequence[ComplexArra
 
 
 def _columns(
-    solution: SpectralSolution, spectra: BlockSpectra, records: Sequence[CommandRecord], data: FlightData
+    solution: SpectralSolution, records: Sequence[CommandRecord], data: FlightData
 ) -> Iterator[_Column]:
     """Yield the columns of all effects, at each level."""
     torques = [record.segment.torque for record in records]
-    told = _told_in_time(solution.told, spectra, [len(each) for each in torques], data.sample_period_s)
+    period_s = data.sample_period_s
+    told = _told_in_time(solution.told, solution.spectra, [len(each) for each in torques], period_s)
     moved = tuple(axis.number for axis in solution.axes)
-
-    def of_torque(
-        kind: _Kind, lost: Callable[[FloatArray], FloatArray], n_levels: int, *, together: bool = False
-    ) -> Iterator[_Column]:
-        both = [
+    losses = [
+        *_losses_of_axes(torques, period_s, solution.actuator.lag_s),
+        *_losses_of_rotors(torques, data.input),
+    ]
+    for kind, lost, weight in losses:
+        affected = [moved] if kind == "rotor threshold" else [(axis,) for axis in moved]
+        actual, commanded = (
             spectra_of([lost(each) for each in signals], records, data) for signals in (torques, told)
-        ]
-        if both[0] is None or both[1] is None:
-            return
-        for axes in (moved,) if together else tuple((axis,) for axis in moved):
-            yield _Column(
-                kind, axes, both[0].values, both[0].by_slope, both[1].values, True, _LOST, 1.0 / n_levels
-            )
-
-    sizes = np.abs(np.concatenate(torques))
-    for level in np.quantile(sizes, _DEAD_ZONES, axis=0):
-        yield from of_torque("dead zone", lambda u, at=level: np.clip(u, -at, at), len(_DEAD_ZONES))
-    for level in np.quantile(sizes, _LIMITS, axis=0):
-        yield from of_torque("limit", lambda u, at=level: u - np.clip(u, -at, at), len(_LIMITS))
-    period_s, lag_s = data.sample_period_s, solution.actuator.lag_s
-    yield from of_torque("slow spin-down", lambda u: _not_braked(u, period_s, lag_s), 1)
-    per_thrust = None if data.input is None else data.input.torque_per_thrust
-    if per_thrust is not None and np.isfinite(per_thrust).all() and np.any(per_thrust):
-        by_torque = np.linalg.pinv(per_thrust)
-        rotors = np.abs(np.concatenate(torques) @ by_torque.T)
-        for level in np.quantile(rotors, _DEAD_ZONES):
-            yield from of_torque(
-                "dead zone of rotors",
-                lambda u, at=level: np.clip(u @ by_torque.T, -at, at) @ per_thrust.T,
-                len(_DEAD_ZONES),
-                together=True,
-            )
+        )
+        if actual is not None and commanded is not None:
+            for axes in affected:
+                both = actual.values, actual.by_slope
+                yield _Column(kind, axes, *both, commanded.values, True, _LOST, weight)
     yield from _tilts(records, data, moved)
 
 
-def _tilts(
-    records: Sequence[CommandRecord], data: FlightData, moved: Sequence[int]
-) -> Iterator[_Column]:
+class _Loss(NamedTuple):
+    """What an effect takes from a torque (n_samples, 3) at one level, and its weight among all levels."""
+
+    effect: Effect
+    lost: Callable[[FloatArray], FloatArray]
+    weight: float
+
+
+def _below(torque: FloatArray, level: FloatArray) -> FloatArray:
+    return np.clip(torque, -level, level)
+
+
+def _beyond(torque: FloatArray, level: FloatArray) -> FloatArray:
+    return torque - np.clip(torque, -level, level)
+
+
+def _losses_of_axes(torques: Sequence[FloatArray], period_s: float, lag_s: float) -> Iterator[_Loss]:
+    """Yield what the torque about each axis may lose by itself."""
+    sizes = np.abs(np.concatenate(torques))
+    for level in np.quantile(sizes, _DEAD_ZONES, axis=0):
+        yield _Loss("threshold", partial(_below, level=level), 1.0 / len(_DEAD_ZONES))
+    for level in np.quantile(sizes, _LIMITS, axis=0):
+        yield _Loss("limit", partial(_beyond, level=level), 1.0 / len(_LIMITS))
+    yield _Loss("asymmetry", partial(_not_braked, period_s=period_s, lag_s=lag_s), 1.0)
+
+
+def _losses_of_rotors(torques: Sequence[FloatArray], described: InputDescription | None) -> Iterator[_Loss]:
+    """Yield what dead zones of the rotors take, where it is known how they make the torque."""
+    per_thrust = None if described is None else described.torque_per_thrust
+    if per_thrust is None or not np.isfinite(per_thrust).all() or not per_thrust.any():
+        return
+    by_torque = np.asarray(np.linalg.pinv(per_thrust), dtype=np.float64)
+    for level in np.quantile(np.abs(np.concatenate(torques) @ by_torque.T), _DEAD_ZONES):
+        lost = partial(_below_of_rotors, level=level, by_torque=by_torque, per_thrust=per_thrust)
+        yield _Loss("rotor threshold", lost, 1.0 / len(_DEAD_ZONES))
+
+
+def _below_of_rotors(
+    torque: FloatArray, level: float, by_torque: FloatArray, per_thrust: FloatArray
+) -> FloatArray:
+    """Return the torque of what each rotor gets of its command below a level."""
+    return np.asarray(np.clip(torque @ by_torque.T, -level, level) @ per_thrust.T)
+
+
+def _tilts(records: Sequence[CommandRecord], data: FlightData, moved: Sequence[int]) -> Iterator[_Column]:
     """Yield roll and pitch, of which a moment may be left."""
     angles = [
         tilt_from_rates(record.segment.body_rate_rad_s, data.sample_period_s)
@@ -394,9 +464,7 @@ def _tilts(
     if spectra is not None:
         for axis in moved:
             if axis < 2:
-                yield _Column(
-                    "tilt", (axis,), spectra.values, spectra.by_slope, None, False, _TILT_1_S2, 1.0
-                )
+                yield _Column("tilt", (axis,), spectra.values, spectra.by_slope, None, False, _TILT_1_S2, 1.0)
 
 
 def _not_braked(torque: FloatArray, period_s: float, lag_s: float) -> FloatArray:

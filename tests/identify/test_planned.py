@@ -12,7 +12,7 @@ import pytest
 
 from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.data.model import SpectralFit
-from quadid_logs.identify.spectral import fit_by_spectra
+from quadid_logs.identify.spectral_effects import fit_by_spectra
 
 PERIOD_S, LAG_S, DELAY_STEPS, GRAVITY = 0.004, 0.045, 2, 9.81
 GAIN, DAMPING = np.array([180.0, 140.0]), np.array([-1.0, -1.2])
