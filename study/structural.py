@@ -86,6 +86,11 @@ def _dead_zone(rng: np.random.Generator, airframe: SimulatedAirframe) -> dict[st
     return {"dead_zone": log_uniform(rng, 0.005, 0.04)}
 
 
+def _rotor_dead_zone(rng: np.random.Generator, airframe: SimulatedAirframe) -> dict[str, Any]:  # noqa: ARG001
+    """Let each rotor ignore changes of its command below 0.1 to 4 % of the whole."""
+    return {"rotor_dead_zone": log_uniform(rng, 0.001, 0.04)}
+
+
 def _saturation(rng: np.random.Generator, airframe: SimulatedAirframe) -> dict[str, Any]:  # noqa: ARG001
     """Clip 1 to 8 % of the commands, more when the controller answers, and tell nobody."""
     return {"clipped_fraction": rng.uniform(0.01, 0.08)}
@@ -151,6 +156,7 @@ EFFECTS: Final[dict[str, Callable[[np.random.Generator, SimulatedAirframe], dict
     "tilt stiffness": _tilt_stiffness,
     "sling load": _sling_load,
     "dead zone": _dead_zone,
+    "rotor dead zone": _rotor_dead_zone,
     "unlogged saturation": _saturation,
     "alternating gain": _alternating,
     "spin-down asymmetry": _spin_down,
