@@ -543,10 +543,12 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL535",
                 "An axis is told by its answers to commands alone",
-                "Air moved this axis as much as its commands did, so that torque and motion do not match "
-                "sample by sample. What was commanded, which no gust moves, still tells the effectiveness, "
-                "the damping and the lag: from spectra of short segments of the flight, each frequency "
-                "weighted by what the air leaves of it. The interval holds what the air hides.",
+                "Air moved this axis as much as its commands did, or rotors or log do something that a fit "
+                "sample by sample takes for less control. What was commanded, which no gust moves, still "
+                "gives the effectiveness, the damping and the lag: from spectra of short segments of the "
+                "flight, each frequency weighted by what the air leaves of it. Dead zones, limits and other "
+                "effects are taken out where the flight shows them, and are part of the interval where it "
+                "leaves them open.",
                 "Fly in calmer air, or make larger and quicker manoeuvres, for a narrower interval.",
                 step="fly",
             ),

@@ -277,7 +277,7 @@ def _by_spectra(fits: Sequence[SpectralFit]) -> Iterator[Finding]:
             yield finding(_CODES[effect], level, evidence, axes=(axis,))
 
 
-def _effects(check: StructuralCheck, number: int, axis: str, *, averaged: bool) -> Iterator[Finding]:
+def _effects(check: StructuralCheck, number: int, axis: str, *, averaged: bool = False) -> Iterator[Finding]:
     """Name the effect that explains most of what the model leaves, and an effectiveness that varies.
 
     ``averaged``: the effectiveness is that of `identify.spectral_effects`, which judge those that they know.

@@ -280,6 +280,8 @@ def _spectral(identification: Identification) -> dict[str, Any]:
             "sound": fit.is_sound,
             "used": fit.used,
             "planned": fit.planned,
+            "effects": fit.effects,
+            "effectiveness_with_effects": 1.0 + fit.shift,
         }
         for axis, fit in zip(AXES, identification.spectral, strict=False)
     }

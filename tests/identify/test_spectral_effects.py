@@ -1,0 +1,161 @@
+"""Effects beside a linear response, in air that moves the vehicle: taken out, ruled out, or in the interval.
+
+The flights are integrated here, sample by sample, and share nothing with the package's simulator.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from quadid_logs.data.flight import FlightData, InputDescription, Segment
+from quadid_logs.data.model import SpectralFit
+from quadid_logs.identify.spectral import solve_flight
+from quadid_logs.identify.spectral_effects import fit_by_spectra
+
+PERIOD_S, LAG_S, ANGLE_GAIN = 0.005, 0.04, 4.0
+GAIN, DAMPING = np.array([180.0, 140.0, 16.0]), np.array([-1.0, -1.2, -0.3])
+#: Quad X: thrusts of the rotors to torques about roll, pitch and yaw.
+PER_THRUST = 0.25 * np.array([[-1.0, 1.0, 1.0, -1.0], [1.0, -1.0, 1.0, -1.0], [1.0, 1.0, -1.0, -1.0]])
+
+Loss = Callable[[np.ndarray], np.ndarray]
+
+
+def _as_commanded(torque: np.ndarray) -> np.ndarray:
+    return torque
+
+
+def _dead(torque: np.ndarray) -> np.ndarray:
+    """Nothing below 0.012, taken off any larger torque."""
+    return torque - np.clip(torque, -0.012, 0.012)
+
+
+def _dead_rotors(torque: np.ndarray) -> np.ndarray:
+    """Each rotor ignores 0.01 of its command."""
+    rotors = np.linalg.pinv(PER_THRUST) @ torque
+    return PER_THRUST @ (rotors - np.clip(rotors, -0.01, 0.01))
+
+
+def _limited(torque: np.ndarray) -> np.ndarray:
+    return np.clip(torque, -0.045, 0.045)
+
+
+def _fly(
+    seed: int,
+    loss: Loss = _as_commanded,
+    *,
+    gusts: float = 0.6,
+    tilt_1_s2: float = 0.0,
+    late_steps: int = 0,
+) -> FlightData:
+    """Fly a minute in angle mode; ``late_steps``: the torque is logged so much later than it was given."""
+    rng, n = np.random.default_rng(seed), 12000
+    steps = np.repeat(rng.uniform(-1.0, 1.0, (n // 60, 3)), 60, axis=0) * 0.15
+    white, air = rng.standard_normal((n, 3)), np.zeros(3)
+    keep = np.exp(-PERIOD_S * np.pi)
+    rate, angle, thrust = np.zeros(3), np.zeros(3), np.zeros(3)
+    torque, rates, setpoints = (np.empty((n, 3)) for _ in range(3))
+    for row in range(n):
+        air = keep * air + np.sqrt(1.0 - keep**2) * white[row]
+        setpoint = ANGLE_GAIN * (steps[row] - angle)
+        command = 12.0 / GAIN * (setpoint - rate)
+        rates[row], setpoints[row], torque[row] = rate, setpoint, command
+        thrust = thrust + PERIOD_S / LAG_S * (loss(command) - thrust)
+        pull = tilt_1_s2 * angle * np.array([1.0, 1.0, 0.0])
+        gust = gusts * air * np.array([1.0, 1.0, 0.1])
+        rate = rate + PERIOD_S * (GAIN * thrust + DAMPING * rate + pull + gust)
+        angle = angle + PERIOD_S * rate
+    turned = np.vstack([np.zeros(3), PERIOD_S * np.cumsum(rates, axis=0)[:-1]])
+    return FlightData(
+        sample_period_s=PERIOD_S,
+        segments=(
+            Segment(
+                time_s=PERIOD_S * np.arange(n),
+                body_rate_rad_s=rates,
+                torque=np.roll(torque, late_steps, axis=0),
+                attitude_rad=turned,
+                throttle=None,
+                saturated=np.zeros(n, dtype=bool),
+                reference=setpoints,
+                command=setpoints + ANGLE_GAIN * turned,
+            ),
+        ),
+        flights=(),
+        sources={},
+        input=InputDescription(kind="torque_command", unit="1", source="", torque_per_thrust=PER_THRUST),
+        start_s=0.0,
+        duration_s=n * PERIOD_S,
+    )
+
+
+def _holds(fit: SpectralFit, axis: int) -> bool:
+    return abs(fit.gain - GAIN[axis]) <= fit.half_width
+
+
+@pytest.fixture(scope="module")
+def without() -> list[tuple[SpectralFit, ...]]:
+    """Six flights without any effect."""
+    return [fit_by_spectra(_fly(seed)) for seed in range(6)]
+
+
+def test_a_flight_without_effects_shows_none(without: list[tuple[SpectralFit, ...]]) -> None:
+    """On any axis of six flights: at 95 % one in twenty was allowed before it was seen."""
+    assert not any(fit.effects for fits in without for fit in fits)
+
+
+def test_what_a_flight_rules_out_costs_little(without: list[tuple[SpectralFit, ...]]) -> None:
+    """The intervals of roll and pitch stay below a fifth, and hold the truth."""
+    assert all(fits[axis].is_sound and _holds(fits[axis], axis) for fits in without for axis in (0, 1))
+
+
+def test_what_a_flight_leaves_open_widens_the_interval() -> None:
+    """In air that hides small torques, a dead zone that may be there is part of the interval."""
+    data = _fly(0, gusts=2.5)
+    solution = solve_flight(data)
+    assert solution is not None
+    plain, averaged = solution.fits, fit_by_spectra(data)
+    assert all(averaged[axis].half_width > 1.02 * plain[axis].half_width for axis in (0, 1))
+
+
+@pytest.mark.parametrize(
+    ("loss", "names"),
+    [
+        (_dead, {"threshold", "rotor threshold"}),
+        (_dead_rotors, {"threshold", "rotor threshold"}),
+        (_limited, {"limit"}),
+    ],
+    ids=["dead zone", "dead zone of rotors", "limit"],
+)
+@pytest.mark.parametrize("seed", range(2))
+def test_torque_that_is_lost_is_taken_out(seed: int, loss: Loss, names: set[str]) -> None:
+    """Without the effect the effectiveness is low, by a twentieth at least; with it the truth is inside."""
+    data = _fly(seed, loss)
+    solution = solve_flight(data)
+    assert solution is not None
+    assert all(solution.fits[axis].gain < 0.95 * GAIN[axis] for axis in (0, 1))
+    fits = fit_by_spectra(data)
+    assert names & set(fits[0].effects + fits[1].effects)
+    assert all(_holds(fits[axis], axis) for axis in (0, 1))
+
+
+@pytest.mark.parametrize("tilt_1_s2", [-9.0, 6.0])
+def test_a_moment_of_the_tilt_is_taken_out(tilt_1_s2: float) -> None:
+    """A pendulum, and a vehicle that tips over."""
+    fits = fit_by_spectra(_fly(1, gusts=0.2, tilt_1_s2=tilt_1_s2))
+    assert all("tilt" in fits[axis].effects and _holds(fits[axis], axis) for axis in (0, 1))
+
+
+def test_a_torque_from_another_time_has_a_negative_delay() -> None:
+    """Logged 20 ms late, the torque follows the motion: the effectiveness is right all the same."""
+    fits = fit_by_spectra(_fly(2, late_steps=4))
+    assert all(_holds(fits[axis], axis) for axis in (0, 1))
+    assert fits[0].mean[2] + fits[0].mean[3] == pytest.approx(LAG_S - 4 * PERIOD_S, abs=0.006)
+
+
+def test_without_rotors_their_dead_zone_is_not_asked() -> None:
+    """A table holds torques only."""
+    data = replace(_fly(0, _dead_rotors), input=None)
+    assert not any("rotor threshold" in fit.effects for fit in fit_by_spectra(data))
