@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 
 from quadid_logs.autopilots import named
 from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.data.diagnosis import Finding
-from quadid_logs.data.model import Model
+from quadid_logs.data.model import Model, SpectralFit
 from quadid_logs.data.result import Result
 from quadid_logs.report.cells import Table
 from quadid_logs.report.commands import filled, on_log
@@ -33,7 +33,7 @@ from quadid_logs.report.verdict import (
     refused_axes,
 )
 from quadid_logs.report.words import evidence_name, evidence_text
-from quadid_logs.sentences import continued
+from quadid_logs.sentences import continued, listed
 from quadid_logs.tuning import tuning_of
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES, RATE_SYMBOLS
@@ -143,7 +143,7 @@ def view_of(result: Result, provenance: Provenance) -> View:
         structures=structures_table(result),
         windows=windows_table(result),
         excitation=excitation_table(result),
-        validation_sentence=_validation_sentence(model),
+        validation_sentence=_validation_sentence(model, result.identification.spectral),
         health=health_view(result),
         loop=loop_view(result),
         gains=tune_view(result, tuning_of(result)),
@@ -228,8 +228,8 @@ def _milliseconds(value_s: float, low_s: float, high_s: float, *, known: bool) -
     return f"{'' if known else 'about '}{estimate(value, low, high)} ms"
 
 
-def _validation_sentence(model: Model | None) -> str:
-    """Say how the model does on held-out data."""
+def _validation_sentence(model: Model | None, spectral: Sequence[SpectralFit] = ()) -> str:
+    """Say how the model does on held-out data, and on commands where these alone tell an axis."""
     if model is None:
         return ""
     if not model.validation.held_out_s > 0.0:
@@ -241,9 +241,20 @@ def _validation_sentence(model: Model | None) -> str:
         f"{percent(value)} of {axis}" if value > 0.0 else f"nothing of {axis}"
         for axis, value in zip(AXES, r2, strict=True)
     ]
+    commanded = [
+        f"{percent(fit.r2_commanded)} of {axis}"
+        for axis, fit in zip(AXES, spectral, strict=False)
+        if fit.used
+    ]
+    of_commands = (
+        " Air or an effect moved the vehicle as well. Of the acceleration that was commanded, the model "
+        f"explains {listed(commanded)}."
+        if commanded
+        else ""
+    )
     return (
         f"{seconds(model.validation.held_out_s)} of the flight were kept from the fit. There, in the fitted "
-        f"band, the rates simulated from the torque explain {told[0]}, {told[1]} and {told[2]}."
+        f"band, the rates simulated from the torque explain {told[0]}, {told[1]} and {told[2]}.{of_commands}"
     )
 
 

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
+from quadid_logs.data.model import SpectralFit
 from quadid_logs.report.view import _validation_sentence
 from tests.synthetic_results import usable_result
 
@@ -19,3 +22,20 @@ def test_an_axis_is_told_by_its_own_simulation_as_its_verdict_is() -> None:
     )
     text = _validation_sentence(replace(model, validation=validation))
     assert text.endswith("explain 92 % of roll, 90 % of pitch and nothing of yaw.")
+
+
+def test_an_axis_that_its_commands_tell_is_judged_by_them() -> None:
+    """Beside "usable", that the simulation explains little of it needs a word."""
+    fit = SpectralFit(
+        mean=np.ones(5),
+        covariance=np.eye(5),
+        departure=0.03,
+        commanded=0.9,
+        r2_commanded=0.984,
+        n_blocks=20,
+        half_width=0.1,
+        used=True,
+    )
+    model = usable_result().identification.recommended
+    text = _validation_sentence(model, (fit, replace(fit, used=False)))
+    assert text.endswith("Of the acceleration that was commanded, the model explains 98.4 % of roll.")
