@@ -34,9 +34,9 @@ def _dead(torque: np.ndarray) -> np.ndarray:
 
 
 def _dead_rotors(torque: np.ndarray) -> np.ndarray:
-    """Each rotor ignores 0.01 of its command."""
+    """Each rotor ignores 0.02 of its command."""
     rotors = np.linalg.pinv(PER_THRUST) @ torque
-    return PER_THRUST @ (rotors - np.clip(rotors, -0.01, 0.01))
+    return PER_THRUST @ (rotors - np.clip(rotors, -0.02, 0.02))
 
 
 def _limited(torque: np.ndarray) -> np.ndarray:
