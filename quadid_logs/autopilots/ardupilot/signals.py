@@ -445,6 +445,8 @@ SOURCES: Final[tuple[DataFlashSource, ...]] = (
     _core("attitude", "NKF1", _ANGLES, "EKF2", optional=("PI",), beside=("NKF4",)),
     _core("attitude", "EKF1", _ANGLES, "first EKF"),
     _core("attitude", "AHR2", _ANGLES, "secondary attitude estimate"),
+    _core("velocity", "XKF1", ("VN", "VE", "VD"), "EKF3", optional=("PI",), beside=("XKF4",)),
+    _core("velocity", "NKF1", ("VN", "VE", "VD"), "EKF2", optional=("PI",), beside=("NKF4",)),
     *(_core("attitude_setpoint", name, _ASKED_ANGLES, "target of the attitude controller")
       for name in ("ANG", "ATT")),
     *(_whole("torque_command", "RATE", age.output, "the rate controller's output to the mixer", _command)
