@@ -2,8 +2,9 @@
 
 A model that is solved forward carries every error of torque, trim and air along with it: a hovering multirotor
 is unstable, and after half a second a small one's rates are anybody's guess. The rates after n steps are
-therefore regressed on what is known: rates, tilt and velocity where the horizon begins, and the torque since.
-How much of each is believed is decided on flights that were left out, and so are the intervals.
+therefore regressed on what is known: rates, tilt and velocity where the horizon begins, the torque since, and a
+tenth of a second before: rotors still follow what was commanded then, and how the rates turned tells of trim
+and gusts. How much of each is believed is decided on flights that were left out, and so are the intervals.
 
 References
 ----------
@@ -27,6 +28,7 @@ from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.errors import EmptyLogError, SettingsError
 from quadid_logs.identify.terms import (
     GRAVITY,
+    GYROSCOPIC,
     RATE_TERMS,
     VELOCITY,
     VELOCITY_LIFTED,
@@ -41,11 +43,15 @@ STEPS: Final = (1, 10, 50)
 #: way is north moves nothing.
 START_TERMS: Final[Mapping[str, tuple[Term, ...]]] = {
     "rates": RATE_TERMS,
+    "products of rates": GYROSCOPIC,
     "tilt": GRAVITY,
     "speed": VELOCITY,
     "speed squared and lifted": (*VELOCITY_SQUARED, *VELOCITY_LIFTED),
 }
 _TORQUE, _TORQUE_CHANGE = "torque", "change of torque"
+_TORQUE_BEFORE, _RATES_BEFORE = "torque before", "rates before"
+#: Three time constants of a multirotor's usual rotor, of 30 ms [s].
+MEMORY_S: Final = 0.1
 #: The torque where a horizon begins is the mean of so many samples: one alone is its noise.
 _START_SAMPLES = 3
 #: The torque after that is told in so many parts: after half a second, parts of 80 ms, about a rotor's lag.
@@ -139,12 +145,17 @@ class RatePredictor:
     ----------
     groups : tuple of str
         Of `START_TERMS`: what all flights had.
-    sample_period_s : float
+    sample_period_s, memory_s : float
+        Of the flights; how much before a horizon it is told of.
+    torque_unit : str
+        Of all flights, "" where none says it.
     horizons : tuple of HorizonModel
     """
 
     groups: tuple[str, ...]
     sample_period_s: float
+    memory_s: float
+    torque_unit: str
     horizons: tuple[HorizonModel, ...]
 
     def predict(self, data: FlightData) -> tuple[HorizonPrediction, ...]:
@@ -163,16 +174,17 @@ class RatePredictor:
         Raises
         ------
         SettingsError
-            If the flight is on another period.
+            If the flight is on another period, or its torque is another quantity.
         EmptyLogError
             If it lacks a signal, or no segment outlasts the longest horizon.
         """
-        _check_period(data, self.sample_period_s)
+        _check_same(data, self.sample_period_s, self.torque_unit)
         longest = max(each.n_steps for each in self.horizons)
         return tuple(self._predict(model, data, longest) for model in self.horizons)
 
     def _predict(self, model: HorizonModel, data: FlightData, longest: int) -> HorizonPrediction:
-        rows = _rows_of(data, self.groups, model.n_steps, longest)
+        n_before = _n_before(self.memory_s, self.sample_period_s)
+        rows = _rows_of(data, self.groups, _Span(n_before, model.n_steps, longest))
         change = np.column_stack([rows.columns, np.ones(len(rows.columns))]) @ model.weights
         sizes = np.maximum(np.einsum("akm,ma->ka", rows.activity, model.size), model.least_size)
         return HorizonPrediction(
@@ -187,7 +199,11 @@ class RatePredictor:
 
 
 def fit_predictor(
-    flights: Sequence[FlightData], steps: Sequence[int] = STEPS, sets: Sequence[str] | None = None
+    flights: Sequence[FlightData],
+    steps: Sequence[int] = STEPS,
+    sets: Sequence[str] | None = None,
+    *,
+    memory_s: float = MEMORY_S,
 ) -> RatePredictor:
     """Fit a regression for each horizon to flights of one vehicle.
 
@@ -200,6 +216,8 @@ def fit_predictor(
     sets : sequence of str, optional
         The set that each flight is of: one set after the other is left out. Flights that repeat one
         trajectory tell nothing of another, and belong into one set. Without it each flight is its own.
+    memory_s : float
+        How much before a horizon it is told of [s]; 0 for the state where it begins alone.
 
     Returns
     -------
@@ -208,7 +226,7 @@ def fit_predictor(
     Raises
     ------
     SettingsError
-        If there are fewer than two sets, or the periods differ.
+        If there are fewer than two sets, or periods or torques differ.
     EmptyLogError
         If a flight has no segment that outlasts the longest horizon.
     """
@@ -222,17 +240,32 @@ def fit_predictor(
         raise SettingsError("A horizon is one step or more.")
     period_s = flights[0].sample_period_s
     for flight in flights:
-        _check_period(flight, period_s)
+        _check_same(flight, period_s, _unit(flights[0]))
     groups = tuple(
         name
         for name, terms in START_TERMS.items()
         if all(_columns(flight, terms) is not None for flight in flights)
     )
+    spans = [_Span(_n_before(memory_s, period_s), n_steps, max(steps)) for n_steps in steps]
     models = tuple(
-        _fit_horizon([_rows_of(flight, groups, n_steps, max(steps)) for flight in flights], names, n_steps)
-        for n_steps in steps
+        _fit_horizon([_rows_of(flight, groups, span) for flight in flights], names, span.n_steps)
+        for span in spans
     )
-    return RatePredictor(groups=groups, sample_period_s=period_s, horizons=models)
+    return RatePredictor(
+        groups=groups,
+        sample_period_s=period_s,
+        memory_s=memory_s,
+        torque_unit=_unit(flights[0]),
+        horizons=models,
+    )
+
+
+class _Span(NamedTuple):
+    """Samples before a start, to the end of its horizon, and to that of the longest one."""
+
+    n_before: int
+    n_steps: int
+    longest: int
 
 
 class _Rows(NamedTuple):
@@ -260,12 +293,27 @@ class _Rows(NamedTuple):
         )
 
 
-def _check_period(data: FlightData, period_s: float) -> None:
+def _check_same(data: FlightData, period_s: float, unit: str) -> None:
+    """Refuse a flight on another clock, or whose torque is another quantity."""
+    if _unit(data) != unit:
+        raise SettingsError(
+            f"The torque of one flight is in {unit!a}, that of another in {_unit(data)!a}.",
+            hint="Describe the vehicle for all flights (--vehicle), so that all are in N m.",
+        )
     if not np.isclose(data.sample_period_s, period_s, rtol=1e-3):
         raise SettingsError(
             f"The flights are on clocks of {1.0 / period_s:.4g} and {1.0 / data.sample_period_s:.4g} Hz.",
             hint="Give --sample-rate-hz for all.",
         )
+
+
+def _n_before(memory_s: float, period_s: float) -> int:
+    """Return the memory in samples: two parts, or none."""
+    return 2 * round(0.5 * memory_s / period_s)
+
+
+def _unit(data: FlightData) -> str:
+    return "" if data.input is None else data.input.unit
 
 
 def _columns(data: FlightData, terms: Sequence[Term]) -> list[FloatArray] | None:
@@ -280,7 +328,7 @@ def _columns(data: FlightData, terms: Sequence[Term]) -> list[FloatArray] | None
     return found
 
 
-def _rows_of(data: FlightData, groups: Sequence[str], n_steps: int, longest: int) -> _Rows:
+def _rows_of(data: FlightData, groups: Sequence[str], span: _Span) -> _Rows:
     """Return the starts of a flight from which the longest horizon ends in its segment."""
     started: list[tuple[str, list[FloatArray]]] = []
     for name in groups:
@@ -289,12 +337,13 @@ def _rows_of(data: FlightData, groups: Sequence[str], n_steps: int, longest: int
             raise EmptyLogError(f"The flight lacks what the others have: {name}.")
         started.append((name, columns))
     parts = [
-        _rows_in(segment, [(name, columns[number]) for name, columns in started], n_steps, longest)
+        _rows_in(segment, [(name, columns[number]) for name, columns in started], span)
         for number, segment in enumerate(data.segments)
-        if segment.n_samples > longest
+        if segment.n_samples > span.n_before + span.longest
     ]
     if not parts:
-        raise EmptyLogError(f"No segment of the flight is longer than {longest} samples.")
+        least = span.n_before + span.longest
+        raise EmptyLogError(f"No segment of the flight is longer than {least} samples.")
     return parts[0]._replace(
         start_s=np.concatenate([each.start_s for each in parts]),
         start_rate=np.concatenate([each.start_rate for each in parts]),
@@ -304,51 +353,59 @@ def _rows_of(data: FlightData, groups: Sequence[str], n_steps: int, longest: int
     )
 
 
-def _rows_in(
-    segment: Segment, started: Sequence[tuple[str, FloatArray]], n_steps: int, longest: int
-) -> _Rows:
+def _rows_in(segment: Segment, started: Sequence[tuple[str, FloatArray]], span: _Span) -> _Rows:
     """Return the starts of one segment."""
-    start = np.arange(segment.n_samples - longest, dtype=np.int64)
-    rate = segment.body_rate_rad_s
+    start = np.arange(span.n_before, segment.n_samples - span.longest, dtype=np.int64)
+    rate, n_steps = segment.body_rate_rad_s, span.n_steps
     at_start, later = _torque_over(segment.torque, start, n_steps)
     blocks = [(name, columns[start]) for name, columns in started]
     blocks.append((_TORQUE, at_start))
     if later.shape[1]:
         blocks.append((_TORQUE_CHANGE, later))
+    if half := span.n_before // 2:
+        before = [_mean_over(segment.torque, start - ago, half) for ago in (2 * half, half)]
+        blocks.append((_TORQUE_BEFORE, np.hstack([each - at_start for each in before])))
+        blocks.append((_RATES_BEFORE, np.hstack([rate[start] - rate[start - ago] for ago in (2 * half, half)])))
     return _Rows(
         start_s=segment.time_s[start],
         start_rate=rate[start],
         columns=np.hstack([block for _, block in blocks]),
         groups=tuple(name for name, block in blocks for _ in range(block.shape[1])),
         change=rate[start + n_steps] - rate[start],
-        activity=_activity(segment, start, n_steps, at_start),
+        activity=_activity(segment, start, n_steps, at_start, with_speed="speed" in dict(started)),
     )
 
 
 def _torque_over(torque: FloatArray, start: IntArray, n_steps: int) -> tuple[FloatArray, FloatArray]:
     """Return the torque where each horizon begins, (n, 3), and how its later parts differ, (n, 3 n_parts)."""
-    total = np.vstack([np.zeros(3), np.cumsum(torque, axis=0)])
     first = min(n_steps, _START_SAMPLES)
-    at_start = (total[start + first] - total[start]) / first
+    at_start = _mean_over(torque, start, first)
     ends = np.linspace(first, n_steps, min(n_steps - first, _PARTS) + 1).round().astype(np.int64)
     parts = [
-        (total[start + b] - total[start + a]) / (b - a) - at_start
+        _mean_over(torque, start + a, b - a) - at_start
         for a, b in zip(ends[:-1], ends[1:], strict=True)
     ]
     return at_start, np.hstack(parts) if parts else np.zeros((len(start), 0))
 
 
-def _activity(segment: Segment, start: IntArray, n_steps: int, torque: FloatArray) -> FloatArray:
+def _mean_over(columns: FloatArray, start: IntArray, n_samples: int) -> FloatArray:
+    """Return the mean over so many samples from each start on; shape (n_starts, n_columns)."""
+    total = np.vstack([np.zeros(columns.shape[1]), np.cumsum(columns, axis=0)])
+    return np.asarray((total[start + n_samples] - total[start]) / n_samples)
+
+
+def _activity(
+    segment: Segment, start: IntArray, n_steps: int, torque: FloatArray, *, with_speed: bool
+) -> FloatArray:
     """Return what the size of a residual goes with, by axis: (3, n_starts, n_sizes).
 
     A constant, how fast the vehicle turns and flies, how much the torque is and varies over the horizon.
     """
-    total, square = (np.vstack([np.zeros(3), np.cumsum(segment.torque**k, axis=0)]) for k in (1, 2))
-    mean, mean_square = ((each[start + n_steps] - each[start]) / n_steps for each in (total, square))
+    mean, mean_square = (_mean_over(segment.torque**power, start, n_steps) for power in (1, 2))
     varied = np.sqrt(np.maximum(mean_square - mean**2, 0.0))
     rate = np.abs(segment.body_rate_rad_s[start])
     together = [np.ones(len(start)), np.linalg.norm(rate, axis=1), np.linalg.norm(varied, axis=1)]
-    if segment.velocity_m_s is not None:
+    if with_speed and segment.velocity_m_s is not None:
         together.append(np.linalg.norm(segment.velocity_m_s[start], axis=1))
     own = [(rate[:, axis], varied[:, axis], np.abs(torque[:, axis])) for axis in range(3)]
     return np.stack([np.column_stack([*together, *each]) for each in own])
@@ -473,7 +530,7 @@ def _sizes(
         size = np.full(amount.shape, mean)
         for _ in range(_SIZE_ROUNDS):
             weight = np.sqrt(counts) / size
-            share = nnls(active / unit * weight[:, np.newaxis], amount * weight)[0] / unit
+            share = _not_negative(active / unit * weight[:, np.newaxis], amount * weight) / unit
             size = np.maximum(active @ share, _LEAST_SIZE * mean)
         ratio = amount / size
         order = np.argsort(ratio)
@@ -482,6 +539,12 @@ def _sizes(
         least.append(_LEAST_SIZE * mean)
         quantiles.append(float(ratio[order][np.searchsorted(below, _PROBABILITY * below[-1])]))
     return np.column_stack(sizes), np.array(least), np.array(quantiles)
+
+
+def _not_negative(columns: FloatArray, target: FloatArray) -> FloatArray:
+    """Return the least-squares weights of which none is negative, by the triangle that the columns reduce to."""
+    orthogonal, triangle = np.linalg.qr(columns)
+    return np.asarray(nnls(triangle, orthogonal.T @ target)[0])
 
 
 def _mean_length(error: FloatArray) -> float:

@@ -104,6 +104,7 @@ ARDUPILOT_CASES: dict[tuple[str, str, tuple[str, ...]], Case] = {
     ("body_rate_setpoint", "RATE", ("RollDes", "PitchDes", "YawDes")): each(DEGREE * I3),
     **{("attitude", name, ANGLES): each(DEGREE * I3)
        for name in ("ANG", "ATT", "XKF1", "NKF1", "EKF1", "AHR2")},
+    **{("velocity", name, ("VN", "VE", "VD")): each(I3) for name in ("XKF1", "NKF1")},
     **{("attitude_setpoint", name, ("DesRoll", "DesPitch", "DesYaw")): each(DEGREE * I3)
        for name in ("ANG", "ATT")},
     ("vibration", "VIBE", ("VibeX", "VibeY", "VibeZ")): each(I3),

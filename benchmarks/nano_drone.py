@@ -1,0 +1,189 @@
+"""Predicted body rates on the nano-drone benchmark: `python -m benchmarks.nano_drone FOLDER`.
+
+R. Busetto, E. Cereda, M. Forgione, G. Maroni, D. Piga and D. Palossi, "Nonlinear system identification for a
+nano-drone benchmark," Control Engineering Practice 172, 2026. The folder is the ``data`` of a checkout of its
+repository (idsia-robotics/nanodrone-sysid-benchmark), with the files that Git LFS fetches. As the protocol has
+it, a model is fitted to runs 1 to 3 of square, random and chirp, and predicts the melon flights from every
+sample on: it is given the state there, and the speeds of the motors until the end of the horizon.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from benchmarks.logs import corpus_folder
+from quadid_logs.arrays import FloatArray
+from quadid_logs.containers.table import read_cells
+from quadid_logs.data.flight import FlightData, Segment
+from quadid_logs.identify.horizons import HorizonPrediction, RatePredictor, fit_predictor
+from quadid_logs.maths.rotations import (
+    euler_from_quaternion,
+    quaternion_from_euler,
+    rotation_matrix,
+    unwrapped,
+)
+from quadid_logs.output import write_together
+from quadid_logs.untrusted import printable
+from quadid_logs.vocabulary import AXES, GRAVITY_M_S2
+
+ROOT: Final = Path(__file__).resolve().parents[1]
+TRAINED_ON: Final = ("square", "random", "chirp")
+RUNS: Final = (1, 2, 3)
+PERIOD_S: Final = 0.01
+#: Of the benchmark's own physics model: thrust and drag torque per squared speed [N s^2, N m s^2], arms [m].
+THRUST, DRAG, ARM = 3.72e-8, 7.74e-12, 0.0353
+MASS_KG: Final = 0.045
+#: Motors front right, back right, back left, front left by roll, pitch and yaw: x forward, y left, z up.
+MIXER: Final = np.array([[-1.0, -1.0, 1.0, 1.0], [-1.0, 1.0, 1.0, -1.0], [1.0, -1.0, 1.0, -1.0]])
+FORWARD_LEFT_UP: Final = np.array([1.0, -1.0, -1.0])
+#: Mean length of the error of the body rate after 1, 10 and 50 steps, as published [rad/s].
+PUBLISHED: Final = (
+    ("rates kept, as published", (0.0796, 0.3596, 0.8837)),
+    ("Physics", (0.0796, 0.3596, 0.8837)),
+    ("MLP", (0.1138, 0.5949, 0.9005)),
+    ("Hybrid", (0.0912, 0.4880, 0.5979)),
+    ("LSTM", (0.1021, 0.4292, 1.2407)),
+)
+COLUMNS: Final = tuple("vx vy vz qx qy qz qw wx wy wz m1_rads m2_rads m3_rads m4_rads".split())
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Fit, predict, print the table and write it."""
+    parser = argparse.ArgumentParser(prog="benchmarks.nano_drone", description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("folder", type=Path, nargs="?", default=corpus_folder() / "flown" / "nano-drone")
+    parser.add_argument("--output", type=Path, help="folder for nano-drone.md")
+    options = parser.parse_args(arguments)
+    folder: Path = options.folder
+    names = [(name, folder / "train" / f"{name}_20251017_run{run}.csv") for name in TRAINED_ON for run in RUNS]
+    tests = [folder / "test" / f"melon_20251017_run{run}.csv" for run in RUNS]
+    missing = [path for path in (*(path for _, path in names), *tests) if not _is_there(path)]
+    if missing:
+        print(f"{printable(missing[0])} is not there, or Git LFS has not fetched it.", file=sys.stderr)
+        return 2
+    began = time.process_time()
+    # The protocol gives the state where a horizon begins, and nothing before.
+    ahead = fit_predictor(
+        [read(path) for _, path in names], sets=[name for name, _ in names], memory_s=0.0
+    )
+    fitted_s = time.process_time() - began
+    text = table(ahead, [ahead.predict(read(path)) for path in tests], fitted_s)
+    print(text, end="")
+    if options.output:
+        write_together(options.output, {"nano-drone.md": text.encode()})
+    return 0
+
+
+def _is_there(path: Path) -> bool:
+    """Return whether a file is there, and is no pointer of Git LFS."""
+    return path.is_file() and path.stat().st_size > 1_000
+
+
+def read(path: Path) -> FlightData:
+    """Read one flight, turned to forward, right, down and NED.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    FlightData
+        One segment: torques in N m by the benchmark's own constants, throttle as thrust over weight.
+    """
+    columns = read_cells(path, lambda _names: list(COLUMNS)).columns
+    velocity, quaternion, rate, speed = (
+        np.column_stack([columns[name] for name in COLUMNS[part]])
+        for part in (slice(0, 3), slice(3, 7), slice(7, 10), slice(10, 14))
+    )
+    # Half a turn about x takes forward-left-up to forward-right-down, and the Earth's axes alike.
+    attitude = euler_from_quaternion(quaternion[:, [3, 0, 1, 2]] * np.array([1.0, 1.0, -1.0, -1.0]))
+    to_earth = rotation_matrix(quaternion_from_euler(attitude))
+    square = speed**2
+    return _flight(
+        rate=rate * FORWARD_LEFT_UP,
+        torque=(square @ MIXER.T) * np.array([THRUST * ARM, THRUST * ARM, DRAG]) * FORWARD_LEFT_UP,
+        attitude=unwrapped(attitude),
+        throttle=THRUST * square.sum(axis=1) / (MASS_KG * GRAVITY_M_S2),
+        velocity=np.einsum("kij,ki->kj", to_earth, velocity * FORWARD_LEFT_UP),
+    )
+
+
+def _flight(
+    *, rate: FloatArray, torque: FloatArray, attitude: FloatArray, throttle: FloatArray, velocity: FloatArray
+) -> FlightData:
+    """Return a flight of one segment: the data are on one clock, and no sample may be left out."""
+    n_samples = len(rate)
+    segment = Segment(
+        time_s=PERIOD_S * np.arange(n_samples),
+        body_rate_rad_s=rate,
+        torque=torque,
+        attitude_rad=attitude,
+        throttle=throttle,
+        saturated=np.zeros(n_samples, dtype=np.bool_),
+        velocity_m_s=velocity,
+    )
+    return FlightData(
+        sample_period_s=PERIOD_S,
+        segments=(segment,),
+        flights=((segment.start_s, segment.end_s),),
+        sources={},
+        input=None,
+        start_s=0.0,
+        duration_s=segment.end_s,
+    )
+
+
+def table(
+    ahead: RatePredictor, found: Sequence[Sequence[HorizonPrediction]], fitted_s: float
+) -> str:
+    """Return the scores as Markdown.
+
+    Parameters
+    ----------
+    ahead : RatePredictor
+    found : sequence of sequence of HorizonPrediction
+        By flight, then by horizon.
+    fitted_s : float
+        Processor time of reading and fitting.
+
+    Returns
+    -------
+    str
+    """
+    by_horizon = [*zip(*found, strict=True)]
+    errors = [np.mean([each.error_rad_s for each in flights]) for flights in by_horizon]
+    kept = [np.mean([each.kept_error_rad_s for each in flights]) for flights in by_horizon]
+    held = [np.mean([each.coverage for each in flights], axis=0) for flights in by_horizon]
+    rows = [
+        ("**quadid-logs**", *(f"**{error:.4f}**" for error in errors)),
+        ("rates kept, on these files", *(f"{error:.4f}" for error in kept)),
+        *((name, *(f"{error:.4f}" for error in published)) for name, published in PUBLISHED),
+        ("95 % interval of quadid-logs held", *(f"{100.0 * share.mean():.1f} %" for share in held)),
+        *(
+            (axis, *(f"{100.0 * share[number]:.1f} %" for share in held))
+            for number, axis in enumerate(AXES)
+        ),
+    ]
+    head = ("", *(f"{each.n_steps} × 10 ms" for each in ahead.horizons))
+    lines = [head, ("---", *("---" for _ in errors)), *rows]
+    n_starts = sum(len(each.start_s) for each in by_horizon[0])
+    return "\n".join(
+        [
+            *(f"| {' | '.join(line)} |" for line in lines),
+            "",
+            f"Mean length of the error of the body rate [rad/s] over {n_starts} starts in {len(found)} flights; "
+            f"read and fitted in {fitted_s:.1f} s of processor time.",
+            "",
+        ]
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())
