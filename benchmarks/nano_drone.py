@@ -33,10 +33,10 @@ from quadid_logs.output import write_together
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES, GRAVITY_M_S2
 
-ROOT: Final = Path(__file__).resolve().parents[1]
 TRAINED_ON: Final = ("square", "random", "chirp")
 RUNS: Final = (1, 2, 3)
 PERIOD_S: Final = 0.01
+PAGE: Final = "nano-drone.md"
 #: Of the benchmark's own physics model: thrust and drag torque per squared speed [N s^2, N m s^2], arms [m].
 THRUST, DRAG, ARM = 3.72e-8, 7.74e-12, 0.0353
 MASS_KG: Final = 0.045
@@ -57,32 +57,62 @@ COLUMNS: Final = tuple("vx vy vz qx qy qz qw wx wy wz m1_rads m2_rads m3_rads m4
 def main(arguments: Sequence[str] | None = None) -> int:
     """Fit, predict, print the table and write it."""
     parser = argparse.ArgumentParser(prog="benchmarks.nano_drone", description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("folder", type=Path, nargs="?", default=corpus_folder() / "flown" / "nano-drone")
-    parser.add_argument("--output", type=Path, help="folder for nano-drone.md")
+    parser.add_argument("folder", type=Path, nargs="?", default=default_folder())
+    parser.add_argument("--output", type=Path, help=f"folder for {PAGE}")
     options = parser.parse_args(arguments)
-    folder: Path = options.folder
-    names = [(name, folder / "train" / f"{name}_20251017_run{run}.csv") for name in TRAINED_ON for run in RUNS]
-    tests = [folder / "test" / f"melon_20251017_run{run}.csv" for run in RUNS]
-    missing = [path for path in (*(path for _, path in names), *tests) if not _is_there(path)]
+    missing = missing_files(options.folder)
     if missing:
         print(f"{printable(missing[0])} is not there, or Git LFS has not fetched it.", file=sys.stderr)
         return 2
-    began = time.process_time()
-    # The protocol gives the state where a horizon begins, and nothing before.
-    ahead = fit_predictor(
-        [read(path) for _, path in names], sets=[name for name, _ in names], memory_s=0.0
-    )
-    fitted_s = time.process_time() - began
-    text = table(ahead, [ahead.predict(read(path)) for path in tests], fitted_s)
+    text = scores(options.folder)
     print(text, end="")
     if options.output:
-        write_together(options.output, {"nano-drone.md": text.encode()})
+        write_together(options.output, {PAGE: text.encode()})
     return 0
 
 
-def _is_there(path: Path) -> bool:
-    """Return whether a file is there, and is no pointer of Git LFS."""
-    return path.is_file() and path.stat().st_size > 1_000
+def default_folder() -> Path:
+    """Return where the corpus has the data, if it has."""
+    return corpus_folder() / "flown" / "nano-drone"
+
+
+def trained_on(folder: Path) -> list[tuple[str, Path]]:
+    """Return the flights to fit to, each with the trajectory that it repeats."""
+    return [(name, folder / "train" / f"{name}_20251017_run{run}.csv") for name in TRAINED_ON for run in RUNS]
+
+
+def predicted(folder: Path) -> list[Path]:
+    """Return the flights to predict."""
+    return [folder / "test" / f"melon_20251017_run{run}.csv" for run in RUNS]
+
+
+def missing_files(folder: Path) -> list[Path]:
+    """Return the files that are not there, or are pointers of Git LFS."""
+    wanted = [*(path for _, path in trained_on(folder)), *predicted(folder)]
+    return [path for path in wanted if not path.is_file() or path.stat().st_size < 1_000]
+
+
+def scores(folder: Path) -> str:
+    """Fit to the flights of a folder, predict the others, and return the table.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Returns
+    -------
+    str
+        Markdown.
+    """
+    began = time.process_time()
+    # The protocol gives the state where a horizon begins, and nothing before.
+    ahead = fit_predictor(
+        [read(path) for _, path in trained_on(folder)],
+        sets=[name for name, _ in trained_on(folder)],
+        memory_s=0.0,
+    )
+    fitted_s = time.process_time() - began
+    return table(ahead, [ahead.predict(read(path)) for path in predicted(folder)], fitted_s)
 
 
 def read(path: Path) -> FlightData:
