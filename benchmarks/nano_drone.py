@@ -45,7 +45,7 @@ MIXER: Final = np.array([[-1.0, -1.0, 1.0, 1.0], [-1.0, 1.0, 1.0, -1.0], [1.0, -
 FORWARD_LEFT_UP: Final = np.array([1.0, -1.0, -1.0])
 #: Mean length of the error of the body rate after 1, 10 and 50 steps, as published [rad/s].
 PUBLISHED: Final = (
-    ("rates kept, as published", (0.0796, 0.3596, 0.8837)),
+    ("constant rates, published", (0.0796, 0.3596, 0.8837)),
     ("Physics", (0.0796, 0.3596, 0.8837)),
     ("MLP", (0.1138, 0.5949, 0.9005)),
     ("Hybrid", (0.0912, 0.4880, 0.5979)),
@@ -193,11 +193,11 @@ def table(
     held = [np.mean([each.coverage for each in flights], axis=0) for flights in by_horizon]
     rows = [
         ("**quadid-logs**", *(f"**{error:.4f}**" for error in errors)),
-        ("rates kept, on these files", *(f"{error:.4f}" for error in kept)),
+        ("constant rates, on these files", *(f"{error:.4f}" for error in kept)),
         *((name, *(f"{error:.4f}" for error in published)) for name, published in PUBLISHED),
-        ("95 % interval of quadid-logs held", *(f"{100.0 * share.mean():.1f} %" for share in held)),
+        ("coverage of our 95 % intervals", *(f"{100.0 * share.mean():.1f} %" for share in held)),
         *(
-            (axis, *(f"{100.0 * share[number]:.1f} %" for share in held))
+            (f"coverage, {axis}", *(f"{100.0 * share[number]:.1f} %" for share in held))
             for number, axis in enumerate(AXES)
         ),
     ]

@@ -85,7 +85,7 @@ def test_runs_one_to_three_are_fitted_and_melon_is_predicted(
     assert main([str(tmp_path), "--output", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     assert printed == (tmp_path / "nano-drone.md").read_text()
-    assert "| rates kept, on these files | 0.0000 | 0.0000 | 0.0000 |" in printed
+    assert "| constant rates, on these files | 0.0000 | 0.0000 | 0.0000 |" in printed
     assert "750 starts in 3 flights" in printed
 
 
@@ -111,4 +111,4 @@ def test_the_nano_drone_is_predicted_better_than_published(corpus: Path, capsys:
     assert first < 0.0796
     assert tenth <= 0.36
     assert half <= 0.52
-    assert all(90.0 <= held <= 98.0 for held in cells["95 % interval of quadid-logs held"])
+    assert all(90.0 <= held <= 98.0 for held in cells["coverage of our 95 % intervals"])

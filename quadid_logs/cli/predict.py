@@ -47,8 +47,8 @@ def predict(
 ) -> int:
     """Predict the body rates of a flight some steps ahead, with intervals, by other flights of the vehicle.
 
-    From every sample on, the torque until the end of the horizon is given. The error is held against that of
-    "the rates stay as they are".
+    Every sample starts a prediction, which is given the torque up to the end of its horizon. The error is
+    compared with that of constant rates.
 
     Exit code 0: predicted. 2: a log could not be read or lacks a signal, or the options make no sense.
     """

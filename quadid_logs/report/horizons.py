@@ -12,7 +12,7 @@ from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES, RATE_SYMBOLS
 
 #: Of the tables' columns.
-_HEAD = ("steps", "ahead", "error", "rates kept", "interval held: roll", "pitch", "yaw")
+_HEAD = ("steps", "horizon", "error", "constant rates", "coverage: roll", "pitch", "yaw")
 
 
 def prediction_lines(path: str, found: Sequence[HorizonPrediction]) -> tuple[str, ...]:
@@ -84,13 +84,13 @@ def _scores(found: HorizonPrediction) -> dict[str, Any]:
         "horizon_s": found.horizon_s,
         "n_starts": len(found.start_s),
         "error_rad_s": found.error_rad_s,
-        "rates_kept_error_rad_s": found.kept_error_rad_s,
+        "constant_rates_error_rad_s": found.kept_error_rad_s,
         "axes": {
             axis: {
                 "rate": symbol,
                 "rmse_rad_s": float((error[:, number] ** 2).mean() ** 0.5),
                 "half_width_rad_s": float(found.half_width[:, number].mean()),
-                "interval_held": float(found.coverage[number]),
+                "coverage": float(found.coverage[number]),
             }
             for number, (axis, symbol) in enumerate(zip(AXES, RATE_SYMBOLS, strict=True))
         },

@@ -18,7 +18,7 @@ def test_rates_ahead_are_printed_beside_rates_that_stay(capsys: pytest.CaptureFi
     assert main(["predict", SYSID, DAMAGED, "--on", SYSID, "--steps", "5,20"]) == 0
     first, head, *rows = capsys.readouterr().out.splitlines()
     assert first.startswith("sysid-quad-x.bin: ")
-    assert head.split()[:2] == ["steps", "ahead"]
+    assert head.split()[:2] == ["steps", "horizon"]
     assert [row.split()[0] for row in rows] == ["5", "20"]
     for row in rows:
         _, _, _, error, _, kept, _, *held = row.replace("%", "").split()
@@ -36,7 +36,7 @@ def test_json_holds_every_flight_and_axis(capsys: pytest.CaptureFixture[str]) ->
         assert horizon["n_steps"] == 5
         assert horizon["horizon_s"] == pytest.approx(0.05)
         assert set(horizon["axes"]) == {"roll", "pitch", "yaw"}
-        assert horizon["error_rad_s"] < horizon["rates_kept_error_rad_s"]
+        assert horizon["error_rad_s"] < horizon["constant_rates_error_rad_s"]
     assert {"rates", "torque"} <= found["horizons"][0]["penalties"].keys()
 
 
