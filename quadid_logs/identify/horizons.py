@@ -64,7 +64,7 @@ _GAIN = 1e-4
 _MOST_ROUNDS = 6
 #: Starts that follow each other tell the same; of a long flight so many, evenly spread, are fitted to.
 _MOST_STARTS = 20_000
-_PROBABILITY = 0.95
+_PROBABILITY: Final = 0.95
 #: Rounds in which the expected size of the residuals settles, and the least of it over their mean.
 _SIZE_ROUNDS = 8
 _LEAST_SIZE = 0.05
