@@ -46,13 +46,15 @@ def _fly(rng: np.random.Generator, gusts: float) -> Segment:
     white, keep, air = rng.standard_normal((n, 2)), np.exp(-PERIOD_S * 2.0 * np.pi * 0.5), np.zeros(2)
     position, speed, angle, rate, thrust = np.zeros((5, 2))
     waiting = [np.zeros(2)] * (DELAY_STEPS + 1)
-    torque, rates = np.zeros((n, 3)), np.zeros((n, 3))
+    torque, rates, speeds = np.zeros((3, n, 3))
     for row in range(n):
         wanted = planned[2][row] + 3.0 * (planned[1][row] - speed) + 4.0 * (planned[0][row] - position)
         setpoint = 8.0 * (wanted / GRAVITY - angle) + planned[3][row] / GRAVITY
         command = 15.0 / GAIN * (setpoint - rate)
         waiting = [*waiting[1:], command]
         rates[row, :2], torque[row, :2] = rate, command
+        # To the right by rolling right, backwards by raising the nose.
+        speeds[row, :2] = -speed[1], speed[0]
         air = keep * air + np.sqrt(1.0 - keep**2) * white[row]
         thrust = thrust + PERIOD_S / LAG_S * (waiting[0] - thrust)
         rate = rate + PERIOD_S * (GAIN * thrust + DAMPING * rate + BY_SPEED * speed + gusts * air)
@@ -70,10 +72,17 @@ def _fly(rng: np.random.Generator, gusts: float) -> Segment:
         reference=reference,
         command=reference,
         planned=True,
+        velocity_m_s=speeds + 0.02 * rng.standard_normal((n, 3)),
     )
 
 
 def _pool(seed: int, gusts: float = 2.0) -> FlightData:
+    """Return flights whose log has no velocity."""
+    data = _pool_with_speed(seed, gusts)
+    return replace(data, segments=tuple(replace(each, velocity_m_s=None) for each in data.segments))
+
+
+def _pool_with_speed(seed: int, gusts: float = 2.0) -> FlightData:
     rng = np.random.default_rng(seed)
     segments = [
         replace(each, time_s=each.time_s + 100.0 * number, flight=number)
