@@ -120,6 +120,33 @@ def test_pools_of_gentle_flights_are_told_within_a_tenth(
     assert all(fits[axis].is_sound and fits[axis].half_width < 0.1 * GAIN[axis] for fits in pools)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_logged_speed_brings_a_pool_in_strong_moments_of_the_air_closer_to_the_truth(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A nano-drone's: 18 rad/s^2 for each m/s. Without the speed the response below a hertz is left free."""
+    monkeypatch.setattr(f"{__name__}.BY_SPEED", np.array([-18.0, -16.0]))
+    data = _pool_with_speed(seed)
+    without = tuple(replace(each, velocity_m_s=None) for each in data.segments)
+    with_speed, blind = fit_by_spectra(data), fit_by_spectra(replace(data, segments=without))
+    for axis in range(2):
+        fit = with_speed[axis]
+        assert fit.is_sound
+        assert abs(fit.gain - GAIN[axis]) <= fit.half_width
+        assert fit.half_width <= 1.1 * blind[axis].half_width
+    errors = [sum(abs(fits[axis].gain / GAIN[axis] - 1.0) for axis in range(2)) for fits in (with_speed, blind)]
+    assert errors[0] < errors[1]
+
+
+def test_one_flight_without_a_speed_leaves_it_out_of_the_pool() -> None:
+    """Blocks of one pool hold the same columns."""
+    data = _pool_with_speed(1)
+    first = replace(data.segments[0], velocity_m_s=None)
+    some = fit_by_spectra(replace(data, segments=(first, *data.segments[1:])))
+    none = fit_by_spectra(_pool(1))
+    np.testing.assert_array_equal(some[0].mean, none[0].mean)
+
+
 def test_an_axis_that_no_trajectory_moves_is_not_told(pools: list[tuple[SpectralFit, ...]]) -> None:
     assert not any(fits[2].is_sound for fits in pools)
 
