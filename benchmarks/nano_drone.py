@@ -2,9 +2,9 @@
 
 R. Busetto, E. Cereda, M. Forgione, G. Maroni, D. Piga and D. Palossi, "Nonlinear system identification for a
 nano-drone benchmark," Control Engineering Practice 172, 2026. The folder is the ``data`` of a checkout of its
-repository (idsia-robotics/nanodrone-sysid-benchmark), with the files that Git LFS fetches. As the protocol has
-it, a model is fitted to runs 1 to 3 of square, random and chirp, and predicts the melon flights from every
-sample on: it is given the state there, and the speeds of the motors until the end of the horizon.
+repository (idsia-robotics/nanodrone-sysid-benchmark) with Git LFS. The protocol: fit a model to runs 1 to 3
+of square, random and chirp, and predict the melon flights from every sample, given the state there and the
+motor speeds up to the end of the horizon.
 """
 
 from __future__ import annotations
@@ -51,7 +51,10 @@ PUBLISHED: Final = (
     ("Hybrid", (0.0912, 0.4880, 0.5979)),
     ("LSTM", (0.1021, 0.4292, 1.2407)),
 )
-COLUMNS: Final = tuple("vx vy vz qx qy qz qw wx wy wz m1_rads m2_rads m3_rads m4_rads".split())
+COLUMNS: Final = (
+    *("vx", "vy", "vz", "qx", "qy", "qz", "qw", "wx", "wy", "wz"),
+    *("m1_rads", "m2_rads", "m3_rads", "m4_rads"),
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -170,9 +173,7 @@ def _flight(
     )
 
 
-def table(
-    ahead: RatePredictor, found: Sequence[Sequence[HorizonPrediction]], fitted_s: float
-) -> str:
+def table(ahead: RatePredictor, found: Sequence[Sequence[HorizonPrediction]], fitted_s: float) -> str:
     """Return the scores as Markdown.
 
     Parameters
@@ -208,8 +209,8 @@ def table(
         [
             *(f"| {' | '.join(line)} |" for line in lines),
             "",
-            f"Mean length of the error of the body rate [rad/s] over {n_starts} starts in {len(found)} flights; "
-            f"read and fitted in {fitted_s:.1f} s of processor time.",
+            f"Mean length of the error of the body rate [rad/s] over {n_starts} starts in {len(found)} "
+            f"flights; read and fitted in {fitted_s:.1f} s of processor time.",
             "",
         ]
     )

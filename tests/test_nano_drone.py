@@ -94,12 +94,16 @@ def test_a_file_that_git_lfs_has_not_fetched_is_named(
 ) -> None:
     """A pointer is a text of three lines."""
     (tmp_path / "train").mkdir()
-    (tmp_path / "train" / "square_20251017_run1.csv").write_text("version https://git-lfs.github.com/spec/v1\n")
+    (tmp_path / "train" / "square_20251017_run1.csv").write_text(
+        "version https://git-lfs.github.com/spec/v1\n"
+    )
     assert main([str(tmp_path)]) == 2
     assert "square_20251017_run1.csv" in capsys.readouterr().err
 
 
-def test_the_nano_drone_is_predicted_better_than_published(corpus: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_nano_drone_is_predicted_better_than_published(
+    corpus: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Best published: 0.0796, 0.3596 (rates kept) and 0.5979 rad/s after 1, 10 and 50 steps."""
     folder = corpus / "flown" / "nano-drone"
     if not folder.is_dir():

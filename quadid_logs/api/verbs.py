@@ -290,7 +290,9 @@ def predictor(
     >>> held.error_rad_s < held.kept_error_rad_s
     True
     """
-    return fit_predictor([_data_of(each, settings, vehicle) for each in flights], steps, sets, memory_s=memory_s)
+    return fit_predictor(
+        [_data_of(each, settings, vehicle) for each in flights], steps, sets, memory_s=memory_s
+    )
 
 
 def _data_of(log: LogLike | Result, settings: Settings | None, vehicle: Vehicle | None) -> FlightData:

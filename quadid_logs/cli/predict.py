@@ -16,15 +16,14 @@ from quadid_logs.errors import SettingsError
 
 def predict(
     logs: Annotated[
-        list[Path], typer.Argument(metavar="LOG...", help="Flights of one vehicle to learn from, two or more.")
+        list[Path],
+        typer.Argument(metavar="LOG...", help="Flights of one vehicle to learn from, two or more."),
     ],
     on: Annotated[
         list[Path],
         typer.Option("--on", metavar="LOG", help="Flight to predict; once for each. None of it is fitted."),
     ],
-    steps: Annotated[
-        str, typer.Option("--steps", metavar="N,N", help="How many samples ahead.")
-    ] = "1,10,50",
+    steps: Annotated[str, typer.Option("--steps", metavar="N,N", help="How many samples ahead.")] = "1,10,50",
     sets: Annotated[
         str,
         typer.Option(
@@ -70,9 +69,7 @@ def predict(
             progress("read")
             flights.append(cut(load(log, settings, described), settings.align))
     ahead = fit_predictor(flights[: len(logs)], wanted, sets.split(",") if sets else None)
-    found = {
-        str(log): ahead.predict(flight) for log, flight in zip(on, flights[len(logs) :], strict=True)
-    }
+    found = {str(log): ahead.predict(flight) for log, flight in zip(on, flights[len(logs) :], strict=True)}
     if as_json:
         say(predictions_text(ahead, found).rstrip("\n"))
         return 0
@@ -87,4 +84,6 @@ def _numbers(steps: str) -> tuple[int, ...]:
     try:
         return tuple(int(each) for each in steps.split(","))
     except ValueError as error:
-        raise SettingsError(f"--steps {steps!a} are no whole numbers.", hint="As in --steps 1,10,50.") from error
+        raise SettingsError(
+            f"--steps {steps!a} are no whole numbers.", hint="As in --steps 1,10,50."
+        ) from error

@@ -1,23 +1,24 @@
 """Body rates some steps ahead, with intervals: one regression for each horizon.
 
-A model that is solved forward carries every error of torque, trim and air along with it: a hovering multirotor
-is unstable, and after half a second a small one's rates are anybody's guess. The rates after n steps are
-therefore regressed on what is known: rates, tilt and velocity where the horizon begins, the torque since, and a
-tenth of a second before: rotors still follow what was commanded then, and how the rates turned tells of trim
-and gusts. How much of each is believed is decided on flights that were left out, and so are the intervals.
+A model that is solved forward in time carries every error of its torque, trim and air along. A hovering
+multirotor is unstable, so after half a second little is left of the prediction. Here the change of the
+rates after n steps is regressed on what is known: the state where the horizon begins, the torque since, and
+the last tenth of a second, in which rotors still follow an earlier command. Flights that are left out decide
+how far each group of columns is trusted, and how wide the intervals are.
 
 References
 ----------
-D. S. Shook, C. Mohtadi and S. L. Shah, "Identification for long-range predictive control," IEE Proceedings D
-138, 1991, for a fit to each horizon; A. E. Hoerl and R. W. Kennard, Technometrics 12, 1970, for the penalties;
-J. Lei, M. G'Sell, A. Rinaldo, R. J. Tibshirani and L. Wasserman, Journal of the American Statistical
-Association 113, 2018, sec. 5.2, for intervals by residuals over their expected size.
+D. S. Shook, C. Mohtadi and S. L. Shah, "Identification for long-range predictive control," IEE Proceedings
+D 138, 1991, for a fit to each horizon; A. E. Hoerl and R. W. Kennard, Technometrics 12, 1970, for the
+penalties; J. Lei, M. G'Sell, A. Rinaldo, R. J. Tibshirani and L. Wasserman, Journal of the American
+Statistical Association 113, 2018, sec. 5.2, for intervals by residuals over their expected size.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -39,8 +40,8 @@ from quadid_logs.identify.terms import (
 
 #: Horizons in samples: those that the nano-drone benchmark scores.
 STEPS: Final = (1, 10, 50)
-#: What a horizon begins with, by groups that are believed alike. Of the attitude what it brings of speed: which
-#: way is north moves nothing.
+#: The state where a horizon begins, by groups of one penalty. Of the attitude only gravity along the body
+#: axes: the heading moves nothing.
 START_TERMS: Final[Mapping[str, tuple[Term, ...]]] = {
     "rates": RATE_TERMS,
     "products of rates": GYROSCOPIC,
@@ -365,7 +366,9 @@ def _rows_in(segment: Segment, started: Sequence[tuple[str, FloatArray]], span: 
     if half := span.n_before // 2:
         before = [_mean_over(segment.torque, start - ago, half) for ago in (2 * half, half)]
         blocks.append((_TORQUE_BEFORE, np.hstack([each - at_start for each in before])))
-        blocks.append((_RATES_BEFORE, np.hstack([rate[start] - rate[start - ago] for ago in (2 * half, half)])))
+        blocks.append(
+            (_RATES_BEFORE, np.hstack([rate[start] - rate[start - ago] for ago in (2 * half, half)]))
+        )
     return _Rows(
         start_s=segment.time_s[start],
         start_rate=rate[start],
@@ -381,10 +384,7 @@ def _torque_over(torque: FloatArray, start: IntArray, n_steps: int) -> tuple[Flo
     first = min(n_steps, _START_SAMPLES)
     at_start = _mean_over(torque, start, first)
     ends = np.linspace(first, n_steps, min(n_steps - first, _PARTS) + 1).round().astype(np.int64)
-    parts = [
-        _mean_over(torque, start + a, b - a) - at_start
-        for a, b in zip(ends[:-1], ends[1:], strict=True)
-    ]
+    parts = [_mean_over(torque, start + a, b - a) - at_start for a, b in pairwise(ends.tolist())]
     return at_start, np.hstack(parts) if parts else np.zeros((len(start), 0))
 
 
@@ -542,7 +542,8 @@ def _sizes(
 
 
 def _not_negative(columns: FloatArray, target: FloatArray) -> FloatArray:
-    """Return the least-squares weights of which none is negative, by the triangle that the columns reduce to."""
+    """Return the least-squares weights of which none is negative."""
+    # The triangle holds all that many rows tell of few columns, and takes a hundredth of the time.
     orthogonal, triangle = np.linalg.qr(columns)
     return np.asarray(nnls(triangle, orthogonal.T @ target)[0])
 

@@ -70,7 +70,7 @@ _LEAD_SPREAD_S = 0.15
 _GYROSCOPIC_SPREAD = 0.5
 #: What one axis takes of another's acceleration: misalignment of the gyro and products of inertia.
 _CROSS_SPREAD = 0.03
-#: Moments of the air go with the speed: of a nano-drone by 20 rad/s^2 for each m/s, of larger vehicles by less.
+#: Moments of the air go with the speed: of a nano-drone by 20 rad/s^2 for each m/s, of larger ones by less.
 _SPEED_SPREAD = 20.0
 #: Speed along body x and y.
 _N_SPEEDS: Final = 2
@@ -229,7 +229,9 @@ def flight_spectra(data: FlightData, *, with_speed: bool = False) -> BlockSpectr
         if segment.command is None or segment.reference is None:
             continue
         p, q, r = segment.body_rate_rad_s.T
-        speed = [segment.velocity_m_s[:, :_N_SPEEDS]] if with_speed and segment.velocity_m_s is not None else []
+        speed = (
+            [segment.velocity_m_s[:, :_N_SPEEDS]] if with_speed and segment.velocity_m_s is not None else []
+        )
         columns = np.column_stack(
             [segment.body_rate_rad_s, segment.torque, q * r, r * p, p * q, *speed, segment.command]
         )

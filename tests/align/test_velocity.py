@@ -17,7 +17,7 @@ N = 2000
 
 
 def segment(*, attitude: tuple[float, float, float] | None, end: int = N) -> Segment:
-    """Return 20 s of flight to the north at 1 m/s that holds this attitude; velocity is logged up to `end`."""
+    """Return 20 s of flight north at 1 m/s that holds this attitude; velocity is logged up to `end`."""
     rows = Rows(0.01 * np.arange(N), np.arange(N, dtype=np.int64))
     wave = np.sin(0.05 * np.arange(N))[:, np.newaxis] * np.ones(3)
     values = {"body_rate": wave, "torque_command": wave, "velocity": np.tile([1.0, 0.0, 0.0], (N, 1))}

@@ -46,9 +46,7 @@ def flown(lifted: float = 0.0) -> FlightData:
     rate += 0.002 * np.random.default_rng(3).standard_normal(rate.shape)
     flight = flight_data(rate, torque)
     (segment,) = flight.segments
-    segment = replace(
-        segment, velocity_m_s=speed, attitude_rad=np.zeros((n_samples, 3)), throttle=throttle
-    )
+    segment = replace(segment, velocity_m_s=speed, attitude_rad=np.zeros((n_samples, 3)), throttle=throttle)
     return replace(flight, segments=(segment,))
 
 
@@ -63,9 +61,7 @@ def models() -> dict[str, Model]:
     ("target", "term", "truth"),
     [("q_dot", "vx", PITCHED), ("p_dot", "vy", ROLLED), ("p_dot", "vx", 0.0), ("r_dot", "vx", 0.0)],
 )
-def test_a_moment_by_speed_is_found(
-    models: dict[str, Model], target: str, term: str, truth: float
-) -> None:
+def test_a_moment_by_speed_is_found(models: dict[str, Model], target: str, term: str, truth: float) -> None:
     """The truth inside the interval, and the interval narrow."""
     low, high = models[OWN.name].entries[target, term].ci95
     assert low <= truth <= high
