@@ -51,7 +51,7 @@ START_TERMS: Final[Mapping[str, tuple[Term, ...]]] = {
 }
 _TORQUE, _TORQUE_CHANGE = "torque", "change of torque"
 _TORQUE_BEFORE, _RATES_BEFORE = "torque before", "rates before"
-#: Three time constants of a multirotor's usual rotor, of 30 ms [s].
+#: Three time constants of a typical multirotor's rotor, of 30 ms [s].
 MEMORY_S: Final = 0.1
 #: The torque where a horizon begins is the mean of so many samples: one alone is its noise.
 _START_SAMPLES = 3
