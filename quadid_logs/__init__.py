@@ -16,7 +16,7 @@ from quadid_logs.version import __version__
 if TYPE_CHECKING:
     from quadid_logs.api.analysis import Analysis, analyze, analyze_pooled
     from quadid_logs.api.model import FlightPrediction, IdentifiedModel
-    from quadid_logs.api.verbs import check, compare, plan, repeat, tune
+    from quadid_logs.api.verbs import check, compare, plan, predictor, repeat, tune
     from quadid_logs.data.closed_loop import ClosedLoop
     from quadid_logs.data.flight import FlightData
     from quadid_logs.data.model import Model, Parameter
@@ -61,6 +61,7 @@ _HOMES = {
     "own_structure": "quadid_logs.identify.structures",
     "plan": "quadid_logs.api.verbs",
     "plotly_figures": "quadid_logs.notebook",
+    "predictor": "quadid_logs.api.verbs",
     "read_log": "quadid_logs.load",
     "read_vehicle": "quadid_logs.vehicle_file",
     "repeat": "quadid_logs.api.verbs",
@@ -100,6 +101,7 @@ __all__ = [
     "own_structure",
     "plan",
     "plotly_figures",
+    "predictor",
     "read_log",
     "read_vehicle",
     "repeat",

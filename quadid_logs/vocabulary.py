@@ -63,6 +63,13 @@ _SPECS = (
         "Euler 3-2-1 angles that the attitude controller was commanded",
     ),
     SignalSpec(
+        "velocity",
+        ("v_north_m_s", "v_east_m_s", "v_down_m_s"),
+        ("v_N", "v_E", "v_D"),
+        "m/s",
+        "velocity over ground, in NED",
+    ),
+    SignalSpec(
         "torque_command",
         ("L_command", "M_command", "N_command"),
         ("L", "M", "N"),
@@ -167,6 +174,11 @@ _WORDS: Final = {
     "N_dot": "reaction of accelerating rotors",
     "u": "forward speed",
     "v": "sideways speed",
+    "vx": "logged forward speed",
+    "vy": "logged sideways speed",
+    "vz": "logged downward speed",
+    "cos(psi)": "wind along north",
+    "sin(psi)": "wind along east",
 }
 _AXIS_OF: Final = {
     **dict(zip(ACCELERATION_SYMBOLS, AXES, strict=True)),

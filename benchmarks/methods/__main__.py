@@ -20,6 +20,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[_variable] = "1"
 os.environ.setdefault("MPLBACKEND", "Agg")
 
+from benchmarks import nano_drone  # noqa: E402
 from benchmarks.logs import corpus_folder  # noqa: E402
 from benchmarks.methods.data_sets import Source, sources  # noqa: E402
 from benchmarks.methods.entrants import ENTRANTS, Entrant, machine  # noqa: E402
@@ -72,10 +73,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             minutes=(time.monotonic() - began) / 60.0,
         )
     )
-    write_together(
-        options.output,
-        {"table.md": (text + "\n").encode(), "errors.png": picture(entries, facts)},
-    )
+    written = {"table.md": (text + "\n").encode(), "errors.png": picture(entries, facts)}
+    nano = nano_drone.default_folder()
+    if not options.short and not nano_drone.missing_files(nano):
+        written[nano_drone.PAGE] = nano_drone.scores(nano).encode()
+    write_together(options.output, written)
     print(text)
     return 0
 

@@ -25,7 +25,7 @@ from quadid_logs.data.torque import Calibration
 from quadid_logs.errors import SettingsError
 from quadid_logs.maths.grid import step_of
 from quadid_logs.maths.resampling import fill_gaps, resample, resample_held
-from quadid_logs.maths.rotations import unwrapped
+from quadid_logs.maths.rotations import quaternion_from_euler, rotation_matrix, unwrapped
 from quadid_logs.vocabulary import MULTIROTOR, SIGNALS
 
 __all__ = ["Prepared", "assemble", "check_part", "clean", "cut"]
@@ -323,10 +323,11 @@ def _segment(series: Mapping[str, CleanSeries], torque: TorqueSeries, grid: Floa
         time_s=grid,
         body_rate_rad_s=_resampled(rate, grid),
         torque=_on_grid(torque.series, torque.series.stored, grid),
-        attitude_rad=None if attitude is None else _attitude(attitude, grid),
+        attitude_rad=None if attitude is None else _covering(attitude, grid),
         throttle=None if throttle is None else _resampled(throttle, grid)[:, 0],
         saturated=_saturated(series.get("torque_saturation"), grid),
         reference=_reference(series, grid),
+        velocity_m_s=_body_velocity(series.get("velocity"), attitude, grid),
         # What comes out of a low-pass may fall a hair below zero.
         rotor_thrust=None if thrust is None else np.clip(_on_grid(torque.series, thrust, grid), 0.0, None),
         thrust_by_expo=None if by_expo is None else _on_grid(torque.series, by_expo, grid),
@@ -393,17 +394,29 @@ def _n_within(series: CleanSeries, grid: FloatArray) -> int:
     return int(near.stop - near.start)
 
 
-def _attitude(attitude: CleanSeries, grid: FloatArray) -> FloatArray | None:
-    """Return the angles on the grid, unwrapped so that no interpolation crosses a jump of 2 pi."""
-    near = attitude.within(float(grid[0]) - 1.0, float(grid[-1]) + 1.0)
-    time_s, values = attitude.time_s[near], attitude.of_rows(near)
-    if (
-        time_s.size < 2
-        or time_s[0] > grid[0] + attitude.period_s
-        or time_s[-1] < grid[-1] - attitude.period_s
-    ):
+def _covering(series: CleanSeries, grid: FloatArray) -> FloatArray | None:
+    """Return a slow series on the grid, None where it does not reach from end to end.
+
+    Angles are unwrapped, so that no interpolation crosses a jump of 2 pi.
+    """
+    near = series.within(float(grid[0]) - 1.0, float(grid[-1]) + 1.0)
+    time_s, values = series.time_s[near], series.of_rows(near)
+    if time_s.size < 2 or time_s[0] > grid[0] + series.period_s or time_s[-1] < grid[-1] - series.period_s:
         return None
-    return resample(time_s, unwrapped(values), grid)
+    return resample(time_s, unwrapped(values) if series.name == "attitude" else values, grid)
+
+
+def _body_velocity(
+    velocity: CleanSeries | None, attitude: CleanSeries | None, grid: FloatArray
+) -> FloatArray | None:
+    """Return the velocity along the body axes on the grid, None where one of the two does not cover it."""
+    if velocity is None or attitude is None:
+        return None
+    angles, earth = (_covering(each, grid) for each in (attitude, velocity))
+    if angles is None or earth is None:
+        return None
+    to_earth = rotation_matrix(quaternion_from_euler(angles))
+    return np.asarray(np.einsum("kij,ki->kj", to_earth, earth), dtype=np.float64)
 
 
 def _input(prepared: Prepared, segments: tuple[Segment, ...]) -> InputDescription | None:

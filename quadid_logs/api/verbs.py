@@ -6,8 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from quadid_logs import comparison, planning, promise, repetition, tuning
+from quadid_logs.align import cut
 from quadid_logs.api.analysis import LogLike, analyze, as_log
 from quadid_logs.autopilots import known
+from quadid_logs.data.flight import FlightData
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.promise import Check, Promise
 from quadid_logs.data.result import Result
@@ -15,7 +17,8 @@ from quadid_logs.data.settings import Settings
 from quadid_logs.data.tuning import GOOD, Limits, Tuning
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.errors import SettingsError
-from quadid_logs.load import read_log
+from quadid_logs.identify.horizons import MEMORY_S, STEPS, RatePredictor, fit_predictor
+from quadid_logs.load import prepare, read_log
 from quadid_logs.pipeline import Progress
 from quadid_logs.report.promise_file import read_promise
 from quadid_logs.report.provenance import provenance_of
@@ -239,6 +242,68 @@ def plan(autopilot: LogLike | Result, axes: Sequence[str] = (), *, firmware: str
         return planning.make_plan(autopilot.lower(), axes, version)
     log = _log_of(autopilot)
     return planning.make_plan(log.autopilot, axes, version or log.version, log.parameters)
+
+
+def predictor(
+    flights: Sequence[LogLike | Result],
+    steps: Sequence[int] = STEPS,
+    *,
+    sets: Sequence[str] | None = None,
+    memory_s: float = MEMORY_S,
+    settings: Settings | None = None,
+    vehicle: Vehicle | None = None,
+) -> RatePredictor:
+    """Fit a predictor of the body rates some steps ahead to flights of one vehicle.
+
+    Parameters
+    ----------
+    flights : sequence of str, Path, FlightLog, Simulation, mapping, pandas.DataFrame or Result
+        Two or more, on one period.
+    steps : sequence of int
+        Horizons in samples.
+    sets : sequence of str, optional
+        The set that each flight is of; flights that repeat one trajectory belong into one. Without it each
+        flight is its own.
+    memory_s : float
+        How much before a horizon it is told of [s].
+    settings : Settings, optional
+    vehicle : Vehicle, optional
+
+    Returns
+    -------
+    RatePredictor
+        Its ``predict`` takes the ``data`` of another flight.
+
+    Raises
+    ------
+    LogError
+        If a file cannot be read as a flight log, or holds too little flight.
+    SettingsError
+        If there are fewer than two sets, or the flights are on different clocks.
+
+    Examples
+    --------
+    >>> import quadid_logs
+    >>> logs = ["sample_logs/sysid-quad-x.bin", "sample_logs/damaged.bin"]
+    >>> ahead = quadid_logs.predictor(logs, steps=(10,))
+    >>> (held,) = ahead.predict(quadid_logs.analyze("sample_logs/sysid-quad-x.bin").data)
+    >>> held.error_rad_s < held.kept_error_rad_s
+    True
+    """
+    return fit_predictor(
+        [_data_of(each, settings, vehicle) for each in flights], steps, sets, memory_s=memory_s
+    )
+
+
+def _data_of(log: LogLike | Result, settings: Settings | None, vehicle: Vehicle | None) -> FlightData:
+    """Return the aligned series of a log, without analyzing it."""
+    if isinstance(log, Result):
+        return log.data
+    wanted = settings or Settings()
+    found = as_log(log)
+    if not isinstance(found, FlightLog):
+        found = read_log(found, system=wanted.system, number=wanted.log)
+    return cut(prepare(found, vehicle), wanted.align)
 
 
 def _is_name(text: str) -> bool:

@@ -20,6 +20,7 @@ from quadid_logs.cli.live import live
 from quadid_logs.cli.mcp import mcp
 from quadid_logs.cli.paper import paper
 from quadid_logs.cli.plan import plan
+from quadid_logs.cli.predict import predict
 from quadid_logs.cli.query import query
 from quadid_logs.cli.repeat import repeat
 from quadid_logs.cli.serve import serve
@@ -48,6 +49,7 @@ def make_app() -> typer.Typer:
         check,
         compare,
         repeat,
+        predict,
         swing,
         plan,
         fetch,

@@ -80,6 +80,8 @@ class Segment:
         gain times the angle is put back, which leaves that gain times the commanded angle [rad/s]. NaN in
         flight modes whose set-points answer the motion in ways that the log does not tell; None without
         set-points, or where no flight mode is known. Of a planned trajectory the rates that follow from it.
+    velocity_m_s : ndarray, shape (n_samples, 3), or None
+        Over ground, along the body axes; None where no velocity or no attitude is logged.
     planned : bool
         The command is a planned trajectory's: few and gentle, and below a hertz it goes with the speed
         through the air.
@@ -97,6 +99,7 @@ class Segment:
     saturated: BoolArray
     reference: FloatArray | None = None
     command: FloatArray | None = None
+    velocity_m_s: FloatArray | None = None
     planned: bool = False
     rotor_thrust: FloatArray | None = None
     thrust_by_expo: FloatArray | None = None
@@ -119,6 +122,7 @@ class Segment:
             saturated=self.saturated[rows],
             reference=None if self.reference is None else self.reference[rows],
             command=None if self.command is None else self.command[rows],
+            velocity_m_s=None if self.velocity_m_s is None else self.velocity_m_s[rows],
             rotor_thrust=None if self.rotor_thrust is None else self.rotor_thrust[rows],
             thrust_by_expo=None if self.thrust_by_expo is None else self.thrust_by_expo[rows],
         )

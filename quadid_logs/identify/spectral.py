@@ -5,7 +5,8 @@ air an error of the model. Here it is noise with a spectrum: each frequency coun
 there. What was commanded tells the torque (first stage), each block by the others (jackknife instrumental
 variables: Angrist, Imbens and Krueger, J. Applied Econometrics 14, 1999), and the equation of motion,
 
-    d(rate)/dt = B h * (torque + lead d(torque)/dt) + A rate + c (product of other rates) + o (other axes),
+    d(rate)/dt = B h * (torque + lead d(torque)/dt) + A rate + c (product of other rates) + o (other axes)
+                 + a (speed over ground, where a trajectory was planned and the log has a velocity),
 
 with h of lag and delay, is multiplied by that and summed over blocks and lines to one complex moment for each
 band (generalised method of moments: Hansen, Econometrica 50, 1982; the covariance of the moments is that of
@@ -70,6 +71,10 @@ _LEAD_SPREAD_S = 0.15
 _GYROSCOPIC_SPREAD = 0.5
 #: What one axis takes of another's acceleration: misalignment of the gyro and products of inertia.
 _CROSS_SPREAD = 0.03
+#: Moments of the air go with the speed: of a nano-drone by 20 rad/s^2 for each m/s, of larger ones by less.
+_SPEED_SPREAD = 20.0
+#: Speed along body x and y.
+_N_SPEEDS: Final = 2
 #: Standard deviations of the relative departure that are tried. A rotor is no better described than to some
 #: per cent by one lag: the least of them.
 _DEPARTURES: Final = np.array([0.03, 0.06, 0.12, 0.25, 0.5])
@@ -158,7 +163,9 @@ def solve_flight(data: FlightData) -> SpectralSolution | None:
         None where nothing tells what was commanded, or it lasts for less than four blocks.
     """
     spectra = flight_spectra(data)
-    return None if spectra is None else solve_spectra(spectra, data.gyro_filter, planned=is_planned(data))
+    if spectra is None:
+        return None
+    return solve_spectra(spectra, data.gyro_filter, planned=is_planned(data), with_speed=has_speed(data))
 
 
 def fit_spectra(
@@ -166,6 +173,7 @@ def fit_spectra(
     gyro_filter: GyroFilter,
     *,
     planned: bool = False,
+    with_speed: bool = False,
     moved: Sequence[int] = range(_AXES),
 ) -> tuple[SpectralFit, ...]:
     """Estimate the equations of all axes from blocks, of a whole flight or of one that goes on.
@@ -178,6 +186,8 @@ def fit_spectra(
         Of the flight.
     planned : bool
         What was commanded is a planned trajectory.
+    with_speed : bool
+        As of `flight_spectra`: the moments of the air go with it.
     moved : sequence of int
         Axes to estimate. On one at rest the controller turns the gyro's noise into torque, and the lag that
         explains it would be taken for that of all axes.
@@ -188,7 +198,7 @@ def fit_spectra(
         Roll, pitch, yaw; empty for less than four blocks, or where nothing was commanded. An axis
         that was not commanded has a wide interval, or `SpectralFit.departure`.
     """
-    solution = solve_spectra(spectra, gyro_filter, planned=planned, moved=moved)
+    solution = solve_spectra(spectra, gyro_filter, planned=planned, with_speed=with_speed, moved=moved)
     return () if solution is None else solution.fits
 
 
@@ -197,6 +207,7 @@ def solve_spectra(
     gyro_filter: GyroFilter,
     *,
     planned: bool = False,
+    with_speed: bool = False,
     moved: Sequence[int] = range(_AXES),
 ) -> SpectralSolution | None:
     """Estimate as `fit_spectra` does, and keep what the estimates were made from.
@@ -205,7 +216,7 @@ def solve_spectra(
     ----------
     spectra : BlockSpectra
     gyro_filter : GyroFilter
-    planned : bool
+    planned, with_speed : bool
     moved : sequence of int
         As of `fit_spectra`.
 
@@ -216,7 +227,8 @@ def solve_spectra(
     """
     if len(spectra.run) < _FEWEST_BLOCKS:
         return None
-    command = spectra.values[:, :, 3 * _AXES :]
+    n_speeds = _N_SPEEDS if with_speed else 0
+    command = spectra.values[:, :, 3 * _AXES + n_speeds :]
     axes = [number for number in moved if _moves(spectra, number)]
     if spectra.frequency_hz.size < 2 * _SHARED_LINES or not _has_size(command) or not axes:
         return None
@@ -231,7 +243,9 @@ def solve_spectra(
     if not axes:
         return None
     corners_hz = _CORNERS_HZ if planned else _CORNERS_HZ[:1]
-    moments = [AxisMoments(spectra, number, told[:, :, number], gyro_filter, corners_hz) for number in axes]
+    moments = [
+        AxisMoments(spectra, number, told[:, :, number], gyro_filter, corners_hz, n_speeds) for number in axes
+    ]
     fits, actuator = fit_axes(moments)
     return SpectralSolution(fits, moments, actuator, told, spectra, planned)
 
@@ -249,6 +263,23 @@ def is_planned(data: FlightData) -> bool:
     """
     told = [segment.planned for segment in data.segments if segment.command is not None]
     return bool(told) and all(told)
+
+
+def has_speed(data: FlightData) -> bool:
+    """Say whether the speed over ground stands before the commands in `flight_spectra`.
+
+    Parameters
+    ----------
+    data : FlightData
+
+    Returns
+    -------
+    bool
+        Of planned trajectories, where every segment that tells them has a velocity.
+    """
+    return is_planned(data) and all(
+        segment.velocity_m_s is not None for segment in data.segments if segment.command is not None
+    )
 
 
 def _moves(spectra: BlockSpectra, number: int) -> bool:
@@ -275,13 +306,16 @@ def command_records(data: FlightData) -> list[CommandRecord]:
     list of CommandRecord
         Columns are those of `flight_spectra`; none where the parts differ in what was commanded.
     """
-    records = []
+    records, with_speed = [], has_speed(data)
     for segment in data.segments:
         if segment.command is None or segment.reference is None:
             continue
         p, q, r = segment.body_rate_rad_s.T
+        speed = (
+            [segment.velocity_m_s[:, :_N_SPEEDS]] if with_speed and segment.velocity_m_s is not None else []
+        )
         columns = np.column_stack(
-            [segment.body_rate_rad_s, segment.torque, q * r, r * p, p * q, segment.command]
+            [segment.body_rate_rad_s, segment.torque, q * r, r * p, p * q, *speed, segment.command]
         )
         known = np.isfinite(columns).all(axis=1)
         edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]])))
@@ -293,11 +327,13 @@ def command_records(data: FlightData) -> list[CommandRecord]:
 
 
 def flight_spectra(data: FlightData) -> BlockSpectra | None:
-    """Return the spectra of rates, torques, products of rates, and commands, in that order.
+    """Return the spectra of rates, torques, products of rates, speeds if any (`has_speed`), and commands.
 
     Parameters
     ----------
     data : FlightData
+    with_speed : bool
+        Put the speed along body x and y before the commands; every commanded segment has one.
 
     Returns
     -------
@@ -340,6 +376,7 @@ class AxisMoments:
         told: ComplexArray,
         gyro_filter: GyroFilter,
         corners_hz: Sequence[float],
+        n_speeds: int = 0,
     ) -> None:
         self.number, self.told, self.run = number, told, spectra.run
         self.s = np.asarray(2j * np.pi * spectra.frequency_hz, dtype=np.complex128)
@@ -352,10 +389,16 @@ class AxisMoments:
             spectra.values[:, :, number],
             spectra.values[:, :, 2 * _AXES + number],
             *(spectra.derivative(other) for other in range(_AXES) if other != number),
+            *(spectra.values[:, :, 3 * _AXES + along] for along in range(n_speeds)),
         ]
         half = 0.5 * MOST_DAMPING_1_S[number]
-        self.prior = np.array([-0.5 * half, 0.0, 0.0, 0.0])
-        self.spread = np.array([max(half, 1.0) / 2.0, _GYROSCOPIC_SPREAD, _CROSS_SPREAD, _CROSS_SPREAD])
+        self.prior = np.array([-0.5 * half, *[0.0] * (3 + n_speeds)])
+        self.spread = np.array(
+            [
+                *(max(half, 1.0) / 2.0, _GYROSCOPIC_SPREAD, _CROSS_SPREAD, _CROSS_SPREAD),
+                *[_SPEED_SPREAD] * n_speeds,
+            ]
+        )
         self.edges = _band_edges(spectra.frequency_hz)
         self.centre_hz = np.array([band.mean() for band in np.split(spectra.frequency_hz, self.edges[1:-1])])
         centre = np.log(self.centre_hz)
@@ -408,7 +451,7 @@ class AxisMoments:
         return self.summed(response * self.of_torque + slope * self.of_slope)
 
     def left(self, theta: FloatArray, actuator: SharedActuator) -> ComplexArray:
-        """Return the moments of what an equation [B, A, c, o, o] leaves."""
+        """Return the moments of what an equation [B, A, c, o, o, a..] leaves."""
         return np.asarray(self._by_torque(theta) - theta[0] * self.of_commanded(actuator))
 
     def error(self, theta: FloatArray, actuator: SharedActuator) -> ComplexArray:
@@ -471,15 +514,15 @@ class AxisMoments:
         """Whiten what does not change with the actuator."""
         self._targets = np.concatenate([self.white(self.of_acceleration), self.prior / self.spread])
         self._columns = np.column_stack([self.white(each) for each in self.of_regressors])
-        self._priors = np.column_stack([np.zeros(4), np.diag(1.0 / self.spread)])
+        self._priors = np.column_stack([np.zeros(len(self.spread)), np.diag(1.0 / self.spread)])
 
     def system(self, actuator: SharedActuator) -> tuple[FloatArray, FloatArray]:
-        """Return the linear equations for [B, A, c, o, o], their priors below."""
+        """Return the linear equations for [B, A, c, o, o, a..], their priors below."""
         columns = np.column_stack([self.white_commanded(actuator), self._columns])
         return np.vstack([columns, self._priors]), self._targets
 
     def solved(self, actuator: SharedActuator) -> tuple[FloatArray, FloatArray]:
-        """Return [B, A, c, o, o] and what they leave of the whitened system."""
+        """Return [B, A, c, o, o, a..] and what they leave of the whitened system."""
         columns, targets = self.system(actuator)
         theta = np.linalg.lstsq(columns, targets, rcond=None)[0]
         return np.asarray(theta, dtype=np.float64), targets - columns @ theta

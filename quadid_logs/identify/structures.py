@@ -21,6 +21,10 @@ from quadid_logs.identify.terms import (
     ROTOR_DAMPING,
     THROTTLED_YAW,
     TRIM,
+    VELOCITY,
+    VELOCITY_LIFTED,
+    VELOCITY_SQUARED,
+    WIND,
     YAW_REACTION,
     Term,
     TorqueTerm,
@@ -124,7 +128,13 @@ RIGID_BODY: Final = Structure(
 STRUCTURES: Final = (DAMPED, RIGID_BODY, QUADROTOR_6, LINEAR_9)
 #: What a structure can be put together from, by symbol; `own_structure` takes other `Term` objects too.
 TERMS: Final = MappingProxyType(
-    {term.symbol: term for term in (*RATE_TERMS, *PRODUCT_TERMS, *ANGLES, TRIM, THROTTLED_YAW, *AIR_SPEED)}
+    {
+        term.symbol: term
+        for term in (
+            *(*RATE_TERMS, *PRODUCT_TERMS, *ANGLES, TRIM, THROTTLED_YAW, *AIR_SPEED),
+            *(*VELOCITY, *VELOCITY_SQUARED, *VELOCITY_LIFTED, *WIND),
+        )
+    }
 )
 #: What turns a vehicle beside the terms of an actuated structure. Of a vehicle with products of inertia the
 #: squares of the rates do: left out, they pass for a gyroscopic term where the gyro's cross talk mixes rates.

@@ -144,6 +144,16 @@ class TiltTerm(AttitudeTerm):
     """An `AttitudeTerm` of roll and pitch alone: where no attitude is logged, the rates integrate to them."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class VelocityTerm(Term):
+    """A column of the logged velocity along the body axes (n, 3) [m/s] and the throttle (n,) or None.
+
+    Over ground: what the wind adds is in the terms `WIND`.
+    """
+
+    of_velocity: Callable[[FloatArray, FloatArray | None], FloatArray | None]
+
+
 class RotorField(NamedTuple):
     """Where the rotors are, as their torques tell (``torque_per_thrust``, (3, n_rotors)), and mean thrust."""
 
@@ -214,6 +224,9 @@ def column_of(
         return term.of_rate(segment.body_rate_rad_s)
     if isinstance(term, RotorDampingTerm):
         return None if rotors is None else term.of_rotors(segment, rotors)
+    if isinstance(term, VelocityTerm):
+        known = segment.velocity_m_s
+        return None if known is None else term.of_velocity(known, segment.throttle)
     if isinstance(term, AttitudeTerm) and segment.attitude_rad is not None:
         return term.of_attitude(segment.attitude_rad, period_s)
     if isinstance(term, TiltTerm):
@@ -306,6 +319,16 @@ def _torque(axis: int) -> TorqueTerm:
     )
 
 
+def _pull(along: int, attitude_rad: FloatArray) -> FloatArray:
+    """Return gravity along body x (0) or y (1) [m/s^2]: what a tilt brings of acceleration."""
+    phi, theta = attitude_rad[:, 0], attitude_rad[:, 1]
+    return np.asarray(GRAVITY_M_S2 * (np.sin(phi) * np.cos(theta) if along else -np.sin(theta)))
+
+
+def _gravity(along: int) -> Callable[[FloatArray, float], FloatArray]:
+    return lambda attitude_rad, _period_s: _pull(along, attitude_rad)
+
+
 def _air_speed(along: int) -> Callable[[FloatArray, float], FloatArray]:
     """Return what a tilt has brought of speed along x (0) or y (1), up to slow errors [m/s].
 
@@ -314,11 +337,37 @@ def _air_speed(along: int) -> Callable[[FloatArray, float], FloatArray]:
     """
 
     def speed(attitude_rad: FloatArray, period_s: float) -> FloatArray:
-        phi, theta = attitude_rad[:, 0], attitude_rad[:, 1]
-        push = GRAVITY_M_S2 * (np.sin(phi) * np.cos(theta) if along else -np.sin(theta))
-        return linear_filter((period_s,), (1.0, -float(np.exp(-_DRAG_1_S * period_s))), push)
+        decay = -float(np.exp(-_DRAG_1_S * period_s))
+        return linear_filter((period_s,), (1.0, decay), _pull(along, attitude_rad))
 
     return speed
+
+
+def _velocity(
+    symbol: str,
+    units: tuple[str, str],
+    of_velocity: Callable[[FloatArray, FloatArray | None], FloatArray | None],
+    words: str = "",
+) -> VelocityTerm:
+    """Return a column of the logged velocity.
+
+    A moment of the air is in proportion to it where the rotors flap and their drag is above or below the
+    centre of mass, with its square where the body's own drag is, and with thrust times it where a rotor that
+    meets the air from the front lifts more on its advancing side.
+    """
+    return VelocityTerm(symbol=symbol, units=units, words=words, of_velocity=of_velocity)
+
+
+def _along(axis: int) -> Callable[[FloatArray, FloatArray | None], FloatArray]:
+    return lambda velocity, _throttle: velocity[:, axis]
+
+
+def _along_squared(axis: int) -> Callable[[FloatArray, FloatArray | None], FloatArray]:
+    return lambda velocity, _throttle: velocity[:, axis] * np.abs(velocity[:, axis])
+
+
+def _along_lifted(axis: int) -> Callable[[FloatArray, FloatArray | None], FloatArray | None]:
+    return lambda velocity, throttle: None if throttle is None else velocity[:, axis] * throttle
 
 
 def _throttled_yaw(torque: FloatArray, throttle: FloatArray | None) -> FloatArray | None:
@@ -383,6 +432,40 @@ TORQUE_TERMS: Final = (*INPUTS, THROTTLED_YAW, YAW_REACTION)
 AIR_SPEED: Final = tuple(
     TiltTerm(symbol=symbol, units=("rad/(m s)", "rad/m"), of_attitude=_air_speed(along))
     for along, symbol in enumerate(("u", "v"))
+)
+#: Gravity along body x and y: the acceleration across the thrust that a tilt brings.
+GRAVITY: Final = tuple(
+    TiltTerm(symbol=symbol, units=("rad/m", "rad s/m"), of_attitude=_gravity(along))
+    for along, symbol in enumerate(("gx", "gy"))
+)
+_SPEEDS = ("vx", "vy", "vz")
+#: Logged speed along the body axes, its square with its sign, and its product with the throttle.
+VELOCITY: Final = tuple(
+    _velocity(symbol, ("rad/(m s)", "rad/m"), _along(axis), "vx, vy, vz: logged speed" * (axis == 0))
+    for axis, symbol in enumerate(_SPEEDS)
+)
+VELOCITY_SQUARED: Final = tuple(
+    _velocity(f"{symbol}|{symbol}|", ("rad/m^2", "rad s/m^2"), _along_squared(axis))
+    for axis, symbol in enumerate(_SPEEDS)
+)
+VELOCITY_LIFTED: Final = tuple(
+    _velocity(f"{symbol}*throttle", ("rad/(m s)", "rad/m"), _along_lifted(axis))
+    for axis, symbol in enumerate(_SPEEDS)
+)
+#: A constant wind is an unknown speed along north and along east, which a vehicle that turns meets from
+#: other sides: along its axes it goes with cosine and sine of the heading. Without a turn it is trim.
+WIND: Final = (
+    AttitudeTerm(
+        symbol="cos(psi)",
+        units=("rad/s^2", "rad/s"),
+        words="cos(psi), sin(psi): a constant wind, met from the sides that the heading says",
+        of_attitude=lambda attitude, _period_s: np.cos(attitude[:, 2]),
+    ),
+    AttitudeTerm(
+        symbol="sin(psi)",
+        units=("rad/s^2", "rad/s"),
+        of_attitude=lambda attitude, _period_s: np.sin(attitude[:, 2]),
+    ),
 )
 #: Damping that goes with the speed of each rotor: where yaw makes half of them faster, roll damps pitch.
 ROTOR_DAMPING: Final = tuple(

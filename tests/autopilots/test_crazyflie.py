@@ -33,6 +33,8 @@ EXPECTED: dict[tuple[str, ...], np.ndarray] = {
     ("ctrlLee.rpyx", "ctrlLee.rpyy", "ctrlLee.rpyz"): FLU,
     ("stabilizer.roll", "stabilizer.pitch", "stabilizer.yaw"): DEGREE * YAW_LEFT,
     ("stateEstimate.roll", "stateEstimate.pitch", "stateEstimate.yaw"): DEGREE * YAW_LEFT,
+    ("stateEstimate.vx", "stateEstimate.vy", "stateEstimate.vz"): FLU,
+    ("stateEstimateZ.vx", "stateEstimateZ.vy", "stateEstimateZ.vz"): 1e-3 * FLU,
     ("ctrlLee.torquex", "ctrlLee.torquey", "ctrlLee.torquez"): FLU,
     ("controller.cmd_roll", "controller.cmd_pitch", "controller.cmd_yaw"): COUNT,
     ("ctrlMel.cmd_roll", "ctrlMel.cmd_pitch", "ctrlMel.cmd_yaw"): COUNT,

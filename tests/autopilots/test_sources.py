@@ -104,6 +104,7 @@ ARDUPILOT_CASES: dict[tuple[str, str, tuple[str, ...]], Case] = {
     ("body_rate_setpoint", "RATE", ("RollDes", "PitchDes", "YawDes")): each(DEGREE * I3),
     **{("attitude", name, ANGLES): each(DEGREE * I3)
        for name in ("ANG", "ATT", "XKF1", "NKF1", "EKF1", "AHR2")},
+    **{("velocity", name, ("VN", "VE", "VD")): each(I3) for name in ("XKF1", "NKF1")},
     **{("attitude_setpoint", name, ("DesRoll", "DesPitch", "DesYaw")): each(DEGREE * I3)
        for name in ("ANG", "ATT")},
     ("vibration", "VIBE", ("VibeX", "VibeY", "VibeZ")): each(I3),
@@ -271,6 +272,7 @@ PX4_CASES: dict[tuple[str, str, tuple[str, ...]], tuple[str, Case]] = {
     ("sysid_chirp", "autotune_attitude_control_status", ("rate_sp",)): (
         "float[3] rate_sp", each(np.ones((3, 1)))),
     ("attitude", "vehicle_attitude", ("q[0]", "q[1]", "q[2]", "q[3]")): ("float[4] q", Case(TURNS, 0.2 * I3)),
+    ("velocity", "vehicle_local_position", ("vx", "vy", "vz")): ("float vx;float vy;float vz", each(I3)),
     ("attitude_setpoint", "vehicle_attitude_setpoint", ("roll_body", "pitch_body", "yaw_body")): (
         "float roll_body;float pitch_body;float yaw_body", each(I3)),
     ("attitude_setpoint", "vehicle_attitude_setpoint", ("q_d[0]", "q_d[1]", "q_d[2]", "q_d[3]")): (

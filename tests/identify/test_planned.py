@@ -46,13 +46,15 @@ def _fly(rng: np.random.Generator, gusts: float) -> Segment:
     white, keep, air = rng.standard_normal((n, 2)), np.exp(-PERIOD_S * 2.0 * np.pi * 0.5), np.zeros(2)
     position, speed, angle, rate, thrust = np.zeros((5, 2))
     waiting = [np.zeros(2)] * (DELAY_STEPS + 1)
-    torque, rates = np.zeros((n, 3)), np.zeros((n, 3))
+    torque, rates, speeds = np.zeros((3, n, 3))
     for row in range(n):
         wanted = planned[2][row] + 3.0 * (planned[1][row] - speed) + 4.0 * (planned[0][row] - position)
         setpoint = 8.0 * (wanted / GRAVITY - angle) + planned[3][row] / GRAVITY
         command = 15.0 / GAIN * (setpoint - rate)
         waiting = [*waiting[1:], command]
         rates[row, :2], torque[row, :2] = rate, command
+        # To the right by rolling right, backwards by raising the nose.
+        speeds[row, :2] = -speed[1], speed[0]
         air = keep * air + np.sqrt(1.0 - keep**2) * white[row]
         thrust = thrust + PERIOD_S / LAG_S * (waiting[0] - thrust)
         rate = rate + PERIOD_S * (GAIN * thrust + DAMPING * rate + BY_SPEED * speed + gusts * air)
@@ -70,10 +72,17 @@ def _fly(rng: np.random.Generator, gusts: float) -> Segment:
         reference=reference,
         command=reference,
         planned=True,
+        velocity_m_s=speeds + 0.02 * rng.standard_normal((n, 3)),
     )
 
 
 def _pool(seed: int, gusts: float = 2.0) -> FlightData:
+    """Return flights whose log has no velocity."""
+    data = _pool_with_speed(seed, gusts)
+    return replace(data, segments=tuple(replace(each, velocity_m_s=None) for each in data.segments))
+
+
+def _pool_with_speed(seed: int, gusts: float = 2.0) -> FlightData:
     rng = np.random.default_rng(seed)
     segments = [
         replace(each, time_s=each.time_s + 100.0 * number, flight=number)
@@ -109,6 +118,35 @@ def test_pools_of_gentle_flights_are_told_within_a_tenth(
 ) -> None:
     """Seventy seconds of flight in gusts of 2 rad/s^2."""
     assert all(fits[axis].is_sound and fits[axis].half_width < 0.1 * GAIN[axis] for fits in pools)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_logged_speed_brings_a_pool_in_strong_moments_of_the_air_closer_to_the_truth(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A nano-drone's: 18 rad/s^2 for each m/s. Without the speed the response below a hertz is left free."""
+    monkeypatch.setattr(f"{__name__}.BY_SPEED", np.array([-18.0, -16.0]))
+    data = _pool_with_speed(seed)
+    without = tuple(replace(each, velocity_m_s=None) for each in data.segments)
+    with_speed, blind = fit_by_spectra(data), fit_by_spectra(replace(data, segments=without))
+    for axis in range(2):
+        fit = with_speed[axis]
+        assert fit.is_sound
+        assert abs(fit.gain - GAIN[axis]) <= fit.half_width
+        assert fit.half_width <= 1.1 * blind[axis].half_width
+    errors = [
+        sum(abs(fits[axis].gain / GAIN[axis] - 1.0) for axis in range(2)) for fits in (with_speed, blind)
+    ]
+    assert errors[0] < errors[1]
+
+
+def test_one_flight_without_a_speed_leaves_it_out_of_the_pool() -> None:
+    """Blocks of one pool hold the same columns."""
+    data = _pool_with_speed(1)
+    first = replace(data.segments[0], velocity_m_s=None)
+    some = fit_by_spectra(replace(data, segments=(first, *data.segments[1:])))
+    none = fit_by_spectra(_pool(1))
+    np.testing.assert_array_equal(some[0].mean, none[0].mean)
 
 
 def test_an_axis_that_no_trajectory_moves_is_not_told(pools: list[tuple[SpectralFit, ...]]) -> None:

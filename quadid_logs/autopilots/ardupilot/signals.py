@@ -419,7 +419,9 @@ _one: Final = DataFlashSource
 _whole: Final = partial(DataFlashSource, split=Split.WHOLE)
 _each: Final = partial(DataFlashSource, split=Split.SENSORS)
 _core: Final = partial(DataFlashSource, build=_angles, scale=DEGREE, split=Split.CORES)
+_estimated: Final = partial(DataFlashSource, split=Split.CORES, optional=("PI",))
 _pids: Final = partial(_whole, joined=PID_MESSAGES[1:], unless="RATE")
+_VELOCITY: Final = ("VN", "VE", "VD")
 #: AP_InertialSensor logs IMU from get_gyro(), behind the filters; GYR has raw samples.
 GYROS: Final = (
     *(_each("body_rate", name, _GYRO, "gyro", filtered=True) for name in ("IMU", "IMU2", "IMU3")),
@@ -445,6 +447,8 @@ SOURCES: Final[tuple[DataFlashSource, ...]] = (
     _core("attitude", "NKF1", _ANGLES, "EKF2", optional=("PI",), beside=("NKF4",)),
     _core("attitude", "EKF1", _ANGLES, "first EKF"),
     _core("attitude", "AHR2", _ANGLES, "secondary attitude estimate"),
+    _estimated("velocity", "XKF1", _VELOCITY, "EKF3", beside=("XKF4",)),
+    _estimated("velocity", "NKF1", _VELOCITY, "EKF2", beside=("NKF4",)),
     *(_core("attitude_setpoint", name, _ASKED_ANGLES, "target of the attitude controller")
       for name in ("ANG", "ATT")),
     *(_whole("torque_command", "RATE", age.output, "the rate controller's output to the mixer", _command)

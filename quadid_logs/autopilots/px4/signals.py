@@ -95,6 +95,7 @@ SOURCES: Final[tuple[Source[_Part], ...]] = (
     Source("sysid_chirp", "autotune_attitude_control_status", ("rate_sp",),
            "rate that the autotune adds to the setpoint of one axis after the other", _injected_rate),
     Source("attitude", "vehicle_attitude", _QUATERNION, "the estimator's attitude", attitude, label="q"),
+    Source("velocity", "vehicle_local_position", ("vx", "vy", "vz"), "the estimator's velocity"),
     Source("attitude_setpoint", "vehicle_attitude_setpoint", ("roll_body", "pitch_body", "yaw_body"),
            "the attitude controller's set-point (PX4 up to 1.14)"),
     Source("attitude_setpoint", "vehicle_attitude_setpoint", tuple(f"q_d[{n}]" for n in range(4)),

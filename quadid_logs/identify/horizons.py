@@ -1,0 +1,552 @@
+"""Body rates some steps ahead, with intervals: one regression for each horizon.
+
+A model that is solved forward in time carries every error of its torque, trim and air along. A hovering
+multirotor is unstable, so after half a second little is left of the prediction. Here the change of the
+rates after n steps is regressed on what is known: the state where the horizon begins, the torque since, and
+the last tenth of a second, in which rotors still follow an earlier command. Flights that are left out decide
+how far each group of columns is trusted, and how wide the intervals are.
+
+References
+----------
+D. S. Shook, C. Mohtadi and S. L. Shah, "Identification for long-range predictive control," IEE Proceedings
+D 138, 1991, for a fit to each horizon; A. E. Hoerl and R. W. Kennard, Technometrics 12, 1970, for the
+penalties; J. Lei, M. G'Sell, A. Rinaldo, R. J. Tibshirani and L. Wasserman, Journal of the American
+Statistical Association 113, 2018, sec. 5.2, for intervals by residuals over their expected size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.optimize import nnls
+
+from quadid_logs.arrays import FloatArray, IntArray
+from quadid_logs.data.flight import FlightData, Segment
+from quadid_logs.errors import EmptyLogError, SettingsError
+from quadid_logs.identify.terms import (
+    GRAVITY,
+    GYROSCOPIC,
+    RATE_TERMS,
+    VELOCITY,
+    VELOCITY_LIFTED,
+    VELOCITY_SQUARED,
+    Term,
+    column_of,
+)
+
+#: Horizons in samples: those that the nano-drone benchmark scores.
+STEPS: Final = (1, 10, 50)
+#: The state where a horizon begins, by groups of one penalty. Of the attitude only gravity along the body
+#: axes: the heading moves nothing.
+START_TERMS: Final[Mapping[str, tuple[Term, ...]]] = {
+    "rates": RATE_TERMS,
+    "products of rates": GYROSCOPIC,
+    "tilt": GRAVITY,
+    "speed": VELOCITY,
+    "speed squared and lifted": (*VELOCITY_SQUARED, *VELOCITY_LIFTED),
+}
+_TORQUE, _TORQUE_CHANGE = "torque", "change of torque"
+_TORQUE_BEFORE, _RATES_BEFORE = "torque before", "rates before"
+#: Three time constants of a typical multirotor's rotor, of 30 ms [s].
+MEMORY_S: Final = 0.1
+#: The torque where a horizon begins is the mean of so many samples: one alone is its noise.
+_START_SAMPLES = 3
+#: The torque after that is told in so many parts: after half a second, parts of 80 ms, about a rotor's lag.
+_PARTS = 6
+#: From nothing taken off to nothing left, in steps of half a decade; columns count in their own spread.
+_PENALTIES: Final = 10.0 ** np.arange(-6.0, 4.01, 0.5)
+_FIRST_PENALTY = 0.1
+#: The search ends where a round over all groups explains less than this more.
+_GAIN = 1e-4
+_MOST_ROUNDS = 6
+#: Starts that follow each other tell the same; of a long flight so many, evenly spread, are fitted to.
+_MOST_STARTS = 20_000
+_PROBABILITY: Final = 0.95
+#: Rounds in which the expected size of the residuals settles, and the least of it over their mean.
+_SIZE_ROUNDS = 8
+_LEAST_SIZE = 0.05
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HorizonModel:
+    """The regression of one horizon.
+
+    Attributes
+    ----------
+    n_steps : int
+    weights : ndarray, shape (n_columns + 1, 3)
+        Change of p, q, r per unit of a column; the last row is the constant.
+    penalties : dict of str to float
+        By group of columns: 0.1 takes off a tenth of what a single column would have.
+    unexplained : float
+        Of the squared change of the rates in flights that were left out; at 1 the model does as well as "the
+        rates stay".
+    size : ndarray, shape (n_sizes, 3)
+        Of the residual, per unit of what `_activity` returns.
+    least_size, quantile : ndarray, shape (3,)
+        Of the size [rad/s]; half width of the 95 % interval over the size.
+    """
+
+    n_steps: int
+    weights: FloatArray
+    penalties: dict[str, float]
+    unexplained: float
+    size: FloatArray
+    least_size: FloatArray
+    quantile: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HorizonPrediction:
+    """Rates that were predicted from every start in a flight, and what was measured.
+
+    Attributes
+    ----------
+    n_steps : int
+    horizon_s : float
+    start_s : ndarray, shape (n_starts,)
+        Where the horizon begins [s].
+    predicted, half_width, measured, kept : ndarray, shape (n_starts, 3)
+        p, q, r at its end [rad/s]; half the 95 % interval; measured; as they were at the start.
+    """
+
+    n_steps: int
+    horizon_s: float
+    start_s: FloatArray
+    predicted: FloatArray
+    half_width: FloatArray
+    measured: FloatArray
+    kept: FloatArray
+
+    @property
+    def error_rad_s(self) -> float:
+        """Mean length of the error, as the nano-drone benchmark takes it [rad/s]."""
+        return _mean_length(self.measured - self.predicted)
+
+    @property
+    def kept_error_rad_s(self) -> float:
+        """The same for "the rates stay as they are" [rad/s]."""
+        return _mean_length(self.measured - self.kept)
+
+    @property
+    def coverage(self) -> FloatArray:
+        """Fraction of the starts whose interval holds what was measured, by axis; shape (3,)."""
+        return np.asarray(np.mean(np.abs(self.measured - self.predicted) <= self.half_width, axis=0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RatePredictor:
+    """Predicts body rates some steps ahead in flights of one vehicle.
+
+    Attributes
+    ----------
+    groups : tuple of str
+        Of `START_TERMS`: what all flights had.
+    sample_period_s, memory_s : float
+        Of the flights; how much before a horizon it is told of.
+    torque_unit : str
+        Of all flights, "" where none says it.
+    horizons : tuple of HorizonModel
+    """
+
+    groups: tuple[str, ...]
+    sample_period_s: float
+    memory_s: float
+    torque_unit: str
+    horizons: tuple[HorizonModel, ...]
+
+    def predict(self, data: FlightData) -> tuple[HorizonPrediction, ...]:
+        """Predict from every sample of another flight; the torque until the end of the horizon is given.
+
+        Parameters
+        ----------
+        data : FlightData
+            On the same period.
+
+        Returns
+        -------
+        tuple of HorizonPrediction
+            One a horizon, all with the same starts.
+
+        Raises
+        ------
+        SettingsError
+            If the flight is on another period, or its torque is another quantity.
+        EmptyLogError
+            If it lacks a signal, or no segment outlasts the longest horizon.
+        """
+        _check_same(data, self.sample_period_s, self.torque_unit)
+        longest = max(each.n_steps for each in self.horizons)
+        return tuple(self._predict(model, data, longest) for model in self.horizons)
+
+    def _predict(self, model: HorizonModel, data: FlightData, longest: int) -> HorizonPrediction:
+        n_before = _n_before(self.memory_s, self.sample_period_s)
+        rows = _rows_of(data, self.groups, _Span(n_before, model.n_steps, longest))
+        change = np.column_stack([rows.columns, np.ones(len(rows.columns))]) @ model.weights
+        sizes = np.maximum(np.einsum("akm,ma->ka", rows.activity, model.size), model.least_size)
+        return HorizonPrediction(
+            n_steps=model.n_steps,
+            horizon_s=model.n_steps * self.sample_period_s,
+            start_s=rows.start_s,
+            predicted=rows.start_rate + change,
+            half_width=model.quantile * sizes,
+            measured=rows.start_rate + rows.change,
+            kept=rows.start_rate,
+        )
+
+
+def fit_predictor(
+    flights: Sequence[FlightData],
+    steps: Sequence[int] = STEPS,
+    sets: Sequence[str] | None = None,
+    *,
+    memory_s: float = MEMORY_S,
+) -> RatePredictor:
+    """Fit a regression for each horizon to flights of one vehicle.
+
+    Parameters
+    ----------
+    flights : sequence of FlightData
+        On one period.
+    steps : sequence of int
+        Horizons in samples.
+    sets : sequence of str, optional
+        The set that each flight is of: one set after the other is left out. Flights that repeat one
+        trajectory tell nothing of another, and belong into one set. Without it each flight is its own.
+    memory_s : float
+        How much before a horizon it is told of [s]; 0 for the state where it begins alone.
+
+    Returns
+    -------
+    RatePredictor
+
+    Raises
+    ------
+    SettingsError
+        If there are fewer than two sets, or periods or torques differ.
+    EmptyLogError
+        If a flight has no segment that outlasts the longest horizon.
+    """
+    names = [str(number) for number in range(len(flights))] if sets is None else [*sets]
+    if len(names) != len(flights) or len(set(names)) < 2:
+        raise SettingsError(
+            "Intervals of predictions come from flights that were left out: two sets of flights are needed.",
+            hint="Name two flights or more, and one set for each.",
+        )
+    if not steps or min(steps) < 1:
+        raise SettingsError("A horizon is one step or more.")
+    period_s = flights[0].sample_period_s
+    for flight in flights:
+        _check_same(flight, period_s, _unit(flights[0]))
+    groups = tuple(
+        name
+        for name, terms in START_TERMS.items()
+        if all(_columns(flight, terms) is not None for flight in flights)
+    )
+    spans = [_Span(_n_before(memory_s, period_s), n_steps, max(steps)) for n_steps in steps]
+    models = tuple(
+        _fit_horizon([_rows_of(flight, groups, span) for flight in flights], names, span.n_steps)
+        for span in spans
+    )
+    return RatePredictor(
+        groups=groups,
+        sample_period_s=period_s,
+        memory_s=memory_s,
+        torque_unit=_unit(flights[0]),
+        horizons=models,
+    )
+
+
+class _Span(NamedTuple):
+    """Samples before a start, to the end of its horizon, and to that of the longest one."""
+
+    n_before: int
+    n_steps: int
+    longest: int
+
+
+class _Rows(NamedTuple):
+    """Starts in one flight: what is known of each, and how far the rates change until its end.
+
+    ``groups`` is the name of each column's group; ``activity`` is (3, n_starts, n_sizes), by axis.
+    """
+
+    start_s: FloatArray
+    start_rate: FloatArray
+    columns: FloatArray
+    groups: tuple[str, ...]
+    change: FloatArray
+    activity: FloatArray
+
+    def thinned(self) -> _Rows:
+        """Return starts that are evenly spread, not too many."""
+        step = max(1, -(-len(self.start_s) // _MOST_STARTS))
+        return self._replace(
+            start_s=self.start_s[::step],
+            start_rate=self.start_rate[::step],
+            columns=self.columns[::step],
+            change=self.change[::step],
+            activity=self.activity[:, ::step],
+        )
+
+
+def _check_same(data: FlightData, period_s: float, unit: str) -> None:
+    """Refuse a flight on another clock, or whose torque is another quantity."""
+    if _unit(data) != unit:
+        raise SettingsError(
+            f"The torque of one flight is in {unit!a}, that of another in {_unit(data)!a}.",
+            hint="Describe the vehicle for all flights (--vehicle), so that all are in N m.",
+        )
+    if not np.isclose(data.sample_period_s, period_s, rtol=1e-3):
+        raise SettingsError(
+            f"The flights are on clocks of {1.0 / period_s:.4g} and {1.0 / data.sample_period_s:.4g} Hz.",
+            hint="Give --sample-rate-hz for all.",
+        )
+
+
+def _n_before(memory_s: float, period_s: float) -> int:
+    """Return the memory in samples: two parts, or none."""
+    return 2 * round(0.5 * memory_s / period_s)
+
+
+def _unit(data: FlightData) -> str:
+    return "" if data.input is None else data.input.unit
+
+
+def _columns(data: FlightData, terms: Sequence[Term]) -> list[FloatArray] | None:
+    """Return the columns of terms by segment, (n_samples, n_terms) each; None where the flight lacks one."""
+    found = []
+    for segment in data.segments:
+        columns = [column_of(term, segment, data.sample_period_s) for term in terms]
+        known = [column for column in columns if column is not None]
+        if len(known) < len(columns):
+            return None
+        found.append(np.column_stack(known))
+    return found
+
+
+def _rows_of(data: FlightData, groups: Sequence[str], span: _Span) -> _Rows:
+    """Return the starts of a flight from which the longest horizon ends in its segment."""
+    started: list[tuple[str, list[FloatArray]]] = []
+    for name in groups:
+        columns = _columns(data, START_TERMS[name])
+        if columns is None:
+            raise EmptyLogError(f"The flight lacks what the others have: {name}.")
+        started.append((name, columns))
+    parts = [
+        _rows_in(segment, [(name, columns[number]) for name, columns in started], span)
+        for number, segment in enumerate(data.segments)
+        if segment.n_samples > span.n_before + span.longest
+    ]
+    if not parts:
+        least = span.n_before + span.longest
+        raise EmptyLogError(f"No segment of the flight is longer than {least} samples.")
+    return parts[0]._replace(
+        start_s=np.concatenate([each.start_s for each in parts]),
+        start_rate=np.concatenate([each.start_rate for each in parts]),
+        columns=np.concatenate([each.columns for each in parts]),
+        change=np.concatenate([each.change for each in parts]),
+        activity=np.concatenate([each.activity for each in parts], axis=1),
+    )
+
+
+def _rows_in(segment: Segment, started: Sequence[tuple[str, FloatArray]], span: _Span) -> _Rows:
+    """Return the starts of one segment."""
+    start = np.arange(span.n_before, segment.n_samples - span.longest, dtype=np.int64)
+    rate, n_steps = segment.body_rate_rad_s, span.n_steps
+    at_start, later = _torque_over(segment.torque, start, n_steps)
+    blocks = [(name, columns[start]) for name, columns in started]
+    blocks.append((_TORQUE, at_start))
+    if later.shape[1]:
+        blocks.append((_TORQUE_CHANGE, later))
+    if half := span.n_before // 2:
+        before = [_mean_over(segment.torque, start - ago, half) for ago in (2 * half, half)]
+        blocks.append((_TORQUE_BEFORE, np.hstack([each - at_start for each in before])))
+        blocks.append(
+            (_RATES_BEFORE, np.hstack([rate[start] - rate[start - ago] for ago in (2 * half, half)]))
+        )
+    return _Rows(
+        start_s=segment.time_s[start],
+        start_rate=rate[start],
+        columns=np.hstack([block for _, block in blocks]),
+        groups=tuple(name for name, block in blocks for _ in range(block.shape[1])),
+        change=rate[start + n_steps] - rate[start],
+        activity=_activity(segment, start, n_steps, at_start, with_speed="speed" in dict(started)),
+    )
+
+
+def _torque_over(torque: FloatArray, start: IntArray, n_steps: int) -> tuple[FloatArray, FloatArray]:
+    """Return the torque where each horizon begins, (n, 3), and how its later parts differ, (n, 3 n_parts)."""
+    first = min(n_steps, _START_SAMPLES)
+    at_start = _mean_over(torque, start, first)
+    ends = np.linspace(first, n_steps, min(n_steps - first, _PARTS) + 1).round().astype(np.int64)
+    parts = [_mean_over(torque, start + a, b - a) - at_start for a, b in pairwise(ends.tolist())]
+    return at_start, np.hstack(parts) if parts else np.zeros((len(start), 0))
+
+
+def _mean_over(columns: FloatArray, start: IntArray, n_samples: int) -> FloatArray:
+    """Return the mean over so many samples from each start on; shape (n_starts, n_columns)."""
+    total = np.vstack([np.zeros(columns.shape[1]), np.cumsum(columns, axis=0)])
+    return np.asarray((total[start + n_samples] - total[start]) / n_samples)
+
+
+def _activity(
+    segment: Segment, start: IntArray, n_steps: int, torque: FloatArray, *, with_speed: bool
+) -> FloatArray:
+    """Return what the size of a residual goes with, by axis: (3, n_starts, n_sizes).
+
+    A constant, how fast the vehicle turns and flies, how much the torque is and varies over the horizon.
+    """
+    mean, mean_square = (_mean_over(segment.torque**power, start, n_steps) for power in (1, 2))
+    varied = np.sqrt(np.maximum(mean_square - mean**2, 0.0))
+    rate = np.abs(segment.body_rate_rad_s[start])
+    together = [np.ones(len(start)), np.linalg.norm(rate, axis=1), np.linalg.norm(varied, axis=1)]
+    if with_speed and segment.velocity_m_s is not None:
+        together.append(np.linalg.norm(segment.velocity_m_s[start], axis=1))
+    own = [(rate[:, axis], varied[:, axis], np.abs(torque[:, axis])) for axis in range(3)]
+    return np.stack([np.column_stack([*together, *each]) for each in own])
+
+
+class _Moments(NamedTuple):
+    """Sums of products over one flight: columns with columns, with changes, changes with themselves."""
+
+    gram: FloatArray
+    cross: FloatArray
+    total: float
+    n_starts: int
+
+    def unexplained(self, weights: FloatArray) -> float:
+        """Return which fraction of the squared change is left."""
+        left = self.total - 2.0 * np.sum(weights * self.cross) + np.sum(weights * (self.gram @ weights))
+        return float(left / self.total) if self.total > 0.0 else 1.0
+
+
+def _fit_horizon(flights: Sequence[_Rows], sets: Sequence[str], n_steps: int) -> HorizonModel:
+    """Fit one horizon, with penalties and intervals by sets that were left out."""
+    flights = [each.thinned() for each in flights]
+    spread = np.concatenate([each.columns for each in flights]).std(axis=0)
+    spread[spread == 0.0] = 1.0
+    scaled = [np.column_stack([each.columns / spread, np.ones(len(each.columns))]) for each in flights]
+    moments = [
+        _Moments(X.T @ X, X.T @ each.change, float(np.sum(each.change**2)), len(X))
+        for X, each in zip(scaled, flights, strict=True)
+    ]
+    columns_of = flights[0].groups
+    penalties, unexplained = _choose_penalties(moments, sets, columns_of)
+    left_out = _without_each(moments, sets, _ridge(penalties, columns_of))
+    residuals = [
+        each.change - X @ left_out[name] for X, each, name in zip(scaled, flights, sets, strict=True)
+    ]
+    size, least, quantile = _sizes(residuals, [each.activity for each in flights])
+    weights = _solve(moments, _ridge(penalties, columns_of))
+    weights[:-1] /= spread[:, np.newaxis]
+    return HorizonModel(
+        n_steps=n_steps,
+        weights=weights,
+        penalties=penalties,
+        unexplained=unexplained,
+        size=size,
+        least_size=least,
+        quantile=quantile,
+    )
+
+
+def _ridge(penalties: Mapping[str, float], columns_of: Sequence[str]) -> FloatArray:
+    """Return the penalty of each column, the constant's last; shape (n_columns + 1,)."""
+    return np.array([*(penalties[name] for name in columns_of), 1e-9])
+
+
+def _solve(moments: Sequence[_Moments], ridge: FloatArray) -> FloatArray:
+    """Return the weights of all columns, scaled; shape (n_columns + 1, 3)."""
+    n_starts = sum(each.n_starts for each in moments)
+    gram = np.sum([each.gram for each in moments], axis=0) + n_starts * np.diag(ridge)
+    return np.asarray(np.linalg.solve(gram, np.sum([each.cross for each in moments], axis=0)))
+
+
+def _without_each(
+    moments: Sequence[_Moments], sets: Sequence[str], ridge: FloatArray
+) -> dict[str, FloatArray]:
+    """Return the weights without each set."""
+    return {
+        name: _solve([each for each, of in zip(moments, sets, strict=True) if of != name], ridge)
+        for name in dict.fromkeys(sets)
+    }
+
+
+def _choose_penalties(
+    moments: Sequence[_Moments], sets: Sequence[str], columns_of: Sequence[str]
+) -> tuple[dict[str, float], float]:
+    """Search one group after the other for the penalty that leaves least of the sets left out.
+
+    Every set counts alike, and so does every flight in it.
+    """
+
+    def unexplained(penalties: Mapping[str, float]) -> float:
+        without = _without_each(moments, sets, _ridge(penalties, columns_of))
+        left = [each.unexplained(without[name]) for each, name in zip(moments, sets, strict=True)]
+        return float(
+            np.mean(
+                [
+                    np.mean([value for value, of in zip(left, sets, strict=True) if of == name])
+                    for name in without
+                ]
+            )
+        )
+
+    chosen = dict.fromkeys(columns_of, _FIRST_PENALTY)
+    best = unexplained(chosen)
+    for _ in range(_MOST_ROUNDS):
+        before = best
+        for group in chosen:
+            tried = {float(each): unexplained({**chosen, group: float(each)}) for each in _PENALTIES}
+            penalty = min(tried, key=lambda each: tried[each])
+            if tried[penalty] < best:
+                best, chosen = tried[penalty], {**chosen, group: penalty}
+        if before - best < _GAIN:
+            break
+    return chosen, best
+
+
+def _sizes(
+    residuals: Sequence[FloatArray], activity: Sequence[FloatArray]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return how the size of residuals goes with activity, its least, and the quantile of their ratio.
+
+    Every flight counts alike. The size is a sum of activities, none of them negative, fitted to the amount of
+    the residuals in proportion to it: a calm flight's small ones count for as much as another's large ones.
+    """
+    counts = np.concatenate([np.full(len(each), 1.0 / len(each)) for each in residuals])
+    sizes, least, quantiles = [], [], []
+    for axis in range(3):
+        amount = np.concatenate([np.abs(each[:, axis]) for each in residuals])
+        active = np.concatenate([each[axis] for each in activity])
+        mean = float(np.average(amount, weights=counts)) or 1.0
+        unit = active.mean(axis=0)
+        unit[unit == 0.0] = 1.0
+        size = np.full(amount.shape, mean)
+        for _ in range(_SIZE_ROUNDS):
+            weight = np.sqrt(counts) / size
+            share = _not_negative(active / unit * weight[:, np.newaxis], amount * weight) / unit
+            size = np.maximum(active @ share, _LEAST_SIZE * mean)
+        ratio = amount / size
+        order = np.argsort(ratio)
+        below = np.cumsum(counts[order])
+        sizes.append(share)
+        least.append(_LEAST_SIZE * mean)
+        quantiles.append(float(ratio[order][np.searchsorted(below, _PROBABILITY * below[-1])]))
+    return np.column_stack(sizes), np.array(least), np.array(quantiles)
+
+
+def _not_negative(columns: FloatArray, target: FloatArray) -> FloatArray:
+    """Return the least-squares weights of which none is negative."""
+    # The triangle holds all that many rows tell of few columns, and takes a hundredth of the time.
+    orthogonal, triangle = np.linalg.qr(columns)
+    return np.asarray(nnls(triangle, orthogonal.T @ target)[0])
+
+
+def _mean_length(error: FloatArray) -> float:
+    return float(np.mean(np.linalg.norm(error, axis=1)))
