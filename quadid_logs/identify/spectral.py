@@ -332,8 +332,6 @@ def flight_spectra(data: FlightData) -> BlockSpectra | None:
     Parameters
     ----------
     data : FlightData
-    with_speed : bool
-        Put the speed along body x and y before the commands; every commanded segment has one.
 
     Returns
     -------
