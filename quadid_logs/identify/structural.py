@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray, IntArray
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.flight import InputDescription, Segment
 from quadid_logs.data.model import Effect, EffectCheck, StructuralCheck, TimingCheck
 from quadid_logs.identify.actuator_model import ActuatorModel, FitProblem, free_actuator_model
@@ -541,9 +541,12 @@ def _effects(
     if not equations:
         return
     best: dict[tuple[int, Effect], _Found] = {}
+    dithered = _dithered(design, model, regression)
     for candidate in _candidates(design, model, regression):
         for axis, equation in equations.items():
             if candidate.effect in ("tilt", "swing") and axis == 2:
+                continue
+            if candidate.effect in _OF_AMPLITUDE and dithered[axis]:
                 continue
             also = None if candidate.of_predicted is None else candidate.of_predicted[:, axis]
             found = equation.extended(candidate.columns[:, axis], also)
@@ -625,6 +628,21 @@ def _thresholds(design: Design, model: ActuatorModel, regression: Regression) ->
         instrument = None if predicted is None else np.clip(predicted, -level, level)[..., np.newaxis]
         effect: Effect = "threshold" if number < len(_LEVELS) else "limit"
         yield _Candidate(effect, cut_off[..., np.newaxis], level, instrument)
+
+
+def _dithered(design: Design, model: ActuatorModel, regression: Regression) -> BoolArray:
+    """Say of which axes the air makes most of the torque while a test mode moves them; shape (3,).
+
+    What is injected then meets a dead zone or a limit at any torque alike, as one gain: no amplitude of it tells
+    them, and the torque itself answers the air (J.-Ch. Gille et al., Feedback Control Systems, 1959, on dither).
+    """
+    if not design.only_excitation:
+        return np.zeros(3, dtype=np.bool_)
+    torque = _behind(design, model, [chunk.torque for chunk in design.chunks])
+    predicted = regression.project(torque)
+    driven = np.abs(predicted) > np.sqrt(np.mean(predicted**2, axis=0))
+    injected, whole = (np.sum(each**2 * driven, axis=0) for each in (predicted, torque))
+    return np.asarray(injected < 0.5 * whole, dtype=np.bool_)
 
 
 def _of_rotors(
