@@ -59,6 +59,7 @@ class Copter:
     #: Chance of a call to be refused, or to raise an error.
     refused: float = 0.0
     broken: float = 0.0
+    modes_refused: bool = False
     rate_targets: bool = True
     testing: bool = False
     entered_s: float = 0.0
@@ -104,7 +105,8 @@ class Copter:
     def set_mode(self, mode: int) -> bool:
         """Set a mode from the script."""
         self._call()
-        return self.rng.random() >= self.refused and self.change_mode(int(mode))
+        refused = self.modes_refused or self.rng.random() < self.refused
+        return not refused and self.change_mode(int(mode))
 
     def set_rates(self, *values: float) -> bool:
         """Take rate targets, in Guided mode only."""

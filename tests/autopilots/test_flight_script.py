@@ -97,6 +97,11 @@ def error(copter: Copter) -> None:
     copter.broken, copter.refused = 0.02, 0.1
 
 
+def stuck(copter: Copter) -> None:
+    """Ask it to end where no other mode can be entered, and its first order is lost."""
+    copter.switch, copter.modes_refused, copter.refused = 0, True, 0.5
+
+
 EVENTS: dict[str, Callable[[Copter], None]] = {
     "switch": lambda copter: setattr(copter, "switch", int(copter.rng.integers(0, 2))),
     "tilt": lambda copter: setattr(copter, "roll_rad", math.radians(40.0)),
@@ -105,9 +110,10 @@ EVENTS: dict[str, Callable[[Copter], None]] = {
     "battery": lambda copter: setattr(copter, "battery_percent", 20),
     "battery failsafe": lambda copter: setattr(copter, "battery_failsafe", True),
     "link": lost_link,
-    "pilot": lambda copter: copter.change_mode(STABILIZE) and None,
+    "pilot": lambda copter: copter.change_mode(int(copter.rng.choice([STABILIZE, 5]))) and None,
     "disarmed": lambda copter: setattr(copter, "armed", False),
     "error": error,
+    "stuck": stuck,
     "nothing": lambda copter: None,
 }
 
@@ -137,7 +143,8 @@ def test_every_flight_gives_back_every_parameter_and_keeps_every_limit(number: i
     copter, name, flown = flight(number)
     assert {key: copter.parameters[key] for key in flown} == pytest.approx(flown, rel=1e-6), name
     assert all(magnitude <= LIMITS[axis] * (1.0 + 1e-6) for axis, magnitude in copter.injected), name
-    assert copter.mode not in (SYSTEM_ID, GUIDED), name
+    assert not copter.testing, name
+    assert name == "stuck" or copter.mode not in (SYSTEM_ID, GUIDED), name
 
 
 @pytest.mark.parametrize("version", [lupa.lua53, lupa.lua54])
@@ -229,6 +236,14 @@ def test_a_lost_link_ends_in_land_where_no_failsafe_takes_over() -> None:
     copter = Copter(rng=np.random.default_rng(1))
     copter.run(SCRIPTS[False], 20.0, starting(lambda one: setattr(one, "link", False), 8.0), 1.0)
     assert copter.mode == LAND
+
+
+@pytest.mark.parametrize("mode", [RTL, 5])
+def test_a_mode_that_pilot_or_failsafe_have_chosen_stays(mode: int) -> None:
+    """The script leaves only what it has entered."""
+    copter = Copter(rng=np.random.default_rng(1))
+    copter.run(SCRIPTS[False], 20.0, starting(lambda one: one.change_mode(mode) and None, 8.0), 1.0)
+    assert copter.mode == mode
 
 
 def test_a_magnitude_that_the_ground_station_raises_ends_the_sweep() -> None:
