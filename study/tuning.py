@@ -39,7 +39,7 @@ from quadid_logs.simulate.wind import Wind
 from quadid_logs.tuning import recommend
 from study.draw import draw_flight
 from study.structural import log_uniform
-from study.true_loop import true_controller, true_plant
+from quadid_logs.simulate.true_loop import true_controller, true_plant
 
 #: A loop of this rate, logged at every step [Hz]; flights are as short as a pilot's patience.
 _RATE_HZ: Final = 280.0

@@ -33,7 +33,7 @@ from study.summary import (
     read_flights,
     verdict_table,
 )
-from study.true_loop import true_controller, true_plant
+from quadid_logs.simulate.true_loop import true_controller, true_plant
 from study.tuning import _ratios
 
 

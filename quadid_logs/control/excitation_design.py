@@ -11,12 +11,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.control.loop import close
+from quadid_logs.control.loop import close, forward_filters
 from quadid_logs.control.margins import grid_hz
 from quadid_logs.data.closed_loop import Plant
 from quadid_logs.data.controller import AxisController
@@ -39,6 +39,11 @@ SHORTEST_S: Final = 30.0
 LONGEST_S: Final = 90.0
 #: A third of every flight is kept to judge the model by, and nothing is fitted to it.
 TRAINED: Final = 2.0 / 3.0
+
+
+#: Where a sweep enters: at the mixer, as a fraction of its range with the loops closed; or as a rate set-point in
+#: rad/s, with no angle loop around it.
+Entry = Literal["mixer", "rate"]
 
 
 class AxisLimits(NamedTuple):
@@ -97,7 +102,7 @@ class AxisExcitation:
     Attributes
     ----------
     start_hz, stop_hz, magnitude, record_s : float
-        Of the sweep; the magnitude is a fraction of the mixer's range.
+        Of the sweep; the magnitude in the unit of its `Entry`.
     crossover_hz, phase_crossover_hz : float
         Of the whole loop as it flies: where its gain is one, and where its phase is 180 degrees. NaN where it
         has none.
@@ -129,10 +134,18 @@ class _Answers(NamedTuple):
     loop: ComplexArray
     torque: ComplexArray
     rate: ComplexArray
+    entry: Entry
 
 
 def design(
-    controller: AxisController, plant: Plant, air: Air, number: int, wanted: float
+    controller: AxisController,
+    plant: Plant,
+    air: Air,
+    number: int,
+    wanted: float,
+    *,
+    entry: Entry = "mixer",
+    most_hz: float = math.inf,
 ) -> AxisExcitation | None:
     """Choose the sweep of one axis.
 
@@ -148,18 +161,24 @@ def design(
         Of the axis: 0 roll, 1 pitch, 2 yaw.
     wanted : float
         Half the 95 % interval of the control effectiveness, over the effectiveness.
+    entry : Entry
+    most_hz : float
+        Above which nothing can be commanded.
 
     Returns
     -------
     AxisExcitation or None
         The gentlest of the shortest sweeps that reach what is wanted; where none does, the strongest of the
-        longest, which promises less. None where the loop has no crossover.
+        longest, which promises less. None where the loop has no crossover, or the sweep would not reach it.
     """
-    answers = _answers(controller, plant)
+    answers = _answers(controller, plant, entry)
     crossover_hz, phase_crossover_hz = crossovers(answers.frequency_hz, answers.loop)
     if not math.isfinite(crossover_hz):
         return None
     start_hz, stop_hz = band(crossover_hz, phase_crossover_hz, controller.period_s)
+    stop_hz = min(stop_hz, most_hz)
+    if stop_hz < 2.0 * start_hz:
+        return None
     peaks = _peaks(answers, start_hz, stop_hz)
     most = min(limit / peak for limit, peak in zip(LIMITS[number], peaks, strict=True))
 
@@ -280,13 +299,17 @@ def _to_integrate(columns: ComplexArray, frequency_hz: FloatArray) -> ComplexArr
     return columns * weight[:, np.newaxis]
 
 
-def _answers(controller: AxisController, plant: Plant) -> _Answers:
-    """Return what the vehicle in its loop does with a torque added at the mixer's input."""
+def _answers(controller: AxisController, plant: Plant, entry: Entry) -> _Answers:
+    """Return what the vehicle in its loop does with a unit of a sweep."""
     frequency_hz = grid_hz(controller.period_s)
     closed = close(controller, plant, frequency_hz)
     loop = (closed.rate if closed.full is None else closed.full)[0]
-    torque = 1.0 / (1.0 + loop)
-    return _Answers(frequency_hz, loop, torque, torque * plant.response(frequency_hz, controller.period_s)[0])
+    if entry == "mixer":
+        torque = 1.0 / (1.0 + loop)
+    else:
+        torque = forward_filters(controller, frequency_hz) / (1.0 + closed.rate[0])
+    rate = torque * plant.response(frequency_hz, controller.period_s)[0]
+    return _Answers(frequency_hz, loop, torque, rate, entry)
 
 
 def _peaks(answers: _Answers, start_hz: float, stop_hz: float) -> tuple[float, float, float]:
@@ -297,8 +320,8 @@ def _peaks(answers: _Answers, start_hz: float, stop_hz: float) -> tuple[float, f
     torque, rate, tilt = (
         float(np.abs(each[inside]).max()) for each in (answers.torque, answers.rate, angle)
     )
-    # What is added is the mixer's, too, where the loop takes from it.
-    return max(torque, 1.0), rate, tilt
+    # What is added at the mixer is the mixer's, too, where the loop takes from it.
+    return max(torque, 1.0) if answers.entry == "mixer" else torque, rate, tilt
 
 
 def _least(promised: Callable[[float, float], float], most: float, wanted: float) -> tuple[float, float]:

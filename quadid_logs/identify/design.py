@@ -42,6 +42,9 @@ _ACTUATOR_MEMORY_S = 0.5
 _CHUNK_S = 120.0
 #: From a rate setpoint to the rate that follows it, a rate loop takes 30 to 300 ms.
 _INSTRUMENT_DELAYS_S = (0.0, 0.03, 0.06, 0.1, 0.15, 0.22, 0.3, 0.4)
+#: Of an injected signal alone, fewer of them: each second of a sweep has a frequency of its own, and with many
+#: delays it would be told by itself.
+_OF_EXCITATION = (0, 1, 2, 4, 6)
 #: Between two sweeps a pilot or a script waits for seconds; within one nothing rests.
 _REST_S = 0.5
 #: Throttle is logged to a thousandth or so: what varies less is rounding, and its product with N is N.
@@ -80,6 +83,8 @@ class Design:
         vehicle, but no disturbance and no noise moves it.
     held_per_s : ndarray, shape (3, 3), or None
         Rate set-points per angle (as rows) that were taken out of the instruments; None where nothing was.
+    only_excitation : bool
+        The instruments are what a test mode injected, without the set-points.
     """
 
     time_s: FloatArray
@@ -150,7 +155,8 @@ class Design:
         if self.instruments is None:
             return None
         n_references = self.instruments.shape[1] // len(_INSTRUMENT_DELAYS_S)
-        injected = np.arange(self.instruments.shape[1]) % n_references >= len(AXES)
+        delay, reference = np.divmod(np.arange(self.instruments.shape[1]), n_references)
+        injected = (reference >= len(AXES)) & np.isin(delay, _OF_EXCITATION)
         if not np.any(self.instruments[:, injected]):
             return None
         return replace(self, instruments=self.instruments[:, injected], held_per_s=None, only_excitation=True)

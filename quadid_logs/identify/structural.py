@@ -76,6 +76,8 @@ _SAME_COLUMN = 1e-7
 #: Without set-points the effectiveness of simulated flights in gusts is low by up to this many times the
 #: fraction of the acceleration that is not explained, in 19 of 20.
 _FEEDBACK = 3.0
+#: In air that makes no more than a twentieth of the motion, the torque is that of the sweep.
+_STILL_R2: Final = 0.95
 #: A change of the effectiveness lasts longer than this; the answer to a gust does not.
 _PERSISTENCE_S = 0.5
 #: Below, the lag of a rotor moves no torque by as much as can be seen [s].
@@ -242,12 +244,13 @@ def check_structure(
     design = model.design
     regression = lay_out(design, structure, model.actuator, fit.kept, all_instruments=True)
     equations = _equations(design, structure, model, regression, axes)
+    dithered = _dithered(design, fit)
     persistence, spread = _variation(design, equations)
     flight_gain, flight_half_width = _by_flight(design, equations)
 
     def look(equations: dict[int, _EquationRows]) -> list[_Found]:
         return [
-            *_effects(design, model, regression, equations),
+            *_effects(design, model, regression, equations, dithered),
             *_of_rotors(design, model, equations, described),
         ]
 
@@ -532,7 +535,11 @@ def _equations(
 
 
 def _effects(
-    design: Design, model: ActuatorModel, regression: Regression, equations: dict[int, _EquationRows]
+    design: Design,
+    model: ActuatorModel,
+    regression: Regression,
+    equations: dict[int, _EquationRows],
+    dithered: BoolArray,
 ) -> Iterator[_Found]:
     """Yield the likeliest level or frequency of each kind of effect, axis by axis.
 
@@ -541,7 +548,6 @@ def _effects(
     if not equations:
         return
     best: dict[tuple[int, Effect], _Found] = {}
-    dithered = _dithered(design, model, regression)
     for candidate in _candidates(design, model, regression):
         for axis, equation in equations.items():
             if candidate.effect in ("tilt", "swing") and axis == 2:
@@ -630,19 +636,16 @@ def _thresholds(design: Design, model: ActuatorModel, regression: Regression) ->
         yield _Candidate(effect, cut_off[..., np.newaxis], level, instrument)
 
 
-def _dithered(design: Design, model: ActuatorModel, regression: Regression) -> BoolArray:
-    """Say of which axes the air makes most of the torque while a test mode moves them; shape (3,).
+def _dithered(design: Design, fit: PooledFit) -> BoolArray:
+    """Say of which axes the air makes part of the torque while a test mode moves them; shape (3,).
 
-    What is injected then meets a dead zone or a limit at any torque alike, as one gain: no amplitude of it tells
-    them, and the torque itself answers the air (J.-Ch. Gille et al., Feedback Control Systems, 1959, on dither).
+    What is injected then meets a dead zone or a limit at any torque alike, as one gain (A. Gelb and W. E. Vander
+    Velde, Multiple-Input Describing Functions, 1968, on dither): its amplitude tells nothing of them, and that of
+    the torque answers the air. A sweep has each amplitude at frequencies of its own, besides.
     """
     if not design.only_excitation:
         return np.zeros(3, dtype=np.bool_)
-    torque = _behind(design, model, [chunk.torque for chunk in design.chunks])
-    predicted = regression.project(torque)
-    driven = np.abs(predicted) > np.sqrt(np.mean(predicted**2, axis=0))
-    injected, whole = (np.sum(each**2 * driven, axis=0) for each in (predicted, torque))
-    return np.asarray(injected < 0.5 * whole, dtype=np.bool_)
+    return np.asarray(fit.r2[:3] < _STILL_R2, dtype=np.bool_)
 
 
 def _of_rotors(
@@ -870,6 +873,8 @@ def _feedback(design: Design, fit: PooledFit) -> FloatArray:
     squares then find B less the fraction of the torque's variance that answers d (U. Forssell and L. Ljung,
     Automatica 35, 1999). Seen is what the loop leaves of d, a good part of which passes for the model.
     """
+    if design.only_excitation:
+        return np.zeros(3)
     unexplained = np.clip(1.0 - fit.r2[:3], 0.0, 1.0)
     higher = _FEEDBACK * unexplained / np.maximum(1.0 - unexplained, 0.5)
     # Set-points are feedback themselves as far as an angle controller makes them of the attitude.
