@@ -288,6 +288,7 @@ def _excitations(
             wanted,
             entry="mixer" if advice.excitation_entry == "mixer" else "rate",
             most_hz=advice.excitation_most_hz,
+            lead_lag_hz=advice.excitation_lead_lag_hz,
         )
         if fitting is not None:
             found[axis] = fitting
@@ -338,9 +339,7 @@ def _typical(autopilot: str, vehicle: Vehicle | None, propeller_inch: float) -> 
         name="plan",
         sentence="A vehicle of this size.",
         airframe=partial(_airframe, 0 if vehicle is None else len(vehicle.rotors), propeller_inch),
-        gyro_filter_hz=max(
-            _GYRO_FILTER_HZ * propeller_inch**_GYRO_FILTER_POWER, _LEAST_GYRO_FILTER_HZ
-        ),
+        gyro_filter_hz=max(_GYRO_FILTER_HZ * propeller_inch**_GYRO_FILTER_POWER, _LEAST_GYRO_FILTER_HZ),
     )
     return plan_flights(
         scenario, seed=0, duration_s=60.0, rate_hz=400.0, vehicle=vehicle, autopilot=autopilot
@@ -371,9 +370,7 @@ def _multisine(excitations: Mapping[str, AxisExcitation]) -> dict[str, object]:
         for axis in planned
     )
     sines = dict(zip(planned, orthogonal(bands, _LINES), strict=True))
-    limit_dps = {
-        axis: _TOGETHER * float(np.degrees(excitations[axis].peak_rate_rad_s)) for axis in planned
-    }
+    limit_dps = {axis: _TOGETHER * float(np.degrees(excitations[axis].peak_rate_rad_s)) for axis in planned}
     return {
         "period_s": _PERIOD_S,
         "periods": _PERIODS,

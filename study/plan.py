@@ -6,7 +6,6 @@ effectiveness is compared with what the plan promised, and with the truth.
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import os
 import sys

@@ -146,6 +146,7 @@ def design(
     *,
     entry: Entry = "mixer",
     most_hz: float = math.inf,
+    lead_lag_hz: tuple[float, float] | None = None,
 ) -> AxisExcitation | None:
     """Choose the sweep of one axis.
 
@@ -164,6 +165,8 @@ def design(
     entry : Entry
     most_hz : float
         Above which nothing can be commanded.
+    lead_lag_hz : (float, float), optional
+        Pole and zero of what the autopilot shapes its sweep with.
 
     Returns
     -------
@@ -172,6 +175,9 @@ def design(
         longest, which promises less. None where the loop has no crossover, or the sweep would not reach it.
     """
     answers = _answers(controller, plant, entry)
+    if lead_lag_hz is not None:
+        pole, zero = (1.0 + 1j * answers.frequency_hz / corner for corner in lead_lag_hz)
+        answers = answers._replace(torque=answers.torque * zero / pole, rate=answers.rate * zero / pole)
     crossover_hz, phase_crossover_hz = crossovers(answers.frequency_hz, answers.loop)
     if not math.isfinite(crossover_hz):
         return None
@@ -317,9 +323,7 @@ def _peaks(answers: _Answers, start_hz: float, stop_hz: float) -> tuple[float, f
     f = answers.frequency_hz
     inside = (f >= start_hz) & (f <= stop_hz)
     angle = answers.rate / (2j * np.pi * f)
-    torque, rate, tilt = (
-        float(np.abs(each[inside]).max()) for each in (answers.torque, answers.rate, angle)
-    )
+    torque, rate, tilt = (float(np.abs(each[inside]).max()) for each in (answers.torque, answers.rate, angle))
     # What is added at the mixer is the mixer's, too, where the loop takes from it.
     return max(torque, 1.0) if answers.entry == "mixer" else torque, rate, tilt
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterator, Mapping
 from functools import partial
@@ -20,6 +21,8 @@ from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES, ON_AXIS
 
 CARD_FILE, CARD_PAGE = "plan.md", "plan.html"
+#: A promise that is wider than what was wanted by less than this is as good.
+_MISSED: Final = 1.1
 #: How files are called that hold what flew.
 BACK: Final = "back"
 
@@ -64,7 +67,7 @@ def parameter_files(plan: Plan) -> dict[str, str]:
     Returns
     -------
     dict of str to str
-        What makes the autopilot log and sweep, where that has to be set, and the ways back.
+        What makes the autopilot log, sweep, and fly a script, where that has to be set, and the ways back.
     """
     advice, names = plan.advice, plan_file_names(plan.autopilot)
     text = partial(advice.parameter_text, parameters=plan.parameters)
@@ -79,7 +82,7 @@ def parameter_files(plan: Plan) -> dict[str, str]:
         files[names.sweeps[axis]] = text(advice.sweep_comment(axis), plan.settings_of(axis))
     if plan.sweeps:
         files[names.sweep_off] = text("Take the sweep off the vehicle", advice.sweep_off())
-    return files | advice.whole_files(plan.axes)
+    return files | advice.whole_files(plan.axes) | plan.script_files()
 
 
 def live_files(plan: Plan) -> dict[str, str]:
@@ -115,14 +118,54 @@ def card_lines(plan: Plan, prediction: Prediction) -> tuple[str, ...]:
         "",
         *settings_lines(plan),
         "",
+        *excitation_lines(plan),
         "## Fly",
         "",
-        *(f"{place}. {step}" for place, step in enumerate(_steps(plan), start=1)),
+        *(f"{place}. [ ] {step}" for place, step in enumerate(_steps(plan), start=1)),
         "",
         "## Expect",
         "",
         *_expected(plan, prediction),
     )
+
+
+def excitation_lines(plan: Plan) -> Iterator[str]:
+    """Yield what moves each axis, as one table, and what it promises; nothing where nothing can.
+
+    Parameters
+    ----------
+    plan : Plan
+
+    Yields
+    ------
+    str
+    """
+    if not plan.excitations:
+        return
+    unit = "of full torque" if plan.advice.excitation_entry == "mixer" else "deg/s"
+    yield "## Excitation"
+    yield ""
+    yield f"| axis | band [Hz] | amplitude [{unit}] | length [s] | crossover [Hz] | phase crossover [Hz] | promised |"
+    yield "|---|---|---|---|---|---|---|"
+    for axis, one in plan.excitations.items():
+        size = one.magnitude if plan.advice.excitation_entry == "mixer" else math.degrees(one.magnitude)
+        beyond = number(one.phase_crossover_hz, 2) if math.isfinite(one.phase_crossover_hz) else "none"
+        yield (
+            f"| {axis} | {one.start_hz:g} to {one.stop_hz:g} | {number(size, 2)} | {one.record_s:g} | "
+            f"{number(one.crossover_hz, 2)} | {beyond} | ±{number(100.0 * one.half_width, 2)} % |"
+        )
+    yield ""
+    yield (
+        f"Computed for the model of {printable(plan.model, 60)}, in this air: {plan.air}. The last column is the half "
+        "width of the 95 % interval of the control effectiveness."
+    )
+    short = [axis for axis, one in plan.excitations.items() if one.half_width > _MISSED * plan.wanted]
+    if short:
+        yield (
+            f"{', '.join(short).capitalize()}: no sweep that keeps the vehicle within its limits gives "
+            f"±{number(100.0 * plan.wanted, 2)} % in this air. Fly in calmer air, or fly twice and pool the logs."
+        )
+    yield ""
 
 
 def plan_text(plan: Plan, prediction: Prediction) -> str:
@@ -147,6 +190,12 @@ def plan_text(plan: Plan, prediction: Prediction) -> str:
         "duration_s": plan.duration_s,
         "logging": dict(plan.logging),
         "sweeps": {axis: dict(plan.settings_of(axis)) for axis in plan.sweeps},
+        "excitation": {
+            "model": plan.model,
+            "air": plan.air,
+            "wanted_half_width": plan.wanted,
+            "axes": {axis: dataclasses.asdict(one) for axis, one in plan.excitations.items()},
+        },
         "steps": _steps(plan),
         "expected": {
             "vehicle": prediction.vehicle,

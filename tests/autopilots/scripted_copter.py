@@ -155,9 +155,7 @@ class Copter:
             "ahrs": {
                 "get_roll": lambda _: self.roll_rad,
                 "get_pitch": lambda _: 0.01,
-                "get_relative_position_D_home": lambda _: (
-                    None if self.height_m is None else -self.height_m
-                ),
+                "get_relative_position_D_home": lambda _: None if self.height_m is None else -self.height_m,
                 "get_velocity_NED": lambda _: vector,
             },
             "battery": {

@@ -62,6 +62,8 @@ class Advice:
         Where the autopilot can be excited: "mixer", "rate" (a rate set-point), or "" for nowhere.
     excitation_most_hz : float
         Fastest excitation that reaches it.
+    excitation_lead_lag_hz : (float, float) or None
+        Pole and zero of what the autopilot shapes a sweep with.
     unknown_mask_note : str
         What to do with a file of `logging_settings` where other bits may be set on the vehicle.
     before_setting : str
@@ -81,6 +83,7 @@ class Advice:
     live_note: ClassVar[str] = ""
     excitation_entry: ClassVar[str] = ""
     excitation_most_hz: ClassVar[float] = float("inf")
+    excitation_lead_lag_hz: ClassVar[tuple[float, float] | None] = None
     unknown_mask_note: ClassVar[str] = ""
     before_setting: ClassVar[str] = ""
     gyro_filter_parameter: ClassVar[str] = "the gyro filter"
