@@ -50,10 +50,11 @@ _AROUND_S = 12.0
 _PAUSE_S = 6.0
 #: Stick doublets: a third of the stick for 0.4 s each way, 30 s per axis.
 _DOUBLET_RAD_S, _DOUBLET_S, _DOUBLETS_PER_AXIS_S = 0.7, 0.4, 30.0
-#: Half the 95 % interval of the control effectiveness that a plan is made for: gains that differ by less fly alike.
+#: Half the 95 % interval of the control effectiveness that a plan is made for: gains that differ by less fly
+#: alike.
 WANTED: Final = 0.05
-#: Angular acceleration of roll and pitch that no torque explains, between 0.3 and 5 Hz [rad/s^2]: what hovering
-#: vehicles show in still air, in a breeze, and in wind. Yaw has a third of it.
+#: Angular acceleration of roll and pitch that no torque explains, between 0.3 and 5 Hz [rad/s^2]: what
+#: hovering vehicles show in still air, in a breeze, and in wind. Yaw has a third of it.
 AIRS: Final[Mapping[str, float]] = MappingProxyType({"calm": 0.15, "breeze": 0.5, "wind": 1.0})
 _YAW_IN_AIR: Final = 0.33
 #: Propellers of the simulated vehicle [inch]; others are similar to it.
@@ -185,8 +186,8 @@ def make_plan(
     parameters : mapping of str to float
         Of the vehicle, where they are known.
     known : Result, optional
-        Of a flight of the vehicle: its model, its controller and its air; for axes that it tells nothing of, and
-        without it, those of a vehicle of this size.
+        Of a flight of the vehicle: its model, its controller and its air; for axes that it tells nothing of,
+        and without it, those of a vehicle of this size.
     vehicle : Vehicle, optional
         What is known replaces the simulated vehicle's.
     propeller_inch : float
@@ -357,9 +358,9 @@ def _sweep(fitting: AxisExcitation) -> Sweep:
 
 
 def _multisine(excitations: Mapping[str, AxisExcitation]) -> dict[str, object]:
-    """Return rate set-points that move all axes at once, each at its own frequencies, as `flight_script` takes them.
+    """Return rate set-points that move all axes at once, each at its own frequencies.
 
-    An axis that is not planned has no lines. Largest rates follow from what the sweeps may do.
+    As `flight_script` takes them. An axis that is not planned has no lines. Largest rates follow from what the sweeps may do.
     """
     planned = [axis for axis in AXES if axis in excitations]
     bands = tuple(

@@ -215,8 +215,8 @@ def plan(
     Parameters
     ----------
     autopilot : str, Path, FlightLog, Simulation or Result
-        The autopilot's name; or a flight of the vehicle: then what it logs already is kept, for its firmware, and
-        excitation is made for its model, its loop and its air.
+        The autopilot's name; or a flight of the vehicle: then what it logs already is kept, for its
+        firmware, and excitation is made for its model, its loop and its air.
     axes : sequence of str
         Of roll, pitch, yaw; empty means all.
     firmware : str

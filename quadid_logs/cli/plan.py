@@ -46,7 +46,7 @@ def plan(
         typer.Option(
             "--like",
             metavar="LOG",
-            help="A log of the vehicle: the plan is made for its model, its air, its settings and its firmware.",
+            help="A log of the vehicle: the plan is made for its model, air, settings and firmware.",
         ),
     ] = None,
     vehicle: Annotated[

@@ -1,9 +1,11 @@
 """Excitation that fits a vehicle: band, amplitude and length of a sweep for a wanted interval in its air.
 
-A sweep d that is added at the mixer's input makes the torque S d, S = 1 / (1 + L), whatever the air does, and the
-rate that follows from it. Around that the equation of motion, d(rate)/dt = B h torque + A rate + v, is disturbed
-by air and by the gyro's noise: with their spectrum the variance of the estimate of B that `identify` makes, with
-damping, lag and delay unknown, too, follows before anything is flown.
+A sweep d that is added at the mixer's input makes the torque S d, S = 1 / (1 + L), whatever the air does,
+and the
+rate that follows from it. Around that the equation of motion, d(rate)/dt = B h torque + A rate + v, is
+disturbed
+by air and by the gyro's noise: with their spectrum the variance of the estimate of B that `identify` makes,
+with damping, lag and delay unknown, too, follows before anything is flown.
 """
 
 from __future__ import annotations
@@ -24,8 +26,8 @@ from quadid_logs.identify.systematic import GYRO_SYSTEMATIC
 from quadid_logs.maths.band import ComplexArray, gaussian_response
 from quadid_logs.maths.normal import NORMAL_95
 
-#: Around the crossover, a vehicle's response decides its margins: from where the loop holds the attitude up to
-#: where it does nothing any more.
+#: Around the crossover, a vehicle's response decides its margins: from where the loop holds the attitude up
+#: to where it does nothing any more.
 _BELOW, _ABOVE = 0.2, 2.5
 #: The gain margin is read off where the phase of the loop crosses 180 degrees: the sweep goes on beyond it.
 _BEYOND_PHASE_CROSSOVER: Final = 1.25
@@ -33,16 +35,16 @@ _BEYOND_PHASE_CROSSOVER: Final = 1.25
 _SLOWEST_HZ: Final = 0.2
 #: Of the loop's rate: above, what happens between two samples is a guess.
 _OF_LOOP_RATE: Final = 0.3
-#: Shortest and longest sweep [s]: half a minute is the least whose blocks tell the noise, two minutes a third of
-#: a battery.
+#: Shortest and longest sweep [s]: half a minute is the least whose blocks tell the noise, two minutes a
+#: third of a battery.
 SHORTEST_S: Final = 30.0
 LONGEST_S: Final = 90.0
 #: A third of every flight is kept to judge the model by, and nothing is fitted to it.
 TRAINED: Final = 2.0 / 3.0
 
 
-#: Where a sweep enters: at the mixer, as a fraction of its range with the loops closed; or as a rate set-point in
-#: rad/s, with no angle loop around it.
+#: Where a sweep enters: at the mixer, as a fraction of its range with the loops closed; or as a rate
+#: set-point in rad/s, with no angle loop around it.
 Entry = Literal["mixer", "rate"]
 
 
@@ -54,8 +56,8 @@ class AxisLimits(NamedTuple):
     angle_rad: float
 
 
-#: Half of what leaves the vehicle its full authority against a gust, and motions in which it stays linear: lift
-#: falls by 1 - cos(8 degrees), 1 %. Yaw turns at the same height, whatever its angle is.
+#: Half of what leaves the vehicle its full authority against a gust, and motions in which it stays linear:
+#: lift falls by 1 - cos(8 degrees), 1 %. Yaw turns at the same height, whatever its angle is.
 LIMITS: Final = (
     AxisLimits(0.15, math.radians(60.0), math.radians(8.0)),
     AxisLimits(0.15, math.radians(60.0), math.radians(8.0)),
@@ -270,9 +272,10 @@ def half_width(plant: Plant, answers: _Answers, air: Air, chirp: Chirp) -> float
 
     Notes
     -----
-    Instruments leave the part of torque and rate that follows from the sweep. Least squares on that in the band
-    W that is fitted have the information M = 2 int g g* E W df and the variance M^-1 N M^-1, N = 2 int g g* E P W^2
-    df, with the slopes g, the sweep's energy E and the noise's density P, one-sided (L. Ljung, System
+    Instruments leave the part of torque and rate that follows from the sweep. Least squares on that in the
+    band
+    W that is fitted have the information M = 2 int g g* E W df and the variance M^-1 N M^-1, N = 2 int g g*
+    E P W^2 df, with the slopes g, the sweep's energy E and the noise's density P, one-sided (L. Ljung, System
     Identification, 1999, sec. 7.4, 9.4 and 13.3).
     """
     f, s = answers.frequency_hz, np.asarray(2j * np.pi * answers.frequency_hz, dtype=np.complex128)

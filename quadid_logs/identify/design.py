@@ -42,8 +42,8 @@ _ACTUATOR_MEMORY_S = 0.5
 _CHUNK_S = 120.0
 #: From a rate setpoint to the rate that follows it, a rate loop takes 30 to 300 ms.
 _INSTRUMENT_DELAYS_S = (0.0, 0.03, 0.06, 0.1, 0.15, 0.22, 0.3, 0.4)
-#: Of an injected signal alone, fewer of them: each second of a sweep has a frequency of its own, and with many
-#: delays it would be told by itself.
+#: Of an injected signal alone, fewer of them: each second of a sweep has a frequency of its own, and with
+#: many delays it would be told by itself.
 _OF_EXCITATION = (0, 1, 2, 4, 6)
 #: Between two sweeps a pilot or a script waits for seconds; within one nothing rests.
 _REST_S = 0.5
@@ -384,7 +384,7 @@ def _smooth_columns(
 
 def _instruments(chunks: Sequence[Segment], grids: Sequence[RowGrid]) -> FloatArray | None:
     """Return the smoothed references at several delays; None unless all chunks have them."""
-    references = [_by_driven_axis(chunk) for chunk in chunks if chunk.reference is not None]
+    references = [_by_driven_axis(chunk, chunk.reference) for chunk in chunks if chunk.reference is not None]
     if len(references) < len(chunks):
         return None
     n_references = max(reference.shape[1] for reference in references)
@@ -398,14 +398,12 @@ def _instruments(chunks: Sequence[Segment], grids: Sequence[RowGrid]) -> FloatAr
     return np.concatenate(parts)
 
 
-def _by_driven_axis(chunk: Segment) -> FloatArray:
-    """Return the references, a chirp as three columns: each of its runs in that of the axis whose torque it moves.
+def _by_driven_axis(chunk: Segment, reference: FloatArray) -> FloatArray:
+    """Return the references, a chirp as three columns: each run in that of the axis whose torque it moves.
 
     A test mode sweeps one axis after the other. In one column, the run of an axis whose torque hardly answers
     would tell that the others' do not either.
     """
-    reference = chunk.reference
-    assert reference is not None
     if reference.shape[1] <= len(AXES):
         return reference
     chirp = reference[:, len(AXES)]

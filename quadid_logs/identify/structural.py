@@ -639,9 +639,10 @@ def _thresholds(design: Design, model: ActuatorModel, regression: Regression) ->
 def _dithered(design: Design, fit: PooledFit) -> BoolArray:
     """Say of which axes the air makes part of the torque while a test mode moves them; shape (3,).
 
-    What is injected then meets a dead zone or a limit at any torque alike, as one gain (A. Gelb and W. E. Vander
-    Velde, Multiple-Input Describing Functions, 1968, on dither): its amplitude tells nothing of them, and that of
-    the torque answers the air. A sweep has each amplitude at frequencies of its own, besides.
+    What is injected then meets a dead zone or a limit at any torque alike, as one gain (A. Gelb and W. E.
+    Vander
+    Velde, Multiple-Input Describing Functions, 1968, on dither): its amplitude tells nothing of them, and
+    that of the torque answers the air. A sweep has each amplitude at frequencies of its own, besides.
     """
     if not design.only_excitation:
         return np.zeros(3, dtype=np.bool_)

@@ -55,7 +55,8 @@ def orthogonal(bands: tuple[tuple[float, float], ...], n_lines: int, seed: int =
 
     References
     ----------
-    .. [1] R. Pintelon and J. Schoukens, System Identification: A Frequency Domain Approach, 2012, ch. 4 and 5.
+    .. [1] R. Pintelon and J. Schoukens, System Identification: A Frequency Domain Approach, 2012, ch. 4 and
+    5.
     .. [2] E. A. Morelli, "Multiple input design for real-time parameter estimation in the frequency domain,"
        IFAC SYSID, 2003.
     """

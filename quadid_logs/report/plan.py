@@ -145,7 +145,15 @@ def excitation_lines(plan: Plan) -> Iterator[str]:
     unit = "of full torque" if plan.advice.excitation_entry == "mixer" else "deg/s"
     yield "## Excitation"
     yield ""
-    yield f"| axis | band [Hz] | amplitude [{unit}] | length [s] | crossover [Hz] | phase crossover [Hz] | promised |"
+    columns = (
+        "axis",
+        "band [Hz]",
+        f"amplitude [{unit}]",
+        "length [s]",
+        "crossover [Hz]",
+        "phase crossover [Hz]",
+    )
+    yield f"| {' | '.join(columns)} | promised |"
     yield "|---|---|---|---|---|---|---|"
     for axis, one in plan.excitations.items():
         size = one.magnitude if plan.advice.excitation_entry == "mixer" else math.degrees(one.magnitude)
@@ -156,14 +164,16 @@ def excitation_lines(plan: Plan) -> Iterator[str]:
         )
     yield ""
     yield (
-        f"Computed for the model of {printable(plan.model, 60)}, in this air: {plan.air}. The last column is the half "
+        f"Computed for the model of {printable(plan.model, 60)}, in this air: {plan.air}. The last column "
+        f"is the half "
         "width of the 95 % interval of the control effectiveness."
     )
     short = [axis for axis, one in plan.excitations.items() if one.half_width > _MISSED * plan.wanted]
     if short:
         yield (
             f"{', '.join(short).capitalize()}: no sweep that keeps the vehicle within its limits gives "
-            f"±{number(100.0 * plan.wanted, 2)} % in this air. Fly in calmer air, or fly twice and pool the logs."
+            f"±{number(100.0 * plan.wanted, 2)} % in this air. Fly in calmer air, or fly twice and pool "
+            f"the logs."
         )
     yield ""
 

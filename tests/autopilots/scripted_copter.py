@@ -1,8 +1,8 @@
 """A copter whose firmware runs a Lua script: a stand-in for the interface that the script is written for.
 
-What a name does is what ArduPilot's documentation of it says (libraries/AP_Scripting/docs/docs.lua) and, of the
-System ID mode, what ArduCopter/mode_systemid.cpp does in each main loop. The main loop runs on while the script
-sets a parameter, as it does in flight.
+What a name does is what ArduPilot's documentation of it says (libraries/AP_Scripting/docs/docs.lua) and, of
+the System ID mode, what ArduCopter/mode_systemid.cpp does in each main loop. The main loop runs on while the
+script sets a parameter, as it does in flight.
 """
 
 from __future__ import annotations
@@ -140,7 +140,7 @@ class Copter:
         vector = lua.table_from({"z": lambda _: 0.0})
         channel = lua.table_from({"norm_input_dz": lambda _: 0.0})
         tables: dict[str, dict[str, Callable[..., Any]]] = {
-            "gcs": {"send_text": lambda _, severity, text: self.texts.append(str(text))},
+            "gcs": {"send_text": lambda _, _severity, text: self.texts.append(str(text))},
             "logger": {"write": lambda _, *values: self.rows.append(values)},
             "param": {
                 "get": lambda _, name: self.parameters.get(name),
@@ -150,7 +150,7 @@ class Copter:
             "rc": {
                 "has_valid_input": lambda _: self.link,
                 "get_aux_cached": lambda _, option: self.switch if option == 300 else None,
-                "get_channel": lambda _, number: channel,
+                "get_channel": lambda *_: channel,
             },
             "ahrs": {
                 "get_roll": lambda _: self.roll_rad,
@@ -160,7 +160,7 @@ class Copter:
             },
             "battery": {
                 "has_failsafed": lambda _: self.battery_failsafe,
-                "capacity_remaining_pct": lambda _, instance: self.battery_percent,
+                "capacity_remaining_pct": lambda *_: self.battery_percent,
             },
             "vehicle": {
                 "get_mode": lambda _: self.mode,

@@ -114,7 +114,7 @@ EVENTS: dict[str, Callable[[Copter], None]] = {
     "disarmed": lambda copter: setattr(copter, "armed", False),
     "error": error,
     "stuck": stuck,
-    "nothing": lambda copter: None,
+    "nothing": lambda _: None,
 }
 
 
@@ -139,7 +139,7 @@ def flight(number: int) -> tuple[Copter, str, dict[str, float]]:
 
 @pytest.mark.parametrize("number", range(200))
 def test_every_flight_gives_back_every_parameter_and_keeps_every_limit(number: int) -> None:
-    """Two hundred flights that end at any time by switch, tilt, height, battery, link, pilot, error, or none."""
+    """Two hundred flights that end at any time by switch, tilt, height, battery, link, pilot, or error."""
     copter, name, flown = flight(number)
     assert {key: copter.parameters[key] for key in flown} == pytest.approx(flown, rel=1e-6), name
     assert all(magnitude <= LIMITS[axis] * (1.0 + 1e-6) for axis, magnitude in copter.injected), name

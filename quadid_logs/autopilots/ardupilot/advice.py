@@ -200,17 +200,24 @@ class ArduPilotAdvice(Advice):
         if not sweeps:
             return super().steps(axes, sweeps)
         return (
-            f"Copy {SCRIPT} into APM/scripts on the card. Set SCR_ENABLE to 1, and RCx_OPTION of a free switch to "
+            f"Copy {SCRIPT} into APM/scripts on the card. Set SCR_ENABLE to 1, and RCx_OPTION of a free "
+            f"switch to "
             f"{SWITCH} (Scripting1). Restart: the ground station shows `excite: ready`.",
-            "Take off, and hover in Stabilize with 4 m of height or more. Leave the throttle stick where it hovers.",
+            "Take off, and hover in Stabilize with 4 m of height or more. Leave the throttle stick where "
+            "it hovers.",
             f"Turn the switch on. The script sweeps {listed(axes)} in one flight, for "
-            f"{sum(each['record_s'] + _SCRIPT_REST_S for each in sweeps.values()):.0f} s. Hold the place with small "
+            f"{sum(each['record_s'] + _SCRIPT_REST_S for each in sweeps.values()):.0f} s. Hold the place "
+            f"with small "
             "stick moves.",
-            "Turn the switch off, or change the mode, to end it at any time. It ends by itself when the vehicle tilts "
-            "by more than 30 degrees, when height, battery or radio are not as they should be, and when it is done.",
-            "Wait for `excite: parameters are as they were`, and land. A restart brings every parameter back, too.",
+            "Turn the switch off, or change the mode, to end it at any time. It ends by itself when the "
+            "vehicle tilts "
+            "by more than 30 degrees, when height, battery or radio are not as they should be, and when "
+            "it is done.",
+            "Wait for `excite: parameters are as they were`, and land. A restart brings every parameter "
+            "back, too.",
             "Set SCR_ENABLE back, and take the script off the card.",
-            "Without a script: put System ID (mode 25) on a switch beside AltHold or Stabilize, and do the following "
+            "Without a script: put System ID (mode 25) on a switch beside AltHold or Stabilize, and do "
+            "the following "
             "for one axis after the other.",
             "SID_MAGNITUDE is a fraction of full motor authority here, and its default of 15 would flip the "
             "vehicle: never switch to System ID before you have read it back.",

@@ -15,7 +15,8 @@ SCRIPT: Final = "excite.lua"
 SWITCH: Final = 300
 #: `vehicle:set_target_rate_and_throttle` came after 4.5 (ardupilot pull request 28134).
 RATE_TARGETS_SINCE: Final = (4, 6)
-#: What ends the test. Tilt: twice what a sweep and its gusts make of the attitude. Height: room to recover below,
+#: What ends the test. Tilt: twice what a sweep and its gusts make of the attitude. Height: room to recover
+#: below,
 #: and what a fence allows above. Battery: as much is left as a landing with half of the flight's wind needs.
 _LIMITS: Final[Mapping[str, float]] = MappingProxyType(
     {
@@ -39,8 +40,8 @@ def flight_script(
     sweeps : sequence of mapping
         In the order of flying: SID_* by name, ``name`` of the axis, and ``limit`` of SID_MAGNITUDE.
     multisine : mapping
-        ``period_s``, ``periods``; by axis ``lines`` of frequency [Hz] and phase [rad], ``scale_dps`` of each line
-        and ``limit_dps`` of their sum.
+        ``period_s``, ``periods``; by axis ``lines`` of frequency [Hz] and phase [rad], ``scale_dps`` of each
+        line and ``limit_dps`` of their sum.
 
     Returns
     -------
@@ -48,10 +49,12 @@ def flight_script(
     """
     values = {"SWITCH": SWITCH, **_LIMITS}
     lines = [
-        "-- excite.lua: sweeps of one flight, made by quadid-log plan. Copy it into APM/scripts on the card, set",
+        "-- excite.lua: sweeps of one flight, made by quadid-log plan. Copy it into APM/scripts on the "
+        "card, set",
         f"-- SCR_ENABLE = 1 and RCx_OPTION = {SWITCH} (Scripting1) of a free switch, and restart.",
         *(f"local {name} = {_lua(value)}" for name, value in values.items()),
-        "-- The multisine moves all axes at once in Guided mode, with rate targets. It is flown where this is true.",
+        "-- The multisine moves all axes at once in Guided mode, with rate targets. It is flown where "
+        "this is true.",
         "local FLY_MULTISINE = false",
         f"local SWEEPS = {_lua(list(sweeps))}",
         f"local MULTISINE = {_lua(multisine)}",

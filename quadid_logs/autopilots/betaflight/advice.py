@@ -119,8 +119,10 @@ class BetaflightAdvice(Advice):
         *flown, land = super().steps(axes, sweeps)
         since = ".".join(map(str, _CHIRP_SINCE))
         chirp = (
-            f"A build with CHIRP ({since} or later) can do it by itself: paste {CHIRP} on the command line, and in "
-            "place of the doublets switch on that mode six times, each for chirp_time_seconds. Each time it moves "
+            f"A build with CHIRP ({since} or later) can do it by itself: paste {CHIRP} on the command "
+            f"line, and in "
+            "place of the doublets switch on that mode six times, each for chirp_time_seconds. Each time "
+            "it moves "
             f"the next axis, so that every axis is moved twice in one log. Afterwards paste {CHIRP_OFF}."
         )
         return (*flown, chirp, land)

@@ -75,7 +75,7 @@ class Px4Advice(Advice):
         multisine: Mapping[str, Any],
         parameters: Mapping[str, float],
     ) -> dict[str, str]:
-        """Return the script that moves all axes off-board, and the failsafes that it asks for with the way back."""
+        """Return the script that moves all axes off-board, and the failsafes that it asks for."""
         if not excitations:
             return {}
         known = tuple((name, parameters[name]) for name in FAILSAFES if name in parameters)
@@ -95,8 +95,10 @@ class Px4Advice(Advice):
         """Doublets by stick, or the script where there is a link to a computer."""
         *flown, land = super().steps(axes, sweeps)
         script = (
-            f"With a computer on MAVLink, {SCRIPT} can move all axes in place of the doublets: load {PARAMETERS}, "
-            f"hover in Position mode 10 m high, run `python {SCRIPT} ADDRESS`, and switch to Offboard when it asks "
+            f"With a computer on MAVLink, {SCRIPT} can move all axes in place of the doublets: load "
+            f"{PARAMETERS}, "
+            f"hover in Position mode 10 m high, run `python {SCRIPT} ADDRESS`, and switch to Offboard "
+            f"when it asks "
             "for it. Another mode, the sticks, or Ctrl-C end it."
         )
         return (*flown, script, land)

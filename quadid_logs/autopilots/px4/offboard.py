@@ -1,4 +1,4 @@
-"""The script that excites a PX4 vehicle by rate set-points, and the parameters that end it where its link does.
+"""The script that excites a PX4 vehicle by rate set-points, and the failsafes that it needs.
 
 The script's body is `excite.py.txt` beside this file; what differs from plan to plan is put into it.
 """
@@ -15,8 +15,8 @@ PARAMETERS: Final = "offboard.params"
 PARAMETERS_BACK: Final = "offboard-back.params"
 #: Streams of MAVLink bring set-points at 50 Hz with some ms of jitter: ten of them to a cycle.
 MOST_HZ: Final = 5.0
-#: src/modules/commander/commander_params.c. Half a second without set-points ends Offboard; what comes then is
-#: Position mode (0); the sticks end it, too (bit 1).
+#: src/modules/commander/commander_params.c. Half a second without set-points ends Offboard; what comes then
+#: is Position mode (0); the sticks end it, too (bit 1).
 FAILSAFES: Final[Mapping[str, float]] = MappingProxyType(
     {"COM_OF_LOSS_T": 0.5, "COM_OBL_RC_ACT": 0.0, "COM_RC_OVERRIDE": 3.0}
 )
