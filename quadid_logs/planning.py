@@ -59,8 +59,7 @@ AIRS: Final[Mapping[str, float]] = MappingProxyType({"calm": 0.15, "breeze": 0.5
 _YAW_IN_AIR: Final = 0.33
 #: Propellers of the simulated vehicle [inch]; others are similar to it.
 PROPELLER_INCH: Final = 10.0
-#: ArduPilot's setup page: INS_GYRO_FILTER = 289.22 / inch^0.838, no lower than 20 Hz (initial parameters of
-#: Mission Planner); above 10 inches where Betaflight's builds are set, too.
+#: What setup pages advise for the gyro's filter: 289.22 Hz / inch^0.838, no lower than 20 Hz.
 _GYRO_FILTER_HZ, _GYRO_FILTER_POWER, _LEAST_GYRO_FILTER_HZ = 289.22, -0.838, 20.0
 #: Of a multisine: lines of an axis, periods, and the length of a period [s].
 _LINES, _PERIODS, _PERIOD_S = 12, 2, 20.0
@@ -93,6 +92,8 @@ class Plan:
         Which air the promise is for.
     wanted : float
         Half the 95 % interval of the control effectiveness that the plan is made for, over the effectiveness.
+    propeller_inch : float
+        Of the vehicle that a simulated flight is flown with.
     """
 
     autopilot: str
@@ -105,6 +106,7 @@ class Plan:
     model: str = ""
     air: str = ""
     wanted: float = WANTED
+    propeller_inch: float = PROPELLER_INCH
 
     @property
     def advice(self) -> Advice:
@@ -128,6 +130,12 @@ class Plan:
     def steps(self) -> tuple[str, ...]:
         """Return what to fly, in order."""
         return self.advice.steps(
+            self.axes, {axis: dataclasses.asdict(each) for axis, each in self.sweeps.items()}
+        )
+
+    def steps_by_hand(self) -> tuple[str, ...]:
+        """Return how to fly the sweeps without the script; empty where no script flies them."""
+        return self.advice.steps_by_hand(
             self.axes, {axis: dataclasses.asdict(each) for axis, each in self.sweeps.items()}
         )
 
@@ -243,6 +251,7 @@ def make_plan(
         model=setup.airframe.name if known is None else "the log",
         air=air or ("breeze" if known is None else "the log's"),
         wanted=wanted,
+        propeller_inch=propeller_inch,
     )
 
 
@@ -340,11 +349,16 @@ def _typical(autopilot: str, vehicle: Vehicle | None, propeller_inch: float) -> 
         name="plan",
         sentence="A vehicle of this size.",
         airframe=partial(_airframe, 0 if vehicle is None else len(vehicle.rotors), propeller_inch),
-        gyro_filter_hz=max(_GYRO_FILTER_HZ * propeller_inch**_GYRO_FILTER_POWER, _LEAST_GYRO_FILTER_HZ),
+        gyro_filter_hz=_gyro_filter_hz(propeller_inch),
     )
     return plan_flights(
         scenario, seed=0, duration_s=60.0, rate_hz=400.0, vehicle=vehicle, autopilot=autopilot
     )[0]
+
+
+def _gyro_filter_hz(propeller_inch: float) -> float:
+    """Return the cut-off of the gyro's filter that setup pages advise [Hz]."""
+    return max(_GYRO_FILTER_HZ * propeller_inch**_GYRO_FILTER_POWER, _LEAST_GYRO_FILTER_HZ)
 
 
 def _sweep(fitting: AxisExcitation) -> Sweep:
@@ -360,7 +374,8 @@ def _sweep(fitting: AxisExcitation) -> Sweep:
 def _multisine(excitations: Mapping[str, AxisExcitation]) -> dict[str, object]:
     """Return rate set-points that move all axes at once, each at its own frequencies.
 
-    As `flight_script` takes them. An axis that is not planned has no lines. Largest rates follow from what the sweeps may do.
+    As `Advice.excitation_files` takes them. An axis that is not planned has no lines. Largest rates follow
+    from what the sweeps may do.
     """
     planned = [axis for axis in AXES if axis in excitations]
     bands = tuple(
@@ -441,7 +456,8 @@ def predict(plan: Plan, vehicle: Vehicle | None = None) -> Prediction:
     scenario = Scenario(
         name="plan",
         sentence="The planned flight.",
-        airframe=partial(_airframe, 0 if vehicle is None else len(vehicle.rotors)),
+        airframe=partial(_airframe, 0 if vehicle is None else len(vehicle.rotors), plan.propeller_inch),
+        gyro_filter_hz=_gyro_filter_hz(plan.propeller_inch),
         manoeuvre=partial(_manoeuvre, plan),
         duration_s=plan.duration_s,
     )

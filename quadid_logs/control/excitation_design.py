@@ -22,6 +22,7 @@ from quadid_logs.control.loop import close, forward_filters
 from quadid_logs.control.margins import grid_hz
 from quadid_logs.data.closed_loop import Plant
 from quadid_logs.data.controller import AxisController
+from quadid_logs.identify.excitation import MIN_RATE_RMS_DEG_S
 from quadid_logs.identify.systematic import GYRO_SYSTEMATIC
 from quadid_logs.maths.band import ComplexArray, gaussian_response
 from quadid_logs.maths.normal import NORMAL_95
@@ -39,6 +40,9 @@ _OF_LOOP_RATE: Final = 0.3
 #: third of a battery.
 SHORTEST_S: Final = 30.0
 LONGEST_S: Final = 90.0
+#: The analysis calls no axis excited that turns less than a hovering vehicle over a flight: of three sweeps in
+#: turn each has a quarter of it, with the pauses between them.
+_LEAST_RATE_RAD_S: Final = math.radians(1.2 * MIN_RATE_RMS_DEG_S * math.sqrt(4.0))
 #: A third of every flight is kept to judge the model by, and nothing is fitted to it.
 TRAINED: Final = 2.0 / 3.0
 
@@ -49,7 +53,7 @@ Entry = Literal["mixer", "rate"]
 
 
 class AxisLimits(NamedTuple):
-    """What a sweep of one axis may do: the torque in the mixer's range, rate and angle that follow from it."""
+    """What a sweep of one axis may do: torque in the mixer's range, rate and angle that follow from it."""
 
     torque: float
     rate_rad_s: float
@@ -90,7 +94,7 @@ class Chirp(NamedTuple):
     record_s: float
 
     def energy(self, frequency_hz: FloatArray) -> FloatArray:
-        """Return the one-sided energy density [1 s / Hz]: the time in a band times half the squared amplitude."""
+        """Return the one-sided energy density [1 s / Hz]: time in a band times half the squared amplitude."""
         rising_s = self.record_s - 2.0 / self.start_hz
         inside = (frequency_hz >= self.start_hz) & (frequency_hz <= self.stop_hz)
         octave_s = rising_s / math.log(self.stop_hz / self.start_hz)
@@ -194,6 +198,8 @@ def design(
         return half_width(plant, answers, air, Chirp(start_hz, stop_hz, magnitude, record_s))
 
     magnitude, record_s = _least(promised, _rounded_down(most), wanted)
+    moving = _LEAST_RATE_RAD_S / _rate_rms(answers, air, Chirp(start_hz, stop_hz, 1.0, record_s))
+    magnitude = min(max(magnitude, _rounded_up(moving)), _rounded_down(most))
     torque, rate, angle = (magnitude * peak for peak in peaks)
     return AxisExcitation(
         start_hz=start_hz,
@@ -230,7 +236,7 @@ def band(crossover_hz: float, phase_crossover_hz: float, period_s: float) -> tup
 
 
 def crossovers(frequency_hz: FloatArray, loop: ComplexArray) -> tuple[float, float]:
-    """Return where a loop's gain falls through one for the last time, and where its phase then reaches 180 degrees.
+    """Return where a loop's gain last falls through one, and where its phase then reaches 180 degrees.
 
     Parameters
     ----------
@@ -329,6 +335,14 @@ def _peaks(answers: _Answers, start_hz: float, stop_hz: float) -> tuple[float, f
     torque, rate, tilt = (float(np.abs(each[inside]).max()) for each in (answers.torque, answers.rate, angle))
     # What is added at the mixer is the mixer's, too, where the loop takes from it.
     return max(torque, 1.0) if answers.entry == "mixer" else torque, rate, tilt
+
+
+def _rate_rms(answers: _Answers, air: Air, chirp: Chirp) -> float:
+    """Return the root mean square of the rate during a sweep, as far as it is fitted [rad/s]."""
+    s = np.asarray(2j * np.pi * answers.frequency_hz, dtype=np.complex128)
+    fitted = gaussian_response(s, air.fitted_hz) ** 2
+    power = chirp.energy(answers.frequency_hz) * np.abs(answers.rate) ** 2 * fitted
+    return math.sqrt(float(np.trapezoid(power, answers.frequency_hz)) / chirp.record_s)
 
 
 def _least(promised: Callable[[float, float], float], most: float, wanted: float) -> tuple[float, float]:

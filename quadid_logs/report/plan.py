@@ -16,7 +16,6 @@ from quadid_logs.planning import Plan, Prediction
 from quadid_logs.report.json import strict_text
 from quadid_logs.report.numbers import estimate, number
 from quadid_logs.report.words import pretty_unit
-from quadid_logs.simulate.sweep import Sweep
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES, ON_AXIS
 
@@ -123,6 +122,7 @@ def card_lines(plan: Plan, prediction: Prediction) -> tuple[str, ...]:
         "",
         *(f"{place}. [ ] {step}" for place, step in enumerate(_steps(plan), start=1)),
         "",
+        *_by_hand(plan),
         "## Expect",
         "",
         *_expected(plan, prediction),
@@ -238,10 +238,6 @@ def settings_lines(plan: Plan) -> Iterator[str]:
     if plan.advice.before_setting:
         yield f"- {plan.advice.before_setting}"
     yield from logging_lines(plan)
-    for axis, sweep in plan.sweeps.items():
-        values = ", ".join(f"{name} = {digits(value)}" for name, value in plan.settings_of(axis))
-        yield f"- for {axis}, when its turn comes: {values}"
-        yield f"  ({_sweep_words(sweep)})"
     if plan.advice.live_note:
         yield f"- to watch the intervals in flight with `quadid-log live ADDRESS`: {plan.advice.live_note}"
     kept = plan.advice.gyro_filter_parameter
@@ -272,14 +268,6 @@ def logging_lines(plan: Plan) -> Iterator[str]:
         yield f"- {plan.advice.logging('', plan.parameters, plan.version)}"
 
 
-def _sweep_words(sweep: Sweep) -> str:
-    """Say what a sweep does."""
-    return (
-        f"{100.0 * sweep.magnitude:g} % of the mixer's range, {sweep.start_hz:g} to {sweep.stop_hz:g} Hz "
-        f"in {sweep.record_s:g} s"
-    )
-
-
 def _steps(plan: Plan) -> tuple[str, ...]:
     """Return what to do, in order."""
     return (
@@ -288,6 +276,16 @@ def _steps(plan: Plan) -> tuple[str, ...]:
         f"Take the log from the card, and run `{command('analyze', LOG)}`. Where there are several, as after "
         f"a restart, run `{command('analyze', LOG, NEXT_LOG, '--pool')}`.",
     )
+
+
+def _by_hand(plan: Plan) -> Iterator[str]:
+    """Yield how to fly without the script."""
+    steps = plan.steps_by_hand()
+    if steps:
+        yield "## Without the script"
+        yield ""
+        yield from (f"{place}. [ ] {step}" for place, step in enumerate(steps, start=1))
+        yield ""
 
 
 def _expected(plan: Plan, prediction: Prediction) -> Iterator[str]:

@@ -216,9 +216,16 @@ class ArduPilotAdvice(Advice):
             "Wait for `excite: parameters are as they were`, and land. A restart brings every parameter "
             "back, too.",
             "Set SCR_ENABLE back, and take the script off the card.",
-            "Without a script: put System ID (mode 25) on a switch beside AltHold or Stabilize, and do "
-            "the following "
-            "for one axis after the other.",
+        )
+
+    def steps_by_hand(
+        self, axes: Sequence[str], sweeps: Mapping[str, Mapping[str, float]]
+    ) -> tuple[str, ...]:
+        """Return the steps of sweeps that are loaded one by one."""
+        if not sweeps:
+            return ()
+        return (
+            "Put System ID (mode 25) on a switch beside AltHold or Stabilize.",
             "SID_MAGNITUDE is a fraction of full motor authority here, and its default of 15 would flip the "
             "vehicle: never switch to System ID before you have read it back.",
             "Load parameter files on the ground and disarmed. While the vehicle hovers only a second person "

@@ -325,6 +325,25 @@ class Advice:
         """
         return ()
 
+    def steps_by_hand(
+        self,
+        axes: Sequence[str],  # noqa: ARG002
+        sweeps: Mapping[str, Mapping[str, float]],  # noqa: ARG002
+    ) -> tuple[str, ...]:
+        """Return how to fly sweeps without the script that `steps` flies; empty where that flies none.
+
+        Parameters
+        ----------
+        axes : sequence of str
+        sweeps : mapping of str to mapping
+            As for `steps`.
+
+        Returns
+        -------
+        tuple of str
+        """
+        return ()
+
     def steps(self, axes: Sequence[str], sweeps: Mapping[str, Mapping[str, float]]) -> tuple[str, ...]:
         """Return how to fly a plan from take-off to landing, in order.
 
