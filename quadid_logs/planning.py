@@ -62,7 +62,7 @@ PROPELLER_INCH: Final = 10.0
 #: What setup pages advise for the gyro's filter: 289.22 Hz / inch^0.838, no lower than 20 Hz.
 _GYRO_FILTER_HZ, _GYRO_FILTER_POWER, _LEAST_GYRO_FILTER_HZ = 289.22, -0.838, 20.0
 #: Of a multisine: lines of an axis, periods, and the length of a period [s].
-_LINES, _PERIODS, _PERIOD_S = 12, 2, 20.0
+_LINES, _PERIODS, _PERIOD_S = 24, 2, 20.0
 #: Largest rate of a multisine of all axes at once, over that of a sweep of one: all three share the motors.
 _TOGETHER: Final = 1.0 / 3.0
 

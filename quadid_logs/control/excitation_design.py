@@ -40,8 +40,8 @@ _OF_LOOP_RATE: Final = 0.3
 #: third of a battery.
 SHORTEST_S: Final = 30.0
 LONGEST_S: Final = 90.0
-#: The analysis calls no axis excited that turns less than a hovering vehicle over a flight: of three sweeps in
-#: turn each has a quarter of it, with the pauses between them.
+#: The analysis calls no axis excited that turns less than a hovering vehicle over a flight: of three sweeps
+#: in turn each has a quarter of it, with the pauses between them.
 _LEAST_RATE_RAD_S: Final = math.radians(1.2 * MIN_RATE_RMS_DEG_S * math.sqrt(4.0))
 #: A third of every flight is kept to judge the model by, and nothing is fitted to it.
 TRAINED: Final = 2.0 / 3.0

@@ -76,8 +76,8 @@ _SAME_COLUMN = 1e-7
 #: Without set-points the effectiveness of simulated flights in gusts is low by up to this many times the
 #: fraction of the acceleration that is not explained, in 19 of 20.
 _FEEDBACK = 3.0
-#: In air that makes no more than a twentieth of the motion, the torque is that of the sweep.
-_STILL_R2: Final = 0.95
+#: In air that makes no more than a hundredth of the motion, the torque is that of the sweep.
+_STILL_R2: Final = 0.99
 #: A change of the effectiveness lasts longer than this; the answer to a gust does not.
 _PERSISTENCE_S = 0.5
 #: Below, the lag of a rotor moves no torque by as much as can be seen [s].
