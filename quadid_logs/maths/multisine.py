@@ -82,8 +82,8 @@ def orthogonal(bands: tuple[tuple[float, float], ...], n_lines: int, seed: int =
 def _flattened(phases: FloatArray) -> FloatArray:
     """Lower the peak of lines that are evenly apart, by norms of higher and higher order.
 
-    Their sum is a carrier times an envelope of as many harmonics as there are lines: no peak of the sum is higher
-    than that of the envelope, which has few times to look at.
+    Their sum is a carrier times an envelope of as many harmonics as there are lines: no peak of the sum is
+    higher than that of the envelope, which has few times to look at.
     """
     from scipy.optimize import minimize
 
