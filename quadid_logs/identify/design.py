@@ -416,7 +416,7 @@ def _by_driven_axis(chunk: Segment, reference: FloatArray) -> FloatArray:
 
 
 def _runs(chirp: FloatArray, time_s: FloatArray) -> list[slice]:
-    """Return the stretches of a chirp that rests divide; its zero crossings are none."""
+    """Return the rows of each run of a chirp, which rests divide; its zero crossings are none."""
     moving = np.flatnonzero(chirp)
     if not moving.size:
         return []

@@ -45,7 +45,7 @@ class Link:
     def sleep(self, seconds: float) -> None:
         """Let time pass: messages arrive, the pilot switches after a second, and the event happens."""
         self.time_s += seconds
-        if self.time_s >= 1.0 and self.mode == POSITION and not self.sent[-1:] == []:
+        if self.time_s >= 1.0 and self.mode == POSITION and self.sent:
             self.mode = OFFBOARD
         if self.time_s >= self.event_s:
             self.event_s = math.inf
@@ -87,7 +87,7 @@ def flown(
     monkeypatch.setitem(sys.modules, "pymavlink", SimpleNamespace(mavutil=mavutil))
     monkeypatch.setattr(sys, "argv", ["excite.py"])
     module = types.ModuleType("excite")
-    exec(compile(SCRIPT, "excite.py", "exec"), module.__dict__)  # noqa: S102
+    exec(compile(SCRIPT, "excite.py", "exec"), module.__dict__)
     module.time = SimpleNamespace(monotonic=lambda: link.time_s, sleep=link.sleep)  # type: ignore[attr-defined]
     module.main()
     return link, capsys.readouterr().out.splitlines()[-1]
@@ -106,7 +106,9 @@ def test_an_undisturbed_flight_ends_after_its_two_periods(
     assert link.commands[0][4:8] == (1, 4, 3, 0)
 
 
-def test_no_rate_leaves_its_limit(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_rate_leaves_its_limit(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Beside what levels the vehicle, 0.02 rad/s here; thrust stays around hovering."""
     planned = make_plan("px4")
     link, _ = flown(monkeypatch, capsys, event_s=1e9)
@@ -151,7 +153,7 @@ def test_nothing_faster_than_five_hertz_is_sent() -> None:
     """A stream of 50 Hz with jitter has ten set-points to a cycle then."""
     namespace: dict[str, Any] = {}
     line = next(line for line in SCRIPT.splitlines() if line.startswith("MULTISINE"))
-    exec(line, namespace)  # noqa: S102
+    exec(line, namespace)
     assert max(hz for axis in namespace["MULTISINE"]["lines"] for hz, _ in axis) <= 5.0
 
 

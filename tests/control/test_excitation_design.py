@@ -1,4 +1,4 @@
-"""Excitation that fits a vehicle: both crossovers in its band, its limits kept, its promise that of the air."""
+"""Excitation that fits a vehicle: both crossovers in its band, limits kept, the promise that of its air."""
 
 from __future__ import annotations
 
