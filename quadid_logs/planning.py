@@ -7,15 +7,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
 from quadid_logs.align import cut
 from quadid_logs.arrays import FloatArray
+from quadid_logs.control.command_units import per_command
+from quadid_logs.control.excitation_design import Air, AxisExcitation, design
+from quadid_logs.control.torque_noise import residual_spectrum
 from quadid_logs.counting import counted
+from quadid_logs.data.closed_loop import Plant
+from quadid_logs.data.controller import AxisController
 from quadid_logs.data.diagnosis import Diagnosis
 from quadid_logs.data.model import Identification
+from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.diagnose import diagnose
@@ -23,12 +29,17 @@ from quadid_logs.diagnose.advice import advice_for, plannable
 from quadid_logs.errors import SettingsError
 from quadid_logs.identify import identify
 from quadid_logs.load import prepare
+from quadid_logs.maths.band import gaussian_response
+from quadid_logs.maths.multisine import orthogonal
 from quadid_logs.simulate import Scenario, fly, plan_flights
-from quadid_logs.simulate.airframes import SimulatedAirframe, hexa_x, octa_coaxial, quad_x
+from quadid_logs.simulate.airframes import SimulatedAirframe, hexa_x, octa_coaxial, quad_x, scaled
+from quadid_logs.simulate.closed_loop import Setup
+from quadid_logs.simulate.effects import disturbance_density
 from quadid_logs.simulate.logger import log_flights
 from quadid_logs.simulate.manoeuvres import Reference, doublets
 from quadid_logs.simulate.sweep import Sweep, sweeps_in_turn
-from quadid_logs.vocabulary import AXES
+from quadid_logs.simulate.true_loop import nominal_plant, true_controller
+from quadid_logs.vocabulary import AXES, ON_AXIS
 
 if TYPE_CHECKING:
     from quadid_logs.autopilots.generic.advice import Advice, Setting, Version
@@ -39,6 +50,21 @@ _AROUND_S = 12.0
 _PAUSE_S = 6.0
 #: Stick doublets: a third of the stick for 0.4 s each way, 30 s per axis.
 _DOUBLET_RAD_S, _DOUBLET_S, _DOUBLETS_PER_AXIS_S = 0.7, 0.4, 30.0
+#: Half the 95 % interval of the control effectiveness that a plan is made for: gains that differ by less fly
+#: alike.
+WANTED: Final = 0.05
+#: Angular acceleration of roll and pitch that no torque explains, between 0.3 and 5 Hz [rad/s^2]: what
+#: hovering vehicles show in still air, in a breeze, and in wind. Yaw has a third of it.
+AIRS: Final[Mapping[str, float]] = MappingProxyType({"calm": 0.15, "breeze": 0.5, "wind": 1.0})
+_YAW_IN_AIR: Final = 0.33
+#: Propellers of the simulated vehicle [inch]; others are similar to it.
+PROPELLER_INCH: Final = 10.0
+#: What setup pages advise for the gyro's filter: 289.22 Hz / inch^0.838, no lower than 20 Hz.
+_GYRO_FILTER_HZ, _GYRO_FILTER_POWER, _LEAST_GYRO_FILTER_HZ = 289.22, -0.838, 20.0
+#: Of a multisine: lines of an axis, periods, and the length of a period [s].
+_LINES, _PERIODS, _PERIOD_S = 24, 2, 20.0
+#: Largest rate of a multisine of all axes at once, over that of a sweep of one: all three share the motors.
+_TOGETHER: Final = 1.0 / 3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -58,6 +84,16 @@ class Plan:
         From take-off to landing.
     parameters : mapping of str to float
         Of the vehicle; empty where they are not known.
+    excitations : mapping of str to AxisExcitation
+        By axis, what fits it, with what it promises; empty where the autopilot injects nothing.
+    model : str
+        Whose model that was computed with.
+    air : str
+        Which air the promise is for.
+    wanted : float
+        Half the 95 % interval of the control effectiveness that the plan is made for, over the effectiveness.
+    propeller_inch : float
+        Of the vehicle that a simulated flight is flown with.
     """
 
     autopilot: str
@@ -66,6 +102,11 @@ class Plan:
     sweeps: Mapping[str, Sweep]
     duration_s: float
     parameters: Mapping[str, float] = field(default_factory=dict)
+    excitations: Mapping[str, AxisExcitation] = field(default_factory=dict)
+    model: str = ""
+    air: str = ""
+    wanted: float = WANTED
+    propeller_inch: float = PROPELLER_INCH
 
     @property
     def advice(self) -> Advice:
@@ -91,6 +132,17 @@ class Plan:
         return self.advice.steps(
             self.axes, {axis: dataclasses.asdict(each) for axis, each in self.sweeps.items()}
         )
+
+    def steps_by_hand(self) -> tuple[str, ...]:
+        """Return how to fly the sweeps without the script; empty where no script flies them."""
+        return self.advice.steps_by_hand(
+            self.axes, {axis: dataclasses.asdict(each) for axis, each in self.sweeps.items()}
+        )
+
+    def script_files(self) -> dict[str, str]:
+        """Return the text of each file, by its name, that flies the excitation or sets it up."""
+        flown = {axis: dataclasses.asdict(each) for axis, each in self.excitations.items()}
+        return self.advice.excitation_files(flown, _multisine(self.excitations), self.parameters)
 
     def __repr__(self) -> str:
         version = "" if self.version is None else " " + ".".join(map(str, self.version))
@@ -122,6 +174,12 @@ def make_plan(
     axes: Sequence[str] = (),
     version: Version | None = None,
     parameters: Mapping[str, float] = MappingProxyType({}),
+    *,
+    known: Result | None = None,
+    vehicle: Vehicle | None = None,
+    propeller_inch: float = PROPELLER_INCH,
+    air: str = "",
+    wanted: float = WANTED,
 ) -> Plan:
     """Plan a flight.
 
@@ -135,6 +193,17 @@ def make_plan(
         Of the firmware; without, a recent one.
     parameters : mapping of str to float
         Of the vehicle, where they are known.
+    known : Result, optional
+        Of a flight of the vehicle: its model, its controller and its air; for axes that it tells nothing of,
+        and without it, those of a vehicle of this size.
+    vehicle : Vehicle, optional
+        What is known replaces the simulated vehicle's.
+    propeller_inch : float
+        Diameter: how large the vehicle is, where neither log nor vehicle tell.
+    air : str
+        A key of `AIRS`; "" for that of the known flight, a breeze without one.
+    wanted : float
+        Half the 95 % interval of the control effectiveness, over the effectiveness.
 
     Returns
     -------
@@ -143,7 +212,9 @@ def make_plan(
     Raises
     ------
     SettingsError
-        If there is no such autopilot or axis.
+        If there is no such autopilot, axis or air, or a number is out of range.
+    SimulationError
+        If the vehicle cannot fly.
 
     Examples
     --------
@@ -158,9 +229,16 @@ def make_plan(
         raise SettingsError(
             f"There is no plan for {autopilot!r}.", hint=f"Choose one of {', '.join(plannable())}."
         )
+    _check(propeller_inch, air, wanted)
     chosen = tuple(axis for axis in AXES if not axes or axis in axes)
-    magnitudes = advice_for(autopilot).sweep_magnitudes(version)
-    sweeps = {axis: Sweep(magnitude=magnitudes[axis]) for axis in chosen if axis in magnitudes}
+    advice = advice_for(autopilot)
+    setup = _typical(autopilot, vehicle, propeller_inch)
+    excitations = {}
+    if advice.excitation_entry and (advice.excitation_entry == "rate" or advice.sweep_magnitudes(version)):
+        excitations = _excitations(advice, chosen, known, setup, air, wanted)
+    sweeps = {
+        axis: _sweep(each) for axis, each in excitations.items() if axis in advice.sweep_magnitudes(version)
+    }
     flown_s = sum(sweep.record_s + _PAUSE_S for sweep in sweeps.values())
     return Plan(
         autopilot=autopilot,
@@ -169,7 +247,165 @@ def make_plan(
         sweeps=MappingProxyType(sweeps),
         duration_s=_AROUND_S + (flown_s or _DOUBLETS_PER_AXIS_S * len(chosen)),
         parameters=parameters,
+        excitations=MappingProxyType(excitations),
+        model=setup.airframe.name if known is None else "the log",
+        air=air or ("breeze" if known is None else "the log's"),
+        wanted=wanted,
+        propeller_inch=propeller_inch,
     )
+
+
+def _check(propeller_inch: float, air: str, wanted: float) -> None:
+    """Refuse what no plan can be made for."""
+    if not 1.0 <= propeller_inch <= 40.0:
+        raise SettingsError(
+            f"A propeller of {propeller_inch:g} inches is out of range.", hint="Give 1 to 40 inches."
+        )
+    if air and air not in AIRS:
+        raise SettingsError(f"There is no air {air[:40]!r}.", hint=f"Choose one of {', '.join(AIRS)}.")
+    if not 0.01 < wanted <= 0.5:
+        raise SettingsError(
+            f"An interval of {100.0 * wanted:g} % is out of range.",
+            hint="Give more than 1 %, the gyro's own scale, and 50 % at most.",
+        )
+
+
+class _Known(NamedTuple):
+    """One axis, per unit of its command: the vehicle, what controls it, and what disturbs it."""
+
+    plant: Plant
+    controller: AxisController
+    air: Air | None
+
+
+def _excitations(
+    advice: Advice, axes: Sequence[str], known: Result | None, setup: Setup, air: str, wanted: float
+) -> dict[str, AxisExcitation]:
+    """Return what fits each axis."""
+    found = {}
+    for axis in axes:
+        number = AXES.index(axis)
+        flown = None if known is None else _of_log(known, axis)
+        plant, controller, own_air = flown or _Known(
+            nominal_plant(setup, number), true_controller(setup, number), None
+        )
+        around = own_air if own_air is not None and not air else _air(air or "breeze", axis)
+        fitting = design(
+            controller,
+            plant,
+            around,
+            number,
+            wanted,
+            entry="mixer" if advice.excitation_entry == "mixer" else "rate",
+            most_hz=advice.excitation_most_hz,
+            lead_lag_hz=advice.excitation_lead_lag_hz,
+        )
+        if fitting is not None:
+            found[axis] = fitting
+    return found
+
+
+def _of_log(known: Result, axis: str) -> _Known | None:
+    """Return what a flight tells of an axis; None where its loop is not known."""
+    model, closed = known.identification.recommended, known.closed_loop
+    if model is None or closed is None:
+        return None
+    loop, controller = closed.axes.get(axis), closed.controllers.axes.get(axis)
+    if loop is None or loop.plants is None or controller is None:
+        return None
+    _, model = per_command(known.data, model)
+    if not model.entries[ON_AXIS[axis]].identifiable:
+        return None
+    return _Known(
+        loop.plants.at(slice(0, 1))._replace(modes=None), controller, _air_of(known, AXES.index(axis))
+    )
+
+
+def _air_of(known: Result, number: int) -> Air | None:
+    """Return what disturbed an axis of a flight, where its fit leaves enough of it."""
+    model = known.identification.recommended
+    spectrum = None if model is None else residual_spectrum(model.fit, number)
+    if model is None or spectrum is None:
+        return None
+    s = np.asarray(2j * np.pi * spectrum.frequency_hz, dtype=np.complex128)
+    # The residual has passed the filter of the fit; far above its edge nothing is left to divide by.
+    passed = gaussian_response(s, model.smoothing_hz) ** 2
+    inside = (spectrum.frequency_hz <= model.smoothing_hz) & (spectrum.density > 0.0)
+    if not inside.any():
+        return None
+    return Air(spectrum.frequency_hz[inside], (spectrum.density / passed)[inside], model.smoothing_hz)
+
+
+def _air(name: str, axis: str) -> Air:
+    """Return air of that name, as flown logs show its spectrum."""
+    frequency_hz = np.geomspace(0.05, 200.0, 300)
+    size = AIRS[name] * (_YAW_IN_AIR if axis == "yaw" else 1.0)
+    return Air(frequency_hz, size**2 * disturbance_density(frequency_hz))
+
+
+def _typical(autopilot: str, vehicle: Vehicle | None, propeller_inch: float) -> Setup:
+    """Return how a vehicle of this size flies, where no log tells."""
+    scenario = Scenario(
+        name="plan",
+        sentence="A vehicle of this size.",
+        airframe=partial(_airframe, 0 if vehicle is None else len(vehicle.rotors), propeller_inch),
+        gyro_filter_hz=_gyro_filter_hz(propeller_inch),
+    )
+    return plan_flights(
+        scenario, seed=0, duration_s=60.0, rate_hz=400.0, vehicle=vehicle, autopilot=autopilot
+    )[0]
+
+
+def _gyro_filter_hz(propeller_inch: float) -> float:
+    """Return the cut-off of the gyro's filter that setup pages advise [Hz]."""
+    return max(_GYRO_FILTER_HZ * propeller_inch**_GYRO_FILTER_POWER, _LEAST_GYRO_FILTER_HZ)
+
+
+def _sweep(fitting: AxisExcitation) -> Sweep:
+    """Return the sweep of an axis, faded in while its first two cycles last."""
+    return Sweep(
+        magnitude=fitting.magnitude,
+        start_hz=fitting.start_hz,
+        stop_hz=fitting.stop_hz,
+        record_s=fitting.record_s,
+    )
+
+
+def _multisine(excitations: Mapping[str, AxisExcitation]) -> dict[str, object]:
+    """Return rate set-points that move all axes at once, each at its own frequencies.
+
+    As `Advice.excitation_files` takes them. An axis that is not planned has no lines. Largest rates follow
+    from what the sweeps may do.
+    """
+    planned = [axis for axis in AXES if axis in excitations]
+    bands = tuple(
+        (
+            excitations[axis].start_hz * _PERIOD_S,
+            max(excitations[axis].stop_hz, 4.0 * excitations[axis].start_hz) * _PERIOD_S,
+        )
+        for axis in planned
+    )
+    sines = dict(zip(planned, orthogonal(bands, _LINES), strict=True))
+    limit_dps = {axis: _TOGETHER * float(np.degrees(excitations[axis].peak_rate_rad_s)) for axis in planned}
+    return {
+        "period_s": _PERIOD_S,
+        "periods": _PERIODS,
+        "limit_dps": [round(limit_dps.get(axis, 0.0), 2) for axis in AXES],
+        "scale_dps": [
+            round(limit_dps[axis] / sines[axis].peak, 4) if axis in sines else 0.0 for axis in AXES
+        ],
+        "lines": [
+            [
+                (round(harmonic / _PERIOD_S, 6), round(phase, 4))
+                for harmonic, phase in zip(
+                    sines[axis].harmonics.tolist(), sines[axis].phases.tolist(), strict=True
+                )
+            ]
+            if axis in sines
+            else []
+            for axis in AXES
+        ],
+    }
 
 
 def parse_version(text: str) -> Version:
@@ -220,7 +456,8 @@ def predict(plan: Plan, vehicle: Vehicle | None = None) -> Prediction:
     scenario = Scenario(
         name="plan",
         sentence="The planned flight.",
-        airframe=partial(_airframe, 0 if vehicle is None else len(vehicle.rotors)),
+        airframe=partial(_airframe, 0 if vehicle is None else len(vehicle.rotors), plan.propeller_inch),
+        gyro_filter_hz=_gyro_filter_hz(plan.propeller_inch),
         manoeuvre=partial(_manoeuvre, plan),
         duration_s=plan.duration_s,
     )
@@ -243,10 +480,14 @@ def predict(plan: Plan, vehicle: Vehicle | None = None) -> Prediction:
     )
 
 
-def _airframe(n_rotors: int) -> SimulatedAirframe:
+def _airframe(n_rotors: int, propeller_inch: float = PROPELLER_INCH) -> SimulatedAirframe:
     """Return the simulated vehicle with that number of rotors, a quadrotor if it is not known."""
     makers = {0: quad_x, 4: quad_x, 6: hexa_x, 8: octa_coaxial}
-    return makers.get(n_rotors, quad_x)()
+    made = makers.get(n_rotors, quad_x)()
+    if propeller_inch == PROPELLER_INCH:
+        return made
+    named = f"{made.name}, scaled to {propeller_inch:g} inch propellers"
+    return dataclasses.replace(scaled(made, propeller_inch / PROPELLER_INCH), name=named)
 
 
 def _manoeuvre(plan: Plan, time_s: FloatArray, rng: np.random.Generator) -> Reference:

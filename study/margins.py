@@ -17,11 +17,11 @@ from quadid_logs.load import prepare
 from quadid_logs.pipeline import judge
 from quadid_logs.simulate.closed_loop import Setup, Tuning
 from quadid_logs.simulate.effects import Effects
+from quadid_logs.simulate.true_loop import true_controller, true_plant
 from quadid_logs.vocabulary import AXES
 from study.draw import Drawn, draw_flight
 from study.measure import setup_of, simulate_drawn
 from study.structural import log_uniform
-from study.true_loop import true_controller, true_plant
 
 #: The figures that are held against the truth: of `Margins`, with the truth's name in `LoopFigures` and its
 #: unit there in units of the first.

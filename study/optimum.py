@@ -29,10 +29,10 @@ from quadid_logs.data.tuning import GOOD, Tuning
 from quadid_logs.simulate import fly
 from quadid_logs.simulate.closed_loop import Setup
 from quadid_logs.simulate.effects import disturbance_density
+from quadid_logs.simulate.true_loop import true_controller, true_plant
 from quadid_logs.simulate.wind import Wind
 from quadid_logs.tuning import recommend
 from quadid_logs.vocabulary import AXES
-from study.true_loop import true_controller, true_plant
 from study.tuning import (
     analyzed,
     changed,

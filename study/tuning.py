@@ -34,12 +34,12 @@ from quadid_logs.simulate import Scenario, fly, manoeuvres, plan_flights
 from quadid_logs.simulate.closed_loop import Noise, Record, Setup
 from quadid_logs.simulate.closed_loop import Tuning as Gains
 from quadid_logs.simulate.logger import log_flights
+from quadid_logs.simulate.true_loop import true_controller, true_plant
 from quadid_logs.simulate.truth import flight_truth
 from quadid_logs.simulate.wind import Wind
 from quadid_logs.tuning import recommend
 from study.draw import draw_flight
 from study.structural import log_uniform
-from study.true_loop import true_controller, true_plant
 
 #: A loop of this rate, logged at every step [Hz]; flights are as short as a pilot's patience.
 _RATE_HZ: Final = 280.0

@@ -18,10 +18,10 @@ from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD, AxisTuning, Tuning
 from quadid_logs.diagnose import with_findings
 from quadid_logs.report.tune_view import TuneAxisView, tune_view
+from quadid_logs.simulate.true_loop import true_plant
 from quadid_logs.simulate.truth import flight_truth
 from quadid_logs.tuning import recommend, tuning_of
 from quadid_logs.vocabulary import AXES
-from study.true_loop import true_plant
 from tests.tuned_flights import flown, recorded
 
 AUTOPILOTS = ("ardupilot", "px4", "betaflight")

@@ -14,6 +14,7 @@ from quadid_logs.autopilots import named
 from quadid_logs.control.loop import close
 from quadid_logs.data.tuning import AxisTuning, GainChange
 from quadid_logs.simulate import fly, plan_flights
+from quadid_logs.simulate.true_loop import true_controller, true_plant
 from quadid_logs.vocabulary import AXES
 from study import run
 from study.draw import FRAMES, GYRO_SCALE_SIGMA, MANOEUVRES, draw_flight
@@ -33,7 +34,6 @@ from study.summary import (
     read_flights,
     verdict_table,
 )
-from study.true_loop import true_controller, true_plant
 from study.tuning import _ratios
 
 

@@ -206,17 +206,32 @@ def check(
     return promise.check(held, after, provenance_of(after.log.path).log_sha256)
 
 
-def plan(autopilot: LogLike | Result, axes: Sequence[str] = (), *, firmware: str = "") -> planning.Plan:
+def plan(
+    autopilot: LogLike | Result,
+    axes: Sequence[str] = (),
+    *,
+    firmware: str = "",
+    propeller_inch: float = planning.PROPELLER_INCH,
+    air: str = "",
+    wanted: float = planning.WANTED,
+) -> planning.Plan:
     """Plan a flight that will give an answer: what to set, and what to fly.
 
     Parameters
     ----------
     autopilot : str, Path, FlightLog, Simulation or Result
-        The autopilot's name; or a flight of the vehicle: then what it logs already is kept, for its firmware.
+        The autopilot's name; or a flight of the vehicle: then what it logs already is kept, for its
+        firmware, and excitation is made for its model, its loop and its air.
     axes : sequence of str
         Of roll, pitch, yaw; empty means all.
     firmware : str
         Its version, as "4.5"; "" for that of the flight, or a recent one.
+    propeller_inch : float
+        How large the vehicle is, where no flight tells.
+    air : str
+        "calm", "breeze" or "wind"; "" for that of the flight, or a breeze.
+    wanted : float
+        Half the 95 % interval of the control effectiveness, over the effectiveness.
 
     Returns
     -------
@@ -239,9 +254,21 @@ def plan(autopilot: LogLike | Result, axes: Sequence[str] = (), *, firmware: str
     """
     version = planning.parse_version(firmware) if firmware else None
     if isinstance(autopilot, str) and _is_name(autopilot):
-        return planning.make_plan(autopilot.lower(), axes, version)
-    log = _log_of(autopilot)
-    return planning.make_plan(log.autopilot, axes, version or log.version, log.parameters)
+        return planning.make_plan(
+            autopilot.lower(), axes, version, propeller_inch=propeller_inch, air=air, wanted=wanted
+        )
+    known = _analyzed(autopilot, None, None)
+    log = known.log
+    return planning.make_plan(
+        log.autopilot,
+        axes,
+        version or log.version,
+        log.parameters,
+        known=known,
+        propeller_inch=propeller_inch,
+        air=air,
+        wanted=wanted,
+    )
 
 
 def predictor(
@@ -310,14 +337,6 @@ def _is_name(text: str) -> bool:
     """Return whether a text names an autopilot; the name of a log has an ending, or there is such a file."""
     path = Path(text)
     return text.lower() in {each.name for each in known()} or not (path.suffix or path.exists())
-
-
-def _log_of(log: LogLike | Result) -> FlightLog:
-    """Return the log behind anything that a verb takes."""
-    if isinstance(log, Result):
-        return log.log
-    found = as_log(log)
-    return found if isinstance(found, FlightLog) else read_log(found)
 
 
 def _analyzed(log: LogLike | Result, settings: Settings | None, vehicle: Vehicle | None) -> Result:

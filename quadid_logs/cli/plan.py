@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -43,12 +44,41 @@ def plan(
     like: Annotated[
         Path | None,
         typer.Option(
-            "--like", metavar="LOG", help="A log of the vehicle: what it logs is kept, for its firmware."
+            "--like",
+            metavar="LOG",
+            help="A log of the vehicle: the plan is made for its model, air, settings and firmware.",
         ),
     ] = None,
     vehicle: Annotated[
         Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="Simulate this vehicle.")
     ] = None,
+    propeller: Annotated[
+        float,
+        typer.Option(
+            "--propeller",
+            metavar="INCHES",
+            help="How large the vehicle is, where no log tells [default: 10].",
+            show_default=False,
+        ),
+    ] = 10.0,
+    air: Annotated[
+        str,
+        typer.Option(
+            "--air",
+            metavar="AIR",
+            help="calm, breeze or wind [default: that of the log, a breeze without one].",
+            show_default=False,
+        ),
+    ] = "",
+    interval: Annotated[
+        float,
+        typer.Option(
+            "--interval",
+            metavar="PERCENT",
+            help="Half width of the 95 % interval of the control effectiveness to plan for [default: 5].",
+            show_default=False,
+        ),
+    ] = 5.0,
     output: Annotated[
         Path | None,
         typer.Option("-o", "--output", metavar="DIR", help="Folder for the card and the parameter files."),
@@ -62,7 +92,7 @@ def plan(
 
     Without -o the card is only printed.
     """
-    from quadid_logs.load import read_log
+    from quadid_logs.pipeline import analyze
     from quadid_logs.planning import make_plan, parse_version, predict
     from quadid_logs.report.markdown_page import markdown_page
     from quadid_logs.report.plan import (
@@ -76,20 +106,26 @@ def plan(
     from quadid_logs.vehicle_file import read_vehicle
 
     version = None if firmware is None else parse_version(firmware)
-    planned = make_plan(autopilot.lower(), axis or (), version)
+    described = None if vehicle is None else read_vehicle(vehicle)
+    make = partial(make_plan, vehicle=described, propeller_inch=propeller, air=air, wanted=interval / 100.0)
+    planned = make(autopilot.lower(), axis or (), version)
     if like is not None:
         check_log(like)
-        flown = read_log(like)
+        with Progress("plan", quiet=quiet) as progress:
+            progress("analyzing the log")
+            known = analyze(like, vehicle=described)
+        flown = known.log
         if flown.autopilot != planned.autopilot:
             raise SettingsError(
                 f"{printable(like)} is a log of {flown.autopilot}.", hint="Give a log of the same autopilot."
             )
-        planned = make_plan(planned.autopilot, planned.axes, version or flown.version, flown.parameters)
+        planned = make(
+            planned.autopilot, planned.axes, version or flown.version, flown.parameters, known=known
+        )
     texts = parameter_files(planned) | live_files(planned)
     files = {name: text.encode() for name, text in texts.items()}
     if output is not None:
         check_folder_free(output, (CARD_FILE, CARD_PAGE, *files), force=force)
-    described = None if vehicle is None else read_vehicle(vehicle)
     with Progress("plan", quiet=quiet) as progress:
         progress("flying it in the simulator")
         prediction = predict(planned, described)

@@ -230,7 +230,7 @@ def _change_by_feedback(
 def feedback_left(
     design: Design, explained: Iterable[tuple[FloatArray, FloatArray]], n: int
 ) -> Feedback | None:
-    """Return what feedback still does to an estimate with so many instruments; None without any.
+    """Return what feedback still does to an estimate with so many instruments; None where that is nothing.
 
     Parameters
     ----------
@@ -244,7 +244,8 @@ def feedback_left(
     -------
     Feedback or None
     """
-    if not n:
+    # An injected signal answers no disturbance, and what it follows by chance is told by other seconds.
+    if not n or design.only_excitation:
         return None
     trained_s = np.count_nonzero(design.train) * design.period_s
     # As many values a second as twice the bandwidth are independent.

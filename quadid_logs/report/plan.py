@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterator, Mapping
 from functools import partial
@@ -15,11 +16,12 @@ from quadid_logs.planning import Plan, Prediction
 from quadid_logs.report.json import strict_text
 from quadid_logs.report.numbers import estimate, number
 from quadid_logs.report.words import pretty_unit
-from quadid_logs.simulate.sweep import Sweep
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES, ON_AXIS
 
 CARD_FILE, CARD_PAGE = "plan.md", "plan.html"
+#: A promise that is wider than what was wanted by less than this is as good.
+_MISSED: Final = 1.1
 #: How files are called that hold what flew.
 BACK: Final = "back"
 
@@ -64,7 +66,7 @@ def parameter_files(plan: Plan) -> dict[str, str]:
     Returns
     -------
     dict of str to str
-        What makes the autopilot log and sweep, where that has to be set, and the ways back.
+        What makes the autopilot log, sweep, and fly a script, where that has to be set, and the ways back.
     """
     advice, names = plan.advice, plan_file_names(plan.autopilot)
     text = partial(advice.parameter_text, parameters=plan.parameters)
@@ -79,7 +81,7 @@ def parameter_files(plan: Plan) -> dict[str, str]:
         files[names.sweeps[axis]] = text(advice.sweep_comment(axis), plan.settings_of(axis))
     if plan.sweeps:
         files[names.sweep_off] = text("Take the sweep off the vehicle", advice.sweep_off())
-    return files | advice.whole_files(plan.axes)
+    return files | advice.whole_files(plan.axes) | plan.script_files()
 
 
 def live_files(plan: Plan) -> dict[str, str]:
@@ -115,14 +117,65 @@ def card_lines(plan: Plan, prediction: Prediction) -> tuple[str, ...]:
         "",
         *settings_lines(plan),
         "",
+        *excitation_lines(plan),
         "## Fly",
         "",
-        *(f"{place}. {step}" for place, step in enumerate(_steps(plan), start=1)),
+        *(f"{place}. [ ] {step}" for place, step in enumerate(_steps(plan), start=1)),
         "",
+        *_by_hand(plan),
         "## Expect",
         "",
         *_expected(plan, prediction),
     )
+
+
+def excitation_lines(plan: Plan) -> Iterator[str]:
+    """Yield what moves each axis, as one table, and what it promises; nothing where nothing can.
+
+    Parameters
+    ----------
+    plan : Plan
+
+    Yields
+    ------
+    str
+    """
+    if not plan.excitations:
+        return
+    unit = "of full torque" if plan.advice.excitation_entry == "mixer" else "deg/s"
+    yield "## Excitation"
+    yield ""
+    columns = (
+        "axis",
+        "band [Hz]",
+        f"amplitude [{unit}]",
+        "length [s]",
+        "crossover [Hz]",
+        "phase crossover [Hz]",
+    )
+    yield f"| {' | '.join(columns)} | promised |"
+    yield "|---|---|---|---|---|---|---|"
+    for axis, one in plan.excitations.items():
+        size = one.magnitude if plan.advice.excitation_entry == "mixer" else math.degrees(one.magnitude)
+        beyond = number(one.phase_crossover_hz, 2) if math.isfinite(one.phase_crossover_hz) else "none"
+        yield (
+            f"| {axis} | {one.start_hz:g} to {one.stop_hz:g} | {number(size, 2)} | {one.record_s:g} | "
+            f"{number(one.crossover_hz, 2)} | {beyond} | ±{number(100.0 * one.half_width, 2)} % |"
+        )
+    yield ""
+    yield (
+        f"Computed for the model of {printable(plan.model, 60)}, in this air: {plan.air}. The last column "
+        f"is the half "
+        "width of the 95 % interval of the control effectiveness."
+    )
+    short = [axis for axis, one in plan.excitations.items() if one.half_width > _MISSED * plan.wanted]
+    if short:
+        yield (
+            f"{', '.join(short).capitalize()}: no sweep that keeps the vehicle within its limits gives "
+            f"±{number(100.0 * plan.wanted, 2)} % in this air. Fly in calmer air, or fly twice and pool "
+            f"the logs."
+        )
+    yield ""
 
 
 def plan_text(plan: Plan, prediction: Prediction) -> str:
@@ -147,6 +200,12 @@ def plan_text(plan: Plan, prediction: Prediction) -> str:
         "duration_s": plan.duration_s,
         "logging": dict(plan.logging),
         "sweeps": {axis: dict(plan.settings_of(axis)) for axis in plan.sweeps},
+        "excitation": {
+            "model": plan.model,
+            "air": plan.air,
+            "wanted_half_width": plan.wanted,
+            "axes": {axis: dataclasses.asdict(one) for axis, one in plan.excitations.items()},
+        },
         "steps": _steps(plan),
         "expected": {
             "vehicle": prediction.vehicle,
@@ -179,10 +238,6 @@ def settings_lines(plan: Plan) -> Iterator[str]:
     if plan.advice.before_setting:
         yield f"- {plan.advice.before_setting}"
     yield from logging_lines(plan)
-    for axis, sweep in plan.sweeps.items():
-        values = ", ".join(f"{name} = {digits(value)}" for name, value in plan.settings_of(axis))
-        yield f"- for {axis}, when its turn comes: {values}"
-        yield f"  ({_sweep_words(sweep)})"
     if plan.advice.live_note:
         yield f"- to watch the intervals in flight with `quadid-log live ADDRESS`: {plan.advice.live_note}"
     kept = plan.advice.gyro_filter_parameter
@@ -213,14 +268,6 @@ def logging_lines(plan: Plan) -> Iterator[str]:
         yield f"- {plan.advice.logging('', plan.parameters, plan.version)}"
 
 
-def _sweep_words(sweep: Sweep) -> str:
-    """Say what a sweep does."""
-    return (
-        f"{100.0 * sweep.magnitude:g} % of the mixer's range, {sweep.start_hz:g} to {sweep.stop_hz:g} Hz "
-        f"in {sweep.record_s:g} s"
-    )
-
-
 def _steps(plan: Plan) -> tuple[str, ...]:
     """Return what to do, in order."""
     return (
@@ -229,6 +276,16 @@ def _steps(plan: Plan) -> tuple[str, ...]:
         f"Take the log from the card, and run `{command('analyze', LOG)}`. Where there are several, as after "
         f"a restart, run `{command('analyze', LOG, NEXT_LOG, '--pool')}`.",
     )
+
+
+def _by_hand(plan: Plan) -> Iterator[str]:
+    """Yield how to fly without the script."""
+    steps = plan.steps_by_hand()
+    if steps:
+        yield "## Without the script"
+        yield ""
+        yield from (f"{place}. [ ] {step}" for place, step in enumerate(steps, start=1))
+        yield ""
 
 
 def _expected(plan: Plan, prediction: Prediction) -> Iterator[str]:

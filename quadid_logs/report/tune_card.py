@@ -32,7 +32,8 @@ def flight_files(result: Result, tuning: Tuning) -> dict[str, str]:
         return {}
     planned = None
     if result.log.autopilot in plannable():
-        planned = make_plan(result.log.autopilot, changing, result.log.version, result.log.parameters)
+        log = result.log
+        planned = make_plan(log.autopilot, changing, log.version, log.parameters, known=result)
     card = "\n".join(_card(result, tuning, changing, planned)) + "\n"
     return {CARD_FILE: card, **({} if planned is None else parameter_files(planned))}
 

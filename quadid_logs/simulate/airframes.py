@@ -168,6 +168,46 @@ def _make(
     )
 
 
+def scaled(airframe: SimulatedAirframe, factor: float) -> SimulatedAirframe:
+    """Return a similar vehicle whose lengths are so many times as large.
+
+    The disk loading and the speed of the blade tips stay: mass and thrust go with the area, inertia with mass
+    times area, and the time constant of a rotor, J / (2 k w) with J ~ d^5, k ~ d^5 and w ~ 1 / d, with d.
+
+    Parameters
+    ----------
+    airframe : SimulatedAirframe
+    factor : float
+
+    Returns
+    -------
+    SimulatedAirframe
+    """
+    area = factor**2
+    return dataclasses.replace(
+        airframe,
+        mass_kg=airframe.mass_kg * area,
+        inertia_kg_m2=airframe.inertia_kg_m2 * area**2,
+        position_m=airframe.position_m * factor,
+        max_thrust_n=airframe.max_thrust_n * area,
+        torque_to_thrust_m=airframe.torque_to_thrust_m * factor,
+        rotor_speed_max_rad_s=airframe.rotor_speed_max_rad_s / factor,
+        lag_up_s=airframe.lag_up_s * factor,
+        lag_down_s=airframe.lag_down_s * factor,
+        rotor_inertia_kg_m2=airframe.rotor_inertia_kg_m2 * factor**5,
+        rate_damping_n_m_s=airframe.rate_damping_n_m_s * area**2,
+        drag_n_s_m=airframe.drag_n_s_m * area,
+        drag_area_m2=airframe.drag_area_m2 * area,
+        drag_height_m=airframe.drag_height_m * factor,
+        battery=dataclasses.replace(
+            airframe.battery,
+            resistance_ohm=airframe.battery.resistance_ohm / area,
+            capacity_a_s=airframe.battery.capacity_a_s * area,
+            hover_current_a=airframe.battery.hover_current_a * area,
+        ),
+    )
+
+
 def adapted(airframe: SimulatedAirframe, vehicle: Vehicle) -> SimulatedAirframe:
     """Replace what a vehicle file gives; without a given inertia, the known one grows with m r^2.
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
+from quadid_logs.maths.multisine import low_peak_phases
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -194,22 +195,8 @@ def multisine(
         low, high = band_hz[axis]
         harmonics = np.arange(max(int(np.ceil(low * period_s)), 1), max(int(high * period_s), 4) + 1)
         harmonics = harmonics[harmonics % 3 == axis]
-        phases = _low_peak_phases(harmonics, rng)
+        phases = low_peak_phases(harmonics, rng)
         angle = 2.0 * np.pi * np.outer(time_s / period_s, harmonics) + phases
         wave = np.sin(angle).sum(axis=1) * np.sqrt(2.0 / harmonics.size)
         rate[:, axis] = rms_rad_s[axis] * _fade(time_s) * wave
     return _reference(time_s, rate_rad_s=rate)
-
-
-def _low_peak_phases(harmonics: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Phases of equal-amplitude sines whose sum has a low peak."""
-    n = 8 * int(harmonics.max()) + 8
-    phases = rng.uniform(0.0, 2.0 * np.pi, harmonics.size)
-    index = harmonics.astype(np.int64)
-    for _ in range(60):
-        spectrum = np.zeros(n // 2 + 1, dtype=np.complex128)
-        spectrum[index] = -1j * np.exp(1j * phases)
-        wave = np.fft.irfft(spectrum, n)
-        limit = 0.85 * np.abs(wave).max()
-        phases = np.angle(1j * np.fft.rfft(np.clip(wave, -limit, limit))[index])
-    return np.asarray(phases, dtype=np.float64)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from quadid_logs.autopilots import Autopilot, formats, known
@@ -10,6 +11,7 @@ from quadid_logs.autopilots.betaflight.advice import ADVICE as BETAFLIGHT
 from quadid_logs.autopilots.px4.advice import ADVICE as PX4
 from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.data.log import FlightLog
+from quadid_logs.planning import make_plan
 from quadid_logs.vocabulary import AXES
 
 Version = tuple[int, ...] | None
@@ -203,3 +205,18 @@ def test_the_version_is_read_from_what_the_firmware_calls_itself(firmware: str, 
     """As the corpus has it."""
     log = FlightLog(path="", format="ulog", autopilot="px4", n_bytes=0, signals={}, firmware=firmware)
     assert log.version == version
+
+
+def test_the_chirp_of_a_plan_is_set_and_set_back_by_lines_for_the_command_line() -> None:
+    """Betaflight: amplitudes in deg/s, frequencies in tenths of a hertz; what flew comes back."""
+    planned = make_plan("betaflight", [], None, {"chirp_amplitude_roll": 111.0})
+    files = planned.script_files()
+    lines = dict(line[4:].split(" = ") for line in files["chirp.txt"].splitlines() if line.startswith("set"))
+    assert lines["debug_mode"] == "CHIRP"
+    lowest = min(each.start_hz for each in planned.excitations.values())
+    assert 0.0 <= lowest - int(lines["chirp_frequency_start_deci_hz"]) / 10.0 < 0.1
+    for axis, each in planned.excitations.items():
+        assert 1 <= int(lines[f"chirp_amplitude_{axis}"]) <= max(np.degrees(each.magnitude), 1.0)
+    assert "set chirp_amplitude_roll = 111" in files["chirp-off.txt"]
+    assert "set chirp_amplitude_yaw = 180" in files["chirp-off.txt"]
+    assert any("six times" in step for step in planned.steps())

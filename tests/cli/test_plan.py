@@ -47,12 +47,12 @@ def test_each_axis_gets_its_own_number_of_the_mixer() -> None:
 def test_parameter_files_are_what_the_ground_stations_read() -> None:
     """NAME,VALUE for ArduPilot, five tab-separated columns for PX4."""
     files = parameter_files(make_plan("ardupilot", ["yaw"]))
-    assert files.keys() == {"logging.param", "sweep-yaw.param", "sweep-off.param"}
+    assert files.keys() == {"logging.param", "sweep-yaw.param", "sweep-off.param", "excite.lua"}
     assert "LOG_BITMASK,176127\n" in files["logging.param"]
-    for text in files.values():
+    for text in (text for name, text in files.items() if name.endswith(".param")):
         for line in text.splitlines():
             assert line.startswith("#") or len(line.split(",")) == 2
-    (text,) = parameter_files(make_plan("px4")).values()
+    text = parameter_files(make_plan("px4"))["logging.params"]
     assert text.splitlines()[-1].split("\t") == ["1", "1", "SDLOG_PROFILE", "25", "6"]
 
 
@@ -170,17 +170,19 @@ def test_the_planned_axis_is_usable_and_no_other(yaw_flight: Prediction) -> None
 
 def test_the_card_predicts_for_the_vehicle_that_was_given(yaw_flight: Prediction) -> None:
     """With the interval, and only for the planned axis."""
-    text = "\n".join(card_lines(make_plan("ardupilot", ["yaw"]), yaw_flight))
+    planned = make_plan("ardupilot", ["yaw"])
+    text = "\n".join(card_lines(planned, yaw_flight))
     assert "heavy" in text
     assert "- yaw: usable, effectiveness " in text
     assert "known to ±" in text
     assert "- roll:" not in text
-    assert "READ BACK that SID_AXIS is 12 and SID_MAGNITUDE is 0.15" in text
+    magnitude = planned.sweeps["yaw"].magnitude
+    assert f"READ BACK that SID_AXIS is 12 and SID_MAGNITUDE is {magnitude:g}" in text
 
 
 def test_nothing_is_set_on_the_ground_before_the_landing() -> None:
     """ "Set SID_AXIS back to 0" stood before "Land", though files are loaded on the ground."""
-    steps = make_plan("ardupilot", ["roll", "yaw"]).steps()
+    steps = make_plan("ardupilot", ["roll", "yaw"]).steps_by_hand()
     assert "and land" in steps[-2]
     assert steps[-1] == "After the last landing load sweep-off.param, which sets SID_AXIS back to 0."
 
@@ -188,13 +190,14 @@ def test_nothing_is_set_on_the_ground_before_the_landing() -> None:
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
 def test_a_card_lands_once_a_flight(autopilot: str, yaw_flight: Prediction) -> None:
     """A sweep ends with its own landing; doublets with one."""
-    text = "\n".join(card_lines(make_plan(autopilot, ["yaw"]), yaw_flight))
+    planned = make_plan(autopilot, ["yaw"])
+    text = "\n".join(card_lines(planned, yaw_flight)).split("## Without the script")[0]
     assert len(re.findall(r"\bland\b", text, re.IGNORECASE)) == 1
 
 
 def test_every_sweep_is_loaded_twice_and_read_back_before_it_is_flown() -> None:
     """Loaded once it leaves SID_MAGNITUDE at its default of 15 on a mixer axis: the vehicle flips."""
-    steps = make_plan("ardupilot").steps()
+    steps = make_plan("ardupilot").steps_by_hand()
     for axis in ("roll", "pitch", "yaw"):
         own = [step for step in steps if step.startswith(f"{axis.capitalize()}, ")]
         words = ["A SECOND TIME", "READ BACK", "switch to System ID"]
@@ -203,7 +206,7 @@ def test_every_sweep_is_loaded_twice_and_read_back_before_it_is_flown() -> None:
 
 def test_parameters_are_loaded_on_the_ground_before_the_first_sweep() -> None:
     """A pilot who flies has no hand for a ground station."""
-    steps = make_plan("ardupilot", ["roll"]).steps()
+    steps = make_plan("ardupilot", ["roll"]).steps_by_hand()
     (on_ground,) = (place for place, step in enumerate(steps) if "on the ground and disarmed" in step)
     assert "second person" in steps[on_ground]
     assert on_ground < next(place for place, step in enumerate(steps) if step.startswith("Roll, load"))
@@ -231,7 +234,12 @@ def test_a_betaflight_plan_is_flown_by_stick_or_chirp_and_gives_every_axis(
         "pitch",
         "yaw",
     ]
-    assert {path.name for path in folder.iterdir()} == {"plan.md", "plan.html"}
+    assert {path.name for path in folder.iterdir()} == {
+        "plan.md",
+        "plan.html",
+        "chirp.txt",
+        "chirp-off.txt",
+    }
 
 
 def test_a_plan_for_an_old_betaflight_sets_what_it_has() -> None:
@@ -259,6 +267,7 @@ def test_card_and_files_are_written_together(
         "logging.param",
         "sweep-yaw.param",
         "sweep-off.param",
+        "excite.lua",
         "live.param",
         "live-back.param",
     }
@@ -292,7 +301,8 @@ def test_the_plan_as_json_holds_what_the_card_says(capsys: pytest.CaptureFixture
     content = json.loads(capsys.readouterr().out)
     assert content["logging"] == {"LOG_BITMASK": 176127.0}
     assert content["sweeps"]["yaw"] == dict(make_plan("ardupilot", ["yaw"]).settings_of("yaw"))
-    assert any("READ BACK" in step for step in content["steps"])
+    assert any("excite.lua" in step for step in content["steps"])
+    assert content["excitation"]["axes"]["yaw"]["half_width"] > 0.01
     assert list(content["expected"]["axes"]) == ["yaw"]
     gain = content["expected"]["axes"]["yaw"]["gain"]
     assert gain["ci95"][0] < gain["value"] < gain["ci95"][1]

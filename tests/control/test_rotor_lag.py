@@ -22,8 +22,8 @@ from quadid_logs.load import prepare
 from quadid_logs.simulate import SCENARIOS, fly, manoeuvres, plan_flights
 from quadid_logs.simulate.closed_loop import Tuning
 from quadid_logs.simulate.logger import log_flights
+from quadid_logs.simulate.true_loop import true_plant
 from quadid_logs.simulate.truth import flight_truth
-from study.true_loop import true_plant
 
 RATE_HZ = 280.0
 

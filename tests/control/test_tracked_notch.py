@@ -25,9 +25,9 @@ from quadid_logs.simulate import SCENARIOS, fly, plan_flights
 from quadid_logs.simulate.closed_loop import Record
 from quadid_logs.simulate.control import TrackingNotch, filter_rates
 from quadid_logs.simulate.logger import log_flights
+from quadid_logs.simulate.true_loop import true_controller, true_plant
 from quadid_logs.simulate.truth import flight_truth
 from quadid_logs.writers import write_log
-from study.true_loop import true_controller, true_plant
 
 #: As fast as ArduPilot reads a gyro by default: the notch of the simulation is that of the firmware.
 LOOP_HZ = 1000.0

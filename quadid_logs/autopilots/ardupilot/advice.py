@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
+from quadid_logs.autopilots.ardupilot.flight_script import SCRIPT, SWITCH, flight_script
 from quadid_logs.autopilots.generic.advice import Advice, GainLine, Setting, Version, digits
 from quadid_logs.commands import LOG, command
 from quadid_logs.data.log import own_bits, whole_number
+from quadid_logs.sentences import listed
 
 #: ArduCopter/defines.h: bit 0 of LOG_BITMASK has been ATTITUDE_FAST since 2.x; what it logs has changed.
 _ATTITUDE_FAST: Final = 1
@@ -40,6 +42,10 @@ _SID_PARAMETERS: Final[Mapping[str, str]] = MappingProxyType(
         "fade_out_s": "SID_T_FADE_OUT",
     }
 )
+#: Between two sweeps of the script: it rests, the mode waits, and it returns [s].
+_SCRIPT_REST_S: Final = 4.3
+#: How the script fades its sweeps in and out [s].
+_FADES: Final[Mapping[str, float]] = MappingProxyType({"fade_in_s": 3.0, "fade_out_s": 1.0})
 #: Bits of LOG_BACKEND_TYPE (AP_Logger.cpp, `var_info`).
 _BACKEND, _CARD, _MAVLINK = "LOG_BACKEND_TYPE", 1, 2
 
@@ -68,6 +74,7 @@ class ArduPilotAdvice(Advice):
         "LOG_BACKEND_TYPE = 3 (card and MAVLink; live.param; restart the vehicle; live-back.param is the way "
         "back), and a link of about 130 kB/s, as USB or Wi-Fi"
     )
+    excitation_entry = "mixer"
     gyro_filter_parameter = "INS_GYRO_FILTER"
     hover_mode = "Stabilize"
     parameter_suffix = ".param"
@@ -135,6 +142,25 @@ class ArduPilotAdvice(Advice):
         described = ((name, sweep[meaning]) for meaning, name in _SID_PARAMETERS.items())
         return (("SID_AXIS", float(_SID_AXIS[axis])), *described)
 
+    def excitation_files(
+        self,
+        excitations: Mapping[str, Mapping[str, float]],
+        multisine: Mapping[str, Any],
+        parameters: Mapping[str, float],  # noqa: ARG002
+    ) -> dict[str, str]:
+        """Return the script that flies all sweeps in one flight."""
+        if not excitations:
+            return {}
+        sweeps = [
+            {
+                "name": axis,
+                "limit": each["most_magnitude"],
+                **dict(self.sweep_settings(axis, {**_FADES, **each})),
+            }
+            for axis, each in excitations.items()
+        ]
+        return {SCRIPT: flight_script(sweeps, multisine)}
+
     def sweep_comment(self, axis: str) -> str:
         """Return the first line of the parameter file of an axis' sweep."""
         return f"Sweep the {axis} axis. Load twice: SID_AXIS shows the others. Check SID_MAGNITUDE"
@@ -174,15 +200,37 @@ class ArduPilotAdvice(Advice):
         if not sweeps:
             return super().steps(axes, sweeps)
         return (
+            f"Copy {SCRIPT} into APM/scripts on the card. Set SCR_ENABLE to 1, and RCx_OPTION of a free "
+            f"switch to "
+            f"{SWITCH} (Scripting1). Restart: the ground station shows `excite: ready`.",
+            "Take off, and hover in Stabilize with 4 m of height or more. Leave the throttle stick where "
+            "it hovers.",
+            f"Turn the switch on. The script sweeps {listed(axes)} in one flight, for "
+            f"{sum(each['record_s'] + _SCRIPT_REST_S for each in sweeps.values()):.0f} s. Hold the place "
+            f"with small "
+            "stick moves.",
+            "Turn the switch off, or change the mode, to end it at any time. It ends by itself when the "
+            "vehicle tilts "
+            "by more than 30 degrees, when height, battery or radio are not as they should be, and when "
+            "it is done.",
+            "Wait for `excite: parameters are as they were`, and land. A restart brings every parameter "
+            "back, too.",
+            "Set SCR_ENABLE back, and take the script off the card.",
+        )
+
+    def steps_by_hand(
+        self, axes: Sequence[str], sweeps: Mapping[str, Mapping[str, float]]
+    ) -> tuple[str, ...]:
+        """Return the steps of sweeps that are loaded one by one."""
+        if not sweeps:
+            return ()
+        return (
             "Put System ID (mode 25) on a switch beside AltHold or Stabilize.",
             "SID_MAGNITUDE is a fraction of full motor authority here, and its default of 15 would flip the "
             "vehicle: never switch to System ID before you have read it back.",
             "Load parameter files on the ground and disarmed. While the vehicle hovers only a second person "
             "may, at the ground station.",
-            *_axis_steps(axes[0], sweeps[axes[0]]),
-            "If the vehicle barely shook, double SID_MAGNITUDE for all sweeps; if it leaned more than 20 "
-            "degrees, halve it.",
-            *(step for axis in axes[1:] for step in _axis_steps(axis, sweeps[axis])),
+            *(step for axis in axes for step in _axis_steps(axis, sweeps[axis])),
             "After the last landing load sweep-off.param, which sets SID_AXIS back to 0.",
         )
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
 from quadid_logs.autopilots.betaflight.chirp import SWEEP_SETTINGS
 from quadid_logs.autopilots.betaflight.law import loop_period_us
@@ -27,6 +28,18 @@ _COMMON_LOOP_US: Final = 250.0
 #: Sliders of the configurator that make gains from others, since 4.3, and what its modes are called.
 SLIDERS: Final = "simplified_pids_mode"
 _SLIDER_MODES: Final = ("OFF", "RP", "RPY")
+CHIRP, CHIRP_OFF = "chirp.txt", "chirp-off.txt"
+#: flight/pid.c, resetPidProfile: amplitudes in deg/s, added to the rate set-point behind a lead-lag.
+_CHIRP_DEFAULTS: Final[Mapping[str, float]] = MappingProxyType(
+    {
+        "chirp_amplitude_roll": 230,
+        "chirp_amplitude_pitch": 230,
+        "chirp_amplitude_yaw": 180,
+        "chirp_frequency_start_deci_hz": 2,
+        "chirp_frequency_end_deci_hz": 6000,
+        "chirp_time_seconds": 20,
+    }
+)
 _PROFILE: Final = (
     "First choose the PID profile that flew, which no log tells: profile 0 is the first one.",
     "Paste on the command line, disarmed.",
@@ -52,6 +65,9 @@ class BetaflightAdvice(Advice):
         }
     )
     excitation_parameters = SWEEP_SETTINGS
+    excitation_entry = "rate"
+    #: chirp_lag_freq_hz and chirp_lead_freq_hz by default.
+    excitation_lead_lag_hz = (3.0, 30.0)
     gyro_filter_parameter = "gyro_lpf1_static_hz"
     hover_mode = "Angle or Acro mode"
     plans_by_hand = True
@@ -103,11 +119,37 @@ class BetaflightAdvice(Advice):
         *flown, land = super().steps(axes, sweeps)
         since = ".".join(map(str, _CHIRP_SINCE))
         chirp = (
-            f"A build with CHIRP ({since} or later) can do it by itself: in place of the doublets switch on "
-            "that mode three times, each for chirp_time_seconds, with debug_mode = CHIRP. Each time it moves "
-            "the next axis."
+            f"A build with CHIRP ({since} or later) can do it by itself: paste {CHIRP} on the command "
+            f"line, and in "
+            "place of the doublets switch on that mode six times, each for chirp_time_seconds. Each time "
+            "it moves "
+            f"the next axis, so that every axis is moved twice in one log. Afterwards paste {CHIRP_OFF}."
         )
         return (*flown, chirp, land)
+
+    def excitation_files(
+        self,
+        excitations: Mapping[str, Mapping[str, float]],
+        multisine: Mapping[str, Any],  # noqa: ARG002
+        parameters: Mapping[str, float],
+    ) -> dict[str, str]:
+        """Return lines that set the chirp up, and lines that set it back."""
+        if not excitations:
+            return {}
+        lowest = min(each["start_hz"] for each in excitations.values())
+        highest = max(each["stop_hz"] for each in excitations.values())
+        longest = max(each["record_s"] for each in excitations.values())
+        wanted = {
+            **{f"chirp_amplitude_{axis}": _chirp_dps(each) for axis, each in excitations.items()},
+            "chirp_frequency_start_deci_hz": max(int(10.0 * lowest), 1),
+            "chirp_frequency_end_deci_hz": math.ceil(10.0 * highest),
+            "chirp_time_seconds": math.ceil(longest),
+        }
+        before = {name: parameters.get(name, _CHIRP_DEFAULTS[name]) for name in wanted}
+        return {
+            CHIRP: _lines("All axes by the CHIRP mode, twice", wanted, "CHIRP"),
+            CHIRP_OFF: _lines("The chirp as it was, or as it is by default", before, "NONE"),
+        }
 
     def parameter_text(
         self,
@@ -139,6 +181,17 @@ class BetaflightAdvice(Advice):
         if back:
             return (("as flown", SLIDERS, _SLIDER_MODES[mode]),)
         return (("sliders would set these gains anew", SLIDERS, _SLIDER_MODES[0]),)
+
+
+def _chirp_dps(excitation: Mapping[str, float]) -> int:
+    """Return the amplitude of a chirp [deg/s], no larger than the motion that was planned."""
+    return max(int(math.degrees(excitation["magnitude"])), 1)
+
+
+def _lines(comment: str, settings: Mapping[str, float], debug_mode: str) -> str:
+    """Return lines of the command line."""
+    lines = (f"set {name} = {digits(value)}" for name, value in settings.items())
+    return "\n".join((f"# {comment}", f"set debug_mode = {debug_mode}", *lines, "save")) + "\n"
 
 
 def _period_us(parameters: Mapping[str, float]) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 from quadid_logs.data.log import own_bits
 from quadid_logs.sentences import listed
@@ -58,6 +58,12 @@ class Advice:
         For the card and the parameter files of a planned flight.
     live_note : str
         What to set, and which link it takes, to receive the log in flight; "" where that cannot be.
+    excitation_entry : str
+        Where the autopilot can be excited: "mixer", "rate" (a rate set-point), or "" for nowhere.
+    excitation_most_hz : float
+        Fastest excitation that reaches it.
+    excitation_lead_lag_hz : (float, float) or None
+        Pole and zero of what the autopilot shapes a sweep with.
     unknown_mask_note : str
         What to do with a file of `logging_settings` where other bits may be set on the vehicle.
     before_setting : str
@@ -75,6 +81,9 @@ class Advice:
     logging_bits: ClassVar[Mapping[str, int]] = MappingProxyType({})
     logging_note: ClassVar[str] = ""
     live_note: ClassVar[str] = ""
+    excitation_entry: ClassVar[str] = ""
+    excitation_most_hz: ClassVar[float] = float("inf")
+    excitation_lead_lag_hz: ClassVar[tuple[float, float] | None] = None
     unknown_mask_note: ClassVar[str] = ""
     before_setting: ClassVar[str] = ""
     gyro_filter_parameter: ClassVar[str] = "the gyro filter"
@@ -213,6 +222,30 @@ class Advice:
         """
         return {}
 
+    def excitation_files(
+        self,
+        excitations: Mapping[str, Mapping[str, float]],  # noqa: ARG002
+        multisine: Mapping[str, Any],  # noqa: ARG002
+        parameters: Mapping[str, float],  # noqa: ARG002
+    ) -> dict[str, str]:
+        """Return files by name that fly the excitation of a plan, or set it up and take it off again.
+
+        Parameters
+        ----------
+        excitations : mapping of str to mapping
+            By axis, the fields of `quadid_logs.control.excitation_design.AxisExcitation`.
+        multisine : mapping
+            Rate set-points of all axes at once: ``period_s``, ``periods``, and by axis ``lines`` of frequency
+            [Hz] and phase [rad], ``scale_dps`` of each line and ``limit_dps`` of their sum.
+        parameters : mapping of str to float
+            Of the vehicle, where they are known.
+
+        Returns
+        -------
+        dict of str to str
+        """
+        return {}
+
     def live_files(self, parameters: Mapping[str, float]) -> dict[str, str]:  # noqa: ARG002
         """Return files by name that make the vehicle stream its log, and the way back.
 
@@ -289,6 +322,25 @@ class Advice:
         Returns
         -------
         tuple of (comment, name, value)
+        """
+        return ()
+
+    def steps_by_hand(
+        self,
+        axes: Sequence[str],  # noqa: ARG002
+        sweeps: Mapping[str, Mapping[str, float]],  # noqa: ARG002
+    ) -> tuple[str, ...]:
+        """Return how to fly sweeps without the script that `steps` flies; empty where that flies none.
+
+        Parameters
+        ----------
+        axes : sequence of str
+        sweeps : mapping of str to mapping
+            As for `steps`.
+
+        Returns
+        -------
+        tuple of str
         """
         return ()
 

@@ -4,9 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
 from quadid_logs.autopilots.generic.advice import Advice, GainLine, Setting, Version, digits
+from quadid_logs.autopilots.px4.offboard import (
+    FAILSAFES,
+    MOST_HZ,
+    PARAMETERS,
+    PARAMETERS_BACK,
+    REAL,
+    SCRIPT,
+    offboard_script,
+)
 from quadid_logs.data.log import whole_number
 
 #: Bits of SDLOG_PROFILE (src/modules/logger/params.c): default, system identification, high rate.
@@ -50,6 +59,8 @@ class Px4Advice(Advice):
         "some 50 kB/s are enough with logger_topics.txt in etc/logging on the card, which replaces the "
         "profile until you remove it"
     )
+    excitation_entry = "rate"
+    excitation_most_hz = MOST_HZ
     gyro_filter_parameter = "IMU_GYRO_CUTOFF"
     hover_mode = "Stabilized or Altitude mode"
     parameter_suffix = ".params"
@@ -57,6 +68,40 @@ class Px4Advice(Advice):
     def live_files(self, parameters: Mapping[str, float]) -> dict[str, str]:  # noqa: ARG002
         """Return the topics that an estimate needs; see `Advice.live_files`."""
         return {"logger_topics.txt": "".join(f"{topic}\n" for topic in _LIVE_TOPICS)}
+
+    def excitation_files(
+        self,
+        excitations: Mapping[str, Mapping[str, float]],
+        multisine: Mapping[str, Any],
+        parameters: Mapping[str, float],
+    ) -> dict[str, str]:
+        """Return the script that moves all axes off-board, and the failsafes that it asks for."""
+        if not excitations:
+            return {}
+        known = tuple((name, parameters[name]) for name in FAILSAFES if name in parameters)
+        files = {
+            SCRIPT: offboard_script(multisine),
+            PARAMETERS: self.parameter_text(
+                "Leave Offboard when its set-points end; the sticks end it, too",
+                tuple(FAILSAFES.items()),
+                parameters,
+            ),
+        }
+        if known:
+            files[PARAMETERS_BACK] = self.parameter_text("Failsafes as before", known, parameters)
+        return files
+
+    def steps(self, axes: Sequence[str], sweeps: Mapping[str, Mapping[str, float]]) -> tuple[str, ...]:
+        """Doublets by stick, or the script where there is a link to a computer."""
+        *flown, land = super().steps(axes, sweeps)
+        script = (
+            f"With a computer on MAVLink, {SCRIPT} can move all axes in place of the doublets: load "
+            f"{PARAMETERS}, "
+            f"hover in Position mode 10 m high, run `python {SCRIPT} ADDRESS`, and switch to Offboard "
+            f"when it asks "
+            "for it. Another mode, the sticks, or Ctrl-C end it."
+        )
+        return (*flown, script, land)
 
     def _logging(self, log_format: str, parameters: Mapping[str, float], version: Version | None) -> str:
         """Say what to do about SDLOG_PROFILE; the old logger's files are of DataFlash's framing."""
@@ -88,9 +133,11 @@ class Px4Advice(Advice):
         settings: Sequence[Setting],
         parameters: Mapping[str, float] = MappingProxyType({}),
     ) -> str:
-        """Return QGroundControl's columns: vehicle, component, name, value, type (6: an integer)."""
+        """Return QGroundControl's columns: vehicle, component, name, value, type (6 an integer, 9 a real)."""
         vehicle = whole_number(parameters.get("MAV_SYS_ID"), 1)
-        lines = (f"{vehicle}\t1\t{name}\t{digits(value)}\t6" for name, value in settings)
+        lines = (
+            f"{vehicle}\t1\t{name}\t{digits(value)}\t{9 if name in REAL else 6}" for name, value in settings
+        )
         return "\n".join((f"# {comment}", "#", "# Vehicle-Id Component-Id Name Value Type", *lines)) + "\n"
 
     def gain_text(

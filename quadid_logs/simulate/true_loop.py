@@ -9,7 +9,7 @@ import numpy as np
 from quadid_logs.autopilots.discrete import butterworth, derivative, first_order, gain, integrator, unit
 from quadid_logs.data.closed_loop import Modes, Plant
 from quadid_logs.data.controller import AxisController, DiscreteFilter
-from quadid_logs.simulate.closed_loop import Setup, final_gains
+from quadid_logs.simulate.closed_loop import Setup, final_gains, torque_gain
 from quadid_logs.simulate.effects import high_pass
 from quadid_logs.vocabulary import AXES
 
@@ -80,3 +80,26 @@ def true_plant(setup: Setup, truth: dict[str, Any], axis: int) -> Plant:
     no_mode = Modes(*(np.array([value]) for value in (1.0, 1.0, 0.0)))
     lead_s = truth["actuator"]["yaw_lead_s"] if axis == AXES.index("yaw") else 0.0
     return plant._replace(lead_s=lead_s, modes=no_mode)
+
+
+def nominal_plant(setup: Setup, axis: int) -> Plant:
+    """Return one axis of the vehicle as it is built, at a full battery: what is known before any flight.
+
+    Parameters
+    ----------
+    setup : Setup
+    axis : int
+
+    Returns
+    -------
+    Plant
+    """
+    frame = setup.airframe
+    gain = np.linalg.solve(frame.inertia_kg_m2, torque_gain(frame, setup.autopilot))[axis, axis]
+    values = (
+        gain,
+        -frame.rate_damping_n_m_s[axis] / frame.inertia_kg_m2[axis, axis],
+        0.5 * (frame.lag_up_s + frame.lag_down_s),
+        setup.delay_steps / setup.loop_hz,
+    )
+    return Plant(*(np.array([value]) for value in values))
