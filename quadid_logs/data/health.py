@@ -31,10 +31,13 @@ class Topic:
     sentence : str
         For people; no branch reads it.
     level : {"normal", "high", "severe", "fact"}
+    findings : tuple of str
+        Codes of the catalogue.
     """
 
     sentence: str
     level: Level = "fact"
+    findings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -315,6 +318,68 @@ class Oscillation(Topic):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class RotorFault:
+    """What one test found.
+
+    Attributes
+    ----------
+    code : str
+        Of the catalogue.
+    rotor : int
+        Which one, from 0; -1 where it is none.
+    time_s : float
+        When it began, NaN where it was there all the time.
+    size : Quantity
+        What was lost of the rotor's thrust, how far off the centre of mass is, or how strong it shakes.
+    p_value : float
+        That a flight without the fault shows it as clearly.
+    sentence : str
+    """
+
+    code: str
+    rotor: int
+    time_s: float
+    size: Quantity
+    p_value: float
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rotors(Topic):
+    """How much each rotor gives of what it is sent, and what is wrong with them.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Number and place.
+    effectiveness : tuple of Quantity or None
+        Of each rotor, over the mean of all [1]; None where they did not move independently enough.
+    change : tuple of Quantity or None
+        Of each rotor, what it gave at the end of the flight over what it gave at the beginning, if it
+        alone had changed; None where the flight is too short.
+    mass_offset : tuple of two Quantity or None
+        How far forward and to the right of the rotors' middle the centre of mass is, in lengths of the arm.
+    thrust_change : Quantity or None
+        Thrust for a unit of command at the end of the flight over that at the beginning.
+    shaking : tuple of Quantity or None
+        What the gyro sees of each propeller's turning [rad/s].
+    faults : tuple of RotorFault
+        The surest first.
+    searched : tuple of str
+        Codes of the tests that this log allows.
+    """
+
+    names: tuple[str, ...]
+    effectiveness: tuple[Quantity | None, ...]
+    change: tuple[Quantity | None, ...]
+    mass_offset: tuple[Quantity, Quantity] | None
+    thrust_change: Quantity | None
+    shaking: tuple[Quantity | None, ...]
+    faults: tuple[RotorFault, ...]
+    searched: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Health:
     """What a log shows of its flight; ``missing`` says of each topic that is None which signal it lacks."""
 
@@ -326,6 +391,7 @@ class Health:
     vibration: Vibration | None = None
     battery: Battery | None = None
     oscillation: Oscillation | None = None
+    rotors: Rotors | None = None
     missing: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -333,6 +399,7 @@ class Health:
         """Those that the log tells of, by name, the most urgent first."""
         found: dict[str, Topic | None] = {
             "oscillation": self.oscillation,
+            "rotors": self.rotors,
             "tracking": self.tracking,
             "attitude": self.attitude,
             "steps": self.steps,

@@ -14,6 +14,7 @@ from quadid_logs.health.battery import find_battery
 from quadid_logs.health.motors import find_motors
 from quadid_logs.health.noise import find_noise
 from quadid_logs.health.oscillation import find_oscillation
+from quadid_logs.health.rotors import find_rotors
 from quadid_logs.health.steps import find_responses, find_steps
 from quadid_logs.health.tracking import find_tracking
 from quadid_logs.health.vibration import find_vibration
@@ -37,6 +38,7 @@ _NEEDS: Final[Mapping[str, tuple[tuple[str, ...], str]]] = {
         ("body_rate", "body_rate_setpoint", "torque_command"),
         "the flight is too short for a spectrum",
     ),
+    "rotors": (("outputs",), "the log does not tell what each rotor was sent, or the flight is too short"),
 }
 _WORDS: Final[Mapping[str, str]] = {
     "body_rate": "body rates",
@@ -104,6 +106,7 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
         if (voltage := series.get("battery_voltage")) is None
         else find_battery(voltage, throttle, intervals),
         "oscillation": oscillation,
+        "rotors": find_rotors(prepared, intervals),
     }
     there = {
         *series,
