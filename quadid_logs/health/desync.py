@@ -37,7 +37,11 @@ class Desync(NamedTuple):
 
 
 def find_desync(
-    sent: CleanSeries, place: FloatArray, rate: CleanSeries, intervals: Sequence[Interval]
+    sent: CleanSeries,
+    place: FloatArray,
+    rate: CleanSeries,
+    force: CleanSeries | None,
+    intervals: Sequence[Interval],
 ) -> Desync | None:
     """Search for a moment at which one rotor's thrust was missing.
 
@@ -47,6 +51,8 @@ def find_desync(
     place : ndarray, shape (n_rotors, 3)
         As of `Commanded`.
     rate : CleanSeries
+    force : CleanSeries or None
+        Specific force [m/s^2]: what touches the ground or hits something turns as suddenly, but is pushed.
     intervals : sequence of (start_s, end_s)
 
     Returns
@@ -63,19 +69,73 @@ def find_desync(
         return None
     width = max(2, round(_WINDOW_S / moved.period_s))
     hop = max(1, width // 4)
-    times, left, thrust = [], [], []
-    for time_s, y, x in zip(moved.time_s, moved.acceleration, moved.sent, strict=True):
+    parts = []
+    columns = moved.time_s, moved.rate, moved.acceleration, moved.sent
+    for time_s, rates, y, x in zip(*columns, strict=True):
         if len(y) < 4 * width:
             continue
-        rest = y - scale * (x @ signs.T)
-        times.append(_means(time_s[:, np.newaxis], width, hop)[:, 0])
+        windows = _means(y - scale * (x @ signs.T), width, hop)
         # The trim is no loss: against the median of the part.
-        windows = _means(rest, width, hop)
-        left.append(windows - np.median(windows, axis=0))
-        thrust.append(_means(x, width, hop))
-    if not times or sum(len(one) for one in times) < _FEWEST:
+        left = windows - np.median(windows, axis=0)
+        parts.append(
+            _Windows(
+                _means(time_s[:, np.newaxis], width, hop)[:, 0],
+                left,
+                _spread_before(left, hop * moved.period_s),
+                _means(x, width, hop),
+                _before(_means(np.abs(rates[:, [1, 2, 0]] * rates[:, [2, 0, 1]]), width, hop), 2 * width // hop),
+            )
+        )
+    if sum(len(one.time_s) for one in parts) < _FEWEST:
         return None
-    return _clearest(np.concatenate(times), np.concatenate(left), np.concatenate(thrust), scale[:, np.newaxis] * signs)
+    windows = _Windows(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    pushed = np.zeros(len(windows.time_s), dtype=np.bool_) if force is None else _pushed(windows, force)
+    return _clearest(windows, scale[:, np.newaxis] * signs, pushed)
+
+
+class _Windows(NamedTuple):
+    """Means over windows.
+
+    ``left`` (n, 3) is the acceleration that is not explained, ``spread`` what is usual of it, ``thrust``
+    (n, n_rotors) what was sent, ``gyroscopic`` (n, 3) the most that inertia makes of the other two rates just before: no
+    body has (Jy - Jz) / Jx above one.
+    """
+
+    time_s: FloatArray
+    left: FloatArray
+    spread: FloatArray
+    thrust: FloatArray
+    gyroscopic: FloatArray
+
+
+def _before(values: FloatArray, steps: int) -> FloatArray:
+    """Return what was so many steps earlier: a loss turns the vehicle itself."""
+    return np.asarray(values[np.maximum(np.arange(len(values)) - steps, 0)], dtype=np.float64)
+
+
+def _spread_before(left: FloatArray, step_s: float) -> FloatArray:
+    """Return the standard deviation of the second before each window, at least that of the whole part.
+
+    In a manoeuvre much is left over; what comes after a loss is the controller's answer to it.
+    """
+    usual = np.median(np.abs(left), axis=0) / 0.6745
+    n_before, apart = max(1, round(_ANSWER_S / step_s)), max(1, round(_WINDOW_S / step_s))
+    sums = np.concatenate([np.zeros((1, 3)), np.cumsum(left**2, axis=0)])
+    last = np.maximum(np.arange(len(left)) - apart, 0)
+    first = np.maximum(last - n_before, 0)
+    count = np.maximum(last - first, 1)[:, np.newaxis]
+    return np.asarray(np.maximum(np.sqrt((sums[last] - sums[first]) / count), usual), dtype=np.float64)
+
+
+def _pushed(windows: _Windows, force: CleanSeries) -> BoolArray:
+    """Return where the vehicle felt more than it was sent: where thrust is missing, it feels less."""
+    rows = np.searchsorted(force.time_s, windows.time_s[:, np.newaxis] + _WINDOW_S * np.array([-0.5, 0.5]))
+    felt = np.nan_to_num(np.linalg.norm(force.values[:, :3], axis=1))
+    sums = np.concatenate([[0.0], np.cumsum(felt)])
+    mean = (sums[rows[:, 1]] - sums[rows[:, 0]]) / np.maximum(rows[:, 1] - rows[:, 0], 1)
+    total = windows.thrust.sum(axis=1)
+    per_thrust = np.median(mean) / np.median(total)
+    return np.asarray(mean > per_thrust * total, dtype=np.bool_)
 
 
 def _scale(
@@ -99,38 +159,38 @@ def _means(values: FloatArray, width: int, hop: int) -> FloatArray:
     return np.asarray((sums[width:] - sums[:-width])[::hop] / width, dtype=np.float64)
 
 
-def _clearest(time_s: FloatArray, left: FloatArray, thrust: FloatArray, per_thrust: FloatArray) -> Desync:
+def _clearest(windows: _Windows, per_thrust: FloatArray, pushed: BoolArray) -> Desync:
     """Hold the clearest loss against what the same rotors seem to gain, which no fault makes."""
-    spread = np.median(np.abs(left), axis=0) / 0.6745
     nothing = Desync(-1, float("nan"), 1.0)
-    if not (spread > 0.0).all():
+    if not (windows.spread > 0.0).all():
         return nothing
     best, rotor, place = 0.0, -1, 0
     gains = []
-    usual = np.median(thrust, axis=0)
+    usual = np.median(windows.thrust, axis=0)
     for number in range(per_thrust.shape[1]):
-        missing = -per_thrust[:, number] * usual[number]
-        weighted = left / spread @ (missing / spread) / float(np.linalg.norm(missing / spread))
+        sent = windows.thrust[:, number]
+        missing = -per_thrust[:, number] * usual[number] / windows.spread
+        weighted = np.sum(windows.left / windows.spread * missing, axis=1) / np.linalg.norm(missing, axis=1)
         gains.append(np.maximum(-weighted, 0.0))
-        # What is missing is missing of what was sent at that moment.
-        lost = _says(left, -per_thrust[:, number] * thrust[:, number, np.newaxis])
-        clear = np.where(lost, weighted, 0.0)
+        # What is missing is missing of what was sent at that moment, and of a rotor that was to push.
+        lost = _says(windows, -per_thrust[:, number] * sent[:, np.newaxis])
+        clear = np.where(lost & ~pushed & (sent > _LOST * usual[number]), weighted, 0.0)
         if float(clear.max()) > best:
             best, rotor, place = float(clear.max()), number, int(np.argmax(clear))
     if rotor < 0:
         return nothing
-    far = np.abs(time_s - time_s[place]) > _ANSWER_S
-    p_value = _chance(np.array(gains)[:, far], best)
-    return Desync(rotor, float(time_s[place]), p_value)
+    far = np.abs(windows.time_s - windows.time_s[place]) > _ANSWER_S
+    return Desync(rotor, float(windows.time_s[place]), _chance(np.array(gains)[:, far], best))
 
 
-def _says(left: FloatArray, missing: FloatArray) -> BoolArray:
+def _says(windows: _Windows, missing: FloatArray) -> BoolArray:
     """Return where each axis by itself says that half of the thrust or more is missing."""
     arm = np.abs(np.median(missing, axis=0))
     turns = arm > _ON_AXIS * arm.max() * np.array([1.0, 1.0, 0.0])
-    said: BoolArray = np.ones(len(left), dtype=np.bool_)
+    said: BoolArray = np.ones(len(missing), dtype=np.bool_)
     for axis in np.flatnonzero(turns):
-        said &= left[:, axis] * np.sign(missing[:, axis]) >= _LOST * np.abs(missing[:, axis])
+        towards = windows.left[:, axis] * np.sign(missing[:, axis]) - windows.gyroscopic[:, axis]
+        said &= towards >= _LOST * np.abs(missing[:, axis])
     return said
 
 

@@ -29,10 +29,12 @@ _STEPS: Final = 6
 class Motion(NamedTuple):
     """Accelerations [rad/s^2] and what the rotors were sent, in parts without gaps.
 
-    ``acceleration`` (n, 3), ``sent`` (n, n_rotors) behind the lag, ``time_s`` (n,), each for every part.
+    ``rate`` and ``acceleration`` (n, 3), ``sent`` (n, n_rotors) behind the lag, ``time_s`` (n,), each for
+    every part.
     """
 
     time_s: list[FloatArray]
+    rate: list[FloatArray]
     acceleration: list[FloatArray]
     sent: list[FloatArray]
     period_s: float
@@ -64,6 +66,7 @@ def motion(sent: CleanSeries, rate: CleanSeries, intervals: Sequence[Interval], 
         return None
     return Motion(
         [one.time_s for one in parts],
+        [one.values[:, :3] for one in parts],
         [np.asarray(np.gradient(one.values[:, :3], period_s, axis=0)) for one in parts],
         [
             one.values[0, 3:] + lfilter([weight], [1.0, weight - 1.0], one.values[:, 3:] - one.values[0, 3:], axis=0)

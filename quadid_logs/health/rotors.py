@@ -38,6 +38,8 @@ _CARRIES: Final = 0.5
 #: Height of the drag's centre above the centre of mass, in lengths of the arm, of all but the tallest frames:
 #: drag then looks like a centre of mass that is off by this times the tangent of the mean tilt.
 _DRAG_HEIGHT: Final = 0.25
+#: A flight that tells only larger losses tells nothing of a rotor.
+_HALF: Final = 0.5
 #: Two arms within this angle lie on one line.
 _ONE_LINE: Final = 0.99
 
@@ -76,7 +78,8 @@ def find_rotors(prepared: Prepared, intervals: Sequence[Interval]) -> Rotors | N
     sent = commanded_thrust(prepared)
     if sent is None:
         return None
-    shares = _shares(sent, intervals)
+    # Between two flights loads are moved and propellers changed.
+    shares = _shares(sent, [max(intervals, key=lambda one: one[1] - one[0])]) if intervals else None
     if shares is None:
         return None
     n_rotors, series = len(sent.place), prepared.series
@@ -90,7 +93,9 @@ def find_rotors(prepared: Prepared, intervals: Sequence[Interval]) -> Rotors | N
     begin = changes[faults[0].rotor].before if faults and changes[faults[0].rotor] else slice(None)
     steady = _Shares(*(part[begin] for part in shares))
     offset = _mass_offset(steady, _tilt(series.get("attitude"), steady.time_s))
-    weak = None if offset is None else _weak(steady, sent.place, effectiveness, names)
+    # Of two rotors on one arm, the lower gives less by design.
+    stacked = len(np.unique(np.round(sent.place[:, :2], 2), axis=0)) < n_rotors
+    weak = None if offset is None or stacked else _weak(steady, sent.place, effectiveness, names)
     if weak is not None:
         faults.append(weak)
     elif offset is not None and offset.p_value < _OF_EACH:
@@ -98,13 +103,15 @@ def find_rotors(prepared: Prepared, intervals: Sequence[Interval]) -> Rotors | N
     shaking = find_shaking(prepared.candidates.get("body_rate", ()), series.get("rotor_speed"), n_rotors, intervals)
     if shaking is not None and shaking.worst >= 0 and shaking.p_value < _OF_EACH:
         faults.append(_shaking_fault(shaking.size[shaking.worst], shaking.worst, shaking.p_value, names))
-    desync = None if rate is None else find_desync(sent.series, sent.place, rate, intervals)
+    force = series.get("specific_force")
+    air = _off_ground(intervals)
+    desync = None if rate is None else find_desync(sent.series, sent.place, rate, force, air)
     if desync is not None and desync.rotor >= 0 and desync.p_value < _OF_EACH:
         faults.append(_desync_fault(desync.rotor, desync.time_s, desync.p_value, names))
     faults.sort(key=lambda one: (one.code == _MASS, one.p_value))
     allowed = {
         _LOST: any(change is not None for change in changes),
-        _WEAK: offset is not None,
+        _WEAK: offset is not None and not stacked,
         _MASS: offset is not None,
         _SHAKES: shaking is not None,
         _DESYNC: desync is not None,
@@ -116,7 +123,7 @@ def find_rotors(prepared: Prepared, intervals: Sequence[Interval]) -> Rotors | N
         effectiveness=effectiveness,
         change=tuple(_as_change(shares, sent.place, rotor, change) for rotor, change in enumerate(changes)),
         mass_offset=None if offset is None else (offset.forward, offset.right),
-        thrust_change=_thrust_change(shares, series.get("specific_force")),
+        thrust_change=_thrust_change(shares, force),
         shaking=(None,) * n_rotors if shaking is None else shaking.size,
         faults=tuple(faults),
         findings=tuple(dict.fromkeys(one.code for one in faults)),
@@ -129,8 +136,7 @@ _WEAK, _LOST, _SHAKES, _DESYNC, _MASS = "QL430", "QL431", "QL432", "QL433", "QL4
 
 def _shares(sent: Commanded, intervals: Sequence[Interval]) -> _Shares | None:
     """Average over short times what the rotors were sent, off the ground."""
-    air = [(begin + _NEAR_GROUND_S, end - _NEAR_GROUND_S) for begin, end in intervals]
-    air = [(begin, end) for begin, end in air if end > begin]
+    air = _off_ground(intervals)
     flown_s = sum(end - begin for begin, end in air)
     step_s = max(_STEP_S, 2.0 * sent.series.period_s, flown_s / _MOST_STEPS)
     times, means = [], []
@@ -153,6 +159,11 @@ def _shares(sent: Commanded, intervals: Sequence[Interval]) -> _Shares | None:
         return None
     time_s, thrust, total = time_s[carried], thrust[carried], total[carried]
     return _Shares(time_s, thrust @ sent.place / total[:, np.newaxis], total)
+
+
+def _off_ground(intervals: Sequence[Interval]) -> list[Interval]:
+    air = [(begin + _NEAR_GROUND_S, end - _NEAR_GROUND_S) for begin, end in intervals]
+    return [(begin, end) for begin, end in air if end > begin]
 
 
 def _lines(place: FloatArray) -> list[int]:
@@ -332,7 +343,7 @@ def _mass_fault(offset: _Offset) -> RotorFault:
     parts = [
         f"{_percent(one)} of the arm {positive if one.value > 0.0 else negative}"
         for one, positive, negative in (
-            (forward, "in front", "behind"),
+            (forward, "in front", "at the back"),
             (right, "to the right", "to the left"),
         )
         if one.ci95 is not None and one.ci95[0] * one.ci95[1] > 0.0
@@ -344,7 +355,7 @@ def _mass_fault(offset: _Offset) -> RotorFault:
         time_s=float("nan"),
         size=size,
         p_value=offset.p_value,
-        sentence=f"The centre of mass is off the rotors' middle: {' and '.join(parts)}.",
+        sentence=f"If all rotors are alike, the centre of mass lies {' and '.join(parts)} of their middle.",
     )
 
 
@@ -415,5 +426,8 @@ def _sentence(faults: Sequence[RotorFault], changes: Sequence[Change | None], pl
         for rotor, one in enumerate(changes)
         if one is not None
     )
-    return f"No fault of a rotor was found. A loss of {100.0 * worst:.0f} % of one's thrust in flight would have shown."
+    if worst > _HALF:
+        return "No fault of a rotor was found; a loss of half of one's thrust in flight would not have shown."
+    shown = max(100.0 * worst, 1.0)
+    return f"No fault of a rotor was found. A loss of {shown:.0f} % of one's thrust in flight would have shown."
 
