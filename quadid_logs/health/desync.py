@@ -17,6 +17,9 @@ _WINDOW_S: Final = 0.1
 _SLOWEST_HZ: Final = 40.0
 #: What is called a loss: every axis by itself says that so much of the rotor's thrust was missing.
 _LOST: Final = 0.5
+#: Nothing loses more than all of it. What the controller answers to gusts halves the scale at most that is
+#: found in a hover: a loop with 6 dB of gain margin answers with no more than twice what a gust needs.
+_MOST: Final = 2.0
 #: A rotor this near to an axis, in lengths of the arm, does not turn the vehicle about it.
 _ON_AXIS: Final = 0.2
 #: Band in which the scale of torque is found: what a slow command does [Hz].
@@ -74,7 +77,8 @@ def find_desync(
     for time_s, rates, y, x in zip(*columns, strict=True):
         if len(y) < 4 * width:
             continue
-        windows = _means(y - scale * (x @ signs.T), width, hop)
+        torque = scale * (x @ signs.T)
+        windows = _means(y - torque, width, hop)
         # The trim is no loss: against the median of the part.
         left = windows - np.median(windows, axis=0)
         parts.append(
@@ -83,7 +87,7 @@ def find_desync(
                 left,
                 _spread_before(left, hop * moved.period_s),
                 _means(x, width, hop),
-                _before(_means(np.abs(rates[:, [1, 2, 0]] * rates[:, [2, 0, 1]]), width, hop), 2 * width // hop),
+                _before(_means(_doubt(rates, torque, width), width, hop), 2 * width // hop),
             )
         )
     if sum(len(one.time_s) for one in parts) < _FEWEST:
@@ -97,19 +101,27 @@ class _Windows(NamedTuple):
     """Means over windows.
 
     ``left`` (n, 3) is the acceleration that is not explained, ``spread`` what is usual of it, ``thrust``
-    (n, n_rotors) what was sent, ``gyroscopic`` (n, 3) the most that inertia makes of the other two rates just before: no
-    body has (Jy - Jz) / Jx above one.
+    (n, n_rotors) what was sent, ``doubt`` (n, 3) as of `_doubt` just before: a loss turns the vehicle itself.
     """
 
     time_s: FloatArray
     left: FloatArray
     spread: FloatArray
     thrust: FloatArray
-    gyroscopic: FloatArray
+    doubt: FloatArray
+
+
+def _doubt(rates: FloatArray, torque: FloatArray, width: int) -> FloatArray:
+    """Return the acceleration that inertia and another lag than is assumed may make, (n, 3).
+
+    No body has (Jy - Jz) / Jx above one. What was sent within a window may act at its end alone.
+    """
+    sent = np.abs(torque - torque[np.maximum(np.arange(len(torque)) - width, 0)])
+    return np.asarray(np.abs(rates[:, [1, 2, 0]] * rates[:, [2, 0, 1]]) + sent, dtype=np.float64)
 
 
 def _before(values: FloatArray, steps: int) -> FloatArray:
-    """Return what was so many steps earlier: a loss turns the vehicle itself."""
+    """Return what was so many steps earlier."""
     return np.asarray(values[np.maximum(np.arange(len(values)) - steps, 0)], dtype=np.float64)
 
 
@@ -184,13 +196,13 @@ def _clearest(windows: _Windows, per_thrust: FloatArray, pushed: BoolArray) -> D
 
 
 def _says(windows: _Windows, missing: FloatArray) -> BoolArray:
-    """Return where each axis by itself says that half of the thrust or more is missing."""
+    """Return where each axis by itself says that half of the thrust or more is missing, and no more than all."""
     arm = np.abs(np.median(missing, axis=0))
     turns = arm > _ON_AXIS * arm.max() * np.array([1.0, 1.0, 0.0])
     said: BoolArray = np.ones(len(missing), dtype=np.bool_)
     for axis in np.flatnonzero(turns):
-        towards = windows.left[:, axis] * np.sign(missing[:, axis]) - windows.gyroscopic[:, axis]
-        said &= towards >= _LOST * np.abs(missing[:, axis])
+        towards, whole = windows.left[:, axis] * np.sign(missing[:, axis]), np.abs(missing[:, axis])
+        said &= (towards - windows.doubt[:, axis] >= _LOST * whole) & (towards <= _MOST * whole)
     return said
 
 

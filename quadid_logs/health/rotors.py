@@ -40,6 +40,8 @@ _CARRIES: Final = 0.5
 _DRAG_HEIGHT: Final = 0.25
 #: A flight that tells only larger losses tells nothing of a rotor.
 _HALF: Final = 0.5
+#: What lies beyond the 99 % interval contradicts; the intervals at hand are of 95 %, narrower by this.
+_CONTRADICTS: Final = 1.45
 #: Two arms within this angle lie on one line.
 _ONE_LINE: Final = 0.99
 
@@ -232,7 +234,7 @@ def _fit(
 ) -> _Fit | None:
     """Return what a rotor gives if it alone explains this; None where it does not."""
     reach, n_rotors = float(np.linalg.norm(place[rotor, :2])), len(place)
-    if not abs(across.value) <= across.half_width:
+    if not abs(across.value) <= _CONTRADICTS * across.half_width:
         return None
     low, middle, high = (
         _gives(float(np.clip(value / reach, -0.9, 0.9)), n_rotors)
@@ -243,7 +245,7 @@ def _fit(
         )
     )
     expected = along.value / reach
-    agrees = abs(yaw.value - expected) <= yaw.half_width + along.half_width / reach
+    agrees = abs(yaw.value - expected) <= _CONTRADICTS * yaw.half_width + along.half_width / reach
     return _Fit(rotor, Quantity(middle, "1", (low, high)), agrees, agrees and yaw.value > yaw.half_width)
 
 
