@@ -199,7 +199,8 @@ def _lost(
         if change is None or not change.size.value > 0.0 or not change.p_value * n_lines < _OF_EACH:
             continue
         fit = _fit_change(shares, place, rotor, change)
-        if fit is not None and fit.yaw_agrees:
+        # What moves the centre of thrust alone is a load, or the wind.
+        if fit is not None and fit.yaw_is_sure:
             found.append((change.p_value * n_lines, -change.size.value, fit, change))
     if found:
         p_value, _, fit, change = min(found, key=lambda one: one[:2])
@@ -211,7 +212,7 @@ def _lost(
             size=_loss(fit.gives),
             p_value=p_value,
             sentence=f"{names[fit.rotor].capitalize()} lost {_percent(_loss(fit.gives))} of its thrust in flight, "
-            f"{_when(shares, change)}{'' if fit.yaw_is_sure else ', or a load moved towards it'}.",
+            f"{_when(shares, change)}.",
         )
 
 
@@ -263,7 +264,10 @@ def _loss(gives: Quantity) -> Quantity:
 def _as_change(shares: _Shares, place: FloatArray, rotor: int, change: Change | None) -> Quantity | None:
     """Return what a rotor gave at the end over the beginning, if it alone can have changed."""
     fit = None if change is None else _fit_change(shares, place, rotor, change)
-    return fit.gives if fit is not None and fit.yaw_agrees else None
+    if fit is None or not fit.yaw_agrees:
+        return None
+    low, high = fit.gives.ci95 or (0.0, 0.0)
+    return fit.gives if fit.yaw_is_sure or low <= 1.0 <= high else None
 
 
 def _weak(
