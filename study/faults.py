@@ -32,7 +32,13 @@ from quadid_logs.simulate.wind import Wind
 AUTOPILOTS = ("ardupilot", "px4", "betaflight")
 ROUGH = (1.3, 1.3, 0.43)
 #: What is flown without a fault: a scenario's manoeuvre, and the wind [m/s].
-CLEAN = (("gentle-hover", 2.0), ("pilot-sticks", 0.0), ("hover", 5.0), ("sysid-quad-x", 0.0), ("gentle-hover", 6.0))
+CLEAN = (
+    ("gentle-hover", 2.0),
+    ("pilot-sticks", 0.0),
+    ("hover", 5.0),
+    ("sysid-quad-x", 0.0),
+    ("gentle-hover", 6.0),
+)
 #: The code that names each fault.
 CODES = {
     "weak": "QL430",
@@ -57,7 +63,9 @@ def fault(kind: str, rotor: int, rng: np.random.Generator) -> Effects:
         "bent": Effects(bent_propeller=rotor),
         "desync": Effects(desync_rotor=rotor, desync_at=at),
         "mass": Effects(mass_offset=(0.03 * np.cos(angle), 0.03 * np.sin(angle))),
-        "clipping": Effects(bent_propeller=rotor, propeller_gyro_rad_s=1.5, propeller_acceleration_m_s2=250.0),
+        "clipping": Effects(
+            bent_propeller=rotor, propeller_gyro_rad_s=1.5, propeller_acceleration_m_s2=250.0
+        ),
     }[kind]
 
 
@@ -76,10 +84,19 @@ def flown(kind: str, seed: int) -> dict[str, Any]:
     health = health_of(prepared, cut(prepared, AlignSettings()))
     order = list(motor_order(setups[0])) if autopilot == "betaflight" else list(range(4))
     rotors, vibration = health.rotors, health.vibration
-    found = [] if rotors is None else [
-        {"code": one.code, "rotor": order[one.rotor] + 1 if one.rotor >= 0 else 0, "p": one.p_value, "size": one.size.value}
-        for one in rotors.faults
-    ]
+    found = (
+        []
+        if rotors is None
+        else [
+            {
+                "code": one.code,
+                "rotor": order[one.rotor] + 1 if one.rotor >= 0 else 0,
+                "p": one.p_value,
+                "size": one.size.value,
+            }
+            for one in rotors.faults
+        ]
+    )
     found += [] if vibration is None else [{"code": code, "rotor": 0} for code in vibration.findings]
     return {
         "kind": kind, "seed": seed, "autopilot": autopilot, "flight": name, "rotor": rotor,
@@ -90,7 +107,9 @@ def flown(kind: str, seed: int) -> dict[str, Any]:
 def named(row: dict[str, Any]) -> bool:
     """Return whether the fault was named, with its rotor where it has one."""
     code, needs_rotor = CODES[row["kind"]], row["kind"] not in ("mass", "clipping")
-    return any(one["code"] == code and (not needs_rotor or one["rotor"] == row["rotor"]) for one in row["found"])
+    return any(
+        one["code"] == code and (not needs_rotor or one["rotor"] == row["rotor"]) for one in row["found"]
+    )
 
 
 def summary(rows: list[dict[str, Any]]) -> Iterator[str]:
@@ -104,19 +123,31 @@ def summary(rows: list[dict[str, Any]]) -> Iterator[str]:
             yield f"clean      {len(alarms)} of {len(mine)} with a finding: {[one['found'] for one in alarms]}"
         else:
             hits = sum(named(row) for row in mine)
-            others = sum(any(one["code"] not in (CODES[kind], "QL432" if kind == "clipping" else "") for one in row["found"]) for row in mine)
+            others = sum(
+                any(
+                    one["code"] not in (CODES[kind], "QL432" if kind == "clipping" else "")
+                    for one in row["found"]
+                )
+                for row in mine
+            )
             yield f"{kind:10} named in {hits} of {len(mine)}; another finding in {others}"
 
 
 def main() -> None:
     """Fly what is not flown yet, and tell."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument("--clean", type=int, default=30)
     parser.add_argument("--each", type=int, default=5)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    rows = [json.loads(line) for line in options.output.read_text().splitlines()] if options.output.exists() else []
+    rows = (
+        [json.loads(line) for line in options.output.read_text().splitlines()]
+        if options.output.exists()
+        else []
+    )
     done = {(row["kind"], row["seed"]) for row in rows}
     wanted = [("clean", options.seed + n) for n in range(options.clean)]
     wanted += [(kind, options.seed + n) for n in range(options.each) for kind in CODES]

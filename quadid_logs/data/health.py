@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Literal, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 from quadid_logs.arrays import FloatArray
 
+#: One half: 1 / (2 sin 15 deg) is 1.9, the peak of a closed loop with 30 degrees of phase margin.
+_FOLLOWS: Final = 0.5
+_MORE_THAN_ALL_ELSE: Final = 0.5
 #: "normal", "high" and "severe" judge against a published range; "fact" is a number without one.
 Level = Literal["normal", "high", "severe", "fact"]
 
@@ -300,12 +303,46 @@ class Battery(Topic):
     voltage: FloatArray
 
 
+class OscillatingLoop(Enum):
+    """Which loop makes an oscillation."""
+
+    RATE = "rate"
+    """The rate swings more than twice its set-point: the rate loop has no margin there."""
+    OUTER = "outer"
+    """The rate follows its set-point, which swings: the angle loop, or one around it."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisOscillation:
-    """A line in rate and output of one axis, where the loop can take part."""
+    """A line in rate and output of one axis, where the loop can take part.
+
+    Attributes
+    ----------
+    axis : str
+    line : Line
+    setpoint_share : float
+        Size of the set-point over that of the rate at this frequency.
+    power_share : float
+        Of all that the rate does, by its square.
+    overtone : bool
+        It is a multiple of a stronger oscillation of another axis, which makes it.
+    """
 
     axis: str
     line: Line
+    setpoint_share: float = 0.0
+    power_share: float = 0.0
+    overtone: bool = False
+
+    @property
+    def dominates(self) -> bool:
+        """Whether the axis does more of this than of all else: nothing but its own loop does that."""
+        return self.power_share > _MORE_THAN_ALL_ELSE and not self.overtone
+
+    @property
+    def loop(self) -> OscillatingLoop:
+        """A loop with 30 degrees of phase margin makes at most twice its set-point of a rate."""
+        return OscillatingLoop.OUTER if self.setpoint_share > _FOLLOWS else OscillatingLoop.RATE
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -40,7 +40,9 @@ class Motion(NamedTuple):
     period_s: float
 
 
-def motion(sent: CleanSeries, rate: CleanSeries, intervals: Sequence[Interval], slowest_hz: float) -> Motion | None:
+def motion(
+    sent: CleanSeries, rate: CleanSeries, intervals: Sequence[Interval], slowest_hz: float
+) -> Motion | None:
     """Put accelerations beside what the rotors were sent.
 
     Parameters
@@ -69,7 +71,8 @@ def motion(sent: CleanSeries, rate: CleanSeries, intervals: Sequence[Interval], 
         [one.values[:, :3] for one in parts],
         [np.asarray(np.gradient(one.values[:, :3], period_s, axis=0)) for one in parts],
         [
-            one.values[0, 3:] + lfilter([weight], [1.0, weight - 1.0], one.values[:, 3:] - one.values[0, 3:], axis=0)
+            one.values[0, 3:]
+            + lfilter([weight], [1.0, weight - 1.0], one.values[:, 3:] - one.values[0, 3:], axis=0)
             for one in parts
         ],
         period_s,
@@ -125,7 +128,9 @@ def find_effectiveness(
     return _fitted(blocks, directions(place))
 
 
-def _fitted(blocks: Sequence[tuple[FloatArray, FloatArray]], signs: FloatArray) -> tuple[Quantity | None, ...]:
+def _fitted(
+    blocks: Sequence[tuple[FloatArray, FloatArray]], signs: FloatArray
+) -> tuple[Quantity | None, ...]:
     """Solve for scales and effectiveness in turn; errors by what the blocks differ."""
     from scipy.stats import t
 
@@ -143,7 +148,9 @@ def _fitted(blocks: Sequence[tuple[FloatArray, FloatArray]], signs: FloatArray) 
         left = np.mean((y - scale * torque) ** 2, axis=0)
         information, moment = _normal(blocks, signs, scale, left)
         prior = np.eye(n_rotors) / _PRIOR**2
-        gives = np.linalg.solve(information.sum(axis=0) + prior, moment.sum(axis=0) + prior @ np.ones(n_rotors))
+        gives = np.linalg.solve(
+            information.sum(axis=0) + prior, moment.sum(axis=0) + prior @ np.ones(n_rotors)
+        )
         gives = gives / gives.mean()
     inverse = np.linalg.inv(information.sum(axis=0) + prior)
     scores = moment - information @ gives

@@ -80,7 +80,9 @@ def find_shaking(
     return _compared(power, weight)
 
 
-def _windows(record: Record, speed: CleanSeries, width: int, period_s: float) -> list[tuple[FloatArray, FloatArray]]:
+def _windows(
+    record: Record, speed: CleanSeries, width: int, period_s: float
+) -> list[tuple[FloatArray, FloatArray]]:
     """Return for each window the power that turns with each rotor, without what noise makes, and its error."""
     values = speed.values
     speeds = np.column_stack([np.interp(record.time_s, speed.time_s, one) for one in values.T])
@@ -97,7 +99,9 @@ def _windows(record: Record, speed: CleanSeries, width: int, period_s: float) ->
     return [one for one in found if one is not None]
 
 
-def _of_window(angle: FloatArray, slow: FloatArray, rates: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+def _of_window(
+    angle: FloatArray, slow: FloatArray, rates: FloatArray
+) -> tuple[FloatArray, FloatArray] | None:
     n_rotors = angle.shape[1]
     regressors = np.column_stack([np.cos(angle), np.sin(angle), slow])
     try:
@@ -128,7 +132,9 @@ def _compared(power: FloatArray, weight: FloatArray) -> Shaking:
     groups = np.array_split(np.arange(len(power)), _GROUPS)
     total = weight.sum(axis=0)
     mean = np.sum(weight * power, axis=0) / total
-    by_group = np.array([np.sum((weight * power)[rows], axis=0) / weight[rows].sum(axis=0) for rows in groups])
+    by_group = np.array(
+        [np.sum((weight * power)[rows], axis=0) / weight[rows].sum(axis=0) for rows in groups]
+    )
     half = float(t.ppf(0.975, _GROUPS - 1)) * by_group.std(axis=0, ddof=1) / np.sqrt(_GROUPS)
     size = tuple(
         Quantity(

@@ -102,7 +102,9 @@ def find_rotors(prepared: Prepared, intervals: Sequence[Interval]) -> Rotors | N
         faults.append(weak)
     elif offset is not None and offset.p_value < _OF_EACH:
         faults.append(_mass_fault(offset))
-    shaking = find_shaking(prepared.candidates.get("body_rate", ()), series.get("rotor_speed"), n_rotors, intervals)
+    shaking = find_shaking(
+        prepared.candidates.get("body_rate", ()), series.get("rotor_speed"), n_rotors, intervals
+    )
     if shaking is not None and shaking.worst >= 0 and shaking.p_value < _OF_EACH:
         faults.append(_shaking_fault(shaking.size[shaking.worst], shaking.worst, shaking.p_value, names))
     force = series.get("specific_force")
@@ -147,7 +149,9 @@ def _shares(sent: Commanded, intervals: Sequence[Interval]) -> _Shares | None:
         rows = np.searchsorted(sent.series.time_s, edges)
         values = sent.series.of_rows(slice(int(rows[0]), int(rows[-1])))
         good = np.isfinite(values).all(axis=1)
-        sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(np.where(good[:, None], values, 0.0), 0)])
+        sums = np.concatenate(
+            [np.zeros((1, values.shape[1])), np.cumsum(np.where(good[:, None], values, 0.0), 0)]
+        )
         count = np.diff(np.concatenate([[0], np.cumsum(good)])[rows - rows[0]])
         kept = count > 0
         means.append(np.diff(sums[rows - rows[0]], axis=0)[kept] / count[kept, np.newaxis])
@@ -290,7 +294,11 @@ def _weak(
             Difference(across.value, across.half_width),
             Difference(yaw.value, yaw.half_width),
         )
-        if fit is not None and fit.yaw_is_sure and not _contradicts(effectiveness[rotor], fit.gives, len(place)):
+        if (
+            fit is not None
+            and fit.yaw_is_sure
+            and not _contradicts(effectiveness[rotor], fit.gives, len(place))
+        ):
             found.append((along.p_value * n_lines, fit))
     if not found:
         return None
@@ -435,5 +443,6 @@ def _sentence(faults: Sequence[RotorFault], changes: Sequence[Change | None], pl
     if worst > _HALF:
         return "No fault of a rotor was found; a loss of half of one's thrust in flight would not have shown."
     shown = max(100.0 * worst, 1.0)
-    return f"No fault of a rotor was found. A loss of {shown:.0f} % of one's thrust in flight would have shown."
-
+    return (
+        f"No fault of a rotor was found. A loss of {shown:.0f} % of one's thrust in flight would have shown."
+    )
