@@ -1,10 +1,10 @@
-"""Faults of rotors: how often each is named in simulated flights, and how often one is in flights without any.
+"""Faults of rotors: how often each is named in simulated flights, and how often one is in flights without.
 
     python study/faults.py -o faults.jsonl [--clean 30] [--each 5] [--seed 0]
 
-Every flight is a line of the file; a run that was stopped goes on where it ended. The flights are short (30 to
-40 s), of a careful pilot, of one who moves the sticks, of a hover in wind, all in rough air, on all three
-autopilots in turn.
+Every flight is a line of the file; a run that was stopped goes on where it ended. The flights are short
+(30 to 40 s), of a careful pilot, of one who moves the sticks, of a hover in wind, all in rough air, on all
+three autopilots in turn.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ def summary(rows: list[dict[str, Any]]) -> Iterator[str]:
             continue
         if kind == "clean":
             alarms = [row for row in mine if row["found"]]
-            yield f"clean      {len(alarms)} of {len(mine)} with a finding: {[one['found'] for one in alarms]}"
+            yield f"clean      {len(alarms)} of {len(mine)} found: {[one['found'] for one in alarms]}"
         else:
             hits = sum(named(row) for row in mine)
             others = sum(

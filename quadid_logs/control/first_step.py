@@ -11,8 +11,8 @@ from quadid_logs.data.health import AxisOscillation, OscillatingLoop
 from quadid_logs.data.tuning import AxisTuning, GainChange, GainNames
 from quadid_logs.diagnose.findings import finding, rounded
 
-#: A loop that oscillates steadily is at its limit of stability; half of its gain is 6 dB away from it, which is
-#: the gain margin of good loops. One whose oscillation is held by a limit may be further beyond: it oscillates
+#: A loop that oscillates steadily is at its limit of stability; half of its gain is 6 dB away from it, the
+#: gain margin of good loops. One whose oscillation is held by a limit may be further beyond: it oscillates
 #: again, more slowly or less, and takes the same step again.
 _HALF: Final = 0.5
 

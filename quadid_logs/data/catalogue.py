@@ -307,19 +307,19 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL430",
                 "A motor gives less thrust than the others",
-                "In steady flight one motor is sent more than its share, along its arm and in the sense of its "
-                "spin. A weak motor, a damaged propeller or a wrong one explains it.",
-                "Look at the propeller and the bearings of this motor, and compare its speed with the others at "
-                "the same command on the bench. Calibrate the ESCs.",
+                "In steady flight one motor is sent more than its share, along its arm and in the sense of "
+                "its spin. A weak motor, a damaged propeller or a wrong one explains it.",
+                "Look at the propeller and the bearings of this motor, and compare its speed with the others "
+                "at the same command on the bench. Calibrate the ESCs.",
                 scope="vehicle",
             ),
             _entry(
                 "QL431",
                 "A motor lost thrust during the flight",
-                "From some moment on, one motor was sent more than before, along its arm and in the sense of its "
-                "spin. Load and wind do not turn the vehicle like that.",
-                "Do not fly before you have looked at this motor, its propeller and its ESC: feel whether they "
-                "are hot, and turn the motor by hand.",
+                "From some moment on, one motor was sent more than before, along its arm and in the sense of "
+                "its spin. Load and wind do not turn the vehicle like that.",
+                "Do not fly before you have looked at this motor, its propeller and its ESC: feel whether "
+                "they are hot, and turn the motor by hand.",
                 scope="vehicle",
             ),
             _entry(
@@ -332,25 +332,25 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL433",
                 "A motor lost its thrust for a moment",
-                "For about a tenth of a second the vehicle turned as if half of one rotor's thrust or more were "
-                "missing. That is how a desync of an ESC looks.",
-                "Look at the motor's wires, solder joints and ESC. If they are sound, raise the ESC's timing or "
-                "start-up power, and its demag compensation.",
+                "For about a tenth of a second the vehicle turned as if half of one rotor's thrust or more "
+                "were missing. That is how a desync of an ESC looks.",
+                "Look at the motor's wires, solder joints and ESC. If they are sound, raise the ESC's timing "
+                "or start-up power, and its demag compensation.",
                 scope="vehicle",
             ),
             _entry(
                 "QL434",
                 "The centre of mass is not in the middle of the rotors",
-                "The rotors on one side carry more than those on the other. If they are alike, the centre of mass "
-                "is on that side.",
+                "The rotors on one side carry more than those on the other. If they are alike, the centre of "
+                "mass is on that side.",
                 "Move the battery to the other side, until the motors' outputs are alike.",
                 scope="vehicle",
             ),
             _entry(
                 "QL435",
                 "The accelerometer clipped",
-                "In more than 100 samples the accelerometer was at the end of its range. Attitude and height are "
-                "estimated wrongly then.",
+                "In more than 100 samples the accelerometer was at the end of its range. Attitude and height "
+                "are estimated wrongly then.",
                 "Balance the propellers, and mount the flight controller softer.",
                 scope="vehicle",
             ),

@@ -11,7 +11,8 @@ from quadid_logs.align.series import CleanSeries, Interval
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.health.effectiveness import directions, motion
 
-#: The shortest loss that is searched for: the rotor needs about its lag to slow down, and as long to be back [s].
+#: The shortest loss that is searched for: a rotor needs about its lag to slow down, and as long to be back
+#: [s].
 _WINDOW_S: Final = 0.1
 #: Four samples in a window.
 _SLOWEST_HZ: Final = 40.0
@@ -78,9 +79,9 @@ def find_desync(
         if len(y) < 4 * width:
             continue
         torque = scale * (x @ signs.T)
-        windows = _means(y - torque, width, hop)
+        means = _means(y - torque, width, hop)
         # The trim is no loss: against the median of the part.
-        left = windows - np.median(windows, axis=0)
+        left = means - np.median(means, axis=0)
         parts.append(
             _Windows(
                 _means(time_s[:, np.newaxis], width, hop)[:, 0],
@@ -196,7 +197,7 @@ def _clearest(windows: _Windows, per_thrust: FloatArray, pushed: BoolArray) -> D
 
 
 def _says(windows: _Windows, missing: FloatArray) -> BoolArray:
-    """Return where each axis by itself says that half of the thrust or more is missing, and no more than all."""
+    """Return where each axis by itself says that half of the thrust or more is missing, not more than all."""
     arm = np.abs(np.median(missing, axis=0))
     turns = arm > _ON_AXIS * arm.max() * np.array([1.0, 1.0, 0.0])
     said: BoolArray = np.ones(len(missing), dtype=np.bool_)

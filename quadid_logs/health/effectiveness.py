@@ -12,9 +12,9 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.data.health import Quantity
 from quadid_logs.health.records import records
 
-#: Where the torque of single rotors moves the vehicle: above the pilot's trim, below the rotors' own lag [Hz].
+#: Where the torque of single rotors moves the vehicle: above the trim, below the rotors' own lag [Hz].
 _BAND_HZ: Final = (0.5, 8.0)
-#: Of common rotors and gyro filters [s]. It is the same for all rotors, whose differences do not depend on it.
+#: Of common rotors and gyro filters [s]. All rotors have it, and their differences do not depend on it.
 LAG_S: Final = 0.03
 _SLOWEST_HZ: Final = 40.0
 #: Before the flight: all rotors are equal, and 95 % of them give half to one and a half times the mean.
@@ -107,7 +107,7 @@ def find_effectiveness(
     """
     from scipy.signal import butter, sosfiltfilt
 
-    nothing: tuple[Quantity | None, ...] = (None,) * len(place)
+    nothing: tuple[Quantity | None, ...] = tuple(None for _ in place)
     moved = motion(sent, rate, intervals, _SLOWEST_HZ)
     if moved is None:
         return nothing
@@ -143,7 +143,7 @@ def _fitted(
         torque = x @ (signs * gives).T
         power = np.sum(torque**2, axis=0)
         if not (power > 0.0).all():
-            return (None,) * n_rotors
+            return tuple(None for _ in range(n_rotors))
         scale = np.sum(torque * y, axis=0) / power
         left = np.mean((y - scale * torque) ** 2, axis=0)
         information, moment = _normal(blocks, signs, scale, left)

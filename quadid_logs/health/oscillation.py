@@ -23,6 +23,8 @@ _LASTS: Final = 0.5
 _SAME_BINS: Final = 1.5
 #: Bins on either side that hold a line's power.
 _LOBES: Final = 2.5
+
+
 def find_oscillation(
     rate: CleanSeries,
     setpoint: CleanSeries,
@@ -78,7 +80,9 @@ def find_oscillation(
         ]
     found.sort(key=lambda one: -one.line.rms)
     step_hz = float(frequency_hz[1])
-    found = [replace(one, overtone=_is_overtone(one, found[:place], step_hz)) for place, one in enumerate(found)]
+    found = [
+        replace(one, overtone=_is_overtone(one, found[:place], step_hz)) for place, one in enumerate(found)
+    ]
     shown_hz = min(highest_hz, float(frequency_hz[-1]))
     folded = may_be_folded(rate)
     return Oscillation(

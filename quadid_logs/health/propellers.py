@@ -18,8 +18,8 @@ _WINDOW_S: Final = 0.5
 _HIGHEST: Final = 0.45
 #: Where the noise is measured, in turns of a window away from the rotors' mean: outside of their own lines.
 _BESIDE: Final = (-6, -5, -4, -3, 3, 4, 5, 6)
-#: Means of so many groups of windows are compared, whose neighbours may be alike (R. Ibragimov and U. Mueller,
-#: Journal of Business & Economic Statistics 28, 2010).
+#: Means of so many groups of windows are compared, whose neighbours may be alike (R. Ibragimov and
+#: U. Mueller, Journal of Business & Economic Statistics 28, 2010).
 _GROUPS: Final = 12
 
 
@@ -83,7 +83,7 @@ def find_shaking(
 def _windows(
     record: Record, speed: CleanSeries, width: int, period_s: float
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """Return for each window the power that turns with each rotor, without what noise makes, and its error."""
+    """Return for each window the power that turns with each rotor, without that of noise, and its error."""
     values = speed.values
     speeds = np.column_stack([np.interp(record.time_s, speed.time_s, one) for one in values.T])
     found = []
@@ -93,8 +93,7 @@ def _windows(
         if not np.isfinite(turned).all() or not (turned > 0.0).all():
             continue
         angle = np.cumsum(turned, axis=0) * period_s
-        time = np.linspace(-1.0, 1.0, width)
-        slow = np.polynomial.polynomial.polyvander(time, 5)
+        slow = np.asarray(np.vander(np.linspace(-1.0, 1.0, width), 6), dtype=np.float64)
         found.append(_of_window(angle, slow, record.values[part, :3]))
     return [one for one in found if one is not None]
 

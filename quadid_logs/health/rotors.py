@@ -1,9 +1,9 @@
 """How much each rotor gives of what it is sent: weak motors, lost thrust, a centre of mass off the middle.
 
-In steady flight every rotor's thrust follows from weight and centre of mass alone, so that what a rotor is sent
-tells what it makes of it. A weak rotor is sent more than its share. Shares of the thrust, weighted by the
-rotors' places, are the centre of thrust; weighted by their spin, the balance of yaw. One weak rotor moves the
-first along its arm and the second in the sense of its spin; a load moves the first alone.
+In steady flight every rotor's thrust follows from weight and centre of mass alone, so that what a rotor is
+sent tells what it makes of it. A weak rotor is sent more than its share. Shares of the thrust, weighted by
+the rotors' places, are the centre of thrust; weighted by their spin, the balance of yaw. One weak rotor moves
+the first along its arm and the second in the sense of its spin; a load moves the first alone.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from quadid_logs.align import Prepared
 from quadid_logs.align.series import CleanSeries, Interval
-from quadid_logs.arrays import FloatArray
+from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.health import Quantity, RotorFault, Rotors
 from quadid_logs.health.commanded import Commanded, commanded_thrust
 from quadid_logs.health.desync import find_desync
@@ -55,7 +55,7 @@ class _Shares(NamedTuple):
 
 
 class _Fit(NamedTuple):
-    """One rotor's thrust that explains a share: what it gives, with its 95 % interval, and whether yaw agrees."""
+    """One rotor that explains a share: what it gives, with its 95 % interval, and whether yaw agrees."""
 
     rotor: int
     gives: Quantity
@@ -92,7 +92,8 @@ def find_rotors(prepared: Prepared, intervals: Sequence[Interval]) -> Rotors | N
     )
     changes = tuple(_changes(shares, sent.place))
     faults = [*_lost(shares, sent.place, changes, names)]
-    begin = changes[faults[0].rotor].before if faults and changes[faults[0].rotor] else slice(None)
+    lost = changes[faults[0].rotor] if faults else None
+    begin = slice(None) if lost is None else lost.before
     steady = _Shares(*(part[begin] for part in shares))
     offset = _mass_offset(steady, _tilt(series.get("attitude"), steady.time_s))
     # Of two rotors on one arm, the lower gives less by design.
@@ -149,9 +150,8 @@ def _shares(sent: Commanded, intervals: Sequence[Interval]) -> _Shares | None:
         rows = np.searchsorted(sent.series.time_s, edges)
         values = sent.series.of_rows(slice(int(rows[0]), int(rows[-1])))
         good = np.isfinite(values).all(axis=1)
-        sums = np.concatenate(
-            [np.zeros((1, values.shape[1])), np.cumsum(np.where(good[:, None], values, 0.0), 0)]
-        )
+        kept_values = np.where(good[:, np.newaxis], values, 0.0)
+        sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(kept_values, axis=0)])
         count = np.diff(np.concatenate([[0], np.cumsum(good)])[rows - rows[0]])
         kept = count > 0
         means.append(np.diff(sums[rows - rows[0]], axis=0)[kept] / count[kept, np.newaxis])
@@ -160,7 +160,7 @@ def _shares(sent: Commanded, intervals: Sequence[Interval]) -> _Shares | None:
         return None
     time_s, thrust = np.concatenate(times), np.concatenate(means)
     total = thrust.sum(axis=1)
-    carried = total > _CARRIES * float(np.median(total)) if total.size else np.zeros(0, dtype=np.bool_)
+    carried: BoolArray = np.asarray(total > _CARRIES * float(np.median(total)) if total.size else total > 0.0)
     if np.count_nonzero(carried) < FEWEST:
         return None
     time_s, thrust, total = time_s[carried], thrust[carried], total[carried]
@@ -215,8 +215,8 @@ def _lost(
             time_s=time_s,
             size=_loss(fit.gives),
             p_value=p_value,
-            sentence=f"{names[fit.rotor].capitalize()} lost {_percent(_loss(fit.gives))} of its thrust in flight, "
-            f"{_when(shares, change)}.",
+            sentence=f"{names[fit.rotor].capitalize()} lost {_percent(_loss(fit.gives))} of its thrust in "
+            f"flight, {_when(shares, change)}.",
         )
 
 
@@ -255,7 +255,7 @@ def _fit(
 
 
 def _gives(excess: float, n_rotors: int) -> float:
-    """Return what a rotor gives of what it is sent, if its share is too large by this fraction of the whole."""
+    """Return what a rotor gives of what it is sent, if its share is larger by this fraction of the whole."""
     more = n_rotors * excess / (1.0 - excess)
     return 1.0 / (1.0 + more) if more > -1.0 else float("inf")
 
@@ -315,7 +315,7 @@ def _weak(
 
 
 def _contradicts(measured: Quantity | None, claimed: Quantity, n_rotors: int) -> bool:
-    """Return whether what a rotor's own movements tell excludes what the balance says of it and the others."""
+    """Return whether what a rotor's own movements tell excludes what the balance says of it."""
     if measured is None or measured.ci95 is None or claimed.ci95 is None:
         return False
     most = claimed.ci95[1]
@@ -393,7 +393,8 @@ def _desync_fault(rotor: int, time_s: float, p_value: float, names: Sequence[str
         time_s=time_s,
         size=Quantity(0.5, "1", (0.5, 1.0)),
         p_value=p_value,
-        sentence=f"{names[rotor].capitalize()} lost half of its thrust or more for a moment, at {time_s:.1f} s.",
+        sentence=f"{names[rotor].capitalize()} lost half of its thrust or more for a moment, at "
+        f"{time_s:.1f} s.",
     )
 
 

@@ -37,7 +37,7 @@ _ABOVE_HZ: Final = 5.0
 #: Zero is ideal, below 100 in a flight is probably all right (source: docs/health.md).
 _MOST_CLIPS: Final = 100.0
 _FEWEST: Final = 10
-#: Ranges of accelerometers on flight controllers: MPU-6000 and ICM-20xxx to 16 g, BMI088 24 g, ICM-45686 32 g.
+#: Ranges of accelerometers on flight controllers: MPU-6000 and ICM-20xxx to 16 g, BMI088 24, ICM-45686 32 g.
 _RANGES_G: Final = (4.0, 8.0, 16.0, 24.0, 32.0)
 #: Calibrated scales differ from one by about this; equal readings by the rounding of single precision.
 _SAME_RANGE, _SAME_STEP = 0.02, 1e-4

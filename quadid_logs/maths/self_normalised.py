@@ -2,8 +2,8 @@
 
 The difference of two means is held against the partial sums of the parts themselves. Their ratio has one
 distribution for every series whose correlation dies out (X. Shao and X. Zhang, *Testing for Change Points in
-Time Series*, JASA 105, 2010; N. Kiefer and T. Vogelsang, Econometric Theory 21, 2005). Its quantiles below are
-those of 200 000 random walks of 200 steps.
+Time Series*, JASA 105, 2010; N. Kiefer and T. Vogelsang, Econometric Theory 21, 2005). Its quantiles below
+are those of 200 000 random walks of 200 steps.
 """
 
 from __future__ import annotations

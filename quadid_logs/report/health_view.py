@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.control.guard import MOST_SATURATED
+from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.data.health import AxisOscillation, Health, Topic
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import Direction
@@ -101,7 +101,9 @@ def _hint(result: Result, health: Health) -> str:
         if axis in tuned and tuned[axis].by_rule:
             hint = "No model tells its gains; `quadid-log tune` writes a first step by rule: half of them."
         predicted = _predicted(result, mine)
-        told += [f" {axis.capitalize()}: {' '.join(filter(None, (predicted, hint)))}"] * bool(predicted or hint)
+        told += [f" {axis.capitalize()}: {' '.join(filter(None, (predicted, hint)))}"] * bool(
+            predicted or hint
+        )
     return "".join(told)
 
 
@@ -113,13 +115,19 @@ def _predicted(result: Result, one: AxisOscillation) -> str:
     figure = None if margins is None else margins.oscillation_hz
     if figure is not None and figure.ci95[0] <= hz <= figure.ci95[1]:
         found.append(f"The model's rate loop would oscillate at {figure.value:.3g} Hz with more gain.")
-    modes = [finding.evidence.get("mode_hz") for finding in result.diagnosis.findings if finding.code == "QL525"]
+    modes = [
+        finding.evidence.get("frequency_hz")
+        for finding in result.diagnosis.findings
+        if finding.code == "QL525"
+    ]
     if any(isinstance(mode, (int, float)) and abs(mode - hz) <= _SAME_MODE * hz for mode in modes):
         found.append("A mode of the frame was found there (QL525): a notch on it helps, not less filtering.")
     described = result.data.input
     limited = 0.0 if described is None else described.limited_fraction[AXES.index(one.axis)]
     if limited > MOST_SATURATED:
-        found.append(f"The mixer is at its limits in {100.0 * limited:.0f} % of the flight: they hold its size.")
+        found.append(
+            f"The mixer is at its limits in {100.0 * limited:.0f} % of the flight: they hold its size."
+        )
     return " ".join(found)
 
 

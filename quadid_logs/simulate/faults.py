@@ -16,8 +16,8 @@ from quadid_logs.simulate.effects import Effects
 
 #: Of most flight controllers: 16 g [m/s^2].
 ACCELEROMETER_RANGE_M_S2: Final = 16.0 * 9.80665
-#: The force of an imbalance turns with the rotor in its plane. What of it tilts the frame is largest about the
-#: axes in that plane, a quarter of a turn apart; about the third a part remains.
+#: The force of an imbalance turns with the rotor in its plane. What of it tilts the frame is largest about
+#: the axes in that plane, a quarter of a turn apart; about the third a part remains.
 _ABOUT: Final = ((1.0, 0.0), (1.0, -0.5 * math.pi), (0.3, 0.25 * math.pi))
 
 

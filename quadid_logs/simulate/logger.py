@@ -302,7 +302,7 @@ def _specific_force(record: Record, index: IntArray) -> FloatArray:
     felt = body + sigma * noise[index]
     hover_rad_s, step_s = hover_rad_s_of(setup.airframe), 1.0 / setup.loop_hz
     felt = felt + shaken(setup.effects, record.channels["rotor_speed"], hover_rad_s, step_s)[index]
-    return np.clip(felt, -ACCELEROMETER_RANGE_M_S2, ACCELEROMETER_RANGE_M_S2)
+    return np.asarray(np.clip(felt, -ACCELEROMETER_RANGE_M_S2, ACCELEROMETER_RANGE_M_S2), dtype=np.float64)
 
 
 def _pulse_width(record: Record, index: IntArray) -> FloatArray:
