@@ -12,6 +12,7 @@ import numpy as np
 from quadid_logs.autopilots import named
 from quadid_logs.control.autotune import forecast
 from quadid_logs.control.command_units import per_command
+from quadid_logs.control.first_step import first_step
 from quadid_logs.control.guard import Case
 from quadid_logs.control.loop import on_angle, on_rate
 from quadid_logs.control.margins import grid_hz
@@ -77,7 +78,19 @@ def recommend(
         axis: tune_axis(case, model, partial(_rebuilt, result, parameters, axis), limits, apart=apart)
         for axis, (case, model) in cases.items()
     }
-    return Tuning(axes=tuned, limits=limits)
+    return Tuning(
+        axes={axis: _not_bare(result, axis, one, cases[axis][0]) for axis, one in tuned.items()},
+        limits=limits,
+    )
+
+
+def _not_bare(result: Result, axis: str, tuned: AxisTuning, case: Case) -> AxisTuning:
+    """Return a first step by rule where a refused axis oscillates."""
+    seen = None if result.health is None else result.health.oscillation
+    if tuned.verdict != "refused" or seen is None or seen.may_be_folded:
+        return tuned
+    mine = next((one for one in seen.axes if one.axis == axis and one.dominates), None)
+    return tuned if mine is None else first_step(tuned, mine, case.names, case.parameters)
 
 
 @once

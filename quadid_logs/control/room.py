@@ -139,6 +139,8 @@ def has_way_back(found: AxisTuning, limits: Limits) -> bool:
     bool
         False, too, where nothing changes.
     """
+    if found.by_rule:
+        return True  # they flew, and less gain may not hold every vehicle
     return found.now is not None and found.next is not None and leads_back(found.now, found.next, limits)
 
 

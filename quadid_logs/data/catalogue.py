@@ -16,8 +16,9 @@ from typing import Final, Literal
 #: What its advice is: to be set before the next flight, the manoeuvre to fly, or anything else.
 Step = Literal["set", "fly", "other"]
 #: What it judges: the model of an axis, whose verdict it decides; the loop that the controller makes of the
-#: vehicle, where the model is as good as it was; or whether gains can be advised.
-Scope = Literal["model", "loop", "gains"]
+#: vehicle, where the model is as good as it was; whether gains can be advised; or the state of the vehicle,
+#: which decides no verdict.
+Scope = Literal["model", "loop", "gains", "vehicle"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -302,6 +303,56 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 " one of a tenth in the effectiveness.",
                 "Excite this axis at several frequencies: a chirp, doublets of different length, or at "
                 "least three sinusoids over two octaves.",
+            ),
+            _entry(
+                "QL430",
+                "A motor gives less thrust than the others",
+                "In steady flight one motor is sent more than its share, along its arm and in the sense of "
+                "its spin. A weak motor, a damaged propeller or a wrong one explains it.",
+                "Look at the propeller and the bearings of this motor, and compare its speed with the others "
+                "at the same command on the bench. Calibrate the ESCs.",
+                scope="vehicle",
+            ),
+            _entry(
+                "QL431",
+                "A motor lost thrust during the flight",
+                "From some moment on, one motor was sent more than before, along its arm and in the sense of "
+                "its spin. Load and wind do not turn the vehicle like that.",
+                "Do not fly before you have looked at this motor, its propeller and its ESC: feel whether "
+                "they are hot, and turn the motor by hand.",
+                scope="vehicle",
+            ),
+            _entry(
+                "QL432",
+                "A propeller is out of balance",
+                "The gyro shakes with the speed of one rotor more than with all others together.",
+                "Replace or balance this propeller, then look at its motor's shaft and mount.",
+                scope="vehicle",
+            ),
+            _entry(
+                "QL433",
+                "A motor lost its thrust for a moment",
+                "For about a tenth of a second the vehicle turned as if half of one rotor's thrust or more "
+                "were missing. That is how a desync of an ESC looks.",
+                "Look at the motor's wires, solder joints and ESC. If they are sound, raise the ESC's timing "
+                "or start-up power, and its demag compensation.",
+                scope="vehicle",
+            ),
+            _entry(
+                "QL434",
+                "The centre of mass is not in the middle of the rotors",
+                "The rotors on one side carry more than those on the other. If they are alike, the centre of "
+                "mass is on that side.",
+                "Move the battery to the other side, until the motors' outputs are alike.",
+                scope="vehicle",
+            ),
+            _entry(
+                "QL435",
+                "The accelerometer clipped",
+                "In more than 100 samples the accelerometer was at the end of its range. Attitude and height "
+                "are estimated wrongly then.",
+                "Balance the propellers, and mount the flight controller softer.",
+                scope="vehicle",
             ),
             _entry(
                 "QL501",
@@ -906,6 +957,15 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "more. In some of the vehicles that the next flight allows they would not keep the margins.",
                 "Keep the gains. To go further, fly longer, in calmer air, with manoeuvres that reach twice "
                 "the crossover.",
+                scope="gains",
+            ),
+            _entry(
+                "QL648",
+                "A first step by rule, for an axis that oscillates without a model",
+                "No model of this axis can be trusted, and it oscillates though nobody commands it. A loop "
+                "that oscillates is at its limit; half of its gain is 6 dB away. No margin is promised.",
+                "Load the file, hover short and low, and run tune on that log. If it still oscillates, halve "
+                "again. If it wallows, go back.",
                 scope="gains",
             ),
             _entry(

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Literal, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 from quadid_logs.arrays import FloatArray
 
+#: One half: 1 / (2 sin 15 deg) is 1.9, the peak of a closed loop with 30 degrees of phase margin.
+_FOLLOWS: Final = 0.5
+_MORE_THAN_ALL_ELSE: Final = 0.5
 #: "normal", "high" and "severe" judge against a published range; "fact" is a number without one.
 Level = Literal["normal", "high", "severe", "fact"]
 
@@ -31,10 +34,13 @@ class Topic:
     sentence : str
         For people; no branch reads it.
     level : {"normal", "high", "severe", "fact"}
+    findings : tuple of str
+        Codes of the catalogue.
     """
 
     sentence: str
     level: Level = "fact"
+    findings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -297,12 +303,46 @@ class Battery(Topic):
     voltage: FloatArray
 
 
+class OscillatingLoop(Enum):
+    """Which loop makes an oscillation."""
+
+    RATE = "rate"
+    """The rate swings more than twice its set-point: the rate loop has no margin there."""
+    OUTER = "outer"
+    """The rate follows its set-point, which swings: the angle loop, or one around it."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisOscillation:
-    """A line in rate and output of one axis, where the loop can take part."""
+    """A line in rate and output of one axis, where the loop can take part.
+
+    Attributes
+    ----------
+    axis : str
+    line : Line
+    setpoint_share : float
+        Size of the set-point over that of the rate at this frequency.
+    power_share : float
+        Of all that the rate does, by its square.
+    overtone : bool
+        It is a multiple of a stronger oscillation of another axis, which makes it.
+    """
 
     axis: str
     line: Line
+    setpoint_share: float = 0.0
+    power_share: float = 0.0
+    overtone: bool = False
+
+    @property
+    def dominates(self) -> bool:
+        """Whether the axis does more of this than of all else: nothing but its own loop does that."""
+        return self.power_share > _MORE_THAN_ALL_ELSE and not self.overtone
+
+    @property
+    def loop(self) -> OscillatingLoop:
+        """A loop with 30 degrees of phase margin makes at most twice its set-point of a rate."""
+        return OscillatingLoop.OUTER if self.setpoint_share > _FOLLOWS else OscillatingLoop.RATE
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -312,6 +352,68 @@ class Oscillation(Topic):
     axes: tuple[AxisOscillation, ...]
     highest_hz: float
     may_be_folded: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RotorFault:
+    """What one test found.
+
+    Attributes
+    ----------
+    code : str
+        Of the catalogue.
+    rotor : int
+        Which one, from 0; -1 where it is none.
+    time_s : float
+        When it began, NaN where it was there all the time.
+    size : Quantity
+        What was lost of the rotor's thrust, how far off the centre of mass is, or how strong it shakes.
+    p_value : float
+        That a flight without the fault shows it as clearly.
+    sentence : str
+    """
+
+    code: str
+    rotor: int
+    time_s: float
+    size: Quantity
+    p_value: float
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rotors(Topic):
+    """How much each rotor gives of what it is sent, and what is wrong with them.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Number and place.
+    effectiveness : tuple of Quantity or None
+        Of each rotor, over the mean of all [1]; None where they did not move independently enough.
+    change : tuple of Quantity or None
+        Of each rotor, what it gave at the end of the flight over what it gave at the beginning, if it
+        alone had changed; None where the flight is too short.
+    mass_offset : tuple of two Quantity or None
+        How far forward and to the right of the rotors' middle the centre of mass is, in lengths of the arm.
+    thrust_change : Quantity or None
+        Thrust for a unit of command at the end of the flight over that at the beginning.
+    shaking : tuple of Quantity or None
+        What the gyro sees of each propeller's turning [rad/s].
+    faults : tuple of RotorFault
+        The surest first.
+    searched : tuple of str
+        Codes of the tests that this log allows.
+    """
+
+    names: tuple[str, ...]
+    effectiveness: tuple[Quantity | None, ...]
+    change: tuple[Quantity | None, ...]
+    mass_offset: tuple[Quantity, Quantity] | None
+    thrust_change: Quantity | None
+    shaking: tuple[Quantity | None, ...]
+    faults: tuple[RotorFault, ...]
+    searched: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -326,6 +428,7 @@ class Health:
     vibration: Vibration | None = None
     battery: Battery | None = None
     oscillation: Oscillation | None = None
+    rotors: Rotors | None = None
     missing: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -333,6 +436,7 @@ class Health:
         """Those that the log tells of, by name, the most urgent first."""
         found: dict[str, Topic | None] = {
             "oscillation": self.oscillation,
+            "rotors": self.rotors,
             "tracking": self.tracking,
             "attitude": self.attitude,
             "steps": self.steps,

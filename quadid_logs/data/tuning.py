@@ -176,6 +176,11 @@ class AxisTuning:
         return {name: change for name, change in self.gains.items() if change.next != change.now}
 
     @property
+    def by_rule(self) -> bool:
+        """Whether a rule says so, not a model: nothing is promised then."""
+        return self.verdict == "change" and bool(self.reasons) and self.reasons[0].code == "QL648"
+
+    @property
     def direction(self) -> Direction:
         """Where the gains go: the one source of every sentence that says so."""
         if self.verdict != "change":

@@ -48,7 +48,7 @@ _LAG_SYSTEMATIC_S: Final = 0.003
 _COLUMNS: Final = (
     "vehicle", "vehicle_from", "model", "status", "error", "url", "sha256", "autopilot", "frame", "firmware",
     "hardware_id", "flight", "n_flights", "axis", "verdict", "reasons", "structure", "input_unit", "started",
-    "started_from", "duration_s", "throttle", "gain_margin_db", "phase_margin_deg",
+    "started_from", "duration_s", "throttle", "gain_margin_db", "phase_margin_deg", "faults", "faults_found",
     *(f"{name}{end}" for name in ("gain", "from_l", "from_m", "from_n", "damping", "lag_s")
       for end in ("", "_low", "_high")),
 )  # fmt: skip
@@ -56,7 +56,10 @@ _COLUMNS: Final = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Flight:
-    """One flight of a vehicle; ``verdicts``, ``reasons`` and ``margins`` [dB, degrees] by axis."""
+    """One flight of a vehicle; ``verdicts``, ``reasons`` and ``margins`` [dB, degrees] by axis.
+
+    ``faults`` are the codes of what rotors and sensors show, ``faults_found`` says it in words.
+    """
 
     url: str
     sha256: str
@@ -68,6 +71,8 @@ class Flight:
     verdicts: Mapping[str, str]
     reasons: Mapping[str, tuple[str, ...]]
     margins: Mapping[str, tuple[float | None, float | None]] = field(default_factory=dict)
+    faults: tuple[str, ...] = ()
+    faults_found: str = ""
 
     @property
     def is_dated(self) -> bool:
@@ -321,6 +326,8 @@ def _flight(rows: Mapping[str, dict[str, Any]]) -> Flight:
         duration_s=row["duration_s"],
         verdicts={axis: one["verdict"] for axis, one in rows.items()},
         reasons={axis: tuple(one["reasons"] or ()) for axis, one in rows.items()},
+        faults=tuple((row["faults"] or "").split()),
+        faults_found=row["faults_found"] or "",
         margins={
             axis: pair
             for axis, one in rows.items()

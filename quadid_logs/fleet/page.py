@@ -80,6 +80,7 @@ class _VehicleRow:
     gains: tuple[tuple[str, Sparkline | None], ...]
     dampings: tuple[tuple[str, Sparkline | None], ...]
     margins: tuple[tuple[str, bool], ...]
+    fault: str
     changes: tuple[_Story, ...]
     open_change: _Story | None
     scatter: _Story | None
@@ -91,7 +92,7 @@ class _VehicleRow:
     @property
     def is_noticed(self) -> bool:
         """Whether there is anything to say about it."""
-        return bool(self.changes or self.open_change or self.scatter or self.outlier)
+        return bool(self.fault or self.changes or self.open_change or self.scatter or self.outlier)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -240,6 +241,7 @@ def _vehicle_row(number: int, history: VehicleHistory, links: Mapping[str, str])
         gains=_lines(history, "gain", changes),
         dampings=_lines(history, "damping", changes),
         margins=tuple(_margins(history)),
+        fault=_fault(history),
         changes=tuple(_change_story(change, history) for change in history.changes),
         open_change=_open_story(history.open_change, history) if history.open_change else None,
         scatter=_scatter_story(history) if history.scatter else None,
@@ -278,6 +280,15 @@ def _lines(
         (axis, None if one is None else sparkline(one, f"{axis} {_DRAWN[name]}", changes))
         for axis, one in series
     )
+
+
+def _fault(history: VehicleHistory) -> str:
+    """Return what the last flight says of a fault of a rotor or a sensor; "" without one.
+
+    A centre of mass off the middle is a fact, no alarm.
+    """
+    last = history.flights[-1] if history.flights else None
+    return "" if last is None or not set(last.faults) - {"QL434"} else last.faults_found
 
 
 def _margins(history: VehicleHistory) -> Iterator[tuple[str, bool]]:

@@ -13,6 +13,7 @@ from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.errors import SeveralLogsError
+from quadid_logs.health import faults_of
 from quadid_logs.load import load
 from quadid_logs.pipeline import judge
 
@@ -95,4 +96,5 @@ def judge_flights(
         began = time.perf_counter()
         data = cut(prepared, part.align)
         timings_s = {"read": read_s / len(parts), "align": time.perf_counter() - began}
-        yield judge(prepared.log, data, part, vehicle=vehicle, timings_s=timings_s, loop=loop)
+        health = faults_of(prepared, data)
+        yield judge(prepared.log, data, part, vehicle=vehicle, health=health, timings_s=timings_s, loop=loop)

@@ -36,16 +36,25 @@ MARGINS: Final = ("gain_margin_db", "phase_margin_deg", "disk_margin")
 _TEXTS: Final = (
     "vehicle", "vehicle_from", "model", "status", "error", "url", "sha256", "version",
     "format", "autopilot", "firmware", "vehicle_type", "frame", "hardware_id", "started_from",
-    "axis", "verdict", "sentence", "structure", "input_unit", "gains",
+    "axis", "verdict", "sentence", "structure", "input_unit", "gains", "faults", "faults_found",
 )  # fmt: skip
 _NUMBERS: Final = (
     "start_s", "duration_s", "analyzed_s", "throttle", "condition_number", "r2", "run_s", "limited_fraction",
+    "mass_forward", "mass_right",
     *(f"{name}{end}" for name in (*QUANTITIES, *MARGINS) for end in ("", "_low", "_high")),
 )  # fmt: skip
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 #: Columns that a store of the format before this one lacks.
 ADDED: Final = frozenset(
-    {"gains", "limited_fraction", *(f"{name}{end}" for name in MARGINS for end in ("", "_low", "_high"))}
+    {
+        "gains",
+        "limited_fraction",
+        "faults",
+        "faults_found",
+        "mass_forward",
+        "mass_right",
+        *(f"{name}{end}" for name in MARGINS for end in ("", "_low", "_high")),
+    }
 )
 #: Columns that differ between two runs over the same files.
 RUN_COLUMNS: Final = ("run_s",)
@@ -209,6 +218,7 @@ def result_rows(
             "started": _EPOCH + timedelta(microseconds=round(when * 1e6)) if 0.0 < when < 4e9 else None,
             "throttle": _finite(mean_throttle(result)) or None,
             "run_s": result.timings_s["total"],
+            **_health_part(result),
         }
         rows += [{**shared, **part, **_axis_part(result, number)} for number in range(len(AXES))]
     return rows
@@ -271,6 +281,24 @@ def _span(result: Result) -> tuple[float, float]:
     if not flights:
         return _finite(result.data.start_s) or 0.0, _finite(result.data.duration_s) or 0.0
     return flights[0][0], flights[-1][1] - flights[0][0]
+
+
+def _health_part(result: Result) -> dict[str, Any]:
+    """Return the faults of rotors and sensors that the flight shows: codes, and their sentences."""
+    health = result.health
+    topics = () if health is None else (health.rotors, health.vibration)
+    there = [topic for topic in topics if topic is not None]
+    rotors = None if health is None else health.rotors
+    if not there:
+        return {}
+    codes = [code for topic in there for code in topic.findings]
+    offset = None if rotors is None else rotors.mass_offset
+    return {
+        "faults": " ".join(dict.fromkeys(codes)),
+        "faults_found": printable(" ".join(topic.sentence for topic in there if topic.findings), 600),
+        "mass_forward": None if offset is None else _finite(offset[0].value),
+        "mass_right": None if offset is None else _finite(offset[1].value),
+    }
 
 
 def _axis_part(result: Result, number: int) -> dict[str, Any]:

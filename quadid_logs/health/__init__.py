@@ -14,12 +14,13 @@ from quadid_logs.health.battery import find_battery
 from quadid_logs.health.motors import find_motors
 from quadid_logs.health.noise import find_noise
 from quadid_logs.health.oscillation import find_oscillation
+from quadid_logs.health.rotors import find_rotors
 from quadid_logs.health.steps import find_responses, find_steps
 from quadid_logs.health.tracking import find_tracking
 from quadid_logs.health.vibration import find_vibration
 from quadid_logs.vocabulary import MULTIROTOR
 
-__all__ = ["health_of"]
+__all__ = ["faults_of", "health_of"]
 
 #: What a topic cannot do without, and what is wrong where all of it is logged.
 _NEEDS: Final[Mapping[str, tuple[tuple[str, ...], str]]] = {
@@ -37,6 +38,7 @@ _NEEDS: Final[Mapping[str, tuple[tuple[str, ...], str]]] = {
         ("body_rate", "body_rate_setpoint", "torque_command"),
         "the flight is too short for a spectrum",
     ),
+    "rotors": (("outputs",), "the log does not tell what each rotor was sent, or the flight is too short"),
 }
 _WORDS: Final[Mapping[str, str]] = {
     "body_rate": "body rates",
@@ -104,6 +106,7 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
         if (voltage := series.get("battery_voltage")) is None
         else find_battery(voltage, throttle, intervals),
         "oscillation": oscillation,
+        "rotors": find_rotors(prepared, intervals),
     }
     there = {
         *series,
@@ -112,6 +115,34 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
     }
     missing = {name: _lacks(name, there) for name, topic in found.items() if topic is None}
     return Health(**found, missing=missing)
+
+
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
+def faults_of(prepared: Prepared, data: FlightData) -> Health:
+    """Search for faults of rotors and sensors alone: what a fleet asks of each flight.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    data : FlightData
+
+    Returns
+    -------
+    Health
+    """
+    intervals = data.flights
+    if not intervals or prepared.log.vehicle_type not in (MULTIROTOR, "unknown"):
+        return Health(missing=dict.fromkeys(_NEEDS, "no flight of a multirotor was found"))
+    clips = prepared.candidates.get("accelerometer_clips", ())
+    series = {name: one for name, one in prepared.series.items() if one.n_samples >= 2}
+    rotors, vibration = find_rotors(prepared, intervals), find_vibration(series, clips, intervals)
+    looked_at = {"rotors": rotors, "vibration": vibration}
+    missing = {
+        name: _lacks(name, series) if name in looked_at else "the flights were judged one by one"
+        for name in _NEEDS
+        if looked_at.get(name) is None
+    }
+    return Health(rotors=rotors, vibration=vibration, missing=missing)
 
 
 def _lacks(topic: str, there: Collection[str]) -> str:

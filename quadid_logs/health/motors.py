@@ -75,7 +75,7 @@ def find_motors(
     if pulses and limits is not None:
         values = (values - limits[0]) / (limits[1] - limits[0])
     mean = values.mean(axis=0)
-    names = _names(torque, values.shape[1])
+    names = motor_names(torque, values.shape[1])
     highest = values.max(axis=1)
     headroom = Quantity(1.0 - float(np.percentile(highest, 99.0)), "1") if known else None
     at_high = Quantity(float(np.mean(highest >= 1.0 - _AT_END)), "1") if known else None
@@ -99,8 +99,19 @@ def find_motors(
     )
 
 
-def _names(torque: TorqueModel | None, n_motors: int) -> tuple[str, ...]:
-    """Return each motor's number and its place."""
+def motor_names(torque: TorqueModel | None, n_motors: int) -> tuple[str, ...]:
+    """Return each motor's number and its place.
+
+    Parameters
+    ----------
+    torque : TorqueModel or None
+    n_motors : int
+
+    Returns
+    -------
+    tuple of str
+        "motor 1 (front right)" and the like.
+    """
     if torque is None or torque.n_rotors != n_motors or torque.position.shape[0] != n_motors:
         return tuple(f"motor {n + 1}" for n in range(n_motors))
     reach = float(np.abs(torque.position[:, :2]).max()) or 1.0

@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.align.series import CleanSeries, Interval
-from quadid_logs.data.health import AxisOscillation, Line, LineSource, Oscillation
+from quadid_logs.data.health import AxisOscillation, Line, LineSource, OscillatingLoop, Oscillation
 from quadid_logs.health.noise import LOOPS_END_HZ, LOWEST_HZ, is_commanded, may_be_folded
 from quadid_logs.health.records import records
-from quadid_logs.health.spectra import find_lines, periodograms
+from quadid_logs.health.spectra import Periodograms, find_lines, periodograms
 from quadid_logs.numerals import number
 from quadid_logs.vocabulary import AXES
 
@@ -21,6 +21,8 @@ _OF_ROTORS: Final = 0.5
 #: What stands in less than half of the flight does not last.
 _LASTS: Final = 0.5
 _SAME_BINS: Final = 1.5
+#: Bins on either side that hold a line's power.
+_LOBES: Final = 2.5
 
 
 def find_oscillation(
@@ -67,11 +69,20 @@ def find_oscillation(
         in_rate = find_lines(spectra, column, free, len(AXES))
         in_output = find_lines(spectra, len(AXES) + column, searched, len(AXES))
         found += [
-            AxisOscillation(axis=axis, line=replace(line, source=LineSource.LOOP))
+            AxisOscillation(
+                axis=axis,
+                line=replace(line, source=LineSource.LOOP),
+                setpoint_share=_share(spectra, setpoint, intervals, column, line.frequency_hz),
+                power_share=line.rms**2 / (float(spectra.mean[:, column].sum()) * float(frequency_hz[1])),
+            )
             for line in in_rate
             if line.share >= _LASTS and _is_among(line, in_output, float(frequency_hz[1]))
         ]
     found.sort(key=lambda one: -one.line.rms)
+    step_hz = float(frequency_hz[1])
+    found = [
+        replace(one, overtone=_is_overtone(one, found[:place], step_hz)) for place, one in enumerate(found)
+    ]
     shown_hz = min(highest_hz, float(frequency_hz[-1]))
     folded = may_be_folded(rate)
     return Oscillation(
@@ -81,6 +92,35 @@ def find_oscillation(
         highest_hz=shown_hz,
         may_be_folded=folded,
     )
+
+
+def _is_overtone(one: AxisOscillation, stronger: Sequence[AxisOscillation], step_hz: float) -> bool:
+    """Return whether an oscillation of another axis explains it: curves in the way make multiples of it."""
+    for other in stronger:
+        multiple = round(one.line.frequency_hz / other.line.frequency_hz)
+        apart_hz = abs(one.line.frequency_hz - multiple * other.line.frequency_hz)
+        if other.axis != one.axis and multiple >= 2 and apart_hz <= multiple * _SAME_BINS * step_hz:
+            return True
+    return False
+
+
+def _share(
+    spectra: Periodograms,
+    setpoint: CleanSeries,
+    intervals: Sequence[Interval],
+    column: int,
+    frequency_hz: float,
+) -> float:
+    """Return the size of the set-point over that of the rate around a frequency."""
+    asked = periodograms(*records([setpoint], intervals))
+    if asked is None:
+        return 0.0
+    sizes = []
+    for one in (asked, spectra):
+        step_hz = float(one.frequency_hz[1])
+        near = np.abs(one.frequency_hz - frequency_hz) <= _LOBES * step_hz
+        sizes.append(float(one.mean[near, column].sum()) * step_hz)
+    return float(np.sqrt(sizes[0] / sizes[1])) if sizes[1] > 0.0 else 0.0
 
 
 def _is_among(line: Line, others: Sequence[Line], step_hz: float) -> bool:
@@ -96,6 +136,17 @@ def _lowest_rotor_hz(series: CleanSeries | None, intervals: Sequence[Interval]) 
     return float(np.percentile(speeds, 5.0)) / (2.0 * np.pi) if speeds.size else float("inf")
 
 
+def _why(one: AxisOscillation) -> str:
+    """Say which loop makes it."""
+    if one.overtone:
+        return "It is a multiple of the stronger oscillation."
+    if one.loop is OscillatingLoop.OUTER:
+        return "The rate follows its set-point, which swings: the loop around the rate loop oscillates."
+    if one.dominates:
+        return "The rate swings more than twice its set-point: the rate loop oscillates."
+    return "The rate swings more than twice its set-point: the rate loop oscillates, or something shakes it."
+
+
 def _sentence(found: Sequence[AxisOscillation], highest_hz: float, *, folded: bool, rate_hz: float) -> str:
     if not found:
         seen = "shows in the log" if folded else "lasts"
@@ -105,7 +156,7 @@ def _sentence(found: Sequence[AxisOscillation], highest_hz: float, *, folded: bo
     told = " ".join(
         f"{one.axis.capitalize()} oscillates at {one.line.frequency_hz:.1f} Hz, in its rate "
         f"({np.degrees(one.line.rms):.2g} deg/s rms) and in its output, in {100.0 * one.line.share:.0f} % of "
-        "the flight."
+        f"the flight. {_why(one)}"
         for one in found[:3]
     )
     if folded:

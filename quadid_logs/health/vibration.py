@@ -11,6 +11,7 @@ from quadid_logs.align.series import CleanSeries, Interval
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.health import Level, Quantity, Vibration
 from quadid_logs.health.records import Record, averaged, in_flight, records
+from quadid_logs.vocabulary import GRAVITY_M_S2
 
 _Measure = Literal["vibration", "vibration_level", "specific_force"]
 
@@ -36,6 +37,10 @@ _ABOVE_HZ: Final = 5.0
 #: Zero is ideal, below 100 in a flight is probably all right (source: docs/health.md).
 _MOST_CLIPS: Final = 100.0
 _FEWEST: Final = 10
+#: Ranges of accelerometers on flight controllers: MPU-6000 and ICM-20xxx to 16 g, BMI088 24, ICM-45686 32 g.
+_RANGES_G: Final = (4.0, 8.0, 16.0, 24.0, 32.0)
+#: Calibrated scales differ from one by about this; equal readings by the rounding of single precision.
+_SAME_RANGE, _SAME_STEP = 0.02, 1e-4
 
 
 def find_vibration(
@@ -64,7 +69,8 @@ def find_vibration(
         record = in_flight(series, intervals) if measured.limits else _shaking(series, intervals)
         # Without a measurement the autopilot logs zeros.
         if record is not None and len(record.time_s) >= _FEWEST and record.values.any():
-            return _judged(measured, record, _clips(clipping, intervals))
+            clips = _clips(clipping, intervals) or _at_the_end(signals.get("specific_force"), intervals)
+            return _judged(measured, record, clips)
     return None
 
 
@@ -81,6 +87,7 @@ def _judged(measured: _Measured, record: Record, clips: Quantity | None) -> Vibr
         level = "severe" if level == "severe" else "high"
     short = averaged(record)
     return Vibration(
+        findings=("QL435",) if clips is not None and clips.value > _MOST_CLIPS else (),
         sentence=_sentence(measured, value, columns[worst], clips),
         level=level,
         measure=measured.name,
@@ -127,6 +134,24 @@ def _clips(counts: Sequence[CleanSeries], intervals: Sequence[Interval]) -> Quan
         if len(values := one.of_rows(one.within(*interval))) >= 2
     ]
     return Quantity(max(found), "1", normal=(0.0, _MOST_CLIPS)) if found else None
+
+
+def _at_the_end(force: CleanSeries | None, intervals: Sequence[Interval]) -> Quantity | None:
+    """Count the samples at the end of a common range, where nobody counted them; None where there are none.
+
+    A filter behind the sensor hides them, and a range that is not known is not found: none is no proof.
+    """
+    if force is None:
+        return None
+    record = in_flight(force, intervals)
+    values = np.abs(record.values[np.isfinite(record.values).all(axis=1)])
+    if not values.size:
+        return None
+    highest = float(values.max())
+    if not any(abs(highest / (full * GRAVITY_M_S2) - 1.0) < _SAME_RANGE for full in _RANGES_G):
+        return None
+    clipped = int(np.count_nonzero((values >= highest * (1.0 - _SAME_STEP)).any(axis=1)))
+    return Quantity(float(clipped), "1", normal=(0.0, _MOST_CLIPS)) if clipped >= _FEWEST else None
 
 
 def _rise(counts: FloatArray) -> FloatArray:

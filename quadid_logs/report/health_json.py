@@ -17,6 +17,8 @@ from quadid_logs.data.health import (
     Noise,
     Oscillation,
     Quantity,
+    RotorFault,
+    Rotors,
     Steps,
     Topic,
     Tracking,
@@ -44,7 +46,7 @@ def health_dict(health: Health) -> dict[str, Any]:
         "motors": _topic(health.motors, _motors),
         "battery": _topic(health.battery, _battery),
         "oscillation": _topic(health.oscillation, _oscillation),
-        "rotors": None,
+        "rotors": _topic(health.rotors, _rotors),
         "missing": dict(health.missing),
     }
 
@@ -54,7 +56,7 @@ def _topic(topic: Any, figures: Callable[[Any], dict[str, Any]]) -> dict[str, An
 
 
 def _said(topic: Topic) -> dict[str, Any]:
-    return {"sentence": topic.sentence, "level": topic.level, "findings": []}
+    return {"sentence": topic.sentence, "level": topic.level, "findings": list(topic.findings)}
 
 
 def _quantity(number: Quantity | None) -> dict[str, Any] | None:
@@ -188,5 +190,49 @@ def _oscillation(oscillation: Oscillation) -> dict[str, Any]:
     return {
         "searched_up_to": _quantity(Quantity(oscillation.highest_hz, "Hz")),
         "may_be_folded": oscillation.may_be_folded,
-        "axes": [{"axis": one.axis, **_line(one.line)} for one in oscillation.axes],
+        "axes": [
+            {
+                "axis": one.axis,
+                **_line(one.line),
+                "loop": one.loop.value,
+                "setpoint_share": _quantity(Quantity(one.setpoint_share, "1")),
+                "power_share": _quantity(Quantity(one.power_share, "1")),
+                "overtone": one.overtone,
+            }
+            for one in oscillation.axes
+        ],
+    }
+
+
+def _rotors(rotors: Rotors) -> dict[str, Any]:
+    offset = rotors.mass_offset
+    return {
+        "rotors": [
+            {
+                "name": name,
+                "effectiveness": _quantity(effectiveness),
+                "end_over_beginning": _quantity(change),
+                "shaking": _quantity(shaking),
+            }
+            for name, effectiveness, change, shaking in zip(
+                rotors.names, rotors.effectiveness, rotors.change, rotors.shaking, strict=True
+            )
+        ],
+        "mass_offset": None
+        if offset is None
+        else {"forward": _quantity(offset[0]), "right": _quantity(offset[1])},
+        "thrust_change": _quantity(rotors.thrust_change),
+        "faults": [_fault(one) for one in rotors.faults],
+        "searched": list(rotors.searched),
+    }
+
+
+def _fault(fault: RotorFault) -> dict[str, Any]:
+    return {
+        "code": fault.code,
+        "rotor": fault.rotor + 1 if fault.rotor >= 0 else None,
+        "time_s": None if np.isnan(fault.time_s) else fault.time_s,
+        "size": _quantity(fault.size),
+        "p_value": fault.p_value,
+        "sentence": fault.sentence,
     }

@@ -6,16 +6,20 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from quadid_logs.data.health import Health
+from quadid_logs.control.guard import MOST_SATURATED
+from quadid_logs.data.catalogue import CATALOGUE
+from quadid_logs.data.health import AxisOscillation, Health, Topic
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import Direction
 from quadid_logs.sentences import listed
 from quadid_logs.tuning import tuning_of
 from quadid_logs.untrusted import printable
+from quadid_logs.vocabulary import AXES
 
 #: Of each topic, what it is called.
 TOPICS: Final = {
     "oscillation": "Oscillation",
+    "rotors": "Rotors",
     "tracking": "Rates against set-points",
     "attitude": "Angles against set-points",
     "steps": "Step response",
@@ -31,6 +35,8 @@ _HINTS: Final[dict[Direction, str]] = {
     "lower": "Lower its gains: the recommended ones are in `quadid-log tune`.",
     "reshape": "Change its gains as `quadid-log tune` recommends.",
 }
+#: The mode's frequency has an error of about this.
+_SAME_MODE: Final = 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,7 +76,7 @@ def health_view(result: Result) -> HealthView:
             level="" if topic.level == "fact" else topic.level,
             style=_STYLES[topic.level],
             sentence=printable(
-                f"{topic.sentence}{_hint(result, health) if name == 'oscillation' else ''}", 600
+                f"{topic.sentence}{_hint(result, health) if name == 'oscillation' else _advice(topic)}", 800
             ),
         )
         for name, topic in health.topics.items()
@@ -78,14 +84,51 @@ def health_view(result: Result) -> HealthView:
     return HealthView(lines=lines, missing=tuple(_missing(health)))
 
 
+def _advice(topic: Topic) -> str:
+    """Say what to do about each finding, after its sentence."""
+    return "".join(f" [{code}] {CATALOGUE[code].advice}" for code in topic.findings)
+
+
 def _hint(result: Result, health: Health) -> str:
     """Say where the gains of oscillating axes go, if the flight tells; "" otherwise."""
     if health.oscillation is None or not health.oscillation.axes:
         return ""
     tuned = tuning_of(result).axes
-    axes = dict.fromkeys(one.axis for one in health.oscillation.axes)
-    hints = {axis: _HINTS.get(tuned[axis].direction, "") for axis in axes if axis in tuned}
-    return "".join(f" {axis.capitalize()}: {hint}" for axis, hint in hints.items() if hint)
+    told = []
+    for axis in dict.fromkeys(one.axis for one in health.oscillation.axes):
+        mine = next(one for one in health.oscillation.axes if one.axis == axis)
+        hint = _HINTS.get(tuned[axis].direction, "") if axis in tuned else ""
+        if axis in tuned and tuned[axis].by_rule:
+            hint = "No model tells its gains; `quadid-log tune` writes a first step by rule: half of them."
+        predicted = _predicted(result, mine)
+        told += [f" {axis.capitalize()}: {' '.join(filter(None, (predicted, hint)))}"] * bool(
+            predicted or hint
+        )
+    return "".join(told)
+
+
+def _predicted(result: Result, one: AxisOscillation) -> str:
+    """Say what predicts this frequency: the model's rate loop, a mode of the frame, or the motors' limits."""
+    found, hz = [], one.line.frequency_hz
+    loop = None if result.closed_loop is None else result.closed_loop.axes.get(one.axis)
+    margins = None if loop is None or loop.margins is None else loop.margins.rate
+    figure = None if margins is None else margins.oscillation_hz
+    if figure is not None and figure.ci95[0] <= hz <= figure.ci95[1]:
+        found.append(f"The model's rate loop would oscillate at {figure.value:.3g} Hz with more gain.")
+    modes = [
+        finding.evidence.get("frequency_hz")
+        for finding in result.diagnosis.findings
+        if finding.code == "QL525"
+    ]
+    if any(isinstance(mode, (int, float)) and abs(mode - hz) <= _SAME_MODE * hz for mode in modes):
+        found.append("A mode of the frame was found there (QL525): a notch on it helps, not less filtering.")
+    described = result.data.input
+    limited = 0.0 if described is None else described.limited_fraction[AXES.index(one.axis)]
+    if limited > MOST_SATURATED:
+        found.append(
+            f"The mixer is at its limits in {100.0 * limited:.0f} % of the flight: they hold its size."
+        )
+    return " ".join(found)
 
 
 def _missing(health: Health) -> Iterable[str]:

@@ -258,6 +258,8 @@ def _progress(found: AxisTuning, limits: Limits) -> str:
     units = {"gain_db": "{} dB", "phase_deg": "{} degrees", "disk": "a disk margin of {}"}
     fields = limits._fields if found.next is None else missed(found.next, limits)
     short = listed([units[name].format(number(getattr(limits, name), 3)) for name in fields])
+    if found.by_rule:
+        return "Nothing is promised. Fly short and low, and run tune on that log."
     if not short:
         return (
             f"This is one step of several: expect {_more(found.more_flights)}." if found.more_flights else ""

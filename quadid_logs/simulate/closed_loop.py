@@ -12,7 +12,7 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.autopilots.ardupilot.frames import frame_geometry
 from quadid_logs.errors import SimulationError
-from quadid_logs.maths.frames import normalised_allocation
+from quadid_logs.maths.frames import normalised_allocation, torque_matrix
 from quadid_logs.maths.rotational_dynamics import Quadruple, Triple, inertia_terms
 from quadid_logs.maths.rotations import Component, body_rates, quaternion_from_euler
 from quadid_logs.simulate.airframes import SimulatedAirframe
@@ -38,6 +38,7 @@ from quadid_logs.simulate.control import (
     torque_command,
 )
 from quadid_logs.simulate.effects import Actuation, Effects, FlexibleMode, Surroundings, disturbance
+from quadid_logs.simulate.faults import MotorFaults, Shaking
 from quadid_logs.simulate.manoeuvres import Reference
 from quadid_logs.simulate.outputs import OutputCurve, output_curve
 from quadid_logs.simulate.plant import Body, State, advance, at_rest
@@ -347,7 +348,7 @@ def _periods(setups: tuple[Setup, ...], *, full: bool) -> Iterator[tuple[Compone
     first = setups[0]
     ops = arithmetic(len(setups))
     body, controller, battery, gyro = _body(setups), _controller(setups), _Battery(setups), _Gyro(setups)
-    surroundings = _surroundings(setups)
+    surroundings, faults = _surroundings(setups), _motor_faults(setups)
     zero = _stacked([0.0 for _ in setups])
     idle = _idle(first.airframe.n_rotors, zero)
     state = at_rest(first.airframe.n_rotors, zero)
@@ -394,6 +395,8 @@ def _periods(setups: tuple[Setup, ...], *, full: bool) -> Iterator[tuple[Compone
             decision = _decide(setpoint, command, throttle, controller, battery, ops)
             if controller.actuation.present:
                 decision = _mistaken(decision, controller, battery, k / first.loop_hz, ops)
+            if faults.present:
+                decision = decision._replace(targets=faults.speeds(decision.targets, k / first.loop_hz, ops))
         else:
             rates, previous = reset_rates(idle.command, idle.command, zero), None
             height_integral, decision = zero, idle
@@ -466,6 +469,8 @@ class _Gyro:
         self._mode = FlexibleMode([s.effects for s in setups], first.loop_hz)
         zero = 0.0 * self._quantum
         self._memory = ((zero, zero, zero), (zero, zero, zero))
+        hover_rad_s = _stacked([hover_rad_s_of(s.airframe) for s in setups])
+        self._shaking = Shaking([s.effects for s in setups], hover_rad_s, 1.0 / first.loop_hz)
         self._loop_hz, self._notch = first.loop_hz, first.tuning.notch
         self._notched = [self._memory] * (0 if self._notch is None else self._notch.n_harmonics)
 
@@ -473,6 +478,9 @@ class _Gyro:
         """Return the sample and what the filter makes of it."""
         quantum, bias, scale = self._quantum, self._bias, self._scale
         (pq, pr, qp, qr, rp, rq), (p, q, r) = self._cross, self._mode.seen(rate)
+        if self._shaking.present:
+            roll, pitch, yaw = self._shaking.rates(speeds)
+            p, q, r = p + roll, q + pitch, r + yaw
         sample = (
             ((scale[0] * p + pq * q + pr * r + bias[0] + noise[0]) / quantum + 0.5) // 1.0 * quantum,
             ((scale[1] * q + qp * p + qr * r + bias[1] + noise[1]) / quantum + 0.5) // 1.0 * quantum,
@@ -587,7 +595,7 @@ def _body(setups: tuple[Setup, ...]) -> Body:
     frames = [s.airframe for s in setups]
     step_s = 1.0 / setups[0].loop_hz
     inertia = np.array([frame.inertia_kg_m2 for frame in frames])
-    arms = np.array([frame.torque_per_thrust for frame in frames])
+    arms = np.array([_arms(s) for s in setups])
     return Body(
         step_s=step_s,
         mass=_stacked([frame.mass_kg for frame in frames]),
@@ -608,6 +616,24 @@ def _body(setups: tuple[Setup, ...]) -> Body:
         drag_area=_stacked([frame.drag_area_m2 for frame in frames]),
         drag_height=_stacked([frame.drag_height_m for frame in frames]),
     )
+
+
+def _arms(setup: Setup) -> FloatArray:
+    """Return L, M, N per newton of each rotor about the centre of mass, wherever that is; (3, n_rotors)."""
+    frame, (forward, right) = setup.airframe, setup.effects.mass_offset
+    reach = float(np.hypot(*frame.position_m[:, :2].T).max())
+    position = frame.position_m - reach * np.array([forward, right, 0.0])
+    return torque_matrix(position, frame.spin, frame.torque_to_thrust_m)
+
+
+def hover_rad_s_of(airframe: SimulatedAirframe) -> float:
+    """Return the speed of whole rotors that carry the weight [rad/s]."""
+    return float(airframe.rotor_speed_max_rad_s * airframe.hover_throttle**0.5)
+
+
+def _motor_faults(setups: tuple[Setup, ...]) -> MotorFaults:
+    phases, n_rotors = setups[0].schedule, setups[0].airframe.n_rotors
+    return MotorFaults([s.effects for s in setups], n_rotors, phases.manoeuvre_s, phases.land_s)
 
 
 def _surroundings(setups: tuple[Setup, ...]) -> Surroundings:

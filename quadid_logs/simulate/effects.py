@@ -71,6 +71,21 @@ class Effects:
         Fraction of samples of rates, torque, motors and rotor speeds that are absurd.
     setpoints_logged : bool
         Whether the log holds the rate set-points.
+    motor_fault : int
+        Number of a motor, from 1, that gives less thrust than it is sent; 0 for none.
+    motor_effectiveness, motor_fault_at, motor_ramp_s : float
+        The fraction that it still gives, when that begins as a fraction of the manoeuvre (0: before the
+        take-off), and how long it takes to come to it.
+    bent_propeller : int
+        Number of a rotor, from 1, whose propeller is out of balance; 0 for none.
+    propeller_gyro_rad_s, propeller_acceleration_m_s2 : float
+        Amplitude of what gyro and accelerometer see of it at the speed of a hover.
+    mass_offset : tuple of float
+        How far forward and to the right the centre of mass is off, as a fraction of the longest arm.
+    desync_rotor : int
+        Number of a motor, from 1, that loses step; 0 for none.
+    desync_s, desync_at : float
+        How long it is not driven, and when, as a fraction of the manoeuvre.
     """
 
     disturbance_rad_s2: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -93,6 +108,17 @@ class Effects:
     torque_late_s: float = 0.0
     outlier_fraction: float = 0.0
     setpoints_logged: bool = True
+    motor_fault: int = 0
+    motor_effectiveness: float = 0.8
+    motor_fault_at: float = 0.5
+    motor_ramp_s: float = 0.0
+    bent_propeller: int = 0
+    propeller_gyro_rad_s: float = 0.3
+    propeller_acceleration_m_s2: float = 6.0
+    mass_offset: tuple[float, float] = (0.0, 0.0)
+    desync_rotor: int = 0
+    desync_s: float = 0.08
+    desync_at: float = 0.5
 
     def named(self) -> dict[str, dict[str, Any]]:
         """Return the values of every effect that is present, by the effect's name."""
@@ -122,6 +148,10 @@ FIELDS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
         "late torque": ("torque_late_s",),
         "outliers": ("outlier_fraction",),
         "missing set-points": ("setpoints_logged",),
+        "motor fault": ("motor_fault", "motor_effectiveness", "motor_fault_at", "motor_ramp_s"),
+        "bent propeller": ("bent_propeller", "propeller_gyro_rad_s", "propeller_acceleration_m_s2"),
+        "centre of mass off": ("mass_offset",),
+        "desync": ("desync_rotor", "desync_s", "desync_at"),
     }
 )
 

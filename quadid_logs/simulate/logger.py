@@ -23,9 +23,10 @@ from quadid_logs.data.log import (
     Signal,
 )
 from quadid_logs.maths.rotations import euler_from_quaternion, rotation_matrix
-from quadid_logs.simulate.closed_loop import Record, Setup, before_change, change_s, generator
+from quadid_logs.simulate.closed_loop import Record, Setup, before_change, change_s, generator, hover_rad_s_of
 from quadid_logs.simulate.control import thrust_of_throttle
 from quadid_logs.simulate.effects import with_outliers
+from quadid_logs.simulate.faults import ACCELEROMETER_RANGE_M_S2, shaken
 from quadid_logs.simulate.vendors import (
     SYSID_STREAM,
     Stream,
@@ -298,7 +299,10 @@ def _specific_force(record: Record, index: IntArray) -> FloatArray:
     body = np.einsum("nij,ni->nj", rotation_matrix(record.channels["attitude"][index]), felt)
     sigma = setup.noise.accelerometer_m_s2_per_rthz * np.sqrt(0.5 * setup.loop_hz)
     noise = generator(setup, "accelerometer").standard_normal((record.time_s.size, 3))
-    return np.asarray(body + sigma * noise[index], dtype=np.float64)
+    felt = body + sigma * noise[index]
+    hover_rad_s, step_s = hover_rad_s_of(setup.airframe), 1.0 / setup.loop_hz
+    felt = felt + shaken(setup.effects, record.channels["rotor_speed"], hover_rad_s, step_s)[index]
+    return np.asarray(np.clip(felt, -ACCELEROMETER_RANGE_M_S2, ACCELEROMETER_RANGE_M_S2), dtype=np.float64)
 
 
 def _pulse_width(record: Record, index: IntArray) -> FloatArray:

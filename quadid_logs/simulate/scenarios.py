@@ -166,6 +166,50 @@ _STRUCTURAL: Final = (
     ),
 )
 
+#: Of each scenario with a fault: its name, what it is for, the fault, and what the air does beside it.
+_FAULTS: Final = (
+    (
+        "weak-motor",
+        "A careful pilot in rough air; motor 2 gives 80 % of its thrust from the beginning.",
+        Effects(disturbance_rad_s2=_ROUGH, motor_fault=2, motor_fault_at=0.0),
+    ),
+    (
+        "motor-step",
+        "A careful pilot in rough air; motor 3 falls to 80 % of its thrust in the middle of the flight.",
+        Effects(disturbance_rad_s2=_ROUGH, motor_fault=3),
+    ),
+    (
+        "motor-ramp",
+        "A careful pilot in rough air; motor 1 falls to 80 % of its thrust within 10 s.",
+        Effects(disturbance_rad_s2=_ROUGH, motor_fault=1, motor_fault_at=0.4, motor_ramp_s=10.0),
+    ),
+    (
+        "bent-propeller",
+        "A careful pilot in rough air, with a bent propeller on motor 4.",
+        Effects(disturbance_rad_s2=_ROUGH, bent_propeller=4),
+    ),
+    (
+        "clipping",
+        "A careful pilot in rough air, with a broken propeller that shakes the accelerometer beyond 16 g.",
+        Effects(
+            disturbance_rad_s2=_ROUGH,
+            bent_propeller=4,
+            propeller_gyro_rad_s=1.5,
+            propeller_acceleration_m_s2=250.0,
+        ),
+    ),
+    (
+        "mass-off-centre",
+        "A careful pilot in rough air; the centre of mass is 3 % of the arm too far forward.",
+        Effects(disturbance_rad_s2=_ROUGH, mass_offset=(0.03, 0.0)),
+    ),
+    (
+        "desync",
+        "A careful pilot in rough air; motor 2 loses step for 80 ms.",
+        Effects(disturbance_rad_s2=_ROUGH, desync_rotor=2),
+    ),
+)
+
 _LIST: Final = (
     Scenario(
         name="sysid-quad-x",
@@ -324,6 +368,16 @@ _LIST: Final = (
     *(
         Scenario(name=name, sentence=sentence, effects=effects, verdicts=_all(_ANY))
         for name, sentence, effects in _STRUCTURAL
+    ),
+    *(
+        Scenario(
+            name=name,
+            sentence=sentence,
+            manoeuvre=manoeuvres.gentle_sticks,
+            effects=effects,
+            verdicts=_all(_ANY),
+        )
+        for name, sentence, effects in _FAULTS
     ),
     Scenario(
         name="no-setpoints",

@@ -1,0 +1,449 @@
+"""How much each rotor gives of what it is sent: weak motors, lost thrust, a centre of mass off the middle.
+
+In steady flight every rotor's thrust follows from weight and centre of mass alone, so that what a rotor is
+sent tells what it makes of it. A weak rotor is sent more than its share. Shares of the thrust, weighted by
+the rotors' places, are the centre of thrust; weighted by their spin, the balance of yaw. One weak rotor moves
+the first along its arm and the second in the sense of its spin; a load moves the first alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from quadid_logs.align import Prepared
+from quadid_logs.align.series import CleanSeries, Interval
+from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.data.health import Quantity, RotorFault, Rotors
+from quadid_logs.health.commanded import Commanded, commanded_thrust
+from quadid_logs.health.desync import find_desync
+from quadid_logs.health.effectiveness import find_effectiveness
+from quadid_logs.health.motors import motor_names
+from quadid_logs.health.propellers import find_shaking
+from quadid_logs.maths.self_normalised import FEWEST, Change, Difference, between, change_of, mean_of
+from quadid_logs.numerals import plus_minus
+
+#: The chance that a flight without a fault shows any: of the whole flight, and of each of the five tests.
+FALSE_ALARM: Final = 0.01
+_OF_EACH: Final = FALSE_ALARM / 5.0
+#: Means over this, or over two samples of a slower log; at most so many of them [s].
+_STEP_S: Final = 0.25
+_MOST_STEPS: Final = 600
+#: Beside the ground a rotor gives more [s].
+_NEAR_GROUND_S: Final = 2.0
+#: Below this fraction of the median the motors do not carry the vehicle.
+_CARRIES: Final = 0.5
+#: Height of the drag's centre above the centre of mass, in lengths of the arm, of all but the tallest frames:
+#: drag then looks like a centre of mass that is off by this times the tangent of the mean tilt.
+_DRAG_HEIGHT: Final = 0.25
+#: A flight that tells only larger losses tells nothing of a rotor.
+_HALF: Final = 0.5
+#: What lies beyond the 99 % interval contradicts; the intervals at hand are of 95 %, narrower by this.
+_CONTRADICTS: Final = 1.45
+#: Two arms within this angle lie on one line.
+_ONE_LINE: Final = 0.99
+
+
+class _Shares(NamedTuple):
+    """Means over short times: ``time_s`` (n,), ``share`` (n, 3) weighted by place, ``total`` thrust (n,)."""
+
+    time_s: FloatArray
+    share: FloatArray
+    total: FloatArray
+
+
+class _Fit(NamedTuple):
+    """One rotor that explains a share: what it gives, with its 95 % interval, and whether yaw agrees."""
+
+    rotor: int
+    gives: Quantity
+    yaw_agrees: bool
+    yaw_is_sure: bool
+
+
+def find_rotors(prepared: Prepared, intervals: Sequence[Interval]) -> Rotors | None:
+    """Test each rotor for what it gives, and for what shakes.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    intervals : sequence of (start_s, end_s)
+        Of flight.
+
+    Returns
+    -------
+    Rotors or None
+        None where the log does not tell what each rotor was sent.
+    """
+    sent = commanded_thrust(prepared)
+    if sent is None:
+        return None
+    # Between two flights loads are moved and propellers changed.
+    shares = _shares(sent, [max(intervals, key=lambda one: one[1] - one[0])]) if intervals else None
+    if shares is None:
+        return None
+    n_rotors, series = len(sent.place), prepared.series
+    names = motor_names(prepared.log.torque, n_rotors)
+    rate = series.get("body_rate")
+    effectiveness = (
+        (None,) * n_rotors if rate is None else find_effectiveness(sent.series, sent.place, rate, intervals)
+    )
+    changes = tuple(_changes(shares, sent.place))
+    faults = [*_lost(shares, sent.place, changes, names)]
+    lost = changes[faults[0].rotor] if faults else None
+    begin = slice(None) if lost is None else lost.before
+    steady = _Shares(*(part[begin] for part in shares))
+    offset = _mass_offset(steady, _tilt(series.get("attitude"), steady.time_s))
+    # Of two rotors on one arm, the lower gives less by design.
+    stacked = len(np.unique(np.round(sent.place[:, :2], 2), axis=0)) < n_rotors
+    weak = None if offset is None or stacked else _weak(steady, sent.place, effectiveness, names)
+    if weak is not None:
+        faults.append(weak)
+    elif offset is not None and offset.p_value < _OF_EACH:
+        faults.append(_mass_fault(offset))
+    shaking = find_shaking(
+        prepared.candidates.get("body_rate", ()), series.get("rotor_speed"), n_rotors, intervals
+    )
+    if shaking is not None and shaking.worst >= 0 and shaking.p_value < _OF_EACH:
+        faults.append(_shaking_fault(shaking.size[shaking.worst], shaking.worst, shaking.p_value, names))
+    force = series.get("specific_force")
+    air = _off_ground(intervals)
+    desync = None if rate is None else find_desync(sent.series, sent.place, rate, force, air)
+    if desync is not None and desync.rotor >= 0 and desync.p_value < _OF_EACH:
+        faults.append(_desync_fault(desync.rotor, desync.time_s, desync.p_value, names))
+    faults.sort(key=lambda one: (one.code == _MASS, one.p_value))
+    allowed = {
+        _LOST: any(change is not None for change in changes),
+        _WEAK: offset is not None and not stacked,
+        _MASS: offset is not None,
+        _SHAKES: shaking is not None,
+        _DESYNC: desync is not None,
+    }
+    return Rotors(
+        sentence=_sentence(faults, changes, sent.place),
+        level="high" if any(one.code != _MASS for one in faults) else "fact",
+        names=names,
+        effectiveness=effectiveness,
+        change=tuple(_as_change(shares, sent.place, rotor, change) for rotor, change in enumerate(changes)),
+        mass_offset=None if offset is None else (offset.forward, offset.right),
+        thrust_change=_thrust_change(shares, force),
+        shaking=(None,) * n_rotors if shaking is None else shaking.size,
+        faults=tuple(faults),
+        findings=tuple(dict.fromkeys(one.code for one in faults)),
+        searched=tuple(code for code, one in allowed.items() if one),
+    )
+
+
+_WEAK, _LOST, _SHAKES, _DESYNC, _MASS = "QL430", "QL431", "QL432", "QL433", "QL434"
+
+
+def _shares(sent: Commanded, intervals: Sequence[Interval]) -> _Shares | None:
+    """Average over short times what the rotors were sent, off the ground."""
+    air = _off_ground(intervals)
+    flown_s = sum(end - begin for begin, end in air)
+    step_s = max(_STEP_S, 2.0 * sent.series.period_s, flown_s / _MOST_STEPS)
+    times, means = [], []
+    for begin, end in air:
+        edges = begin + step_s * np.arange(int((end - begin) / step_s) + 1, dtype=np.float64)
+        rows = np.searchsorted(sent.series.time_s, edges)
+        values = sent.series.of_rows(slice(int(rows[0]), int(rows[-1])))
+        good = np.isfinite(values).all(axis=1)
+        kept_values = np.where(good[:, np.newaxis], values, 0.0)
+        sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(kept_values, axis=0)])
+        count = np.diff(np.concatenate([[0], np.cumsum(good)])[rows - rows[0]])
+        kept = count > 0
+        means.append(np.diff(sums[rows - rows[0]], axis=0)[kept] / count[kept, np.newaxis])
+        times.append(edges[:-1][kept] + 0.5 * step_s)
+    if not times:
+        return None
+    time_s, thrust = np.concatenate(times), np.concatenate(means)
+    total = thrust.sum(axis=1)
+    carried: BoolArray = np.asarray(total > _CARRIES * float(np.median(total)) if total.size else total > 0.0)
+    if np.count_nonzero(carried) < FEWEST:
+        return None
+    time_s, thrust, total = time_s[carried], thrust[carried], total[carried]
+    return _Shares(time_s, thrust @ sent.place / total[:, np.newaxis], total)
+
+
+def _off_ground(intervals: Sequence[Interval]) -> list[Interval]:
+    air = [(begin + _NEAR_GROUND_S, end - _NEAR_GROUND_S) for begin, end in intervals]
+    return [(begin, end) for begin, end in air if end > begin]
+
+
+def _lines(place: FloatArray) -> list[int]:
+    """Return one rotor for each line on which arms lie."""
+    arms = _arms(place)
+    kept: list[int] = []
+    for rotor, arm in enumerate(arms):
+        if all(abs(float(arm @ arms[other])) < _ONE_LINE for other in kept):
+            kept.append(rotor)
+    return kept
+
+
+def _arms(place: FloatArray) -> FloatArray:
+    """Return the direction of each arm, shape (n_rotors, 2)."""
+    return np.asarray(place[:, :2] / np.linalg.norm(place[:, :2], axis=1, keepdims=True), dtype=np.float64)
+
+
+def _changes(shares: _Shares, place: FloatArray) -> Iterator[Change | None]:
+    """Yield for each rotor how the centre of thrust moved along its arm."""
+    for arm in _arms(place):
+        yield change_of(shares.share[:, :2] @ arm)
+
+
+def _lost(
+    shares: _Shares, place: FloatArray, changes: Sequence[Change | None], names: Sequence[str]
+) -> Iterator[RotorFault]:
+    """Yield the rotor that lost thrust, if one alone explains how the shares moved."""
+    n_lines = len(_lines(place))
+    found = []
+    for rotor, change in enumerate(changes):
+        if change is None or not change.size.value > 0.0 or not change.p_value * n_lines < _OF_EACH:
+            continue
+        fit = _fit_change(shares, place, rotor, change)
+        # What moves the centre of thrust alone is a load, or the wind.
+        if fit is not None and fit.yaw_is_sure:
+            found.append((change.p_value * n_lines, -change.size.value, fit, change))
+    if found:
+        p_value, _, fit, change = min(found, key=lambda one: one[:2])
+        time_s = float(shares.time_s[change.before.stop - 1])
+        yield RotorFault(
+            code=_LOST,
+            rotor=fit.rotor,
+            time_s=time_s,
+            size=_loss(fit.gives),
+            p_value=p_value,
+            sentence=f"{names[fit.rotor].capitalize()} lost {_percent(_loss(fit.gives))} of its thrust in "
+            f"flight, {_when(shares, change)}.",
+        )
+
+
+def _fit_change(shares: _Shares, place: FloatArray, rotor: int, change: Change) -> _Fit | None:
+    across, yaw = (
+        between(values, change.before, change.after) for values in _across_and_yaw(shares, place, rotor)
+    )
+    return _fit(rotor, place, change.size, across, yaw)
+
+
+def _across_and_yaw(shares: _Shares, place: FloatArray, rotor: int) -> tuple[FloatArray, FloatArray]:
+    """Return what one rotor cannot move, across its arm, and the balance of yaw in the sense of its spin."""
+    forward, right = _arms(place)[rotor]
+    across = shares.share[:, :2] @ np.array([-right, forward])
+    return across, shares.share[:, 2] * place[rotor, 2]
+
+
+def _fit(
+    rotor: int, place: FloatArray, along: Difference, across: Difference, yaw: Difference
+) -> _Fit | None:
+    """Return what a rotor gives if it alone explains this; None where it does not."""
+    reach, n_rotors = float(np.linalg.norm(place[rotor, :2])), len(place)
+    if not abs(across.value) <= _CONTRADICTS * across.half_width:
+        return None
+    low, middle, high = (
+        _gives(float(np.clip(value / reach, -0.9, 0.9)), n_rotors)
+        for value in (
+            along.value + along.half_width,
+            along.value,
+            along.value - along.half_width,
+        )
+    )
+    expected = along.value / reach
+    agrees = abs(yaw.value - expected) <= _CONTRADICTS * yaw.half_width + along.half_width / reach
+    return _Fit(rotor, Quantity(middle, "1", (low, high)), agrees, agrees and yaw.value > yaw.half_width)
+
+
+def _gives(excess: float, n_rotors: int) -> float:
+    """Return what a rotor gives of what it is sent, if its share is larger by this fraction of the whole."""
+    more = n_rotors * excess / (1.0 - excess)
+    return 1.0 / (1.0 + more) if more > -1.0 else float("inf")
+
+
+def _loss(gives: Quantity) -> Quantity:
+    low, high = gives.ci95 or (gives.value, gives.value)
+    return Quantity(1.0 - gives.value, "1", (1.0 - high, 1.0 - low))
+
+
+def _as_change(shares: _Shares, place: FloatArray, rotor: int, change: Change | None) -> Quantity | None:
+    """Return what a rotor gave at the end over the beginning, if it alone can have changed."""
+    fit = None if change is None else _fit_change(shares, place, rotor, change)
+    if fit is None or not fit.yaw_agrees:
+        return None
+    low, high = fit.gives.ci95 or (0.0, 0.0)
+    return fit.gives if fit.yaw_is_sure or low <= 1.0 <= high else None
+
+
+def _weak(
+    shares: _Shares,
+    place: FloatArray,
+    effectiveness: Sequence[Quantity | None],
+    names: Sequence[str],
+) -> RotorFault | None:
+    """Return the rotor that was weak all the time, if one alone explains the shares and yaw says so."""
+    n_lines, found = len(_lines(place)), []
+    for rotor, arm in enumerate(_arms(place)):
+        along = mean_of(shares.share[:, :2] @ arm)
+        if not along.value > 0.0 or not along.p_value * n_lines < _OF_EACH:
+            continue
+        across, yaw = (mean_of(values) for values in _across_and_yaw(shares, place, rotor))
+        fit = _fit(
+            rotor,
+            place,
+            Difference(along.value, along.half_width),
+            Difference(across.value, across.half_width),
+            Difference(yaw.value, yaw.half_width),
+        )
+        if (
+            fit is not None
+            and fit.yaw_is_sure
+            and not _contradicts(effectiveness[rotor], fit.gives, len(place))
+        ):
+            found.append((along.p_value * n_lines, fit))
+    if not found:
+        return None
+    p_value, fit = min(found, key=lambda one: one[0])
+    return RotorFault(
+        code=_WEAK,
+        rotor=fit.rotor,
+        time_s=float("nan"),
+        size=_loss(fit.gives),
+        p_value=p_value,
+        sentence=f"{names[fit.rotor].capitalize()} gives {_percent(_loss(fit.gives))} less thrust than the "
+        "others for the same command.",
+    )
+
+
+def _contradicts(measured: Quantity | None, claimed: Quantity, n_rotors: int) -> bool:
+    """Return whether what a rotor's own movements tell excludes what the balance says of it."""
+    if measured is None or measured.ci95 is None or claimed.ci95 is None:
+        return False
+    most = claimed.ci95[1]
+    return measured.ci95[0] > most * n_rotors / (n_rotors - 1.0 + most)
+
+
+class _Offset(NamedTuple):
+    forward: Quantity
+    right: Quantity
+    p_value: float
+
+
+def _mass_offset(shares: _Shares, tilt: FloatArray | None) -> _Offset | None:
+    """Return where the centre of thrust is: below it hangs the centre of mass, but for drag."""
+    if len(shares.share) < FEWEST:
+        return None
+    # Without attitude nobody knows how far drag tilted the vehicle.
+    dead = None if tilt is None else _DRAG_HEIGHT * np.abs(np.tan(tilt))
+    means = [mean_of(shares.share[:, axis], 0.0 if dead is None else float(dead[axis])) for axis in range(2)]
+    forward, right = (
+        Quantity(one.value, "arm", (one.value - one.half_width, one.value + one.half_width)) for one in means
+    )
+    p_value = 1.0 if dead is None else min(2.0 * min(one.p_value for one in means), 1.0)
+    return _Offset(forward, right, p_value)
+
+
+def _tilt(attitude: CleanSeries | None, time_s: FloatArray) -> FloatArray | None:
+    """Return the mean tilt that moves drag forward and to the right [rad]."""
+    if attitude is None or not time_s.size:
+        return None
+    rows = attitude.within(float(time_s[0]), float(time_s[-1]))
+    angles = attitude.of_rows(rows)[:, :2]
+    angles = angles[np.isfinite(angles).all(axis=1)]
+    return np.asarray(angles.mean(axis=0)[::-1], dtype=np.float64) if len(angles) else None
+
+
+def _mass_fault(offset: _Offset) -> RotorFault:
+    forward, right = offset.forward, offset.right
+    parts = [
+        f"{_percent(one)} of the arm {positive if one.value > 0.0 else negative}"
+        for one, positive, negative in (
+            (forward, "in front", "at the back"),
+            (right, "to the right", "to the left"),
+        )
+        if one.ci95 is not None and one.ci95[0] * one.ci95[1] > 0.0
+    ]
+    size = max(forward, right, key=lambda one: abs(one.value))
+    return RotorFault(
+        code=_MASS,
+        rotor=-1,
+        time_s=float("nan"),
+        size=size,
+        p_value=offset.p_value,
+        sentence=f"If all rotors are alike, the centre of mass lies {' and '.join(parts)} of their middle.",
+    )
+
+
+def _shaking_fault(size: Quantity | None, rotor: int, p_value: float, names: Sequence[str]) -> RotorFault:
+    shown = size or Quantity(float("nan"), "rad/s")
+    return RotorFault(
+        code=_SHAKES,
+        rotor=rotor,
+        time_s=float("nan"),
+        size=shown,
+        p_value=p_value,
+        sentence=f"The propeller of {names[rotor]} shakes the gyro at its own speed more than all others "
+        f"together ({np.degrees(shown.value):.2g} deg/s rms).",
+    )
+
+
+def _desync_fault(rotor: int, time_s: float, p_value: float, names: Sequence[str]) -> RotorFault:
+    return RotorFault(
+        code=_DESYNC,
+        rotor=rotor,
+        time_s=time_s,
+        size=Quantity(0.5, "1", (0.5, 1.0)),
+        p_value=p_value,
+        sentence=f"{names[rotor].capitalize()} lost half of its thrust or more for a moment, at "
+        f"{time_s:.1f} s.",
+    )
+
+
+def _thrust_change(shares: _Shares, force: CleanSeries | None) -> Quantity | None:
+    """Return thrust for a unit of command at the end of the flight over that at the beginning."""
+    if force is None or force.n_columns < 3:
+        return None
+    rows = np.searchsorted(force.time_s, shares.time_s[:, np.newaxis] + _STEP_S * np.array([-0.5, 0.5]))
+    values = np.nan_to_num(force.values[:, 2])
+    sums = np.concatenate([[0.0], np.cumsum(values)])
+    count = rows[:, 1] - rows[:, 0]
+    kept = count > 0
+    if np.count_nonzero(kept) < FEWEST:
+        return None
+    lift = -(sums[rows[kept, 1]] - sums[rows[kept, 0]]) / count[kept] / shares.total[kept]
+    mean = float(lift.mean())
+    if not mean > 0.0:
+        return None
+    fifth = len(lift) // 5
+    change = between(lift / mean, slice(0, fifth), slice(len(lift) - fifth, len(lift)))
+    value = 1.0 + change.value
+    return Quantity(value, "1", (value - change.half_width, value + change.half_width))
+
+
+def _percent(size: Quantity) -> str:
+    low, high = size.ci95 or (size.value, size.value)
+    return f"{plus_minus(100.0 * abs(size.value), 50.0 * (high - low))} %"
+
+
+def _when(shares: _Shares, change: Change) -> str:
+    begin = float(shares.time_s[change.before.stop - 1])
+    end = float(shares.time_s[min(change.after.start, len(shares.time_s) - 1)])
+    return f"at about {begin:.0f} s" if end - begin < 2.0 else f"between {begin:.0f} and {end:.0f} s"
+
+
+def _sentence(faults: Sequence[RotorFault], changes: Sequence[Change | None], place: FloatArray) -> str:
+    if faults:
+        return " ".join(one.sentence for one in faults)
+    seen = [one for one in changes if one is not None]
+    if not seen:
+        return "No fault of a rotor was found; the flight is too short to see a loss of thrust."
+    worst = max(
+        1.0 - _gives(min(one.detectable / float(np.linalg.norm(place[rotor, :2])), 0.9), len(place))
+        for rotor, one in enumerate(changes)
+        if one is not None
+    )
+    if worst > _HALF:
+        return "No fault of a rotor was found; a loss of half of one's thrust in flight would not have shown."
+    shown = max(100.0 * worst, 1.0)
+    return (
+        f"No fault of a rotor was found. A loss of {shown:.0f} % of one's thrust in flight would have shown."
+    )
