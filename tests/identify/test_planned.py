@@ -133,11 +133,12 @@ def test_logged_speed_brings_a_pool_in_strong_moments_of_the_air_closer_to_the_t
         fit = with_speed[axis]
         assert fit.is_sound
         assert abs(fit.gain - GAIN[axis]) <= fit.half_width
-        assert fit.half_width <= 1.1 * blind[axis].half_width
+        assert fit.half_width < blind[axis].half_width
     errors = [
         sum(abs(fits[axis].gain / GAIN[axis] - 1.0) for axis in range(2)) for fits in (with_speed, blind)
     ]
-    assert errors[0] < errors[1]
+    # A tenth at least: a speed that hardly counted would change less than a thousandth.
+    assert errors[0] < 0.9 * errors[1]
 
 
 def test_one_flight_without_a_speed_leaves_it_out_of_the_pool() -> None:
