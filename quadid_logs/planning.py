@@ -358,7 +358,8 @@ def _typical(autopilot: str, vehicle: Vehicle | None, propeller_inch: float) -> 
 
 def _gyro_filter_hz(propeller_inch: float) -> float:
     """Return the cut-off of the gyro's filter that setup pages advise [Hz]."""
-    return max(_GYRO_FILTER_HZ * propeller_inch**_GYRO_FILTER_POWER, _LEAST_GYRO_FILTER_HZ)
+    advised_hz = _GYRO_FILTER_HZ * propeller_inch**_GYRO_FILTER_POWER
+    return float(max(advised_hz, _LEAST_GYRO_FILTER_HZ))
 
 
 def _sweep(fitting: AxisExcitation) -> Sweep:

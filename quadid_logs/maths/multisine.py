@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -15,7 +14,7 @@ _CLIPPED: Final = 0.85
 _STARTS: Final = 10
 _ORDERS: Final = (2, 8, 32, 100)
 _PER_LINE: Final = 8
-_ENOUGH: Final = MappingProxyType({"maxiter": 150})
+_MOST_STEPS: Final = 150
 
 
 class Multisine(NamedTuple):
@@ -92,7 +91,7 @@ def _flattened(phases: FloatArray) -> FloatArray:
     angle = 2.0 * np.pi * np.multiply.outer(turns, np.arange(n))
     for order in _ORDERS:
         phases = minimize(
-            _norm, phases, args=(angle, order), jac=True, method="L-BFGS-B", options=dict(_ENOUGH)
+            _norm, phases, args=(angle, order), jac=True, method="L-BFGS-B", options={"maxiter": _MOST_STEPS}
         ).x
     return np.asarray(np.angle(np.exp(1j * phases)), dtype=np.float64)
 

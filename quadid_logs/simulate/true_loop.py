@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from quadid_logs.arrays import FloatArray
 from quadid_logs.autopilots.discrete import butterworth, derivative, first_order, gain, integrator, unit
 from quadid_logs.data.closed_loop import Modes, Plant
 from quadid_logs.data.controller import AxisController, DiscreteFilter
@@ -75,7 +76,7 @@ def true_plant(setup: Setup, truth: dict[str, Any], axis: int) -> Plant:
         truth["actuator"]["lag_s"],
         setup.delay_steps / setup.loop_hz,
     )
-    plant = Plant(*(np.array([value]) for value in values))
+    plant = Plant(*_each(values))
     # The controller holds the mode of the frame as it flew; one of no gain keeps the frequencies dense there.
     no_mode = Modes(*(np.array([value]) for value in (1.0, 1.0, 0.0)))
     lead_s = truth["actuator"]["yaw_lead_s"] if axis == AXES.index("yaw") else 0.0
@@ -102,4 +103,10 @@ def nominal_plant(setup: Setup, axis: int) -> Plant:
         0.5 * (frame.lag_up_s + frame.lag_down_s),
         setup.delay_steps / setup.loop_hz,
     )
-    return Plant(*(np.array([value]) for value in values))
+    return Plant(*_each(values))
+
+
+def _each(values: tuple[float, float, float, float]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return numbers of one vehicle as those of vehicles."""
+    first, second, third, fourth = (np.array([value], dtype=np.float64) for value in values)
+    return first, second, third, fourth

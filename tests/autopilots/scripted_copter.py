@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-import lupa.lua54
+import lupa.lua53
 import numpy as np
 
 STABILIZE, ALT_HOLD, GUIDED, LAND, RTL, SYSTEM_ID = 0, 2, 4, 9, 6, 25
@@ -117,7 +117,7 @@ class Copter:
 
     def run(self, script: str, seconds: float, event: Callable[[Copter], None], event_s: float) -> None:
         """Load a script and fly; at `event_s` something happens."""
-        lua = lupa.lua54.LuaRuntime(unpack_returned_tuples=True)
+        lua = lupa.lua53.LuaRuntime(unpack_returned_tuples=True)
         self._offer(lua)
         update, wait_ms = lua.execute(script)
         happened = False

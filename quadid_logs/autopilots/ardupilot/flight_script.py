@@ -29,10 +29,7 @@ _LIMITS: Final[Mapping[str, float]] = MappingProxyType(
 )
 
 
-def flight_script(
-    sweeps: Sequence[Mapping[str, float | str]],
-    multisine: Mapping[str, Sequence[Sequence[tuple[float, float]]] | Sequence[float] | float],
-) -> str:
+def flight_script(sweeps: Sequence[Mapping[str, object]], multisine: Mapping[str, object]) -> str:
     """Return the script of a flight.
 
     Parameters
