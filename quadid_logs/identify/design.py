@@ -21,7 +21,7 @@ from quadid_logs.identify.terms import ANGLES, RATE_TERMS, TRIM, RotorField, Ter
 from quadid_logs.identify.torque import RowGrid, RowTorque
 from quadid_logs.maths.band import delay_response, gaussian_reach_s, high_pass
 from quadid_logs.maths.moving_mean import moving_mean
-from quadid_logs.vocabulary import AXES, TORQUE_SYMBOLS
+from quadid_logs.vocabulary import TORQUE_SYMBOLS
 
 #: Fraction of the flight that no fit sees; taken in blocks, never shuffled.
 HELD_OUT_FRACTION: Final = 0.3
@@ -42,11 +42,6 @@ _ACTUATOR_MEMORY_S = 0.5
 _CHUNK_S = 120.0
 #: From a rate setpoint to the rate that follows it, a rate loop takes 30 to 300 ms.
 _INSTRUMENT_DELAYS_S = (0.0, 0.03, 0.06, 0.1, 0.15, 0.22, 0.3, 0.4)
-#: Of an injected signal alone, fewer of them: each second of a sweep has a frequency of its own, and with
-#: many delays it would be told by itself.
-_OF_EXCITATION = (0, 1, 2, 4, 6)
-#: Between two sweeps a pilot or a script waits for seconds; within one nothing rests.
-_REST_S = 0.5
 #: Throttle is logged to a thousandth or so: what varies less is rounding, and its product with N is N.
 _LEAST_THROTTLE = 1e-3
 #: Leaving out more than this fraction of the rows for saturation leaves too little flight.
@@ -83,8 +78,6 @@ class Design:
         vehicle, but no disturbance and no noise moves it.
     held_per_s : ndarray, shape (3, 3), or None
         Rate set-points per angle (as rows) that were taken out of the instruments; None where nothing was.
-    only_excitation : bool
-        The instruments are what a test mode injected, without the set-points.
     """
 
     time_s: FloatArray
@@ -101,7 +94,6 @@ class Design:
     high_pass_hz: float = 0.0
     instruments: FloatArray | None = None
     held_per_s: FloatArray | None = None
-    only_excitation: bool = False
 
     @property
     def train(self) -> BoolArray:
@@ -145,21 +137,7 @@ class Design:
 
     def without_instruments(self) -> Design:
         """Return the same rows for plain least squares."""
-        return replace(self, instruments=None, held_per_s=None, only_excitation=False)
-
-    def with_excitation_alone(self) -> Design | None:
-        """Return the same rows with what a test mode injected as the only instrument; None without any.
-
-        Set-points answer the air through the attitude; an injected signal answers nothing.
-        """
-        if self.instruments is None:
-            return None
-        n_references = self.instruments.shape[1] // len(_INSTRUMENT_DELAYS_S)
-        delay, reference = np.divmod(np.arange(self.instruments.shape[1]), n_references)
-        injected = (reference >= len(AXES)) & np.isin(delay, _OF_EXCITATION)
-        if not np.any(self.instruments[:, injected]):
-            return None
-        return replace(self, instruments=self.instruments[:, injected], held_per_s=None, only_excitation=True)
+        return replace(self, instruments=None, held_per_s=None)
 
     def without_held(self, held_per_s: FloatArray) -> Design:
         """Return the same rows, what of the logged rate set-points follows from the attitude taken out.
@@ -181,8 +159,6 @@ class Design:
         """Return the same rows with the instruments that another design of the flight chose."""
         if other.instruments is None:
             return self.without_instruments()
-        if other.only_excitation:
-            return self.with_excitation_alone() or self.without_instruments()
         return self if other.held_per_s is None else self.without_held(other.held_per_s)
 
     def with_chunks(self, chunks: Sequence[Segment]) -> Design:
@@ -384,7 +360,7 @@ def _smooth_columns(
 
 def _instruments(chunks: Sequence[Segment], grids: Sequence[RowGrid]) -> FloatArray | None:
     """Return the smoothed references at several delays; None unless all chunks have them."""
-    references = [_by_driven_axis(chunk, chunk.reference) for chunk in chunks if chunk.reference is not None]
+    references = [chunk.reference for chunk in chunks if chunk.reference is not None]
     if len(references) < len(chunks):
         return None
     n_references = max(reference.shape[1] for reference in references)
@@ -396,34 +372,6 @@ def _instruments(chunks: Sequence[Segment], grids: Sequence[RowGrid]) -> FloatAr
         missing = n_references - reference.shape[1]
         parts.append(np.column_stack([np.pad(columns, ((0, 0), (0, missing))) for columns in delayed]))
     return np.concatenate(parts)
-
-
-def _by_driven_axis(chunk: Segment, reference: FloatArray) -> FloatArray:
-    """Return the references, a chirp as three columns: each run in that of the axis whose torque it moves.
-
-    A test mode sweeps one axis after the other. In one column, the run of an axis whose torque hardly answers
-    would tell that the others' do not either.
-    """
-    if reference.shape[1] <= len(AXES):
-        return reference
-    chirp = reference[:, len(AXES)]
-    apart = np.zeros((chirp.size, len(AXES)))
-    for run in _runs(chirp, chunk.time_s):
-        torque = chunk.torque[run] - chunk.torque[run].mean(axis=0)
-        size = np.sqrt(np.sum(torque**2, axis=0)) + np.finfo(float).tiny
-        apart[run, int(np.argmax(np.abs(chirp[run] @ torque) / size))] = chirp[run]
-    return np.column_stack([reference[:, : len(AXES)], apart])
-
-
-def _runs(chirp: FloatArray, time_s: FloatArray) -> list[slice]:
-    """Return the rows of each run of a chirp, which rests divide; its zero crossings are none."""
-    moving = np.flatnonzero(chirp)
-    if not moving.size:
-        return []
-    breaks = np.flatnonzero(np.diff(time_s[moving]) > _REST_S)
-    first = moving[np.append(0, breaks + 1)]
-    last = moving[np.append(breaks, moving.size - 1)]
-    return [slice(int(a), int(b) + 1) for a, b in zip(first, last, strict=True)]
 
 
 def _not_held(chunk: Segment, held_per_s: FloatArray) -> Segment:

@@ -86,7 +86,6 @@ def _effective_f(
 def with_strong_instruments(design: Design, high_passed: Design, axes: Sequence[int]) -> Design:
     """Return the design, without its instruments where they tell the torque of none of the axes.
 
-    What a test mode injects is the only instrument where it tells every torque that all of them tell.
     A set-point is exogenous in so far as it does not follow from the attitude. Where most of it follows and
     the rest of the instruments tells the torque of its axis, the part that follows is taken out of them.
 
@@ -106,12 +105,6 @@ def with_strong_instruments(design: Design, high_passed: Design, axes: Sequence[
         return design
     if not found.strong[list(axes)].any():
         return design.without_instruments()
-    excitation = high_passed.with_excitation_alone()
-    by_excitation = None if excitation is None else first_stage(excitation)
-    if by_excitation is not None and by_excitation.strong[list(axes)].any():
-        tells_as_much = by_excitation.strong | ~found.strong
-        if tells_as_much[list(axes)].all():
-            return design.with_excitation_alone() or design
     held = np.where(from_attitude(high_passed) > _MOSTLY_HELD, held_by_attitude(high_passed), 0.0)
     rest = first_stage(high_passed.without_held(held)) if held.any() else None
     held = held if rest is None else np.where(rest.strong, held, 0.0)

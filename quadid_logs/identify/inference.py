@@ -230,7 +230,7 @@ def _change_by_feedback(
 def feedback_left(
     design: Design, explained: Iterable[tuple[FloatArray, FloatArray]], n: int
 ) -> Feedback | None:
-    """Return what feedback still does to an estimate with so many instruments; None where that is nothing.
+    """Return what feedback still does to an estimate with so many instruments; None without any.
 
     Parameters
     ----------
@@ -244,8 +244,7 @@ def feedback_left(
     -------
     Feedback or None
     """
-    # An injected signal answers no disturbance, and what it follows by chance is told by other seconds.
-    if not n or design.only_excitation:
+    if not n:
         return None
     trained_s = np.count_nonzero(design.train) * design.period_s
     # As many values a second as twice the bandwidth are independent.

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.arrays import BoolArray, FloatArray, IntArray
+from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.data.flight import InputDescription, Segment
 from quadid_logs.data.model import Effect, EffectCheck, StructuralCheck, TimingCheck
 from quadid_logs.identify.actuator_model import ActuatorModel, FitProblem, free_actuator_model
@@ -81,8 +81,6 @@ _SAME_COLUMN = 1e-7
 #: Without set-points the effectiveness of simulated flights in gusts is low by up to this many times the
 #: fraction of the acceleration that is not explained, in 19 of 20.
 _FEEDBACK = 3.0
-#: In air that makes no more than a hundredth of the motion, the torque is that of the sweep.
-_STILL_R2: Final = 0.99
 #: A change of the effectiveness lasts longer than this; the answer to a gust does not.
 _PERSISTENCE_S = 0.5
 #: Below, the lag of a rotor moves no torque by as much as can be seen [s].
@@ -249,13 +247,12 @@ def check_structure(
     design = model.design
     regression = lay_out(design, structure, model.actuator, fit.kept, all_instruments=True)
     equations = _equations(design, structure, model, regression, axes)
-    dithered = _dithered(design, fit)
     persistence, spread = _variation(design, equations)
     flight_gain, flight_half_width = _by_flight(design, equations)
 
     def look(equations: dict[int, _EquationRows]) -> list[_Found]:
         return [
-            *_effects(design, model, regression, equations, dithered),
+            *_effects(design, model, regression, equations),
             *_of_rotors(design, model, equations, described),
         ]
 
@@ -559,11 +556,7 @@ def _equations(
 
 
 def _effects(
-    design: Design,
-    model: ActuatorModel,
-    regression: Regression,
-    equations: dict[int, _EquationRows],
-    dithered: BoolArray,
+    design: Design, model: ActuatorModel, regression: Regression, equations: dict[int, _EquationRows]
 ) -> Iterator[_Found]:
     """Yield the likeliest level or frequency of each kind of effect, axis by axis.
 
@@ -575,8 +568,6 @@ def _effects(
     for candidate in _candidates(design, model, regression):
         for axis, equation in equations.items():
             if candidate.effect in ("tilt", "swing") and axis == 2:
-                continue
-            if candidate.effect in _OF_AMPLITUDE and dithered[axis]:
                 continue
             also = None if candidate.of_predicted is None else candidate.of_predicted[:, axis]
             found = equation.extended(candidate.columns[:, axis], also)
@@ -658,19 +649,6 @@ def _thresholds(design: Design, model: ActuatorModel, regression: Regression) ->
         instrument = None if predicted is None else np.clip(predicted, -level, level)[..., np.newaxis]
         effect: Effect = "threshold" if number < len(_LEVELS) else "limit"
         yield _Candidate(effect, cut_off[..., np.newaxis], level, instrument)
-
-
-def _dithered(design: Design, fit: PooledFit) -> BoolArray:
-    """Say of which axes the air makes part of the torque while a test mode moves them; shape (3,).
-
-    What is injected then meets a dead zone or a limit at any torque alike, as one gain (A. Gelb and W. E.
-    Vander
-    Velde, Multiple-Input Describing Functions, 1968, on dither): its amplitude tells nothing of them, and
-    that of the torque answers the air. A sweep has each amplitude at frequencies of its own, besides.
-    """
-    if not design.only_excitation:
-        return np.zeros(3, dtype=np.bool_)
-    return np.asarray(fit.r2[:3] < _STILL_R2, dtype=np.bool_)
 
 
 def _of_rotors(
@@ -898,8 +876,6 @@ def _feedback(design: Design, fit: PooledFit) -> FloatArray:
     squares then find B less the fraction of the torque's variance that answers d (U. Forssell and L. Ljung,
     Automatica 35, 1999). Seen is what the loop leaves of d, a good part of which passes for the model.
     """
-    if design.only_excitation:
-        return np.zeros(3)
     unexplained = np.clip(1.0 - fit.r2[:3], 0.0, 1.0)
     higher = _FEEDBACK * unexplained / np.maximum(1.0 - unexplained, 0.5)
     # Set-points are feedback themselves as far as an angle controller makes them of the attitude.

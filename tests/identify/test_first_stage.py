@@ -71,16 +71,12 @@ def test_a_flight_without_setpoints_has_no_strength(seed: int) -> None:
 
 
 def held_roll(*, injected: bool, smoothing_hz: float = 5.0, gain: float = -4.0, asked: float = 0.0) -> Design:
-    """Return a flight whose roll set-points answer the angle by `gain` [1/s], with a chirp or without.
-
-    Pitch follows its set-points, which a chirp on roll does not tell.
-    """
+    """Return a flight whose roll set-points answer the angle by `gain` [1/s], with a chirp or without."""
     data = fly(QUAD, TORQUE)
     (segment,) = data.segments
     angle = np.cumsum(segment.body_rate_rad_s, axis=0) * data.sample_period_s
     reference = np.zeros_like(angle)
     reference[:, 0] = gain * angle[:, 0]
-    reference[:, 1] = segment.torque[:, 1]
     wanted = np.random.default_rng(3).standard_normal(angle.shape[0])
     wanted = uniform_filter1d(wanted, 20)
     reference[:, 0] += asked * wanted * np.std(reference[:, 0]) / np.std(wanted)
@@ -93,8 +89,8 @@ def held_roll(*, injected: bool, smoothing_hz: float = 5.0, gain: float = -4.0, 
 
 
 def chosen(design: Design) -> Design:
-    """Return the design with the instruments that serve roll and pitch."""
-    return with_strong_instruments(design, design.high_passed(0.3), [0, 1])
+    """Return the design with the instruments that serve roll."""
+    return with_strong_instruments(design, design.high_passed(0.3), [0])
 
 
 def test_setpoints_that_hold_an_attitude_are_no_instruments_beside_a_chirp() -> None:
@@ -102,9 +98,9 @@ def test_setpoints_that_hold_an_attitude_are_no_instruments_beside_a_chirp() -> 
     before, after = held_roll(injected=True), chosen(held_roll(injected=True))
     assert before.instruments is not None
     assert after.instruments is not None
-    left, logged = (np.std(each.instruments[:, 0::6], axis=0) for each in (after, before))
+    left, logged = np.std(after.instruments[:, 0::4], axis=0), np.std(before.instruments[:, 0::4], axis=0)
     assert np.all(left < 1e-3 * logged)
-    np.testing.assert_allclose(after.instruments[:, 3::6], before.instruments[:, 3::6])
+    np.testing.assert_allclose(after.instruments[:, 3::4], before.instruments[:, 3::4])
 
 
 def test_setpoints_that_hold_an_attitude_stay_where_nothing_else_drives_the_axis() -> None:
@@ -123,7 +119,7 @@ def test_setpoints_that_ask_more_than_they_answer_stay() -> None:
 def test_setpoints_that_go_with_the_attitude_stay() -> None:
     """What does not oppose the angle answers no gust: taking it out would leave more of what does."""
     design = held_roll(injected=True, gain=4.0)
-    assert not held_by_attitude(design.high_passed(0.3))[:, 0].any()
+    assert not held_by_attitude(design.high_passed(0.3)).any()
     np.testing.assert_array_equal(chosen(design).instruments, design.instruments)
 
 
@@ -143,48 +139,9 @@ def test_another_band_gets_the_same_instruments() -> None:
     assert none.instruments is None
 
 
-def test_a_chirp_that_tells_every_torque_is_the_only_instrument() -> None:
-    """Set-points answer the air through the attitude; what is injected answers nothing."""
-    design = held_roll(injected=True)
-    alone = with_strong_instruments(design, design.high_passed(0.3), [0])
-    assert alone.only_excitation
-    assert alone.instruments is not None
-    assert design.instruments is not None
-    moving = np.std(alone.instruments, axis=0) > 0.0
-    assert np.array_equal(alone.instruments[:, moving][:, 0], design.instruments[:, 3])
-    assert not chosen(design).only_excitation
-
-
-def test_runs_of_a_chirp_on_several_axes_are_an_instrument_each() -> None:
-    """In one column, the pitch run would tell that roll hardly answers a chirp."""
-    data = fly(QUAD, TORQUE)
-    (segment,) = data.segments
-    torque = 0.01 * np.random.default_rng(5).standard_normal(segment.torque.shape)
-    chirp = np.zeros(segment.n_samples)
-    thirds = np.array_split(np.arange(segment.n_samples), 3)
-    for axis, rows in enumerate(thirds):
-        run = rows[rows.size // 8 : -rows.size // 8]
-        chirp[run] = np.sin(2.0 * np.pi * 3.0 * segment.time_s[run])
-        torque[run, axis] += chirp[run]
-    known = dataclasses.replace(
-        segment, torque=torque, reference=np.column_stack([np.zeros_like(torque), chirp])
-    )
-    design = build_design(dataclasses.replace(data, segments=(known,)), 5.0)
-    assert design is not None
-    assert design.instruments is not None
-    power = np.array(
-        [
-            [np.sum(design.instruments[third, 3 + axis] ** 2) for axis in range(3)]
-            for third in np.array_split(np.arange(design.instruments.shape[0]), 3)
-        ]
-    )
-    assert np.all(power.argmax(axis=1) == [0, 1, 2])
-    assert np.all(power - np.diag(np.diag(power)) < 0.01 * power.max())
-
-
-def test_a_chirp_in_gusts_tells_the_effectiveness_within_what_its_plan_promises() -> None:
-    """In gusts of 0.5 rad/s^2: its set-points hold roll and answer them."""
-    plan = make_plan("ardupilot", ["roll"], air="breeze", wanted=0.04)
+def test_a_chirp_in_gusts_tells_the_effectiveness_within_three_per_cent() -> None:
+    """The flight that `plan` promises, in gusts of 0.5 rad/s^2: its set-points hold roll and answer them."""
+    plan = make_plan("ardupilot", ["roll"])
     scenario = Scenario(
         name="sweep",
         sentence="Roll is swept in gusts.",
@@ -201,5 +158,4 @@ def test_a_chirp_in_gusts_tells_the_effectiveness_within_what_its_plan_promises(
     data = cut(prepare(log_flights(records, scenario.logging)), Settings().align)
     found = identify(data, Settings().identify).recommended
     assert found is not None
-    true = truth["models"]["damped"]["B"][0][0]
-    assert found.B[0, 0] == pytest.approx(true, rel=plan.excitations["roll"].half_width)
+    assert found.B[0, 0] == pytest.approx(truth["models"]["damped"]["B"][0][0], rel=0.03)
