@@ -118,6 +118,7 @@ def test_mass_and_arm_alone_give_the_inertia_of_roll_and_pitch(
     assert np.isnan(found[told:]).all()
 
 
+@pytest.mark.thorough
 def test_the_torque_ratio_adds_the_inertia_of_yaw(corpus: Path, analyzed: Analyzed) -> None:
     """Ixx and Iyy within 3 %, Izz within 8 %, and the truth of every axis inside its interval."""
     path = corpus / "firmware" / "ac47_quadx_multisine.BIN"
