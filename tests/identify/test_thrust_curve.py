@@ -138,6 +138,7 @@ def test_an_expo_takes_a_range_of_thrust(ratio: float, identifiable: bool) -> No
     assert known.half_width > 0.2 or identifiable
 
 
+@pytest.mark.thorough
 def test_a_hover_tells_nothing_of_the_thrust_curve() -> None:
     """Nothing moves, and the reason says so."""
     known = curve(found("hover"))
