@@ -120,7 +120,6 @@ def test_what_chance_makes_of_rotors_widens_nothing() -> None:
     assert high[YAW] == 1.0
 
 
-@pytest.mark.thorough
 def test_two_effects_that_come_together_move_the_effectiveness_further_than_either() -> None:
     """A dead zone of each axis beside that of the rotors: 5 % low, and either alone explains half of that."""
     effects = Effects(dead_zone=0.003, rotor_dead_zone=0.006)
