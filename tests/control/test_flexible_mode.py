@@ -193,7 +193,6 @@ def test_noise_that_falls_or_rises_towards_an_end_of_the_spectrum_is_no_mode() -
         assert not allowed(replace(still, segments=(replace(segment, body_rate_rad_s=rate),))).seen
 
 
-@pytest.mark.thorough
 def test_rough_air_is_no_mode_of_the_frame() -> None:
     """A stiff vehicle, logged at 125 Hz: what its loop leaves of the gusts falls with frequency."""
     result = analyze(simulate("rough-air", seed=1, duration_s=50.0, rate_hz=125.0, autopilot="px4").log)
