@@ -16,7 +16,8 @@ A mutation is one mistake that a tired person makes: a sign, a factor, an index,
 quantile, rows or columns taken wrongly. It changes a result and raises no error by
 itself. Changes are made one at a time in a copy of the working tree; the tests
 named run until the first failure (``--whole``: all tests where those pass), without
-flown logs unless ``--corpus`` is given. A survivor shows what no test holds: add the
+flown logs unless ``--corpus`` is given, and those that only `make check-all` runs too
+unless ``--quick`` is. A survivor shows what no test holds: add the
 test, not an exception.
 """
 
@@ -109,7 +110,12 @@ def _environment(tree: Path, corpus: str) -> dict[str, str]:
 
 
 def passes(
-    tree: Path, tests: Sequence[str], corpus: str = "", timeout_s: float | None = TIMEOUT_S
+    tree: Path,
+    tests: Sequence[str],
+    corpus: str = "",
+    timeout_s: float | None = TIMEOUT_S,
+    *,
+    quick: bool = False,
 ) -> bool | None:
     """Run tests in a copy until the first failure; None if they do not end.
 
@@ -118,8 +124,8 @@ def passes(
     RuntimeError
         If they cannot be run at all: a missing file, or a change that breaks an import.
     """
-    # Thorough tests too; but that the lists fit the code's text breaks with every change.
-    chosen = ("-m", "not source_text")
+    # That the lists fit the code's text breaks with every change.
+    chosen = ("-m", "not source_text and not thorough" if quick else "not source_text")
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *chosen, *tests]
     try:
         done = subprocess.run(
@@ -138,15 +144,15 @@ def passes(
     return done.returncode == 0
 
 
-def judge(mutation: Mutation, tree: Path, *, whole: bool, corpus: str = "") -> Verdict:
+def judge(mutation: Mutation, tree: Path, *, whole: bool, corpus: str = "", quick: bool = False) -> Verdict:
     """Change one file of a copy, run the tests, change it back."""
     path = tree / mutation.file
     intact, begin = path.read_text(encoding="utf-8"), time.perf_counter()
     try:
         _write_source(path, mutation.applied(tree))
-        passed = passes(tree, mutation.tests, corpus)
+        passed = passes(tree, mutation.tests, corpus, quick=quick)
         if passed and whole:
-            passed = passes(tree, ["tests"], corpus, None)
+            passed = passes(tree, ["tests"], corpus, None, quick=quick)
     finally:
         _write_source(path, intact)
     outcome: Outcome = "hung" if passed is None else "survived" if passed else "caught"
@@ -160,7 +166,7 @@ def _write_source(path: Path, text: str) -> None:
 
 
 def judge_all(
-    mutations: Sequence[Mutation], *, n_workers: int, whole: bool, corpus: str = ""
+    mutations: Sequence[Mutation], *, n_workers: int, whole: bool, corpus: str = "", quick: bool = False
 ) -> Iterator[Verdict]:
     """Judge mutations in parallel, each worker in a copy of its own.
 
@@ -177,14 +183,14 @@ def judge_all(
             trees.put(tree)
         tree = trees.get()
         named = sorted({test for mutation in mutations for test in mutation.tests})
-        if not passes(tree, named, corpus, None):
+        if not passes(tree, named, corpus, None, quick=quick):
             raise RuntimeError("The tests fail without any change.")
         trees.put(tree)
 
         def work(mutation: Mutation) -> Verdict:
             free = trees.get()
             try:
-                return judge(mutation, free, whole=whole, corpus=corpus)
+                return judge(mutation, free, whole=whole, corpus=corpus, quick=quick)
             finally:
                 trees.put(free)
 
@@ -213,6 +219,7 @@ def main() -> int:
     parser.add_argument(
         "--corpus", default="", help="folder of flown logs; without it their tests are left out"
     )
+    parser.add_argument("--quick", action="store_true", help="only tests that `make test` runs")
     parser.add_argument("--workers", type=int, default=1)
     options = parser.parse_args()
     mutations = [
@@ -225,7 +232,11 @@ def main() -> int:
     verdicts = []
     print("| outcome | file | mistake | s |\n|---|---|---|---|", flush=True)
     for verdict in judge_all(
-        mutations, n_workers=options.workers, whole=options.whole, corpus=options.corpus
+        mutations,
+        n_workers=options.workers,
+        whole=options.whole,
+        corpus=options.corpus,
+        quick=options.quick,
     ):
         verdicts.append(verdict)
         file = verdict.mutation.file.removeprefix("quadid_logs/")

@@ -39,31 +39,37 @@ hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "reproduci
 #: The test files that take longest, most first: what begins last decides when the suite ends.
 LONGEST_FIRST = (
     "fleet/test_run.py",
-    "test_scenarios.py",
-    "report/test_result_json.py",
     "test_tuning.py",
-    "identify/test_coverage.py",
+    "cli/test_printed_commands.py",
     "structural/test_effects.py",
+    "test_directions.py",
     "report/test_browser.py",
-    "test_flown_research.py",
-    "report/test_accessibility.py",
-    "simulate/test_closed_loop.py",
-    "identify/test_thrust_curve.py",
-    "identify/test_identify.py",
-    "actuation/test_reconstruct.py",
-    "identify/test_actuator_model.py",
+    "test_scenarios.py",
+    "control/test_replay.py",
+    "api/test_verbs.py",
+    "test_live.py",
     "serve/test_browser.py",
-    "diagnose/test_gyro.py",
-    "containers/test_dataflash.py",
-    "fleet/test_changes.py",
-    "test_study.py",
-    "cli/test_main.py",
+    "report/test_accessibility.py",
+    "test_tuning_refusals.py",
+    "identify/test_actuator_model.py",
+    "agents/test_mcp.py",
+    "report/test_result_json.py",
+    "identify/test_thrust_curve.py",
+    "actuation/test_reconstruct.py",
+    "simulate/test_closed_loop.py",
+    "control/test_flexible_mode.py",
+    "actuation/test_measured_speeds.py",
+    "identify/test_identify.py",
     "test_figures.py",
-    "cli/test_plan.py",
-    "cli/test_full_disk.py",
-    "identify/test_rotors.py",
-    "identify/test_select.py",
+    "cli/test_main.py",
     "test_pool.py",
+    "cli/test_plan.py",
+    "identify/test_yaw.py",
+    "cli/test_tune.py",
+    "identify/test_response.py",
+    "test_flown_research.py",
+    "cli/test_live.py",
+    "test_corpus.py",
 )
 
 
@@ -114,8 +120,11 @@ def corpus() -> Path:
 
 
 def pytest_xdist_auto_num_workers() -> int:
-    """Two processes more than cores: tests of workers, servers and browsers mostly wait for these."""
-    return (os.cpu_count() or 1) + 2
+    """One process more than cores: tests of workers, servers and browsers mostly wait for these.
+
+    Each more would cost nine seconds of a processor, to import libraries and collect all tests once more.
+    """
+    return (os.cpu_count() or 1) + 1
 
 
 #: What is kept for all test processes, and the module that makes it.

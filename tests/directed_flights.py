@@ -155,20 +155,31 @@ def cases_of(autopilot: str, result: Result, tuning: Tuning) -> list[Case]:
     return [Case(autopilot=autopilot, axis=one.axis, result=result, tuning=tuning, view=one) for one in views]
 
 
+#: How the gains of a flight stand: far too high, low and too low, on one axis each, the high ones on the axis
+#: that is named; where the first of these flights is sent; of a contradicted model; with too much I on roll.
+GAINS = (*AXES, "at target", "contradicted", "uneven")
+#: Of these in a quick run: each axis far too high once, and all kinds of one autopilot.
+QUICK = {
+    "ardupilot": ("pitch", "at target", "contradicted", "uneven"),
+    "px4": ("yaw",),
+    "betaflight": ("roll", "pitch"),
+}
+
+
 @cache
-def walked(autopilot: str) -> tuple[Case, ...]:
-    """Return every axis with gains that are to be lowered, raised, brought back, kept and refused."""
-    found: list[Case] = []
-    factors_of = FACTORS[autopilot]
-    for first in range(len(factors_of)):
-        factors = {axis: factors_of[(first + place) % len(factors_of)] for place, axis in enumerate(AXES)}
+def walked(autopilot: str, gains: str) -> tuple[Case, ...]:
+    """Return the axes of a flight whose gains stand so: to be lowered, raised, kept or refused."""
+    if gains == "uneven":
+        result = with_gains(autopilot, {"roll": 1.0}, integral=5.0)
+        return tuple(cases_of(autopilot, result, recommend(result, GOOD, ["roll"])))
+    if gains == "at target":
+        first = walked(autopilot, QUICK[autopilot][0])
+        targets = {name: one.target for each in first for name, one in each.found.gains.items()}
+        result = with_gains(autopilot, {}, values=targets)
+    elif gains == "contradicted":
+        result = with_gains(autopilot, {}, contradicted=True)
+    else:
+        high = AXES.index(gains)
+        factors = {AXES[(high + place) % 3]: factor for place, factor in enumerate(FACTORS[autopilot])}
         result = with_gains(autopilot, factors)
-        found += cases_of(autopilot, result, tuning_of(result))
-    targets = {name: one.target for each in found[-len(AXES) :] for name, one in each.found.gains.items()}
-    at_target = with_gains(autopilot, {}, values=targets)
-    found += cases_of(autopilot, at_target, tuning_of(at_target))
-    contradicted = with_gains(autopilot, {}, contradicted=True)
-    found += cases_of(autopilot, contradicted, tuning_of(contradicted))
-    uneven = with_gains(autopilot, {"roll": 1.0}, integral=5.0)
-    found += cases_of(autopilot, uneven, recommend(uneven, GOOD, ["roll"]))
-    return tuple(found)
+    return tuple(cases_of(autopilot, result, tuning_of(result)))

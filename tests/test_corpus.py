@@ -11,6 +11,7 @@ from quadid_logs.data.result import Result
 from quadid_logs.errors import LogError
 from quadid_logs.load import read_log
 from tests.analyses import Analyzed
+from tests.marks import thorough, thorough_but
 
 ARDUPILOT_TRUTH = ("at_segment_mean", "B_rad_s2_per_unit")
 
@@ -35,10 +36,10 @@ def true_gain(log: Path) -> tuple[float, float, float]:
     "name",
     [
         "ac47_quadx_multisine.BIN",
-        "ac47_quadx_doublets.BIN",
-        "ac47_quadx_esc_rpm.BIN",
-        "ac47_two_flights.BIN",
-        "ac47_rate_thread.BIN",
+        thorough("ac47_quadx_doublets.BIN"),
+        thorough("ac47_quadx_esc_rpm.BIN"),
+        thorough("ac47_two_flights.BIN"),
+        thorough("ac47_rate_thread.BIN"),
         "px4_quad_multisine.ulg",
     ],
 )
@@ -79,6 +80,7 @@ def test_default_logging_of_ardupilot_gives_yaw_at_most_and_names_the_bitmask_to
     assert result.identification.only_yaw
 
 
+@pytest.mark.thorough
 def test_two_flights_in_one_file_are_two_segments(corpus: Path, analyzed: Analyzed) -> None:
     """Near the two manoeuvres that the truth names."""
     result = analyzed(corpus / "firmware" / "ac47_two_flights.BIN")
@@ -115,7 +117,20 @@ REASONS = {
 }
 
 
-@pytest.mark.parametrize("name", sorted(REASONS))
+#: One for each reason, the one that is analyzed soonest.
+OF_EACH_REASON = (
+    "px4-1.16-quad-v6c-indoor-85s.ulg",
+    "px4-1.9-quad-escstatus-39s.ulg",
+    "ac364-quadx-RATE1Hz-700s.bin",
+    "ac311-quadx-nan.log",
+    "ac32dev-quad-handrotated-52s.tlog",
+    "rover246-real-61.bin",
+    "ac30-quadV-underpowered.log",
+    "px4-1.6-sample-auavx21-handheld-69s.ulg",
+)
+
+
+@pytest.mark.parametrize("name", thorough_but(OF_EACH_REASON, sorted(REASONS)))
 def test_each_flown_log_is_refused_for_its_own_reason(corpus: Path, analyzed: Analyzed, name: str) -> None:
     """None of them was flown or logged for this purpose."""
     result = analyzed(corpus / "real" / name)
@@ -153,7 +168,7 @@ def test_a_file_that_is_no_log_is_refused_with_a_hint(
         "corrupt-format-not-utf8.ulg",
         "corrupt-wrong-size.ulg",
         "garbage-tail-ac47-sitl.bin",
-        "px4-1.17-x500-v6xrt-outdoor-89s-corrupt.ulg",
+        thorough("px4-1.17-x500-v6xrt-outdoor-89s-corrupt.ulg"),
         "sitl-flightlogs-bad-packets-4MB.tlog",
         "truncated-80k-ac462-real.bin",
         "one-packet-70B.tlog",

@@ -14,9 +14,9 @@ from quadid_logs.data.log import whole_number
 from quadid_logs.load import read_log
 from quadid_logs.pipeline import analyze
 from quadid_logs.report import json_text
+from tests.marks import thorough
 
 SAMPLES = Path(__file__).parents[1] / "sample_logs"
-CORRUPTED = [math.nan, math.inf, -math.inf, 1e30, -1.0]
 
 Damaged = Callable[[bytes, float, int | None], bytes | None]
 
@@ -45,14 +45,20 @@ def ulog_with(content: bytes, value: float, only: int | None = None) -> bytes | 
     return None if only is not None and only > number else bytes(log)
 
 
-FORMATS = [
-    pytest.param("sysid-quad-x.bin", dataflash_with, id="dataflash"),
-    pytest.param("products-of-inertia.ulg", ulog_with, id="ulog"),
-]
+DATAFLASH = ("sysid-quad-x.bin", dataflash_with)
+ULOG = ("products-of-inertia.ulg", ulog_with)
 
 
-@pytest.mark.parametrize("value", CORRUPTED)
-@pytest.mark.parametrize(("name", "damaged"), FORMATS)
+@pytest.mark.parametrize(
+    ("name", "damaged", "value"),
+    [
+        (*DATAFLASH, math.nan),
+        (*DATAFLASH, 1e30),
+        *(thorough(*DATAFLASH, value) for value in (math.inf, -math.inf, -1.0)),
+        (*ULOG, math.nan),
+        *(thorough(*ULOG, value) for value in (math.inf, -math.inf, 1e30, -1.0)),
+    ],
+)
 def test_a_log_whose_parameters_are_all_corrupted_is_analyzed(
     name: str, damaged: Damaged, value: float, tmp_path: Path
 ) -> None:
@@ -61,7 +67,7 @@ def test_a_log_whose_parameters_are_all_corrupted_is_analyzed(
     assert json_text(analyze(tmp_path / name))
 
 
-@pytest.mark.parametrize(("name", "damaged"), FORMATS)
+@pytest.mark.parametrize(("name", "damaged"), [DATAFLASH, ULOG], ids=["dataflash", "ulog"])
 def test_each_parameter_may_be_no_number(name: str, damaged: Damaged, tmp_path: Path) -> None:
     """One after the other, so that none hides behind another."""
     content = (SAMPLES / name).read_bytes()
@@ -73,7 +79,7 @@ def test_each_parameter_may_be_no_number(name: str, damaged: Damaged, tmp_path: 
     assert number > 50
 
 
-@pytest.mark.parametrize("value", [None, *CORRUPTED[:4], -(2.0**32)])
+@pytest.mark.parametrize("value", [None, math.nan, math.inf, -math.inf, 1e30, -(2.0**32)])
 def test_what_is_no_number_of_32_bits_is_no_whole_number(value: float | None) -> None:
     """Then the caller's default stands."""
     assert whole_number(value, 7) == 7

@@ -22,6 +22,7 @@ def test_the_page_holds_the_script() -> None:
     assert '--8<-- "docs/day.py"' in PAGE.read_text(encoding="utf-8").splitlines()
 
 
+@pytest.mark.thorough
 def test_a_day_of_a_student_ends_with_a_report(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -24,7 +24,8 @@ from quadid_logs.report.tune_view import headline
 from quadid_logs.report.view import view_of
 from quadid_logs.tuning import recommend, tuning_of
 from quadid_logs.vocabulary import AXES
-from tests.directed_flights import AUTOPILOTS, Case, cases_of, walked, with_gains
+from tests.directed_flights import AUTOPILOTS, GAINS, QUICK, Case, cases_of, walked, with_gains
+from tests.marks import thorough, thorough_but
 
 #: What good loops keep, and below what they are close to instability: MIL-F-9490D and ADS-33E practice.
 KEPT = {"gain_margin_db": 6.0, "gain_margin_down_db": 6.0, "phase_margin_deg": 45.0, "disk_margin": 0.67}
@@ -39,15 +40,29 @@ UP, DOWN = (
 )
 
 
-def cases() -> list[tuple[str, int]]:
+def cases() -> list[tuple[str, str, int]]:
     """Every axis of every flight, by its place: what it recommends is known only when it has flown."""
-    return [(autopilot, place) for autopilot in AUTOPILOTS for place in range(16)]
+    flights = [(autopilot, gains) for autopilot in AUTOPILOTS for gains in GAINS]
+    return [(*one, place) for one in flights for place in range(1 if one[1] == "uneven" else len(AXES))]
 
 
-@pytest.fixture(params=cases(), ids=lambda one: f"{one[0]}-{one[1]}")
+QUICK_CASES = [one for one in cases() if one[1] in QUICK[one[0]]]
+
+
+@pytest.fixture(params=thorough_but(QUICK_CASES, cases()), ids=lambda one: "-".join(map(str, one)))
 def case(request: pytest.FixtureRequest) -> Case:
-    autopilot, place = request.param
-    return walked(autopilot)[place]
+    autopilot, gains, place = request.param
+    return walked(autopilot, gains)[place]
+
+
+def flights(autopilot: str) -> list[Case]:
+    """Return every axis of every flight of an autopilot."""
+    return [one for gains in GAINS for one in walked(autopilot, gains)]
+
+
+def quick_flights() -> list[Case]:
+    """Return every axis of the flights that a quick run looks at."""
+    return [one for autopilot, kinds in QUICK.items() for gains in kinds for one in walked(autopilot, gains)]
 
 
 def outer(margins: LoopMargins) -> Margins:
@@ -68,21 +83,23 @@ def up_db(margins: LoopMargins) -> float:
     return np.inf if figure is None else figure.value
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
 def test_the_walk_meets_every_direction(autopilot: str) -> None:
     """Or the other tests would hold nothing."""
-    assert len(walked(autopilot)) == 16
-    assert {one.view.direction for one in walked(autopilot)} >= {"raise", "lower", "keep", "refuse"}
+    assert len(flights(autopilot)) == 16
+    assert {one.view.direction for one in flights(autopilot)} >= {"raise", "lower", "keep", "refuse"}
+
+
+def test_a_quick_walk_meets_every_direction() -> None:
+    """Up and down at once, too: no one word is true of that."""
+    met = {one.view.direction for one in quick_flights()}
+    assert met == {"raise", "lower", "keep", "refuse", "reshape"}
 
 
 def test_gains_of_every_axis_are_lowered_somewhere() -> None:
-    lowered = {one.axis for each in AUTOPILOTS for one in walked(each) if one.view.direction == "lower"}
+    lowered = {one.axis for one in quick_flights() if one.view.direction == "lower"}
     assert lowered == set(AXES)
-
-
-def test_some_gains_are_changed_each_its_own_way() -> None:
-    """Up and down at once: no one word is true of it."""
-    assert any(one.view.direction == "reshape" for each in AUTOPILOTS for one in walked(each))
 
 
 def test_the_gains_of_the_file_go_where_the_sentences_say(case: Case) -> None:
@@ -209,8 +226,9 @@ def test_page_card_and_terminal_send_back_the_same_axes(
     autopilot: str, capsys: pytest.CaptureFixture
 ) -> None:
     """The file of the flown gains holds all axes; where it is none for one, nobody is told to load it."""
-    for first in (one for one in walked(autopilot) if one.axis == "roll" and one.tuning.changes):
-        others = [one for one in walked(autopilot) if one.tuning is first.tuning]
+    walks = [walked(autopilot, gains) for gains in QUICK[autopilot]]
+    for others in (one for one in walks if one[0].tuning.changes):
+        first = others[0]
         barred = [one.axis for one in others if one.found.changes and not one.view.way_back]
         texts = (tune_page(first.result, first.tuning, NOWHERE), *card(first))
         _show(first.result, first.tuning, Path(), (), ())
@@ -222,7 +240,7 @@ def test_page_card_and_terminal_send_back_the_same_axes(
             )
 
 
-@pytest.mark.parametrize("apart", [True, False])
+@pytest.mark.parametrize("apart", [thorough(True), False])
 def test_as_many_flights_as_told_lead_to_margins_that_are_kept(apart: bool) -> None:
     """Give or take one: each flight looks anew."""
     result, changes = with_gains("px4", {"pitch": 0.4}), {}

@@ -12,8 +12,11 @@ from quadid_logs.data.result import Result
 from quadid_logs.data.settings import IdentifySettings, Settings, in_band
 from quadid_logs.vocabulary import AXES, ON_AXIS
 from tests.analyses import Analyzed
+from tests.marks import thorough_but
 
 TAILSITTERS = ("manual-altitude-2", "manual-position-1", "manual-stabilized-2", "step-size2-2")
+SMALL = ("square3", "square4", "multisine1", "melon1")
+SLOW = ("goodprop-hover1", "goodprop-hover2", "goodprop-line1", "25mmcut-hover1", "25mmcut-hover2")
 #: Moments of inertia that were published for the vehicle of cf21-1khz-log15 [kg m^2].
 PUBLISHED = {"roll": 1.66e-5, "pitch": 1.67e-5}
 
@@ -24,9 +27,12 @@ def interval(result: Result, axis: str) -> tuple[float, float]:
     return model.entries[ON_AXIS[axis]].ci95
 
 
-def test_roll_of_a_tail_sitter_is_the_same_in_four_flights(corpus: Path, analyzed: Analyzed) -> None:
+@pytest.mark.parametrize("names", thorough_but([TAILSITTERS[2:]], [TAILSITTERS[2:], TAILSITTERS]), ids=len)
+def test_roll_of_a_tail_sitter_is_the_same_in_all_flights(
+    corpus: Path, analyzed: Analyzed, names: tuple[str, ...]
+) -> None:
     """Published elsewhere as 105 to 134; a yaw that cannot be told took roll with it in three of them."""
-    results = [analyzed(corpus / "real" / f"tailsitter-{name}.csv") for name in TAILSITTERS]
+    results = [analyzed(corpus / "real" / f"tailsitter-{name}.csv") for name in names]
     assert all(result.diagnosis.axes["roll"].verdict != "refused" for result in results)
     low, high = np.array([interval(result, "roll") for result in results]).T
     assert low.max() < high.min()
@@ -44,7 +50,7 @@ def test_a_fast_log_without_attitude_gives_the_published_inertia(corpus: Path, a
         assert 1.0 / gain == pytest.approx(PUBLISHED[axis], rel=0.06)
 
 
-@pytest.mark.parametrize("name", ["square3", "square4", "multisine1", "melon1"])
+@pytest.mark.parametrize("name", thorough_but(SMALL[:1], SMALL))
 def test_no_interval_of_a_small_quadrotor_excludes_what_cross_spectra_show(
     corpus: Path, analyzed: Analyzed, name: str
 ) -> None:
@@ -56,6 +62,7 @@ def test_no_interval_of_a_small_quadrotor_excludes_what_cross_spectra_show(
             assert low <= gain <= high
 
 
+@pytest.mark.thorough
 def test_roll_of_a_quadrotor_in_wind_holds_what_its_set_points_show(corpus: Path, analyzed: Analyzed) -> None:
     """105 to 148; with the roll torque left out of the search for a lag it was refused at 93."""
     result = analyzed(corpus / "real" / "ac34dev-erlebrain2-RATE50Hz-138s.bin")
@@ -89,6 +96,7 @@ def test_a_hover_is_no_better_in_the_band_of_the_inverse_controller(corpus: Path
     assert {verdict.reasons[0] for verdict in result.diagnosis.axes.values()} <= {"QL516", "QL403"}
 
 
+@pytest.mark.thorough
 def test_yaw_of_a_small_quadrotor_is_explained_with_the_reaction_of_its_rotors(
     corpus: Path, analyzed: Analyzed
 ) -> None:
@@ -109,9 +117,7 @@ def test_a_yaw_torque_that_answers_the_motion_is_refused_by_name(corpus: Path, a
     assert "QL516" in result.diagnosis.axes["yaw"].reasons
 
 
-@pytest.mark.parametrize(
-    "name", ["goodprop-hover1", "goodprop-hover2", "goodprop-line1", "25mmcut-hover1", "25mmcut-hover2"]
-)
+@pytest.mark.parametrize("name", thorough_but((SLOW[0], SLOW[3]), SLOW))
 def test_yaw_of_a_held_heading_in_a_slow_log_is_refused_by_name(
     corpus: Path, analyzed: Analyzed, name: str
 ) -> None:

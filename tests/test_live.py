@@ -24,14 +24,20 @@ from quadid_logs.load import load
 from quadid_logs.simulate import simulate
 from quadid_logs.vocabulary import AXES
 from quadid_logs.writers import write_log
+from tests.marks import thorough, thorough_but
 
 SAMPLES = Path(__file__).resolve().parents[1] / "sample_logs"
 SAMPLE_LOGS = pytest.mark.parametrize("name", ["sysid-quad-x.bin", "products-of-inertia.ulg"])
 
 
-def flown(content: bytes, n_updates: int = 40, target: float = 0.1) -> list[LiveFigures]:
+#: Of scenarios of which a short flight shows enough: half of what they fly by themselves [s].
+SHORT_S = 30.0
+
+
+@cache
+def flown(content: bytes, n_updates: int = 12) -> list[LiveFigures]:
     """Return the figures after each of some updates."""
-    flight, found = LiveEstimate(target), []
+    flight, found = LiveEstimate(0.1), []
     for part in np.array_split(np.frombuffer(content, np.uint8), n_updates):
         flight.append(part.tobytes())
         found.append(flight.figures())
@@ -42,7 +48,8 @@ def flown(content: bytes, n_updates: int = 40, target: float = 0.1) -> list[Live
 def scenario(name: str, folder: Path, suffix: str = ".bin") -> tuple[bytes, np.ndarray]:
     """Return a simulated flight's log at 100 Hz, and its true effectiveness per unit of command."""
     autopilot = {".bin": "ardupilot", ".ulg": "px4"}[suffix]
-    flight = simulate(name, autopilot=autopilot, rate_hz=100.0)
+    duration_s = SHORT_S if name in {"hover", "single-axis", "saturation"} else None
+    flight = simulate(name, autopilot=autopilot, rate_hz=100.0, duration_s=duration_s)
     path = folder / f"{name}{suffix}"
     write_log(flight.log, path)
     return path.read_bytes(), np.diag(np.array(flight.truth["models"]["damped"]["B"]))
@@ -65,17 +72,19 @@ def test_at_the_end_the_figures_are_those_of_the_whole_flight(name: str) -> None
         assert axis.half_width == pytest.approx(fit.half_width / fit.gain, rel=0.05)
 
 
-@pytest.mark.parametrize("n_updates", [1, 25])
+@pytest.mark.parametrize("n_updates", [1, thorough(25)])
 def test_it_does_not_matter_how_the_log_comes(n_updates: int) -> None:
     """Byte by byte or after an outage: no block twice, none left out."""
     content = (SAMPLES / "sysid-quad-x.bin").read_bytes()
-    one, other = flown(content, n_updates)[-1], flown(content, 40)[-1]
+    one, other = flown(content, n_updates)[-1], flown(content)[-1]
     assert one.flown_s == pytest.approx(other.flown_s, abs=1.0)
     for first, second in zip(one.axes, other.axes, strict=True):
         assert first.effectiveness == pytest.approx(second.effectiveness, rel=0.003)
 
 
-@pytest.mark.parametrize("name", ["doublets", "pilot-sticks", "wind", "rough-air"])
+@pytest.mark.parametrize(
+    "name", thorough_but(["doublets"], ["doublets", "pilot-sticks", "wind", "rough-air"])
+)
 def test_the_interval_holds_the_truth_whenever_it_is_shown(name: str, folder: Path) -> None:
     """In calm and rough air; also early in the flight."""
     content, truth = scenario(name, folder)
@@ -99,14 +108,14 @@ def test_intervals_shrink_while_the_flight_goes_on(folder: Path) -> None:
 
 def test_a_hover_shows_no_figure(folder: Path) -> None:
     """What is common to torque and rate there is the controller's answer to the air."""
-    figures = flown(scenario("hover", folder)[0], 12)[-1]
+    figures = flown(scenario("hover", folder)[0], 4)[-1]
     assert all(axis.half_width == math.inf for axis in figures.axes)
     assert "doublets for" in figures.hint
 
 
 def test_the_axis_that_was_not_moved_is_next(folder: Path) -> None:
     """The chirp was on roll alone."""
-    figures = flown(scenario("single-axis", folder)[0], 12)[-1]
+    figures = flown(scenario("single-axis", folder)[0], 4)[-1]
     assert figures.axes[0].half_width < 0.1
     assert figures.hint.startswith(("Fly pitch doublets", "Fly yaw doublets"))
 
@@ -129,7 +138,7 @@ def test_a_calibration_that_the_interval_does_not_hold_is_said(unit: str, said: 
 
 def test_saturation_is_said(folder: Path) -> None:
     """Before more excitation is advised."""
-    figures = flown(scenario("saturation", folder)[0], 12)[-1]
+    figures = flown(scenario("saturation", folder)[0], 4)[-1]
     assert figures.saturated > 0.05
     assert "at their limits" in figure_line(figures)
 
@@ -199,6 +208,7 @@ def test_a_bar_is_full_once_the_interval_is_as_wanted() -> None:
     assert [line.count("█") for line in lines[1:4]] == [8, 4, 8]
 
 
+@pytest.mark.thorough
 def test_an_update_costs_the_same_at_the_end_of_a_flight(folder: Path) -> None:
     """No more than a third of a second of the processor, and no sum over the whole flight."""
     content = scenario("pilot-sticks", folder)[0]

@@ -374,18 +374,12 @@ def test_page_and_plots_need_no_full_study(tmp_path):
     assert (tmp_path / "effects.png").stat().st_size > 5000
 
 
-@pytest.fixture(scope="module")
-def margins_of_a_flight():
-    """One short flight of the study of margins: a hexarotor's multisine under ArduPilot."""
+@pytest.mark.thorough
+def test_margins_are_held_against_those_of_the_simulators_own_loop():
+    """Within a degree and half a decibel in a hexarotor's calm flight; both loops of the three axes."""
     drawn = draw_loop(1, 0)
-    return measure_loops(
-        dataclasses.replace(drawn, scenario=dataclasses.replace(drawn.scenario, duration_s=20.0))
-    )
-
-
-def test_margins_are_held_against_those_of_the_simulators_own_loop(margins_of_a_flight):
-    """Within a degree and half a decibel in calm flight; both loops of the three axes."""
-    loops = margins_of_a_flight["loops"]
+    short = dataclasses.replace(drawn, scenario=dataclasses.replace(drawn.scenario, duration_s=20.0))
+    loops = measure_loops(short)["loops"]
     assert [(one["axis"], one["loop"]) for one in loops] == [
         (axis, loop) for axis in AXES for loop in ("rate", "full")
     ]
@@ -396,6 +390,7 @@ def test_margins_are_held_against_those_of_the_simulators_own_loop(margins_of_a_
         assert one["gain_margin_db"]["value"] == pytest.approx(one["gain_margin_db"]["truth"], abs=0.5)
 
 
+@pytest.mark.thorough
 def test_the_true_loop_is_that_of_the_logs_parameters():
     """Made of the simulator's gains, not by the package from what the log says of them."""
     for number in range(6):

@@ -20,6 +20,7 @@ from quadid_logs.swing import Bifilar, swing
 from quadid_logs.vehicle_file import read_vehicle
 from quadid_logs.writers import write_log
 from tests.bifilar import Hung, swing_log, swing_rate
+from tests.marks import thorough_but
 
 TIME_S = np.arange(0.0, 60.0, 0.01)
 
@@ -44,12 +45,18 @@ def test_the_truth_comes_back_through_every_format(log: FlightLog, suffix: str, 
     assert found.ci95[0] < Hung().moment < found.ci95[1]
 
 
-@pytest.mark.parametrize(("linear", "quadratic"), [(1e-3, 0.0), (0.0, 2e-3), (2e-4, 2e-4)])
-@pytest.mark.parametrize("amplitude_deg", [3.0, 10.0, 30.0, 60.0])
+#: Drag in proportion to rate and to its square.
+DRAGS = ((1e-3, 0.0), (0.0, 2e-3), (2e-4, 2e-4))
+SWINGS = [(angle_deg, *drag) for angle_deg in (3.0, 10.0, 30.0, 60.0) for drag in DRAGS]
+EACH_ONCE = ((3.0, *DRAGS[0]), (30.0, *DRAGS[2]), (60.0, *DRAGS[1]))
+
+
+@pytest.mark.parametrize("amplitude_deg_and_drag", thorough_but(EACH_ONCE, SWINGS), ids=str)
 def test_large_angles_and_any_drag_move_the_moment_by_less_than_a_thousandth(
-    linear: float, quadratic: float, amplitude_deg: float
+    amplitude_deg_and_drag: tuple[float, float, float],
 ) -> None:
     """The period of 60 degrees is 7 % longer than that of small swings."""
+    amplitude_deg, linear, quadratic = amplitude_deg_and_drag
     hung = Hung(linear=linear, quadratic=quadratic)
     found = swing(swing_log(swing_rate(hung, TIME_S, amplitude_deg), TIME_S), strings(hung))
     assert found.moment_kg_m2 == pytest.approx(hung.moment, rel=1e-3)
@@ -142,7 +149,7 @@ def test_air_that_swings_along_lowers_the_lower_end_alone(log: FlightLog) -> Non
 
 def test_a_flight_is_no_swing() -> None:
     """Doublets repeat, and do not die away as a swing does."""
-    flight = simulate("doublets", seed=1, duration_s=40.0)
+    flight = simulate("doublets", seed=1, duration_s=40.0, rate_hz=100.0)
     with pytest.raises(LogError, match="Nothing swings"):
         swing(flight.log, strings(Hung()))
 

@@ -39,7 +39,7 @@ from quadid_logs.tuning import autotune_forecasts, recommend, tuning_of, what_if
 from quadid_logs.vocabulary import AXES
 from tests.analyses import Analyzed
 from tests.control.loop_flights import Vehicle
-from tests.marks import thorough_but
+from tests.marks import thorough, thorough_but
 from tests.synthetic_tuning import synthetic_tune_page
 from tests.tuned_flights import flown
 
@@ -348,7 +348,7 @@ def test_gains_apart_reject_gusts_better(apart: AxisTuning) -> None:
     assert apart.attitude_error < 0.95
 
 
-@pytest.mark.parametrize("frame", ["stiff", "may bend"])
+@pytest.mark.parametrize("frame", ["stiff", thorough("may bend")])
 def test_no_gains_of_a_grid_that_keep_the_limits_reject_gusts_better_by_a_tenth(frame: str) -> None:
     """Where the search ends, P and D are the best of a quarter more and less of each."""
     result = flown("ardupilot") if frame == "stiff" else bending(1.0, seen=False)
@@ -357,15 +357,15 @@ def test_no_gains_of_a_grid_that_keep_the_limits_reject_gusts_better_by_a_tenth(
     assert loop.plants is not None
     found = recommend(result, GOOD, ["roll"]).axes["roll"]
     target = {name: one.target for name, one in found.gains.items()}
-    errors = []
+    much_better_rad = 0.9 * wind_rad(result, target)
     for p, d in itertools.product((0.75, 0.9, 1.0, 1.1, 1.25), repeat=2):
         changes = target | {ROLL[0]: p * target[ROLL[0]], ROLL[2]: d * target[ROLL[2]]}
+        if wind_rad(result, changes) > much_better_rad:
+            continue
         controllers = named("ardupilot").controllers(result.log, {**result.log.parameters, **changes})
         assert controllers is not None
         following = scaled_loops(controllers.axes["roll"], of_next_flight(loop.plants), loop.known_hz)
-        if spare(following.margins(), GOOD) >= 1.0:
-            errors.append(wind_rad(result, changes))
-    assert min(errors) > 0.9 * wind_rad(result, target)
+        assert spare(following.margins(), GOOD) < 1.0
 
 
 def test_an_integral_gain_keeps_what_trims_the_vehicle() -> None:
@@ -604,7 +604,8 @@ def test_a_last_step_down_keeps_the_limits_in_all_vehicles_that_the_flight_allow
 
 def test_the_tuning_of_a_result_is_computed_once() -> None:
     """Page, terminal and next steps say the same because it is the same."""
-    result = replace(flown("ardupilot"))
+    # Refused at once: what is found costs nothing here.
+    result = replace(flown("ardupilot"), closed_loop=None)
     assert tuning_of(result) is tuning_of(result)
 
 
@@ -662,7 +663,16 @@ def true_margins(corpus: Path, name: str, result: Result, axis: str, found: Axis
     return full
 
 
-@pytest.mark.parametrize("name", FIRMWARE)
+#: Gains for three axes, for one, and two refusals.
+OF_EACH_KIND = (
+    "px4_quad_multisine.ulg",
+    "ac47_quadx_sid_roll.BIN",
+    "ac47_quadx_default_logging.BIN",
+    "ac47_quadx_doublets.tlog",
+)
+
+
+@pytest.mark.parametrize("name", thorough_but(OF_EACH_KIND, FIRMWARE))
 def test_the_true_vehicle_of_a_firmware_log_has_the_promised_margins(
     corpus: Path, analyzed: Analyzed, name: str
 ) -> None:

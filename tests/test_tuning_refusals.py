@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +16,9 @@ from quadid_logs.data.closed_loop import AxisLoop
 from quadid_logs.data.controller import Replay, ReplayReason
 from quadid_logs.data.diagnosis import AxisVerdict, Finding
 from quadid_logs.data.result import PooledLog, Result
-from quadid_logs.data.tuning import GOOD, Limits
+from quadid_logs.data.tuning import GOOD, AxisTuning, Limits
 from quadid_logs.tuning import recommend
+from tests.marks import thorough
 from tests.tuned_flights import flown, with_log, with_parameters
 
 
@@ -217,6 +218,12 @@ SABOTAGES: dict[str, tuple[str, Callable[[Result], Result]]] = {
 }
 
 
+@cache
+def unharmed(axis: str) -> AxisTuning:
+    """What is recommended for the flight as it was."""
+    return recommend(flown("ardupilot"), GOOD, [axis]).axes[axis]
+
+
 def test_the_loop_of_a_refused_model_is_not_called_unstable() -> None:
     """None was closed: that a controller or a model is not what flew would be made up."""
     refused = judged("refused")(on_loop(margins=None)(flown("ardupilot")))
@@ -235,12 +242,10 @@ def test_a_sabotaged_flight_is_refused_by_name(name: str) -> None:
     assert not found.gains
 
 
-@pytest.mark.parametrize("axis", ["roll", "pitch"])
+@pytest.mark.parametrize("axis", ["roll", thorough("pitch")])
 def test_yaw_at_its_limits_holds_no_other_axis(axis: str) -> None:
-    flight = flown("ardupilot")
-    assert recommend(yaw_at_its_limits(flight), GOOD, [axis]).axes[axis].gains == (
-        recommend(flight, GOOD, [axis]).axes[axis].gains
-    )
+    found = recommend(yaw_at_its_limits(flown("ardupilot")), GOOD, [axis])
+    assert found.axes[axis].gains == unharmed(axis).gains
 
 
 def test_a_refused_model_is_named_with_its_reason() -> None:
@@ -264,12 +269,13 @@ def test_a_caution_above_whose_band_nothing_was_measured_is_refused() -> None:
 
 def test_the_flight_itself_is_not_refused() -> None:
     """Otherwise the sabotages prove nothing."""
-    assert recommend(flown("ardupilot"), GOOD, ["roll"]).axes["roll"].verdict != "refused"
+    assert unharmed("roll").verdict != "refused"
 
 
-def test_limits_that_no_factor_keeps_are_refused_by_name() -> None:
+@pytest.mark.parametrize("apart", [False, thorough(True)])
+def test_limits_that_no_factor_keeps_are_refused_by_name(apart: bool) -> None:
     """39 dB and 89 degrees: no gain is low enough for that."""
-    found = recommend(flown("ardupilot"), HIGH, ["roll"]).axes["roll"]
+    found = recommend(flown("ardupilot"), HIGH, ["roll"], apart=apart).axes["roll"]
     assert [one.code for one in found.reasons] == ["QL624"]
 
 

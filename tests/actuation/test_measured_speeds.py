@@ -212,6 +212,7 @@ def test_a_log_with_one_source_is_not_fitted_twice(monkeypatch: pytest.MonkeyPat
     assert prepare(flown(16)[0]).torque is not None
 
 
+@pytest.mark.thorough
 def test_speeds_that_a_simulator_made_up_give_way_to_the_motor_commands(
     corpus: Path, analyzed: Analyzed
 ) -> None:

@@ -6,6 +6,7 @@ import asyncio
 import json
 import shutil
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,10 @@ from quadid_logs.agents.answers import Folders
 from quadid_logs.cli import main
 from quadid_logs.errors import SettingsError
 from tests.conftest import REPOSITORY
+from tests.marks import thorough
 
-mcp = pytest.importorskip("mcp")
-
-from quadid_logs.agents.server import make_server  # noqa: E402
+# Imported by the tests alone: it takes a second, in each test process.
+pytestmark = pytest.mark.skipif(find_spec("mcp") is None, reason="could not import 'mcp'")
 
 SAMPLES = REPOSITORY / "sample_logs"
 TOOLS = {"info", "analyze", "compare", "explain", "tune", "plan", "query"}
@@ -26,6 +27,9 @@ TOOLS = {"info", "analyze", "compare", "explain", "tune", "plan", "query"}
 
 def ask(allowed: Path, tool: str, **arguments: object) -> dict[str, Any]:
     """Return what a tool answers, through the protocol."""
+    import mcp
+
+    from quadid_logs.agents.server import make_server
 
     async def asked() -> Any:
         async with mcp.Client(make_server(Folders([allowed]))) as client:
@@ -48,6 +52,8 @@ def folder(tmp_path: Path) -> Path:
 
 def test_a_program_that_starts_the_server_is_offered_every_tool_as_read_only() -> None:
     """Over standard input and output, as such programs do."""
+    import mcp
+
     command = mcp.StdioServerParameters(
         command=sys.executable,
         args=["-m", "quadid_logs", "mcp", "--allow", str(SAMPLES)],
@@ -114,8 +120,8 @@ def test_tools_write_no_file(folder: Path) -> None:
     ("tool", "arguments"),
     [
         ("tune", {"log": "sysid-quad-x.bin"}),
-        ("compare", {"before": "sysid-quad-x.bin", "after": "sysid-quad-x.bin"}),
-        ("plan", {"autopilot": "ardupilot", "axes": ["roll"]}),
+        thorough("compare", {"before": "sysid-quad-x.bin", "after": "sysid-quad-x.bin"}),
+        thorough("plan", {"autopilot": "ardupilot", "axes": ["roll"]}),
     ],
 )
 def test_every_answer_begins_with_verdict_or_exit_code(tool: str, arguments: dict[str, object]) -> None:

@@ -11,6 +11,7 @@ from quadid_logs.data.settings import AlignSettings, IdentifySettings
 from quadid_logs.identify import identify
 from quadid_logs.identify.structures import DAMPED
 from tests.identify.vehicles import PERIOD_S, QUAD, fly, multisine
+from tests.marks import thorough
 
 from .flights import align, flight_log, signal
 
@@ -33,7 +34,7 @@ def gains(time_s: np.ndarray, rate: np.ndarray, torque: np.ndarray) -> np.ndarra
     return np.diag(identify(data, IdentifySettings(), (DAMPED,)).models[0].B)
 
 
-@pytest.mark.parametrize("which", ["torque", "rate"])
+@pytest.mark.parametrize("which", ["torque", thorough("rate")])
 def test_six_absurd_samples_change_no_gain(
     which: str, flown: tuple[np.ndarray, np.ndarray, np.ndarray]
 ) -> None:
@@ -47,7 +48,7 @@ def test_six_absurd_samples_change_no_gain(
     )
 
 
-@pytest.mark.parametrize("which", ["torque", "rate"])
+@pytest.mark.parametrize("which", [thorough("torque"), "rate"])
 def test_spikes_of_one_sample_change_no_gain(
     which: str, flown: tuple[np.ndarray, np.ndarray, np.ndarray]
 ) -> None:

@@ -30,6 +30,7 @@ from quadid_logs.maths.recurrence import lag
 from quadid_logs.vocabulary import ON_AXIS
 from tests.analyses import Analyzed
 from tests.containers import blackbox_maker as maker
+from tests.marks import thorough
 
 #: Betaflight's mixer for roll, pitch, yaw sums of its own axes: motors 1 to 4.
 MIX = np.array([[-1, 1, 1], [-1, -1, -1], [1, 1, -1], [1, -1, 1]])
@@ -450,7 +451,7 @@ def test_without_speeds_an_output_counts_with_the_voltage(flown: tuple[np.ndarra
     np.testing.assert_allclose(found.supply, voltage / 15.0)
 
 
-@pytest.fixture(scope="module", params=["sticks", "chirp"])
+@pytest.fixture(scope="module", params=["sticks", thorough("chirp")])
 def identified(
     request: pytest.FixtureRequest, corpus: Path, analyzed: Analyzed
 ) -> tuple[Model, dict[str, Any]]:

@@ -30,6 +30,7 @@ from quadid_logs.simulate.dialects import FIRMWARE, in_dialect
 from quadid_logs.vocabulary import ON_AXIS
 from quadid_logs.writers import write_log
 from tests.containers import blackbox_maker as maker
+from tests.marks import thorough_but
 
 DEGREE = math.pi / 180.0
 #: By dialect what rounding leaves of each signal: sticks count in 0.4 to 2 deg/s, old voltages in tenths.
@@ -347,7 +348,9 @@ BLACKBOX = (
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("name", BLACKBOX)
+@pytest.mark.parametrize(
+    "name", thorough_but(("bf2025-eRPM-btfl027.bbl", "cleanflight-2016.txt", "inav901.txt"), BLACKBOX)
+)
 def test_every_flown_blackbox_log_is_read(
     corpus: Path, name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -269,6 +269,7 @@ def test_garbage_behind_the_first_bytes_raises_nothing_but_log_errors(
 
 
 @pytest.mark.corpus
+@pytest.mark.thorough
 def test_every_log_of_the_corpus_keeps_the_promises(corpus: Path) -> None:
     """Flown, damaged and simulated logs of all formats."""
     folders = [

@@ -12,6 +12,7 @@ from quadid_logs.link.record import RecordPatience
 from quadid_logs.live import LiveFigures
 from quadid_logs.report.live_page import live_page
 from tests.link.fake_logger import BLOCKS, FRAMES, FakeLogger, SocketLogger, whole_messages
+from tests.marks import thorough
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_logs"
 FLIGHTS = {FRAMES: SAMPLES / "products-of-inertia.ulg", BLOCKS: SAMPLES / "sysid-quad-x.bin"}
@@ -29,7 +30,7 @@ def models(folder: Path) -> object:
     return json.loads((folder / "result.json").read_text())["models"]
 
 
-@pytest.mark.parametrize("autopilot", [FRAMES, BLOCKS], ids=["frames", "blocks"])
+@pytest.mark.parametrize("autopilot", [FRAMES, thorough(BLOCKS)], ids=["frames", "blocks"])
 def test_the_result_is_that_of_the_log(autopilot: int, tmp_path: Path) -> None:
     """As if the card had been read."""
     original = FLIGHTS[autopilot].read_bytes()

@@ -19,6 +19,7 @@ from quadid_logs.data.result import Result
 from quadid_logs.errors import SettingsError
 from quadid_logs.writers import write_log
 from tests.conftest import REPOSITORY
+from tests.marks import thorough
 
 SAMPLES = REPOSITORY / "sample_logs"
 SYSID, TELEMETRY = SAMPLES / "sysid-quad-x.bin", SAMPLES / "doublets.tlog"
@@ -177,8 +178,8 @@ def test_a_part_that_holds_no_flight_is_not_exported(
     "arguments",
     [
         lambda folder: ["tune", str(SYSID), "-o", folder],
-        lambda folder: ["compare", str(SYSID), str(SYSID), "-o", folder],
-        lambda folder: ["repeat", str(SYSID), str(SAMPLES / "damaged.bin"), "-o", folder],
+        thorough(lambda folder: ["compare", str(SYSID), str(SYSID), "-o", folder]),
+        thorough(lambda folder: ["repeat", str(SYSID), str(SAMPLES / "damaged.bin"), "-o", folder]),
     ],
     ids=["tune", "compare", "repeat"],
 )

@@ -212,6 +212,7 @@ def test_parameters_are_loaded_on_the_ground_before_the_first_sweep() -> None:
     assert on_ground < next(place for place, step in enumerate(steps) if step.startswith("Roll, load"))
 
 
+@pytest.mark.thorough
 def test_stick_doublets_are_planned_where_there_is_no_sweep() -> None:
     """PX4: all three axes are usable after 30 s each."""
     plan = make_plan("px4")
@@ -220,6 +221,7 @@ def test_stick_doublets_are_planned_where_there_is_no_sweep() -> None:
     assert "doublets" in "\n".join(card_lines(plan, prediction))
 
 
+@pytest.mark.thorough
 def test_a_betaflight_plan_is_flown_by_stick_or_chirp_and_gives_every_axis(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

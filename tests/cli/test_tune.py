@@ -4,23 +4,43 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import pytest
 
 from quadid_logs.cli import main
 from quadid_logs.data.result import PooledLog, Result
+from quadid_logs.data.tuning import GOOD, Limits, Tuning
 from quadid_logs.serve.entries import Kind
 from quadid_logs.serve.jobs import Job, do
+from quadid_logs.tuning import recommend
 from tests.tuned_flights import flown, with_parameters
 
 ROLL_P = "ATC_RAT_RLL_P"
 
 
+@cache
 def changed(result: Result) -> Result:
     """Roll with a quarter of its gains: there is something to raise."""
     gains = {f"ATC_RAT_RLL_{one}": 0.25 * result.log.parameters[f"ATC_RAT_RLL_{one}"] for one in "PID"}
     return with_parameters(result, **gains)
+
+
+@cache
+def _searched(closed_loop: int, limits: Limits, **choices: object) -> Tuning:
+    return recommend(_RESULTS[closed_loop], limits, **choices)  # type: ignore[arg-type]
+
+
+#: By the identity of their loops, which a copy under another path keeps.
+_RESULTS: dict[int, Result] = {}
+
+
+def recommended(result: Result, limits: Limits = GOOD, **choices: object) -> Tuning:
+    """Search once for the gains of each flight: what is held here is what becomes of them."""
+    if result.pooled:
+        return recommend(result, limits, **choices)  # type: ignore[arg-type]
+    return _searched(id(_RESULTS.setdefault(id(result.closed_loop), result).closed_loop), limits, **choices)
 
 
 @pytest.fixture
@@ -34,6 +54,7 @@ def fly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Path]:
         return replace(result, log=replace(result.log, path=str(log)))
 
     monkeypatch.setattr("quadid_logs.pipeline.analyze", analyzed)
+    monkeypatch.setattr("quadid_logs.tuning.recommend", recommended)
     # What takes long and is on no file but the page.
     monkeypatch.setattr("quadid_logs.tuning.autotune_forecasts", lambda *_a: {})
     monkeypatch.setattr("quadid_logs.tuning.what_if_grids", lambda *_a: {})

@@ -166,6 +166,7 @@ def test_the_broken_loop_of_a_system_id_run_is_the_predicted_one(corpus: Path, a
     assert np.degrees(np.abs(np.angle(off))).max() < 2.0
 
 
+@pytest.mark.thorough
 def test_verdicts_hear_the_closed_loop_where_nothing_else_of_it_is_wanted(
     corpus: Path, analyzed: Analyzed
 ) -> None:

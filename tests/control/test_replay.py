@@ -16,6 +16,7 @@ from quadid_logs.data.controller import RemarkKind, Replay, ReplayReason
 from quadid_logs.data.log import ControllerTerms, FlightLog, ParameterChange, Rows
 from quadid_logs.load import load
 from tests.control.flown_controller import AP_PID, AP_YAW, ApFlight, Px4Flight
+from tests.marks import thorough
 
 
 def replayed(log: FlightLog, intervals: tuple[tuple[float, float], ...] = ()) -> dict[str, Replay]:
@@ -99,7 +100,7 @@ def test_an_integrator_whose_stops_no_log_tells_is_no_other_controller() -> None
     assert found.reason is ReplayReason.LIMIT_FLAGS_MISSING
 
 
-@pytest.mark.parametrize("size", [0.05, 0.5])
+@pytest.mark.parametrize("size", [thorough(0.05), 0.5])
 @pytest.mark.parametrize("at", [(1500,), (3000, 4000, 5000, 11000, 12500)])
 def test_an_integral_that_is_set_anywhere_in_flight_is_no_other_controller(
     size: float, at: tuple[int, ...]
@@ -131,14 +132,16 @@ def test_a_clipped_px4_flight_whose_allocator_status_is_missing_flew_with_its_pa
     assert found.agrees
 
 
-@pytest.mark.parametrize(("name", "wrong"), [("P", 1.1), ("P", 0.9), ("I", 1.1), ("I", 0.9), ("D", 1.3)])
+@pytest.mark.parametrize(
+    ("name", "wrong"), [("P", 1.1), thorough("P", 0.9), ("I", 1.1), thorough("I", 0.9), ("D", 1.3)]
+)
 def test_a_wrong_gain_is_no_stop_that_the_log_does_not_tell(name: str, wrong: float) -> None:
     log = with_unseen_stops(ApFlight(n=19500, limited_fraction=0.0).log(terms=False), 0.02)
     given = f"ATC_RAT_RLL_{name}"
     assert not roll(replace(log, parameters={**log.parameters, given: wrong * AP_PID[name]})).agrees
 
 
-@pytest.mark.parametrize("first", [1000, 16000, 17500])
+@pytest.mark.parametrize("first", [thorough(1000), thorough(16000), 17500])
 def test_a_gain_that_is_as_in_the_file_is_not_said_to_differ(first: int) -> None:
     """The integral was set in the middle of some part; the steps of the output show the file's gains."""
     log = ApFlight(n=19500).log()

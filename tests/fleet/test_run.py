@@ -44,6 +44,12 @@ def few(logs):
     return sorted(path for path in logs.glob("*.bin") if not path.name.endswith("001.bin"))
 
 
+@pytest.fixture
+def no_log(logs):
+    """What becomes a row at once: enough where nothing of an analysis matters."""
+    return logs / "noise.bin"
+
+
 def rows_about(paths, store):
     """Return the rows of these logs."""
     names = {path.name for path in paths}
@@ -325,11 +331,11 @@ def test_no_time_at_all_and_no_end_at_all_are_refused(logs, tmp_path, capsys, li
     assert not (tmp_path / "store").exists()
 
 
-def test_a_worker_with_another_version_stops_the_run(one_log, tmp_path, monkeypatch):
+def test_a_worker_with_another_version_stops_the_run(no_log, tmp_path, monkeypatch):
     """Its numbers would not fit the others."""
     monkeypatch.setattr("quadid_logs.fleet.run.Task", _old_task)
     with pytest.raises(SettingsError, match=r"same version"):
-        run_fleet(find_logs([str(one_log)]), tmp_path / "store", Options(), Cluster(workers=1))
+        run_fleet(find_logs([str(no_log)]), tmp_path / "store", Options(), Cluster(workers=1))
 
 
 def _old_task(**keywords):
@@ -382,7 +388,7 @@ work.fetched = fetched
 """
 
 
-def test_without_a_scheduler_nothing_can_be_reached_from_outside(one_log, tmp_path):
+def test_without_a_scheduler_nothing_can_be_reached_from_outside(no_log, tmp_path):
     """Whoever reaches Dask's ports can run code."""
     listening = set()
 
@@ -390,7 +396,7 @@ def test_without_a_scheduler_nothing_can_be_reached_from_outside(one_log, tmp_pa
         found = psutil.Process().net_connections()
         listening.update(one.laddr.ip for one in found if one.status == psutil.CONN_LISTEN)
 
-    run_fleet(find_logs([str(one_log)]), tmp_path / "store", Options(), Cluster(workers=1), progress=look)
+    run_fleet(find_logs([str(no_log)]), tmp_path / "store", Options(), Cluster(workers=1), progress=look)
     assert listening == {"127.0.0.1"}
 
 

@@ -105,6 +105,7 @@ def test_without_noise_damping_is_found_to_half_a_per_cent(
     np.testing.assert_allclose(np.diag(model.A[:, columns]), np.diag(true), rtol=0.005)
 
 
+@pytest.mark.thorough
 def test_doublets_in_turn_claim_no_wrong_gyroscopic_term() -> None:
     """Products of inertia and the gyro's cross talk made claims of seven to twenty deviations' error."""
     scenario = dataclasses.replace(

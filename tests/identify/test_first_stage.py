@@ -139,6 +139,7 @@ def test_another_band_gets_the_same_instruments() -> None:
     assert none.instruments is None
 
 
+@pytest.mark.thorough
 def test_a_chirp_in_gusts_tells_the_effectiveness_within_three_per_cent() -> None:
     """The flight that `plan` promises, in gusts of 0.5 rad/s^2: its set-points hold roll and answer them."""
     plan = make_plan("ardupilot", ["roll"])

@@ -30,6 +30,7 @@ from quadid_logs.simulate.logger import log_flights
 from quadid_logs.simulate.manoeuvres import doublets
 from quadid_logs.simulate.sweep import Sweep, sweeps_in_turn
 from quadid_logs.simulate.truth import flight_truth
+from tests.marks import thorough
 
 from .vehicles import QUAD, multisine
 from .vehicles import fly as fly_plainly
@@ -151,7 +152,9 @@ def roll_doublets(time_s: FloatArray, rng: np.random.Generator) -> Any:
     return dataclasses.replace(both, rate_rad_s=both.rate_rad_s * [1.0, 0.0, 0.0])
 
 
-@pytest.mark.parametrize(("manoeuvre", "seed", "gust_rad_s2"), [(sweep, 3, 0.0), (roll_doublets, 1, 0.15)])
+@pytest.mark.parametrize(
+    ("manoeuvre", "seed", "gust_rad_s2"), [(sweep, 3, 0.0), thorough(roll_doublets, 1, 0.15)]
+)
 def test_a_flight_that_moves_one_axis_finds_its_lag_and_its_effectiveness(
     manoeuvre: Callable[..., Any], seed: int, gust_rad_s2: float
 ) -> None:

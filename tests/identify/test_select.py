@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import pytest
 
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify import identify
@@ -44,6 +45,7 @@ def test_a_shorter_flight_stays_as_it_is() -> None:
     assert most_excited(data, 1000) is data
 
 
+@pytest.mark.thorough
 def test_the_gain_of_a_part_is_the_gain_of_the_flight() -> None:
     """Half of the flight, within half a per cent."""
     data = fly(QUAD, multisine(150.0), feedback=8.0)

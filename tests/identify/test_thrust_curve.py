@@ -66,6 +66,7 @@ def test_the_propellers_expo_is_found_and_lies_in_its_interval() -> None:
     assert known.ci95[0] <= PROPELLERS <= known.ci95[1]
 
 
+@pytest.mark.thorough
 def test_a_firmware_with_another_name_for_it_is_told_its_own() -> None:
     """THR_MDL_FAC; the logs are rebuilt along another path."""
     flown = flight(autopilot="px4")
@@ -137,6 +138,7 @@ def test_an_expo_takes_a_range_of_thrust(ratio: float, identifiable: bool) -> No
     assert known.half_width > 0.2 or identifiable
 
 
+@pytest.mark.thorough
 def test_a_hover_tells_nothing_of_the_thrust_curve() -> None:
     """Nothing moves, and the reason says so."""
     known = curve(found("hover"))
@@ -215,6 +217,7 @@ def test_only_an_expo_that_is_known_and_possible_and_another_is_put_in(
     ("name", "truth", "identifiable"),
     [("ac47_rate_thread.BIN", 0.65, False), ("px4_quad_multisine.ulg", 0.0, True)],
 )
+@pytest.mark.thorough
 def test_the_firmware_in_the_loop_has_the_expo_that_its_simulator_has(
     corpus, name: str, truth: float, identifiable: bool
 ) -> None:

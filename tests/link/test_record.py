@@ -96,6 +96,7 @@ def test_lost_frames_leave_whole_messages_and_a_mark(
     assert 0.03 < losses.frames / (losses.arrived + losses.frames) < 0.07
 
 
+@pytest.mark.thorough
 def test_a_flight_over_a_poor_link_is_still_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A tenth of the frames is missing, in a thousand places: the truth lies inside the intervals."""
     flight = simulate("doublets", autopilot="px4", rate_hz=250.0, duration_s=40.0)

@@ -85,6 +85,7 @@ def test_the_report_of_a_good_flight_is_small_enough(report_folder: Path) -> Non
     assert (report_folder / "report.html").stat().st_size < 5e6
 
 
+@pytest.mark.thorough
 def test_a_ten_minute_log_still_fits() -> None:
     """The size does not grow with the flight."""
     from tests.synthetic_results import usable_result

@@ -192,7 +192,6 @@ def test_texts_of_the_log_survive_unchanged(hostile: Result) -> None:
 #: One log of each kind that a reader makes: the autopilots, their ages and ways to log, and damage.
 OF_EACH_KIND = (
     "damaged/one-packet-70B.tlog",
-    "damaged/px4-1.17-x500-v6xrt-outdoor-89s-corrupt.ulg",
     "damaged/sitl-flightlogs-bad-packets-4MB.tlog",
     "damaged/truncated-80k-ac462-real.bin",
     "firmware/ac47_quadx_default_logging.BIN",
@@ -202,10 +201,9 @@ OF_EACH_KIND = (
     "real/ac30-quadV-underpowered.log",
     "real/ac32dev-quad-handrotated-52s.tlog",
     "real/ac413-quadx-goodprop-hover1.bin",
-    "real/cfbl-multisine1-rotors.csv",
+    "real/cfbl-square3-rotors.csv",
     "real/px4-1.15-quad-hover-80s.ulg",
     "real/rover246-real-61.bin",
-    "real/sdlog2-quad-70s.px4log",
 )
 
 

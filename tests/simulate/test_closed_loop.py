@@ -195,6 +195,7 @@ def test_the_same_seed_flies_the_same_flight():
     assert not np.array_equal(first["gyro"], other["gyro"])
 
 
+@pytest.mark.thorough
 def test_a_batch_flies_what_its_members_fly_alone():
     """Different vehicles, seeds and manoeuvres at once give the single flights, up to single precision."""
     setups = [
@@ -240,7 +241,7 @@ def test_newton_and_euler_hold_for_what_is_recorded():
     [
         ("products-of-inertia", "ardupilot"),
         ("hexa-x", "px4"),
-        ("octa-coax", "ardupilot"),
+        thorough("octa-coax", "ardupilot"),
         thorough("sysid-quad-x", "ardupilot"),
         thorough("sysid-quad-x", "px4"),
         thorough("products-of-inertia", "px4"),

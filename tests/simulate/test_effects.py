@@ -26,6 +26,7 @@ from quadid_logs.simulate.effects import (
 from quadid_logs.simulate.logger import Logging, log_flights
 from quadid_logs.simulate.plant import advance, at_rest
 from quadid_logs.simulate.truth import actuator_truth, flight_truth, torque_per_command
+from tests.marks import thorough
 from tests.simulate.test_closed_loop import SILENT, SLOW_HZ, body_of, manoeuvre, setup_of
 
 ALL = Effects(
@@ -176,7 +177,7 @@ def test_a_gain_alternates_by_half_periods():
     np.testing.assert_allclose(errors, [0.02, 0.02, -0.02, -0.02, 0.02], atol=1e-12)
 
 
-@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+@pytest.mark.parametrize("autopilot", ["ardupilot", thorough("px4")])
 def test_rotors_get_the_mistaken_torque_and_the_log_the_commanded_one(autopilot):
     """With a gain that is 10 % up all the time, the torque is 1.1 times what the log takes for achieved."""
     swing = Effects(gain_swing=0.1, gain_period_s=1e6)
@@ -200,7 +201,7 @@ def test_rotors_that_slow_down_slowly_are_those_of_an_airframe_that_does():
     assert actuator_truth(slow)["lag_down_s"] == pytest.approx(0.14)
 
 
-@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+@pytest.mark.parametrize("autopilot", ["ardupilot", thorough("px4")])
 def test_with_another_expo_in_the_firmware_the_true_gain_is_still_the_linearised_simulator(autopilot):
     """Small commands, rotors without lag: torque against command is the stated truth."""
     setup = setup_of("sysid-quad-x", autopilot=autopilot, duration_s=30.0, effects=Effects(firmware_expo=0.2))

@@ -64,6 +64,7 @@ def test_every_window_is_in_the_table(experiment):
     assert len(windows_csv(experiment).splitlines()) == 1 + 4 * n_windows
 
 
+@pytest.mark.thorough
 def test_the_figures_are_png(experiment):
     """Three PNG files, the same in every run."""
     first, second = figures(experiment), figures(experiment)

@@ -25,6 +25,7 @@ def px4():
     return simulate("sysid-quad-x", seed=5, duration_s=30.0, autopilot="px4")
 
 
+@pytest.mark.thorough
 def test_the_same_seed_logs_the_same_flight(quad):
     """Every series of every signal, bit for bit, and the same truth."""
     again = simulate("sysid-quad-x", seed=5, duration_s=30.0)

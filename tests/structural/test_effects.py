@@ -106,7 +106,7 @@ def test_a_clean_flight_is_usable_and_its_interval_narrow(name: str, setpoints: 
         ("limit", "pitch", "QL524"),
         ("mode", "roll", "QL525"),
         ("tilt", "roll", "QL526"),
-        ("pendulum", "pitch", "QL526"),
+        thorough("pendulum", "pitch", "QL526"),
         ("alternating", "roll", "QL528"),
         ("tone", "pitch", "QL420"),
     ],
@@ -127,7 +127,7 @@ def test_a_limit_that_only_rare_peaks_reach_is_seen(axis: str) -> None:
 
 
 @pytest.mark.parametrize("axis", ["roll", "pitch"])
-@pytest.mark.parametrize("name", ["dead zone", "limit", "tilt", "pendulum"])
+@pytest.mark.parametrize("name", ["dead zone", "limit", "tilt", thorough("pendulum")])
 def test_the_interval_holds_what_the_effect_hides(name: str, axis: str) -> None:
     """Five to thirty per cent off, at an R2 of 0.95 and more."""
     flight = flown()[name]
@@ -227,6 +227,7 @@ def test_setpoints_that_are_there_are_not_missed() -> None:
     assert "QL321" not in {found.code for found in as_flown("clean", setpoints=True).diagnosis.findings}
 
 
+@pytest.mark.thorough
 def test_two_vehicles_in_one_pool_are_told_apart() -> None:
     """The mean of two vehicles that differ by a tenth is that of neither, on any axis."""
     logs = [prepare(flown()[name].log()) for name in ("clean", "another vehicle")]
@@ -236,6 +237,7 @@ def test_two_vehicles_in_one_pool_are_told_apart() -> None:
     assert all("QL529" in codes(result, axis) for axis in AXES)
 
 
+@pytest.mark.thorough
 def test_one_vehicle_in_a_pool_is_one() -> None:
     """The same flight twice."""
     prepared, settings = prepare(flown()["clean"].log()), Settings()

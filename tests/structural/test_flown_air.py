@@ -61,6 +61,7 @@ def test_flown_air_leaves_roll_and_pitch_a_number_that_holds_the_truth(rough: Fl
     assert rough.holds(axis)
 
 
+@pytest.mark.thorough
 def test_no_axis_is_told_wrongly_in_air_three_times_as_rough() -> None:
     """The set-points then answer gusts through the attitude: without that in the interval, it is 30 % off."""
     storm = flown(3.0)

@@ -23,6 +23,7 @@ from quadid_logs.simulate.effects import Effects
 from quadid_logs.simulate.logger import log_flights
 from quadid_logs.simulate.truth import flight_truth
 from quadid_logs.vocabulary import AXES, ON_AXIS
+from tests.marks import thorough
 from tests.structural.test_seen_effects import ROLL, YAW, check, widened
 
 
@@ -41,7 +42,7 @@ def of_rotors(axis: int, **values: float) -> EffectCheck:
 
 
 @pytest.mark.parametrize("axis", AXES)
-@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+@pytest.mark.parametrize("autopilot", ["ardupilot", thorough("px4")])
 def test_the_interval_holds_what_rotors_that_ignore_small_commands_hide(axis: str, autopilot: str) -> None:
     """Per unit of command; it was low by 3 to 5 half widths, at an R2 of 0.98, and called usable."""
     truth, result = flown("rotor-dead-zone", autopilot)
@@ -55,7 +56,7 @@ def test_the_interval_holds_what_rotors_that_ignore_small_commands_hide(axis: st
     assert "QL523" in result.diagnosis.axes[axis].reasons
 
 
-@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+@pytest.mark.parametrize("autopilot", ["ardupilot", thorough("px4")])
 def test_the_level_is_that_of_the_rotors(autopilot: str) -> None:
     """Within the steps of the levels that are tried; a command of one is the full thrust of a rotor."""
     model = flown("rotor-dead-zone", autopilot)[1].identification.recommended
@@ -75,6 +76,7 @@ def test_what_is_lost_at_most_is_more_than_what_is_likely() -> None:
     assert all(0.0 < each.shift < each.most < 1.5 * each.shift for each in found)
 
 
+@pytest.mark.thorough
 def test_rotors_that_follow_all_commands_leave_the_interval_narrow() -> None:
     """The clean flight stays usable, within 4 % on all axes."""
     _, result = flown("sysid-quad-x", "ardupilot")
@@ -135,6 +137,7 @@ def test_two_effects_that_come_together_move_the_effectiveness_further_than_eith
         assert low <= gain <= high, axis
 
 
+@pytest.mark.thorough
 def test_what_rotors_lose_of_nearly_all_torque_is_no_second_effect() -> None:
     """A vehicle without a dead zone, logged at half its loop's rate: pitch was told as 50 to 1260."""
     flight = simulate("doublets", duration_s=60.0, rate_hz=250.0, autopilot="px4")

@@ -66,6 +66,7 @@ def test_the_file_is_as_the_description_says(version: int) -> None:
     np.testing.assert_allclose(found["controller.r_yaw"], -rate.values[:, 2], rtol=1e-6, atol=1e-7)
 
 
+@pytest.mark.thorough
 def test_a_simulated_flight_is_identified_from_its_file(tmp_path: Path) -> None:
     """Every effectiveness lies in its interval: commanded torque over inertia, as simulated."""
     from quadid_logs import analyze
