@@ -157,7 +157,7 @@ class RowTorque:
     def replaced(self, torques: Sequence[FloatArray], symbols: Sequence[str] | None = None) -> RowTorque:
         """Return other torques, one array (n_samples, 3) per chunk, for the same rows.
 
-        ``symbols`` are the columns that are needed, all without; each takes a Fourier transform of all samples.
+        ``symbols`` are the columns that are needed, all without; each takes a long transform.
         """
         terms = [term for term in TORQUE_TERMS if symbols is None or term.symbol in symbols]
         found = [

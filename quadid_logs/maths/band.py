@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from quadid_logs.arrays import FloatArray
 
 ComplexArray = NDArray[np.complex128]
-#: Up to so many numbers of a table of cosines (5 MB), a record is multiplied by it: two cosine transforms take
-#: as long where the number of rows has small prime factors only, and four to ten times as long where it has not.
+#: Up to so many numbers of a table of cosines (5 MB), a record is multiplied by it: two cosine transforms
+#: take as long where the number of rows has small prime factors only, else four to ten times as long.
 _LARGEST_TABLE: Final = 1_200_000
-#: A record less its slow part, over the record, is rounding below this: twenty times what either way of taking
-#: it out leaves of a constant (5e-14), and far below what a log in single precision resolves (6e-8).
+#: A record less its slow part, over the record, is rounding below this: twenty times what either way of
+#: taking it out leaves of a constant (5e-14), far below what single precision resolves (6e-8).
 _ROUNDING: Final = 1e-12
 
 
@@ -305,9 +305,9 @@ def _without_lowest_cosines(columns: FloatArray, n_cosines: int) -> FloatArray:
 
 @lru_cache(maxsize=16)
 def _lowest_cosines(n_rows: int, n_cosines: int) -> tuple[FloatArray, FloatArray]:
-    """Return the first half of the even and of the odd cosines of the orthonormal DCT-II, not to be written to.
+    """Return the first half of the even and of the odd cosines of the orthonormal DCT-II.
 
-    Shapes (n_half, n_even) and (n_half, n_odd); a row in the middle belongs to the half.
+    Not to be written to. Shapes (n_half, n_even) and (n_half, n_odd), with the row in the middle.
     """
     phase = np.pi / n_rows * np.outer(np.arange((n_rows + 1) // 2) + 0.5, np.arange(n_cosines))
     cosines = np.sqrt(2.0 / n_rows) * np.cos(phase)
