@@ -111,13 +111,14 @@ def _agrees_but_for_stops(given: ReplayInput) -> bool:
 
 def _without_state(values: FloatArray, n_rows: int) -> FloatArray:
     """Return values less the jumps that stand alone, and less the running median of the rest."""
-    from scipy.stats import norm
+    # Not scipy.stats: importing it takes longer than all that is done here.
+    from scipy.special import ndtri
 
     steps = np.diff(values, prepend=values[:1])
     # Logs are in single precision: a jump is no rounding.
     rounding = float(np.finfo(np.float32).eps) * float(np.abs(values).max(initial=0.0))
     spread = max(_SD_OF_MAD * float(np.median(np.abs(steps))), rounding)
-    far = np.abs(steps) > spread * norm.isf(0.5 * _CHANCE / values.size)
+    far = np.abs(steps) > spread * -ndtri(0.5 * _CHANCE / values.size)
     # An integral is set once in a while: what jumps again and again is another controller.
     n_far = np.cumsum(np.pad(far, (n_rows + 1, n_rows)))
     alone = far & (n_far[2 * n_rows + 1 :] - n_far[: values.size] == 1)
@@ -155,11 +156,11 @@ def _differs(factors: Sequence[float], tolerance: float) -> bool:
     However the errors of single chunks are distributed, each lies beyond a middle that is within with a
     probability of a half at most; stops that were missed in some of the chunks change nothing.
     """
-    from scipy.stats import binom
+    from scipy.special import bdtrc
 
     above, below = (sum(sign * (factor - 1.0) > tolerance for factor in factors) for sign in (1.0, -1.0))
     n_beyond = max(above, below)
-    return bool(2.0 * binom.sf(n_beyond - 1, len(factors), 0.5) < _CHANCE)
+    return bool(2.0 * bdtrc(n_beyond - 1, len(factors), 0.5) < _CHANCE)
 
 
 def _worst_part(given: ReplayInput) -> slice:
