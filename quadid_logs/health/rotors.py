@@ -22,6 +22,7 @@ from quadid_logs.health.desync import find_desync
 from quadid_logs.health.effectiveness import find_effectiveness
 from quadid_logs.health.motors import motor_names
 from quadid_logs.health.propellers import find_shaking
+from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.maths.self_normalised import FEWEST, Change, Difference, between, change_of, mean_of
 from quadid_logs.numerals import plus_minus
 
@@ -60,7 +61,12 @@ class _Fit(NamedTuple):
     rotor: int
     gives: Quantity
     yaw_agrees: bool
-    yaw_is_sure: bool
+    yaw_in_errors: float
+
+    @property
+    def yaw_is_sure(self) -> bool:
+        """Whether yaw moved as this rotor moves it, by more than its 95 % interval."""
+        return self.yaw_agrees and self.yaw_in_errors > NORMAL_95
 
 
 def find_rotors(prepared: Prepared, intervals: Sequence[Interval]) -> Rotors | None:
@@ -91,7 +97,7 @@ def find_rotors(prepared: Prepared, intervals: Sequence[Interval]) -> Rotors | N
         (None,) * n_rotors if rate is None else find_effectiveness(sent.series, sent.place, rate, intervals)
     )
     changes = tuple(_changes(shares, sent.place))
-    faults = [*_lost(shares, sent.place, changes, names)]
+    faults = [*_lost(shares, sent, rate, changes, names)]
     lost = changes[faults[0].rotor] if faults else None
     begin = slice(None) if lost is None else lost.before
     steady = _Shares(*(part[begin] for part in shares))
@@ -194,9 +200,14 @@ def _changes(shares: _Shares, place: FloatArray) -> Iterator[Change | None]:
 
 
 def _lost(
-    shares: _Shares, place: FloatArray, changes: Sequence[Change | None], names: Sequence[str]
+    shares: _Shares,
+    sent: Commanded,
+    rate: CleanSeries | None,
+    changes: Sequence[Change | None],
+    names: Sequence[str],
 ) -> Iterator[RotorFault]:
     """Yield the rotor that lost thrust, if one alone explains how the shares moved."""
+    place = sent.place
     n_lines = len(_lines(place))
     found = []
     for rotor, change in enumerate(changes):
@@ -204,7 +215,7 @@ def _lost(
             continue
         fit = _fit_change(shares, place, rotor, change)
         # What moves the centre of thrust alone is a load, or the wind.
-        if fit is not None and fit.yaw_is_sure:
+        if fit is not None and fit.yaw_agrees and _is_the_rotor(fit, shares, sent, rate, change):
             found.append((change.p_value * n_lines, -change.size.value, fit, change))
     if found:
         p_value, _, fit, change = min(found, key=lambda one: one[:2])
@@ -218,6 +229,28 @@ def _lost(
             sentence=f"{names[fit.rotor].capitalize()} lost {_percent(_loss(fit.gives))} of its thrust in "
             f"flight, {_when(shares, change)}.",
         )
+
+
+def _is_the_rotor(
+    fit: _Fit, shares: _Shares, sent: Commanded, rate: CleanSeries | None, change: Change
+) -> bool:
+    """Return whether yaw, or yaw and what the rotor's own movements make, say that it is no load.
+
+    Two independent numbers of standard errors, by Stouffer's sum.
+    """
+    if fit.yaw_is_sure or rate is None:
+        return fit.yaw_is_sure
+    parts = []
+    for rows in (change.before, change.after):
+        time_s = shares.time_s[rows]
+        found = find_effectiveness(sent.series, sent.place, rate, [(float(time_s[0]), float(time_s[-1]))])
+        parts.append(found[fit.rotor])
+    before, after = parts
+    if before is None or after is None or before.ci95 is None or after.ci95 is None:
+        return False
+    error = float(np.hypot(before.ci95[1] - before.value, after.ci95[1] - after.value)) / NORMAL_95
+    in_errors = (before.value - after.value) / error
+    return in_errors > 0.0 and (fit.yaw_in_errors + in_errors) / np.sqrt(2.0) > NORMAL_95
 
 
 def _fit_change(shares: _Shares, place: FloatArray, rotor: int, change: Change) -> _Fit | None:
@@ -251,7 +284,8 @@ def _fit(
     )
     expected = along.value / reach
     agrees = abs(yaw.value - expected) <= _CONTRADICTS * yaw.half_width + along.half_width / reach
-    return _Fit(rotor, Quantity(middle, "1", (low, high)), agrees, agrees and yaw.value > yaw.half_width)
+    in_errors = NORMAL_95 * yaw.value / yaw.half_width if yaw.half_width > 0.0 else 0.0
+    return _Fit(rotor, Quantity(middle, "1", (low, high)), agrees, in_errors)
 
 
 def _gives(excess: float, n_rotors: int) -> float:
