@@ -101,7 +101,7 @@ def find_desync(
 class _Windows(NamedTuple):
     """Means over windows.
 
-    ``left`` (n, 3) is the acceleration that is not explained, ``spread`` what is usual of it, ``thrust``
+    ``left`` (n, 3) is the acceleration that is not explained, ``spread`` its typical size, ``thrust``
     (n, n_rotors) what was sent, ``unmodelled`` (n, 3) as of `_unmodelled` just before: a loss turns the vehicle itself.
     """
 

@@ -57,7 +57,7 @@ def test_a_motor_that_loses_a_fifth_of_its_thrust_in_flight_is_named(autopilot: 
 
 def test_a_motor_that_is_weak_from_the_beginning_is_named() -> None:
     """A load moves the balance of roll and pitch, a motor that of yaw too."""
-    code, rotor, lost = only_fault(flown("weak-motor"))
+    code, rotor, lost = only_fault(flown("weak-motor", duration_s=75.0))
     assert (code, rotor) == ("QL430", 1)
     assert lost == pytest.approx(0.2, abs=0.04)
 
