@@ -102,7 +102,8 @@ class _Windows(NamedTuple):
     """Means over windows.
 
     ``left`` (n, 3) is the acceleration that is not explained, ``spread`` its typical size, ``thrust``
-    (n, n_rotors) what was sent, ``unmodelled`` (n, 3) as of `_unmodelled` just before: a loss turns the vehicle itself.
+    (n, n_rotors) what was sent, ``unmodelled`` (n, 3) as of `_unmodelled` just before: a
+    loss turns the vehicle itself.
     """
 
     time_s: FloatArray

@@ -48,7 +48,7 @@ _ONE_LINE: Final = 0.99
 
 
 class _Balances(NamedTuple):
-    """Means over short times: ``time_s`` (n,), ``balance`` (n, 3) weighted by place, ``total`` thrust (n,)."""
+    """Means over short times: ``time_s`` (n,), ``balance`` (n, 3) by place, ``total`` thrust (n,)."""
 
     time_s: FloatArray
     balance: FloatArray
@@ -353,7 +353,8 @@ def _contradicts(measured: Quantity | None, claimed: Quantity, n_rotors: int) ->
     if measured is None or measured.ci95 is None or claimed.ci95 is None:
         return False
     most = claimed.ci95[1]
-    return measured.ci95[0] > most * n_rotors / (n_rotors - 1.0 + most)
+    # The prior draws towards equal rotors: what contradicts is nearer to those than to the claim.
+    return measured.ci95[0] > 0.5 * (1.0 + most * n_rotors / (n_rotors - 1.0 + most))
 
 
 class _Offset(NamedTuple):
