@@ -307,7 +307,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL430",
                 "A motor gives less thrust than the others",
-                "In steady flight one motor is sent more than its share, along its arm and in the sense of "
+                "In steady flight one motor is sent more than the others, along its arm and in the sense of "
                 "its spin. A weak motor, a damaged propeller or a wrong one explains it.",
                 "Look at the propeller and the bearings of this motor, and compare its speed with the others "
                 "at the same command on the bench. Calibrate the ESCs.",

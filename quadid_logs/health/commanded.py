@@ -11,8 +11,8 @@ from quadid_logs.align import Prepared
 from quadid_logs.align.series import CleanSeries
 from quadid_logs.arrays import AnyArray, FloatArray
 
-#: Of outputs of which nothing says how thrust follows from them: (1 - e) x + e x^2, the default of
-#: MOT_THST_EXPO, which fits most propellers.
+#: Of outputs of which nothing says how thrust follows from them: (1 - e) x + e x^2, with the e that
+#: fits most propellers (docs/torque.md).
 _EXPO: Final = 0.65
 _FEWEST_ROTORS: Final = 3
 #: The same but for the rounding of a log.

@@ -88,7 +88,7 @@ def find_desync(
                 left,
                 _spread_before(left, hop * moved.period_s),
                 _means(x, width, hop),
-                _before(_means(_doubt(rates, torque, width), width, hop), 2 * width // hop),
+                _before(_means(_unmodelled(rates, torque, width), width, hop), 2 * width // hop),
             )
         )
     if sum(len(one.time_s) for one in parts) < _FEWEST:
@@ -101,18 +101,19 @@ def find_desync(
 class _Windows(NamedTuple):
     """Means over windows.
 
-    ``left`` (n, 3) is the acceleration that is not explained, ``spread`` what is usual of it, ``thrust``
-    (n, n_rotors) what was sent, ``doubt`` (n, 3) as of `_doubt` just before: a loss turns the vehicle itself.
+    ``left`` (n, 3) is the acceleration that is not explained, ``spread`` its typical size, ``thrust``
+    (n, n_rotors) what was sent, ``unmodelled`` (n, 3) as of `_unmodelled` just before: a
+    loss turns the vehicle itself.
     """
 
     time_s: FloatArray
     left: FloatArray
     spread: FloatArray
     thrust: FloatArray
-    doubt: FloatArray
+    unmodelled: FloatArray
 
 
-def _doubt(rates: FloatArray, torque: FloatArray, width: int) -> FloatArray:
+def _unmodelled(rates: FloatArray, torque: FloatArray, width: int) -> FloatArray:
     """Return the acceleration that inertia and another lag than is assumed may make, (n, 3).
 
     No body has (Jy - Jz) / Jx above one. What was sent within a window may act at its end alone.
@@ -203,7 +204,7 @@ def _says(windows: _Windows, missing: FloatArray) -> BoolArray:
     said: BoolArray = np.ones(len(missing), dtype=np.bool_)
     for axis in np.flatnonzero(turns):
         towards, whole = windows.left[:, axis] * np.sign(missing[:, axis]), np.abs(missing[:, axis])
-        said &= (towards - windows.doubt[:, axis] >= _LOST * whole) & (towards <= _MOST * whole)
+        said &= (towards - windows.unmodelled[:, axis] >= _LOST * whole) & (towards <= _MOST * whole)
     return said
 
 

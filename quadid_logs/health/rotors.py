@@ -1,7 +1,7 @@
 """How much each rotor gives of what it is sent: weak motors, lost thrust, a centre of mass off the middle.
 
 In steady flight every rotor's thrust follows from weight and centre of mass alone, so that what a rotor is
-sent tells what it makes of it. A weak rotor is sent more than its share. Shares of the thrust, weighted by
+sent tells what it makes of it. A weak rotor is sent more than the others. The thrusts, weighted by
 the rotors' places, are the centre of thrust; weighted by their spin, the balance of yaw. One weak rotor moves
 the first along its arm and the second in the sense of its spin; a load moves the first alone.
 """
@@ -22,6 +22,7 @@ from quadid_logs.health.desync import find_desync
 from quadid_logs.health.effectiveness import find_effectiveness
 from quadid_logs.health.motors import motor_names
 from quadid_logs.health.propellers import find_shaking
+from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.maths.self_normalised import FEWEST, Change, Difference, between, change_of, mean_of
 from quadid_logs.numerals import plus_minus
 
@@ -46,21 +47,26 @@ _CONTRADICTS: Final = 1.45
 _ONE_LINE: Final = 0.99
 
 
-class _Shares(NamedTuple):
-    """Means over short times: ``time_s`` (n,), ``share`` (n, 3) weighted by place, ``total`` thrust (n,)."""
+class _Balances(NamedTuple):
+    """Means over short times: ``time_s`` (n,), ``balance`` (n, 3) by place, ``total`` thrust (n,)."""
 
     time_s: FloatArray
-    share: FloatArray
+    balance: FloatArray
     total: FloatArray
 
 
 class _Fit(NamedTuple):
-    """One rotor that explains a share: what it gives, with its 95 % interval, and whether yaw agrees."""
+    """One rotor that explains a balance: what it gives, with its 95 % interval, and whether yaw agrees."""
 
     rotor: int
     gives: Quantity
     yaw_agrees: bool
-    yaw_is_sure: bool
+    yaw_in_errors: float
+
+    @property
+    def yaw_is_sure(self) -> bool:
+        """Whether yaw moved as this rotor moves it, by more than its 95 % interval."""
+        return self.yaw_agrees and self.yaw_in_errors > NORMAL_95
 
 
 def find_rotors(prepared: Prepared, intervals: Sequence[Interval]) -> Rotors | None:
@@ -81,8 +87,8 @@ def find_rotors(prepared: Prepared, intervals: Sequence[Interval]) -> Rotors | N
     if sent is None:
         return None
     # Between two flights loads are moved and propellers changed.
-    shares = _shares(sent, [max(intervals, key=lambda one: one[1] - one[0])]) if intervals else None
-    if shares is None:
+    balances = _balances(sent, [max(intervals, key=lambda one: one[1] - one[0])]) if intervals else None
+    if balances is None:
         return None
     n_rotors, series = len(sent.place), prepared.series
     names = motor_names(prepared.log.torque, n_rotors)
@@ -90,11 +96,11 @@ def find_rotors(prepared: Prepared, intervals: Sequence[Interval]) -> Rotors | N
     effectiveness = (
         (None,) * n_rotors if rate is None else find_effectiveness(sent.series, sent.place, rate, intervals)
     )
-    changes = tuple(_changes(shares, sent.place))
-    faults = [*_lost(shares, sent.place, changes, names)]
+    changes = tuple(_changes(balances, sent.place))
+    faults = [*_lost(balances, sent, rate, changes, names)]
     lost = changes[faults[0].rotor] if faults else None
     begin = slice(None) if lost is None else lost.before
-    steady = _Shares(*(part[begin] for part in shares))
+    steady = _Balances(*(part[begin] for part in balances))
     offset = _mass_offset(steady, _tilt(series.get("attitude"), steady.time_s))
     # Of two rotors on one arm, the lower gives less by design.
     stacked = len(np.unique(np.round(sent.place[:, :2], 2), axis=0)) < n_rotors
@@ -126,9 +132,9 @@ def find_rotors(prepared: Prepared, intervals: Sequence[Interval]) -> Rotors | N
         level="high" if any(one.code != _MASS for one in faults) else "fact",
         names=names,
         effectiveness=effectiveness,
-        change=tuple(_as_change(shares, sent.place, rotor, change) for rotor, change in enumerate(changes)),
+        change=tuple(_as_change(balances, sent.place, rotor, change) for rotor, change in enumerate(changes)),
         mass_offset=None if offset is None else (offset.forward, offset.right),
-        thrust_change=_thrust_change(shares, force),
+        thrust_change=_thrust_change(balances, force),
         shaking=(None,) * n_rotors if shaking is None else shaking.size,
         faults=tuple(faults),
         findings=tuple(dict.fromkeys(one.code for one in faults)),
@@ -139,7 +145,7 @@ def find_rotors(prepared: Prepared, intervals: Sequence[Interval]) -> Rotors | N
 _WEAK, _LOST, _SHAKES, _DESYNC, _MASS = "QL430", "QL431", "QL432", "QL433", "QL434"
 
 
-def _shares(sent: Commanded, intervals: Sequence[Interval]) -> _Shares | None:
+def _balances(sent: Commanded, intervals: Sequence[Interval]) -> _Balances | None:
     """Average over short times what the rotors were sent, off the ground."""
     air = _off_ground(intervals)
     flown_s = sum(end - begin for begin, end in air)
@@ -164,7 +170,7 @@ def _shares(sent: Commanded, intervals: Sequence[Interval]) -> _Shares | None:
     if np.count_nonzero(carried) < FEWEST:
         return None
     time_s, thrust, total = time_s[carried], thrust[carried], total[carried]
-    return _Shares(time_s, thrust @ sent.place / total[:, np.newaxis], total)
+    return _Balances(time_s, thrust @ sent.place / total[:, np.newaxis], total)
 
 
 def _off_ground(intervals: Sequence[Interval]) -> list[Interval]:
@@ -187,28 +193,33 @@ def _arms(place: FloatArray) -> FloatArray:
     return np.asarray(place[:, :2] / np.linalg.norm(place[:, :2], axis=1, keepdims=True), dtype=np.float64)
 
 
-def _changes(shares: _Shares, place: FloatArray) -> Iterator[Change | None]:
+def _changes(balances: _Balances, place: FloatArray) -> Iterator[Change | None]:
     """Yield for each rotor how the centre of thrust moved along its arm."""
     for arm in _arms(place):
-        yield change_of(shares.share[:, :2] @ arm)
+        yield change_of(balances.balance[:, :2] @ arm)
 
 
 def _lost(
-    shares: _Shares, place: FloatArray, changes: Sequence[Change | None], names: Sequence[str]
+    balances: _Balances,
+    sent: Commanded,
+    rate: CleanSeries | None,
+    changes: Sequence[Change | None],
+    names: Sequence[str],
 ) -> Iterator[RotorFault]:
-    """Yield the rotor that lost thrust, if one alone explains how the shares moved."""
+    """Yield the rotor that lost thrust, if one alone explains how the balances moved."""
+    place = sent.place
     n_lines = len(_lines(place))
     found = []
     for rotor, change in enumerate(changes):
         if change is None or not change.size.value > 0.0 or not change.p_value * n_lines < _OF_EACH:
             continue
-        fit = _fit_change(shares, place, rotor, change)
+        fit = _fit_change(balances, place, rotor, change)
         # What moves the centre of thrust alone is a load, or the wind.
-        if fit is not None and fit.yaw_is_sure:
+        if fit is not None and fit.yaw_agrees and _is_the_rotor(fit, balances, sent, rate, change):
             found.append((change.p_value * n_lines, -change.size.value, fit, change))
     if found:
         p_value, _, fit, change = min(found, key=lambda one: one[:2])
-        time_s = float(shares.time_s[change.before.stop - 1])
+        time_s = float(balances.time_s[change.before.stop - 1])
         yield RotorFault(
             code=_LOST,
             rotor=fit.rotor,
@@ -216,22 +227,44 @@ def _lost(
             size=_loss(fit.gives),
             p_value=p_value,
             sentence=f"{names[fit.rotor].capitalize()} lost {_percent(_loss(fit.gives))} of its thrust in "
-            f"flight, {_when(shares, change)}.",
+            f"flight, {_when(balances, change)}.",
         )
 
 
-def _fit_change(shares: _Shares, place: FloatArray, rotor: int, change: Change) -> _Fit | None:
+def _is_the_rotor(
+    fit: _Fit, balances: _Balances, sent: Commanded, rate: CleanSeries | None, change: Change
+) -> bool:
+    """Return whether yaw, or yaw and what the rotor's own movements make, say that it is no load.
+
+    Two independent numbers of standard errors, by Stouffer's sum.
+    """
+    if fit.yaw_is_sure or rate is None:
+        return fit.yaw_is_sure
+    parts = []
+    for rows in (change.before, change.after):
+        time_s = balances.time_s[rows]
+        found = find_effectiveness(sent.series, sent.place, rate, [(float(time_s[0]), float(time_s[-1]))])
+        parts.append(found[fit.rotor])
+    before, after = parts
+    if before is None or after is None or before.ci95 is None or after.ci95 is None:
+        return False
+    error = float(np.hypot(before.ci95[1] - before.value, after.ci95[1] - after.value)) / NORMAL_95
+    in_errors = (before.value - after.value) / error
+    return in_errors > 0.0 and (fit.yaw_in_errors + in_errors) / np.sqrt(2.0) > NORMAL_95
+
+
+def _fit_change(balances: _Balances, place: FloatArray, rotor: int, change: Change) -> _Fit | None:
     across, yaw = (
-        between(values, change.before, change.after) for values in _across_and_yaw(shares, place, rotor)
+        between(values, change.before, change.after) for values in _across_and_yaw(balances, place, rotor)
     )
     return _fit(rotor, place, change.size, across, yaw)
 
 
-def _across_and_yaw(shares: _Shares, place: FloatArray, rotor: int) -> tuple[FloatArray, FloatArray]:
+def _across_and_yaw(balances: _Balances, place: FloatArray, rotor: int) -> tuple[FloatArray, FloatArray]:
     """Return what one rotor cannot move, across its arm, and the balance of yaw in the sense of its spin."""
     forward, right = _arms(place)[rotor]
-    across = shares.share[:, :2] @ np.array([-right, forward])
-    return across, shares.share[:, 2] * place[rotor, 2]
+    across = balances.balance[:, :2] @ np.array([-right, forward])
+    return across, balances.balance[:, 2] * place[rotor, 2]
 
 
 def _fit(
@@ -251,11 +284,12 @@ def _fit(
     )
     expected = along.value / reach
     agrees = abs(yaw.value - expected) <= _CONTRADICTS * yaw.half_width + along.half_width / reach
-    return _Fit(rotor, Quantity(middle, "1", (low, high)), agrees, agrees and yaw.value > yaw.half_width)
+    in_errors = NORMAL_95 * yaw.value / yaw.half_width if yaw.half_width > 0.0 else 0.0
+    return _Fit(rotor, Quantity(middle, "1", (low, high)), agrees, in_errors)
 
 
 def _gives(excess: float, n_rotors: int) -> float:
-    """Return what a rotor gives of what it is sent, if its share is larger by this fraction of the whole."""
+    """Return what a rotor gives of what it is sent, if its part is larger by this fraction of the whole."""
     more = n_rotors * excess / (1.0 - excess)
     return 1.0 / (1.0 + more) if more > -1.0 else float("inf")
 
@@ -265,9 +299,9 @@ def _loss(gives: Quantity) -> Quantity:
     return Quantity(1.0 - gives.value, "1", (1.0 - high, 1.0 - low))
 
 
-def _as_change(shares: _Shares, place: FloatArray, rotor: int, change: Change | None) -> Quantity | None:
+def _as_change(balances: _Balances, place: FloatArray, rotor: int, change: Change | None) -> Quantity | None:
     """Return what a rotor gave at the end over the beginning, if it alone can have changed."""
-    fit = None if change is None else _fit_change(shares, place, rotor, change)
+    fit = None if change is None else _fit_change(balances, place, rotor, change)
     if fit is None or not fit.yaw_agrees:
         return None
     low, high = fit.gives.ci95 or (0.0, 0.0)
@@ -275,18 +309,18 @@ def _as_change(shares: _Shares, place: FloatArray, rotor: int, change: Change | 
 
 
 def _weak(
-    shares: _Shares,
+    balances: _Balances,
     place: FloatArray,
     effectiveness: Sequence[Quantity | None],
     names: Sequence[str],
 ) -> RotorFault | None:
-    """Return the rotor that was weak all the time, if one alone explains the shares and yaw says so."""
+    """Return the rotor that was weak all the time, if one alone explains the balances and yaw says so."""
     n_lines, found = len(_lines(place)), []
     for rotor, arm in enumerate(_arms(place)):
-        along = mean_of(shares.share[:, :2] @ arm)
+        along = mean_of(balances.balance[:, :2] @ arm)
         if not along.value > 0.0 or not along.p_value * n_lines < _OF_EACH:
             continue
-        across, yaw = (mean_of(values) for values in _across_and_yaw(shares, place, rotor))
+        across, yaw = (mean_of(values) for values in _across_and_yaw(balances, place, rotor))
         fit = _fit(
             rotor,
             place,
@@ -319,7 +353,8 @@ def _contradicts(measured: Quantity | None, claimed: Quantity, n_rotors: int) ->
     if measured is None or measured.ci95 is None or claimed.ci95 is None:
         return False
     most = claimed.ci95[1]
-    return measured.ci95[0] > most * n_rotors / (n_rotors - 1.0 + most)
+    # The prior draws towards equal rotors: what contradicts is nearer to those than to the claim.
+    return measured.ci95[0] > 0.5 * (1.0 + most * n_rotors / (n_rotors - 1.0 + most))
 
 
 class _Offset(NamedTuple):
@@ -328,13 +363,15 @@ class _Offset(NamedTuple):
     p_value: float
 
 
-def _mass_offset(shares: _Shares, tilt: FloatArray | None) -> _Offset | None:
+def _mass_offset(balances: _Balances, tilt: FloatArray | None) -> _Offset | None:
     """Return where the centre of thrust is: below it hangs the centre of mass, but for drag."""
-    if len(shares.share) < FEWEST:
+    if len(balances.balance) < FEWEST:
         return None
     # Without attitude nobody knows how far drag tilted the vehicle.
     dead = None if tilt is None else _DRAG_HEIGHT * np.abs(np.tan(tilt))
-    means = [mean_of(shares.share[:, axis], 0.0 if dead is None else float(dead[axis])) for axis in range(2)]
+    means = [
+        mean_of(balances.balance[:, axis], 0.0 if dead is None else float(dead[axis])) for axis in range(2)
+    ]
     forward, right = (
         Quantity(one.value, "arm", (one.value - one.half_width, one.value + one.half_width)) for one in means
     )
@@ -398,18 +435,18 @@ def _desync_fault(rotor: int, time_s: float, p_value: float, names: Sequence[str
     )
 
 
-def _thrust_change(shares: _Shares, force: CleanSeries | None) -> Quantity | None:
+def _thrust_change(balances: _Balances, force: CleanSeries | None) -> Quantity | None:
     """Return thrust for a unit of command at the end of the flight over that at the beginning."""
     if force is None or force.n_columns < 3:
         return None
-    rows = np.searchsorted(force.time_s, shares.time_s[:, np.newaxis] + _STEP_S * np.array([-0.5, 0.5]))
+    rows = np.searchsorted(force.time_s, balances.time_s[:, np.newaxis] + _STEP_S * np.array([-0.5, 0.5]))
     values = np.nan_to_num(force.values[:, 2])
     sums = np.concatenate([[0.0], np.cumsum(values)])
     count = rows[:, 1] - rows[:, 0]
     kept = count > 0
     if np.count_nonzero(kept) < FEWEST:
         return None
-    lift = -(sums[rows[kept, 1]] - sums[rows[kept, 0]]) / count[kept] / shares.total[kept]
+    lift = -(sums[rows[kept, 1]] - sums[rows[kept, 0]]) / count[kept] / balances.total[kept]
     mean = float(lift.mean())
     if not mean > 0.0:
         return None
@@ -424,9 +461,9 @@ def _percent(size: Quantity) -> str:
     return f"{plus_minus(100.0 * abs(size.value), 50.0 * (high - low))} %"
 
 
-def _when(shares: _Shares, change: Change) -> str:
-    begin = float(shares.time_s[change.before.stop - 1])
-    end = float(shares.time_s[min(change.after.start, len(shares.time_s) - 1)])
+def _when(balances: _Balances, change: Change) -> str:
+    begin = float(balances.time_s[change.before.stop - 1])
+    end = float(balances.time_s[min(change.after.start, len(balances.time_s) - 1)])
     return f"at about {begin:.0f} s" if end - begin < 2.0 else f"between {begin:.0f} and {end:.0f} s"
 
 

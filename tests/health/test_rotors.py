@@ -26,11 +26,13 @@ PLACES = {
 }
 
 
-def flown(scenario: str, autopilot: str = "ardupilot", seed: int = 1, **changes: object) -> Health:
-    """Fly 35 s and look at it; ``changes`` replace effects of the scenario."""
+def flown(
+    scenario: str, autopilot: str = "ardupilot", seed: int = 1, duration_s: float = 35.0, **changes: object
+) -> Health:
+    """Fly and look at it; ``changes`` replace effects of the scenario."""
     found = SCENARIOS[scenario]
     found = dataclasses.replace(found, effects=dataclasses.replace(found.effects, **changes))  # type: ignore[arg-type]
-    setups = plan_flights(found, seed=seed, duration_s=35.0, rate_hz=400.0, autopilot=autopilot)
+    setups = plan_flights(found, seed=seed, duration_s=duration_s, rate_hz=400.0, autopilot=autopilot)
     prepared = prepare(log_flights(tuple(fly(setup) for setup in setups), Logging()))
     return health_of(prepared, cut(prepared, AlignSettings()))
 
@@ -45,16 +47,17 @@ def only_fault(health: Health) -> tuple[str, int, float]:
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4", "betaflight"])
 def test_a_motor_that_loses_a_fifth_of_its_thrust_in_flight_is_named(autopilot: str) -> None:
     """Motor 3 of the simulator is the front left one, whatever its number in the log."""
-    health = flown("motor-step", autopilot)
+    health = flown("motor-step", autopilot, duration_s=75.0)
     code, rotor, lost = only_fault(health)
     assert (code, PLACES[autopilot][rotor]) == ("QL431", "front left")
     assert lost == pytest.approx(0.2, abs=0.04)
-    assert health.rotors is not None and health.rotors.level == "high"
+    assert health.rotors is not None
+    assert health.rotors.level == "high"
 
 
 def test_a_motor_that_is_weak_from_the_beginning_is_named() -> None:
     """A load moves the balance of roll and pitch, a motor that of yaw too."""
-    code, rotor, lost = only_fault(flown("weak-motor"))
+    code, rotor, lost = only_fault(flown("weak-motor", duration_s=75.0))
     assert (code, rotor) == ("QL430", 1)
     assert lost == pytest.approx(0.2, abs=0.04)
 
@@ -65,7 +68,8 @@ def test_a_centre_of_mass_off_the_middle_is_no_weak_motor() -> None:
     code, rotor, size = only_fault(health)
     assert (code, rotor) == ("QL434", -1)
     assert size == pytest.approx(0.03, abs=0.005)
-    assert health.rotors is not None and health.rotors.level == "fact"
+    assert health.rotors is not None
+    assert health.rotors.level == "fact"
 
 
 def test_a_bent_propeller_is_named_by_its_rotor() -> None:
@@ -114,7 +118,8 @@ def test_rotors_that_move_independently_tell_what_each_gives() -> None:
     assert weak.named()["motor fault"]["motor_effectiveness"] == 0.8
     assert health.rotors is not None
     known = health.rotors.effectiveness[1]
-    assert known is not None and known.ci95 is not None
+    assert known is not None
+    assert known.ci95 is not None
     assert known.ci95[0] <= 0.842 <= known.ci95[1]
     others = [one for place, one in enumerate(health.rotors.effectiveness) if place != 1 and one is not None]
     assert all(one.value > known.value for one in others)
