@@ -155,7 +155,7 @@ def _balances(sent: Commanded, intervals: Sequence[Interval]) -> _Balances | Non
         edges = begin + step_s * np.arange(int((end - begin) / step_s) + 1, dtype=np.float64)
         rows = np.searchsorted(sent.series.time_s, edges)
         values = sent.series.of_rows(slice(int(rows[0]), int(rows[-1])))
-        good = np.isfinite(values).all(axis=1)
+        good = np.asarray(np.isfinite(values).all(axis=1), dtype=np.bool_)
         kept_values = np.where(good[:, np.newaxis], values, 0.0)
         sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(kept_values, axis=0)])
         count = np.diff(np.concatenate([[0], np.cumsum(good)])[rows - rows[0]])
