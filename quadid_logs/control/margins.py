@@ -99,10 +99,9 @@ def margins_of(
     -------
     Margins
     """
-    found = worse = figures_of(frequency_hz, loop, integrators, unstable_poles)
-    if known_hz < frequency_hz[-1]:
-        later = loop * unmodelled(frequency_hz, known_hz)
-        worse = figures_of(frequency_hz, later, integrators, unstable_poles)
+    found = figures_of(frequency_hz, loop, integrators, unstable_poles)
+    later = loop * unmodelled(frequency_hz, known_hz)
+    worse = figures_of(frequency_hz, later, integrators, unstable_poles)
     places_hz = np.array([found.crossover_hz[0], found.oscillation_hz[0]])
     extrapolated = bool((places_hz[np.isfinite(places_hz)] > known_hz).any())
     fraction = float(np.mean(found.stable))

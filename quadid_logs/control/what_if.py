@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.control.scaled_loop import ScaledLoops, scaled_loops
+from quadid_logs.control.scaled_loop import scaled_loops
 from quadid_logs.control.separate_gains import Rebuild
 from quadid_logs.control.step import step_of
 from quadid_logs.data.closed_loop import Plant
@@ -65,19 +65,18 @@ def what_if(
     settled_s = before.settling_time_s.value
     end_s = min(_SHOWN * settled_s, _LONGEST_S) if np.isfinite(settled_s) else _LONGEST_S
     time_s = np.linspace(0.0, end_s, _N_POINTS)
-    around = scaled_loops(controller, estimate, np.inf)
     loops = []
     for combination in itertools.product(*values.values()):
         other = rebuild(dict(zip(values, combination, strict=True)))
-        loops.append(None if other is None else _loop(around.of(other), time_s))
+        loops.append(None if other is None else _loop(other, estimate, time_s))
     return WhatIf(values=values, time_s=time_s, loops=tuple(loops))
 
 
-def _loop(loops: ScaledLoops, time_s: FloatArray) -> WhatIfLoop | None:
+def _loop(controller: AxisController, estimate: Plant, time_s: FloatArray) -> WhatIfLoop | None:
     """Return the figures of one combination, None where a loop is unstable."""
-    margins = loops.margins()
+    margins = scaled_loops(controller, estimate, np.inf).margins()
     outer = margins.full or margins.rate
-    step = step_of(loops.controller, loops.plants)
+    step = step_of(controller, estimate)
     if step is None or not (margins.rate.stable and outer.stable):
         return None
     gain, phase = outer.gain_margin_db, outer.phase_margin_deg

@@ -477,7 +477,7 @@ class _Search:
         if self._described is None:
             return self._design
         rotors = Rotors.of(max(lag_s, _LEAST_LAG_S), log_asymmetry)
-        return with_lag_on_rotors(self._design, self._described, rotors, self._inputs)
+        return with_lag_on_rotors(self._design, self._described, rotors)
 
     def _torque_at(self, *place: float) -> FloatArray:
         """Return the same, kept for a place that comes again."""

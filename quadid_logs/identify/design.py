@@ -166,9 +166,9 @@ class Design:
         changed = replace(self, chunks=tuple(chunks))
         return changed.with_torque([chunk.torque for chunk in chunks])
 
-    def with_torque(self, torques: Sequence[FloatArray], symbols: Sequence[str] | None = None) -> Design:
-        """Return the same rows with other torques, as of `RowTorque.replaced`."""
-        return replace(self, torque=self.torque.replaced(torques, symbols))
+    def with_torque(self, torques: Sequence[FloatArray]) -> Design:
+        """Return the same rows with other torques, one array (n_samples, 3) per chunk."""
+        return replace(self, torque=self.torque.replaced(torques))
 
     def disturbances(self, structure: Structure) -> tuple[str, ...]:
         """Return the columns that move the vehicle beside those of a structure; the paper's own have none."""

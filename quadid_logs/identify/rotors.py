@@ -9,7 +9,6 @@ the search for a linear lag finds the lag of the rotors.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -27,8 +26,6 @@ _INTERVAL, _INTERVAL_OVER_WARM = 200, 2
 #: Most of spin-down over spin-up. Motors that brake slow down about as fast as they speed up, others by drag
 #: alone, which takes some times as long; at 3 simulated ones of 5 came out 6 % low.
 MOST_ASYMMETRIC = 6.0
-#: Rows whose torque is made at once: they stay in the processor's cache.
-_AT_ONCE = 4096
 #: Relative step of the central differences, by the lag and by its spin-up/spin-down asymmetry.
 _STEP = 0.02
 
@@ -82,9 +79,7 @@ def rotors_known(data: FlightData) -> bool:
     )
 
 
-def with_lag_on_rotors(
-    design: Design, described: InputDescription, rotors: Rotors, symbols: Sequence[str] | None = None
-) -> Design:
+def with_lag_on_rotors(design: Design, described: InputDescription, rotors: Rotors) -> Design:
     """Return the design with the torque that, behind a linear lag, acts as rotors with their own lag do.
 
     Parameters
@@ -93,8 +88,6 @@ def with_lag_on_rotors(
     described : InputDescription
         With the ``torque_per_thrust`` of the rotors.
     rotors : Rotors
-    symbols : sequence of str, optional
-        The columns that are needed, as of `RowTorque.replaced`.
 
     Returns
     -------
@@ -102,7 +95,7 @@ def with_lag_on_rotors(
     """
     period_s = design.sample_period_s
     return design.with_torque(
-        [equivalent_torque(chunk, described, period_s, rotors) for chunk in design.chunks], symbols
+        [equivalent_torque(chunk, described, period_s, rotors) for chunk in design.chunks]
     )
 
 
@@ -165,17 +158,12 @@ def equivalent_torque(
         return segment.torque
     target = np.sqrt(thrust)
     speed = _lagged(target, period_s, rotors)
-    reaction_per_speed = 2.0 * target.mean() * torque_per_thrust[2]
-    found = np.empty((len(thrust), 4))
-    for first in range(0, len(thrust), _AT_ONCE):
-        rows = slice(first, first + _AT_ONCE)
-        gap = target[rows] - speed[rows]
-        # F + T dF/dt, with the T of the direction in dw/dt and the mean of both before dF/dt.
-        gap *= np.where(gap > 0.0, rotors.mean_s / rotors.up_s, rotors.mean_s / rotors.down_s)
-        change = speed[rows] * (speed[rows] + 2.0 * gap) - thrust[rows]
-        found[rows, :3] = segment.torque[rows] + change @ torque_per_thrust.T
-        found[rows, 3] = (speed[rows] + gap) @ reaction_per_speed
-    return found
+    gap = target - speed
+    # F + T dF/dt, with the T of the direction in dw/dt and the mean of both before dF/dt.
+    fraction = np.where(gap > 0.0, rotors.mean_s / rotors.up_s, rotors.mean_s / rotors.down_s)
+    change = speed**2 + 2.0 * speed * gap * fraction - thrust
+    reacting = 2.0 * target.mean() * (speed + gap * fraction) @ torque_per_thrust[2]
+    return np.column_stack([segment.torque + change @ torque_per_thrust.T, reacting])
 
 
 def _lagged(target: FloatArray, period_s: float, rotors: Rotors) -> FloatArray:

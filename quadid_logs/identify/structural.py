@@ -635,7 +635,7 @@ def _shaped(design: Design, model: ActuatorModel, response: _Response) -> FloatA
 def _behind(design: Design, model: ActuatorModel, torques: list[FloatArray]) -> FloatArray:
     """Return other torques, one (n_samples, 3) per chunk, behind the actuator; shape (n_train, 3)."""
     lag_s, delay_s = model.actuator.lag_s, model.actuator.delay_s
-    return design.torque.replaced(torques, TORQUE_SYMBOLS).behind(lag_s, delay_s)[design.train]
+    return design.torque.replaced(torques).behind(lag_s, delay_s)[design.train]
 
 
 def _thresholds(design: Design, model: ActuatorModel, regression: Regression) -> Iterator[_Candidate]:

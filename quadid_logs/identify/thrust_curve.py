@@ -148,8 +148,9 @@ class _Search:
             rotors = Rotors.of(max(lag_s, _LEAST_LAG_S), point.log_asymmetry)
             shaped = with_lag_on_rotors(base, self.described, rotors)
             slopes = rotor_slopes(base, self.described, rotors)
-        torques = torques_by_expo(design.chunks, self.described)
-        by_expo = design.torque.replaced(torques, TORQUE_SYMBOLS).behind(lag_s, delay_s)
+        by_expo = design.torque.replaced(torques_by_expo(design.chunks, self.described)).behind(
+            lag_s, delay_s
+        )
         # Squares of thrust follow from no set-point linearly: they are instruments themselves.
         project = Projection(design, DAMPED, train, also=by_expo)
         names = [name for name in (*DAMPED.columns, *design.disturbances(DAMPED)) if name != TRIM.symbol]

@@ -154,26 +154,22 @@ class RowTorque:
         )
         return empty.replaced([chunk.torque for chunk in chunks])
 
-    def replaced(self, torques: Sequence[FloatArray], symbols: Sequence[str] | None = None) -> RowTorque:
-        """Return other torques, one array (n_samples, 3) per chunk, for the same rows.
-
-        ``symbols`` are the columns that are needed, all without; each takes a long transform.
-        """
-        terms = [term for term in TORQUE_TERMS if symbols is None or term.symbol in symbols]
+    def replaced(self, torques: Sequence[FloatArray]) -> RowTorque:
+        """Return other torques, one array (n_samples, 3) per chunk, for the same rows."""
         found = [
-            {term.symbol: term.of_torque(torque, throttle) for term in terms}
+            {term.symbol: term.of_torque(torque, throttle) for term in TORQUE_TERMS}
             for torque, throttle in zip(torques, self.throttle, strict=True)
         ]
         columns = [{name: column for name, column in each.items() if column is not None} for each in found]
-        known = tuple(name for name in found[0] if all(name in chunk for chunk in columns))
+        symbols = tuple(name for name in found[0] if all(name in chunk for chunk in columns))
         spectra = [
-            grid.spectrum_of(np.column_stack([chunk[symbol] for symbol in known]))
+            grid.spectrum_of(np.column_stack([chunk[symbol] for symbol in symbols]))
             for grid, chunk in zip(self.grids, columns, strict=True)
         ]
-        for number in _differentiated(known):
+        for number in _differentiated(symbols):
             for spectrum, grid in zip(spectra, self.grids, strict=True):
                 spectrum[:, number] *= grid.s
-        return replace(self, symbols=known, spectra=tuple(spectra))
+        return replace(self, symbols=symbols, spectra=tuple(spectra))
 
     def chosen(self, numbers: Sequence[int]) -> RowTorque:
         """Return the torque of some of the chunks."""

@@ -19,12 +19,8 @@ from numpy.typing import NDArray
 from quadid_logs.arrays import FloatArray
 
 ComplexArray = NDArray[np.complex128]
-#: Up to so many numbers of a table of cosines (5 MB), a record is multiplied by it: two cosine transforms
-#: take as long where the number of rows has small prime factors only, else four to ten times as long.
-_LARGEST_TABLE: Final = 1_200_000
-#: A record less its slow part, over the record, is rounding below this: twenty times what either way of
-#: taking it out leaves of a constant (5e-14), far below what single precision resolves (6e-8).
-_ROUNDING: Final = 1e-12
+#: So many cosines are taken out of a short record one by one: two transforms would take longer to begin.
+_FEW_COSINES: Final = 8
 
 
 def angular_frequency(n_samples: int, period_s: float) -> ComplexArray:
@@ -265,54 +261,21 @@ def high_pass(columns: FloatArray, period_s: float, cutoff_hz: float) -> FloatAr
     0.0
     """
     n_removed = min(int(2.0 * len(columns) * period_s * cutoff_hz) + 1, len(columns))
-    few = n_removed * len(columns) <= _LARGEST_TABLE
-    left = (_without_lowest_cosines if few else _by_transforms)(columns, n_removed)
-    # What is all slow leaves its rounding, which would be scaled up to an instrument like any other.
-    size, left_size = (np.sqrt(np.mean(np.square(each), axis=0)) for each in (columns, left))
-    left[..., left_size <= _ROUNDING * size] = 0.0
-    return left
-
-
-def _by_transforms(columns: FloatArray, n_cosines: int) -> FloatArray:
-    """Take the first cosines of the DCT-II out of columns, by the transform and back."""
+    if n_removed <= _FEW_COSINES:
+        low = _lowest_cosines(len(columns), n_removed)
+        return np.asarray(columns - low @ (low.T @ columns))
     from scipy.fft import dct, idct
 
     spectrum = dct(columns, axis=0, norm="ortho")
-    spectrum[:n_cosines] = 0.0
+    spectrum[:n_removed] = 0.0
     return np.asarray(idct(spectrum, axis=0, norm="ortho"), dtype=np.float64)
 
 
-def _without_lowest_cosines(columns: FloatArray, n_cosines: int) -> FloatArray:
-    """Take the first cosines of the DCT-II out of columns, by products with half of each cosine.
-
-    About the middle of the record every other cosine is even, and those between are odd.
-    """
-    n_rows = len(columns)
-    even, odd = _lowest_cosines(n_rows, n_cosines)
-    n_half = len(even)
-    begin, mirrored = columns[:n_half], columns[::-1][:n_half]
-    both = begin + mirrored
-    if n_rows % 2:
-        # The row in the middle is its own mirror image.
-        both[-1] *= 0.5
-    low_even = even @ (even.T @ both)
-    low_odd = odd @ (odd.T @ (begin - mirrored))
-    left = np.empty((n_rows, *columns.shape[1:]))
-    np.subtract(mirrored, low_even - low_odd, out=left[::-1][:n_half])
-    np.subtract(begin, low_even + low_odd, out=left[:n_half])
-    return left
-
-
-@lru_cache(maxsize=16)
-def _lowest_cosines(n_rows: int, n_cosines: int) -> tuple[FloatArray, FloatArray]:
-    """Return the first half of the even and of the odd cosines of the orthonormal DCT-II.
-
-    Not to be written to. Shapes (n_half, n_even) and (n_half, n_odd), with the row in the middle.
-    """
-    phase = np.pi / n_rows * np.outer(np.arange((n_rows + 1) // 2) + 0.5, np.arange(n_cosines))
+@lru_cache(maxsize=32)
+def _lowest_cosines(n_rows: int, n_cosines: int) -> FloatArray:
+    """Return the first columns of the orthonormal DCT-II, shape (n_rows, n_cosines), not to be written to."""
+    phase = np.pi / n_rows * np.outer(np.arange(n_rows) + 0.5, np.arange(n_cosines))
     cosines = np.sqrt(2.0 / n_rows) * np.cos(phase)
     cosines[:, 0] /= np.sqrt(2.0)
-    even, odd = (np.ascontiguousarray(cosines[:, begin::2]) for begin in (0, 1))
-    for one in (even, odd):
-        one.flags.writeable = False
-    return even, odd
+    cosines.flags.writeable = False
+    return np.asarray(cosines)
