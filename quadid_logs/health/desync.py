@@ -132,13 +132,13 @@ def _spread_before(left: FloatArray, step_s: float) -> FloatArray:
 
     In a manoeuvre much is left over; what comes after a loss is the controller's answer to it.
     """
-    usual = np.median(np.abs(left), axis=0) / 0.6745
+    typical = np.median(np.abs(left), axis=0) / 0.6745
     n_before, apart = max(1, round(_ANSWER_S / step_s)), max(1, round(_WINDOW_S / step_s))
     sums = np.concatenate([np.zeros((1, 3)), np.cumsum(left**2, axis=0)])
     last = np.maximum(np.arange(len(left)) - apart, 0)
     first = np.maximum(last - n_before, 0)
     count = np.maximum(last - first, 1)[:, np.newaxis]
-    return np.asarray(np.maximum(np.sqrt((sums[last] - sums[first]) / count), usual), dtype=np.float64)
+    return np.asarray(np.maximum(np.sqrt((sums[last] - sums[first]) / count), typical), dtype=np.float64)
 
 
 def _pushed(windows: _Windows, force: CleanSeries) -> BoolArray:
@@ -180,15 +180,15 @@ def _clearest(windows: _Windows, per_thrust: FloatArray, pushed: BoolArray) -> D
         return nothing
     best, rotor, place = 0.0, -1, 0
     gains = []
-    usual = np.median(windows.thrust, axis=0)
+    typical = np.median(windows.thrust, axis=0)
     for number in range(per_thrust.shape[1]):
         sent = windows.thrust[:, number]
-        missing = -per_thrust[:, number] * usual[number] / windows.spread
+        missing = -per_thrust[:, number] * typical[number] / windows.spread
         weighted = np.sum(windows.left / windows.spread * missing, axis=1) / np.linalg.norm(missing, axis=1)
         gains.append(np.maximum(-weighted, 0.0))
         # What is missing is missing of what was sent at that moment, and of a rotor that was to push.
         lost = _says(windows, -per_thrust[:, number] * sent[:, np.newaxis])
-        clear = np.where(lost & ~pushed & (sent > _LOST * usual[number]), weighted, 0.0)
+        clear = np.where(lost & ~pushed & (sent > _LOST * typical[number]), weighted, 0.0)
         if float(clear.max()) > best:
             best, rotor, place = float(clear.max()), number, int(np.argmax(clear))
     if rotor < 0:

@@ -30,7 +30,7 @@ from quadid_logs.identify.rigid_body import fit_single_rigid_body
 from quadid_logs.identify.select import most_excited
 from quadid_logs.identify.slow_yaw import fit_slow_yaw
 from quadid_logs.identify.spectral import solve_flight
-from quadid_logs.identify.spectral_axes import doubtful_axes, with_spectral_axes
+from quadid_logs.identify.spectral_axes import spoiled_axes, with_spectral_axes
 from quadid_logs.identify.spectral_effects import average_over_effects
 from quadid_logs.identify.splice import with_axis_of
 from quadid_logs.identify.structures import RIGID_BODY, STRUCTURES, Structure
@@ -133,9 +133,9 @@ def _told_by_spectra(data: FlightData, model: Model) -> tuple[tuple[SpectralFit,
     solution = solve_flight(data)
     if solution is None:
         return (), ()
-    doubtful = range(len(solution.fits)) if solution.planned else doubtful_axes(model, data.sample_period_s)
-    fits = average_over_effects(solution, data) if doubtful else solution.fits
-    return fits, tuple(axis for axis in doubtful if fits[axis].is_sound)
+    spoiled = range(len(solution.fits)) if solution.planned else spoiled_axes(model, data.sample_period_s)
+    fits = average_over_effects(solution, data) if spoiled else solution.fits
+    return fits, tuple(axis for axis in spoiled if fits[axis].is_sound)
 
 
 def _with_spectral(

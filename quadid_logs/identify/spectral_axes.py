@@ -28,7 +28,7 @@ _NOT_TOLD = "answers to commands tell effectiveness and damping alone"
 _YAW = 2
 
 
-def doubtful_axes(model: Model, period_s: float) -> tuple[int, ...]:
+def spoiled_axes(model: Model, period_s: float) -> tuple[int, ...]:
     """Return the axes of which air, an effect, or a torque from another time may have spoiled a fit in time.
 
     Parameters
@@ -43,10 +43,10 @@ def doubtful_axes(model: Model, period_s: float) -> tuple[int, ...]:
     tuple of int
         0 roll, 1 pitch, 2 yaw.
     """
-    return tuple(axis for axis in range(len(AXES)) if _is_doubtful(model, axis, period_s))
+    return tuple(axis for axis in range(len(AXES)) if _is_spoiled(model, axis, period_s))
 
 
-def _is_doubtful(model: Model, axis: int, period_s: float) -> bool:
+def _is_spoiled(model: Model, axis: int, period_s: float) -> bool:
     r2 = model.validation.r2_acceleration.get(ACCELERATION_SYMBOLS[axis], -np.inf)
     check = model.structural
     if check is None or not r2 >= _EXPLAINED_R2 or is_late(check, period_s):
