@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from types import MappingProxyType
+from copy import copy
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -58,7 +58,10 @@ _UNCHANGED: Final = 0.01
 _SAME: Final = 0.05
 #: The search ends this near to the limits.
 _ROUNDING: Final = 0.005
-_AS_FLOWN: Final[Mapping[str, float]] = MappingProxyType({})
+#: A rough search, to rank filters by.
+_FEW_STEPS: Final = 8
+#: Where the loop's gain is this small, it may be twice as large, or four times, without a change of stability.
+_SMALL_LOOP: Final = 0.1
 
 
 class Step(NamedTuple):
@@ -102,8 +105,7 @@ class Quick(NamedTuple):
 class Disturbed(NamedTuple):
     """What disturbs an axis as it flew: the acceleration of gusts and where it is known, and the command.
 
-    ``most_noise`` is the standard deviation of the command that noise may make; ``log_hz`` the rate of the
-    rows that show it, infinite where other filters than flown need not be judged by them.
+    ``most_noise`` is the standard deviation of the command that noise may make.
     """
 
     gusts: Spectrum | None
@@ -111,7 +113,6 @@ class Disturbed(NamedTuple):
     command: Spectrum | None
     crossover_hz: float
     most_noise: float
-    log_hz: float = np.inf
 
 
 class _Varied(NamedTuple):
@@ -139,7 +140,6 @@ def separate_gains(
     rebuild: Rebuild,
     limits: Limits,
     disturbed: Disturbed,
-    filters: Mapping[str, float] = _AS_FLOWN,
 ) -> SeparateGains | None:
     """Return the search for the gains of one axis, each by itself.
 
@@ -151,9 +151,6 @@ def separate_gains(
     rebuild : callable
     limits : Limits
     disturbed : Disturbed
-    filters : mapping of str to float
-        Parameters of filters that are to be others than flown. What is better or noisier is told of the flown
-        gains behind the flown filters, all the same.
 
     Returns
     -------
@@ -161,18 +158,8 @@ def separate_gains(
         None where there is no gain to vary, or the controller is no sum over its gains.
     """
     varied = _varied(case)
-    flown = _taken_apart(varied, loops.controller, loops.frequency_hz, rebuild)
-    if flown is None or not filters:
-        return None if flown is None else SeparateGains(varied, flown, flown, loops, rebuild, limits, disturbed)
-
-    def filtered(changes: Mapping[str, float]) -> AxisController | None:
-        return rebuild({**filters, **changes})
-
-    other = filtered({})
-    if other is None or other.period_s != loops.controller.period_s:
-        return None
-    paths = _taken_apart(varied, other, loops.frequency_hz, filtered)
-    return None if paths is None else SeparateGains(varied, paths, flown, loops, filtered, limits, disturbed)
+    paths = _taken_apart(varied, loops.controller, loops.frequency_hz, rebuild)
+    return None if paths is None else SeparateGains(varied, paths, loops, rebuild, limits, disturbed)
 
 
 def _varied(case: Case) -> _Varied:
@@ -205,7 +192,6 @@ class SeparateGains:
         self,
         varied: _Varied,
         paths: GainPaths,
-        flown_paths: GainPaths,
         loops: ScaledLoops,
         rebuild: Rebuild,
         limits: Limits,
@@ -213,7 +199,7 @@ class SeparateGains:
     ) -> None:
         self._varied, self._names, self._now = varied, varied.names, varied.now
         self._paths, self._loops, self._rebuild, self._limits = paths, loops, rebuild, limits
-        self._is_refiltered = paths is not flown_paths
+        self._is_refiltered = False
         self._few = loops.first(_FEW_DRAWS)
         # Each of them also with dynamics that nobody measured; a mode of the frame may bear those better.
         later = unmodelled(loops.frequency_hz, loops.known_hz)
@@ -229,13 +215,43 @@ class SeparateGains:
         crossover = flown.rate.crossover_hz
         self._above = loops.frequency_hz >= (0.0 if crossover is None else crossover.value)
         self._flown = dict.fromkeys(self._now, 1.0)
-        flown_answers = flown_paths.at(_sets(self._flown))
+        flown_answers = paths.at(_sets(self._flown))
         self._flown_whole = flown_answers[0, 0] + flown_answers[0, 1]
         self._flown_answer = np.abs(self._flown_whole[self._above])
         # No pilot wants a vehicle that follows more slowly, as gusts alone would have it.
         flown_loop = self._loop(flown_answers)
         self._flown_hz = float(self._attitude(flown_loop).bandwidth_hz[0])
         self._flown_error_rad = float(self._gusts.attitude_rad(flown_loop.whole)[0])
+
+    def behind(self, filters: Mapping[str, float], log_hz: float) -> SeparateGains | None:
+        """Return the search behind other filters; what is better or noisier is still told of what flew.
+
+        Parameters
+        ----------
+        filters : mapping of str to float
+            By parameter.
+        log_hz : float
+            Rate of the rows that show the noise: what they may hide counts as its worst.
+
+        Returns
+        -------
+        SeparateGains or None
+            None where these make no controller, or one of another rate.
+        """
+
+        def filtered(changes: Mapping[str, float]) -> AxisController | None:
+            return self._rebuild({**filters, **changes})
+
+        controller, frequency_hz = filtered({}), self._loops.frequency_hz
+        if controller is None or controller.period_s != self._loops.controller.period_s:
+            return None
+        paths = _taken_apart(self._varied, controller, frequency_hz, filtered)
+        if paths is None:
+            return None
+        other = copy(self)
+        other._paths, other._rebuild, other._is_refiltered = paths, filtered, True
+        other._decisive, other._noise = self._decisive.copy(), self._noise.logged_at(log_hz)
+        return other
 
     def target(self, common: float) -> dict[str, float]:
         """Return by parameter the factor at which gusts are rejected best, the limits being kept.
@@ -312,7 +328,7 @@ class SeparateGains:
         return min(self._highest, max(documented, 1.0))
 
     def _search(
-        self, begins: list[dict[str, float]], bounds: _Bounds, most_up: float, *, polish: bool = True
+        self, begins: list[dict[str, float]], bounds: _Bounds, most_up: float, *, rough: bool = False
     ) -> dict[str, float]:
         """Search from some factors for the least attitude error; return the best of ends and beginnings."""
         from scipy.optimize import NonlinearConstraint, minimize
@@ -336,12 +352,12 @@ class SeparateGains:
                 jac=told.cost_slope,
                 bounds=limits,
                 constraints=NonlinearConstraint(told.kept, 0.0, np.inf, jac=told.kept_slope),
-                options={"maxiter": _MOST_STEPS, "ftol": _TOLERANCE},
+                options={"maxiter": _FEW_STEPS if rough else _MOST_STEPS, "ftol": _TOLERANCE},
             )
             found.append(factors(end.x))
         each = {name: np.array([one[name] for one in found]) for name in names}
         best = found[int(np.argmin(self._values(each, most_up)))]
-        if not polish or np.min(self._told(_sets(best), most_up)[1]) >= -_ROUNDING:
+        if rough or np.min(self._told(_sets(best), most_up)[1]) >= -_ROUNDING:
             return best
         # No gains keep all limits: as near to them as it gets, and that has corners.
         end = minimize(
@@ -401,8 +417,16 @@ class SeparateGains:
         return np.asarray(np.abs(back + by_angle))
 
     def _rises(self, factors: Mapping[str, FloatArray]) -> FloatArray:
-        """Return by how much more the controller answers than as flown, from the crossover up; (n_sets,)."""
-        return np.asarray(np.max(self._answer(factors) / self._flown_answer, axis=1))
+        """Return by how much more the controller answers than as flown, from the crossover up; (n_sets,).
+
+        Other filters answer more far above it, where no loop is closed any more: there it does not count.
+        """
+        answer = self._answer(factors)
+        rises = answer / self._flown_answer
+        if self._is_refiltered:
+            loop = answer * np.abs(self._few.body[0][self._above])
+            rises = np.where(loop > _SMALL_LOOP, rises, 0.0)
+        return np.asarray(np.max(rises, axis=1))
 
     def _attitude(self, loop: _Loop) -> Attitude:
         return attitude_of(self._loops.frequency_hz, loop.rate, loop.full, loop.to_rate)
@@ -476,7 +500,7 @@ class SeparateGains:
         self._decisive[0, 0] = True
         bounds = {name: (_BOUNDS[0], self._most(name)) for name in self._now}
         near = {name: float(np.clip(one, *bounds[name])) for name, one in begin.items()}
-        found = self._search([near], bounds, np.inf, polish=False)
+        found = self._search([near], bounds, np.inf, rough=True)
         return self.told_of(found)
 
     def told_of(self, factors: Mapping[str, float]) -> Quick:
@@ -494,10 +518,6 @@ class SeparateGains:
         noise = self._noise.ratio(self._at(_sets(factors)))[0]
         missing = float(np.sum(np.maximum(-kept[0] - _ROUNDING, 0.0)))
         return Quick(dict(factors), float(np.exp(error[0]) / self._flown_error_rad), float(noise), missing)
-
-    def decisive_of(self, other: SeparateGains) -> None:
-        """Look at the vehicles that decided in another search, too."""
-        self._decisive |= other._decisive
 
     def passes(self, frequency_hz: float) -> float:
         """Return the gain from gyro to command at a frequency over that as flown, with the flown gains.
@@ -643,7 +663,13 @@ class _Noise:
         self._above = self._frequency_hz >= lowest_noise_hz(disturbed.crossover_hz)
         self._power = _power_over(self._frequency_hz, disturbed)
         self._most = disturbed.most_noise
-        self._aliases = _aliases(self._frequency_hz, disturbed.log_hz)
+        self._aliases: list[IntArray] = []
+
+    def logged_at(self, log_hz: float) -> _Noise:
+        """Return the noise for other filters: what rows of this rate may hide counts as its worst."""
+        other = copy(self)
+        other._aliases = _aliases(self._frequency_hz, log_hz)
+        return other
 
     def ratio(self, loop: _Loop) -> FloatArray:
         """Return the command's noise over that as flown; where that is unknown, at the worst frequency.

@@ -847,6 +847,36 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 scope="gains",
             ),
             _entry(
+                "QL670",
+                "Change filters and gains together: gusts or noise become less, and margins stay above the limits",
+                "A filter takes phase that the gains pay for. These settings of the filters, with these gains, "
+                "leave less of gusts or less noise on the motors than any gains behind the flown filters.",
+                "Load the file as a whole: these gains belong to these filters. Hover first, and feel the "
+                "motors after half a minute: they must stay cool.",
+                scope="gains",
+            ),
+            _entry(
+                "QL671",
+                "There is too much filtering",
+                "A low-pass below what the noise of this gyro asks for takes phase for nothing.",
+                "Set the cut-off in the file, with its gains.",
+                scope="gains",
+            ),
+            _entry(
+                "QL672",
+                "There is too little filtering",
+                "The low-pass lets more noise to the motors than its phase is worth.",
+                "Set the cut-off in the file, with its gains.",
+                scope="gains",
+            ),
+            _entry(
+                "QL673",
+                "The notches do not stand where the gyro's lines are",
+                "A notch that stands on no line takes phase for nothing; a line without one passes to the motors.",
+                "Set the notches as in the file, and start the autopilot anew before the flight.",
+                scope="gains",
+            ),
+            _entry(
                 "QL641",
                 "P, I, D and the angle gain are changed each by itself",
                 "Each gain goes its own way to where gusts are rejected best: the margins are kept, noise "

@@ -12,7 +12,7 @@ from quadid_logs.autopilots.ardupilot.filters import notch_sets
 from quadid_logs.autopilots.ardupilot.followed import CENTRES, ROTORS
 from quadid_logs.autopilots.lines import SortedLines, sorted_lines
 from quadid_logs.data.health import Line
-from quadid_logs.data.log import FlightLog
+from quadid_logs.data.log import FlightLog, Places
 from quadid_logs.data.tuning import Cutoffs, FilterChoices, written_hz
 
 #: AP_InertialSensor.cpp, @Range of GYRO_FILTER; a lower one delays by more than a loop bears.
@@ -98,10 +98,10 @@ def _notches(
         yield off | on
 
 
-def _stands_on_a_line(places: Sequence[Sequence[object]], lines: SortedLines) -> bool:
+def _stands_on_a_line(places: Places, lines: SortedLines) -> bool:
     """Tell whether a notch was on any line at any time."""
     return any(
-        abs(line_hz - one.frequency_hz) <= 0.5 * one.inverse_q * one.frequency_hz  # type: ignore[attr-defined]
+        abs(line_hz - one.frequency_hz) <= 0.5 * one.inverse_q * one.frequency_hz
         for notches in places
         for one in notches
         for line_hz in lines.all_hz
@@ -112,13 +112,13 @@ def _is_covered(
     wanted: Mapping[str, float],
     parameters: Mapping[str, float],
     used: Sequence[str],
-    placed: Mapping[str, Sequence[Sequence[object]]],
+    placed: Mapping[str, Places],
 ) -> bool:
     """Tell whether a set that is on does what another would: it follows the same, or stands at the same place."""
     if wanted["MODE"] != _FIXED:
         return any(parameters.get(f"{name}_MODE", _FIXED) != _FIXED for name in used)
     return any(
-        abs(wanted["FREQ"] - one.frequency_hz) <= 0.5 * one.inverse_q * one.frequency_hz  # type: ignore[attr-defined]
+        abs(wanted["FREQ"] - one.frequency_hz) <= 0.5 * one.inverse_q * one.frequency_hz
         for name in used
         for notches in placed[name]
         for one in notches
