@@ -18,7 +18,7 @@ from quadid_logs.control.separate_gains import Quick, SeparateGains
 from quadid_logs.data.tuning import Cutoffs, FilterChoices, GainChange, written_hz
 
 #: In one flight a cut-off is halved or doubled at most: as far as gains go, and half or twice the filter's delay.
-_SCALES: Final = (0.5, 0.7, 1.0, 1.41, 2.0)
+_SCALES: Final = (0.5, 0.7, 1.41, 2.0)
 #: Beside a setting found, what is looked at again once the others have changed.
 _BESIDE: Final = (0.84, 1.2)
 #: What no flight would show, as a part of gust error or noise: the less noisy setting is taken then.
@@ -28,10 +28,30 @@ _WORTH: Final = 0.10
 _NO_WORSE: Final = 0.02
 #: A hundredth of a limit that is missing outweighs what it could be paid with, as in the search for gains.
 _PENALTY: Final = 30.0
-#: At a line that stands, filters alone let pass no more than as flown, but for rounding: half a decibel.
+#: At a line that stands, filters alone let pass no more than as flown, but for rounding: half a decibel. It may
+#: be a mode of the frame, which raises the loop by up to 27 dB (docs/loop.md): below that it can close none.
 _AT_LINES: Final = 1.06
+_MODE_PEAK: Final = 22.0
 #: Of the noise that is accepted, what no motor shows: less is no reason to choose a filter.
 _UNHEARD: Final = 0.1
+#: What is noisier than accepted is to lose 3 dB in one flight.
+_QUIETER: Final = 0.7
+
+
+def most_noise(alone: float) -> float:
+    """Return what noise the gains behind other filters may make, over what is accepted.
+
+    Parameters
+    ----------
+    alone : float
+        That of the best gains behind the flown filters, over what is accepted.
+
+    Returns
+    -------
+    float
+        No more than those make, unless nobody hears it; less where they make too much.
+    """
+    return max(alone if alone <= 1.0 else max(_QUIETER * alone, 1.0), _UNHEARD)
 
 
 class Filterable(Protocol):
@@ -62,7 +82,11 @@ class Changes(NamedTuple):
     def of(self, axis: str, parameters: Mapping[str, float]) -> dict[str, GainChange]:
         """Return the changes of one axis by parameter; NaN for one that the log does not hold."""
         both = {**self.shared, **self.own.get(axis, {})}
-        return {name: GainChange(parameters.get(name, math.nan), value, value) for name, value in both.items()}
+        return {
+            name: GainChange(parameters.get(name, math.nan), value, value)
+            for name, value in both.items()
+            if parameters.get(name) != value
+        }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,8 +149,9 @@ class _Design:
             state = self._chosen(state, self._notched(state))
             for cutoffs in self._choices.shared:
                 state = self._chosen(state, self._scaled(state, cutoffs, _SCALES))
-            # A notch may let a low-pass be opened, which makes it worth its phase: both in one.
-            state = self._chosen(state, self._notched_and_scaled(begin))
+            if not any(notches.keys() <= state.shared.keys() for notches in self._choices.notches):
+                # A notch may let a low-pass be opened, which makes it worth its phase: both in one.
+                state = self._chosen(state, self._notched_and_scaled(begin))
         for axis in self._axes:
             for cutoffs in self._choices.own.get(axis, ()):
                 state = self._chosen(state, self._scaled(state, cutoffs, _SCALES, axis))
@@ -158,7 +183,7 @@ class _Design:
     def _scaled(
         self, state: _State, cutoffs: Cutoffs, scales: Sequence[float], axis: str = ""
     ) -> Iterator[_State | None]:
-        """Yield the state with cut-offs times each scale, of all axes or of one."""
+        """Yield the state with cut-offs times each scale but one, of all axes or of one."""
         before = state.own.get(axis, {}) if axis else state.shared
         for scale in scales:
             changed = {name: self._scaled_hz(name, ends, scale, before) for name, ends in cutoffs.items()}
@@ -188,7 +213,7 @@ class _Design:
                 found[axis] = self._base_told(axis)
                 continue
             search = self._axes[axis].filtered(filters)
-            if search is None or any(search.passes(line_hz) > _AT_LINES for line_hz in self._still_hz):
+            if search is None or any(_raises(search, line_hz) for line_hz in self._still_hz):
                 return None
             found[axis] = search.quick(state.found[axis].factors)
         return replace(state, found=found)
@@ -221,11 +246,11 @@ class _Design:
         states = [now, *(one for one in others if one is not None)]
         totals = [self._total(one) for one in states]
         near = [
-            one for one, total in zip(states, totals, strict=True) if total <= min(totals) + _NO_DIFFERENCE
+            one for one, total in zip(states, totals, strict=True) if total <= min(totals) + _NO_DIFFERENCE * len(now.found)
         ]
         best = min(near, key=self._noise)
         # No setting is changed for nothing.
-        return now if now in near and self._noise(now) <= self._noise(best) + _NO_DIFFERENCE else best
+        return now if now in near and self._noise(now) <= self._noise(best) + _NO_DIFFERENCE * len(now.found) else best
 
     def _worth(self, begin: _State, state: _State) -> Changes | None:
         """Return the changes where one axis gains by a tenth and none loses."""
@@ -246,3 +271,9 @@ class _Design:
             cost={axis: new.cost / old.cost for axis, new, old in both},
             noise={axis: new.noise / old.noise for axis, new, old in both},
         )
+
+
+def _raises(search: SeparateGains, line_hz: float) -> bool:
+    """Tell whether filters raise the loop at a line that may be a mode of the frame, and could close it."""
+    more, loop = search.passes(line_hz)
+    return more > _AT_LINES and loop * _MODE_PEAK > 1.0

@@ -36,9 +36,10 @@ def filter_findings(axis: str, filters: Mapping[str, GainChange], chosen: Change
     opened = {name: one for name, one in cutoffs.items() if one.next > one.now}
     closed = {name: one for name, one in cutoffs.items() if one.next < one.now}
     notches = {name: one.next for name, one in filters.items() if name not in cutoffs}
-    if opened:
+    # Both ways at once is neither too much nor too little.
+    if opened and not closed:
         found.append(finding("QL671", "info", _hertz(opened), axes=(axis,), title=_title("much", opened, axis)))
-    if closed:
+    if closed and not opened and chosen.noise[axis] < 1.0:
         found.append(finding("QL672", "info", _hertz(closed), axes=(axis,), title=_title("little", closed, axis)))
     if notches:
         found.append(finding("QL673", "info", {"settings": notches}, axes=(axis,)))

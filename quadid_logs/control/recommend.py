@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.control.filter_design import Changes, design_filters
+from quadid_logs.control.filter_design import Changes, design_filters, most_noise
 from quadid_logs.control.filter_findings import filter_findings
 from quadid_logs.control.guard import Case, obstacles
 from quadid_logs.control.loop import rate_loop
@@ -253,7 +253,12 @@ class _Search:
     def filtered(self, filters: Mapping[str, float]) -> SeparateGains | None:
         """Return the search for gains one by one behind other filters."""
         best = self.best()
-        return None if best is None else best[0].behind(filters, 1.0 / self._case.data.sample_period_s)
+        if best is None:
+            return None
+        search, factors = best
+        told = search.told_of(factors).noise
+        most = most_noise(told * self.too_noisy) / self.too_noisy if self.too_noisy > 0.0 else 1.0
+        return search.behind(filters, 1.0 / self._case.data.sample_period_s, most)
 
     def is_kept(self) -> bool:
         """Tell whether the worst of the vehicles that the next flight allows keeps the limits as flown."""

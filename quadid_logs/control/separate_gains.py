@@ -223,7 +223,9 @@ class SeparateGains:
         self._flown_hz = float(self._attitude(flown_loop).bandwidth_hz[0])
         self._flown_error_rad = float(self._gusts.attitude_rad(flown_loop.whole)[0])
 
-    def behind(self, filters: Mapping[str, float], log_hz: float) -> SeparateGains | None:
+    def behind(
+        self, filters: Mapping[str, float], log_hz: float, most_noise: float
+    ) -> SeparateGains | None:
         """Return the search behind other filters; what is better or noisier is still told of what flew.
 
         Parameters
@@ -232,6 +234,9 @@ class SeparateGains:
             By parameter.
         log_hz : float
             Rate of the rows that show the noise: what they may hide counts as its worst.
+        most_noise : float
+            Noise of the command that is allowed, over that as flown; where the log does not tell it, none of its
+            frequencies may pass more than as flown.
 
         Returns
         -------
@@ -250,7 +255,7 @@ class SeparateGains:
             return None
         other = copy(self)
         other._paths, other._rebuild, other._is_refiltered = paths, filtered, True
-        other._decisive, other._noise = self._decisive.copy(), self._noise.logged_at(log_hz)
+        other._decisive, other._noise = self._decisive.copy(), self._noise.behind(log_hz, most_noise)
         return other
 
     def target(self, common: float) -> dict[str, float]:
@@ -519,8 +524,8 @@ class SeparateGains:
         missing = float(np.sum(np.maximum(-kept[0] - _ROUNDING, 0.0)))
         return Quick(dict(factors), float(np.exp(error[0]) / self._flown_error_rad), float(noise), missing)
 
-    def passes(self, frequency_hz: float) -> float:
-        """Return the gain from gyro to command at a frequency over that as flown, with the flown gains.
+    def passes(self, frequency_hz: float) -> tuple[float, float]:
+        """Return the gain from gyro to command at a frequency over that as flown, and the gain of the loop.
 
         Parameters
         ----------
@@ -528,12 +533,14 @@ class SeparateGains:
 
         Returns
         -------
-        float
-            What the filters alone make of it.
+        tuple of float
+            Both with the flown gains: what the filters alone make of it.
         """
         back, by_angle, _ = self._paths.at(_sets(self._flown))[0]
-        ratio = np.abs(back + by_angle) / np.abs(self._flown_whole)
-        return float(np.interp(frequency_hz, self._loops.frequency_hz, ratio))
+        answer = np.abs(back + by_angle)
+        both = (answer / np.abs(self._flown_whole), answer * np.abs(self._few.body[0]))
+        more, loop = (float(np.interp(frequency_hz, self._loops.frequency_hz, one)) for one in both)
+        return more, loop
 
     def in_reach(self, common: float) -> float:
         """Return the `cost` of the best gains if the vehicle were known to be the estimate.
@@ -662,13 +669,15 @@ class _Noise:
         self._frequency_hz = loops.frequency_hz
         self._above = self._frequency_hz >= lowest_noise_hz(disturbed.crossover_hz)
         self._power = _power_over(self._frequency_hz, disturbed)
-        self._most = disturbed.most_noise
         self._aliases: list[IntArray] = []
+        now = 0.0 if self._power is None else float(np.sqrt(np.sum(self._power)))
+        #: Of the noise as flown.
+        self._most_ratio = max(disturbed.most_noise / now, 1.0) if now > 0.0 else 1.0
 
-    def logged_at(self, log_hz: float) -> _Noise:
+    def behind(self, log_hz: float, most: float) -> _Noise:
         """Return the noise for other filters: what rows of this rate may hide counts as its worst."""
         other = copy(self)
-        other._aliases = _aliases(self._frequency_hz, log_hz)
+        other._aliases, other._most_ratio = _aliases(self._frequency_hz, log_hz), most
         return other
 
     def ratio(self, loop: _Loop) -> FloatArray:
@@ -688,11 +697,7 @@ class _Noise:
 
         Shape (n_sets,).
         """
-        ratio = self.ratio(loop)
-        if self._power is None:
-            return ratio - 1.0
-        now = float(np.sqrt(np.sum(self._power)))
-        return np.asarray(ratio * now / max(self._most, now) - 1.0)
+        return np.asarray(self.ratio(loop) / (1.0 if self._power is None else self._most_ratio) - 1.0)
 
 
 def _aliases(frequency_hz: FloatArray, log_hz: float) -> list[IntArray]:
