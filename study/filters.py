@@ -23,7 +23,7 @@ from quadid_logs import analyze
 from quadid_logs.arrays import FloatArray
 from quadid_logs.autopilots.ardupilot.controller import AXIS_NAMES
 from quadid_logs.control.loop import close
-from quadid_logs.control.scaled_loop import scaled_loops, spare
+from quadid_logs.control.scaled_loop import ScaledLoops, scaled_loops, spare
 from quadid_logs.data.tuning import GOOD
 from quadid_logs.simulate import Scenario, fly, manoeuvres, plan_flights
 from quadid_logs.simulate.closed_loop import Noise, Setup, final_gains
@@ -129,10 +129,15 @@ def _setup(scenario: Scenario, flown: Flown, seed: int, single: FloatArray | Non
     return setup
 
 
+def true_loops(setup: Setup, axis: int) -> ScaledLoops:
+    """Return the loops of the true vehicle with what it is set to."""
+    plant = true_plant(setup, resting_truth(setup), axis)
+    return scaled_loops(true_controller(setup, axis, rotors_hz(setup)), plant, np.inf)
+
+
 def _spare(setup: Setup, axis: int) -> float:
     """Return the worst of the true margins over its limit."""
-    plant = true_plant(setup, resting_truth(setup), axis)
-    return spare(scaled_loops(true_controller(setup, axis, rotors_hz(setup)), plant, np.inf).margins(), GOOD)
+    return spare(true_loops(setup, axis).margins(), GOOD)
 
 
 def rotors_hz(setup: Setup) -> float:

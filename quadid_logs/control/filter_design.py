@@ -10,12 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 
 from quadid_logs.control.separate_gains import Quick, SeparateGains
-from quadid_logs.data.tuning import Cutoffs, FilterChoices, GainChange, written_hz
+from quadid_logs.data.tuning import Cutoffs, FilterChoices, FilterTrial, GainChange, written_hz
 
 #: In one flight a cut-off is halved or doubled at most: as far as gains go, and half or twice the filter's delay.
 _SCALES: Final = (0.5, 0.7, 1.41, 2.0)
@@ -71,13 +72,15 @@ class Filterable(Protocol):
 class Changes(NamedTuple):
     """Parameters of filters for the next flight, those of all axes and those of each, and what they bring.
 
-    ``cost`` and ``noise`` are by axis, over those of the best gains behind the flown filters.
+    ``cost`` and ``noise`` are by axis, over those of the best gains behind the flown filters; ``trials`` what was
+    looked at.
     """
 
     shared: Mapping[str, float]
     own: Mapping[str, Mapping[str, float]]
     cost: Mapping[str, float]
     noise: Mapping[str, float]
+    trials: Mapping[str, tuple[FilterTrial, ...]] = MappingProxyType({})
 
     def of(self, axis: str, parameters: Mapping[str, float]) -> dict[str, GainChange]:
         """Return the changes of one axis by parameter; NaN for one that the log does not hold."""
@@ -138,6 +141,7 @@ class _Design:
     ) -> None:
         self._axes, self._choices, self._parameters = axes, choices, parameters
         self._still_hz = still_hz
+        self._trials: dict[str, list[FilterTrial]] = {axis: [] for axis in axes}
 
     def found(self, *, shared: bool) -> Changes | None:
         """Return the settings, in the order in which they matter: notches, low-passes of all, of each axis."""
@@ -216,7 +220,25 @@ class _Design:
             if search is None or any(_raises(search, line_hz) for line_hz in self._still_hz):
                 return None
             found[axis] = search.quick(state.found[axis].factors)
+            if found[axis].missing == 0.0:
+                self._trials[axis].append(self._trial(axis, found[axis], search.phase_lost_deg()))
         return replace(state, found=found)
+
+    def _trial(self, axis: str, found: Quick, phase_deg: float) -> FilterTrial:
+        return FilterTrial(phase_deg, found.noise * self._axes[axis].too_noisy, found.cost)
+
+    def _all_trials(self, begin: _State, state: _State) -> dict[str, tuple[FilterTrial, ...]]:
+        """Return what was looked at, the flown setting first and the chosen one last."""
+        told = {}
+        for axis, one in self._axes.items():
+            chosen = one.filtered({**state.shared, **state.own.get(axis, {})})
+            if chosen is not None and math.isfinite(one.too_noisy):
+                ends = (
+                    self._trial(axis, begin.found[axis], 0.0),
+                    self._trial(axis, state.found[axis], chosen.phase_lost_deg()),
+                )
+                told[axis] = (ends[0], *self._trials[axis], ends[1])
+        return told
 
     def _base_told(self, axis: str) -> Quick:
         best = self._axes[axis].best()
@@ -270,6 +292,7 @@ class _Design:
             own={axis: one for axis, one in state.own.items() if one},
             cost={axis: new.cost / old.cost for axis, new, old in both},
             noise={axis: new.noise / old.noise for axis, new, old in both},
+            trials=self._all_trials(begin, state),
         )
 
 

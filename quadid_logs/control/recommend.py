@@ -459,7 +459,8 @@ class _Search:
         reasons = filter_findings(self._case.axis, filters, chosen)
         if any(one.next != one.target for one in step.gains.values()):
             reasons.append(_found("QL633", self._case, {}))
-        return replace(self._described("change", tuple(reasons), step), filters=filters)
+        described = self._described("change", tuple(reasons), step)
+        return replace(described, filters=filters, filter_trials=chosen.trials.get(self._case.axis, ()))
 
     def _separate(self) -> SeparateGains | None:
         """Return the search for gains one by one; None where there is none, or the mixer holds all gains."""

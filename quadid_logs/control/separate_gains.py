@@ -524,6 +524,12 @@ class SeparateGains:
         missing = float(np.sum(np.maximum(-kept[0] - _ROUNDING, 0.0)))
         return Quick(dict(factors), float(np.exp(error[0]) / self._flown_error_rad), float(noise), missing)
 
+    def phase_lost_deg(self) -> float:
+        """Return the phase that other filters lose at the flown crossover, less that of the flown ones [deg]."""
+        back, by_angle, _ = self._paths.at(_sets(self._flown))[0]
+        place = int(np.argmax(self._above))
+        return -float(np.degrees(np.angle((back + by_angle)[place] / self._flown_whole[place])))
+
     def passes(self, frequency_hz: float) -> tuple[float, float]:
         """Return the gain from gyro to command at a frequency over that as flown, and the gain of the loop.
 

@@ -173,6 +173,24 @@ class GainChange(NamedTuple):
     target: float
 
 
+class FilterTrial(NamedTuple):
+    """A setting of the filters with the best gains behind it.
+
+    Attributes
+    ----------
+    phase_deg : float
+        That its filters lose at the flown crossover, less what those lose that flew [deg].
+    noise : float
+        Of the command, over what is accepted.
+    attitude_error : float
+        Of gusts, over that of the flown gains and filters.
+    """
+
+    phase_deg: float
+    noise: float
+    attitude_error: float
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class AxisTuning:
     """What is recommended for one axis.
@@ -186,6 +204,8 @@ class AxisTuning:
         By parameter; empty where the axis is refused.
     filters : mapping of str to GainChange
         Parameters of filters that change with the gains; those that all axes share stand in each of them.
+    filter_trials : tuple of FilterTrial
+        Settings that were looked at where filters change: the flown one first, the chosen one last.
     now, next : LoopMargins or None
         As flown, and as promised for the next flight, from the values in the file.
     step_now, step_next : Step or None
@@ -205,6 +225,7 @@ class AxisTuning:
     reasons: tuple[Finding, ...]
     gains: Mapping[str, GainChange] = field(default_factory=dict)
     filters: Mapping[str, GainChange] = field(default_factory=dict)
+    filter_trials: tuple[FilterTrial, ...] = ()
     now: LoopMargins | None = None
     next: LoopMargins | None = None
     step_now: Step | None = None
