@@ -45,7 +45,7 @@ def recommend(
     axes: Sequence[str] = AXES,
     *,
     apart: bool = True,
-    filters: bool = True,
+    filters: bool = False,
 ) -> Tuning:
     """Recommend the gains and filters of the next flight, axis by axis, or say why not.
 
@@ -60,6 +60,8 @@ def recommend(
     apart : bool
         P, I, D and the angle gain each by itself where that rejects gusts better, not by one factor on P, I
         and D alone.
+    filters : bool
+        Filters are changed with the gains, where that leaves less of gusts or less noise; not without ``apart``.
 
     Returns
     -------

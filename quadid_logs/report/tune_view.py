@@ -414,7 +414,8 @@ def tune_again(result: Result, tuning: Tuning) -> str:
         ("--phase-margin-deg", limits.phase_deg, GOOD.phase_deg),
     )
     words = [(name, f"{value:g}") for name, value, default in wanted if value != default]
-    return on_next_log(result, "tune", *(word for pair in words for word in pair))
+    filters = ["--filters"] if any(found.filters for found in tuning.axes.values()) else []
+    return on_next_log(result, "tune", *filters, *(word for pair in words for word in pair))
 
 
 def _steps_to_advice(result: Result, tuning: Tuning) -> Iterator[str]:

@@ -46,7 +46,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Result:
 
 @pytest.fixture(scope="module")
 def tuned(flown: Result) -> Tuning:
-    return recommend(flown)
+    return recommend(flown, filters=True)
 
 
 def test_a_notch_at_a_wrong_place_is_moved_to_the_line(tuned: Tuning) -> None:
@@ -72,19 +72,19 @@ def test_margins_promised_behind_other_filters_are_those_of_the_true_loop(tuned:
 def test_filters_and_gains_together_leave_less_of_gusts_and_no_more_noise_than_gains_alone(
     flown: Result, tuned: Tuning
 ) -> None:
-    alone = recommend(flown, filters=False)
+    alone = recommend(flown)
     for axis, one in tuned.axes.items():
         assert one.attitude_error < alone.axes[axis].attitude_error
         assert one.torque_noise_next < alone.axes[axis].torque_noise_next
 
 
 def test_filters_of_all_axes_stay_where_an_axis_is_not_asked_for(flown: Result) -> None:
-    for one in recommend(flown, axes=("roll",)).axes.values():
+    for one in recommend(flown, axes=("roll",), filters=True).axes.values():
         assert all(name.startswith("ATC_RAT_RLL_") for name in one.filters)
 
 
 def test_one_factor_changes_no_filters(flown: Result) -> None:
-    assert not any(one.filters for one in recommend(flown, apart=False).axes.values())
+    assert not any(one.filters for one in recommend(flown, apart=False, filters=True).axes.values())
 
 
 def test_files_hold_each_filter_once_and_its_way_back(flown: Result, tuned: Tuning) -> None:
