@@ -177,11 +177,7 @@ def _filter_wishes(result: Result, parameters: Mapping[str, float]) -> FilterWis
     noise = None if result.health is None else result.health.noise
     # A line that may stand elsewhere in truth is no place for a notch.
     lines = () if noise is None or noise.may_be_folded else tuple(chain.from_iterable(noise.lines.values()))
-    still = (
-        one.frequency_hz
-        for one in lines
-        if one.source in (LineSource.FIXED, LineSource.UNKNOWN)
-    )
+    still = (one.frequency_hz for one in lines if one.source in (LineSource.FIXED, LineSource.UNKNOWN))
     choices = named(result.log.autopilot).filter_choices(result.log, parameters, lines)
     return FilterWishes(choices, tuple(still))
 

@@ -123,9 +123,7 @@ def _setup(scenario: Scenario, flown: Flown, seed: int, single: FloatArray | Non
     rows = tuple((roll, pitch, yaw) for roll, pitch, yaw in single.tolist())
     tuning = Gains(single_gain=rows, axis_derivative_hz=flown.derivative_hz, notch=flown.notch)
     tuned = dataclasses.replace(scenario, tuning=tuning, gyro_filter_hz=flown.gyro_hz)
-    (setup,) = plan_flights(
-        tuned, seed=seed, duration_s=_DURATION_S, rate_hz=_RATE_HZ, autopilot="ardupilot"
-    )
+    (setup,) = plan_flights(tuned, seed=seed, duration_s=_DURATION_S, rate_hz=_RATE_HZ, autopilot="ardupilot")
     return setup
 
 
@@ -181,7 +179,10 @@ def _noise(setup: Setup, controller: Any, plant: Any) -> float:
     rotor_hz = rotors_hz(setup)
     # What the sampler folds.
     rotor_hz = abs(rotor_hz - setup.loop_hz * round(rotor_hz / setup.loop_hz))
-    lines = ((rotor_hz, setup.noise.rotor_line_rad_s), (setup.noise.frame_line_hz, setup.noise.frame_line_rad_s))
+    lines = (
+        (rotor_hz, setup.noise.rotor_line_rad_s),
+        (setup.noise.frame_line_hz, setup.noise.frame_line_rad_s),
+    )
     power += sum(float(gain(np.array([at_hz]))[0]) * rms**2 for at_hz, rms in lines)
     return math.sqrt(power)
 
@@ -222,7 +223,11 @@ def measure(seed: int, number: int) -> dict[str, Any]:
                 steps.append(judged(_setup(scenario, flown, 0)))
             if len(steps) > _N_CHANGES:
                 break
-        told[way] = {"steps": steps, "reasons": reasons, "settings": [flown.gyro_hz, flown.derivative_hz, flown.notch]}
+        told[way] = {
+            "steps": steps,
+            "reasons": reasons,
+            "settings": [flown.gyro_hz, flown.derivative_hz, flown.notch],
+        }
     return told
 
 
@@ -236,7 +241,9 @@ def loaded(flown: Flown, values: Mapping[str, float]) -> Flown:
     gains = flown.gains.copy()
     derivative_hz = list(flown.derivative_hz)
     for axis, name in enumerate(AXIS_NAMES.values()):
-        for row, parameter in enumerate((*(f"ATC_RAT_{name}_{short}" for short in "PID"), f"ATC_ANG_{name}_P")):
+        for row, parameter in enumerate(
+            (*(f"ATC_RAT_{name}_{short}" for short in "PID"), f"ATC_ANG_{name}_P")
+        ):
             gains[row, axis] = values.get(parameter, gains[row, axis])
         derivative_hz[axis] = values.get(f"ATC_RAT_{name}_FLTD", derivative_hz[axis])
     roll, pitch, yaw = derivative_hz
@@ -267,10 +274,12 @@ def table(vehicles: list[dict[str, Any]]) -> Iterator[str]:
         some = [one for one in good if kind in ("all", one["kind"])]
         if not some:
             continue
-        pairs = [(one["filters"]["steps"][-1][axis], one["gains"]["steps"][-1][axis]) for one in some for axis in AXES]
-        gusts, noise = (
-            [new[name] / old[name] for new, old in pairs] for name in ("gusts_rad", "noise")
-        )
+        pairs = [
+            (one["filters"]["steps"][-1][axis], one["gains"]["steps"][-1][axis])
+            for one in some
+            for axis in AXES
+        ]
+        gusts, noise = ([new[name] / old[name] for new, old in pairs] for name in ("gusts_rad", "noise"))
         kept = np.mean([new["spare"] >= min(0.95, old["spare"]) for new, old in pairs])
         yield (
             f"| {kind} | {len(some)} | {np.median(gusts):.2f} ({min(gusts):.2f} to {max(gusts):.2f}) | "
@@ -285,7 +294,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Filters and gains together, against gains alone.")
     parser.add_argument("--vehicles", type=int, default=4, help="how many vehicles (default 4)")
     parser.add_argument("--seed", type=int, default=1, help="another seed draws other vehicles (default 1)")
-    parser.add_argument("--output", type=Path, default=ROOT / "build" / "filters", help="default build/filters")
+    parser.add_argument(
+        "--output", type=Path, default=ROOT / "build" / "filters", help="default build/filters"
+    )
     parser.add_argument("--publish", action="store_true", help="write docs/tuning/filters.md from the result")
     options = parser.parse_args()
     options.output.mkdir(parents=True, exist_ok=True)

@@ -39,7 +39,11 @@ def true_controller(setup: Setup, axis: int, rotors_hz: float = 0.0) -> AxisCont
         error=(error + slope) * first_order(tuning.error_hz, period_s) if ardupilot else error,
         target=first_order(tuning.target_hz, period_s) if ardupilot else unit(period_s),
         rate=None if ardupilot else slope,
-        gyro=(*_flexible_mode(setup), *_notches(setup, rotors_hz), butterworth(setup.gyro_filter_hz, period_s)),
+        gyro=(
+            *_flexible_mode(setup),
+            *_notches(setup, rotors_hz),
+            butterworth(setup.gyro_filter_hz, period_s),
+        ),
         angle_gain_per_s=float(gains.attitude[axis]),
     )
 

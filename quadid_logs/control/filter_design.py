@@ -204,7 +204,10 @@ class _Design:
     ) -> float:
         """Return a cut-off times a scale, within the firmware's range and half to twice the flown one."""
         flown = self._parameters[name]
-        low, high = max(min(ends[0], flown), _SCALES[0] * flown), min(max(ends[1], flown), _SCALES[-1] * flown)
+        low, high = (
+            max(min(ends[0], flown), _SCALES[0] * flown),
+            min(max(ends[1], flown), _SCALES[-1] * flown),
+        )
         wanted = float(np.clip(scale * before.get(name, flown), low, high))
         return flown if abs(wanted / flown - 1.0) < _NO_WORSE else written_hz(wanted)
 
@@ -257,7 +260,8 @@ class _Design:
     def _noise(self, state: _State) -> float:
         """Return the logarithm of the noise of all commands, none of them below what nobody hears."""
         told = (
-            found.noise if math.isnan(self._axes[axis].too_noisy)
+            found.noise
+            if math.isnan(self._axes[axis].too_noisy)
             else max(found.noise * self._axes[axis].too_noisy, _UNHEARD)
             for axis, found in state.found.items()
         )
@@ -268,11 +272,17 @@ class _Design:
         states = [now, *(one for one in others if one is not None)]
         totals = [self._total(one) for one in states]
         near = [
-            one for one, total in zip(states, totals, strict=True) if total <= min(totals) + _NO_DIFFERENCE * len(now.found)
+            one
+            for one, total in zip(states, totals, strict=True)
+            if total <= min(totals) + _NO_DIFFERENCE * len(now.found)
         ]
         best = min(near, key=self._noise)
         # No setting is changed for nothing.
-        return now if now in near and self._noise(now) <= self._noise(best) + _NO_DIFFERENCE * len(now.found) else best
+        return (
+            now
+            if now in near and self._noise(now) <= self._noise(best) + _NO_DIFFERENCE * len(now.found)
+            else best
+        )
 
     def _worth(self, begin: _State, state: _State) -> Changes | None:
         """Return the changes where one axis gains by a tenth and none loses."""

@@ -38,9 +38,13 @@ def filter_findings(axis: str, filters: Mapping[str, GainChange], chosen: Change
     notches = {name: one.next for name, one in filters.items() if name not in cutoffs}
     # Both ways at once is neither too much nor too little.
     if opened and not closed:
-        found.append(finding("QL671", "info", _hertz(opened), axes=(axis,), title=_title("much", opened, axis)))
+        found.append(
+            finding("QL671", "info", _hertz(opened), axes=(axis,), title=_title("much", opened, axis))
+        )
     if closed and not opened and chosen.noise[axis] < 1.0:
-        found.append(finding("QL672", "info", _hertz(closed), axes=(axis,), title=_title("little", closed, axis)))
+        found.append(
+            finding("QL672", "info", _hertz(closed), axes=(axis,), title=_title("little", closed, axis))
+        )
     if notches:
         found.append(finding("QL673", "info", {"settings": notches}, axes=(axis,)))
     return found
@@ -48,7 +52,9 @@ def filter_findings(axis: str, filters: Mapping[str, GainChange], chosen: Change
 
 def _is_cutoff(name: str, change: GainChange) -> bool:
     """Tell a cut-off from a notch's setting: low-passes are on before and after, and go by one number."""
-    return math.isfinite(change.now) and not any(part in name.lower() for part in ("hnt", "nf", "notch", "rpm"))
+    return math.isfinite(change.now) and not any(
+        part in name.lower() for part in ("hnt", "nf", "notch", "rpm")
+    )
 
 
 def _hertz(changes: Mapping[str, GainChange]) -> dict[str, object]:

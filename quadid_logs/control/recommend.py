@@ -146,13 +146,17 @@ def _refused(case: Case) -> AxisTuning:
     return AxisTuning(verdict="refused", reasons=tuple(obstacles(case)), now=margins)
 
 
-def _searched(
-    axis: Axis, limits: Limits, *, apart: bool
-) -> tuple[_Search, Callable[[], _Search]] | None:
+def _searched(axis: Axis, limits: Limits, *, apart: bool) -> tuple[_Search, Callable[[], _Search]] | None:
     """Return the search of an axis, with and without modes that are merely possible; None where it is refused."""
     case, model, rebuild = axis
     found, plants, controller = case.found, case.plants, case.controller
-    if any(True for _ in obstacles(case)) or model is None or found is None or plants is None or controller is None:
+    if (
+        any(True for _ in obstacles(case))
+        or model is None
+        or found is None
+        or plants is None
+        or controller is None
+    ):
         return None
     following = of_next_flight(plants)
     loops = scaled_loops(controller, following, found.known_hz)

@@ -223,9 +223,7 @@ class SeparateGains:
         self._flown_hz = float(self._attitude(flown_loop).bandwidth_hz[0])
         self._flown_error_rad = float(self._gusts.attitude_rad(flown_loop.whole)[0])
 
-    def behind(
-        self, filters: Mapping[str, float], log_hz: float, most_noise: float
-    ) -> SeparateGains | None:
+    def behind(self, filters: Mapping[str, float], log_hz: float, most_noise: float) -> SeparateGains | None:
         """Return the search behind other filters; what is better or noisier is still told of what flew.
 
         Parameters
@@ -583,7 +581,8 @@ class SeparateGains:
         """
         back, by_angle, _ = self._paths.at(factors)
         flown, other = (
-            self._gusts.attitude_rad(self._few.body * answer) for answer in (self._flown_whole, back + by_angle)
+            self._gusts.attitude_rad(self._few.body * answer)
+            for answer in (self._flown_whole, back + by_angle)
         )
         return float(np.quantile(other / flown, _WORST))
 
@@ -718,7 +717,9 @@ def _aliases(frequency_hz: FloatArray, log_hz: float) -> list[IntArray]:
         for alias_hz in (multiple * log_hz - frequency_hz, multiple * log_hz + frequency_hz):
             seen = (frequency_hz <= 0.5 * log_hz) & (alias_hz > 0.5 * log_hz) & (alias_hz <= highest_hz)
             places = np.searchsorted(frequency_hz, np.minimum(alias_hz, highest_hz))
-            found.append(np.where(seen, np.minimum(places, frequency_hz.size - 1), np.arange(frequency_hz.size)))
+            found.append(
+                np.where(seen, np.minimum(places, frequency_hz.size - 1), np.arange(frequency_hz.size))
+            )
     return found
 
 

@@ -58,7 +58,8 @@ def filter_picture(axis: str, found: AxisTuning) -> FilterPicture | None:
     return FilterPicture(
         axis=axis,
         points=tuple(
-            (name, float(across), float(up), sizes[name]) for name, across, up in zip(names, x, y, strict=True)
+            (name, float(across), float(up), sizes[name])
+            for name, across, up in zip(names, x, y, strict=True)
         ),
         across=tuple((float(x[place]), f"{number(phase[place], 2)}°") for place in ends_x),
         up=tuple((float(y[place]), f"{number(noise[place], 2)} %") for place in ends_y),

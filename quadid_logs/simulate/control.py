@@ -282,7 +282,9 @@ def px4_rate_law(
     At the allocator's limits errors that would push further are not learned from.
     """
     error = setpoint - rate
-    slope = before.slope + gains.derivative_weight[axis] * ((rate - before.rate) / gains.step_s - before.slope)
+    slope = before.slope + gains.derivative_weight[axis] * (
+        (rate - before.rate) / gains.step_s - before.slope
+    )
     proportional, derivative = gains.proportional[axis] * error, -gains.derivative[axis] * slope
     integral = before.learned
     pushes = 1.0 * (error * (proportional + integral + derivative) > 0.0)

@@ -111,7 +111,13 @@ def test_the_page_shows_where_the_filters_stand(flown: Result, tuned: Tuning) ->
 
 def _line(frequency_hz: float, source: LineSource = LineSource.FIXED, harmonic: int = 0) -> Line:
     return Line(
-        frequency_hz=frequency_hz, height_db=20.0, p_value=1e-6, share=1.0, rms=0.1, source=source, harmonic=harmonic
+        frequency_hz=frequency_hz,
+        height_db=20.0,
+        p_value=1e-6,
+        share=1.0,
+        rms=0.1,
+        source=source,
+        harmonic=harmonic,
     )
 
 
@@ -161,7 +167,12 @@ def test_a_notch_that_follows_rotors_is_set_to_follow_the_speeds_that_the_log_ho
 
 
 def test_a_notch_on_nothing_is_switched_off_and_the_other_is_put_on_the_line() -> None:
-    flown = {"IMU_GYRO_NF0_FRQ": 40.0, "IMU_GYRO_NF0_BW": 10.0, "IMU_GYRO_NF1_FRQ": 0.0, "IMU_GYRO_NF1_BW": 20.0}
+    flown = {
+        "IMU_GYRO_NF0_FRQ": 40.0,
+        "IMU_GYRO_NF0_BW": 10.0,
+        "IMU_GYRO_NF1_FRQ": 0.0,
+        "IMU_GYRO_NF1_BW": 20.0,
+    }
     off, moved = _choices("px4", flown, _line(80.0)).notches
     assert off == {"IMU_GYRO_NF0_FRQ": 0.0}
     assert moved == {"IMU_GYRO_NF0_FRQ": 80.0, "IMU_GYRO_NF0_BW": 20.0}

@@ -85,15 +85,15 @@ def _notches(
         yield off
     free = [name for name in available if name not in used or name in idle]
     covered = [name for name in used if name in placed and name not in idle]
-    missing = [one for one in _wanted(log, parameters, lines) if not _is_covered(one, parameters, covered, placed)]
+    missing = [
+        one for one in _wanted(log, parameters, lines) if not _is_covered(one, parameters, covered, placed)
+    ]
     # The log tells where a notch stood that moved: such a set is not set to something else.
     usable = [name for name in free if name in _SETS and CENTRES[_SETS.index(name)] not in log.followed]
     chosen = dict(zip(usable, missing, strict=False))
     if chosen:
         on = {
-            f"{name}_{short}": value
-            for name, setting in chosen.items()
-            for short, value in setting.items()
+            f"{name}_{short}": value for name, setting in chosen.items() for short, value in setting.items()
         }
         yield off | on
 
@@ -133,7 +133,9 @@ def _wanted(
     hover = parameters.get("MOT_THST_HOVER", 0.0)
     if lines.harmonics and rotors_hz is not None:
         mean_hz = rotors_hz.mean(axis=1)
-        lowest_hz = _BELOW * float(np.quantile(mean_hz[mean_hz > 0.0], _SLOWEST)) if (mean_hz > 0.0).any() else 0.0
+        lowest_hz = (
+            _BELOW * float(np.quantile(mean_hz[mean_hz > 0.0], _SLOWEST)) if (mean_hz > 0.0).any() else 0.0
+        )
         mask = sum(1 << (harmonic - 1) for harmonic in lines.harmonics)
         yield from _setting(lowest_hz, _WIDTH_MOVING, _ESC, 1.0, mask)
     elif lines.by_throttle_hz and 0.0 < hover < 1.0:

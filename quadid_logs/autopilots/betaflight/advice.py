@@ -156,7 +156,8 @@ class BetaflightAdvice(Advice):
         if not back:
             return tuple(("sliders would set these values anew", name, _SLIDER_MODES[0]) for name in used)
         return tuple(
-            ("as flown", name, _SLIDER_MODES[mode] if name == SLIDERS else "ON") for name, mode in used.items()
+            ("as flown", name, _SLIDER_MODES[mode] if name == SLIDERS else "ON")
+            for name, mode in used.items()
         )
 
 

@@ -72,7 +72,12 @@ def _notches(
         on[f"{name}_FRQ"] = written_hz(line_hz)
         on[f"{name}_BW"] = written_hz(min(_WIDTH * line_hz, _WIDEST_HZ))
     enabled = whole_number(parameters.get("IMU_GYRO_DNF_EN"))
-    if lines.harmonics and ROTORS in log.followed and "IMU_GYRO_DNF_EN" in parameters and not enabled & _BY_ROTORS:
+    if (
+        lines.harmonics
+        and ROTORS in log.followed
+        and "IMU_GYRO_DNF_EN" in parameters
+        and not enabled & _BY_ROTORS
+    ):
         on["IMU_GYRO_DNF_EN"] = float(enabled | _BY_ROTORS)
         on["IMU_GYRO_DNF_HMC"] = float(min(max(lines.harmonics), _MOST_HARMONICS))
     if on:
