@@ -61,7 +61,8 @@ def recommend(
         P, I, D and the angle gain each by itself where that rejects gusts better, not by one factor on P, I
         and D alone.
     filters : bool
-        Filters are changed with the gains, where that leaves less of gusts or less noise; not without ``apart``.
+        Filters are changed with the gains, where that leaves less of gusts or less noise; not without
+        ``apart``.
 
     Returns
     -------

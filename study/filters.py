@@ -1,9 +1,9 @@
 """Filters and gains together, and gains alone: `python study/filters.py`.
 
-Vehicles whose filters are bad in one of four ways (too much, too little, a notch at a wrong place, none at all)
-are flown with rotors that shake the gyro and a part of the frame that rings, and tuned from their logs at most
-three times, with `tune` as it is and with filters left as they flew. What gusts leave of the attitude, and what
-noise makes of the command, is that of the true loop.
+Vehicles whose filters are bad in one of four ways (too much, too little, a notch at a wrong place, none at
+all) are flown with rotors that shake the gyro and a part of the frame that rings, and tuned from their logs
+at most three times, with `tune` as it is and with filters left as they flew. What gusts leave of the attitude, and
+what noise makes of the command, is that of the true loop.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ _GUST_RAD_S2: Final = 0.5
 
 
 class Flown(NamedTuple):
-    """What a pilot has set: gyro's low-pass, its notch, that of D by axis, and P, I, D and angle gain (4, 3)."""
+    """What a pilot has set: low-pass of the gyro, its notch, low-passes of D, and gains (4, 3)."""
 
     gyro_hz: float
     notch: TrackingNotch | None
@@ -145,7 +145,7 @@ def rotors_hz(setup: Setup) -> float:
 
 
 def judged(setup: Setup) -> dict[str, Any]:
-    """Return of each axis what gusts leave of the attitude [rad], the noise of the command, and the margins kept."""
+    """Return of each axis what gusts make of the attitude [rad], noise of the command, margins kept."""
     found = {}
     for number, axis in enumerate(AXES):
         plant = true_plant(setup, resting_truth(setup), number)

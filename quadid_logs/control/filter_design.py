@@ -1,8 +1,8 @@
 """Filters and gains together: settings of the filters that leave gusts less, or motors less noise.
 
-Each setting that the firmware version has is ranked by the best gains behind it: a low-pass costs phase, which
-gains pay for, and a notch costs less of it than a low-pass that takes as much from a line. What is chosen goes
-through the whole search for gains afterwards, with every vehicle that the flight allows.
+Each setting that the firmware version has is ranked by the best gains behind it: a low-pass costs phase,
+which gains pay for, and a notch costs less of it than a low-pass that takes as much from a line. What is
+chosen goes through the whole search for gains afterwards, with every vehicle that the flight allows.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ import numpy as np
 from quadid_logs.control.separate_gains import Quick, SeparateGains
 from quadid_logs.data.tuning import Cutoffs, FilterChoices, FilterTrial, GainChange, written_hz
 
-#: In one flight a cut-off is halved or doubled at most: as far as gains go, and half or twice the filter's delay.
+#: In one flight a cut-off is halved or doubled at most: as far as gains go, and half or twice the filter's
+#: delay.
 _SCALES: Final = (0.5, 0.7, 1.41, 2.0)
 #: Beside a setting found, what is looked at again once the others have changed.
 _BESIDE: Final = (0.84, 1.2)
@@ -29,8 +30,8 @@ _WORTH: Final = 0.10
 _NO_WORSE: Final = 0.02
 #: A hundredth of a limit that is missing outweighs what it could be paid with, as in the search for gains.
 _PENALTY: Final = 30.0
-#: At a line that stands, filters alone let pass no more than as flown, but for rounding: half a decibel. It may
-#: be a mode of the frame, which raises the loop by up to 27 dB (docs/loop.md): below that it can close none.
+#: At a line that stands, filters alone let pass no more than as flown, but for rounding: half a decibel.
+#: It may be a mode of the frame, which raises the loop by up to 27 dB (docs/loop.md): below that it closes none.
 _AT_LINES: Final = 1.06
 _MODE_PEAK: Final = 22.0
 #: Of the noise that is accepted, what no motor shows: less is no reason to choose a filter.
@@ -72,8 +73,8 @@ class Filterable(Protocol):
 class Changes(NamedTuple):
     """Parameters of filters for the next flight, those of all axes and those of each, and what they bring.
 
-    ``cost`` and ``noise`` are by axis, over those of the best gains behind the flown filters; ``trials`` what was
-    looked at.
+    ``cost`` and ``noise`` are by axis, over those of the best gains behind the flown filters; ``trials``
+    what was looked at.
     """
 
     shared: Mapping[str, float]
@@ -141,10 +142,11 @@ class _Design:
     ) -> None:
         self._axes, self._choices, self._parameters = axes, choices, parameters
         self._still_hz = still_hz
+        self._begin: Mapping[str, Quick] = {}
         self._trials: dict[str, list[FilterTrial]] = {axis: [] for axis in axes}
 
     def found(self, *, shared: bool) -> Changes | None:
-        """Return the settings, in the order in which they matter: notches, low-passes of all, of each axis."""
+        """Return the settings, in the order in which they matter: notches, low-passes of all, of each."""
         begin = self._as_flown()
         if begin is None:
             return None
@@ -172,6 +174,7 @@ class _Design:
             if best is None:
                 return None
             found[axis] = best[0].told_of(best[1])
+        self._begin = found
         return _State(found=found)
 
     def _notched(self, state: _State) -> Iterator[_State | None]:
@@ -217,7 +220,7 @@ class _Design:
         for axis in axes:
             filters = {**state.shared, **state.own.get(axis, {})}
             if not filters:
-                found[axis] = self._base_told(axis)
+                found[axis] = self._begin[axis]
                 continue
             search = self._axes[axis].filtered(filters)
             if search is None or any(_raises(search, line_hz) for line_hz in self._still_hz):
@@ -242,11 +245,6 @@ class _Design:
                 )
                 told[axis] = (ends[0], *self._trials[axis], ends[1])
         return told
-
-    def _base_told(self, axis: str) -> Quick:
-        best = self._axes[axis].best()
-        assert best is not None
-        return best[0].told_of(best[1])
 
     def _value(self, axis: str, found: Quick) -> float:
         """Return what is to be small: gusts, what is missing of limits, and noise beyond what is accepted."""

@@ -147,7 +147,7 @@ def _refused(case: Case) -> AxisTuning:
 
 
 def _searched(axis: Axis, limits: Limits, *, apart: bool) -> tuple[_Search, Callable[[], _Search]] | None:
-    """Return the search of an axis, with and without modes that are merely possible; None where it is refused."""
+    """Return the search of an axis, with and without modes that are merely possible; None if refused."""
     case, model, rebuild = axis
     found, plants, controller = case.found, case.plants, case.controller
     if (

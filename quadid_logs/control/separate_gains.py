@@ -60,7 +60,8 @@ _SAME: Final = 0.05
 _ROUNDING: Final = 0.005
 #: A rough search, to rank filters by.
 _FEW_STEPS: Final = 8
-#: Where the loop's gain is this small, it may be twice as large, or four times, without a change of stability.
+#: Where the loop's gain is this small, it may be twice as large, or four times, without a change of
+#: stability.
 _SMALL_LOOP: Final = 0.1
 
 
@@ -233,8 +234,8 @@ class SeparateGains:
         log_hz : float
             Rate of the rows that show the noise: what they may hide counts as its worst.
         most_noise : float
-            Noise of the command that is allowed, over that as flown; where the log does not tell it, none of its
-            frequencies may pass more than as flown.
+            Noise of the command that is allowed, over that as flown; where the log does not tell it, none
+            of its frequencies may pass more than as flown.
 
         Returns
         -------
@@ -523,7 +524,7 @@ class SeparateGains:
         return Quick(dict(factors), float(np.exp(error[0]) / self._flown_error_rad), float(noise), missing)
 
     def phase_lost_deg(self) -> float:
-        """Return the phase that other filters lose at the flown crossover, less that of the flown ones [deg]."""
+        """Return the phase that filters lose at the flown crossover, less that of the flown ones [deg]."""
         back, by_angle, _ = self._paths.at(_sets(self._flown))[0]
         place = int(np.argmax(self._above))
         return -float(np.degrees(np.angle((back + by_angle)[place] / self._flown_whole[place])))
@@ -708,7 +709,8 @@ class _Noise:
 def _aliases(frequency_hz: FloatArray, log_hz: float) -> list[IntArray]:
     """Return for each frequency the places of those that rows of a log show at it, beyond half their rate.
 
-    Rows are some of the loop's steps: what is at f in them may be at any multiple of their rate, less or more f.
+    Rows are some of the loop's steps: what is at f in them may be at any multiple of their rate, less or
+    more f.
     The worst of these counts where filters let more of it pass.
     """
     highest_hz = float(frequency_hz[-1])

@@ -848,8 +848,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL670",
-                "Change filters and gains together: gusts or noise become less, and margins stay above the limits",
-                "A filter takes phase that the gains pay for. These settings of the filters, with these gains, "
+                "Change filters and gains together: less of gusts or noise, and margins above the limits",
+                "A filter takes phase that the gains pay for. These filters with these gains "
                 "leave less of gusts or less noise on the motors than any gains behind the flown filters.",
                 "Load the file as a whole: these gains belong to these filters. Hover first, and feel the "
                 "motors after half a minute: they must stay cool.",
@@ -872,7 +872,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL673",
                 "The notches do not stand where the gyro's lines are",
-                "A notch that stands on no line takes phase for nothing; a line without one passes to the motors.",
+                "A notch that stands on no line takes phase for nothing; a line without one moves the motors.",
                 "Set the notches as in the file, and start the autopilot anew before the flight.",
                 scope="gains",
             ),

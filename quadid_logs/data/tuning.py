@@ -162,7 +162,7 @@ def written_hz(value: float) -> float:
     >>> written_hz(28.28), written_hz(3.54)
     (28.0, 3.5)
     """
-    return float(round(value)) if value >= 10.0 else round(value, 1)  # noqa: PLR2004
+    return float(round(value)) if value >= 10.0 else round(value, 1)
 
 
 class GainChange(NamedTuple):

@@ -1,4 +1,4 @@
-"""Settings of the filters as points, drawn as SVG: noise on the motors against phase lost at the crossover."""
+"""Settings of the filters as points, drawn as SVG: noise on the motors against phase lost."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def filter_picture(axis: str, found: AxisTuning) -> FilterPicture | None:
     FilterPicture or None
     """
     trials = found.filter_trials
-    if not found.filters or len(trials) < 2:  # noqa: PLR2004 - the flown setting and the chosen one
+    if not found.filters or len(trials) < 2:
         return None
     phase = np.array([one.phase_deg for one in trials])
     noise = 100.0 * MOST_NOISE * np.array([one.noise for one in trials])
@@ -78,6 +78,7 @@ def _words(axis: str, flown: FilterTrial, chosen: FilterTrial) -> str:
     phase = f"{number(abs(less), 2)} degrees {'less' if less > 0.0 else 'more'} phase lost at the crossover"
     noise = [number(100.0 * MOST_NOISE * one.noise, 2) for one in (flown, chosen)]
     return (
-        f"{axis.capitalize()}: with the filters chosen there are {phase}, and gains behind them make {noise[1]} % "
+        f"{axis.capitalize()}: with the filters chosen there are {phase}, and gains behind them make "
+        f"{noise[1]} % "
         f"of noise on the motors; the best gains behind the flown filters would make {noise[0]} %."
     )

@@ -353,7 +353,7 @@ _SLOW_ROTOR_RAD_S: Final = 30.0
 
 
 class RotorVibration:
-    """What unbalanced rotors show in the gyro: each a sine of its own speed, about each axis in another phase."""
+    """What unbalanced rotors show in the gyro: each a sine of its own speed."""
 
     def __init__(self, rms_rad_s: Component, loop_hz: float) -> None:
         self._rms, self._step_s = rms_rad_s, 1.0 / loop_hz
@@ -379,7 +379,7 @@ class RotorVibration:
 def ringing(
     frequency_hz: float, rms_rad_s: float, n_samples: int, loop_hz: float, rng: np.random.Generator
 ) -> FloatArray:
-    """Return what a lightly damped part shows, shape (n_samples, 3) [rad/s]: white noise through its resonance."""
+    """Return white noise through the resonance of a lightly damped part, shape (n_samples, 3) [rad/s]."""
     from scipy.signal import lfilter
 
     radius = math.exp(-2.0 * math.pi * frequency_hz * _RINGING / loop_hz)

@@ -22,8 +22,8 @@ from quadid_logs.load import read_log
 from quadid_logs.maths.spectra import averaged_spectra
 from quadid_logs.promise import promise_of
 from quadid_logs.report.gain_files import gain_files
-from quadid_logs.report.tune_page import tune_page
 from quadid_logs.report.provenance import Provenance
+from quadid_logs.report.tune_page import tune_page
 from quadid_logs.simulate import fly
 from quadid_logs.simulate.logger import log_flights
 from quadid_logs.tuning import recommend
@@ -63,7 +63,8 @@ def test_margins_promised_behind_other_filters_are_those_of_the_true_loop(tuned:
         errors = []
         for told, settings in ((one.now, setting), (one.next, study.loaded(setting, values))):
             true = study.true_loops(study._setup(scenario, settings, 0), number).margins().rate
-            assert told is not None and told.rate.phase_margin_deg is not None
+            assert told is not None
+            assert told.rate.phase_margin_deg is not None
             assert true.phase_margin_deg is not None
             errors.append(told.rate.phase_margin_deg.value - true.phase_margin_deg.value)
         assert abs(errors[1] - errors[0]) < 1.0, axis
@@ -137,7 +138,8 @@ def _choices(autopilot: str, parameters: Mapping[str, float], *lines: Line, **fo
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4", "betaflight"])
 def test_nothing_is_proposed_that_the_log_does_not_hold(autopilot: str) -> None:
     found = _choices(autopilot, {}, _line(70.0), _line(90.0, LineSource.ROTOR, 1))
-    assert found.shared == () and found.notches == ()
+    assert found.shared == ()
+    assert found.notches == ()
     assert not any(found.own.values())
 
 
@@ -209,7 +211,7 @@ def test_other_filters_may_make_no_more_noise_than_gains_alone_unless_nobody_hea
 
 
 def test_the_gyro_behind_its_filters_is_the_gyro_before_them_through_the_replayed_ones(corpus: Path) -> None:
-    """Within 1 dB from 5 to 20 Hz; above, the filtered rate of that log has a floor that is not the gyro's."""
+    """Within 1 dB from 5 to 20 Hz; above, that log's filtered rate has a floor that is not the gyro's."""
     log = read_log(corpus / "firmware" / "ac47_quadx_sid_roll.BIN")
     before = next(one for one in log.candidates("body_rate") if one.raw)
     after = next(one for one in log.candidates("body_rate") if not one.raw)

@@ -24,8 +24,8 @@ _OWN_OF_YAW: Final = {"FLTD": (5.0, 50.0), "FLTE": (1.0, 20.0)}
 _FREQUENCY: Final = (10.0, 495.0)
 _WIDTH: Final = (5.0, 250.0)
 _DEPTH_DB: Final = 40.0
-#: The width that the firmware's documentation gives a notch that moves: half its frequency. One that stands on a
-#: line that does not move needs no more than half of that.
+#: The width that the firmware's documentation gives a notch that moves: half its frequency. One that
+#: stands on a line that does not move needs no more than half of that.
 _WIDTH_MOVING: Final = 0.5
 _WIDTH_STANDING: Final = 0.25
 #: INS_HNTCH_MODE.
@@ -74,7 +74,7 @@ def _present(parameters: Mapping[str, float], ranges: Cutoffs) -> Cutoffs:
 def _notches(
     log: FlightLog, parameters: Mapping[str, float], lines: SortedLines
 ) -> Iterator[Mapping[str, float]]:
-    """Yield settings of both sets together: without a notch that stands on nothing, and with what is missing."""
+    """Yield settings of both sets: without a notch that stands on nothing, and with what is missing."""
     available = [name for name in _SETS if f"{name}_ENABLE" in parameters]
     used = [name for name in available if parameters[f"{name}_ENABLE"] == 1.0]
     placed = notch_sets(parameters, log.followed, log.version)
@@ -114,7 +114,7 @@ def _is_covered(
     used: Sequence[str],
     placed: Mapping[str, Places],
 ) -> bool:
-    """Tell whether a set that is on does what another would: it follows the same, or stands at the same place."""
+    """Tell whether a set that is on does what another would: it follows the same, or stands there."""
     if wanted["MODE"] != _FIXED:
         return any(parameters.get(f"{name}_MODE", _FIXED) != _FIXED for name in used)
     return any(

@@ -13,7 +13,8 @@ from quadid_logs.data.health import Line
 from quadid_logs.data.log import FlightLog, whole_number
 from quadid_logs.data.tuning import FilterChoices, written_hz
 
-#: imu_gyro_parameters.c, @max of IMU_GYRO_CUTOFF and IMU_DGYRO_CUTOFF; a lower one delays by more than a loop bears.
+#: imu_gyro_parameters.c, @max of IMU_GYRO_CUTOFF and IMU_DGYRO_CUTOFF; a lower one delays by more than a
+#: loop bears.
 _CUTOFF: Final = (10.0, 1000.0)
 _SHARED: Final = ("IMU_GYRO_CUTOFF", "IMU_DGYRO_CUTOFF")
 #: The same of IMU_GYRO_NF0_BW and of IMU_GYRO_DNF_HMC.
