@@ -2,8 +2,8 @@
 
 Vehicles whose filters are bad in one of four ways (too much, too little, a notch at a wrong place, none at
 all) are flown with rotors that shake the gyro and a part of the frame that rings, and tuned from their logs
-at most three times, with `tune` as it is and with filters left as they flew. What gusts leave of the attitude, and
-what noise makes of the command, is that of the true loop.
+at most three times, with filters changed and with filters left as they flew. What gusts make of the attitude
+and noise of the command is that of the true loop.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ _NO_WORSE: Final = 0.02
 #: A hundredth of a limit that is missing outweighs what it could be paid with, as in the search for gains.
 _PENALTY: Final = 30.0
 #: At a line that stands, filters alone let pass no more than as flown, but for rounding: half a decibel.
-#: It may be a mode of the frame, which raises the loop by up to 27 dB (docs/loop.md): below that it closes none.
+#: It may be a mode of the frame, which raises the loop by up to 27 dB (docs/loop.md): below, it closes none.
 _AT_LINES: Final = 1.06
 _MODE_PEAK: Final = 22.0
 #: Of the noise that is accepted, what no motor shows: less is no reason to choose a filter.

@@ -872,7 +872,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL673",
                 "The notches do not stand where the gyro's lines are",
-                "A notch that stands on no line takes phase for nothing; a line without one moves the motors.",
+                "A notch that stands on no line takes phase for nothing; a line without one shakes motors.",
                 "Set the notches as in the file, and start the autopilot anew before the flight.",
                 scope="gains",
             ),
