@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -242,7 +243,7 @@ class _Search:
         """That flew."""
         return self._case.parameters
 
-    @property
+    @cached_property
     def too_noisy(self) -> float:
         """Noise of the command as flown over what is accepted; NaN where the log does not tell it."""
         noise = self._noise_of(self._loops.controller)
@@ -259,10 +260,16 @@ class _Search:
         best = self.best()
         if best is None:
             return None
+        return best[0].behind(filters, 1.0 / self._case.data.sample_period_s, self._most_noise)
+
+    @cached_property
+    def _most_noise(self) -> float:
+        """Noise that gains behind other filters may make, over that as flown; 1 where nothing tells it."""
+        best = self.best()
+        if best is None or not self.too_noisy > 0.0:
+            return 1.0
         search, factors = best
-        told = search.told_of(factors).noise
-        most = most_noise(told * self.too_noisy) / self.too_noisy if self.too_noisy > 0.0 else 1.0
-        return search.behind(filters, 1.0 / self._case.data.sample_period_s, most)
+        return most_noise(search.told_of(factors).noise * self.too_noisy) / self.too_noisy
 
     def is_kept(self) -> bool:
         """Tell whether the worst of the vehicles that the next flight allows keeps the limits as flown."""
