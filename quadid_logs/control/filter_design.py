@@ -73,14 +73,15 @@ class Filterable(Protocol):
 class Changes(NamedTuple):
     """Parameters of filters for the next flight, those of all axes and those of each, and what they bring.
 
-    ``cost`` and ``noise`` are by axis, over those of the best gains behind the flown filters; ``trials``
-    what was looked at.
+    ``cost`` and ``noise`` are by axis, over those of the best gains behind the flown filters; ``cutoffs``
+    names the low-passes among the parameters, ``trials`` is what was looked at.
     """
 
     shared: Mapping[str, float]
     own: Mapping[str, Mapping[str, float]]
     cost: Mapping[str, float]
     noise: Mapping[str, float]
+    cutoffs: frozenset[str] = frozenset()
     trials: Mapping[str, tuple[FilterTrial, ...]] = MappingProxyType({})
 
     def of(self, axis: str, parameters: Mapping[str, float]) -> dict[str, GainChange]:
@@ -230,6 +231,11 @@ class _Design:
                 self._trials[axis].append(self._trial(axis, found[axis], search.phase_lost_deg()))
         return replace(state, found=found)
 
+    def _cutoffs(self) -> Iterator[Cutoffs]:
+        yield from self._choices.shared
+        for each in self._choices.own.values():
+            yield from each
+
     def _trial(self, axis: str, found: Quick, phase_deg: float) -> FilterTrial:
         return FilterTrial(phase_deg, found.noise * self._axes[axis].too_noisy, found.cost)
 
@@ -300,6 +306,7 @@ class _Design:
             own={axis: one for axis, one in state.own.items() if one},
             cost={axis: new.cost / old.cost for axis, new, old in both},
             noise={axis: new.noise / old.noise for axis, new, old in both},
+            cutoffs=frozenset(name for one in self._cutoffs() for name in one),
             trials=self._all_trials(begin, state),
         )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 from quadid_logs.control.filter_design import Changes
@@ -32,7 +31,7 @@ def filter_findings(axis: str, filters: Mapping[str, GainChange], chosen: Change
         "torque_noise_ratio": rounded(chosen.noise[axis], 3),
     }
     found = [finding("QL670", "info", told, axes=(axis,))]
-    cutoffs = {name: one for name, one in filters.items() if _is_cutoff(name, one)}
+    cutoffs = {name: one for name, one in filters.items() if name in chosen.cutoffs}
     opened = {name: one for name, one in cutoffs.items() if one.next > one.now}
     closed = {name: one for name, one in cutoffs.items() if one.next < one.now}
     notches = {name: one.next for name, one in filters.items() if name not in cutoffs}
@@ -48,13 +47,6 @@ def filter_findings(axis: str, filters: Mapping[str, GainChange], chosen: Change
     if notches:
         found.append(finding("QL673", "info", {"settings": notches}, axes=(axis,)))
     return found
-
-
-def _is_cutoff(name: str, change: GainChange) -> bool:
-    """Tell a cut-off from a notch's setting: low-passes are on before and after, and go by one number."""
-    return math.isfinite(change.now) and not any(
-        part in name.lower() for part in ("hnt", "nf", "notch", "rpm")
-    )
 
 
 def _hertz(changes: Mapping[str, GainChange]) -> dict[str, object]:
