@@ -253,16 +253,19 @@ def loaded(flown: Flown, values: Mapping[str, float]) -> Flown:
 
 
 def _notch(flown: TrackingNotch | None, values: Mapping[str, float]) -> TrackingNotch | None:
-    if "INS_HNTCH_FREQ" in values:
-        harmonics = int(values["INS_HNTCH_HMNCS"])
-        return TrackingNotch(
-            values["INS_HNTCH_FREQ"],
-            values["INS_HNTCH_BW"],
-            values["INS_HNTCH_ATT"],
-            harmonics.bit_length(),
-            stands=values["INS_HNTCH_MODE"] == 0.0,
-        )
-    return None if values.get("INS_HNTCH_ENABLE") == 0.0 else flown
+    """Return the notch with what a file changes of it."""
+    on = values.get("INS_HNTCH_ENABLE", 0.0 if flown is None else 1.0)
+    if not on:
+        return None
+    before = flown or TrackingNotch(values["INS_HNTCH_FREQ"], values["INS_HNTCH_BW"])
+    harmonics = int(values.get("INS_HNTCH_HMNCS", 2**before.n_harmonics - 1))
+    return TrackingNotch(
+        values.get("INS_HNTCH_FREQ", before.lowest_hz),
+        values.get("INS_HNTCH_BW", before.width_hz),
+        values.get("INS_HNTCH_ATT", before.depth_db),
+        harmonics.bit_length(),
+        stands=values.get("INS_HNTCH_MODE", 0.0 if before.stands else 3.0) == 0.0,
+    )
 
 
 def table(vehicles: list[dict[str, Any]]) -> Iterator[str]:

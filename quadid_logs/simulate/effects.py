@@ -385,4 +385,4 @@ def ringing(
     radius = math.exp(-2.0 * math.pi * frequency_hz * _RINGING / loop_hz)
     poles = [1.0, -2.0 * radius * math.cos(2.0 * math.pi * frequency_hz / loop_hz), radius * radius]
     found = np.asarray(lfilter([1.0], poles, rng.standard_normal((n_samples, 3)), axis=0), dtype=np.float64)
-    return rms_rad_s * found / np.std(found, axis=0)
+    return np.asarray(rms_rad_s * found / np.std(found, axis=0), dtype=np.float64)

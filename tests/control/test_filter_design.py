@@ -70,15 +70,6 @@ def test_margins_promised_behind_other_filters_are_those_of_the_true_loop(tuned:
         assert abs(errors[1] - errors[0]) < 1.0, axis
 
 
-def test_filters_and_gains_together_leave_less_of_gusts_and_no_more_noise_than_gains_alone(
-    flown: Result, tuned: Tuning
-) -> None:
-    alone = recommend(flown)
-    for axis, one in tuned.axes.items():
-        assert one.attitude_error < alone.axes[axis].attitude_error
-        assert one.torque_noise_next < alone.axes[axis].torque_noise_next
-
-
 def test_filters_of_all_axes_stay_where_an_axis_is_not_asked_for(flown: Result) -> None:
     for one in recommend(flown, axes=("roll",), filters=True).axes.values():
         assert all(name.startswith("ATC_RAT_RLL_") for name in one.filters)

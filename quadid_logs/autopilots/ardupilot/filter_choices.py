@@ -158,5 +158,5 @@ def _setting(
         "BW": written_hz(float(np.clip(width * placed_hz, *_WIDTH))),
         "ATT": _DEPTH_DB,
         "HMNCS": float(harmonics),
-        "REF": float(round(reference, 3)),
+        **({} if mode == _FIXED else {"REF": float(round(reference, 3))}),
     }
