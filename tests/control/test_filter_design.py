@@ -55,19 +55,16 @@ def test_a_notch_at_a_wrong_place_is_moved_to_the_line(tuned: Tuning) -> None:
         assert "QL673" in [reason.code for reason in one.reasons]
 
 
-def test_margins_promised_behind_other_filters_are_those_of_the_true_loop(tuned: Tuning) -> None:
-    """Within a degree, where the fit itself is that good: its error with the flown filters is taken off."""
+def test_the_true_loop_behind_other_filters_has_the_margins_that_are_promised(tuned: Tuning) -> None:
     scenario, setting, _ = study.draw_vehicle(1, WRONG_NOTCH)
-    values = {name: one.next for name, one in tuned.changes.items()}
+    flown = study.loaded(setting, {name: one.next for name, one in tuned.changes.items()})
     for number, (axis, one) in enumerate(tuned.axes.items()):
-        errors = []
-        for told, settings in ((one.now, setting), (one.next, study.loaded(setting, values))):
-            true = study.true_loops(study._setup(scenario, settings, 0), number).margins().rate
-            assert told is not None
-            assert told.rate.phase_margin_deg is not None
-            assert true.phase_margin_deg is not None
-            errors.append(told.rate.phase_margin_deg.value - true.phase_margin_deg.value)
-        assert abs(errors[1] - errors[0]) < 1.0, axis
+        true = study.true_loops(study._setup(scenario, flown, 0), number).margins().rate.phase_margin_deg
+        assert one.next is not None
+        told = one.next.rate.phase_margin_deg
+        assert told is not None
+        assert true is not None
+        assert told.ci95[0] <= true.value <= told.ci95[1], axis
 
 
 def test_filters_of_all_axes_stay_where_an_axis_is_not_asked_for(flown: Result) -> None:
