@@ -43,8 +43,8 @@ def tune(
         P, I, D and the angle gain each by itself where that rejects gusts better, not by one factor on P, I
         and D alone.
     filters : bool
-        Filters and notches are changed with the gains, where that leaves less of gusts or less noise; not
-        without ``apart``.
+        Experimental: filters and notches are changed with the gains, where that leaves less of gusts or less
+        noise; not without ``apart``.
     settings : Settings, optional
     vehicle : Vehicle, optional
     progress : callable, optional

@@ -72,7 +72,10 @@ def tune(
     ] = True,
     filters: Annotated[
         bool,
-        typer.Option("--filters", help="Change filters and notches with the gains, where that is worth it."),
+        typer.Option(
+            "--filters",
+            help="Experimental: change filters and notches with the gains, where that is worth it.",
+        ),
     ] = False,
     system: System = 0,
     log_number: LogNumber = 0,

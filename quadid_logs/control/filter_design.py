@@ -93,6 +93,20 @@ class Changes(NamedTuple):
             if parameters.get(name) != value
         }
 
+    def without_own(self, axis: str) -> Changes:
+        """Return the changes with one axis' own filters as they flew."""
+        return self._replace(own={name: one for name, one in self.own.items() if name != axis})
+
+    def told(self, axis: str, new: Quick, old: Quick, too_noisy: float, phase_deg: float) -> Changes:
+        """Return the changes with what one axis' best gains make, once these were searched for in full."""
+        trials = self.trials.get(axis, ())
+        last = (FilterTrial(phase_deg, new.noise * too_noisy, new.cost),)
+        return self._replace(
+            cost={**self.cost, axis: new.cost / old.cost},
+            noise={**self.noise, axis: new.noise / old.noise},
+            trials={**self.trials, axis: (*trials[:-1], *last)} if trials else self.trials,
+        )
+
 
 @dataclass(frozen=True, kw_only=True)
 class _State:

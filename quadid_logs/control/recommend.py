@@ -16,6 +16,7 @@ import numpy as np
 
 from quadid_logs.control.filter_design import Changes, design_filters, most_noise
 from quadid_logs.control.filter_findings import filter_findings
+from quadid_logs.control.filter_guard import is_no_worse, is_worth_it, with_flown_filters
 from quadid_logs.control.guard import Case, obstacles
 from quadid_logs.control.loop import rate_loop
 from quadid_logs.control.next_flight import of_next_flight
@@ -135,7 +136,8 @@ def tune_axes(
     }
     if filters is not None and apart:
         known = {axis: both[0] for axis, both in searches.items() if both is not None}
-        tuned |= _refiltered(known, filters, shared=set(known) == set(AXES))
+        changed = _refiltered(known, tuned, filters, shared=set(known) == set(AXES))
+        tuned = {axis: changed.get(axis) or with_flown_filters(axis, one) for axis, one in tuned.items()}
     return {
         axis: replace(found, reasons=tuple(remedied(found.reasons, axes[axis].case.log.autopilot)))
         for axis, found in tuned.items()
@@ -175,20 +177,37 @@ def _searched(axis: Axis, limits: Limits, *, apart: bool) -> tuple[_Search, Call
 
 
 def _refiltered(
-    searches: Mapping[str, _Search], filters: FilterWishes, *, shared: bool
+    searches: Mapping[str, _Search], alone: Mapping[str, AxisTuning], filters: FilterWishes, *, shared: bool
 ) -> dict[str, AxisTuning]:
-    """Return the axes whose filters change, with the gains behind them; none where nothing is gained."""
+    """Return the axes whose filters change, with the gains behind them; none where nothing is gained.
+
+    The choice is of the gains in the end; what the next flight has of them is held against gains alone.
+    """
     if not searches:
         return {}
     parameters = next(iter(searches.values())).parameters
     found = design_filters(searches, filters.choices, parameters, filters.still_hz, shared=shared)
     if found is None:
         return {}
-    changes = {axis: found.of(axis, parameters) for axis in searches}
-    tuned = {axis: searches[axis].with_filters(one, found) for axis, one in changes.items() if one}
+    tuned = {axis: _filter_step(axis, one, alone[axis], found) for axis, one in searches.items()}
     known = {axis: one for axis, one in tuned.items() if one is not None}
     # What all axes share changes for all of them, or not at all.
-    return known if not found.shared or len(known) == len(searches) else {}
+    if found.shared:
+        return known if len(known) == len(searches) and is_worth_it(known, alone) else {}
+    return {axis: one for axis, one in known.items() if is_worth_it({axis: one}, alone)}
+
+
+def _filter_step(axis: str, search: _Search, alone: AxisTuning, found: Changes) -> AxisTuning | None:
+    """Return the step of an axis behind its own filters and those of all, or behind the latter only.
+
+    None where gains alone leave less of gusts in the next flight, however good the filters' target is.
+    """
+    for chosen in (found, found.without_own(axis)) if axis in found.own else (found,):
+        changes = chosen.of(axis, search.parameters)
+        tuned = search.with_filters(changes, chosen) if changes else None
+        if tuned is not None and is_no_worse(tuned, alone):
+            return tuned
+    return None
 
 
 def _decided(search: _Search, without_modes: Callable[[], _Search], *, apart: bool) -> AxisTuning:
@@ -460,18 +479,21 @@ class _Search:
 
     def with_filters(self, filters: Mapping[str, GainChange], chosen: Changes) -> AxisTuning | None:
         """Return the step towards the best gains behind other filters, None where none keeps the limits."""
-        search = self.filtered({name: one.next for name, one in filters.items()})
-        if search is None:
+        search, alone = self.filtered({name: one.next for name, one in filters.items()}), self.best()
+        if search is None or alone is None:
             return None
         target = search.target(1.0)
         step = search.step(target, MOST_UP) if search.keeps(target) else None
         if step is None:
             return None
-        reasons = filter_findings(self._case.axis, filters, chosen)
+        axis = self._case.axis
+        new, old = search.told_of(target), alone[0].told_of(alone[1])
+        chosen = chosen.told(axis, new, old, self.too_noisy, search.phase_lost_deg())
+        reasons = filter_findings(axis, filters, chosen)
         if any(one.next != one.target for one in step.gains.values()):
             reasons.append(_found("QL633", self._case, {}))
         described = self._described("change", tuple(reasons), step)
-        return replace(described, filters=filters, filter_trials=chosen.trials.get(self._case.axis, ()))
+        return replace(described, filters=filters, filter_trials=chosen.trials.get(axis, ()))
 
     def _separate(self) -> SeparateGains | None:
         """Return the search for gains one by one; None where there is none, or the mixer holds all gains."""

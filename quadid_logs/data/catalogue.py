@@ -877,6 +877,15 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 scope="gains",
             ),
             _entry(
+                "QL674",
+                "The filters stay as they flew",
+                "Filters are changed only where the next flight has no more gust error on any axis than with "
+                "gains alone, and a twentieth less of it or of noise on one axis. No setting that was looked "
+                "at has that, or all axes share the filters and one of the axes is not known.",
+                "Load the gains. Leave the filters.",
+                scope="gains",
+            ),
+            _entry(
                 "QL641",
                 "P, I, D and the angle gain are changed each by itself",
                 "Each gain goes its own way to where gusts are rejected best: the margins are kept, noise "

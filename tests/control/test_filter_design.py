@@ -11,13 +11,15 @@ import pytest
 
 from quadid_logs import analyze
 from quadid_logs.autopilots import named
+from quadid_logs.control import recommend as recommend_module
 from quadid_logs.control.filter_design import most_noise
+from quadid_logs.control.filter_guard import is_no_worse, is_worth_it
 from quadid_logs.control.loop import gyro_filters
 from quadid_logs.control.separate_gains import _aliases
 from quadid_logs.data.health import Line, LineSource
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.result import Result
-from quadid_logs.data.tuning import Tuning
+from quadid_logs.data.tuning import AxisTuning, Tuning, TuningVerdict
 from quadid_logs.load import read_log
 from quadid_logs.maths.spectra import averaged_spectra
 from quadid_logs.promise import promise_of
@@ -46,7 +48,49 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Result:
 
 @pytest.fixture(scope="module")
 def tuned(flown: Result) -> Tuning:
-    return recommend(flown, filters=True)
+    """The search's own choice, without the comparison with gains alone, which this vehicle's pitch fails."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(recommend_module, "is_no_worse", lambda *_: True)
+        return recommend(flown, filters=True)
+
+
+def test_filters_stay_where_gains_alone_leave_less_of_gusts(flown: Result, tuned: Tuning) -> None:
+    alone, found = recommend(flown), recommend(flown, filters=True)
+    assert tuned.axes["pitch"].attitude_error > alone.axes["pitch"].attitude_error
+    for axis, one in found.axes.items():
+        assert one.filters == {}
+        assert one.gains == alone.axes[axis].gains
+        assert one.reasons[-1].code == "QL674"
+
+
+def _next(gusts: float, noise: float = float("nan"), verdict: TuningVerdict = "change") -> AxisTuning:
+    return AxisTuning(verdict=verdict, reasons=(), attitude_error=gusts, torque_noise_next=noise)
+
+
+def test_more_gust_error_than_with_gains_alone_is_worse_by_however_little() -> None:
+    assert not is_no_worse(_next(0.5001), _next(0.5))
+    assert is_no_worse(_next(0.5), _next(0.5))
+
+
+def test_gust_error_that_nobody_can_tell_is_no_reason_to_change_filters() -> None:
+    assert not is_no_worse(_next(float("nan")), _next(float("nan")))
+    assert not is_no_worse(_next(0.5), _next(float("nan")))
+
+
+def test_filters_may_help_an_axis_that_no_gains_alone_help() -> None:
+    refused = _next(float("nan"), verdict="refused")
+    assert is_no_worse(_next(0.9), refused)
+    assert is_worth_it({"roll": _next(0.9)}, {"roll": refused})
+
+
+@pytest.mark.parametrize(
+    ("gusts", "noise", "worth"), [(0.96, 0.96, False), (0.94, 1.0, True), (1.0, 0.94, True)]
+)
+def test_filters_are_to_bring_a_twentieth_of_gust_error_or_noise(
+    gusts: float, noise: float, worth: bool
+) -> None:
+    alone = {"roll": _next(1.0, 1.0), "pitch": _next(1.0, 1.0)}
+    assert is_worth_it({"roll": _next(1.0, 1.0), "pitch": _next(gusts, noise)}, alone) is worth
 
 
 def test_a_notch_at_a_wrong_place_is_moved_to_the_line(tuned: Tuning) -> None:
