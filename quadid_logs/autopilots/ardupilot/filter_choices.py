@@ -15,15 +15,15 @@ from quadid_logs.data.health import Line
 from quadid_logs.data.log import FlightLog, Places
 from quadid_logs.data.tuning import Cutoffs, FilterChoices, written_hz
 
-#: AP_InertialSensor/AP_InertialSensor.cpp, @Range of GYRO_FILTER: 0 256, where 0 is off; below 10 Hz it delays by
-#: more than a loop bears.
+#: AP_InertialSensor/AP_InertialSensor.cpp, @Range of GYRO_FILTER: 0 256, where 0 is off; below 10 Hz it
+#: delays by more than a loop bears.
 _GYRO: Final = (10.0, 256.0)
-#: AC_AttitudeControl/AC_AttitudeControl_Multi.cpp, @Range: RAT_RLL_FLTD 5 100, FLTE 0 100; RAT_YAW_FLTD 5 50, FLTE
-#: 0 20. There 0 is off, and what is on stays on.
+#: AC_AttitudeControl/AC_AttitudeControl_Multi.cpp, @Range: RAT_RLL_FLTD 5 100, FLTE 0 100; RAT_YAW_FLTD
+#: 5 50, FLTE 0 20. There 0 is off, and what is on stays on.
 _OWN: Final = {"FLTD": (5.0, 100.0), "FLTE": (1.0, 100.0)}
 _OWN_OF_YAW: Final = {"FLTD": (5.0, 50.0), "FLTE": (1.0, 20.0)}
-#: Filter/HarmonicNotchFilter.cpp, @Range: FREQ 10 495, BW 5 250; 40 dB is the default of ATT. HMNCS has a bit for
-#: each harmonic, at least seven of them (HarmonicNotchFilter.h, AP_Int8), REF is 0 to 1.
+#: Filter/HarmonicNotchFilter.cpp, @Range: FREQ 10 495, BW 5 250; 40 dB is the default of ATT. HMNCS has a
+#: bit for each harmonic, at least seven of them (HarmonicNotchFilter.h, AP_Int8), REF is 0 to 1.
 _FREQUENCY: Final = (10.0, 495.0)
 _WIDTH: Final = (5.0, 250.0)
 _DEPTH_DB: Final = 40.0

@@ -16,8 +16,8 @@ from quadid_logs.data.health import Line
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.tuning import Cutoffs, FilterChoices
 
-#: ``sensors/gyro.h``, LPF_MAX_HZ and DYN_LPF_MAX_HZ, which ``cli/settings.c`` takes for low-passes of gyro and D
-#: from 0, off, up; below 30 Hz a cut-off delays by more than a loop bears.
+#: ``sensors/gyro.h``, LPF_MAX_HZ and DYN_LPF_MAX_HZ, which ``cli/settings.c`` takes for low-passes of gyro
+#: and D from 0, off, up; below 30 Hz a cut-off delays by more than a loop bears.
 _CUTOFF: Final = (30.0, 1000.0)
 #: ``cli/settings.c``, PARAM_NAME_RPM_FILTER_HARMONICS: 0 to 3, where 0 is off.
 _HARMONICS: Final = 3

@@ -14,7 +14,8 @@ from quadid_logs.data.log import FlightLog, whole_number
 from quadid_logs.data.tuning import FilterChoices, written_hz
 
 #: vehicle_angular_velocity/imu_gyro_parameters.c, @min 0 (off) and @max 1000 of IMU_GYRO_CUTOFF and
-#: IMU_DGYRO_CUTOFF, as of IMU_GYRO_NF0_FRQ and NF1_FRQ; below 10 Hz a low-pass delays by more than a loop bears.
+#: IMU_DGYRO_CUTOFF, as of IMU_GYRO_NF0_FRQ and NF1_FRQ; below 10 Hz a low-pass delays by more than a loop
+#: bears.
 _CUTOFF: Final = (10.0, 1000.0)
 _SHARED: Final = ("IMU_GYRO_CUTOFF", "IMU_DGYRO_CUTOFF")
 #: The same file: @max of IMU_GYRO_NF0_BW and NF1_BW, and of IMU_GYRO_DNF_HMC, whose @min is 1; bit 0 of
