@@ -103,6 +103,11 @@ def _axis_promise(result: Result, axis: str, found: AxisTuning) -> AxisPromise:
         name: Gain(value, found.gains[name].next if name in found.gains else value)
         for name, value in shaping_gains(result, axis).items()
     }
+    # A filter that was off, and its settings not in the log, has no way back but to be off.
+    gains |= {
+        name: Gain(one.now if math.isfinite(one.now) else one.next, one.next)
+        for name, one in found.filters.items()
+    }
     margins = None if found.verdict == "refused" else found.next
     return AxisPromise(verdict=found.verdict, gains=gains, margins=margins)
 

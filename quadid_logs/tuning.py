@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from functools import partial
+from itertools import chain
 from typing import Final
 
 import numpy as np
@@ -17,13 +18,14 @@ from quadid_logs.control.guard import Case
 from quadid_logs.control.loop import on_angle, on_rate
 from quadid_logs.control.margins import grid_hz
 from quadid_logs.control.next_flight import of_next_flight
-from quadid_logs.control.recommend import tune_axis
+from quadid_logs.control.recommend import Axis, FilterWishes, tune_axes
 from quadid_logs.control.scaled_loop import scaled_loops
 from quadid_logs.control.what_if import what_if
 from quadid_logs.data.autotune import AutotuneForecast
 from quadid_logs.data.closed_loop import AxisLoop, LoopMargins
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.flight import FlightData
+from quadid_logs.data.health import LineSource
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Model
 from quadid_logs.data.once import once
@@ -39,9 +41,14 @@ _SAME_GAIN: Final = 1e-3
 
 
 def recommend(
-    result: Result, limits: Limits = GOOD, axes: Sequence[str] = AXES, *, apart: bool = True
+    result: Result,
+    limits: Limits = GOOD,
+    axes: Sequence[str] = AXES,
+    *,
+    apart: bool = True,
+    filters: bool = False,
 ) -> Tuning:
-    """Recommend the gains of the next flight, axis by axis, or say why not.
+    """Recommend the gains and filters of the next flight, axis by axis, or say why not.
 
     Parameters
     ----------
@@ -54,6 +61,9 @@ def recommend(
     apart : bool
         P, I, D and the angle gain each by itself where that rejects gusts better, not by one factor on P, I
         and D alone.
+    filters : bool
+        Filters are changed with the gains, where that leaves less of gusts or less noise; not without
+        ``apart``.
 
     Returns
     -------
@@ -73,13 +83,14 @@ def recommend(
         reason = finding("QL610", "warning", {"autopilot": log.autopilot, "vehicle": obstacle})
         refused = AxisTuning(verdict="refused", reasons=(reason,))
         return Tuning(axes=dict.fromkeys(axes, refused), limits=limits)
-    cases = {axis: _case(result, axis, tunable, parameters) for axis in axes}
-    tuned = {
-        axis: tune_axis(case, model, partial(_rebuilt, result, parameters, axis), limits, apart=apart)
-        for axis, (case, model) in cases.items()
-    }
+    known = {}
+    for axis in axes:
+        case, model = _case(result, axis, tunable, parameters)
+        known[axis] = Axis(case, model, partial(_rebuilt, result, parameters, axis))
+    wishes = _filter_wishes(result, parameters) if filters else None
+    tuned = tune_axes(known, limits, apart=apart, filters=wishes)
     return Tuning(
-        axes={axis: _not_bare(result, axis, one, cases[axis][0]) for axis, one in tuned.items()},
+        axes={axis: _not_bare(result, axis, one, known[axis].case) for axis, one in tuned.items()},
         limits=limits,
     )
 
@@ -173,6 +184,16 @@ def what_if_grids(result: Result, tuning: Tuning) -> Mapping[str, WhatIf]:
         if grid is not None:
             grids[axis] = grid
     return grids
+
+
+def _filter_wishes(result: Result, parameters: Mapping[str, float]) -> FilterWishes:
+    """Return what of the filters may be set, for the lines that the flight shows."""
+    noise = None if result.health is None else result.health.noise
+    # A line that may stand elsewhere in truth is no place for a notch.
+    lines = () if noise is None or noise.may_be_folded else tuple(chain.from_iterable(noise.lines.values()))
+    still = (one.frequency_hz for one in lines if one.source in (LineSource.FIXED, LineSource.UNKNOWN))
+    choices = named(result.log.autopilot).filter_choices(result.log, parameters, lines)
+    return FilterWishes(choices, tuple(still))
 
 
 def flown_parameters(log: FlightLog, data: FlightData) -> Mapping[str, float]:

@@ -29,6 +29,7 @@ def tune(
     limits: Limits = GOOD,
     *,
     apart: bool = True,
+    filters: bool = False,
     settings: Settings | None = None,
     vehicle: Vehicle | None = None,
     progress: Progress | None = None,
@@ -44,6 +45,9 @@ def tune(
     apart : bool
         P, I, D and the angle gain each by itself where that rejects gusts better, not by one factor on P, I
         and D alone.
+    filters : bool
+        Experimental: filters and notches are changed with the gains, where that leaves less of gusts or less
+        noise; not without ``apart``.
     settings : Settings, optional
     vehicle : Vehicle, optional
     progress : callable, optional
@@ -72,9 +76,9 @@ def tune(
     result = analyze(log, settings, vehicle=vehicle, progress=progress)
     if progress is not None:
         progress("tune")
-    if limits == GOOD and apart:
+    if limits == GOOD and apart and not filters:
         return tuning.tuning_of(result)
-    return tuning.recommend(result, limits, apart=apart)
+    return tuning.recommend(result, limits, apart=apart, filters=filters)
 
 
 def compare(

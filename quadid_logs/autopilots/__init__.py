@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from quadid_logs.align.series import CleanLog
     from quadid_logs.autopilots.generic.advice import Advice
     from quadid_logs.data.controller import FlownControllers, ReplayInput
-    from quadid_logs.data.tuning import Tunable
+    from quadid_logs.data.health import Line
+    from quadid_logs.data.tuning import FilterChoices, Tunable
 
 __all__ = ["Autopilot", "LogFormat", "formats", "known", "named", "register"]
 
@@ -155,6 +156,17 @@ class Autopilot:
     def tunable(self, parameters: Mapping[str, float]) -> Tunable | None:  # noqa: ARG002
         """Return the gains that may be changed; None where no gains of it are known."""
         return None
+
+    def filter_choices(
+        self,
+        log: FlightLog,  # noqa: ARG002
+        parameters: Mapping[str, float],  # noqa: ARG002
+        lines: Sequence[Line],  # noqa: ARG002
+    ) -> FilterChoices:
+        """Return what of the filters may be set, for the lines of the gyro's spectrum."""
+        from quadid_logs.data.tuning import FilterChoices
+
+        return FilterChoices()
 
     @property
     def advice(self) -> Advice:

@@ -70,6 +70,13 @@ def tune(
         bool,
         typer.Option("--apart/--together", help="P, I, D and angle gain each by itself, or by one factor."),
     ] = True,
+    filters: Annotated[
+        bool,
+        typer.Option(
+            "--filters",
+            help="Experimental: change filters and notches with the gains, where that is worth it.",
+        ),
+    ] = False,
     system: System = 0,
     log_number: LogNumber = 0,
     open_report: OpenPage = False,
@@ -99,7 +106,7 @@ def tune(
     with Progress(log.name, quiet=quiet) as progress:
         result = analyze(log, settings, vehicle=described, progress=progress)
         progress("tune")
-        tuning = recommend(result, limits, apart=apart)
+        tuning = recommend(result, limits, apart=apart, filters=filters)
         forecasts = autotune_forecasts(result, tuning)
         grids = what_if_grids(result, tuning)
     text, written, removed = _write(result, tuning, provenance, folder, forecasts, grids)

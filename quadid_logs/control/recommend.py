@@ -9,10 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
 
+from quadid_logs.control.filter_design import Changes, design_filters, most_noise
+from quadid_logs.control.filter_findings import filter_findings
+from quadid_logs.control.filter_guard import is_no_worse, is_worth_it, with_flown_filters
 from quadid_logs.control.guard import Case, obstacles
 from quadid_logs.control.loop import rate_loop
 from quadid_logs.control.next_flight import of_next_flight
@@ -31,10 +35,11 @@ from quadid_logs.data.closed_loop import AxisLoop, LoopMargins, Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.model import Model
-from quadid_logs.data.tuning import GOOD, POOR, AxisTuning, GainChange, Limits
+from quadid_logs.data.tuning import GOOD, POOR, AxisTuning, FilterChoices, GainChange, Limits
 from quadid_logs.diagnose import remedied
 from quadid_logs.diagnose.findings import finding, rounded
 from quadid_logs.maths.normal import NORMAL_95
+from quadid_logs.vocabulary import AXES
 
 #: In one flight gains rise by no more than the gain margin that is to be kept: 6 dB. Were the vehicle's own
 #: gain so much higher than is told, the next flight would just be stable. They fall by no more than half.
@@ -89,38 +94,73 @@ class _Step(NamedTuple):
     promised: LoopMargins
 
 
-def tune_axis(
-    case: Case, model: Model | None, rebuild: Rebuild, limits: Limits, *, apart: bool = False
-) -> AxisTuning:
-    """Recommend the gains of one axis for the next flight.
+class Axis(NamedTuple):
+    """What is known of one axis, its model per unit of command, and how its controller is made anew."""
+
+    case: Case
+    model: Model | None
+    rebuild: Rebuild
+
+
+class FilterWishes(NamedTuple):
+    """What of the filters may be set, and the lines of the gyro that do not move with the rotors [Hz]."""
+
+    choices: FilterChoices
+    still_hz: tuple[float, ...]
+
+
+def tune_axes(
+    axes: Mapping[str, Axis], limits: Limits, *, apart: bool = False, filters: FilterWishes | None = None
+) -> dict[str, AxisTuning]:
+    """Recommend the gains of the next flight, and its filters with them.
 
     Parameters
     ----------
-    case : Case
-    model : Model or None
-        With the effectiveness per unit of command.
-    rebuild : callable
-        The axis' controller with some parameters changed.
+    axes : mapping of str to Axis
+        By axis.
     limits : Limits
     apart : bool
         P, I, D and the angle gain each by itself where that rejects gusts better, not by one factor on P, I
         and D alone. Where no common factor keeps the limits, this is tried in any case.
+    filters : FilterWishes, optional
+        Filters may be changed with the gains.
 
     Returns
     -------
-    AxisTuning
+    dict of str to AxisTuning
     """
-    tuned = _tuned(case, model, rebuild, limits, apart=apart)
-    return replace(tuned, reasons=tuple(remedied(tuned.reasons, case.log.autopilot)))
+    searches = {axis: _searched(one, limits, apart=apart) for axis, one in axes.items()}
+    tuned = {
+        axis: _refused(one.case) if (search := searches[axis]) is None else _decided(*search, apart=apart)
+        for axis, one in axes.items()
+    }
+    if filters is not None and apart:
+        known = {axis: both[0] for axis, both in searches.items() if both is not None}
+        changed = _refiltered(known, tuned, filters, shared=set(known) == set(AXES))
+        tuned = {axis: changed.get(axis) or with_flown_filters(axis, one) for axis, one in tuned.items()}
+    return {
+        axis: replace(found, reasons=tuple(remedied(found.reasons, axes[axis].case.log.autopilot)))
+        for axis, found in tuned.items()
+    }
 
 
-def _tuned(case: Case, model: Model | None, rebuild: Rebuild, limits: Limits, *, apart: bool) -> AxisTuning:
-    """Recommend gains, with the catalogue's advice."""
-    refused = tuple(obstacles(case))
+def _refused(case: Case) -> AxisTuning:
+    margins = None if case.found is None else case.found.margins
+    return AxisTuning(verdict="refused", reasons=tuple(obstacles(case)), now=margins)
+
+
+def _searched(axis: Axis, limits: Limits, *, apart: bool) -> tuple[_Search, Callable[[], _Search]] | None:
+    """Return the search of an axis, with and without modes that are merely possible; None if refused."""
+    case, model, rebuild = axis
     found, plants, controller = case.found, case.plants, case.controller
-    if refused or model is None or found is None or plants is None or controller is None:
-        margins = None if found is None else found.margins
-        return AxisTuning(verdict="refused", reasons=refused, now=margins)
+    if (
+        any(True for _ in obstacles(case))
+        or model is None
+        or found is None
+        or plants is None
+        or controller is None
+    ):
+        return None
     following = of_next_flight(plants)
     loops = scaled_loops(controller, following, found.known_hz)
     search = _Search(case, loops, model, rebuild, limits, apart=apart)
@@ -133,7 +173,41 @@ def _tuned(case: Case, model: Model | None, rebuild: Rebuild, limits: Limits, *,
         without = scaled_loops(controller, following._replace(modes=None), found.known_hz)
         return _Search(case, without, model, rebuild, limits, apart=apart)
 
-    return _decided(search, without_modes, apart=apart)
+    return search, without_modes
+
+
+def _refiltered(
+    searches: Mapping[str, _Search], alone: Mapping[str, AxisTuning], filters: FilterWishes, *, shared: bool
+) -> dict[str, AxisTuning]:
+    """Return the axes whose filters change, with the gains behind them; none where nothing is gained.
+
+    The choice is of the gains in the end; what the next flight has of them is held against gains alone.
+    """
+    if not searches:
+        return {}
+    parameters = next(iter(searches.values())).parameters
+    found = design_filters(searches, filters.choices, parameters, filters.still_hz, shared=shared)
+    if found is None:
+        return {}
+    tuned = {axis: _filter_step(axis, one, alone[axis], found) for axis, one in searches.items()}
+    known = {axis: one for axis, one in tuned.items() if one is not None}
+    # What all axes share changes for all of them, or not at all.
+    if found.shared:
+        return known if len(known) == len(searches) and is_worth_it(known, alone) else {}
+    return {axis: one for axis, one in known.items() if is_worth_it({axis: one}, alone)}
+
+
+def _filter_step(axis: str, search: _Search, alone: AxisTuning, found: Changes) -> AxisTuning | None:
+    """Return the step of an axis behind its own filters and those of all, or behind the latter only.
+
+    None where gains alone leave less of gusts in the next flight, however good the filters' target is.
+    """
+    for chosen in (found, found.without_own(axis)) if axis in found.own else (found,):
+        changes = chosen.of(axis, search.parameters)
+        tuned = search.with_filters(changes, chosen) if changes else None
+        if tuned is not None and is_no_worse(tuned, alone):
+            return tuned
+    return None
 
 
 def _decided(search: _Search, without_modes: Callable[[], _Search], *, apart: bool) -> AxisTuning:
@@ -171,7 +245,7 @@ class _Search:
         apart: bool,
     ) -> None:
         self._apart = apart
-        number = ("roll", "pitch", "yaw").index(case.axis)
+        number = AXES.index(case.axis)
         self._case, self._loops, self._rebuild, self._limits = case, loops, rebuild, limits
         self._few = loops.first(_FEW_DRAWS)
         self._flown_spare = spare(loops.margins(), limits)
@@ -181,6 +255,40 @@ class _Search:
         self._gusts = residual_spectrum(model.fit, number)
         low_hz = 0.3 if model.band is None else float(model.band.low_hz[0])
         self._gust_band_hz = (low_hz, model.smoothing_hz)
+        self._best: tuple[SeparateGains, Mapping[str, float]] | None = None
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """That flew."""
+        return self._case.parameters
+
+    @cached_property
+    def too_noisy(self) -> float:
+        """Noise of the command as flown over what is accepted; NaN where the log does not tell it."""
+        noise = self._noise_of(self._loops.controller)
+        return float("nan") if noise is None else noise.now / MOST_NOISE
+
+    def best(self) -> tuple[SeparateGains, Mapping[str, float]] | None:
+        """Return the search for gains one by one behind the flown filters, and the factors that it found."""
+        if self._best is None and (search := self._separate()) is not None:
+            self._best = search, search.target(1.0)
+        return self._best
+
+    def filtered(self, filters: Mapping[str, float]) -> SeparateGains | None:
+        """Return the search for gains one by one behind other filters."""
+        best = self.best()
+        if best is None:
+            return None
+        return best[0].behind(filters, 1.0 / self._case.data.sample_period_s, self._most_noise)
+
+    @cached_property
+    def _most_noise(self) -> float:
+        """Noise that gains behind other filters may make, over that as flown; 1 where nothing tells it."""
+        best = self.best()
+        if best is None or not self.too_noisy > 0.0:
+            return 1.0
+        search, factors = best
+        return most_noise(search.told_of(factors).noise * self.too_noisy) / self.too_noisy
 
     def is_kept(self) -> bool:
         """Tell whether the worst of the vehicles that the next flight allows keeps the limits as flown."""
@@ -341,6 +449,7 @@ class _Search:
         if search is None:
             return None
         target = search.target(common.factor)
+        self._best = search, target
         low, high = _SAME
         if all(low <= factor <= high for factor in target.values()) or not search.keeps(target):
             return None
@@ -367,6 +476,24 @@ class _Search:
         if spare(step.promised, self._limits) < 1.0:
             reasons.extend(filter_note(self._case, self._rebuild, self._loops))
         return self._described("change", tuple(reasons), step)
+
+    def with_filters(self, filters: Mapping[str, GainChange], chosen: Changes) -> AxisTuning | None:
+        """Return the step towards the best gains behind other filters, None where none keeps the limits."""
+        search, alone = self.filtered({name: one.next for name, one in filters.items()}), self.best()
+        if search is None or alone is None:
+            return None
+        target = search.target(1.0)
+        step = search.step(target, MOST_UP) if search.keeps(target) else None
+        if step is None:
+            return None
+        axis = self._case.axis
+        new, old = search.told_of(target), alone[0].told_of(alone[1])
+        chosen = chosen.told(axis, new, old, self.too_noisy, search.phase_lost_deg())
+        reasons = filter_findings(axis, filters, chosen)
+        if any(one.next != one.target for one in step.gains.values()):
+            reasons.append(_found("QL633", self._case, {}))
+        described = self._described("change", tuple(reasons), step)
+        return replace(described, filters=filters, filter_trials=chosen.trials.get(axis, ()))
 
     def _separate(self) -> SeparateGains | None:
         """Return the search for gains one by one; None where there is none, or the mixer holds all gains."""

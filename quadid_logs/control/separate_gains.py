@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from copy import copy
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.control.attitude import Attitude, attitude_of
 from quadid_logs.control.gain_paths import GainPaths, gain_paths
 from quadid_logs.control.guard import Case
@@ -57,6 +58,11 @@ _UNCHANGED: Final = 0.01
 _SAME: Final = 0.05
 #: The search ends this near to the limits.
 _ROUNDING: Final = 0.005
+#: A rough search, to rank filters by.
+_FEW_STEPS: Final = 8
+#: Where the loop's gain is this small, it may be twice as large, or four times, without a change of
+#: stability.
+_SMALL_LOOP: Final = 0.1
 
 
 class Step(NamedTuple):
@@ -82,6 +88,19 @@ class _Loop(NamedTuple):
     def whole(self) -> ComplexArray:
         """With all that closes it."""
         return self.rate if self.full is None else self.full
+
+
+class Quick(NamedTuple):
+    """Factors on gains, and what they make of the flown vehicle's gusts and noise.
+
+    ``cost`` is as of `SeparateGains.cost`, ``noise`` the command's over that of the flown gains and filters,
+    ``missing`` what the decisive vehicles lack of all limits.
+    """
+
+    factors: Mapping[str, float]
+    cost: float
+    noise: float
+    missing: float
 
 
 class Disturbed(NamedTuple):
@@ -117,7 +136,11 @@ class _Varied(NamedTuple):
 
 
 def separate_gains(
-    case: Case, loops: ScaledLoops, rebuild: Rebuild, limits: Limits, disturbed: Disturbed
+    case: Case,
+    loops: ScaledLoops,
+    rebuild: Rebuild,
+    limits: Limits,
+    disturbed: Disturbed,
 ) -> SeparateGains | None:
     """Return the search for the gains of one axis, each by itself.
 
@@ -136,7 +159,7 @@ def separate_gains(
         None where there is no gain to vary, or the controller is no sum over its gains.
     """
     varied = _varied(case)
-    paths = _taken_apart(varied, loops, rebuild)
+    paths = _taken_apart(varied, loops.controller, loops.frequency_hz, rebuild)
     return None if paths is None else SeparateGains(varied, paths, loops, rebuild, limits, disturbed)
 
 
@@ -149,7 +172,9 @@ def _varied(case: Case) -> _Varied:
     return _Varied(names, now, {name: case.parameters[name] for name in ends if name not in own})
 
 
-def _taken_apart(varied: _Varied, loops: ScaledLoops, rebuild: Rebuild) -> GainPaths | None:
+def _taken_apart(
+    varied: _Varied, controller: AxisController, frequency_hz: FloatArray, rebuild: Rebuild
+) -> GainPaths | None:
     """Return the controller's answers by gains, None where they are no sums over them."""
     if not varied.now:
         return None
@@ -158,7 +183,7 @@ def _taken_apart(varied: _Varied, loops: ScaledLoops, rebuild: Rebuild) -> GainP
     all_of_them = dict.fromkeys(varied.now, 2.0)
     both = (all_of_them, rebuild(varied.values(all_of_them, exact=True)))
     angle = varied.names.angle if varied.names.angle in varied.now else ""
-    return gain_paths(doubled, loops.controller, both, angle, loops.frequency_hz)
+    return gain_paths(doubled, controller, both, angle, frequency_hz)
 
 
 class SeparateGains:
@@ -175,6 +200,7 @@ class SeparateGains:
     ) -> None:
         self._varied, self._names, self._now = varied, varied.names, varied.now
         self._paths, self._loops, self._rebuild, self._limits = paths, loops, rebuild, limits
+        self._is_refiltered = False
         self._few = loops.first(_FEW_DRAWS)
         # Each of them also with dynamics that nobody measured; a mode of the frame may bear those better.
         later = unmodelled(loops.frequency_hz, loops.known_hz)
@@ -190,9 +216,46 @@ class SeparateGains:
         crossover = flown.rate.crossover_hz
         self._above = loops.frequency_hz >= (0.0 if crossover is None else crossover.value)
         self._flown = dict.fromkeys(self._now, 1.0)
-        self._flown_answer = self._answer(_sets(self._flown))[0]
+        flown_answers = paths.at(_sets(self._flown))
+        self._flown_whole = flown_answers[0, 0] + flown_answers[0, 1]
+        self._flown_answer = np.abs(self._flown_whole[self._above])
         # No pilot wants a vehicle that follows more slowly, as gusts alone would have it.
-        self._flown_hz = float(self._attitude(self._at(_sets(self._flown))).bandwidth_hz[0])
+        flown_loop = self._loop(flown_answers)
+        self._flown_hz = float(self._attitude(flown_loop).bandwidth_hz[0])
+        self._flown_error_rad = float(self._gusts.attitude_rad(flown_loop.whole)[0])
+
+    def behind(self, filters: Mapping[str, float], log_hz: float, most_noise: float) -> SeparateGains | None:
+        """Return the search behind other filters; what is better or noisier is still told of what flew.
+
+        Parameters
+        ----------
+        filters : mapping of str to float
+            By parameter.
+        log_hz : float
+            Rate of the rows that show the noise: what they may hide counts as its worst.
+        most_noise : float
+            Noise of the command that is allowed, over that as flown; where the log does not tell it, none
+            of its frequencies may pass more than as flown.
+
+        Returns
+        -------
+        SeparateGains or None
+            None where these make no controller, or one of another rate.
+        """
+
+        def filtered(changes: Mapping[str, float]) -> AxisController | None:
+            return self._rebuild({**filters, **changes})
+
+        controller, frequency_hz = filtered({}), self._loops.frequency_hz
+        if controller is None or controller.period_s != self._loops.controller.period_s:
+            return None
+        paths = _taken_apart(self._varied, controller, frequency_hz, filtered)
+        if paths is None:
+            return None
+        other = copy(self)
+        other._paths, other._rebuild, other._is_refiltered = paths, filtered, True
+        other._decisive, other._noise = self._decisive.copy(), self._noise.behind(log_hz, most_noise)
+        return other
 
     def target(self, common: float) -> dict[str, float]:
         """Return by parameter the factor at which gusts are rejected best, the limits being kept.
@@ -268,7 +331,9 @@ class SeparateGains:
         documented = self._names.highest.get(name, np.inf) / self._now[name]
         return min(self._highest, max(documented, 1.0))
 
-    def _search(self, begins: list[dict[str, float]], bounds: _Bounds, most_up: float) -> dict[str, float]:
+    def _search(
+        self, begins: list[dict[str, float]], bounds: _Bounds, most_up: float, *, rough: bool = False
+    ) -> dict[str, float]:
         """Search from some factors for the least attitude error; return the best of ends and beginnings."""
         from scipy.optimize import NonlinearConstraint, minimize
 
@@ -291,12 +356,12 @@ class SeparateGains:
                 jac=told.cost_slope,
                 bounds=limits,
                 constraints=NonlinearConstraint(told.kept, 0.0, np.inf, jac=told.kept_slope),
-                options={"maxiter": _MOST_STEPS, "ftol": _TOLERANCE},
+                options={"maxiter": _FEW_STEPS if rough else _MOST_STEPS, "ftol": _TOLERANCE},
             )
             found.append(factors(end.x))
         each = {name: np.array([one[name] for one in found]) for name in names}
         best = found[int(np.argmin(self._values(each, most_up)))]
-        if np.min(self._told(_sets(best), most_up)[1]) >= -_ROUNDING:
+        if rough or np.min(self._told(_sets(best), most_up)[1]) >= -_ROUNDING:
             return best
         # No gains keep all limits: as near to them as it gets, and that has corners.
         end = minimize(
@@ -356,8 +421,16 @@ class SeparateGains:
         return np.asarray(np.abs(back + by_angle))
 
     def _rises(self, factors: Mapping[str, FloatArray]) -> FloatArray:
-        """Return by how much more the controller answers than as flown, from the crossover up; (n_sets,)."""
-        return np.asarray(np.max(self._answer(factors) / self._flown_answer, axis=1))
+        """Return by how much more the controller answers than as flown, from the crossover up; (n_sets,).
+
+        Other filters answer more far above it, where no loop is closed any more: there it does not count.
+        """
+        answer = self._answer(factors)
+        rises = answer / self._flown_answer
+        if self._is_refiltered:
+            loop = answer * np.abs(self._few.body[0][self._above])
+            rises = np.where(loop > _SMALL_LOOP, rises, 0.0)
+        return np.asarray(np.max(rises, axis=1))
 
     def _attitude(self, loop: _Loop) -> Attitude:
         return attitude_of(self._loops.frequency_hz, loop.rate, loop.full, loop.to_rate)
@@ -415,9 +488,64 @@ class SeparateGains:
             The attitude error of gusts, times how much more slowly the attitude follows, times how much less
             the integral holds.
         """
-        both = {name: np.array([1.0, factor]) for name, factor in factors.items()}
-        flown, other = self._told(both)[0]
-        return float(np.exp(other - flown))
+        return float(np.exp(self._told(_sets(factors))[0][0]) / self._flown_error_rad)
+
+    def quick(self, begin: Mapping[str, float]) -> Quick:
+        """Search once from some factors, around the estimate alone: to rank filters by.
+
+        Parameters
+        ----------
+        begin : mapping of str to float
+
+        Returns
+        -------
+        Quick
+        """
+        self._decisive[0, 0] = True
+        bounds = {name: (_BOUNDS[0], self._most(name)) for name in self._now}
+        near = {name: float(np.clip(one, *bounds[name])) for name, one in begin.items()}
+        found = self._search([near], bounds, np.inf, rough=True)
+        return self.told_of(found)
+
+    def told_of(self, factors: Mapping[str, float]) -> Quick:
+        """Tell what factors cost, how noisy they are, and what they miss, around the decisive vehicles.
+
+        Parameters
+        ----------
+        factors : mapping of str to float
+
+        Returns
+        -------
+        Quick
+        """
+        error, kept = self._told(_sets(factors))
+        noise = self._noise.ratio(self._at(_sets(factors)))[0]
+        missing = float(np.sum(np.maximum(-kept[0] - _ROUNDING, 0.0)))
+        return Quick(dict(factors), float(np.exp(error[0]) / self._flown_error_rad), float(noise), missing)
+
+    def phase_lost_deg(self) -> float:
+        """Return the phase that filters lose at the flown crossover, less that of the flown ones [deg]."""
+        back, by_angle, _ = self._paths.at(_sets(self._flown))[0]
+        place = int(np.argmax(self._above))
+        return -float(np.degrees(np.angle((back + by_angle)[place] / self._flown_whole[place])))
+
+    def passes(self, frequency_hz: float) -> tuple[float, float]:
+        """Return the gain from gyro to command at a frequency over that as flown, and the gain of the loop.
+
+        Parameters
+        ----------
+        frequency_hz : float
+
+        Returns
+        -------
+        tuple of float
+            Both with the flown gains: what the filters alone make of it.
+        """
+        back, by_angle, _ = self._paths.at(_sets(self._flown))[0]
+        answer = np.abs(back + by_angle)
+        both = (answer / np.abs(self._flown_whole), answer * np.abs(self._few.body[0]))
+        more, loop = (float(np.interp(frequency_hz, self._loops.frequency_hz, one)) for one in both)
+        return more, loop
 
     def in_reach(self, common: float) -> float:
         """Return the `cost` of the best gains if the vehicle were known to be the estimate.
@@ -452,11 +580,12 @@ class SeparateGains:
         -------
         float
         """
-        errors_rad = []
-        for each in (dict.fromkeys(self._now, 1.0), factors):
-            back, by_angle, _ = self._paths.at(each)
-            errors_rad.append(self._gusts.attitude_rad(self._few.body * (back + by_angle)))
-        return float(np.quantile(errors_rad[1] / errors_rad[0], _WORST))
+        back, by_angle, _ = self._paths.at(factors)
+        flown, other = (
+            self._gusts.attitude_rad(self._few.body * answer)
+            for answer in (self._flown_whole, back + by_angle)
+        )
+        return float(np.quantile(other / flown, _WORST))
 
     def common(self, factor: float) -> float:
         """Return the `cost` of one factor on P, I and D.
@@ -488,7 +617,7 @@ class SeparateGains:
             vehicle of those that the next flight allows has less margin than is to be kept, or than it had.
             None where there are no such gains.
         """
-        if all(factor == 1.0 for factor in target.values()):
+        if all(factor == 1.0 for factor in target.values()) and not self._is_refiltered:
             return None
         best = dict(target)
         if self._rises(_sets(target))[0] > most_up:
@@ -546,18 +675,54 @@ class _Noise:
         self._frequency_hz = loops.frequency_hz
         self._above = self._frequency_hz >= lowest_noise_hz(disturbed.crossover_hz)
         self._power = _power_over(self._frequency_hz, disturbed)
-        self._most = disturbed.most_noise
+        self._aliases: list[IntArray] = []
+        now = 0.0 if self._power is None else float(np.sqrt(np.sum(self._power)))
+        #: Of the noise as flown.
+        self._most_ratio = max(disturbed.most_noise / now, 1.0) if now > 0.0 else 1.0
+
+    def behind(self, log_hz: float, most: float) -> _Noise:
+        """Return the noise for other filters: what rows of this rate may hide counts as its worst."""
+        other = copy(self)
+        other._aliases, other._most_ratio = _aliases(self._frequency_hz, log_hz), most
+        return other
+
+    def ratio(self, loop: _Loop) -> FloatArray:
+        """Return the command's noise over that as flown; where that is unknown, at the worst frequency.
+
+        Shape (n_sets,).
+        """
+        ratio = np.abs(loop.rate / (1.0 + loop.whole) / self._flown)
+        if self._power is None:
+            return np.asarray(np.max(ratio[:, self._above], axis=1, initial=0.0))
+        for places in self._aliases:
+            ratio = np.maximum(ratio, ratio[:, places])
+        return np.asarray(np.sqrt(ratio**2 @ self._power / np.sum(self._power)))
 
     def beyond(self, loop: _Loop) -> FloatArray:
         """Return by how much the command is noisier than it may be; where that is unknown, than it was.
 
         Shape (n_sets,).
         """
-        ratio = np.abs(loop.rate / (1.0 + loop.whole) / self._flown)
-        if self._power is None:
-            return np.asarray(np.max(ratio[:, self._above], axis=1, initial=0.0) - 1.0)
-        now = np.sqrt(np.sum(self._power))
-        return np.asarray(np.sqrt(ratio**2 @ self._power) / max(self._most, now) - 1.0)
+        return np.asarray(self.ratio(loop) / (1.0 if self._power is None else self._most_ratio) - 1.0)
+
+
+def _aliases(frequency_hz: FloatArray, log_hz: float) -> list[IntArray]:
+    """Return for each frequency the places of those that rows of a log show at it, beyond half their rate.
+
+    Rows are some of the loop's steps: what is at f in them may be at any multiple of their rate, less or
+    more f.
+    The worst of these counts where filters let more of it pass.
+    """
+    highest_hz = float(frequency_hz[-1])
+    found = []
+    for multiple in range(1, 1 + int(highest_hz / log_hz + 0.5)):
+        for alias_hz in (multiple * log_hz - frequency_hz, multiple * log_hz + frequency_hz):
+            seen = (frequency_hz <= 0.5 * log_hz) & (alias_hz > 0.5 * log_hz) & (alias_hz <= highest_hz)
+            places = np.searchsorted(frequency_hz, np.minimum(alias_hz, highest_hz))
+            found.append(
+                np.where(seen, np.minimum(places, frequency_hz.size - 1), np.arange(frequency_hz.size))
+            )
+    return found
 
 
 def _power_over(frequency_hz: FloatArray, disturbed: Disturbed) -> FloatArray | None:

@@ -900,6 +900,45 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 scope="gains",
             ),
             _entry(
+                "QL670",
+                "Change filters and gains together: less of gusts or noise, and margins above the limits",
+                "A filter takes phase that the gains pay for. These filters with these gains "
+                "leave less of gusts or less noise on the motors than any gains behind the flown filters.",
+                "Load the file as a whole: these gains belong to these filters. Hover first, and feel the "
+                "motors after half a minute: they must stay cool.",
+                scope="gains",
+            ),
+            _entry(
+                "QL671",
+                "There is too much filtering",
+                "A low-pass below what the noise of this gyro asks for takes phase for nothing.",
+                "Set the cut-off in the file, with its gains.",
+                scope="gains",
+            ),
+            _entry(
+                "QL672",
+                "There is too little filtering",
+                "The low-pass lets more noise to the motors than its phase is worth.",
+                "Set the cut-off in the file, with its gains.",
+                scope="gains",
+            ),
+            _entry(
+                "QL673",
+                "The notches do not stand where the gyro's lines are",
+                "A notch that stands on no line takes phase for nothing; a line without one shakes motors.",
+                "Set the notches as in the file, and start the autopilot anew before the flight.",
+                scope="gains",
+            ),
+            _entry(
+                "QL674",
+                "The filters stay as they flew",
+                "Filters are changed only where the next flight has no more gust error on any axis than with "
+                "gains alone, and a twentieth less of it or of noise on one axis. No setting that was looked "
+                "at has that, or all axes share the filters and one of the axes is not known.",
+                "Load the gains. Leave the filters.",
+                scope="gains",
+            ),
+            _entry(
                 "QL641",
                 "P, I, D and the angle gain are changed each by itself",
                 "Each gain goes its own way to where gusts are rejected best: the margins are kept, noise "

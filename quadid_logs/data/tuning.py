@@ -123,12 +123,72 @@ class Tunable:
     procedures: Mapping[str, Procedure] = field(default_factory=dict)
 
 
+#: Cut-offs that are changed by one factor: by parameter its range [Hz].
+Cutoffs = Mapping[str, tuple[float, float]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FilterChoices:
+    """What of the filters of this firmware version may be set, for the lines that the gyro shows.
+
+    Attributes
+    ----------
+    shared : tuple of Cutoffs
+        Of low-passes that all axes share.
+    own : mapping of str to tuple of Cutoffs
+        By axis, of its own low-passes.
+    notches : tuple of mapping of str to float
+        Each a whole setting of notches by parameter, for all axes.
+    """
+
+    shared: tuple[Cutoffs, ...] = ()
+    own: Mapping[str, tuple[Cutoffs, ...]] = field(default_factory=dict)
+    notches: tuple[Mapping[str, float], ...] = ()
+
+
+def written_hz(value: float) -> float:
+    """Return a cut-off as it is written: whole, below 10 Hz to a tenth.
+
+    Parameters
+    ----------
+    value : float
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> written_hz(28.28), written_hz(3.54)
+    (28.0, 3.5)
+    """
+    return float(round(value)) if value >= 10.0 else round(value, 1)
+
+
 class GainChange(NamedTuple):
     """A parameter as it flew, for the next flight, and where it leads to if nothing else turns up."""
 
     now: float
     next: float
     target: float
+
+
+class FilterTrial(NamedTuple):
+    """A setting of the filters with the best gains behind it.
+
+    Attributes
+    ----------
+    phase_deg : float
+        That its filters lose at the flown crossover, less what those lose that flew [deg].
+    noise : float
+        Of the command, over what is accepted.
+    attitude_error : float
+        Of gusts, over that of the flown gains and filters.
+    """
+
+    phase_deg: float
+    noise: float
+    attitude_error: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
@@ -142,6 +202,10 @@ class AxisTuning:
         Why, the decisive one first.
     gains : mapping of str to GainChange
         By parameter; empty where the axis is refused.
+    filters : mapping of str to GainChange
+        Parameters of filters that change with the gains; those that all axes share stand in each of them.
+    filter_trials : tuple of FilterTrial
+        Settings that were looked at where filters change: the flown one first, the chosen one last.
     now, next : LoopMargins or None
         As flown, and as promised for the next flight, from the values in the file.
     step_now, step_next : Step or None
@@ -160,6 +224,8 @@ class AxisTuning:
     verdict: TuningVerdict
     reasons: tuple[Finding, ...]
     gains: Mapping[str, GainChange] = field(default_factory=dict)
+    filters: Mapping[str, GainChange] = field(default_factory=dict)
+    filter_trials: tuple[FilterTrial, ...] = ()
     now: LoopMargins | None = None
     next: LoopMargins | None = None
     step_now: Step | None = None
@@ -171,7 +237,7 @@ class AxisTuning:
     flights_to_limits: int = 0
 
     @property
-    def changes(self) -> Mapping[str, GainChange]:
+    def changed_gains(self) -> Mapping[str, GainChange]:
         """The gains that get another value."""
         return {name: change for name, change in self.gains.items() if change.next != change.now}
 
@@ -181,12 +247,17 @@ class AxisTuning:
         return self.verdict == "change" and bool(self.reasons) and self.reasons[0].code == "QL648"
 
     @property
+    def changes(self) -> Mapping[str, GainChange]:
+        """The gains and filters that get another value."""
+        return {**self.changed_gains, **self.filters}
+
+    @property
     def direction(self) -> Direction:
         """Where the gains go: the one source of every sentence that says so."""
         if self.verdict != "change":
             return "keep" if self.verdict == "keep" else "refuse"
-        ups = {change.next > change.now for change in self.changes.values()}
-        return "reshape" if len(ups) > 1 else "raise" if True in ups else "lower"
+        ups = {change.next > change.now for change in self.changed_gains.values()}
+        return "reshape" if self.filters or len(ups) > 1 else "raise" if True in ups else "lower"
 
     @property
     def summary(self) -> str:

@@ -65,11 +65,16 @@ def gain_files(result: Result, tuning: Tuning) -> dict[str, str]:
     advice = named(result.log.autopilot).advice
     parameters = flown_parameters(result.log, result.data)
     log = printable(PurePath(result.log.path).name, _LONGEST_NAME)
-    forth = [*advice.beside_gains(parameters)]
-    forth += [line for axis, found in tuning.axes.items() for line in _lines(axis, found)]
-    flown = _flown(result, parameters) | {name: change.now for name, change in changes.items()}
+    forth = [*advice.beside_gains(parameters, changes)]
+    lines = [line for axis, found in tuning.axes.items() for line in _lines(axis, found)]
+    # Filters that all axes share stand in each of them, and once in a file.
+    first = {line[1]: line for line in reversed(lines)}
+    forth += [line for line in lines if first[line[1]] is line]
+    # What the log does not hold is switched off by what it does hold.
+    known = {name: change.now for name, change in changes.items() if np.isfinite(change.now)}
+    flown = _flown(result, parameters) | known
     back = [("as flown", name, exact(value)) for name, value in flown.items()]
-    back += advice.beside_gains(parameters, back=True)
+    back += advice.beside_gains(parameters, changes, back=True)
     names = file_names(result.log.autopilot)
     return {
         names[0]: advice.gain_text(
@@ -95,7 +100,8 @@ def _flown(result: Result, parameters: Mapping[str, float]) -> dict[str, float]:
 
 def _lines(axis: str, found: AxisTuning) -> Iterator[tuple[str, str, str]]:
     for name, change in found.changes.items():
-        why = f"{axis}: {reason_text(found)}; was {exact(change.now)}{_towards(change)}"
+        was = f"was {exact(change.now)}" if np.isfinite(change.now) else "not in the log"
+        why = f"{axis}: {reason_text(found)}; {was}{_towards(change)}"
         yield why, name, exact(change.next)
 
 

@@ -8,6 +8,7 @@ from quadid_logs.data.autotune import AutotuneForecast
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import Tuning
 from quadid_logs.data.what_if import WhatIf
+from quadid_logs.report.filter_picture import filter_picture
 from quadid_logs.report.pages import environment
 from quadid_logs.report.provenance import LONGEST_COMMAND, Provenance
 from quadid_logs.report.step_picture import step_picture
@@ -43,6 +44,7 @@ def tune_page(
         A complete HTML document; every text is escaped by the template.
     """
     pictures = [step_picture(axis, found) for axis, found in tuning.axes.items()]
+    filters = [filter_picture(axis, found) for axis, found in tuning.axes.items()]
     page: str = (
         environment()
         .get_template("tune.html")
@@ -50,6 +52,7 @@ def tune_page(
             view=tune_view(result, tuning, forecasts),
             what_if=what_if_parts(grids or {}),
             pictures=[one for one in pictures if one is not None],
+            filters=[one for one in filters if one is not None],
             provenance={
                 "version": provenance.version,
                 "log_sha256": provenance.log_sha256,

@@ -153,7 +153,10 @@ def _act(found: AxisTuning) -> str:
             ratio = _ratio(found)
             return f"{way} the gains to {number(100.0 * ratio, 2 if ratio < 1.0 else 3)} %"
         case "reshape":
-            return f"change {len(found.changes)} gains, each by itself"
+            gains = _counted(len(found.changed_gains), "gain")
+            if found.filters:
+                return f"change {_counted(len(found.filters), 'setting')} of the filters and {gains}"
+            return f"change {gains}, each by itself"
 
 
 def _counted(number_of: int, noun: str) -> str:
@@ -162,7 +165,7 @@ def _counted(number_of: int, noun: str) -> str:
 
 def _ratio(found: AxisTuning) -> float:
     """Return by what the common gain changes."""
-    change = next(one for one in found.changes.values() if one.now)
+    change = next(one for one in found.changed_gains.values() if one.now)
     return change.next / change.now
 
 
@@ -231,7 +234,7 @@ def _axis(
         gains=tuple(
             GainView(
                 name=name,
-                now=number(one.now),
+                now=number(one.now) if np.isfinite(one.now) else "–",
                 next=exact(one.next),
                 target="" if one.target == one.next else exact(one.target),
             )
@@ -413,7 +416,8 @@ def tune_again(result: Result, tuning: Tuning) -> str:
         ("--phase-margin-deg", limits.phase_deg, GOOD.phase_deg),
     )
     words = [(name, f"{value:g}") for name, value, default in wanted if value != default]
-    return on_next_log(result, "tune", *(word for pair in words for word in pair))
+    filters = ["--filters"] if any(found.filters for found in tuning.axes.values()) else []
+    return on_next_log(result, "tune", *filters, *(word for pair in words for word in pair))
 
 
 def _steps_to_advice(result: Result, tuning: Tuning) -> Iterator[str]:

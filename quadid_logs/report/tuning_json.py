@@ -71,6 +71,7 @@ def _axis(found: AxisTuning, limits: Limits) -> dict[str, Any]:
         "reasons": [one.code for one in found.reasons],
         "findings": [finding_dict(one) for one in found.reasons],
         "gains": {name: change._asdict() for name, change in found.gains.items()},
+        "filters": {name: change._asdict() for name, change in found.filters.items()},
         "now": _loops(found.now),
         "next": _loops(found.next),
         "attitude_error_ratio": found.attitude_error,

@@ -37,7 +37,15 @@ from quadid_logs.simulate.control import (
     thrust_of_throttle,
     torque_command,
 )
-from quadid_logs.simulate.effects import Actuation, Effects, FlexibleMode, Surroundings, disturbance
+from quadid_logs.simulate.effects import (
+    Actuation,
+    Effects,
+    FlexibleMode,
+    RotorVibration,
+    Surroundings,
+    disturbance,
+    ringing,
+)
 from quadid_logs.simulate.faults import MotorFaults, Shaking
 from quadid_logs.simulate.manoeuvres import Reference
 from quadid_logs.simulate.outputs import OutputCurve, output_curve
@@ -58,6 +66,8 @@ class Noise:
 
     ``gyro_scale`` is the error of each gyro axis's scale, as a fraction of the
     rate; ``gyro_cross`` how much p shows of q and r, q of p and r, r of p and q.
+    ``rotor_line_rad_s`` is the root mean square of what unbalanced rotors show about each axis, once in a
+    turn of each; ``frame_line_rad_s`` that of a part of the frame that rings at ``frame_line_hz``.
     """
 
     gyro_rad_s_per_rthz: float = 1.0e-4
@@ -66,6 +76,9 @@ class Noise:
     gyro_cross: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     gyro_resolution_rad_s: float = math.radians(2000.0) / 32768.0
     accelerometer_m_s2_per_rthz: float = 2.0e-3
+    rotor_line_rad_s: float = 0.0
+    frame_line_rad_s: float = 0.0
+    frame_line_hz: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,6 +99,8 @@ class Tuning:
         ArduPilot's filters of set-point and error, 0 for none.
     derivative_hz : float
         Filter of D.
+    axis_derivative_hz : tuple of float or None
+        ArduPilot's of each axis, instead.
     slew_limit : float
         ArduPilot's limit on how fast P + D may move [1/s], 0 for none.
     notch : TrackingNotch or None
@@ -99,8 +114,13 @@ class Tuning:
     target_hz: float = 20.0
     error_hz: float = 0.0
     derivative_hz: float = 25.0
+    axis_derivative_hz: tuple[float, float, float] | None = None
     slew_limit: float = 0.0
     notch: TrackingNotch | None = None
+
+    def of_derivative_hz(self, axis: int) -> float:
+        """Return the cut-off of one axis' D."""
+        return self.derivative_hz if self.axis_derivative_hz is None else self.axis_derivative_hz[axis]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -467,6 +487,8 @@ class _Gyro:
         self._scale = _vector([1.0 + np.array(s.noise.gyro_scale) for s in setups])
         self._cross = tuple(_stacked([s.noise.gyro_cross[place] for s in setups]) for place in range(6))
         self._mode = FlexibleMode([s.effects for s in setups], first.loop_hz)
+        lines = [s.noise.rotor_line_rad_s for s in setups]
+        self._vibration = RotorVibration(_stacked(lines), first.loop_hz) if any(lines) else None
         zero = 0.0 * self._quantum
         self._memory = ((zero, zero, zero), (zero, zero, zero))
         hover_rad_s = _stacked([hover_rad_s_of(s.airframe) for s in setups])
@@ -481,6 +503,9 @@ class _Gyro:
         if self._shaking.present:
             roll, pitch, yaw = self._shaking.rates(speeds)
             p, q, r = p + roll, q + pitch, r + yaw
+        if self._vibration is not None:
+            shaken = self._vibration.seen(speeds)
+            p, q, r = p + shaken[0], q + shaken[1], r + shaken[2]
         sample = (
             ((scale[0] * p + pq * q + pr * r + bias[0] + noise[0]) / quantum + 0.5) // 1.0 * quantum,
             ((scale[1] * q + qp * p + qr * r + bias[1] + noise[1]) / quantum + 0.5) // 1.0 * quantum,
@@ -691,7 +716,9 @@ def controller_gains(setup: Setup) -> Gains:
         proportional=_vector([of_p * proportional]),
         integral=_vector([of_i * 0.25 * crossover * proportional]),
         derivative=_vector([of_d * lead_s * proportional]),
-        derivative_weight=_weight(tuning.derivative_hz, setup.loop_hz),
+        derivative_weight=_vector(
+            [np.array([_weight(tuning.of_derivative_hz(axis), setup.loop_hz) for axis in range(3)])]
+        ),
         target_weight=_weight(tuning.target_hz, setup.loop_hz),
         error_weight=_weight(tuning.error_hz, setup.loop_hz),
         slew_limit=tuning.slew_limit,
@@ -824,10 +851,19 @@ def _plan(setup: Setup) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _gyro_noise(setup: Setup) -> FloatArray:
-    """White noise of the gyro over its sampled bandwidth [rad/s], shape (n_steps, 3)."""
+    """White noise of the gyro over its sampled bandwidth, and what rings [rad/s], shape (n_steps, 3)."""
     rng = generator(setup, "gyro")
     sigma = setup.noise.gyro_rad_s_per_rthz * math.sqrt(0.5 * setup.loop_hz)
-    return sigma * rng.standard_normal((n_steps(setup), 3))
+    white = sigma * rng.standard_normal((n_steps(setup), 3))
+    if not setup.noise.frame_line_rad_s:
+        return white
+    return white + ringing(
+        setup.noise.frame_line_hz,
+        setup.noise.frame_line_rad_s,
+        n_steps(setup),
+        setup.loop_hz,
+        generator(setup, "frame line"),
+    )
 
 
 def _wind(setup: Setup) -> FloatArray:

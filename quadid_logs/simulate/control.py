@@ -57,7 +57,7 @@ def butterworth(cutoff_hz: float, sample_rate_hz: float) -> Biquad:
 
 
 class TrackingNotch(NamedTuple):
-    """ArduPilot's harmonic notch that follows the mean speed of the rotors (INS_HNTCH_MODE 3).
+    """ArduPilot's harmonic notch that follows the mean speed of the rotors (INS_HNTCH_MODE 3), or stands (0).
 
     ``lowest_hz`` is INS_HNTCH_FREQ, for which the width is told; ``n_harmonics`` of the speed have a notch.
     """
@@ -66,12 +66,13 @@ class TrackingNotch(NamedTuple):
     width_hz: float
     depth_db: float = 40.0
     n_harmonics: int = 1
+    stands: bool = False
 
     def biquad(self, harmonic: int, speed_hz: Component, sample_rate_hz: float) -> Biquad:
         """Return the filter at one harmonic of a speed (NotchFilter.cpp)."""
         octaves = 2.0 * math.log2(self.lowest_hz / (self.lowest_hz - 0.5 * self.width_hz))
         quality = math.sqrt(2.0**octaves) / (2.0**octaves - 1.0)
-        omega = 2.0 * math.pi * harmonic * np.maximum(speed_hz, self.lowest_hz) / sample_rate_hz
+        omega = 2.0 * math.pi * harmonic * self._centre_hz(speed_hz) / sample_rate_hz
         alpha, passed = 0.5 * np.sin(omega) / quality, 10.0 ** (-self.depth_db / 20.0)
         middle = -2.0 * np.cos(omega) / (1.0 + alpha)
         return Biquad(
@@ -81,6 +82,9 @@ class TrackingNotch(NamedTuple):
             a1=middle,
             a2=(1.0 - alpha) / (1.0 + alpha),
         )
+
+    def _centre_hz(self, speed_hz: Component) -> Component:
+        return self.lowest_hz if self.stands else np.maximum(speed_hz, self.lowest_hz)
 
 
 def filter_rates(
@@ -110,7 +114,7 @@ class Gains(NamedTuple):
     proportional: Triple
     integral: Triple
     derivative: Triple
-    derivative_weight: float
+    derivative_weight: Triple
     step_s: float
     target_weight: float = 1.0
     error_weight: float = 1.0
@@ -209,7 +213,7 @@ def ardupilot_rate_law(
     target = before.target + gains.target_weight * (setpoint - before.target)
     error = before.error + gains.error_weight * (target - rate - before.error)
     change = (error - before.error) / gains.step_s
-    slope = before.slope + gains.derivative_weight * (change - before.slope)
+    slope = before.slope + gains.derivative_weight[axis] * (change - before.slope)
     increment = gains.integral[axis] * error * gains.step_s
     grows = 1.0 * (before.integral * increment > 0.0)
     integral = before.integral + increment * (1.0 - limited * grows)
@@ -278,7 +282,9 @@ def px4_rate_law(
     At the allocator's limits errors that would push further are not learned from.
     """
     error = setpoint - rate
-    slope = before.slope + gains.derivative_weight * ((rate - before.rate) / gains.step_s - before.slope)
+    slope = before.slope + gains.derivative_weight[axis] * (
+        (rate - before.rate) / gains.step_s - before.slope
+    )
     proportional, derivative = gains.proportional[axis] * error, -gains.derivative[axis] * slope
     integral = before.learned
     pushes = 1.0 * (error * (proportional + integral + derivative) > 0.0)

@@ -15,13 +15,15 @@ from quadid_logs.simulate.effects import high_pass
 from quadid_logs.vocabulary import AXES
 
 
-def true_controller(setup: Setup, axis: int) -> AxisController:
+def true_controller(setup: Setup, axis: int, rotors_hz: float = 0.0) -> AxisController:
     """Return the controller that the simulator ran, made of the gains and weights that it flew with.
 
     Parameters
     ----------
     setup : Setup
     axis : int
+    rotors_hz : float
+        Their speed, at which a notch stands that follows them.
 
     Returns
     -------
@@ -30,7 +32,7 @@ def true_controller(setup: Setup, axis: int) -> AxisController:
     """
     gains, tuning, period_s = final_gains(setup), setup.tuning, 1.0 / setup.loop_hz
     P, I, D = (float(each[axis]) for each in (gains.proportional, gains.integral, gains.derivative))  # noqa: E741
-    slope = (derivative(period_s) * first_order(tuning.derivative_hz, period_s)).scaled(D)
+    slope = (derivative(period_s) * first_order(tuning.of_derivative_hz(axis), period_s)).scaled(D)
     ardupilot = setup.autopilot == "ardupilot"
     error = gain(P, period_s) + integrator(period_s, late=not ardupilot).scaled(I)
     return AxisController(
@@ -38,7 +40,11 @@ def true_controller(setup: Setup, axis: int) -> AxisController:
         error=(error + slope) * first_order(tuning.error_hz, period_s) if ardupilot else error,
         target=first_order(tuning.target_hz, period_s) if ardupilot else unit(period_s),
         rate=None if ardupilot else slope,
-        gyro=(*_flexible_mode(setup), butterworth(setup.gyro_filter_hz, period_s)),
+        gyro=(
+            *_flexible_mode(setup),
+            *_notches(setup, rotors_hz),
+            butterworth(setup.gyro_filter_hz, period_s),
+        ),
         angle_gain_per_s=float(gains.attitude[axis]),
     )
 
@@ -52,6 +58,17 @@ def _flexible_mode(setup: Setup) -> tuple[DiscreteFilter, ...]:
     below = np.array([1.0, a1, a2])
     above = below - effects.flexible_mode_gain * np.array([b0, b1, b2])
     return (DiscreteFilter(above, below, 1.0 / setup.loop_hz),)
+
+
+def _notches(setup: Setup, rotors_hz: float) -> tuple[DiscreteFilter, ...]:
+    notch = setup.tuning.notch
+    if notch is None:
+        return ()
+    found = []
+    for harmonic in range(1, notch.n_harmonics + 1):
+        b0, b1, b2, a1, a2 = (float(each) for each in notch.biquad(harmonic, rotors_hz, setup.loop_hz))
+        found.append(DiscreteFilter(np.array([b0, b1, b2]), np.array([1.0, a1, a2]), 1.0 / setup.loop_hz))
+    return tuple(found)
 
 
 def true_plant(setup: Setup, truth: dict[str, Any], axis: int) -> Plant:

@@ -134,6 +134,9 @@ def _sensing(setup: Setup) -> dict[str, Any]:
         "gyro_cross": list(noise.gyro_cross),
         "gyro_resolution_rad_s": noise.gyro_resolution_rad_s,
         "accelerometer_noise_m_s2_per_rthz": noise.accelerometer_m_s2_per_rthz,
+        "rotor_line_rad_s": noise.rotor_line_rad_s,
+        "frame_line_rad_s": noise.frame_line_rad_s,
+        "frame_line_hz": noise.frame_line_hz,
     }
 
 

@@ -290,7 +290,7 @@ def _ardupilot_notch(notch: TrackingNotch | None) -> dict[str, float]:
         return {"INS_HNTCH_ENABLE": 0}
     return {
         "INS_HNTCH_ENABLE": 1,
-        "INS_HNTCH_MODE": 3,
+        "INS_HNTCH_MODE": 0 if notch.stands else 3,
         "INS_HNTCH_REF": 1,
         "INS_HNTCH_FREQ": notch.lowest_hz,
         "INS_HNTCH_BW": notch.width_hz,
@@ -310,7 +310,7 @@ def _ardupilot_gains(gains: Gains, tuning: Tuning) -> dict[str, float]:
             f"ATC_RAT_{name}_D": gains.derivative[axis],
             f"ATC_RAT_{name}_FF": 0.0,
             f"ATC_RAT_{name}_IMAX": gains.integral_limit,
-            f"ATC_RAT_{name}_FLTD": tuning.derivative_hz,
+            f"ATC_RAT_{name}_FLTD": tuning.of_derivative_hz(axis),
             f"ATC_RAT_{name}_FLTE": tuning.error_hz,
             f"ATC_RAT_{name}_FLTT": tuning.target_hz,
             f"ATC_RAT_{name}_SMAX": tuning.slew_limit,

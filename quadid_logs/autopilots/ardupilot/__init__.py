@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from quadid_logs.align.series import CleanLog
     from quadid_logs.autopilots.generic.advice import Advice
     from quadid_logs.data.controller import FlownControllers, ReplayInput
-    from quadid_logs.data.tuning import Tunable
+    from quadid_logs.data.health import Line
+    from quadid_logs.data.tuning import FilterChoices, Tunable
 
 
 class ArduPilot(Autopilot):
@@ -87,6 +88,14 @@ class ArduPilot(Autopilot):
         from quadid_logs.autopilots.ardupilot.gains import tunable
 
         return tunable(parameters)
+
+    def filter_choices(
+        self, log: FlightLog, parameters: Mapping[str, float], lines: Sequence[Line]
+    ) -> FilterChoices:
+        """INS_GYRO_FILTER, ATC_RAT_*_FLTD and _FLTE, INS_HNTCH_*."""
+        from quadid_logs.autopilots.ardupilot.filter_choices import filter_choices
+
+        return filter_choices(log, parameters, lines)
 
     @property
     def advice(self) -> Advice:

@@ -12,7 +12,8 @@ from quadid_logs.data.log import FlightLog
 if TYPE_CHECKING:
     from quadid_logs.autopilots.generic.advice import Advice
     from quadid_logs.data.controller import FlownControllers, ReplayInput
-    from quadid_logs.data.tuning import Tunable
+    from quadid_logs.data.health import Line
+    from quadid_logs.data.tuning import FilterChoices, Tunable
 
 
 class Betaflight(BlackboxFamily):
@@ -55,6 +56,14 @@ class Betaflight(BlackboxFamily):
         from quadid_logs.autopilots.betaflight.gains import tunable
 
         return tunable(parameters)
+
+    def filter_choices(
+        self, log: FlightLog, parameters: Mapping[str, float], lines: Sequence[Line]
+    ) -> FilterChoices:
+        """gyro_lpf*, dterm_lpf*, rpm_filter_*."""
+        from quadid_logs.autopilots.betaflight.filter_choices import filter_choices
+
+        return filter_choices(log, parameters, lines)
 
     @property
     def advice(self) -> Advice:

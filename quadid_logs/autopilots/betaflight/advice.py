@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -40,6 +40,19 @@ _CHIRP_DEFAULTS: Final[Mapping[str, float]] = MappingProxyType(
         "chirp_time_seconds": 20,
     }
 )
+#: The same of filters, by how the names of what they set begin; on or off.
+_FILTER_SLIDERS: Final = {"gyro_l": "simplified_gyro_filter", "dterm_l": "simplified_dterm_filter"}
+#: Ends of a range, whose names in a log's header are others than on the command line.
+_RANGES: Final = {
+    f"{header}[{place}]": f"{begin}_{end}_hz"
+    for header, begin in (
+        ("gyro_lpf1_dyn_hz", "gyro_lpf1_dyn"),
+        ("dterm_lpf1_dyn_hz", "dterm_lpf1_dyn"),
+        ("gyro_lowpass_dyn_hz", "dyn_lpf_gyro"),
+        ("dterm_lowpass_dyn_hz", "dyn_lpf_dterm"),
+    )
+    for place, end in enumerate(("min", "max"))
+}
 _PROFILE: Final = (
     "First choose the PID profile that flew, which no log tells: profile 0 is the first one.",
     "Paste on the command line, disarmed.",
@@ -170,17 +183,24 @@ class BetaflightAdvice(Advice):
         """Return lines for the command line, where each changes the profile that was chosen before."""
         lines = [*(f"# {one}" for one in heading), *(f"# {one}" for one in _PROFILE)]
         for comment, name, value in gains:
-            lines += [f"# {comment}", f"set {name} = {value}"]
+            lines += [f"# {comment}", f"set {_RANGES.get(name, name)} = {value}"]
         return "\n".join((*lines, "save")) + "\n"
 
-    def beside_gains(self, parameters: Mapping[str, float], *, back: bool = False) -> tuple[GainLine, ...]:
+    def beside_gains(
+        self, parameters: Mapping[str, float], changed: Collection[str] = (), *, back: bool = False
+    ) -> tuple[GainLine, ...]:
         """Switch the sliders off, which would set the gains anew, and on again on the way back."""
-        mode = whole_number(parameters.get(SLIDERS))
-        if not 0 < mode < len(_SLIDER_MODES):
-            return ()
-        if back:
-            return (("as flown", SLIDERS, _SLIDER_MODES[mode]),)
-        return (("sliders would set these gains anew", SLIDERS, _SLIDER_MODES[0]),)
+        sliders = {SLIDERS: whole_number(parameters.get(SLIDERS))}
+        for begin, slider in _FILTER_SLIDERS.items():
+            if any(name.startswith(begin) for name in changed):
+                sliders[slider] = whole_number(parameters.get(slider))
+        used = {name: mode for name, mode in sliders.items() if 0 < mode < len(_SLIDER_MODES)}
+        if not back:
+            return tuple(("sliders would set these values anew", name, _SLIDER_MODES[0]) for name in used)
+        return tuple(
+            ("as flown", name, _SLIDER_MODES[mode] if name == SLIDERS else "ON")
+            for name, mode in used.items()
+        )
 
 
 def _chirp_dps(excitation: Mapping[str, float]) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, ClassVar, Final
 
@@ -307,6 +307,7 @@ class Advice:
     def beside_gains(
         self,
         parameters: Mapping[str, float],  # noqa: ARG002
+        changed: Collection[str] = (),  # noqa: ARG002
         *,
         back: bool = False,  # noqa: ARG002
     ) -> tuple[GainLine, ...]:
@@ -316,6 +317,8 @@ class Advice:
         ----------
         parameters : mapping of str to float
             Of the log.
+        changed : collection of str
+            The parameters that change.
         back : bool
             For the way back to what flew.
 

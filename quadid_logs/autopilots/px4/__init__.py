@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from quadid_logs.align.series import CleanLog
     from quadid_logs.autopilots.generic.advice import Advice
     from quadid_logs.data.controller import FlownControllers, ReplayInput
-    from quadid_logs.data.tuning import Tunable
+    from quadid_logs.data.health import Line
+    from quadid_logs.data.tuning import FilterChoices, Tunable
 
 
 class Px4(Autopilot):
@@ -79,6 +80,14 @@ class Px4(Autopilot):
         from quadid_logs.autopilots.px4.gains import tunable
 
         return tunable(parameters)
+
+    def filter_choices(
+        self, log: FlightLog, parameters: Mapping[str, float], lines: Sequence[Line]
+    ) -> FilterChoices:
+        """IMU_GYRO_CUTOFF, IMU_DGYRO_CUTOFF, IMU_GYRO_NF*, IMU_GYRO_DNF_*."""
+        from quadid_logs.autopilots.px4.filter_choices import filter_choices
+
+        return filter_choices(log, parameters, lines)
 
     @property
     def advice(self) -> Advice:

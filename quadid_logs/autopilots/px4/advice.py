@@ -18,6 +18,8 @@ from quadid_logs.autopilots.px4.offboard import (
 )
 from quadid_logs.data.log import whole_number
 
+#: Settings of notches that are integers (imu_gyro_parameters.c).
+_INTEGERS: Final = frozenset({"IMU_GYRO_DNF_EN", "IMU_GYRO_DNF_HMC"})
 #: Bits of SDLOG_PROFILE (src/modules/logger/params.c): default, system identification, high rate.
 _PROFILE: Final = 1 | 8 | 16
 #: Before, SDLOG_PROFILE was no bitmask or did not exist.
@@ -143,11 +145,11 @@ class Px4Advice(Advice):
     def gain_text(
         self, heading: Sequence[str], gains: Sequence[GainLine], parameters: Mapping[str, float]
     ) -> str:
-        """Return QGroundControl's columns; for this vehicle, type 9: single precision."""
+        """Return QGroundControl's columns; for this vehicle, type 9: single precision, 6: an integer."""
         vehicle = whole_number(parameters.get("MAV_SYS_ID"), 1)
         lines = [f"# {one}" for one in (*heading, "", "Vehicle-Id Component-Id Name Value Type")]
         for comment, name, value in gains:
-            lines += [f"# {comment}", f"{vehicle}\t1\t{name}\t{value}\t9"]
+            lines += [f"# {comment}", f"{vehicle}\t1\t{name}\t{value}\t{6 if name in _INTEGERS else 9}"]
         return "\n".join(lines) + "\n"
 
 

@@ -1,0 +1,165 @@
+"""What of ArduPilot's filters may be set, and the notches that the lines of a gyro ask for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from quadid_logs.autopilots.ardupilot.controller import AXIS_NAMES
+from quadid_logs.autopilots.ardupilot.filters import notch_sets
+from quadid_logs.autopilots.ardupilot.followed import CENTRES, ROTORS
+from quadid_logs.autopilots.lines import SortedLines, sorted_lines
+from quadid_logs.data.health import Line
+from quadid_logs.data.log import FlightLog, Places
+from quadid_logs.data.tuning import Cutoffs, FilterChoices, written_hz
+
+#: AP_InertialSensor/AP_InertialSensor.cpp, @Range of GYRO_FILTER: 0 256, where 0 is off; below 10 Hz it
+#: delays by more than a loop bears.
+_GYRO: Final = (10.0, 256.0)
+#: AC_AttitudeControl/AC_AttitudeControl_Multi.cpp, @Range: RAT_RLL_FLTD 5 100, FLTE 0 100; RAT_YAW_FLTD
+#: 5 50, FLTE 0 20. There 0 is off, and what is on stays on.
+_OWN: Final = {"FLTD": (5.0, 100.0), "FLTE": (1.0, 100.0)}
+_OWN_OF_YAW: Final = {"FLTD": (5.0, 50.0), "FLTE": (1.0, 20.0)}
+#: Filter/HarmonicNotchFilter.cpp, @Range: FREQ 10 495, BW 5 250; 40 dB is the default of ATT. HMNCS has a
+#: bit for each harmonic, at least seven of them (HarmonicNotchFilter.h, AP_Int8), REF is 0 to 1.
+_FREQUENCY: Final = (10.0, 495.0)
+_WIDTH: Final = (5.0, 250.0)
+_DEPTH_DB: Final = 40.0
+#: The width that the firmware's documentation gives a notch that moves: half its frequency. One that
+#: stands on a line that does not move needs no more than half of that.
+_WIDTH_MOVING: Final = 0.5
+_WIDTH_STANDING: Final = 0.25
+#: INS_HNTCH_MODE.
+_FIXED, _THROTTLE, _ESC = 0, 1, 3
+#: The first has a number in the log; the second came with 4.2.
+_SETS: Final = ("INS_HNTCH", "INS_HNTC2")
+#: A notch that follows the rotors has its lowest place a little below the slowest that they turned.
+_SLOWEST: Final = 0.05
+_BELOW: Final = 0.9
+
+
+def filter_choices(log: FlightLog, parameters: Mapping[str, float], lines: Sequence[Line]) -> FilterChoices:
+    """Return what may be set.
+
+    Parameters
+    ----------
+    log : FlightLog
+    parameters : mapping of str to float
+        That flew: what is not among them, this version does not have.
+    lines : sequence of Line
+        Of the gyro's spectrum about all axes.
+
+    Returns
+    -------
+    FilterChoices
+    """
+    shared = _present(parameters, {"INS_GYRO_FILTER": _GYRO})
+    return FilterChoices(
+        shared=(shared,) if shared else (),
+        own={axis: tuple(_own(parameters, name)) for axis, name in AXIS_NAMES.items()},
+        notches=tuple(_notches(log, parameters, sorted_lines(lines))),
+    )
+
+
+def _own(parameters: Mapping[str, float], name: str) -> Iterator[Cutoffs]:
+    for short, ends in (_OWN_OF_YAW if name == "YAW" else _OWN).items():
+        if found := _present(parameters, {f"ATC_RAT_{name}_{short}": ends}):
+            yield found
+
+
+def _present(parameters: Mapping[str, float], ranges: Cutoffs) -> Cutoffs:
+    """Return the low-passes that are on."""
+    return {name: ends for name, ends in ranges.items() if 0.0 < parameters.get(name, 0.0) < np.inf}
+
+
+def _notches(
+    log: FlightLog, parameters: Mapping[str, float], lines: SortedLines
+) -> Iterator[Mapping[str, float]]:
+    """Yield settings of both sets: without a notch that stands on nothing, and with what is missing."""
+    available = [name for name in _SETS if f"{name}_ENABLE" in parameters]
+    used = [name for name in available if parameters[f"{name}_ENABLE"] == 1.0]
+    placed = notch_sets(parameters, log.followed, log.version)
+    # Of a set whose places nobody knows nothing is said.
+    idle = [name for name in used if name in placed and not _stands_on_a_line(placed[name], lines)]
+    off = {f"{name}_ENABLE": 0.0 for name in idle}
+    if off:
+        yield off
+    free = [name for name in available if name not in used or name in idle]
+    covered = [name for name in used if name in placed and name not in idle]
+    missing = [
+        one for one in _wanted(log, parameters, lines) if not _is_covered(one, parameters, covered, placed)
+    ]
+    # The log tells where a notch stood that moved: such a set is not set to something else.
+    usable = [name for name in free if name in _SETS and CENTRES[_SETS.index(name)] not in log.followed]
+    chosen = dict(zip(usable, missing, strict=False))
+    if chosen:
+        on = {
+            f"{name}_{short}": value for name, setting in chosen.items() for short, value in setting.items()
+        }
+        yield off | on
+
+
+def _stands_on_a_line(places: Places, lines: SortedLines) -> bool:
+    """Tell whether a notch was on any line at any time."""
+    return any(
+        abs(line_hz - one.frequency_hz) <= 0.5 * one.inverse_q * one.frequency_hz
+        for notches in places
+        for one in notches
+        for line_hz in lines.all_hz
+    )
+
+
+def _is_covered(
+    wanted: Mapping[str, float],
+    parameters: Mapping[str, float],
+    used: Sequence[str],
+    placed: Mapping[str, Places],
+) -> bool:
+    """Tell whether a set that is on does what another would: it follows the same, or stands there."""
+    if wanted["MODE"] != _FIXED:
+        return any(parameters.get(f"{name}_MODE", _FIXED) != _FIXED for name in used)
+    return any(
+        abs(wanted["FREQ"] - one.frequency_hz) <= 0.5 * one.inverse_q * one.frequency_hz
+        for name in used
+        for notches in placed[name]
+        for one in notches
+    )
+
+
+def _wanted(
+    log: FlightLog, parameters: Mapping[str, float], lines: SortedLines
+) -> Iterator[dict[str, float]]:
+    """Yield the notches that the lines ask for, those of the rotors first."""
+    rotors_hz = log.followed.get(ROTORS)
+    hover = parameters.get("MOT_THST_HOVER", 0.0)
+    if lines.harmonics and rotors_hz is not None:
+        mean_hz = rotors_hz.mean(axis=1)
+        lowest_hz = (
+            _BELOW * float(np.quantile(mean_hz[mean_hz > 0.0], _SLOWEST)) if (mean_hz > 0.0).any() else 0.0
+        )
+        mask = sum(1 << (harmonic - 1) for harmonic in lines.harmonics)
+        yield from _setting(lowest_hz, _WIDTH_MOVING, _ESC, 1.0, mask)
+    elif lines.by_throttle_hz and 0.0 < hover < 1.0:
+        yield from _setting(min(lines.by_throttle_hz), _WIDTH_MOVING, _THROTTLE, hover, 1)
+    for line_hz in lines.fixed_hz:
+        yield from _setting(line_hz, _WIDTH_STANDING, _FIXED, 0.0, 1)
+
+
+def _setting(
+    frequency_hz: float, width: float, mode: int, reference: float, harmonics: int
+) -> Iterator[dict[str, float]]:
+    """Yield the parameters of one set, none where the firmware does not take them."""
+    if not _FREQUENCY[0] <= frequency_hz <= _FREQUENCY[1]:
+        return
+    placed_hz = written_hz(frequency_hz)
+    yield {
+        "ENABLE": 1.0,
+        "MODE": float(mode),
+        "FREQ": placed_hz,
+        "BW": written_hz(float(np.clip(width * placed_hz, *_WIDTH))),
+        "ATT": _DEPTH_DB,
+        "HMNCS": float(harmonics),
+        **({} if mode == _FIXED else {"REF": float(round(reference, 3))}),
+    }

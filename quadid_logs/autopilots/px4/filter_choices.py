@@ -1,0 +1,87 @@
+"""What of PX4's filters may be set, and the notches that the lines of a gyro ask for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from quadid_logs.autopilots.lines import SortedLines, sorted_lines
+from quadid_logs.autopilots.px4.filters import ROTORS, notches_by_name
+from quadid_logs.data.health import Line
+from quadid_logs.data.log import FlightLog, whole_number
+from quadid_logs.data.tuning import FilterChoices, written_hz
+
+#: vehicle_angular_velocity/imu_gyro_parameters.c, @min 0 (off) and @max 1000 of IMU_GYRO_CUTOFF and
+#: IMU_DGYRO_CUTOFF, as of IMU_GYRO_NF0_FRQ and NF1_FRQ; below 10 Hz a low-pass delays by more than a loop
+#: bears.
+_CUTOFF: Final = (10.0, 1000.0)
+_SHARED: Final = ("IMU_GYRO_CUTOFF", "IMU_DGYRO_CUTOFF")
+#: The same file: @max of IMU_GYRO_NF0_BW and NF1_BW, and of IMU_GYRO_DNF_HMC, whose @min is 1; bit 0 of
+#: IMU_GYRO_DNF_EN is by rotor speed.
+_WIDEST_HZ: Final = 100.0
+_MOST_HARMONICS: Final = 7
+#: Width of a notch on a line that stands, over its frequency.
+_WIDTH: Final = 0.25
+_STANDING: Final = ("IMU_GYRO_NF0", "IMU_GYRO_NF1")
+_BY_ROTORS: Final = 1
+
+
+def filter_choices(log: FlightLog, parameters: Mapping[str, float], lines: Sequence[Line]) -> FilterChoices:
+    """Return what may be set; all axes share these filters.
+
+    Parameters
+    ----------
+    log : FlightLog
+    parameters : mapping of str to float
+        That flew: what is not among them, this version does not have.
+    lines : sequence of Line
+        Of the gyro's spectrum about all axes.
+
+    Returns
+    -------
+    FilterChoices
+    """
+    on = (name for name in _SHARED if 0.0 < parameters.get(name, 0.0) < np.inf)
+    return FilterChoices(
+        shared=tuple({name: _CUTOFF} for name in on),
+        notches=tuple(_notches(log, parameters, sorted_lines(lines))),
+    )
+
+
+def _notches(
+    log: FlightLog, parameters: Mapping[str, float], lines: SortedLines
+) -> Iterator[Mapping[str, float]]:
+    """Yield settings without notches that stand on nothing, and with what is missing."""
+    placed = notches_by_name(parameters)
+    on_line = {
+        name: [
+            line_hz
+            for line_hz in lines.all_hz
+            if abs(line_hz - one.frequency_hz) <= 0.5 * one.inverse_q * one.frequency_hz
+        ]
+        for name, one in placed.items()
+        if name in _STANDING
+    }
+    off = {f"{name}_FRQ": 0.0 for name, found in on_line.items() if not found}
+    if off:
+        yield off
+    covered = {line_hz for found in on_line.values() for line_hz in found}
+    missing = [line_hz for line_hz in lines.fixed_hz if line_hz not in covered]
+    free = [name for name in _STANDING if f"{name}_FRQ" in parameters and not on_line.get(name)]
+    on: dict[str, float] = {}
+    for name, line_hz in zip(free, missing, strict=False):
+        on[f"{name}_FRQ"] = written_hz(line_hz)
+        on[f"{name}_BW"] = written_hz(min(_WIDTH * line_hz, _WIDEST_HZ))
+    enabled = whole_number(parameters.get("IMU_GYRO_DNF_EN"))
+    if (
+        lines.harmonics
+        and ROTORS in log.followed
+        and "IMU_GYRO_DNF_EN" in parameters
+        and not enabled & _BY_ROTORS
+    ):
+        on["IMU_GYRO_DNF_EN"] = float(enabled | _BY_ROTORS)
+        on["IMU_GYRO_DNF_HMC"] = float(min(max(lines.harmonics), _MOST_HARMONICS))
+    if on:
+        yield off | on

@@ -1,0 +1,73 @@
+"""Whether filters are worth changing: the next flight with them, against that with gains alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Final
+
+from quadid_logs.data.tuning import AxisTuning
+from quadid_logs.diagnose.findings import finding
+
+#: Of gust error or noise on one axis at least: the part that no flight would show, as of `_NO_DIFFERENCE`
+#: in the search for filters.
+_WORTH: Final = 0.05
+
+
+def is_no_worse(filtered: AxisTuning, alone: AxisTuning) -> bool:
+    """Tell whether an axis has no more gust error than with gains alone; what nobody can tell counts as more.
+
+    Parameters
+    ----------
+    filtered, alone : AxisTuning
+        The next flight with filters and gains, and with gains alone, under the same limits.
+
+    Returns
+    -------
+    bool
+    """
+    return filtered.attitude_error <= _gust_error(alone)
+
+
+def is_worth_it(filtered: Mapping[str, AxisTuning], alone: Mapping[str, AxisTuning]) -> bool:
+    """Tell whether filters that change together leave one axis a twentieth less gust error or noise.
+
+    Parameters
+    ----------
+    filtered, alone : mapping of str to AxisTuning
+        By axis, as for `is_no_worse`.
+
+    Returns
+    -------
+    bool
+    """
+    most = 1.0 - _WORTH
+    return any(
+        new.attitude_error <= most * _gust_error(alone[axis])
+        or new.torque_noise_next <= most * alone[axis].torque_noise_next
+        for axis, new in filtered.items()
+    )
+
+
+def with_flown_filters(axis: str, alone: AxisTuning) -> AxisTuning:
+    """Return gains alone, and say that the filters stay.
+
+    Parameters
+    ----------
+    axis : str
+    alone : AxisTuning
+
+    Returns
+    -------
+    AxisTuning
+        A refused axis as it is: it says why.
+    """
+    if alone.verdict == "refused":
+        return alone
+    return replace(alone, reasons=(*alone.reasons, finding("QL674", "info", {}, axes=(axis,))))
+
+
+def _gust_error(alone: AxisTuning) -> float:
+    """Return that of the next flight over the flown one; without end where no gains keep the limits."""
+    return math.inf if alone.verdict == "refused" else alone.attitude_error

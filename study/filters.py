@@ -1,0 +1,317 @@
+"""Filters and gains together, and gains alone: `python study/filters.py`.
+
+Vehicles whose filters are bad in one of four ways (too much, too little, a notch at a wrong place, none at
+all) are flown with rotors that shake the gyro and a part of the frame that rings, and tuned from their logs
+at most three times, with filters changed and with filters left as they flew. What gusts make of the attitude
+and noise of the command is that of the true loop.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+import tempfile
+from collections.abc import Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from quadid_logs import analyze
+from quadid_logs.arrays import FloatArray
+from quadid_logs.autopilots.ardupilot.controller import AXIS_NAMES
+from quadid_logs.control.loop import close
+from quadid_logs.control.scaled_loop import ScaledLoops, scaled_loops, spare
+from quadid_logs.data.tuning import GOOD
+from quadid_logs.simulate import Scenario, fly, manoeuvres, plan_flights
+from quadid_logs.simulate.closed_loop import Noise, Setup, final_gains
+from quadid_logs.simulate.closed_loop import Tuning as Gains
+from quadid_logs.simulate.control import TrackingNotch
+from quadid_logs.simulate.effects import disturbance_density
+from quadid_logs.simulate.logger import log_flights
+from quadid_logs.simulate.true_loop import true_controller, true_plant
+from quadid_logs.simulate.wind import Wind
+from quadid_logs.tuning import recommend
+from quadid_logs.vocabulary import AXES
+from quadid_logs.writers import write_log
+from study.draw import draw_flight
+from study.structural import log_uniform
+from study.tuning import fly_missing, read, resting_truth
+
+#: A loop of this rate, logged at every step [Hz].
+_RATE_HZ: Final = 400.0
+_DURATION_S: Final = 24.0
+_N_CHANGES: Final = 3
+_MOST_FLIGHTS: Final = 4
+_GENTLER: Final = 0.6
+#: The ways in which filters are bad.
+KINDS: Final = ("too much", "too little", "wrong notch", "none")
+_GUSTS_HZ: Final = (0.05, 60.0)
+_N: Final = 400
+#: Where gyro noise moves motors [Hz].
+_NOISE_ABOVE_HZ: Final = 15.0
+_GUST_RAD_S2: Final = 0.5
+
+
+class Flown(NamedTuple):
+    """What a pilot has set: low-pass of the gyro, its notch, low-passes of D, and gains (4, 3)."""
+
+    gyro_hz: float
+    notch: TrackingNotch | None
+    derivative_hz: tuple[float, float, float]
+    gains: FloatArray
+
+
+def draw_vehicle(seed: int, number: int) -> tuple[Scenario, Flown, str]:
+    """Draw a vehicle, how it is set, and what is wrong with that."""
+    drawn = draw_flight(seed, number)
+    rng = np.random.default_rng([seed, number, *b"filter study"])
+    kind = KINDS[number % len(KINDS)]
+    amplitude = log_uniform(rng, 0.4, 0.7)
+    frame_hz = rng.uniform(60.0, 110.0)
+    noise = Noise(
+        gyro_rad_s_per_rthz=1.0e-4 * log_uniform(rng, 1.0, 5.0),
+        rotor_line_rad_s=log_uniform(rng, 0.02, 0.1),
+        frame_line_rad_s=log_uniform(rng, 0.02, 0.1),
+        frame_line_hz=frame_hz,
+    )
+    scenario = dataclasses.replace(
+        drawn.scenario,
+        manoeuvre=partial(
+            manoeuvres.multisine, rms_rad_s=(0.9 * amplitude, 0.9 * amplitude, 0.35 * amplitude)
+        ),
+        duration_s=_DURATION_S,
+        noise=noise,
+        wind=Wind(),
+        effects=dataclasses.replace(
+            Scenario(name="", sentence="").effects,
+            disturbance_rad_s2=(_GUST_RAD_S2, _GUST_RAD_S2, 0.5 * _GUST_RAD_S2),
+        ),
+        logging=dataclasses.replace(
+            drawn.scenario.logging, rate_hz=_RATE_HZ, jitter_s=5e-6, drop_fraction=0.0
+        ),
+    )
+    wrong = TrackingNotch(0.45 * frame_hz, 0.2 * frame_hz, stands=True)
+    gyro_hz, derivative_hz, notch = {
+        "too much": (15.0, 10.0, None),
+        "too little": (80.0, 80.0, None),
+        "wrong notch": (40.0, 25.0, wrong),
+        "none": (180.0, 100.0, None),
+    }[kind]
+    # Gains that suit the vehicle behind ordinary filters, off by a factor.
+    suited = _setup(scenario, Flown(30.0, None, (20.0,) * 3, np.zeros((4, 3))), 0, np.ones((4, 3)))
+    factors = np.vstack([np.tile(np.exp(rng.uniform(-0.7, 0.2, 3)), (3, 1)), np.ones(3)])
+    flown = Flown(gyro_hz, notch, (derivative_hz,) * 3, factors * _gains(suited))
+    while not all(_spare(_setup(scenario, flown, 0), axis) > 0.3 for axis in range(3)):
+        flown = flown._replace(gains=flown.gains * np.array([[0.8], [0.8], [0.8], [0.9]]))
+    return scenario, flown, kind
+
+
+def _gains(setup: Setup) -> FloatArray:
+    gains = final_gains(setup)
+    each = (gains.proportional, gains.integral, gains.derivative, gains.attitude)
+    return np.array([[float(value) for value in one] for one in each])
+
+
+def _setup(scenario: Scenario, flown: Flown, seed: int, single: FloatArray | None = None) -> Setup:
+    """Return a flight with these settings, whatever the simulator would take for suitable gains."""
+    if single is None:
+        base = _gains(_setup(scenario, flown, seed, np.ones((4, 3))))
+        single = np.divide(flown.gains, base, out=np.ones((4, 3)), where=base > 0.0)
+    rows = tuple((roll, pitch, yaw) for roll, pitch, yaw in single.tolist())
+    tuning = Gains(single_gain=rows, axis_derivative_hz=flown.derivative_hz, notch=flown.notch)
+    tuned = dataclasses.replace(scenario, tuning=tuning, gyro_filter_hz=flown.gyro_hz)
+    (setup,) = plan_flights(tuned, seed=seed, duration_s=_DURATION_S, rate_hz=_RATE_HZ, autopilot="ardupilot")
+    return setup
+
+
+def true_loops(setup: Setup, axis: int) -> ScaledLoops:
+    """Return the loops of the true vehicle with what it is set to."""
+    plant = true_plant(setup, resting_truth(setup), axis)
+    return scaled_loops(true_controller(setup, axis, rotors_hz(setup)), plant, np.inf)
+
+
+def _spare(setup: Setup, axis: int) -> float:
+    """Return the worst of the true margins over its limit."""
+    return spare(true_loops(setup, axis).margins(), GOOD)
+
+
+def rotors_hz(setup: Setup) -> float:
+    """Return the speed of the rotors at hover."""
+    airframe = setup.airframe
+    return float(airframe.rotor_speed_max_rad_s * math.sqrt(airframe.hover_throttle) / (2.0 * math.pi))
+
+
+def judged(setup: Setup) -> dict[str, Any]:
+    """Return of each axis what gusts make of the attitude [rad], noise of the command, margins kept."""
+    found = {}
+    for number, axis in enumerate(AXES):
+        plant = true_plant(setup, resting_truth(setup), number)
+        controller = true_controller(setup, number, rotors_hz(setup))
+        frequency_hz = np.geomspace(*_GUSTS_HZ, _N)
+        s = 2j * np.pi * frequency_hz
+        loop = close(controller, plant, frequency_hz)
+        whole = (loop.rate if loop.full is None else loop.full)[0]
+        answer = np.abs(1.0 / (s * (s - plant.damping[0]) * (1.0 + whole))) ** 2
+        gusts = disturbance_density(frequency_hz) * setup.effects.disturbance_rad_s2[number] ** 2
+        found[axis] = {
+            "gusts_rad": float(np.sqrt(np.trapezoid(answer * gusts, frequency_hz))),
+            "noise": _noise(setup, controller, plant),
+            "spare": _spare(setup, number),
+        }
+    return found
+
+
+def _noise(setup: Setup, controller: Any, plant: Any) -> float:
+    """Return the standard deviation of the command that white noise and both lines make."""
+    nyquist_hz = 0.499 * setup.loop_hz
+
+    def gain(frequency_hz: FloatArray) -> FloatArray:
+        loop = close(controller, plant, frequency_hz)
+        whole = (loop.rate if loop.full is None else loop.full)[0]
+        body = plant.response(frequency_hz, controller.period_s)[0]
+        return np.asarray(np.abs(loop.rate[0] / body / (1.0 + whole)) ** 2)
+
+    band_hz = np.linspace(_NOISE_ABOVE_HZ, nyquist_hz, _N)
+    power = float(np.trapezoid(gain(band_hz), band_hz)) * setup.noise.gyro_rad_s_per_rthz**2
+    rotor_hz = rotors_hz(setup)
+    # What the sampler folds.
+    rotor_hz = abs(rotor_hz - setup.loop_hz * round(rotor_hz / setup.loop_hz))
+    lines = (
+        (rotor_hz, setup.noise.rotor_line_rad_s),
+        (setup.noise.frame_line_hz, setup.noise.frame_line_rad_s),
+    )
+    power += sum(float(gain(np.array([at_hz]))[0]) * rms**2 for at_hz, rms in lines)
+    return math.sqrt(power)
+
+
+def measure(seed: int, number: int) -> dict[str, Any]:
+    """Fly and tune one vehicle both ways.
+
+    Parameters
+    ----------
+    seed, number : int
+
+    Returns
+    -------
+    dict
+        Ready for JSON.
+    """
+    scenario, begin, kind = draw_vehicle(seed, number)
+    told: dict[str, Any] = {"number": number, "seed": seed, "kind": kind}
+    for way in ("gains", "filters"):
+        flown, steps, air = begin, [judged(_setup(scenario, begin, 0))], scenario
+        reasons = []
+        for count in range(_MOST_FLIGHTS):
+            setup = _setup(air, flown, 1000 * seed + 10 * number + count)
+            with tempfile.TemporaryDirectory() as folder:
+                path = Path(folder) / "flight.bin"
+                write_log(log_flights((fly(setup),), scenario.logging), path)
+                tuning = recommend(analyze(path), filters=way == "filters")
+            codes = {axis: [one.code for one in found.reasons] for axis, found in tuning.axes.items()}
+            reasons.append(codes)
+            values = {name: one.next for name, one in tuning.changes.items()}
+            if gentler := any({"QL617", "QL635"} & set(one) for one in codes.values()):
+                # A pilot who is told that the motors were at their limits flies gentler manoeuvres.
+                air = dataclasses.replace(air, manoeuvre=_gentler(air.manoeuvre))
+            if not values and not gentler:
+                break
+            if values:
+                flown = loaded(flown, values)
+                steps.append(judged(_setup(scenario, flown, 0)))
+            if len(steps) > _N_CHANGES:
+                break
+        told[way] = {
+            "steps": steps,
+            "reasons": reasons,
+            "settings": [flown.gyro_hz, flown.derivative_hz, flown.notch],
+        }
+    return told
+
+
+def _gentler(manoeuvre: Any) -> Any:
+    (rms,) = manoeuvre.keywords.values()
+    return partial(manoeuvre.func, rms_rad_s=tuple(_GENTLER * one for one in rms))
+
+
+def loaded(flown: Flown, values: Mapping[str, float]) -> Flown:
+    """Return the settings with the values of a file."""
+    gains = flown.gains.copy()
+    derivative_hz = list(flown.derivative_hz)
+    for axis, name in enumerate(AXIS_NAMES.values()):
+        for row, parameter in enumerate(
+            (*(f"ATC_RAT_{name}_{short}" for short in "PID"), f"ATC_ANG_{name}_P")
+        ):
+            gains[row, axis] = values.get(parameter, gains[row, axis])
+        derivative_hz[axis] = values.get(f"ATC_RAT_{name}_FLTD", derivative_hz[axis])
+    roll, pitch, yaw = derivative_hz
+    return Flown(
+        values.get("INS_GYRO_FILTER", flown.gyro_hz), _notch(flown.notch, values), (roll, pitch, yaw), gains
+    )
+
+
+def _notch(flown: TrackingNotch | None, values: Mapping[str, float]) -> TrackingNotch | None:
+    """Return the notch with what a file changes of it."""
+    on = values.get("INS_HNTCH_ENABLE", 0.0 if flown is None else 1.0)
+    if not on:
+        return None
+    before = flown or TrackingNotch(values["INS_HNTCH_FREQ"], values["INS_HNTCH_BW"])
+    harmonics = int(values.get("INS_HNTCH_HMNCS", 2**before.n_harmonics - 1))
+    return TrackingNotch(
+        values.get("INS_HNTCH_FREQ", before.lowest_hz),
+        values.get("INS_HNTCH_BW", before.width_hz),
+        values.get("INS_HNTCH_ATT", before.depth_db),
+        harmonics.bit_length(),
+        stands=values.get("INS_HNTCH_MODE", 0.0 if before.stands else 3.0) == 0.0,
+    )
+
+
+def table(vehicles: list[dict[str, Any]]) -> Iterator[str]:
+    """Yield the lines of the table: at the end, filters and gains over gains alone."""
+    yield "| filters as flown | vehicles | gust error | noise | margins kept |"
+    yield "|---|---|---|---|---|"
+    good = [one for one in vehicles if "error" not in one]
+    for kind in (*KINDS, "all"):
+        some = [one for one in good if kind in ("all", one["kind"])]
+        if not some:
+            continue
+        pairs = [
+            (one["filters"]["steps"][-1][axis], one["gains"]["steps"][-1][axis])
+            for one in some
+            for axis in AXES
+        ]
+        gusts, noise = ([new[name] / old[name] for new, old in pairs] for name in ("gusts_rad", "noise"))
+        kept = np.mean([new["spare"] >= min(0.95, old["spare"]) for new, old in pairs])
+        yield (
+            f"| {kind} | {len(some)} | {np.median(gusts):.2f} ({min(gusts):.2f} to {max(gusts):.2f}) | "
+            f"{np.median(noise):.2f} ({min(noise):.2f} to {max(noise):.2f}) | {100.0 * kept:.0f} % |"
+        )
+
+
+def main() -> int:
+    """Fly what is missing, then print the table."""
+    from study.run import ROOT
+
+    parser = argparse.ArgumentParser(description="Filters and gains together, against gains alone.")
+    parser.add_argument("--vehicles", type=int, default=4, help="how many vehicles (default 4)")
+    parser.add_argument("--seed", type=int, default=1, help="another seed draws other vehicles (default 1)")
+    parser.add_argument(
+        "--output", type=Path, default=ROOT / "build" / "filters", help="default build/filters"
+    )
+    parser.add_argument("--publish", action="store_true", help="write docs/tuning/filters.md from the result")
+    options = parser.parse_args()
+    options.output.mkdir(parents=True, exist_ok=True)
+    path = options.output / f"seed-{options.seed}.jsonl"
+    fly_missing(path, options.seed, options.vehicles, 1, measure)
+    vehicles = [one for one in read(path) if one["number"] < options.vehicles]
+    text = "\n".join(table(vehicles)) + "\n"
+    print(text)
+    if options.publish:
+        (ROOT / "docs" / "tuning" / "filters.md").write_text(text, encoding="utf-8")
+    return 1 if any("error" in one for one in vehicles) else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

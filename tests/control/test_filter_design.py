@@ -1,0 +1,264 @@
+"""Filters and gains together: what is proposed, what never is, and what it promises."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from quadid_logs import analyze
+from quadid_logs.autopilots import named
+from quadid_logs.control import recommend as recommend_module
+from quadid_logs.control.filter_design import most_noise
+from quadid_logs.control.filter_guard import is_no_worse, is_worth_it
+from quadid_logs.control.loop import gyro_filters
+from quadid_logs.control.separate_gains import _aliases
+from quadid_logs.data.health import Line, LineSource
+from quadid_logs.data.log import FlightLog
+from quadid_logs.data.result import Result
+from quadid_logs.data.tuning import AxisTuning, Tuning, TuningVerdict
+from quadid_logs.load import read_log
+from quadid_logs.maths.spectra import averaged_spectra
+from quadid_logs.promise import promise_of
+from quadid_logs.report.gain_files import gain_files
+from quadid_logs.report.provenance import Provenance
+from quadid_logs.report.tune_page import tune_page
+from quadid_logs.simulate import fly
+from quadid_logs.simulate.logger import log_flights
+from quadid_logs.tuning import recommend
+from quadid_logs.writers import write_log
+from study import filters as study
+
+#: Of the study's vehicles, one whose notch stands at a wrong place; its frame rings at 60.7 Hz.
+WRONG_NOTCH = 2
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    scenario, setting, kind = study.draw_vehicle(1, WRONG_NOTCH)
+    assert kind == "wrong notch"
+    path = tmp_path_factory.mktemp("filters") / "flight.bin"
+    record = fly(study._setup(scenario, setting, 1))
+    write_log(log_flights((record,), scenario.logging), path)
+    return analyze(path)
+
+
+@pytest.fixture(scope="module")
+def tuned(flown: Result) -> Tuning:
+    """The search's own choice, without the comparison with gains alone, which this vehicle's pitch fails."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(recommend_module, "is_no_worse", lambda *_: True)
+        return recommend(flown, filters=True)
+
+
+def test_filters_stay_where_gains_alone_leave_less_of_gusts(flown: Result, tuned: Tuning) -> None:
+    alone, found = recommend(flown), recommend(flown, filters=True)
+    assert tuned.axes["pitch"].attitude_error > alone.axes["pitch"].attitude_error
+    for axis, one in found.axes.items():
+        assert one.filters == {}
+        assert one.gains == alone.axes[axis].gains
+        assert one.reasons[-1].code == "QL674"
+
+
+def _next(gusts: float, noise: float = float("nan"), verdict: TuningVerdict = "change") -> AxisTuning:
+    return AxisTuning(verdict=verdict, reasons=(), attitude_error=gusts, torque_noise_next=noise)
+
+
+def test_more_gust_error_than_with_gains_alone_is_worse_by_however_little() -> None:
+    assert not is_no_worse(_next(0.5001), _next(0.5))
+    assert is_no_worse(_next(0.5), _next(0.5))
+
+
+def test_gust_error_that_nobody_can_tell_is_no_reason_to_change_filters() -> None:
+    assert not is_no_worse(_next(float("nan")), _next(float("nan")))
+    assert not is_no_worse(_next(0.5), _next(float("nan")))
+
+
+def test_filters_may_help_an_axis_that_no_gains_alone_help() -> None:
+    refused = _next(float("nan"), verdict="refused")
+    assert is_no_worse(_next(0.9), refused)
+    assert is_worth_it({"roll": _next(0.9)}, {"roll": refused})
+
+
+@pytest.mark.parametrize(
+    ("gusts", "noise", "worth"), [(0.96, 0.96, False), (0.94, 1.0, True), (1.0, 0.94, True)]
+)
+def test_filters_are_to_bring_a_twentieth_of_gust_error_or_noise(
+    gusts: float, noise: float, worth: bool
+) -> None:
+    alone = {"roll": _next(1.0, 1.0), "pitch": _next(1.0, 1.0)}
+    assert is_worth_it({"roll": _next(1.0, 1.0), "pitch": _next(gusts, noise)}, alone) is worth
+
+
+def test_a_notch_at_a_wrong_place_is_moved_to_the_line(tuned: Tuning) -> None:
+    for one in tuned.axes.values():
+        assert one.filters["INS_HNTCH_FREQ"].next == pytest.approx(60.74, abs=1.0)
+        assert "QL673" in [reason.code for reason in one.reasons]
+
+
+def test_the_true_loop_behind_other_filters_has_the_margins_that_are_promised(tuned: Tuning) -> None:
+    scenario, setting, _ = study.draw_vehicle(1, WRONG_NOTCH)
+    flown = study.loaded(setting, {name: one.next for name, one in tuned.changes.items()})
+    for number, (axis, one) in enumerate(tuned.axes.items()):
+        true = study.true_loops(study._setup(scenario, flown, 0), number).margins().rate.phase_margin_deg
+        assert one.next is not None
+        told = one.next.rate.phase_margin_deg
+        assert told is not None
+        assert true is not None
+        assert told.ci95[0] <= true.value <= told.ci95[1], axis
+
+
+def test_filters_of_all_axes_stay_where_an_axis_is_not_asked_for(flown: Result) -> None:
+    for one in recommend(flown, axes=("roll",), filters=True).axes.values():
+        assert all(name.startswith("ATC_RAT_RLL_") for name in one.filters)
+
+
+def test_one_factor_changes_no_filters(flown: Result) -> None:
+    assert not any(one.filters for one in recommend(flown, apart=False, filters=True).axes.values())
+
+
+def test_files_hold_each_filter_once_and_its_way_back(flown: Result, tuned: Tuning) -> None:
+    files = gain_files(flown, tuned)
+    for name in ("next.param", "back.param"):
+        rows = [line.split(",")[0] for line in files[name].splitlines() if line.startswith("INS_HNTCH_FREQ")]
+        assert len(rows) == 1, name
+    assert "INS_HNTCH_FREQ,61" in files["next.param"].replace(", ", ",")
+
+
+def test_the_promise_holds_filters_as_it_holds_gains(flown: Result, tuned: Tuning) -> None:
+    promise = promise_of(flown, tuned)
+    assert promise is not None
+    told = promise.axes["roll"].gains["INS_HNTCH_FREQ"]
+    assert told.next == tuned.axes["roll"].filters["INS_HNTCH_FREQ"].next
+    assert told.back == flown.log.parameters["INS_HNTCH_FREQ"]
+
+
+def test_the_page_shows_where_the_filters_stand(flown: Result, tuned: Tuning) -> None:
+    page = tune_page(flown, tuned, Provenance(version="0", command="", log_sha256=""))
+    assert "Noise against phase" in page
+    assert page.count("<circle") > 10
+
+
+def _line(frequency_hz: float, source: LineSource = LineSource.FIXED, harmonic: int = 0) -> Line:
+    return Line(
+        frequency_hz=frequency_hz,
+        height_db=20.0,
+        p_value=1e-6,
+        share=1.0,
+        rms=0.1,
+        source=source,
+        harmonic=harmonic,
+    )
+
+
+def _choices(autopilot: str, parameters: Mapping[str, float], *lines: Line, **followed: Any) -> Any:
+    log = FlightLog(
+        path="x",
+        format="",
+        n_bytes=0,
+        signals={},
+        autopilot=autopilot,
+        parameters=parameters,
+        followed=followed,
+    )
+    return named(autopilot).filter_choices(log, parameters, lines)
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4", "betaflight"])
+def test_nothing_is_proposed_that_the_log_does_not_hold(autopilot: str) -> None:
+    found = _choices(autopilot, {}, _line(70.0), _line(90.0, LineSource.ROTOR, 1))
+    assert found.shared == ()
+    assert found.notches == ()
+    assert not any(found.own.values())
+
+
+def test_a_second_notch_takes_the_second_set_where_the_first_stands_on_a_line() -> None:
+    flown = {
+        "INS_HNTCH_ENABLE": 1.0,
+        "INS_HNTCH_MODE": 0.0,
+        "INS_HNTCH_FREQ": 70.0,
+        "INS_HNTCH_BW": 30.0,
+        "INS_HNTCH_ATT": 40.0,
+        "INS_HNTCH_HMNCS": 1.0,
+        "INS_HNTC2_ENABLE": 0.0,
+    }
+    (only,) = _choices("ardupilot", flown, _line(70.0), _line(110.0)).notches
+    assert only["INS_HNTC2_FREQ"] == 110.0
+    assert not any(name.startswith("INS_HNTCH") for name in only)
+
+
+def test_a_notch_that_follows_rotors_is_set_to_follow_the_speeds_that_the_log_holds() -> None:
+    rotors_hz = np.full((50, 4), 100.0)
+    line = _line(100.0, LineSource.ROTOR, 1)
+    (only,) = _choices("ardupilot", {"INS_HNTCH_ENABLE": 0.0}, line, rotors_hz=rotors_hz).notches
+    assert only["INS_HNTCH_MODE"] == 3.0
+    assert only["INS_HNTCH_REF"] == 1.0
+    assert only["INS_HNTCH_FREQ"] == 90.0
+    assert _choices("ardupilot", {"INS_HNTCH_ENABLE": 0.0}, line).notches == ()
+
+
+def test_a_notch_on_nothing_is_switched_off_and_the_other_is_put_on_the_line() -> None:
+    flown = {
+        "IMU_GYRO_NF0_FRQ": 40.0,
+        "IMU_GYRO_NF0_BW": 10.0,
+        "IMU_GYRO_NF1_FRQ": 0.0,
+        "IMU_GYRO_NF1_BW": 20.0,
+    }
+    off, moved = _choices("px4", flown, _line(80.0)).notches
+    assert off == {"IMU_GYRO_NF0_FRQ": 0.0}
+    assert moved == {"IMU_GYRO_NF0_FRQ": 80.0, "IMU_GYRO_NF0_BW": 20.0}
+
+
+def test_an_oscillation_of_the_loop_gets_no_notch() -> None:
+    assert _choices("px4", {"IMU_GYRO_NF0_FRQ": 0.0}, _line(8.0, LineSource.LOOP)).notches == ()
+
+
+def test_both_ends_of_a_range_move_together() -> None:
+    flown = {"gyro_lpf1_dyn_hz[0]": 250.0, "gyro_lpf1_dyn_hz[1]": 500.0, "gyro_lpf1_static_hz": 250.0}
+    (gyro,) = _choices("betaflight", flown).shared
+    assert set(gyro) == {"gyro_lpf1_dyn_hz[0]", "gyro_lpf1_dyn_hz[1]"}
+
+
+def test_noise_above_half_of_the_logs_rate_may_be_any_of_what_folds_there() -> None:
+    frequency_hz = np.linspace(1.0, 200.0, 200)
+    found = {float(frequency_hz[places[29]]) for places in _aliases(frequency_hz, 100.0)}
+    # 30 Hz in rows at 100 Hz may be 70, 130 or 170 Hz.
+    assert found - {30.0} == {70.0, 130.0, 170.0}
+
+
+def test_rows_at_the_loops_rate_hide_nothing() -> None:
+    frequency_hz = np.linspace(1.0, 199.6, 100)
+    for places in _aliases(frequency_hz, 400.0):
+        np.testing.assert_array_equal(places, np.arange(100))
+
+
+def test_other_filters_may_make_no_more_noise_than_gains_alone_unless_nobody_hears_it() -> None:
+    assert most_noise(0.5) == 0.5
+    assert most_noise(0.01) == 0.1
+    assert most_noise(1.2) == 1.0
+    assert most_noise(3.0) == pytest.approx(2.1)
+
+
+def test_the_gyro_behind_its_filters_is_the_gyro_before_them_through_the_replayed_ones(corpus: Path) -> None:
+    """Within 1 dB from 5 to 20 Hz; above, that log's filtered rate has a floor that is not the gyro's."""
+    log = read_log(corpus / "firmware" / "ac47_quadx_sid_roll.BIN")
+    before = next(one for one in log.candidates("body_rate") if one.raw)
+    after = next(one for one in log.candidates("body_rate") if not one.raw)
+    controllers = named(log.autopilot).controllers(log, log.parameters)
+    assert controllers is not None
+    rows = (after.time_s >= before.time_s[0]) & (after.time_s <= before.time_s[-1])
+    period_s = float(np.median(np.diff(before.time_s)))
+    for column, axis in enumerate(("roll", "pitch", "yaw")):
+        spectra = [
+            averaged_spectra([(one, one)], period_s=period_s, n_per_segment=800)
+            for one in (before.values[:, column], after.values[rows][:, column])
+        ]
+        frequency_hz = spectra[0].frequency_hz[1:]
+        passed = np.abs(gyro_filters(controllers.axes[axis], frequency_hz)) ** 2
+        for low_hz in (5.0, 7.0, 10.0, 14.0):
+            band = (frequency_hz >= low_hz) & (frequency_hz < 1.4 * low_hz)
+            told = np.sum((spectra[0].input_psd[1:] * passed)[band])
+            assert abs(10.0 * np.log10(told / np.sum(spectra[1].input_psd[1:][band]))) < 1.0
