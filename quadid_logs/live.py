@@ -46,7 +46,7 @@ _PART: Final = 1 << 15
 _HOP_S: Final = 0.5 * BLOCK_S
 #: Five minutes; of a longer flight the blocks in which most was commanded are kept.
 _MOST_BLOCKS: Final = 150
-_MOST_COMMANDS: Final = 4
+_MOST_COMMANDS: Final = 6
 #: More excitation than that is advised at a time, and less is not worth a word [s].
 _MOST_S, _LEAST_S = 30.0, 4.0
 #: Excitation for a first estimate: the fewest blocks that tell how they scatter, and one more [s].

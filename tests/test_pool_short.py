@@ -89,7 +89,7 @@ def test_a_flight_that_is_given_twice_counts_once(flights: list[Simulation], poo
 
 @pytest.mark.corpus
 def test_five_flown_flights_of_ten_seconds_give_roll(corpus: Path) -> None:
-    """The response by the trajectory as instrument over 103 flights [rad/s^2 per N m] lies inside the interval."""
+    """The response by the trajectory over 103 flights [rad/s^2 per N m] lies inside the interval."""
     folder = corpus / "flown" / "crazyswarm2" / "logs"
     result = analyze_pooled([folder / f"log{number}" for number in ("09", "11", "13", "15", "17")])
     assert result.verdict["roll"] != "refused"

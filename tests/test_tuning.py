@@ -538,7 +538,7 @@ def test_page_and_json_tell_where_autotune_would_end(raised: Tuning) -> None:
 def test_the_confirming_flight_comes_with_the_gains(raised: Tuning, kept: Tuning) -> None:
     """What to set and to fly, and the sign by which to land."""
     files = flight_files(flown("ardupilot"), raised)
-    assert {"plan.md", "sweep-roll.param", "sweep-off.param"} == set(files)
+    assert {"plan.md", "excite.lua", "sweep-roll.param", "sweep-off.param"} == set(files)
     # Its own mask, which holds the needed bit and others: no file writes another.
     assert "LOG_BITMASK is 442367" in files["plan.md"]
     assert "Land if roll shakes" in files["plan.md"]

@@ -14,6 +14,7 @@ from quadid_logs.cli.logs import check_log
 from quadid_logs.cli.options import OpenPage, Quiet
 from quadid_logs.cli.page import open_page
 from quadid_logs.cli.progress import Progress
+from quadid_logs.data.settings import Settings
 from quadid_logs.errors import SettingsError
 from quadid_logs.output import check_folder_free, new_folder, write_together
 from quadid_logs.untrusted import printable
@@ -113,7 +114,7 @@ def plan(
         check_log(like)
         with Progress("plan", quiet=quiet) as progress:
             progress("analyzing the log")
-            known = analyze(like, vehicle=described)
+            known = analyze(like, Settings(), vehicle=described)
         flown = known.log
         if flown.autopilot != planned.autopilot:
             raise SettingsError(

@@ -652,6 +652,9 @@ class ThrustCurve:
 _MOST_DEPARTURE = 0.1
 #: A commanded acceleration of which a quarter is left does not follow from one equation: as of all fits.
 _LEAST_COMMANDED_R2 = 0.75
+#: A part of the torque is no more than the whole: beyond, by more than chance, it follows from commands by
+#: no law that all blocks have in common (told axes of simulated flights reach 1.004).
+_MOST_COMMANDED = 1.1
 #: Beyond, a number is of no use to tune with, and what else may be wrong is as large.
 _MOST_HALF_WIDTH = 0.2
 
@@ -706,7 +709,7 @@ class SpectralFit:
     @property
     def follows_commands(self) -> bool:
         """Whether it is a vehicle's response to commands, however wide its interval is."""
-        return bool(self.r2_commanded >= _LEAST_COMMANDED_R2)
+        return bool(self.r2_commanded >= _LEAST_COMMANDED_R2 and self.commanded <= _MOST_COMMANDED)
 
     @property
     def is_described(self) -> bool:

@@ -16,6 +16,7 @@ import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.flight import FlightData, Segment
+from quadid_logs.identify.driven import by_driven_axis
 from quadid_logs.identify.structures import DISTURBANCES, STRUCTURES, Structure
 from quadid_logs.identify.terms import ANGLES, RATE_TERMS, TRIM, RotorField, Term, column_of
 from quadid_logs.identify.torque import RowGrid, RowTorque
@@ -360,7 +361,11 @@ def _smooth_columns(
 
 def _instruments(chunks: Sequence[Segment], grids: Sequence[RowGrid]) -> FloatArray | None:
     """Return the smoothed references at several delays; None unless all chunks have them."""
-    references = [chunk.reference for chunk in chunks if chunk.reference is not None]
+    references = [
+        by_driven_axis(chunk.reference, chunk.torque, chunk.time_s)
+        for chunk in chunks
+        if chunk.reference is not None
+    ]
     if len(references) < len(chunks):
         return None
     n_references = max(reference.shape[1] for reference in references)

@@ -29,6 +29,7 @@ from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.data.log import GyroFilter
 from quadid_logs.data.model import SpectralFit
+from quadid_logs.identify.driven import by_driven_axis
 from quadid_logs.identify.systematic import GYRO_SYSTEMATIC
 from quadid_logs.identify.terms import MOST_DAMPING_1_S
 from quadid_logs.maths.band import ComplexArray, gyro_response
@@ -311,11 +312,12 @@ def command_records(data: FlightData) -> list[CommandRecord]:
         if segment.command is None or segment.reference is None:
             continue
         p, q, r = segment.body_rate_rad_s.T
+        command = by_driven_axis(segment.command, segment.torque, segment.time_s)
         speed = (
             [segment.velocity_m_s[:, :_N_SPEEDS]] if with_speed and segment.velocity_m_s is not None else []
         )
         columns = np.column_stack(
-            [segment.body_rate_rad_s, segment.torque, q * r, r * p, p * q, *speed, segment.command]
+            [segment.body_rate_rad_s, segment.torque, q * r, r * p, p * q, *speed, command]
         )
         known = np.isfinite(columns).all(axis=1)
         edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]])))

@@ -20,6 +20,8 @@ _OF_ONE_CHANGE: Final = (3.1, 12.5, 22.4, 34.5, 54.0, 71.5, 91.6, 122.0, 147.1, 
 _OF_ANY_CHANGE: Final = (18.4, 42.2, 63.5, 86.9, 121.8, 151.9, 184.5, 231.3, 268.2, 305.3, 349.1, 392.3)
 #: Where the part before a change may end, and the part behind it begin: what is between them is a ramp.
 _CUTS: Final = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
+#: Found by simulated series (`_of_short_parts`).
+_SHORT = 8.0
 #: Fewer steps have no such limit.
 FEWEST: Final = 40
 
@@ -105,11 +107,12 @@ def change_of(values: FloatArray) -> Change | None:
     if found is None:
         return None
     before, after, value, square = found
+    square *= _of_short_parts(values[before], values[after])
     return Change(
         before,
         after,
         Difference(value, float(np.sqrt(_quantile(_OF_ONE_CHANGE, 0.05) * square))),
-        _p_value(_OF_ANY_CHANGE, best),
+        _p_value(_OF_ANY_CHANGE, _ratio(value, square)),
         float(np.sqrt(_quantile(_OF_ANY_CHANGE, 0.002) * square)),
     )
 
@@ -139,6 +142,21 @@ def _part(values: FloatArray) -> tuple[float, float]:
     """Return the mean, and the square of the partial sums by which it is judged."""
     mean = float(values.mean())
     return mean, float(np.sum(np.cumsum(values - mean) ** 2)) / float(len(values)) ** 3
+
+
+def _of_short_parts(*parts: FloatArray) -> float:
+    """Return how much too small partial sums are where parts are few times as long as their correlation.
+
+    The limit is reached for endless parts. Of first-order autoregressive series of 100 to 600 steps with
+    coefficients of up to 0.8, 0.2 to 0.6 % (1.2 % of a hundred steps at 0.8) pass for a change at 0.2 %, and up
+    to 8 % at 5 %: without this up to 4.9 and 23 %.
+    """
+    rests = [part - part.mean() for part in parts]
+    power = sum(float(rest @ rest) for rest in rests)
+    alike = sum(float(rest[1:] @ rest[:-1]) for rest in rests)
+    coefficient = min(max(alike / power, 0.0), 0.95) if power > 0.0 else 0.0
+    correlated_steps = (1.0 + coefficient) / (1.0 - coefficient) - 1.0
+    return 1.0 + _SHORT * correlated_steps / min(len(part) for part in parts)
 
 
 def _ratio(difference: float, square: float) -> float:

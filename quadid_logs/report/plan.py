@@ -20,7 +20,7 @@ from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES, ON_AXIS
 
 CARD_FILE, CARD_PAGE = "plan.md", "plan.html"
-#: A promise that is wider than what was wanted by less than this is as good.
+#: A bound that is wider than what was wanted by less than this is as good.
 _MISSED: Final = 1.1
 #: How files are called that hold what flew.
 BACK: Final = "back"
@@ -130,7 +130,7 @@ def card_lines(plan: Plan, prediction: Prediction) -> tuple[str, ...]:
 
 
 def excitation_lines(plan: Plan) -> Iterator[str]:
-    """Yield what moves each axis, as one table, and what it promises; nothing where nothing can.
+    """Yield what moves each axis, as one table, and the best interval it can give; nothing where nothing can.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def excitation_lines(plan: Plan) -> Iterator[str]:
         "crossover [Hz]",
         "phase crossover [Hz]",
     )
-    yield f"| {' | '.join(columns)} | promised |"
+    yield f"| {' | '.join(columns)} | at best |"
     yield "|---|---|---|---|---|---|---|"
     for axis, one in plan.excitations.items():
         size = one.magnitude if plan.advice.excitation_entry == "mixer" else math.degrees(one.magnitude)
@@ -164,14 +164,14 @@ def excitation_lines(plan: Plan) -> Iterator[str]:
         )
     yield ""
     yield (
-        f"Computed for the model of {printable(plan.model, 60)}, in this air: {plan.air}. The last column "
-        f"is the half "
-        "width of the 95 % interval of the control effectiveness."
+        f"Computed for the model of {printable(plan.model, 60)}, in this air: {plan.air}. The last column is "
+        "the best half width of the 95 % interval of the control effectiveness that any method can reach "
+        "(Cramer-Rao bound). Expect several times as much from a single flight."
     )
     short = [axis for axis, one in plan.excitations.items() if one.half_width > _MISSED * plan.wanted]
     if short:
         yield (
-            f"{', '.join(short).capitalize()}: no sweep that keeps the vehicle within its limits gives "
+            f"{', '.join(short).capitalize()}: no sweep that keeps the vehicle within its limits can give "
             f"±{number(100.0 * plan.wanted, 2)} % in this air. Fly in calmer air, or fly twice and pool "
             f"the logs."
         )

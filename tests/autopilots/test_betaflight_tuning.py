@@ -149,9 +149,9 @@ def test_the_profile_is_to_be_chosen_first(files: dict[str, str]) -> None:
 
 
 def test_the_card_says_how_to_log_and_what_to_fly(sticks: Result, tuned: Tuning) -> None:
-    """There are no parameter files: these settings are no numbers."""
+    """Lines for the command line set the chirp, and take it off."""
     card = flight_files(sticks, tuned)
-    assert list(card) == ["plan.md"]
+    assert list(card) == ["plan.md", "chirp.txt", "chirp-off.txt"]
     assert "blackbox_sample_rate" in card["plan.md"]
 
 

@@ -276,7 +276,8 @@ def test_a_log_without_setpoints_has_everything_else():
 
 def test_the_truth_names_the_effects_that_are_present():
     """With their values, ready for JSON; of a flight without effects, none."""
-    record = fly(setup_of("sysid-quad-x", duration_s=15.0, effects=ALL))
+    every = dataclasses.replace(ALL, motor_fault=1, bent_propeller=2, mass_offset=(0.01, 0.0), desync_rotor=3)
+    record = fly(setup_of("sysid-quad-x", duration_s=15.0, effects=every))
     truth = flight_truth((record,), scenario="all", boot_s=0.0)
     assert set(json.loads(json.dumps(truth, allow_nan=False))["effects"]) == set(FIELDS)
     assert truth["effects"]["dead zone"] == {"dead_zone": 0.01}

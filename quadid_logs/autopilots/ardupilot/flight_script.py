@@ -46,7 +46,7 @@ def flight_script(sweeps: Sequence[Mapping[str, object]], multisine: Mapping[str
     """
     values = {"SWITCH": SWITCH, **_LIMITS}
     lines = [
-        "-- excite.lua: sweeps of one flight, made by quadid-log plan. Copy it into APM/scripts on the "
+        "-- excite.lua: sweeps of one flight, made for a plan of sweeps. Copy it into APM/scripts on the "
         "card, set",
         f"-- SCR_ENABLE = 1 and RCx_OPTION = {SWITCH} (Scripting1) of a free switch, and restart.",
         *(f"local {name} = {_lua(value)}" for name, value in values.items()),
