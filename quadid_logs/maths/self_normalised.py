@@ -148,8 +148,8 @@ def _of_short_parts(*parts: FloatArray) -> float:
     """Return how much too small partial sums are where parts are few times as long as their correlation.
 
     The limit is reached for endless parts. Of first-order autoregressive series of 100 to 600 steps with
-    coefficients of up to 0.8, 0.2 to 0.6 % (1.2 % of a hundred steps at 0.8) pass for a change at 0.2 %, and up
-    to 8 % at 5 %: without this up to 4.9 and 23 %.
+    coefficients of up to 0.8, 0.2 to 0.6 % (1.2 % of a hundred steps at 0.8) pass for a change at 0.2 %, and
+    up to 8 % at 5 %: without this up to 4.9 and 23 %.
     """
     rests = [part - part.mean() for part in parts]
     power = sum(float(rest @ rest) for rest in rests)
