@@ -1,4 +1,4 @@
--- Body of excite.lua: quadid-log writes the settings above it. All of it is made for ArduCopter's scripting
+-- Body of excite.lua: the settings stand above it. All of it is made for ArduCopter's scripting
 -- interface (libraries/AP_Scripting/docs/docs.lua). Parameters are set with param:set, which saves nothing: a
 -- restart brings back what was there, too.
 
