@@ -15,15 +15,15 @@ from quadid_logs.simulate.effects import high_pass
 from quadid_logs.vocabulary import AXES
 
 
-def true_controller(setup: Setup, axis: int, rotors_hz: float = 0.0) -> AxisController:
+def true_controller(setup: Setup, axis: int, rotors_hz: float | None = None) -> AxisController:
     """Return the controller that the simulator ran, made of the gains and weights that it flew with.
 
     Parameters
     ----------
     setup : Setup
     axis : int
-    rotors_hz : float
-        Their speed, at which a notch stands that follows them.
+    rotors_hz : float, optional
+        Their speed, at which a notch stands that follows them; without it notches are left out.
 
     Returns
     -------
@@ -42,7 +42,7 @@ def true_controller(setup: Setup, axis: int, rotors_hz: float = 0.0) -> AxisCont
         rate=None if ardupilot else slope,
         gyro=(
             *_flexible_mode(setup),
-            *_notches(setup, rotors_hz),
+            *(() if rotors_hz is None else _notches(setup, rotors_hz)),
             butterworth(setup.gyro_filter_hz, period_s),
         ),
         angle_gain_per_s=float(gains.attitude[axis]),

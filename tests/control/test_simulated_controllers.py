@@ -79,7 +79,7 @@ def gains(**changed: float) -> Gains:
     every = {name: (AP_PID[short],) * 3 for name, short in PARTS.items()}
     return Gains(
         attitude=(4.5,) * 3,
-        derivative_weight=weight(20.0),
+        derivative_weight=(weight(20.0),) * 3,
         target_weight=weight(20.0),
         step_s=STEP_S,
         **every,
