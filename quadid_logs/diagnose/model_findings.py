@@ -107,6 +107,7 @@ class _Axis(NamedTuple):
     enough_motion: str
     response: Response | None
     spectral: SpectralFit | None
+    tells_nothing: bool
 
     @property
     def r2(self) -> float:
@@ -141,6 +142,7 @@ def _axis(log: FlightLog, identification: Identification, model: Model, number: 
         enough_motion=_enough_motion(identification, log.format),
         response=identification.responses[number] if identification.responses else None,
         spectral=next((each for each in identification.spectral[number : number + 1] if each.used), None),
+        tells_nothing=any(each.tells_nothing for each in identification.spectral[number : number + 1]),
     )
     fatal, others = _checks(axis, only_yaw=identification.only_yaw)
     for check in fatal:
@@ -194,11 +196,12 @@ def _poorly_excited(axis: _Axis) -> Finding | None:
 
 
 def _weakly_commanded(axis: _Axis) -> Finding | None:
-    """Refuse an axis whose torque hardly follows from the set-points that its equation is fitted by."""
+    """Refuse an axis whose motion hardly follows from what was commanded, where much of it is the air's."""
     check = axis.model.structural
-    if check is None or not check.strength[axis.number] < 1.0:
+    strength = 1.0 if check is None else float(check.strength[axis.number])
+    if not strength < 1.0 and not (axis.tells_nothing and axis.r2 < _EXPLAINED):
         return None
-    evidence = {"f_over_needed": rounded(float(check.strength[axis.number]), 2)}
+    evidence = {} if check is None else {"f_over_needed": rounded(strength, 2)}
     title = f"{axis.name.capitalize()} was hardly commanded: its torque follows from something else"
     return axis.finding("QL403", "error", _evidence(axis) | evidence, title)
 
@@ -430,7 +433,8 @@ def _told_by_spectra(axis: _Axis) -> Finding | None:
             f"The controller of {axis.name} answers its motion: the effectiveness comes from the planned "
             "trajectory alone"
         )
-    return axis.finding("QL535", "warning" if fit.planned else "info", _evidence(axis) | evidence, title)
+    level: Level = "warning" if fit.planned or not fit.is_described else "info"
+    return axis.finding("QL535", level, _evidence(axis) | evidence, title)
 
 
 _FATAL = (

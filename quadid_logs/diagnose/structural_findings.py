@@ -20,6 +20,7 @@ from quadid_logs.data.model import (
     TorquePath,
 )
 from quadid_logs.diagnose.findings import finding, rounded
+from quadid_logs.identify.excitation import LEAST_BANDWIDTH, MOST_IN_ONE_LINE, holds_one_frequency
 from quadid_logs.identify.parameters import is_explained
 from quadid_logs.identify.spectral_effects import AVERAGED
 from quadid_logs.identify.structural import (
@@ -42,13 +43,6 @@ _MOST_TOO_FAST = 0.01
 _MOST_UPSIDE_DOWN = 0.1
 #: Nor does one turn at so many rad/s rms; a manoeuvre of as many deg/s is hardly one [rad/s].
 _ACROBATICS_RAD_S = 5.0
-#: A sinusoid has hardly any, two that are a third apart 0.15, manoeuvres 0.3 to 0.9. Gain and phase at one
-#: frequency are two numbers; effectiveness, damping, lag and delay are four.
-_LEAST_BANDWIDTH = 0.15
-#: Answers to wind widen any band: single tones in wind and rough air have up to 0.21, but 0.94 and more of
-#: their power in one line. Doublets of yaw have 0.9 there (at 1 Hz a line is as wide as they are), and 0.4.
-_MOST_IN_ONE_LINE = 0.9
-_NARROW = 0.25
 #: Gyros and calibrations leave two per cent: less is no matter. In the fitted band a torque is half of what
 #: it is as a whole, or more, and a step twice as much of it.
 _COARSE = 0.01
@@ -186,20 +180,24 @@ def _feedback(model: Model) -> dict[str, object]:
 
 def _axis(identification: Identification, model: Model, number: int, axis: str) -> Iterator[Finding]:
     """Judge one axis: what makes its number worthless is enough, then what would change it."""
-    excitation = identification.excitation[number]
-    if _holds_one_frequency(excitation, identification.excitation):
-        evidence: dict[str, object] = {
-            "relative_bandwidth": rounded(excitation.bandwidth, 2),
-            "needed": _LEAST_BANDWIDTH,
-            "strongest_line_hz": rounded(excitation.line_hz, 3),
-            "fraction_of_power_in_it": rounded(excitation.line_fraction, 2),
-            "allowed": _MOST_IN_ONE_LINE,
-        }
-        title = f"The {axis} torque holds little more than one frequency"
-        yield finding("QL420", "error", evidence, axes=(axis,), title=title)
+    told = any(fit.used for fit in identification.spectral[number : number + 1])
+    if holds_one_frequency(identification.excitation, number):
+        yield _one_frequency(identification.excitation[number], axis, told=told)
     elif model.structural is not None:
-        told = [fit for fit in identification.spectral[number : number + 1] if fit.used]
-        yield from _effects(model.structural, number, axis, averaged=bool(told))
+        yield from _effects(model.structural, number, axis, averaged=told)
+
+
+def _one_frequency(excitation: Excitation, axis: str, *, told: bool) -> Finding:
+    """Say that there is one frequency; where lag and effects are in the interval, it is none the worse."""
+    evidence: dict[str, object] = {
+        "relative_bandwidth": rounded(excitation.bandwidth, 2),
+        "needed": LEAST_BANDWIDTH,
+        "strongest_line_hz": rounded(excitation.line_hz, 3),
+        "fraction_of_power_in_it": rounded(excitation.line_fraction, 2),
+        "allowed": MOST_IN_ONE_LINE,
+    }
+    title = f"The {axis} torque holds little more than one frequency"
+    return finding("QL420", "warning" if told else "error", evidence, axes=(axis,), title=title)
 
 
 def _computed_from_rates(excitation: Sequence[Excitation]) -> tuple[int, ...]:
@@ -225,18 +223,6 @@ def _computed(excitation: Excitation, axis: str) -> Finding:
             "p_value": rounded(path.p_value, 2),
         }
     return finding("QL520", "error", evidence, axes=(axis,))
-
-
-def _holds_one_frequency(excitation: Excitation, all_axes: Sequence[Excitation]) -> bool:
-    """Say whether hardly any of the torque is beside its strongest frequency.
-
-    About an axis beside one that holds a single frequency nobody flew doublets: what is beside its own
-    strongest line is what the other axes leak.
-    """
-    if excitation.bandwidth < _LEAST_BANDWIDTH:
-        return True
-    no_doublets = any(each.bandwidth < _LEAST_BANDWIDTH for each in all_axes)
-    return excitation.line_fraction > _MOST_IN_ONE_LINE and (no_doublets or excitation.bandwidth < _NARROW)
 
 
 def _commanded_rates(model: Model, numbers: Sequence[int], *, may_be_rate: bool) -> Iterator[Finding]:

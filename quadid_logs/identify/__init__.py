@@ -10,7 +10,7 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData
-from quadid_logs.data.model import Identification, Model, Response, SpectralFit
+from quadid_logs.data.model import Excitation, Identification, Model, Response, SpectralFit
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.errors import SettingsError
 from quadid_logs.identify.design import Design, build_design
@@ -18,6 +18,7 @@ from quadid_logs.identify.equation_by_equation import INFORMATIVE_R2
 from quadid_logs.identify.excitation import (
     ColumnNoise,
     excited_axes,
+    holds_one_frequency,
     measure_excitation,
     noise_density,
     turns,
@@ -117,9 +118,9 @@ def identify(
             again = _fit_in(other, data, design, structures, settings, raised=raised)
             models = again if _is_better(again, models, asked, raised=raised) else models
     wanted = recommended or settings.structure
-    fits, told_again = _told_by_spectra(data, models[0])
-    told_again = told_again if wanted in ("", models[0].structure) else ()
     identified = _identified(data, _recommend(models, wanted), design)
+    fits, told_again = _told_by_spectra(data, models[0], identified.excitation)
+    told_again = told_again if wanted in ("", models[0].structure) else ()
     if told_again:
         identified = _with_spectral(
             identified, models[0].structure, fits, told_again, data, design, structures, settings
@@ -128,14 +129,19 @@ def identify(
     return replace(identified, responses=found, thrust_curve=curve, spectral=fits)
 
 
-def _told_by_spectra(data: FlightData, model: Model) -> tuple[tuple[SpectralFit, ...], tuple[int, ...]]:
+def _told_by_spectra(
+    data: FlightData, model: Model, excitation: Sequence[Excitation]
+) -> tuple[tuple[SpectralFit, ...], tuple[int, ...]]:
     """Return what answers to commands tell of each axis, and the axes whose fit in time they replace."""
     solution = solve_flight(data)
     if solution is None:
         return (), ()
-    spoiled = range(len(solution.fits)) if solution.planned else spoiled_axes(model, data.sample_period_s)
+    axes = range(len(solution.fits))
+    spoiled = axes if solution.planned else spoiled_axes(model, data.sample_period_s)
+    # At one frequency a fit in time takes lag and delay for known.
+    spoiled = tuple(axis for axis in axes if axis in spoiled or holds_one_frequency(excitation, axis))
     fits = average_over_effects(solution, data) if spoiled else solution.fits
-    return fits, tuple(axis for axis in spoiled if fits[axis].is_sound)
+    return fits, tuple(axis for axis in spoiled if fits[axis].is_of_use)
 
 
 def _with_spectral(

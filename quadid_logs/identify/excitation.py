@@ -26,6 +26,37 @@ _LINE_HZ = 2.5 / WINDOW_S
 _NOISE_FROM, _NOISE_TO = 0.3, 0.9
 #: A vehicle that hovers by itself turns at 1 to 2 deg/s rms; a manoeuvre must exceed that.
 MIN_RATE_RMS_DEG_S: Final = 2.0
+#: A sinusoid has hardly any, two that are a third apart 0.15, manoeuvres 0.3 to 0.9. Gain and phase at one
+#: frequency are two numbers; effectiveness, damping, lag and delay are four.
+LEAST_BANDWIDTH: Final = 0.15
+#: Answers to wind widen any band: single tones in wind and rough air have up to 0.21, but 0.94 and more of
+#: their power in one line. Doublets of yaw have 0.9 there (at 1 Hz a line is as wide as they are), and 0.4.
+MOST_IN_ONE_LINE: Final = 0.9
+_NARROW = 0.25
+
+
+def holds_one_frequency(excitation: Sequence[Excitation], number: int) -> bool:
+    """Say whether hardly any of an axis' torque is beside its strongest frequency.
+
+    About an axis beside one that holds a single frequency nobody flew doublets: what is beside its own
+    strongest line is what the other axes leak.
+
+    Parameters
+    ----------
+    excitation : sequence of Excitation
+        Of all axes.
+    number : int
+        0 roll, 1 pitch, 2 yaw.
+
+    Returns
+    -------
+    bool
+    """
+    own = excitation[number]
+    if own.bandwidth < LEAST_BANDWIDTH:
+        return True
+    no_doublets = any(each.bandwidth < LEAST_BANDWIDTH for each in excitation)
+    return bool(own.line_fraction > MOST_IN_ONE_LINE and (no_doublets or own.bandwidth < _NARROW))
 
 
 def excited_axes(design: Design) -> list[int]:

@@ -56,6 +56,14 @@ _BANDS_PER_OCTAVE = 6
 _SHARED_LINES = 2
 #: A block that holds more of what was commanded at a frequency than this is told by itself, too.
 _MOST_LEVERAGE = 0.8
+#: The power of gusts varies from block to block by a factor of two either way: sqrt(2 / 4) of its logarithm.
+_GUSTS_FREEDOM = 4.0
+#: Loops around the speed of a multirotor, a pilot's or an autopilot's, close a fifth below those around its
+#: angles, which have 3 to 8 rad/s [rad/s].
+_HOLDS_PLACE_RAD_S = 1.0
+#: Of the whole motion, in amplitude, what products of motions (loops for the position, thrust curves, a gyro's
+#: nonlinearity) may put at a frequency where nobody commanded it: as much as a gyro's scale is off.
+_ELSEWHERE = GYRO_SYSTEMATIC
 #: Of first-stage directions, against the strongest: rounding and more.
 _RIDGE = 1e-3
 #: Time constants of motors with propellers of 3 to 30 inches are 10 to 150 ms: one standard deviation of
@@ -229,18 +237,19 @@ def solve_spectra(
     if len(spectra.run) < _FEWEST_BLOCKS:
         return None
     n_speeds = _N_SPEEDS if with_speed else 0
-    command = spectra.values[:, :, 3 * _AXES + n_speeds :]
+    command = spectra.values[:, :, 3 * _AXES + n_speeds : -_AXES]
     axes = [number for number in moved if _moves(spectra, number)]
     if spectra.frequency_hz.size < 2 * _SHARED_LINES or not _has_size(command) or not axes:
         return None
     torque = spectra.values[:, :, _AXES : 2 * _AXES]
     if planned:
         # One instrument an axis, as it is: a first stage of so weak ones would be noise of its own.
-        axes = [number for number in axes if _has_size(command[:, :, number])]
         told = command[:, :, :_AXES]
     else:
-        given = command[:, :, np.abs(command).max(axis=(0, 1)) > _SMALLEST]
-        told = _told_by_others(given, torque, spectra.run)
+        from_outside = _from_outside(command, spectra, gyro_filter)
+        given = np.abs(command).max(axis=(0, 1)) > _SMALLEST
+        told = _told_by_others(command[:, :, given], torque, spectra.run, from_outside[:, given])
+    axes = [number for number in axes if _has_size(told[:, :, number])]
     if not axes:
         return None
     corners_hz = _CORNERS_HZ if planned else _CORNERS_HZ[:1]
@@ -316,8 +325,9 @@ def command_records(data: FlightData) -> list[CommandRecord]:
         speed = (
             [segment.velocity_m_s[:, :_N_SPEEDS]] if with_speed and segment.velocity_m_s is not None else []
         )
+        put_back = segment.command[:, :_AXES] - segment.reference[:, :_AXES]
         columns = np.column_stack(
-            [segment.body_rate_rad_s, segment.torque, q * r, r * p, p * q, *speed, command]
+            [segment.body_rate_rad_s, segment.torque, q * r, r * p, p * q, *speed, command, put_back]
         )
         known = np.isfinite(columns).all(axis=1)
         edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]])))
@@ -329,7 +339,10 @@ def command_records(data: FlightData) -> list[CommandRecord]:
 
 
 def flight_spectra(data: FlightData) -> BlockSpectra | None:
-    """Return the spectra of rates, torques, products of rates, speeds if any (`has_speed`), and commands.
+    """Return the spectra of all that an estimate needs.
+
+    Rates, torques, products of rates, speeds if any (`has_speed`), commands, and what of the set-points was
+    the answer of the angle controller, which the first three commands are without.
 
     Parameters
     ----------
@@ -418,15 +431,10 @@ class AxisMoments:
         return np.asarray(np.add.reduceat(np.abs(lines) ** 2, self.edges[:-1], axis=-1), dtype=np.float64)
 
     def commanded(self) -> float:
-        """Return the power of the commanded torque over that of all of it."""
-        told = self.told
-        if len(self.corners_hz) > 1:
-            # A trajectory is no torque yet: what of the torque goes with it, band by band.
-            power = self.power(told).sum(axis=0)
-            both = np.abs(self.summed((told.conj() * self.torque).sum(axis=0)))
-            size = float(np.sum(both[power > 0.0] ** 2 / power[power > 0.0]))
-        else:
-            size = float(np.sum(np.abs(told) ** 2))
+        """Return the power of the torque that goes with the commanded one, band by band, over all of it."""
+        power = self.power(self.told).sum(axis=0)
+        both = np.abs(self.summed((self.told.conj() * self.torque).sum(axis=0)))
+        size = float(np.sum(both[power > 0.0] ** 2 / power[power > 0.0]))
         return _ratio(size, float(np.sum(np.abs(self.torque) ** 2)))
 
     def response(self, actuator: SharedActuator) -> tuple[ComplexArray, ComplexArray]:
@@ -468,7 +476,8 @@ class AxisMoments:
     def weigh(self, theta: FloatArray | None, actuator: SharedActuator) -> None:
         """Set the noise of the moments by what an equation leaves; by the acceleration itself without one."""
         error = self.acceleration if theta is None else self.error(theta, actuator)
-        self.noise = moment_noise(self, self.instrument, error)
+        elsewhere = _ELSEWHERE**2 * self.power(self.instrument).sum(axis=0) * self.power(self.acceleration).sum()
+        self.noise = moment_noise(self, self.instrument, error) + elsewhere
         self.size = np.abs(self.of_acceleration if theta is None else self._by_torque(theta))
         turn = self.of_commanded(actuator)
         self.turn = np.exp(-1j * np.angle(turn if theta is None else theta[0] * turn))
@@ -538,8 +547,31 @@ def _has_size(lines: ComplexArray) -> bool:
     return _SMALLEST < float(np.abs(lines).max(initial=0.0)) < _LARGEST
 
 
-def _told_by_others(command: ComplexArray, torque: ComplexArray, run: IntArray) -> ComplexArray:
-    """Return the torques as a block's commands tell them by what other blocks show; shape of ``torque``."""
+def _from_outside(command: ComplexArray, spectra: BlockSpectra, gyro_filter: GyroFilter) -> FloatArray:
+    """Return how much of the power of each command comes from outside, shape (n_lines, n_commands).
+
+    What the angle controller answered was put back by angles that the rates tell: to one sample and to the
+    gyro's filter, as the controller may have had the angle of the sample before, or without the filter. And
+    who holds the vehicle in its place tilts it against its speed, the integral of the tilt. So much of what
+    follows every gust may be left in a set-point.
+    """
+    put_back = _shared(np.abs(np.moveaxis(spectra.values[:, :, -_AXES:], 0, 1)) ** 2).sum(axis=1)
+    given = _shared(np.abs(np.moveaxis(command[:, :, :_AXES], 0, 1)) ** 2).sum(axis=1)
+    s = 2j * np.pi * spectra.frequency_hz
+    later = np.exp(-s * spectra.period_s) * gyro_response(s, *gyro_filter)
+    left = np.abs(1.0 - later) ** 2 + np.abs(_HOLDS_PLACE_RAD_S / s) ** 2
+    outside = np.ones((s.size, command.shape[2]))
+    outside[:, :_AXES] = np.clip(1.0 - left[:, np.newaxis] * put_back / np.maximum(given, _TINY), 0.0, 1.0)
+    return outside
+
+
+def _told_by_others(
+    command: ComplexArray, torque: ComplexArray, run: IntArray, from_outside: FloatArray
+) -> ComplexArray:
+    """Return the torques as a block's commands tell them by what other blocks show; shape of ``torque``.
+
+    ``from_outside``: shape (n_lines, n_commands).
+    """
     gram = _shared(np.einsum("bfi,bfj->fbij", command.conj(), command))
     cross = _shared(np.einsum("bfi,bfk->fbik", command.conj(), torque))
     whole_gram, whole_cross = gram.sum(axis=1), cross.sum(axis=1)
@@ -553,7 +585,7 @@ def _told_by_others(command: ComplexArray, torque: ComplexArray, run: IntArray) 
     gram = gram + _RIDGE * np.eye(size.shape[1])
     scale = size[:, np.newaxis, :, np.newaxis]
     law = np.linalg.solve(gram, cross / scale) / scale
-    return np.asarray(np.einsum("bfi,fbik->bfk", command, law))
+    return np.asarray(np.einsum("bfi,fi,fbik->bfk", command, from_outside, law))
 
 
 def _shared(lines: ComplexArray) -> ComplexArray:
@@ -598,23 +630,30 @@ def moment_noise(axis: AxisMoments, instrument: ComplexArray, error: ComplexArra
 
     Notes
     -----
-    What all blocks have in common is no noise. The variance by blocks, over that of an error which is equally
-    strong throughout, is smoothed over five bands: it is known from few blocks.
+    What all blocks have in common is no noise: it takes the more of a block's own, the more of the instrument's
+    power the block has (its leverage). The variance by blocks, over that of an error which is equally strong
+    throughout, is averaged over five bands, each by its degrees of freedom, and with the prior that the
+    strength of an error varies as gusts do.
     """
     moments = axis.summed(instrument.conj() * error)
     power = axis.power(instrument)
     whole = np.maximum(power.sum(axis=0), _TINY)
-    moments = moments - moments.sum(axis=0) * power / whole
+    leverage = power / whole
+    moments = moments - moments.sum(axis=0) * leverage
     follows = (axis.run[1:] == axis.run[:-1])[:, np.newaxis]
     alone = (np.abs(moments) ** 2).sum(axis=0)
     beside = 2.0 * ((moments[1:] * moments[:-1].conj()).real * follows).sum(axis=0)
     n_lines = np.diff(axis.edges)
     even = np.maximum(whole * axis.power(error).mean(axis=0) / n_lines, _TINY)
     # Half-overlapping Hann windows have a sixth in common: a negative part beyond a third is chance.
-    ratio = np.maximum(alone + beside, 2.0 / 3.0 * alone) / even
-    window = np.ones(min(5, ratio.size))
-    smooth = np.convolve(ratio, window, "same") / np.convolve(np.ones_like(ratio), window, "same")
-    return np.asarray(smooth * even)
+    scatter = np.maximum(alone + beside, 2.0 / 3.0 * alone) / even
+    own = np.sum(leverage**2, axis=0)
+    freedom = 1.0 / np.maximum(own, _TINY) - 1.0
+    # With all of it in one block, 1 - own is none, and so are the degrees of freedom.
+    weighted = scatter / np.maximum(own, _TINY)
+    window = np.ones(min(5, scatter.size))
+    seen, of = (np.convolve(each, window, "same") for each in (weighted, freedom))
+    return np.asarray((seen + _GUSTS_FREEDOM) / (of + _GUSTS_FREEDOM) * even)
 
 
 def fit_axes(axes: Sequence[AxisMoments]) -> tuple[tuple[SpectralFit, ...], SharedActuator]:

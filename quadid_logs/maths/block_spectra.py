@@ -28,6 +28,8 @@ class BlockSpectra(NamedTuple):
     start_s : ndarray, shape (n_blocks,)
     run : ndarray of int, shape (n_blocks,)
         Blocks of one run follow each other by half their length.
+    period_s : float
+        Between samples.
     """
 
     frequency_hz: FloatArray
@@ -35,6 +37,7 @@ class BlockSpectra(NamedTuple):
     by_slope: ComplexArray
     start_s: FloatArray
     run: IntArray
+    period_s: float
 
     def derivative(self, column: int) -> ComplexArray:
         """Return FT[w dx/dt] of a column, shape (n_blocks, n_lines)."""
@@ -87,4 +90,5 @@ def block_spectra(
         by_slope=np.array(by_slope) * period_s,
         start_s=np.array(starts),
         run=np.array(runs),
+        period_s=period_s,
     )
