@@ -38,7 +38,7 @@ from quadid_logs.identify.structures import RIGID_BODY, STRUCTURES, Structure
 from quadid_logs.identify.terms import GYROSCOPIC, YAW_REACTION
 from quadid_logs.identify.thrust_curve import fit_thrust_curve
 from quadid_logs.identify.yaw import YawFit, fit_with_reaction
-from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS, RATE_SYMBOLS
 
 __all__ = ["MIN_RATE_HZ", "ROWS_PER_UNKNOWN", "default_band", "identify"]
 
@@ -140,8 +140,17 @@ def _told_by_spectra(
     spoiled = axes if solution.planned else spoiled_axes(model, data.sample_period_s)
     # At one frequency a fit in time takes lag and delay for known.
     spoiled = tuple(axis for axis in axes if axis in spoiled or holds_one_frequency(excitation, axis))
-    fits = average_over_effects(solution, data) if spoiled else solution.fits
-    return fits, tuple(axis for axis in spoiled if fits[axis].is_of_use)
+    wider = tuple(axis for axis in axes if solution.fits[axis].half_width < _half_width(model, axis))
+    fits = average_over_effects(solution, data) if {*spoiled, *wider} else solution.fits
+    narrower = (axis for axis in wider if fits[axis].is_sound and fits[axis].half_width < _half_width(model, axis))
+    told = {*(axis for axis in spoiled if fits[axis].is_of_use), *narrower}
+    return fits, tuple(sorted(told))
+
+
+def _half_width(model: Model, axis: int) -> float:
+    """Return half of the effectiveness' interval, with all that it covers."""
+    low, high = model.entries[ON_AXIS[AXES[axis]]].ci95
+    return 0.5 * (high - low)
 
 
 def _with_spectral(
