@@ -25,7 +25,7 @@ from quadid_logs.data.settings import AlignSettings
 from quadid_logs.errors import QuadidError
 from quadid_logs.health.oscillation import find_oscillation
 from quadid_logs.identify.excitation import MIN_RATE_RMS_DEG_S
-from quadid_logs.identify.spectral import BLOCK_S, fit_spectra, flight_spectra
+from quadid_logs.identify.spectral import BLOCK_S, N_BEFORE_COMMANDS, fit_spectra, flight_spectra
 from quadid_logs.load import prepare, read_log
 from quadid_logs.maths.band import ComplexArray
 from quadid_logs.maths.block_spectra import BlockSpectra
@@ -158,16 +158,19 @@ class _Blocks:
     """The blocks that one source of torque gave, in order of time."""
 
     frequency_hz: FloatArray
+    period_s: float
     blocks: list[_Block] = field(default_factory=list)
 
     def add(self, spectra: BlockSpectra) -> None:
         """Take the blocks of the rows that are new."""
         if spectra.frequency_hz.size != self.frequency_hz.size:
             return
-        missing = 9 + _MOST_COMMANDS - spectra.values.shape[2]
+        missing = N_BEFORE_COMMANDS + _MOST_COMMANDS - spectra.values.shape[2]
         for start_s, *both in zip(spectra.start_s, spectra.values, spectra.by_slope, strict=True):
             values, by_slope = (np.pad(each, ((0, 0), (0, max(missing, 0)))) for each in both)
-            rate, command = (np.sum(np.abs(values[:, k : k + 3]) ** 2, axis=0) for k in (0, 9))
+            rate, command = (
+                np.sum(np.abs(values[:, k : k + 3]) ** 2, axis=0) for k in (0, N_BEFORE_COMMANDS)
+            )
             # Parseval's theorem: lines are 1 / T apart, and stand for negative frequencies too.
             rms_deg_s = np.degrees(np.sqrt(2.0 * rate) * (self.frequency_hz[1] - self.frequency_hz[0]))
             moved = rms_deg_s >= MIN_RATE_RMS_DEG_S
@@ -187,6 +190,7 @@ class _Blocks:
             by_slope=np.array([block.by_slope for block in self.blocks]),
             start_s=start_s,
             run=np.concatenate([[0], np.cumsum(breaks)]),
+            period_s=self.period_s,
         )
 
     def moved(self) -> list[int]:
@@ -313,7 +317,7 @@ class LiveEstimate:
         spectra = flight_spectra(replace(data, segments=tuple(parts))) if parts else None
         if spectra is None:
             return
-        self._by_source.setdefault(source, _Blocks(spectra.frequency_hz)).add(spectra)
+        self._by_source.setdefault(source, _Blocks(spectra.frequency_hz, spectra.period_s)).add(spectra)
         self._begin_s = float(spectra.start_s[-1]) + _HOP_S
 
 

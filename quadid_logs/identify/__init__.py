@@ -142,7 +142,9 @@ def _told_by_spectra(
     spoiled = tuple(axis for axis in axes if axis in spoiled or holds_one_frequency(excitation, axis))
     wider = tuple(axis for axis in axes if solution.fits[axis].half_width < _half_width(model, axis))
     fits = average_over_effects(solution, data) if {*spoiled, *wider} else solution.fits
-    narrower = (axis for axis in wider if fits[axis].is_sound and fits[axis].half_width < _half_width(model, axis))
+    narrower = (
+        axis for axis in wider if fits[axis].is_sound and fits[axis].half_width < _half_width(model, axis)
+    )
     told = {*(axis for axis in spoiled if fits[axis].is_of_use), *narrower}
     return fits, tuple(sorted(told))
 

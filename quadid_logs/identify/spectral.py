@@ -61,8 +61,8 @@ _GUSTS_FREEDOM = 4.0
 #: Loops around the speed of a multirotor, a pilot's or an autopilot's, close a fifth below those around its
 #: angles, which have 3 to 8 rad/s [rad/s].
 _HOLDS_PLACE_RAD_S = 1.0
-#: Of the whole motion, in amplitude, what products of motions (loops for the position, thrust curves, a gyro's
-#: nonlinearity) may put at a frequency where nobody commanded it: as much as a gyro's scale is off.
+#: Of the whole motion, in amplitude, what products of motions (loops for the position, thrust curves, a
+#: gyro's nonlinearity) may put where nobody commanded it: as much as a gyro's scale is off.
 _ELSEWHERE = GYRO_SYSTEMATIC
 #: Of first-stage directions, against the strongest: rounding and more.
 _RIDGE = 1e-3
@@ -82,6 +82,8 @@ _GYROSCOPIC_SPREAD = 0.5
 _CROSS_SPREAD = 0.03
 #: Moments of the air go with the speed: of a nano-drone by 20 rad/s^2 for each m/s, of larger ones by less.
 _SPEED_SPREAD = 20.0
+#: Columns of `flight_spectra` before speeds and commands.
+N_BEFORE_COMMANDS: Final = 12
 #: Speed along body x and y.
 _N_SPEEDS: Final = 2
 #: Standard deviations of the relative departure that are tried. A rotor is no better described than to some
@@ -237,7 +239,7 @@ def solve_spectra(
     if len(spectra.run) < _FEWEST_BLOCKS:
         return None
     n_speeds = _N_SPEEDS if with_speed else 0
-    command = spectra.values[:, :, 3 * _AXES + n_speeds : -_AXES]
+    command = spectra.values[:, :, N_BEFORE_COMMANDS + n_speeds :]
     axes = [number for number in moved if _moves(spectra, number)]
     if spectra.frequency_hz.size < 2 * _SHARED_LINES or not _has_size(command) or not axes:
         return None
@@ -327,7 +329,7 @@ def command_records(data: FlightData) -> list[CommandRecord]:
         )
         put_back = segment.command[:, :_AXES] - segment.reference[:, :_AXES]
         columns = np.column_stack(
-            [segment.body_rate_rad_s, segment.torque, q * r, r * p, p * q, *speed, command, put_back]
+            [segment.body_rate_rad_s, segment.torque, q * r, r * p, p * q, put_back, *speed, command]
         )
         known = np.isfinite(columns).all(axis=1)
         edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]])))
@@ -341,8 +343,8 @@ def command_records(data: FlightData) -> list[CommandRecord]:
 def flight_spectra(data: FlightData) -> BlockSpectra | None:
     """Return the spectra of all that an estimate needs.
 
-    Rates, torques, products of rates, speeds if any (`has_speed`), commands, and what of the set-points was
-    the answer of the angle controller, which the first three commands are without.
+    Rates, torques, products of rates, what of the set-points was the answer of the angle controller, speeds
+    if any (`has_speed`), commands, of which the first three are set-points without that answer.
 
     Parameters
     ----------
@@ -476,8 +478,11 @@ class AxisMoments:
     def weigh(self, theta: FloatArray | None, actuator: SharedActuator) -> None:
         """Set the noise of the moments by what an equation leaves; by the acceleration itself without one."""
         error = self.acceleration if theta is None else self.error(theta, actuator)
-        elsewhere = _ELSEWHERE**2 * self.power(self.instrument).sum(axis=0) * self.power(self.acceleration).sum()
-        self.noise = moment_noise(self, self.instrument, error) + elsewhere
+        # In any octave, and coherent with the instrument at worst.
+        octaves = 1.0 + np.log2(self.centre_hz[-1] / self.centre_hz[0])
+        elsewhere = _ELSEWHERE**2 * self.power(self.acceleration).sum() / octaves
+        noise = moment_noise(self, self.instrument, error)
+        self.noise = noise + elsewhere * self.power(self.instrument).sum(axis=0)
         self.size = np.abs(self.of_acceleration if theta is None else self._by_torque(theta))
         turn = self.of_commanded(actuator)
         self.turn = np.exp(-1j * np.angle(turn if theta is None else theta[0] * turn))
@@ -555,7 +560,9 @@ def _from_outside(command: ComplexArray, spectra: BlockSpectra, gyro_filter: Gyr
     who holds the vehicle in its place tilts it against its speed, the integral of the tilt. So much of what
     follows every gust may be left in a set-point.
     """
-    put_back = _shared(np.abs(np.moveaxis(spectra.values[:, :, -_AXES:], 0, 1)) ** 2).sum(axis=1)
+    put_back = _shared(
+        np.abs(np.moveaxis(spectra.values[:, :, 3 * _AXES : N_BEFORE_COMMANDS], 0, 1)) ** 2
+    ).sum(axis=1)
     given = _shared(np.abs(np.moveaxis(command[:, :, :_AXES], 0, 1)) ** 2).sum(axis=1)
     s = 2j * np.pi * spectra.frequency_hz
     later = np.exp(-s * spectra.period_s) * gyro_response(s, *gyro_filter)
@@ -630,10 +637,10 @@ def moment_noise(axis: AxisMoments, instrument: ComplexArray, error: ComplexArra
 
     Notes
     -----
-    What all blocks have in common is no noise: it takes the more of a block's own, the more of the instrument's
-    power the block has (its leverage). The variance by blocks, over that of an error which is equally strong
-    throughout, is averaged over five bands, each by its degrees of freedom, and with the prior that the
-    strength of an error varies as gusts do.
+    What all blocks have in common is no noise: it takes the more of a block's own, the more of the
+    instrument's power the block has (its leverage). The variance by blocks, over that of an error which is
+    equally strong throughout, is averaged over five bands, each by its degrees of freedom, and with the prior
+    that the strength of an error varies as gusts do.
     """
     moments = axis.summed(instrument.conj() * error)
     power = axis.power(instrument)

@@ -55,8 +55,8 @@ _LIMITS: Final = (0.8, 0.9, 0.96)
 _LOST = 0.5
 #: Drag beside the centre of mass, and loads, swing a tilted vehicle at some 0.4 Hz [1/s^2].
 _TILT_1_S2 = (2.0 * np.pi * 0.4) ** 2
-#: The form of an effect is assumed, and others beside it change what it takes: in simulated flights with two of
-#: them by up to about half of it, in 95 of 100.
+#: The form of an effect is assumed, and others beside it change what it takes: in simulated flights with two
+#: of them by up to about half of it, in 95 of 100.
 _FORM = 0.5
 #: An effect that is at least so likely is taken out; what is less likely widens the interval.
 _SHOWN = 0.95

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 
-from quadid_logs.data.model import SpectralFit
 from quadid_logs.identify.driven import by_driven_axis
 
 TIME_S = np.arange(0.0, 12.0, 0.01)
@@ -47,18 +44,3 @@ def test_set_points_alone_stay_as_they_are() -> None:
     commands, torque = two_runs()
     assert by_driven_axis(commands[:, :3], torque, TIME_S) is not None
     np.testing.assert_array_equal(by_driven_axis(commands[:, :3], torque, TIME_S), commands[:, :3])
-
-
-def test_a_torque_of_which_more_than_all_is_commanded_is_not_told() -> None:
-    """No law that all blocks have in common leads from the commands to it."""
-    fit = SpectralFit(
-        mean=np.array([100.0, -1.0, 0.03, 0.01, 0.0]),
-        covariance=np.eye(5),
-        departure=0.03,
-        commanded=0.9,
-        r2_commanded=0.99,
-        n_blocks=20,
-        half_width=5.0,
-    )
-    assert fit.is_sound
-    assert not dataclasses.replace(fit, commanded=2.5).is_sound

@@ -7,8 +7,7 @@ import pytest
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.model import Excitation
-from quadid_logs.diagnose.structural_findings import _holds_one_frequency
-from quadid_logs.identify.excitation import measure_excitation
+from quadid_logs.identify.excitation import holds_one_frequency, measure_excitation
 
 from .vehicles import PERIOD_S, flight_data
 
@@ -47,15 +46,21 @@ def test_a_strong_line_with_its_harmonics_is_no_single_frequency() -> None:
     """The torque of yaw doublets has nine tenths of its power about 1 Hz, the rest at several times that."""
     doublets = excitation((1.0, 0.2), (4.0, 0.05))
     assert doublets.line_fraction > 0.9
-    assert not _holds_one_frequency(doublets, (doublets,))
+    assert not holds_one_frequency((doublets,), 0)
     tone = excitation((3.0, 0.2), (4.0, 0.05))
-    assert _holds_one_frequency(tone, (tone,))
+    assert holds_one_frequency((tone,), 0)
 
 
 def test_beside_a_single_frequency_no_axis_flies_doublets() -> None:
     """A yaw at 1.5 Hz held a tenth at the frequencies of roll and pitch, and its gain was 15 % off."""
     yaw, roll = excitation((1.0, 0.2), (4.0, 0.05)), excitation((3.0, 0.2))
-    assert _holds_one_frequency(yaw, (roll, yaw))
+    assert holds_one_frequency(
+        (
+            roll,
+            yaw,
+        ),
+        1,
+    )
 
 
 def test_the_strongest_line_is_told_with_its_fraction_of_the_power() -> None:
