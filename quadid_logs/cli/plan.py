@@ -76,10 +76,10 @@ def plan(
         typer.Option(
             "--interval",
             metavar="PERCENT",
-            help="Half width of the 95 % interval of the control effectiveness to plan for [default: 5].",
+            help="Half width of the 95 % interval of the control effectiveness to plan for [default: 7.5].",
             show_default=False,
         ),
-    ] = 5.0,
+    ] = 7.5,
     output: Annotated[
         Path | None,
         typer.Option("-o", "--output", metavar="DIR", help="Folder for the card and the parameter files."),

@@ -23,6 +23,7 @@ from quadid_logs.control.margins import grid_hz
 from quadid_logs.data.closed_loop import Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.identify.excitation import MIN_RATE_RMS_DEG_S
+from quadid_logs.identify.spectral import LEAST_DEPARTURE, OCTAVE
 from quadid_logs.identify.systematic import GYRO_SYSTEMATIC
 from quadid_logs.maths.band import ComplexArray, gaussian_response
 from quadid_logs.maths.normal import NORMAL_95
@@ -274,15 +275,14 @@ def half_width(plant: Plant, answers: _Answers, air: Air, chirp: Chirp) -> float
     Returns
     -------
     float
-        The gyro's scale included.
+        The gyro's scale included, and the smooth departure that no lag and delay describe.
 
     Notes
     -----
     Instruments leave the part of torque and rate that follows from the sweep. Least squares on that in the
-    band
-    W that is fitted have the information M = 2 int g g* E W df and the variance M^-1 N M^-1, N = 2 int g g*
-    E P W^2 df, with the slopes g, the sweep's energy E and the noise's density P, one-sided (L. Ljung, System
-    Identification, 1999, sec. 7.4, 9.4 and 13.3).
+    band W that is fitted have the information M = 2 int g g* E W df and the variance M^-1 N M^-1, N = 2 int g
+    g* E P W^2 df, with the slopes g, the sweep's energy E and the noise's density P, one-sided (L. Ljung,
+    System Identification, 1999, sec. 7.4, 9.4 and 13.3). The departure is that of `identify.spectral`.
     """
     f, s = answers.frequency_hz, np.asarray(2j * np.pi * answers.frequency_hz, dtype=np.complex128)
     noise, energy = air.at(f), 2.0 * TRAINED * chirp.energy(f)
@@ -299,6 +299,9 @@ def half_width(plant: Plant, answers: _Answers, air: Air, chirp: Chirp) -> float
     inverse = np.linalg.pinv(information + known_before, hermitian=True)
     # What is known before has its own part in the variance, as a measurement would.
     variance = (inverse @ (scatter + typical * known_before) @ inverse)[0, 0]
+    moved = _to_integrate((slopes * energy * fitted * driven.conj()).T, f) @ inverse[0]
+    alike = np.exp(-np.abs(np.subtract.outer(np.log(f), np.log(f))) / OCTAVE)
+    variance += LEAST_DEPARTURE**2 * sum(each @ alike @ each for each in (moved.real, moved.imag))
     return float(np.hypot(NORMAL_95 * math.sqrt(max(variance, 0.0)), GYRO_SYSTEMATIC))
 
 
@@ -347,10 +350,12 @@ def _rate_rms(answers: _Answers, air: Air, chirp: Chirp) -> float:
 
 def _least(promised: Callable[[float, float], float], most: float, wanted: float) -> tuple[float, float]:
     """Return magnitude and length: the least of the shortest, then the shortest of the strongest."""
-    excess = math.sqrt(max(wanted**2 - GYRO_SYSTEMATIC**2, 1e-6))
+    # What no sweep makes smaller, however strong.
+    least = promised(1e6 * most, LONGEST_S)
+    excess = math.sqrt(max(wanted**2 - least**2, 1e-6))
 
     def random(magnitude: float, record_s: float) -> float:
-        return math.sqrt(max(promised(magnitude, record_s) ** 2 - GYRO_SYSTEMATIC**2, 0.0))
+        return math.sqrt(max(promised(magnitude, record_s) ** 2 - least**2, 0.0))
 
     for record_s in np.arange(SHORTEST_S, LONGEST_S + 1.0, 10.0):
         if random(most, float(record_s)) <= excess:

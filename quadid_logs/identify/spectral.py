@@ -86,13 +86,15 @@ _SPEED_SPREAD = 20.0
 N_BEFORE_COMMANDS: Final = 12
 #: Speed along body x and y.
 _N_SPEEDS: Final = 2
-#: Standard deviations of the relative departure that are tried. A rotor is no better described than to some
-#: per cent by one lag: the least of them.
-_DEPARTURES: Final = np.array([0.03, 0.06, 0.12, 0.25, 0.5])
+#: Of the relative departure, one standard deviation: a rotor is no better described than to some per cent by
+#: one lag.
+LEAST_DEPARTURE: Final = 0.03
+#: Those that are tried.
+_DEPARTURES: Final = np.array([LEAST_DEPARTURE, 0.06, 0.12, 0.25, 0.5])
 #: Half of what is tried lies below this before the flight is seen (half-Cauchy).
 _TYPICAL_DEPARTURE = 0.05
 #: A departure keeps its value over this much of the logarithm of frequency: an octave.
-_OCTAVE = float(np.log(2.0))
+OCTAVE: Final = float(np.log(2.0))
 _ITERATIONS = 5
 #: Ten seconds, as of every flight: of fewer blocks, how they scatter is not known.
 _FEWEST_BLOCKS = 4
@@ -417,7 +419,7 @@ class AxisMoments:
         self.edges = _band_edges(spectra.frequency_hz)
         self.centre_hz = np.array([band.mean() for band in np.split(spectra.frequency_hz, self.edges[1:-1])])
         centre = np.log(self.centre_hz)
-        self.alike = np.exp(-np.abs(centre[:, np.newaxis] - centre) / _OCTAVE)
+        self.alike = np.exp(-np.abs(centre[:, np.newaxis] - centre) / OCTAVE)
         self.corners_hz, self.corner_hz = corners_hz, corners_hz[len(corners_hz) // 2]
 
     def take_out(self, acceleration: ComplexArray) -> None:

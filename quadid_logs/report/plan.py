@@ -153,7 +153,7 @@ def excitation_lines(plan: Plan) -> Iterator[str]:
         "crossover [Hz]",
         "phase crossover [Hz]",
     )
-    yield f"| {' | '.join(columns)} | at best |"
+    yield f"| {' | '.join(columns)} | expected |"
     yield "|---|---|---|---|---|---|---|"
     for axis, one in plan.excitations.items():
         size = one.magnitude if plan.advice.excitation_entry == "mixer" else math.degrees(one.magnitude)
@@ -165,8 +165,8 @@ def excitation_lines(plan: Plan) -> Iterator[str]:
     yield ""
     yield (
         f"Computed for the model of {printable(plan.model, 60)}, in this air: {plan.air}. The last column is "
-        "the best half width of the 95 % interval of the control effectiveness that any method can reach "
-        "(Cramer-Rao bound). Expect several times as much from a single flight."
+        "the half width of the 95 % interval of the control effectiveness that the analysis of such a flight "
+        "gives. Where the flight leaves open a dead zone or another effect, it is wider."
     )
     short = [axis for axis, one in plan.excitations.items() if one.half_width > _MISSED * plan.wanted]
     if short:

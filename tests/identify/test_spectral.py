@@ -29,17 +29,36 @@ def _gusts(rng: np.random.Generator, n: int, rms: float) -> np.ndarray:
     return rows
 
 
-def _fly(seed: int, *, gusts: float = 1.5, stick_rad: float = 0.12, seconds: float = 60.0) -> FlightData:
-    """Fly in angle mode: sticks, angle controller, rate controller, delay, lag, vehicle."""
+def _fly(
+    seed: int,
+    *,
+    gusts: float = 1.5,
+    stick_rad: float = 0.12,
+    seconds: float = 60.0,
+    tone_hz: float = 0.0,
+    sweep: np.ndarray | None = None,
+    older_steps: int = 0,
+) -> FlightData:
+    """Fly in angle mode: sticks, angle controller, rate controller, delay, lag, vehicle.
+
+    ``tone_hz``: of sticks that follow a sinusoid. ``sweep``: shape (n, 3), injected at the mixer.
+    ``older_steps``: the angle controller has the angle of so many samples before.
+    """
     rng, n = np.random.default_rng(seed), round(seconds / PERIOD_S)
     steps = np.repeat(rng.choice([-1.0, 0.0, 1.0], (n // 60 + 1, 3)), 60, axis=0)[:n] * stick_rad
+    if tone_hz:
+        times = 2.0 * np.pi * tone_hz * PERIOD_S * np.arange(n)
+        steps = stick_rad * np.sin(times[:, np.newaxis] + np.array([0.0, 1.0, 2.0]))
+    injected = np.zeros((n, 3)) if sweep is None else sweep
+    angles = [np.zeros(3)] * (older_steps + 1)
     air = _gusts(rng, n, gusts) * np.array([1.0, 1.0, 0.1])
     rate, angle, thrust = np.zeros(3), np.zeros(3), np.zeros(3)
     waiting = [np.zeros(3)] * (DELAY_STEPS + 1)
     torque, rates, setpoints = (np.empty((n, 3)) for _ in range(3))
     for row in range(n):
-        setpoint = ANGLE_GAIN * (steps[row] - angle)
-        command = 12.0 / GAIN * (setpoint - rate)
+        angles = [*angles[1:], angle]
+        setpoint = ANGLE_GAIN * (steps[row] - angles[0])
+        command = 12.0 / GAIN * (setpoint - rate) + injected[row]
         waiting = [*waiting[1:], command]
         rates[row], setpoints[row], torque[row] = rate, setpoint, command
         thrust = thrust + PERIOD_S / LAG_S * (waiting[0] - thrust)
@@ -55,9 +74,23 @@ def _fly(seed: int, *, gusts: float = 1.5, stick_rad: float = 0.12, seconds: flo
         throttle=None,
         saturated=np.zeros(n, dtype=bool),
         reference=setpoints,
-        command=setpoints + ANGLE_GAIN * turned,
+        command=np.column_stack(
+            [setpoints + ANGLE_GAIN * turned, *([] if sweep is None else [injected.sum(axis=1)])]
+        ),
     )
     return _data(segment)
+
+
+def _sweeps(amplitude: float, seconds: float) -> np.ndarray:
+    """Return a linear sweep of 0.5 to 12 Hz for each axis in turn, shape (n, 3): rests of 2 s between."""
+    time_s = PERIOD_S * np.arange(round(seconds / 3.0 / PERIOD_S))
+    rising_s = time_s[-1] - 2.0
+    phase = 2.0 * np.pi * (0.5 * time_s + 0.5 * (12.0 - 0.5) / rising_s * time_s**2)
+    one = np.where(time_s < rising_s, amplitude * np.sin(phase), 0.0)
+    apart = np.zeros((3 * one.size, 3))
+    for axis in range(3):
+        apart[axis * one.size : (axis + 1) * one.size, axis] = one / GAIN[axis]
+    return apart
 
 
 def _data(*segments: Segment) -> FlightData:
@@ -102,6 +135,31 @@ def test_lag_and_damping_are_those_of_the_vehicle(flown: list[tuple[SpectralFit,
     lags = [fits[0].mean[2] + fits[0].mean[3] for fits in flown]
     assert abs(np.median(lags) - (LAG_S + DELAY_STEPS * PERIOD_S)) < 0.006
     assert abs(np.median([fits[0].mean[1] for fits in flown]) - DAMPING[0]) < 0.6
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_one_sweep_of_each_axis_tells_it_in_rough_air(seed: int) -> None:
+    """To a tenth: each frequency passes once, in one axis at a time, and nobody moves a stick."""
+    sweep = _sweeps(8.0, 96.0)
+    fits = fit_by_spectra(_fly(seed, gusts=1.0, stick_rad=0.0, seconds=96.0, sweep=sweep))
+    assert all(fits[axis].half_width < 0.1 * GAIN[axis] for axis in (0, 1))
+    assert all(abs(fits[axis].gain - GAIN[axis]) <= fits[axis].half_width for axis in (0, 1))
+
+
+@pytest.mark.parametrize("older_steps", [0, 1])
+def test_what_is_left_of_the_answer_of_an_angle_controller_is_no_command(older_steps: int) -> None:
+    """Sticks at rest: put back a sample too early, the answer leaves a part that follows every gust."""
+    fits = fit_by_spectra(_fly(2, stick_rad=0.0, older_steps=older_steps))
+    assert not any(fit.is_of_use for fit in fits)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_single_tone_tells_the_effectiveness_as_well_as_lags_are_known(seed: int) -> None:
+    """At one frequency lag and effectiveness are one number: the interval knows what lags motors have."""
+    fits = fit_by_spectra(_fly(seed, gusts=0.2, stick_rad=0.05, tone_hz=2.5))
+    for axis in (0, 1):
+        assert abs(fits[axis].gain - GAIN[axis]) <= fits[axis].half_width
+        assert 0.04 * GAIN[axis] < fits[axis].half_width < 0.4 * GAIN[axis]
 
 
 def test_set_points_that_answer_gusts_are_biased_and_say_so() -> None:
