@@ -298,9 +298,10 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL420",
                 "The torque holds little more than one frequency",
-                "At one frequency, gain and phase are all that can be measured: effectiveness, damping,"
-                " lag and delay cannot be told apart, and an error of a thousandth in the model becomes"
-                " one of a tenth in the effectiveness.",
+                "At one frequency, gain and phase are all that can be measured: effectiveness, damping, "
+                "lag and delay cannot be told apart. With set-points the interval takes in all lags that "
+                "motors have; without them an error of a thousandth in the model becomes one of a tenth in "
+                "the effectiveness, and there is no number.",
                 "Excite this axis at several frequencies: a chirp, doublets of different length, or at "
                 "least three sinusoids over two octaves.",
             ),

@@ -823,12 +823,11 @@ def _one(
     """Return the estimate of one axis; ``first`` is the place of its effectiveness in the covariance."""
     lag_s, delay_s, lead_s = actuator.on(axis.number)
     gain = float(theta[0])
-    slopes = figures_by_coordinates(axis.number, gain, actuator)
     own = np.array([0, 1, 2, first, first + 1])
     above = axis.centre_hz >= axis.corner_hz
     left = axis.left(theta, actuator)[above]
     size = float(np.sum(np.abs(axis.of_commanded(actuator)[above] * gain) ** 2))
-    spread = few_blocks(axis.run.size) ** 2 * slopes @ covariance[np.ix_(own, own)] @ slopes.T
+    spread, half_width = spread_and_half_width(axis, gain, actuator, covariance[np.ix_(own, own)])
     return SpectralFit(
         mean=np.array([gain, theta[1], lag_s, delay_s, gain * lead_s]),
         covariance=spread,
@@ -837,11 +836,37 @@ def _one(
         r2_commanded=1.0 - _ratio(float(np.sum(np.abs(left) ** 2)), size),
         n_blocks=int(axis.run.size),
         planned=len(axis.corners_hz) > 1,
-        half_width=float(np.hypot(NORMAL_95 * np.sqrt(spread[0, 0]), GYRO_SYSTEMATIC * gain)),
+        half_width=half_width,
     )
 
 
-def figures_by_coordinates(axis: int, gain: float, actuator: SharedActuator) -> FloatArray:
+def spread_and_half_width(
+    axis: AxisMoments, gain: float, actuator: SharedActuator, covariance: FloatArray
+) -> tuple[FloatArray, float]:
+    """Return how well the figures of `SpectralFit` are known.
+
+    Parameters
+    ----------
+    axis : AxisMoments
+    gain : float
+        Effectiveness of the axis.
+    actuator : SharedActuator
+    covariance : ndarray, shape (5, 5)
+        Of the coordinates of the actuator, and [B, A].
+
+    Returns
+    -------
+    covariance : ndarray, shape (5, 5)
+        Of the figures.
+    half_width : float
+        Of the 95 % interval of the effectiveness, the gyro's scale included.
+    """
+    slopes = _figures_by_coordinates(axis.number, gain, actuator)
+    spread = few_blocks(axis.run.size) ** 2 * slopes @ covariance @ slopes.T
+    return spread, float(np.hypot(NORMAL_95 * np.sqrt(spread[0, 0]), GYRO_SYSTEMATIC * gain))
+
+
+def _figures_by_coordinates(axis: int, gain: float, actuator: SharedActuator) -> FloatArray:
     """Return the derivatives of the five figures of `SpectralFit` by what is solved for.
 
     Parameters

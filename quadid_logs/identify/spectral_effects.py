@@ -30,13 +30,12 @@ from quadid_logs.identify.spectral import (
     by_coordinates,
     command_records,
     few_blocks,
-    figures_by_coordinates,
     fit_axes,
     moment_noise,
     solve_flight,
     spectra_of,
+    spread_and_half_width,
 )
-from quadid_logs.identify.systematic import GYRO_SYSTEMATIC
 from quadid_logs.maths.band import ComplexArray
 from quadid_logs.maths.block_spectra import BlockSpectra
 from quadid_logs.maths.normal import NORMAL_95
@@ -262,9 +261,7 @@ class _Equations:
             by_effect = np.outer(each.moved[own], each.moved[own])
             covariance = covariance + likely * (each.mean**2 + each.variance) * by_effect
         fit, gain = self.fits[axis.number], float(self.theta[place][0])
-        slopes = figures_by_coordinates(axis.number, gain, self.actuator)
-        spread = few_blocks(axis.run.size) ** 2 * slopes @ covariance @ slopes.T
-        half_width = float(np.hypot(NORMAL_95 * np.sqrt(spread[0, 0]), GYRO_SYSTEMATIC * gain))
+        spread, half_width = spread_and_half_width(axis, gain, self.actuator, covariance)
         return replace(fit, covariance=spread, half_width=half_width)
 
     def _scale(self, column: _Column) -> float:
