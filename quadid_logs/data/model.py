@@ -654,8 +654,8 @@ _MOST_DEPARTURE = 0.1
 _LEAST_COMMANDED_R2 = 0.75
 #: Beyond, a number is of no use to tune with, and what else may be wrong is as large.
 _MOST_HALF_WIDTH = 0.2
-#: Of an interval whose ends are a factor of three apart: a loop tuned for its middle keeps 6 dB of margin.
-_WIDEST = 0.5
+#: The ends of an interval are 4.4 dB apart then: a loop that is tuned for its middle keeps most of 6 dB.
+_WIDEST = 0.25
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -718,12 +718,13 @@ class SpectralFit:
     @property
     def is_sound(self) -> bool:
         """Whether the effectiveness is told: narrow, positive, and of a vehicle's response to commands."""
-        return self.is_described and self.is_of_use and self.half_width <= _MOST_HALF_WIDTH * self.gain
+        return self.is_of_use and self.half_width <= _MOST_HALF_WIDTH * self.gain
 
     @property
     def is_of_use(self) -> bool:
-        """Whether the effectiveness is that of a vehicle's response to commands, and told to a half."""
-        return self.follows_commands and 0.0 < self.half_width <= _WIDEST * self.gain
+        """Whether the effectiveness is that of a vehicle's response to commands, and told to a quarter."""
+        described = self.is_described and self.follows_commands
+        return described and 0.0 < self.half_width <= _WIDEST * self.gain
 
     @property
     def tells_nothing(self) -> bool:

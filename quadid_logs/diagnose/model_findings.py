@@ -433,8 +433,7 @@ def _told_by_spectra(axis: _Axis) -> Finding | None:
             f"The controller of {axis.name} answers its motion: the effectiveness comes from the planned "
             "trajectory alone"
         )
-    level: Level = "warning" if fit.planned or not fit.is_described else "info"
-    return axis.finding("QL535", level, _evidence(axis) | evidence, title)
+    return axis.finding("QL535", "warning" if fit.planned else "info", _evidence(axis) | evidence, title)
 
 
 _FATAL = (

@@ -256,10 +256,10 @@ def _commanded_rates(model: Model, numbers: Sequence[int], *, may_be_rate: bool)
 def _by_spectra(fits: Sequence[SpectralFit]) -> Iterator[Finding]:
     """Name the effects of which an effectiveness that comes from answers to commands knows."""
     for axis, fit in zip(AXES, fits, strict=False):
-        large: Level = "error" if abs(fit.shift) > LARGEST_SHIFT else "warning"
+        # The interval covers what their form leaves open.
+        level: Level = "warning" if abs(fit.shift) > LARGE_SHIFT else "info"
         for effect in fit.effects if fit.used else ():
             evidence = {"effect": effect, "effectiveness_with_it": rounded(1.0 + fit.shift, 3)}
-            level = large if abs(fit.shift) > LARGE_SHIFT else "info"
             yield finding(_CODES[effect], level, evidence, axes=(axis,))
 
 
