@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from quadid_logs.autopilots import known, named
 from quadid_logs.data.catalogue import CATALOGUE
+from quadid_logs.sentences import listed
 from quadid_logs.vocabulary import AXES, TABLE_FORMAT
 
 if TYPE_CHECKING:
@@ -95,7 +96,15 @@ def _of_axes_to_be_used(grave: Sequence[tuple[FlightLog, Finding]]) -> list[tupl
 
 
 def _advice_of(found: Sequence[tuple[FlightLog, Finding]], step: Step) -> list[str]:
-    return [finding.advice for _log, finding in found if _step(finding) == step]
+    """Return the advice of one kind, each once; in a list of steps "this axis" has a name."""
+    axes_of: dict[str, set[str]] = {}
+    for _log, finding in found:
+        if _step(finding) == step:
+            axes_of.setdefault(finding.advice, set()).update(finding.axes or AXES)
+    return [
+        advice.replace("this axis", listed([axis for axis in AXES if axis in axes]))
+        for advice, axes in axes_of.items()
+    ]
 
 
 def _manoeuvres(

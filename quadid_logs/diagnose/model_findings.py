@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -87,8 +88,9 @@ def find_in_models(log: FlightLog, identification: Identification) -> Iterator[F
     model = identification.recommended
     if model is None:
         return
-    for number in [_YAW] if identification.only_yaw else range(len(AXES)):
-        yield from _axis(log, identification, model, number)
+    numbers = [_YAW] if identification.only_yaw else range(len(AXES))
+    found = [one for number in numbers for one in _axis(log, identification, model, number)]
+    yield from _calmer(found, log.format)
     moved = (each.rate_rms_rad_s >= np.radians(MIN_RATE_RMS_DEG_S) for each in identification.excitation)
     if not identification.only_yaw and any(moved):
         yield from _actuator(model)
@@ -104,7 +106,6 @@ class _Axis(NamedTuple):
     excitation: Excitation
     on_axis: Parameter
     advice: str
-    enough_motion: str
     response: Response | None
     spectral: SpectralFit | None
 
@@ -122,7 +123,7 @@ class _Axis(NamedTuple):
         """Return a finding about this axis; with what to fly where more motion would help."""
         advice, step = self.advice if CATALOGUE[code].step == "fly" else "", None
         if advice and code not in _COMMANDS_HELP and self.rate_rms_deg_s >= WELL_EXCITED_DEG_S:
-            advice, step = self.enough_motion, _OTHER
+            advice, step = CALMER, _OTHER
         return finding(code, level, evidence, axes=(self.name,), advice=advice, title=title, step=step)
 
 
@@ -138,7 +139,6 @@ def _axis(log: FlightLog, identification: Identification, model: Model, number: 
         excitation=identification.excitation[number],
         on_axis=model.entries[ON_AXIS[AXES[number]]],
         advice=advice_for(log.autopilot).excitation(AXES[number : number + 1], log.version),
-        enough_motion=_enough_motion(identification, log.format),
         response=identification.responses[number] if identification.responses else None,
         spectral=next((each for each in identification.spectral[number : number + 1] if each.used), None),
     )
@@ -159,16 +159,17 @@ def _checks(axis: _Axis, *, only_yaw: bool) -> tuple[tuple[_Check, ...], tuple[_
     return (_FATAL, _OTHERS) if axis.spectral is None else (_SPECTRAL_FATAL, _SPECTRAL_OTHERS)
 
 
-def _enough_motion(identification: Identification, log_format: str) -> str:
-    """Say what to do about axes that lack no excitation, by their names: advice is read by itself."""
-    rms_deg_s = [float(np.degrees(each.rate_rms_rad_s)) for each in identification.excitation]
-    axes = [axis for axis, rms in zip(AXES, rms_deg_s, strict=True) if rms >= WELL_EXCITED_DEG_S]
+def _calmer(found: Sequence[Finding], log_format: str) -> Iterator[Finding]:
+    """Name in such advice the axes that it is for, and no others: it is read by itself, and once."""
+    axes = [axis for axis in AXES if any(one.advice == CALMER and axis in one.axes for one in found)]
     # Who made the columns of a table can look at them.
     columns = " Check units, signs and times of the table's columns." if log_format == TABLE_FORMAT else ""
-    return (
+    advice = (
         f"{listed(axes).capitalize()} turned by more than {WELL_EXCITED_DEG_S:g} deg/s rms, which is enough: "
         f"larger manoeuvres would not help. {CALMER}{columns}"
     )
+    for one in found:
+        yield replace(one, advice=advice) if one.advice == CALMER else one
 
 
 def _evidence(axis: _Axis) -> dict[str, object]:
@@ -199,7 +200,7 @@ def _weakly_commanded(axis: _Axis) -> Finding | None:
     if check is None or not check.strength[axis.number] < 1.0:
         return None
     evidence = {"f_over_needed": rounded(float(check.strength[axis.number]), 2)}
-    title = f"{axis.name.capitalize()} was hardly commanded: its torque follows from something else"
+    title = f"The {axis.name} set-points explain too little of the {axis.name} torque"
     return axis.finding("QL403", "error", _evidence(axis) | evidence, title)
 
 
@@ -221,7 +222,7 @@ def _follows_the_rate(axis: _Axis) -> Finding | None:
         "coherence": rounded(float(response.coherence[found.run].mean()), 2),
         "fraction_of_torque_power_in_band": rounded(found.fraction, 2),
     }
-    title = f"From {low_hz:g} to {high_hz:g} Hz {axis.name} torque follows rate: this is the controller"
+    title = f"From {low_hz:g} to {high_hz:g} Hz the log shows the {axis.name} controller, not the vehicle"
     return axis.finding("QL516", "error", _evidence(axis) | evidence, title)
 
 
@@ -234,8 +235,7 @@ def _not_explained(axis: _Axis) -> Finding | None:
 
 
 def _explained(axis: _Axis) -> str:
-    what = f"of the {axis.name} acceleration on flight that the model was not fitted to"
-    return f"The torque explains {explained_words(axis.r2)} {what}"
+    return f"On validation data the model predicts {explained_words(axis.r2)} of the {axis.name} acceleration"
 
 
 def _wrong_sign(axis: _Axis) -> Finding | None:
@@ -285,10 +285,11 @@ def _not_reproduced(axis: _Axis) -> Finding | None:
     evidence = {
         "simulated_rate_r2": rounded(r2),
         "block_s": HELD_OUT_BLOCK_S,
-        "needed_r2": MIN_SIMULATED_R2,
+        "needed_r2": MIN_SIMULATED_R2 if r2 < MIN_SIMULATED_R2 else _CAUTION_SIMULATED_R2,
     }
     enough = r2 >= MIN_SIMULATED_R2 or is_commanded_explained(axis.model, axis.number)
-    return axis.finding("QL511", "warning" if enough else "error", evidence)
+    title = f"Simulated from the torque alone, the model gives {explained_words(r2)} of the {axis.name} motion"
+    return axis.finding("QL511", "warning" if enough else "error", evidence, title)
 
 
 def _own_damping(axis: _Axis) -> Finding | None:
@@ -297,7 +298,7 @@ def _own_damping(axis: _Axis) -> Finding | None:
     if own is None or not own.ci95[0] > 0.0:
         return None
     evidence = {"own_rate_1_s": rounded(own.value), "ci95": [rounded(value) for value in own.ci95]}
-    title = f"In this model {axis.name} speeds itself up, which is judged over {1.0 / own.value:.2g} s only"
+    title = f"The {axis.name} model is unstable, so it was checked over {1.0 / own.value:.2g} s only"
     return axis.finding("QL511", "warning", evidence, title)
 
 

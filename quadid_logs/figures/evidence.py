@@ -17,7 +17,7 @@ from quadid_logs.maths.band import high_pass
 from quadid_logs.vocabulary import AXES, RATE_SYMBOLS
 
 KEY: Final = "evidence"
-_TITLE = "Flight that the fit never saw, measured and predicted"
+_TITLE = "Validation data: measured and predicted rates"
 #: As long as an eye can follow a manoeuvre [s].
 _CLOSE_LOOK_S = 5.0
 #: The band holds this fraction of the held-out errors.
@@ -96,8 +96,8 @@ def evidence_figure(result: Result) -> Figure | LeftOut:
     return Figure(
         key=KEY,
         title=_TITLE,
-        caption=f"Up to {_CLOSE_LOOK_S:g} s with the most motion of each axis. The model flies on the logged "
-        f"torque alone. Left out: what is slower than the fitted band ({slowest_hz(result):.2g} Hz).",
+        caption=f"Up to {_CLOSE_LOOK_S:g} s with the most motion of each axis. Simulated from the logged "
+        f"torque only, without motion slower than the fitted band ({slowest_hz(result):.2g} Hz).",
         panels=tuple(panels),
         columns=3,
         low=True,

@@ -149,10 +149,10 @@ def _why(one: AxisOscillation) -> str:
 
 def _sentence(found: Sequence[AxisOscillation], highest_hz: float, *, folded: bool, rate_hz: float) -> str:
     if not found:
-        seen = "shows in the log" if folded else "lasts"
-        return (
-            f"No oscillation {seen} between {LOWEST_HZ:g} and {number(highest_hz, 2)} Hz in rate and output."
-        )
+        band = f"between {LOWEST_HZ:g} and {number(highest_hz, 2)} Hz"
+        if folded:
+            return f"The log shows no oscillation {band} in the rates and outputs."
+        return f"No axis oscillates for long {band}."
     told = " ".join(
         f"{one.axis.capitalize()} oscillates at {one.line.frequency_hz:.1f} Hz, in its rate "
         f"({np.degrees(one.line.rms):.2g} deg/s rms) and in its output, in {100.0 * one.line.share:.0f} % of "

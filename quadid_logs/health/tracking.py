@@ -79,4 +79,4 @@ def _sentence(axes: Mapping[str, AxisTracking], of: str) -> str:
     if of == "rates":
         told += f" The set-points move by: {moved} {unit} rms."
     late = [f"{axis} {1e3 * one.lag.value:.0f} ms" for axis, one in axes.items() if one.lag is not None]
-    return f"{told} They follow late by: {', '.join(late)}." if late else told
+    return f"{told} They lag by: {', '.join(late)}." if late else told

@@ -62,15 +62,19 @@ def find_vibration(
     Vibration or None
         None where no accelerometer was logged in flight.
     """
+    counted = True
     for measured in _MEASURES:
         series = signals.get(measured.name)
         if series is None:
             continue
         record = in_flight(series, intervals) if measured.limits else _shaking(series, intervals)
-        # Without a measurement the autopilot logs zeros.
-        if record is not None and len(record.time_s) >= _FEWEST and record.values.any():
-            clips = _clips(clipping, intervals) or _at_the_end(signals.get("specific_force"), intervals)
-            return _judged(measured, record, clips)
+        if record is None or len(record.time_s) < _FEWEST:
+            continue
+        if record.values.any():
+            clips = _clips(clipping, intervals) if counted else None
+            return _judged(measured, record, clips or _at_the_end(signals.get("specific_force"), intervals))
+        # Without a measurement the autopilot logs zeros, of clipping too.
+        counted = False
     return None
 
 
@@ -161,7 +165,7 @@ def _rise(counts: FloatArray) -> FloatArray:
 
 def _sentence(measured: _Measured, value: float, column: str, clips: Quantity | None) -> str:
     axis = f" along {column}" if column else ""
-    told = f"{measured.words} stays below {value:.1f} m/s² in 99 % of the flight{axis}"
+    told = f"{measured.words} is below {value:.1f} m/s²{axis} in 99 % of the flight"
     if measured.limits:
         high, severe = measured.limits
         if value <= high:

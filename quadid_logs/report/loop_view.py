@@ -17,7 +17,7 @@ from quadid_logs.untrusted import printable
 
 #: From here on a gain is told as a multiple: no battery and no load changes a vehicle by as much.
 _MANY_TIMES = 2.0
-_CONTRADICTED = "the measured response contradicts the model, so that no margin is told."
+_CONTRADICTED = "the measured response contradicts the model, so no margin is given."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,7 +108,7 @@ def _sentence(axis: str, found: AxisLoop) -> str:
         parts.append(
             "From the set-points alone, model and controller predict "
             f"{number(prediction.rate_fit_percent, 3)} % of the rate and "
-            f"{number(prediction.torque_fit_percent, 3)} % of the torque on flight that the fit never saw; "
+            f"{number(prediction.torque_fit_percent, 3)} % of the torque on validation data; "
             f"the best linear system could reach {number(prediction.attainable_percent, 3)} % of the torque."
         )
     return " ".join(parts)
