@@ -81,8 +81,8 @@ def _line(axis: str, found: AxisLoop) -> Finding | None:
         evidence["gain_margin_db"] = _evidence(gain)
     low = gain is not None and gain.ci95[0] < GOOD.gain_db
     advice = (
-        f"Look for what bends or is loose at {rounded(frame.line_hz, 3):g} Hz about {axis}: stiffen it, or put "
-        "a notch at that frequency. Do not raise gains before."
+        f"Look for what bends or is loose at {rounded(frame.line_hz, 3):g} Hz about {axis}: stiffen it, or "
+        "put a notch at that frequency. Do not raise gains before."
     )
     return finding("QL607", "warning" if low else "info", evidence, axes=(axis,), advice=advice)
 

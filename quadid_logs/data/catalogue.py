@@ -525,8 +525,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "About one frequency the rates answer the torque as something does that bends or "
                 "swings: an arm, a soft gyro mount, a load. A rigid body does not, and the "
                 "effectiveness depends on the band.",
-                "Stiffen what bends, or put a notch at that frequency. Fly slower manoeuvres. Do not raise "
-                "gains.",
+                "Stiffen what bends, or put a notch at its frequency. Do not raise gains.",
             ),
             _entry(
                 "QL526",

@@ -288,7 +288,8 @@ def _not_reproduced(axis: _Axis) -> Finding | None:
         "needed_r2": MIN_SIMULATED_R2 if r2 < MIN_SIMULATED_R2 else _CAUTION_SIMULATED_R2,
     }
     enough = r2 >= MIN_SIMULATED_R2 or is_commanded_explained(axis.model, axis.number)
-    title = f"Simulated from the torque alone, the model gives {explained_words(r2)} of the {axis.name} motion"
+    told = explained_words(r2)
+    title = f"Simulated from the torque alone, the model gives {told} of the {axis.name} motion"
     return axis.finding("QL511", "warning" if enough else "error", evidence, title)
 
 

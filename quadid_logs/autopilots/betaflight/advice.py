@@ -132,9 +132,9 @@ class BetaflightAdvice(Advice):
         if version is not None and version < _CHIRP_SINCE:
             return super().excitation(axes, version)
         return (
-            f"Set debug_mode = CHIRP. In calm air, hover and switch on the CHIRP mode for {listed(axes)}, each "
-            "for chirp_time_seconds: each time it is switched on it moves the next axis. If the build has no "
-            f"CHIRP mode, {self._doublets(axes)}"
+            "Set debug_mode = CHIRP. In calm air, hover and switch on the CHIRP mode for "
+            f"{listed(axes)}, each for chirp_time_seconds: each time it is switched on it moves the next axis. "
+            f"If the build has no CHIRP mode, {self._doublets(axes)}"
         )
 
     def steps(self, axes: Sequence[str], sweeps: Mapping[str, Mapping[str, float]]) -> tuple[str, ...]:
