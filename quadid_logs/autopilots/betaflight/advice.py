@@ -133,8 +133,8 @@ class BetaflightAdvice(Advice):
             return super().excitation(axes, version)
         return (
             "Set debug_mode = CHIRP. In calm air, hover and switch on the CHIRP mode for "
-            f"{listed(axes)}, each for chirp_time_seconds: each time it is switched on it moves the next axis. "
-            f"If the build has no CHIRP mode, {self._doublets(axes)}"
+            f"{listed(axes)}, each for chirp_time_seconds: each time it is switched on it moves the next "
+            f"axis. If the build has no CHIRP mode, {self._doublets(axes)}"
         )
 
     def steps(self, axes: Sequence[str], sweeps: Mapping[str, Mapping[str, float]]) -> tuple[str, ...]:
