@@ -84,9 +84,10 @@ def evidence_figure(result: Result) -> Figure | LeftOut:
     for axis, symbol, held in zip(AXES, RATE_SYMBOLS, found, strict=True):
         refused = axis in verdicts and verdicts[axis].verdict == "refused"
         r2 = model.validation.r2_high_passed_rate.get(symbol, float("nan"))
+        commanded = any(one.used for one in result.identification.spectral[AXES.index(axis) :][:1])
         panels.append(
             Panel(
-                title=axis.capitalize() + (": refused" if refused else _explained(r2)),
+                title=axis.capitalize() + (": refused" if refused else _explained(r2, commanded)),
                 x=Axis(label="time", unit="s"),
                 y=replace(held.axis(), label="" if panels else RATE_AXIS.label),
                 curves=held.curves(),
@@ -104,10 +105,12 @@ def evidence_figure(result: Result) -> Figure | LeftOut:
     )
 
 
-def _explained(r2: float) -> str:
-    """Say what fraction of the motion is predicted."""
+def _explained(r2: float, commanded: bool) -> str:
+    """Say what fraction of the motion is predicted, or that air moved it and commands alone were judged."""
     if not np.isfinite(r2):
         return ""
+    if commanded and not r2 > 0.0:
+        return ": judged by its commands"
     return f": {100.0 * r2:.3g} % predicted" if r2 > 0.0 else ": nothing predicted"
 
 

@@ -458,8 +458,7 @@ def _table(tuning: Tuning) -> Table | None:
         caption="Margins, as flown and as promised",
         head=("loop", "gain [dB]", "phase [deg]", "disk", "crossover [Hz]", "would oscillate at [Hz]"),
         rows=tuple(rows),
-        note="Small: the 95 % interval over the vehicles that the flight allows. The promise is "
-        "computed from the values in the file.",
+        note="Small: the 95 % interval. The promise is computed from the values in the file.",
     )
 
 

@@ -333,7 +333,7 @@ def test_torque_that_follows_rate_is_refused_by_name(good: Identification) -> No
     inverse = with_response(good, -2j * np.pi * frequency_hz / 0.3)
     (said,) = findings_at(inverse, 100.0, 2.0, lambda model: model)
     assert (said.code, said.level) == ("QL516", "error")
-    assert "torque follows rate" in said.title
+    assert "the log shows the pitch controller, not the vehicle" in said.title
     assert said.evidence["phase_deg"] == pytest.approx(-90.0)
     assert said.evidence["grows_with_power_of_frequency"] == pytest.approx(1.0)
     assert "doublets" in said.advice
