@@ -31,6 +31,8 @@ def find_oscillation(
     output: CleanSeries,
     rotor_speed: CleanSeries | None,
     intervals: Sequence[Interval],
+    *,
+    rate_loop: bool = True,
 ) -> Oscillation | None:
     """Search for lines that rate and output of an axis share, and that nobody commanded.
 
@@ -41,6 +43,8 @@ def find_oscillation(
     rotor_speed : CleanSeries or None
     intervals : sequence of (start_s, end_s)
         Of flight.
+    rate_loop : bool
+        Whether the set-point is what a rate loop follows.
 
     Returns
     -------
@@ -74,6 +78,7 @@ def find_oscillation(
                 line=replace(line, source=LineSource.LOOP),
                 setpoint_share=_share(spectra, setpoint, intervals, column, line.frequency_hz),
                 power_share=line.rms**2 / (float(spectra.mean[:, column].sum()) * float(frequency_hz[1])),
+                rate_loop=rate_loop,
             )
             for line in in_rate
             if line.share >= _LASTS and _is_among(line, in_output, float(frequency_hz[1]))
@@ -140,6 +145,8 @@ def _why(one: AxisOscillation) -> str:
     """Say which loop makes it."""
     if one.overtone:
         return "It is a multiple of the stronger oscillation."
+    if not one.rate_loop:
+        return "Nothing commands it: the attitude controller oscillates, or something shakes it."
     if one.loop is OscillatingLoop.OUTER:
         return "The rate follows its set-point, which swings: the loop around the rate loop oscillates."
     if one.dominates:
