@@ -30,7 +30,6 @@ from quadid_logs.simulate.closed_loop import Noise, Setup, final_gains
 from quadid_logs.simulate.closed_loop import Tuning as Gains
 from quadid_logs.simulate.control import TrackingNotch
 from quadid_logs.simulate.effects import disturbance_density
-from quadid_logs.simulate.faults import SHAKEN_PARTS
 from quadid_logs.simulate.logger import log_flights
 from quadid_logs.simulate.true_loop import true_controller, true_plant
 from quadid_logs.simulate.wind import Wind
@@ -159,14 +158,14 @@ def judged(setup: Setup) -> dict[str, Any]:
         gusts = disturbance_density(frequency_hz) * setup.effects.disturbance_rad_s2[number] ** 2
         found[axis] = {
             "gusts_rad": float(np.sqrt(np.trapezoid(answer * gusts, frequency_hz))),
-            "noise": _noise(setup, number, controller, plant),
+            "noise": _noise(setup, controller, plant),
             "spare": _spare(setup, number),
         }
     return found
 
 
-def _noise(setup: Setup, axis: int, controller: Any, plant: Any) -> float:
-    """Return the standard deviation of an axis's command that white noise and both lines make."""
+def _noise(setup: Setup, controller: Any, plant: Any) -> float:
+    """Return the standard deviation of the command that white noise and both lines make."""
     nyquist_hz = 0.499 * setup.loop_hz
 
     def gain(frequency_hz: FloatArray) -> FloatArray:
@@ -181,7 +180,7 @@ def _noise(setup: Setup, axis: int, controller: Any, plant: Any) -> float:
     # What the sampler folds.
     rotor_hz = abs(rotor_hz - setup.loop_hz * round(rotor_hz / setup.loop_hz))
     lines = (
-        (rotor_hz, SHAKEN_PARTS[axis] * setup.noise.rotor_line_rad_s),
+        (rotor_hz, setup.noise.rotor_line_rad_s),
         (setup.noise.frame_line_hz, setup.noise.frame_line_rad_s),
     )
     power += sum(float(gain(np.array([at_hz]))[0]) * rms**2 for at_hz, rms in lines)

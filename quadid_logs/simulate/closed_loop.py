@@ -65,9 +65,8 @@ class Noise:
 
     ``gyro_scale`` is the error of each gyro axis's scale, as a fraction of the
     rate; ``gyro_cross`` how much p shows of q and r, q of p and r, r of p and q.
-    ``rotor_line_rad_s`` is the root mean square of what unbalanced rotors show about roll, and about pitch,
-    in a hover, once in a turn of each; ``frame_line_rad_s`` that of a part of the frame that rings at
-    ``frame_line_hz``, about each axis.
+    ``rotor_line_rad_s`` is the root mean square of what unbalanced rotors show about each axis,
+    once in a turn of each; ``frame_line_rad_s`` that of a part of the frame that rings at ``frame_line_hz``.
     """
 
     gyro_rad_s_per_rthz: float = 1.0e-4
@@ -489,13 +488,11 @@ class _Gyro:
         self._mode = FlexibleMode([s.effects for s in setups], first.loop_hz)
         zero = 0.0 * self._quantum
         self._memory = ((zero, zero, zero), (zero, zero, zero))
-        hover_rad_s = _stacked([hover_rad_s_of(s.airframe) for s in setups])
         self._vibration = RotorVibration(
             [s.effects for s in setups],
             [s.noise.rotor_line_rad_s for s in setups],
             first.airframe.n_rotors,
-            hover_rad_s,
-            1.0 / first.loop_hz,
+            first.loop_hz,
         )
         self._loop_hz, self._notch = first.loop_hz, first.tuning.notch
         self._notched = [self._memory] * (0 if self._notch is None else self._notch.n_harmonics)

@@ -17,12 +17,14 @@ from quadid_logs.simulate.effects import Effects
 
 #: Of most flight controllers: 16 g [m/s^2].
 ACCELEROMETER_RANGE_M_S2: Final = 16.0 * 9.80665
-#: The force of an imbalance turns with the rotor in its plane. What of it tilts the frame is largest about
-#: the axes in that plane, a quarter of a turn apart; about the third a part remains.
-SHAKEN_PARTS: Final = (1.0, 1.0, 0.3)
-_PHASES_RAD: Final = (0.0, -0.5 * math.pi, 0.25 * math.pi)
+#: The force of an imbalance turns with the rotor in its plane, a quarter of a turn between the two axes; a
+#: part of it is along the third. At the end of an arm it turns the frame about all three.
+_FORCE_PARTS: Final = (1.0, 1.0, 0.3)
+_PHASES_RAD: Final = (0.0, 0.5 * math.pi, 0.25 * math.pi)
 #: From rotor to rotor, so that no two of them begin alike [rad].
 _APART_RAD: Final = 2.4
+#: Slower rotors shake nothing that a gyro would show [rad/s].
+_SLOW_ROTOR_RAD_S: Final = 30.0
 
 
 class MotorFaults:
@@ -76,33 +78,22 @@ class RotorVibration:
     effects : sequence of Effects
         Of each flight: a bent propeller shakes more than the others.
     line_rad_s : sequence of float
-        Root mean square of all rotors together about roll, and about pitch, at the speed of a hover.
+        Root mean square of all rotors together about each axis.
     n_rotors : int
-    hover_rad_s : float or ndarray
-        Speed at which these sizes hold; a size goes with the square of the speed.
-    step_s : float
+    loop_hz : float
     """
 
     def __init__(
-        self,
-        effects: Sequence[Effects],
-        line_rad_s: Sequence[float],
-        n_rotors: int,
-        hover_rad_s: Component,
-        step_s: float,
+        self, effects: Sequence[Effects], line_rad_s: Sequence[float], n_rotors: int, loop_hz: float
     ) -> None:
+        alike = stacked(line_rad_s) * math.sqrt(2.0 / n_rotors)
         self._sizes = [
-            stacked(
-                [
-                    rms * math.sqrt(2.0 / n_rotors) + one.propeller_gyro_rad_s * (one.bent_propeller == rotor)
-                    for one, rms in zip(effects, line_rad_s, strict=True)
-                ]
-            )
+            alike + stacked([one.propeller_gyro_rad_s * (one.bent_propeller == rotor) for one in effects])
             for rotor in range(1, n_rotors + 1)
         ]
         #: Whether there is anything to do.
         self.present = any(np.any(size) for size in self._sizes)
-        self._hover, self._step_s = hover_rad_s, step_s
+        self._step_s = 1.0 / loop_hz
         self._turned: list[Component] = [_APART_RAD * place for place in range(n_rotors)]
 
     def rates(self, speeds: tuple[Component, ...]) -> Triple:
@@ -110,20 +101,15 @@ class RotorVibration:
         self._turned = [
             turned + self._step_s * speed for turned, speed in zip(self._turned, speeds, strict=True)
         ]
-        parts = [
-            _imbalance(size * (speed / self._hover) ** 2, turned)
-            for size, speed, turned in zip(self._sizes, speeds, self._turned, strict=True)
+        sizes = [
+            size * speed / (speed + _SLOW_ROTOR_RAD_S)
+            for size, speed in zip(self._sizes, speeds, strict=True)
         ]
-        roll, pitch, yaw = (sum(part[axis] for part in parts) for axis in range(3))
+        roll, pitch, yaw = (
+            sum(size * np.sin(turned + phase) for size, turned in zip(sizes, self._turned, strict=True))
+            for phase in _PHASES_RAD
+        )
         return roll, pitch, yaw
-
-
-def _imbalance(size: Component, turned: Component) -> Triple:
-    """Return what one rotor shakes about, or along, each axis."""
-    x, y, z = (
-        part * size * np.sin(turned + phase) for part, phase in zip(SHAKEN_PARTS, _PHASES_RAD, strict=True)
-    )
-    return x, y, z
 
 
 def shaken(effects: Effects, rotor_speed: FloatArray, hover_rad_s: float, step_s: float) -> FloatArray:
@@ -145,4 +131,5 @@ def shaken(effects: Effects, rotor_speed: FloatArray, hover_rad_s: float, step_s
     speed = rotor_speed[:, effects.bent_propeller - 1]
     angle = np.cumsum(speed) * step_s
     size = effects.propeller_acceleration_m_s2 * (speed / hover_rad_s) ** 2
-    return np.column_stack(_imbalance(size, angle))
+    turned = zip(_FORCE_PARTS, _PHASES_RAD, strict=True)
+    return np.column_stack([part * size * np.sin(angle + phase) for part, phase in turned])
