@@ -54,7 +54,7 @@ def find_in_loop(loop: ClosedLoop) -> Iterator[Finding]:
             yield finding("QL603", "warning", {"fitted_to_hz": rounded(found.known_hz)}, axes=(axis,))
     unchecked = [axis for axis, found in loop.axes.items() if _unchecked(found)]
     if unchecked:
-        title = "The log does not show whether the controller of the parameters is the one that flew"
+        title = "The log does not show whether the controller flew with the logged parameters"
         yield finding("QL604", "info", {}, axes=unchecked, title=title)
     partly = [axis for axis, found in loop.axes.items() if _partly(found)]
     if partly:

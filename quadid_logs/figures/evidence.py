@@ -52,7 +52,7 @@ class Held(NamedTuple):
             return ()
         x, y = thin_line(self.time_s, self.predicted, _BUCKETS)
         low, high = y - self.error, y + self.error
-        return (Ribbon(label="95 % of held-out errors", x=x, low=low, high=high, role="interval"),)
+        return (Ribbon(label="95 % of validation errors", x=x, low=low, high=high, role="interval"),)
 
     def axis(self) -> Axis:
         """Return the axis of the rate, held to what was measured where the prediction leaves it."""
@@ -77,7 +77,7 @@ def evidence_figure(result: Result) -> Figure | LeftOut:
     """
     model, found = result.identification.recommended, held_out_seconds(result)
     if model is None or len(found) < len(AXES):
-        reason = "No model was fitted." if model is None else "No data were held out."
+        reason = "No model was fitted." if model is None else "No data were kept for validation."
         return LeftOut(key=KEY, title=_TITLE, reason=reason)
     verdicts = result.diagnosis.axes
     panels: list[Panel] = []

@@ -269,7 +269,7 @@ def horizon_error(result: Result) -> Figure | LeftOut:
     title = "Prediction error by horizon"
     models = [model for model in result.identification.models if model.validation.horizon_rmse_rad_s]
     if not models:
-        return LeftOut(key="horizon", title=title, reason="No data were held out to predict.")
+        return LeftOut(key="horizon", title=title, reason="No data were kept for validation.")
     panels = tuple(
         Panel(
             title=axis.capitalize(),
@@ -282,8 +282,8 @@ def horizon_error(result: Result) -> Figure | LeftOut:
     return Figure(
         key="horizon",
         title=title,
-        caption="How far the model's rate is off after a prediction over 0.1 s and longer, on held-out data. "
-        "The lowest line is the best structure; a controller design needs the first tenths of a second.",
+        caption="How far the model's rate is off after a prediction over 0.1 s and longer, on validation "
+        "data. The lowest line is the best structure; a controller design needs the first tenths of a second.",
         panels=panels,
         columns=3,
     )

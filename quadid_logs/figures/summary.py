@@ -38,7 +38,7 @@ def summary_figure(result: Result, headline: str, gains: Mapping[str, str]) -> F
     shown = (
         "Body rates on validation data: measured, and predicted from the torque alone."
         if held
-        else "Body rates of the log; no model could be fitted, or nothing was held out to test it."
+        else "Body rates of the log; no model could be fitted, or no data were kept for validation."
     )
     return Figure(
         key="summary",
