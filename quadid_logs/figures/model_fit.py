@@ -283,7 +283,8 @@ def horizon_error(result: Result) -> Figure | LeftOut:
         key="horizon",
         title=title,
         caption="How far the model's rate is off after a prediction over 0.1 s and longer, on validation "
-        "data. The lowest line is the best structure; a controller design needs the first tenths of a second.",
+        "data. The lowest line is the best structure. A controller design needs the first tenths of a "
+        "second.",
         panels=panels,
         columns=3,
     )
