@@ -105,7 +105,9 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
         "steps": find_steps(responses),
         "noise": find_noise(gyros, asked, throttle, speed, intervals, oscillations_hz),
         "motors": None if outputs is None else find_motors(outputs, prepared.log.torque, intervals),
-        "vibration": find_vibration(series, prepared.candidates.get("accelerometer_clips", ()), intervals),
+        "vibration": find_vibration(
+            series, prepared.candidates.get("accelerometer_clips", ()), intervals, prepared.candidates
+        ),
         "battery": None
         if (voltage := series.get("battery_voltage")) is None
         else find_battery(voltage, throttle, intervals),
@@ -141,7 +143,10 @@ def faults_of(prepared: Prepared, data: FlightData) -> Health:
         return Health(missing=dict.fromkeys(_NEEDS, "no flight of a multirotor was found"))
     clips = prepared.candidates.get("accelerometer_clips", ())
     series = {name: one for name, one in prepared.series.items() if one.n_samples >= 2}
-    rotors, vibration = find_rotors(prepared, intervals), find_vibration(series, clips, intervals)
+    rotors, vibration = (
+        find_rotors(prepared, intervals),
+        find_vibration(series, clips, intervals, prepared.candidates),
+    )
     looked_at = {"rotors": rotors, "vibration": vibration}
     missing = {
         name: _lacks(name, series) if name in looked_at else "the flights were judged one by one"

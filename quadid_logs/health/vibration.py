@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
@@ -44,7 +45,10 @@ _SAME_RANGE, _SAME_STEP = 0.02, 1e-4
 
 
 def find_vibration(
-    signals: Mapping[str, CleanSeries], clipping: Sequence[CleanSeries], intervals: Sequence[Interval]
+    signals: Mapping[str, CleanSeries],
+    clipping: Sequence[CleanSeries],
+    intervals: Sequence[Interval],
+    sensors: Mapping[str, Sequence[CleanSeries]] = MappingProxyType({}),
 ) -> Vibration | None:
     """Take the best measure of vibration that the log holds.
 
@@ -56,6 +60,8 @@ def find_vibration(
         Counts since the start, of every sensor.
     intervals : sequence of (start_s, end_s)
         Of flight.
+    sensors : mapping of str to sequence of CleanSeries
+        By name, every sensor's; the worst is shown.
 
     Returns
     -------
@@ -67,7 +73,11 @@ def find_vibration(
         series = signals.get(measured.name)
         if series is None:
             continue
-        record = in_flight(series, intervals) if measured.limits else _shaking(series, intervals)
+        record = (
+            _worst(sensors.get(measured.name) or (series,), intervals)
+            if measured.limits
+            else _shaking(series, intervals)
+        )
         if record is None or len(record.time_s) < _FEWEST:
             continue
         if record.values.any():
@@ -76,6 +86,17 @@ def find_vibration(
         # Without a measurement the autopilot logs zeros, of clipping too.
         counted = False
     return None
+
+
+def _worst(several: Sequence[CleanSeries], intervals: Sequence[Interval]) -> Record:
+    """Return the record of the sensor that shakes most."""
+    found = [in_flight(one, intervals) for one in several]
+    return max([one for one in found if len(one.time_s) >= _FEWEST] or found, key=_highest)
+
+
+def _highest(record: Record) -> float:
+    """Return what 99 % of the flight stay below, along the worst axis."""
+    return float(np.percentile(record.values, 99.0, axis=0).max()) if record.values.size else 0.0
 
 
 def _judged(measured: _Measured, record: Record, clips: Quantity | None) -> Vibration:

@@ -99,6 +99,15 @@ def test_vibration_is_judged_by_what_99_percent_stay_below(rms: float, level: st
     assert found.figure.value == pytest.approx(rms)
 
 
+def test_the_sensor_that_shakes_most_is_shown() -> None:
+    """Three sensors of one board measured 10, 13 and 12 m/s^2: the first was shown."""
+    t = grid(10.0)
+    sensors = [series("vibration", t, np.full((t.size, 3), size)) for size in (10.0, 13.0, 12.0)]
+    found = find_vibration({"vibration": sensors[0]}, (), ((t[0], t[-1]),), {"vibration": sensors})
+    assert found is not None
+    assert found.figure.value == pytest.approx(13.0)
+
+
 def test_the_vibration_of_a_logged_acceleration_has_no_norm() -> None:
     """What 5 Hz and slower motion is not; a number without a judgement."""
     t = grid(200.0)
