@@ -22,8 +22,8 @@ _TITLES: Final = {
 }
 #: The same for all axes, so that it is one step of what to do next.
 _CLOSE: Final = (
-    "Land if the vehicle shakes or the motors buzz. `quadid-log tune LOG` computes the next gains, or says "
-    "why it cannot."
+    "Watch this axis in the next flight: land if the vehicle shakes or the motors buzz. "
+    "`quadid-log tune LOG` computes the next gains, or says why it cannot."
 )
 #: Effectiveness is not known better than to some per cent in practice: less is no matter.
 _DISAGREEMENT = 0.05

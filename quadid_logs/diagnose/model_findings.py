@@ -422,10 +422,10 @@ def _told_by_spectra(axis: _Axis) -> Finding | None:
         "torque_commanded": rounded(fit.commanded),
         "segments": fit.n_blocks,
     }
-    title = f"The {axis.name} effectiveness comes from the answers to commands alone"
+    title = f"The {axis.name} effectiveness comes from the response to commands alone"
     if axis.r2 < _EXPLAINED:
         title = (
-            f"The air moved {axis.name} as well: its effectiveness comes from the answers to commands alone"
+            f"The air moved {axis.name} as well: its effectiveness comes from the response to commands alone"
         )
     if fit.planned:
         title = (
