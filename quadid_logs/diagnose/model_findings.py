@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -34,7 +33,6 @@ from quadid_logs.identify.parameters import (
     is_explained,
 )
 from quadid_logs.identify.response import Band, feedback_in, slope_and_phase
-from quadid_logs.sentences import listed
 from quadid_logs.vocabulary import (
     ACCELERATION_SYMBOLS,
     AXES,
@@ -88,9 +86,8 @@ def find_in_models(log: FlightLog, identification: Identification) -> Iterator[F
     model = identification.recommended
     if model is None:
         return
-    numbers = [_YAW] if identification.only_yaw else range(len(AXES))
-    found = [one for number in numbers for one in _axis(log, identification, model, number)]
-    yield from _calmer(found, log.format)
+    for number in [_YAW] if identification.only_yaw else range(len(AXES)):
+        yield from _axis(log, identification, model, number)
     moved = (each.rate_rms_rad_s >= np.radians(MIN_RATE_RMS_DEG_S) for each in identification.excitation)
     if not identification.only_yaw and any(moved):
         yield from _actuator(model)
@@ -106,6 +103,7 @@ class _Axis(NamedTuple):
     excitation: Excitation
     on_axis: Parameter
     advice: str
+    enough_motion: str
     response: Response | None
     spectral: SpectralFit | None
 
@@ -123,7 +121,7 @@ class _Axis(NamedTuple):
         """Return a finding about this axis; with what to fly where more motion would help."""
         advice, step = self.advice if CATALOGUE[code].step == "fly" else "", None
         if advice and code not in _COMMANDS_HELP and self.rate_rms_deg_s >= WELL_EXCITED_DEG_S:
-            advice, step = CALMER, _OTHER
+            advice, step = self.enough_motion, _OTHER
         return finding(code, level, evidence, axes=(self.name,), advice=advice, title=title, step=step)
 
 
@@ -139,6 +137,7 @@ def _axis(log: FlightLog, identification: Identification, model: Model, number: 
         excitation=identification.excitation[number],
         on_axis=model.entries[ON_AXIS[AXES[number]]],
         advice=advice_for(log.autopilot).excitation(AXES[number : number + 1], log.version),
+        enough_motion=_enough_motion(log.format),
         response=identification.responses[number] if identification.responses else None,
         spectral=next((each for each in identification.spectral[number : number + 1] if each.used), None),
     )
@@ -159,17 +158,14 @@ def _checks(axis: _Axis, *, only_yaw: bool) -> tuple[tuple[_Check, ...], tuple[_
     return (_FATAL, _OTHERS) if axis.spectral is None else (_SPECTRAL_FATAL, _SPECTRAL_OTHERS)
 
 
-def _calmer(found: Sequence[Finding], log_format: str) -> Iterator[Finding]:
-    """Name in such advice the axes that it is for, and no others: it is read by itself, and once."""
-    axes = [axis for axis in AXES if any(one.advice == CALMER and axis in one.axes for one in found)]
+def _enough_motion(log_format: str) -> str:
+    """Say what to do about an axis that lacks no excitation; in a list of steps it has a name."""
     # Who made the columns of a table can look at them.
     columns = " Check units, signs and times of the table's columns." if log_format == TABLE_FORMAT else ""
-    advice = (
-        f"{listed(axes).capitalize()} turned by more than {WELL_EXCITED_DEG_S:g} deg/s rms, which is enough: "
-        f"larger manoeuvres would not help. {CALMER}{columns}"
+    return (
+        f"This axis turned by more than {WELL_EXCITED_DEG_S:g} deg/s rms, which is enough: larger manoeuvres "
+        f"would not help. {CALMER}{columns}"
     )
-    for one in found:
-        yield replace(one, advice=advice) if one.advice == CALMER else one
 
 
 def _evidence(axis: _Axis) -> dict[str, object]:

@@ -96,7 +96,7 @@ def test_an_unstable_loop_has_no_distance(usable: Result) -> None:
 def test_a_controller_that_did_not_fly_is_named(usable: Result) -> None:
     failed = Replay(relative_rms={}, agrees=False, reason=ReplayReason.AXES_SWAPPED)
     (text,) = loop_view(with_loop(usable, AxisLoop(replay=failed))).sentences
-    assert "not the one that flew (axes swapped)" in text
+    assert "do not reproduce the logged output (axes swapped)" in text
 
 
 def test_a_controller_that_no_row_contradicts_is_not_called_another(usable: Result) -> None:
