@@ -17,8 +17,8 @@ from quadid_logs.diagnose.findings import finding, rounded
 _TITLES: Final = {
     Room.UNSTABLE: "With the controller of the parameters, this model of {axis} is unstable",
     Room.POOR: "{Axis} is close to instability",
-    Room.LITTLE: "{Axis} has less margin than is to be kept",
-    Room.PERHAPS_LITTLE: "{Axis} may have less margin than is to be kept",
+    Room.LITTLE: "{Axis} has less margin than required",
+    Room.PERHAPS_LITTLE: "{Axis} may have less margin than required",
 }
 #: The same for all axes, so that it is one step of what to do next.
 _CLOSE: Final = (
