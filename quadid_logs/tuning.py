@@ -326,7 +326,10 @@ def _case(
     """Put together what is known of an axis, per unit of command."""
     loop, model = result.closed_loop, result.identification.recommended
     found = None if loop is None else loop.axes.get(axis, AxisLoop())
-    controllers = None if loop is None else loop.controllers
+    # Without a model no loop was closed; what the parameters tell of the controller stands all the same.
+    controllers = (
+        named(result.log.autopilot).controllers(result.log, parameters) if loop is None else loop.controllers
+    )
     data = result.data
     if model is not None:
         data, model = per_command(result.data, model)

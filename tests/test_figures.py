@@ -131,13 +131,13 @@ def test_lines_bear_their_names_at_their_ends_and_not_in_a_legend(usable: Result
     """In the page and on paper; what is no line, as the band of errors, is explained in the legend."""
     evidence = shown(usable, "evidence")
     drawn = interactive(evidence)["data"]
-    assert [trace["name"] for trace in drawn if trace["showlegend"]] == ["95 % of held-out errors"]
+    assert [trace["name"] for trace in drawn if trace["showlegend"]] == ["95 % of validation errors"]
     assert [trace["name"] for trace in drawn if trace.get("meta", {}).get("end")] == [
         "measured",
         "predicted",
     ] * 3
     canvas = draw(evidence)
-    assert [text.get_text() for text in canvas.legends[0].get_texts()] == ["95 % of held-out errors"]
+    assert [text.get_text() for text in canvas.legends[0].get_texts()] == ["95 % of validation errors"]
     assert {"measured", "predicted"} <= {text.get_text() for text in canvas.axes[-1].texts}
 
 

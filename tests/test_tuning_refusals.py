@@ -17,6 +17,7 @@ from quadid_logs.data.controller import Replay, ReplayReason
 from quadid_logs.data.diagnosis import AxisVerdict, Finding
 from quadid_logs.data.result import PooledLog, Result
 from quadid_logs.data.tuning import GOOD, AxisTuning, Limits
+from quadid_logs.diagnose.advice import advice_for
 from quadid_logs.tuning import recommend
 from tests.marks import thorough
 from tests.tuned_flights import flown, with_log, with_parameters
@@ -230,6 +231,35 @@ def test_the_loop_of_a_refused_model_is_not_called_unstable() -> None:
     codes = [one.code for one in recommend(refused, GOOD, ["roll"]).axes["roll"].reasons]
     assert "QL615" in codes
     assert "QL625" not in codes
+
+
+def test_a_controller_is_known_by_its_parameters_where_no_model_was_found() -> None:
+    """A flight that was logged too slowly was told to log its parameters, which it did."""
+    without = judged("refused", "QL303")(flown("ardupilot"))
+    without = replace(
+        without,
+        closed_loop=None,
+        identification=replace(without.identification, models=()),
+    )
+    codes = [one.code for one in recommend(without, GOOD, ["roll"]).axes["roll"].reasons]
+    assert codes == ["QL615"]
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "version", "told"),
+    [
+        ("ardupilot", (3, 6, 4), "Update the firmware to 4.0"),
+        ("ardupilot", (4, 5, 7), ""),
+        ("betaflight", (3, 0), "Update the firmware to 3.1"),
+        ("betaflight", (3, 1), ""),
+    ],
+)
+def test_firmware_too_old_for_gains_is_told_to_be_updated(
+    autopilot: str, version: tuple[int, ...], told: str
+) -> None:
+    """Its log holds all its parameters, and those of today's controller are not among them."""
+    assert advice_for(autopilot).controller_note(version).startswith(told)
+    assert bool(told) == bool(advice_for(autopilot).controller_note(version))
 
 
 @pytest.mark.parametrize("name", SABOTAGES)

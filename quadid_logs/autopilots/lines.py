@@ -1,11 +1,18 @@
-"""Lines of the gyro's spectrum, sorted by what a notch has to follow to stay on them."""
+"""Lines of the gyro's spectrum and the filters that meet them, whatever an autopilot calls its settings."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final, NamedTuple
 
 from quadid_logs.data.health import Line, LineSource
+from quadid_logs.data.log import Notch
+from quadid_logs.data.tuning import Cutoffs
+
+#: Width of a notch on a line that stands, over its frequency: half of what ArduPilot's documentation gives
+#: one that moves.
+STANDING_WIDTH: Final = 0.25
 
 #: A line is worth a notch of its own where it stands in most of the flight.
 _LEAST_SHARE: Final = 0.5
@@ -54,3 +61,19 @@ def _apart(lines: Iterable[Line]) -> Iterator[float]:
         if all(abs(one.frequency_hz / other - 1.0) > _SAME for other in seen):
             seen.append(one.frequency_hz)
             yield one.frequency_hz
+
+
+def is_on(notch: Notch, line_hz: float) -> bool:
+    """Tell whether a line lies within half a notch's width of its centre.
+
+    Examples
+    --------
+    >>> is_on(Notch(80.0, 0.25, 0.01), 89.0), is_on(Notch(80.0, 0.25, 0.01), 91.0)
+    (True, False)
+    """
+    return abs(line_hz - notch.frequency_hz) <= 0.5 * notch.inverse_q * notch.frequency_hz
+
+
+def low_passes_on(parameters: Mapping[str, float], ranges: Cutoffs) -> Cutoffs:
+    """Return of these low-passes those that are on, each with the range of its cut-off [Hz]."""
+    return {name: ends for name, ends in ranges.items() if 0.0 < parameters.get(name, 0.0) < math.inf}

@@ -17,13 +17,13 @@ from quadid_logs.diagnose.findings import finding, rounded
 _TITLES: Final = {
     Room.UNSTABLE: "With the controller of the parameters, this model of {axis} is unstable",
     Room.POOR: "{Axis} is close to instability",
-    Room.LITTLE: "{Axis} has less margin than is to be kept",
-    Room.PERHAPS_LITTLE: "{Axis} may have less margin than is to be kept",
+    Room.LITTLE: "{Axis} has less margin than required",
+    Room.PERHAPS_LITTLE: "{Axis} may have less margin than required",
 }
 #: The same for all axes, so that it is one step of what to do next.
 _CLOSE: Final = (
-    "Land if the vehicle shakes or the motors buzz. `quadid-log tune LOG` computes the next gains, or says "
-    "why it cannot."
+    "Watch this axis in the next flight: land if the vehicle shakes or the motors buzz. "
+    "`quadid-log tune LOG` computes the next gains, or says why it cannot."
 )
 #: Effectiveness is not known better than to some per cent in practice: less is no matter.
 _DISAGREEMENT = 0.05
@@ -54,7 +54,7 @@ def find_in_loop(loop: ClosedLoop) -> Iterator[Finding]:
             yield finding("QL603", "warning", {"fitted_to_hz": rounded(found.known_hz)}, axes=(axis,))
     unchecked = [axis for axis, found in loop.axes.items() if _unchecked(found)]
     if unchecked:
-        title = "The log does not show whether the controller of the parameters is the one that flew"
+        title = "The log does not show whether the controller flew with the logged parameters"
         yield finding("QL604", "info", {}, axes=unchecked, title=title)
     partly = [axis for axis, found in loop.axes.items() if _partly(found)]
     if partly:
@@ -80,7 +80,19 @@ def _line(axis: str, found: AxisLoop) -> Finding | None:
     if gain is not None:
         evidence["gain_margin_db"] = _evidence(gain)
     low = gain is not None and gain.ci95[0] < GOOD.gain_db
-    return finding("QL607", "warning" if low else "info", evidence, axes=(axis,))
+    line = f"{rounded(frame.line_hz, 3):g} Hz about {axis}"
+    advice = (
+        f"Look for what bends or is loose at {line}: stiffen it, or put a notch at that frequency. Do not "
+        "raise gains before."
+    )
+    # A loop near its limit makes a line of its own at its crossover; what bends takes margin, too.
+    if room_of(margins) <= Room.POOR:
+        advice = (
+            f"The line at {line} may be the loop itself, which has little margin. Do not raise gains, and "
+            "fly with more margin first. If the line stays, look for what bends or is loose: stiffen it, or "
+            "put a notch there."
+        )
+    return finding("QL607", "warning" if low else "info", evidence, axes=(axis,), advice=advice)
 
 
 def _extrapolated(found: AxisLoop) -> bool:

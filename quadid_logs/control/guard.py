@@ -27,7 +27,7 @@ MOST_SATURATED: Final = 0.10
 _VERDICTS: Final[Mapping[Verdict, str]] = MappingProxyType(
     {
         "refused": "The model of this axis is refused",
-        "caution": "The model of this axis is to be used with caution",
+        "caution": "Use the model of this axis with caution",
         "usable": "The model of this axis is usable",
     }
 )
@@ -142,7 +142,9 @@ def _controller(case: Case) -> Iterator[Finding]:
     mine = [one for one in remarks if one.axis in ("", case.axis)]
     if case.controller is None:
         missing = [name for one in mine for name in one.values if one.axis]
-        yield _refusal("QL611", case, {"parameters": missing[:8]})
+        log = case.log
+        too_old = advice_for(log.autopilot).controller_note(log.version)
+        yield _refusal("QL611", case, {"parameters": missing[:8]}, advice=too_old)
     for one in mine:
         if one.kind is RemarkKind.NOTCH_UNKNOWN:
             yield _refusal("QL620", case, dict(one.values))
@@ -179,10 +181,10 @@ def _changed(case: Case) -> Iterator[Finding]:
 
 
 def _replay(case: Case) -> Iterator[Finding]:
-    """Yield that the controller of the parameters was not seen to fly."""
-    replay = None if case.found is None else case.found.replay
-    if case.controller is None:
+    """Yield that the controller of the parameters was not seen to fly; without a model nobody looked."""
+    if case.controller is None or case.found is None:
         return
+    replay = case.found.replay
     if replay is None or replay.reason is ReplayReason.NO_ROWS:
         log = case.log
         logging = advice_for(log.autopilot).logging(log.format, log.parameters, log.version)

@@ -225,12 +225,12 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL313",
-                "The commanded newton is none",
+                "The commanded thrust in newtons is wrong",
                 "In steady flight the thrust of all motors carries the weight. Here the controller commands "
                 "another thrust: the motors or propellers are not those that its firmware assumes. Its "
-                "torque in newton metres is as wrong, so that no inertia follows from it. Effectiveness per "
-                "command, and all that a loop is made of, are not touched.",
-                "To get newtons, measure the thrust of a motor over its command.",
+                "torque in newton metres is wrong by as much, so no inertia is given. Effectiveness per "
+                "command, and the loop, are not affected.",
+                "To get newtons, measure the thrust of a motor against its command.",
             ),
             _entry(
                 "QL320",
@@ -243,10 +243,10 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL321",
                 "No rate set-points were used",
-                "A controller answers gusts with torque, so that torque and disturbance go together. "
-                "What was commanded answers nothing, and an estimate that rests on it is not biased; "
-                "without it the effectiveness may be too low by the fraction that its model leaves "
-                "unexplained. The interval covers that.",
+                "A controller answers gusts with torque, so torque and disturbance go together. Set-points "
+                "do not answer gusts, so an estimate that rests on them is not biased. Without them the "
+                "effectiveness may be too low by the fraction that its model leaves unexplained. The "
+                "interval covers that.",
                 "Log the rate set-points beside the rates.",
             ),
             _entry(
@@ -267,8 +267,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL403",
                 "This axis was poorly excited",
-                "What the axis did is mostly noise and gusts, not an answer to the torque. A number fitted "
-                "to that would look fine and be wrong.",
+                "What the axis did is mostly noise and gusts, not an answer to commands. A number fitted to "
+                "that would look fine and be wrong.",
                 "Excite this axis: quick stick doublets for half a minute, or a system-ID chirp.",
                 step="fly",
             ),
@@ -342,9 +342,10 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL434",
                 "The centre of mass is not in the middle of the rotors",
-                "The rotors on one side carry more than those on the other. If they are alike, the centre of "
-                "mass is on that side.",
-                "Move the battery to the other side, until the motors' outputs are alike.",
+                "The rotors on one side carry more than those on the other. If they are alike, the centre "
+                "of mass is on that side.",
+                "Nothing to do while the motors work alike within the normal range. Otherwise move the "
+                "battery away from that side, until their outputs are alike.",
                 scope="vehicle",
             ),
             _entry(
@@ -374,8 +375,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL504",
-                "The model fails on flight that it was not fitted to",
-                "On held-out parts of the flight the model predicts the acceleration badly.",
+                "The model fails on validation data",
+                "On validation data, which the fit did not use, the model predicts the acceleration badly.",
                 f"Do not use this axis. {_ENOUGH}",
                 step="fly",
             ),
@@ -422,10 +423,10 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL511",
                 "The torque alone does not reproduce the motion",
                 "Simulated over seconds from the logged torque, with the other two rates as measured, the "
-                "rate differs from the measured one: wind or an unbalance moved the vehicle, and the "
-                "torque is mostly the controller's answer to that. An effectiveness fitted to such an answer "
-                "is biased even if the fit looks good. An axis that speeds itself up in the model is judged "
-                "only over the time for which its motion can be predicted.",
+                "rate differs from the measured one: wind or an imbalance moved the vehicle, and much of "
+                "the torque is the controller's answer to that. An effectiveness fitted to such an answer "
+                "is biased even if the fit looks good. An unstable model is checked only over the time for "
+                "which its motion can be predicted.",
                 _ENOUGH,
                 step="fly",
             ),
@@ -463,14 +464,16 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL516",
-                "The torque follows the rate",
+                "This log shows the controller reacting to disturbances, not the vehicle reacting to the "
+                "controller",
                 "Where most of the torque in the fitted band is, the response of acceleration to torque "
                 "grows with frequency, and its phase is that of a growing response with the sign reversed "
                 "(near -90 degrees where it grows in proportion). No vehicle does that. It is -1/C, the "
                 "inverse of the controller: gusts or noise moved the vehicle, the controller answered, and "
                 "the log shows the controller's gains. A higher band or a longer hover would show the same, "
                 "with more confidence.",
-                "Fly manoeuvres on this axis, so that commands move the vehicle more than air and noise do.",
+                "Move the sticks more on this axis, so that commands move the vehicle more than air and "
+                "noise do.",
                 step="fly",
             ),
             _entry(
@@ -478,8 +481,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The torque was computed from the rates",
                 "The rates follow the torque without any lag, and fast torques have no less of an effect. "
                 "Motors lag, and the gyro's filter delays. This torque is a derivative of the rates: its "
-                "effectiveness is what whoever computed it assumed. Where roll or pitch shows it, no axis "
-                "is judged.",
+                "effectiveness repeats what was assumed when it was computed. Where roll or pitch shows it, "
+                "no axis is judged.",
                 "Log the torque that was commanded, or the motor outputs.",
             ),
             _entry(
@@ -493,12 +496,12 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL522",
                 "The torque is stamped after the motion that it causes",
-                "The flight is explained best where torque is taken from a later time than it is "
-                "stamped with. Clocks of torque and rates differ, or the rates were smoothed in both "
-                "directions. Lag and effectiveness are then drawn to low values; the interval covers "
-                "the effectiveness with the torque moved.",
-                "Take torque and rates from one clock; give the time at which they applied, not at "
-                "which they were written.",
+                "The flight is explained best where torque is taken from a later time than it is stamped "
+                "with. Clocks of torque and rates differ, or the rates were smoothed in both directions. "
+                "Lag and effectiveness are then biased low; the interval covers the effectiveness with the "
+                "torque moved.",
+                "Take torque and rates from one clock. Stamp each with the time at which it applied, not at "
+                "which it was written.",
             ),
             _entry(
                 "QL523",
@@ -507,7 +510,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "less than above: a dead zone, friction, or coarse steps of the outputs. The "
                 "effectiveness depends on the size of the manoeuvre; the interval covers that beyond the "
                 "dead zone.",
-                "Fly larger manoeuvres, and look for a dead band in mixer, servos or speed controllers.",
+                "Fly larger manoeuvres, and look for a dead band in the mixer or the speed controllers.",
             ),
             _entry(
                 "QL524",
@@ -515,7 +518,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Above some torque the vehicle hardly answers more: outputs are limited and the log "
                 "does not say so. The effectiveness of small torques is higher than the estimate; the "
                 "interval covers it where it can.",
-                "Log motor outputs or saturation, or fly smaller manoeuvres.",
+                "Log motor outputs as fast as the torque, or fly smaller manoeuvres.",
             ),
             _entry(
                 "QL525",
@@ -523,8 +526,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "About one frequency the rates answer the torque as something does that bends or "
                 "swings: an arm, a soft gyro mount, a load. A rigid body does not, and the "
                 "effectiveness depends on the band.",
-                "Stiffen what bends, or put a notch at that frequency. Fly slower manoeuvres. Do not raise "
-                "gains.",
+                "Stiffen what bends, or put a notch at its frequency. Do not raise gains.",
             ),
             _entry(
                 "QL526",
@@ -545,9 +547,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL528",
                 "The control effectiveness varies in flight",
-                "From one half second to the next its deviations go on, as noise does not: thrust comes"
-                " and goes (battery, ground, another controller), or something else than torque moves "
-                "the vehicle.",
+                "Deviations last from one half second to the next, as noise does not: thrust comes and goes "
+                "(battery, ground, another controller), or something else than torque moves the vehicle.",
                 "Look at the figure of estimates over time. Fly the manoeuvre at one throttle, far from"
                 " the ground.",
             ),
@@ -594,13 +595,13 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL535",
-                "An axis is told by its answers to commands alone",
+                "The effectiveness comes from the response to commands alone",
                 "Air moved this axis as much as its commands did, or rotors or log do something that a fit "
-                "sample by sample takes for less control. What was commanded, which no gust moves, still "
-                "gives the effectiveness, the damping and the lag: from spectra of short segments of the "
-                "flight, each frequency weighted by what the air leaves of it. Dead zones, limits and other "
-                "effects are taken out where the flight shows them, and are part of the interval where it "
-                "leaves them open.",
+                "sample by sample takes for less control. Commands, which no gust moves, still give the "
+                "effectiveness, the damping and the lag: from spectra of short segments of the flight, each "
+                "frequency weighted by what the air leaves of it. Dead zones, limits and other effects are "
+                "taken out where the flight shows them, and are part of the interval where it leaves them "
+                "open.",
                 "Fly in calmer air, or make larger and quicker manoeuvres, for a narrower interval.",
                 step="fly",
             ),
@@ -645,9 +646,10 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL604",
-                "The controller of the parameters is not the one that flew",
+                "The controller reconstructed from the logged parameters does not reproduce the logged "
+                "output",
                 "Replayed from logged set-points and rates, the controller does not give the logged terms "
-                "and torque. Nothing is said of its loop.",
+                "and torque. Nothing is said about its loop.",
                 "Keep the gains as they are during the flight, and log the controller's terms at the loop's "
                 "rate.",
                 scope="loop",
@@ -689,16 +691,17 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL611",
-                "The controller is not known as a whole",
-                "Parameters of the rate controller are missing in the log, are no numbers, or switch on what "
-                "is not modelled.",
-                "Log with all parameters (from arming on), and fly with the standard rate controller.",
+                "The controller cannot be reconstructed from the logged parameters",
+                "Parameters of the rate controller are missing in the log, are no numbers, or switch on "
+                "what is not modelled.",
+                "Log all parameters, and fly with the standard rate controller.",
                 step="set",
                 scope="gains",
             ),
             _entry(
                 "QL612",
-                "The controller of the parameters is not the one that flew",
+                "The controller reconstructed from the logged parameters does not reproduce the logged "
+                "output",
                 "Replayed from logged set-points and rates, the controller does not give the logged terms "
                 "and torque: gains for it would be gains for another one.",
                 "Read what differs under QL604, and fly once more with gains that stay as they are.",
@@ -706,9 +709,9 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL613",
-                "Nothing shows that the controller of the parameters flew",
-                "Set-points, rates and torque were logged too slowly to replay the controller. A gain is not "
-                "changed on trust.",
+                "The controller could not be checked against the log",
+                "Set-points, rates and torque were logged too slowly, or with a clock that was reset, so "
+                "that the controller cannot be replayed. No gain is changed without that check.",
                 "Log rates, set-points and the controller's output at the loop's rate, and fly once more.",
                 step="set",
                 scope="gains",
@@ -748,9 +751,9 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL618",
-                "The vehicle is known too loosely",
-                "As told, the loop keeps its limits; in the worst of the vehicles that the intervals of "
-                "effectiveness, lag and delay allow, it is close to instability. Other gains may help or "
+                "The model is too uncertain to change gains",
+                "With the estimated model the loop keeps its limits. In the worst case that the intervals "
+                "of effectiveness, lag and delay allow, it is close to instability. Other gains may help or "
                 "harm.",
                 "Fly stronger manoeuvres for longer, in calm air, with fast logging.",
                 scope="gains",
@@ -758,16 +761,16 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL619",
                 "Part of the vehicle swings by itself",
-                "A flexible mode stands in what the model leaves (QL525): an arm, a damper or a payload. "
-                "Gains that suit the model may drive it.",
+                "The model's residual shows a flexible mode (QL525): an arm, a damper or a payload. Gains "
+                "that suit the model may drive it.",
                 "Stiffen or fix it, or put a notch on it, and fly once more.",
                 scope="gains",
             ),
             _entry(
                 "QL620",
                 "The phase of a notch is not known",
-                "A notch follows something that neither the parameters nor the log tell. It takes phase away "
-                "that is missing in the margins.",
+                "A notch follows something that neither the parameters nor the log hold. The phase that it "
+                "takes is missing in the margins.",
                 "Log what it follows, or set it to a fixed frequency for the flight from which gains are "
                 "tuned.",
                 step="set",
@@ -775,8 +778,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL621",
-                "The firmware's version is not known",
-                "Nothing tells which version of the control law flew.",
+                "The firmware version that flew is unknown",
+                "The log does not say which version of the control law flew.",
                 "Log with the firmware's version, as every current firmware does.",
                 step="set",
                 scope="gains",
@@ -799,8 +802,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL624",
                 "No common factor of P, I and D brings the margins to their limits",
-                "Neither higher nor lower gains keep what is to be kept: filters, angle loop or motors take "
-                "too much phase.",
+                "Neither higher nor lower gains meet the margins: filters, angle loop or motors take too "
+                "much phase.",
                 "Keep the gains. Where a filter limits this axis, QL636 names it and its cut-off.",
                 scope="gains",
             ),
@@ -815,16 +818,15 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL630",
                 "Lower these gains: they leave too little margin for the next flight",
-                "In the worst of the vehicles that the next flight allows, the flown gains have less margin "
-                "than is to be kept, and lower ones have more.",
+                "In the worst case that the next flight allows, the flown gains have less margin than "
+                "required, and lower ones have more.",
                 "Load the file, hover first, and heed the warning beside these gains.",
                 scope="gains",
             ),
             _entry(
                 "QL631",
                 "Raise these gains: they reject gusts better, and margins stay above the limits",
-                "Even in the worst of the vehicles that the flight allows, there is more margin than is to "
-                "be kept.",
+                "Even in the worst case that the flight allows, there is more margin than required.",
                 "Load the file, hover first, and heed the warning beside these gains.",
                 scope="gains",
             ),
@@ -832,13 +834,13 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL660",
                 "Raise these gains: they leave too little margin for the next flight",
                 "The rate loop is so slow that the angle loop around it lacks phase: the flown gains have "
-                "less margin than is to be kept, and higher ones have more.",
+                "less margin than required, and higher ones have more.",
                 "Load the file, hover first, and heed the warning beside these gains.",
                 scope="gains",
             ),
             _entry(
                 "QL632",
-                "Noise of the gyro holds the gains",
+                "Gyro noise limits the gains",
                 "With higher gains the gyro's noise would move the motors by more than a twentieth of their "
                 "range.",
                 "Reduce vibration: balance propellers, mount the autopilot softly, put notches on the "
@@ -848,9 +850,9 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL633",
                 "One step at a time",
-                "The gains go on towards their target in further flights: from the crossover up, a "
-                "controller answers by no more than twice as much as in the flight before, and no margin "
-                "falls below what is to be kept.",
+                "The gains go on towards their target in further flights: above the crossover the "
+                "controller's response at most doubles from flight to flight, and no margin falls below the "
+                "limits.",
                 "Fly the file, and tune again from that flight.",
                 scope="gains",
             ),
@@ -863,7 +865,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL635",
-                "The mixer's limits hold the gains",
+                "Motor limits cap the gains",
                 "In more than a twentieth of the flight this axis got less torque than was commanded: "
                 "higher gains would only reach the limits sooner.",
                 "Fly gentler manoeuvres for tuning.",
@@ -879,7 +881,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL637",
-                "The documented range holds the gains",
+                "The documented range limits the gains",
                 "The firmware documents no higher value of this parameter.",
                 "Keep the value, or read the firmware's documentation on it.",
                 scope="gains",
@@ -902,9 +904,10 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL670",
-                "Change filters and gains together: less of gusts or noise, and margins above the limits",
-                "A filter takes phase that the gains pay for. These filters with these gains "
-                "leave less of gusts or less noise on the motors than any gains behind the flown filters.",
+                "Change filters and gains together: they reject gusts better or make less noise, and "
+                "margins stay above the limits",
+                "A filter takes phase that the gains pay for. These filters with these gains leave less "
+                "gust error or less noise on the motors than any gains behind the flown filters.",
                 "Load the file as a whole: these gains belong to these filters. Hover first, and feel the "
                 "motors after half a minute: they must stay cool.",
                 scope="gains",
@@ -912,7 +915,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL671",
                 "There is too much filtering",
-                "A low-pass below what the noise of this gyro asks for takes phase for nothing.",
+                "A low-pass is lower than the noise of this gyro asks for, and takes phase without need.",
                 "Set the cut-off in the file, with its gains.",
                 scope="gains",
             ),
@@ -960,8 +963,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL644",
                 "The log's rounding hides the controller",
                 "Rates, set-points and terms are logged as whole numbers, and the flight was so calm that "
-                "they hardly rise above their rounding: they speak neither for nor against the controller of "
-                "the parameters. A gain is not changed on trust.",
+                "they hardly rise above their rounding: they neither confirm nor contradict the controller. "
+                "No gain is changed without that check.",
                 "Fly quick manoeuvres, and log with a higher resolution where the autopilot can.",
                 scope="gains",
             ),
@@ -985,16 +988,18 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL646",
-                "The flight does not tell whether other gains would be better",
-                "As told, the loop keeps its limits, and in the worst of the vehicles that the next flight "
-                "allows it does not: the intervals are too wide to raise gains, and no reason to lower them.",
+                "This flight does not show whether other gains would be better",
+                "With the estimated model the loop keeps its limits; in the worst case that the next flight "
+                "allows it does not. The intervals are too wide to raise gains, and give no reason to lower "
+                "them.",
                 "Keep the gains. For narrower intervals fly the manoeuvre again, longer, in calmer air.",
             ),
             _entry(
                 "QL647",
-                "Better gains are in reach of a vehicle that is known better",
-                "If the vehicle were exactly as told, other gains would reject gusts better by a quarter or "
-                "more. In some of the vehicles that the next flight allows they would not keep the margins.",
+                "A more precise model would allow better gains",
+                "If the vehicle were exactly as estimated, other gains would reject gusts better by a "
+                "quarter or more. In the worst case that the next flight allows they would not keep the "
+                "margins.",
                 "Keep the gains. To go further, fly longer, in calmer air, with manoeuvres that reach twice "
                 "the crossover.",
                 scope="gains",

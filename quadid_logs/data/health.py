@@ -326,6 +326,8 @@ class AxisOscillation:
         Of all that the rate does, by its square.
     overtone : bool
         It is a multiple of a stronger oscillation of another axis, which makes it.
+    rate_loop : bool
+        A rate loop follows the set-point. A law that holds attitude and rates at once has none.
     """
 
     axis: str
@@ -333,6 +335,7 @@ class AxisOscillation:
     setpoint_share: float = 0.0
     power_share: float = 0.0
     overtone: bool = False
+    rate_loop: bool = True
 
     @property
     def dominates(self) -> bool:
@@ -342,7 +345,8 @@ class AxisOscillation:
     @property
     def loop(self) -> OscillatingLoop:
         """A loop with 30 degrees of phase margin makes at most twice its set-point of a rate."""
-        return OscillatingLoop.OUTER if self.setpoint_share > _FOLLOWS else OscillatingLoop.RATE
+        follows = self.setpoint_share > _FOLLOWS
+        return OscillatingLoop.OUTER if follows or not self.rate_loop else OscillatingLoop.RATE
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -131,11 +131,7 @@ def _verdict(axis: str, findings: list[Finding]) -> AxisVerdict:
     if warnings:
         return AxisVerdict(verdict="caution", reasons=_codes(warnings), sentence=f"{warnings[0].title}.")
     by_commands = next((each for each in touching if each.code == "QL535"), None)
-    sentence = (
-        "The model explains flight that it was not fitted to."
-        if by_commands is None
-        else f"{by_commands.title}."
-    )
+    sentence = "The model predicts validation data." if by_commands is None else f"{by_commands.title}."
     return AxisVerdict(verdict="usable", reasons=(), sentence=sentence)
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from quadid_logs.autopilots import known, named
 from quadid_logs.data.catalogue import CATALOGUE
+from quadid_logs.sentences import listed
 from quadid_logs.vocabulary import AXES, TABLE_FORMAT
 
 if TYPE_CHECKING:
@@ -14,6 +15,8 @@ if TYPE_CHECKING:
     from quadid_logs.data.catalogue import Step
     from quadid_logs.data.diagnosis import Diagnosis, Finding
     from quadid_logs.data.log import FlightLog
+
+_TOO_SHORT: Final = "QL402"
 
 
 def advice_for(autopilot: str) -> Advice:
@@ -77,11 +80,17 @@ def next_steps(
     grave = [each for level in ("error", "warning") for each in listed if each[1].level == level]
     texts = (
         *_advice_of(grave, "set"),
-        *_advice_of([each for each in grave if each[1].level == "error"], "other"),
+        *_advice_of(_of_long_flights([each for each in grave if each[1].level == "error"]), "other"),
         *_manoeuvres(grave, again),
         *_advice_of(_of_axes_to_be_used(grave), "other"),
     )
     return tuple(dict.fromkeys(filter(None, texts)))
+
+
+def _of_long_flights(errors: Sequence[tuple[FlightLog, Finding]]) -> list[tuple[FlightLog, Finding]]:
+    """Leave out what else is said of a flight that is too short to say it."""
+    short = {id(log) for log, one in errors if one.code == _TOO_SHORT}
+    return [(log, one) for log, one in errors if one.code == _TOO_SHORT or id(log) not in short]
 
 
 def _of_axes_to_be_used(grave: Sequence[tuple[FlightLog, Finding]]) -> list[tuple[FlightLog, Finding]]:
@@ -95,7 +104,17 @@ def _of_axes_to_be_used(grave: Sequence[tuple[FlightLog, Finding]]) -> list[tupl
 
 
 def _advice_of(found: Sequence[tuple[FlightLog, Finding]], step: Step) -> list[str]:
-    return [finding.advice for _log, finding in found if _step(finding) == step]
+    """Return the advice of one kind, each once; in a list of steps "this axis" has a name."""
+    axes_of: dict[str, set[str]] = {}
+    for _log, finding in found:
+        if _step(finding) == step:
+            axes_of.setdefault(finding.advice, set()).update(finding.axes or AXES)
+    return [_named(advice, [axis for axis in AXES if axis in axes]) for advice, axes in axes_of.items()]
+
+
+def _named(advice: str, axes: Sequence[str]) -> str:
+    names = listed(axes)
+    return advice.replace("this axis", names).replace("This axis", names.capitalize())
 
 
 def _manoeuvres(

@@ -33,7 +33,6 @@ from quadid_logs.identify.parameters import (
     is_explained,
 )
 from quadid_logs.identify.response import Band, feedback_in, slope_and_phase
-from quadid_logs.sentences import listed
 from quadid_logs.vocabulary import (
     ACCELERATION_SYMBOLS,
     AXES,
@@ -139,7 +138,7 @@ def _axis(log: FlightLog, identification: Identification, model: Model, number: 
         excitation=identification.excitation[number],
         on_axis=model.entries[ON_AXIS[AXES[number]]],
         advice=advice_for(log.autopilot).excitation(AXES[number : number + 1], log.version),
-        enough_motion=_enough_motion(identification, log.format),
+        enough_motion=_enough_motion(log.format),
         response=identification.responses[number] if identification.responses else None,
         spectral=next((each for each in identification.spectral[number : number + 1] if each.used), None),
         tells_nothing=any(each.tells_nothing for each in identification.spectral[number : number + 1]),
@@ -161,15 +160,13 @@ def _checks(axis: _Axis, *, only_yaw: bool) -> tuple[tuple[_Check, ...], tuple[_
     return (_FATAL, _OTHERS) if axis.spectral is None else (_SPECTRAL_FATAL, _SPECTRAL_OTHERS)
 
 
-def _enough_motion(identification: Identification, log_format: str) -> str:
-    """Say what to do about axes that lack no excitation, by their names: advice is read by itself."""
-    rms_deg_s = [float(np.degrees(each.rate_rms_rad_s)) for each in identification.excitation]
-    axes = [axis for axis, rms in zip(AXES, rms_deg_s, strict=True) if rms >= WELL_EXCITED_DEG_S]
+def _enough_motion(log_format: str) -> str:
+    """Say what to do about an axis that lacks no excitation; in a list of steps it has a name."""
     # Who made the columns of a table can look at them.
     columns = " Check units, signs and times of the table's columns." if log_format == TABLE_FORMAT else ""
     return (
-        f"{listed(axes).capitalize()} turned by more than {WELL_EXCITED_DEG_S:g} deg/s rms, which is enough: "
-        f"larger manoeuvres would not help. {CALMER}{columns}"
+        f"This axis turned by more than {WELL_EXCITED_DEG_S:g} deg/s rms, which is enough: larger manoeuvres "
+        f"would not help. {CALMER}{columns}"
     )
 
 
@@ -202,7 +199,7 @@ def _weakly_commanded(axis: _Axis) -> Finding | None:
     if not strength < 1.0 and not (axis.tells_nothing and axis.r2 < _EXPLAINED):
         return None
     evidence = {} if check is None else {"f_over_needed": rounded(strength, 2)}
-    title = f"{axis.name.capitalize()} was hardly commanded: its torque follows from something else"
+    title = f"The {axis.name} set-points explain too little of the {axis.name} torque"
     return axis.finding("QL403", "error", _evidence(axis) | evidence, title)
 
 
@@ -224,7 +221,7 @@ def _follows_the_rate(axis: _Axis) -> Finding | None:
         "coherence": rounded(float(response.coherence[found.run].mean()), 2),
         "fraction_of_torque_power_in_band": rounded(found.fraction, 2),
     }
-    title = f"From {low_hz:g} to {high_hz:g} Hz {axis.name} torque follows rate: this is the controller"
+    title = f"From {low_hz:g} to {high_hz:g} Hz the log shows the {axis.name} controller, not the vehicle"
     return axis.finding("QL516", "error", _evidence(axis) | evidence, title)
 
 
@@ -237,8 +234,7 @@ def _not_explained(axis: _Axis) -> Finding | None:
 
 
 def _explained(axis: _Axis) -> str:
-    what = f"of the {axis.name} acceleration on flight that the model was not fitted to"
-    return f"The torque explains {explained_words(axis.r2)} {what}"
+    return f"On validation data the model predicts {explained_words(axis.r2)} of the {axis.name} acceleration"
 
 
 def _wrong_sign(axis: _Axis) -> Finding | None:
@@ -288,10 +284,12 @@ def _not_reproduced(axis: _Axis) -> Finding | None:
     evidence = {
         "simulated_rate_r2": rounded(r2),
         "block_s": HELD_OUT_BLOCK_S,
-        "needed_r2": MIN_SIMULATED_R2,
+        "needed_r2": MIN_SIMULATED_R2 if r2 < MIN_SIMULATED_R2 else _CAUTION_SIMULATED_R2,
     }
     enough = r2 >= MIN_SIMULATED_R2 or is_commanded_explained(axis.model, axis.number)
-    return axis.finding("QL511", "warning" if enough else "error", evidence)
+    told = explained_words(r2)
+    title = f"Simulated from the torque alone, the model gives {told} of the {axis.name} motion"
+    return axis.finding("QL511", "warning" if enough else "error", evidence, title)
 
 
 def _own_damping(axis: _Axis) -> Finding | None:
@@ -300,7 +298,7 @@ def _own_damping(axis: _Axis) -> Finding | None:
     if own is None or not own.ci95[0] > 0.0:
         return None
     evidence = {"own_rate_1_s": rounded(own.value), "ci95": [rounded(value) for value in own.ci95]}
-    title = f"In this model {axis.name} speeds itself up, which is judged over {1.0 / own.value:.2g} s only"
+    title = f"The {axis.name} model is unstable, so it was checked over {1.0 / own.value:.2g} s only"
     return axis.finding("QL511", "warning", evidence, title)
 
 
@@ -423,10 +421,10 @@ def _told_by_spectra(axis: _Axis) -> Finding | None:
         "torque_commanded": rounded(fit.commanded),
         "segments": fit.n_blocks,
     }
-    title = f"The {axis.name} effectiveness comes from the answers to commands alone"
+    title = f"The {axis.name} effectiveness comes from the response to commands alone"
     if axis.r2 < _EXPLAINED:
         title = (
-            f"The air moved {axis.name} as well: its effectiveness comes from the answers to commands alone"
+            f"The air moved {axis.name} as well: its effectiveness comes from the response to commands alone"
         )
     if fit.planned:
         title = (

@@ -50,8 +50,8 @@ def frequency_response(result: Result) -> Figure | LeftOut:
         title=_TITLE,
         caption="How strongly and how late each axis accelerates when it is given torque. Small points: the "
         f"log, where at least {100.0 * _WORTH_SHOWING:g} % of the rate belongs to the torque (coherence). "
-        "Points with bars of 95 %: the third octaves that the band was chosen from, by the setpoints where "
-        "those explain the torque. Line: the model with its lag, delay and the gyro's filter."
+        "Dots: third-octave averages with 95 % intervals, by the set-points where those explain the torque. "
+        "Line: the model with its lag, delay and the gyro's filter."
         f"{_band_words(result, model)} A rigid body behind a lag has a level gain whose phase falls. Where "
         "gain grows with frequency while the phase lags by some 90 degrees, torque follows rate: that is the "
         f"inverse of the controller, which every log shows above its manoeuvres.{chosen}",

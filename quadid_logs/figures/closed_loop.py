@@ -32,7 +32,7 @@ def loop_figures(result: Result) -> list[Figure | LeftOut]:
         _figure(
             "loop-tracking",
             "Set-point, rate and torque",
-            "The most excited seconds of flight that the fit never saw. Left: the rate that was commanded, "
+            "The most excited seconds of the validation data. Left: the rate that was commanded, "
             "the one that was measured, and the one that model and controller make of the set-points alone. "
             "Right: the torque that this takes. The loop brings the rate to its set-point even with a wrong "
             "model; the torque only with the right one.",
@@ -59,7 +59,7 @@ def loop_figures(result: Result) -> list[Figure | LeftOut]:
         ),
         _figure(
             "loop-step",
-            "Answer of the rate to a step of its set-point",
+            "Rate step response",
             "What the model makes of a step, with its interval of 95 % (shaded); and with the response of "
             "the closed loop as the log shows it, where it does. Overshoot and ringing tell of little "
             "margin.",

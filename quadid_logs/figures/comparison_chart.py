@@ -50,7 +50,7 @@ def _panel(quantity: Quantity) -> Panel:
         for place, (label, value, (low, high), role) in enumerate(points)
     )
     return Panel(
-        title=f"{quantity.words.capitalize()}: {'changed' if quantity.changed else 'no change seen'}",
+        title=f"{quantity.words.capitalize()}: {'changed' if quantity.changed else 'no change detected'}",
         x=Axis(label="", ticks=((0.0, "before"), (1.0, "after")), low=-0.6, high=1.6),
         y=Axis(label="", unit=quantity.unit.replace("^2", "²")),
         curves=curves,

@@ -17,7 +17,7 @@ from quadid_logs.maths.band import high_pass
 from quadid_logs.vocabulary import AXES, RATE_SYMBOLS
 
 KEY: Final = "evidence"
-_TITLE = "Flight that the fit never saw, measured and predicted"
+_TITLE = "Validation data: measured and predicted rates"
 #: As long as an eye can follow a manoeuvre [s].
 _CLOSE_LOOK_S = 5.0
 #: The band holds this fraction of the held-out errors.
@@ -52,7 +52,7 @@ class Held(NamedTuple):
             return ()
         x, y = thin_line(self.time_s, self.predicted, _BUCKETS)
         low, high = y - self.error, y + self.error
-        return (Ribbon(label="95 % of held-out errors", x=x, low=low, high=high, role="interval"),)
+        return (Ribbon(label="95 % of validation errors", x=x, low=low, high=high, role="interval"),)
 
     def axis(self) -> Axis:
         """Return the axis of the rate, held to what was measured where the prediction leaves it."""
@@ -77,16 +77,17 @@ def evidence_figure(result: Result) -> Figure | LeftOut:
     """
     model, found = result.identification.recommended, held_out_seconds(result)
     if model is None or len(found) < len(AXES):
-        reason = "No model was fitted." if model is None else "No data were held out."
+        reason = "No model was fitted." if model is None else "No data were kept for validation."
         return LeftOut(key=KEY, title=_TITLE, reason=reason)
     verdicts = result.diagnosis.axes
     panels: list[Panel] = []
     for axis, symbol, held in zip(AXES, RATE_SYMBOLS, found, strict=True):
         refused = axis in verdicts and verdicts[axis].verdict == "refused"
         r2 = model.validation.r2_high_passed_rate.get(symbol, float("nan"))
+        commanded = any(one.used for one in result.identification.spectral[AXES.index(axis) :][:1])
         panels.append(
             Panel(
-                title=axis.capitalize() + (": refused" if refused else _explained(r2)),
+                title=axis.capitalize() + (": refused" if refused else _explained(r2, commanded)),
                 x=Axis(label="time", unit="s"),
                 y=replace(held.axis(), label="" if panels else RATE_AXIS.label),
                 curves=held.curves(),
@@ -96,18 +97,20 @@ def evidence_figure(result: Result) -> Figure | LeftOut:
     return Figure(
         key=KEY,
         title=_TITLE,
-        caption=f"Up to {_CLOSE_LOOK_S:g} s with the most motion of each axis. The model flies on the logged "
-        f"torque alone. Left out: what is slower than the fitted band ({slowest_hz(result):.2g} Hz).",
+        caption=f"Up to {_CLOSE_LOOK_S:g} s with the most motion of each axis. Simulated from the logged "
+        f"torque only, without motion slower than the fitted band ({slowest_hz(result):.2g} Hz).",
         panels=tuple(panels),
         columns=3,
         low=True,
     )
 
 
-def _explained(r2: float) -> str:
-    """Say what fraction of the motion is predicted."""
+def _explained(r2: float, commanded: bool) -> str:
+    """Say what fraction of the motion is predicted, or that air moved it and commands alone were judged."""
     if not np.isfinite(r2):
         return ""
+    if commanded and not r2 > 0.0:
+        return ": judged by its commands"
     return f": {100.0 * r2:.3g} % predicted" if r2 > 0.0 else ": nothing predicted"
 
 

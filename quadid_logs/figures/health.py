@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import Overview
-from quadid_logs.data.health import AxisSteps, GyroSpectrum, Health, Map, Motors, Noise, Topic
+from quadid_logs.data.health import AxisSteps, GyroSpectrum, Health, Map, Noise, Topic
 from quadid_logs.data.log import GyroFilter
 from quadid_logs.data.result import Result
 from quadid_logs.figures.spec import Axis, Curve, Figure, Heat, LeftOut, Level, Mark, Panel, Ribbon
@@ -356,7 +355,8 @@ def _motors(health: Health) -> Figure | None:
                     label="motor",
                     low=0.5,
                     high=len(motors.names) + 0.5,
-                    ticks=tuple(zip(numbers.tolist(), _short_names(motors), strict=True)),
+                    # A phone has room for numbers alone; their places stand in the other panel's legend.
+                    ticks=tuple((number, f"{number:.0f}") for number in numbers.tolist()),
                 ),
                 y=Axis(label="output", unit=unit, low=ends[0], high=ends[1]),
                 curves=(mean,),
@@ -379,13 +379,6 @@ def _motors(health: Health) -> Figure | None:
         ),
         columns=2,
     )
-
-
-def _short_names(motors: Motors) -> Sequence[str]:
-    """Return the motors' numbers, with their places where there is room for them."""
-    if len(motors.names) > len(_ROLES):
-        return [str(number + 1) for number in range(len(motors.names))]
-    return [name.removeprefix("motor ") for name in motors.names]
 
 
 def _vibration(health: Health) -> Figure | None:

@@ -41,8 +41,8 @@ def loop_comparison_figure(before: Result, after: Result) -> Figure | LeftOut:
     return Figure(
         key=_KEY,
         title=_TITLE,
-        caption="Gain and phase around the loop, cut at the mixer, and the answer of the rate to a step of "
-        "its set-point. Dashed: the intervals of 95 %. Where the gain passes 1, the phase above -180 degrees "
+        caption="Gain and phase around the loop, cut at the mixer, and the rate step response. "
+        "Dashed: 95 % intervals. Where the gain passes 1, the phase above -180 degrees "
         "is the phase margin.",
         panels=tuple(
             draw(axis.capitalize(), pair) for draw in (_gain, _phase, _step) for axis, pair in shown.items()

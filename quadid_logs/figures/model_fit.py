@@ -23,7 +23,7 @@ from quadid_logs.vocabulary import (
 
 _ACCELERATION = Axis(label="angular acceleration", unit="deg/s²")
 _RATE = Axis(label="body rate", unit="deg/s")
-_HELD_OUT = " Shaded: held-out data, which the fit never saw; judge the model there."
+_HELD_OUT = " Shaded: validation data, which the fit did not use; judge the model there."
 _SERIES_ROLES = 4
 _CLOSE_LOOK_S = 5.0
 
@@ -45,12 +45,12 @@ def fit_figures(result: Result) -> list[Figure | LeftOut]:
 
 def _close_look(model: Model, fit: FitSeries) -> Figure | LeftOut:
     """Show the most excited held-out seconds at full resolution."""
-    title = f"A close look at held-out data: {model.structure}"
+    title = f"A close look at validation data: {model.structure}"
     panels: list[Panel] = []
     for column in range(len(AXES)):
         chosen = most_excited_seconds(fit, column)
         if chosen is None:
-            return LeftOut(key="held-out", title=title, reason="No data were held out.")
+            return LeftOut(key="held-out", title=title, reason="No data were kept for validation.")
         acceleration = (fit.acceleration[chosen], fit.modelled_acceleration[chosen])
         rate = (fit.rate[chosen], fit.simulated_rate[chosen])
         for series, axis in ((acceleration, _ACCELERATION), (rate, _RATE)):
@@ -58,9 +58,9 @@ def _close_look(model: Model, fit: FitSeries) -> Figure | LeftOut:
     return Figure(
         key="held-out",
         title=title,
-        caption=f"Up to {_CLOSE_LOOK_S:g} s of flight that the fit never saw, for each axis the most excited "
-        "of the held-out segments. Left: the angular acceleration that the torque should cause. Right: the "
-        "rate when the model flies on the torque alone. Where the lines part, the model is wrong.",
+        caption=f"Up to {_CLOSE_LOOK_S:g} s of validation data, which the fit did not use: the most excited "
+        "segment of each axis. Left: the angular acceleration that the torque should cause. Right: the rate, "
+        "simulated from the logged torque only. Where the lines part, the model is wrong.",
         panels=tuple(panels),
         columns=2,
     )
@@ -69,7 +69,7 @@ def _close_look(model: Model, fit: FitSeries) -> Figure | LeftOut:
 def _held_out(fit: FitSeries) -> tuple[Band, ...]:
     """Return a band per held-out segment."""
     segments = spans(fit.time_s, fit.held_out)[: 2 * MOST_BANDS]
-    return tuple(Band(start=start, end=end, role="held-out", label="held out") for start, end in segments)
+    return tuple(Band(start=start, end=end, role="held-out", label="validation") for start, end in segments)
 
 
 def _pair(
@@ -142,8 +142,8 @@ def _simulation(model: Model, fit: FitSeries) -> Figure:
     return Figure(
         key="simulation",
         title=f"Measured and simulated rates: {model.structure}",
-        caption="The model flies on the logged torque alone, in blocks of some seconds that each begin with "
-        "the measured rate. This is the hardest test: errors add up." + _HELD_OUT,
+        caption="Simulated from the logged torque only, in blocks of some seconds that each start at the "
+        "measured rate. This is the hardest test: errors add up." + _HELD_OUT,
         panels=_noted(panels, notes),
         over_time=True,
     )
@@ -154,7 +154,7 @@ def _r2_note(r2: float | None) -> str:
     if r2 is None or not np.isfinite(r2):
         return ""
     # Below zero it is worse than no model at all, and by how much tells nobody anything.
-    return f"held-out R² {r2:.3f}" if r2 > 0.0 else "held-out R² below 0"
+    return f"validation R² {r2:.3f}" if r2 > 0.0 else "validation R² below 0"
 
 
 def _residuals(model: Model, fit: FitSeries) -> Figure:
@@ -180,7 +180,7 @@ def _residuals(model: Model, fit: FitSeries) -> Figure:
         key="residuals",
         title=f"Residuals: {model.structure}",
         caption="What the model does not explain. It should look like even noise: a bulge that comes with a "
-        "manoeuvre is missing physics. On the right, fitted and held-out data should have the same width.",
+        "manoeuvre is missing physics. On the right, fitted and validation data should have the same width.",
         panels=tuple(panels),
         columns=2,
     )
@@ -192,7 +192,7 @@ def _distribution(axis: str, left_over: FloatArray, fit: FitSeries) -> Panel:
     reach = float(np.quantile(np.abs(left_over[finite]), 0.998)) if finite.any() else 1.0
     edges = np.linspace(-reach or -1.0, reach or 1.0, 61)
     curves = []
-    for label, role, chosen in (("fitted", axis, ~fit.held_out), ("held out", "ink", fit.held_out)):
+    for label, role, chosen in (("fitted", axis, ~fit.held_out), ("validation", "ink", fit.held_out)):
         values = left_over[finite & chosen]
         if values.size:
             percent = np.histogram(values, edges)[0] * (100.0 / values.size)
@@ -269,7 +269,7 @@ def horizon_error(result: Result) -> Figure | LeftOut:
     title = "Prediction error by horizon"
     models = [model for model in result.identification.models if model.validation.horizon_rmse_rad_s]
     if not models:
-        return LeftOut(key="horizon", title=title, reason="No data were held out to predict.")
+        return LeftOut(key="horizon", title=title, reason="No data were kept for validation.")
     panels = tuple(
         Panel(
             title=axis.capitalize(),
@@ -282,8 +282,9 @@ def horizon_error(result: Result) -> Figure | LeftOut:
     return Figure(
         key="horizon",
         title=title,
-        caption="How far the model's rate is off after a prediction over 0.1 s and longer, on held-out data. "
-        "The lowest line is the best structure; a controller design needs the first tenths of a second.",
+        caption="How far the model's rate is off after a prediction over 0.1 s and longer, on validation "
+        "data. The lowest line is the best structure. A controller design needs the first tenths of a "
+        "second.",
         panels=panels,
         columns=3,
     )

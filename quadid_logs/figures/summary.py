@@ -36,9 +36,9 @@ def summary_figure(result: Result, headline: str, gains: Mapping[str, str]) -> F
     held = dict(zip(AXES, held_out_seconds(result), strict=False))
     curves = {axis: each.curves() for axis, each in held.items()} or _measured(result)
     shown = (
-        "Body rates on flight that the fit never saw: measured, and predicted from the torque alone."
+        "Body rates on validation data: measured, and predicted from the torque alone."
         if held
-        else "Body rates of the log; no model could be fitted, or nothing was held out to test it."
+        else "Body rates of the log; no model could be fitted, or no data were kept for validation."
     )
     return Figure(
         key="summary",

@@ -122,7 +122,7 @@ def _timeline(result: Result) -> Panel:
     model = result.identification.recommended
     held_out = () if model is None or model.fit is None else spans(model.fit.time_s, model.fit.held_out)
     rows = (
-        ("held out", "held-out", held_out),
+        ("validation", "held-out", held_out),
         (
             "gap-free" if model is None else "analyzed",
             "analyzed",

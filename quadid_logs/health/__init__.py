@@ -40,6 +40,7 @@ _NEEDS: Final[Mapping[str, tuple[tuple[str, ...], str]]] = {
     ),
     "rotors": (("outputs",), "the log does not tell what each rotor was sent, or the flight is too short"),
 }
+_FED_FORWARD: Final = "this controller's rate set-points only feed forward, and its rates do not follow them"
 _WORDS: Final[Mapping[str, str]] = {
     "body_rate": "body rates",
     "body_rate_setpoint": "rate set-points",
@@ -80,12 +81,15 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
     # As the controller gave it: what was rebuilt of the motors' outputs is another thing.
     output = prepared.clean.first("torque_command")
     throttle, speed = series.get("throttle"), series.get("rotor_speed")
-    responses = {} if rate is None or asked is None else find_responses(rate, asked, intervals)
+    # Where a trajectory asks for rates, set-points only feed forward beside the attitude's error: one law.
+    rate_loop = "reference_rate" not in series
+    followed = asked if rate_loop else None
+    responses = {} if rate is None or followed is None else find_responses(rate, followed, intervals)
     lags = {axis: response.lag for axis, response in responses.items()}
     oscillation = (
         None
         if rate is None or asked is None or output is None
-        else find_oscillation(rate, asked, output, speed, intervals)
+        else find_oscillation(rate, asked, output, speed, intervals, rate_loop=rate_loop)
     )
     oscillations_hz: dict[str, list[float]] = {}
     for one in () if oscillation is None else oscillation.axes:
@@ -93,15 +97,17 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
     gyros = prepared.candidates.get("body_rate", ())
     found: dict[str, Any] = {
         "tracking": None
-        if rate is None or asked is None
-        else find_tracking(rate, asked, intervals, lags, of="rates"),
+        if rate is None or followed is None
+        else find_tracking(rate, followed, intervals, lags, of="rates"),
         "attitude": None
         if angle is None or asked_angle is None
         else find_tracking(angle, asked_angle, intervals, {}, of="angles"),
         "steps": find_steps(responses),
         "noise": find_noise(gyros, asked, throttle, speed, intervals, oscillations_hz),
         "motors": None if outputs is None else find_motors(outputs, prepared.log.torque, intervals),
-        "vibration": find_vibration(series, prepared.candidates.get("accelerometer_clips", ()), intervals),
+        "vibration": find_vibration(
+            series, prepared.candidates.get("accelerometer_clips", ()), intervals, prepared.candidates
+        ),
         "battery": None
         if (voltage := series.get("battery_voltage")) is None
         else find_battery(voltage, throttle, intervals),
@@ -114,6 +120,8 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
         *(("torque_command",) if output else ()),
     }
     missing = {name: _lacks(name, there) for name, topic in found.items() if topic is None}
+    if asked is not None and not rate_loop:
+        missing |= dict.fromkeys(("tracking", "steps"), _FED_FORWARD)
     return Health(**found, missing=missing)
 
 
@@ -135,7 +143,10 @@ def faults_of(prepared: Prepared, data: FlightData) -> Health:
         return Health(missing=dict.fromkeys(_NEEDS, "no flight of a multirotor was found"))
     clips = prepared.candidates.get("accelerometer_clips", ())
     series = {name: one for name, one in prepared.series.items() if one.n_samples >= 2}
-    rotors, vibration = find_rotors(prepared, intervals), find_vibration(series, clips, intervals)
+    rotors, vibration = (
+        find_rotors(prepared, intervals),
+        find_vibration(series, clips, intervals, prepared.candidates),
+    )
     looked_at = {"rotors": rotors, "vibration": vibration}
     missing = {
         name: _lacks(name, series) if name in looked_at else "the flights were judged one by one"

@@ -21,6 +21,8 @@ _CELL_V: Final = (3.55, 4.35)
 _CELLS: Final = (1, 2, 3, 4, 5, 6, 8, 10, 12, 14)
 #: Below, nothing was measured [V].
 _LEAST_V: Final = 2.5
+#: A battery that carries a vehicle falls by more than the last digit that is shown [V].
+_FALLS_V: Final = 0.1
 _MEAN_S: Final = 1.0
 _FEWEST: Final = 20
 #: Throttle and voltage are compared within blocks of this length [s].
@@ -56,11 +58,14 @@ def find_battery(
     means = record.values[: n_means * n_mean, 0].reshape(n_means, n_mean).mean(axis=1)
     start, lowest = float(means[0]), float(means.min())
     n_cells = _cells(float(means.max()))
+    sag = None if throttle is None else _sag(record, throttle)
+    # What neither falls nor sags, at a voltage of no battery, is an input that was left open.
+    if sag is None and start - lowest < _FALLS_V and not _fitting(float(means.max())):
+        return None
     level: Level = "fact"
     if n_cells:
         per_cell = lowest / n_cells
         level = "normal" if per_cell >= _WARN_V else "high" if per_cell >= _LAND_V else "severe"
-    sag = None if throttle is None else _sag(record, throttle)
     short = averaged(record)
     return Battery(
         sentence=_sentence(start, lowest, n_cells, level, sag),
@@ -82,8 +87,12 @@ def _flown_s(record: Record) -> float:
 
 def _cells(highest_v: float) -> int:
     """Return the number of cells, 0 where more than one number fits."""
-    fitting = [n for n in _CELLS if _CELL_V[0] <= highest_v / n <= _CELL_V[1]]
+    fitting = _fitting(highest_v)
     return fitting[0] if len(fitting) == 1 else 0
+
+
+def _fitting(highest_v: float) -> list[int]:
+    return [n for n in _CELLS if _CELL_V[0] <= highest_v / n <= _CELL_V[1]]
 
 
 def _sag(record: Record, throttle: CleanSeries) -> Quantity | None:
@@ -123,7 +132,7 @@ def _sentence(start: float, lowest: float, n_cells: int, level: Level, sag: Quan
         judged = {
             "normal": "which is normal (3.5 V or more)",
             "high": "below 3.5 V, where pilots are warned to land",
-            "severe": "below 3.3 V, where lithium-polymer cells are empty",
+            "severe": "below 3.3 V, where pilots are warned to land at once",
         }[level]
         plural = "s" if n_cells > 1 else ""
         told += f": {per_cell:.2f} V for each of {n_cells} cell{plural}, {judged}"

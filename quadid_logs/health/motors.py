@@ -150,4 +150,4 @@ def _sentence(
         return told
     if at_high.value > 0.0:
         return f"{told} A motor is at its upper limit in {number(100.0 * at_high.value, 2)} % of the flight."
-    return f"{told} In 99 % of the flight, {100.0 * headroom.value:.0f} % of the range or more is left above."
+    return f"{told} In 99 % of the flight at least {100.0 * headroom.value:.0f} % of the range is in reserve."

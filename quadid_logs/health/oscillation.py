@@ -31,6 +31,8 @@ def find_oscillation(
     output: CleanSeries,
     rotor_speed: CleanSeries | None,
     intervals: Sequence[Interval],
+    *,
+    rate_loop: bool = True,
 ) -> Oscillation | None:
     """Search for lines that rate and output of an axis share, and that nobody commanded.
 
@@ -41,6 +43,8 @@ def find_oscillation(
     rotor_speed : CleanSeries or None
     intervals : sequence of (start_s, end_s)
         Of flight.
+    rate_loop : bool
+        Whether the set-point is what a rate loop follows.
 
     Returns
     -------
@@ -74,6 +78,7 @@ def find_oscillation(
                 line=replace(line, source=LineSource.LOOP),
                 setpoint_share=_share(spectra, setpoint, intervals, column, line.frequency_hz),
                 power_share=line.rms**2 / (float(spectra.mean[:, column].sum()) * float(frequency_hz[1])),
+                rate_loop=rate_loop,
             )
             for line in in_rate
             if line.share >= _LASTS and _is_among(line, in_output, float(frequency_hz[1]))
@@ -140,6 +145,8 @@ def _why(one: AxisOscillation) -> str:
     """Say which loop makes it."""
     if one.overtone:
         return "It is a multiple of the stronger oscillation."
+    if not one.rate_loop:
+        return "Nothing commands it: the attitude controller oscillates, or something shakes it."
     if one.loop is OscillatingLoop.OUTER:
         return "The rate follows its set-point, which swings: the loop around the rate loop oscillates."
     if one.dominates:
@@ -149,10 +156,10 @@ def _why(one: AxisOscillation) -> str:
 
 def _sentence(found: Sequence[AxisOscillation], highest_hz: float, *, folded: bool, rate_hz: float) -> str:
     if not found:
-        seen = "shows in the log" if folded else "lasts"
-        return (
-            f"No oscillation {seen} between {LOWEST_HZ:g} and {number(highest_hz, 2)} Hz in rate and output."
-        )
+        band = f"between {LOWEST_HZ:g} and {number(highest_hz, 2)} Hz"
+        if folded:
+            return f"The log shows no oscillation {band} in the rates and outputs."
+        return f"No axis oscillates for long {band}."
     told = " ".join(
         f"{one.axis.capitalize()} oscillates at {one.line.frequency_hz:.1f} Hz, in its rate "
         f"({np.degrees(one.line.rms):.2g} deg/s rms) and in its output, in {100.0 * one.line.share:.0f} % of "

@@ -344,7 +344,7 @@ def _weak(
         size=_loss(fit.gives),
         p_value=p_value,
         sentence=f"{names[fit.rotor].capitalize()} gives {_percent(_loss(fit.gives))} less thrust than the "
-        "others for the same command.",
+        "others for the same command, if the centre of mass is in their middle.",
     )
 
 
@@ -472,15 +472,13 @@ def _sentence(faults: Sequence[RotorFault], changes: Sequence[Change | None], pl
         return " ".join(one.sentence for one in faults)
     seen = [one for one in changes if one is not None]
     if not seen:
-        return "No fault of a rotor was found; the flight is too short to see a loss of thrust."
+        return "No rotor fault was found. The flight is too short to see a loss of thrust."
     worst = max(
         1.0 - _gives(min(one.detectable / float(np.linalg.norm(place[rotor, :2])), 0.9), len(place))
         for rotor, one in enumerate(changes)
         if one is not None
     )
     if worst > _HALF:
-        return "No fault of a rotor was found; a loss of half of one's thrust in flight would not have shown."
+        return "No rotor fault was found. This log would not show the loss of half of a rotor's thrust."
     shown = max(100.0 * worst, 1.0)
-    return (
-        f"No fault of a rotor was found. A loss of {shown:.0f} % of one's thrust in flight would have shown."
-    )
+    return f"No rotor fault was found. A rotor that loses {shown:.0f} % of its thrust in flight would show."

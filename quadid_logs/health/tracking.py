@@ -9,7 +9,7 @@ import numpy as np
 from quadid_logs.align.series import CleanSeries, Interval
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.health import AxisTracking, Quantity, Tracking
-from quadid_logs.health.records import records
+from quadid_logs.health.records import in_flight, records
 from quadid_logs.maths.rotations import unwrapped
 from quadid_logs.numerals import number
 from quadid_logs.vocabulary import AXES
@@ -41,12 +41,11 @@ def find_tracking(
     Tracking or None
         None where both are not logged together in flight.
     """
-    found, _ = records([setpoint, actual], intervals)
-    if not found:
+    values = _side_by_side(setpoint, actual, intervals)
+    if values is None:
         return None
     angles = of == "angles"
     unit = "rad" if angles else "rad/s"
-    values = np.concatenate([one.values for one in found])
     axes = {}
     for column, axis in enumerate(AXES):
         asked, flown = values[:, column], values[:, len(AXES) + column]
@@ -60,6 +59,22 @@ def find_tracking(
             lag=lags.get(axis),
         )
     return Tracking(sentence=_sentence(axes, of), axes=axes)
+
+
+def _side_by_side(
+    setpoint: CleanSeries, actual: CleanSeries, intervals: Sequence[Interval]
+) -> FloatArray | None:
+    """Return the columns of both, None where they are not logged together.
+
+    Of one message the rows themselves: between two samples of a slow log a line would take away a part of
+    what is fast.
+    """
+    found, _ = records([setpoint, actual], intervals)
+    if not found:
+        return None
+    if np.array_equal(setpoint.time_s, actual.time_s):
+        return np.column_stack([in_flight(one, intervals).values for one in (setpoint, actual)])
+    return np.concatenate([one.values for one in found])
 
 
 def _rms(values: FloatArray) -> float:
@@ -79,4 +94,4 @@ def _sentence(axes: Mapping[str, AxisTracking], of: str) -> str:
     if of == "rates":
         told += f" The set-points move by: {moved} {unit} rms."
     late = [f"{axis} {1e3 * one.lag.value:.0f} ms" for axis, one in axes.items() if one.lag is not None]
-    return f"{told} They follow late by: {', '.join(late)}." if late else told
+    return f"{told} They lag by: {', '.join(late)}." if late else told

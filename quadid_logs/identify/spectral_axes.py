@@ -24,7 +24,7 @@ from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS, TOR
 
 #: Where a fit in time explains nine tenths of flight that it was not fitted to, air has spoiled nothing.
 _EXPLAINED_R2 = 0.9
-_NOT_TOLD = "answers to commands tell effectiveness and damping alone"
+_NOT_TOLD = "the response to commands gives effectiveness and damping only"
 _YAW = 2
 
 

@@ -110,7 +110,7 @@ def _sentence(quantity: Quantity) -> str:
     if quantity.changed:
         return f"{text}: changed by {change_words(quantity)}{throttle_note(quantity)}"
     shows = amount(quantity, quantity.margin)
-    return f"{text}: no change seen (from {shows} on it would show{throttle_note(quantity)})"
+    return f"{text}: no change detected (smallest detectable: {shows}{throttle_note(quantity)})"
 
 
 def throttle_note(quantity: Quantity) -> str:

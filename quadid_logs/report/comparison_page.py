@@ -82,7 +82,7 @@ def _axis(comparison: Comparison, axis: str) -> AxisChangeView:
     else:
         own = [each for each in comparison.quantities if each.axis == axis and each.is_on_axis]
         seen = "".join(f" {_would_show(each)}" for each in own)
-        sentence = f"No change is seen.{seen}"
+        sentence = f"No change detected.{seen}"
     return AxisChangeView(axis=axis, change=change, style=_STYLES[change], sentence=sentence)
 
 
@@ -94,15 +94,15 @@ def _actuators(comparison: Comparison) -> Iterator[AxisChangeView]:
     changed = [f"{each.words} by {change_words(each)}" for each in shared if each.changed]
     change = "changed" if changed else "same"
     seen = ", ".join(f"{amount(each, each.margin)} of {each.name}" for each in shared)
-    sentence = (
-        f"Changed: {'; '.join(changed)}." if changed else f"No change is seen. {seen} would have shown."
-    )
+    sentence = f"No change detected. Smallest detectable change: {seen}."
+    if changed:
+        sentence = f"Changed: {'; '.join(changed)}."
     yield AxisChangeView(axis="actuators", change=change, style=_STYLES[change], sentence=sentence)
 
 
 def _would_show(own: Quantity) -> str:
-    """Say from where on a change of the effectiveness would have been seen."""
-    return f"{amount(own, own.margin)} of effectiveness would have shown{throttle_note(own)}."
+    """Say from where on a change of the effectiveness would have been detected."""
+    return f"Smallest detectable change of effectiveness: {amount(own, own.margin)}{throttle_note(own)}."
 
 
 def _table(comparison: Comparison) -> Table | None:
@@ -112,7 +112,7 @@ def _table(comparison: Comparison) -> Table | None:
         return None
     return Table(
         caption=f"Every number that was compared (structure {printable(comparison.structure, 40)})",
-        head=("", "before", "after", "difference", "would show from"),
+        head=("", "before", "after", "difference", "smallest detectable"),
         rows=tuple(_row(quantity) for quantity in ordered),
         note="Small: 95 % intervals. A change is a difference larger than what both intervals leave open, as"
         " many quantities are looked at, and than what differs between flights of one vehicle.",

@@ -2,35 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
-
-import numpy as np
 
 from quadid_logs.control.recommend import MOST_NOISE
 from quadid_logs.data.tuning import AxisTuning, FilterTrial
 from quadid_logs.report.numbers import number
+from quadid_logs.report.picture import WIDTH, Picture, Scale
 
-WIDTH: Final = 320
-HEIGHT: Final = 200
+_HEIGHT: Final = 200
 _LEFT, _RIGHT, _TOP, _BOTTOM = 46, 12, 12, 36
 #: Room beside the outermost points, as a part of the picture.
 _ROOM: Final = 0.06
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FilterPicture:
-    """One axis: points as (class, x, y, radius), ticks as (place, text), and what it shows in words."""
+class FilterPicture(Picture):
+    """Settings as points: (class, x, y, radius)."""
 
-    axis: str
     points: tuple[tuple[str, float, float, float], ...]
-    across: tuple[tuple[float, str], ...]
-    up: tuple[tuple[float, str], ...]
-    words: str
-    width: int = WIDTH
-    height: int = HEIGHT
-    left: int = _LEFT
-    right: int = WIDTH - _RIGHT
 
 
 def filter_picture(axis: str, found: AxisTuning) -> FilterPicture | None:
@@ -48,29 +39,34 @@ def filter_picture(axis: str, found: AxisTuning) -> FilterPicture | None:
     trials = found.filter_trials
     if not found.filters or len(trials) < 2:
         return None
-    phase = np.array([one.phase_deg for one in trials])
-    noise = 100.0 * MOST_NOISE * np.array([one.noise for one in trials])
-    x = _places(phase, _LEFT, WIDTH - _RIGHT)
-    y = _places(np.log(np.maximum(noise, 1e-4)), HEIGHT - _BOTTOM, _TOP)
+    phase = [one.phase_deg for one in trials]
+    noise = [100.0 * MOST_NOISE * one.noise for one in trials]
+    x = _scale(phase, _LEFT, WIDTH - _RIGHT)
+    y = _scale([_log(one) for one in noise], _HEIGHT - _BOTTOM, _TOP)
     names = ["flown", *["other"] * (len(trials) - 2), "chosen"]
     sizes = {"flown": 5.0, "other": 2.0, "chosen": 5.0}
-    ends_x, ends_y = ([int(np.argmin(each)), int(np.argmax(each))] for each in (phase, noise))
     return FilterPicture(
         axis=axis,
         points=tuple(
-            (name, float(across), float(up), sizes[name])
-            for name, across, up in zip(names, x, y, strict=True)
+            (name, x.at(lost), y.at(_log(loud)), sizes[name])
+            for name, lost, loud in zip(names, phase, noise, strict=True)
         ),
-        across=tuple((float(x[place]), f"{number(phase[place], 2)}°") for place in ends_x),
-        up=tuple((float(y[place]), f"{number(noise[place], 2)} %") for place in ends_y),
+        across=tuple((x.at(end), f"{number(end, 2)}°") for end in (min(phase), max(phase))),
+        up=tuple((y.at(_log(end)), f"{number(end, 2)} %") for end in (min(noise), max(noise))),
         words=_words(axis, trials[0], trials[-1]),
+        height=_HEIGHT,
+        left=_LEFT,
+        right=WIDTH - _RIGHT,
     )
 
 
-def _places(values: np.ndarray, begin: float, end: float) -> np.ndarray:
-    low, high = float(values.min()), float(values.max())
-    part = (values - low) / (high - low) if high > low else np.full(values.shape, 0.5)
-    return np.round(begin + (end - begin) * (_ROOM + (1.0 - 2.0 * _ROOM) * part), 1)
+def _log(percent: float) -> float:
+    return math.log(max(percent, 1e-4))
+
+
+def _scale(values: list[float], begin: float, end: float) -> Scale:
+    room = _ROOM * (end - begin)
+    return Scale(min(values), max(values), begin + room, end - room)
 
 
 def _words(axis: str, flown: FilterTrial, chosen: FilterTrial) -> str:

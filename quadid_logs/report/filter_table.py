@@ -91,7 +91,7 @@ def _centre(cost: FilterCost) -> str:
 def _note(costs: Sequence[FilterCost], crossover_hz: Estimated | None, lines: Sequence[Line]) -> str:
     """Say how the table is to be read."""
     if crossover_hz is None:
-        parts = ["No crossover is known for this axis, so that no phase is told."]
+        parts = ["The crossover of this axis is unknown, so no phase is given."]
     else:
         parts = ["Phase lost at the crossover of the rate loop; small: over the crossover's 95 % interval."]
     if lines:

@@ -23,7 +23,7 @@ def structures_table(result: Result) -> Table | None:
     if not models:
         return None
     return Table(
-        caption="All structures, judged on held-out data (roll / pitch / yaw)",
+        caption="All structures, judged on validation data (roll / pitch / yaw)",
         head=(
             "structure",
             "diagonal of B",

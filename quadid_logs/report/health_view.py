@@ -140,7 +140,7 @@ def _missing(health: Health) -> Iterable[str]:
         if len(names) == len(TOPICS):
             yield f"Nothing is shown of the flight: {printable(reason, 200)}."
         else:
-            yield f"Not shown: {listed(names)}, for {printable(reason, 200)}."
+            yield f"Not shown: {listed(names)}, because {printable(reason, 200)}."
 
 
 def health_lines(result: Result) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from quadid_logs.untrusted import printable
 
 #: From here on a gain is told as a multiple: no battery and no load changes a vehicle by as much.
 _MANY_TIMES = 2.0
-_CONTRADICTED = "the measured response contradicts the model, so that no margin is told."
+_CONTRADICTED = "the measured response contradicts the model, so no margin is given."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,8 +99,8 @@ def _sentence(axis: str, found: AxisLoop) -> str:
         reason = None if found.replay is None or found.replay.agrees else found.replay.reason
         # Without rows to replay nothing is known against the controller: then it is the model that lacks.
         if reason is not None and not reason.tells_nothing:
-            return f"{name}: the controller of the parameters is not the one that flew ({reason.value})."
-        return f"{name}: the model does not tell enough of this axis to close its loop."
+            return f"{name}: the logged parameters do not reproduce the logged output ({reason.value})."
+        return f"{name}: the model of this axis is not good enough to close the loop."
     # No distance is told of a loop that the log contradicts.
     parts = [f"{name}: {_CONTRADICTED if found.contradicted else _distance(margins)}"]
     prediction = found.prediction
@@ -108,7 +108,7 @@ def _sentence(axis: str, found: AxisLoop) -> str:
         parts.append(
             "From the set-points alone, model and controller predict "
             f"{number(prediction.rate_fit_percent, 3)} % of the rate and "
-            f"{number(prediction.torque_fit_percent, 3)} % of the torque on flight that the fit never saw; "
+            f"{number(prediction.torque_fit_percent, 3)} % of the torque on validation data; "
             f"the best linear system could reach {number(prediction.attainable_percent, 3)} % of the torque."
         )
     return " ".join(parts)
@@ -160,7 +160,7 @@ def _table(loop: ClosedLoop) -> Table | None:
         caption="Margins of the loop, cut at the mixer",
         head=("loop", "phase [deg]", "gain [dB]", "crossover [Hz]", "delay [ms]", "disk", "peak of S"),
         rows=tuple(rows),
-        note="Small: the 95 % interval over vehicles that the flight allows. Where extrapolated, the "
+        note="Small: the 95 % interval. Where extrapolated, the "
         f"interval allows for {number(1e3 * UNMODELLED_DELAY_S)} ms more delay above what was measured.",
     )
 

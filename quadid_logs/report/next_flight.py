@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
+from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.data.result import Result
 from quadid_logs.diagnose.advice import next_steps as ordered_steps
 from quadid_logs.report.commands import filled, on_log, with_next_log
@@ -15,6 +16,7 @@ from quadid_logs.tuning import tuning_of
 from quadid_logs.untrusted import printable
 
 _MOST_STEPS: Final = 5
+_ASK_TUNE: Final = CATALOGUE["QL601"].advice
 
 
 def next_steps(result: Result) -> tuple[str, ...]:
@@ -33,6 +35,9 @@ def next_steps(result: Result) -> tuple[str, ...]:
         At most `_MOST_STEPS`.
     """
     advice = ordered_steps((result.log, finding) for finding in result.diagnosis.findings)
+    if not refused_names(result) and _gains_sentence(result):
+        # What `tune` says stands below: that it says something is not said beside it.
+        advice = tuple(filter(None, (step.replace(_ASK_TUNE, "").strip() for step in advice)))
     steps = [filled(printable(step, 800), result) for step in advice[:_MOST_STEPS]]
     if not refused_names(result) and result.identification.recommended is not None:
         further = list(_with_the_model(result))

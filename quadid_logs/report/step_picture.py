@@ -11,9 +11,9 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.data.closed_loop import Step
 from quadid_logs.data.tuning import AxisTuning
 from quadid_logs.report.numbers import number
+from quadid_logs.report.picture import WIDTH, Picture, Scale
 
-WIDTH: Final = 320
-HEIGHT: Final = 180
+_HEIGHT: Final = 180
 _LEFT, _RIGHT, _TOP, _BOTTOM = 34, 8, 10, 26
 _MOST_POINTS: Final = 160
 #: A rate loop that is worth flying has done most of its step by then; shown are so many settling times.
@@ -32,20 +32,10 @@ class Curve:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StepPicture:
-    """One axis: curves, ticks as (place, text), and what it shows in words."""
+class StepPicture(Picture):
+    """Steps as curves."""
 
-    axis: str
     curves: tuple[Curve, ...]
-    across: tuple[tuple[float, str], ...]
-    up: tuple[tuple[float, str], ...]
-    words: str
-    width: int = WIDTH
-    height: int = HEIGHT
-    left: int = _LEFT
-    right: int = WIDTH - _RIGHT
-    top: int = _TOP
-    bottom: int = HEIGHT - _BOTTOM
 
 
 def step_picture(axis: str, found: AxisTuning) -> StepPicture | None:
@@ -68,14 +58,30 @@ def step_picture(axis: str, found: AxisTuning) -> StepPicture | None:
     end_s = min(max([*settled, 0.2]) * _SHOWN, float(after.time_s[-1]))
     top = 1.05 * max(float(one.high[one.time_s <= end_s].max()) for one in steps.values())
     bottom = min(0.0, *(float(one.low[one.time_s <= end_s].min()) for one in steps.values()))
-    place = _Place(end_s, bottom, max(top, 1.2))
+    x = Scale(0.0, end_s, _LEFT, WIDTH - _RIGHT)
+    y = Scale(bottom, max(top, 1.2), _HEIGHT - _BOTTOM, _TOP)
     return StepPicture(
         axis=axis,
-        curves=tuple(place.curve(name, one) for name, one in steps.items()),
-        across=tuple((place.x(value), f"{number(value, 2)} s") for value in (0.0, 0.5 * end_s, end_s)),
-        up=tuple((place.y(value), number(value)) for value in (0.0, 0.5, 1.0)),
+        curves=tuple(_curve(name, one, x, y) for name, one in steps.items()),
+        across=tuple((x.at(value), f"{number(value, 2)} s") for value in (0.0, 0.5 * end_s, end_s)),
+        up=tuple((y.at(value), number(value)) for value in (0.0, 0.5, 1.0)),
         words=_words(axis, steps),
+        height=_HEIGHT,
+        left=_LEFT,
+        right=WIDTH - _RIGHT,
     )
+
+
+def _curve(name: str, step: Step, x: Scale, y: Scale) -> Curve:
+    shown = int(np.count_nonzero(step.time_s <= x.high))
+    rows = np.unique(np.linspace(0, max(shown - 1, 0), _MOST_POINTS).astype(np.int64))
+
+    def points(values: FloatArray, order: int = 1) -> str:
+        pairs = zip(step.time_s[rows][::order], values[rows][::order], strict=True)
+        return " ".join(f"{x.at(float(time_s))},{y.at(float(value))}" for time_s, value in pairs)
+
+    band = f"{points(step.high)} {points(step.low, -1)}"
+    return Curve(name=name, line=points(step.response), band=band)
 
 
 def _words(axis: str, steps: dict[str, Step]) -> str:
@@ -117,28 +123,3 @@ def rise_words(rise_s: float, overshoot_percent: float, end: float, end_s: float
     if abs(end - 1.0) > _ARRIVED:
         return f"has come to {100.0 * end:.0f} % after {number(end_s, 2)} s"
     return f"rises in {number(1e3 * rise_s, 2)} ms and overshoots by {overshoot_percent:.0f} %"
-
-
-class _Place:
-    """From seconds and rates to places in the picture."""
-
-    def __init__(self, end_s: float, low: float, high: float) -> None:
-        self._end_s, self._low, self._high = end_s, low, high
-
-    def x(self, time_s: float) -> float:
-        return round(_LEFT + (WIDTH - _LEFT - _RIGHT) * time_s / self._end_s, 1)
-
-    def y(self, value: float) -> float:
-        part = (value - self._low) / (self._high - self._low)
-        return round(HEIGHT - _BOTTOM - (HEIGHT - _TOP - _BOTTOM) * part, 1)
-
-    def curve(self, name: str, step: Step) -> Curve:
-        shown = int(np.count_nonzero(step.time_s <= self._end_s))
-        rows = np.unique(np.linspace(0, max(shown - 1, 0), _MOST_POINTS).astype(np.int64))
-        there = self._points(step.time_s[rows], step.high[rows])
-        back = self._points(step.time_s[rows][::-1], step.low[rows][::-1])
-        line = self._points(step.time_s[rows], step.response[rows])
-        return Curve(name=name, line=line, band=f"{there} {back}")
-
-    def _points(self, time_s: FloatArray, values: FloatArray) -> str:
-        return " ".join(f"{self.x(float(t))},{self.y(float(v))}" for t, v in zip(time_s, values, strict=True))

@@ -272,7 +272,7 @@ def _progress(found: AxisTuning, limits: Limits) -> str:
         return f"The gains come nearer to {short} and do not reach it{after}."
     if found.flights_to_limits:
         return f"Not there yet for {short}: expect {_more(found.flights_to_limits)}."
-    return f"The next gains miss {short} by less than a flight tells."
+    return f"The next gains miss {short} by less than one flight can measure."
 
 
 def _more(n_flights: int) -> str:
@@ -458,8 +458,7 @@ def _table(tuning: Tuning) -> Table | None:
         caption="Margins, as flown and as promised",
         head=("loop", "gain [dB]", "phase [deg]", "disk", "crossover [Hz]", "would oscillate at [Hz]"),
         rows=tuple(rows),
-        note="Small: the 95 % interval over the vehicles that the flight allows. The promise is "
-        "computed from the values in the file.",
+        note="Small: the 95 % interval. The promise is computed from the values in the file.",
     )
 
 
@@ -486,6 +485,6 @@ def _cell(figure: Estimated | None) -> Cell:
 
 def _limits(limits: Limits) -> str:
     return (
-        f"To be kept in 97.5 % of the vehicles that the flight allows: {number(limits.gain_db, 3)} dB, "
+        f"Limits, each to be met with 97.5 % confidence: {number(limits.gain_db, 3)} dB, "
         f"{number(limits.phase_deg, 3)} degrees, a disk margin of {number(limits.disk, 3)}."
     )

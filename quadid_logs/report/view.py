@@ -233,7 +233,7 @@ def _validation_sentence(model: Model | None, spectral: Sequence[SpectralFit] = 
     if model is None:
         return ""
     if not model.validation.held_out_s > 0.0:
-        return "No data could be held out, so the model is not validated."
+        return "No data could be kept for validation, so the model is not validated."
     # What the verdict asks too: each axis by itself, so that none pays for another that is refused.
     r2 = values_of(model.validation.r2_high_passed_rate, RATE_SYMBOLS)
     # Below zero it is worse than no model at all, and by how much tells nobody anything.

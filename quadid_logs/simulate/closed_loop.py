@@ -41,12 +41,11 @@ from quadid_logs.simulate.effects import (
     Actuation,
     Effects,
     FlexibleMode,
-    RotorVibration,
     Surroundings,
     disturbance,
     ringing,
 )
-from quadid_logs.simulate.faults import MotorFaults, Shaking
+from quadid_logs.simulate.faults import MotorFaults, RotorVibration
 from quadid_logs.simulate.manoeuvres import Reference
 from quadid_logs.simulate.outputs import OutputCurve, output_curve
 from quadid_logs.simulate.plant import Body, State, advance, at_rest
@@ -66,8 +65,8 @@ class Noise:
 
     ``gyro_scale`` is the error of each gyro axis's scale, as a fraction of the
     rate; ``gyro_cross`` how much p shows of q and r, q of p and r, r of p and q.
-    ``rotor_line_rad_s`` is the root mean square of what unbalanced rotors show about each axis, once in a
-    turn of each; ``frame_line_rad_s`` that of a part of the frame that rings at ``frame_line_hz``.
+    ``rotor_line_rad_s`` is the root mean square of what unbalanced rotors show about each axis,
+    once in a turn of each; ``frame_line_rad_s`` that of a part of the frame that rings at ``frame_line_hz``.
     """
 
     gyro_rad_s_per_rthz: float = 1.0e-4
@@ -487,12 +486,14 @@ class _Gyro:
         self._scale = _vector([1.0 + np.array(s.noise.gyro_scale) for s in setups])
         self._cross = tuple(_stacked([s.noise.gyro_cross[place] for s in setups]) for place in range(6))
         self._mode = FlexibleMode([s.effects for s in setups], first.loop_hz)
-        lines = [s.noise.rotor_line_rad_s for s in setups]
-        self._vibration = RotorVibration(_stacked(lines), first.loop_hz) if any(lines) else None
         zero = 0.0 * self._quantum
         self._memory = ((zero, zero, zero), (zero, zero, zero))
-        hover_rad_s = _stacked([hover_rad_s_of(s.airframe) for s in setups])
-        self._shaking = Shaking([s.effects for s in setups], hover_rad_s, 1.0 / first.loop_hz)
+        self._vibration = RotorVibration(
+            [s.effects for s in setups],
+            [s.noise.rotor_line_rad_s for s in setups],
+            first.airframe.n_rotors,
+            first.loop_hz,
+        )
         self._loop_hz, self._notch = first.loop_hz, first.tuning.notch
         self._notched = [self._memory] * (0 if self._notch is None else self._notch.n_harmonics)
 
@@ -500,12 +501,9 @@ class _Gyro:
         """Return the sample and what the filter makes of it."""
         quantum, bias, scale = self._quantum, self._bias, self._scale
         (pq, pr, qp, qr, rp, rq), (p, q, r) = self._cross, self._mode.seen(rate)
-        if self._shaking.present:
-            roll, pitch, yaw = self._shaking.rates(speeds)
+        if self._vibration.present:
+            roll, pitch, yaw = self._vibration.rates(speeds)
             p, q, r = p + roll, q + pitch, r + yaw
-        if self._vibration is not None:
-            shaken = self._vibration.seen(speeds)
-            p, q, r = p + shaken[0], q + shaken[1], r + shaken[2]
         sample = (
             ((scale[0] * p + pq * q + pr * r + bias[0] + noise[0]) / quantum + 0.5) // 1.0 * quantum,
             ((scale[1] * q + qp * p + qr * r + bias[1] + noise[1]) / quantum + 0.5) // 1.0 * quantum,

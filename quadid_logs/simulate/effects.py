@@ -378,32 +378,6 @@ def with_outliers(values: FloatArray, fraction: float, rng: np.random.Generator)
 
 #: Of a part that rings, 1 % of the critical damping.
 _RINGING: Final = 0.01
-#: Slower rotors shake nothing that a gyro would show [rad/s].
-_SLOW_ROTOR_RAD_S: Final = 30.0
-
-
-class RotorVibration:
-    """What unbalanced rotors show in the gyro: each a sine of its own speed."""
-
-    def __init__(self, rms_rad_s: Component, loop_hz: float) -> None:
-        self._rms, self._step_s = rms_rad_s, 1.0 / loop_hz
-        self._turned: list[Component] = []
-
-    def seen(self, speeds: Sequence[Component]) -> Triple:
-        """Return the rates of one step [rad/s] at the rotors' speeds [rad/s]."""
-        if not self._turned:
-            self._turned = [2.4 * place for place in range(len(speeds))]
-        self._turned = [
-            turned + self._step_s * speed for turned, speed in zip(self._turned, speeds, strict=True)
-        ]
-        size = self._rms * math.sqrt(2.0 / len(speeds))
-        sizes = [size * speed / (speed + _SLOW_ROTOR_RAD_S) for speed in speeds]
-        pairs = list(zip(sizes, self._turned, strict=True))
-        return (
-            sum(one * np.sin(turned) for one, turned in pairs),
-            sum(one * np.sin(turned + 0.5 * math.pi) for one, turned in pairs),
-            sum(one * np.sin(turned + 0.25 * math.pi) for one, turned in pairs),
-        )
 
 
 def ringing(

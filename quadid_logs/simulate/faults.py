@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
+from quadid_logs.maths.rotational_dynamics import Triple
 from quadid_logs.maths.rotations import Component
 from quadid_logs.simulate.components import stacked
 from quadid_logs.simulate.control import Arithmetic
@@ -16,9 +17,14 @@ from quadid_logs.simulate.effects import Effects
 
 #: Of most flight controllers: 16 g [m/s^2].
 ACCELEROMETER_RANGE_M_S2: Final = 16.0 * 9.80665
-#: The force of an imbalance turns with the rotor in its plane. What of it tilts the frame is largest about
-#: the axes in that plane, a quarter of a turn apart; about the third a part remains.
-_ABOUT: Final = ((1.0, 0.0), (1.0, -0.5 * math.pi), (0.3, 0.25 * math.pi))
+#: The force of an imbalance turns with the rotor in its plane, a quarter of a turn between the two axes; a
+#: part of it is along the third. At the end of an arm it turns the frame about all three.
+_FORCE_PARTS: Final = (1.0, 1.0, 0.3)
+_PHASES_RAD: Final = (0.0, 0.5 * math.pi, 0.25 * math.pi)
+#: From rotor to rotor, so that no two of them begin alike [rad].
+_APART_RAD: Final = 2.4
+#: Slower rotors shake nothing that a gyro would show [rad/s].
+_SLOW_ROTOR_RAD_S: Final = 30.0
 
 
 class MotorFaults:
@@ -64,30 +70,45 @@ class MotorFaults:
         )
 
 
-class Shaking:
-    """What a bent propeller adds to the gyro [rad/s]; with the square of its speed.
+class RotorVibration:
+    """What rotors out of balance add to the gyro [rad/s]: each a sine that turns with its rotor.
 
     Parameters
     ----------
     effects : sequence of Effects
-    hover_rad_s : float or ndarray
-        Speed at which the stated size holds.
-    step_s : float
+        Of each flight: a bent propeller shakes more than the others.
+    line_rad_s : sequence of float
+        Root mean square of all rotors together about each axis.
+    n_rotors : int
+    loop_hz : float
     """
 
-    def __init__(self, effects: Sequence[Effects], hover_rad_s: Component, step_s: float) -> None:
-        self.present = any(one.bent_propeller for one in effects)
-        self._rotor = next((one.bent_propeller - 1 for one in effects if one.bent_propeller), 0)
-        size = [one.propeller_gyro_rad_s * bool(one.bent_propeller) for one in effects]
-        self._size, self._hover, self._step_s = stacked(size), hover_rad_s, step_s
-        self._angle = 0.0 * self._size
+    def __init__(
+        self, effects: Sequence[Effects], line_rad_s: Sequence[float], n_rotors: int, loop_hz: float
+    ) -> None:
+        alike = stacked(line_rad_s) * math.sqrt(2.0 / n_rotors)
+        self._sizes = [
+            alike + stacked([one.propeller_gyro_rad_s * (one.bent_propeller == rotor) for one in effects])
+            for rotor in range(1, n_rotors + 1)
+        ]
+        #: Whether there is anything to do.
+        self.present = any(np.any(size) for size in self._sizes)
+        self._step_s = 1.0 / loop_hz
+        self._turned: list[Component] = [_APART_RAD * place for place in range(n_rotors)]
 
-    def rates(self, speeds: tuple[Component, ...]) -> tuple[Component, Component, Component]:
-        """Return what is added to roll, pitch and yaw, and turn the propeller by a period."""
-        speed = speeds[self._rotor]
-        size = self._size * (speed / self._hover) ** 2
-        self._angle = self._angle + speed * self._step_s
-        roll, pitch, yaw = (factor * size * np.sin(self._angle + phase) for factor, phase in _ABOUT)
+    def rates(self, speeds: tuple[Component, ...]) -> Triple:
+        """Return what is added to roll, pitch and yaw, and turn the propellers by a period."""
+        self._turned = [
+            turned + self._step_s * speed for turned, speed in zip(self._turned, speeds, strict=True)
+        ]
+        sizes = [
+            size * speed / (speed + _SLOW_ROTOR_RAD_S)
+            for size, speed in zip(self._sizes, speeds, strict=True)
+        ]
+        roll, pitch, yaw = (
+            sum(size * np.sin(turned + phase) for size, turned in zip(sizes, self._turned, strict=True))
+            for phase in _PHASES_RAD
+        )
         return roll, pitch, yaw
 
 
@@ -110,4 +131,5 @@ def shaken(effects: Effects, rotor_speed: FloatArray, hover_rad_s: float, step_s
     speed = rotor_speed[:, effects.bent_propeller - 1]
     angle = np.cumsum(speed) * step_s
     size = effects.propeller_acceleration_m_s2 * (speed / hover_rad_s) ** 2
-    return np.column_stack([factor * size * np.sin(angle + phase) for factor, phase in _ABOUT])
+    turned = zip(_FORCE_PARTS, _PHASES_RAD, strict=True)
+    return np.column_stack([part * size * np.sin(angle + phase) for part, phase in turned])

@@ -111,7 +111,7 @@ def test_a_version_that_nobody_knows_gets_system_id_mode_with_its_condition() ->
 
 def test_a_log_without_time_from_an_8_bit_board_is_not_promised_an_update() -> None:
     """The last firmware for it stamps its rows but logs no torque."""
-    assert "8-bit APM boards stay at 3.2" in ARDUPILOT.remedies["QL104"]
+    assert "An 8-bit APM board cannot: it stays at 3.2" in ARDUPILOT.remedies["QL104"]
 
 
 def test_a_ulog_whose_parameters_know_no_profile_is_of_an_old_logger() -> None:

@@ -4,10 +4,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from quadid_logs.control.findings import find_in_loop
-from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated, LoopMargins, Margins, Prediction
+from quadid_logs.data.closed_loop import (
+    AxisLoop,
+    ClosedLoop,
+    Estimated,
+    FrameModes,
+    LoopMargins,
+    Margins,
+    Modes,
+    Prediction,
+)
 from quadid_logs.data.controller import FlownControllers, Replay, ReplayReason
 from quadid_logs.data.diagnosis import AxisVerdict, Diagnosis, Finding
 from quadid_logs.diagnose import with_findings
@@ -70,15 +80,31 @@ def test_the_loop_with_the_angle_loop_is_judged_where_it_is_known() -> None:
     ("gain_db", "phase_deg", "title"),
     [
         (3.5, 50.0, "Roll is close to instability"),
-        (17.6, 43.0, "Roll has less margin than is to be kept"),
-        (6.05, 50.0, "Roll may have less margin than is to be kept"),
+        (17.6, 43.0, "Roll has less margin than required"),
+        (6.05, 50.0, "Roll may have less margin than required"),
     ],
 )
 def test_the_title_says_how_little_margin_it_is(gain_db: float, phase_deg: float, title: str) -> None:
     """43 degrees and 17.6 dB are a sound race tune."""
     (one,) = found_in(AxisLoop(margins=LoopMargins(rate=margins(gain_db, phase_deg), full=None)))
     assert one.title == title
-    assert ("Land" in one.advice) == (title == "Roll is close to instability")
+    assert ("land if" in one.advice) == (title == "Roll is close to instability")
+
+
+@pytest.mark.parametrize(
+    ("gain_db", "phase_deg", "said"), [(2.3, 12.0, "the loop itself"), (12.0, 60.0, "stiffen")]
+)
+def test_a_line_beside_a_loop_near_its_limit_is_not_blamed_on_the_frame(
+    gain_db: float, phase_deg: float, said: str
+) -> None:
+    """A simulated loop with 12 degrees, and a frame that does not bend, was told to stiffen it at 13 Hz."""
+    nothing = Modes(*(np.zeros(1) for _ in Modes._fields))
+    frame = FrameModes(modes=nothing, seen=True, line_hz=13.0, line_height=2.9, absent=1e-6, visible_hz=100.0)
+    loops = LoopMargins(rate=margins(gain_db, phase_deg), full=None)
+    (line,) = (one for one in found_in(AxisLoop(margins=loops, frame=frame)) if one.code == "QL607")
+    assert said in line.advice
+    assert ("more margin first" in line.advice) == (said == "the loop itself")
+    assert "not raise gains" in line.advice
 
 
 def test_a_gain_that_may_not_fall_is_as_little_margin_as_one_that_may_not_rise() -> None:

@@ -277,7 +277,7 @@ def test_the_sentence_of_an_axis_does_not_say_the_verdict_again(judged: Diagnosi
     """It stands beside the verdict everywhere: "roll usable Roll is usable"."""
     for axis in judged.axes.values():
         assert axis.verdict == "usable"
-        assert axis.sentence == "The model explains flight that it was not fitted to."
+        assert axis.sentence == "The model predicts validation data."
 
 
 def test_two_packs_eight_per_cent_apart_are_told_and_the_interval_holds_both() -> None:

@@ -77,6 +77,22 @@ def test_a_slow_hover_log_tells_what_to_log_and_what_to_fly() -> None:
     assert "--axis yaw --like sample_logs/default-logging.bin`" in then
 
 
+def test_a_step_names_the_axes_that_its_finding_calls_this_axis() -> None:
+    """In a list of what to do next, "this axis" is none."""
+    both = [
+        _finding("QL603", "warning", axis, advice="Do not rely on this axis.") for axis in ("yaw", "roll")
+    ]
+    assert next_steps([(_log(), one) for one in both]) == ("Do not rely on roll and yaw.",)
+
+
+def test_of_a_flight_that_is_too_short_nothing_else_is_advised() -> None:
+    """Four seconds of a nano drone were told to stiffen its frame and to fly slower, and quicker."""
+    log = _log()
+    short = _finding("QL402", "error", advice="Fly for a minute.")
+    bends = _finding("QL525", "error", "roll", advice="Stiffen what bends.")
+    assert next_steps([(log, short), (log, bends)]) == ("Fly for a minute.",)
+
+
 def test_an_axis_that_changed_in_flight_is_not_to_be_flown_again() -> None:
     """The advice is to analyze both parts; doublets would tell nothing."""
     entry = CATALOGUE["QL509"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadid_logs.data.health import LineSource
+from quadid_logs.data.health import LineSource, OscillatingLoop
 from quadid_logs.health.noise import find_noise
 from quadid_logs.health.oscillation import find_oscillation
 from tests.health.flights import LOW_PASS, coloured, grid, resonance, series
@@ -130,7 +130,9 @@ def test_rough_set_points_hide_no_vibration() -> None:
     assert [line.frequency_hz for line in noise.lines["roll"]] == pytest.approx([171.4], abs=0.5)
 
 
-def limit_cycle(at_hz: float, *, in_output: bool, until: float = 1.0, filtered: bool = True):
+def limit_cycle(
+    at_hz: float, *, in_output: bool, until: float = 1.0, filtered: bool = True, rate_loop: bool = True
+):
     """Return what is found in a flight whose roll axis cycles."""
     t, rates = gyro_with(at_hz, 0.0)
     rng = np.random.default_rng(3)
@@ -148,6 +150,7 @@ def limit_cycle(at_hz: float, *, in_output: bool, until: float = 1.0, filtered: 
         series("torque_command", t, output),
         None,
         ((t[0], t[-1]),),
+        rate_loop=rate_loop,
     )
     assert found is not None
     return found
@@ -161,6 +164,14 @@ def test_a_limit_cycle_is_named_with_its_axis_and_frequency(at_hz: float) -> Non
     assert found.axes[0].line.frequency_hz == pytest.approx(at_hz, abs=0.1)
     assert found.axes[0].line.rms == pytest.approx(0.3 / np.sqrt(2.0), rel=0.1)
     assert found.level == "high"
+
+
+def test_a_law_that_holds_attitude_and_rates_at_once_has_no_rate_loop_to_blame() -> None:
+    """A nano drone's set-points only feed forward: that its rate loop oscillates was made up."""
+    found = limit_cycle(11.7, in_output=True, rate_loop=False)
+    assert found.axes[0].loop is OscillatingLoop.OUTER
+    assert "attitude controller oscillates" in found.sentence
+    assert "rate loop" not in found.sentence
 
 
 def test_what_the_output_does_not_do_is_no_oscillation_of_the_loop() -> None:

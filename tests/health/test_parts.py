@@ -99,6 +99,15 @@ def test_vibration_is_judged_by_what_99_percent_stay_below(rms: float, level: st
     assert found.figure.value == pytest.approx(rms)
 
 
+def test_the_sensor_that_shakes_most_is_shown() -> None:
+    """Three sensors of one board measured 10, 13 and 12 m/s^2: the first was shown."""
+    t = grid(10.0)
+    sensors = [series("vibration", t, np.full((t.size, 3), size)) for size in (10.0, 13.0, 12.0)]
+    found = find_vibration({"vibration": sensors[0]}, (), ((t[0], t[-1]),), {"vibration": sensors})
+    assert found is not None
+    assert found.figure.value == pytest.approx(13.0)
+
+
 def test_the_vibration_of_a_logged_acceleration_has_no_norm() -> None:
     """What 5 Hz and slower motion is not; a number without a judgement."""
     t = grid(200.0)
@@ -125,6 +134,20 @@ def test_clips_are_those_of_the_flight() -> None:
     assert found.level == "high"
 
 
+def test_counters_beside_a_vibration_that_was_not_measured_prove_no_clipping() -> None:
+    """A board whose vibration is logged as zeros counts no clips either: that it never clipped is made up."""
+    t = grid(200.0)
+    signals = {
+        "vibration": series("vibration", t, np.zeros((t.size, 3))),
+        "specific_force": series("specific_force", t, np.random.default_rng(1).standard_normal((t.size, 3))),
+    }
+    clips = (series("accelerometer_clips", t, np.zeros((t.size, 1))),)
+    found = find_vibration(signals, clips, ((t[0], t[-1]),))
+    assert found is not None
+    assert found.clips is None
+    assert "clipped" not in found.sentence
+
+
 @pytest.mark.parametrize(
     ("start", "end", "cells", "level"),
     [
@@ -144,6 +167,14 @@ def test_a_battery_is_judged_by_its_cells(start: float, end: float, cells: int, 
     assert found.n_cells == cells
     assert found.level == level
     assert found.lowest_v.value == pytest.approx(end, abs=0.1)
+
+
+def test_a_voltage_of_no_battery_that_never_falls_is_not_called_one() -> None:
+    """A board on its own supply measured 6.0 V for four minutes of flight."""
+    t = grid(10.0)
+    volts = 5.99 + 0.02 * np.random.default_rng(3).standard_normal((t.size, 1))
+    throttle = series("throttle", t, 0.5 + 0.1 * np.sin(t)[:, None])
+    assert find_battery(series("battery_voltage", t, volts), throttle, ((t[0], t[-1]),)) is None
 
 
 def test_the_sag_is_told_from_the_discharge() -> None:

@@ -62,5 +62,5 @@ def test_a_missing_signal_is_named_with_what_it_keeps_back() -> None:
     missing = {"tracking": "the log holds no rate set-points", "steps": "the log holds no rate set-points"}
     view = health_view(replace(refused_result(), health=Health(missing=missing)))
     assert view.missing == (
-        "Not shown: rates against set-points and step response, for the log holds no rate set-points.",
+        "Not shown: rates against set-points and step response, because the log holds no rate set-points.",
     )

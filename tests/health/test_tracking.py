@@ -104,3 +104,15 @@ def test_an_error_of_heading_does_not_jump_at_north() -> None:
     )
     assert tracking is not None
     assert tracking.axes["yaw"].error_rms.value == pytest.approx(np.radians(2.0))
+
+
+def test_the_error_of_a_slow_log_is_that_of_its_own_rows() -> None:
+    """Between uneven rows of 10 Hz a straight line took a sixth off the error of a flown hover."""
+    rng = np.random.default_rng(5)
+    t = grid(10.0) + rng.uniform(-0.04, 0.04, grid(10.0).size)
+    asked, rates = (rng.standard_normal((t.size, 3)) for _ in range(2))
+    one, other = series("body_rate", t, rates), series("body_rate_setpoint", t, asked)
+    found = find_tracking(one, other, ((t[0] - 1.0, t[-1] + 1.0),), {}, of="rates")
+    assert found is not None
+    expected = np.sqrt(np.mean((asked - rates) ** 2, axis=0))
+    assert [each.error_rms.value for each in found.axes.values()] == pytest.approx(expected)

@@ -105,7 +105,7 @@ def test_the_first_screen_has_verdict_model_and_next_step(usable_page: Page) -> 
             "With caution: the torque was clipped",
             "What to do next",
             "Fly gentler yaw",
-            "Flight that the fit never saw",
+            "Validation data: measured and predicted rates",
             "B: what each torque does",
             "A: what the motion itself does",
             "The log",

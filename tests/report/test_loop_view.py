@@ -96,14 +96,14 @@ def test_an_unstable_loop_has_no_distance(usable: Result) -> None:
 def test_a_controller_that_did_not_fly_is_named(usable: Result) -> None:
     failed = Replay(relative_rms={}, agrees=False, reason=ReplayReason.AXES_SWAPPED)
     (text,) = loop_view(with_loop(usable, AxisLoop(replay=failed))).sentences
-    assert "not the one that flew (axes swapped)" in text
+    assert "do not reproduce the logged output (axes swapped)" in text
 
 
 def test_a_controller_that_no_row_contradicts_is_not_called_another(usable: Result) -> None:
     """Of a log at 10 Hz nothing can be replayed: it is the model that lacks."""
     unknown = Replay(relative_rms={}, agrees=False, reason=ReplayReason.NO_ROWS)
     (text,) = loop_view(with_loop(usable, AxisLoop(replay=unknown))).sentences
-    assert text == "Roll: the model does not tell enough of this axis to close its loop."
+    assert text == "Roll: the model of this axis is not good enough to close the loop."
 
 
 def test_every_loop_has_its_row(usable: Result) -> None:

@@ -52,7 +52,7 @@ def test_a_compared_flight_says_by_axis_what_changed_and_what_would_have_shown(u
     )
     page = comparison_page(usable, usable, comparison)
     assert "Changed: roll effectiveness by 20.0 %." in page
-    assert "No change is seen. 2.0 % of effectiveness would have shown." in page
+    assert "No change detected. Smallest detectable change of effectiveness: 2.0 %." in page
     assert "In both flights yaw was poorly excited." in page
     assert page.index("roll effectiveness<small>") < page.index("pitch effectiveness<small>")
     assert "Fly again." in page

@@ -305,3 +305,16 @@ def test_a_batch_with_effects_flies_what_its_members_fly_alone():
             np.testing.assert_allclose(
                 together.channels[name][flight], alone.channels[name], atol=5e-5, err_msg=name
             )
+
+
+def test_a_bent_propeller_shakes_the_gyro_more_than_the_others_and_at_its_own_speed():
+    """One model of imbalance: every rotor has its line, and the bent one adds to its own."""
+    from quadid_logs.simulate.faults import RotorVibration
+
+    speeds = tuple(2.0 * np.pi * hz for hz in (60.0, 70.0, 80.0, 90.0))
+    vibration = RotorVibration([Effects(bent_propeller=2)], [0.1], 4, 1000.0)
+    roll = np.array([vibration.rates(speeds)[0] for _ in range(1000)])
+    lines = 2.0 * np.abs(np.fft.rfft(roll))[[60, 70, 80, 90]] / 1000.0
+    alike = 0.1 * np.sqrt(0.5)
+    # Nearly all of it at these speeds, which slow rotors do not have.
+    np.testing.assert_allclose(lines, [alike, alike + 0.3, alike, alike], rtol=0.08)

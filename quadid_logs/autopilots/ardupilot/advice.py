@@ -27,6 +27,8 @@ _RATE_LOGGED: Final[tuple[tuple[Version, float], ...]] = (
 )
 #: mode_systemid.cpp came with 4.0.
 _SYSTEM_ID_SINCE: Final[Version] = (4, 0)
+#: AC_PID.cpp has a filter each for set-point, error and D since then, before one for all.
+_CONTROLLER_SINCE: Final[Version] = (4, 0)
 #: mode_systemid.cpp, SID_AXIS: 10 mixer roll, 11 mixer pitch, 12 mixer yaw.
 _SID_AXIS: Final[Mapping[str, int]] = MappingProxyType({"roll": 10, "pitch": 11, "yaw": 12})
 #: Fraction of the mixer's range. Rolls and pitches a quadrotor by some 30 deg/s at 1 Hz and by little at
@@ -56,7 +58,7 @@ class ArduPilotAdvice(Advice):
     remedies = MappingProxyType(
         {
             "QL104": "Update the firmware to 4.0 or later, which stamps its rows and logs the rate "
-            "controller's output. 8-bit APM boards stay at 3.2, which does not log it.",
+            "controller's output. An 8-bit APM board cannot: it stays at 3.2, which does not log it.",
             "QL307": "Log RATE, RCOU and MOTB with a current firmware to get the torque that was achieved.",
             "QL620": "Log what the notch of INS_HNTCH_MODE (INS_HNTC2_MODE) follows: ESC for 3, RPM for 2 "
             "and 5, FTN1 for 4 (FTN2 with several sources); or fly once with mode 1, the throttle.",
@@ -169,6 +171,15 @@ class ArduPilotAdvice(Advice):
         """Return SID_AXIS 0 alone: without an axis the mode does not start, and the others are hidden."""
         return (("SID_AXIS", 0.0),)
 
+    def controller_note(self, version: Version | None) -> str:
+        """Return that filters and gains had other parameters before FLTT, FLTE and FLTD."""
+        if version is None or version >= _CONTROLLER_SINCE:
+            return ""
+        return (
+            f"Update the firmware to {_dotted(_CONTROLLER_SINCE)} or later: the rate controller of "
+            f"ArduCopter {_dotted(version)} is not modelled."
+        )
+
     def version_notes(self, version: Version | None) -> tuple[str, ...]:
         """Return what is logged too slowly, and whether System ID mode is missing."""
         missing = "" if self.sweep_magnitudes(version) else _no_system_id(version)
@@ -265,7 +276,7 @@ def _logging_limit(version: Version | None) -> str:
     early = " (3.4-dev at 50 Hz)" if version == (3, 4) else ""
     return (
         f"ArduCopter {_dotted(version)} {what}{early}, whatever LOG_BITMASK is: update the firmware to 4.0 "
-        "or later (8-bit APM boards stay at 3.2, which does not log it)."
+        "or later (an 8-bit APM board cannot: it stays at 3.2, which does not log it)."
     )
 
 

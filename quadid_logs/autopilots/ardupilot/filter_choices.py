@@ -10,7 +10,7 @@ import numpy as np
 from quadid_logs.autopilots.ardupilot.controller import AXIS_NAMES
 from quadid_logs.autopilots.ardupilot.filters import notch_sets
 from quadid_logs.autopilots.ardupilot.followed import CENTRES, ROTORS
-from quadid_logs.autopilots.lines import SortedLines, sorted_lines
+from quadid_logs.autopilots.lines import STANDING_WIDTH, SortedLines, is_on, low_passes_on, sorted_lines
 from quadid_logs.data.health import Line
 from quadid_logs.data.log import FlightLog, Places
 from quadid_logs.data.tuning import Cutoffs, FilterChoices, written_hz
@@ -27,10 +27,8 @@ _OWN_OF_YAW: Final = {"FLTD": (5.0, 50.0), "FLTE": (1.0, 20.0)}
 _FREQUENCY: Final = (10.0, 495.0)
 _WIDTH: Final = (5.0, 250.0)
 _DEPTH_DB: Final = 40.0
-#: The width that the firmware's documentation gives a notch that moves: half its frequency. One that
-#: stands on a line that does not move needs no more than half of that.
+#: The width that the firmware's documentation gives a notch that moves: half its frequency.
 _WIDTH_MOVING: Final = 0.5
-_WIDTH_STANDING: Final = 0.25
 #: INS_HNTCH_MODE.
 _FIXED, _THROTTLE, _ESC = 0, 1, 3
 #: The first has a number in the log; the second came with 4.2.
@@ -55,7 +53,7 @@ def filter_choices(log: FlightLog, parameters: Mapping[str, float], lines: Seque
     -------
     FilterChoices
     """
-    shared = _present(parameters, {"INS_GYRO_FILTER": _GYRO})
+    shared = low_passes_on(parameters, {"INS_GYRO_FILTER": _GYRO})
     return FilterChoices(
         shared=(shared,) if shared else (),
         own={axis: tuple(_own(parameters, name)) for axis, name in AXIS_NAMES.items()},
@@ -65,13 +63,8 @@ def filter_choices(log: FlightLog, parameters: Mapping[str, float], lines: Seque
 
 def _own(parameters: Mapping[str, float], name: str) -> Iterator[Cutoffs]:
     for short, ends in (_OWN_OF_YAW if name == "YAW" else _OWN).items():
-        if found := _present(parameters, {f"ATC_RAT_{name}_{short}": ends}):
+        if found := low_passes_on(parameters, {f"ATC_RAT_{name}_{short}": ends}):
             yield found
-
-
-def _present(parameters: Mapping[str, float], ranges: Cutoffs) -> Cutoffs:
-    """Return the low-passes that are on."""
-    return {name: ends for name, ends in ranges.items() if 0.0 < parameters.get(name, 0.0) < np.inf}
 
 
 def _notches(
@@ -103,12 +96,7 @@ def _notches(
 
 def _stands_on_a_line(places: Places, lines: SortedLines) -> bool:
     """Tell whether a notch was on any line at any time."""
-    return any(
-        abs(line_hz - one.frequency_hz) <= 0.5 * one.inverse_q * one.frequency_hz
-        for notches in places
-        for one in notches
-        for line_hz in lines.all_hz
-    )
+    return any(is_on(one, line_hz) for notches in places for one in notches for line_hz in lines.all_hz)
 
 
 def _is_covered(
@@ -120,12 +108,7 @@ def _is_covered(
     """Tell whether a set that is on does what another would: it follows the same, or stands there."""
     if wanted["MODE"] != _FIXED:
         return any(parameters.get(f"{name}_MODE", _FIXED) != _FIXED for name in used)
-    return any(
-        abs(wanted["FREQ"] - one.frequency_hz) <= 0.5 * one.inverse_q * one.frequency_hz
-        for name in used
-        for notches in placed[name]
-        for one in notches
-    )
+    return any(is_on(one, wanted["FREQ"]) for name in used for notches in placed[name] for one in notches)
 
 
 def _wanted(
@@ -144,7 +127,7 @@ def _wanted(
     elif lines.by_throttle_hz and 0.0 < hover < 1.0:
         yield from _setting(min(lines.by_throttle_hz), _WIDTH_MOVING, _THROTTLE, hover, 1)
     for line_hz in lines.fixed_hz:
-        yield from _setting(line_hz, _WIDTH_STANDING, _FIXED, 0.0, 1)
+        yield from _setting(line_hz, STANDING_WIDTH, _FIXED, 0.0, 1)
 
 
 def _setting(

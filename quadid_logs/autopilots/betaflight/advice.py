@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from quadid_logs.autopilots.betaflight.chirp import SWEEP_SETTINGS
-from quadid_logs.autopilots.betaflight.law import loop_period_us
+from quadid_logs.autopilots.betaflight.law import OLDEST_LAW, loop_period_us
 from quadid_logs.autopilots.generic.advice import Advice, GainLine, Setting, Version, digits
 from quadid_logs.data.log import whole_number
 from quadid_logs.sentences import listed
@@ -74,6 +74,7 @@ class BetaflightAdvice(Advice):
             "blackbox_disable_pids and blackbox_disable_setpoint = OFF), and fly once more.",
             "QL620": "Leave the unfiltered gyro among the logged fields: it shows the delay of all filters. "
             "Before 4.5, which does not log it, update the firmware.",
+            "QL643": "Fly the whole flight in Acro mode, and tune from that.",
             "QL644": "Fly quick manoeuvres, with blackbox_high_resolution = ON (4.4 and later).",
         }
     )
@@ -117,14 +118,23 @@ class BetaflightAdvice(Advice):
             f"among the logged fields, {speeds}save, and fly again."
         )
 
+    def controller_note(self, version: Version | None) -> str:
+        """Return that the law of old versions counts in other units."""
+        if version is None or version >= OLDEST_LAW:
+            return ""
+        return (
+            f"Update the firmware to {'.'.join(map(str, OLDEST_LAW))} or later: the rate controller of "
+            f"{'.'.join(map(str, version))} is not modelled."
+        )
+
     def excitation(self, axes: Sequence[str], version: Version | None) -> str:
         """Chirp mode where the firmware has it, else doublets by stick."""
         if version is not None and version < _CHIRP_SINCE:
             return super().excitation(axes, version)
         return (
-            f"In calm air, hover and switch on the CHIRP mode for {listed(axes)}, each for "
-            "chirp_time_seconds (each time it is switched on it moves the next axis), with debug_mode = "
-            f"CHIRP; a build without CHIRP: {super().excitation(axes, version)}"
+            "Set debug_mode = CHIRP. In calm air, hover and switch on the CHIRP mode for "
+            f"{listed(axes)}, each for chirp_time_seconds: each time it is switched on it moves the next "
+            f"axis. If the build has no CHIRP mode, {self._doublets(axes)}"
         )
 
     def steps(self, axes: Sequence[str], sweeps: Mapping[str, Mapping[str, float]]) -> tuple[str, ...]:

@@ -26,6 +26,7 @@ from quadid_logs.autopilots.betaflight.filters import (
 )
 from quadid_logs.autopilots.betaflight.flown import Flown, flown
 from quadid_logs.autopilots.betaflight.law import (
+    OLDEST_LAW,
     attenuates_p,
     attenuation,
     d_filter,
@@ -56,8 +57,8 @@ from quadid_logs.vocabulary import AXES
 VERSIONS_READ: Final = ((3, 1), (3, 4), (4, 3), (4, 4), (4, 5), (2025, 12), (2026, 6), (2026, 12))
 #: Settings of some versions that make another controller, of yaw or of all axes.
 _OTHER_LAWS: Final = {"use_integrated_yaw": ("yaw",), "abs_control_gain": AXES}
-#: The first version whose law counts in degrees per second, and the first without the averaging filter of D.
-_OLDEST, _NO_AVERAGE_SINCE = (3, 1), (3, 4)
+#: The first version without the averaging filter of D.
+_NO_AVERAGE_SINCE = (3, 4)
 _AVERAGE: Final = 2.0
 #: Filters are compared where motion is, far below their cut-offs [Hz].
 _SLOW_HZ: Final = np.array([5.0])
@@ -86,7 +87,7 @@ def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControl
     -----
     ``pid.c``, ``pid_init.c``, ``gyro_filter_impl.c``, ``rpm_filter.c``.
     """
-    if log.version is not None and log.version < _OLDEST:
+    if log.version is not None and log.version < OLDEST_LAW:
         return None
     version_read, note = read_version(log.version, VERSIONS_READ)
     axes: dict[str, AxisController] = {}

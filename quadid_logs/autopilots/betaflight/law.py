@@ -21,6 +21,8 @@ from quadid_logs.autopilots.versions import finite
 from quadid_logs.data.controller import DiscreteFilter
 from quadid_logs.vocabulary import AXES
 
+#: The first version whose law counts in degrees per second.
+OLDEST_LAW: Final = (3, 1)
 #: PTERM_SCALE, ITERM_SCALE, DTERM_SCALE and FEEDFORWARD_SCALE, per deg/s and thousandth.
 _SCALES: Final = (0.032029, 0.244381, 0.000529, 0.013754 * 0.01)
 _UNIT: Final = math.degrees(1.0) * 1e-3

@@ -144,8 +144,11 @@ class Advice:
         -------
         str
         """
+        return f"In calm air, {self._doublets(axes)}"
+
+    def _doublets(self, axes: Sequence[str]) -> str:
         return (
-            f"In calm air, fly quick {listed([_STICKS[axis] for axis in axes])} stick doublets (half a "
+            f"fly quick {listed([_STICKS[axis] for axis in axes])} stick doublets (half a "
             f"second each way, a third of full stick) for 30 s{' each' if len(axes) > 1 else ''}."
         )
 
@@ -259,6 +262,10 @@ class Advice:
         dict of str to str
         """
         return {}
+
+    def controller_note(self, version: Version | None) -> str:  # noqa: ARG002
+        """Say which firmware has a controller that is modelled, where this version is too old; else ""."""
+        return ""
 
     def version_notes(self, version: Version | None) -> tuple[str, ...]:  # noqa: ARG002
         """Return what a firmware of this version cannot do of what a plan asks for."""

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
-import numpy as np
-
-from quadid_logs.autopilots.lines import SortedLines, sorted_lines
+from quadid_logs.autopilots.lines import STANDING_WIDTH, SortedLines, is_on, low_passes_on, sorted_lines
 from quadid_logs.autopilots.px4.filters import ROTORS, notches_by_name
 from quadid_logs.data.health import Line
 from quadid_logs.data.log import FlightLog, whole_number
@@ -22,8 +20,6 @@ _SHARED: Final = ("IMU_GYRO_CUTOFF", "IMU_DGYRO_CUTOFF")
 #: IMU_GYRO_DNF_EN is by rotor speed.
 _WIDEST_HZ: Final = 100.0
 _MOST_HARMONICS: Final = 7
-#: Width of a notch on a line that stands, over its frequency.
-_WIDTH: Final = 0.25
 _STANDING: Final = ("IMU_GYRO_NF0", "IMU_GYRO_NF1")
 _BY_ROTORS: Final = 1
 
@@ -43,9 +39,9 @@ def filter_choices(log: FlightLog, parameters: Mapping[str, float], lines: Seque
     -------
     FilterChoices
     """
-    on = (name for name in _SHARED if 0.0 < parameters.get(name, 0.0) < np.inf)
+    on = low_passes_on(parameters, dict.fromkeys(_SHARED, _CUTOFF))
     return FilterChoices(
-        shared=tuple({name: _CUTOFF} for name in on),
+        shared=tuple({name: ends} for name, ends in on.items()),
         notches=tuple(_notches(log, parameters, sorted_lines(lines))),
     )
 
@@ -56,11 +52,7 @@ def _notches(
     """Yield settings without notches that stand on nothing, and with what is missing."""
     placed = notches_by_name(parameters)
     on_line = {
-        name: [
-            line_hz
-            for line_hz in lines.all_hz
-            if abs(line_hz - one.frequency_hz) <= 0.5 * one.inverse_q * one.frequency_hz
-        ]
+        name: [line_hz for line_hz in lines.all_hz if is_on(one, line_hz)]
         for name, one in placed.items()
         if name in _STANDING
     }
@@ -73,7 +65,7 @@ def _notches(
     on: dict[str, float] = {}
     for name, line_hz in zip(free, missing, strict=False):
         on[f"{name}_FRQ"] = written_hz(line_hz)
-        on[f"{name}_BW"] = written_hz(min(_WIDTH * line_hz, _WIDEST_HZ))
+        on[f"{name}_BW"] = written_hz(min(STANDING_WIDTH * line_hz, _WIDEST_HZ))
     enabled = whole_number(parameters.get("IMU_GYRO_DNF_EN"))
     if (
         lines.harmonics
