@@ -9,7 +9,7 @@ from pathlib import PurePath
 from typing import Final
 
 from quadid_logs.autopilots import named
-from quadid_logs.comparison import COUPLING_SPREAD, by_throttle, mean_throttle, throttle_powers, why_unknown
+from quadid_logs.comparison import COUPLING_SPREAD, by_throttle, throttle_powers, why_unknown
 from quadid_logs.control.command_units import per_command
 from quadid_logs.control.next_flight import EFFECTIVENESS_SPREAD, TIME_SPREAD_S
 from quadid_logs.control.room import Room, leads_back, room_of, whole
@@ -89,7 +89,7 @@ def promise_of(result: Result, tuning: Tuning, log_sha256: str = "") -> Promise 
         frame=printable(log.frame, _LONGEST),
         hardware_id=printable(log.hardware_id, _LONGEST),
         n_cells=_n_cells(result),
-        throttle=mean_throttle(result),
+        throttle=result.data.mean_throttle,
         throttle_powers=throttle_powers((result,)),
         structure="" if model is None else model.structure,
         quantities=() if model is None else tuple(_quantities(result, model)),
@@ -341,7 +341,7 @@ def _vehicle_checks(promise: Promise, after: Result) -> Iterator[VehicleCheck]:
         return
     seen = {(one.kind, one.axis, one.command): one for one in _quantities(after, model)}
     own = {one.axis: abs(one.value) for one in promise.quantities if one.kind is QuantityKind.EFFECTIVENESS}
-    throttle = mean_throttle(after)
+    throttle = after.data.mean_throttle
     ratio = throttle / promise.throttle if throttle > 0.0 < promise.throttle else 1.0
     powers = throttle_powers((after,))
     for one in promise.quantities:
