@@ -15,7 +15,7 @@ from quadid_logs.control.gain_paths import GainPaths, gain_paths
 from quadid_logs.control.guard import Case
 from quadid_logs.control.loop import integrators
 from quadid_logs.control.margins import figures_of, unmodelled
-from quadid_logs.control.scaled_loop import HeldLoops, Kept, spare_of
+from quadid_logs.control.scaled_loop import HeldLoops, Kept, ScaledLoops, spare_of
 from quadid_logs.control.torque_noise import Gusts, Spectrum, gusts_of, lowest_noise_hz, noise_band
 from quadid_logs.data.closed_loop import LoopMargins, Plant
 from quadid_logs.data.controller import AxisController

@@ -940,10 +940,10 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL675",
-                "The margins break a limit where the vehicle is otherwise than it flew",
-                "With another battery, load, air or propeller the same command turns the vehicle otherwise. In "
-                "the conditions that are named, the worst of the vehicles that the flight allows keeps less "
-                "than the limits. No change makes that worse, and it lowers no gains by itself.",
+                "Off-nominal margins break a limit",
+                "With another battery, load, air or propeller the same command turns the vehicle more or less. "
+                "In the conditions that are named, the worst of the vehicles that the flight allows keeps less "
+                "than the limits. A change of gains never makes that worse, and it lowers none by itself.",
                 "Fly as in this flight, or tune again from a flight in the condition that is named.",
                 scope="gains",
             ),

@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.closed_loop import Estimated, LoopMargins
+from quadid_logs.errors import SettingsError
 
 
 class Ranges(NamedTuple):
@@ -41,6 +42,34 @@ class Ranges(NamedTuple):
 OFF_NOMINAL: Final = Ranges()
 #: Nothing but what flew.
 AS_FLOWN: Final = Ranges((1.0, 1.0), (1.0, 1.0), (1.0, 1.0))
+
+
+#: What a vehicle may be and still be the one that flew.
+_SENSIBLE: Final = {"mass": (0.2, 5.0), "density": (0.3, 1.5), "propeller": (0.7, 1.5)}
+
+
+def checked(ranges: Ranges) -> Ranges:
+    """Return ranges that can be meant.
+
+    Parameters
+    ----------
+    ranges : Ranges
+
+    Returns
+    -------
+    Ranges
+
+    Raises
+    ------
+    SettingsError
+        If a range does not hold what flew, which is 1, or goes beyond what is a vehicle of this kind.
+    """
+    for name, (low, high) in ranges._asdict().items():
+        least, most = _SENSIBLE[name]
+        if not least <= low <= 1.0 <= high <= most:
+            hint = f"Give factors on what flew: from {least:g} to 1, and from 1 to {most:g}."
+            raise SettingsError(f"{low:g} to {high:g} is no range of {name}.", hint=hint)
+    return ranges
 
 
 class ThrustLaw(NamedTuple):

@@ -1,4 +1,7 @@
-"""What PX4 makes of a command of thrust: `FunctionMotors.hpp`, `MulticopterRateControl.cpp`, `battery.cpp`."""
+"""What PX4 makes of a command of thrust.
+
+Sources: `FunctionMotors.hpp`, `MulticopterRateControl.cpp`, `battery.cpp` (`Battery::computeScale`).
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.autopilots.px4.torque import output_of_thrust
 from quadid_logs.data.off_nominal import AS_COMMANDED, ThrustLaw
 
-#: `Battery::computeScale`: 30 % at most; BAT1_V_CHARGED where the log does not hold it [V].
+#: 30 % at most; BAT1_V_CHARGED where the log does not hold it [V].
 _MOST_SCALE: Final = 1.3
 _CHARGED_V: Final = 4.05
 
