@@ -23,6 +23,7 @@ from quadid_logs.control.recommend import filter_note
 from quadid_logs.control.scaled_loop import scaled_loops, spare
 from quadid_logs.data.closed_loop import Estimated, LoopMargins, Margins, Plant
 from quadid_logs.data.controller import AxisController, Replay
+from quadid_logs.data.off_nominal import AS_FLOWN
 from quadid_logs.data.promise import Decision, Held
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD, AxisTuning, GainChange, GainNames, Tuning
@@ -96,8 +97,8 @@ def kept() -> Tuning:
 
 
 def together(result: Result) -> Tuning:
-    """One factor on P, I and D of roll."""
-    return recommend(result, GOOD, ["roll"], apart=False)
+    """One factor on P, I and D of roll, of the vehicle as it flew."""
+    return recommend(result, GOOD, ["roll"], apart=False, ranges=AS_FLOWN)
 
 
 def test_low_gains_are_raised_and_reject_gusts_better(raised: Tuning) -> None:

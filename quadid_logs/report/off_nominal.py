@@ -131,9 +131,9 @@ def off_nominal_note(tuning: Tuning) -> str:
     kinds = {one.condition.kind for found in tuning.axes.values() for one in found.off_nominal}
     without = "" if kinds.intersection(_BATTERIES) else " The log does not tell the battery's voltage."
     return (
-        "In each row one thing differs from this flight. The margins are those with the angle loop where that "
-        "is known. Small: the 95 % interval, and the margin with the flown gains. The effectiveness is a multiple "
-        "of this flight's." + without
+        "In each row one thing differs from this flight. The margins are those with the angle loop "
+        "where it is known. Small: the 95 % interval, and the margin with the flown gains. The "
+        "effectiveness is a multiple of this flight's." + without
     )
 
 
