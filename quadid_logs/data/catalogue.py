@@ -941,9 +941,9 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL675",
                 "Off-nominal margins break a limit",
-                "With another battery, load, air or propeller the same command turns the vehicle more or less. "
-                "In the conditions that are named, the worst of the vehicles that the flight allows keeps less "
-                "than the limits. A change of gains never makes that worse, and it lowers none by itself.",
+                "With another battery, load, air or propeller the same command turns the vehicle more or "
+                "less. In the conditions that are named, the worst of the vehicles that the flight allows "
+                "keeps less than the limits. That lowers no gains by itself.",
                 "Fly as in this flight, or tune again from a flight in the condition that is named.",
                 scope="gains",
             ),
