@@ -1,14 +1,15 @@
 """Vehicles otherwise than they flew: another battery, load, air or propeller.
 
-A motor at the fraction u v of its full voltage turns its propeller at the fraction x of its full speed where
-u v = e x + (1 - e) q x^2: the first part is the voltage that the turning motor makes, the second what its
-current drops, which goes with the torque q x^2. Thrust is c x^2. With c = q = 1 this is the thrust curve of
-expo e to a hundredth. From this one equation follow
+A motor at the fraction y of its full voltage turns its propeller at the fraction x of its full speed. With
+thrust c x^2 and torque q x^2, both 1 as flown, y = f(x^2) + a (1 - e) (q - 1) x^2. f undoes the thrust curve
+(1 - e) y + e y^2. What bends that curve away from a square is, as far as the part a, that the motor's current
+drops voltage in proportion to the torque (y = e x + (1 - e) q x^2 of a motor is a curve of that expo within
+some hundredths); the rest is the speed controller's. From this one equation follow
 
 - hovering: c x^2 is the weight, so that x goes with the root of mass over c;
-- the slope of thrust by voltage, 2 c x / (e + 2 (1 - e) q x), times that of the voltage by the command,
-  which is the firmware's (`ThrustLaw`): over the inertia it is the effectiveness;
-- the lag of a rotor, J / (e + 2 (1 - e) q x): what holds its speed is the same slope of voltage by speed;
+- the slope of thrust by voltage, 2 c x / y'(x), times that of the voltage by the command, which is the
+  firmware's (`ThrustLaw`): over the inertia it is the effectiveness;
+- the lag of a rotor, J / y'(x): what holds its speed is the slope of voltage by speed;
 - the lead of the yaw torque, J / (2 k q x), of accelerating rotors over their drag;
 - the damping by rotors in their own inflow, which goes with density, speed and the cube of the diameter D.
 
@@ -49,6 +50,8 @@ _N_CURVE: Final = 2001
 _N_PLANTS: Final = 201
 #: What no flight tells from the vehicle that flew.
 _SAME: Final = 0.005
+#: Of full throttle: no multirotor hovers on less.
+_LEAST: Final = 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,7 +141,8 @@ def _differs(factor: float) -> bool:
 class _Motors(NamedTuple):
     """Vehicles in hover: expo, part of full speed, part of a full battery's voltage; each (n_plants,).
 
-    ``share`` of the change of lag and damping applies: speed controllers may hold a lag where it is.
+    ``share`` is what the motors themselves make of the curve, and of the change of lag and damping: speed
+    controllers make the rest, and may hold a lag where it is.
     """
 
     expo: FloatArray
@@ -170,14 +174,9 @@ def _motors(point: FlownPoint, n_plants: int) -> _Motors:
             law.behind(point.voltage_v, point.n_cells),
         )
         output = behind * law.output(np.array([min(before * point.command, 1.0)]))[0]
-        speed = _speed_of(expo, float(np.clip(output * full, 0.05, 1.0)))
+        voltage = float(np.clip(output * full, _LEAST, 1.0))
+        speed = np.sqrt((1.0 - expo) * voltage + expo * voltage**2)
     return _Motors(expo, speed, full, 0.5 + 0.5 * even[2])
-
-
-def _speed_of(expo: FloatArray, voltage: float) -> FloatArray:
-    """Return x of u v = e x + (1 - e) x^2."""
-    rest = np.maximum(1.0 - expo, 1e-6)
-    return np.asarray((-expo + np.sqrt(expo**2 + 4.0 * rest * voltage)) / (2.0 * rest))
 
 
 class _At(NamedTuple):
@@ -197,12 +196,14 @@ def _at(point: FlownPoint, motors: _Motors, condition: Condition) -> _At:
     volts = point.voltage_v * condition.voltage
     before = law.before(volts, point.n_cells) / (condition.density if law.for_density else 1.0)
     behind = law.behind(volts, point.n_cells)
-    # What the firmware's curve gives, of the voltage that this speed takes.
-    given = (motors.expo * x + (1.0 - motors.expo) * q * x**2) / (full * behind)
-    stiffness = motors.expo + 2.0 * (1.0 - motors.expo) * q * x
+    # Slope of the thrust curve where it gives x^2, and what the load takes beyond that of the flown one.
+    curve = np.sqrt((1.0 - motors.expo) ** 2 + 4.0 * motors.expo * x**2)
+    load = motors.share * (1.0 - motors.expo) * (q - 1.0)
+    voltage = 2.0 * x**2 / (1.0 - motors.expo + curve) + load * x**2
+    stiffness = 2.0 * x / curve + 2.0 * load * x
     by_voltage = 2.0 * c * x / stiffness
     return _At(
-        slope=by_voltage * full * behind * before * _slope_of(law, given),
+        slope=by_voltage * full * behind * before * _slope_of(law, voltage / (full * behind)),
         damping=condition.density * D**3 * x,
         lag=J / stiffness,
         lead=J / (q * x),
