@@ -114,7 +114,8 @@ def _flown_point(result: Result, parameters: Mapping[str, float]) -> FlownPoint:
     point = FlownPoint(
         law=named(result.log.autopilot).thrust_law(result.log, parameters), command=result.data.mean_throttle
     )
-    if curve is not None:
+    # What is assumed of the curve is the firmware's, which the propellers need not have.
+    if curve is not None and (curve.identifiable or curve.measured):
         low, high = curve.ci95
         point = replace(point, expo=curve.expo, expo_half_width=0.5 * (high - low))
     if battery is None:

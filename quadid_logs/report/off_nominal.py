@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 from quadid_logs.control.room import whole
-from quadid_logs.data.closed_loop import Estimated, LoopMargins
+from quadid_logs.data.closed_loop import Estimated, LoopMargins, Margins
 from quadid_logs.data.off_nominal import Condition, ConditionKind, ConditionMargins
 from quadid_logs.data.tuning import AxisTuning, Tuning
 from quadid_logs.report.cells import Cell, Table
@@ -58,43 +58,6 @@ def _percent(factor: float) -> str:
     return f"{number(100.0 * abs(factor - 1.0), 2)} %"
 
 
-def worst_words(found: AxisTuning) -> str:
-    """Say in which condition an axis keeps least, and which margins it has there.
-
-    Parameters
-    ----------
-    found : AxisTuning
-
-    Returns
-    -------
-    str
-        "" where no condition is told.
-    """
-    worst = next((one for one in found.off_nominal if one.worst), None)
-    if worst is None:
-        return ""
-    told = f"Off-nominal worst case, {condition_words(worst.condition)}: "
-    if found.verdict == "change" and worst.next is not None:
-        return f"{told}{_margins(worst.next)}; with the flown gains {_margins(worst.now)}."
-    return f"{told}{_margins(worst.now)}."
-
-
-def _margins(margins: LoopMargins) -> str:
-    outer = whole(margins)
-    if not outer.stable:
-        return "unstable"
-    figures = (
-        ("gain margin", outer.gain_margin_db, " dB"),
-        ("phase margin", outer.phase_margin_deg, " degrees"),
-        ("disk margin", outer.disk_margin, ""),
-    )
-    return ", ".join(
-        f"{name} {resolved(one.value, *one.ci95)} ({interval(*one.ci95)}){unit}"
-        for name, one, unit in figures
-        if one
-    )
-
-
 def off_nominal_tables(tuning: Tuning) -> Iterator[Table]:
     """Yield the margins in each condition, a table for each axis.
 
@@ -111,8 +74,8 @@ def off_nominal_tables(tuning: Tuning) -> Iterator[Table]:
             continue
         changes = found.verdict == "change"
         yield Table(
-            caption=f"{axis.capitalize()}, {'as promised' if changes else 'as flown'}",
-            head=("condition", "gain [dB]", "phase [deg]", "disk", "effectiveness"),
+            caption=f"{axis.capitalize()}, {'flown → next gains' if changes else 'flown gains'}",
+            head=("condition", "gain [dB]", "phase [deg]", "disk"),
             rows=tuple(_row(one, changes=changes) for one in found.off_nominal),
         )
 
@@ -131,33 +94,32 @@ def off_nominal_note(tuning: Tuning) -> str:
     kinds = {one.condition.kind for found in tuning.axes.values() for one in found.off_nominal}
     without = "" if kinds.intersection(_BATTERIES) else " The log does not tell the battery's voltage."
     return (
-        "In each row one thing differs from this flight. The margins are those with the angle loop "
-        "where it is known. Small: the 95 % interval, and the margin with the flown gains. The "
-        "effectiveness is a multiple of this flight's." + without
+        "In each row one thing differs from this flight, and the vehicle turns so many times as much per "
+        "command. The margins are those with the angle loop where it is known. Small: the 95 % interval with "
+        "the last named gains." + without
     )
 
 
 def _row(one: ConditionMargins, *, changes: bool) -> tuple[Cell, ...]:
-    head = Cell(text=condition_words(one.condition), detail="worst case" if one.worst else "")
-    now, then = whole(one.now), whole(one.next if changes and one.next is not None else one.now)
-    effectiveness = Cell(
-        text=f"×{number(one.effectiveness.value, 3)}", detail=interval(*one.effectiveness.ci95)
-    )
-    if not then.stable:
-        return (head, Cell(text="unstable"), Cell(text="–"), Cell(text="–"), effectiveness)
-    pairs = (
-        (then.gain_margin_db, now.gain_margin_db),
-        (then.phase_margin_deg, now.phase_margin_deg),
-        (then.disk_margin, now.disk_margin),
-    )
-    return (head, *(_cell(after, before if changes else None) for after, before in pairs), effectiveness)
+    words = condition_words(one.condition)
+    turns = f"turns ×{number(one.effectiveness.value, 3)}"
+    head = Cell(text=f"{words} (worst case)" if one.worst else words, detail=turns)
+    before = whole(one.now)
+    if not changes or one.next is None:
+        return (head, *(_cell(None, figure) for figure in _figures(before)))
+    pairs = zip(_figures(before), _figures(whole(one.next)), strict=True)
+    return (head, *(_cell(flown, figure) for flown, figure in pairs))
 
 
-def _cell(figure: Estimated | None, before: Estimated | None) -> Cell:
+def _figures(margins: Margins) -> tuple[Estimated | None, ...]:
+    return margins.gain_margin_db, margins.phase_margin_deg, margins.disk_margin
+
+
+def _cell(flown: Estimated | None, figure: Estimated | None) -> Cell:
+    before = "" if flown is None else f"{resolved(flown.value, *flown.ci95)} → "
     if figure is None:
-        return Cell(text="–")
-    flown = "" if before is None else f"flown {resolved(before.value, *before.ci95)}"
-    return Cell(text=resolved(figure.value, *figure.ci95), detail=interval(*figure.ci95), name=flown)
+        return Cell(text=f"{before}–")
+    return Cell(text=before + resolved(figure.value, *figure.ci95), detail=interval(*figure.ci95))
 
 
 def off_nominal_dict(found: AxisTuning) -> list[dict[str, Any]]:

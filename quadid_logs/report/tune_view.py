@@ -24,7 +24,7 @@ from quadid_logs.report.cells import Cell, Table
 from quadid_logs.report.commands import filled, on_next_log
 from quadid_logs.report.gain_files import exact, file_names
 from quadid_logs.report.numbers import estimate, interval, number, percent, resolved
-from quadid_logs.report.off_nominal import off_nominal_note, off_nominal_tables, worst_words
+from quadid_logs.report.off_nominal import condition_words, off_nominal_note, off_nominal_tables
 from quadid_logs.report.words import evidence_phrase
 from quadid_logs.sentences import listed
 from quadid_logs.untrusted import printable
@@ -253,7 +253,7 @@ def _axis(
         reasons=tuple(_reason(result, one) for one in found.reasons),
         filter_note=next((f"{one.title}." for one in found.reasons if one.code == "QL636"), ""),
         autotune="" if forecast is None else autotune_words(forecast),
-        off_nominal=worst_words(found),
+        off_nominal=_worst_case(found),
     )
 
 
@@ -327,6 +327,18 @@ def _promise(found: AxisTuning) -> str:
         return f"Margins as flown: {now}."
     flown = _margin_words(whole(found.now), lambda one: resolved(one.value, *one.ci95))
     return f"Promised margins: {_margin_words(whole(found.next), _with_interval)}; as flown {flown}."
+
+
+def _worst_case(found: AxisTuning) -> str:
+    """Say in which condition the axis keeps least, and which margins it has there."""
+    worst = next((one for one in found.off_nominal if one.worst), None)
+    if worst is None:
+        return ""
+    told = f"Off-nominal worst case ({condition_words(worst.condition)})"
+    if found.verdict != "change" or worst.next is None:
+        return f"{told}: {_margin_words(whole(worst.now), _with_interval)}."
+    flown = _margin_words(whole(worst.now), lambda one: resolved(one.value, *one.ci95))
+    return f"{told}: {_margin_words(whole(worst.next), _with_interval)}; with the flown gains {flown}."
 
 
 def _margin_words(margins: Margins, told: Callable[[Estimated], str]) -> str:
