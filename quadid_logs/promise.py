@@ -15,6 +15,7 @@ from quadid_logs.control.next_flight import EFFECTIVENESS_SPREAD, TIME_SPREAD_S
 from quadid_logs.control.room import Room, leads_back, room_of, whole
 from quadid_logs.data.closed_loop import Estimated, LoopMargins, Margins
 from quadid_logs.data.model import Model, Parameter
+from quadid_logs.data.off_nominal import OFF_NOMINAL
 from quadid_logs.data.promise import (
     AxisCheck,
     AxisPromise,
@@ -95,6 +96,7 @@ def promise_of(result: Result, tuning: Tuning, log_sha256: str = "") -> Promise 
         quantities=() if model is None else tuple(_quantities(result, model)),
         axes=axes,
         limits=tuning.limits,
+        ranges=tuning.ranges,
     )
 
 
@@ -176,7 +178,8 @@ def check(promise: Promise, after: Result, log_sha256: str = "") -> Check:
     axes, vehicle = _decided_together(axes, vehicle)
     outcome = _outcome(axes, vehicle, obstacle)
     if obstacle is None:
-        advised = tuning_of(after) if promise.limits == GOOD else recommend(after, promise.limits)
+        as_usual = (promise.limits, promise.ranges) == (GOOD, OFF_NOMINAL)
+        advised = tuning_of(after) if as_usual else recommend(after, promise.limits, ranges=promise.ranges)
         axes = {
             axis: replace(one, decision=_axis_decision(promise, after, axis, one, advised))
             for axis, one in axes.items()
