@@ -178,8 +178,8 @@ def check(promise: Promise, after: Result, log_sha256: str = "") -> Check:
     axes, vehicle = _decided_together(axes, vehicle)
     outcome = _outcome(axes, vehicle, obstacle)
     if obstacle is None:
-        as_usual = (promise.limits, promise.ranges) == (GOOD, OFF_NOMINAL)
-        advised = tuning_of(after) if as_usual else recommend(after, promise.limits, ranges=promise.ranges)
+        by_default = (promise.limits, promise.ranges) == (GOOD, OFF_NOMINAL)
+        advised = tuning_of(after) if by_default else recommend(after, promise.limits, ranges=promise.ranges)
         axes = {
             axis: replace(one, decision=_axis_decision(promise, after, axis, one, advised))
             for axis, one in axes.items()

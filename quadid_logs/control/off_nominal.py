@@ -214,7 +214,7 @@ def _slope_of(law: ThrustLaw, given: FloatArray) -> FloatArray:
     """Return the slope of the firmware's curve where it gives some outputs, (n_plants,)."""
     command = np.linspace(0.0, 1.0, _N_CURVE)
     output = np.maximum.accumulate(law.output(command))
-    return np.interp(given, output, np.gradient(output, command))
+    return np.asarray(np.interp(given, output, np.gradient(output, command)))
 
 
 def factors(point: FlownPoint, condition: Condition, n_plants: int, *, by_drag: bool = False) -> Factors:

@@ -222,7 +222,7 @@ class Kept(NamedTuple):
 class HeldLoops(NamedTuple):
     """Loops that keep the limits: of the vehicles that the next flight allows, and as these may be otherwise.
 
-    ``part`` of the limits is asked for in the other conditions: all of them, or what flew.
+    ``part`` of the limits is required in the other conditions: all of them, or what flew.
     """
 
     loops: ScaledLoops
@@ -230,7 +230,7 @@ class HeldLoops(NamedTuple):
     part: float = 1.0
 
     def kept(self, limits: Limits, factor: float = 1.0) -> Kept:
-        """Return how much of what is asked for is kept, with P, I and D times a factor.
+        """Return how much of what is required is kept, with P, I and D times a factor.
 
         Parameters
         ----------
@@ -271,7 +271,7 @@ class HeldLoops(NamedTuple):
         )
 
     def no_less_than_flown(self, limits: Limits) -> HeldLoops:
-        """Return the loops that are asked for no more in the other conditions than they kept as flown."""
+        """Return the loops of which no more is required in the other conditions than they kept as flown."""
         part = min(self._replace(part=1.0).kept(limits).otherwise, 1.0)
         return self._replace(part=part) if part > 0.0 else self._replace(otherwise=())
 

@@ -301,7 +301,7 @@ class SeparateGains:
     def _add_decisive(self, factors: Mapping[str, float]) -> bool:
         """Add the vehicles that lack most with some gains, for each limit; tell whether any is new."""
         every = np.ones_like(self._decisive)
-        kept = self._spare(self._paths.at(_sets(factors)), every).reshape(*every.shape, -1)
+        kept = self._spare(self._paths.at(_sets(factors)), every).reshape(len(every), every.shape[1], -1)
         rank = round((1.0 - _WORST) * (kept.shape[1] - 1))
         worst = np.argsort(kept, axis=1, kind="stable")[:, rank : rank + _DECISIVE]
         lacking = np.take_along_axis(kept, worst, axis=1) < 1.0
@@ -459,7 +459,7 @@ class SeparateGains:
             runs_away = np.tile(damping > 0.0, len(answers))
             figures = figures_of(loops.frequency_hz, each, n_poles, runs_away)
             told.append(spare_of(figures, self._limits).reshape(len(answers), len(body), -1))
-        return np.concatenate(told, axis=2) / part[:, np.newaxis]
+        return np.asarray(np.concatenate(told, axis=2) / part[:, np.newaxis])
 
     def _worst_spare(self, factors: Mapping[str, float]) -> FloatArray:
         """Return how much of each limit the worst of some vehicles keeps, with the gains of a file."""
