@@ -36,6 +36,7 @@ from quadid_logs.data.closed_loop import AxisLoop, LoopMargins, Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.model import Model
+from quadid_logs.data.off_nominal import ConditionKind
 from quadid_logs.data.tuning import GOOD, POOR, AxisTuning, FilterChoices, GainChange, Limits
 from quadid_logs.diagnose import remedied
 from quadid_logs.diagnose.findings import finding, rounded
@@ -159,17 +160,21 @@ def _with_off_nominal(axis: Axis, found: AxisTuning, limits: Limits) -> AxisTuni
         controller, of_next_flight(case.plants), 0.0 if case.found is None else case.found.known_hz
     )
     told = axis.off_nominal.margins(loops, following, limits)
-    worst = next((one for one in told if one.worst), None)
+    broken = [one for one in told if one.spare < _SAME[0]]
     reasons = found.reasons
-    if worst is not None and worst.spare < _SAME[0] and found.verdict != "refused":
-        broken = [one.condition.kind.value for one in told if one.spare < _SAME[0]]
+    if broken and found.verdict != "refused":
+        worst = min(broken, key=lambda one: one.spare)
         evidence = {
-            "worst": worst.condition.kind.value,
+            "worst": _words(worst.condition.kind),
             "part_of_limits": rounded(worst.spare, 3),
-            "conditions": broken,
+            "conditions": [_words(one.condition.kind) for one in broken],
         }
         reasons = (*reasons, _found("QL675", case, evidence))
     return replace(found, off_nominal=told, reasons=reasons)
+
+
+def _words(kind: ConditionKind) -> str:
+    return kind.value.replace("_", " ")
 
 
 def _refused(case: Case) -> AxisTuning:
