@@ -301,7 +301,9 @@ class SeparateGains:
     def _add_decisive(self, factors: Mapping[str, float]) -> bool:
         """Add the vehicles that lack most with some gains, for each limit; tell whether any is new."""
         every = np.ones_like(self._decisive)
-        kept = self._spare(self._paths.at(_sets(factors)), every).reshape(len(every), every.shape[1], -1)
+        kept = self._spare(self._paths.at(_sets(factors)), every).reshape(
+            len(self._bodies), len(self._few.body), -1
+        )
         rank = round((1.0 - _WORST) * (kept.shape[1] - 1))
         worst = np.argsort(kept, axis=1, kind="stable")[:, rank : rank + _DECISIVE]
         lacking = np.take_along_axis(kept, worst, axis=1) < 1.0
