@@ -6,8 +6,8 @@ import pytest
 
 from quadid_logs.autopilots import named
 
-#: Upper ends in the parameters' metadata: mc_rate_control_params.c, mc_att_control_params.c and their successors
-#: in YAML; AC_AttitudeControl_Multi.cpp and AC_AttitudeControl.cpp.
+#: Upper ends in the parameters' metadata: mc_rate_control_params.c, mc_att_control_params.c and what
+#: followed them in YAML; AC_AttitudeControl_Multi.cpp and AC_AttitudeControl.cpp.
 PX4 = {
     "MC_ROLLRATE_K": 5.0, "MC_ROLLRATE_P": 0.5, "MC_ROLLRATE_D": 0.01, "MC_ROLL_P": 12.0,
     "MC_PITCHRATE_K": 5.0, "MC_PITCHRATE_P": 0.6, "MC_PITCH_P": 12.0,
