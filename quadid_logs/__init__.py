@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from quadid_logs.data.closed_loop import ClosedLoop
     from quadid_logs.data.flight import FlightData
     from quadid_logs.data.model import Model, Parameter
+    from quadid_logs.data.off_nominal import Ranges
     from quadid_logs.data.result import Result
     from quadid_logs.data.settings import AlignSettings, IdentifySettings, Settings
     from quadid_logs.data.tuning import Limits
@@ -45,6 +46,7 @@ _HOMES = {
     "IdentifiedModel": "quadid_logs.api.model",
     "IdentifySettings": "quadid_logs.data.settings",
     "Limits": "quadid_logs.data.tuning",
+    "Ranges": "quadid_logs.data.off_nominal",
     "Model": "quadid_logs.data.model",
     "Parameter": "quadid_logs.data.model",
     "QuadidError": "quadid_logs.errors",
@@ -87,6 +89,7 @@ __all__ = [
     "Model",
     "Parameter",
     "QuadidError",
+    "Ranges",
     "RateTerm",
     "Result",
     "Settings",

@@ -291,27 +291,8 @@ def _parameters(first: Model, second: Model, reasons: Mapping[str, str]) -> Iter
 
 def _throttle_change(before: Result, after: Result) -> float:
     """Return by what fraction the mean throttle differs, 0 where one of the logs does not tell it."""
-    means = [mean_throttle(result) for result in (before, after)]
+    means = [result.data.mean_throttle for result in (before, after)]
     return means[1] / means[0] - 1.0 if min(means) > 0.0 else 0.0
-
-
-def mean_throttle(result: Result) -> float:
-    """Return the mean throttle of a flight, 0 where it was not logged throughout.
-
-    Parameters
-    ----------
-    result : Result
-
-    Returns
-    -------
-    float
-        As a fraction of full throttle [1].
-    """
-    segments = result.data.segments
-    throttle = [segment.throttle for segment in segments if segment.throttle is not None]
-    if not segments or len(throttle) < len(segments):
-        return 0.0
-    return sum(float(values.sum()) for values in throttle) / sum(values.size for values in throttle)
 
 
 def throttle_powers(results: Sequence[Result]) -> Mapping[str, float]:

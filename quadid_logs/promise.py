@@ -9,12 +9,13 @@ from pathlib import PurePath
 from typing import Final
 
 from quadid_logs.autopilots import named
-from quadid_logs.comparison import COUPLING_SPREAD, by_throttle, mean_throttle, throttle_powers, why_unknown
+from quadid_logs.comparison import COUPLING_SPREAD, by_throttle, throttle_powers, why_unknown
 from quadid_logs.control.command_units import per_command
 from quadid_logs.control.next_flight import EFFECTIVENESS_SPREAD, TIME_SPREAD_S
 from quadid_logs.control.room import Room, leads_back, room_of, whole
 from quadid_logs.data.closed_loop import Estimated, LoopMargins, Margins
 from quadid_logs.data.model import Model, Parameter
+from quadid_logs.data.off_nominal import OFF_NOMINAL
 from quadid_logs.data.promise import (
     AxisCheck,
     AxisPromise,
@@ -89,12 +90,13 @@ def promise_of(result: Result, tuning: Tuning, log_sha256: str = "") -> Promise 
         frame=printable(log.frame, _LONGEST),
         hardware_id=printable(log.hardware_id, _LONGEST),
         n_cells=_n_cells(result),
-        throttle=mean_throttle(result),
+        throttle=result.data.mean_throttle,
         throttle_powers=throttle_powers((result,)),
         structure="" if model is None else model.structure,
         quantities=() if model is None else tuple(_quantities(result, model)),
         axes=axes,
         limits=tuning.limits,
+        ranges=tuning.ranges,
     )
 
 
@@ -176,7 +178,8 @@ def check(promise: Promise, after: Result, log_sha256: str = "") -> Check:
     axes, vehicle = _decided_together(axes, vehicle)
     outcome = _outcome(axes, vehicle, obstacle)
     if obstacle is None:
-        advised = tuning_of(after) if promise.limits == GOOD else recommend(after, promise.limits)
+        by_default = (promise.limits, promise.ranges) == (GOOD, OFF_NOMINAL)
+        advised = tuning_of(after) if by_default else recommend(after, promise.limits, ranges=promise.ranges)
         axes = {
             axis: replace(one, decision=_axis_decision(promise, after, axis, one, advised))
             for axis, one in axes.items()
@@ -341,7 +344,7 @@ def _vehicle_checks(promise: Promise, after: Result) -> Iterator[VehicleCheck]:
         return
     seen = {(one.kind, one.axis, one.command): one for one in _quantities(after, model)}
     own = {one.axis: abs(one.value) for one in promise.quantities if one.kind is QuantityKind.EFFECTIVENESS}
-    throttle = mean_throttle(after)
+    throttle = after.data.mean_throttle
     ratio = throttle / promise.throttle if throttle > 0.0 < promise.throttle else 1.0
     powers = throttle_powers((after,))
     for one in promise.quantities:

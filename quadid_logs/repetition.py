@@ -13,7 +13,7 @@ import numpy as np
 
 from quadid_logs.align.pool import copies
 from quadid_logs.arrays import FloatArray
-from quadid_logs.comparison import mean_throttle, throttle_powers
+from quadid_logs.comparison import throttle_powers
 from quadid_logs.control.next_flight import DAMPING_SPREAD, TIME_SPREAD_S
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Model, Parameter
@@ -364,7 +364,7 @@ def _estimate(
 
 def _throttle_ratios(results: Sequence[Result]) -> FloatArray:
     """Return the mean throttle of each flight over that of the middle one; 1 where it is not told."""
-    means = np.array([mean_throttle(result) for result in results])
+    means = np.array([result.data.mean_throttle for result in results])
     told = means > 0.0
     return np.where(told, means / np.median(means[told]), 1.0) if told.any() else np.ones(means.size)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import chain
 from typing import Final
@@ -18,6 +19,7 @@ from quadid_logs.control.guard import Case
 from quadid_logs.control.loop import on_angle, on_rate
 from quadid_logs.control.margins import grid_hz
 from quadid_logs.control.next_flight import of_next_flight
+from quadid_logs.control.off_nominal import FlownPoint, OffNominal, conditions
 from quadid_logs.control.recommend import Axis, FilterWishes, tune_axes
 from quadid_logs.control.scaled_loop import scaled_loops
 from quadid_logs.control.what_if import what_if
@@ -28,6 +30,7 @@ from quadid_logs.data.flight import FlightData
 from quadid_logs.data.health import LineSource
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Model
+from quadid_logs.data.off_nominal import OFF_NOMINAL, Ranges
 from quadid_logs.data.once import once
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD, AxisTuning, Limits, Tunable, Tuning
@@ -47,6 +50,7 @@ def recommend(
     *,
     apart: bool = True,
     filters: bool = False,
+    ranges: Ranges = OFF_NOMINAL,
 ) -> Tuning:
     """Recommend the gains and filters of the next flight, axis by axis, or say why not.
 
@@ -64,6 +68,9 @@ def recommend(
     filters : bool
         Filters are changed with the gains, where that leaves less of gusts or less noise; not without
         ``apart``.
+    ranges : Ranges
+        Of load, air and propeller, over which the limits are kept as well, as far as the flown gains do or
+        any gains can; `AS_FLOWN` for none.
 
     Returns
     -------
@@ -82,16 +89,43 @@ def recommend(
     if tunable is None or obstacle:
         reason = finding("QL610", "warning", {"autopilot": log.autopilot, "vehicle": obstacle})
         refused = AxisTuning(verdict="refused", reasons=(reason,))
-        return Tuning(axes=dict.fromkeys(axes, refused), limits=limits)
+        return Tuning(axes=dict.fromkeys(axes, refused), limits=limits, ranges=ranges)
     known = {}
+    point = _flown_point(result, parameters)
     for axis in axes:
         case, model = _case(result, axis, tunable, parameters)
-        known[axis] = Axis(case, model, partial(_rebuilt, result, parameters, axis))
+        otherwise = OffNominal(point, tuple(conditions(point, ranges)), by_drag=axis == "yaw")
+        known[axis] = Axis(case, model, partial(_rebuilt, result, parameters, axis), otherwise)
     wishes = _filter_wishes(result, parameters) if filters else None
     tuned = tune_axes(known, limits, apart=apart, filters=wishes)
     return Tuning(
         axes={axis: _not_bare(result, axis, one, known[axis].case) for axis, one in tuned.items()},
         limits=limits,
+        ranges=ranges,
+    )
+
+
+def _flown_point(result: Result, parameters: Mapping[str, float]) -> FlownPoint:
+    """Return where the vehicle flew: hovering, on what battery, with what propellers."""
+    curve, battery = (
+        result.identification.thrust_curve,
+        None if result.health is None else result.health.battery,
+    )
+    point = FlownPoint(
+        law=named(result.log.autopilot).thrust_law(result.log, parameters), command=result.data.mean_throttle
+    )
+    # What is assumed of the curve is the firmware's, which the propellers need not have.
+    if curve is not None and (curve.identifiable or curve.measured):
+        low, high = curve.ci95
+        point = replace(point, expo=curve.expo, expo_half_width=0.5 * (high - low))
+    if battery is None:
+        return point
+    return replace(
+        point,
+        voltage_v=float(np.mean(battery.voltage)),
+        highest_v=float(np.max(battery.voltage)),
+        lowest_v=battery.lowest_v.value,
+        n_cells=battery.n_cells,
     )
 
 

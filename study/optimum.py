@@ -24,6 +24,7 @@ from quadid_logs.control.loop import close
 from quadid_logs.control.scaled_loop import scaled_loops, spare
 from quadid_logs.data.closed_loop import Plant
 from quadid_logs.data.controller import AxisController
+from quadid_logs.data.off_nominal import AS_FLOWN
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD, Tuning
 from quadid_logs.simulate import fly
@@ -227,7 +228,8 @@ def measure_road(seed: int, number: int) -> dict[str, Any]:
         may = n_changes < N_CHANGES
         if count == _MOST_FLIGHTS or not may.any():
             break
-        every = recommend(result)
+        # The best gains keep their limits for the vehicle as it flies: so do these.
+        every = recommend(result, ranges=AS_FLOWN)
         tuning = dataclasses.replace(
             every, axes={axis: every.axes[axis] for axis, one in zip(AXES, may, strict=True) if one}
         )

@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from quadid_logs.data.model import Model
+from quadid_logs.data.off_nominal import Ranges
 from quadid_logs.data.promise import Check, Decision, Flown, Held, Obstacle, Outcome, Promise, QuantityKind
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD, Tuning, TuningVerdict
@@ -273,6 +274,23 @@ _TAMPERED: list[Any] = []
 @pytest.fixture(autouse=True, scope="module")
 def _tampered(written: str, tmp_path_factory: pytest.TempPathFactory) -> None:
     _TAMPERED[:] = [written, tmp_path_factory.mktemp("tampered")]
+
+
+def test_a_promise_holds_the_ranges_that_its_gains_were_made_for(promise: Promise, tmp_path: Path) -> None:
+    """The next flight is advised with the same ones."""
+    ranges = Ranges(mass=(1.0, 1.5))
+    (tmp_path / "promise.json").write_text(promise_text(replace(promise, ranges=ranges), PROVENANCE))
+    assert read_promise(tmp_path).ranges == ranges
+
+
+@pytest.mark.parametrize("mass", [[1.1, 1.2], [1.0], [0.9, "1.2"], None])
+def test_a_promise_with_ranges_that_are_none_is_refused(mass: object, written: str, tmp_path: Path) -> None:
+    """A range holds what flew."""
+    content = json.loads(written)
+    content["ranges"]["mass"] = mass
+    (tmp_path / "promise.json").write_text(json.dumps(content))
+    with pytest.raises(PromiseFileError):
+        read_promise(tmp_path)
 
 
 def test_a_promise_of_numbers_that_are_none_is_refused(written: str, tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ from quadid_logs.control.recommend import filter_note
 from quadid_logs.control.scaled_loop import scaled_loops, spare
 from quadid_logs.data.closed_loop import Estimated, LoopMargins, Margins, Plant
 from quadid_logs.data.controller import AxisController, Replay
+from quadid_logs.data.off_nominal import AS_FLOWN
 from quadid_logs.data.promise import Decision, Held
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD, AxisTuning, GainChange, GainNames, Tuning
@@ -96,8 +97,8 @@ def kept() -> Tuning:
 
 
 def together(result: Result) -> Tuning:
-    """One factor on P, I and D of roll."""
-    return recommend(result, GOOD, ["roll"], apart=False)
+    """One factor on P, I and D of roll, of the vehicle as it flew."""
+    return recommend(result, GOOD, ["roll"], apart=False, ranges=AS_FLOWN)
 
 
 def test_low_gains_are_raised_and_reject_gusts_better(raised: Tuning) -> None:
@@ -245,7 +246,7 @@ def loaded(text: str, folder: Path) -> MAVParmDict:
 @pytest.fixture(scope="module")
 def apart() -> AxisTuning:
     """P, I, D and angle gain of gains that are low for the vehicle."""
-    return recommend(flown("ardupilot"), GOOD, ["roll"], apart=True).axes["roll"]
+    return recommend(flown("ardupilot"), GOOD, ["roll"], apart=True, ranges=AS_FLOWN).axes["roll"]
 
 
 def test_gains_apart_keep_the_limits_in_the_worst_vehicle(apart: AxisTuning) -> None:
@@ -339,7 +340,7 @@ def test_gains_that_only_uncertainty_keeps_are_not_called_right() -> None:
     found = recommend(replace(result, closed_loop=loose), GOOD, ["roll"]).axes["roll"]
     assert found.verdict == "keep"
     assert found.reasons[0].code == "QL647"
-    known = recommend(result, GOOD, ["roll"]).axes["roll"]
+    known = recommend(result, GOOD, ["roll"], ranges=AS_FLOWN).axes["roll"]
     assert known.attitude_error < 0.75
 
 
@@ -355,7 +356,7 @@ def test_no_gains_of_a_grid_that_keep_the_limits_reject_gusts_better_by_a_tenth(
     assert result.closed_loop is not None
     loop = result.closed_loop.axes["roll"]
     assert loop.plants is not None
-    found = recommend(result, GOOD, ["roll"]).axes["roll"]
+    found = recommend(result, GOOD, ["roll"], ranges=AS_FLOWN).axes["roll"]
     target = {name: one.target for name, one in found.gains.items()}
     much_better_rad = 0.9 * wind_rad(result, target)
     for p, d in itertools.product((0.75, 0.9, 1.0, 1.1, 1.25), repeat=2):

@@ -11,6 +11,7 @@ from quadid_logs.api.analysis import LogLike, analyze, as_log
 from quadid_logs.autopilots import known
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.log import FlightLog
+from quadid_logs.data.off_nominal import OFF_NOMINAL, Ranges, checked
 from quadid_logs.data.promise import Check, Promise
 from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
@@ -30,6 +31,7 @@ def tune(
     *,
     apart: bool = True,
     filters: bool = False,
+    ranges: Ranges = OFF_NOMINAL,
     settings: Settings | None = None,
     vehicle: Vehicle | None = None,
     progress: Progress | None = None,
@@ -48,6 +50,9 @@ def tune(
     filters : bool
         Experimental: filters and notches are changed with the gains, where that leaves less of gusts or less
         noise; not without ``apart``.
+    ranges : Ranges
+        Factors on mass, air density and propeller over which the limits are kept as well, as far as the flown
+        gains do or any gains can.
     settings : Settings, optional
     vehicle : Vehicle, optional
     progress : callable, optional
@@ -62,7 +67,8 @@ def tune(
     LogError
         If the file cannot be read as a flight log at all.
     SettingsError
-        If the part of the log that was chosen holds no flight, or settings are given with a result.
+        If the part of the log that was chosen holds no flight, settings are given with a result, or a range
+        does not hold what flew.
 
     Examples
     --------
@@ -76,9 +82,9 @@ def tune(
     result = analyze(log, settings, vehicle=vehicle, progress=progress)
     if progress is not None:
         progress("tune")
-    if limits == GOOD and apart and not filters:
+    if limits == GOOD and apart and not filters and checked(ranges) == OFF_NOMINAL:
         return tuning.tuning_of(result)
-    return tuning.recommend(result, limits, apart=apart, filters=filters)
+    return tuning.recommend(result, limits, apart=apart, filters=filters, ranges=ranges)
 
 
 def compare(

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from quadid_logs.autopilots.generic.advice import Advice
     from quadid_logs.data.controller import FlownControllers, ReplayInput
     from quadid_logs.data.health import Line
+    from quadid_logs.data.off_nominal import ThrustLaw
     from quadid_logs.data.tuning import FilterChoices, Tunable
 
 __all__ = ["Autopilot", "LogFormat", "formats", "known", "named", "register"]
@@ -156,6 +157,12 @@ class Autopilot:
     def tunable(self, parameters: Mapping[str, float]) -> Tunable | None:  # noqa: ARG002
         """Return the gains that may be changed; None where no gains of it are known."""
         return None
+
+    def thrust_law(self, log: FlightLog, parameters: Mapping[str, float]) -> ThrustLaw:  # noqa: ARG002
+        """Return what the firmware makes of a command of thrust; the command itself where nothing says so."""
+        from quadid_logs.data.off_nominal import AS_COMMANDED
+
+        return AS_COMMANDED
 
     def filter_choices(
         self,

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from quadid_logs.data.autotune import AutotuneForecast
+    from quadid_logs.data.off_nominal import Ranges
     from quadid_logs.data.result import Result
     from quadid_logs.data.tuning import Limits, Tuning
     from quadid_logs.data.what_if import WhatIf
@@ -77,6 +78,28 @@ def tune(
             help="Experimental: change filters and notches with the gains, where that is worth it.",
         ),
     ] = False,
+    mass_range: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            "--mass-range",
+            metavar="LOW HIGH",
+            help="Factors on mass and inertia over which the limits are kept, too [default: 0.8 1.2].",
+        ),
+    ] = None,
+    density_range: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            "--density-range", metavar="LOW HIGH", help="The same for the air's density [default: 0.82 1.1]."
+        ),
+    ] = None,
+    propeller_range: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            "--propeller-range",
+            metavar="LOW HIGH",
+            help="The same for the propellers' diameter [default: 1 1.07].",
+        ),
+    ] = None,
     system: System = 0,
     log_number: LogNumber = 0,
     open_report: OpenPage = False,
@@ -97,6 +120,7 @@ def tune(
     from quadid_logs.vehicle_file import read_vehicle
 
     limits = _limits(gain_margin_db, phase_margin_deg)
+    ranges = _ranges(mass_range, density_range, propeller_range)
     check_log(log)
     provenance = provenance_of(log, str(context.obj or ""))
     folder = tune_folder(output or _DEFAULT_FOLDER, log, provenance.log_sha256, log_number)
@@ -106,7 +130,7 @@ def tune(
     with Progress(log.name, quiet=quiet) as progress:
         result = analyze(log, settings, vehicle=described, progress=progress)
         progress("tune")
-        tuning = recommend(result, limits, apart=apart, filters=filters)
+        tuning = recommend(result, limits, apart=apart, filters=filters, ranges=ranges)
         forecasts = autotune_forecasts(result, tuning)
         grids = what_if_grids(result, tuning)
     text, written, removed = _write(result, tuning, provenance, folder, forecasts, grids)
@@ -138,6 +162,13 @@ def _limits(gain_db: float, phase_deg: float) -> Limits:
     factor = 10.0 ** (gain_db / 20.0)
     of_gain, of_phase = 2.0 * (factor - 1.0) / (factor + 1.0), 2.0 * math.tan(0.5 * math.radians(phase_deg))
     return Limits(gain_db, phase_deg, min(GOOD.disk * max(gain_db / GOOD.gain_db, 1.0), of_gain, of_phase))
+
+
+def _ranges(*given: tuple[float, float] | None) -> Ranges:
+    """Return the ranges of mass, density and propeller, the defaults where none is given."""
+    from quadid_logs.data.off_nominal import OFF_NOMINAL, Ranges, checked
+
+    return checked(Ranges(*(one or default for one, default in zip(given, OFF_NOMINAL, strict=True))))
 
 
 def _write(
@@ -183,7 +214,7 @@ def _show(
         for gain in axis.gains:
             target = f" (target {gain.target})" if gain.target else ""
             say(f"    {gain.name} {gain.now} -> {gain.next}{target}")
-        for line in (axis.filter_note, axis.warning):
+        for line in (axis.off_nominal, axis.filter_note, axis.warning):
             if line:
                 say(f"    {line}")
     say(f"  written: {', '.join(printable(folder / name) for name in written)}")

@@ -20,7 +20,8 @@ from quadid_logs.control.filter_guard import is_no_worse, is_worth_it, with_flow
 from quadid_logs.control.guard import Case, obstacles
 from quadid_logs.control.loop import rate_loop
 from quadid_logs.control.next_flight import of_next_flight
-from quadid_logs.control.scaled_loop import ScaledLoops, scaled_loops, spare
+from quadid_logs.control.off_nominal import OffNominal
+from quadid_logs.control.scaled_loop import HeldLoops, Kept, ScaledLoops, scaled_loops, spare
 from quadid_logs.control.separate_gains import Disturbed, Rebuild, SeparateGains, Step, separate_gains
 from quadid_logs.control.step import step_of
 from quadid_logs.control.torque_noise import (
@@ -35,6 +36,7 @@ from quadid_logs.data.closed_loop import AxisLoop, LoopMargins, Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.model import Model
+from quadid_logs.data.off_nominal import ConditionKind
 from quadid_logs.data.tuning import GOOD, POOR, AxisTuning, FilterChoices, GainChange, Limits
 from quadid_logs.diagnose import remedied
 from quadid_logs.diagnose.findings import finding, rounded
@@ -100,6 +102,7 @@ class Axis(NamedTuple):
     case: Case
     model: Model | None
     rebuild: Rebuild
+    off_nominal: OffNominal | None = None
 
 
 class FilterWishes(NamedTuple):
@@ -138,10 +141,40 @@ def tune_axes(
         known = {axis: both[0] for axis, both in searches.items() if both is not None}
         changed = _refiltered(known, tuned, filters, shared=set(known) == set(AXES))
         tuned = {axis: changed.get(axis) or with_flown_filters(axis, one) for axis, one in tuned.items()}
+    tuned = {axis: _with_off_nominal(axes[axis], one, limits) for axis, one in tuned.items()}
     return {
         axis: replace(found, reasons=tuple(remedied(found.reasons, axes[axis].case.log.autopilot)))
         for axis, found in tuned.items()
     }
+
+
+def _with_off_nominal(axis: Axis, found: AxisTuning, limits: Limits) -> AxisTuning:
+    """Add the margins of vehicles that are otherwise than they flew, and where they break the limits."""
+    case, controller = axis.case, axis.case.controller
+    if axis.off_nominal is None or controller is None or found.now is None or case.plants is None:
+        return found
+    following = None
+    if found.verdict != "refused":
+        following = axis.rebuild({name: one.next for name, one in found.changes.items()})
+    loops = scaled_loops(
+        controller, of_next_flight(case.plants), 0.0 if case.found is None else case.found.known_hz
+    )
+    told = axis.off_nominal.margins(loops, following, limits)
+    broken = [one for one in told if one.spare < _SAME[0]]
+    reasons = found.reasons
+    if broken and found.verdict != "refused":
+        worst = min(broken, key=lambda one: one.spare)
+        evidence = {
+            "worst": _words(worst.condition.kind),
+            "part_of_limits": rounded(worst.spare, 3),
+            "conditions": [_words(one.condition.kind) for one in broken],
+        }
+        reasons = (*reasons, _found("QL675", case, evidence))
+    return replace(found, off_nominal=told, reasons=reasons)
+
+
+def _words(kind: ConditionKind) -> str:
+    return kind.value.replace("_", " ")
 
 
 def _refused(case: Case) -> AxisTuning:
@@ -151,7 +184,7 @@ def _refused(case: Case) -> AxisTuning:
 
 def _searched(axis: Axis, limits: Limits, *, apart: bool) -> tuple[_Search, Callable[[], _Search]] | None:
     """Return the search of an axis, with and without modes that are merely possible; None if refused."""
-    case, model, rebuild = axis
+    case, model, rebuild, off_nominal = axis
     found, plants, controller = case.found, case.plants, case.controller
     if (
         any(True for _ in obstacles(case))
@@ -162,16 +195,19 @@ def _searched(axis: Axis, limits: Limits, *, apart: bool) -> tuple[_Search, Call
     ):
         return None
     following = of_next_flight(plants)
-    loops = scaled_loops(controller, following, found.known_hz)
-    search = _Search(case, loops, model, rebuild, limits, apart=apart)
+
+    def held(plants: Plant) -> HeldLoops:
+        loops = scaled_loops(controller, plants, found.known_hz)
+        return HeldLoops(loops, () if off_nominal is None else off_nominal.corners(loops))
+
+    search = _Search(case, held(following), model, rebuild, limits, apart=apart)
     possible = following.modes is not None and (found.frame is None or not found.frame.seen)
 
     def without_modes() -> _Search:
         if not possible:
             return search
         # What the flight only leaves possible holds gains, as noise does, and is no reason to lower them.
-        without = scaled_loops(controller, following._replace(modes=None), found.known_hz)
-        return _Search(case, without, model, rebuild, limits, apart=apart)
+        return _Search(case, held(following._replace(modes=None)), model, rebuild, limits, apart=apart)
 
     return search, without_modes
 
@@ -217,11 +253,20 @@ def _decided(search: _Search, without_modes: Callable[[], _Search], *, apart: bo
     """
     target = search.target()
     separate = search.apart(target) if apart or not target.reached else None
+    strict = search
+    if separate is None and not target.reached and (relaxed := strict.no_less_than_flown()) is not None:
+        # No gains keep the limits in every condition: those that keep them as the vehicle flies come first.
+        search, target = relaxed, relaxed.target()
+        separate = search.apart(target) if apart or not target.reached else None
     if separate is not None:
         return separate
     if target.reached and target.factor > _SAME[1]:
         return search.tuning(target)
     plain = without_modes()
+    if plain is strict:
+        plain = search
+    elif search is not strict:
+        plain = plain.no_less_than_flown() or plain
     if plain.is_kept_as_told():
         return plain.stay(target, held=plain is not search and not search.is_kept())
     if plain is search:
@@ -237,18 +282,20 @@ class _Search:
     def __init__(
         self,
         case: Case,
-        loops: ScaledLoops,
+        held: HeldLoops,
         model: Model,
         rebuild: Rebuild,
         limits: Limits,
         *,
         apart: bool,
     ) -> None:
-        self._apart = apart
-        number = AXES.index(case.axis)
+        self._apart, self._model = apart, model
+        number, loops = AXES.index(case.axis), held.loops
         self._case, self._loops, self._rebuild, self._limits = case, loops, rebuild, limits
-        self._few = loops.first(_FEW_DRAWS)
-        self._flown_spare = spare(loops.margins(), limits)
+        self._conditions, self._few_conditions = held, held.first(_FEW_DRAWS)
+        self._few = self._few_conditions.loops
+        self._flown_kept = held.kept(limits)
+        self._flown_spare = self._flown_kept.as_flown
         self._told_spare = spare(loops.first(1)._replace(known_hz=np.inf).margins(), limits)
         self._now = {name: case.parameters[name] for name in case.names.scaled}
         self._torque = torque_spectrum(case.data, number)
@@ -261,6 +308,13 @@ class _Search:
     def parameters(self) -> Mapping[str, float]:
         """That flew."""
         return self._case.parameters
+
+    def no_less_than_flown(self) -> _Search | None:
+        """Return the search that asks for no more in other conditions than flew; None where that was all."""
+        if self._flown_kept.otherwise >= 1.0:
+            return None
+        held = self._conditions.no_less_than_flown(self._limits)
+        return _Search(self._case, held, self._model, self._rebuild, self._limits, apart=self._apart)
 
     @cached_property
     def too_noisy(self) -> float:
@@ -395,7 +449,7 @@ class _Search:
         return self._loops.plants.at(slice(0, 1))
 
     def _score(self, factor: float) -> float:
-        return spare(self._few.margins(factor), self._limits)
+        return min(self._few_conditions.kept(self._limits, factor))
 
     def _controller(self, factor: float) -> AxisController | None:
         return self._rebuild(self._written(factor))
@@ -440,7 +494,7 @@ class _Search:
         while missing and not _SAME[0] <= target.factor / factor <= _SAME[1]:
             factor *= min(max(target.factor / factor, MOST_DOWN), MOST_UP)
             n_flights += 1
-            missing = self._score(factor) < 1.0
+            missing = spare(self._few.margins(factor), self._limits) < 1.0
         return n_flights
 
     def apart(self, common: Found) -> AxisTuning | None:
@@ -500,7 +554,7 @@ class _Search:
         if self._case.limited_fraction > _NEAR_LIMITS:
             return None
         disturbed = Disturbed(self._gusts, self._gust_band_hz, self._torque, self._crossover_hz(), MOST_NOISE)
-        return separate_gains(self._case, self._loops, self._rebuild, self._limits, disturbed)
+        return separate_gains(self._case, self._conditions, self._rebuild, self._limits, disturbed)
 
     def _why_kept(self, target: Found) -> Finding:
         """Return that the gains are right, or that better ones are in reach of a vehicle known better."""
@@ -534,14 +588,14 @@ class _Search:
         # Where the flown gains are below the limits, a raise towards them has not reached them yet. A step
         # down that is not the last one has not, either; the last one goes further down until it has.
         last_down = factor < 1.0 and target.reached and factor >= target.factor
-        enough = 1.0 if last_down else min(1.0, self._flown_spare) if factor > 1.0 else 0.0
+        enough = Kept(1.0, 1.0) if last_down else self._flown_kept if factor > 1.0 else Kept(0.0, 0.0)
         end, found = (1.0 if factor > 1.0 else MOST_DOWN), None
         for _ in range(_MOST_BACK_OFF):
             controller = self._controller(factor)
             if controller is None:
                 return None
             promised = self._loops.of(controller).margins()
-            if spare(promised, self._limits) >= enough or factor == end:
+            if self._conditions.of(controller).kept(self._limits).is_enough(enough) or factor == end:
                 return _Step(factor, controller, promised)
             found = _Step(factor, controller, promised)
             factor = max(factor * _BACK_OFF, end)

@@ -208,6 +208,74 @@ def _ratio(figure: Estimated | None, limit: float) -> float:
     return max(figure.ci95[0], 0.0) / limit
 
 
+class Kept(NamedTuple):
+    """Part of the limits that loops keep: of the vehicles as they fly, and in the worst other condition."""
+
+    as_flown: float
+    otherwise: float
+
+    def is_enough(self, flown: Kept) -> bool:
+        """Tell whether the limits are kept, or as much of them as with the flown gains."""
+        return all(mine >= min(1.0, before) for mine, before in zip(self, flown, strict=True))
+
+
+class HeldLoops(NamedTuple):
+    """Loops that keep the limits: of the vehicles that the next flight allows, and as these may be otherwise.
+
+    ``part`` of the limits is required in the other conditions: all of them, or what flew.
+    """
+
+    loops: ScaledLoops
+    otherwise: tuple[ScaledLoops, ...] = ()
+    part: float = 1.0
+
+    def kept(self, limits: Limits, factor: float = 1.0) -> Kept:
+        """Return how much of what is required is kept, with P, I and D times a factor.
+
+        Parameters
+        ----------
+        limits : Limits
+        factor : float
+
+        Returns
+        -------
+        Kept
+        """
+        otherwise = (spare(one.margins(factor), limits) / self.part for one in self.otherwise)
+        return Kept(spare(self.loops.margins(factor), limits), min(otherwise, default=np.inf))
+
+    def each_spare(self, limits: Limits) -> FloatArray:
+        """Return how much of each limit is kept, as of `each_spare`, in all conditions in a row.
+
+        Parameters
+        ----------
+        limits : Limits
+
+        Returns
+        -------
+        ndarray, shape (n_limits,)
+        """
+        otherwise = [each_spare(one.margins(), limits) / self.part for one in self.otherwise]
+        return np.concatenate([each_spare(self.loops.margins(), limits), *otherwise])
+
+    def of(self, controller: AxisController) -> HeldLoops:
+        """Return the loops of another controller."""
+        return self._replace(
+            loops=self.loops.of(controller), otherwise=tuple(one.of(controller) for one in self.otherwise)
+        )
+
+    def first(self, n_plants: int) -> HeldLoops:
+        """Return the loops around the first of the vehicles."""
+        return self._replace(
+            loops=self.loops.first(n_plants), otherwise=tuple(one.first(n_plants) for one in self.otherwise)
+        )
+
+    def no_less_than_flown(self, limits: Limits) -> HeldLoops:
+        """Return the loops of which no more is required in the other conditions than they kept as flown."""
+        part = min(self._replace(part=1.0).kept(limits).otherwise, 1.0)
+        return self._replace(part=part) if part > 0.0 else self._replace(otherwise=())
+
+
 def spare_of(figures: LoopFigures, limits: Limits) -> FloatArray:
     """Return how much of each limit loops keep, one by one: `spare` without an interval.
 

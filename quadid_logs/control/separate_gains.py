@@ -15,7 +15,7 @@ from quadid_logs.control.gain_paths import GainPaths, gain_paths
 from quadid_logs.control.guard import Case
 from quadid_logs.control.loop import integrators
 from quadid_logs.control.margins import figures_of, unmodelled
-from quadid_logs.control.scaled_loop import ScaledLoops, each_spare, spare, spare_of
+from quadid_logs.control.scaled_loop import HeldLoops, Kept, ScaledLoops, spare_of
 from quadid_logs.control.torque_noise import Gusts, Spectrum, gusts_of, lowest_noise_hz, noise_band
 from quadid_logs.data.closed_loop import LoopMargins, Plant
 from quadid_logs.data.controller import AxisController
@@ -60,6 +60,8 @@ _SAME: Final = 0.05
 _ROUNDING: Final = 0.005
 #: A rough search, to rank filters by.
 _FEW_STEPS: Final = 8
+#: Of the bodies, those of the vehicle as it flies: in other conditions a vehicle decides once it lacks.
+_AS_FLOWN: Final = 2
 #: Where the loop's gain is this small, it may be twice as large, or four times, without a change of
 #: stability.
 _SMALL_LOOP: Final = 0.1
@@ -137,7 +139,7 @@ class _Varied(NamedTuple):
 
 def separate_gains(
     case: Case,
-    loops: ScaledLoops,
+    held: HeldLoops,
     rebuild: Rebuild,
     limits: Limits,
     disturbed: Disturbed,
@@ -147,7 +149,7 @@ def separate_gains(
     Parameters
     ----------
     case : Case
-    loops : ScaledLoops
+    held : HeldLoops
         With the gains that flew, around the vehicles that the next flight allows.
     rebuild : callable
     limits : Limits
@@ -158,9 +160,9 @@ def separate_gains(
     SeparateGains or None
         None where there is no gain to vary, or the controller is no sum over its gains.
     """
-    varied = _varied(case)
+    varied, loops = _varied(case), held.loops
     paths = _taken_apart(varied, loops.controller, loops.frequency_hz, rebuild)
-    return None if paths is None else SeparateGains(varied, paths, loops, rebuild, limits, disturbed)
+    return None if paths is None else SeparateGains(varied, paths, held, rebuild, limits, disturbed)
 
 
 def _varied(case: Case) -> _Varied:
@@ -193,27 +195,31 @@ class SeparateGains:
         self,
         varied: _Varied,
         paths: GainPaths,
-        loops: ScaledLoops,
+        held: HeldLoops,
         rebuild: Rebuild,
         limits: Limits,
         disturbed: Disturbed,
     ) -> None:
+        loops = held.loops
         self._varied, self._names, self._now = varied, varied.names, varied.now
         self._paths, self._loops, self._rebuild, self._limits = paths, loops, rebuild, limits
         self._is_refiltered = False
-        self._few = loops.first(_FEW_DRAWS)
+        self._held, self._few_held = held, held.first(_FEW_DRAWS)
+        self._few = self._few_held.loops
         # Each of them also with dynamics that nobody measured; a mode of the frame may bear those better.
         later = unmodelled(loops.frequency_hz, loops.known_hz)
-        self._bodies = np.stack([self._few.body, self._few.body * later])
-        #: Of these, (2, n_plants): the estimate and those that are the worst in what limits the gains.
+        bodies = [one.body for one in (self._few, *self._few_held.otherwise)]
+        self._bodies = np.stack([either for body in bodies for either in (body, body * later)])
+        #: Part of the limits that each of them is to keep.
+        self._part = np.where(np.arange(len(self._bodies)) < _AS_FLOWN, 1.0, held.part)
+        #: Of these, (n_bodies, n_plants): the estimate and those that are the worst in what limits the gains.
         self._decisive = np.zeros(self._bodies.shape[:2], dtype=np.bool_)
         self._decisive[1, 0] = True
         self._highest = _BOUNDS[1]
         self._noise = _Noise(disturbed, loops)
         self._gusts = _gusts(disturbed, loops.plants.at(slice(0, 1)), loops.frequency_hz)
-        flown = loops.margins()
-        self._enough = min(1.0 - 2.0 * _ROUNDING, spare(flown, limits))
-        crossover = flown.rate.crossover_hz
+        self._enough = Kept(*(min(1.0 - 2.0 * _ROUNDING, one) for one in held.kept(limits)))
+        crossover = loops.margins().rate.crossover_hz
         self._above = loops.frequency_hz >= (0.0 if crossover is None else crossover.value)
         self._flown = dict.fromkeys(self._now, 1.0)
         flown_answers = paths.at(_sets(self._flown))
@@ -295,14 +301,16 @@ class SeparateGains:
     def _add_decisive(self, factors: Mapping[str, float]) -> bool:
         """Add the vehicles that lack most with some gains, for each limit; tell whether any is new."""
         every = np.ones_like(self._decisive)
-        kept = self._spare(self._paths.at(_sets(factors)), every).reshape(2, len(self._few.body), -1)
+        kept = self._spare(self._paths.at(_sets(factors)), every).reshape(
+            len(self._bodies), len(self._few.body), -1
+        )
         rank = round((1.0 - _WORST) * (kept.shape[1] - 1))
         worst = np.argsort(kept, axis=1, kind="stable")[:, rank : rank + _DECISIVE]
         lacking = np.take_along_axis(kept, worst, axis=1) < 1.0
-        lacking[:, 0] = True
+        lacking[:_AS_FLOWN, 0] = True
         before = np.count_nonzero(self._decisive)
-        for late, numbers, lack in zip((0, 1), worst, lacking, strict=True):
-            self._decisive[late, numbers[lack]] = True
+        for decisive, numbers, lack in zip(self._decisive, worst, lacking, strict=True):
+            decisive[numbers[lack]] = True
         return bool(np.count_nonzero(self._decisive) > before)
 
     def _best_of_a_grid(self, bounds: _Bounds, most_up: float) -> list[dict[str, float]]:
@@ -439,9 +447,10 @@ class SeparateGains:
         """Return how much of each limit some vehicles keep.
 
         Shape (n_sets, n_vehicles, n_limits), for answers of a controller (n_sets, 3, n_frequencies) and
-        vehicles that are marked in (2, n_plants).
+        vehicles that are marked in (n_bodies, n_plants).
         """
         loops, body = self._few, self._bodies[which]
+        part = np.broadcast_to(self._part[:, np.newaxis], which.shape)[which]
         back, by_angle, _ = np.moveaxis(answers, 1, 0)[:, :, np.newaxis]
         n = integrators(loops.controller)
         both = [(back, n)] if loops.angle is None else [(back, n), (back + by_angle, n + 1)]
@@ -452,14 +461,14 @@ class SeparateGains:
             runs_away = np.tile(damping > 0.0, len(answers))
             figures = figures_of(loops.frequency_hz, each, n_poles, runs_away)
             told.append(spare_of(figures, self._limits).reshape(len(answers), len(body), -1))
-        return np.concatenate(told, axis=2)
+        return np.asarray(np.concatenate(told, axis=2) / part[:, np.newaxis])
 
     def _worst_spare(self, factors: Mapping[str, float]) -> FloatArray:
         """Return how much of each limit the worst of some vehicles keeps, with the gains of a file."""
         controller = self._rebuild(self._varied.values(factors))
         if controller is None:
             return np.zeros(1)
-        return each_spare(self._few.of(controller).margins(), self._limits)
+        return self._few_held.of(controller).each_spare(self._limits)
 
     def keeps(self, target: Mapping[str, float]) -> bool:
         """Tell whether the limits are kept at a target: without that, no step towards it is worth a flight.
@@ -644,11 +653,13 @@ class SeparateGains:
         """Return gains with what they promise, None where some vehicles keep too little."""
         changed = {name: 1.0 if abs(one - 1.0) < _UNCHANGED else one for name, one in factors.items()}
         controller = self._rebuild(self._varied.values(changed))
-        # Some of the vehicles are quick to look at; all of them have the last word.
-        if controller is None or spare(self._few.of(controller).margins(), self._limits) < self._enough:
+        if controller is None:
             return None
-        promised = self._loops.of(controller).margins()
-        return None if spare(promised, self._limits) < self._enough else (changed, controller, promised)
+        # Some of the vehicles are quick to look at; all of them have the last word.
+        for held in (self._few_held, self._held):
+            if not held.of(controller).kept(self._limits).is_enough(self._enough):
+                return None
+        return changed, controller, self._loops.of(controller).margins()
 
     def _more_flights(self, factors: Mapping[str, float], target: Mapping[str, float], most_up: float) -> int:
         """Return how many flights lie between some gains and the target."""

@@ -943,6 +943,15 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 scope="gains",
             ),
             _entry(
+                "QL675",
+                "Off-nominal margins break a limit",
+                "With another battery, load, air or propeller the same command turns the vehicle more or "
+                "less. In the conditions that are named, the worst of the vehicles that the flight allows "
+                "keeps less than the limits. That lowers no gains by itself.",
+                "Fly as in this flight, or tune again from a flight in the condition that is named.",
+                scope="gains",
+            ),
+            _entry(
                 "QL641",
                 "P, I, D and the angle gain are changed each by itself",
                 "Each gain goes its own way to where gusts are rejected best: the margins are kept, noise "

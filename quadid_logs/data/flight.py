@@ -298,6 +298,14 @@ class FlightData:
         """Number of grid points."""
         return sum(segment.n_samples for segment in self.segments)
 
+    @property
+    def mean_throttle(self) -> float:
+        """Mean throttle as a fraction of full throttle, 0 where it was not logged throughout [1]."""
+        throttle = [segment.throttle for segment in self.segments if segment.throttle is not None]
+        if not self.segments or len(throttle) < len(self.segments):
+            return 0.0
+        return sum(float(values.sum()) for values in throttle) / sum(values.size for values in throttle)
+
     def __repr__(self) -> str:
         rate = f" at {1.0 / self.sample_period_s:.4g} Hz" if self.segments else ""
         n_segments = len(self.segments)

@@ -8,6 +8,7 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from quadid_logs.data.closed_loop import Estimated, LoopMargins
+from quadid_logs.data.off_nominal import OFF_NOMINAL, Ranges
 from quadid_logs.data.tuning import Limits, TuningVerdict
 
 
@@ -81,6 +82,7 @@ class Promise:
     quantities : tuple of VehicleQuantity
     axes : mapping of str to AxisPromise
     limits : Limits
+    ranges : Ranges
         With which the gains were recommended.
     """
 
@@ -96,6 +98,7 @@ class Promise:
     quantities: tuple[VehicleQuantity, ...]
     axes: Mapping[str, AxisPromise]
     limits: Limits
+    ranges: Ranges = OFF_NOMINAL
 
 
 class Flown(StrEnum):

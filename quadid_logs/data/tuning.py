@@ -10,6 +10,7 @@ from typing import Final, Literal, NamedTuple
 from quadid_logs.data.autotune import Procedure
 from quadid_logs.data.closed_loop import LoopMargins, Step
 from quadid_logs.data.diagnosis import Finding
+from quadid_logs.data.off_nominal import OFF_NOMINAL, ConditionMargins, Ranges
 
 TuningVerdict = Literal["change", "keep", "refused"]
 #: Where the gains go: all up, all down, some up and some down, nowhere; "refuse" says nothing of them.
@@ -219,6 +220,8 @@ class AxisTuning:
     more_flights, flights_to_limits : int
         After the next one until the gains are at their target, and until the limits are kept, if none of
         them finds anything else.
+    off_nominal : tuple of ConditionMargins
+        The margins of the vehicle otherwise than it flew; empty where none are told.
     """
 
     verdict: TuningVerdict
@@ -235,6 +238,7 @@ class AxisTuning:
     torque_noise_next: float = float("nan")
     more_flights: int = 0
     flights_to_limits: int = 0
+    off_nominal: tuple[ConditionMargins, ...] = ()
 
     @property
     def changed_gains(self) -> Mapping[str, GainChange]:
@@ -279,10 +283,13 @@ class Tuning:
     axes : mapping of str to AxisTuning
     limits : Limits
         That the promised margins keep in 97.5 % of the vehicles that the flight allows.
+    ranges : Ranges
+        Of load, air and propeller, over which the limits are kept as well.
     """
 
     axes: Mapping[str, AxisTuning]
     limits: Limits
+    ranges: Ranges = OFF_NOMINAL
 
     @property
     def refused(self) -> tuple[str, ...]:

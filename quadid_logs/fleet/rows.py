@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Any, Final, get_args
 
-from quadid_logs.comparison import mean_throttle
 from quadid_logs.data.diagnosis import Verdict
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Model
@@ -216,7 +215,7 @@ def result_rows(
             "start_s": start_s,
             "duration_s": duration_s,
             "started": _EPOCH + timedelta(microseconds=round(when * 1e6)) if 0.0 < when < 4e9 else None,
-            "throttle": _finite(mean_throttle(result)) or None,
+            "throttle": _finite(result.data.mean_throttle) or None,
             "run_s": result.timings_s["total"],
             **_health_part(result),
         }

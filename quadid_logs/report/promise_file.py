@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any, Final, NoReturn, cast, get_args
 
 from quadid_logs.data.closed_loop import Estimated, LoopMargins, Margins
+from quadid_logs.data.off_nominal import OFF_NOMINAL, Ranges, checked
 from quadid_logs.data.promise import AxisPromise, Gain, Promise, QuantityKind, VehicleQuantity
 from quadid_logs.data.tuning import Limits, TuningVerdict
-from quadid_logs.errors import PromiseFileError
+from quadid_logs.errors import PromiseFileError, SettingsError
 from quadid_logs.report.json import fields_of, strict_text
 from quadid_logs.report.loop_json import MARGIN_FIGURES, margins_dict
 from quadid_logs.report.provenance import Provenance
@@ -20,7 +21,7 @@ from quadid_logs.vocabulary import AXES
 
 PROMISE_FILE: Final = "promise.json"
 #: Minor steps add keys, a major step changes or removes one.
-SCHEMA_VERSION: Final = "1.0"
+SCHEMA_VERSION: Final = "1.1"
 _KIND: Final = "promise"
 #: Ours have 20 kB.
 _MOST_BYTES: Final = 1_000_000
@@ -65,6 +66,7 @@ def promise_text(promise: Promise, provenance: Provenance) -> str:
             ],
         },
         "limits": promise.limits._asdict(),
+        "ranges": {name: list(ends) for name, ends in promise.ranges._asdict().items()},
         "axes": {axis: _axis_dict(one) for axis, one in promise.axes.items()},
     }
     return strict_text(content)
@@ -157,7 +159,20 @@ class _Reader:
             quantities=tuple(self._quantity(one) for one in quantities),
             axes={axis: self._axis(axes[axis], axis) for axis in AXES if axis in axes},
             limits=Limits(*(self._number(limits, name) for name in Limits._fields)),
+            ranges=self._ranges(top.get("ranges")),
         )
+
+    def _ranges(self, content: object) -> Ranges:
+        """Return the ranges, which files of version 1.0 do not have."""
+        if content is None:
+            return OFF_NOMINAL
+        table = self._table(content, "ranges")
+        ends = [self._list(table.get(name), "ranges", 2) for name in Ranges._fields]
+        numbers = [[self._finite(one, "ranges") for one in pair] for pair in ends]
+        try:
+            return checked(Ranges(*((low, high) for low, high in numbers)))
+        except (SettingsError, ValueError):  # no range, or not two ends
+            self._refuse("ranges")
 
     def _quantity(self, content: object) -> VehicleQuantity:
         one = self._table(content, "quantities")

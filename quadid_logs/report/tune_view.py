@@ -15,6 +15,7 @@ from quadid_logs.control.room import has_way_back, missed, whole
 from quadid_logs.data.autotune import AutotuneForecast
 from quadid_logs.data.closed_loop import Estimated, Margins
 from quadid_logs.data.diagnosis import Finding
+from quadid_logs.data.off_nominal import OFF_NOMINAL
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD, AxisTuning, Direction, Limits, Tuning
 from quadid_logs.diagnose.advice import is_to_set, to_a_usable_axis
@@ -23,6 +24,7 @@ from quadid_logs.report.cells import Cell, Table
 from quadid_logs.report.commands import filled, on_next_log
 from quadid_logs.report.gain_files import exact, file_names
 from quadid_logs.report.numbers import estimate, interval, number, percent, resolved
+from quadid_logs.report.off_nominal import condition_words, off_nominal_note, off_nominal_tables
 from quadid_logs.report.words import evidence_phrase
 from quadid_logs.sentences import listed
 from quadid_logs.untrusted import printable
@@ -72,6 +74,7 @@ class TuneAxisView:
     reasons: tuple[ReasonView, ...]
     filter_note: str = ""
     autotune: str = ""
+    off_nominal: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,6 +89,8 @@ class TuneView:
     steps: tuple[str, ...]
     margins: Table | None
     limits: str
+    off_nominal: tuple[Table, ...] = ()
+    off_nominal_note: str = ""
 
 
 def tune_view(
@@ -120,6 +125,8 @@ def tune_view(
         steps=tuple(filled(step, result) for step in _steps(result, tuning)),
         margins=_table(tuning),
         limits=_limits(tuning.limits),
+        off_nominal=tuple(off_nominal_tables(tuning)),
+        off_nominal_note=off_nominal_note(tuning),
     )
 
 
@@ -246,6 +253,7 @@ def _axis(
         reasons=tuple(_reason(result, one) for one in found.reasons),
         filter_note=next((f"{one.title}." for one in found.reasons if one.code == "QL636"), ""),
         autotune="" if forecast is None else autotune_words(forecast),
+        off_nominal=_worst_case(found),
     )
 
 
@@ -319,6 +327,18 @@ def _promise(found: AxisTuning) -> str:
         return f"Margins as flown: {now}."
     flown = _margin_words(whole(found.now), lambda one: resolved(one.value, *one.ci95))
     return f"Promised margins: {_margin_words(whole(found.next), _with_interval)}; as flown {flown}."
+
+
+def _worst_case(found: AxisTuning) -> str:
+    """Say in which condition the axis keeps least, and which margins it has there."""
+    worst = next((one for one in found.off_nominal if one.worst), None)
+    if worst is None:
+        return ""
+    told = f"Off-nominal worst case ({condition_words(worst.condition)})"
+    if found.verdict != "change" or worst.next is None:
+        return f"{told}: {_margin_words(whole(worst.now), _with_interval)}."
+    flown = _margin_words(whole(worst.now), lambda one: resolved(one.value, *one.ci95))
+    return f"{told}: {_margin_words(whole(worst.next), _with_interval)}; with the flown gains {flown}."
 
 
 def _margin_words(margins: Margins, told: Callable[[Estimated], str]) -> str:
@@ -416,6 +436,11 @@ def tune_again(result: Result, tuning: Tuning) -> str:
         ("--phase-margin-deg", limits.phase_deg, GOOD.phase_deg),
     )
     words = [(name, f"{value:g}") for name, value, default in wanted if value != default]
+    words += [
+        (f"--{name}-range", " ".join(f"{end:g}" for end in ends))
+        for name, ends in tuning.ranges._asdict().items()
+        if ends != getattr(OFF_NOMINAL, name)
+    ]
     filters = ["--filters"] if any(found.filters for found in tuning.axes.values()) else []
     return on_next_log(result, "tune", *filters, *(word for pair in words for word in pair))
 

@@ -12,10 +12,11 @@ from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import AxisTuning, Limits, Tuning
 from quadid_logs.report.json import fields_of, finding_dict, log_dict, strict_text
 from quadid_logs.report.loop_json import margins_dict
+from quadid_logs.report.off_nominal import off_nominal_dict
 from quadid_logs.report.provenance import Provenance
 
 #: Minor steps add keys, a major step changes or removes one.
-SCHEMA_VERSION = "1.2"
+SCHEMA_VERSION = "1.3"
 
 
 def tuning_text(
@@ -49,6 +50,7 @@ def tuning_text(
         "tool": {"name": "quadid-logs", **fields_of(provenance)},
         "log": log_dict(result.log, result.data),
         "limits": tuning.limits._asdict(),
+        "ranges": {name: list(ends) for name, ends in tuning.ranges._asdict().items()},
         "axes": {
             axis: _axis(found, tuning.limits) | {"autotune": _forecast((forecasts or {}).get(axis))}
             for axis, found in tuning.axes.items()
@@ -74,6 +76,7 @@ def _axis(found: AxisTuning, limits: Limits) -> dict[str, Any]:
         "filters": {name: change._asdict() for name, change in found.filters.items()},
         "now": _loops(found.now),
         "next": _loops(found.next),
+        "off_nominal": off_nominal_dict(found),
         "attitude_error_ratio": found.attitude_error,
         "torque_noise": {"now": found.torque_noise, "next": found.torque_noise_next},
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -185,3 +186,21 @@ def test_a_way_back_to_other_values_is_never_replaced(
     assert main(["tune", str(log), "--force"]) == 2
     assert "never replaced" in capsys.readouterr().err
     assert files(folder) == before
+
+
+@pytest.mark.parametrize("option", ["--mass-range", "--density-range", "--propeller-range"])
+def test_a_range_without_the_vehicle_that_flew_is_refused(option: str, fly: Callable[..., Path]) -> None:
+    """Before the log is read."""
+    assert main(["tune", str(fly("1.BIN", changed(flown("ardupilot")))), option, "1.1", "1.2"]) == 2
+
+
+def test_tune_json_holds_the_ranges_and_the_margins_over_them(fly: Callable[..., Path]) -> None:
+    """For programs; the next flight's command asks for the same ranges."""
+    main(["tune", str(fly("1.BIN", changed(flown("ardupilot")))), "--mass-range", "1", "1.5"])
+    told = json.loads(Path("quadid-tune/1/tune.json").read_text())
+    assert told["ranges"] == {"mass": [1.0, 1.5], "density": [0.82, 1.1], "propeller": [1.0, 1.07]}
+    off_nominal = told["axes"]["roll"]["off_nominal"]
+    assert [one["mass"] for one in off_nominal if one["condition"] == "heavier"] == [1.5]
+    assert not [one for one in off_nominal if one["condition"] == "lighter"]
+    assert sum(one["worst"] for one in off_nominal) == 1
+    assert "--mass-range 1 1.5" in Path("quadid-tune/1/tune.html").read_text()

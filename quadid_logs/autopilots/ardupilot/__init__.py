@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from quadid_logs.autopilots.generic.advice import Advice
     from quadid_logs.data.controller import FlownControllers, ReplayInput
     from quadid_logs.data.health import Line
+    from quadid_logs.data.off_nominal import ThrustLaw
     from quadid_logs.data.tuning import FilterChoices, Tunable
 
 
@@ -88,6 +89,12 @@ class ArduPilot(Autopilot):
         from quadid_logs.autopilots.ardupilot.gains import tunable
 
         return tunable(parameters)
+
+    def thrust_law(self, log: FlightLog, parameters: Mapping[str, float]) -> ThrustLaw:  # noqa: ARG002
+        """MOT_THST_EXPO, MOT_BAT_VOLT_*, and the density of the air."""
+        from quadid_logs.autopilots.ardupilot.thrust_law import thrust_law
+
+        return thrust_law(parameters)
 
     def filter_choices(
         self, log: FlightLog, parameters: Mapping[str, float], lines: Sequence[Line]

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from quadid_logs.autopilots.generic.advice import Advice
     from quadid_logs.data.controller import FlownControllers, ReplayInput
     from quadid_logs.data.health import Line
+    from quadid_logs.data.off_nominal import ThrustLaw
     from quadid_logs.data.tuning import FilterChoices, Tunable
 
 
@@ -56,6 +57,12 @@ class Betaflight(BlackboxFamily):
         from quadid_logs.autopilots.betaflight.gains import tunable
 
         return tunable(parameters)
+
+    def thrust_law(self, log: FlightLog, parameters: Mapping[str, float]) -> ThrustLaw:
+        """``thrust_linear`` and ``vbat_sag_compensation``."""
+        from quadid_logs.autopilots.betaflight.thrust_law import thrust_law
+
+        return thrust_law(log, parameters)
 
     def filter_choices(
         self, log: FlightLog, parameters: Mapping[str, float], lines: Sequence[Line]

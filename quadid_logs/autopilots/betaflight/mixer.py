@@ -89,12 +89,32 @@ def before_linearisation(output: FloatArray, amount: float, version: tuple[int, 
     if not 0.0 < amount <= _MOST_LINEAR:
         return output
     x = np.linspace(0.0, 1.0, _CURVE_POINTS)
+    return np.asarray(np.interp(output, linearised(x, amount, version), x), dtype=np.float64)
+
+
+def linearised(x: FloatArray, amount: float, version: tuple[int, ...] | None) -> FloatArray:
+    """Return the outputs that ``thrust_linear`` makes: the inverse of `before_linearisation`.
+
+    Parameters
+    ----------
+    x : ndarray
+        From 0 to 1, rising.
+    amount, version
+        As of `before_linearisation`.
+
+    Returns
+    -------
+    ndarray
+        Shape of `x`.
+    """
+    if not 0.0 < amount <= _MOST_LINEAR:
+        return x
     rest = 1.0 - x
     if version is not None and version < _SECOND_CURVE_SINCE:
         curve = x * (1.0 + amount * rest**2)
     else:
         curve = x * (1.0 + amount * rest * (1.0 + amount * (rest - x)))
-    return np.asarray(np.interp(output, np.maximum.accumulate(curve), x), dtype=np.float64)
+    return np.maximum.accumulate(curve)
 
 
 def highest_output(voltage: FloatArray, settings: Mapping[str, float]) -> FloatArray:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from quadid_logs.autopilots.generic.advice import Advice
     from quadid_logs.data.controller import FlownControllers, ReplayInput
     from quadid_logs.data.health import Line
+    from quadid_logs.data.off_nominal import ThrustLaw
     from quadid_logs.data.tuning import FilterChoices, Tunable
 
 
@@ -80,6 +81,12 @@ class Px4(Autopilot):
         from quadid_logs.autopilots.px4.gains import tunable
 
         return tunable(parameters)
+
+    def thrust_law(self, log: FlightLog, parameters: Mapping[str, float]) -> ThrustLaw:  # noqa: ARG002
+        """THR_MDL_FAC and MC_BAT_SCALE_EN."""
+        from quadid_logs.autopilots.px4.thrust_law import thrust_law
+
+        return thrust_law(parameters)
 
     def filter_choices(
         self, log: FlightLog, parameters: Mapping[str, float], lines: Sequence[Line]

@@ -10,9 +10,14 @@ from quadid_logs.autopilots.px4.controller import AXIS_NAMES
 from quadid_logs.data.autotune import PolePlacement
 from quadid_logs.data.tuning import GainNames, Tunable
 
-#: mc_rate_control_params.c and mc_att_control_params.c, @max.
-_HIGHEST: Final = {"K": 5.0, "P": 0.5, "D": 0.01}
-_HIGHEST_ANGLE: Final = 12.0
+#: mc_rate_control_params.c, @max, and max of its successor in YAML: I has none, nor has D of pitch and yaw.
+_HIGHEST: Final = {
+    "ROLL": {"K": 5.0, "P": 0.5, "D": 0.01},
+    "PITCH": {"K": 5.0, "P": 0.6},
+    "YAW": {"K": 5.0, "P": 0.6},
+}
+#: mc_att_control_params.c, @max, and max of its successor in YAML.
+_HIGHEST_ANGLE: Final = {"ROLL": 12.0, "PITCH": 12.0, "YAW": 5.0}
 _FILTERS: Final = ("IMU_DGYRO_CUTOFF", "IMU_GYRO_CUTOFF")
 #: Of CA_AIRFRAME: a multirotor, and one with tilted rotors.
 _MULTIROTORS: Final = (0.0, 6.0)
@@ -70,7 +75,8 @@ def _names(name: str, parameters: Mapping[str, float]) -> GainNames:
         filters=_FILTERS,
         low_passes=_FILTERS if name != "YAW" else (*_FILTERS, "MC_YAW_TQ_CUTOFF"),
         angle=angle,
-        highest={f"{prefix}{short}": value for short, value in _HIGHEST.items()} | {angle: _HIGHEST_ANGLE},
+        highest={f"{prefix}{short}": value for short, value in _HIGHEST[name].items()}
+        | {angle: _HIGHEST_ANGLE[name]},
     )
 
 

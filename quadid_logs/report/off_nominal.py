@@ -1,0 +1,162 @@
+"""The margins of a vehicle otherwise than it flew, in words, in a table, and for programs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any, Final
+
+from quadid_logs.control.room import whole
+from quadid_logs.data.closed_loop import Estimated, LoopMargins, Margins
+from quadid_logs.data.off_nominal import Condition, ConditionKind, ConditionMargins
+from quadid_logs.data.tuning import AxisTuning, Tuning
+from quadid_logs.report.cells import Cell, Table
+from quadid_logs.report.loop_json import margins_dict
+from quadid_logs.report.numbers import interval, number, resolved
+
+_BATTERIES: Final = (ConditionKind.BATTERY_FULL, ConditionKind.BATTERY_EMPTY)
+
+
+def condition_words(condition: Condition) -> str:
+    """Name a condition.
+
+    Parameters
+    ----------
+    condition : Condition
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> from quadid_logs.data.off_nominal import Condition, ConditionKind
+    >>> condition_words(Condition(ConditionKind.HEAVIER, mass=1.2, inertia=1.2))
+    '20 % heavier'
+    """
+    kinds = ConditionKind
+    match condition.kind:
+        case kinds.BATTERY_FULL:
+            return f"battery full ({number(condition.voltage_v, 3)} V)"
+        case kinds.BATTERY_EMPTY:
+            return f"battery empty ({number(condition.voltage_v, 3)} V)"
+        case kinds.LIGHTER:
+            return f"{_percent(condition.mass)} lighter"
+        case kinds.HEAVIER:
+            return f"{_percent(condition.mass)} heavier"
+        case kinds.PAYLOAD:
+            return f"{_percent(condition.mass)} heavier by a load at the centre"
+        case kinds.THIN_AIR | kinds.DENSE_AIR:
+            return f"air of {number(100.0 * condition.density, 3)} % of its density"
+        case kinds.SMALLER_PROPELLER:
+            return f"propellers {_percent(condition.propeller)} smaller"
+        case kinds.LARGER_PROPELLER:
+            return f"propellers {_percent(condition.propeller)} larger"
+
+
+def _percent(factor: float) -> str:
+    return f"{number(100.0 * abs(factor - 1.0), 2)} %"
+
+
+def off_nominal_tables(tuning: Tuning) -> Iterator[Table]:
+    """Yield the margins in each condition, a table for each axis.
+
+    Parameters
+    ----------
+    tuning : Tuning
+
+    Yields
+    ------
+    Table
+    """
+    for axis, found in tuning.axes.items():
+        if not found.off_nominal:
+            continue
+        changes = found.verdict == "change"
+        yield Table(
+            caption=f"{axis.capitalize()}, {'flown → next gains' if changes else 'flown gains'}",
+            head=("condition", "gain [dB]", "phase [deg]", "disk"),
+            rows=tuple(_row(one, changes=changes) for one in found.off_nominal),
+        )
+
+
+def off_nominal_note(tuning: Tuning) -> str:
+    """Say what the tables hold.
+
+    Parameters
+    ----------
+    tuning : Tuning
+
+    Returns
+    -------
+    str
+    """
+    kinds = {one.condition.kind for found in tuning.axes.values() for one in found.off_nominal}
+    without = "" if kinds.intersection(_BATTERIES) else " The log does not tell the battery's voltage."
+    return (
+        "In each row one thing differs from this flight, and the vehicle turns so many times as much per "
+        "command. The margins are those with the angle loop where it is known. Small: the 95 % interval with "
+        "the last named gains." + without
+    )
+
+
+def _row(one: ConditionMargins, *, changes: bool) -> tuple[Cell, ...]:
+    words = condition_words(one.condition)
+    turns = f"turns ×{number(one.effectiveness.value, 3)}"
+    head = Cell(text=f"{words} (worst case)" if one.worst else words, detail=turns)
+    before = whole(one.now)
+    if not changes or one.next is None:
+        return (head, *(_cell(None, figure) for figure in _figures(before)))
+    pairs = zip(_figures(before), _figures(whole(one.next)), strict=True)
+    return (head, *(_cell(flown, figure) for flown, figure in pairs))
+
+
+def _figures(margins: Margins) -> tuple[Estimated | None, ...]:
+    return margins.gain_margin_db, margins.phase_margin_deg, margins.disk_margin
+
+
+def _cell(flown: Estimated | None, figure: Estimated | None) -> Cell:
+    before = "" if flown is None else f"{resolved(flown.value, *flown.ci95)} → "
+    if figure is None:
+        return Cell(text=f"{before}–")
+    return Cell(text=before + resolved(figure.value, *figure.ci95), detail=interval(*figure.ci95))
+
+
+def off_nominal_dict(found: AxisTuning) -> list[dict[str, Any]]:
+    """Return ``off_nominal`` of an axis: one entry for each condition.
+
+    Parameters
+    ----------
+    found : AxisTuning
+
+    Returns
+    -------
+    list of dict
+        Values not yet `plain`.
+    """
+    return [
+        {
+            "condition": one.condition.kind.value,
+            "mass": one.condition.mass,
+            "inertia": one.condition.inertia,
+            "density": one.condition.density,
+            "propeller": one.condition.propeller,
+            "voltage_v": one.condition.voltage_v if math.isfinite(one.condition.voltage_v) else None,
+            "effectiveness": _estimated(one.effectiveness),
+            "lag": _estimated(one.lag),
+            "now": _loops(one.now),
+            "next": None if one.next is None else _loops(one.next),
+            "part_of_limits": one.spare if math.isfinite(one.spare) else None,
+            "worst": one.worst,
+        }
+        for one in found.off_nominal
+    ]
+
+
+def _loops(margins: LoopMargins) -> dict[str, Any]:
+    full = None if margins.full is None else margins_dict(margins.full)
+    return {"rate": margins_dict(margins.rate), "full": full}
+
+
+def _estimated(figure: Estimated) -> dict[str, Any]:
+    return {"value": figure.value, "ci95": list(figure.ci95)}
