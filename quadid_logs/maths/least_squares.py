@@ -56,10 +56,8 @@ def without_rounding(remainder: FloatArray, original: FloatArray) -> FloatArray:
     >>> bool(without_rounding(original - original.mean(axis=0), original).any())
     False
     """
-    n_samples, rounding = len(original), np.finfo(np.float64).eps
-    told = np.linalg.norm(remainder, axis=0) > rounding * np.sqrt(n_samples) * np.linalg.norm(
-        original, axis=0
-    )
+    rounding = np.finfo(np.float64).eps * np.sqrt(len(original))
+    told = np.linalg.norm(remainder, axis=0) > rounding * np.linalg.norm(original, axis=0)
     return np.where(told, remainder, 0.0)
 
 

@@ -85,10 +85,8 @@ def band_both_ways(values: FloatArray, band_hz: tuple[float, float], period_s: f
     The ends are reflected about their last values, and each run begins as if its first value had always stood
     there, as in `scipy.signal.sosfiltfilt`.
     """
-    before, after = (
-        2.0 * values[:1] - values[_REFLECTED:0:-1],
-        2.0 * values[-1:] - values[-2 : -_REFLECTED - 2 : -1],
-    )
+    before = 2.0 * values[:1] - values[_REFLECTED:0:-1]
+    after = 2.0 * values[-1:] - values[-2 : -_REFLECTED - 2 : -1]
     found = np.concatenate([before, values, after])
     sections = _butterworth_band(*band_hz, period_s)
     for _ in range(2):
