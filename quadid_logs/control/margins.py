@@ -262,11 +262,17 @@ def _where(mask: BoolArray) -> tuple[IntArray, IntArray]:
 
 
 def _least(row: IntArray, values: FloatArray, n_rows: int) -> IntArray:
-    """Return for each row the number of its least value, the first of equal ones; -1 where it has none."""
-    order = np.lexsort((values, row))
-    first = order[np.diff(row[order], prepend=-1) > 0]
+    """Return for each row the number of its least value, the first of equal ones; -1 where it has none.
+
+    ``row`` rises.
+    """
     found = np.full(n_rows, -1, dtype=np.int64)
-    found[row[first]] = first
+    if row.size:
+        starts = np.flatnonzero(np.diff(row, prepend=-1))
+        counts = np.diff(starts, append=row.size)
+        least = np.flatnonzero(values == np.repeat(np.minimum.reduceat(values, starts), counts))[::-1]
+        # Of equal ones the first is written last.
+        found[row[least]] = least
     return found
 
 
