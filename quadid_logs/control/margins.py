@@ -268,9 +268,10 @@ def _least(row: IntArray, values: FloatArray, n_rows: int) -> IntArray:
     """
     found = np.full(n_rows, -1, dtype=np.int64)
     if row.size:
-        starts = np.flatnonzero(np.diff(row, prepend=-1))
-        counts = np.diff(starts, append=row.size)
-        least = np.flatnonzero(values == np.repeat(np.minimum.reduceat(values, starts), counts))[::-1]
+        is_next = np.ones(row.size, dtype=np.bool_)
+        is_next[1:] = row[1:] != row[:-1]
+        of_row = np.minimum.reduceat(values, np.flatnonzero(is_next))
+        least = np.flatnonzero(values == of_row[np.cumsum(is_next) - 1])[::-1]
         # Of equal ones the first is written last.
         found[row[least]] = least
     return found
