@@ -164,7 +164,7 @@ GAINS = (*AXES, "at target", "contradicted", "uneven")
 QUICK = {
     "ardupilot": ("pitch", "at target", "contradicted", "uneven"),
     "px4": ("yaw",),
-    "betaflight": ("roll",),
+    "betaflight": ("roll", "pitch"),
 }
 
 
