@@ -198,8 +198,8 @@ def _orthonormal(columns: FloatArray) -> FloatArray:
     length = np.linalg.norm(columns, axis=0)
     moving = length > 0.0
     basis = columns / length if moving.all() else columns[:, moving] / length[moving]
-    if not basis.shape[1]:
-        return basis
+    if not moving.any():
+        return np.empty((len(columns), 0))
     for _ in range(2):
         value, vector = np.linalg.eigh(basis.T @ basis)
         seen = value > _ROUNDING * value[-1]

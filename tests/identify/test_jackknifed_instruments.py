@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from quadid_logs.identify.design import Design, _not_held, build_design
+from quadid_logs.identify.first_stage import first_stage
 from quadid_logs.identify.instruments import Projection, from_attitude
 from quadid_logs.identify.structures import DAMPED
 
@@ -94,6 +95,14 @@ def test_a_set_point_that_stands_still_is_no_instrument(design: Design) -> None:
     still = np.tile([0.3, -0.1, 7.0], (n, 1))
     before = dataclasses.replace(design, instruments=still, high_pass_hz=0.0)
     assert Projection.onto(before.high_passed(0.3).instruments).n_instruments == 0
+
+
+@pytest.mark.parametrize("value", [0.0, 0.3])
+def test_set_points_that_never_move_tell_no_torque(design: Design, value: float) -> None:
+    """Of zeros nothing is left to make a basis of, which stopped the analysis."""
+    found = first_stage(dataclasses.replace(design, instruments=np.full((design.time_s.size, 3), value)))
+    assert found is not None
+    assert not found.strong.any()
 
 
 def test_a_constant_is_no_instrument_once_it_is_high_passed(design: Design) -> None:
