@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -15,12 +15,12 @@ from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, LoopMargins, Plan
 from quadid_logs.data.controller import Replay
 from quadid_logs.data.diagnosis import AxisVerdict, Diagnosis
 from quadid_logs.data.result import Result
-from quadid_logs.data.tuning import GOOD, AxisTuning, Tuning
+from quadid_logs.data.tuning import AxisTuning, Tuning
 from quadid_logs.diagnose import with_findings
 from quadid_logs.report.tune_view import TuneAxisView, tune_view
 from quadid_logs.simulate.true_loop import true_plant
 from quadid_logs.simulate.truth import flight_truth
-from quadid_logs.tuning import recommend, tuning_of
+from quadid_logs.tuning import tuning_of
 from quadid_logs.vocabulary import AXES
 from tests.tuned_flights import flown, recorded
 
@@ -113,11 +113,13 @@ def with_gains(
     *,
     integral: float = 1.0,
     values: Mapping[str, float] | None = None,
+    axes: Sequence[str] = AXES,
     **loop: object,
 ) -> Result:
     """Return the flight of the same vehicle with other gains, which replay as if they had flown.
 
     ``factors`` are on all gains of an axis, ``integral`` is on I beside the others; ``values`` stand instead.
+    The loop is known of some ``axes`` only.
     """
     now = as_logged(autopilot)
     model, tunable = now.identification.recommended, named(autopilot).tunable(now.log.parameters)
@@ -132,8 +134,8 @@ def with_gains(
     log = replace(now.log, parameters=parameters)
     controllers = named(autopilot).controllers(log, parameters)
     assert controllers is not None
-    axes, per_unit = {}, per_command(now.data, model)
-    for axis in AXES:
+    closed_axes, per_unit = {}, per_command(now.data, model)
+    for axis in axes:
         controller = controllers.axes[axis]
         known = vehicles(*per_unit, AXES.index(axis), controller)
         assert known is not None
@@ -141,8 +143,8 @@ def with_gains(
         margins = scaled_loops(controller, known.plants, known_hz).margins()
         replayed = Replay(relative_rms={}, agrees=True)
         fields = {"margins": margins, "replay": replayed, "known_hz": known_hz, **loop}
-        axes[axis] = AxisLoop(plants=known.plants, **fields)  # type: ignore[arg-type]
-    closed = ClosedLoop(controllers=controllers, axes=axes)
+        closed_axes[axis] = AxisLoop(plants=known.plants, **fields)  # type: ignore[arg-type]
+    closed = ClosedLoop(controllers=controllers, axes=closed_axes)
     usable = AxisVerdict(verdict="usable", reasons=(), sentence="")
     before = Diagnosis(findings=(), axes=dict.fromkeys(AXES, usable))
     diagnosis = with_findings(before, find_in_loop(closed), autopilot)
@@ -170,8 +172,8 @@ QUICK = {
 def walked(autopilot: str, gains: str) -> tuple[Case, ...]:
     """Return the axes of a flight whose gains stand so: to be lowered, raised, kept or refused."""
     if gains == "uneven":
-        result = with_gains(autopilot, {"roll": 1.0}, integral=5.0)
-        return tuple(cases_of(autopilot, result, recommend(result, GOOD, ["roll"])))
+        result = with_gains(autopilot, {"roll": 1.0}, integral=5.0, axes=("roll",))
+        return tuple(cases_of(autopilot, result, tuning_of(result))[:1])
     if gains == "at target":
         first = walked(autopilot, QUICK[autopilot][0])
         targets = {name: one.target for each in first for name, one in each.found.gains.items()}

@@ -52,7 +52,7 @@ ULOG = ("products-of-inertia.ulg", ulog_with)
 @pytest.mark.parametrize(
     ("name", "damaged", "value"),
     [
-        (*DATAFLASH, math.nan),
+        thorough(*DATAFLASH, math.nan),
         (*DATAFLASH, 1e30),
         *(thorough(*DATAFLASH, value) for value in (math.inf, -math.inf, -1.0)),
         (*ULOG, math.nan),

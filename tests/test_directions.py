@@ -12,7 +12,8 @@ import pytest
 
 from quadid_logs.cli.tune import _show
 from quadid_logs.data.closed_loop import LoopMargins, Margins
-from quadid_logs.data.tuning import GOOD
+from quadid_logs.data.result import Result
+from quadid_logs.data.tuning import GOOD, Tuning
 from quadid_logs.report.gain_files import gain_files
 from quadid_logs.report.loop_view import loop_view
 from quadid_logs.report.next_flight import next_steps
@@ -190,7 +191,7 @@ def texts_of(case: Case) -> Iterator[str]:
         if case.axis in one.axes:
             yield from (one.title, one.advice)
     yield from (one for one in loop_view(case.result).sentences if one.lower().startswith(case.axis))
-    for text in (*gain_files(case.result, case.tuning).values(), *card(case)):
+    for text in (*gain_files(case.result, case.tuning).values(), *card(case.result, case.tuning)):
         yield from (line for line in text.splitlines() if re.search(rf"^\W*{case.axis}:", line))
     mine = [one for one in headline(case.tuning).lower().split("; ") if case.axis in one.split(":")[0]]
     assert len(mine) == 1
@@ -198,8 +199,8 @@ def texts_of(case: Case) -> Iterator[str]:
 
 
 @cache
-def card(case: Case) -> tuple[str, ...]:
-    return tuple(flight_files(case.result, case.tuning).values())
+def card(result: Result, tuning: Tuning) -> tuple[str, ...]:
+    return tuple(flight_files(result, tuning).values())
 
 
 def test_every_text_of_an_axis_points_where_its_gains_go(case: Case) -> None:
@@ -230,7 +231,7 @@ def test_page_card_and_terminal_send_back_the_same_axes(
     for others in (one for one in walks if one[0].tuning.changes):
         first = others[0]
         barred = [one.axis for one in others if one.found.changes and not one.view.way_back]
-        texts = (tune_page(first.result, first.tuning, NOWHERE), *card(first))
+        texts = (tune_page(first.result, first.tuning, NOWHERE), *card(first.result, first.tuning))
         _show(first.result, first.tuning, Path(), (), ())
         for text in (*texts, capsys.readouterr().out):
             assert not (barred and re.search(r"load back\.", text))

@@ -360,11 +360,10 @@ def _explained(
     through = np.abs(1.0 + loop) ** 2 / np.maximum(closes, np.finfo(float).tiny)
     by_noise, by_air = ((each @ taper).reshape(-1, taper.shape[1]) for each in (through, through * mode))
     seen, left, gained = noise.relative[lines], noise.left[lines], []
+    without = _deviance(seen / _with_left(1.0, seen, left))
     for air in _OF_AIR:
         expected = max(1.0 - air, 0.0) * by_noise + air * by_air
-        better = _deviance(seen / _with_left(1.0, seen, left)) - _deviance(
-            seen / _with_left(expected, seen, left)
-        )
+        better = without - _deviance(seen / _with_left(expected, seen, left))
         gained.append(better @ noise.n_independent[lines])
     return np.array(gained)
 
@@ -463,10 +462,7 @@ def _gain_used(modes: Modes, controller: AxisController, estimate: Plant) -> Flo
     frequency_hz = modes.natural_hz[:, np.newaxis] * (1.0 + modes.damping_ratio[:, np.newaxis] * away)
     every_hz = fine_grid_hz(controller.period_s)
     without = rate_loop(controller, estimate, every_hz)[0]
-    loop = np.interp(frequency_hz, every_hz, without.real) + 1j * np.interp(
-        frequency_hz, every_hz, without.imag
-    )
-    loop = loop * modes.response(frequency_hz)
+    loop = np.interp(frequency_hz, every_hz, without) * modes.response(frequency_hz)
     first, second = loop[:, :-1], loop[:, 1:]
     change = first.imag - second.imag
     crosses = (first.imag * second.imag <= 0.0) & (change != 0.0)

@@ -24,6 +24,8 @@ _CI = (0.025, 0.975)
 #: Where modes of frames are, and a third of the relative half width of the sharpest of them.
 _MODES_HZ: Final = (5.0, 75.0)
 _FINE_STEP: Final = 0.003
+#: Loops whose figures are computed at once: arrays of some hundred kilobytes.
+_AT_ONCE: Final = 100
 
 
 def grid_hz(period_s: float) -> FloatArray:
@@ -191,13 +193,29 @@ def figures_of(
     Disk margin: P. Seiler, A. Packard, P. Gahinet, "An introduction to disk margins," IEEE Control Systems
     40(5), 2020.
     """
-    crossover_hz, phase_rad, delay_s = phase_margin(frequency_hz, loop)
-    crossings = _on_negative_axis(loop)
+    parts = [
+        _figures_of_some(
+            frequency_hz,
+            loop[first : first + _AT_ONCE],
+            integrators,
+            unstable_poles[first : first + _AT_ONCE],
+        )
+        for first in range(0, max(len(loop), 1), _AT_ONCE)
+    ]
+    return LoopFigures(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+
+
+def _figures_of_some(
+    frequency_hz: FloatArray, loop: ComplexArray, integrators: int, unstable_poles: BoolArray
+) -> LoopFigures:
+    """Return the figures of so few loops that all arrays stay in the processor's cache."""
+    real, imag = np.ascontiguousarray(loop.real), np.ascontiguousarray(loop.imag)
+    power = real**2 + imag**2
+    crossover_hz, phase_rad, delay_s = _phase_margin(frequency_hz, loop, power)
+    crossings = _on_negative_axis(real, imag)
     gain, oscillation_hz, gain_down = _gain_margins(frequency_hz, crossings, len(loop))
-    # |S|^2 and 4 |S - 1/2|^2 with S = 1 / (1 + L).
-    square = loop.imag**2
-    distance = (1.0 + loop.real) ** 2 + square
-    skewed = (1.0 - loop.real) ** 2 + square
+    # |1 + L|^2; of S = 1 / (1 + L), 4 |S - 1/2|^2 is |1 - L|^2 over that.
+    distance = power + 2.0 * real + 1.0
     return LoopFigures(
         stable=_stable(loop, crossings, integrators, unstable_poles),
         crossover_hz=crossover_hz,
@@ -206,7 +224,7 @@ def figures_of(
         gain_margin=gain,
         oscillation_hz=oscillation_hz,
         gain_margin_down=gain_down,
-        disk_margin=2.0 / np.sqrt(np.max(skewed / distance, axis=1)),
+        disk_margin=2.0 / np.sqrt(1.0 - 4.0 * np.min(real / distance, axis=1)),
         peak_sensitivity=1.0 / np.sqrt(np.min(distance, axis=1)),
     )
 
@@ -225,24 +243,37 @@ class _Crossings(NamedTuple):
     sense: IntArray
 
 
-def _on_negative_axis(loop: ComplexArray) -> _Crossings:
-    """Return the crossings of straight lines between the points of loops (n_plants, n_frequencies)."""
-    row, before = np.nonzero(loop.imag[:, :-1] * loop.imag[:, 1:] <= 0.0)
-    some, other = loop[row, before], loop[row, before + 1]
-    change = some.imag - other.imag
-    place = np.divide(some.imag, change, where=change != 0.0, out=np.zeros(change.shape))
-    real = some.real + place * (other.real - some.real)
-    sense = (some.imag >= 0.0).astype(np.int64) - (other.imag >= 0.0)
-    kept = (change != 0.0) & (real < 0.0)
-    return _Crossings(row[kept], before[kept], place[kept], real[kept], sense[kept])
+def _on_negative_axis(real: FloatArray, imag: FloatArray) -> _Crossings:
+    """Return the crossings of straight lines between the points of loops, both (n_plants, n_frequencies)."""
+    row, before = _where(imag[:, :-1] * imag[:, 1:] <= 0.0)
+    some, other = imag[row, before], imag[row, before + 1]
+    change = some - other
+    place = np.divide(some, change, where=change != 0.0, out=np.zeros(change.shape))
+    first = real[row, before]
+    at = first + place * (real[row, before + 1] - first)
+    sense = (some >= 0.0).astype(np.int64) - (other >= 0.0)
+    kept = (change != 0.0) & (at < 0.0)
+    return _Crossings(row[kept], before[kept], place[kept], at[kept], sense[kept])
+
+
+def _where(mask: BoolArray) -> tuple[IntArray, IntArray]:
+    """Return rows and columns where a mask is set; `numpy.nonzero` of two dimensions takes far longer."""
+    return np.divmod(np.flatnonzero(mask), mask.shape[1])
 
 
 def _least(row: IntArray, values: FloatArray, n_rows: int) -> IntArray:
-    """Return for each row the number of its least value, the first of equal ones; -1 where it has none."""
-    order = np.lexsort((values, row))
-    first = order[np.diff(row[order], prepend=-1) > 0]
+    """Return for each row the number of its least value, the first of equal ones; -1 where it has none.
+
+    ``row`` rises.
+    """
     found = np.full(n_rows, -1, dtype=np.int64)
-    found[row[first]] = first
+    if row.size:
+        is_next = np.ones(row.size, dtype=np.bool_)
+        is_next[1:] = row[1:] != row[:-1]
+        of_row = np.minimum.reduceat(values, np.flatnonzero(is_next))
+        least = np.flatnonzero(values == of_row[np.cumsum(is_next) - 1])[::-1]
+        # Of equal ones the first is written last.
+        found[row[least]] = least
     return found
 
 
@@ -278,7 +309,7 @@ def is_stable(loop: ComplexArray, integrators: int, unstable_poles: BoolArray) -
     The argument principle: without an unstable pole of the closed loop, 1 + L turns by a quarter of a circle
     for each integrator and by a half for each unstable pole, from zero frequency to high ones, where it is 1.
     """
-    return _stable(loop, _on_negative_axis(loop), integrators, unstable_poles)
+    return _stable(loop, _on_negative_axis(loop.real, loop.imag), integrators, unstable_poles)
 
 
 def _stable(
@@ -310,8 +341,15 @@ def phase_margin(frequency_hz: FloatArray, loop: ComplexArray) -> tuple[FloatArr
     crossover_hz, phase_margin_rad, delay_margin_s : ndarray, shape (n_plants,)
         The crossover with the least phase to spare, that phase, and the least delay that any crossover bears.
     """
-    power = loop.real**2 + loop.imag**2
-    row, before = np.nonzero((power[:, :-1] > 1.0) & (power[:, 1:] <= 1.0))
+    return _phase_margin(frequency_hz, loop, loop.real**2 + loop.imag**2)
+
+
+def _phase_margin(
+    frequency_hz: FloatArray, loop: ComplexArray, power: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Do what `phase_margin` says, with the square of the gain."""
+    above = power > 1.0
+    row, before = _where(above[:, :-1] & (power[:, 1:] <= 1.0))
     level, after = np.log(power[row, before]), np.log(power[row, before + 1])
     place = level / (level - after)
     at_hz = _between(frequency_hz, before, place)

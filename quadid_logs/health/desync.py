@@ -10,6 +10,7 @@ import numpy as np
 from quadid_logs.align.series import CleanSeries, Interval
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.health.effectiveness import directions, motion
+from quadid_logs.maths.recurrence import band_both_ways
 
 #: The shortest loss that is searched for: a rotor needs about its lag to slow down, and as long to be back
 #: [s].
@@ -156,11 +157,8 @@ def _scale(
     accelerations: Sequence[FloatArray], sent: Sequence[FloatArray], signs: FloatArray, period_s: float
 ) -> FloatArray | None:
     """Return acceleration per torque of each axis; None where torque and acceleration do not go together."""
-    from scipy.signal import butter, sosfiltfilt
-
-    band = butter(2, _BAND_HZ, "bandpass", fs=1.0 / period_s, output="sos")
-    y = np.concatenate([sosfiltfilt(band, one, axis=0) for one in accelerations])
-    x = np.concatenate([sosfiltfilt(band, one @ signs.T, axis=0) for one in sent])
+    y = np.concatenate([band_both_ways(one, _BAND_HZ, period_s) for one in accelerations])
+    x = np.concatenate([band_both_ways(one @ signs.T, _BAND_HZ, period_s) for one in sent])
     power = np.sum(x**2, axis=0)
     if not (power > 0.0).all():
         return None

@@ -11,6 +11,8 @@ from quadid_logs.align.series import CleanSeries, Interval
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.health import Quantity
 from quadid_logs.health.records import records
+from quadid_logs.maths.recurrence import band_both_ways, linear_filter
+from quadid_logs.maths.student import student_95
 
 #: Where the torque of single rotors moves the vehicle: above the trim, below the rotors' own lag [Hz].
 _BAND_HZ: Final = (0.5, 8.0)
@@ -57,8 +59,6 @@ def motion(
     -------
     Motion or None
     """
-    from scipy.signal import lfilter
-
     found, period_s = records([rate, sent], intervals)
     if not found or not period_s * slowest_hz < 1.01:
         return None
@@ -72,7 +72,7 @@ def motion(
         [np.asarray(np.gradient(one.values[:, :3], period_s, axis=0)) for one in parts],
         [
             one.values[0, 3:]
-            + lfilter([weight], [1.0, weight - 1.0], one.values[:, 3:] - one.values[0, 3:], axis=0)
+            + linear_filter((weight,), (1.0, weight - 1.0), one.values[:, 3:] - one.values[0, 3:])
             for one in parts
         ],
         period_s,
@@ -105,16 +105,13 @@ def find_effectiveness(
     tuple of Quantity or None
         Over the mean of all rotors [1]; None where the flight tells no more than that rotors are alike.
     """
-    from scipy.signal import butter, sosfiltfilt
-
     nothing: tuple[Quantity | None, ...] = tuple(None for _ in place)
     moved = motion(sent, rate, intervals, _SLOWEST_HZ)
     if moved is None:
         return nothing
-    band = butter(2, _BAND_HZ, "bandpass", fs=1.0 / moved.period_s, output="sos")
     step = max(1, int(1.0 / (4.0 * _BAND_HZ[1] * moved.period_s)))
     parts = [
-        (sosfiltfilt(band, y, axis=0)[::step], sosfiltfilt(band, x, axis=0)[::step])
+        tuple(band_both_ways(one, _BAND_HZ, moved.period_s)[::step] for one in (y, x))
         for y, x in zip(moved.acceleration, moved.sent, strict=True)
     ]
     block = round(_BLOCK_S / (moved.period_s * step))
@@ -132,8 +129,6 @@ def _fitted(
     blocks: Sequence[tuple[FloatArray, FloatArray]], signs: FloatArray
 ) -> tuple[Quantity | None, ...]:
     """Solve for scales and effectiveness in turn; errors by what the blocks differ."""
-    from scipy.stats import t
-
     n_rotors = signs.shape[1]
     y = np.concatenate([one for one, _ in blocks])
     x = np.concatenate([one for _, one in blocks])
@@ -158,7 +153,7 @@ def _fitted(
     # The mean of all is one by definition.
     centre = np.eye(n_rotors) - 1.0 / n_rotors
     sigma = np.sqrt(np.diagonal(centre @ spread @ centre.T))
-    half = float(t.ppf(0.975, len(blocks) - 1)) * sigma
+    half = student_95(len(blocks) - 1) * sigma
     return tuple(
         Quantity(float(one), "1", (float(one - wide), float(one + wide))) if wide < _KNOWN else None
         for one, wide in zip(gives, half, strict=True)

@@ -11,6 +11,7 @@ from quadid_logs.align.series import CleanSeries, Interval
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.health import Quantity
 from quadid_logs.health.records import Record, records
+from quadid_logs.maths.student import student_95, student_tail
 
 #: The phase of a rotor is followed so long: its logged speed has errors [s].
 _WINDOW_S: Final = 0.5
@@ -125,8 +126,6 @@ def _noise_beside(left: FloatArray, angle: FloatArray) -> float:
 
 def _compared(power: FloatArray, weight: FloatArray) -> Shaking:
     """Hold each rotor against all others, over groups of windows."""
-    from scipy.stats import t
-
     n_rotors = power.shape[1]
     groups = np.array_split(np.arange(len(power)), _GROUPS)
     total = weight.sum(axis=0)
@@ -134,7 +133,7 @@ def _compared(power: FloatArray, weight: FloatArray) -> Shaking:
     by_group = np.array(
         [np.sum((weight * power)[rows], axis=0) / weight[rows].sum(axis=0) for rows in groups]
     )
-    half = float(t.ppf(0.975, _GROUPS - 1)) * by_group.std(axis=0, ddof=1) / np.sqrt(_GROUPS)
+    half = student_95(_GROUPS - 1) * by_group.std(axis=0, ddof=1) / np.sqrt(_GROUPS)
     size = tuple(
         Quantity(
             float(np.sqrt(max(one, 0.0))),
@@ -150,5 +149,5 @@ def _compared(power: FloatArray, weight: FloatArray) -> Shaking:
         error = float(more.std(ddof=1)) / np.sqrt(_GROUPS)
         if not (float(more.mean()) > 0.0 and error > 0.0):
             return Shaking(size, -1, 1.0)
-        p_value = max(p_value, float(t.sf(float(more.mean()) / error, _GROUPS - 1)))
+        p_value = max(p_value, student_tail(float(more.mean()) / error, _GROUPS - 1))
     return Shaking(size, worst, min(1.0, n_rotors * p_value))

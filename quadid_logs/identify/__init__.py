@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -106,27 +106,29 @@ def identify(
     high_passed = design.high_passed(settings.high_pass_hz)
     design = with_strong_instruments(design, high_passed, excited_axes(high_passed))
     data, design, curve = fit_thrust_curve(data, design, settings.high_pass_hz)
-    models, informative = _fit_all(data, design, structures, settings)
+    fits = _fit_first(data, design, structures, settings)
     used = design.high_passed(settings.high_pass_hz)
     told = [] if design.instruments is None else told_axes(used)
     found = responses(data, by_setpoints=told)
     if not settings.smoothing_hz and settings.high_pass_hz:
         # By set-points the response of an axis can be known before a fit of it is any good.
-        asked = told or informative
+        asked = told or fits.informative
         tilting = {axis: found[axis] for axis in asked if axis < 2 and found}
         for other, raised in _bands_of_the_response(tilting, band, data.sample_period_s, design):
             again = _fit_in(other, data, design, structures, settings, raised=raised)
-            models = again if _is_better(again, models, asked, raised=raised) else models
+            if again is not None and _is_better(again.model, fits.model, asked, raised=raised):
+                fits = again
+    models = [fits.model, *fits.others()]
     wanted = recommended or settings.structure
     identified = _identified(data, _recommend(models, wanted), design)
-    fits, told_again = _told_by_spectra(data, models[0], identified.excitation)
+    spectral, told_again = _told_by_spectra(data, models[0], identified.excitation)
     told_again = told_again if wanted in ("", models[0].structure) else ()
     if told_again:
         identified = _with_spectral(
-            identified, models[0].structure, fits, told_again, data, design, structures, settings
+            identified, models[0].structure, spectral, told_again, data, design, structures, settings
         )
-    fits = tuple(replace(each, used=axis in told_again) for axis, each in enumerate(fits))
-    return replace(identified, responses=found, thrust_curve=curve, spectral=fits)
+    spectral = tuple(replace(each, used=axis in told_again) for axis, each in enumerate(spectral))
+    return replace(identified, responses=found, thrust_curve=curve, spectral=spectral)
 
 
 def _told_by_spectra(
@@ -270,11 +272,11 @@ def _fit_in(
     settings: IdentifySettings,
     *,
     raised: bool,
-) -> list[Model]:
-    """Fit again in another band; nothing where no segment is as long as its filters reach."""
+) -> _Fits | None:
+    """Fit again in another band; None where no segment is as long as its filters reach."""
     other = build_design(data, band.high_hz, structures)
     if other is None:
-        return []
+        return None
     other = other.instrumented_as(design)
     # The reaction of the rotors rules yaw above a raised lower edge, so that yaw stays below; roll and pitch,
     # which slow air drives there, have no say in its lag and delay. What is only left out may be told by yaw.
@@ -285,27 +287,25 @@ def _fit_in(
         )
         own = None if raised and yaw.reaction is None else yaw
     settings = replace(settings, high_pass_hz=band.low_hz)
-    return _fit_all(data, other, structures, settings, yaw=own)[0]
+    return _fit_first(data, other, structures, settings, yaw=own)
 
 
-def _is_better(again: list[Model], models: list[Model], asked: Sequence[int], *, raised: bool) -> bool:
+def _is_better(again: Model, model: Model, asked: Sequence[int], *, raised: bool) -> bool:
     """Say whether a fit in the band of the response takes the place of that in the default one.
 
     Above a raised lower edge an axis must be explained: what is below is known to be another's, however well
     it was fitted. Without what is above an upper edge, or of which nothing is known, more must be explained:
     captured motion, for one, is often smoothed, and its empty upper frequencies harm nothing.
     """
-    if not again:
-        return False
     before, after = (
         np.array(
             [
-                each[0].validation.r2_acceleration.get(ACCELERATION_SYMBOLS[axis], 0.0)
+                each.validation.r2_acceleration.get(ACCELERATION_SYMBOLS[axis], 0.0)
                 for axis in asked
                 if axis < 2
             ]
         )
-        for each in (models, again)
+        for each in (model, again)
     )
     if raised:
         return bool(after.max() >= INFORMATIVE_R2)
@@ -313,43 +313,67 @@ def _is_better(again: list[Model], models: list[Model], asked: Sequence[int], *,
     return bool(np.prod(less) < (1.0 - _WORSE) ** less.size)
 
 
-def _fit_all(
+class _Fits(NamedTuple):
+    """The first structure fitted in a band: its model, the axes that it tells, and how to fit the others.
+
+    The others are only wanted of the band that is kept.
+    """
+
+    model: Model
+    informative: list[int]
+    others: Callable[[], list[Model]]
+
+
+def _fit_first(
     data: FlightData,
     design: Design,
     structures: Sequence[Structure],
     settings: IdentifySettings,
     *,
     yaw: YawFit | None = None,
-) -> tuple[list[Model], list[int]]:
-    """Fit every structure whose terms the flight has, in the order given; return the informative axes too.
+) -> _Fits:
+    """Fit the first structure equation by equation.
 
     ``yaw`` is an equation of yaw that was fitted in a band of its own.
     """
-    smoothing_hz = design.smoothing_hz
-    noise = ColumnNoise(noise_density(data), design.columns, _NOISE_BANDWIDTH * smoothing_hz)
-    first, known, models = None, yaw, []
-    for each in structures:
-        structure = each.known(design.torque.symbols)
-        if first is not None and YAW_REACTION in first.structure.terms:
-            structure = structure.with_reaction()
-        if not {*structure.regressors}.difference(structure.inputs) <= design.columns.keys():
-            continue
-        if structure.estimator == "as published":
-            models.append(fit_as_published(structure, data, design, settings, noise))
-            continue
-        if structure.estimator == "single rigid body":
-            found = None if first is None else fit_single_rigid_body(structure, data, first)
-        else:
-            known = fit_with_reaction(data, design, structure, settings, known=yaw)
-            found = known.fit
-            first = first or found
-        if found is not None:
-            model = actuated_model(data, found, settings, noise)
-            models.append(model if known is None else known.on(model))
+    noise = ColumnNoise(noise_density(data), design.columns, _NOISE_BANDWIDTH * design.smoothing_hz)
+    known = fit_with_reaction(data, design, structures[0].known(design.torque.symbols), settings, known=yaw)
+    model = known.on(actuated_model(data, known.fit, settings, noise))
     if yaw is not None:
         of_yaw = actuated_model(data, yaw.fit, settings, noise)
-        models[0] = replace(with_axis_of(models[0], of_yaw, 2, data), yaw_band=of_yaw.band)
-    return models, [] if first is None else first.informative
+        model = replace(with_axis_of(model, of_yaw, 2, data), yaw_band=of_yaw.band)
+
+    def others() -> list[Model]:
+        found = (
+            _fit_beside(each.known(design.torque.symbols), known, yaw, data, design, settings, noise)
+            for each in structures[1:]
+        )
+        return [one for one in found if one is not None]
+
+    return _Fits(model, known.fit.informative, others)
+
+
+def _fit_beside(
+    structure: Structure,
+    first: YawFit,
+    yaw: YawFit | None,
+    data: FlightData,
+    design: Design,
+    settings: IdentifySettings,
+    noise: ColumnNoise,
+) -> Model | None:
+    """Fit another structure than the first; None where the flight lacks its terms."""
+    if YAW_REACTION in first.fit.structure.terms:
+        structure = structure.with_reaction()
+    if not {*structure.regressors}.difference(structure.inputs) <= design.columns.keys():
+        return None
+    if structure.estimator == "as published":
+        return fit_as_published(structure, data, design, settings, noise)
+    if structure.estimator == "single rigid body":
+        rigid = fit_single_rigid_body(structure, data, first.fit)
+        return None if rigid is None else first.on(actuated_model(data, rigid, settings, noise))
+    known = fit_with_reaction(data, design, structure, settings, known=yaw)
+    return known.on(actuated_model(data, known.fit, settings, noise))
 
 
 def _recommend(models: list[Model], structure: str) -> tuple[Model, ...]:

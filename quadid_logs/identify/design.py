@@ -21,6 +21,7 @@ from quadid_logs.identify.structures import DISTURBANCES, STRUCTURES, Structure
 from quadid_logs.identify.terms import ANGLES, RATE_TERMS, TRIM, RotorField, Term, column_of
 from quadid_logs.identify.torque import RowGrid, RowTorque
 from quadid_logs.maths.band import delay_response, gaussian_reach_s, high_pass
+from quadid_logs.maths.least_squares import without_rounding
 from quadid_logs.maths.moving_mean import moving_mean
 from quadid_logs.vocabulary import TORQUE_SYMBOLS
 
@@ -123,7 +124,7 @@ class Design:
         if not high_pass_hz:
             return columns
         parts = [high_pass(part, self.period_s, high_pass_hz) for part in self._by_chunk(columns)]
-        return np.concatenate(parts)
+        return without_rounding(np.concatenate(parts), columns)
 
     def averaged(self, columns: FloatArray, n_rows: int) -> FloatArray:
         """Average columns over so many rows, chunk by chunk; beyond the ends they count as zero."""
@@ -384,7 +385,8 @@ def _not_held(chunk: Segment, held_per_s: FloatArray) -> Segment:
     if chunk.reference is None or chunk.attitude_rad is None:
         return chunk
     reference = chunk.reference.copy()
-    reference[:, :3] -= chunk.attitude_rad @ held_per_s
+    rest = reference[:, :3] - chunk.attitude_rad @ held_per_s
+    reference[:, :3] = without_rounding(rest, reference[:, :3])
     return replace(chunk, reference=reference)
 
 

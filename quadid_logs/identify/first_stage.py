@@ -12,6 +12,7 @@ from quadid_logs.identify.design import Design
 from quadid_logs.identify.excitation import excited_axes
 from quadid_logs.identify.inference import clusters_of
 from quadid_logs.identify.instruments import Projection, from_attitude, held_by_attitude
+from quadid_logs.maths.least_squares import without_rounding
 
 #: Instruments are weak that may leave a tenth of the bias which feedback makes without them. Of flights that
 #: are as weak as that, five in a hundred pass (both are Montiel Olea and Pflueger's own).
@@ -56,7 +57,7 @@ def first_stage(design: Design) -> FirstStage | None:
     train, clusters = design.train, clusters_of(design)
     columns = design.instruments[train]
     torque = design.torque.behind(0.0, 0.0)[train]
-    project = Projection.onto(columns - columns.mean(axis=0))
+    project = Projection.onto(without_rounding(columns - columns.mean(axis=0), columns))
     basis = project.directions(len(torque), np.arange(len(torque), dtype=np.int64))
     coordinates = project.coordinates(torque - torque.mean(axis=0))
     rest = torque - torque.mean(axis=0) - project.on_rows(coordinates)

@@ -315,9 +315,9 @@ def clusters_of(design: Design) -> IntArray:
     train = design.train
     length_s = min(_CLUSTER_S, np.count_nonzero(train) * design.period_s / MIN_CLUSTERS)
     # Clusters end where a chunk or a block ends: only neighbours in time are correlated.
-    elapsed = np.floor((design.time_s - design.time_s[0]) / length_s)
-    key = np.stack([design.block, elapsed.astype(np.int64)])[:, train]
-    return np.asarray(np.unique(key, axis=1, return_inverse=True)[1].ravel(), dtype=np.int64)
+    elapsed = np.floor((design.time_s - design.time_s[0]) / length_s).astype(np.int64)[train]
+    key = design.block[train] * (elapsed.max() + 1) + elapsed
+    return np.asarray(np.unique(key, return_inverse=True)[1], dtype=np.int64)
 
 
 def torque_effects(

@@ -94,7 +94,7 @@ class Projection:
             As many instruments as there are columns: no more follow a disturbance by chance than are needed.
             Itself without any instruments.
         """
-        if self._basis is None:
+        if not self.n_instruments or self._basis is None:
             return self
         told = np.empty_like(columns)
         products = self._basis.T @ columns
@@ -188,6 +188,9 @@ def _told_by_others(basis: FloatArray, columns: FloatArray, products: FloatArray
 def _orthonormal(columns: FloatArray) -> FloatArray:
     """Return an orthonormal basis of the columns' span, without directions that are rounding only.
 
+    Columns are scaled to unit length: one that is the rounding of what it came from has to be zero by now
+    (`without_rounding`), or it would pass for a direction of its own. Without any other, the basis is empty.
+
     By eigenvectors of the Gram matrix, twice: many rows of few columns go
     through matrix products only, and the second time removes what rounding
     left of the first (CholeskyQR2, Yamamoto et al. 2015, doi:10.1553/etna_vol44s306).
@@ -195,6 +198,8 @@ def _orthonormal(columns: FloatArray) -> FloatArray:
     length = np.linalg.norm(columns, axis=0)
     moving = length > 0.0
     basis = columns / length if moving.all() else columns[:, moving] / length[moving]
+    if not moving.any():
+        return np.empty((len(columns), 0))
     for _ in range(2):
         value, vector = np.linalg.eigh(basis.T @ basis)
         seen = value > _ROUNDING * value[-1]

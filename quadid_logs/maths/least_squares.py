@@ -29,6 +29,38 @@ class LeastSquares(NamedTuple):
     rank: int
 
 
+def without_rounding(remainder: FloatArray, original: FloatArray) -> FloatArray:
+    """Return what an operation has left of columns, zero where that is rounding.
+
+    Scaled to unit length, as a basis of the columns is made, rounding would look like a signal.
+
+    Parameters
+    ----------
+    remainder, original : ndarray, shape (n_samples, n_columns)
+        Columns after the operation and before it.
+
+    Returns
+    -------
+    ndarray, shape (n_samples, n_columns)
+
+    Notes
+    -----
+    Each sample is rounded in a sum over the samples, of n terms: by about eps sqrt(n) times their root mean
+    square, as rounding errors have either sign. So the norm of what is left is at least eps sqrt(n) times the
+    norm of the original, or it tells nothing (N. Higham, Accuracy and Stability of Numerical Algorithms,
+    2002, sec. 2.8).
+
+    Examples
+    --------
+    >>> original = np.full((1000, 1), 0.1)
+    >>> bool(without_rounding(original - original.mean(axis=0), original).any())
+    False
+    """
+    rounding = np.finfo(np.float64).eps * np.sqrt(len(original))
+    told = np.linalg.norm(remainder, axis=0) > rounding * np.linalg.norm(original, axis=0)
+    return np.where(told, remainder, 0.0)
+
+
 def solve_least_squares(regressors: FloatArray, targets: FloatArray) -> LeastSquares:
     r"""Minimise :math:`\lVert Z \Theta^T - Y \rVert_F` with unit-length columns of Z.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -39,6 +40,7 @@ class Multisine(NamedTuple):
         return self.peak / float(np.sqrt(0.5 * self.harmonics.size))
 
 
+@lru_cache(maxsize=16)
 def orthogonal(bands: tuple[tuple[float, float], ...], n_lines: int, seed: int = 0) -> tuple[Multisine, ...]:
     """Return multisines of odd harmonics, no harmonic in two of them.
 
@@ -86,24 +88,22 @@ def _flattened(phases: FloatArray) -> FloatArray:
     """
     from scipy.optimize import minimize
 
-    n = phases.size
-    turns = np.linspace(0.0, 1.0, _PER_LINE * n, endpoint=False)
-    angle = 2.0 * np.pi * np.multiply.outer(turns, np.arange(n))
     for order in _ORDERS:
         phases = minimize(
-            _norm, phases, args=(angle, order), jac=True, method="L-BFGS-B", options={"maxiter": _MOST_STEPS}
+            _norm, phases, args=(order,), jac=True, method="L-BFGS-B", options={"maxiter": _MOST_STEPS}
         ).x
     return np.asarray(np.angle(np.exp(1j * phases)), dtype=np.float64)
 
 
-def _norm(phases: FloatArray, angle: FloatArray, order: int) -> tuple[float, FloatArray]:
+def _norm(phases: FloatArray, order: int) -> tuple[float, FloatArray]:
     """Return the logarithm of a norm of the envelope's square, and its derivatives by the phases."""
-    lines = np.exp(1j * (angle + phases))
-    envelope = lines.sum(axis=1)
-    square = np.abs(envelope) ** 2 / phases.size
-    power = np.mean(square**order)
-    by_phase = 2.0 * np.imag(envelope[:, np.newaxis] * lines.conj()) / phases.size
-    slope = np.mean(square[:, np.newaxis] ** (order - 1) * by_phase, axis=0) / power
+    n, lines = phases.size, np.exp(1j * phases)
+    envelope = np.fft.ifft(lines, _PER_LINE * n, norm="forward")
+    square = np.abs(envelope) ** 2 / n
+    weight = square ** (order - 1)
+    power = float(np.mean(weight * square))
+    by_line = np.fft.fft(weight * envelope, norm="forward")[:n]
+    slope = 2.0 / (n * power) * np.imag(lines.conj() * by_line)
     return float(np.log(power) / order), np.asarray(slope, dtype=np.float64)
 
 

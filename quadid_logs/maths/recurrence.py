@@ -6,10 +6,14 @@ Not scipy.signal: it takes longer to import than everything else that an analysi
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
+
+#: Three times the coefficients of a filter of fourth order.
+_REFLECTED: Final = 15
 
 
 def linear_filter(
@@ -58,6 +62,54 @@ def lag(values: FloatArray, period_s: float, lag_s: float) -> FloatArray:
     found = linear_filter((1.0 - decay,), (1.0, -decay), values - values[:1])
     found += values[:1]
     return found
+
+
+def band_both_ways(values: FloatArray, band_hz: tuple[float, float], period_s: float) -> FloatArray:
+    """Return values behind a Butterworth band-pass of second order, run forwards and backwards: no phase.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,) or (n, n_columns)
+        More of them than are reflected at either end.
+    band_hz : (low, high)
+        Where one run leaves half of the power; below half the sample rate.
+    period_s : float
+        Between the values [s].
+
+    Returns
+    -------
+    ndarray, shape of `values`
+
+    Notes
+    -----
+    The ends are reflected about their last values, and each run begins as if its first value had always stood
+    there, as in `scipy.signal.sosfiltfilt`.
+    """
+    before = 2.0 * values[:1] - values[_REFLECTED:0:-1]
+    after = 2.0 * values[-1:] - values[-2 : -_REFLECTED - 2 : -1]
+    found = np.concatenate([before, values, after])
+    sections = _butterworth_band(*band_hz, period_s)
+    for _ in range(2):
+        found = found - found[:1]
+        for numerator, denominator in sections:
+            found = linear_filter(numerator, denominator, found)
+        found = found[::-1]
+    return found[_REFLECTED : _REFLECTED + len(values)]
+
+
+def _butterworth_band(low_hz: float, high_hz: float, period_s: float) -> list[tuple[FloatArray, FloatArray]]:
+    """Return both sections of a band-pass of second order, by the bilinear transform."""
+    low, high = (2.0 / period_s * np.tan(np.pi * each * period_s) for each in (low_hz, high_hz))
+    width, centre = high - low, low * high
+    # Each pole of the low-pass, at 135 degrees and its mirror, becomes two of the band-pass.
+    half = 0.5 * width * np.exp(0.75j * np.pi)
+    aside = np.sqrt(half**2 - centre + 0j)
+    sections = []
+    for pole in (half + aside, half - aside):
+        at = (2.0 / period_s + pole) / (2.0 / period_s - pole)
+        gain = 2.0 / period_s * width / np.abs(2.0 / period_s - pole) ** 2
+        sections.append((gain * np.array([1.0, 0.0, -1.0]), np.array([1.0, -2.0 * at.real, np.abs(at) ** 2])))
+    return sections
 
 
 def _substituted(bands: FloatArray, right: FloatArray) -> FloatArray:

@@ -25,6 +25,30 @@ def student_95(degrees: int) -> float:
     return float(stdtrit(max(degrees, 1), 0.975))
 
 
+def student_tail(value: float, degrees: int) -> float:
+    """Return the probability that Student's t is above a value.
+
+    Parameters
+    ----------
+    value : float
+        In standard errors.
+    degrees : int
+        Of freedom, at least 1.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> round(student_tail(2.776, 4), 3)
+    0.025
+    """
+    from scipy.special import stdtr
+
+    return float(stdtr(max(degrees, 1), -value))
+
+
 def chi_square_tail(value: float, degrees: int) -> float:
     """Return the probability that chance makes a sum of squares of at least this.
 

@@ -29,6 +29,7 @@ from quadid_logs.report.loop_json import closed_loop_dict
 from quadid_logs.report.loop_view import loop_view
 from quadid_logs.vocabulary import AXES
 from tests.analyses import Analyzed
+from tests.marks import thorough
 
 STICKS, CHIRP, HOVER = (f"bf_quad_{name}.bbl" for name in ("sticks", "chirp", "hover"))
 PID = {"p_roll": 45.0, "i_roll": 80.0, "d_roll": 30.0}
@@ -260,7 +261,7 @@ def true_margins(corpus: Path, name: str, axis: str, **changes: float) -> Margin
 
 
 @pytest.mark.parametrize("axis", AXES)
-@pytest.mark.parametrize("name", [STICKS, CHIRP])
+@pytest.mark.parametrize("name", [STICKS, thorough(CHIRP)])
 def test_the_true_vehicles_margins_are_inside_the_intervals(
     corpus: Path, analyzed: Analyzed, name: str, axis: str
 ) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 
 import lupa.lua53
 import lupa.lua54
@@ -46,6 +46,7 @@ def sweep(axis: int, name: str) -> dict[str, float | str]:
     }
 
 
+@cache
 def script(*, multisine: bool = False) -> str:
     """Return a script of three sweeps and a multisine of 2 x 4 s."""
     sines = orthogonal(((3.0, 40.0), (3.0, 40.0), (3.0, 40.0)), 8)
@@ -62,9 +63,6 @@ def script(*, multisine: bool = False) -> str:
         },
     )
     return text.replace("FLY_MULTISINE = false", "FLY_MULTISINE = true") if multisine else text
-
-
-SCRIPTS = {on: script(multisine=on) for on in (False, True)}
 
 
 def starting(event: Callable[[Copter], None], event_s: float) -> Callable[[Copter], None]:
@@ -130,7 +128,7 @@ def flight(number: int) -> tuple[Copter, str, dict[str, float]]:
     copter = Copter(rng=rng, parameters=dict(flown), rate_targets=bool(rng.random() < 0.8))
     copter.refused = float(rng.choice([0.0, 0.01]))
     event = starting(EVENTS[name], 1.0 + rng.uniform(0.0, 38.0))
-    copter.run(SCRIPTS[multisine], 46.0, event, 1.0)
+    copter.run(script(multisine=multisine), 46.0, event, 1.0)
     # What made the calls fail ends, and so does the test.
     copter.broken = copter.refused = 0.0
     copter.switch = 0
@@ -152,13 +150,13 @@ def test_an_interpreter_accepts_the_script(version: object) -> None:
     """ArduPilot runs Lua 5.3; nothing of it is newer."""
     runtime = version.LuaRuntime()  # type: ignore[attr-defined]
     check = runtime.eval("function(text) return load(text) ~= nil end")
-    assert check(SCRIPTS[True])
+    assert check(script(multisine=True))
 
 
 def flown_through(*, multisine: bool = False) -> Copter:
     """Fly to the end."""
     copter = Copter(rng=np.random.default_rng(1))
-    copter.run(SCRIPTS[multisine], 50.0, starting(lambda _: None, 1e9), 1.0)
+    copter.run(script(multisine=multisine), 50.0, starting(lambda _: None, 1e9), 1.0)
     return copter
 
 
@@ -201,7 +199,7 @@ def test_the_multisine_keeps_its_rate_limit_and_is_periodic() -> None:
 def test_without_rate_targets_of_the_firmware_the_flight_ends_after_its_sweeps() -> None:
     """Before 4.6 the name does not exist."""
     copter = Copter(rng=np.random.default_rng(1), rate_targets=False)
-    copter.run(SCRIPTS[True], 50.0, starting(lambda _: None, 1e9), 1.0)
+    copter.run(script(multisine=True), 50.0, starting(lambda _: None, 1e9), 1.0)
     assert not copter.targets
     assert copter.mode == STABILIZE
 
@@ -218,7 +216,7 @@ def test_without_rate_targets_of_the_firmware_the_flight_ends_after_its_sweeps()
 def test_a_flight_that_may_not_begin_touches_nothing(changes: dict[str, float], words: str) -> None:
     """It says why."""
     copter = Copter(rng=np.random.default_rng(1), **changes)  # type: ignore[arg-type]
-    copter.run(SCRIPTS[False], 5.0, starting(lambda _: None, 1e9), 1.0)
+    copter.run(script(), 5.0, starting(lambda _: None, 1e9), 1.0)
     assert copter.parameters == DEFAULTS
     assert not copter.injected
     assert any(words in text for text in copter.texts)
@@ -227,14 +225,14 @@ def test_a_flight_that_may_not_begin_touches_nothing(changes: dict[str, float], 
 def test_a_switch_that_is_on_at_the_start_has_to_be_released_first() -> None:
     """A restart with the switch on would begin by itself."""
     copter = Copter(rng=np.random.default_rng(1), switch=2)
-    copter.run(SCRIPTS[False], 10.0, lambda _: None, 1.0)
+    copter.run(script(), 10.0, lambda _: None, 1.0)
     assert not copter.injected
 
 
 def test_a_lost_link_ends_in_land_where_no_failsafe_takes_over() -> None:
     """Stabilize without a pilot would be none."""
     copter = Copter(rng=np.random.default_rng(1))
-    copter.run(SCRIPTS[False], 20.0, starting(lambda one: setattr(one, "link", False), 8.0), 1.0)
+    copter.run(script(), 20.0, starting(lambda one: setattr(one, "link", False), 8.0), 1.0)
     assert copter.mode == LAND
 
 
@@ -242,7 +240,7 @@ def test_a_lost_link_ends_in_land_where_no_failsafe_takes_over() -> None:
 def test_a_mode_that_pilot_or_failsafe_have_chosen_stays(mode: int) -> None:
     """The script leaves only what it has entered."""
     copter = Copter(rng=np.random.default_rng(1))
-    copter.run(SCRIPTS[False], 20.0, starting(lambda one: one.change_mode(mode) and None, 8.0), 1.0)
+    copter.run(script(), 20.0, starting(lambda one: one.change_mode(mode) and None, 8.0), 1.0)
     assert copter.mode == mode
 
 
@@ -250,11 +248,11 @@ def test_a_magnitude_that_the_ground_station_raises_ends_the_sweep() -> None:
     """Within two rounds of the script."""
     copter = Copter(rng=np.random.default_rng(1))
     raised = partial(Copter.set_parameter, name="SID_MAGNITUDE", value=1.0)
-    copter.run(SCRIPTS[False], 20.0, starting(lambda one: raised(one) and None, 8.0), 1.0)
+    copter.run(script(), 20.0, starting(lambda one: raised(one) and None, 8.0), 1.0)
     assert sum(size > LIMITS[axis] * 1.001 for axis, size in copter.injected) * LOOP_S < 0.03
     assert copter.parameters == DEFAULTS
 
 
 def test_the_script_saves_nothing() -> None:
     """A restart brings back what the vehicle had."""
-    assert not re.search(r"set_and_save|:save", SCRIPTS[True])
+    assert not re.search(r"set_and_save|:save", script(multisine=True))

@@ -6,6 +6,7 @@ import math
 import sys
 import types
 from collections.abc import Callable
+from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -87,13 +88,16 @@ def flown(
     monkeypatch.setitem(sys.modules, "pymavlink", SimpleNamespace(mavutil=mavutil))
     monkeypatch.setattr(sys, "argv", ["excite.py"])
     module = types.ModuleType("excite")
-    exec(compile(SCRIPT, "excite.py", "exec"), module.__dict__)
+    exec(compile(script(), "excite.py", "exec"), module.__dict__)
     module.time = SimpleNamespace(monotonic=lambda: link.time_s, sleep=link.sleep)  # type: ignore[attr-defined]
     module.main()
     return link, capsys.readouterr().out.splitlines()[-1]
 
 
-SCRIPT = make_plan("px4").script_files()["excite.py"]
+@cache
+def script() -> str:
+    """Return the script of a plan for a vehicle that is not known."""
+    return make_plan("px4").script_files()["excite.py"]
 
 
 def test_an_undisturbed_flight_ends_after_its_two_periods(
@@ -152,7 +156,7 @@ def test_without_its_failsafes_it_does_not_begin(
 def test_nothing_faster_than_five_hertz_is_sent() -> None:
     """A stream of 50 Hz with jitter has ten set-points to a cycle then."""
     namespace: dict[str, Any] = {}
-    line = next(line for line in SCRIPT.splitlines() if line.startswith("MULTISINE"))
+    line = next(line for line in script().splitlines() if line.startswith("MULTISINE"))
     exec(line, namespace)
     assert max(hz for axis in namespace["MULTISINE"]["lines"] for hz, _ in axis) <= 5.0
 

@@ -9,8 +9,9 @@ import re
 import shlex
 import shutil
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -221,11 +222,17 @@ def output_of(arguments: tuple[str, ...]) -> str:
     return out.getvalue()
 
 
+@cache
+def verbs() -> Mapping[str, Any]:
+    """Return the commands by name."""
+    return typer.main.get_command(make_app()).commands  # type: ignore[attr-defined, no-any-return]
+
+
 def parsed(words: list[str]) -> None:
     """Parse a command without running it; what is no command raises."""
     assert words[0] == "quadid-log"
     if len(words) > 1:
-        verb = typer.main.get_command(make_app()).commands[words[1]]  # type: ignore[attr-defined]
+        verb = verbs()[words[1]]
         # `--help` says so and leaves.
         with contextlib.suppress(typer.Exit):
             verb.make_context(words[1], words[2:])
@@ -358,4 +365,4 @@ def test_every_command_of_the_documentation_is_one(page: str, line: str) -> None
     if len(words) > 2:
         parsed(words)
     elif not words[1].startswith("--"):
-        assert words[1] in typer.main.get_command(make_app()).commands, page  # type: ignore[attr-defined]
+        assert words[1] in verbs(), page

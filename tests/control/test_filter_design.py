@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import pytest
 from quadid_logs import analyze
 from quadid_logs.autopilots import named
 from quadid_logs.control import recommend as recommend_module
-from quadid_logs.control.filter_design import most_noise
+from quadid_logs.control.filter_design import Changes, most_noise
 from quadid_logs.control.filter_guard import is_no_worse, is_worth_it
 from quadid_logs.control.loop import gyro_filters
 from quadid_logs.control.separate_gains import _aliases
@@ -44,6 +44,23 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Result:
     record = fly(study._setup(scenario, setting, 1))
     write_log(log_flights((record,), scenario.logging), path)
     return analyze(path)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def searched_once() -> Iterator[None]:
+    """Search once for the filters of the same axes: what is held here is what becomes of them."""
+    found: dict[tuple[str, ...], Changes | None] = {}
+    search = recommend_module.design_filters
+
+    def once(searches: Mapping[str, Any], *given: Any, **named: Any) -> Changes | None:
+        axes = tuple(searches)
+        if axes not in found:
+            found[axes] = search(searches, *given, **named)
+        return found[axes]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(recommend_module, "design_filters", once)
+        yield
 
 
 @pytest.fixture(scope="module")

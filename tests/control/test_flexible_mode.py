@@ -15,6 +15,7 @@ from quadid_logs.data.closed_loop import FrameModes, Modes, Plant
 from quadid_logs.data.flight import FlightData
 from quadid_logs.simulate import simulate
 from tests.control.loop_flights import PERIOD_S, Vehicle, flight
+from tests.marks import thorough
 
 VEHICLE = Vehicle(P=0.05, D=0.0008)
 PLANT = Plant(*(np.array([value]) for value in (300.0, -2.0, 0.03, PERIOD_S)))
@@ -94,7 +95,7 @@ def test_the_gain_margin_that_is_told_of_a_frame_that_bends_is_not_above_its_own
     assert lowest_db(found) <= truth_db + 1.0
 
 
-@pytest.mark.parametrize("air", [0.03, 0.3, 3.0, 30.0])
+@pytest.mark.parametrize("air", [thorough(0.03), 0.3, thorough(3.0), thorough(30.0)])
 @pytest.mark.parametrize("mode", MODES)
 def test_torque_of_the_air_that_shakes_the_frame_does_not_hide_how_much_it_bends(
     mode: tuple[float, float, float], air: float

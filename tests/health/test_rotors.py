@@ -16,6 +16,7 @@ from quadid_logs.simulate import fly, plan_flights
 from quadid_logs.simulate.effects import Effects
 from quadid_logs.simulate.logger import Logging, log_flights
 from quadid_logs.simulate.scenarios import SCENARIOS
+from tests.marks import thorough
 
 #: Betaflight counts rear right, front right, rear left, front left; the others front right, rear left, front
 #: left, rear right.
@@ -44,7 +45,7 @@ def only_fault(health: Health) -> tuple[str, int, float]:
     return fault.code, fault.rotor, fault.size.value
 
 
-@pytest.mark.parametrize("autopilot", ["ardupilot", "px4", "betaflight"])
+@pytest.mark.parametrize("autopilot", [thorough("ardupilot"), "px4", thorough("betaflight")])
 def test_a_motor_that_loses_a_fifth_of_its_thrust_in_flight_is_named(autopilot: str) -> None:
     """Motor 3 of the simulator is the front left one, whatever its number in the log."""
     health = flown("motor-step", autopilot, duration_s=75.0)
@@ -79,7 +80,7 @@ def test_a_bent_propeller_is_named_by_its_rotor() -> None:
     assert size > 0.0
 
 
-@pytest.mark.parametrize("autopilot", ["ardupilot", "betaflight"])
+@pytest.mark.parametrize("autopilot", [thorough("ardupilot"), "betaflight"])
 def test_a_desync_of_80_ms_is_named_with_its_time(autopilot: str) -> None:
     """Motor 2 of the simulator is the rear left one; the manoeuvre begins 5.5 s after the simulation."""
     health = flown("desync", autopilot)
@@ -98,7 +99,7 @@ def test_an_accelerometer_at_the_end_of_its_range_is_found_without_a_counter() -
     assert only_fault(health)[:2] == ("QL432", 3)
 
 
-@pytest.mark.parametrize("scenario", ["rough-air", "no-setpoints", "wind"])
+@pytest.mark.parametrize("scenario", ["rough-air", thorough("no-setpoints"), thorough("wind")])
 def test_a_flight_without_a_fault_shows_none(scenario: str) -> None:
     """Multisines and sticks in rough air, and wind of 8 m/s."""
     health = flown(scenario, "px4", seed=4)

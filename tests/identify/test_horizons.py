@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 from quadid_logs.data.flight import FlightData
 from quadid_logs.errors import EmptyLogError, SettingsError
 from quadid_logs.identify.horizons import RatePredictor, fit_predictor
+from tests.marks import thorough
 
 from .vehicles import QUAD, Truth, flight_data, fly
 
@@ -50,7 +51,7 @@ def ahead() -> RatePredictor:
     return fit_predictor([pushed(seed) for seed in range(6)], HORIZONS)
 
 
-@pytest.mark.parametrize("seed", [100, 101, 102])
+@pytest.mark.parametrize("seed", [100, thorough(101), thorough(102)])
 def test_intervals_hold_in_flights_that_were_not_fitted(ahead: RatePredictor, seed: int) -> None:
     """95 % of the starts, as far as a flight of 25 s tells: half a second is 50 horizons of it."""
     for found in ahead.predict(pushed(seed)):

@@ -7,7 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from quadid_logs.identify.design import Design, build_design
+from quadid_logs.identify.design import Design, _not_held, build_design
+from quadid_logs.identify.first_stage import first_stage
 from quadid_logs.identify.instruments import Projection, from_attitude
 from quadid_logs.identify.structures import DAMPED
 
@@ -86,6 +87,40 @@ def test_setpoints_that_follow_from_the_attitude_command_nothing(design: Design)
         instruments=np.column_stack([-4.0 * phi, 4.0 * (commanded - theta), 4.0 * commanded]),
     )
     np.testing.assert_allclose(from_attitude(held), [1.0, 0.5, 0.0], atol=0.05)
+
+
+def test_a_set_point_that_stands_still_is_no_instrument(design: Design) -> None:
+    """What is slow was taken out of it: 1e-16 of it is left, which was scaled up to the others' length."""
+    n = design.time_s.size
+    still = np.tile([0.3, -0.1, 7.0], (n, 1))
+    before = dataclasses.replace(design, instruments=still, high_pass_hz=0.0)
+    assert Projection.onto(before.high_passed(0.3).instruments).n_instruments == 0
+
+
+@pytest.mark.parametrize("value", [0.0, 0.3])
+def test_set_points_that_never_move_tell_no_torque(design: Design, value: float) -> None:
+    """Of zeros nothing is left to make a basis of, which stopped the analysis."""
+    found = first_stage(dataclasses.replace(design, instruments=np.full((design.time_s.size, 3), value)))
+    assert found is not None
+    assert not found.strong.any()
+
+
+def test_a_constant_is_no_instrument_once_it_is_high_passed(design: Design) -> None:
+    """The trim of a model is its own instrument, and a high pass leaves nothing of it."""
+    n = design.time_s.size
+    constant = design.high_pass(np.ones((n, 1)), 0.3)
+    moving = design.high_pass(np.random.default_rng(10).standard_normal((n, 2)), 0.3)
+    assert Projection.onto(np.column_stack([moving, constant])).n_instruments == 2
+
+
+def test_set_points_that_an_angle_controller_makes_are_no_instruments_without_them(design: Design) -> None:
+    """What follows from the attitude was taken out, and nothing else was commanded."""
+    held = np.diag([-4.0, -5.0, -2.0])
+    attitude = 0.1 * np.random.default_rng(11).standard_normal((2000, 3))
+    chunk = dataclasses.replace(
+        design.chunks[0], attitude_rad=attitude, reference=np.nextafter(attitude @ held, np.inf)
+    )
+    assert not _not_held(chunk, held).reference.any()
 
 
 def test_without_attitude_no_setpoint_is_said_to_hold_one(design: Design) -> None:

@@ -17,6 +17,7 @@ from quadid_logs.identify.torque_path import torque_path
 from quadid_logs.load import load
 from quadid_logs.simulate import simulate
 from quadid_logs.writers import write_log
+from tests.marks import thorough
 
 _STEP_S = 1.0 / 1600.0
 DURATION_S = 40.0
@@ -152,10 +153,10 @@ def computed_from_rates(log: FlightLog) -> FlightLog:
     ("ending", "autopilot", "rate_hz"),
     [
         ("bin", "ardupilot", 50.0),
-        ("bin", "ardupilot", 400.0),
-        ("ulg", "px4", 100.0),
+        thorough("bin", "ardupilot", 400.0),
+        thorough("ulg", "px4", 100.0),
         ("ulg", "px4", 400.0),
-        ("bbl", "betaflight", 100.0),
+        thorough("bbl", "betaflight", 100.0),
         ("bbl", "betaflight", 400.0),
     ],
 )

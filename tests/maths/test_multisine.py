@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadid_logs.maths.multisine import orthogonal
+from quadid_logs.maths.multisine import _norm, orthogonal
 
 BANDS = ((5.0, 200.0), (5.0, 200.0), (3.0, 100.0))
 
@@ -17,6 +17,15 @@ def test_peaks_are_below_1_6_times_the_rms(n_lines: int) -> None:
     for one in orthogonal(BANDS, n_lines):
         wave = one.wave(time)
         assert np.abs(wave).max() / np.sqrt(np.mean(wave**2)) < 1.6
+
+
+@pytest.mark.parametrize("order", [2, 32])
+def test_the_slope_of_a_norm_is_that_by_differences(order: int) -> None:
+    """Or the search for low peaks walks in another direction than down."""
+    phases = np.random.default_rng(2).uniform(0.0, 2.0 * np.pi, 7)
+    slope, step = _norm(phases, order)[1], 1e-6 * np.eye(7)
+    by_differences = [(_norm(phases + one, order)[0] - _norm(phases - one, order)[0]) / 2e-6 for one in step]
+    np.testing.assert_allclose(slope, by_differences, atol=1e-6)
 
 
 def test_over_a_period_no_two_go_together() -> None:

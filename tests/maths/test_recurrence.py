@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from quadid_logs.maths.recurrence import lag, linear_filter
+from quadid_logs.maths.recurrence import band_both_ways, lag, linear_filter
 
 VALUES = np.random.default_rng(3).standard_normal((500, 2))
 
@@ -20,6 +20,18 @@ def test_a_digital_filter_gives_what_scipy_gives(order: int) -> None:
     numerator, denominator = signal.butter(order, 0.05)
     expected = signal.lfilter(numerator, denominator, VALUES, axis=0)
     np.testing.assert_allclose(linear_filter(numerator, denominator, VALUES), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("band_hz", "rate_hz"), [((0.3, 5.0), 1000.0), ((0.5, 8.0), 50.0), ((2.0, 20.0), 100.0)]
+)
+def test_a_band_both_ways_gives_what_scipy_gives(band_hz: tuple[float, float], rate_hz: float) -> None:
+    """At the ends, too, of values that drift away from zero."""
+    drifting = 3.0 + VALUES.cumsum(axis=0)
+    band = signal.butter(2, band_hz, "bandpass", fs=rate_hz, output="sos")
+    expected = signal.sosfiltfilt(band, drifting, axis=0)
+    found = band_both_ways(drifting, band_hz, 1.0 / rate_hz)
+    np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
 
 
 def test_a_lag_forgets_all_but_one_part_in_e_within_its_time_constant() -> None:
