@@ -566,7 +566,7 @@ def _from_outside(command: ComplexArray, spectra: BlockSpectra, gyro_filter: Gyr
         np.abs(np.moveaxis(spectra.values[:, :, 3 * _AXES : N_BEFORE_COMMANDS], 0, 1)) ** 2
     ).sum(axis=1)
     given = _shared(np.abs(np.moveaxis(command[:, :, :_AXES], 0, 1)) ** 2).sum(axis=1)
-    s = 2j * np.pi * spectra.frequency_hz
+    s = np.asarray(2j * np.pi * spectra.frequency_hz, dtype=np.complex128)
     later = np.exp(-s * spectra.period_s) * gyro_response(s, *gyro_filter)
     left = np.abs(1.0 - later) ** 2 + np.abs(_HOLDS_PLACE_RAD_S / s) ** 2
     outside = np.ones((s.size, command.shape[2]))

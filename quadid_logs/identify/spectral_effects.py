@@ -256,7 +256,8 @@ class _Equations:
     def fit_of(self, place: int, found: Sequence[_Posterior]) -> SpectralFit:
         """Return the estimate of an axis with what effects that are shown, and one more, may still be."""
         axis, own = self.axes[place], self.own(place)[: _AXES + 2]
-        covariance = np.linalg.pinv(self.base[0], hermitian=True)[np.ix_(own, own)]
+        whole = np.asarray(np.linalg.pinv(self.base[0], hermitian=True), dtype=np.float64)
+        covariance = whole[np.ix_(own, own)]
         for likely, each in zip(_probabilities(found), found, strict=True):
             by_effect = np.outer(each.moved[own], each.moved[own])
             covariance = covariance + likely * (each.mean**2 + each.variance) * by_effect
