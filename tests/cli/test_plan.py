@@ -15,6 +15,8 @@ from quadid_logs.planning import Prediction, make_plan, predict
 from quadid_logs.report.plan import card_lines, live_files, parameter_files, settings_lines
 from quadid_logs.simulate.sweep import Sweep, sweep_wave
 
+pytestmark = pytest.mark.usefixtures("quick_multisines")
+
 #: ArduCopter, mode_systemid.cpp: the ranges of its parameters; the mixer takes a fraction of 1.
 RANGES = {
     "SID_AXIS": (10, 12),
