@@ -214,6 +214,18 @@ def kept_flights(shelves: dict[str, Shelf]) -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="module")
+def quick_multisines() -> Iterator[None]:
+    """Search for low peaks from one start and not from eleven, for tests to which any multisine will do."""
+    from quadid_logs.maths import multisine
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(multisine, "_STARTS", 0)
+        multisine.orthogonal.cache_clear()
+        yield
+    multisine.orthogonal.cache_clear()
+
+
 @pytest.fixture
 def corpus_log(corpus: Path, request: pytest.FixtureRequest) -> Path:
     """Return one log of the corpus, named by indirect parametrisation."""

@@ -204,6 +204,7 @@ SABOTAGES: dict[str, tuple[str, Callable[[Result], Result]]] = {
     "a slew limiter that acted": ("QL616", limiting),
     "motors at their limits": ("QL617", saturated),
     "a posterior too wide in effectiveness": ("QL618", on_posterior(0, 400.0)),
+    # A standard deviation as large as the lag itself.
     "a lag that is hardly known": ("QL618", on_posterior(2, 0.03)),
     "a payload that swings": ("QL619", found_mode),
     "a payload that swings about another axis": ("QL619", partial(found_mode, axes=("pitch",))),

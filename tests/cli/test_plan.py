@@ -15,6 +15,8 @@ from quadid_logs.planning import Prediction, make_plan, predict
 from quadid_logs.report.plan import card_lines, live_files, parameter_files, settings_lines
 from quadid_logs.simulate.sweep import Sweep, sweep_wave
 
+pytestmark = pytest.mark.usefixtures("quick_multisines")
+
 #: ArduCopter, mode_systemid.cpp: the ranges of its parameters; the mixer takes a fraction of 1.
 RANGES = {
     "SID_AXIS": (10, 12),
@@ -312,8 +314,11 @@ def test_the_plan_as_json_holds_what_the_card_says(capsys: pytest.CaptureFixture
     assert low <= content["expected"]["lag_s"]["value"] <= high
 
 
-def test_the_plan_writes_what_makes_the_vehicle_stream_its_log(tmp_path: Path) -> None:
+def test_the_plan_writes_what_makes_the_vehicle_stream_its_log(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, yaw_flight: Prediction
+) -> None:
     """ArduPilot's bitmask with a way back to what flew; PX4's list of topics, each as its logger reads it."""
+    monkeypatch.setattr("quadid_logs.planning.predict", lambda *_a: yaw_flight)
     made = make_plan("ardupilot", [], None, {"LOG_BACKEND_TYPE": 4.0})
     files = {name: written(text) for name, text in live_files(made).items()}
     assert files == {"live.param": {"LOG_BACKEND_TYPE": "7"}, "live-back.param": {"LOG_BACKEND_TYPE": "4"}}

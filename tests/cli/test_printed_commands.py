@@ -34,6 +34,8 @@ from quadid_logs.report.model_files import model_bytes, model_formats_of
 from quadid_logs.report.next_flight import next_steps
 from quadid_logs.vehicle_file import read_vehicle
 
+pytestmark = pytest.mark.usefixtures("quick_multisines")
+
 REPOSITORY = Path(__file__).resolve().parents[2]
 SAMPLES = REPOSITORY / "sample_logs"
 FLIGHTS = """it's "my" flights"""

@@ -18,6 +18,8 @@ from quadid_logs.serve.jobs import Job, do
 from quadid_logs.tuning import recommend
 from tests.tuned_flights import flown, with_parameters
 
+pytestmark = pytest.mark.usefixtures("quick_multisines")
+
 ROLL_P = "ATC_RAT_RLL_P"
 
 
