@@ -24,8 +24,13 @@ from quadid_logs.data.model import SpectralFit
 from quadid_logs.data.settings import AlignSettings
 from quadid_logs.errors import QuadidError
 from quadid_logs.health.oscillation import find_oscillation
-from quadid_logs.identify.excitation import MIN_RATE_RMS_DEG_S
-from quadid_logs.identify.spectral import BLOCK_S, N_BEFORE_COMMANDS, fit_spectra, flight_spectra
+from quadid_logs.identify.spectral import (
+    BLOCK_S,
+    N_BEFORE_COMMANDS,
+    blocks_that_turn,
+    fit_spectra,
+    flight_spectra,
+)
 from quadid_logs.load import prepare, read_log
 from quadid_logs.maths.band import ComplexArray
 from quadid_logs.maths.block_spectra import BlockSpectra
@@ -166,14 +171,13 @@ class _Blocks:
         if spectra.frequency_hz.size != self.frequency_hz.size:
             return
         missing = N_BEFORE_COMMANDS + _MOST_COMMANDS - spectra.values.shape[2]
-        for start_s, *both in zip(spectra.start_s, spectra.values, spectra.by_slope, strict=True):
+        turning = blocks_that_turn(spectra)
+        for start_s, moved, *both in zip(
+            spectra.start_s, turning, spectra.values, spectra.by_slope, strict=True
+        ):
             values, by_slope = (np.pad(each, ((0, 0), (0, max(missing, 0)))) for each in both)
-            rate, command = (
-                np.sum(np.abs(values[:, k : k + 3]) ** 2, axis=0) for k in (0, N_BEFORE_COMMANDS)
-            )
-            # Parseval's theorem: lines are 1 / T apart, and stand for negative frequencies too.
-            rms_deg_s = np.degrees(np.sqrt(2.0 * rate) * (self.frequency_hz[1] - self.frequency_hz[0]))
-            moved = rms_deg_s >= MIN_RATE_RMS_DEG_S
+            commanded = values[:, N_BEFORE_COMMANDS : N_BEFORE_COMMANDS + 3]
+            command = np.sum(np.abs(commanded) ** 2, axis=0)
             self.blocks.append(_Block(float(start_s), values, by_slope, moved, command * moved))
         while len(self.blocks) > _MOST_BLOCKS:
             total = np.sum([block.commanded for block in self.blocks], axis=0)
@@ -372,7 +376,8 @@ def _axis(name: str, fit: SpectralFit | None, excited_s: float, target: float) -
         # What one lag does not describe may be the same at all frequencies: then it is the gain's.
         half_width += NORMAL_95 * fit.departure
     known = LiveAxis(axis=name, effectiveness=fit.gain, half_width=half_width, excited_s=excited_s)
-    if half_width <= target:
+    # Both are shares of the same number, told with some digits.
+    if half_width <= target * (1.0 + 1e-9):
         return replace(known, more_s=0.0)
     if excited_s > _ENOUGH_S:
         return replace(known, more_s=math.inf)

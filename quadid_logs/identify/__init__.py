@@ -142,7 +142,7 @@ def _told_by_spectra(
     spoiled = axes if solution.planned else spoiled_axes(model, data.sample_period_s)
     # At one frequency a fit in time takes lag and delay for known.
     spoiled = tuple(axis for axis in axes if axis in spoiled or holds_one_frequency(excitation, axis))
-    wider = tuple(axis for axis in axes if solution.fits[axis].half_width < _half_width(model, axis))
+    wider = [axis for axis in axes if solution.fits[axis].half_width < _half_width(model, axis)]
     fits = average_over_effects(solution, data) if {*spoiled, *wider} else solution.fits
     narrower = (
         axis for axis in wider if fits[axis].is_sound and fits[axis].half_width < _half_width(model, axis)
@@ -152,9 +152,10 @@ def _told_by_spectra(
 
 
 def _half_width(model: Model, axis: int) -> float:
-    """Return half of the effectiveness' interval, with all that it covers."""
+    """Return half of the effectiveness' interval, or by how much the flight's blocks scatter it."""
     low, high = model.entries[ON_AXIS[AXES[axis]]].ci95
-    return 0.5 * (high - low)
+    scatter = 0.0 if model.bootstrap_half_width is None else float(model.bootstrap_half_width[axis])
+    return max(0.5 * (high - low), scatter)
 
 
 def _with_spectral(

@@ -25,11 +25,12 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray, IntArray
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.data.log import GyroFilter
 from quadid_logs.data.model import SpectralFit
 from quadid_logs.identify.driven import by_driven_axis
+from quadid_logs.identify.excitation import MIN_RATE_RMS_DEG_S
 from quadid_logs.identify.systematic import GYRO_SYSTEMATIC
 from quadid_logs.identify.terms import MOST_DAMPING_1_S
 from quadid_logs.maths.band import ComplexArray, gyro_response
@@ -178,7 +179,10 @@ def solve_flight(data: FlightData) -> SpectralSolution | None:
     spectra = flight_spectra(data)
     if spectra is None:
         return None
-    return solve_spectra(spectra, data.gyro_filter, planned=is_planned(data), with_speed=has_speed(data))
+    moved = np.flatnonzero(np.sum(blocks_that_turn(spectra), axis=0) > 1).tolist()
+    return solve_spectra(
+        spectra, data.gyro_filter, planned=is_planned(data), with_speed=has_speed(data), moved=moved
+    )
 
 
 def fit_spectra(
@@ -262,6 +266,24 @@ def solve_spectra(
     ]
     fits, actuator = fit_axes(moments)
     return SpectralSolution(fits, moments, actuator, told, spectra, planned)
+
+
+def blocks_that_turn(spectra: BlockSpectra) -> BoolArray:
+    """Say which axes turn by more than a hovering vehicle does, block by block.
+
+    Parameters
+    ----------
+    spectra : BlockSpectra
+        The rates first.
+
+    Returns
+    -------
+    ndarray of bool, shape (n_blocks, 3)
+    """
+    power = np.sum(np.abs(spectra.values[:, :, :_AXES]) ** 2, axis=1)
+    # Parseval's theorem: lines are 1 / T apart, and stand for negative frequencies too.
+    step_hz = spectra.frequency_hz[1] - spectra.frequency_hz[0] if spectra.frequency_hz.size > 1 else 0.0
+    return np.asarray(np.degrees(np.sqrt(2.0 * power) * step_hz) >= MIN_RATE_RMS_DEG_S, dtype=np.bool_)
 
 
 def is_planned(data: FlightData) -> bool:
@@ -406,7 +428,7 @@ class AxisMoments:
             spectra.values[:, :, number],
             spectra.values[:, :, 2 * _AXES + number],
             *(spectra.derivative(other) for other in range(_AXES) if other != number),
-            *(spectra.values[:, :, 3 * _AXES + along] for along in range(n_speeds)),
+            *(spectra.values[:, :, N_BEFORE_COMMANDS + along] for along in range(n_speeds)),
         ]
         half = 0.5 * MOST_DAMPING_1_S[number]
         self.prior = np.array([-0.5 * half, *[0.0] * (3 + n_speeds)])
@@ -480,15 +502,27 @@ class AxisMoments:
     def weigh(self, theta: FloatArray | None, actuator: SharedActuator) -> None:
         """Set the noise of the moments by what an equation leaves; by the acceleration itself without one."""
         error = self.acceleration if theta is None else self.error(theta, actuator)
-        # In any octave, and coherent with the instrument at worst.
-        octaves = 1.0 + np.log2(self.centre_hz[-1] / self.centre_hz[0])
-        elsewhere = _ELSEWHERE**2 * self.power(self.acceleration).sum() / octaves
-        noise = moment_noise(self, self.instrument, error)
-        self.noise = noise + elsewhere * self.power(self.instrument).sum(axis=0)
+        self.noise = moment_noise(self, self.instrument, error) + self._elsewhere()
         self.size = np.abs(self.of_acceleration if theta is None else self._by_torque(theta))
         turn = self.of_commanded(actuator)
+        if theta is not None:
+            # Where noise is more than what commands make, what is left says nothing about the response.
+            hidden = self.noise > np.abs(theta[0] * turn) ** 2
+            self.noise = np.where(hidden, np.maximum(self.noise, self.size**2), self.noise)
         self.turn = np.exp(-1j * np.angle(turn if theta is None else theta[0] * turn))
         self.depart(_DEPARTURES[1] ** 2)
+
+    def _elsewhere(self) -> FloatArray:
+        """Return the variance of each moment that products of motions make; shape (n_bands,).
+
+        They may be in any octave, and coherent with the instrument at worst. Of a planned trajectory, the
+        bands below its corner are free of all that.
+        """
+        if len(self.corners_hz) > 1:
+            return np.zeros(self.centre_hz.size)
+        octaves = 1.0 + np.log2(self.centre_hz[-1] / self.centre_hz[0])
+        size = _ELSEWHERE**2 * self.power(self.acceleration).sum() / octaves
+        return np.asarray(size * self.power(self.instrument).sum(axis=0))
 
     def depart(self, variance: float) -> None:
         """Set the whitening for a departure of this relative variance."""

@@ -79,8 +79,8 @@ def test_no_sweep_leaves_the_limits_of_motion() -> None:
 
 def test_the_promise_is_kept_where_a_sweep_can() -> None:
     """And no stronger than it takes, but for settings of two digits."""
-    found = fitting(0.05, density=0.3)
-    assert 0.045 < found.half_width <= 0.05
+    found = fitting(0.075, density=0.3)
+    assert 0.07 < found.half_width <= 0.075
 
 
 def test_where_no_sweep_can_the_promise_says_how_wide_it_is() -> None:
@@ -92,7 +92,7 @@ def test_where_no_sweep_can_the_promise_says_how_wide_it_is() -> None:
 
 def test_twice_the_density_of_the_air_takes_the_root_of_two_of_the_magnitude() -> None:
     """Below the largest magnitude, from which on a sweep gets longer."""
-    magnitudes = [fitting(0.05, density=density).magnitude for density in (0.05, 0.1)]
+    magnitudes = [fitting(0.075, density=density).magnitude for density in (0.05, 0.1)]
     assert magnitudes[1] == pytest.approx(math.sqrt(2.0) * magnitudes[0], rel=0.08)
 
 
