@@ -59,6 +59,8 @@ _FEW_WINDOWS = 0.5
 #: within a factor of 1.73 (4.8 dB) of their middle, inside the gain margin of 6 dB that every rate loop is to
 #: keep: a loop that is tuned for the middle flies while a better flight is made.
 _FACTOR_BETWEEN_ENDS = 3.0
+#: Effectiveness is not known better than to some per cent in practice: less is no matter.
+_MATTERS = 0.05
 #: Of this R2 the torque explains nearly all.
 _EXPLAINED = 0.9
 _CAUTION_SIGNAL_TO_NOISE = _EXPLAINED / (1.0 - _EXPLAINED)
@@ -391,7 +393,8 @@ def _interval_too_narrow(axis: _Axis) -> Finding | None:
         "half_width": rounded(fitted),
         "half_width_by_resampling": rounded(float(half_width[axis.number])),
     }
-    return axis.finding("QL514", "warning", evidence)
+    matters = half_width[axis.number] > _MATTERS * abs(axis.on_axis.value)
+    return axis.finding("QL514", "warning" if matters else "info", evidence)
 
 
 def _inverse_controller(axis: _Axis) -> Finding | None:
