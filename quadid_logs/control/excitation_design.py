@@ -46,6 +46,11 @@ LONGEST_S: Final = 90.0
 _LEAST_RATE_RAD_S: Final = math.radians(1.2 * MIN_RATE_RMS_DEG_S * math.sqrt(4.0))
 #: A third of every flight is kept to judge the model by, and nothing is fitted to it.
 TRAINED: Final = 2.0 / 3.0
+#: Of an interval, what more excitation is not worth; the least part of the strongest sweep that is tried, and
+#: how near to the gentlest the search ends: settings have two digits.
+_NO_LESS: Final = 1e-3
+_GENTLEST: Final = 1e-3
+_NEAR: Final = 1.02
 
 
 #: Where a sweep enters: at the mixer, as a fraction of its range with the loops closed; or as a rate
@@ -350,19 +355,19 @@ def _rate_rms(answers: _Answers, air: Air, chirp: Chirp) -> float:
 
 def _least(promised: Callable[[float, float], float], most: float, wanted: float) -> tuple[float, float]:
     """Return magnitude and length: the least of the shortest, then the shortest of the strongest."""
-    # What no sweep makes smaller, however strong.
-    least = promised(1e6 * most, LONGEST_S)
-    excess = math.sqrt(max(wanted**2 - least**2, 1e-6))
-
-    def random(magnitude: float, record_s: float) -> float:
-        return math.sqrt(max(promised(magnitude, record_s) ** 2 - least**2, 0.0))
-
+    # What no sweep makes smaller, however strong: what a stronger one tells may even be a little less.
+    least = min(promised(1e6 * most, LONGEST_S), promised(most, LONGEST_S))
+    enough = max(wanted, math.hypot(least, _NO_LESS))
     for record_s in np.arange(SHORTEST_S, LONGEST_S + 1.0, 10.0):
-        if random(most, float(record_s)) <= excess:
+        if promised(most, float(record_s)) <= enough:
             break
-    # The information goes with the square of the magnitude; what is known before hardly matters.
-    magnitude = most * min(1.0, 1.02 * random(most, float(record_s)) / excess)
-    return min(_rounded_up(magnitude), most), float(record_s)
+    else:
+        return most, LONGEST_S
+    low, high = _GENTLEST * most, most
+    while high > _NEAR * low:
+        middle = math.sqrt(low * high)
+        low, high = (low, middle) if promised(middle, float(record_s)) <= enough else (middle, high)
+    return min(_rounded_up(high), most), float(record_s)
 
 
 def _rounded_down(value: float) -> float:

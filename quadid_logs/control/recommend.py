@@ -610,6 +610,8 @@ class _Search:
     ) -> AxisTuning:
         """Put together what is recommended and what it promises; without a count, the target keeps limits."""
         controller, noise = step.controller, self._noise_of(step.controller)
+        if to_limits is None:
+            to_limits = step.more_flights if spare(step.promised, self._limits) < 1.0 else 0
         nothing = float("nan")
         return AxisTuning(
             verdict="keep" if verdict == "keep" else "change",
@@ -623,7 +625,7 @@ class _Search:
             torque_noise=nothing if noise is None else noise.now,
             torque_noise_next=nothing if noise is None else noise.next,
             more_flights=step.more_flights,
-            flights_to_limits=step.more_flights if to_limits is None else to_limits,
+            flights_to_limits=to_limits,
         )
 
     def _error(self, gusts: Spectrum | None, controller: AxisController) -> float:
