@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from quadid_logs.autopilots.discrete import first_order, gain, unit
-from quadid_logs.control.excitation_design import Air, AxisExcitation, Chirp, crossovers, design
+from quadid_logs.control.excitation_design import Air, AxisExcitation, Chirp, _least, crossovers, design
 from quadid_logs.data.closed_loop import Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.simulate.sweep import Sweep, sweep_wave
@@ -94,6 +94,14 @@ def test_twice_the_density_of_the_air_takes_the_root_of_two_of_the_magnitude() -
     """Below the largest magnitude, from which on a sweep gets longer."""
     magnitudes = [fitting(0.075, density=density).magnitude for density in (0.05, 0.1)]
     assert magnitudes[1] == pytest.approx(math.sqrt(2.0) * magnitudes[0], rel=0.08)
+
+
+@pytest.mark.parametrize("wanted", [0.02, 0.08])
+def test_a_sweep_whose_strength_tells_no_more_is_short_and_gentle(wanted: float) -> None:
+    """Where an interval is all that no lag describes, it took the logarithm of nothing."""
+    magnitude, record_s = _least(lambda _magnitude, _record_s: 0.05, 1.0, wanted)
+    assert 0.0 < magnitude <= 0.01
+    assert record_s == 30.0
 
 
 def test_an_interval_is_no_narrower_than_the_gyro_s_scale() -> None:
