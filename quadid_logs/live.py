@@ -376,7 +376,7 @@ def _axis(name: str, fit: SpectralFit | None, excited_s: float, target: float) -
         # What one lag does not describe may be the same at all frequencies: then it is the gain's.
         half_width += NORMAL_95 * fit.departure
     known = LiveAxis(axis=name, effectiveness=fit.gain, half_width=half_width, excited_s=excited_s)
-    # Both are shares of the same number, told with some digits.
+    # Rounding makes no pilot fly on.
     if half_width <= target * (1.0 + 1e-9):
         return replace(known, more_s=0.0)
     if excited_s > _ENOUGH_S:

@@ -10,7 +10,14 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData
-from quadid_logs.data.model import Excitation, Identification, Model, Response, SpectralFit
+from quadid_logs.data.model import (
+    Excitation,
+    Identification,
+    Model,
+    Response,
+    SpectralFit,
+    ThrustCurve,
+)
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.errors import SettingsError
 from quadid_logs.identify.design import Design, build_design
@@ -121,7 +128,7 @@ def identify(
     models = [fits.model, *fits.others()]
     wanted = recommended or settings.structure
     identified = _identified(data, _recommend(models, wanted), design)
-    spectral, told_again = _told_by_spectra(data, models[0], identified.excitation)
+    spectral, told_again = _told_by_spectra(data, models[0], identified.excitation, curve)
     told_again = told_again if wanted in ("", models[0].structure) else ()
     if told_again:
         identified = _with_spectral(
@@ -132,7 +139,7 @@ def identify(
 
 
 def _told_by_spectra(
-    data: FlightData, model: Model, excitation: Sequence[Excitation]
+    data: FlightData, model: Model, excitation: Sequence[Excitation], curve: ThrustCurve | None = None
 ) -> tuple[tuple[SpectralFit, ...], tuple[int, ...]]:
     """Return what answers to commands tell of each axis, and the axes whose fit in time they replace."""
     solution = solve_flight(data)
@@ -142,7 +149,9 @@ def _told_by_spectra(
     spoiled = axes if solution.planned else spoiled_axes(model, data.sample_period_s)
     # At one frequency a fit in time takes lag and delay for known.
     spoiled = tuple(axis for axis in axes if axis in spoiled or holds_one_frequency(excitation, axis))
-    wider = [axis for axis in axes if solution.fits[axis].half_width < _half_width(model, axis)]
+    # What another thrust curve would make of the torque is in the interval of the fit in time alone.
+    certain = curve is None or curve.identifiable
+    wider = [axis for axis in axes if certain and solution.fits[axis].half_width < _half_width(model, axis)]
     fits = average_over_effects(solution, data) if {*spoiled, *wider} else solution.fits
     narrower = (
         axis for axis in wider if fits[axis].is_sound and fits[axis].half_width < _half_width(model, axis)
