@@ -149,8 +149,9 @@ def _told_by_spectra(
     spoiled = axes if solution.planned else spoiled_axes(model, data.sample_period_s)
     # At one frequency a fit in time takes lag and delay for known.
     spoiled = tuple(axis for axis in axes if axis in spoiled or holds_one_frequency(excitation, axis))
-    # What another thrust curve would make of the torque is in the interval of the fit in time alone.
-    certain = curve is None or curve.identifiable
+    # What another thrust curve makes of newton metres is in the interval of the fit in time alone.
+    of_newtons = data.input is not None and data.input.kind == "torque_n_m"
+    certain = curve is None or curve.identifiable or not of_newtons
     wider = [axis for axis in axes if certain and solution.fits[axis].half_width < _half_width(model, axis)]
     fits = average_over_effects(solution, data) if {*spoiled, *wider} else solution.fits
     narrower = (
