@@ -139,7 +139,7 @@ def identify(
 
 
 def _told_by_spectra(
-    data: FlightData, model: Model, excitation: Sequence[Excitation], curve: ThrustCurve | None = None
+    data: FlightData, model: Model, excitation: Sequence[Excitation], curve: ThrustCurve | None
 ) -> tuple[tuple[SpectralFit, ...], tuple[int, ...]]:
     """Return what answers to commands tell of each axis, and the axes whose fit in time they replace."""
     solution = solve_flight(data)

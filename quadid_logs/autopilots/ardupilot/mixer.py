@@ -151,11 +151,24 @@ def actuator_of_thrust(thrust: FloatArray, supply: Supply, settings: MotorSettin
     settings : MotorSettings
     """
     lifted = supply.lift_max[:, None] * np.clip(thrust, 0.0, 1.0)
+    return np.clip(throttle_of_thrust(lifted, settings) / _voltage(supply), 0.0, 1.0)
+
+
+def throttle_of_thrust(thrust: FloatArray, settings: MotorSettings) -> FloatArray:
+    """Return the voltage-effective throttle y for which (1 - e) y + e y^2 is a thrust [1]; same shape.
+
+    Parameters
+    ----------
+    thrust : ndarray
+        Over that at full command and full battery [1].
+    settings : MotorSettings
+        With e, MOT_THST_EXPO.
+    """
     e = float(np.clip(settings.expo, -1.0, 1.0))
-    ratio: FloatArray = lifted
-    if e != 0.0:
-        ratio = ((e - 1.0) + np.sqrt(np.maximum((1.0 - e) ** 2 + 4.0 * e * lifted, 0.0))) / (2.0 * e)
-    return np.clip(ratio / _voltage(supply), 0.0, 1.0)
+    if e == 0.0:
+        return thrust
+    root = np.sqrt(np.maximum((1.0 - e) ** 2 + 4.0 * e * thrust, 0.0))
+    return np.asarray(((e - 1.0) + root) / (2.0 * e), dtype=np.float64)
 
 
 def full_battery_thrust(actuator: FloatArray, supply: Supply, settings: MotorSettings) -> FloatArray:

@@ -9,6 +9,7 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.autopilots.ardupilot.airframe import motor_prefix
+from quadid_logs.autopilots.ardupilot.mixer import throttle_of_thrust
 from quadid_logs.autopilots.ardupilot.torque import motor_settings
 from quadid_logs.data.off_nominal import AS_COMMANDED, ThrustLaw
 
@@ -30,15 +31,11 @@ def thrust_law(parameters: Mapping[str, float]) -> ThrustLaw:
         the battery's resting voltage over the latter, and commands by the density of the air.
     """
     prefix, settings = motor_prefix(parameters), motor_settings(parameters)
-    e = 0.0 if settings is None else float(np.clip(settings.expo, -1.0, 1.0))
     highest_v = parameters.get(f"{prefix}MOT_BAT_VOLT_MAX", 0.0)
     lowest_v = parameters.get(f"{prefix}MOT_BAT_VOLT_MIN", 0.0)
 
     def output(command: FloatArray) -> FloatArray:
-        if e == 0.0:
-            return command
-        root = np.sqrt(np.maximum((1.0 - e) ** 2 + 4.0 * e * command, 0.0))
-        return np.asarray((e - 1.0 + root) / (2.0 * e))
+        return command if settings is None else throttle_of_thrust(command, settings)
 
     def behind(voltage_v: float, n_cells: int) -> float:  # noqa: ARG001
         if not (highest_v > 0.0 and lowest_v < highest_v and voltage_v >= 0.25 * lowest_v):
