@@ -34,7 +34,7 @@ class Parameter:
     reason : str
         Why it does not.
     half_width : float
-        Half of what the interval was before `StructuralCheck` widened it to effects that may be there.
+        Half of what the interval was before it was widened to effects that may be there.
 
     Examples
     --------
@@ -335,7 +335,17 @@ class FormulationCheck:
 
 
 #: What one more column of an equation stands for.
-Effect = Literal["threshold", "rotor threshold", "limit", "tilt", "swing", "mode", "second lag", "asymmetry"]
+Effect = Literal[
+    "threshold",
+    "rotor threshold",
+    "limit",
+    "tilt",
+    "swing",
+    "mode",
+    "second lag",
+    "asymmetry",
+    "varying gain",
+]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -686,6 +696,11 @@ class SpectralFit:
         What the flight shows beside a linear response, of which the estimate knows.
     shift : float
         How much larger, relative, the effectiveness is with them than without.
+    variation : float
+        Root mean square by which the effectiveness comes and goes over the flight, relative to its mean.
+    by_effects : float
+        Half of the 95 % interval, relative, of what effects that are shown or left open make of an
+        effectiveness that knows of none.
     """
 
     mean: FloatArray
@@ -699,6 +714,8 @@ class SpectralFit:
     planned: bool = False
     effects: tuple[Effect, ...] = ()
     shift: float = 0.0
+    variation: float = 0.0
+    by_effects: float = 0.0
 
     @property
     def gain(self) -> float:

@@ -78,6 +78,7 @@ _CODES: Final[dict[Effect, str]] = {
     "swing": "QL526",
     "second lag": "QL527",
     "asymmetry": "QL527",
+    "varying gain": "QL528",
 }
 #: What a loss of torque would be, after "if".
 _IF: Final[dict[Effect, str]] = {
@@ -259,7 +260,12 @@ def _by_spectra(fits: Sequence[SpectralFit]) -> Iterator[Finding]:
         # The interval covers what their form leaves open.
         level: Level = "warning" if abs(fit.shift) > LARGE_SHIFT else "info"
         for effect in fit.effects if fit.used else ():
-            evidence = {"effect": effect, "effectiveness_with_it": rounded(1.0 + fit.shift, 3)}
+            evidence: dict[str, object] = {
+                "effect": effect,
+                "effectiveness_with_it": rounded(1.0 + fit.shift, 3),
+            }
+            if effect == "varying gain":
+                evidence["rms_deviation"] = rounded(fit.variation, 2)
             yield finding(_CODES[effect], level, evidence, axes=(axis,))
 
 

@@ -38,7 +38,7 @@ from quadid_logs.identify.rigid_body import fit_single_rigid_body
 from quadid_logs.identify.select import most_excited
 from quadid_logs.identify.slow_yaw import fit_slow_yaw
 from quadid_logs.identify.spectral import solve_flight
-from quadid_logs.identify.spectral_axes import spoiled_axes, with_spectral_axes
+from quadid_logs.identify.spectral_axes import spoiled_axes, with_effects_beside, with_spectral_axes
 from quadid_logs.identify.spectral_effects import average_over_effects
 from quadid_logs.identify.splice import with_axis_of
 from quadid_logs.identify.structures import RIGID_BODY, STRUCTURES, Structure
@@ -134,6 +134,9 @@ def identify(
         identified = _with_spectral(
             identified, models[0].structure, spectral, told_again, data, design, structures, settings
         )
+    in_time = [axis for axis in range(len(spectral)) if axis not in told_again]
+    beside = tuple(with_effects_beside(each, spectral, in_time) for each in identified.models)
+    identified = replace(identified, models=beside)
     spectral = tuple(replace(each, used=axis in told_again) for axis, each in enumerate(spectral))
     return replace(identified, responses=found, thrust_curve=curve, spectral=spectral)
 
@@ -153,7 +156,7 @@ def _told_by_spectra(
     of_newtons = data.input is not None and data.input.kind == "torque_n_m"
     certain = curve is None or curve.identifiable or not of_newtons
     wider = [axis for axis in axes if certain and solution.fits[axis].half_width < _half_width(model, axis)]
-    fits = average_over_effects(solution, data) if {*spoiled, *wider} else solution.fits
+    fits = average_over_effects(solution, data)
     narrower = (
         axis for axis in wider if fits[axis].is_sound and fits[axis].half_width < _half_width(model, axis)
     )

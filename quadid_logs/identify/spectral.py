@@ -596,10 +596,10 @@ def _from_outside(command: ComplexArray, spectra: BlockSpectra, gyro_filter: Gyr
     who holds the vehicle in its place tilts it against its speed, the integral of the tilt. So much of what
     follows every gust may be left in a set-point.
     """
-    put_back = _shared(
+    put_back = shared(
         np.abs(np.moveaxis(spectra.values[:, :, 3 * _AXES : N_BEFORE_COMMANDS], 0, 1)) ** 2
     ).sum(axis=1)
-    given = _shared(np.abs(np.moveaxis(command[:, :, :_AXES], 0, 1)) ** 2).sum(axis=1)
+    given = shared(np.abs(np.moveaxis(command[:, :, :_AXES], 0, 1)) ** 2).sum(axis=1)
     s = np.asarray(2j * np.pi * spectra.frequency_hz, dtype=np.complex128)
     later = np.exp(-s * spectra.period_s) * gyro_response(s, *gyro_filter)
     left = np.abs(1.0 - later) ** 2 + np.abs(_HOLDS_PLACE_RAD_S / s) ** 2
@@ -615,8 +615,8 @@ def _told_by_others(
 
     ``from_outside``: shape (n_lines, n_commands).
     """
-    gram = _shared(np.einsum("bfi,bfj->fbij", command.conj(), command))
-    cross = _shared(np.einsum("bfi,bfk->fbik", command.conj(), torque))
+    gram = shared(np.einsum("bfi,bfj->fbij", command.conj(), command))
+    cross = shared(np.einsum("bfi,bfk->fbik", command.conj(), torque))
     whole_gram, whole_cross = gram.sum(axis=1), cross.sum(axis=1)
     own_gram, own_cross = _with_neighbours(gram, run), _with_neighbours(cross, run)
     size = np.sqrt(np.maximum(np.einsum("fii->fi", whole_gram).real, _TINY))
@@ -631,8 +631,17 @@ def _told_by_others(
     return np.asarray(np.einsum("bfi,fi,fbik->bfk", command, from_outside, law))
 
 
-def _shared(lines: ComplexArray) -> ComplexArray:
-    """Return sums over neighbouring lines (first axis), the nearer the heavier."""
+def shared(lines: ComplexArray) -> ComplexArray:
+    """Return sums over neighbouring lines (first axis), the nearer the heavier.
+
+    Parameters
+    ----------
+    lines : ndarray of real or complex, shape (n_lines, ...)
+
+    Returns
+    -------
+    ndarray of complex, same shape
+    """
     weight = np.bartlett(2 * _SHARED_LINES + 3)[1:-1]
     padded = np.concatenate([np.zeros((_SHARED_LINES, *lines.shape[1:])), lines])
     padded = np.concatenate([padded, np.zeros((_SHARED_LINES, *lines.shape[1:]))])

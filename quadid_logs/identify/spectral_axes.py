@@ -20,7 +20,7 @@ from quadid_logs.identify.structures import Structure
 from quadid_logs.identify.terms import YAW_REACTION
 from quadid_logs.identify.validate import validate
 from quadid_logs.maths.normal import NORMAL_95
-from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS, TORQUE_SYMBOLS
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS, RATE_SYMBOLS, TORQUE_SYMBOLS
 
 #: Where a fit in time explains nine tenths of flight that it was not fitted to, air has spoiled nothing.
 _EXPLAINED_R2 = 0.9
@@ -93,6 +93,41 @@ def with_spectral_axes(
     tilting = [fits[axis] for axis in axes if axis != _YAW]
     if len(tilting) == 2 and model.actuator is not None:
         model = replace(model, actuator=_actuator(model.actuator, tilting[0]))
+    return model
+
+
+def with_effects_beside(model: Model, fits: Sequence[SpectralFit], axes: Sequence[int]) -> Model:
+    """Widen what a fit in time tells of some axes by what effects make of it that it knows nothing of.
+
+    Parameters
+    ----------
+    model : Model
+    fits : sequence of SpectralFit
+        Of roll, pitch, yaw. One that is not a vehicle's response to commands says nothing of effects.
+    axes : sequence of int
+        0 roll, 1 pitch, 2 yaw.
+
+    Returns
+    -------
+    Model
+    """
+    for axis in axes:
+        fit, old = fits[axis], model.entries[ON_AXIS[AXES[axis]]]
+        if not (fit.is_described and fit.follows_commands and np.isfinite([*old.ci95, fit.by_effects]).all()):
+            continue
+        more = fit.by_effects * abs(old.value)
+        low, high = (
+            old.value + sign * float(np.hypot(old.value - end, more))
+            for sign, end in zip((-1.0, 1.0), old.ci95, strict=True)
+        )
+        new = replace(old, ci95=(low, high))
+        posterior = model.posterior
+        if posterior is not None:
+            covariance = posterior.covariance.copy()
+            covariance[axis, 0, 0] += (more / NORMAL_95) ** 2
+            posterior = replace(posterior, covariance=covariance)
+        parameters = tuple(new if each is old else each for each in model.parameters)
+        model = replace(model, parameters=parameters, posterior=posterior)
     return model
 
 

@@ -1,12 +1,12 @@
 """Effectiveness by block spectra, averaged over what rotors and logs may do beside a linear response.
 
-A dead zone, a limit, rotors that slow down later than they speed up, a moment of the tilt: each adds one
-column to the equations of `identify.spectral`, with a coefficient between none and what physics allows. What
-is not linear has an instrument of its own: the same function of the torque that was commanded, without what
-the torque itself holds of it. How likely each is follows from its marginal likelihood (Bayesian model
-averaging: Hoeting, Madigan, Raftery and Volinsky, Statistical Science 14, 1999): an effect that the flight
-shows is taken out, one that it rules out costs nothing, and one that it leaves open widens the interval by
-what it might be.
+A dead zone, a limit, rotors that slow down later than they speed up, a moment of the tilt, an effectiveness
+that comes and goes: each adds one column to the equations of `identify.spectral`, with a coefficient between
+none and what physics allows. What is not linear has an instrument of its own: the same function of the torque
+that was commanded, without what the torque itself holds of it.
+How likely each is follows from its marginal likelihood (Bayesian model averaging: Hoeting, Madigan, Raftery
+and Volinsky, Statistical Science 14, 1999): an effect that the flight shows is taken out, one that it rules
+out costs nothing, and one that it leaves open widens the interval by what it might be.
 """
 
 from __future__ import annotations
@@ -32,10 +32,12 @@ from quadid_logs.identify.spectral import (
     few_blocks,
     fit_axes,
     moment_noise,
+    shared,
     solve_flight,
     spectra_of,
     spread_and_half_width,
 )
+from quadid_logs.identify.varying_gain import VARIES, likeliest_variation
 from quadid_logs.maths.band import ComplexArray
 from quadid_logs.maths.block_spectra import BlockSpectra
 from quadid_logs.maths.normal import NORMAL_95
@@ -43,7 +45,9 @@ from quadid_logs.maths.recurrence import lag
 from quadid_logs.maths.rotations import tilt_from_rates
 
 #: The effects that are averaged over.
-AVERAGED: Final[frozenset[Effect]] = frozenset({"threshold", "rotor threshold", "limit", "asymmetry", "tilt"})
+AVERAGED: Final[frozenset[Effect]] = frozenset(
+    {"threshold", "rotor threshold", "limit", "asymmetry", "tilt", "varying gain"}
+)
 #: Before a log is seen: none of the effects is as likely as one of them, and each kind as likely as another.
 _NO_EFFECT = 0.5
 #: Where dead zones and limits are looked for, as quantiles of the torque's size.
@@ -70,8 +74,9 @@ class _Column(NamedTuple):
 
     ``values``, ``by_slope`` of shape (n_blocks, n_lines, 3), as of `BlockSpectra`; ``told``: the same
     function of the commanded torque, None where it is linear. ``of_torque``: it is taken from the torque, and
-    acts through the rotors; else it is an acceleration by itself. ``spread``: standard deviation of its
-    coefficient before the flight is seen; ``weight``: of this level among those of its kind.
+    acts through the rotors; else it is an acceleration by itself. ``lost``: it takes torque, and gives none.
+    ``spread``: standard deviation of its coefficient before the flight is seen; ``weight``: of this level
+    among those of its kind.
     """
 
     kind: Effect
@@ -80,6 +85,7 @@ class _Column(NamedTuple):
     by_slope: ComplexArray
     told: ComplexArray | None
     of_torque: bool
+    lost: bool
     spread: float
     weight: float
 
@@ -128,52 +134,83 @@ def average_over_effects(solution: SpectralSolution, data: FlightData) -> tuple[
     if solution.planned:
         return solution.fits
     records = command_records(data)
-    columns = [*_columns(solution, records, data)]
+    told = _told_in_time(
+        solution.told, solution.spectra, [each.segment.n_samples for each in records], data.sample_period_s
+    )
+    columns = [*_columns(solution, told, records, data)]
     equations = _Equations(solution)
-    found = [equations.with_one_more(column) for column in columns]
-    while (best := _likeliest(found)) is not None:
+    while True:
+        tried = [*columns, *_variations(equations, told, records, data)]
+        found = [equations.with_one_more(each) for each in tried if equations.allows(each)]
+        likely = _probabilities(found)
+        best = _likeliest(found, likely)
+        if best is None:
+            break
         equations = equations.beside(best)
-        found = [equations.with_one_more(each) for each in columns if equations.allows(each)]
+    varies = [
+        value
+        for value, each in zip(equations.taken, equations.shown, strict=True)
+        if each.kind == "varying gain"
+    ]
+    # The mean square of a cosine is a half.
+    variation = float(np.sqrt(0.5 * np.sum(np.square(varies))))
     fits = list(equations.fits)
     for place, axis in enumerate(equations.axes):
-        own = [each for each in found if axis.number in each.column.axes]
-        fit = equations.fit_of(place, own)
+        fit = equations.fit_of(place, found, likely)
         shown = dict.fromkeys(each.kind for each in equations.shown if axis.number in each.axes)
-        without = solution.fits[axis.number].gain
-        shift = fit.gain / without - 1.0 if shown and without else 0.0
-        fits[axis.number] = _with_form(fit, without, tuple(shown), shift)
+        fits[axis.number] = _beside(
+            solution.fits[axis.number], replace(fit, variation=variation, effects=tuple(shown))
+        )
     return tuple(fits)
 
 
-def _with_form(fit: SpectralFit, without: float, shown: tuple[Effect, ...], shift: float) -> SpectralFit:
-    """Return an estimate with the effects that it knows of, and what their form leaves open."""
-    form = _FORM * (fit.gain - without) if shown else 0.0
+def _beside(without: SpectralFit, fit: SpectralFit) -> SpectralFit:
+    """Return an estimate with what the form of its effects leaves open, and by how much they move it."""
+    shift = fit.gain / without.gain - 1.0 if fit.effects and without.gain else 0.0
+    form = _FORM * (fit.gain - without.gain) if fit.effects else 0.0
     covariance = fit.covariance.copy()
     covariance[0, 0] += (form / NORMAL_95) ** 2
     half_width = float(np.hypot(fit.half_width, form))
-    return replace(fit, covariance=covariance, half_width=half_width, effects=shown, shift=shift)
+    more = _relative(half_width, fit.gain) ** 2 - _relative(without.half_width, without.gain) ** 2
+    moved = math.sqrt(max(more, 0.0) + shift**2)
+    return replace(fit, covariance=covariance, half_width=half_width, shift=shift, by_effects=moved)
+
+
+def _relative(half_width: float, gain: float) -> float:
+    return half_width / abs(gain) if gain else float("inf")
 
 
 def _probabilities(found: Sequence[_Posterior]) -> FloatArray:
-    """Return how likely each effect is; what is left is that there is none of them."""
-    of_kind = (1.0 - _NO_EFFECT) / max(len({each.column.kind for each in found}), 1)
-    log = [np.log(of_kind * each.column.weight) + each.log_ratio for each in found]
-    likely = np.array([*log, np.log(_NO_EFFECT)])
-    weight = np.exp(likely - likely.max())
-    return np.asarray(weight[:-1] / weight.sum())
+    """Return how likely each effect is.
+
+    Each axis has one of its own effects or none, by itself; what all axes share is an explanation instead of
+    those of all axes together.
+    """
+    kinds = len({each.column.kind for each in found})
+    prior = (1.0 - _NO_EFFECT) / _NO_EFFECT / max(kinds, 1)
+    odds = np.array([np.log(prior * each.column.weight) + each.log_ratio for each in found])
+    shared_by_axes = np.array([len(each.column.axes) > 1 for each in found], dtype=bool)
+    axes = np.array([each.column.axes[0] for each in found], dtype=int)
+    own = [odds[~shared_by_axes & (axes == axis)] for axis in range(_AXES)]
+    each_by_itself = [np.logaddexp.reduce([0.0, *each]) for each in own]
+    by_themselves = np.sum(each_by_itself)
+    whole = np.logaddexp.reduce([by_themselves, *odds[shared_by_axes]])
+    of_axes = np.array(each_by_itself)[axes] + whole - by_themselves
+    return np.asarray(np.exp(odds - np.where(shared_by_axes, whole, of_axes)))
 
 
-def _likeliest(found: Sequence[_Posterior]) -> _Column | None:
+def _likeliest(found: Sequence[_Posterior], likely: FloatArray) -> _Column | None:
     """Return the likeliest level of the likeliest effect that the flight shows, if it shows one."""
     best, chance = None, _SHOWN
-    for axis in range(_AXES):
-        own = [each for each in found if axis in each.column.axes]
-        likely = _probabilities(own)
-        for kind in {each.column.kind for each in own}:
-            levels = [number for number, each in enumerate(own) if each.column.kind == kind]
-            if likely[levels].sum() > chance:
-                chance = float(likely[levels].sum())
-                best = own[max(levels, key=lambda number: likely[number])].column
+    for kind, axes in {(each.column.kind, each.column.axes) for each in found}:
+        levels = [
+            number
+            for number, each in enumerate(found)
+            if (each.column.kind, each.column.axes) == (kind, axes)
+        ]
+        if likely[levels].sum() > chance:
+            chance = float(likely[levels].sum())
+            best = found[max(levels, key=lambda number: likely[number])].column
     return best
 
 
@@ -208,8 +245,14 @@ class _Equations:
 
     def allows(self, column: _Column) -> bool:
         """Say whether an effect may be tried beside those that are shown."""
-        together = (sum(axis in each.axes for each in self.shown) for axis in column.axes)
-        return not any(each is column for each in self.shown) and max(together) < _MOST_TOGETHER
+        if any(each is column for each in self.shown):
+            return False
+        shown = [[each.kind for each in self.shown if axis in each.axes] for axis in column.axes]
+        if column.kind == "varying gain" and any(column.kind in kinds for kinds in shown):
+            # Several frequencies of one variation are one effect.
+            return max(kinds.count(column.kind) for kinds in shown) < _MOST_TOGETHER
+        together = (len(kinds) - max(kinds.count("varying gain") - 1, 0) for kinds in shown)
+        return max(together) < _MOST_TOGETHER
 
     def own(self, place: int) -> IntArray:
         """Return where the unknowns of an axis are: the actuator's, then its own."""
@@ -230,7 +273,7 @@ class _Equations:
         variance = few_blocks(self.axes[0].run.size) ** 2 / information
         mean, left = value * prior / (prior + variance), prior * variance / (prior + variance)
         log_ratio = 0.5 * (value * mean / variance + np.log(left / prior))
-        if column.of_torque:
+        if column.lost:
             # Rotors lose torque, and win none.
             mean, left, above = _positive(mean, left)
             log_ratio += np.log(2.0 * above)
@@ -253,14 +296,15 @@ class _Equations:
         fits, actuator = fit_axes(self.axes)
         return _Equations(self.solution._replace(fits=fits, actuator=actuator), shown, taken)
 
-    def fit_of(self, place: int, found: Sequence[_Posterior]) -> SpectralFit:
+    def fit_of(self, place: int, found: Sequence[_Posterior], likely: FloatArray) -> SpectralFit:
         """Return the estimate of an axis with what effects that are shown, and one more, may still be."""
         axis, own = self.axes[place], self.own(place)[: _AXES + 2]
         whole = np.asarray(np.linalg.pinv(self.base[0], hermitian=True), dtype=np.float64)
         covariance = whole[np.ix_(own, own)]
-        for likely, each in zip(_probabilities(found), found, strict=True):
-            by_effect = np.outer(each.moved[own], each.moved[own])
-            covariance = covariance + likely * (each.mean**2 + each.variance) * by_effect
+        for chance, each in zip(likely.tolist(), found, strict=True):
+            if axis.number in each.column.axes:
+                by_effect = np.outer(each.moved[own], each.moved[own])
+                covariance = covariance + chance * (each.mean**2 + each.variance) * by_effect
         fit, gain = self.fits[axis.number], float(self.theta[place][0])
         spread, half_width = spread_and_half_width(axis, gain, self.actuator, covariance)
         return replace(fit, covariance=spread, half_width=half_width)
@@ -393,12 +437,11 @@ def _without(axis: AxisMoments, told: ComplexArray, others: Sequence[ComplexArra
 
 
 def _columns(
-    solution: SpectralSolution, records: Sequence[CommandRecord], data: FlightData
+    solution: SpectralSolution, told: Sequence[FloatArray], records: Sequence[CommandRecord], data: FlightData
 ) -> Iterator[_Column]:
-    """Yield the columns of all effects, at each level."""
+    """Yield the columns of all effects that do not depend on what is left, at each level."""
     torques = [record.segment.torque for record in records]
     period_s = data.sample_period_s
-    told = _told_in_time(solution.told, solution.spectra, [len(each) for each in torques], period_s)
     moved = tuple(axis.number for axis in solution.axes)
     losses = [
         *_losses_of_axes(torques, period_s, solution.actuator.lag_s),
@@ -412,7 +455,7 @@ def _columns(
         if actual is not None and commanded is not None:
             for axes in affected:
                 both = actual.values, actual.by_slope
-                yield _Column(kind, axes, *both, commanded.values, True, _LOST, weight)
+                yield _Column(kind, axes, *both, commanded.values, True, True, _LOST, weight)
     yield from _tilts(records, data, moved)
 
 
@@ -474,7 +517,52 @@ def _tilts(records: Sequence[CommandRecord], data: FlightData, moved: Sequence[i
     if spectra is not None:
         for axis in moved:
             if axis < 2:
-                yield _Column("tilt", (axis,), spectra.values, spectra.by_slope, None, False, _TILT_1_S2, 1.0)
+                yield _Column(
+                    "tilt", (axis,), spectra.values, spectra.by_slope, None, False, False, _TILT_1_S2, 1.0
+                )
+
+
+def _variations(
+    equations: _Equations, told: Sequence[FloatArray], records: Sequence[CommandRecord], data: FlightData
+) -> Iterator[_Column]:
+    """Yield the likeliest variation of all effectiveness, at its phase and across it."""
+    solution, period_s = equations.solution, data.sample_period_s
+    time_s = [record.segment.time_s - records[0].segment.time_s[0] for record in records]
+    error, explained = (
+        np.concatenate(_told_in_time(each, solution.spectra, [len(one) for one in time_s], period_s))
+        for each in _over_noise(equations)
+    )
+    found = likeliest_variation(np.concatenate(time_s), error, explained, period_s)
+    if found is None:
+        return
+    for across in (0.0, 0.5 * np.pi):
+        varies = [
+            np.cos(2.0 * np.pi * found.frequency_hz * each - found.phase_rad - across)[:, np.newaxis]
+            for each in time_s
+        ]
+        actual, commanded = (
+            spectra_of([-each * one for each, one in zip(signals, varies, strict=True)], records, data)
+            for signals in ([record.segment.torque for record in records], told)
+        )
+        if actual is not None and commanded is not None:
+            moved, both = tuple(axis.number for axis in solution.axes), (actual.values, actual.by_slope)
+            weight = 0.5 * found.weight
+            yield _Column("varying gain", moved, *both, commanded.values, True, False, VARIES, weight)
+
+
+def _over_noise(equations: _Equations) -> tuple[ComplexArray, ComplexArray]:
+    """Return what is left of all axes and what is explained, over the noise.
+
+    Shapes are (n_blocks, n_lines, 3).
+    """
+    solution = equations.solution
+    error, explained = np.zeros((2, *solution.told.shape), dtype=np.complex128)
+    for axis, theta, left in zip(equations.axes, equations.theta, equations.error, strict=True):
+        noise = shared(np.mean(np.abs(left) ** 2, axis=0)) / shared(np.ones(left.shape[1]))
+        scale = 1.0 / np.sqrt(np.maximum(noise.real, _TINY))
+        error[:, :, axis.number] = scale * left
+        explained[:, :, axis.number] = scale * theta[0] * axis.response(equations.actuator)[0] * axis.told
+    return error, explained
 
 
 def _not_braked(torque: FloatArray, period_s: float, lag_s: float) -> FloatArray:
