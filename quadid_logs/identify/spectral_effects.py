@@ -58,6 +58,9 @@ _LIMITS: Final = (0.8, 0.9, 0.96)
 _LOST = 0.5
 #: Drag beside the centre of mass, and loads, swing a tilted vehicle at some 0.4 Hz [1/s^2].
 _TILT_1_S2 = (2.0 * np.pi * 0.4) ** 2
+#: Thrust goes with the throttle to a power of one to two: its slope, where nothing straightens the curve, to
+#: a power of none to one.
+_BY_THROTTLE = 0.5
 #: The form of an effect is assumed, and others beside it change what it takes: in simulated flights with two
 #: of them by up to about half of it, in 95 of 100.
 _FORM = 0.5
@@ -76,7 +79,7 @@ class _Column(NamedTuple):
     function of the commanded torque, None where it is linear. ``of_torque``: it is taken from the torque, and
     acts through the rotors; else it is an acceleration by itself. ``lost``: it takes torque, and gives none.
     ``spread``: standard deviation of its coefficient before the flight is seen; ``weight``: of this level
-    among those of its kind.
+    among those of its kind; ``varies``: standard deviation over the flight of what a unit makes of the gain.
     """
 
     kind: Effect
@@ -88,6 +91,7 @@ class _Column(NamedTuple):
     lost: bool
     spread: float
     weight: float
+    varies: float = 0.0
 
 
 class _Posterior(NamedTuple):
@@ -147,13 +151,8 @@ def average_over_effects(solution: SpectralSolution, data: FlightData) -> tuple[
         if best is None:
             break
         equations = equations.beside(best)
-    varies = [
-        value
-        for value, each in zip(equations.taken, equations.shown, strict=True)
-        if each.kind == "varying gain"
-    ]
-    # The mean square of a cosine is a half.
-    variation = float(np.sqrt(0.5 * np.sum(np.square(varies))))
+    varies = [value * each.varies for value, each in zip(equations.taken, equations.shown, strict=True)]
+    variation = float(np.sqrt(np.sum(np.square(varies))))
     fits = list(equations.fits)
     for place, axis in enumerate(equations.axes):
         fit = equations.fit_of(place, found, likely)
@@ -457,6 +456,7 @@ def _columns(
                 both = actual.values, actual.by_slope
                 yield _Column(kind, axes, *both, commanded.values, True, True, _LOST, weight)
     yield from _tilts(records, data, moved)
+    yield from _by_throttle(solution, told, records, data)
 
 
 class _Loss(NamedTuple):
@@ -522,6 +522,19 @@ def _tilts(records: Sequence[CommandRecord], data: FlightData, moved: Sequence[i
                 )
 
 
+def _by_throttle(
+    solution: SpectralSolution, told: Sequence[FloatArray], records: Sequence[CommandRecord], data: FlightData
+) -> Iterator[_Column]:
+    """Yield an effectiveness that goes with the throttle: the torque was rebuilt by another thrust curve."""
+    throttle = [record.segment.throttle for record in records]
+    known = [each for each in throttle if each is not None]
+    if len(known) < len(records) or not 0.0 < (mean := float(np.mean(np.concatenate(known)))) < np.inf:
+        return
+    yield from _varying(
+        [each / mean - 1.0 for each in known], _BY_THROTTLE, 0.5, solution, told, records, data
+    )
+
+
 def _variations(
     equations: _Equations, told: Sequence[FloatArray], records: Sequence[CommandRecord], data: FlightData
 ) -> Iterator[_Column]:
@@ -535,19 +548,40 @@ def _variations(
     found = likeliest_variation(np.concatenate(time_s), error, explained, period_s)
     if found is None:
         return
-    for across in (0.0, 0.5 * np.pi):
-        varies = [
-            np.cos(2.0 * np.pi * found.frequency_hz * each - found.phase_rad - across)[:, np.newaxis]
-            for each in time_s
-        ]
-        actual, commanded = (
-            spectra_of([-each * one for each, one in zip(signals, varies, strict=True)], records, data)
-            for signals in ([record.segment.torque for record in records], told)
+    for across in (found.phase_rad, found.phase_rad + 0.5 * np.pi):
+        varies = [np.cos(2.0 * np.pi * found.frequency_hz * each - across) for each in time_s]
+        yield from _varying(varies, VARIES, 0.25 * found.weight, solution, told, records, data)
+
+
+def _varying(
+    varies: Sequence[FloatArray],
+    spread: float,
+    weight: float,
+    solution: SpectralSolution,
+    told: Sequence[FloatArray],
+    records: Sequence[CommandRecord],
+    data: FlightData,
+) -> Iterator[_Column]:
+    """Yield an effectiveness of all axes that is larger by ``varies`` of each record, (n_samples,)."""
+    actual, commanded = (
+        spectra_of(
+            [-each * one[:, np.newaxis] for each, one in zip(signals, varies, strict=True)], records, data
         )
-        if actual is not None and commanded is not None:
-            moved, both = tuple(axis.number for axis in solution.axes), (actual.values, actual.by_slope)
-            weight = 0.5 * found.weight
-            yield _Column("varying gain", moved, *both, commanded.values, True, False, VARIES, weight)
+        for signals in ([record.segment.torque for record in records], told)
+    )
+    if actual is not None and commanded is not None:
+        yield _Column(
+            "varying gain",
+            tuple(axis.number for axis in solution.axes),
+            actual.values,
+            actual.by_slope,
+            commanded.values,
+            of_torque=True,
+            lost=False,
+            spread=spread,
+            weight=weight,
+            varies=float(np.std(np.concatenate(varies))),
+        )
 
 
 def _over_noise(equations: _Equations) -> tuple[ComplexArray, ComplexArray]:
