@@ -43,6 +43,10 @@ def _limited(torque: np.ndarray) -> np.ndarray:
     return np.clip(torque, -0.045, 0.045)
 
 
+def _limited_pitch(torque: np.ndarray) -> np.ndarray:
+    return np.where([False, True, False], np.clip(torque, -0.03, 0.03), torque)
+
+
 def _fly(
     seed: int,
     loss: Loss = _as_commanded,
@@ -50,9 +54,16 @@ def _fly(
     gusts: float = 0.6,
     tilt_1_s2: float = 0.0,
     late_steps: int = 0,
+    worth: np.ndarray | None = None,
+    throttle: np.ndarray | None = None,
 ) -> FlightData:
-    """Fly a minute in angle mode; ``late_steps``: the torque is logged so much later than it was given."""
+    """Fly a minute in angle mode.
+
+    ``late_steps``: the torque is logged so much later than it was given; ``worth`` (12000,): how much of it
+    the rotors make, sample by sample; ``throttle``: as logged.
+    """
     rng, n = np.random.default_rng(seed), 12000
+    worth = np.ones(n) if worth is None else worth
     steps = np.repeat(rng.uniform(-1.0, 1.0, (n // 60, 3)), 60, axis=0) * 0.15
     white, air = rng.standard_normal((n, 3)), np.zeros(3)
     keep = np.exp(-PERIOD_S * np.pi)
@@ -66,7 +77,7 @@ def _fly(
         thrust = thrust + PERIOD_S / LAG_S * (loss(command) - thrust)
         pull = tilt_1_s2 * angle * np.array([1.0, 1.0, 0.0])
         gust = gusts * air * np.array([1.0, 1.0, 0.1])
-        rate = rate + PERIOD_S * (GAIN * thrust + DAMPING * rate + pull + gust)
+        rate = rate + PERIOD_S * (worth[row] * GAIN * thrust + DAMPING * rate + pull + gust)
         angle = angle + PERIOD_S * rate
     turned = np.vstack([np.zeros(3), PERIOD_S * np.cumsum(rates, axis=0)[:-1]])
     return FlightData(
@@ -77,7 +88,7 @@ def _fly(
                 body_rate_rad_s=rates,
                 torque=np.roll(torque, late_steps, axis=0),
                 attitude_rad=turned,
-                throttle=None,
+                throttle=throttle,
                 saturated=np.zeros(n, dtype=bool),
                 reference=setpoints,
                 command=setpoints + ANGLE_GAIN * turned,
@@ -158,6 +169,40 @@ def test_a_moment_of_the_tilt_is_taken_out(tilt_1_s2: float) -> None:
     """A pendulum, and a vehicle that tips over."""
     fits = fit_by_spectra(_fly(1, gusts=0.2, tilt_1_s2=tilt_1_s2))
     assert all("tilt" in fits[axis].effects and _holds(fits[axis], axis) for axis in (0, 1))
+
+
+TIME_S = PERIOD_S * np.arange(12000)
+
+
+@pytest.mark.parametrize("period_s", [2.3, 6.0, 80.0], ids=["fast", "slow", "a battery that is emptied"])
+def test_an_effectiveness_that_comes_and_goes_is_taken_out(period_s: float) -> None:
+    """By a fifth about its mean, on all axes alike."""
+    worth = 1.0 + 0.2 * np.cos(2.0 * np.pi * TIME_S / period_s)
+    fits = fit_by_spectra(_fly(3, worth=worth / worth.mean()))
+    assert all("varying gain" in fits[axis].effects and _holds(fits[axis], axis) for axis in (0, 1))
+    assert fits[0].variation == pytest.approx(np.std(worth) / worth.mean(), abs=0.05)
+
+
+def test_an_effectiveness_that_goes_with_the_throttle_is_taken_out() -> None:
+    """As of a thrust curve that nobody straightened."""
+    throttle = 0.4 + 0.1 * np.repeat(np.random.default_rng(4).uniform(-1.0, 1.0, 80), 150)
+    fits = fit_by_spectra(_fly(4, worth=throttle / throttle.mean(), throttle=throttle))
+    assert all("varying gain" in fits[axis].effects and _holds(fits[axis], axis) for axis in (0, 1))
+    assert fits[0].variation == pytest.approx(np.std(throttle) / np.mean(throttle), abs=0.04)
+
+
+def test_a_limit_of_one_axis_is_none_of_all() -> None:
+    """What one axis does is explained by that axis: a variation of all would be seen on the others."""
+    fits = fit_by_spectra(_fly(5, _limited_pitch, gusts=0.3))
+    assert fits[1].effects == ("limit",)
+    assert not fits[0].effects
+
+
+def test_what_effects_move_is_told_beside_the_estimate() -> None:
+    """An estimate that knows of none is off by at least the shift."""
+    with_none, limited = fit_by_spectra(_fly(0)), fit_by_spectra(_fly(0, _limited))
+    assert limited[0].by_effects >= abs(limited[0].shift) > 0.03
+    assert with_none[0].by_effects < 0.5 * with_none[0].half_width / with_none[0].gain
 
 
 def test_a_torque_from_another_time_has_a_negative_delay() -> None:
