@@ -547,9 +547,9 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL528",
                 "The control effectiveness varies in flight",
-                "Thrust comes and goes (battery, throttle, ground, another controller), or something else than "
-                "torque moves the vehicle: what the model leaves lasts from one half second to the next, or "
-                "comes and goes with what it explains, as noise does not.",
+                "Thrust comes and goes (battery, throttle, ground, another controller), or something else "
+                "than torque moves the vehicle: what the model leaves lasts from one half second to the "
+                "next, or comes and goes with what it explains, as noise does not.",
                 "Look at the figure of estimates over time. Fly the manoeuvre at one throttle, far from"
                 " the ground.",
             ),

@@ -631,7 +631,7 @@ def _told_by_others(
     return np.asarray(np.einsum("bfi,fi,fbik->bfk", command, from_outside, law))
 
 
-def shared(lines: ComplexArray) -> ComplexArray:
+def shared(lines: ComplexArray | FloatArray) -> ComplexArray:
     """Return sums over neighbouring lines (first axis), the nearer the heavier.
 
     Parameters

@@ -12,37 +12,35 @@ out costs nothing, and one that it leaves open widens the interval by what it mi
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray, IntArray
-from quadid_logs.data.flight import FlightData, InputDescription
+from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import Effect, SpectralFit
+from quadid_logs.identify.effect_columns import (
+    EffectColumn,
+    FlownSignals,
+    effect_columns,
+    variation_columns,
+)
 from quadid_logs.identify.spectral import (
     AxisMoments,
-    CommandRecord,
     SharedActuator,
     SpectralSolution,
     by_coordinates,
-    command_records,
     few_blocks,
     fit_axes,
     moment_noise,
     shared,
     solve_flight,
-    spectra_of,
     spread_and_half_width,
 )
-from quadid_logs.identify.varying_gain import VARIES, likeliest_variation
 from quadid_logs.maths.band import ComplexArray
-from quadid_logs.maths.block_spectra import BlockSpectra
 from quadid_logs.maths.normal import NORMAL_95
-from quadid_logs.maths.recurrence import lag
-from quadid_logs.maths.rotations import tilt_from_rates
 
 #: The effects that are averaged over.
 AVERAGED: Final[frozenset[Effect]] = frozenset(
@@ -50,17 +48,6 @@ AVERAGED: Final[frozenset[Effect]] = frozenset(
 )
 #: Before a log is seen: none of the effects is as likely as one of them, and each kind as likely as another.
 _NO_EFFECT = 0.5
-#: Where dead zones and limits are looked for, as quantiles of the torque's size.
-_DEAD_ZONES: Final = (0.1, 0.2, 0.35, 0.5, 0.65)
-_LIMITS: Final = (0.8, 0.9, 0.96)
-#: Standard deviations of the coefficients. From nothing to all of the torque is lost below a dead zone or
-#: beyond a limit; rotors that slow down twice as slowly as they speed up lack a third as much again.
-_LOST = 0.5
-#: Drag beside the centre of mass, and loads, swing a tilted vehicle at some 0.4 Hz [1/s^2].
-_TILT_1_S2 = (2.0 * np.pi * 0.4) ** 2
-#: Thrust goes with the throttle to a power of one to two: its slope, where nothing straightens the curve, to
-#: a power of none to one.
-_BY_THROTTLE = 0.5
 #: The form of an effect is assumed, and others beside it change what it takes: in simulated flights with two
 #: of them by up to about half of it, in 95 of 100.
 _FORM = 0.5
@@ -72,32 +59,10 @@ _AXES: Final = 3
 _TINY = float(np.finfo(np.float64).tiny)
 
 
-class _Column(NamedTuple):
-    """What one effect adds to the equations of some axes, at one level.
-
-    ``values``, ``by_slope`` of shape (n_blocks, n_lines, 3), as of `BlockSpectra`; ``told``: the same
-    function of the commanded torque, None where it is linear. ``of_torque``: it is taken from the torque, and
-    acts through the rotors; else it is an acceleration by itself. ``lost``: it takes torque, and gives none.
-    ``spread``: standard deviation of its coefficient before the flight is seen; ``weight``: of this level
-    among those of its kind; ``varies``: standard deviation over the flight of what a unit makes of the gain.
-    """
-
-    kind: Effect
-    axes: tuple[int, ...]
-    values: ComplexArray
-    by_slope: ComplexArray
-    told: ComplexArray | None
-    of_torque: bool
-    lost: bool
-    spread: float
-    weight: float
-    varies: float = 0.0
-
-
 class _Posterior(NamedTuple):
     """What one more effect does: its likelihood against none, its coefficient, and what that moves."""
 
-    column: _Column
+    column: EffectColumn
     log_ratio: float
     mean: float
     variance: float
@@ -137,14 +102,11 @@ def average_over_effects(solution: SpectralSolution, data: FlightData) -> tuple[
     """
     if solution.planned:
         return solution.fits
-    records = command_records(data)
-    told = _told_in_time(
-        solution.told, solution.spectra, [each.segment.n_samples for each in records], data.sample_period_s
-    )
-    columns = [*_columns(solution, told, records, data)]
+    signals = FlownSignals(solution, data)
+    columns = [*effect_columns(signals, solution.actuator.lag_s)]
     equations = _Equations(solution)
     while True:
-        tried = [*columns, *_variations(equations, told, records, data)]
+        tried = [*columns, *variation_columns(signals, *_over_noise(equations))]
         found = [equations.with_one_more(each) for each in tried if equations.allows(each)]
         likely = _probabilities(found)
         best = _likeliest(found, likely)
@@ -198,7 +160,7 @@ def _probabilities(found: Sequence[_Posterior]) -> FloatArray:
     return np.asarray(np.exp(odds - np.where(shared_by_axes, whole, of_axes)))
 
 
-def _likeliest(found: Sequence[_Posterior], likely: FloatArray) -> _Column | None:
+def _likeliest(found: Sequence[_Posterior], likely: FloatArray) -> EffectColumn | None:
     """Return the likeliest level of the likeliest effect that the flight shows, if it shows one."""
     best, chance = None, _SHOWN
     for kind, axes in {(each.column.kind, each.column.axes) for each in found}:
@@ -220,7 +182,7 @@ class _Equations:
     """
 
     def __init__(
-        self, solution: SpectralSolution, shown: Sequence[_Column] = (), taken: Sequence[float] = ()
+        self, solution: SpectralSolution, shown: Sequence[EffectColumn] = (), taken: Sequence[float] = ()
     ) -> None:
         self.solution, self.shown, self.taken = solution, shown, taken
         self.axes, self.actuator, self.fits = solution.axes, solution.actuator, solution.fits
@@ -242,7 +204,7 @@ class _Equations:
         slopes = np.vstack([slopes, np.zeros((len(columns) - len(slopes), _AXES))])
         return np.column_stack([slopes, columns])
 
-    def allows(self, column: _Column) -> bool:
+    def allows(self, column: EffectColumn) -> bool:
         """Say whether an effect may be tried beside those that are shown."""
         if any(each is column for each in self.shown):
             return False
@@ -259,7 +221,7 @@ class _Equations:
         first = _AXES + n_linear * place
         return np.concatenate([np.arange(_AXES), np.arange(first, first + n_linear)])
 
-    def with_one_more(self, column: _Column) -> _Posterior:
+    def with_one_more(self, column: EffectColumn) -> _Posterior:
         """Return what one more effect does beside those that are shown."""
         normal, right = self._with(column)
         covariance = np.linalg.pinv(normal[:-1, :-1], hermitian=True)
@@ -278,7 +240,7 @@ class _Equations:
             log_ratio += np.log(2.0 * above)
         return _Posterior(column, float(log_ratio), mean, left, moved[: self.n_known])
 
-    def beside(self, column: _Column) -> _Equations:
+    def beside(self, column: EffectColumn) -> _Equations:
         """Return the equations around the estimate that knows of one more effect: fitted without it."""
         shown = [*self.shown, column]
         normal, right = self._normal(shown)
@@ -308,7 +270,7 @@ class _Equations:
         spread, half_width = spread_and_half_width(axis, gain, self.actuator, covariance)
         return replace(fit, covariance=spread, half_width=half_width)
 
-    def _scale(self, column: _Column) -> float:
+    def _scale(self, column: EffectColumn) -> float:
         """Return the square of what one unit of a coefficient is: of lost torque, the mean effectiveness."""
         gains = [
             float(theta[0])
@@ -317,7 +279,7 @@ class _Equations:
         ]
         return float(np.mean(np.square(gains))) if column.of_torque and len(column.axes) == 1 else 1.0
 
-    def _normal(self, columns: Sequence[_Column]) -> tuple[FloatArray, FloatArray]:
+    def _normal(self, columns: Sequence[EffectColumn]) -> tuple[FloatArray, FloatArray]:
         """Return the normal equations with effects and the priors of their size."""
         n = self.n_known + len(columns)
         normal, right = np.zeros((n, n)), np.zeros(n)
@@ -331,7 +293,7 @@ class _Equations:
             right[self.n_known + number] -= information * taken[number]
         return normal, right
 
-    def _with(self, column: _Column) -> tuple[FloatArray, FloatArray]:
+    def _with(self, column: EffectColumn) -> tuple[FloatArray, FloatArray]:
         """Return the normal equations with one more effect, whose size is free."""
         columns, n = [*self.shown, column], self.n_known + len(self.shown)
         normal, right = np.zeros((n + 1, n + 1)), np.zeros(n + 1)
@@ -343,7 +305,7 @@ class _Equations:
         return normal, right
 
     def _add(
-        self, normal: FloatArray, right: FloatArray, place: int, columns: Sequence[_Column], sign: float
+        self, normal: FloatArray, right: FloatArray, place: int, columns: Sequence[EffectColumn], sign: float
     ) -> None:
         """Add the equations of an axis with effects, or take them away."""
         axis = self.axes[place].number
@@ -353,7 +315,7 @@ class _Equations:
         normal[np.ix_(where, where)] += sign * rows.T @ rows
         right[where] += sign * rows.T @ left
 
-    def _rows(self, place: int, columns: Sequence[_Column]) -> tuple[FloatArray, FloatArray]:
+    def _rows(self, place: int, columns: Sequence[EffectColumn]) -> tuple[FloatArray, FloatArray]:
         """Return the equations of an axis with effects, and what is left of them.
 
         In the moments of the commanded torque the columns of effects are new; their own instruments add
@@ -376,7 +338,7 @@ class _Equations:
                 left.append(rest)
         return np.vstack(rows), np.concatenate(left)
 
-    def _acting(self, place: int, column: _Column) -> ComplexArray:
+    def _acting(self, place: int, column: EffectColumn) -> ComplexArray:
         """Return the acceleration that one unit of an effect makes of an axis, shape (n_blocks, n_lines).
 
         A unit of lost torque is of effectiveness, of what rotors of all axes lose a fraction of it.
@@ -435,155 +397,6 @@ def _without(axis: AxisMoments, told: ComplexArray, others: Sequence[ComplexArra
     return told
 
 
-def _columns(
-    solution: SpectralSolution, told: Sequence[FloatArray], records: Sequence[CommandRecord], data: FlightData
-) -> Iterator[_Column]:
-    """Yield the columns of all effects that do not depend on what is left, at each level."""
-    torques = [record.segment.torque for record in records]
-    period_s = data.sample_period_s
-    moved = tuple(axis.number for axis in solution.axes)
-    losses = [
-        *_losses_of_axes(torques, period_s, solution.actuator.lag_s),
-        *_losses_of_rotors(torques, data.input),
-    ]
-    for kind, lost, weight in losses:
-        affected = [moved] if kind == "rotor threshold" else [(axis,) for axis in moved]
-        actual, commanded = (
-            spectra_of([lost(each) for each in signals], records, data) for signals in (torques, told)
-        )
-        if actual is not None and commanded is not None:
-            for axes in affected:
-                both = actual.values, actual.by_slope
-                yield _Column(kind, axes, *both, commanded.values, True, True, _LOST, weight)
-    yield from _tilts(records, data, moved)
-    yield from _by_throttle(solution, told, records, data)
-
-
-class _Loss(NamedTuple):
-    """What an effect takes from a torque (n_samples, 3) at one level, and its weight among all levels."""
-
-    effect: Effect
-    lost: Callable[[FloatArray], FloatArray]
-    weight: float
-
-
-def _below(torque: FloatArray, level: FloatArray) -> FloatArray:
-    return np.clip(torque, -level, level)
-
-
-def _beyond(torque: FloatArray, level: FloatArray) -> FloatArray:
-    return torque - np.clip(torque, -level, level)
-
-
-def _losses_of_axes(torques: Sequence[FloatArray], period_s: float, lag_s: float) -> Iterator[_Loss]:
-    """Yield what the torque about each axis may lose by itself."""
-    sizes = np.abs(np.concatenate(torques))
-    for level in np.quantile(sizes, _DEAD_ZONES, axis=0):
-        yield _Loss("threshold", partial(_below, level=level), 1.0 / len(_DEAD_ZONES))
-    for level in np.quantile(sizes, _LIMITS, axis=0):
-        yield _Loss("limit", partial(_beyond, level=level), 1.0 / len(_LIMITS))
-    yield _Loss("asymmetry", partial(_not_braked, period_s=period_s, lag_s=lag_s), 1.0)
-
-
-def _losses_of_rotors(torques: Sequence[FloatArray], described: InputDescription | None) -> Iterator[_Loss]:
-    """Yield what dead zones of the rotors take, where it is known how they make the torque."""
-    per_thrust = None if described is None else described.torque_per_thrust
-    if per_thrust is None or not np.isfinite(per_thrust).all() or not per_thrust.any():
-        return
-    by_torque = np.asarray(np.linalg.pinv(per_thrust), dtype=np.float64)
-    for level in np.quantile(np.abs(np.concatenate(torques) @ by_torque.T), _DEAD_ZONES):
-        lost = partial(_below_of_rotors, level=level, by_torque=by_torque, per_thrust=per_thrust)
-        yield _Loss("rotor threshold", lost, 1.0 / len(_DEAD_ZONES))
-
-
-def _below_of_rotors(
-    torque: FloatArray, level: float, by_torque: FloatArray, per_thrust: FloatArray
-) -> FloatArray:
-    """Return the torque of what each rotor gets of its command below a level."""
-    return np.asarray(np.clip(torque @ by_torque.T, -level, level) @ per_thrust.T)
-
-
-def _tilts(records: Sequence[CommandRecord], data: FlightData, moved: Sequence[int]) -> Iterator[_Column]:
-    """Yield roll and pitch, of which a moment may be left."""
-    angles = [
-        tilt_from_rates(record.segment.body_rate_rad_s, data.sample_period_s)
-        if record.segment.attitude_rad is None
-        else record.segment.attitude_rad[:, :2]
-        for record in records
-    ]
-    if not all(np.isfinite(each).all() for each in angles):
-        return
-    spectra = spectra_of([np.column_stack([each, 0.0 * each[:, :1]]) for each in angles], records, data)
-    if spectra is not None:
-        for axis in moved:
-            if axis < 2:
-                yield _Column(
-                    "tilt", (axis,), spectra.values, spectra.by_slope, None, False, False, _TILT_1_S2, 1.0
-                )
-
-
-def _by_throttle(
-    solution: SpectralSolution, told: Sequence[FloatArray], records: Sequence[CommandRecord], data: FlightData
-) -> Iterator[_Column]:
-    """Yield an effectiveness that goes with the throttle: the torque was rebuilt by another thrust curve."""
-    throttle = [record.segment.throttle for record in records]
-    known = [each for each in throttle if each is not None]
-    if len(known) < len(records) or not 0.0 < (mean := float(np.mean(np.concatenate(known)))) < np.inf:
-        return
-    yield from _varying(
-        [each / mean - 1.0 for each in known], _BY_THROTTLE, 0.5, solution, told, records, data
-    )
-
-
-def _variations(
-    equations: _Equations, told: Sequence[FloatArray], records: Sequence[CommandRecord], data: FlightData
-) -> Iterator[_Column]:
-    """Yield the likeliest variation of all effectiveness, at its phase and across it."""
-    solution, period_s = equations.solution, data.sample_period_s
-    time_s = [record.segment.time_s - records[0].segment.time_s[0] for record in records]
-    error, explained = (
-        np.concatenate(_told_in_time(each, solution.spectra, [len(one) for one in time_s], period_s))
-        for each in _over_noise(equations)
-    )
-    found = likeliest_variation(np.concatenate(time_s), error, explained, period_s)
-    if found is None:
-        return
-    for across in (found.phase_rad, found.phase_rad + 0.5 * np.pi):
-        varies = [np.cos(2.0 * np.pi * found.frequency_hz * each - across) for each in time_s]
-        yield from _varying(varies, VARIES, 0.25 * found.weight, solution, told, records, data)
-
-
-def _varying(
-    varies: Sequence[FloatArray],
-    spread: float,
-    weight: float,
-    solution: SpectralSolution,
-    told: Sequence[FloatArray],
-    records: Sequence[CommandRecord],
-    data: FlightData,
-) -> Iterator[_Column]:
-    """Yield an effectiveness of all axes that is larger by ``varies`` of each record, (n_samples,)."""
-    actual, commanded = (
-        spectra_of(
-            [-each * one[:, np.newaxis] for each, one in zip(signals, varies, strict=True)], records, data
-        )
-        for signals in ([record.segment.torque for record in records], told)
-    )
-    if actual is not None and commanded is not None:
-        yield _Column(
-            "varying gain",
-            tuple(axis.number for axis in solution.axes),
-            actual.values,
-            actual.by_slope,
-            commanded.values,
-            of_torque=True,
-            lost=False,
-            spread=spread,
-            weight=weight,
-            varies=float(np.std(np.concatenate(varies))),
-        )
-
-
 def _over_noise(equations: _Equations) -> tuple[ComplexArray, ComplexArray]:
     """Return what is left of all axes and what is explained, over the noise.
 
@@ -597,32 +410,3 @@ def _over_noise(equations: _Equations) -> tuple[ComplexArray, ComplexArray]:
         error[:, :, axis.number] = scale * left
         explained[:, :, axis.number] = scale * theta[0] * axis.response(equations.actuator)[0] * axis.told
     return error, explained
-
-
-def _not_braked(torque: FloatArray, period_s: float, lag_s: float) -> FloatArray:
-    """Return what rotors that slow down later than they speed up take from the torque; shape (n, 3).
-
-    While the torque rises, half of the rotors slow down: what all of them lack is off by the torque's lack,
-    rectified and lagged, in the direction of its change.
-    """
-    lacking = torque - lag(torque, period_s, lag_s)
-    return np.asarray(np.sign(lacking) * lag(np.abs(lacking), period_s, lag_s))
-
-
-def _told_in_time(
-    told: ComplexArray, spectra: BlockSpectra, lengths: Sequence[int], period_s: float
-) -> list[FloatArray]:
-    """Return the commanded torques of each record, shape (n_samples, 3): windows that overlap add to one."""
-    step_hz = float(spectra.frequency_hz[1] - spectra.frequency_hz[0])
-    n = 2 * round(0.5 / (step_hz * period_s))
-    lines = np.rint(spectra.frequency_hz / step_hz).astype(int)
-    signals = [np.zeros((length, told.shape[2])) for length in lengths]
-    place = np.zeros(len(signals), dtype=int)
-    for block, record in zip(told, spectra.run.tolist(), strict=True):
-        full = np.zeros((n // 2 + 1, told.shape[2]), dtype=np.complex128)
-        full[lines] = block / period_s
-        first = place[record]
-        # A window has a mean square of one; Hann's as it is adds up to one, its mean square is 3/8.
-        signals[record][first : first + n] += np.sqrt(0.375) * np.fft.irfft(full, n, axis=0)
-        place[record] += n // 2
-    return signals

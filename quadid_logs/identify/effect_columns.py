@@ -1,0 +1,280 @@
+"""What rotors and logs do beside a linear response, as columns of the equations of `identify.spectral`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from quadid_logs.arrays import FloatArray
+from quadid_logs.data.flight import FlightData, InputDescription
+from quadid_logs.data.model import Effect
+from quadid_logs.identify.spectral import SpectralSolution, command_records, spectra_of
+from quadid_logs.identify.varying_gain import VARIES, likeliest_variation
+from quadid_logs.maths.band import ComplexArray
+from quadid_logs.maths.block_spectra import BlockSpectra
+from quadid_logs.maths.recurrence import lag
+from quadid_logs.maths.rotations import tilt_from_rates
+
+#: Where dead zones and limits are looked for, as quantiles of the torque's size.
+_DEAD_ZONES: Final = (0.1, 0.2, 0.35, 0.5, 0.65)
+_LIMITS: Final = (0.8, 0.9, 0.96)
+#: Standard deviations of the coefficients. From nothing to all of the torque is lost below a dead zone or
+#: beyond a limit; rotors that slow down twice as slowly as they speed up lack a third as much again.
+_LOST = 0.5
+#: Drag beside the centre of mass, and loads, swing a tilted vehicle at some 0.4 Hz [1/s^2].
+_TILT_1_S2 = (2.0 * np.pi * 0.4) ** 2
+#: Thrust goes with the throttle to a power of one to two: its slope, where nothing straightens the curve, to
+#: a power of none to one.
+_BY_THROTTLE = 0.5
+
+
+class EffectColumn(NamedTuple):
+    """What one effect adds to the equations of some axes, at one level.
+
+    ``values``, ``by_slope`` of shape (n_blocks, n_lines, 3), as of `BlockSpectra`; ``told``: the same
+    function of the commanded torque, None where it is linear. ``of_torque``: it is taken from the torque, and
+    acts through the rotors; else it is an acceleration by itself. ``lost``: it takes torque, and gives none.
+    ``spread``: standard deviation of its coefficient before the flight is seen; ``weight``: of this level
+    among those of its kind; ``varies``: standard deviation over the flight of what a unit makes of the gain.
+    """
+
+    kind: Effect
+    axes: tuple[int, ...]
+    values: ComplexArray
+    by_slope: ComplexArray
+    told: ComplexArray | None
+    of_torque: bool
+    lost: bool
+    spread: float
+    weight: float
+    varies: float = 0.0
+
+
+class FlownSignals:
+    """The torques of a flight, and those that follow from what was commanded, in time.
+
+    Attributes
+    ----------
+    data : FlightData
+    records : list of CommandRecord
+    torques, told : list of ndarray, each of shape (n_samples, 3)
+        Of each record, as logged and as commanded.
+    moved : tuple of int
+        The axes that are estimated.
+    """
+
+    def __init__(self, solution: SpectralSolution, data: FlightData) -> None:
+        self.data, self.records, self.spectra = data, command_records(data), solution.spectra
+        self.torques = [record.segment.torque for record in self.records]
+        self.told = self.in_time(solution.told)
+        self.moved = tuple(axis.number for axis in solution.axes)
+
+    def in_time(self, lines: ComplexArray) -> list[FloatArray]:
+        """Return signals, one array of shape (n_samples, 3) a record, of spectra (n_blocks, n_lines, 3)."""
+        lengths = [record.segment.n_samples for record in self.records]
+        return _in_time(lines, self.spectra, lengths, self.data.sample_period_s)
+
+    def column(
+        self,
+        kind: Effect,
+        made: Sequence[Callable[[FloatArray], FloatArray]],
+        *,
+        lost: bool,
+        spread: float,
+        weight: float,
+        varies: float = 0.0,
+    ) -> EffectColumn | None:
+        """Return a column about all axes that functions make of the torques, one for each record."""
+        actual, commanded = (
+            spectra_of(
+                [make(each) for make, each in zip(made, signals, strict=True)], self.records, self.data
+            )
+            for signals in (self.torques, self.told)
+        )
+        if actual is None or commanded is None:
+            return None
+        return EffectColumn(
+            kind,
+            self.moved,
+            actual.values,
+            actual.by_slope,
+            commanded.values,
+            of_torque=True,
+            lost=lost,
+            spread=spread,
+            weight=weight,
+            varies=varies,
+        )
+
+
+def effect_columns(signals: FlownSignals, lag_s: float) -> Iterator[EffectColumn]:
+    """Yield the columns of all effects that do not depend on what is left, at each level.
+
+    Parameters
+    ----------
+    signals : FlownSignals
+    lag_s : float
+        Of the rotors [s].
+
+    Yields
+    ------
+    EffectColumn
+    """
+    losses = [
+        *_losses_of_axes(signals.torques, signals.data.sample_period_s, lag_s),
+        *_losses_of_rotors(signals.torques, signals.data.input),
+    ]
+    for kind, lost, weight in losses:
+        column = signals.column(kind, [lost] * len(signals.records), lost=True, spread=_LOST, weight=weight)
+        if column is not None:
+            of_all = kind == "rotor threshold"
+            yield from [column] if of_all else (column._replace(axes=(axis,)) for axis in signals.moved)
+    yield from _tilts(signals)
+    yield from _by_throttle(signals)
+
+
+def variation_columns(
+    signals: FlownSignals, error: ComplexArray, explained: ComplexArray
+) -> Iterator[EffectColumn]:
+    """Yield the likeliest variation of all effectiveness, at its phase and across it.
+
+    Parameters
+    ----------
+    signals : FlownSignals
+    error, explained : ndarray of complex, shape (n_blocks, n_lines, 3)
+        What the equations leave and what they explain, both over the square root of the noise's density.
+
+    Yields
+    ------
+    EffectColumn
+    """
+    records = signals.records
+    time_s = [record.segment.time_s - records[0].segment.time_s[0] for record in records]
+    left, told = (np.concatenate(signals.in_time(each)) for each in (error, explained))
+    found = likeliest_variation(np.concatenate(time_s), left, told, signals.data.sample_period_s)
+    if found is None:
+        return
+    for across in (found.phase_rad, found.phase_rad + 0.5 * np.pi):
+        varies = [np.cos(2.0 * np.pi * found.frequency_hz * each - across) for each in time_s]
+        yield from _varying(signals, varies, VARIES, 0.25 * found.weight)
+
+
+def _by_throttle(signals: FlownSignals) -> Iterator[EffectColumn]:
+    """Yield an effectiveness that goes with the throttle: the torque was rebuilt by another thrust curve."""
+    throttle = [record.segment.throttle for record in signals.records]
+    known = [each for each in throttle if each is not None]
+    if len(known) < len(throttle) or not 0.0 < (mean := float(np.mean(np.concatenate(known)))) < np.inf:
+        return
+    yield from _varying(signals, [each / mean - 1.0 for each in known], _BY_THROTTLE, 0.5)
+
+
+def _varying(
+    signals: FlownSignals, varies: Sequence[FloatArray], spread: float, weight: float
+) -> Iterator[EffectColumn]:
+    """Yield an effectiveness of all axes that is larger by ``varies`` of each record, (n_samples,)."""
+    deviation = float(np.std(np.concatenate(varies)))
+    made = [partial(_times, -each[:, np.newaxis]) for each in varies]
+    column = signals.column("varying gain", made, lost=False, spread=spread, weight=weight, varies=deviation)
+    if column is not None:
+        yield column
+
+
+def _times(factor: FloatArray, torque: FloatArray) -> FloatArray:
+    return factor * torque
+
+
+class _Loss(NamedTuple):
+    """What an effect takes from a torque (n_samples, 3) at one level, and its weight among all levels."""
+
+    effect: Effect
+    lost: Callable[[FloatArray], FloatArray]
+    weight: float
+
+
+def _below(torque: FloatArray, level: FloatArray) -> FloatArray:
+    return np.clip(torque, -level, level)
+
+
+def _beyond(torque: FloatArray, level: FloatArray) -> FloatArray:
+    return torque - np.clip(torque, -level, level)
+
+
+def _losses_of_axes(torques: Sequence[FloatArray], period_s: float, lag_s: float) -> Iterator[_Loss]:
+    """Yield what the torque about each axis may lose by itself."""
+    sizes = np.abs(np.concatenate(torques))
+    for level in np.quantile(sizes, _DEAD_ZONES, axis=0):
+        yield _Loss("threshold", partial(_below, level=level), 1.0 / len(_DEAD_ZONES))
+    for level in np.quantile(sizes, _LIMITS, axis=0):
+        yield _Loss("limit", partial(_beyond, level=level), 1.0 / len(_LIMITS))
+    yield _Loss("asymmetry", partial(_not_braked, period_s=period_s, lag_s=lag_s), 1.0)
+
+
+def _losses_of_rotors(torques: Sequence[FloatArray], described: InputDescription | None) -> Iterator[_Loss]:
+    """Yield what dead zones of the rotors take, where it is known how they make the torque."""
+    per_thrust = None if described is None else described.torque_per_thrust
+    if per_thrust is None or not np.isfinite(per_thrust).all() or not per_thrust.any():
+        return
+    by_torque = np.asarray(np.linalg.pinv(per_thrust), dtype=np.float64)
+    for level in np.quantile(np.abs(np.concatenate(torques) @ by_torque.T), _DEAD_ZONES):
+        lost = partial(_below_of_rotors, level=level, by_torque=by_torque, per_thrust=per_thrust)
+        yield _Loss("rotor threshold", lost, 1.0 / len(_DEAD_ZONES))
+
+
+def _below_of_rotors(
+    torque: FloatArray, level: float, by_torque: FloatArray, per_thrust: FloatArray
+) -> FloatArray:
+    """Return the torque of what each rotor gets of its command below a level."""
+    return np.asarray(np.clip(torque @ by_torque.T, -level, level) @ per_thrust.T)
+
+
+def _tilts(signals: FlownSignals) -> Iterator[EffectColumn]:
+    """Yield roll and pitch, of which a moment may be left."""
+    angles = [
+        tilt_from_rates(record.segment.body_rate_rad_s, signals.data.sample_period_s)
+        if record.segment.attitude_rad is None
+        else record.segment.attitude_rad[:, :2]
+        for record in signals.records
+    ]
+    if not all(np.isfinite(each).all() for each in angles):
+        return
+    spectra = spectra_of(
+        [np.column_stack([each, 0.0 * each[:, :1]]) for each in angles], signals.records, signals.data
+    )
+    if spectra is not None:
+        for axis in signals.moved:
+            if axis < 2:
+                yield EffectColumn(
+                    "tilt", (axis,), spectra.values, spectra.by_slope, None, False, False, _TILT_1_S2, 1.0
+                )
+
+
+def _not_braked(torque: FloatArray, period_s: float, lag_s: float) -> FloatArray:
+    """Return what rotors that slow down later than they speed up take from the torque; shape (n, 3).
+
+    While the torque rises, half of the rotors slow down: what all of them lack is off by the torque's lack,
+    rectified and lagged, in the direction of its change.
+    """
+    lacking = torque - lag(torque, period_s, lag_s)
+    return np.asarray(np.sign(lacking) * lag(np.abs(lacking), period_s, lag_s))
+
+
+def _in_time(
+    spectrum: ComplexArray, spectra: BlockSpectra, lengths: Sequence[int], period_s: float
+) -> list[FloatArray]:
+    """Return the signals of each record, shape (n_samples, 3): windows that overlap add to one."""
+    step_hz = float(spectra.frequency_hz[1] - spectra.frequency_hz[0])
+    n = 2 * round(0.5 / (step_hz * period_s))
+    lines = np.rint(spectra.frequency_hz / step_hz).astype(int)
+    signals = [np.zeros((length, spectrum.shape[2])) for length in lengths]
+    place = np.zeros(len(signals), dtype=int)
+    for block, record in zip(spectrum, spectra.run.tolist(), strict=True):
+        full = np.zeros((n // 2 + 1, spectrum.shape[2]), dtype=np.complex128)
+        full[lines] = block / period_s
+        first = place[record]
+        # A window has a mean square of one; Hann's as it is adds up to one, its mean square is 3/8.
+        signals[record][first : first + n] += np.sqrt(0.375) * np.fft.irfft(full, n, axis=0)
+        place[record] += n // 2
+    return signals
