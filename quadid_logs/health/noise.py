@@ -103,8 +103,10 @@ def find_noise(
         for column, axis in enumerate(AXES)
     }
     folded = may_be_folded(series)
+    share = _share_of_lines(lines, main)
     return Noise(
-        sentence=_sentence(lines, folded, float(main.frequency_hz[-1]), bool(searched.any())),
+        sentence=_sentence(lines, folded, float(main.frequency_hz[-1]), bool(searched.any()), share),
+        judged=bool(searched.any()) and share <= 0.5,
         after=_shown(after, shown.get("after")),
         before=_shown(before, shown.get("before")),
         lines=lines,
@@ -343,8 +345,23 @@ def source_words(line: Line) -> str:
     return words.get(line.source, "")
 
 
-def _sentence(lines: Mapping[str, tuple[Line, ...]], folded: bool, highest_hz: float, searched: bool) -> str:
-    """Say which lines there are; no published figure says how high one may be."""
+def _share_of_lines(lines: Mapping[str, tuple[Line, ...]], spectra: Periodograms) -> float:
+    """Return which part of the gyro's power above commands' frequencies its lines hold there."""
+    fast = spectra.frequency_hz > COMMANDED_HZ
+    power = float(spectra.mean[fast].sum()) * float(spectra.frequency_hz[1])
+    held = sum(
+        line.rms**2 for found in lines.values() for line in found if line.frequency_hz > COMMANDED_HZ
+    )
+    return min(held / power, 1.0) if power > 0.0 else 0.0
+
+
+def _sentence(
+    lines: Mapping[str, tuple[Line, ...]], folded: bool, highest_hz: float, searched: bool, share: float
+) -> str:
+    """Say which lines there are, and how much of the vibration they are.
+
+    No published figure says how high one may be; one half is where lines are more than all else.
+    """
     if not searched:
         return (
             f"The gyro is logged up to {highest_hz:.3g} Hz and no set-points are: "
@@ -354,7 +371,7 @@ def _sentence(lines: Mapping[str, tuple[Line, ...]], folded: bool, highest_hz: f
         ((axis, line) for axis, found in lines.items() for line in found), key=lambda one: -one[1].height_db
     )
     if not named:
-        told = f"The gyro shows no line above its noise up to {highest_hz:.3g} Hz"
+        told = f"The gyro shows no line above its noise up to {highest_hz:.3g} Hz, which is normal"
     else:
         words = []
         for axis, line in named[:_MOST_NAMED]:
@@ -362,6 +379,12 @@ def _sentence(lines: Mapping[str, tuple[Line, ...]], folded: bool, highest_hz: f
             size = f"{line.height_db:.0f} dB, {number(float(np.degrees(line.rms)), 2)} deg/s rms"
             words.append(f"{axis} {line.frequency_hz:.3g} Hz ({size}{', ' if source else ''}{source})")
         told = f"The gyro shows lines above its noise: {some(words, len(named))}"
+        if highest_hz > COMMANDED_HZ:
+            more = "more than" if share > 0.5 else "less than"
+            told += (
+                f". Those above {COMMANDED_HZ:.0f} Hz hold {number(100.0 * share, 2)} % of its power there, "
+                f"{more} all else"
+            )
     note = ". Faster vibration, if there is any, can appear at these frequencies" if folded and named else ""
     if folded and not named:
         note = ". Faster vibration cannot be seen at this log rate"

@@ -12,7 +12,7 @@ import numpy as np
 
 from quadid_logs.align.series import CleanSeries, Interval
 from quadid_logs.arrays import BoolArray, FloatArray
-from quadid_logs.data.health import AxisSteps, Quantity, StepCurve, Steps
+from quadid_logs.data.health import AxisSteps, Level, Quantity, StepCurve, Steps
 from quadid_logs.health.records import records
 from quadid_logs.vocabulary import AXES
 
@@ -36,6 +36,11 @@ _LEAST_EXPLAINED: Final = 0.5
 _OFF: Final = 0.2
 #: Half of the largest set-points part the small from the large.
 _LARGE: Final = 0.5
+
+
+#: A loop of second order with 45 degrees of phase margin overshoots by this: exp(-pi z / sqrt(1 - z^2)) with a
+#: damping ratio z of a hundredth of the margin (K. Ogata, Modern Control Engineering, 7-7).
+_OVERSHOOT: Final = 0.2
 
 
 _Size = Literal["all", "small", "large"]
@@ -102,7 +107,11 @@ def find_steps(responses: dict[str, Response]) -> Steps | None:
     if not axes:
         return None
     late, over = (", ".join(f"{axis} {words(one)}" for axis, one in axes.items()) for words in (_late, _over))
-    return Steps(sentence=f"Half of a step is reached after: {late}. It overshoots by: {over}.", axes=axes)
+    level: Level = "high" if any(one.overshoot.value > _OVERSHOOT for one in axes.values()) else "normal"
+    limit = f"{100.0 * _OVERSHOOT:.0f} %, that of a loop with 45 degrees of phase margin"
+    judged = f"which is normal (below {limit})" if level == "normal" else f"more than the normal {limit}"
+    told = f"Half of a step is reached after: {late}. It overshoots by: {over}, {judged}."
+    return Steps(sentence=told, level=level, axes=axes)
 
 
 def _late(steps: AxisSteps) -> str:

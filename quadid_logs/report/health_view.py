@@ -21,10 +21,15 @@ TOPICS: Final = {
     "oscillation": "Oscillation",
     "rotors": "Rotors",
     "tracking": "Rates against set-points",
+    "rates": "Rates",
     "attitude": "Angles against set-points",
+    "tilt": "Tilt",
     "steps": "Step response",
     "noise": "Gyro noise",
     "motors": "Motors",
+    "torque": "Steady torque",
+    "throttle": "Throttle",
+    "thrust": "Thrust",
     "vibration": "Vibration",
     "battery": "Battery",
 }
@@ -137,7 +142,7 @@ def _missing(health: Health) -> Iterable[str]:
     for name, reason in health.missing.items():
         reasons.setdefault(reason, []).append(TOPICS[name].lower())
     for reason, names in reasons.items():
-        if len(names) == len(TOPICS):
+        if not health.topics and len(reasons) == 1:
             yield f"Nothing is shown of the flight: {printable(reason, 200)}."
         else:
             yield f"Not shown: {listed(names)}, because {printable(reason, 200)}."
