@@ -130,7 +130,7 @@ def synthetic_health(sentence: str = "All is well.") -> Health:
             name: Course(
                 sentence=sentence,
                 label=name,
-                unit="",
+                unit="deg",
                 columns=("one",),
                 figures={"one": number},
                 limits=((0.5, "half"),),

@@ -89,13 +89,13 @@ def clean(log: FlightLog) -> CleanLog:
     Returns
     -------
     CleanLog
-        Without signals where the log has no time.
+        Without signals where nothing tells the log's time.
     """
     clock = find_clock(_signals_with_time(log))
     cleaner = Cleaner(clock)
     candidates = {
         name: tuple(cleaner.clean(signal) for signal in log.candidates(name))
-        for name in (log.signals if log.has_time else ())
+        for name in (log.signals if _tells_time(log) else ())
     }
     flights = find_flights(choose_sources(candidates), _span(clock))
     return CleanLog(
@@ -177,7 +177,8 @@ def cut(prepared: Prepared, settings: AlignSettings) -> FlightData:
     span = _span(clock)
     intervals = _clip(prepared.flights, settings)
     period_s = _period_s(torque, settings)
-    segments = _segments(series, torque, intervals, period_s) if _may_be_multirotor(log) else ()
+    is_identifiable = _may_be_multirotor(log) and log.has_time
+    segments = _segments(series, torque, intervals, period_s) if is_identifiable else ()
     modes = _on_clock(log.modes, clock)
     if "reference_rate" in series:
         segments = tuple(replace(each, command=each.reference, planned=True) for each in segments)
@@ -249,8 +250,12 @@ def _may_be_multirotor(log: FlightLog) -> bool:
     return log.vehicle_type in (MULTIROTOR, "unknown")
 
 
+def _tells_time(log: FlightLog) -> bool:
+    return log.has_time or log.is_nominal_time
+
+
 def _signals_with_time(log: FlightLog) -> Iterable[Signal]:
-    if not log.has_time:
+    if not _tells_time(log):
         return ()
     return [signal for sources in log.signals.values() for signal in sources]
 

@@ -85,7 +85,7 @@ _KEYS: Final = {
 #: Drawn where the log holds nothing to compare with.
 _INSTEAD: Final = {
     "rates": "They stand beside their set-points above.",
-    "tilt": "The angles stand beside their set-points above.",
+    "tilt": "The log holds no attitude.",
     "torque": "The motors show it.",
     "thrust": "The log holds no thrust in newtons.",
 }

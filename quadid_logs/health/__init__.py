@@ -34,7 +34,7 @@ _NEEDS: Final[Mapping[str, tuple[tuple[str, ...], str]]] = {
     ),
     "noise": (("body_rate",), "the flight is too short for a spectrum"),
     "motors": (("outputs",), "the log does not tell which outputs drive the motors, or they never change"),
-    "vibration": (("specific_force",), "it is logged too slowly"),
+    "vibration": (("specific_force",), "it is logged too slowly, or the flight is too short"),
     "throttle": (("throttle",), "it was hardly logged in flight, or never changes"),
     "battery": (("battery_voltage",), "none was measured in flight"),
     "oscillation": (
@@ -170,7 +170,7 @@ def _in_place_of(
     torque = series.get("torque_n_m") or series.get("torque_command")
     return {
         "rates": None if rate is None or found["tracking"] else find_rates(rate, intervals),
-        "tilt": None if angle is None or found["attitude"] else find_tilt(angle, intervals),
+        "tilt": None if angle is None else find_tilt(angle, intervals),
         "torque": None if torque is None or found["motors"] else find_torque(torque, thrust, intervals),
         "thrust": None if thrust is None else find_thrust(thrust, angle, intervals),
     }

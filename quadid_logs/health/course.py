@@ -254,7 +254,7 @@ def find_torque(
             f"{number(1e3 * abs(right), 2)} mm to the {across} of the rotors' middle."
         )
         figures |= {"ahead": Quantity(float(ahead), "m"), "right": Quantity(float(right), "m")}
-    unit = "N m" if torque.name == "torque_n_m" else ""
+    unit = "N m" if torque.name == "torque_n_m" else "1"
     return _course(
         record, sentence=told, judged=True, label="torque", unit=unit, columns=AXES, figures=figures
     )

@@ -151,6 +151,7 @@ def flight_log(source: MessageSource, *, log_format: str, preamble: tuple[str, .
         n_dropped=_dropped(tables),
         counts=_counts(source),
         has_time=clock.has_time,
+        is_nominal_time=clock.is_nominal,
         utc_offset_s=_utc_offset_s(tables.get("GPS"), clock),
         remarks=_remarks(tables, clock, messages.rate_scale),
     )
@@ -263,6 +264,10 @@ def _remarks(
     )
     if not clock.has_time:
         remarks.append("The rows of this log carry no time: firmware before 3.1 did not log it.")
+        if clock.is_nominal:
+            remarks.append(
+                "Charts take ten rows of CTUN or ATT for a second, as that firmware logged them. Nothing is identified from such times."
+            )
     elif without:
         remarks.append(
             f"Rows of {', '.join(without)} carry no time; they take that of the row before them in the file."
