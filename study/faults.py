@@ -1,10 +1,10 @@
 """Faults of rotors: how often each is named in simulated flights, and how often one is in flights without.
 
-    python study/faults.py -o faults.jsonl [--clean 30] [--each 5] [--seed 0] [--kinds step ramp] [--seconds 75 80]
+    python study/faults.py -o faults.jsonl [--clean 30] [--each 5] [--seed 0] [--seconds 30 40]
 
 Every flight is a line of the file; a run that was stopped goes on where it ended. The flights are short
-(30 to 40 s, unless told otherwise), of a careful pilot, of one who moves the sticks, of a hover in wind, all in rough air, on all
-three autopilots in turn.
+(30 to 40 s, unless told otherwise), of a careful pilot, of one who moves the sticks, of a hover in wind, all
+in rough air, on all three autopilots in turn.
 """
 
 from __future__ import annotations

@@ -465,8 +465,8 @@ class Rotors(Topic):
 class Health:
     """What a log shows of its flight; ``missing`` says of a topic that is None which signal it lacks.
 
-    ``rates`` stands in for ``tracking`` where set-points are not logged, ``torque`` for ``motors``: without them
-    nothing is missing.
+    ``rates`` stands in for ``tracking`` where set-points are not logged, ``torque`` for ``motors``: without
+    them nothing is missing.
     """
 
     tracking: Tracking | None = None

@@ -1,4 +1,4 @@
-"""Quantities over the flight that need neither set-points nor motor outputs: rates, tilt, throttle, thrust, torque."""
+"""What needs neither set-points nor motor outputs: rates, tilt, throttle, thrust and steady torque."""
 
 from __future__ import annotations
 
@@ -147,11 +147,14 @@ def find_throttle(throttle: CleanSeries, intervals: Sequence[Interval]) -> Cours
         told += f"which is normal (most vehicles hover at {_percent(low)} to {_percent(high)})."
     else:
         level = "high" if half <= _UNDERPOWERED else "severe"
-        told += f"more than the {_percent(high)} of most vehicles in hover: little is left to climb and to correct."
+        told += (
+            f"more than the {_percent(high)} of most vehicles in hover: little is left to climb and correct."
+        )
     if most < 1.0:
         told += f" It stays below {_percent(most)} in 99 % of the flight."
     else:
-        told += f" It is at its end in {number(100.0 * float(np.mean(record.values >= _AT_END)), 2)} % of the flight."
+        at_end = 100.0 * float(np.mean(record.values >= _AT_END))
+        told += f" It is at its end in {number(at_end, 2)} % of the flight."
     return _course(
         record,
         sentence=told,
@@ -200,8 +203,8 @@ def find_thrust(
     words = f"{number(1e3 * mass_kg, 3)} g" if mass_kg < 1.0 else f"{number(mass_kg, 3)} kg"
     return _course(
         record,
-        sentence=f"The thrust in this log carries {words} on average. That should be what the vehicle weighs; "
-        "otherwise its newtons and newton metres are wrong by the same factor.",
+        sentence=f"The thrust in this log carries {words} on average. That should be its vehicle's mass. "
+        "Otherwise its newtons and newton metres are wrong by the same factor.",
         judged=True,
         label="thrust",
         unit="N",

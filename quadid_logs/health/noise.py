@@ -349,9 +349,7 @@ def _share_of_lines(lines: Mapping[str, tuple[Line, ...]], spectra: Periodograms
     """Return which part of the gyro's power above commands' frequencies its lines hold there."""
     fast = spectra.frequency_hz > COMMANDED_HZ
     power = float(spectra.mean[fast].sum()) * float(spectra.frequency_hz[1])
-    held = sum(
-        line.rms**2 for found in lines.values() for line in found if line.frequency_hz > COMMANDED_HZ
-    )
+    held = sum(line.rms**2 for found in lines.values() for line in found if line.frequency_hz > COMMANDED_HZ)
     return min(held / power, 1.0) if power > 0.0 else 0.0
 
 

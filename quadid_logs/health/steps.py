@@ -38,8 +38,8 @@ _OFF: Final = 0.2
 _LARGE: Final = 0.5
 
 
-#: A loop of second order with 45 degrees of phase margin overshoots by this: exp(-pi z / sqrt(1 - z^2)) with a
-#: damping ratio z of a hundredth of the margin (K. Ogata, Modern Control Engineering, 7-7).
+#: A loop of second order with 45 degrees of phase margin overshoots by this: exp(-pi z / sqrt(1 - z^2)) with
+#: a damping ratio z of a hundredth of the margin (K. Ogata, Modern Control Engineering, 7-7).
 _OVERSHOOT: Final = 0.2
 
 

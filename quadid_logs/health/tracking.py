@@ -17,8 +17,8 @@ from quadid_logs.numerals import number
 from quadid_logs.sentences import listed
 from quadid_logs.vocabulary import AXES
 
-#: Roll or pitch further than this from its set-point for longer than that: a published analyzer of logs warns,
-#: and at the second angle fails (source: docs/health.md) [rad, s].
+#: Roll or pitch further than this from its set-point for longer than that: a published analyzer of logs
+#: warns, and at the second angle fails (source: docs/health.md) [rad, s].
 _WARN_RAD, _FAIL_RAD, _LASTS_S = (*np.radians((5.0, 10.0)), 0.25)
 #: Roll and pitch are judged; the nose may lag far behind a turn that was asked for at once.
 _TILTING: Final = 2
@@ -73,7 +73,9 @@ def find_tracking(
         return Tracking(sentence=f"{_sentence(axes, of)} {_followed(axes)}", axes=axes, judged=True)
     worst = np.maximum.reduce(errors[:_TILTING])
     found = _judged(time_s, worst)
-    return Tracking(sentence=f"{_sentence(axes, of)} {found.sentence}", axes=axes, level=found.level, off=found.off)
+    return Tracking(
+        sentence=f"{_sentence(axes, of)} {found.sentence}", axes=axes, level=found.level, off=found.off
+    )
 
 
 class _Judgement(NamedTuple):
@@ -94,7 +96,10 @@ def _judged(time_s: FloatArray, worst: FloatArray) -> _Judgement:
     off = Quantity(share, "1", normal=(0.0, 0.0))
     warn, fail, most = (float(np.degrees(one)) for one in (_WARN_RAD, _FAIL_RAD, largest))
     if not off_s:
-        words = f"Roll and pitch are never off by more than {warn:.0f} deg for longer than {_LASTS_S:g} s, which is normal."
+        words = (
+            f"Roll and pitch are never off by more than {warn:.0f} deg for longer than {_LASTS_S:g} s, "
+            "which is normal."
+        )
         return _Judgement(words, "normal", off)
     level: Level = "severe" if largest >= _FAIL_RAD else "high"
     limit = f"beyond {fail:.0f} deg it does not follow" if level == "severe" else "normal is never"
@@ -123,8 +128,8 @@ def _followed(axes: Mapping[str, AxisTracking]) -> str:
         return "Every axis misses by less than its set-points move, which is normal."
     verb = "misses" if len(beyond) == 1 else "miss"
     return (
-        f"{listed(beyond).capitalize()} {verb} by as much as the set-points move, or more: gusts, vibration, an "
-        "oscillation or a limit move the vehicle instead. That is normal only in a hover without commands."
+        f"{listed(beyond).capitalize()} {verb} by as much as the set-points move, or more: gusts, vibration, "
+        "an oscillation or a limit move the vehicle instead. That is normal only in a hover without commands."
     )
 
 

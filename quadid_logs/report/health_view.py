@@ -33,6 +33,8 @@ TOPICS: Final = {
     "vibration": "Vibration",
     "battery": "Battery",
 }
+#: They show what others cannot: without them nothing is missing.
+_NEVER_MISSING: Final = ("rates", "tilt", "torque", "thrust")
 #: Of each judgement, its colour on the page; a number without one has none.
 _STYLES: Final = {"normal": "usable", "high": "caution", "severe": "refused", "fact": ""}
 #: Where the recommended gains of an axis go, if it oscillates. The other ways lead nowhere that is known.
@@ -142,7 +144,7 @@ def _missing(health: Health) -> Iterable[str]:
     for name, reason in health.missing.items():
         reasons.setdefault(reason, []).append(TOPICS[name].lower())
     for reason, names in reasons.items():
-        if not health.topics and len(reasons) == 1:
+        if len(names) == len(TOPICS) - len(_NEVER_MISSING):
             yield f"Nothing is shown of the flight: {printable(reason, 200)}."
         else:
             yield f"Not shown: {listed(names)}, because {printable(reason, 200)}."

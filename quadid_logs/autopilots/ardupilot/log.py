@@ -266,7 +266,8 @@ def _remarks(
         remarks.append("The rows of this log carry no time: firmware before 3.1 did not log it.")
         if clock.is_nominal:
             remarks.append(
-                "Charts take ten rows of CTUN or ATT for a second, as that firmware logged them. Nothing is identified from such times."
+                "Charts take ten rows of CTUN or ATT for a second, as that firmware logged them. "
+                "Nothing is identified from such times."
             )
     elif without:
         remarks.append(
