@@ -121,6 +121,13 @@ def test_a_log_without_time_has_no_segments() -> None:
     assert data.segments == ()
 
 
+def test_a_log_in_the_time_that_its_firmware_should_have_kept_is_looked_at_and_not_identified() -> None:
+    """Its flight is found; no model rests on a clock that nobody logged."""
+    data = align(flown(STEADY, has_time=False, is_nominal_time=True), AlignSettings())
+    assert data.flights
+    assert data.segments == ()
+
+
 def test_an_empty_log_has_no_segments() -> None:
     """A valid file without a single signal."""
     data = align(flight_log(), AlignSettings())
