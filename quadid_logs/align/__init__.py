@@ -15,7 +15,15 @@ from quadid_logs.align.clock import Clock, find_clock
 from quadid_logs.align.commands import AngleGains, command_of
 from quadid_logs.align.flights import find_flights
 from quadid_logs.align.gyro import check_gyro
-from quadid_logs.align.series import GAP_PERIODS, Cleaner, CleanLog, CleanSeries, Interval, TorqueSeries
+from quadid_logs.align.series import (
+    GAP_PERIODS,
+    WRITTEN_LATE,
+    Cleaner,
+    CleanLog,
+    CleanSeries,
+    Interval,
+    TorqueSeries,
+)
 from quadid_logs.align.sources import choose_sources, describe
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.flight import LEAST_FLIGHT_S, FlightData, InputDescription, Overview, Segment
@@ -257,7 +265,10 @@ def _tells_time(log: FlightLog) -> bool:
 def _signals_with_time(log: FlightLog) -> Iterable[Signal]:
     if not _tells_time(log):
         return ()
-    return [signal for sources in log.signals.values() for signal in sources]
+    # Batches of samples are written long after they were taken.
+    return [
+        signal for name, sources in log.signals.items() if name not in WRITTEN_LATE for signal in sources
+    ]
 
 
 def _span(clock: Clock) -> Interval:

@@ -98,7 +98,7 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
     oscillations_hz: dict[str, list[float]] = {}
     for one in () if oscillation is None else oscillation.axes:
         oscillations_hz.setdefault(one.axis, []).append(one.line.frequency_hz)
-    gyros = prepared.candidates.get("body_rate", ())
+    gyros = [one for name in ("body_rate", "gyro_samples") for one in prepared.candidates.get(name, ())]
     found: dict[str, Any] = {
         "tracking": None
         if rate is None or followed is None

@@ -46,6 +46,10 @@ _FEWEST_AT_LEVEL: Final = 3
 _CUT_OFFS: Final = 2.0
 #: Samples of a window that tell its median.
 _MOST_PER_WINDOW: Final = 400
+#: Samples of a gyro that may come in batches, which are shorter than the windows of a spectrum.
+_BATCHED: Final = "gyro_samples"
+#: A shorter one, or what is left of one, resolves nothing below this frequency's inverse [s].
+_SHORTEST_BATCH_S: Final = 0.1
 #: Named in one sentence.
 _MOST_NAMED: Final = 3
 
@@ -154,7 +158,15 @@ def _fastest(sources: Iterable[CleanSeries]) -> CleanSeries | None:
 
 
 def _spectra(series: CleanSeries, intervals: Sequence[Interval]) -> Periodograms | None:
-    return periodograms(*records([series], intervals))
+    found = periodograms(*records([series], intervals))
+    if found is not None or series.name != _BATCHED:
+        return found
+    # A batch is a window of its own, if nothing of it was lost.
+    batches, period_s = records([series], intervals, shortest_s=_SHORTEST_BATCH_S)
+    if not batches:
+        return None
+    length_s = period_s * float(np.median([one.time_s.size for one in batches]))
+    return periodograms(batches, period_s, (length_s, 0.5 * length_s))
 
 
 def _shown(series: CleanSeries | None, spectra: Periodograms | None) -> GyroSpectrum | None:

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from quadid_logs.autopilots.ardupilot import batches
 from quadid_logs.autopilots.ardupilot.clock import LogClock, own_time
 from quadid_logs.autopilots.ardupilot.filters import parameter_filter
 from quadid_logs.autopilots.ardupilot.followed import LABELS as FOLLOWED_LABELS
@@ -112,6 +113,7 @@ def flight_log(source: MessageSource, *, log_format: str, preamble: tuple[str, .
     """
     wanted = messages_to_read(source.counts) | _DESCRIPTIONS | _PIDS | MESSAGES | {SCALE_MESSAGE}
     tables = source.read_messages(wanted, LABELS | _LABELS | TERM_LABELS | FOLLOWED_LABELS)
+    batched = source.read_messages(batches.MESSAGES & source.counts.keys(), batches.LABELS)
     clock = LogClock(tables.values())
     parameters = tables["PARM"].named_values("Name", "Value") if "PARM" in tables else {}
     texts = _texts(tables.get("MSG"), clock)
@@ -126,6 +128,8 @@ def flight_log(source: MessageSource, *, log_format: str, preamble: tuple[str, .
         [one for one in SOURCES if one.signal in ("throttle", "rotor_speed")], messages.parts
     )
     seen = followed(tables, movers)
+    gyro_filter = parameter_filter(parameters, seen, identity.version)
+    samples = batches.gyro_batches(batched, parameters, gyro_filter)
     return FlightLog(
         path=source.path,
         format=log_format,
@@ -134,9 +138,10 @@ def flight_log(source: MessageSource, *, log_format: str, preamble: tuple[str, .
         signals=build_signals(
             SOURCES,
             messages.parts,
-            gyro_filter=parameter_filter(parameters, seen, identity.version),
+            gyro_filter=gyro_filter,
             nominal_rate_hz={"RATE": attitude_hz, "ANG": attitude_hz},
-        ),
+        )
+        | ({"gyro_samples": samples} if samples else {}),
         firmware=identity.firmware,
         vehicle_type=identity.vehicle_type,
         frame=identity.frame,
