@@ -266,9 +266,7 @@ def _signals_with_time(log: FlightLog) -> Iterable[Signal]:
     if not _tells_time(log):
         return ()
     # Batches of samples are written long after they were taken.
-    return [
-        signal for name, sources in log.signals.items() if name not in WRITTEN_LATE for signal in sources
-    ]
+    return [signal for name, sources in log.signals.items() if name not in WRITTEN_LATE for signal in sources]
 
 
 def _span(clock: Clock) -> Interval:

@@ -98,7 +98,7 @@ _TITLES: Final = {
     "noise": "Spectra of the gyro, after its filters and before them",
     "maps": "The gyro's spectrum over time and over throttle",
     "motors": "What the motors were sent",
-    "torque": "Torque that the controller asked for",
+    "torque": "Torque that the controller commanded",
     "throttle": "Throttle",
     "thrust": "Thrust and weight",
     "vibration": "Vibration",

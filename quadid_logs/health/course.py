@@ -293,7 +293,7 @@ def _course(
 
 def _known(record: Record) -> Record | None:
     """Leave out what is no number; None of what is left is too little."""
-    good: BoolArray = np.isfinite(record.values).all(axis=1)
+    good: BoolArray = np.asarray(np.isfinite(record.values).all(axis=1), dtype=np.bool_)
     if np.count_nonzero(good) < _FEWEST:
         return None
     return Record(record.time_s[good], record.values[good])

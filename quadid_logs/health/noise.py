@@ -107,10 +107,10 @@ def find_noise(
         for column, axis in enumerate(AXES)
     }
     folded = may_be_folded(series)
-    share = _share_of_lines(lines, main)
+    in_lines = _part_in_lines(lines, main)
     return Noise(
-        sentence=_sentence(lines, folded, float(main.frequency_hz[-1]), bool(searched.any()), share),
-        judged=bool(searched.any()) and share <= 0.5,
+        sentence=_sentence(lines, folded, float(main.frequency_hz[-1]), bool(searched.any()), in_lines),
+        judged=bool(searched.any()) and in_lines <= 0.5,
         after=_shown(after, shown.get("after")),
         before=_shown(before, shown.get("before")),
         lines=lines,
@@ -357,7 +357,7 @@ def source_words(line: Line) -> str:
     return words.get(line.source, "")
 
 
-def _share_of_lines(lines: Mapping[str, tuple[Line, ...]], spectra: Periodograms) -> float:
+def _part_in_lines(lines: Mapping[str, tuple[Line, ...]], spectra: Periodograms) -> float:
     """Return which part of the gyro's power above commands' frequencies its lines hold there."""
     fast = spectra.frequency_hz > COMMANDED_HZ
     power = float(spectra.mean[fast].sum()) * float(spectra.frequency_hz[1])
@@ -366,7 +366,7 @@ def _share_of_lines(lines: Mapping[str, tuple[Line, ...]], spectra: Periodograms
 
 
 def _sentence(
-    lines: Mapping[str, tuple[Line, ...]], folded: bool, highest_hz: float, searched: bool, share: float
+    lines: Mapping[str, tuple[Line, ...]], folded: bool, highest_hz: float, searched: bool, in_lines: float
 ) -> str:
     """Say which lines there are, and how much of the vibration they are.
 
@@ -390,9 +390,9 @@ def _sentence(
             words.append(f"{axis} {line.frequency_hz:.3g} Hz ({size}{', ' if source else ''}{source})")
         told = f"The gyro shows lines above its noise: {some(words, len(named))}"
         if highest_hz > COMMANDED_HZ:
-            more = "more than" if share > 0.5 else "less than"
+            more = "more than" if in_lines > 0.5 else "less than"
             told += (
-                f". Those above {COMMANDED_HZ:.0f} Hz hold {number(100.0 * share, 2)} % of its power there, "
+                f". Those above {COMMANDED_HZ:.0f} Hz hold {number(100.0 * in_lines, 2)} % of its power there, "
                 f"{more} all else"
             )
     note = ". Faster vibration, if there is any, can appear at these frequencies" if folded and named else ""

@@ -20,7 +20,7 @@ from quadid_logs.vocabulary import AXES
 #: Roll or pitch further than this from its set-point for longer than that: a published analyzer of logs
 #: warns, and at the second angle fails (source: docs/health.md) [rad, s].
 _WARN_RAD, _FAIL_RAD, _LASTS_S = (*np.radians((5.0, 10.0)), 0.25)
-#: Roll and pitch are judged; the nose may lag far behind a turn that was asked for at once.
+#: Roll and pitch are judged; the nose may lag far behind a turn that was commanded at once.
 _TILTING: Final = 2
 
 

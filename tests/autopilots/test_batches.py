@@ -86,9 +86,9 @@ def test_a_line_above_half_of_the_logs_rate_is_found_in_the_batches(written: Cal
 
 def test_samples_in_front_of_the_filters_and_behind_them_are_told_apart(written: Callable[..., Path]) -> None:
     """Option 4 logs both: those behind have the numbers of the gyros plus how many there are."""
-    before, behind = read_log(
-        written(batches(0.05), batches(0.005, seed=1), option=4)
-    ).candidates("gyro_samples")
+    before, behind = read_log(written(batches(0.05), batches(0.005, seed=1), option=4)).candidates(
+        "gyro_samples"
+    )
     assert (before.raw, behind.raw) == (True, False)
     assert behind.gyro_filter.low_pass_hz < 1000.0
 

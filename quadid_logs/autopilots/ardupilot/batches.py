@@ -80,7 +80,12 @@ def gyro_batches(
 
 
 def _signal(
-    time_s: FloatArray, position: FloatArray, values: FloatArray, sensor: int, filtered: bool, known: GyroFilter
+    time_s: FloatArray,
+    position: FloatArray,
+    values: FloatArray,
+    sensor: int,
+    filtered: bool,
+    known: GyroFilter,
 ) -> Signal:
     where = "behind its filters" if filtered else "before its filters"
     return Signal(
