@@ -117,7 +117,7 @@ _SPECS = (
         (),
         (),
         "rad/s",
-        "what one gyro measured at its own rate: x, y and z in body axes, in batches with pauses between them",
+        "what one gyro measured at its own rate, in body axes, perhaps in batches with pauses between them",
     ),
     SignalSpec("battery_voltage", ("battery_v",), ("V",), "V", "battery voltage"),
     SignalSpec(

@@ -391,10 +391,8 @@ def _sentence(
         told = f"The gyro shows lines above its noise: {some(words, len(named))}"
         if highest_hz > COMMANDED_HZ:
             more = "more than" if in_lines > 0.5 else "less than"
-            told += (
-                f". Those above {COMMANDED_HZ:.0f} Hz hold {number(100.0 * in_lines, 2)} % of its power there, "
-                f"{more} all else"
-            )
+            part = number(100.0 * in_lines, 2)
+            told += f". Those above {COMMANDED_HZ:.0f} Hz hold {part} % of its power there, {more} all else"
     note = ". Faster vibration, if there is any, can appear at these frequencies" if folded and named else ""
     if folded and not named:
         note = ". Faster vibration cannot be seen at this log rate"

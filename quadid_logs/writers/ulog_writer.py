@@ -219,7 +219,7 @@ def _every_row(fields: dict[str, Field], name: str, n_rows: int) -> dict[str, Fi
 
 
 def _fifos(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
-    """What each gyro measured, eight samples in a row, at the time of the last one."""
+    """Put what each gyro measured into rows of eight samples, at the time of the last one."""
     for instance, signal in enumerate(one for one in log.candidates("gyro_samples") if one.raw):
         stamps = clock.of(signal)
         n_rows = signal.n_samples // FIFO_SAMPLES

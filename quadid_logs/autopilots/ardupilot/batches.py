@@ -1,8 +1,8 @@
 """Batches of gyro samples, as INS_LOG_BAT_MASK logs them: a header (ISBH), and rows of 32 samples (ISBD).
 
 Source: AP_InertialSensor/BatchSampler.cpp and AP_InertialSensor_Logging.cpp. A sample is the rate times
-``mul``; the first one of a batch was taken at ``SampleUS``, the others at ``smp_rate`` after it. Rows are written
-while later ones are still sampled, so that a batch stands in the file seconds after it was taken.
+``mul``; the first one of a batch was taken at ``SampleUS``, the others at ``smp_rate`` after it. Rows are
+written while later ones are still sampled, so that a batch stands in the file seconds after it was taken.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.containers.message_table import MessageTable
 from quadid_logs.data.log import NO_GYRO_FILTER, GyroFilter, Rows, Signal, whole_number
 
@@ -81,7 +81,7 @@ def gyro_batches(
 
 def _signal(
     time_s: FloatArray,
-    position: FloatArray,
+    position: IntArray,
     values: FloatArray,
     sensor: int,
     filtered: bool,
@@ -100,7 +100,7 @@ def _signal(
 
 
 def _is_whole(header: MessageTable, data: MessageTable) -> bool:
-    """Return whether both have their columns, and a row its 32 samples: a damaged definition may have others."""
+    """Return whether both have their columns, and a row 32 samples: damaged definitions may have others."""
     return (
         header.n_rows > 0
         and header.has_numbers(*_HEADER_LABELS)

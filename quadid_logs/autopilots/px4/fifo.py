@@ -1,8 +1,8 @@
 """What the gyro's FIFO held, as `sensor_gyro_fifo` logs it: each row up to 32 samples before all filters.
 
-Source: PX4-Autopilot msg/SensorGyroFifo.msg and src/lib/drivers/gyroscope/PX4Gyroscope.cpp (updateFIFO): counts
-in board axes FRD, of which ``scale`` makes rad/s; ``timestamp_sample`` is when the FIFO was read, at its last
-sample, and ``dt`` the sensor's nominal period.
+Source: PX4-Autopilot msg/SensorGyroFifo.msg and src/lib/drivers/gyroscope/PX4Gyroscope.cpp (updateFIFO):
+counts in board axes FRD, of which ``scale`` makes rad/s; ``timestamp_sample`` is when the FIFO was read, at
+its last sample, and ``dt`` the sensor's nominal period.
 """
 
 from __future__ import annotations
