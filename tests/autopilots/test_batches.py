@@ -133,6 +133,20 @@ def test_what_is_lost_of_the_batches_costs_only_itself(written: Callable[..., Pa
     assert [line.frequency_hz for line in noise.lines["pitch"]] == pytest.approx([LINE_HZ], abs=2.0)
 
 
+def test_rows_without_their_header_are_no_part_of_the_batch_before(written: Callable[..., Path]) -> None:
+    """Every other header lost: half of the batches are left, each as it was taken."""
+    made = batches(0.05)
+    path = written(made)
+    content = path.read_bytes()
+    heads = _places(content, ISBH)
+    for place in reversed(heads[1::2]):
+        content = content[:place] + content[place + LENGTHS[ISBH] :]
+    path.write_bytes(content)
+    (read,) = read_log(path).candidates("gyro_samples")
+    expected = made.values.reshape(-1, BATCH, 3)[::2].reshape(-1, 3)
+    np.testing.assert_allclose(read.values, expected, atol=0.51 * np.radians(2000.0) / 32767.0)
+
+
 def test_headers_that_say_nonsense_give_no_samples(written: Callable[..., Path]) -> None:
     """A rate of nothing, a multiplier of nothing."""
     path = written(batches(0.05))
