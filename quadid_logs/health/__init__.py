@@ -17,7 +17,7 @@ from quadid_logs.health.motors import find_motors
 from quadid_logs.health.noise import find_noise
 from quadid_logs.health.oscillation import find_oscillation
 from quadid_logs.health.rotors import find_rotors
-from quadid_logs.health.steps import find_responses, find_steps
+from quadid_logs.health.steps import find_angle_lags, find_responses, find_steps
 from quadid_logs.health.tracking import find_tracking
 from quadid_logs.health.vibration import find_vibration
 from quadid_logs.vocabulary import MULTIROTOR
@@ -105,7 +105,9 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
         else find_tracking(rate, followed, intervals, lags, of="rates"),
         "attitude": None
         if angle is None or asked_angle is None
-        else find_tracking(angle, asked_angle, intervals, {}, of="angles"),
+        else find_tracking(
+            angle, asked_angle, intervals, find_angle_lags(angle, asked_angle, intervals), of="angles"
+        ),
         "throttle": None if throttle is None else find_throttle(throttle, intervals),
         "steps": find_steps(responses),
         "noise": find_noise(gyros, asked, throttle, speed, intervals, oscillations_hz),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadid_logs.health.steps import find_responses, find_steps
+from quadid_logs.health.steps import find_angle_lags, find_responses, find_steps
 from quadid_logs.health.tracking import find_tracking
 from tests.health.flights import coloured, delayed, grid, series
 
@@ -163,3 +163,20 @@ def test_rates_that_do_not_follow_are_told_from_those_that_do() -> None:
     assert lost is not None
     assert "Every axis misses by less" in following.sentence
     assert "Pitch misses by as much" in lost.sentence
+
+
+@pytest.mark.parametrize(("rate_hz", "lag_s"), [(20.0, 0.16), (50.0, 0.12), (400.0, 0.09)])
+def test_the_lag_of_angles_is_that_of_their_changes(rate_hz: float, lag_s: float) -> None:
+    """A vehicle that leans by 15 degrees all the time, and follows late."""
+    t = grid(rate_hz)
+    asked = coloured(1, t.size, rate_hz, 1.5)
+    flown = delayed(asked, rate_hz, lag_s)
+    lean = np.radians([15.0, -10.0, 0.0])
+    found = find_angle_lags(
+        series("attitude", t, flown + lean), series("attitude_setpoint", t, asked + lean), ((t[0], t[-1]),)
+    )
+    # A slow log may leave an axis open; yaw is never told.
+    assert found
+    assert set(found) <= {"roll", "pitch"}
+    for one in found.values():
+        assert one.value == pytest.approx(lag_s, abs=max(0.005, 0.15 / rate_hz))
