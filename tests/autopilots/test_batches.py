@@ -73,6 +73,25 @@ def test_samples_come_back_as_they_were_taken(written: Callable[..., Path]) -> N
     np.testing.assert_allclose(read.values, made.values, atol=0.51 * np.radians(2000.0) / 32767.0)
 
 
+def test_others_read_the_batches_that_we_write(written: Callable[..., Path]) -> None:
+    """With pymavlink: a header of each batch, then 32 rows of counts, the rates times the multiplier."""
+    from pymavlink.DFReader import DFReader_binary
+
+    made = batches(0.3)
+    reader = DFReader_binary(str(written(made)))
+    heads, counts = [], []
+    while (message := reader.recv_match(type=["ISBH", "ISBD"])) is not None:
+        if message.get_type() == "ISBH":
+            heads.append(message)
+        else:
+            assert message.N == heads[-1].N
+            counts.append(np.column_stack([message.x, message.y, message.z]) / heads[-1].mul)
+    reader.filehandle.close()
+    assert {(one.type, one.instance, one.smp_cnt) for one in heads} == {(1, 0, BATCH)}
+    assert heads[0].smp_rate == pytest.approx(RATE_HZ)
+    np.testing.assert_allclose(np.concatenate(counts), made.values, atol=0.51 * np.radians(2000.0) / 32767.0)
+
+
 def test_a_line_above_half_of_the_logs_rate_is_found_in_the_batches(written: Callable[..., Path]) -> None:
     """The other messages of this log end at 50 Hz."""
     noise = noise_of(read_log(written(batches(0.05))))

@@ -70,6 +70,19 @@ def test_samples_come_back_as_they_were_taken(made: Signal, written: Callable[[S
     np.testing.assert_allclose(read.values, made.values[:n_whole], atol=0.51 * np.radians(2000.0) / 32768.0)
 
 
+def test_others_read_the_fifo_that_we_write(made: Signal, written: Callable[[Signal], Path]) -> None:
+    """With pyulog: eight samples in a row, counts of the scale."""
+    from pyulog import ULog
+
+    data = ULog(str(written(made))).get_dataset("sensor_gyro_fifo").data
+    assert set(data["samples"]) == {8}
+    found = np.column_stack([data[f"x[{place}]"] for place in range(8)]) * data["scale"][:, np.newaxis]
+    n_whole = made.n_samples // 8 * 8
+    np.testing.assert_allclose(
+        found.ravel(), made.values[:n_whole, 0], atol=0.51 * np.radians(2000.0) / 32768.0
+    )
+
+
 def test_a_line_above_half_of_the_logs_rate_is_found_in_the_fifo(
     made: Signal, written: Callable[[Signal], Path]
 ) -> None:
