@@ -98,7 +98,7 @@ def find_tilt(attitude: CleanSeries, intervals: Sequence[Interval]) -> Course | 
     told += (
         f"which is normal (below {_FAILING_TILT_DEG:.0f})."
         if within
-        else f"more than the {_FAILING_TILT_DEG:.0f} deg of any flight but acrobatics."
+        else f"more than the {_FAILING_TILT_DEG:.0f} deg of normal flight: acrobatics, or a loss of control."
     )
     return _course(
         record,
